@@ -1,0 +1,1 @@
+"""Mathematics without cameras: transforms, resampling, warps, solvers. Imports nothing of the project."""

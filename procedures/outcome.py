@@ -1,0 +1,67 @@
+"""What a procedure answers: numbers with their uncertainty, a verdict, or a refusal with reason and remedy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Generic, TypeVar
+
+T = TypeVar("T")
+
+
+class Verdict(StrEnum):
+    """How far a result can be trusted."""
+
+    PASS = "pass"
+    DOUBTFUL = "doubtful"
+    REFUSED = "refused"
+
+
+@dataclass(frozen=True)
+class Outcome(Generic[T]):
+    """A value with the verdict on it; refused outcomes have no value, and say what to do."""
+
+    value: T | None
+    verdict: Verdict = Verdict.PASS
+    reason: str = ""
+    remedy: str = ""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A number that reaches a person: value, standard uncertainty, unit, method and number of samples."""
+
+    value: float
+    unit: str
+    uncertainty: float
+    method: str
+    n: int
+
+
+class ProcedureError(Exception):
+    """Work that cannot go on: what was required and what came (`reason`), and what to do about it (`remedy`)."""
+
+    exit_code = 1
+
+    def __init__(self, reason: str, remedy: str) -> None:
+        super().__init__(f"{reason}; {remedy}" if remedy else reason)
+        self.reason = reason
+        self.remedy = remedy
+
+
+class BadParameter(ProcedureError):
+    """The parameters cannot be meant: even k, s = 1, an unknown plane, a folder that cannot be written."""
+
+    exit_code = 2
+
+
+class BadInput(ProcedureError):
+    """The input is no data for this procedure: unreadable, truncated, no mosaic, sizes that differ."""
+
+    exit_code = 4
+
+
+class Refused(ProcedureError):
+    """The data are readable, but a result from them could not be trusted."""
+
+    exit_code = 5

@@ -1,0 +1,108 @@
+"""The chart: 256 x 256 Bernoulli(0.5) cells framed by x-corners and black and white blocks.
+
+Pattern coordinates are (x, y) in cells, x to the right and y down; the noise fills [0, 256] x [0, 256] and the
+cell of row i, column j covers [j, j+1] x [i, i+1]. The frame is made of blocks of 32 cells, ten by ten, from -32
+to 288. Geometry: Delbracio, Muse, Almansa, IPOL 2012, section 3.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Cells = npt.NDArray[np.uint8]
+Points = npt.NDArray[np.float64]
+
+CELLS = 256
+"""Cells along one side of the noise region."""
+BLOCK = 32
+"""Cells along one side of a block of the frame."""
+BLOCKS = 10
+"""Blocks along one side of the whole chart; the noise is in blocks 1 to 8."""
+DEFAULT_SEED = 1
+"""The seed of the station's own chart."""
+
+# (column, row) of blocks, clockwise from the top left
+X_CORNER_BLOCKS = (
+    (0, 0), (3, 0), (6, 0), (9, 0),
+    (9, 3), (9, 6), (9, 9),
+    (6, 9), (3, 9), (0, 9),
+    (0, 6), (0, 3),
+)  # fmt: skip
+BLACK_BLOCKS = (
+    (2, 0), (5, 0), (8, 0),
+    (9, 2), (9, 5), (9, 8),
+    (8, 9), (5, 9), (2, 9),
+    (0, 8), (0, 5), (0, 2),
+)  # fmt: skip
+WHITE_BLOCKS = (
+    (1, 0), (4, 0), (7, 0),
+    (9, 1), (9, 4), (9, 7),
+    (7, 9), (4, 9), (1, 9),
+    (0, 7), (0, 4), (0, 1),
+)  # fmt: skip
+
+
+def block_corner(column: int, row: int) -> tuple[float, float]:
+    """Pattern coordinates (x, y) of a block's top left corner."""
+    return float(BLOCK * (column - 1)), float(BLOCK * (row - 1))
+
+
+def block_centres(blocks: tuple[tuple[int, int], ...]) -> Points:
+    """Pattern coordinates (x, y) of the blocks' centres, (n, 2)."""
+    return (np.array(blocks, dtype=np.float64) - 0.5) * BLOCK
+
+
+X_CORNERS: Points = block_centres(X_CORNER_BLOCKS)
+"""The twelve x-corners (x, y) in cells, clockwise from the top left, (12, 2)."""
+
+
+def triangles() -> npt.NDArray[np.float64]:
+    """The black triangles of the x-corners, (24, 3, 2): each block's upper one, then its lower one."""
+    shapes = []
+    for column, row in X_CORNER_BLOCKS:
+        x, y = block_corner(column, row)
+        centre = (x + BLOCK / 2, y + BLOCK / 2)
+        for edge in (y, y + BLOCK):
+            shapes.append([(x, edge), (x + BLOCK, edge), centre])
+    return np.array(shapes, dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Chart:
+    """One chart: its cells, and the seed they came from (None when they were given).
+
+    Attributes
+    ----------
+    cells : (256, 256) uint8
+        1 = white, 0 = black, [row, column].
+    """
+
+    cells: Cells
+    seed: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.cells.shape != (CELLS, CELLS):
+            raise ValueError(f"the chart has {CELLS} x {CELLS} cells; got {self.cells.shape}")
+
+    @classmethod
+    def from_seed(cls, seed: int = DEFAULT_SEED) -> Chart:
+        """The chart of a seed: the same cells on every machine, now and later.
+
+        The bits are those of SHAKE-256 over the seed's decimal text, most significant first: a published function
+        that no library release can change, unlike a random generator's stream.
+        """
+        digest = hashlib.shake_256(f"calibration-station chart {seed}".encode()).digest(CELLS * CELLS // 8)
+        bits = np.unpackbits(np.frombuffer(digest, dtype=np.uint8))
+        return cls(bits.reshape(CELLS, CELLS), seed)
+
+    @classmethod
+    def from_image(cls, image: npt.NDArray[np.generic]) -> Chart:
+        """The chart of a 256 x 256 grey image: white where it exceeds half of its maximum."""
+        if image.shape != (CELLS, CELLS):
+            raise ValueError(f"the cells come from a {CELLS} x {CELLS} grey image; got shape {image.shape}")
+        levels = np.asarray(image, dtype=np.float64)
+        return cls((levels > levels.max() / 2).astype(np.uint8))

@@ -1,0 +1,47 @@
+"""The point spread function as the station keeps it: samples on the 1/s grid, with their covariance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Psf:
+    """A PSF sampled s times per pixel of its plane.
+
+    Attributes
+    ----------
+    h : (k, k) float64
+        Samples [row, column], k odd, sum 1; the centre sample is the geometric centre as the chart's marks fix
+        it. The photograph is the *convolution* with h: a tail to larger columns smears light to larger columns.
+    s : int
+        Samples per sensor pixel of the plane: the pitch is 1/s pixel.
+    covariance : (k^2, k^2) float64
+        Covariance of `h.ravel()`, nuisance parameters included.
+    """
+
+    h: Array
+    s: int
+    covariance: Array
+
+    def __post_init__(self) -> None:
+        k = self.h.shape[0]
+        if self.h.shape != (k, k) or k % 2 == 0:
+            raise ValueError(f"a PSF is an odd square of samples; got shape {self.h.shape}")
+        if self.covariance.shape != (k * k, k * k):
+            raise ValueError(f"the covariance of {k * k} samples is {k * k} square; got {self.covariance.shape}")
+
+    @property
+    def k(self) -> int:
+        """Number of samples along one side."""
+        return int(self.h.shape[0])
+
+    @property
+    def offsets_px(self) -> Array:
+        """Distance of the samples from the centre along one axis, (k,), in pixels of the plane."""
+        return (np.arange(self.k) - self.k // 2) / self.s
