@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 from procedures.outcome import BadParameter
-from procedures.pattern_print.raster import CELL_PIXELS, pgm, png
+from procedures.pattern_print.raster import CELL_PIXELS, bitmap, pgm, png
 from procedures.pattern_print.sheet import Size, lay_out
 from procedures.pattern_print.source import Source
 from procedures.pattern_print.vector import pdf, svg
@@ -31,9 +32,20 @@ def check_ending(path: Path) -> str:
     return ending
 
 
-def encode(path: Path, source: Source, size: Size, cell_pixels: int = CELL_PIXELS) -> bytes:
+@dataclass(frozen=True)
+class Encoded:
+    """A file's bytes, and its extent in words: the paper of a page, the pixels of an image."""
+
+    data: bytes
+    extent: str
+
+
+def encode(path: Path, source: Source, size: Size, cell_pixels: int = CELL_PIXELS) -> Encoded:
     """What to write into the file: a page with caption and rulers for .pdf and .svg, pixels for .png and .pgm."""
     ending = check_ending(path)
     if ending in PAGES:
-        return PAGES[ending](lay_out(source, size))
-    return IMAGES[ending](source, size, cell_pixels)
+        sheet = lay_out(source, size)
+        return Encoded(PAGES[ending](sheet), f"{sheet}")
+    image = bitmap(source.chart, cell_pixels)
+    rows, columns = image.shape
+    return Encoded(IMAGES[ending](image, source, size), f"{columns} × {rows} pixels")

@@ -14,13 +14,15 @@ from procedures.pattern import BLACK_BLOCKS, BLOCK, BLOCKS, X_CORNER_BLOCKS, Cha
 from procedures.pattern_print.sheet import QUIET_BLOCKS, Size
 from procedures.pattern_print.source import Source
 
+Bitmap = npt.NDArray[np.uint8]
+
 CELL_PIXELS = 8
 LARGEST_CELL_PIXELS = 32
 PNG_HEADER = 8 + 25
 """Bytes of a PNG's signature and of its IHDR, after which other chunks may stand."""
 
 
-def bitmap(chart: Chart, cell_pixels: int = CELL_PIXELS) -> npt.NDArray[np.uint8]:
+def bitmap(chart: Chart, cell_pixels: int = CELL_PIXELS) -> Bitmap:
     """The chart in its margin of one block, white 255 and black 0, (384 cell_pixels, 384 cell_pixels).
 
     Raises
@@ -42,7 +44,7 @@ def bitmap(chart: Chart, cell_pixels: int = CELL_PIXELS) -> npt.NDArray[np.uint8
     return np.pad(image, QUIET_BLOCKS * block, constant_values=255)
 
 
-def _x_corner(block: int) -> npt.NDArray[np.uint8]:
+def _x_corner(block: int) -> Bitmap:
     """The two triangles in a block of so many pixels.
 
     The diagonals halve the pixels on them. One diagonal goes to black and the other to white: so the area is right,
@@ -54,13 +56,13 @@ def _x_corner(block: int) -> npt.NDArray[np.uint8]:
     return np.where(black, 0, 255).astype(np.uint8)
 
 
-def png(source: Source, size: Size, cell_pixels: int = CELL_PIXELS) -> bytes:
-    """The bitmap as PNG, one bit per pixel, with its resolution, so that it prints at its size."""
-    done, encoded = cv2.imencode(".png", bitmap(source.chart, cell_pixels), [cv2.IMWRITE_PNG_BILEVEL, 1])
+def png(image: Bitmap, source: Source, size: Size) -> bytes:
+    """A bitmap as PNG, one bit per pixel, with its resolution, so that it prints at its size."""
+    done, encoded = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_BILEVEL, 1])
     if not done:
         raise RuntimeError("OpenCV could not write a PNG")
     data = encoded.tobytes()
-    per_metre = round(cell_pixels / size.cell_mm * 1000)
+    per_metre = round(1000 * image.shape[0] / size.framed_mm)
     chunks = _chunk(b"pHYs", struct.pack(">IIB", per_metre, per_metre, 1))
     chunks += _chunk(b"tEXt", b"Description\0" + _words(source, size).encode("latin-1"))
     return data[:PNG_HEADER] + chunks + data[PNG_HEADER:]
@@ -70,12 +72,11 @@ def _chunk(kind: bytes, data: bytes) -> bytes:
     return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
 
-def pgm(source: Source, size: Size, cell_pixels: int = CELL_PIXELS) -> bytes:
-    """The bitmap as binary PGM of 8 bit; its origin and size stand in a comment."""
-    image = bitmap(source.chart, cell_pixels)
-    height, width = image.shape
+def pgm(image: Bitmap, source: Source, size: Size) -> bytes:
+    """A bitmap as binary PGM of 8 bit; the chart's origin and size stand in a comment."""
+    rows, columns = image.shape
     words = _words(source, size).replace("×", "x")
-    return f"P5\n# {words}\n{width} {height}\n255\n".encode("ascii") + image.tobytes()
+    return f"P5\n# {words}\n{columns} {rows}\n255\n".encode("ascii") + image.tobytes()
 
 
 def _words(source: Source, size: Size) -> str:

@@ -55,8 +55,9 @@ def _black_and_white(path: Path, data: bytes) -> npt.NDArray[np.generic]:
             f"the cells come from a grey image of {CELLS} x {CELLS} pixels; {path} has {_size(image)}",
             "give one pixel per cell, without the chart's frame",
         )
-    white = float(image.max()) or 1.0
-    grey = float(np.mean((image > 0.25 * white) & (image < 0.75 * white)))
+    levels = image.astype(np.float64)
+    white = levels.max() or 1.0
+    grey = float(np.mean((levels > 0.25 * white) & (levels < 0.75 * white)))
     if grey > GREY_SHARE:
         raise BadInput(
             f"a cell is black or white; in {path} {100 * grey:.0f} % of the pixels are grey",
