@@ -19,7 +19,7 @@ GREY_SHARE = 0.01
 
 @dataclass(frozen=True)
 class Source:
-    """A chart, and its origin as it is printed: "seed 1", or "image, SHA-256 ..." of the file."""
+    """A chart, and its origin as it is printed: "seed 1", or "from image, SHA-256 ..." of the file."""
 
     chart: Chart
     origin: str
@@ -45,7 +45,7 @@ class Source:
         chart = Chart.from_image(_black_and_white(path, data))
         if chart.cells.min() == chart.cells.max():
             raise BadInput(f"all cells of {path} have one colour", "give random cells, half of them white")
-        return cls(chart, f"image, SHA-256 {hashlib.sha256(data).hexdigest()}")
+        return cls(chart, f"from image, SHA-256 {hashlib.sha256(data).hexdigest()}")
 
 
 def _black_and_white(path: Path, data: bytes) -> npt.NDArray[np.generic]:

@@ -15,4 +15,4 @@ def source() -> Source:
 @pytest.fixture(scope="session")
 def plain() -> Source:
     """Cells all white: for what does not depend on them."""
-    return Source(Chart(np.ones((CELLS, CELLS), np.uint8)), "image, SHA-256 " + 64 * "0")
+    return Source(Chart(np.ones((CELLS, CELLS), np.uint8)), "from image, SHA-256 " + 64 * "0")

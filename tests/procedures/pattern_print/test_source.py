@@ -25,7 +25,7 @@ def _cells(rng: np.random.Generator) -> npt.NDArray[np.uint8]:
 def test_published_cells_are_read(shared_data: Path) -> None:
     path = shared_data / "pattern_photo" / "pattern_noise.pgm"
     source = Source.from_file(path)
-    assert source.origin == f"image, SHA-256 {hashlib.sha256(path.read_bytes()).hexdigest()}"
+    assert source.origin == f"from image, SHA-256 {hashlib.sha256(path.read_bytes()).hexdigest()}"
     np.testing.assert_array_equal(source.chart.cells == 1, cv2.imread(str(path), cv2.IMREAD_UNCHANGED) == 255)
 
 
