@@ -54,7 +54,9 @@ def _alike(saddles: Saddles, i: Indices, j: Indices) -> npt.NDArray[np.bool_]:
     return (cosine > SAME_AXIS) & (np.abs(ratio) < np.log(SAME_STRENGTH))
 
 
-def _nearest_alike(tree: cKDTree, saddles: Saddles, targets: Complex, reach: npt.NDArray[np.float64], like: Indices) -> Indices:
+def _nearest_alike(
+    tree: cKDTree, saddles: Saddles, targets: Complex, reach: npt.NDArray[np.float64], like: Indices
+) -> Indices:
     """Index of the nearest saddle within `reach` of each target that is like a given one; -1 where there is none."""
     flat = targets.ravel()
     distance, index = tree.query(np.column_stack([flat.real, flat.imag]), k=3)
