@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 import struct
 from typing import Any, cast
@@ -11,6 +12,7 @@ import numpy.typing as npt
 
 from procedures.library_noise import captured_noise
 from procedures.outcome import BadInput
+from procedures.tiff_tags import BITS_PER_SAMPLE, PHOTOMETRIC, WHITE_IS_ZERO, image_directories
 
 Samples = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
@@ -114,6 +116,10 @@ def read_tiff(data: bytes, name: str) -> tuple[Samples, int]:
     BadInput
         If the file has colours, another depth than 8 or 16 bit whole numbers, or cannot be decoded whole.
     """
+    for tags in image_directories(io.BytesIO(data))[:1]:
+        _check_depth(int(tags.get(BITS_PER_SAMPLE, (1,))[0]), name)
+        if tags.get(PHOTOMETRIC) == (WHITE_IS_ZERO,):
+            raise BadInput(f"grey levels grow with light; {name} is a TIFF that writes white as 0", _EXPORT)
     levels = _decode(data, name)
     if levels.ndim != 2:
         raise BadInput(f"a photograph is one linear grey plane; {name} has {levels.shape[2]} colour channels", _EXPORT)

@@ -116,6 +116,7 @@ def default_plane(path: Path | str) -> str:
 
 _GREY_READERS = {"pgm": read_pgm, "png": read_png, "tiff": read_tiff}
 _EXPORT = "give the camera's RAW file, or export one linear plane as a grey 16 bit TIFF"
+_TIFF_MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 # magic numbers of the RAW containers LibRaw reads: TIFF and its dialects, CR3, CRW, RAF, X3F, MRW
 _RAW_MAGIC = (b"II*\0", b"MM\0*", b"IIU\0", b"IIRO", b"IIRS", b"MMOR", b"II\x1a\0", b"FUJIFILM", b"FOVb", b"\0MRM")
 
@@ -124,13 +125,14 @@ def _kind(path: Path) -> str:
     """ "pgm", "png", "tiff" or "raw", by the file's first bytes; only TIFF and RAW are told apart by the suffix."""
     with _open(path) as file:
         head = file.read(512)
+        holds_mosaic = bool(mosaic_tags(file))
     if not head:
         raise BadInput(f"{path} is empty", "copy the photograph from the camera's card again")
     if head[:2] in (b"P2", b"P5"):
         return "pgm"
     if head.startswith(PNG_MAGIC):
         return "png"
-    if head.startswith((b"II*\0", b"MM\0*")) and path.suffix.lower() in (".tif", ".tiff"):
+    if head.startswith(_TIFF_MAGIC) and path.suffix.lower() in (".tif", ".tiff") and not holds_mosaic:
         return "tiff"
     _refuse_by_name(path, head)
     return "raw"

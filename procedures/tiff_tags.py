@@ -12,7 +12,9 @@ from collections.abc import Mapping
 from typing import BinaryIO
 
 SUB_DIRECTORIES = 330
+BITS_PER_SAMPLE = 258
 PHOTOMETRIC = 262
+WHITE_IS_ZERO = 0
 CFA = 32803
 DNG_VERSION = 50706
 ACTIVE_AREA = 50829
@@ -34,19 +36,25 @@ def mosaic_tags(file: BinaryIO) -> Tags:
     """The numeric tags of the directory that holds a DNG file's mosaic; empty where there is none to be read.
 
     Other RAW files are left to LibRaw: their makers use some of the same tags in their own ways.
+    """
+    directories = image_directories(file)
+    if not any(DNG_VERSION in tags for tags in directories):
+        return {}
+    return next((tags for tags in directories if tags.get(PHOTOMETRIC) == (CFA,)), {})
+
+
+def image_directories(file: BinaryIO) -> list[Tags]:
+    """The numeric tags of every image directory, in the file's order.
 
     Parameters
     ----------
     file : a seekable binary file
-        Any file; what is no DNG, or a broken one, gives no tags.
+        Any file; what is no TIFF, or a broken one, gives no directories.
     """
     try:
-        directories = _directories(file)
+        return _directories(file)
     except (struct.error, OSError):
-        return {}
-    if not any(DNG_VERSION in tags for tags in directories):
-        return {}
-    return next((tags for tags in directories if tags.get(PHOTOMETRIC) == (CFA,)), {})
+        return []
 
 
 def _directories(file: BinaryIO) -> list[Tags]:

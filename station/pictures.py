@@ -67,7 +67,7 @@ def _draw_bar(picture: Picture, side: int, low: float, high: float) -> None:
     left = picture.shape[1] - _RIGHT + 20
     ramp = np.linspace(255, 0, side).astype(np.uint8)[:, None].repeat(16, axis=1)
     picture[_TOP : _TOP + side, left : left + 16] = _coloured(ramp)
-    for value in {low, 0.0, high}:
+    for value in (low, high) if low > -0.05 * high else (low, 0.0, high):
         at = _TOP + round((high - value) / max(high - low, 1e-300) * (side - 1))
         cv2.line(picture, (left + 16, at), (left + 20, at), _INK, 1)
         _write(picture, f"{value:.3g}", (left + 24, at + 5), 0.45)

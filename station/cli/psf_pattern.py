@@ -12,9 +12,10 @@ from station.cli.errors import REFUSED
 from station.cli.log import log, log_json_option
 
 if TYPE_CHECKING:
+    from procedures.pattern_psf.estimate import PatternParameters, PatternPsf
+
     from procedures.outcome import Outcome
     from procedures.pattern import Chart
-    from procedures.pattern_psf.estimate import PatternParameters, PatternPsf
     from procedures.raw import RawFrame
     from station.results import PlaneRecord
 
@@ -40,6 +41,7 @@ def psf_pattern(
     if bits is not None and seed is not None:
         raise click.UsageError("the chart comes from --bits or from --seed; give one of them")
     from procedures.pattern_psf.estimate import PatternParameters
+
     from station.results import ResultFolder, write_psf_result
 
     parameters = PatternParameters(**options)
