@@ -36,10 +36,10 @@ def explained() -> Iterator[None]:
     """
     try:
         yield
-    except KeyboardInterrupt as error:
+    except (KeyboardInterrupt, click.Abort) as error:
         log("interrupted", "interrupted; no result was written", level="error")
         raise click.exceptions.Exit(INTERRUPTED) from error
-    except (click.ClickException, click.exceptions.Exit, click.Abort, BrokenPipeError):
+    except (click.ClickException, click.exceptions.Exit, BrokenPipeError):
         raise
     except Exception as error:
         if os.environ.get(TRACEBACK):
