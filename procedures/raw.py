@@ -326,9 +326,12 @@ def _stuck_pixels(samples: npt.NDArray[np.float32], zero: float) -> npt.NDArray[
 
 
 def _alone(samples: npt.NDArray[np.float32], chosen: npt.NDArray[np.bool_], differs: Any) -> npt.NDArray[np.intp]:
-    places = np.argwhere(chosen[1:-1, 1:-1]) + 1
+    rows, columns = samples.shape
+    places = np.column_stack(np.divmod(np.flatnonzero(chosen), columns))
     if len(places) == 0 or len(places) > samples.size / 100:
         return _no_pixels()
+    row, column = places.T
+    places = places[(row > 0) & (row < rows - 1) & (column > 0) & (column < columns - 1)]
     around = [(r, c) for r in (-1, 0, 1) for c in (-1, 0, 1) if r or c]
     near = np.stack([samples[places[:, 0] + r, places[:, 1] + c] for r, c in around])
     found: npt.NDArray[np.intp] = places[differs(near)]
