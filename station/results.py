@@ -88,8 +88,7 @@ class ResultFolder:
             self._created = missing
             self._staging = Path(tempfile.mkdtemp(prefix=".unfinished-", dir=self.path))
         except OSError as error:
-            reason = f"the results need a folder that can be written; {self.path}: {error.strerror}"
-            raise BadParameter(reason, "name another folder with --out") from error
+            raise self._unwritable(error) from error
         return self
 
     def __exit__(
@@ -102,8 +101,15 @@ class ResultFolder:
             folder.rmdir()
 
     def write(self, name: str, data: bytes) -> None:
-        """Stage one file."""
-        (self._staging / name).write_bytes(data)
+        """Stage one file. Raises BadParameter if the disk does not take it."""
+        try:
+            (self._staging / name).write_bytes(data)
+        except OSError as error:
+            raise self._unwritable(error) from error
+
+    def _unwritable(self, error: OSError) -> BadParameter:
+        reason = f"the results need a folder that can be written; {self.path}: {error.strerror}"
+        return BadParameter(reason, "name another folder with --out, or make room")
 
     def publish(self) -> None:
         """Put the staged files in the place of the older result's, and remove what only that one had."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +18,7 @@ if TYPE_CHECKING:
 
     from procedures.outcome import Outcome
     from procedures.pattern import Chart
-    from procedures.raw import RawFrame
+    from procedures.raw import Plane, RawFrame
     from station.results import PlaneRecord
 
 _LEVELS = {"pass": "info", "doubtful": "warning", "refused": "error"}
@@ -91,25 +93,33 @@ def _frame(image: Path, plane: str | None) -> RawFrame:
 
 
 def _estimate(frame: RawFrame, chart: Chart, parameters: PatternParameters) -> list[PlaneRecord]:
-    """A record of every plane; one that is refused does not keep the others."""
+    """A record of every plane, several at a time; one that is refused does not keep the others."""
     from procedures.pattern_psf.estimate import estimate_psf
 
-    records = []
-    for name, plane in frame.planes.items():
+    def estimate(plane: Plane) -> tuple[PlaneRecord, float]:
         start = time.perf_counter()
         outcome = estimate_psf(plane, chart, parameters, frame.exposure)
-        record = _record(name, outcome)
-        log(
-            "plane",
-            _sentence(record),
-            level=_LEVELS[record.verdict],
-            remedy=record.remedy,
-            plane=name,
-            verdict=str(record.verdict),
-            dur_ms=round(1000 * (time.perf_counter() - start)),
-        )
-        records.append(record)
+        return _record(plane.name, outcome), time.perf_counter() - start
+
+    records = []
+    with ThreadPoolExecutor(min(len(frame.planes), os.cpu_count() or 1)) as pool:
+        for record, duration_s in pool.map(estimate, frame.planes.values()):
+            _tell(record, duration_s)
+            records.append(record)
     return records
+
+
+def _tell(record: PlaneRecord, duration_s: float) -> None:
+    verdict = str(record.verdict)
+    log(
+        "plane",
+        _sentence(record),
+        level=_LEVELS[verdict],
+        remedy=record.remedy,
+        plane=record.name,
+        verdict=verdict,
+        dur_ms=round(1000 * duration_s),
+    )
 
 
 def _record(name: str, outcome: Outcome[PatternPsf]) -> PlaneRecord:

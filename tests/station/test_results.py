@@ -1,13 +1,15 @@
 from __future__ import annotations
 
+import errno
 import json
 import os
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from procedures.outcome import Verdict
+from procedures.outcome import BadParameter, Verdict
 from procedures.psf import Psf
 from station.pictures import psf_picture
 from station.results import PlaneRecord, ResultFolder, write_psf_result
@@ -35,6 +37,19 @@ def test_folder_that_was_there_stays(tmp_path):
         pass
     assert tmp_path.is_dir()
     assert list(tmp_path.iterdir()) == []
+
+
+def test_full_disk_is_named_and_the_older_result_stays(tmp_path, monkeypatch):
+    (tmp_path / "result.json").write_text("older")
+    with pytest.raises(BadParameter, match="No space left") as refusal, ResultFolder(tmp_path) as folder:
+        monkeypatch.setattr(Path, "write_bytes", full_disk)
+        folder.write("psf_Y.npy", b"")
+    assert "make room" in refusal.value.remedy
+    assert [path.name for path in tmp_path.iterdir()] == ["result.json"]
+
+
+def full_disk(*_):
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 def test_record_is_the_last_file_to_appear(tmp_path, monkeypatch):
