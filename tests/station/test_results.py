@@ -41,9 +41,10 @@ def test_folder_that_was_there_stays(tmp_path):
 
 def test_full_disk_is_named_and_the_older_result_stays(tmp_path, monkeypatch):
     (tmp_path / "result.json").write_text("older")
-    with pytest.raises(BadParameter, match="No space left") as refusal, ResultFolder(tmp_path) as folder:
+    with ResultFolder(tmp_path) as folder:
         monkeypatch.setattr(Path, "write_bytes", full_disk)
-        folder.write("psf_Y.npy", b"")
+        with pytest.raises(BadParameter, match="No space left") as refusal:
+            folder.write("psf_Y.npy", b"")
     assert "make room" in refusal.value.remedy
     assert [path.name for path in tmp_path.iterdir()] == ["result.json"]
 
