@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 # LibRaw's default data callback, OpenCV's logger with its stack lines, libpng and libtiff
 _OWN_LINES = re.compile(
     rb"[^\n]*(?:: Unexpected end of file|: data corrupted(?: at [^\n]*)?)\n?"
-    rb"|\[ ?(?:WARN|ERROR|INFO|DEBUG)[^\n]*\n(?:\n)?"
+    rb"|\[ ?(?:WARN|ERROR|INFO|DEBUG)[^\n]*\n(?:[> ][^\n]*\n|\n)*"
     rb"|(?:libpng|TIFF\w*|OpenCV)[^\n]*\n?"
 )
 _ERRORS = re.compile(rb"Unexpected end of file|data corrupted|\[ERROR|libpng error|can't read|CRC error|IDAT")

@@ -174,7 +174,7 @@ def _read_grey(path: Path, file: BufferedReader, names: Sequence[str] | None) ->
     _check_names(names, (GREY_PLANE,), path)
     file.seek(0)
     levels, white = _GREY_READERS[_kind(path)](file.read(), str(path))
-    return {GREY_PLANE: _scaled_plane(GREY_PLANE, levels, np.float32(0), float(white))}, read_exposure(file)
+    return {GREY_PLANE: _scaled_plane(GREY_PLANE, levels, np.zeros((), np.float32), float(white))}, read_exposure(file)
 
 
 # --- mosaics -----------------------------------------------------------------------------------------------------
@@ -216,6 +216,9 @@ def _mosaic_planes(path: Path, raw: Any, tags: Tags, names: Sequence[str] | None
         if names is None or name in names:
             first = (size.top_margin + row, size.left_margin + column)
             black = _black(path, raw, tags, first, visible[row::2, column::2].shape)
+            if raw.white_level <= black.max():
+                reason = f"{path} has its white level {raw.white_level} not above its black level {black.max():g}"
+                raise BadInput(reason, _COPY)
             planes[name] = _scaled_plane(name, visible[row::2, column::2], black, float(raw.white_level), (column, row))
     return planes
 
@@ -232,9 +235,6 @@ def _check_bayer(path: Path, raw: Any) -> None:
     colours = sorted(raw.color_desc[i : i + 1] for i in raw.raw_pattern.ravel())
     if (rows, columns) != (2, 2) or colours != [b"B", b"G", b"G", b"R"] or not _has_diagonal_greens(raw.raw_pattern):
         raise BadInput(f"{path} has a {rows} x {columns} mosaic that is not red, green, green, blue", _OTHER_CAMERA)
-    if raw.white_level <= max(raw.black_level_per_channel):
-        black = max(raw.black_level_per_channel)
-        raise BadInput(f"{path} has its white level {raw.white_level} not above its black level {black}", _COPY)
 
 
 _UNDEVELOPED = "give the RAW file as the camera wrote it, not a converted or reduced one"
@@ -262,7 +262,7 @@ def _black(path: Path, raw: Any, tags: Tags, first: tuple[int, int], shape: tupl
     mosaic; else LibRaw's, which is by colour index and not by position.
     """
     if BLACK_LEVEL not in tags:
-        return np.float32(raw.black_level_per_channel[raw.raw_color(*first)])  # type: ignore[return-value]
+        return np.array(raw.black_level_per_channel[raw.raw_color(*first)], dtype=np.float32)
     top, left = (int(v) for v in tags.get(ACTIVE_AREA, (0, 0))[:2])
     row, column = first[0] - top, first[1] - left
     level = np.asarray(_repeated_black(path, tags)[row % 2, column % 2])
@@ -302,7 +302,7 @@ def _check_names(names: Sequence[str] | None, available: Sequence[str], path: Pa
 def _scaled_plane(
     name: str,
     levels: Samples,
-    black: npt.NDArray[np.float32] | np.float32,
+    black: npt.NDArray[np.float32],
     white: float,
     position: tuple[int, int] | None = None,
 ) -> Plane:

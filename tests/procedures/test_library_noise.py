@@ -13,6 +13,13 @@ def test_library_lines_are_kept_and_others_passed_on(capfd):
     assert capfd.readouterr().err == "the stage moved\n"
 
 
+def test_continued_lines_of_a_library_are_kept(capfd):
+    with captured_noise() as noise:
+        os.write(2, b"[ERROR:0@0.031] global imread_: Unsupported number:\n>     'channels >= 1'\n> where\n\nmoved\n")
+    assert noise.errors
+    assert capfd.readouterr().err == "moved\n"
+
+
 def test_silence_is_no_error(capfd):
     with captured_noise() as noise:
         pass

@@ -159,7 +159,7 @@ def test_interpolated_dng_is_refused(shared_data):
         (ORDERS["RGGB"], {33421: None, 33422: None, 262: ("H", [34892])}, "monochrome sensor"),
         ((3, 1, 5, 4), {}, "not red, green, green, blue"),
         ((0, 0, 1, 1), {}, "not red, green, green, blue"),
-        (ORDERS["RGGB"], {50717: ("I", [200])}, "white level 200 not above its black level 259"),
+        (ORDERS["RGGB"], {50717: ("I", [200])}, "white level 200 not above its black level 256"),
         (ORDERS["RGGB"], {50713: None}, "4 black levels for a repeat pattern of 1 x 1"),
         (ORDERS["RGGB"], {50713: ("H", [4, 4]), 50714: ("R", range(16))}, "black has to be one level per plane"),
     ],
