@@ -158,7 +158,7 @@ def _radial_mean(psf: Psf, f: Array) -> tuple[Array, Array]:
 
 def _uncertainty(psf: Psf, slope: Array) -> Array:
     """Standard uncertainty of quantities whose derivatives are the rows of `slope`."""
-    return np.sqrt(np.maximum(np.einsum("ij,ij->i", slope @ psf.covariance, slope), 0))
+    return np.asarray(np.sqrt(np.maximum(np.einsum("ij,ij->i", slope @ psf.covariance, slope), 0)))
 
 
 def _curve_numbers(psf: Psf, f: Array, mtf: Array, slope: Array, name: str, n: int) -> dict[str, Quantity]:
@@ -241,7 +241,7 @@ def _propagated(psf: Psf, function: Callable[[Array], Array], used: npt.NDArray[
     if np.isfinite(period):
         change = (change + period / 2) % period - period / 2
     gradient = change / (2 * steps)
-    return float(np.sqrt(max(gradient @ C @ gradient, 0.0)))
+    return float(np.sqrt(np.maximum(gradient @ C @ gradient, 0)))
 
 
 def _centroid(psf: Psf, h: Array) -> tuple[Array, Array]:
@@ -253,7 +253,7 @@ def _centroid(psf: Psf, h: Array) -> tuple[Array, Array]:
 
 
 def _widths(profiles: Array, s: int) -> Array:
-    """Full widths at half maximum (b,) of band-limited sections (b, k), in pixels; NaN where they do not fall to half."""
+    """Full widths at half maximum (b,) of band-limited sections (b, k), in pixels; NaN where there is none."""
     fine = 16
     k = profiles.shape[1]
     t = np.arange((k - 1) * fine + 1) / fine

@@ -60,11 +60,5 @@ def _x_corner(J: Array, reach: int) -> Array:
     t = (np.arange(n) - (n - 1) / 2) / SUPERSAMPLING
     across = J[0, 0] * t + J[0, 1] * t[:, None]
     down = J[1, 0] * t + J[1, 1] * t[:, None]
-    wedge = np.sign(np.abs(across) - np.abs(down))
+    wedge: Array = np.sign(np.abs(across) - np.abs(down))
     return np.asarray(wedge.reshape(n // SUPERSAMPLING, SUPERSAMPLING, -1, SUPERSAMPLING).mean(axis=(1, 3)))
-
-
-def centroid(h: Array, s: int) -> Array:
-    """Centroid (x, y) of a PSF (k, k) about its centre sample, in pixels."""
-    offsets = (np.arange(len(h)) - len(h) // 2) / s
-    return np.array([offsets @ h.sum(axis=0), offsets @ h.sum(axis=1)]) / h.sum()

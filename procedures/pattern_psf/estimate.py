@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.warps import inverse
 from procedures.outcome import BadParameter, Outcome, Refused, Verdict
 from procedures.pattern import BLOCK, CELLS, Chart
 from procedures.pattern_psf.detection import find_chart
@@ -204,7 +205,7 @@ def _solution(fit: Fit, s: int, k: int, solver: str) -> Psf:
     For "clip" and "nnls" the same covariance is an upper limit: the constraint only takes noise away.
     """
     h = fit.h if solver == "ls" else solve(fit.equations.G, fit.equations.G @ fit.h, solver)
-    covariance = np.linalg.inv(fit.equations.G) * max(fit.residual_std, 1e-6) ** 2
+    covariance = inverse(fit.equations.G) * max(fit.residual_std, 1e-6) ** 2
     h, covariance = normalised(h, covariance)
     return Psf(h.reshape(k, k), s, covariance)
 

@@ -229,11 +229,10 @@ def _step(fit: Fit, raster: Raster, window: Window, k: int, *, fresh: bool) -> F
     equations = eliminate(AA, A, Z * o.weight[:, None], (o.y - prediction) * o.weight)
     dh = solve(equations.G, equations.b, "ls")
     t = equations.nuisance(dh)
-    moved = replace(registration, displacement=registration.displacement + t[:GEOMETRY].reshape(2, 9))
     change = (A @ dh.astype(np.float32)).astype(np.float64) / o.weight + dh.sum() / 2 + Z @ t
     return replace(
         fit,
-        registration=moved,
+        registration=_displaced(registration, t[:GEOMETRY].reshape(2, 9), o),
         h=fit.h + dh,
         light=fit.light + t[GEOMETRY:],
         equations=equations,
@@ -247,9 +246,20 @@ def _geometry_columns(A: Array32, h: Array, o: Observation, registration: Regist
 
     The monomials lose their mean, so that the columns move no centre.
     """
-    slopes = np.gradient(h.reshape(k, k)) if k > 1 else [np.zeros((1, 1))] * 2
-    gradient = A @ np.column_stack([slopes[1].ravel(), slopes[0].ravel()]).astype(np.float32)
-    gradient = gradient.astype(np.float64) * (s / o.weight)[:, None]
-    monomials = cubic_monomials(*((o.points - registration.centre) / registration.radius).T)
+    slope_y, slope_x = np.gradient(h.reshape(k, k))
+    slopes = A @ np.column_stack([slope_x.ravel(), slope_y.ravel()]).astype(np.float32)
+    gradient = slopes.astype(np.float64) * (s / o.weight)[:, None]
+    monomials = _monomials(o, registration)
     monomials -= monomials.mean(axis=0)
     return np.hstack([monomials * gradient[:, :1], monomials * gradient[:, 1:]])
+
+
+def _monomials(o: Observation, registration: Registration) -> Array:
+    """The displacement's cubic monomials at the samples, (m, 9)."""
+    return cubic_monomials(*((o.points - registration.centre) / registration.radius).T)
+
+
+def _displaced(registration: Registration, change: Array, o: Observation) -> Registration:
+    """The map with its displacement's coefficients (2, 9) changed, its mean over the samples left where it was."""
+    drift = change @ _monomials(o, registration).mean(axis=0)
+    return replace(registration, displacement=registration.displacement + change).translated(-drift)
