@@ -15,13 +15,14 @@ from dataclasses import asdict, dataclass, field
 from importlib import metadata
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from procedures.outcome import BadParameter, Quantity, Verdict
 from procedures.psf import Psf
+from procedures.quality import Quality
 from station.pictures import psf_picture
 
 RECORD = "result.json"
@@ -29,18 +30,6 @@ SCHEMA = "station/psf/1"
 PACKAGES = ("numpy", "scipy", "opencv-contrib-python-headless", "rawpy")
 
 Array = npt.NDArray[np.float64]
-
-
-class MtfCurves(Protocol):
-    """Moduli of the OTF over frequency, each with its standard uncertainty."""
-
-    frequencies: Array
-    mtf_horizontal: Array
-    mtf_horizontal_uncertainty: Array
-    mtf_vertical: Array
-    mtf_vertical_uncertainty: Array
-    mtf_radial: Array
-    mtf_radial_uncertainty: Array
 
 
 @dataclass(frozen=True)
@@ -59,7 +48,7 @@ class PlaneRecord:
     reason: str = ""
     remedy: str = ""
     psf: Psf | None = None
-    mtf: MtfCurves | None = None
+    mtf: Quality | None = None
     numbers: Mapping[str, float] = field(default_factory=dict)
     quantities: Mapping[str, Quantity] = field(default_factory=dict)
     diagnostics: Mapping[str, float] = field(default_factory=dict)
@@ -155,7 +144,7 @@ def _write_plane(folder: ResultFolder, plane: PlaneRecord) -> None:
         folder.write(f"mtf_{plane.name}.csv", mtf_table(plane.mtf))
 
 
-def mtf_table(mtf: MtfCurves) -> bytes:
+def mtf_table(mtf: Quality) -> bytes:
     """The MTF as CSV: frequency in cycles/pixel; horizontal, vertical, radial mean, each with its uncertainty."""
     columns = {"frequency": mtf.frequencies}
     for direction in ("horizontal", "vertical", "radial"):
