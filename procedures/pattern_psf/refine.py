@@ -21,10 +21,19 @@ import numpy.typing as npt
 from procedures.numerics.warps import cubic_monomials
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.centre import mark_offset
+from procedures.pattern_psf.printed_edges import edge_columns, eliminate_with_edges
 from procedures.pattern_psf.radiometry import Light, quadratic, response_curvature
-from procedures.pattern_psf.rasterise import Raster, Window, band_limited_chart
+from procedures.pattern_psf.rasterise import Raster, Window, band_limited_chart, whole_chart
 from procedures.pattern_psf.registration import Registration, map_distance
-from procedures.pattern_psf.solve import NormalEquations, convolve_at, eliminate, gram, sample_convolution, solve
+from procedures.pattern_psf.solve import (
+    NormalEquations,
+    convolve_at,
+    eliminate,
+    gram,
+    products,
+    sample_convolution,
+    solve,
+)
 
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
@@ -32,8 +41,9 @@ Array32 = npt.NDArray[np.float32]
 GEOMETRY = 18  # nuisance columns of the displacement: nine cubics each for x and y
 RESPONSE, SPREAD = 11, 12  # places of beta and delta among the light's numbers
 MAX_STEPS = 6
-NEAR_PX = 0.05  # below this a step's system is that of the answer, to the noise
-STILL_PX = 0.004  # a step of the map under this leaves h within a tenth of any photograph's noise
+PRINT_TELLS = 1.06  # residual over noise from which the printed edges are worth estimating
+NEAR_PX = 0.15  # below this a step's system is that of the answer, to the noise
+STILL_PX = 0.015  # the step itself is accounted for to first order: what is left of it is a hundredth
 
 
 @dataclass(frozen=True)
@@ -70,6 +80,10 @@ class Fit:
         The PSF, not yet normalised: its sum is the contrast's correction.
     light : (13,) float64
         a (6), b without its constant (5), beta, delta.
+    edges : (514,) or (0,) float64
+        Offsets of the printed edges, in cells: vertical lines, then horizontal ones; empty where they do not tell.
+    edge_rms : float
+        Their root mean square, in cells.
     observation : Observation
     equations : NormalEquations
         Of the last step, for unit noise.
@@ -85,6 +99,8 @@ class Fit:
     registration: Registration
     h: Array
     light: Array
+    edges: Array
+    edge_rms: float
     observation: Observation
     equations: NormalEquations
     AA: Array
@@ -99,8 +115,8 @@ class Fit:
 
     @property
     def freedom(self) -> int:
-        """Samples minus parameters."""
-        return len(self.observation.y) - len(self.h) - GEOMETRY - len(self.light)
+        """Samples minus parameters; the edges' count by half, as the prior holds them."""
+        return len(self.observation.y) - len(self.h) - GEOMETRY - len(self.light) - len(self.edges) // 2
 
     @property
     def residual_std(self) -> float:
@@ -157,7 +173,7 @@ def without_outliers(fit: Fit, limit: float = 6.0) -> Observation:
 
 
 def refine(observation: Observation, chart: Chart, registration: Registration, window: Window, s: int, k: int) -> Fit:
-    """The joint estimate of PSF, map and light, from the marks' map on.
+    """The joint estimate of PSF, map and light, from the marks' map on; of the printed edges where they tell.
 
     Parameters
     ----------
@@ -179,6 +195,8 @@ def refine(observation: Observation, chart: Chart, registration: Registration, w
         moved = map_distance(last.registration, fit.registration, observation.points[::29])
         if fresh and moved < STILL_PX:
             break
+    if fit.residual_std > PRINT_TELLS:
+        fit = _step(_centred(fit, s, k), raster, window, k, fresh=True, chart=whole_chart(chart))
     return replace(fit, steps=step, still=bool(moved < 10 * STILL_PX))
 
 
@@ -195,9 +213,9 @@ def _first_fit(o: Observation, raster: Raster, registration: Registration, windo
     light[RESPONSE] = response_curvature(o.y, 0.5)
     place = quadratic(*((o.points - registration.centre) / registration.radius).T)
     AA = gram(A)
-    equations = eliminate(AA, A, place * o.weight[:, None], o.y * o.weight)
+    equations = eliminate(products(AA, A, place * o.weight[:, None], o.y * o.weight))
     h = solve(equations.G, equations.b, "ls")
-    return Fit(registration, h, light, o, equations, AA, np.zeros_like(o.y), 0, False)
+    return Fit(registration, h, light, np.zeros(0), 0.0, o, equations, AA, np.zeros_like(o.y), 0, False)
 
 
 def _centred(fit: Fit, s: int, k: int) -> Fit:
@@ -206,31 +224,50 @@ def _centred(fit: Fit, s: int, k: int) -> Fit:
     return replace(fit, registration=fit.registration.translated(-offset))
 
 
-def _step(fit: Fit, raster: Raster, window: Window, k: int, *, fresh: bool) -> Fit:
-    """One Gauss-Newton step: a new system for the current map, increments of everything."""
+def _step(fit: Fit, raster: Raster, window: Window, k: int, *, fresh: bool, chart: Array32 | None = None) -> Fit:
+    """One Gauss-Newton step: a new system for the current map, increments of everything.
+
+    With a chart, the offsets of its printed edges are among what is estimated.
+    """
     o, registration = fit.observation, fit.registration
     A = _system(o, raster, registration, window, k)
     AA = gram(A) if fresh else fit.AA
+    Z, prediction = _linearised(fit, A, raster, window, k)
+    r, Zw, n = (o.y - prediction) * o.weight, Z * o.weight[:, None], Z.shape[1]
+    parts = products(AA, A, Zw, r)
+    if chart is None:
+        equations, rms = eliminate(parts), 0.0
+    else:
+        C = edge_columns(chart, registration, o.points, fit.h.reshape(k, k), raster.s, o.weight)
+        equations, rms = eliminate_with_edges(parts, A, Zw, r, C)
+    dh = solve(equations.G, equations.b, "ls")
+    t = equations.nuisance(dh)
+    change = (A @ dh.astype(np.float32)) / o.weight + dh.sum() / 2 + Z @ t[:n]
+    if chart is not None:
+        change += (C @ t[n:]) / o.weight
+    return replace(
+        fit,
+        registration=_displaced(registration, t[:GEOMETRY].reshape(2, 9), o),
+        h=fit.h + dh,
+        light=fit.light + t[GEOMETRY:n],
+        edges=t[n:],
+        edge_rms=rms,
+        equations=equations,
+        AA=AA,
+        prediction=prediction + change,
+    )
+
+
+def _linearised(fit: Fit, A: Array32, raster: Raster, window: Window, k: int) -> tuple[Array, Array]:
+    """Nuisance columns (m, 31) of geometry, light, response and spread, and the current prediction (m,)."""
+    o, registration = fit.observation, fit.registration
     m = (A @ fit.h.astype(np.float32)).astype(np.float64) / o.weight + fit.h.sum() / 2
     place = quadratic(*((o.points - registration.centre) / registration.radius).T)
     outline = raster.read_outline(registration, window, k // 2)
     spread = convolve_at(outline, o.rows, o.columns, fit.h.reshape(k, k).astype(np.float32), raster.s)
     geometry = _geometry_columns(A, fit.h, o, registration, raster.s, k)
     Z = np.column_stack([geometry, place, place[:, 1:] * m[:, None], m * m - m, spread])
-    prediction = m + Z[:, GEOMETRY:] @ fit.light
-    equations = eliminate(AA, A, Z * o.weight[:, None], (o.y - prediction) * o.weight)
-    dh = solve(equations.G, equations.b, "ls")
-    t = equations.nuisance(dh)
-    change = (A @ dh.astype(np.float32)).astype(np.float64) / o.weight + dh.sum() / 2 + Z @ t
-    return replace(
-        fit,
-        registration=_displaced(registration, t[:GEOMETRY].reshape(2, 9), o),
-        h=fit.h + dh,
-        light=fit.light + t[GEOMETRY:],
-        equations=equations,
-        AA=AA,
-        prediction=prediction + change,
-    )
+    return Z, m + Z[:, GEOMETRY:] @ fit.light
 
 
 def _geometry_columns(A: Array32, h: Array, o: Observation, registration: Registration, s: int, k: int) -> Array:

@@ -99,21 +99,35 @@ def gram(A: Array32) -> Array:
     return np.asarray(A.T @ A, dtype=np.float64)
 
 
-def eliminate(AA: Array, A: Array32, Z: Array, r: Array) -> NormalEquations:
-    """Normal equations of min |A h + Z t - r| for h alone, t eliminated.
+@dataclass(frozen=True)
+class Products:
+    """What the normal equations are made of.
 
-    Parameters
+    Attributes
     ----------
     AA : (n, n) float64
         A'A, or that of a matrix near A when h is an increment.
-    A : (m, n) float32, Z : (m, p) float64, r : (m,) float64
-        All with their rows scaled by one over the noise.
+    AZ : (n, p), ZZ : (p, p), Ar : (n,), Zr : (p,)
+        A'Z, Z'Z with the precision of what is known of t beforehand on its diagonal, A'r, Z'r.
     """
-    AZr = A.T @ np.column_stack([Z, r]).astype(np.float32)
-    AZ, Ar = AZr[:, :-1].astype(np.float64), AZr[:, -1].astype(np.float64)
-    ZZ, Zr = Z.T @ Z, Z.T @ r
-    X = np.linalg.solve(ZZ, np.column_stack([AZ.T, Zr]))
-    return NormalEquations(AA - AZ @ X[:, :-1], Ar - AZ @ X[:, -1], AZ, ZZ, Zr)
+
+    AA: Array
+    AZ: Array
+    ZZ: Array
+    Ar: Array
+    Zr: Array
+
+
+def products(AA: Array, A: Array32, Z: Array, r: Array) -> Products:
+    """The products of A (m, n) float32, nuisance columns Z (m, p) and r (m,), their rows over the noise."""
+    AZr = (A.T @ np.column_stack([Z, r]).astype(np.float32)).astype(np.float64)
+    return Products(AA, AZr[:, :-1], Z.T @ Z, AZr[:, -1], Z.T @ r)
+
+
+def eliminate(p: Products) -> NormalEquations:
+    """Normal equations of min |A h + Z t - r| for h alone, t eliminated."""
+    X = scipy.linalg.solve(p.ZZ, np.column_stack([p.AZ.T, p.Zr]), assume_a="pos")
+    return NormalEquations(p.AA - p.AZ @ X[:, :-1], p.Ar - p.AZ @ X[:, -1], p.AZ, p.ZZ, p.Zr)
 
 
 def solve(G: Array, b: Array, solver: str) -> Array:
