@@ -52,8 +52,8 @@ class Estimator:
     answers: dict[str, Outcome]
     asked: list
 
-    def __call__(self, plane, chart, parameters, exposure=None):
-        self.asked.append((plane, chart, parameters, exposure))
+    def __call__(self, plane, chart, parameters):
+        self.asked.append((plane, chart, parameters))
         answer = self.answers.get(plane.name, Outcome(found(parameters.s, parameters.k)))
         if isinstance(answer, BaseException):
             raise answer

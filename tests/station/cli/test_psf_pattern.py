@@ -54,7 +54,7 @@ def test_record_follows_the_schema(run, estimator, photograph, bits, tmp_path):
     sha256 = hashlib.sha256(photograph.read_bytes()).hexdigest()
     assert record["input"] == [{"path": str(photograph), "sha256": sha256}]
     assert record["parameters"].items() >= {"s": 4, "k": 17, "solver": "nnls"}.items()
-    assert record["parameters"]["chart"]["bits"] == str(bits)
+    assert hashlib.sha256(bits.read_bytes()).hexdigest() in record["parameters"]["chart"]
     plane = record["planes"]["Y"]
     assert (plane["verdict"], plane["reason"], plane["remedy"]) == ("pass", "", "")
     assert (plane["gamma"], plane["s_over_t"], plane["residual_std"]) == (0.5, 1.58, 1.02)
@@ -93,19 +93,18 @@ def test_planes_of_a_raw_file(run, estimator, raw_file, tmp_path, words, planes)
     assert names_in(tmp_path) == files_of(*planes.split())
 
 
-def test_parameters_chart_and_exposure_reach_the_estimator(run, estimator, raw_file, bits, tmp_path):
+def test_parameters_and_chart_reach_the_estimator(run, estimator, raw_file, bits, tmp_path):
     run("psf", "pattern", raw_file, "--bits", bits, "-s", 3, "-k", 13, "--solver", "clip", "--out", tmp_path)
-    ((_, chart, parameters, exposure),) = estimator.asked
+    ((_, chart, parameters),) = estimator.asked
     assert (parameters.s, parameters.k, parameters.solver) == (3, 13, "clip")
     assert chart.cells.mean() == pytest.approx(0.5, abs=0.01)
-    assert exposure.camera == "Canon EOS Kiss X4"
 
 
 @pytest.mark.parametrize(("words", "seed"), [([], 1), (["--seed", 7], 7), (["--seed", 0], 0)])
 def test_chart_comes_from_its_seed(run, estimator, photograph, tmp_path, words, seed):
     run("psf", "pattern", photograph, "--out", tmp_path, *words)
     np.testing.assert_array_equal(estimator.asked[0][1].cells, Chart.from_seed(seed).cells)
-    assert json.loads((tmp_path / "result.json").read_text())["parameters"]["chart"] == {"seed": seed}
+    assert json.loads((tmp_path / "result.json").read_text())["parameters"]["chart"] == f"seed {seed}"
 
 
 def test_refused_plane_does_not_stop_the_others(run, estimator, raw_file, tmp_path, refused):
