@@ -16,7 +16,7 @@ import numpy.typing as npt
 from procedures.outcome import BadInput, Refused
 from procedures.pattern import BLOCK, CELLS, X_CORNERS
 from procedures.pattern_psf import frame
-from procedures.pattern_psf.layout import RIM, Layout, find_layouts
+from procedures.pattern_psf.layout import find_layouts
 from procedures.pattern_psf.marks import find_saddles
 
 MIN_WIDTH, MAX_WIDTH = 60.0, 300.0
@@ -26,6 +26,8 @@ TOLERANCE = 1.06
 MAX_HIDDEN = 2
 SCREENED = 0.5
 """Agreement that a set of saddles must show before its marks are placed."""
+MOST_SETTLED = 60
+"""Candidates per level whose marks are placed."""
 ACCEPTED = 0.75
 """Agreement of a chart; clutter that lies like the marks stays below."""
 LIKENESS = 0.6
@@ -70,8 +72,7 @@ class Sighting:
 
     def centre(self) -> Array:
         """(x, y) of the noise region's centre."""
-        out: Array = frame.transform(self.H_sensor_pattern, np.full((1, 2), CELLS / 2))[0]
-        return out
+        return _centre(self.H_sensor_pattern)
 
     def widths(self) -> Array:
         """Lengths of the noise region's four sides in pixels, (4,)."""
@@ -103,21 +104,15 @@ def _pyramid(image: Image) -> Iterator[tuple[int, Image]]:
                        interpolation=cv2.INTER_AREA), dtype=np.float32)  # fmt: skip
 
 
-def _screen(level: Image, layout: Layout) -> Array | None:
-    """Homography from cells to the level's pixels, turned as the frame tells; None for what is no chart."""
-    there = np.isfinite(layout.points).all(axis=1)
-    lattice = RIM[there] * (3 * BLOCK) - BLOCK / 2
-    step = np.nanmax(np.linalg.norm(layout.points - layout.points[there][0], axis=1)) / 4
-    H, _ = cv2.findHomography(lattice, layout.points[there], cv2.RANSAC, 0.15 * step)
-    if H is None or abs(np.linalg.det(H)) < 1e-12:
-        return None
-    rectified = frame.rectify(level, H)
-    scores = [frame.agreement(rectified, seen, frame.ring()) for _, seen in frame.symmetries()]
-    best = int(np.argmax(scores))
-    if scores[best] < SCREENED:
-        return None
-    out: Array = H @ np.linalg.inv(frame.symmetries()[best][0])
-    return out
+def _candidates(level: Image) -> Iterator[Array]:
+    """Homographies from cells to the level's pixels, turned as the frame tells, the best agreement first."""
+    maps = find_layouts(find_saddles(level))
+    scores = frame.screen(level, maps)
+    best = scores.argmax(axis=1)
+    scores = scores.max(axis=1)
+    for n in np.argsort(-scores, kind="stable")[:MOST_SETTLED]:
+        if scores[n] > SCREENED:
+            yield maps[n] @ np.linalg.inv(frame.symmetries()[best[n]][0])
 
 
 def _settle(levels: list[tuple[int, Image]], H: Array) -> Sighting | None:
@@ -146,6 +141,12 @@ def _settle(levels: list[tuple[int, Image]], H: Array) -> Sighting | None:
         return None
     corners = np.where(visible[:, None], pixels, np.nan)
     return Sighting(corners, H / H[2, 2], visible, score, bool(np.linalg.det(_jacobian(H)) < 0))
+
+
+def _centre(H: Array) -> Array:
+    """(x, y) of the noise region's centre."""
+    out: Array = frame.transform(H, np.full((1, 2), CELLS / 2))[0]
+    return out
 
 
 def _jacobian(H: Array) -> Array:
@@ -180,13 +181,12 @@ def find_charts(image: npt.NDArray[np.floating]) -> list[Sighting]:
     levels = list(_pyramid(np.ascontiguousarray(image, dtype=np.float32)))
     found: list[Sighting] = []
     for factor, level in levels:
-        for layout in find_layouts(find_saddles(level)):
-            H = _screen(level, layout)
-            if H is None or _known(frame.transform(_to_full(factor) @ H, np.full((1, 2), CELLS / 2))[0], found):
-                continue
-            sighting = _settle(levels, _to_full(factor) @ H)
-            if sighting is not None and not _known(sighting.centre(), found):
-                found.append(sighting)
+        for H in _candidates(level):
+            at_full = _to_full(factor) @ H
+            if not _known(_centre(at_full), found):
+                sighting = _settle(levels, at_full)
+                if sighting is not None and not _known(sighting.centre(), found):
+                    found.append(sighting)
     return sorted(found, key=lambda s: -s.score)
 
 
