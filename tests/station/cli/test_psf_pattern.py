@@ -43,7 +43,8 @@ def test_files_of_the_contract_are_written(run, estimator, photograph, bits, tmp
     assert np.load(out / "covariance_Y.npy", allow_pickle=False).shape == (289, 289)
     header, *rows = (out / "mtf_Y.csv").read_text().splitlines()
     assert header.startswith("frequency,horizontal,horizontal_uncertainty,vertical,vertical_uncertainty,radial,")
-    assert rows[1].startswith("0.25,0.6,0.01,")
+    assert rows[0].split(",")[:2] == ["0", "1"]
+    assert float(rows[-1].split(",")[0]) == 2  # s/2 cycles/pixel
 
 
 def test_record_follows_the_schema(run, estimator, photograph, bits, tmp_path):
@@ -66,7 +67,7 @@ def test_record_follows_the_schema(run, estimator, photograph, bits, tmp_path):
 def test_numbers_that_are_not_finite_are_null(run, estimator, photograph, tmp_path):
     done = run("psf", "pattern", photograph, "--out", tmp_path, "--json")
     plane = json.loads(done.stdout, parse_constant=pytest.fail)["planes"]["Y"]
-    assert (plane["fwhm"]["value"], plane["fwhm"]["uncertainty"]) == (None, None)
+    assert (plane["unknown"]["value"], plane["unknown"]["uncertainty"]) == (None, None)
     assert plane["diagnostics"]["whiteness"] is None
 
 
@@ -150,7 +151,9 @@ def test_older_result_stays_whole_when_the_new_photograph_cannot_be_read(run, es
     ("words", "sentence"),
     [
         (["--plane", "G9"], "has the planes Y; got 'G9'"),
-        (["-s", "1"], "s is at least 2; got 1"),
+        (["-s", "1"], "s of 2 or more; got s = 1"),
+        (["-k", "16"], "odd number k of samples, so that it has a centre; got k = 16"),
+        (["-k", "1"], "got k = 1"),
         (["-s", "four"], "not a valid integer"),
         (["--solver", "magic"], "'magic' is not one of"),
         (["--seed", "3", "--bits", "x.pgm"], "give one of them"),
