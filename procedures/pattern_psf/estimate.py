@@ -47,14 +47,11 @@ class PatternParameters:
         Samples along one side of the support, odd; 3 s + 1 to 6 s + 1 is usual.
     solver : str
         "ls" least squares, "clip" its negative part cut, "nnls" non-negative least squares.
-    diffraction : Diffraction, optional
-        For the Strehl ratio.
     """
 
     s: int = 4
     k: int = 17
     solver: str = "ls"
-    diffraction: Diffraction | None = None
 
     def __post_init__(self) -> None:
         if self.s < 2:
@@ -100,7 +97,12 @@ class PatternPsf:
     diagnostics: Mapping[str, float]
 
 
-def estimate_psf(plane: Plane, chart: Chart, parameters: PatternParameters | None = None) -> Outcome[PatternPsf]:
+def estimate_psf(
+    plane: Plane,
+    chart: Chart,
+    parameters: PatternParameters | None = None,
+    diffraction: Diffraction | None = None,
+) -> Outcome[PatternPsf]:
     """The PSF of a plane that shows the chart, or the reason why it has none.
 
     Parameters
@@ -110,6 +112,8 @@ def estimate_psf(plane: Plane, chart: Chart, parameters: PatternParameters | Non
     chart : Chart
         The cells that were printed.
     parameters : PatternParameters, optional
+    diffraction : Diffraction, optional
+        What limits this plane: where it is given, the Strehl ratio is reported too.
 
     Returns
     -------
@@ -118,12 +122,14 @@ def estimate_psf(plane: Plane, chart: Chart, parameters: PatternParameters | Non
     """
     parameters = parameters or PatternParameters()
     try:
-        return _estimate(plane.samples, chart, parameters)
+        return _estimate(plane.samples, chart, parameters, diffraction)
     except Refused as refusal:
         return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
 
 
-def _estimate(samples: npt.NDArray[np.float32], chart: Chart, parameters: PatternParameters) -> Outcome[PatternPsf]:
+def _estimate(
+    samples: npt.NDArray[np.float32], chart: Chart, parameters: PatternParameters, diffraction: Diffraction | None
+) -> Outcome[PatternPsf]:
     """The chain itself; raises Refused."""
     s, k = parameters.s, parameters.k
     corners, marks_map = _register(samples)
@@ -131,15 +137,11 @@ def _estimate(samples: npt.NDArray[np.float32], chart: Chart, parameters: Patter
     _check_light(light)
     fit, outliers = _fit(samples, chart, corners, marks_map, light, s, k)
     psf = _solution(fit, s, k, parameters.solver)
-    moved = fit.registration.to_sensor(np.array([[0.0, 0.0], [CELLS, 0.0], [CELLS, CELLS], [0.0, CELLS]]))
-    moved_px = float(
-        np.abs(moved - marks_map.to_sensor(np.array([[0.0, 0.0], [CELLS, 0.0], [CELLS, CELLS], [0.0, CELLS]]))).max()
-    )
-    diagnostics = diagnose(fit, psf, light, corners, moved_px, outliers, s)
+    diagnostics = diagnose(fit, psf, light, corners, marks_map, outliers, s)
     verdict, reason, remedy = judge(diagnostics, fit)
     if verdict is Verdict.REFUSED:
         return Outcome(None, verdict, reason, remedy)
-    return Outcome(_result(fit, psf, diagnostics, parameters), verdict, reason, remedy)
+    return Outcome(_result(fit, psf, diagnostics, diffraction), verdict, reason, remedy)
 
 
 def _register(samples: npt.NDArray[np.float32]) -> tuple[Array, Registration]:
@@ -210,14 +212,14 @@ def _solution(fit: Fit, s: int, k: int, solver: str) -> Psf:
     return Psf(h.reshape(k, k), s, covariance)
 
 
-def _result(fit: Fit, psf: Psf, d: Diagnostics, parameters: PatternParameters) -> PatternPsf:
+def _result(fit: Fit, psf: Psf, d: Diagnostics, diffraction: Diffraction | None) -> PatternPsf:
     """Everything that is reported, from the final fit."""
     m = len(fit.observation.y)
     amplification = gamma(fit.equations.G, float(np.mean(fit.observation.weight**2)))
     pixels = CELLS / BLOCK * block_size_px(fit.registration)
     return PatternPsf(
         psf=psf,
-        quality=assess(psf, n=m, diffraction=parameters.diffraction),
+        quality=assess(psf, n=m, diffraction=diffraction),
         gamma=amplification,
         gamma_bound=gamma_bound(m, psf.k**2),
         residual_std=fit.residual_std,

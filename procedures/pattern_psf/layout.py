@@ -94,7 +94,7 @@ def _triples(field: _Field) -> Indices:
 
 
 def _rim_index(s: int, t: int) -> int:
-    return int(np.flatnonzero((RIM == (s, t)).all(axis=1))[0])
+    return int(np.flatnonzero(((s, t) == RIM).all(axis=1))[0])
 
 
 def _sides(field: _Field, triples: Indices, side: int, first: int) -> Indices:

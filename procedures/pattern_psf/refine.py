@@ -23,7 +23,7 @@ from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.centre import mark_offset
 from procedures.pattern_psf.radiometry import Light, quadratic, response_curvature
 from procedures.pattern_psf.rasterise import Raster, Window, band_limited_chart
-from procedures.pattern_psf.registration import Registration
+from procedures.pattern_psf.registration import Registration, map_distance
 from procedures.pattern_psf.solve import NormalEquations, convolve_at, eliminate, gram, sample_convolution, solve
 
 Array = npt.NDArray[np.float64]
@@ -176,18 +176,10 @@ def refine(observation: Observation, chart: Chart, registration: Registration, w
         # far from rest the first step's Gram matrix serves; at rest the system must be the map's own
         fresh = moved < NEAR_PX or step == MAX_STEPS
         last, fit = fit, _step(_centred(fit, s, k), raster, window, k, fresh=fresh)
-        moved = _movement(last.registration, fit.registration, window)
+        moved = map_distance(last.registration, fit.registration, observation.points[::29])
         if fresh and moved < STILL_PX:
             break
     return replace(fit, steps=step, still=bool(moved < 10 * STILL_PX))
-
-
-def _movement(before: Registration, after: Registration, window: Window) -> float:
-    """Largest distance, in pixels, between the places where two maps see the same cells of the noise region."""
-    x, y = np.meshgrid(np.linspace(0, window.columns - 1, 9), np.linspace(0, window.rows - 1, 9))
-    points = np.column_stack([x.ravel() + window.x, y.ravel() + window.y])
-    cells = (after.to_pattern(points) - before.to_pattern(points)) @ np.linalg.inv(after.jacobian()).T
-    return float(np.abs(cells).max())
 
 
 def _system(o: Observation, raster: Raster, registration: Registration, window: Window, k: int) -> Array32:

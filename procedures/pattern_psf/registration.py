@@ -113,6 +113,12 @@ def mark_residuals(registration: Registration, corners: Array) -> Array:
     return np.asarray(corners[seen] - registration.to_sensor(X_CORNERS[seen]))
 
 
+def map_distance(a: Registration, b: Registration, points: Array) -> float:
+    """Largest distance, in pixels, between the places where two maps see the cells that `b` sees at points (n, 2)."""
+    cells = a.to_pattern(points) - b.to_pattern(points)
+    return float(np.abs(cells @ inverse(b.jacobian()).T).max())
+
+
 def block_size_px(registration: Registration) -> float:
     """Side of a block of the chart's frame, in pixels, at the chart's centre."""
     return float(BLOCK / np.sqrt(abs(np.linalg.det(registration.jacobian()))))

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from procedures.outcome import Verdict
 from procedures.pattern_psf.radiometry import Light
 from procedures.pattern_psf.refine import RESPONSE, SPREAD, Fit
-from procedures.pattern_psf.registration import mark_residuals
+from procedures.pattern_psf.registration import Registration, map_distance, mark_residuals
 from procedures.psf import Psf
 
 Array = npt.NDArray[np.float64]
@@ -71,7 +71,9 @@ class Diagnostics:
     s_over_t: float
 
 
-def diagnose(fit: Fit, psf: Psf, light: Light, corners: Array, moved_px: float, outliers: float, s: int) -> Diagnostics:
+def diagnose(
+    fit: Fit, psf: Psf, light: Light, corners: Array, marks_map: Registration, outliers: float, s: int
+) -> Diagnostics:
     """Measure what the verdict needs.
 
     Parameters
@@ -82,8 +84,11 @@ def diagnose(fit: Fit, psf: Psf, light: Light, corners: Array, moved_px: float, 
     light : Light
     corners : (12, 2) float64
         The marks as found, NaN where hidden.
-    moved_px, outliers, s
-        As in `Diagnostics`.
+    marks_map : Registration
+        The map that the marks alone gave.
+    outliers : float
+        Share of the samples left out.
+    s : int
     """
     o = fit.observation
     left = o.y - fit.prediction
@@ -102,7 +107,7 @@ def diagnose(fit: Fit, psf: Psf, light: Light, corners: Array, moved_px: float, 
         support_cut=1 - fit.contrast,
         marks_offset_px=float(np.linalg.norm(marks.mean(axis=0))),
         marks_rms_px=float(np.sqrt(np.mean(np.sum((marks - marks.mean(axis=0)) ** 2, axis=1)))),
-        moved_px=moved_px,
+        moved_px=map_distance(marks_map, fit.registration, fit.observation.points[::29]),
         outliers=outliers,
         saturated=light.saturated,
         flatness=light.flatness,

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,14 +16,16 @@ from station.cli.errors import REFUSED
 from station.cli.log import log, log_json_option
 
 if TYPE_CHECKING:
-    from procedures.pattern_psf.estimate import PatternParameters, PatternPsf
-
     from procedures.outcome import Outcome
     from procedures.pattern import Chart
     from procedures.pattern_print.source import Source
-    from procedures.raw import Plane, RawFrame
+    from procedures.pattern_psf.estimate import PatternParameters, PatternPsf
+    from procedures.quality import Diffraction
+    from procedures.raw import Exposure, Plane, RawFrame
     from station.results import PlaneRecord
 
+WAVELENGTHS_NM = {"R": 600.0, "G": 530.0, "B": 460.0, "Y": 550.0}
+"""Where a plane of usual colour filters is most sensitive."""
 _LEVELS = {"pass": "info", "doubtful": "warning", "refused": "error"}
 
 
@@ -34,30 +38,40 @@ _LEVELS = {"pass": "info", "doubtful": "warning", "refused": "error"}
 @click.option("-s", "s", type=int, default=4, show_default=True, help="PSF samples per pixel of the plane.")
 @click.option("-k", "k", type=int, default=17, show_default=True, help="PSF samples along one side, odd.")
 @click.option("--solver", type=click.Choice(["ls", "clip", "nnls"]), default="ls", show_default=True)
+@click.option("--pixel-pitch-um", type=click.FloatRange(min=0.1), help="The sensor's pitch, for the Strehl ratio.")
+@click.option("--f-number", type=click.FloatRange(min=0.1), help="The aperture.  [default: as the camera noted it]")
+@click.option("--wavelength-nm", type=click.FloatRange(min=100), help="[default: R 600, G 530, B 460, Y 550]")
 @click.option("--plane", help="R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
 @click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout too.")
 @log_json_option
 def psf_pattern(
-    image: Path, bits: Path | None, seed: int | None, plane: str | None, out: Path, as_json: bool, **options: Any
+    image: Path,
+    bits: Path | None,
+    seed: int | None,
+    plane: str | None,
+    out: Path,
+    as_json: bool,
+    **options: Any,
 ) -> None:
     """Estimate the PSF from IMAGE, a photograph of the noise chart."""
     start = time.perf_counter()
     if bits is not None and seed is not None:
         raise click.UsageError("the chart comes from --bits or from --seed; give one of them")
     from procedures.pattern_psf.estimate import PatternParameters
-
     from station.results import ResultFolder, write_psf_result
 
+    optics = {name: options.pop(name) for name in ("pixel_pitch_um", "f_number", "wavelength_nm")}
     parameters = PatternParameters(**options)
     with ResultFolder(out) as folder:
         source = _chart(bits, seed)
         frame = _frame(image, plane)
-        planes = _estimate(frame, source.chart, parameters)
+        limit = partial(_diffraction, frame.exposure, **optics)
+        planes = _estimate(frame, source.chart, parameters, limit)
         about = {
             "procedure": "pattern",
             "input": [{"path": str(image), "sha256": frame.sha256}],
-            "parameters": {**options, "chart": source.origin},
+            "parameters": {**options, "chart": source.origin, **{k: v for k, v in optics.items() if v is not None}},
             "duration_s": round(time.perf_counter() - start, 3),
         }
         text = write_psf_result(folder, planes, about)
@@ -86,13 +100,32 @@ def _frame(image: Path, plane: str | None) -> RawFrame:
     return frame
 
 
-def _estimate(frame: RawFrame, chart: Chart, parameters: PatternParameters) -> list[PlaneRecord]:
+def _diffraction(
+    exposure: Exposure,
+    plane: Plane,
+    *,
+    pixel_pitch_um: float | None,
+    f_number: float | None,
+    wavelength_nm: float | None,
+) -> Diffraction | None:
+    """The plane's diffraction limit, where pitch and aperture are known."""
+    from procedures.quality import Diffraction
+
+    aperture = f_number or exposure.f_number
+    if pixel_pitch_um is None or not aperture:
+        return None
+    return Diffraction(aperture, pixel_pitch_um * plane.pitch, wavelength_nm or WAVELENGTHS_NM[plane.name[0]])
+
+
+def _estimate(
+    frame: RawFrame, chart: Chart, parameters: PatternParameters, limit: Callable[[Plane], Diffraction | None]
+) -> list[PlaneRecord]:
     """A record of every plane, several at a time; one that is refused does not keep the others."""
     from procedures.pattern_psf.estimate import estimate_psf
 
     def estimate(plane: Plane) -> tuple[PlaneRecord, float]:
         start = time.perf_counter()
-        outcome = estimate_psf(plane, chart, parameters)
+        outcome = estimate_psf(plane, chart, parameters, limit(plane))
         return _record(plane.name, outcome), time.perf_counter() - start
 
     records = []

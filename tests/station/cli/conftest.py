@@ -45,8 +45,8 @@ class Estimator:
     answers: dict[str, Outcome]
     asked: list
 
-    def __call__(self, plane, chart, parameters):
-        self.asked.append((plane, chart, parameters))
+    def __call__(self, plane, chart, parameters, diffraction=None):
+        self.asked.append((plane, chart, parameters, diffraction))
         answer = self.answers.get(plane.name, Outcome(found(parameters.s, parameters.k)))
         if isinstance(answer, BaseException):
             raise answer

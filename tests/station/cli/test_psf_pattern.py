@@ -96,9 +96,30 @@ def test_planes_of_a_raw_file(run, estimator, raw_file, tmp_path, words, planes)
 
 def test_parameters_and_chart_reach_the_estimator(run, estimator, raw_file, bits, tmp_path):
     run("psf", "pattern", raw_file, "--bits", bits, "-s", 3, "-k", 13, "--solver", "clip", "--out", tmp_path)
-    ((_, chart, parameters),) = estimator.asked
+    ((_, chart, parameters, _),) = estimator.asked
     assert (parameters.s, parameters.k, parameters.solver) == (3, 13, "clip")
     assert chart.cells.mean() == pytest.approx(0.5, abs=0.01)
+
+
+def test_diffraction_limit_is_that_of_the_plane(run, estimator, shared_data, tmp_path):
+    # the camera noted f/6.2; a plane's pixels are two of the sensor's apart
+    raw_file = shared_data / "raw" / "RAW_KODAK_DC50.KDC"
+    run("psf", "pattern", raw_file, "--plane", "all", "--pixel-pitch-um", 5, "--out", tmp_path)
+    limits = {asked[0].name: asked[3] for asked in estimator.asked}
+    assert {name: limit.wavelength_nm for name, limit in limits.items()} == {"R": 600, "G1": 530, "G2": 530, "B": 460}
+    assert (limits["B"].f_number, limits["B"].pixel_pitch_um) == (6.2, 10)
+
+
+def test_without_a_pitch_no_diffraction_limit_is_assumed(run, estimator, photograph, tmp_path):
+    run("psf", "pattern", photograph, "--f-number", 8, "--out", tmp_path)
+    assert estimator.asked[0][3] is None
+
+
+def test_given_optics_are_recorded(run, estimator, photograph, tmp_path):
+    words = ("--pixel-pitch-um", 5.7, "--f-number", 8, "--wavelength-nm", 546)
+    run("psf", "pattern", photograph, *words, "--out", tmp_path)
+    parameters = json.loads((tmp_path / "result.json").read_text())["parameters"]
+    assert parameters.items() >= {"pixel_pitch_um": 5.7, "f_number": 8.0, "wavelength_nm": 546.0}.items()
 
 
 @pytest.mark.parametrize(("words", "seed"), [([], 1), (["--seed", 7], 7), (["--seed", 0], 0)])
