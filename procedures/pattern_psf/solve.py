@@ -131,22 +131,21 @@ def solve(G: Array, b: Array, solver: str) -> Array:
     return np.asarray(np.maximum(h, 0) if solver == "clip" else h)
 
 
-def gamma(G: Array, mean_square_weight: float) -> float:
+def gamma(unit_covariance: Array, mean_square_weight: float) -> float:
     """The noise amplification sqrt(sum 1 / sigma_i^2) of the system: |dh| = gamma sigma for noise sigma.
 
     Parameters
     ----------
-    G : (n, n) float64
-        Normal matrix of the weighted system.
+    unit_covariance : (n, n) float64
+        Covariance of the PSF of sum 1 when every weighted sample has unit noise.
     mean_square_weight : float
         Mean of the squared weights, which takes the weights' scale out again.
 
     Notes
     -----
-    The nuisance parameters are eliminated from G: what they cost is included. Source: thesis, section 2.3.1, whose
-    gamma is this one squared.
+    What the nuisance parameters cost is included. Source: thesis, section 2.3.1, whose gamma is this one squared.
     """
-    return float(np.sqrt(np.trace(scipy.linalg.inv(G)) * mean_square_weight))
+    return float(np.sqrt(np.trace(unit_covariance) * mean_square_weight))
 
 
 def gamma_bound(m: int, n: int) -> float:
