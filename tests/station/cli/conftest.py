@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from types import SimpleNamespace
 
 import numpy as np
@@ -20,7 +21,8 @@ def gaussian_psf(s, k):
     return Psf(h / h.sum(), s, np.eye(k * k) * 1e-8)
 
 
-def found(s=4, k=17, gamma=0.5):
+@lru_cache
+def found(s=4, k=17):
     """What the estimator finds, with a number that could not be determined."""
     psf = gaussian_psf(s, k)
     quality = assess(psf, n=9800)
@@ -29,7 +31,7 @@ def found(s=4, k=17, gamma=0.5):
     return SimpleNamespace(
         psf=psf,
         quality=quality,
-        gamma=gamma,
+        gamma=0.5,
         gamma_bound=0.35,
         residual_std=np.float64(1.02),
         pixels_per_pattern=101.3,
