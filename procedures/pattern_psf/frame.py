@@ -186,7 +186,7 @@ class Placed:
     cells : (12, 2) float64
         Cell coordinates, by the present map, of the places that look like the x-corners.
     likeness : (12,) float64
-        Normalised correlation with the expected mark; 0 where it leaves the photograph or the search window.
+        Normalised correlation with the expected mark; 0 where it leaves the photograph or the window searched.
     """
 
     cells: Array
@@ -201,9 +201,11 @@ def place_marks(rectified: Picture, *, half: int = 5, search: int = 5) -> Placed
         x, y = ((RIM_BLOCKS + np.array([column, row])) * PIXELS + PIXELS // 2).tolist()
         mark = expected()[y - half : y + half, x - half : x + half]
         reach = half + search
-        window = rectified[max(y - reach, 0) : y + reach, max(x - reach, 0) : x + reach]
-        if window.shape != (2 * reach, 2 * reach) or not np.isfinite(window).all():
+        window = rectified[y - reach : y + reach, x - reach : x + reach]
+        seen = np.isfinite(window)
+        if not seen[search:-search, search:-search].all():
             continue
+        window = np.where(seen, window, window[seen].mean())
         offsets[n], likeness[n] = _peak(cv2.matchTemplate(window, mark, cv2.TM_CCOEFF_NORMED))
     return Placed(X_CORNERS + offsets / PIXELS_PER_CELL, likeness)
 

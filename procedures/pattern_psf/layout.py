@@ -13,18 +13,19 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from procedures.pattern import BLOCK
-from procedures.pattern_psf.marks import Saddles
+from procedures.pattern_psf.marks import SAME_AXIS, Saddles
 
-MIN_STEP, MAX_STEP = 14.0, 33.0
+MIN_STEP, MAX_STEP = 16.5, 38.0
 """Lattice steps looked for at one level of the pyramid, in its pixels (three blocks of the chart)."""
-SAME_AXIS = np.cos(2 * np.deg2rad(18))
-"""Two x-corners of one chart differ by less than this angle (tilt, noise)."""
-ALONG_AXIS = np.cos(2 * np.deg2rad(16))
+ALONG_AXIS = np.cos(2 * np.deg2rad(11))
 """The lattice is along the axes or across them, up to the shear of a tilt and the axes' own error."""
-SAME_STRENGTH = 3.0
+SAME_STRENGTH = 2.5
 """Greatest ratio of strengths within one side: light gradient, noise, focus."""
 COLLINEAR = 0.15
 """Greatest distance of a third x-corner from where two put it, in steps: perspective, distortion."""
+BETWEEN = 0.2
+"""No like saddle lies this close to the middle of two neighbouring x-corners, in steps: it would in a finer lattice."""
+MOST_TRIPLES = 20_000
 SQUARE = 0.3
 """The same from where a side puts a neighbouring one, supposing a square: tilt."""
 AFFINE = 0.25
@@ -80,32 +81,42 @@ def _pairs(field: _Field) -> tuple[Indices, Indices]:
     i, j = pairs[along].T
     keep = field.alike(i, j)
     i, j = i[keep], j[keep]
-    return np.r_[i, j], np.r_[j, i]
+    middle, length = (points[i] + points[j]) / 2, np.abs(points[i] - points[j])
+    free = field.nearest(middle[:, None], BETWEEN * length, i)[:, 0] < 0
+    return np.r_[i[free], j[free]], np.r_[j[free], i[free]]
 
 
 def _triples(field: _Field) -> Indices:
-    """Triples of like saddles, equally spaced on a line, (n, 3)."""
+    """Triples of like saddles, equally spaced on a line, (n, 3), at most MOST_TRIPLES."""
     i, j = _pairs(field)
-    points = field.saddles.points
+    points, count = field.saddles.points, len(field.saddles.points)
     step = points[j] - points[i]
     k = field.nearest((points[j] + step)[:, None], COLLINEAR * np.abs(step), j)[:, 0]
-    keep = (k >= 0) & (i < k)
-    return np.column_stack([i, j, k])[keep]
+    keep = (k >= 0) & (i < k) & np.isin(j * count + k, i * count + j)
+    triples = np.column_stack([i, j, k])[keep]
+    if len(triples) <= MOST_TRIPLES:
+        return triples
+    strengths = field.saddles.strengths[triples].min(axis=1)
+    return triples[np.argpartition(-strengths, MOST_TRIPLES)[:MOST_TRIPLES]]
 
 
 def _rim_index(s: int, t: int) -> int:
-    return int(np.flatnonzero((RIM == (s, t)).all(axis=1))[0])
+    return int(np.flatnonzero(((s, t) == RIM).all(axis=1))[0])
 
 
 def _sides(field: _Field, triples: Indices, side: int, first: int) -> Indices:
     """Hypotheses that triples start at s = `first` of the side t = 0, the chart lying to one `side` of it.
 
-    Gives the hits (n, 12) in the order of RIM, -1 where none, for those that find two of the three nearest others.
+    Gives the hits (n, 12) in the order of RIM, -1 where none, for those that find two of the three nearest others
+    and not both of the inner neighbours, which only a lattice of saddles has.
     """
     points = field.saddles.points
     u = (points[triples[:, 2]] - points[triples[:, 0]]) / 2
     v = 1j * side * u
     origin = points[triples[:, 0]] - first * u
+    inside = np.column_stack([origin + s * u + v for s in (1, 2)])
+    open_ = (field.nearest(inside, COLLINEAR * np.abs(u), triples[:, 1]) < 0).any(axis=1)
+    triples, origin, u, v = triples[open_], origin[open_], u[open_], v[open_]
     others = [(3 - 3 * first, 0), (0, 1), (3, 1)]
     targets = np.column_stack([origin + s * u + t * v for s, t in others])
     found = field.nearest(targets, SQUARE * np.abs(u), triples[:, 1])
