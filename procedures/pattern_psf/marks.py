@@ -14,9 +14,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-SCALE = 1.4
+SCALE = 1.25
 """Standard deviation of the Gaussian whose second derivatives are taken, in pixels of the level."""
-KERNEL_RADIUS = 5
+KERNEL_RADIUS = 4
 SEPARATION = 1
 """Saddles closer than this (Chebyshev, pixels of the level) are one."""
 ISOTROPY = 0.9
@@ -28,8 +28,10 @@ QUIET = 0.005
 """The share of the picture, in tiles of QUIET_TILE pixels, that is taken for quiet; clipped tiles apart."""
 RING_RADIUS = 2.0
 RING_SAMPLES = 8
-PURITY = 0.45
-"""Least share of the second harmonic in the variance around a saddle: 1 for an ideal x-corner, 2/7 for noise."""
+OFF_CENTRE = 0.8
+"""Share of the first harmonic that is excused: that of a ring whose centre is a fraction of a pixel off the saddle."""
+PURITY = 0.62
+"""Least share of the second harmonic in what remains of the variance around a saddle: 1 for an ideal x-corner."""
 RIVAL = 3.0
 """Radius in which only the best of the saddles of like axis is kept: under half a block."""
 SAME_AXIS = np.cos(2 * np.deg2rad(11))
@@ -137,8 +139,9 @@ def _purity(image: Picture, points: Complex) -> npt.NDArray[np.float64]:
         around = cv2.remap(image, ring.real.astype(np.float32), ring.imag.astype(np.float32), cv2.INTER_LINEAR,
                            borderMode=cv2.BORDER_REPLICATE)  # fmt: skip
         deviation = around - around.mean(axis=1, keepdims=True)
-        harmonic = np.abs(deviation @ turns.conj() ** 2) ** 2 * (2 / RING_SAMPLES)
-        purity[part] = harmonic / np.maximum((deviation**2).sum(axis=1), np.finfo(np.float32).tiny)
+        first, second = (np.abs(deviation @ turns.conj() ** n) ** 2 * (2 / RING_SAMPLES) for n in (1, 2))
+        rest = (deviation**2).sum(axis=1) - OFF_CENTRE * first
+        purity[part] = second / np.maximum(rest, np.finfo(np.float32).tiny)
     return purity
 
 
