@@ -38,10 +38,30 @@ MOST = 4000
 
 RIM = np.array([(s, t) for t in range(4) for s in range(4) if s in (0, 3) or t in (0, 3)], dtype=np.float64)
 """The lattice coordinates (s, t) of the twelve x-corners, (12, 2)."""
+RIM_CELLS = RIM * 3 * BLOCK - BLOCK / 2
+"""The same places in cells."""
 H_LATTICE_CELLS = np.array([[1, 0, BLOCK / 2], [0, 1, BLOCK / 2], [0, 0, 3 * BLOCK]]) / (3 * BLOCK)
 Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
 Indices = npt.NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Layouts:
+    """Sets of saddles that lie like a chart's x-corners.
+
+    A square's eight symmetries leave the x-corners in place: which of them applies is not known here.
+
+    Attributes
+    ----------
+    maps : (n, 3, 3) float64
+        Homographies from cells to pixels.
+    hits : (n, 12) bool
+        Which x-corners there are, in the order of RIM.
+    """
+
+    maps: Array
+    hits: npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -101,7 +121,7 @@ def _triples(field: _Field) -> Indices:
 
 
 def _rim_index(s: int, t: int) -> int:
-    return int(np.flatnonzero(((s, t) == RIM).all(axis=1))[0])
+    return int(np.flatnonzero(np.all([s, t] == RIM, axis=1))[0])
 
 
 def _sides(field: _Field, triples: Indices, side: int, first: int) -> Indices:
@@ -170,8 +190,8 @@ def _projective(field: _Field, hits: Indices) -> Array:
     return back @ local @ np.array([[1, 0, -1.5], [0, 1, -1.5], [0, 0, 1]])
 
 
-def _gather(field: _Field, hits: Indices, maps: Array, reach: float) -> tuple[Indices, Array]:
-    """The hits nearest to mapped lattices, `reach` in steps, of those that keep enough; and their steps."""
+def _gather(field: _Field, hits: Indices, maps: Array, reach: float) -> Indices:
+    """The hits nearest to mapped lattices, `reach` in steps, of those that keep enough."""
     q = maps @ np.column_stack([RIM, np.ones(len(RIM))]).T
     predicted = (q[:, 0] + 1j * q[:, 1]) / q[:, 2]
     step = np.abs(predicted[:, 3] - predicted[:, 0]) / 3
@@ -179,7 +199,7 @@ def _gather(field: _Field, hits: Indices, maps: Array, reach: float) -> tuple[In
     good = (step > MIN_STEP / 2) & (step < 2 * MAX_STEP) & np.isfinite(predicted).all(axis=1)
     found = field.nearest(predicted[good], reach * step[good], like[good])
     keep = (found >= 0).sum(axis=1) >= MIN_HITS
-    return found[keep], step[good][keep]
+    return found[keep]
 
 
 def _distinct(hits: Indices) -> Indices:
@@ -189,11 +209,8 @@ def _distinct(hits: Indices) -> Indices:
     return hits[np.argsort(-(hits >= 0).sum(axis=1), kind="stable")[:MOST]]
 
 
-def find_layouts(saddles: Saddles) -> Array:
-    """Homographies from cells to pixels of the sets of saddles that lie like a chart's x-corners, (n, 3, 3).
-
-    Those with the most hits come first. A square's eight symmetries leave the x-corners in place: which of them
-    applies is not known here.
+def find_layouts(saddles: Saddles) -> Layouts:
+    """The sets of saddles that lie like a chart's x-corners, those with the most hits first.
 
     Parameters
     ----------
@@ -201,12 +218,10 @@ def find_layouts(saddles: Saddles) -> Array:
         Of one level of the pyramid, where the lattice step is MIN_STEP to MAX_STEP pixels.
     """
     if len(saddles.points) < MIN_HITS:
-        return np.zeros((0, 3, 3))
+        return Layouts(np.zeros((0, 3, 3)), np.zeros((0, len(RIM)), dtype=np.bool_))
     field = _Field(saddles, cKDTree(np.column_stack([saddles.points.real, saddles.points.imag])))
     triples = _triples(field)
     hits = np.concatenate([_sides(field, triples, side, first) for side in (1, -1) for first in (0, 1)])
-    hits, _ = _gather(field, hits, _affine(field, hits), AFFINE)
-    hits = _distinct(hits)
-    hits, _ = _gather(field, hits, _projective(field, hits), PROJECTIVE)
-    hits = _distinct(hits)
-    return _projective(field, hits) @ H_LATTICE_CELLS
+    hits = _distinct(_gather(field, hits, _affine(field, hits), AFFINE))
+    hits = _distinct(_gather(field, hits, _projective(field, hits), PROJECTIVE))
+    return Layouts(_projective(field, hits) @ H_LATTICE_CELLS, hits >= 0)

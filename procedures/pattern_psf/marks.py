@@ -155,7 +155,9 @@ def _best_of_tiles(points: Complex, merit: npt.NDArray[np.float64], most: int) -
     return order[rank <= each]
 
 
-def find_saddles(image: Picture, ) -> Saddles:
+def find_saddles(
+    image: Picture,
+) -> Saddles:
     """The saddle points of a picture that stand out of its noise and look like x-corners, in no order.
 
     A saddle of the Gaussian scale space: Lxx Lyy - Lxy^2 < 0 at a local extremum, with curvatures of nearly equal
