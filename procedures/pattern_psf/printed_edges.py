@@ -82,7 +82,7 @@ def _transposed(
     return np.ascontiguousarray(cells[:, ::-1]), steps, np.ascontiguousarray(fine.T), flipped, reach[::-1].copy()
 
 
-def edge_rms(C: scipy.sparse.csr_array, left: Array) -> float:
+def edge_rms(C: scipy.sparse.csr_array, CC: Array, left: Array) -> float:
     """Root mean square tau of the offsets, in cells, from what is left of the samples without them.
 
     The offsets add tau^2 tr((C'C)^2) to |C'left|^2, the noise tr(C'C). What the PSF has already made of them is
@@ -90,14 +90,14 @@ def edge_rms(C: scipy.sparse.csr_array, left: Array) -> float:
 
     Parameters
     ----------
-    C : (m, 514) sparse
-        From `edge_columns`.
+    C : (m, 514) sparse, CC : (514, 514) float64
+        From `edge_columns`, and C'C.
     left : (m,) float64
         Residual in units of the noise.
     """
-    CC, back = C.T @ C, C.T @ left
-    surplus = float(back @ back) - float(CC.trace())
-    return float(np.sqrt(max(surplus / float(CC.multiply(CC).sum()), LEAST_RMS**2)))
+    back = C.T @ left
+    surplus = float(back @ back) - np.trace(CC)
+    return float(np.sqrt(max(surplus / float(np.sum(CC * CC)), LEAST_RMS**2)))
 
 
 def with_edges(products: Products, A: Array32, Z: Array, r: Array, C: scipy.sparse.csr_array, rms: float) -> Products:
@@ -107,12 +107,11 @@ def with_edges(products: Products, A: Array32, Z: Array, r: Array, C: scipy.spar
     ----------
     products : Products
         Of A (m, n), Z (m, p) and r (m,), rows over the noise.
-    C : (m, 514) sparse
-        From `edge_columns`.
+    C : (m, 514) sparse, CC : (514, 514) float64
+        From `edge_columns`, and C'C.
     rms : float
         Width of the offsets' prior, in cells.
     """
-    CC = (C.T @ C).toarray().astype(np.float64)
     CZ = (C.T @ Z).astype(np.float64)
     return Products(
         products.AA,

@@ -238,8 +238,9 @@ def _step(fit: Fit, raster: Raster, window: Window, k: int, chart: Array32, *, f
     if not fresh or plain.residual_std < PRINT_TELLS:
         return plain
     C = edge_columns(chart, registration, o.points, fit.h.reshape(k, k), raster.s, o.weight)
-    rms = edge_rms(C, plain.residual)
-    joint = with_edges(parts, A, Z * o.weight[:, None], start.residual, C, rms)
+    CC = (C.T @ C).toarray().astype(np.float64)
+    rms = edge_rms(C, CC, plain.residual)
+    joint = with_edges(parts, A, Z * o.weight[:, None], start.residual, C, CC, rms)
     return _advanced(start, A, Z, eliminate(joint), C, rms)
 
 
