@@ -54,7 +54,7 @@ class Light:
         light = across + down
         if d:
             light += self.level * d * u * v
-        return np.maximum(light, 0.0, out=light)
+        return np.asarray(np.maximum(light, 0.0), dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)

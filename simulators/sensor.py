@@ -39,6 +39,8 @@ class Sensor:
         Standard deviation, in electrons.
     prnu : float
         Standard deviation of the photosites' relative response, fixed for one `serial`.
+    curvature : float
+        e electrons are read as e (1 + curvature (1 - e / full_well_e)): a response that is not quite linear.
     """
 
     rows: int = 4000
@@ -50,6 +52,7 @@ class Sensor:
     gain_e_per_dn: float = 2.4
     read_noise_e: float = 3.0
     prnu: float = 0.0
+    curvature: float = 0.0
     serial: int = 1
     sensitivity: Mapping[str, float] = field(default_factory=lambda: dict(SENSITIVITY), hash=False)
 
@@ -95,6 +98,8 @@ class Sensor:
         dim = mean_e < GAUSSIAN_FROM_E
         counted[dim] = rng.poisson(mean_e[dim])
         np.minimum(counted, self.full_well_e, out=counted)
+        if self.curvature:
+            counted *= 1 + self.curvature * (1 - counted / self.full_well_e)
         counted += self.read_noise_e * rng.standard_normal(mean_e.shape, dtype=np.float32)
         return counted
 
