@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -23,12 +24,15 @@ from simulators.raster import Segments, coverage
 from simulators.scene import Light, PlacedChart, Scene, Stroke, strokes
 
 Array = npt.NDArray[np.float64]
+Frame = npt.NDArray[np.float32]
 
 LEAST_MARGIN_PX = 24
 """Sensor pixels rendered around what is kept, at least: the Fourier transform takes a region for periodic."""
 
 SURROUND_PX = 16
 """Sensor pixels around a chart's sheet that are rendered as exactly as the chart."""
+FINE_SIDE = 3072
+"""Fine samples along a side that are transformed at once, margins apart: larger regions are rendered in tiles."""
 TILE_PX = 512
 """Side of the tiles in which the rest of a frame is drawn."""
 
@@ -45,6 +49,20 @@ class Region:
     y: int
     width: int
     height: int
+
+    def meets(self, bounds: tuple[float, float, float, float]) -> bool:
+        """Whether something from x to x and y to y may be seen on it, or within a pixel of it."""
+        x0, x1, y0, y1 = bounds
+        return x0 <= self.x + self.width and x1 >= self.x - 1 and y0 <= self.y + self.height and y1 >= self.y - 1
+
+    def tiles(self, side: int) -> Iterator[Region]:
+        """It, cut into equal tiles no longer than `side`."""
+        columns, rows = -(-self.width // side), -(-self.height // side)
+        xs = [self.x + self.width * i // columns for i in range(columns + 1)]
+        ys = [self.y + self.height * i // rows for i in range(rows + 1)]
+        for y0, y1 in pairwise(ys):
+            for x0, x1 in pairwise(xs):
+                yield Region(x0, y0, x1 - x0, y1 - y0)
 
     def grown(self, pixels: int) -> Region:
         """The same with a margin on all sides, from even pixels on; its sizes even, and products of small primes."""
@@ -115,8 +133,8 @@ def render_frame(
     colours: Mapping[tuple[int, int], str],
     *,
     oversampling: int,
-) -> Array:
-    """Light on a whole frame (rows, columns): exact around every chart, plain elsewhere.
+) -> Frame:
+    """Light on a whole frame (rows, columns), float32: exact around every chart, plain elsewhere.
 
     Around a chart there are `oversampling` fine samples per sensor pixel along each axis. What else stands on the wall
     is drawn with one per pixel, in tiles, and only in tiles that something touches.
@@ -127,21 +145,24 @@ def render_frame(
         The optics at a chart, or at the wall (None): they may differ by distance and place in the frame.
     """
     y, x = (np.arange(size, dtype=np.float64) for size in shape)
-    frame = np.empty(shape)
-    frame[:] = picture.background * picture.light.at(x[None, :], y[:, None])
+    frame = np.empty(shape, dtype=np.float32)
+    for top in range(0, shape[0], STRIP_ROWS):
+        light = picture.light.at(x[None, :], y[top : top + STRIP_ROWS, None])
+        frame[top : top + STRIP_ROWS] = picture.background * light
     for region in _busy_tiles(picture.behind(), shape):
         _paste(frame, region, render_region(picture, optics(None), region, colours, oversampling=1))
     for placed, pieces in picture.by_chart().items():
         around = bounding_region(pieces, shape, SURROUND_PX)
         if around is not None:
-            light = render_region(picture, optics(placed), around, colours, oversampling=oversampling)
-            _paste(frame, around, light)
+            local = optics(placed)
+            for tile in around.tiles(FINE_SIDE // oversampling):
+                _paste(frame, tile, render_region(picture, local, tile, colours, oversampling=oversampling))
     return frame
 
 
 def bounding_region(pieces: Sequence[Stroke], shape: tuple[int, int], pixels: int) -> Region | None:
     """The part of a frame (rows, columns) that strokes touch, with so many pixels around them; None if they miss it."""
-    boxes = np.array([stroke.bounds() for stroke in pieces])
+    boxes = np.array([stroke.bounds for stroke in pieces])
     x0, y0 = (max(int(np.floor(boxes[:, i].min())) - pixels, 0) for i in (0, 2))
     x1, y1 = (min(int(np.ceil(boxes[:, i].max())) + pixels + 1, size) for i, size in ((1, shape[1]), (3, shape[0])))
     return Region(x0, y0, x1 - x0, y1 - y0) if x1 > x0 and y1 > y0 else None
@@ -164,7 +185,8 @@ def _ideal(ideal: Picture, wide: Region, n: int) -> Array:
     """The picture without blur through hats: n samples to a pixel, the first on the first pixel's centre."""
     picture = np.full((n * wide.height, n * wide.width), ideal.background)
     for stroke in ideal.outlines:
-        _paint(picture, stroke, (wide.x, wide.y), n)
+        if wide.meets(stroke.bounds):
+            _paint(picture, stroke, (wide.x, wide.y), n)
     x, y = (np.arange(n * size) / n + first for size, first in ((wide.width, wide.x), (wide.height, wide.y)))
     for top in range(0, len(y), STRIP_ROWS):
         picture[top : top + STRIP_ROWS] *= ideal.light.at(x[None, :], y[top : top + STRIP_ROWS, None])
@@ -201,18 +223,13 @@ def _sample(spectrum: Complex, phase: tuple[int, int], n: int, period: int) -> A
     return np.asarray(lines[:, n * phase[0] :: step], dtype=np.float64)
 
 
-def _paste(frame: Array, region: Region, part: Array) -> None:
+def _paste(frame: Frame, region: Region, part: Array) -> None:
     frame[region.y : region.y + region.height, region.x : region.x + region.width] = part
 
 
 def _busy_tiles(pieces: Sequence[Stroke], shape: tuple[int, int]) -> Iterator[Region]:
-    """The tiles of a frame that some stroke's outline may touch."""
-    boxes = np.array([stroke.bounds() for stroke in pieces]).reshape(-1, 4)
-    for y in range(0, shape[0], TILE_PX):
-        for x in range(0, shape[1], TILE_PX):
-            tile = Region(x, y, min(TILE_PX, shape[1] - x), min(TILE_PX, shape[0] - y))
-            m = SURROUND_PX
-            overlap = (boxes[:, 0] < x + tile.width + m) & (boxes[:, 1] > x - m)
-            overlap &= (boxes[:, 2] < y + tile.height + m) & (boxes[:, 3] > y - m)
-            if overlap.any():
-                yield tile
+    """The tiles of a frame that some stroke may touch."""
+    for tile in Region(0, 0, shape[1], shape[0]).tiles(TILE_PX):
+        around = tile.grown(SURROUND_PX)
+        if any(around.meets(stroke.bounds) for stroke in pieces):
+            yield tile

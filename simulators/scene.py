@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -135,6 +136,7 @@ class Stroke:
     opaque: bool
     chart: PlacedChart | None
 
+    @cached_property
     def bounds(self) -> tuple[float, float, float, float]:
         """Smallest and largest x, then y, in sensor pixels."""
         ends = self.segments.starts

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.special import erf
 
 from procedures.pattern import X_CORNERS, Chart
 from simulators.clutter import cover
@@ -151,3 +152,31 @@ def test_a_cover_hides_the_mark_and_a_nearer_sheet_the_farther():
 def test_the_scene_is_in_front_of_the_camera():
     with pytest.raises(ValueError, match="in front of the camera"):
         Pose((0, 0, -1.0))
+
+
+def test_pixels_are_what_brute_force_makes_of_them():
+    # every 1/200 pixel: back through the lens to a cell, weighted by Gaussian * photosite written as error functions
+    view = Projection(5000.0, (99.5, 99.5), k1=-0.05, radius_px=140.0)
+    light = render(Scene((TILTED,)), projection=view)
+    H = np.linalg.inv(view.pinhole() @ TILTED.to_space())
+    n, reach = 200, 4.5
+    t = (np.arange(int(2 * reach * n)) + 0.5) / n - reach
+    weight = erf((t + 0.5) / (0.6 * 2**0.5)) - erf((t - 0.5) / (0.6 * 2**0.5))
+    weight /= weight.sum()
+    for x, y in ((100, 100), (88, 108)):
+        seen = np.stack(np.meshgrid(x + t, y + t), axis=-1) - 99.5
+        ideal = seen
+        for _ in range(6):
+            ideal = seen / (1 - 0.05 * np.sum(ideal**2, axis=-1, keepdims=True) / 140.0**2)
+        u, v, w = np.moveaxis((ideal + 99.5) @ H[:, :2].T + H[:, 2], -1, 0)
+        white = TILTED.chart.cells[(v / w).astype(int), (u / w).astype(int)]
+        expected = weight @ np.where(white, 0.9, 0.04) @ weight
+        assert light[y, x] == pytest.approx(expected, abs=5e-5)
+
+
+def test_tiles_of_a_large_region_fit_together():
+    # what differs is the light from beyond each tile's margin: 1 / 150 of it all, and there as here half of it black
+    whole = render(Scene((TILTED,)), COMATIC, oversampling=4)
+    for tile in FULL.tiles(110):
+        part = whole[tile.y : tile.y + tile.height, tile.x : tile.x + tile.width]
+        np.testing.assert_allclose(render(Scene((TILTED,)), COMATIC, tile, oversampling=4), part, atol=5e-4)
