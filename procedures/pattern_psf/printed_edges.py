@@ -11,13 +11,12 @@ from __future__ import annotations
 import numba
 import numpy as np
 import numpy.typing as npt
-import scipy.linalg
 import scipy.sparse
 
 from procedures.numerics.warps import inverse
 from procedures.pattern import BLOCK, CELLS
 from procedures.pattern_psf.registration import Registration
-from procedures.pattern_psf.solve import NormalEquations, Products, eliminate, solve
+from procedures.pattern_psf.solve import Products
 
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
@@ -27,8 +26,10 @@ LINES = CELLS + 1
 """Lines between the cells along one axis, the noise region's rim included."""
 FINE = 4
 """Samples of the interpolated PSF per sample of the s grid."""
-USUAL_RMS = 0.02
-"""Root mean square offset to begin with, in cells: a 300 mm chart at 400 dots per inch."""
+LEAST_RMS = 0.001
+"""Narrowest prior of the offsets, in cells: a tenth of what any photograph can tell."""
+CORE = 0.03
+"""Samples of the PSF under this share of its peak are left out of the columns: the offsets are corrections."""
 
 
 def edge_columns(
@@ -62,7 +63,7 @@ def edge_columns(
     lower = np.ascontiguousarray((along_y[:-1] - along_y[1:]).T)
     pixels = inverse(J)
     fine = _interpolated(h) * np.float32(s * s * abs(np.linalg.det(pixels)))
-    reach = np.abs(J).sum(axis=1) * (h.shape[0] / 2 / s)
+    reach = np.abs(J).sum(axis=1) * (_core_radius(h) + 1) / s
     pieces = int(np.ceil(np.sqrt(abs(np.linalg.det(pixels))) / 0.5))
     scale = pixels * (s * FINE)
     parts = [
@@ -81,43 +82,50 @@ def _transposed(
     return np.ascontiguousarray(cells[:, ::-1]), steps, np.ascontiguousarray(fine.T), flipped, reach[::-1].copy()
 
 
-def eliminate_with_edges(
-    products: Products, A: Array32, Z: Array, r: Array, C: scipy.sparse.csr_array
-) -> tuple[NormalEquations, float]:
-    """Normal equations of h with the nuisance parameters and the edges' offsets eliminated, and the offsets' width.
+def edge_rms(C: scipy.sparse.csr_array, CC: Array, left: Array) -> float:
+    """Root mean square tau of the offsets, in cells, from what is left of the samples without them.
 
-    The width of the prior is the one under which the offsets' own spread comes out (expectation-maximisation, once
-    from the usual width: it converges fast where the offsets are seen at all).
+    The offsets add tau^2 tr((C'C)^2) to |C'left|^2, the noise tr(C'C). What the PSF has already made of them is
+    small, and only makes tau smaller.
+
+    Parameters
+    ----------
+    C : (m, 514) sparse, CC : (514, 514) float64
+        From `edge_columns`, and C'C.
+    left : (m,) float64
+        Residual in units of the noise.
+    """
+    back = C.T @ left
+    surplus = float(back @ back) - np.trace(CC)
+    return float(np.sqrt(max(surplus / float(np.sum(CC * CC)), LEAST_RMS**2)))
+
+
+def with_edges(products: Products, A: Array32, Z: Array, r: Array, C: scipy.sparse.csr_array, rms: float) -> Products:
+    """The products of A, Z and r with the 514 offsets, in cells, joined to the nuisance parameters of Z.
 
     Parameters
     ----------
     products : Products
-        Of A, Z (m, p) and r (m,), rows over the noise.
-    C : (m, 514) sparse
-        From `edge_columns`.
-
-    Returns
-    -------
-    NormalEquations
-        Their nuisance parameters are the p of Z, then the 514 offsets in cells.
-    float
-        Root mean square of the offsets, in cells.
+        Of A (m, n), Z (m, p) and r (m,), rows over the noise.
+    C : (m, 514) sparse, CC : (514, 514) float64
+        From `edge_columns`, and C'C.
+    rms : float
+        Width of the offsets' prior, in cells.
     """
-    p = Z.shape[1]
-    CC = (C.T @ C).toarray().astype(np.float64)
     CZ = (C.T @ Z).astype(np.float64)
-    AZ = np.hstack([products.AZ, (C.T @ A).T.astype(np.float64)])
-    Zr = np.concatenate([products.Zr, (C.T @ r).astype(np.float64)])
-    rms = USUAL_RMS
-    for last in (False, True):
-        prior = np.eye(2 * LINES) / rms**2
-        joint = Products(products.AA, AZ, np.block([[products.ZZ, CZ.T], [CZ, CC + prior]]), products.Ar, Zr)
-        equations = eliminate(joint)
-        if not last:
-            offsets = equations.nuisance(solve(equations.G, equations.b, "ls"))[p:]
-            spread = np.trace(scipy.linalg.inv(CC + prior))
-            rms = float(np.sqrt((offsets @ offsets + spread) / (2 * LINES)))
-    return equations, rms
+    return Products(
+        products.AA,
+        np.hstack([products.AZ, (C.T @ A).T.astype(np.float64)]),
+        np.block([[products.ZZ, CZ.T], [CZ, CC + np.eye(2 * LINES) / rms**2]]),
+        products.Ar,
+        np.concatenate([products.Zr, (C.T @ r).astype(np.float64)]),
+    )
+
+
+def _core_radius(h: Array) -> int:
+    """Samples from the centre, along either axis, beyond which the PSF stays under a share of its peak."""
+    rows, columns = np.nonzero(np.abs(h) > CORE * np.abs(h).max())
+    return int(max(np.abs(rows - len(h) // 2).max(), np.abs(columns - len(h) // 2).max()))
 
 
 def _interpolated(h: Array) -> Array32:

@@ -3,10 +3,10 @@
 The marks give a map good to a few tenths of a pixel when the chart is tilted or the lens distorts; sixty-five
 thousand cells give it to a few thousandths. Every Gauss-Newton step linearises
 
-    y = m + sum a_i q_i + sum b_i q_i m + beta (m^2 - m) + delta o,   m = A h + sum(h)/2,
+    y = A h + sum a_i q_i + sum b_i q_i m + beta (m^2 - m) + delta o,   m = A h + sum(h)/2,
 
-about the current map, PSF and light, with y the sample between the black and white levels, q_i the quadratics of
-place, o the cells' outlines seen through the PSF, and eliminates everything but h (variable projection, Kaufman's
+about the current map, PSF and light, with y the sample between the black and white levels, A the chart of values
+-1/2 and 1/2 (a_0 holds the mean), q_i the quadratics of place, o the cells' outlines seen through the PSF, and eliminates everything but h (variable projection, Kaufman's
 form). delta is the spread of the ink, in cells: the printer makes black cells larger than white ones, which
 darkens the noise region just as a curved response would; only the picture of the outlines tells the two apart.
 """
@@ -17,11 +17,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import csr_array
 
 from procedures.numerics.warps import cubic_monomials
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.centre import mark_offset
-from procedures.pattern_psf.printed_edges import edge_columns, eliminate_with_edges
+from procedures.pattern_psf.printed_edges import edge_columns, edge_rms, with_edges
 from procedures.pattern_psf.radiometry import Light, quadratic, response_curvature
 from procedures.pattern_psf.rasterise import Raster, Window, band_limited_chart, whole_chart
 from procedures.pattern_psf.registration import Registration, map_distance
@@ -191,12 +192,10 @@ def refine(observation: Observation, chart: Chart, registration: Registration, w
     for step in range(1, MAX_STEPS + 1):
         # far from rest the first step's Gram matrix serves; at rest the system must be the map's own
         fresh = moved < NEAR_PX or step == MAX_STEPS
-        last, fit = fit, _step(_centred(fit, s, k), raster, window, k, fresh=fresh)
+        last, fit = fit, _step(_centred(fit, s, k), raster, window, k, whole_chart(chart), fresh=fresh)
         moved = map_distance(last.registration, fit.registration, observation.points[::29])
         if fresh and moved < STILL_PX:
             break
-    if fit.residual_std > PRINT_TELLS:
-        fit = _step(_centred(fit, s, k), raster, window, k, fresh=True, chart=whole_chart(chart))
     return replace(fit, steps=step, still=bool(moved < 10 * STILL_PX))
 
 
@@ -209,12 +208,12 @@ def _system(o: Observation, raster: Raster, registration: Registration, window: 
 def _first_fit(o: Observation, raster: Raster, registration: Registration, window: Window, k: int) -> Fit:
     """The PSF by the marks' map, the light's quadratics free, the response from the region's mean."""
     A = _system(o, raster, registration, window, k)
-    light = np.zeros(13)
-    light[RESPONSE] = response_curvature(o.y, 0.5)
     place = quadratic(*((o.points - registration.centre) / registration.radius).T)
     AA = gram(A)
     equations = eliminate(products(AA, A, place * o.weight[:, None], o.y * o.weight))
     h = solve(equations.G, equations.b, "ls")
+    light = np.zeros(13)
+    light[:6] = equations.nuisance(h)
     return Fit(registration, h, light, np.zeros(0), 0.0, o, equations, AA, np.zeros_like(o.y), 0, False)
 
 
@@ -224,50 +223,60 @@ def _centred(fit: Fit, s: int, k: int) -> Fit:
     return replace(fit, registration=fit.registration.translated(-offset))
 
 
-def _step(fit: Fit, raster: Raster, window: Window, k: int, *, fresh: bool, chart: Array32 | None = None) -> Fit:
+def _step(fit: Fit, raster: Raster, window: Window, k: int, chart: Array32, *, fresh: bool) -> Fit:
     """One Gauss-Newton step: a new system for the current map, increments of everything.
 
-    With a chart, the offsets of its printed edges are among what is estimated.
+    A fresh step that leaves more than noise is taken again with the offsets of the chart's printed edges.
     """
     o, registration = fit.observation, fit.registration
     A = _system(o, raster, registration, window, k)
-    AA = gram(A) if fresh else fit.AA
     Z, prediction = _linearised(fit, A, raster, window, k)
-    r, Zw, n = (o.y - prediction) * o.weight, Z * o.weight[:, None], Z.shape[1]
-    parts = products(AA, A, Zw, r)
-    if chart is None:
-        equations, rms = eliminate(parts), 0.0
-    else:
-        C = edge_columns(chart, registration, o.points, fit.h.reshape(k, k), raster.s, o.weight)
-        equations, rms = eliminate_with_edges(parts, A, Zw, r, C)
+    start = replace(fit, AA=gram(A) if fresh else fit.AA, prediction=prediction)
+    parts = products(start.AA, A, Z * o.weight[:, None], start.residual)
+    equations = eliminate(parts)
+    plain = _advanced(start, A, Z, equations)
+    if not fresh or plain.residual_std < PRINT_TELLS:
+        return plain
+    C = edge_columns(chart, registration, o.points, fit.h.reshape(k, k), raster.s, o.weight)
+    CC = (C.T @ C).toarray().astype(np.float64)
+    rms = edge_rms(C, CC, plain.residual)
+    joint = with_edges(parts, A, Z * o.weight[:, None], start.residual, C, CC, rms)
+    return _advanced(start, A, Z, eliminate(joint), C, rms)
+
+
+def _advanced(
+    start: Fit, A: Array32, Z: Array, equations: NormalEquations, C: csr_array | None = None, rms: float = 0.0
+) -> Fit:
+    """The fit with the increments that solve the equations, and the prediction they make, to first order."""
+    o, n = start.observation, Z.shape[1]
     dh = solve(equations.G, equations.b, "ls")
     t = equations.nuisance(dh)
-    change = (A @ dh.astype(np.float32)) / o.weight + dh.sum() / 2 + Z @ t[:n]
-    if chart is not None:
+    change = (A @ dh.astype(np.float32)) / o.weight + Z @ t[:n]
+    if C is not None:
         change += (C @ t[n:]) / o.weight
     return replace(
-        fit,
-        registration=_displaced(registration, t[:GEOMETRY].reshape(2, 9), o),
-        h=fit.h + dh,
-        light=fit.light + t[GEOMETRY:n],
+        start,
+        registration=_displaced(start.registration, t[:GEOMETRY].reshape(2, 9), o),
+        h=start.h + dh,
+        light=start.light + t[GEOMETRY:n],
         edges=t[n:],
         edge_rms=rms,
         equations=equations,
-        AA=AA,
-        prediction=prediction + change,
+        prediction=start.prediction + change,
     )
 
 
 def _linearised(fit: Fit, A: Array32, raster: Raster, window: Window, k: int) -> tuple[Array, Array]:
     """Nuisance columns (m, 31) of geometry, light, response and spread, and the current prediction (m,)."""
     o, registration = fit.observation, fit.registration
-    m = (A @ fit.h.astype(np.float32)).astype(np.float64) / o.weight + fit.h.sum() / 2
+    seen = (A @ fit.h.astype(np.float32)).astype(np.float64) / o.weight
+    m = seen + fit.h.sum() / 2
     place = quadratic(*((o.points - registration.centre) / registration.radius).T)
     outline = raster.read_outline(registration, window, k // 2)
     spread = convolve_at(outline, o.rows, o.columns, fit.h.reshape(k, k).astype(np.float32), raster.s)
     geometry = _geometry_columns(A, fit.h, o, registration, raster.s, k)
     Z = np.column_stack([geometry, place, place[:, 1:] * m[:, None], m * m - m, spread])
-    return Z, m + Z[:, GEOMETRY:] @ fit.light
+    return Z, seen + Z[:, GEOMETRY:] @ fit.light
 
 
 def _geometry_columns(A: Array32, h: Array, o: Observation, registration: Registration, s: int, k: int) -> Array:
