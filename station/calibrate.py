@@ -62,8 +62,7 @@ def plane_record(name: str, outcome: Outcome[PatternPsf]) -> PlaneRecord:
         outcome.reason,
         outcome.remedy,
         psf=found.psf,
-        mtf=found.quality,
+        quality=found.quality,
         numbers={number: getattr(found, number) for number in NUMBERS},
-        quantities=found.quality.numbers,
         diagnostics=found.diagnostics,
     )
