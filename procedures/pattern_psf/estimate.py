@@ -134,6 +134,13 @@ def estimate_psf(
         return _estimate(plane.samples, chart, parameters, diffraction)
     except Refused as refusal:
         return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
+    except np.linalg.LinAlgError:
+        return Outcome(
+            None,
+            Verdict.REFUSED,
+            f"the photograph must determine {parameters.k}^2 PSF values at s = {parameters.s}; it does not",
+            "photograph the chart from a distance where s/t is near 1, or lower s or k",
+        )
 
 
 def _estimate(

@@ -8,6 +8,8 @@ mean whose width comes from the photograph itself.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numba
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +32,52 @@ LEAST_RMS = 0.001
 """Narrowest prior of the offsets, in cells: a tenth of what any photograph can tell."""
 CORE = 0.03
 """Samples of the PSF under this share of its peak are left out of the columns: the offsets are corrections."""
+
+
+@dataclass(frozen=True)
+class Edges:
+    """How the samples change with the offsets of the 514 lines of edges, in cells.
+
+    Attributes
+    ----------
+    C : (m, 514) sparse float32
+        From `edge_columns`.
+    CC : (514, 514) float64
+        C'C.
+    """
+
+    C: scipy.sparse.csr_array
+    CC: Array
+
+    @classmethod
+    def of(cls, columns: scipy.sparse.csr_array) -> Edges:
+        """From the columns."""
+        return cls(columns, (columns.T @ columns).toarray().astype(np.float64))
+
+    def rms(self, left: Array) -> float:
+        """Root mean square tau of the offsets, in cells, from what is left (m,) of the samples without them.
+
+        The offsets add tau^2 tr((C'C)^2) to |C'left|^2, the noise tr(C'C). What the PSF has already made of them is
+        small, and only makes tau smaller.
+        """
+        back = self.C.T @ left
+        surplus = float(back @ back) - np.trace(self.CC)
+        return float(np.sqrt(max(surplus / float(np.sum(self.CC**2)), LEAST_RMS**2)))
+
+    def join(self, products: Products, A: Array32, Z: Array, r: Array, rms: float) -> Products:
+        """The products of A (m, n), Z (m, p) and r (m,) with the 514 offsets joined to the parameters of Z.
+
+        `rms` is the width of the offsets' prior, in cells.
+        """
+        C = self.C
+        CZ = (C.T @ Z).astype(np.float64)
+        return Products(
+            products.AA,
+            np.hstack([products.AZ, (C.T @ A).T.astype(np.float64)]),
+            np.block([[products.ZZ, CZ.T], [CZ, self.CC + np.eye(2 * LINES) / rms**2]]),
+            products.Ar,
+            np.concatenate([products.Zr, (C.T @ r).astype(np.float64)]),
+        )
 
 
 def edge_columns(
@@ -80,46 +128,6 @@ def _transposed(
     """The same with x and y exchanged."""
     flipped = np.ascontiguousarray(scale[::-1, ::-1])
     return np.ascontiguousarray(cells[:, ::-1]), steps, np.ascontiguousarray(fine.T), flipped, reach[::-1].copy()
-
-
-def edge_rms(C: scipy.sparse.csr_array, CC: Array, left: Array) -> float:
-    """Root mean square tau of the offsets, in cells, from what is left of the samples without them.
-
-    The offsets add tau^2 tr((C'C)^2) to |C'left|^2, the noise tr(C'C). What the PSF has already made of them is
-    small, and only makes tau smaller.
-
-    Parameters
-    ----------
-    C : (m, 514) sparse, CC : (514, 514) float64
-        From `edge_columns`, and C'C.
-    left : (m,) float64
-        Residual in units of the noise.
-    """
-    back = C.T @ left
-    surplus = float(back @ back) - np.trace(CC)
-    return float(np.sqrt(max(surplus / float(np.sum(CC * CC)), LEAST_RMS**2)))
-
-
-def with_edges(products: Products, A: Array32, Z: Array, r: Array, C: scipy.sparse.csr_array, rms: float) -> Products:
-    """The products of A, Z and r with the 514 offsets, in cells, joined to the nuisance parameters of Z.
-
-    Parameters
-    ----------
-    products : Products
-        Of A (m, n), Z (m, p) and r (m,), rows over the noise.
-    C : (m, 514) sparse, CC : (514, 514) float64
-        From `edge_columns`, and C'C.
-    rms : float
-        Width of the offsets' prior, in cells.
-    """
-    CZ = (C.T @ Z).astype(np.float64)
-    return Products(
-        products.AA,
-        np.hstack([products.AZ, (C.T @ A).T.astype(np.float64)]),
-        np.block([[products.ZZ, CZ.T], [CZ, CC + np.eye(2 * LINES) / rms**2]]),
-        products.Ar,
-        np.concatenate([products.Zr, (C.T @ r).astype(np.float64)]),
-    )
 
 
 def _core_radius(h: Array) -> int:

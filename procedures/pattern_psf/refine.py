@@ -6,9 +6,10 @@ thousand cells give it to a few thousandths. Every Gauss-Newton step linearises
     y = A h + sum a_i q_i + sum b_i q_i m + beta (m^2 - m) + delta o,   m = A h + sum(h)/2,
 
 about the current map, PSF and light, with y the sample between the black and white levels, A the chart of values
--1/2 and 1/2 (a_0 holds the mean), q_i the quadratics of place, o the cells' outlines seen through the PSF, and eliminates everything but h (variable projection, Kaufman's
-form). delta is the spread of the ink, in cells: the printer makes black cells larger than white ones, which
-darkens the noise region just as a curved response would; only the picture of the outlines tells the two apart.
+-1/2 and 1/2 (a_0 holds the mean), q_i the quadratics of place, o the cells' outlines seen through the PSF, and
+eliminates everything but h (variable projection, Kaufman's form). delta is the spread of the ink, in cells: the
+printer makes black cells larger than white ones, which darkens the noise region just as a curved response would; only
+the picture of the outlines tells the two apart.
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ from scipy.sparse import csr_array
 from procedures.numerics.warps import cubic_monomials
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.centre import mark_offset
-from procedures.pattern_psf.printed_edges import edge_columns, edge_rms, with_edges
-from procedures.pattern_psf.radiometry import Light, quadratic, response_curvature
+from procedures.pattern_psf.printed_edges import Edges, edge_columns
+from procedures.pattern_psf.radiometry import Light, quadratic
 from procedures.pattern_psf.rasterise import Raster, Window, band_limited_chart, whole_chart
 from procedures.pattern_psf.registration import Registration, map_distance
 from procedures.pattern_psf.solve import (
@@ -42,6 +43,7 @@ Array32 = npt.NDArray[np.float32]
 GEOMETRY = 18  # nuisance columns of the displacement: nine cubics each for x and y
 RESPONSE, SPREAD = 11, 12  # places of beta and delta among the light's numbers
 MAX_STEPS = 6
+LOST = 0.1  # agreement by the marks' map under which these are other cells, or none can be seen
 PRINT_TELLS = 1.06  # residual over noise from which the printed edges are worth estimating
 NEAR_PX = 0.15  # below this a step's system is that of the answer, to the noise
 STILL_PX = 0.015  # the step itself is accounted for to first order: what is left of it is a hundredth
@@ -125,6 +127,12 @@ class Fit:
         return float(np.sqrt(self.residual @ self.residual / self.freedom))
 
     @property
+    def agreement(self) -> float:
+        """Share of the samples' variance that the prediction explains, freedoms allowed for."""
+        left = self.observation.y - self.prediction
+        return 1 - float(left @ left) / self.freedom / float(np.var(self.observation.y))
+
+    @property
     def contrast(self) -> float:
         """Contrast of the cells over that of the blocks: under 1 by what the PSF spreads beyond its support."""
         place = quadratic(*((self.observation.points - self.registration.centre) / self.registration.radius).T)
@@ -188,6 +196,8 @@ def refine(observation: Observation, chart: Chart, registration: Registration, w
     """
     raster = band_limited_chart(chart, registration, s)
     fit = _first_fit(observation, raster, registration, window, k)
+    if fit.agreement < LOST:
+        return fit
     moved = np.inf
     for step in range(1, MAX_STEPS + 1):
         # far from rest the first step's Gram matrix serves; at rest the system must be the map's own
@@ -214,7 +224,8 @@ def _first_fit(o: Observation, raster: Raster, registration: Registration, windo
     h = solve(equations.G, equations.b, "ls")
     light = np.zeros(13)
     light[:6] = equations.nuisance(h)
-    return Fit(registration, h, light, np.zeros(0), 0.0, o, equations, AA, np.zeros_like(o.y), 0, False)
+    prediction = (A @ h.astype(np.float32)) / o.weight + place @ light[:6]
+    return Fit(registration, h, light, np.zeros(0), 0.0, o, equations, AA, prediction, 0, False)
 
 
 def _centred(fit: Fit, s: int, k: int) -> Fit:
@@ -237,11 +248,10 @@ def _step(fit: Fit, raster: Raster, window: Window, k: int, chart: Array32, *, f
     plain = _advanced(start, A, Z, equations)
     if not fresh or plain.residual_std < PRINT_TELLS:
         return plain
-    C = edge_columns(chart, registration, o.points, fit.h.reshape(k, k), raster.s, o.weight)
-    CC = (C.T @ C).toarray().astype(np.float64)
-    rms = edge_rms(C, CC, plain.residual)
-    joint = with_edges(parts, A, Z * o.weight[:, None], start.residual, C, CC, rms)
-    return _advanced(start, A, Z, eliminate(joint), C, rms)
+    edges = Edges.of(edge_columns(chart, registration, o.points, fit.h.reshape(k, k), raster.s, o.weight))
+    rms = edges.rms(plain.residual)
+    joint = edges.join(parts, A, Z * o.weight[:, None], start.residual, rms)
+    return _advanced(start, A, Z, eliminate(joint), edges.C, rms)
 
 
 def _advanced(

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 import numpy.typing as npt
-import scipy.linalg
 
-from procedures.numerics.solvers import non_negative_least_squares
+from procedures.numerics.solvers import cholesky_solve, non_negative_least_squares
 from procedures.outcome import BadParameter
 
 Array = npt.NDArray[np.float64]
@@ -126,7 +125,7 @@ def products(AA: Array, A: Array32, Z: Array, r: Array) -> Products:
 
 def eliminate(p: Products) -> NormalEquations:
     """Normal equations of min |A h + Z t - r| for h alone, t eliminated."""
-    X = scipy.linalg.solve(p.ZZ, np.column_stack([p.AZ.T, p.Zr]), assume_a="pos")
+    X = cholesky_solve(p.ZZ, np.column_stack([p.AZ.T, p.Zr]))
     return NormalEquations(p.AA - p.AZ @ X[:, :-1], p.Ar - p.AZ @ X[:, -1], p.AZ, p.ZZ, p.Zr)
 
 
@@ -141,8 +140,8 @@ def solve(G: Array, b: Array, solver: str) -> Array:
         raise BadParameter(f"the solver is one of {', '.join(SOLVERS)}; got {solver!r}", "choose one of them")
     if solver == "nnls":
         return non_negative_least_squares(G, b)
-    h = scipy.linalg.solve(G, b, assume_a="pos")
-    return np.asarray(np.maximum(h, 0) if solver == "clip" else h)
+    h = cholesky_solve(G, b)
+    return np.maximum(h, 0) if solver == "clip" else h
 
 
 def gamma(unit_covariance: Array, mean_square_weight: float) -> float:
