@@ -18,9 +18,9 @@ S = 4
 PITCH_UM = 5.94
 LENS = Lens(
     focal_length_mm=50.0,
-    f_number=4.0,
+    f_number=2.8,
     k1=-0.02,
-    spherical_um=0.01,
+    spherical_um=0.03,
     coma_um=0.06,
     astigmatism_um=0.08,
     field_curvature_um=0.05,
@@ -29,7 +29,7 @@ OPTICS = Optics((CircularPupil(LENS.f_number), PixelAperture(0.95, 0.95), FourSp
 """Diffraction, photosites with a little border, an optical low-pass filter, and charge that wanders."""
 ISO = 400
 EXPOSURE_S = 0.02
-WHITE_E_PER_S = 3.1e5
+WHITE_E_PER_S = 1.5e5
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ SETUPS = (
     Setup("4-corner", "Top left corner", (0.17, 0.23), 1.6, yaw_deg=-8.0, pitch_deg=6.0, slope=(0.05, 0.04)),
     Setup(
         "5-corner-rolled", "Bottom right corner, rolled, 6 megapixels", (0.85, 0.8), 1.6,
-        rows=2000, columns=3000, pitch_deg=-7.0, roll_deg=38.0, slope=(-0.03, -0.04),
+        rows=2000, columns=3000, pitch_deg=-7.0, roll_deg=-24.0, slope=(-0.03, -0.04),
     ),
 )  # fmt: skip
 """The photographs of the demonstration, in their order."""

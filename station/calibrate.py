@@ -12,11 +12,13 @@ from procedures.outcome import Outcome
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
 from procedures.quality import Diffraction
-from procedures.raw import Plane, RawFrame
+from procedures.raw import Exposure, Plane, RawFrame
 from station.results import PlaneRecord
 
 NUMBERS = ("gamma", "gamma_bound", "residual_std", "pixels_per_pattern", "s_over_t")
 """What a record takes from an estimate beside its PSF."""
+WAVELENGTHS_NM = {"R": 600.0, "G": 530.0, "B": 460.0, "Y": 550.0}
+"""Where a plane of usual colour filters is most sensitive."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,3 +68,18 @@ def plane_record(name: str, outcome: Outcome[PatternPsf]) -> PlaneRecord:
         numbers={number: getattr(found, number) for number in NUMBERS},
         diagnostics=found.diagnostics,
     )
+
+
+def diffraction_limit(
+    exposure: Exposure,
+    plane: Plane,
+    *,
+    pixel_pitch_um: float | None,
+    f_number: float | None = None,
+    wavelength_nm: float | None = None,
+) -> Diffraction | None:
+    """A plane's diffraction limit, where pitch and aperture are known."""
+    aperture = f_number or exposure.f_number
+    if pixel_pitch_um is None or not aperture:
+        return None
+    return Diffraction(aperture, pixel_pitch_um * plane.pitch, wavelength_nm or WAVELENGTHS_NM[plane.name[0]])

@@ -132,10 +132,15 @@ def write_psf_result(folder: ResultFolder, planes: Sequence[PlaneRecord], about:
         "planes": {plane.name: _plane_entry(plane) for plane in planes},
         "software": software(),
     }
-    text = json.dumps(_without_nan(record), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    text = json_text(record)
     folder.write(RECORD, text.encode())
     folder.publish()
     return text
+
+
+def json_text(record: Mapping[str, Any]) -> str:
+    """A record as JSON that every parser takes: null for every number that is not finite."""
+    return json.dumps(_without_nan(record), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def _write_plane(folder: ResultFolder, plane: PlaneRecord) -> None:

@@ -14,12 +14,9 @@ from station.cli.log import log, log_json_option
 
 if TYPE_CHECKING:
     from procedures.pattern_print.source import Source
-    from procedures.quality import Diffraction
-    from procedures.raw import Exposure, Plane, RawFrame
+    from procedures.raw import RawFrame
     from station.results import PlaneRecord
 
-WAVELENGTHS_NM = {"R": 600.0, "G": 530.0, "B": 460.0, "Y": 550.0}
-"""Where a plane of usual colour filters is most sensitive."""
 _LEVELS = {"pass": "info", "doubtful": "warning", "refused": "error"}
 
 
@@ -53,7 +50,7 @@ def psf_pattern(
     if bits is not None and seed is not None:
         raise click.UsageError("the chart comes from --bits or from --seed; give one of them")
     from procedures.pattern_psf.estimate import PatternParameters
-    from station.calibrate import calibrate
+    from station.calibrate import calibrate, diffraction_limit
     from station.results import ResultFolder, write_psf_result
 
     optics = {name: options.pop(name) for name in ("pixel_pitch_um", "f_number", "wavelength_nm")}
@@ -61,7 +58,7 @@ def psf_pattern(
     with ResultFolder(out) as folder:
         source = _chart(bits, seed)
         frame = _frame(image, plane)
-        limit = partial(_diffraction, frame.exposure, **optics)
+        limit = partial(diffraction_limit, frame.exposure, **optics)
         planes = []
         for plane_found in calibrate(frame, source.chart, parameters, limit):
             _tell(plane_found.record, plane_found.duration_s)
@@ -96,23 +93,6 @@ def _frame(image: Path, plane: str | None) -> RawFrame:
     sentence = f"read {image}: {', '.join(frame.planes)}, {columns} x {rows} pixels a plane"
     log("read", sentence, path=str(image), sha256=frame.sha256, planes=",".join(frame.planes))
     return frame
-
-
-def _diffraction(
-    exposure: Exposure,
-    plane: Plane,
-    *,
-    pixel_pitch_um: float | None,
-    f_number: float | None,
-    wavelength_nm: float | None,
-) -> Diffraction | None:
-    """The plane's diffraction limit, where pitch and aperture are known."""
-    from procedures.quality import Diffraction
-
-    aperture = f_number or exposure.f_number
-    if pixel_pitch_um is None or not aperture:
-        return None
-    return Diffraction(aperture, pixel_pitch_um * plane.pitch, wavelength_nm or WAVELENGTHS_NM[plane.name[0]])
 
 
 def _tell(record: PlaneRecord, duration_s: float) -> None:
