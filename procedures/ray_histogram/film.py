@@ -1,7 +1,7 @@
 """The film: what is kept of a pixel's samples, in memory that does not grow with their number.
 
-Histograms follow section 4.4.1 of Delbracio's thesis: per colour 20 bins, triangular votes, and bins that widen with the
-sample's value L: in v = (L / 7.5)^(1 / 2.2) the first 19 nodes are i/18, the last is 2, and whatever lies beyond
+Histograms follow section 4.4.1 of Delbracio's thesis: per colour 20 bins, triangular votes, and bins that widen with
+the sample's value L: in v = (L / 7.5)^(1 / 2.2) the first 19 nodes are i/18, the last is 2, and whatever lies beyond
 stays in the last bin.
 """
 
@@ -138,7 +138,9 @@ class Film:
         _refuse_where(~np.isfinite(self.mean).all(-1), "pixels are NaN or infinite", "render them again")
         votes = self.histogram.sum(-1)
         bad = (self.histogram < 0).any((-2, -1)) | ~np.isfinite(votes).all(-1)
-        _refuse_where(bad, "pixels have negative or NaN votes in their histograms", "write the histograms again")
+        _refuse_where(
+            np.asarray(bad), "pixels have negative or NaN votes in their histograms", "write the histograms again"
+        )
         _refuse_where(self.count == 0, "pixels are empty", "cast at least one sample in each")
         excess = np.abs(votes - self.count[..., None]) > SUM_TOLERANCE * self.count[..., None] + SUM_TOLERANCE
         _refuse_where(
@@ -174,7 +176,8 @@ def _check_sizes(film: Film) -> None:
         )
 
 
-def _refuse_where(bad: npt.NDArray[np.bool_], what: str, remedy: str) -> None:
+def _refuse_where(condition: npt.ArrayLike, what: str, remedy: str) -> None:
+    bad = np.asarray(condition)
     if bad.any():
         row, column = np.argwhere(bad)[0]
         raise BadInput(f"{int(bad.sum())} of {bad.size} {what}, the first at row {row}, column {column}", remedy)

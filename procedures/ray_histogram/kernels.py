@@ -80,7 +80,7 @@ def pixel_distances(stack: Stack, candidate: Ints, first: int, least: float, d: 
 
 
 @vectorised
-def patch_ratio(d: Floats, k: Floats, i: int, c: int, patch: int) -> float:
+def patch_ratio(d: Floats, k: Floats, i: int, c: int, patch: int) -> np.float32:
     """Chi-square per bin over the patch of half size `patch` around row i, column c of the maps. Equation (4.4)."""
     distance = np.float32(0.0)
     bins = np.float32(0.0)
@@ -88,7 +88,7 @@ def patch_ratio(d: Floats, k: Floats, i: int, c: int, patch: int) -> float:
         for cc in range(max(0, c - patch), min(d.shape[1], c + patch + 1)):
             distance += d[ii, cc]
             bins += k[ii, cc]
-    return distance / bins if bins > 0 else FAR
+    return np.float32(distance / bins) if bins > 0 else FAR
 
 
 @vectorised
@@ -134,7 +134,7 @@ def band_ratios(stack: Stack, candidates: Ints, half: int, rules: Rules, first: 
 
 
 @vectorised
-def nearest(ratios: Floats, i: int, c: int, k: int) -> float:
+def nearest(ratios: Floats, i: int, c: int, k: int) -> np.float32:
     """The k-th smallest ratio among the candidates of patch (i, c), the patch itself apart; 0 if there are not k."""
     best = np.full(k, FAR, np.float32)
     for j in range(1, ratios.shape[0]):
@@ -146,7 +146,7 @@ def nearest(ratios: Floats, i: int, c: int, k: int) -> float:
             best[m] = best[m - 1]
             m -= 1
         best[m] = value
-    return best[k - 1] if best[k - 1] < FAR else np.float32(0.0)
+    return np.float32(best[k - 1]) if best[k - 1] < FAR else np.float32(0.0)
 
 
 @vectorised

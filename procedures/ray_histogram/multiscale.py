@@ -11,7 +11,7 @@ from scipy import sparse
 
 from procedures.outcome import BadInput
 from procedures.ray_histogram.film import Film
-from procedures.ray_histogram.filter import FilterParameters, Fused, Samples, fuse_scale
+from procedures.ray_histogram.filter import FilterParameters, Samples, fuse_scale
 
 Floats = npt.NDArray[np.float32]
 
