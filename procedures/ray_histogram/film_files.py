@@ -36,10 +36,7 @@ def read_film(path: Path, picture: Path | None = None) -> Film:
     BadInput
         If the file cannot be read as such, or misses something; `Film.checked` judges the contents.
     """
-    try:
-        return _read_exr(path, picture) if path.suffix.lower() == ".exr" else _film_of_arrays(_read_npz(path))
-    except OSError as error:
-        raise BadInput(f"{path} cannot be read: {error.strerror or error}", "check the path") from error
+    return _read_exr(path, picture) if path.suffix.lower() == ".exr" else _film_of_arrays(read_arrays(path))
 
 
 def write_film(film: Film, path: Path) -> None:
@@ -53,12 +50,21 @@ def write_film(film: Film, path: Path) -> None:
     os.replace(beside, path)
 
 
-def _read_npz(path: Path) -> Arrays:
+def read_arrays(path: Path) -> Arrays:
+    """The arrays of an npz by name.
+
+    Raises
+    ------
+    BadInput
+        If it cannot be read as such.
+    """
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             return {name: archive[name] for name in archive.files}
     except (ValueError, EOFError, TypeError, zipfile.BadZipFile) as error:
         raise BadInput(f"{path} is no npz archive of arrays: {error}", "give a film, or an array `samples`") from error
+    except OSError as error:
+        raise BadInput(f"{path} cannot be read: {error.strerror or error}", "check the path") from error
 
 
 def _film_of_arrays(arrays: Arrays) -> Film:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy import sparse
+from scipy import ndimage, sparse
 
 from procedures.outcome import BadInput
 from procedures.ray_histogram.film import Film
@@ -17,6 +17,9 @@ Floats = npt.NDArray[np.float32]
 
 SIGMA = 0.55
 """Blur, in coarse pixels, that a picture should have: scale s is blurred by SIGMA sqrt(4^s - 1) fine pixels."""
+
+RANGE_SIDE = 5
+"""Side of the neighbourhood, in pixels, whose noisy values bound the filtered one."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +70,7 @@ def filter_film(
         level = frames if s == 0 else [downsample(frame, s) for frame in frames]
         rules = parameters if s == 0 else _without_least(parameters)
         results.append(fuse_scale(level[0], rules, neighbours=level[1:], threads=threads))
-    picture = recombine([r.picture for r in results], parameters.coarse)
+    picture = within_range(recombine([r.picture for r in results], parameters.coarse), frames[0].picture)
     return FilteredFilm(picture, results[0].similar, tuple(float(np.median(r.similar)) for r in results))
 
 
@@ -110,6 +113,15 @@ def recombine(pictures: Sequence[Floats], coarse: float) -> Floats:
         difference = np.float32(coarse) * (result - gaussian_downsample(finer, 1))
         result = finer + bicubic_upsample(difference, finer.shape[:2])
     return result
+
+
+def within_range(picture: Floats, noisy: Floats) -> Floats:
+    """The picture, kept between the least and the greatest of the noisy pixels around: no dark rim about a lamp.
+
+    Low frequencies that are exchanged at the edge of something far brighter overshoot by more than what is there.
+    """
+    size = (RANGE_SIDE, RANGE_SIDE, 1)
+    return np.clip(picture, ndimage.minimum_filter(noisy, size), ndimage.maximum_filter(noisy, size))
 
 
 def gaussian_downsample(picture: Floats, s: int) -> Floats:
