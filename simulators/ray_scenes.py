@@ -83,11 +83,13 @@ def room(rows: int = 120, columns: int = 160) -> tuple[Scene, ThinLensCamera]:
         Plane((0, 0, -600), (0, 0, 1), GREY),
     ]
     things: list[Shape] = [
-        ceiling_lamp(0, -499, 800, 400, 400),
+        ceiling_lamp(0, -499, 500, 400, 400),
         Box((-250, 250, 1100), (140, 250, 140), GREY, turn_rad=0.35),
-        Sphere((250, 350, 850), 150, Material((0.3, 0.3, 0.35), gloss=0.5, exponent=60)),
+        Sphere((250, 350, 850), 150, Material((0.4, 0.4, 0.5), gloss=0.2, exponent=20)),
     ]
-    camera = ThinLensCamera(rows, columns, focal_mm=35, pitch_um=36e3 / columns, position_mm=(0, 0, -500))
+    camera = ThinLensCamera(
+        rows, columns, focal_mm=35, pitch_um=36e3 / columns, position_mm=(0, 0, -550), target_mm=(0, 130, 1000)
+    )
     return Scene([*walls, *things]), camera
 
 
@@ -118,11 +120,13 @@ def steps_from_a_slider(rows: int = 120, columns: int = 160) -> tuple[Scene, Thi
     things: list[Shape] = [
         Plane((0, 400, 0), (0, -1, 0), GREY),
         Plane((0, 0, 3600), (0, 0, -1), Material((0.5, 0.5, 0.45))),
-        ceiling_lamp(0, -1000, 1500, 900, 900),
+        ceiling_lamp(0, -1000, 1500, 900, 900, (7.0, 6.5, 6.0)),
     ]
     for i, z in enumerate((1000.0, 1500.0, 2200.0, 3200.0)):
         width = 0.23 * z
-        things.append(panel((i - 2) * width, -0.15 * z, z, 0.9 * width, 0.3 * z, dead_leaves(rng, smallest=12.0)))
+        things.append(
+            panel((i - 2) * width, -0.15 * z, z, 0.9 * width, 0.3 * z, dead_leaves(rng, smallest=24.0, largest=90.0))
+        )
     camera = ThinLensCamera(
         rows,
         columns,
