@@ -123,15 +123,13 @@ def steps_from_a_slider(rows: int = 120, columns: int = 160) -> tuple[Scene, Thi
         ceiling_lamp(0, -1000, 1500, 900, 900, (7.0, 6.5, 6.0)),
     ]
     for i, z in enumerate((1000.0, 1500.0, 2200.0, 3200.0)):
-        width = 0.23 * z
-        things.append(
-            panel((i - 2) * width, -0.15 * z, z, 0.9 * width, 0.3 * z, dead_leaves(rng, smallest=24.0, largest=90.0))
-        )
+        step, leaves = 0.23 * z, dead_leaves(rng, smallest=24.0, largest=90.0)
+        things.append(panel((i - 2) * step, -0.15 * z, z, 0.2 * z, 0.3 * z, leaves[:, :171]))
     camera = ThinLensCamera(
         rows,
         columns,
         focal_mm=50,
-        f_number=2.0,
+        f_number=1.4,
         focus_mm=1500,
         pitch_um=48e3 / columns,
         target_mm=(0, 0, 1500),
