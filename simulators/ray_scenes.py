@@ -7,11 +7,10 @@ from collections.abc import Callable, Mapping
 import numpy as np
 import numpy.typing as npt
 
-from procedures.pattern import BLOCK, BLOCKS, Chart
-from simulators.raster import Segments, coverage
+from procedures.pattern import BLACK_BLOCKS, BLOCK, BLOCKS, X_CORNER_BLOCKS, Chart
 from simulators.ray_shapes import Vector
 from simulators.rays import Box, Material, Plane, Rectangle, Scene, Shape, Sphere, ThinLensCamera
-from simulators.scene import INK, PAPER, chart_outlines
+from simulators.scene import INK, PAPER
 
 Texture = npt.NDArray[np.float64]
 
@@ -21,14 +20,17 @@ LAMP: Vector = (14.0, 12.5, 10.5)
 
 
 def chart_texture(chart: Chart, texels_per_cell: int = 2, margin_cells: int = 16) -> Texture:
-    """The printed chart with its white margin, as reflectance; each texel is its exact average."""
-    outlines = chart_outlines(chart)
-    shift = BLOCK + margin_cells
-    black = Segments(
-        (outlines.starts + shift) * texels_per_cell, (outlines.ends + shift) * texels_per_cell, outlines.weights
-    )
-    side = (BLOCKS * BLOCK + 2 * margin_cells) * texels_per_cell
-    return PAPER + (INK - PAPER) * coverage(black, (side, side))
+    """The printed chart with its white margin, as reflectance; texels that the x-corners halve are grey."""
+    k, block = texels_per_cell, BLOCK * texels_per_cell
+    black = np.zeros((BLOCKS * block, BLOCKS * block))
+    black[block:-block, block:-block] = np.kron(1 - chart.cells, np.ones((k, k)))
+    for column, row in BLACK_BLOCKS:
+        black[row * block : (row + 1) * block, column * block : (column + 1) * block] = 1.0
+    y, x = np.abs(np.indices((block, block)) - (block - 1) / 2)
+    for column, row in X_CORNER_BLOCKS:
+        corner = np.where(y > x, 1.0, np.where(y == x, 0.5, 0.0))
+        black[row * block : (row + 1) * block, column * block : (column + 1) * block] = corner
+    return PAPER + (INK - PAPER) * np.pad(black, margin_cells * k)
 
 
 def text_texture(lines: tuple[str, ...], width: int = 600) -> Texture:

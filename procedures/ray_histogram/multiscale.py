@@ -97,10 +97,10 @@ def check_scales(size: tuple[int, ...], parameters: FilterParameters) -> None:
 def downsample(frame: Samples, s: int) -> Samples:
     """The frame at scale s: 2^s times smaller, blurred so that it does not alias, with as many samples in all."""
     histogram = gaussian_downsample(frame.histogram, s)
-    factor = np.float32(frame.histogram.sum(dtype=np.float64) / histogram.sum(dtype=np.float64))
+    count = gaussian_downsample(frame.count[..., None], s)[..., 0]
+    factor = np.float32(frame.count.sum(dtype=np.float64) / count.sum(dtype=np.float64))
     histogram *= factor
-    count = gaussian_downsample(frame.count[..., None], s)[..., 0] * factor
-    return Samples(gaussian_downsample(frame.picture, s), histogram, count)
+    return Samples(gaussian_downsample(frame.picture, s), histogram, count * factor)
 
 
 def recombine(pictures: Sequence[Floats], coarse: float) -> Floats:

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from procedures.ray_histogram.multiscale import FilteredFilm
     from station.results import ResultFolder
 
+    Picture = npt.NDArray[np.float64]
+
 SCHEMA = "station/rays/1"
 FEW_SIMILAR = 4.0
 """Similar patches in the median below which a picture keeps most of its noise."""
@@ -71,13 +73,15 @@ def rays(
         found = filter_film(film, parameters, neighbours=others, threads=threads or os.cpu_count() or 1)
         judged = _judged(film, found)
         log("filtered", _sentence(found, judged), level=_LEVELS[judged["verdict"]], remedy=judged["remedy"])
-        _write_pictures(folder, found)
+        truth = None if reference is None else _reference(reference, film.mean.shape)
+        _write_pictures(folder, film, found, truth)
         record = {
             "schema": SCHEMA,
-            "input": [_source(path) for path in (samples, *((picture,) if picture else ()), *neighbours)],
+            "input": [_source(path) for path in (samples, picture, *neighbours, reference) if path is not None],
             "parameters": options,
             **judged,
-            **_numbers(film, found, reference),
+            **_numbers(film, found),
+            **({} if truth is None else {"psnr_db": _decibels(film, found, truth)}),
             "software": software(),
             "duration_s": round(time.perf_counter() - start, 3),
         }
@@ -110,36 +114,45 @@ def _sentence(found: FilteredFilm, judged: dict[str, str]) -> str:
     return f"{judged['verdict']}: {said}; similar patches in the median, finest scale first: {similar}"
 
 
-def _write_pictures(folder: ResultFolder, found: FilteredFilm) -> None:
+def _write_pictures(folder: ResultFolder, film: Film, found: FilteredFilm, truth: Picture | None) -> None:
     import numpy as np
 
     from station.linear_pictures import display_png, float_tiff
+    from station.ray_page import RenderRow, ray_page
 
     folder.write("filtered.tiff", float_tiff(found.picture))
     folder.write("filtered.png", display_png(found.picture))
     data = io.BytesIO()
     np.save(data, found.similar, allow_pickle=False)
     folder.write("similar.npy", data.getvalue())
-    folder.write("similar.png", display_png(found.similar / found.similar.max()))
+    shown: list[tuple[str, npt.NDArray[np.floating]]] = [("as rendered", film.mean), ("filtered", found.picture)]
+    facts = [f"{film.count.mean():.0f} samples per pixel."]
+    if truth is not None:
+        shown.append(("converged", truth))
+        before, after = (_psnr(picture, truth)["clipped"] for _, picture in shown[:2])
+        facts.append(f"PSNR against the converged render: {before:.2f} dB as rendered, {after:.2f} dB filtered.")
+    row = RenderRow(f"{film.count.shape[1]} x {film.count.shape[0]} pixels", tuple(shown), found.similar, tuple(facts))
+    folder.write("rays.html", ray_page("A render, and the same without its noise", (row,)))
 
 
-def _numbers(film: Film, found: FilteredFilm, reference: Path | None) -> dict[str, Any]:
+def _numbers(film: Film, found: FilteredFilm) -> dict[str, Any]:
     """What the record says beside the verdict."""
     count = film.count
-    numbers: dict[str, Any] = {
+    return {
         "size": list(count.shape),
         "samples_per_pixel": {"least": int(count.min()), "mean": float(count.mean()), "most": int(count.max())},
         "dropped_samples": int(film.dropped.sum()),
         "similar_median": list(found.median_similar),
     }
-    if reference is not None:
-        truth = _reference(reference, film.mean.shape)
-        numbers["reference"] = _source(reference)
-        numbers["psnr_db"] = {"input": _psnr(film.mean, truth), "filtered": _psnr(found.picture, truth)}
-    return numbers
 
 
-def _reference(path: Path, shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
+def _decibels(film: Film, found: FilteredFilm, truth: Picture) -> dict[str, dict[str, float]]:
+    return {"input": _psnr(film.mean, truth), "filtered": _psnr(found.picture, truth)}
+
+
+def _reference(path: Path, shape: tuple[int, ...]) -> Picture:
+    import numpy as np
+
     from procedures.outcome import BadInput
     from procedures.ray_histogram.film_files import read_arrays
 
@@ -148,14 +161,14 @@ def _reference(path: Path, shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
     if truth is None or truth.shape != shape:
         came = "no array `reference` or `image`" if truth is None else f"a picture of shape {truth.shape}"
         raise BadInput(f"{path} has {came}", f"give a converged render of shape {shape}")
-    return truth.astype("float64")
+    return np.asarray(truth, np.float64)
 
 
-def _psnr(picture: npt.NDArray[np.floating], truth: npt.NDArray[np.float64]) -> dict[str, float]:
+def _psnr(picture: npt.NDArray[np.floating], truth: Picture) -> dict[str, float]:
     """10 log10(1 / mean squared error), of values clipped to [0, 1] and of values as they are."""
     import numpy as np
 
-    def decibels(a: npt.NDArray[np.floating], b: npt.NDArray[np.float64]) -> float:
+    def decibels(a: npt.NDArray[np.floating], b: Picture) -> float:
         return float(-10 * np.log10(np.mean((a - b) ** 2)))
 
     return {"clipped": decibels(picture.clip(0, 1), truth.clip(0, 1)), "unclipped": decibels(picture, truth)}

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procedures.pattern import CELLS, Chart
+from procedures.pattern import CELLS, X_CORNERS, Chart
 from procedures.ray_histogram.film import Film
 from simulators.ray_scenes import SCENES, chart_texture, dead_leaves, text_texture
 from simulators.rays import blur_diameter_px, cast
@@ -16,6 +16,9 @@ def test_the_printed_chart_is_the_chart():
     noise = texture[2 * (5 + 32) : 2 * (5 + 32 + CELLS) : 2, 2 * (5 + 32) : 2 * (5 + 32 + CELLS) : 2]
     np.testing.assert_allclose(noise, np.where(chart.cells, PAPER, INK), atol=1e-9)
     np.testing.assert_allclose(texture[:10], PAPER, atol=1e-9)
+    x, y = (2 * (X_CORNERS + 37)).astype(int).T  # two black and two white quarters meet there
+    np.testing.assert_allclose(texture[y - 8, x], INK, atol=1e-9)
+    np.testing.assert_allclose(texture[y, x + 8], PAPER, atol=1e-9)
 
 
 def test_print_is_ink_on_paper():

@@ -27,7 +27,7 @@ def record_of(folder):
 def test_a_render_is_filtered_and_measured(run, cornell, shared_data, tmp_path):
     done = run("rays", cornell, "--reference", shared_data / "rays" / "cornell_reference.npz", "--out", tmp_path)
     assert done.exit_code == 0, done.output
-    names = ["filtered.png", "filtered.tiff", "result.json", "similar.npy", "similar.png"]
+    names = ["filtered.png", "filtered.tiff", "rays.html", "result.json", "similar.npy"]
     assert sorted(path.name for path in tmp_path.iterdir()) == names
     record = record_of(tmp_path)
     assert record["schema"] == "station/rays/1"
