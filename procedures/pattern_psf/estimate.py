@@ -197,9 +197,9 @@ def _fit(
     hidden = not np.isfinite(corners).all()
     observation = observe(samples, registration, light, window, margin_px=k / (2 * s) if hidden else 0.0)
     m, n = len(observation.y), k * k
-    if m < 1.5 * n + 100:
+    if m < 2 * n:
         raise Refused(
-            f"{n} PSF values need at least {int(1.5 * n + 100)} samples of the noise region; the photograph has {m}",
+            f"{n} PSF values need at least {2 * n} samples of the noise region; the photograph has {m}",
             "move closer, or lower k",
         )
     fit = refine(observation, chart, registration, window, s, k)
