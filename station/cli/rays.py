@@ -117,6 +117,7 @@ def _sentence(found: FilteredFilm, judged: dict[str, str]) -> str:
 def _write_pictures(folder: ResultFolder, film: Film, found: FilteredFilm, truth: Picture | None) -> None:
     import numpy as np
 
+    from procedures.ray_histogram.comparison import psnr_db
     from station.linear_pictures import display_png, float_tiff
     from station.ray_page import RenderRow, ray_page
 
@@ -129,7 +130,7 @@ def _write_pictures(folder: ResultFolder, film: Film, found: FilteredFilm, truth
     facts = [f"{film.count.mean():.0f} samples per pixel."]
     if truth is not None:
         shown.append(("converged", truth))
-        before, after = (_psnr(picture, truth)["clipped"] for _, picture in shown[:2])
+        before, after = (psnr_db(picture, truth)[0] for _, picture in shown[:2])
         facts.append(f"PSNR against the converged render: {before:.2f} dB as rendered, {after:.2f} dB filtered.")
     row = RenderRow(f"{film.count.shape[1]} x {film.count.shape[0]} pixels", tuple(shown), found.similar, tuple(facts))
     folder.write("rays.html", ray_page("A render, and the same without its noise", (row,)))
@@ -147,7 +148,11 @@ def _numbers(film: Film, found: FilteredFilm) -> dict[str, Any]:
 
 
 def _decibels(film: Film, found: FilteredFilm, truth: Picture) -> dict[str, dict[str, float]]:
-    return {"input": _psnr(film.mean, truth), "filtered": _psnr(found.picture, truth)}
+    from procedures.ray_histogram.comparison import psnr_db
+
+    pictures: dict[str, npt.NDArray[np.floating]] = {"input": film.mean, "filtered": found.picture}
+    measured = {name: psnr_db(picture, truth) for name, picture in pictures.items()}
+    return {name: {"clipped": clipped, "unclipped": unclipped} for name, (clipped, unclipped) in measured.items()}
 
 
 def _reference(path: Path, shape: tuple[int, ...]) -> Picture:
@@ -162,16 +167,6 @@ def _reference(path: Path, shape: tuple[int, ...]) -> Picture:
         came = "no array `reference` or `image`" if truth is None else f"a picture of shape {truth.shape}"
         raise BadInput(f"{path} has {came}", f"give a converged render of shape {shape}")
     return np.asarray(truth, np.float64)
-
-
-def _psnr(picture: npt.NDArray[np.floating], truth: Picture) -> dict[str, float]:
-    """10 log10(1 / mean squared error), of values clipped to [0, 1] and of values as they are."""
-    import numpy as np
-
-    def decibels(a: npt.NDArray[np.floating], b: Picture) -> float:
-        return float(-10 * np.log10(np.mean((a - b) ** 2)))
-
-    return {"clipped": decibels(picture.clip(0, 1), truth.clip(0, 1)), "unclipped": decibels(picture, truth)}
 
 
 def _source(path: Path) -> dict[str, str]:

@@ -18,6 +18,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from procedures.ray_histogram.comparison import psnr_db
 from procedures.ray_histogram.film import BINS, EXPONENT, RANGE, Film
 from procedures.ray_histogram.film_files import read_arrays, read_film
 from procedures.ray_histogram.filter import PAPER, FilterParameters
@@ -66,13 +67,6 @@ def nl_means(film: Film, k: float = 0.7, search: int = 6, patch: int = 1) -> Dou
     return total / weights
 
 
-def decibels(picture: npt.NDArray[np.floating], reference: Doubles) -> tuple[float, float]:
-    """PSNR of values clipped to [0, 1], and as they are."""
-    pairs = [(np.clip(picture, 0, 1), np.clip(reference, 0, 1)), (picture, reference)]
-    clipped, unclipped = (float(-10 * np.log10(np.mean((a - b) ** 2))) for a, b in pairs)
-    return clipped, unclipped
-
-
 def film_of(samples: int) -> Film:
     """The Cornell box at 64 or 256 samples per pixel."""
     return read_film(DATA / f"cornell_{samples:05d}_f16.npz").checked()
@@ -85,8 +79,8 @@ def quality() -> None:
     print(f"{'':32s}{'published':>16s}{'as the paper says':>19s}{'defaults':>16s}")
     for samples in (64, 256):
         film = film_of(samples)
-        print(f"{samples:3d} samples, input{show(*decibels(film.mean, reference)):>31s}")
-        print(f"{samples:3d} samples, NL-means, known variance {show(*decibels(nl_means(film), reference))}")
+        print(f"{samples:3d} samples, input{show(*psnr_db(film.mean, reference)):>31s}")
+        print(f"{samples:3d} samples, NL-means, known variance {show(*psnr_db(nl_means(film), reference))}")
         for kappa in (1.0, 0.8):
             for scales in (1, 2, 3, 4):
                 published = PUBLISHED_DB.get((samples, kappa, scales))
@@ -94,7 +88,7 @@ def quality() -> None:
                 line += f"{show(*published) if published else '-':>16s}"
                 for base in (PAPER, FilterParameters()):
                     found = filter_film(film, replace(base, kappa=kappa, scales=scales), threads=os.cpu_count() or 1)
-                    line += f"{show(*decibels(found.picture, reference)):>18s}"
+                    line += f"{show(*psnr_db(found.picture, reference)):>18s}"
                 print(line)
 
 

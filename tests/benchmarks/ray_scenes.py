@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from procedures.ray_histogram.comparison import decibels, shown_error
 from procedures.ray_histogram.film import Film
 from procedures.ray_histogram.film_files import write_film
 from procedures.ray_histogram.multiscale import FilteredFilm, filter_film
@@ -27,19 +28,6 @@ from station.ray_page import RenderRow, ray_page
 SAMPLES = (16, 64, 256)
 SHOWN = 64
 THREADS = os.cpu_count() or 1
-
-
-def error(picture: npt.NDArray[np.floating], reference: Film) -> float:
-    """Mean squared error of values clipped to [0, 1], without the reference's own noise."""
-    if reference.variance is None:
-        raise ValueError("the reference was kept without its variance; render it again")
-    own = reference.variance / reference.count[..., None] * (reference.mean < 1.0)
-    return float(((np.clip(picture, 0, 1) - np.clip(reference.mean, 0, 1)) ** 2 - own).mean())
-
-
-def decibels(squared: float) -> float:
-    """PSNR of a mean squared error."""
-    return float(-10 * np.log10(squared))
 
 
 def measure(name: str, columns: int, converged: int, out: Path | None) -> RenderRow:
@@ -58,7 +46,7 @@ def measure(name: str, columns: int, converged: int, out: Path | None) -> Render
     for n in SAMPLES:
         cast(scene, camera, n, film.add, seed=1, taken=film.count.astype(np.int64) + film.dropped, threads=THREADS)
         found = filter_film(film, threads=THREADS)
-        noisy, filtered = error(film.mean, reference), error(found.picture, reference)
+        noisy, filtered = shown_error(film.mean, reference), shown_error(found.picture, reference)
         rows[n] = decibels(noisy), decibels(filtered)
         print(
             f"{n:4d} samples: {rows[n][0]:.2f} dB, filtered {rows[n][1]:.2f} dB, gain {rows[n][1] - rows[n][0]:.2f} dB:"

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from procedures.outcome import BadInput
+from procedures.ray_histogram.comparison import psnr_db
 from procedures.ray_histogram.film import film_of_samples
 from procedures.ray_histogram.filter import PAPER, FilterParameters
 from procedures.ray_histogram.multiscale import (
@@ -31,12 +32,6 @@ PUBLISHED = {
     (64, 0.8, 2): (41.97, 38.19),
     (64, 0.8, 3): (42.79, 38.96),
 }
-
-
-def psnr_db(picture, reference):
-    """Clipped to [0, 1], and not."""
-    pairs = [(np.clip(picture, 0, 1), np.clip(reference, 0, 1)), (picture, reference)]
-    return tuple(-10 * np.log10(np.mean((a - b) ** 2)) for a, b in pairs)
 
 
 @pytest.mark.parametrize(("samples", "kappa", "scales"), PUBLISHED)
