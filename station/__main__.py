@@ -12,6 +12,7 @@ from station.cli.lazy import LazyGroup
 COMMANDS = {
     "pattern": ("pattern", "pattern", "Write the printable noise chart."),
     "psf": ("psf", "psf", "Estimate a point spread function."),
+    "rays": ("rays", "rays", "Remove the noise of a Monte Carlo render."),
     "demo": ("demo", "demo", "Calibrate a simulated camera, start to end."),
 }
 
