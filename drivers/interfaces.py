@@ -6,7 +6,7 @@ the driver was given. Every method that waits has a deadline and ends in success
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol, TypeVar
@@ -225,7 +225,7 @@ class Light(Device, Protocol):
 class Parser(Protocol[E_co]):
     """Pure bytes to events: any split of the stream gives the same events, garbage never raises."""
 
-    def feed(self, data: bytes) -> list[E_co]:
+    def feed(self, data: bytes) -> Sequence[E_co]:
         """The events completed by these bytes."""
         ...
 

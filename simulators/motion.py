@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+LONG_AGO_S = -1e9
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +38,8 @@ class Axis:
 
     def __init__(self, low: float, high: float, position: float) -> None:
         self.low, self.high = low, high
-        self._pieces = [Piece(0.0, position, 0.0, 0.0)]
-        self._times = [0.0]
+        self._pieces = [Piece(LONG_AGO_S, position, 0.0, 0.0)]
+        self._times = [LONG_AGO_S]
 
     def _piece(self, t_s: float) -> Piece:
         return self._pieces[max(bisect_right(self._times, t_s) - 1, 0)]
@@ -148,7 +149,9 @@ class Mode:
         w = 2 * math.pi * self.frequency_hz
         wd = w * math.sqrt(1 - self.damping**2)
         x, v, a = np.zeros_like(t_s), np.zeros_like(t_s), np.zeros_like(t_s)
-        for moment, dv, da in shocks:
+        gone_s = float(t_s.min()) - self.lasts_s()
+        x -= self.gain * sum(da for moment, _, da in shocks if moment < gone_s) / w**2
+        for moment, dv, da in (shock for shock in shocks if gone_s <= shock[0] <= float(t_s.max())):
             dt = t_s - moment
             live = dt >= 0
             dt = np.where(live, dt, 0.0)
