@@ -5,9 +5,9 @@ Trust is whether the position may be believed: homing gives it; reset, alarm, em
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass
 
+from drivers.connection import opened
 from drivers.errors import Alarm, DeviceError, LineLost, NoAnswer, NotHomed, Rejected, WasReset
 from drivers.grbl_protocol import (
     HOME,
@@ -77,17 +77,13 @@ class GrblLink:
         """Open, greet, and read who and how it is. Raises DeviceError."""
         self.close()
         self._banner, self._locked, self._offset, self._in_step = None, None, None, True
-        self._transport.open(self._hear)
-        try:
+        with opened(self._transport, self._hear):
             self._greet(reset)
             try:
                 identity = self._identify()
             except WasReset:  # a boot loader and our own reset may both greet
                 identity = self._identify()
             self._settings = self._read_settings()
-        except DeviceError:
-            self._transport.close()
-            raise
         self._ready, self.unsafe = True, UNHOMED
         return identity
 
@@ -166,13 +162,7 @@ class GrblLink:
 
     def report(self) -> Report:
         """Ask `?`, again if it goes unanswered; position in machine space. Raises DeviceError."""
-        for _ in range(2):
-            with suppress(NoAnswer):
-                return self._ask()
-        return self._ask()
-
-    def _ask(self) -> Report:
-        return self._transport.request(STATUS, self._placed, STATUS_S)
+        return self._transport.request(STATUS, self._placed, STATUS_S, tries=3)
 
     def _placed(self, event: Event) -> Report | None:
         """A report's machine position: MPos, or WPos + WCO once an offset was told; inches where $13 says so."""

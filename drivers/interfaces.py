@@ -251,8 +251,8 @@ class Transport(Protocol[E_co]):
         """Give the port back and end the reader."""
         ...
 
-    def request(self, data: bytes, answer: Callable[[E_co], T | None], timeout_s: float) -> T:
-        """Write and wait until `answer(event)` is not None. Raises NoAnswer, LineLost."""
+    def request(self, data: bytes, answer: Callable[[E_co], T | None], timeout_s: float, tries: int = 1) -> T:
+        """Write and wait until `answer(event)` is not None, `tries` times over. Raises NoAnswer, LineLost."""
         ...
 
     def wait(self, ready: Callable[[], bool], timeout_s: float) -> bool:

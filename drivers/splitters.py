@@ -29,9 +29,10 @@ class FrameSplitter:
     on BAD one byte is skipped, so that a frame hidden behind a false start is never lost.
     """
 
-    def __init__(self, starts: bytes, measure: Callable[[bytes], int]) -> None:
+    def __init__(self, starts: bytes, measure: Callable[[bytes], int], longest: int = 64) -> None:
         self._starts = starts
         self._measure = measure
+        self._longest = longest
         self._rest = b""
         self.skipped = 0
 
@@ -42,7 +43,7 @@ class FrameSplitter:
             if buffer[at] not in self._starts:
                 at, self.skipped = at + 1, self.skipped + 1
                 continue
-            length = self._measure(buffer[at : at + 64])
+            length = self._measure(buffer[at : at + self._longest])
             if length == MORE:
                 break
             if length == BAD:

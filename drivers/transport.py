@@ -63,6 +63,7 @@ class SerialTransport(Generic[E]):
         clock: Clock | None = None,
         transcript: Transcript | None = None,
         dtr: bool | None = None,
+        rts: bool | None = None,
     ) -> None:
         self.address = address
         self.baud = baud
@@ -70,7 +71,7 @@ class SerialTransport(Generic[E]):
         self.transcript = transcript or Transcript()
         self.bytes_heard = 0
         self._new_parser = parser
-        self._dtr = dtr
+        self._preset = {"dtr": dtr, "rts": rts}
         self._port: Any = None
         self._reader: threading.Thread | None = None
         self._news = threading.Condition()
@@ -103,8 +104,9 @@ class SerialTransport(Generic[E]):
         port.write_timeout = WRITE_S
         if "://" not in url:
             port.exclusive = True
-        if self._dtr is not None:
-            port.dtr = self._dtr
+        for line, level in self._preset.items():
+            if level is not None:
+                setattr(port, line, level)
         port.open()
         return port
 
@@ -121,8 +123,17 @@ class SerialTransport(Generic[E]):
             self._reader.join(timeout=2.0)
         self.transcript.flush()
 
-    def request(self, data: bytes, answer: Callable[[E], T | None], timeout_s: float) -> T:
-        """Write `data` and wait for the event of which `answer` makes a value. Raises NoAnswer, LineLost."""
+    def request(self, data: bytes, answer: Callable[[E], T | None], timeout_s: float, tries: int = 1) -> T:
+        """Write `data` and wait for the event of which `answer` makes a value; ask `tries` times in all.
+
+        Only questions may be asked again: a repeated order is a second order. Raises NoAnswer, LineLost.
+        """
+        for _ in range(tries - 1):
+            with suppress(NoAnswer):
+                return self._request(data, answer, timeout_s)
+        return self._request(data, answer, timeout_s)
+
+    def _request(self, data: bytes, answer: Callable[[E], T | None], timeout_s: float) -> T:
         found: list[T] = []
 
         def claim(event: E) -> None:
