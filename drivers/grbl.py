@@ -7,9 +7,7 @@ All motion is `$J=G53 G90` : absolute in machine space, refused outside the trav
 from __future__ import annotations
 
 import math
-import threading
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from drivers.clock import Clock, SystemClock
@@ -20,12 +18,12 @@ from drivers.errors import (
     MoveFailed,
     NoAnswer,
     NotHomed,
-    OutsideTravel,
-    Rejected,
 )
 from drivers.grbl_link import GrblLink, Report
-from drivers.grbl_protocol import HOLD, HOME, JOG_CANCEL, RESET, Event
+from drivers.grbl_protocol import HOLD, JOG_CANCEL, RESET, Event
 from drivers.interfaces import Condition, Identity, Transport, Travel
+from drivers.moving import OneMover, check_arrival, check_target
+from drivers.trust import HOME
 
 STILL = {"Idle", "Alarm", "Sleep", "Check"}
 
@@ -63,7 +61,7 @@ class GrblStage:
         self._axes = tuple(axes)
         self._reset_on_open = reset_on_open
         self._poll_s = poll_s
-        self._one_mover = threading.Lock()
+        self._one_mover = OneMover()
         self._homing = False
         self._stops = 0
         self._travel: dict[str, Travel] = {}
@@ -119,8 +117,8 @@ class GrblStage:
         """What it is doing, from the last report."""
         if not self.link.is_open:
             return Condition("not connected", False, "connect it")
-        if self.link.unsafe is not None:
-            return Condition(self.link.unsafe.reason, False, self.link.unsafe.remedy)
+        if (why := self.link.trust.why) is not None:
+            return Condition(why.reason, False, why.remedy)
         return Condition(self.link.last_state.lower())
 
     def position(self) -> Mapping[str, float]:
@@ -137,25 +135,16 @@ class GrblStage:
         """Whether any axis moves. Raises DeviceError."""
         return self.link.report().state not in STILL
 
-    @contextmanager
-    def _mover(self) -> Iterator[None]:
-        if not self._one_mover.acquire(blocking=False):
-            raise Rejected(f"{self.address} is already moving", "wait for the move to end, or stop it")
-        try:
-            yield
-        finally:
-            self._one_mover.release()
-
     def home(self) -> None:
         """Find the limit switches. Raises DeviceError."""
-        with self._mover():
+        with self._one_mover:
             epoch = self.link.recover()
             self._homing = True
             try:
                 self.link.command("$H", timeout_s=self._homing_limit_s())
             finally:
                 self._homing = False
-            self.link.trust(epoch)
+            self.link.trust.give(epoch)
 
     def _homing_limit_s(self) -> float:
         """Twice the way GRBL searches (1.5 travels, $25 mm/min) and back, axis after axis."""
@@ -164,8 +153,10 @@ class GrblStage:
 
     def move_to(self, **target: float) -> None:
         """Go there in a straight line and return when still. Raises DeviceError."""
-        with self._mover():
-            goal = self._checked(target)
+        with self._one_mover:
+            self.link.require_trust()
+            check_target(target, self._travel)
+            goal = dict(target)
             start = self.position()
             feed, duration_s = self._pace({name: goal[name] - start[name] for name in goal})
             if duration_s == 0.0:
@@ -183,16 +174,6 @@ class GrblStage:
                 self._give_up_moving()
                 raise
             self._arrived(goal, self._user(report), stops)
-
-    def _checked(self, target: Mapping[str, float]) -> dict[str, float]:
-        self.link.require_trust()
-        for name, value in target.items():
-            if name not in self._travel:
-                raise BadConfiguration(f"there is no axis {name}", f"axes are {', '.join(self._travel)}")
-            if not self._travel[name].holds(value):
-                low, high = self._travel[name].low, self._travel[name].high
-                raise OutsideTravel(f"{name} = {value:g} lies outside {low:g} .. {high:g}", "choose a target inside")
-        return dict(target)
 
     def _pace(self, way: Mapping[str, float]) -> tuple[float, float]:
         """Feed along the line so that no axis exceeds its own, and the seconds it takes."""
@@ -227,19 +208,17 @@ class GrblStage:
 
     def _arrived(self, goal: Mapping[str, float], there: Mapping[str, float], stops: int) -> None:
         for axis in self._axes:
-            if axis.name in goal and abs(goal[axis.name] - there[axis.name]) > 1.5 * self._resolution(axis):
-                what = "was stopped" if self._stops != stops else "came to rest"
-                raise MoveFailed(
-                    f"{axis.name} {what} at {there[axis.name]:.3f} on its way to {goal[axis.name]:.3f}", "move again"
-                )
+            if axis.name in goal:
+                tolerance = 1.5 * self._resolution(axis)
+                check_arrival(axis.name, goal[axis.name], there[axis.name], tolerance, self._stops != stops)
 
     def _give_up_moving(self) -> None:
         """Leave nothing moving behind an error; what cannot be reached by now is beyond software."""
         try:
-            if self.link.unsafe is None:
+            if self.link.trust.why is None:
                 self._cancel_jog()
         except DeviceError as error:
-            self.link.distrust(error)
+            self.link.trust.lose(error)
 
     def _cancel_jog(self) -> None:
         for _ in range(20):
@@ -253,7 +232,7 @@ class GrblStage:
         """Slow down and stay; while homing, reset. Raises DeviceError."""
         self._stops += 1
         if self._homing:
-            self.link.distrust(NotHomed("homing was stopped", HOME))
+            self.link.trust.lose(NotHomed("homing was stopped", HOME))
             self.link.write(RESET)
             return
         self._cancel_jog()

@@ -8,9 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from drivers.connection import opened
-from drivers.errors import Alarm, DeviceError, LineLost, NoAnswer, NotHomed, Rejected, WasReset
+from drivers.errors import Alarm, DeviceError, LineLost, NoAnswer, Rejected, WasReset
 from drivers.grbl_protocol import (
-    HOME,
     RESET,
     STATUS,
     AlarmRaised,
@@ -25,11 +24,11 @@ from drivers.grbl_protocol import (
     error_text,
 )
 from drivers.interfaces import Identity, Transport
+from drivers.trust import HOME, UNHOMED, Trust
 
 REPLY_S = 1.0
 STATUS_S = 0.5
 GREETING_S = 2.5  # an Arduino's boot loader waits up to two seconds
-UNHOMED = NotHomed("the stage is not homed", HOME)
 
 
 @dataclass(frozen=True)
@@ -49,13 +48,11 @@ class GrblLink:
         self.letters = "XYZABC"
         self.rx_bytes = 128
         self.last_state = "unknown"
-        self.unsafe: DeviceError | None = UNHOMED
+        self.trust = Trust()
         self._ready = False
-        self._shouts = 0
         self._settings: dict[int, float] = {}
         self._offset: tuple[float, ...] | None = None
         self._in_step = True
-        self._epoch = 0
         self._banner: Banner | None = None
         self._locked: int | None = None
 
@@ -84,13 +81,13 @@ class GrblLink:
             except WasReset:  # a boot loader and our own reset may both greet
                 identity = self._identify()
             self._settings = self._read_settings()
-        self._ready, self.unsafe = True, UNHOMED
+        self._ready, self.trust.why = True, UNHOMED
         return identity
 
     def close(self) -> None:
         """Give the line back; the position cannot be trusted afterwards."""
         self._ready = False
-        self.distrust(UNHOMED)
+        self.trust.lose(UNHOMED)
         self._transport.close()
 
     def _greet(self, reset: bool) -> None:
@@ -178,10 +175,10 @@ class GrblLink:
 
     def pause(self, duration_s: float) -> None:
         """Wait, ended early by alarm, reset or emergency stop. Raises what ended it."""
-        epoch = self._epoch
-        self._transport.wait(lambda: self._epoch != epoch, duration_s)
-        if self._epoch != epoch and self.unsafe is not None:
-            raise self.unsafe
+        epoch = self.trust.epoch
+        self._transport.wait(lambda: self.trust.epoch != epoch, duration_s)
+        if self.trust.epoch != epoch:
+            self.trust.require()
 
     def write(self, realtime: bytes) -> None:
         """Send realtime bytes, past the queue of requests. Raises LineLost."""
@@ -189,24 +186,18 @@ class GrblLink:
 
     def shout(self, realtime: bytes, error: DeviceError) -> None:
         """Send realtime bytes past every lock and end every wait; the position is lost."""
-        self._shouts += 1
-        self.unsafe = error
-        self._epoch += 1
+        self.trust.shout(error)
         self._transport.shout(realtime, error)
 
     def recover(self) -> int:
         """Bring a locked or silent controller to where it can home; the epoch for `trust`. Raises DeviceError."""
         if not self.is_open:
             raise LineLost(f"{self.address} is not connected", "connect first")
-        shouts, before = self._shouts, self.unsafe
+        shouts = self.trust.shouts
         locked, self._locked = self._locked, None
         if (locked in (1, 2, 10) or self._unanswering()) and not self._reset():
             raise NoAnswer(f"{self.address} does not come back from a reset", "switch the controller off and on")
-        self.unsafe, shouted = UNHOMED, self.unsafe
-        if self._shouts != shouts:  # an emergency stop that came meanwhile is not forgotten
-            self.unsafe = shouted or before
-            raise self.unsafe or UNHOMED
-        return self._epoch
+        return self.trust.begin(shouts)
 
     def _unanswering(self) -> bool:
         try:
@@ -214,24 +205,11 @@ class GrblLink:
         except NoAnswer:
             return True
 
-    def trust(self, epoch: int) -> None:
-        """Believe the position, if nothing has shaken it since `epoch`. Raises what has."""
-        if self._epoch != epoch:
-            raise self.unsafe or UNHOMED
-        self.unsafe = None
-
-    def distrust(self, error: DeviceError) -> None:
-        """Believe the position no more; the first reason stays."""
-        self._epoch += 1
-        if self.unsafe is None or self.unsafe is UNHOMED:
-            self.unsafe = error
-
     def require_trust(self) -> None:
         """Raises why the stage may not move now."""
         if not self.is_open:
             raise LineLost(f"{self.address} is not connected", "connect first")
-        if self.unsafe is not None:
-            raise self.unsafe
+        self.trust.require()
 
     def _restarted(self) -> WasReset:
         return WasReset(f"{self.address} restarted", HOME)
@@ -246,7 +224,7 @@ class GrblLink:
             self._offset = event.numbers("WCO") or self._offset
         elif isinstance(event, AlarmRaised):
             self._locked = event.code
-            self.distrust(self._alarm(event.code))
+            self.trust.lose(self._alarm(event.code))
         elif isinstance(event, Banner):
             self._banner = event
-            self.distrust(self._restarted())
+            self.trust.lose(self._restarted())

@@ -10,10 +10,10 @@ import re
 from dataclasses import dataclass, field
 
 from drivers.splitters import LineSplitter
+from drivers.trust import HOME
 
 STATUS, HOLD, RESUME, RESET, JOG_CANCEL = b"?", b"!", b"~", b"\x18", b"\x85"
 
-HOME = "home the stage"
 CODE = "a command was garbled on the wire: check the cable, and that no other program uses the port"
 ERRORS: dict[int, tuple[str, str]] = {
     1: ("a letter was expected", CODE),

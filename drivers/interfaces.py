@@ -138,7 +138,7 @@ class Stage(Device, Protocol):
         ...
 
     def move_to(self, **target: float) -> None:
-        """Go there in a straight line and return when still. Raises DeviceError."""
+        """Go there and return when still. Raises DeviceError."""
         ...
 
     def position(self) -> Mapping[str, float]:

@@ -106,8 +106,8 @@ class StrigParser:
         return [read_line(line) for line in self._lines.feed(data)]
 
 
-def _verdict(event: Event) -> Accepted | Refusal | None:
-    return event if isinstance(event, Accepted | Refusal) else None
+def _verdict(event: Event) -> list[Accepted | Refusal] | None:
+    return [event] if isinstance(event, Accepted | Refusal) else None
 
 
 class StrigShutter:
@@ -169,7 +169,7 @@ class StrigShutter:
         self._command(f"FOCUS {int(pressed)}")
 
     def _command(self, line: str) -> int:
-        reply = self._transport.request(line.encode() + b"\n", _verdict, REPLY_S)
+        reply = self._transport.request(line.encode() + b"\n", _verdict, REPLY_S)[0]
         if isinstance(reply, Refusal):
             remedy = "wait for the shot, or abort it" if reply.code == 3 else "check the cable"
             raise Rejected(f"{self.address} refused {line!r}: {reply.text}", remedy, f"ERR {reply.code}")
