@@ -1,0 +1,235 @@
+"""The chart's frame as it should look, and how far a rectified picture agrees with it: place, turn, score."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from procedures.pattern import (
+    BLACK_BLOCKS,
+    BLOCK,
+    BLOCKS,
+    CELLS,
+    X_CORNER_BLOCKS,
+    X_CORNERS,
+)
+
+PIXELS = 12
+"""Pixels of the rectified picture per block."""
+RIM_BLOCKS = 1
+"""Blocks of surroundings rectified around the chart."""
+SIDE = (BLOCKS + 2 * RIM_BLOCKS) * PIXELS
+PIXELS_PER_CELL = PIXELS / BLOCK
+ORIGIN = -BLOCK * (1 + RIM_BLOCKS)
+"""Cell coordinate of the rectified picture's top left edge."""
+BLUR = 0.1 * PIXELS
+"""Blur of the expected frame: that of a typical photograph; agreement hardly depends on it."""
+SCREEN_SAMPLES = 4
+"""Samples of a block along one side when candidates are screened."""
+Array = npt.NDArray[np.float64]
+Picture = npt.NDArray[np.float32]
+
+H_CELLS_RECTIFIED: Array = np.array(
+    [
+        [1 / PIXELS_PER_CELL, 0, ORIGIN + 0.5 / PIXELS_PER_CELL],
+        [0, 1 / PIXELS_PER_CELL, ORIGIN + 0.5 / PIXELS_PER_CELL],
+        [0, 0, 1],
+    ]
+)
+
+
+def transform(H: Array, points: Array) -> Array:
+    """Points (n, 2) through a homography."""
+    q = np.column_stack([points, np.ones(len(points))]) @ H.T
+    out: Array = q[:, :2] / q[:, 2:]
+    return out
+
+
+@cache
+def expected() -> Picture:
+    """The rectified chart, black 0, white 1, its noise at one half."""
+    fine = 8
+    blocks = (np.arange(SIDE * fine) + 0.5) / (PIXELS * fine) - RIM_BLOCKS
+    index, within = np.floor(blocks).astype(int), blocks % 1 - 0.5
+    picture = np.ones((SIDE * fine, SIDE * fine), dtype=np.float32)
+
+    def block(column: int, row: int) -> tuple[npt.NDArray[np.intp], ...]:
+        return np.ix_(np.flatnonzero(index == row), np.flatnonzero(index == column))
+
+    for place in BLACK_BLOCKS:
+        picture[block(*place)] = 0.0
+    for place in X_CORNER_BLOCKS:
+        rows, columns = block(*place)
+        picture[rows, columns] = np.abs(within[rows]) < np.abs(within[columns])
+    noise = (index >= 1) & (index < BLOCKS - 1)
+    picture[np.ix_(noise, noise)] = 0.5
+    small = cv2.resize(picture, (SIDE, SIDE), interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.GaussianBlur(small, (0, 0), BLUR), dtype=np.float32)
+
+
+@cache
+def ring() -> npt.NDArray[np.bool_]:
+    """Where the rectified picture shows the frame: the blocks around the noise, a quarter block off it."""
+    mask = np.zeros((SIDE, SIDE), dtype=np.bool_)
+    outer, inner = RIM_BLOCKS * PIXELS, (RIM_BLOCKS + 1) * PIXELS - PIXELS // 4
+    mask[outer:-outer, outer:-outer] = True
+    mask[inner:-inner, inner:-inner] = False
+    return mask
+
+
+@cache
+def symmetries() -> tuple[tuple[Array, Picture], ...]:
+    """The square's eight maps g of cells onto cells, each with the expected frame seen through it."""
+    maps = []
+    for swap in (False, True):
+        for flip_x in (False, True):
+            for flip_y in (False, True):
+                seen = expected()[:: -1 if flip_y else 1, :: -1 if flip_x else 1]
+                flips = np.diag([-1.0 if flip_x else 1.0, -1.0 if flip_y else 1.0, 1.0])
+                flips[:2, 2] = CELLS * (np.diag(flips)[:2] < 0)
+                g = flips @ np.eye(3)[[1, 0, 2]] if swap else flips
+                maps.append((g, np.ascontiguousarray(seen.T if swap else seen)))
+    return tuple(maps)
+
+
+def rectify(image: Picture, H_image_cells: Array) -> Picture:
+    """The picture in the chart's own frame, NaN where the photograph does not reach, (SIDE, SIDE)."""
+    return np.asarray(
+        cv2.warpPerspective(
+            image,
+            H_image_cells @ H_CELLS_RECTIFIED,
+            (SIDE, SIDE),
+            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+            borderMode=cv2.BORDER_CONSTANT,
+            borderValue=float("nan"),
+        ),
+        dtype=np.float32,
+    )
+
+
+def agreement(rectified: Picture, frame: Picture, where: npt.NDArray[np.bool_]) -> float:
+    """Correlation of a rectified picture with a frame, light allowed to vary linearly over it; 0 to 1.
+
+    With T the frame, the picture is fitted by a(x, y) + b(x, y) T, a and b linear; the correlation is the root of
+    the share of the variance around a alone that b T explains, 0 where b would be negative.
+    """
+    where = where & np.isfinite(rectified)
+    rows, columns = np.nonzero(where)
+    if len(rows) < ring().sum() / 3:
+        return 0.0
+    values = rectified[where].astype(np.float64)
+    x, y = columns / SIDE - 0.5, rows / SIDE - 0.5
+    light = np.column_stack([np.ones_like(x), x, y])
+    t = frame[where].astype(np.float64)
+    design = np.column_stack([light, light * t[:, None]])
+    normal, right = design.T @ design, design.T @ values
+    both = np.linalg.solve(normal + 1e-9 * np.eye(6), right)
+    only = np.linalg.solve(normal[:3, :3], right[:3])
+    total = values @ values
+    unexplained, around_light = total - both @ right, total - only @ right[:3]
+    if both[3] <= 0 or around_light <= 1e-12 * total:
+        return 0.0
+    return float(np.sqrt(np.clip(1 - unexplained / around_light, 0.0, 1.0)))
+
+
+@cache
+def _screen_samples() -> tuple[Array, Array]:
+    """Cells (n, 2) of a few points in every block of the frame, and the eight expected frames there, (n, 8).
+
+    The expected values are freed of linear changes and of unit norm, so that their product with a picture's is a
+    correlation around linearly varying light.
+    """
+    index = np.arange(SCREEN_SAMPLES * SIDE // PIXELS) * PIXELS // SCREEN_SAMPLES + PIXELS // (2 * SCREEN_SAMPLES)
+    rows, columns = (grid.ravel() for grid in np.meshgrid(index, index, indexing="ij"))
+    inside = ring()[rows, columns]
+    rows, columns = rows[inside], columns[inside]
+    cells = transform(H_CELLS_RECTIFIED, np.column_stack([columns, rows]).astype(np.float64))
+    values = np.column_stack([seen[rows, columns] for _, seen in symmetries()]).astype(np.float64)
+    values -= _light(cells) @ np.linalg.lstsq(_light(cells), values, rcond=None)[0]
+    return cells, values / np.linalg.norm(values, axis=0)
+
+
+def _light(cells: Array) -> Array:
+    """Linearly varying light at some cells, as a design matrix, (n, 3)."""
+    return np.column_stack([np.ones(len(cells)), cells / CELLS - 0.5])
+
+
+def screen(image: Picture, maps: Array) -> Array:
+    """Correlation of pictures seen through maps from cells to pixels with the eight expected frames, (n, 8).
+
+    A coarse and fast `agreement`: a few samples per block, light only added.
+    """
+    if not len(maps):
+        return np.zeros((0, len(symmetries())))
+    cells, expected_values = _screen_samples()
+    q = maps @ np.column_stack([cells, np.ones(len(cells))]).T
+    x, y = (q[:, :2] / q[:, 2:]).astype(np.float32).transpose(1, 0, 2)
+    values = np.asarray(cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), dtype=np.float64)
+    light, _ = np.linalg.qr(_light(cells))
+    values = values.reshape(len(maps), len(cells))
+    values -= (values @ light) @ light.T
+    norm = np.linalg.norm(values, axis=1, keepdims=True)
+    out: Array = values @ expected_values / np.maximum(norm, np.finfo(np.float32).tiny)
+    return out
+
+
+@dataclass(frozen=True)
+class Placed:
+    """Where the marks of a rectified picture really are.
+
+    Attributes
+    ----------
+    cells : (12, 2) float64
+        Cell coordinates, by the present map, of the places that look like the x-corners.
+    likeness : (12,) float64
+        Normalised correlation with the expected mark; 0 where it leaves the photograph or the search window.
+    """
+
+    cells: Array
+    likeness: Array
+
+
+def place_marks(rectified: Picture, *, half: int = 5, search: int = 5) -> Placed:
+    """Find each mark near its expected place by normalised correlation, to a fraction of a rectified pixel."""
+    offsets = np.zeros((len(X_CORNERS), 2))
+    likeness = np.zeros(len(X_CORNERS))
+    for n, (column, row) in enumerate(X_CORNER_BLOCKS):
+        x, y = ((RIM_BLOCKS + np.array([column, row])) * PIXELS + PIXELS // 2).tolist()
+        mark = expected()[y - half : y + half, x - half : x + half]
+        reach = half + search
+        window = rectified[max(y - reach, 0) : y + reach, max(x - reach, 0) : x + reach]
+        if window.shape != (2 * reach, 2 * reach) or not np.isfinite(window).all():
+            continue
+        offsets[n], likeness[n] = _peak(cv2.matchTemplate(window, mark, cv2.TM_CCOEFF_NORMED))
+    return Placed(X_CORNERS + offsets / PIXELS_PER_CELL, likeness)
+
+
+def _peak(likeness: npt.NDArray[np.generic]) -> tuple[Array, float]:
+    """Offset (x, y) of the greatest value from the middle, by parabolas, and the value; 0 on the border."""
+    row, column = np.unravel_index(int(np.argmax(likeness)), likeness.shape)
+    middle = (likeness.shape[0] - 1) / 2
+    if not (0 < row < likeness.shape[0] - 1 and 0 < column < likeness.shape[1] - 1):
+        return np.zeros(2), 0.0
+    around = np.asarray(likeness[row - 1 : row + 2, column - 1 : column + 2], dtype=np.float64)
+    x = _vertex(around[1]) + column - middle
+    y = _vertex(around[:, 1]) + row - middle
+    return np.array([x, y]), float(around[1, 1])
+
+
+def _vertex(v: Array) -> float:
+    curvature = v[0] - 2 * v[1] + v[2]
+    return float(0.5 * (v[0] - v[2]) / curvature) if curvature < 0 else 0.0
+
+
+def around_marks(which: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """The blocks of some of the marks, with a block around each, in the rectified picture."""
+    mask = np.zeros((SIDE, SIDE), dtype=np.bool_)
+    for (column, row), chosen in zip(X_CORNER_BLOCKS, which, strict=True):
+        if chosen:
+            x, y = (RIM_BLOCKS + column) * PIXELS, (RIM_BLOCKS + row) * PIXELS
+            mask[max(y - PIXELS, 0) : y + 2 * PIXELS, max(x - PIXELS, 0) : x + 2 * PIXELS] = True
+    return mask
