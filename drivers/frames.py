@@ -10,10 +10,9 @@ from pathlib import Path
 from drivers.errors import FrameWrong
 from drivers.interfaces import CameraSettings
 
-RAW_SUFFIXES = frozenset(
-    (".3fr", ".arw", ".cr2", ".cr3", ".crw", ".dcr", ".dng", ".erf", ".iiq", ".kdc", ".mef", ".mos", ".mrw")
-    + (".nef", ".nrw", ".orf", ".pef", ".raf", ".raw", ".rw2", ".srw", ".x3f")
-)
+TIFF_LIKE = frozenset((".3fr", ".arw", ".cr2", ".dng", ".erf", ".iiq", ".kdc", ".nef", ".nrw", ".pef", ".srw"))
+OTHERS = frozenset((".cr3", ".crw", ".dcr", ".mef", ".mos", ".mrw", ".orf", ".raf", ".raw", ".rw2", ".x3f"))
+RAW_SUFFIXES = TIFF_LIKE | OTHERS
 THIRD_STOP = 2 ** (1 / 3) - 1  # bodies round their settings to thirds of a stop
 
 

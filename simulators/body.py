@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from simulators.serial_device import SimClock
 from simulators.world import World
 
 NEVER = float("inf")
@@ -49,14 +50,15 @@ class BodySettings:
 class CameraBody:
     """A tethered body whose software saves to `folder`. `develop(opening)` gives the bytes of the RAW file.
 
-    In real time the developing is done by a thread of its own, so that the shutter's wire never waits for it.
+    Where time passes by itself, the body's later doings run in timers, so that no wire waits for the developing; where
+    it jumps, they are events of the clock.
     """
 
     world: World
     folder: Path
     develop: Callable[[Opening], bytes]
+    clock: SimClock
     settings: BodySettings = field(default_factory=BodySettings)
-    in_background: bool = False
     openings: list[Opening] = field(default_factory=list)
     _begun_s: float = NEVER
     _agenda: list[tuple[float, Callable[[], None]]] = field(default_factory=list)
@@ -86,26 +88,36 @@ class CameraBody:
             self._plan(begin_s + exposure_s + self.settings.readout_s, lambda: self._save(opening))
 
     def _plan(self, moment_s: float, action: Callable[[], None]) -> None:
+        real_s = self.clock.real_s(moment_s)
+        if real_s is not None:
+            timer = threading.Timer(real_s, action)
+            timer.daemon = True
+            timer.start()
+            return
         with self._lock:
             self._agenda.append((moment_s, action))
             self._agenda.sort(key=lambda entry: entry[0])
-
-    def advance(self, now_s: float) -> None:
-        """Do what is due."""
-        while (action := self._due(now_s)) is not None:
-            if self.in_background:
-                threading.Thread(target=action, daemon=True, name="camera body").start()
-            else:
-                action()
-
-    def _due(self, now_s: float) -> Callable[[], None] | None:
-        with self._lock:
-            return self._agenda.pop(0)[1] if self._agenda and self._agenda[0][0] <= now_s else None
 
     def next_event_s(self) -> float | None:
         """When the next file grows."""
         with self._lock:
             return self._agenda[0][0] if self._agenda else None
+
+    def wake(self) -> None:
+        """Do what is due."""
+        while (action := self._due(self.clock.now_s())) is not None:
+            action()
+
+    def _due(self, now_s: float) -> Callable[[], None] | None:
+        with self._lock:
+            return self._agenda.pop(0)[1] if self._agenda and self._agenda[0][0] <= now_s else None
+
+    def settled(self) -> bool:
+        """It does all at once."""
+        return True
+
+    def settle(self, real_s: float) -> None:
+        """Nothing to wait for."""
 
     def _save(self, opening: Opening) -> None:
         data, settings = self.develop(opening), self.settings
@@ -116,7 +128,7 @@ class CameraBody:
         if settings.companion:
             final.with_suffix(".JPG").write_bytes(b"\xff\xd8\xff\xe0 a preview \xff\xd9")
         size = -(-len(data) // settings.pieces)
-        start_s = opening.begin_s + opening.exposure_s + settings.readout_s
+        start_s = self.clock.now_s()
         for i in range(settings.pieces):
             part = data[i * size : (i + 1) * size]
             grow = _append(path, part, final if i == settings.pieces - 1 else path)

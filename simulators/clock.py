@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Protocol
 
 
@@ -64,17 +65,32 @@ class FastClock:
         return max(moment_s - self.now_s(), 0.0) / self.speed
 
 
+@dataclass(frozen=True)
+class Waiter:
+    """A thread that waits: for what, and how long."""
+
+    condition: threading.Condition
+    ready: Callable[[], bool]
+    deadline_s: float
+
+
 class VirtualClock:
-    """Time that passes only while it is waited for."""
+    """Time that passes only while everybody waits: readers for bytes, waiters for their turn.
+
+    Threads started by `together` are waited for, too; others are as if they were slow.
+    """
 
     PATIENCE_S = 2.0  # real seconds a reader may take for what it was given
+    BREATH_S = 0.0002
 
     def __init__(self) -> None:
         self._now_s = 0.0
         self._one = threading.Lock()
         self._book = threading.Lock()
         self._sources: list[Source] = []
-        self._deadlines: dict[object, float] = {}
+        self._waiters: dict[object, Waiter] = {}
+        self._running = 0
+        self._own = threading.local()
 
     def attach(self, source: Source) -> None:
         """Let time pass in steps of this source's events too."""
@@ -100,42 +116,81 @@ class VirtualClock:
         with condition:
             self.wait(condition, lambda: False, self._now_s + max(duration_s, 0.0))
 
+    def together(self, *works: Callable[[], object]) -> list[object]:
+        """Do these things in threads of one time; what each gave or raised."""
+        outcomes: list[object] = [None] * len(works)
+
+        def run(i: int) -> None:
+            self._own.enrolled = True
+            try:
+                outcomes[i] = works[i]()
+            except Exception as error:  # an outcome like any other
+                outcomes[i] = error
+            finally:
+                self._count(-1)
+
+        self._count(len(works))
+        threads = [threading.Thread(target=run, args=(i,)) for i in range(len(works))]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        return outcomes
+
+    def _count(self, change: int) -> None:
+        with self._book:
+            self._running += change
+
     def wait(self, condition: threading.Condition, ready: Callable[[], bool], deadline_s: float) -> bool:
         """Wait, holding `condition`, until `ready()` or the deadline, letting time pass."""
-        with self._registered(deadline_s):
+        if ready() or self._now_s >= deadline_s:
+            return ready()
+        waiter = Waiter(condition, ready, deadline_s)
+        with self._registered(waiter):
             while not ready() and self._now_s < deadline_s:
                 condition.release()
                 try:
-                    self._step(condition, ready)
+                    self._step(waiter)
                 finally:
                     condition.acquire()
             return ready()
 
     @contextmanager
-    def _registered(self, deadline_s: float) -> Iterator[None]:
-        token = object()
+    def _registered(self, waiter: Waiter) -> Iterator[None]:
+        token, enrolled = object(), int(getattr(self._own, "enrolled", False))
         with self._book:
-            self._deadlines[token] = deadline_s
+            self._waiters[token] = waiter
+            self._running -= enrolled
         try:
             yield
         finally:
             with self._book:
-                del self._deadlines[token]
+                del self._waiters[token]
+                self._running += enrolled
 
-    def _step(self, condition: threading.Condition, ready: Callable[[], bool]) -> None:
-        """Let the readers finish; if that was not what is waited for, jump to the next event."""
+    def _step(self, me: Waiter) -> None:
+        """Let everybody finish who can; then jump to the next event or deadline."""
         with self._one:
             with self._book:
-                sources = list(self._sources)
+                sources, waiters, busy = list(self._sources), list(self._waiters.values()), self._running > 0
             for source in sources:
                 source.settle(self.PATIENCE_S)
-            with condition:
-                if ready():
-                    return
-            if not all(source.settled() for source in sources):
+            if self._may_go_on(me):
                 return
-            with self._book:
-                moments = [moment for source in sources if (moment := source.next_event_s()) is not None]
-                self._now_s = max(self._now_s, min(moments + list(self._deadlines.values())))
-            for source in sources:
-                source.wake()
+            others = any(self._may_go_on(waiter) for waiter in waiters if waiter is not me)
+            if not (busy or others) and all(source.settled() for source in sources):
+                self._jump(sources)
+                return
+        time.sleep(self.BREATH_S)
+
+    def _may_go_on(self, waiter: Waiter) -> bool:
+        with waiter.condition:
+            return self._now_s >= waiter.deadline_s or waiter.ready()
+
+    def _jump(self, sources: list[Source]) -> None:
+        with self._book:
+            moments = [waiter.deadline_s for waiter in self._waiters.values()]
+            moments += [moment for source in sources if (moment := source.next_event_s()) is not None]
+            self._now_s = max(self._now_s, min(moments))
+        for source in sources:
+            source.wake()

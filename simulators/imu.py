@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 G = 9.80665
 NEVER = float("inf")
 BATCH_S = 0.016
+LONGEST_BACKLOG = 256  # samples nobody has read are overwritten
 RATES_HZ = {1: 0.2, 2: 0.5, 3: 1.0, 4: 2.0, 5: 5.0, 6: 10.0, 7: 20.0, 8: 50.0, 9: 100.0, 11: 200.0}
 FACTORY = {0x02: 0x001E, 0x03: 0x0006, 0x1F: 0x0004}  # acceleration, gyro, angle, magnetic field at 10 Hz, 20 Hz wide
 UNLOCKED_S = 10.0
@@ -47,8 +48,9 @@ class Sampler:
         if now_s < self._batch_s:
             return np.empty(0)
         count = int((now_s - self._next_s) * self.rate_hz + 1e-6) + 1
-        times = self._next_s + np.arange(max(count, 0)) / self.rate_hz
-        self._next_s += len(times) / self.rate_hz
+        kept = min(max(count, 0), LONGEST_BACKLOG)
+        times = self._next_s + (count - kept + np.arange(kept)) / self.rate_hz
+        self._next_s += count / self.rate_hz
         self._batch_s = max(self._next_s, now_s + BATCH_S)
         return times
 

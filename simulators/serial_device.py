@@ -143,7 +143,9 @@ class Cable:
             self._news.notify_all()
 
     def next_event_s(self) -> float | None:
-        """When the device, or a delayed byte, comes next."""
+        """When the device, or a delayed byte, comes next; a device nobody listens to lives on when it is asked."""
+        if self._owner is None:
+            return None
         moments = (self.device.next_event_s(), self.faults.next_event_s(self.clock.now_s()))
         return min((moment for moment in moments if moment is not None), default=None)
 
@@ -160,7 +162,8 @@ class Cable:
             return self._settled()
 
     def _settled(self) -> bool:
-        return self._owner is None or (self._reading and not self._inbox) or self.faults.unplugged(self.clock.now_s())
+        there = not self.faults.unplugged(self.clock.now_s())  # a reader that lost its line closes the port
+        return self._owner is None or (self._reading and not self._inbox and there)
 
     def settle(self, real_s: float) -> None:
         """Wait until settled, at most `real_s` seconds of real time."""

@@ -1,7 +1,4 @@
-"""Shutter boxes at byte level: a STRIG/1 box and a bare RTS line, both closing a camera's contacts.
-
-The camera that hangs on the contacts lives through the box's `advance`: what it does later is an event of the box.
-"""
+"""Shutter boxes at byte level: a STRIG/1 box and a bare RTS line, both closing a camera's contacts."""
 
 from __future__ import annotations
 
@@ -27,14 +24,6 @@ class Contacts(Protocol):
 
     def flash_s(self) -> float | None:
         """When the hot shoe next fires; taken once."""
-        ...
-
-    def advance(self, now_s: float) -> None:
-        """Live until now."""
-        ...
-
-    def next_event_s(self) -> float | None:
-        """When something happens by itself."""
         ...
 
 
@@ -97,7 +86,7 @@ class StrigBox:
                 self._line.append(byte)
 
     def advance(self, now_s: float) -> bytes:
-        """Contacts, events and the camera, in order."""
+        """Contacts and events, in order."""
         while (moment_s := self.next_event_s()) is not None and moment_s <= now_s:
             self._event(moment_s)
         said = bytes(self._out)
@@ -105,8 +94,8 @@ class StrigBox:
         return said
 
     def next_event_s(self) -> float | None:
-        """The earliest of boot, contacts, watchdog, flash, camera."""
-        moments = [self._boot_end_s, self._flash_at_s, self.contacts.next_event_s() or NEVER]
+        """The earliest of boot, contacts, watchdog and flash."""
+        moments = [self._boot_end_s, self._flash_at_s]
         if self._shot is not None:
             shot = self._shot
             moments.append(min(shot.release_at_s, self._heard_s + WATCHDOG_S) if shot.closed else shot.close_at_s)
@@ -121,7 +110,6 @@ class StrigBox:
             self._flash_at_s = NEVER
         if self._shot is not None:
             self._live(self._shot, now_s)
-        self.contacts.advance(now_s)
 
     def _live(self, shot: Shot, now_s: float) -> None:
         if not shot.closed and shot.close_at_s <= now_s:
@@ -212,10 +200,9 @@ class RtsLine:
         """Nobody listens."""
 
     def advance(self, now_s: float) -> bytes:
-        """The camera lives on."""
-        self.contacts.advance(now_s)
+        """Nothing is said."""
         return b""
 
     def next_event_s(self) -> float | None:
-        """The camera's."""
-        return self.contacts.next_event_s()
+        """Nothing happens by itself."""
+        return None

@@ -50,7 +50,7 @@ class Motor:
     stalls: bool = False
 
     def __post_init__(self) -> None:
-        steps = round((self.axis.high - self.axis.low) / self.unit_per_step)
+        steps = int((self.axis.high - self.axis.low) / self.unit_per_step)
         speed = (self.axis.high - self.axis.low) / 10 / self.unit_per_step * SPEED_UNIT
         self.settings = {"limit.min": 0, "limit.max": steps, "maxspeed": round(speed), "accel": 205, "resolution": 64}
         self.zero = self.axis.position(0.0)

@@ -35,9 +35,7 @@ _LEVELS = {"pass": "info", "doubtful": "warning", "refused": "error"}
 @click.option("-s", "s", type=int, default=4, show_default=True, help="PSF samples per pixel of the plane.")
 @click.option("-k", "k", type=int, default=17, show_default=True, help="PSF samples along one side, odd.")
 @click.option("--solver", type=click.Choice(["ls", "clip", "nnls"]), default="ls", show_default=True)
-@click.option(
-    "--pixel-pitch-um", type=click.FloatRange(min=0.1), help="The sensor's pitch, for the Strehl ratio."
-)
+@click.option("--pixel-pitch-um", type=click.FloatRange(min=0.1), help="The sensor's pitch, for the Strehl ratio.")
 @click.option("--f-number", type=click.FloatRange(min=0.1), help="The aperture.  [default: as the camera noted it]")
 @click.option("--wavelength-nm", type=click.FloatRange(min=100), help="[default: R 600, G 530, B 460, Y 550]")
 @click.option("--plane", help="R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]")
