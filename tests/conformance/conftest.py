@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -24,7 +26,7 @@ from drivers.shutter import DeafParser, RelayShutter, RtsShutter, StrigParser, S
 from drivers.transport import SerialTransport
 from drivers.zaber import ZaberAxis, ZaberStage
 from drivers.zaber_protocol import ZaberParser
-from simulators.bench import SimulatedBench
+from simulators.bench import Setup, SimulatedBench
 from simulators.clock import VirtualClock
 from simulators.grbl import GrblController
 from simulators.serial_device import Cable, plug
@@ -69,6 +71,51 @@ class Rig:
         return outcomes
 
 
+HERE = Path(__file__).parent
+FIRMWARE = HERE.parent.parent / "drivers" / "firmware"
+
+
+def _compile(*command: str | Path) -> None:
+    done = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False)
+    if done.returncode:
+        pytest.skip(f"{command[0]} does not build here: {done.stderr[-300:]}")
+
+
+@pytest.fixture(scope="session")
+def simavr_box(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """The program that runs firmware in simavr, and our firmware."""
+    missing = [tool for tool in ("avr-gcc", "simavr", "gcc") if shutil.which(tool) is None]
+    if missing:
+        pytest.skip(
+            f"{', '.join(missing)} not found: install gcc-avr, avr-libc, simavr, libsimavr-dev, libelf-dev, gcc"
+        )
+    folder = tmp_path_factory.mktemp("firmware")
+    elf, box, sketch = folder / "strig.elf", folder / "box", FIRMWARE / "strig"
+    warn = ["-Os", "-Wall", "-Wextra", "-Werror"]
+    source = [FIRMWARE / "avr" / "main.c", sketch / "strig.c"]
+    done = subprocess.run(
+        ["avr-gcc", "-mmcu=atmega328p", *warn, f"-I{sketch}", *source, "-o", elf],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    libraries = ["-lsimavrparts", "-lsimavr", "-lelf", "-lpthread", "-lutil"]
+    _compile("gcc", "-O2", "-I/usr/include/simavr", HERE / "simavr_box.c", "-o", box, *libraries)
+    return box, elf
+
+
+@pytest.fixture
+def simavr_port(simavr_box: tuple[Path, Path]) -> Iterator[str]:
+    """The pseudo-terminal of a freshly started box."""
+    process = subprocess.Popen(list(map(str, simavr_box)), stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    with process.stdout as said:
+        yield next(line.strip() for line in said if line.startswith("/dev/"))
+        process.kill()
+        process.wait()
+
+
 Wire = Callable[..., SerialTransport[Any]]
 
 
@@ -102,6 +149,7 @@ STAGES: dict[str, Callable[..., Any]] = {
 }
 SHUTTERS: dict[str, Callable[..., Any]] = {
     "strig": lambda wire, clock, *_: StrigShutter(wire("shutter", StrigParser), clock=clock),
+    "strig_simavr": lambda wire, clock, *_: StrigShutter(wire("shutter", StrigParser), clock=clock),
     "rts": lambda wire, clock, *_: RtsShutter(wire("rts", DeafParser, rts=False), clock=clock),
     "relay": lambda wire, clock, *_: RelayShutter(GrblLink(wire("stage", GrblParser)), clock=clock),
 }
@@ -142,17 +190,19 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 def _make_rig(request: pytest.FixtureRequest, folder: Path) -> Iterator[Rig]:
     port = request.config.getoption("--port", default=None)
+    if request.param == "strig_simavr" and port is None:
+        port = request.getfixturevalue("simavr_port")
     maker = {k: v for one in KINDS.values() for k, v in one.items()}[request.param]
     if port is not None:
         clock: Any = SystemClock()
         device = maker(
             lambda _, parser, **kwargs: SerialTransport(port, parser, clock=clock, **kwargs), clock, None, folder
         )
-        yield Rig(device, clock, None)
-        device.close()
+        try:
+            yield Rig(device, clock, None)
+        finally:
+            device.close()
         return
-    from simulators.bench import Setup
-
     clock = VirtualClock()
     bench = SimulatedBench(folder, Setup(develop=_frame), clock)
     opened: list[SerialTransport[Any]] = []
@@ -168,11 +218,6 @@ def _make_rig(request: pytest.FixtureRequest, folder: Path) -> Iterator[Rig]:
         transport.close()
     bench.close()
     assert not [thread for thread in threading.enumerate() if thread.name.startswith("reader")]
-
-
-@pytest.fixture
-def fresh_folder(tmp_path: Path) -> Path:
-    return tmp_path
 
 
 def _fixture(kind: str) -> Any:

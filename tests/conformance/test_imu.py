@@ -59,7 +59,7 @@ def test_stop_ends_the_stream(imu):
 
 
 def test_a_rate_it_cannot_sample_is_refused(imu):
-    with pytest.raises(DeviceError, match="use one of|another rate"):
+    with pytest.raises(DeviceError, match=r"use one of|another rate"):
         imu.start(123456.0)
 
 

@@ -15,6 +15,8 @@ def shutter(shutter_rig):
 
 @pytest.mark.parametrize("pulse_s", [0.05, 0.5, 7.0])
 def test_it_closes_for_as_long_as_asked_and_says_when(shutter, shutter_rig, pulse_s):
+    if pulse_s > 5 and shutter_rig.bench is None:
+        pytest.skip("outlasting the watchdog takes too long in real time")
     before_s = shutter_rig.clock.now_s()
     times = shutter.fire(pulse_s)
     # 5 ms is what a STRIG/1 box is held to; the others are timed by the host
@@ -33,26 +35,27 @@ def test_the_body_exposed_when_it_says_so(shutter, shutter_rig):
         assert told.flash_s is None or told.flash_s == pytest.approx(opening.begin_s, abs=0.002)
 
 
-def test_focus_works_or_is_refused_by_name(shutter):
-    try:
+def test_focus_works_or_is_refused_by_name(shutter, request):
+    if "strig" in request.node.name:
         shutter.focus(True)
         shutter.focus(False)
-    except Rejected as error:
-        assert "no focus contact" in error.reason
+    else:
+        with pytest.raises(Rejected, match="no focus contact"):
+            shutter.focus(True)
 
 
 def test_abort_opens_the_contact(shutter, shutter_rig):
     clock = shutter_rig.clock
     begin_s = clock.now_s()
-    fired, _ = shutter_rig.together(lambda: shutter.fire(4.0), lambda: (clock.sleep(1.0), shutter.abort()))
+    fired, _ = shutter_rig.together(lambda: shutter.fire(2.0), lambda: (clock.sleep(0.2), shutter.abort()))
     if isinstance(fired, DeviceError):
-        assert clock.now_s() - begin_s < 3.0
+        assert clock.now_s() - begin_s < 1.5
     shutter.fire(0.05)
 
 
 def test_an_emergency_stop_ends_a_shot(shutter, shutter_rig):
     clock = shutter_rig.clock
-    fired, _ = shutter_rig.together(lambda: shutter.fire(4.0), lambda: (clock.sleep(1.0), shutter.emergency_stop()))
+    fired, _ = shutter_rig.together(lambda: shutter.fire(2.0), lambda: (clock.sleep(0.2), shutter.emergency_stop()))
     assert isinstance(fired, DeviceError | EmergencyStopped)
 
 

@@ -17,6 +17,7 @@ from drivers.imu_frames import FastParser, Samples, Text, WitFrame, WitParser, c
 from drivers.light import DmxFrame, DmxParser, frame
 from drivers.rangefinder import BoschFrame, BoschParser, JrtFrame, JrtParser, crc8
 from simulators.imu import ccitt, stuff
+from simulators.instruments import bosch
 
 FUZZ_BYTES = 1_000_000
 
@@ -66,7 +67,14 @@ STREAMS: dict[str, tuple[Callable[[], Any], list[bytes], list[Any]]] = {
     ),
     "strig": (
         strig.StrigParser,
-        [b"STRIG/1 uno 1.0 A7\n", b"OK 3\n", b"EVT SHUTTER 3 123456789012\n", b"EVT FLASH 5\n", b"SYNC 77\n", b"ERR 3 busy\n"],
+        [
+            b"STRIG/1 uno 1.0 A7\n",
+            b"OK 3\n",
+            b"EVT SHUTTER 3 123456789012\n",
+            b"EVT FLASH 5\n",
+            b"SYNC 77\n",
+            b"ERR 3 busy\n",
+        ],
         [
             strig.Hello("uno", "1.0", "A7"),
             strig.Accepted(3),
@@ -107,7 +115,7 @@ STREAMS: dict[str, tuple[Callable[[], Any], list[bytes], list[Any]]] = {
     ),
     "bosch": (
         BoschParser,
-        [b"\0\x04" + bytes.fromhex("40420f00") + bytes((crc8(b"\0\x04" + bytes.fromhex("40420f00")),)), b"\0\0" + bytes((crc8(b"\0\0"),))],
+        [bosch(bytes.fromhex("0004 40420f00")), bosch(b"\0\0")],
         [BoschFrame(0, bytes.fromhex("40420f00")), BoschFrame(0, b"")],
     ),
     "dmx": (
@@ -115,7 +123,7 @@ STREAMS: dict[str, tuple[Callable[[], Any], list[bytes], list[Any]]] = {
         [bytes.fromhex("7e0604 0000ff8000e7".replace(" ", "")), frame(10, bytes.fromhex("78563412"))],
         [DmxFrame(6, bytes.fromhex("00ff8000")), DmxFrame(10, bytes.fromhex("78563412"))],
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", STREAMS)
