@@ -21,8 +21,10 @@ def test_it_closes_for_as_long_as_asked_and_says_when(shutter, shutter_rig, puls
     times = shutter.fire(pulse_s)
     # 5 ms is what a STRIG/1 box is held to; the others are timed by the host
     assert times.released_s - times.closed_s == pytest.approx(pulse_s, abs=0.005)
-    assert before_s <= times.closed_s + 0.005
-    assert times.released_s <= shutter_rig.clock.now_s() + 0.005
+    # clocks are compared to half a round trip: nothing at the twin, some milliseconds on a busy machine
+    slack_s = 0.001 if shutter_rig.bench else 0.05
+    assert before_s <= times.closed_s + slack_s
+    assert times.released_s <= shutter_rig.clock.now_s() + slack_s
 
 
 def test_the_body_exposed_when_it_says_so(shutter, shutter_rig):
