@@ -6,7 +6,7 @@ Every cable is reachable as `sim://NAME/DEVICE`; `simulators.ports` opens them t
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -14,11 +14,12 @@ import numpy as np
 
 from drivers.transport import register_scheme
 from simulators.body import BodySettings, CameraBody, Opening
-from simulators.clock import FastClock
+from simulators.clock import FastClock, VirtualClock
 from simulators.faults import Faults
 from simulators.grbl import GrblController, Outputs
 from simulators.imu import FastModule, WitModule
 from simulators.instruments import BoschModule, DmxWidget, JrtModule
+from simulators.ports import PtyPort, TcpPort
 from simulators.serial_device import Cable, SerialDevice, SimClock, plug, unplug
 from simulators.shutter import RtsLine, StrigBox
 from simulators.view import View
@@ -26,6 +27,7 @@ from simulators.world import Room, World
 from simulators.zaber import ZaberChain
 
 _numbers = itertools.count(1)
+CABLES = ("stage", "head", "shutter", "rts", "imu", "fast_imu", "rangefinder", "bosch", "light")
 Develop = Callable[[Opening], bytes]
 UNIT_PER_STEP = {"pan_deg": 0.000234375, "tilt_deg": 0.000234375, "y_mm": 0.00049609375}
 
@@ -34,7 +36,8 @@ UNIT_PER_STEP = {"pan_deg": 0.000234375, "tilt_deg": 0.000234375, "y_mm": 0.0004
 class Setup:
     """Which bench to simulate.
 
-    `faults` by cable; `develop` makes the RAW file of an opening, by default a rendering of the chart.
+    `faults` by cable; `develop` makes the RAW file of an opening, by default a rendering of the chart. `virtual_time`
+    lets time jump while it is waited for; otherwise it runs `speed` times as fast as real time.
     """
 
     seed: int = 0
@@ -42,14 +45,16 @@ class Setup:
     body: BodySettings = field(default_factory=BodySettings)
     faults: Mapping[str, Faults] = field(default_factory=dict)
     develop: Develop | None = None
+    virtual_time: bool = False
+    speed: float = 1.0
 
 
 class SimulatedBench:
     """Rail and height on GRBL, a pan-tilt head on Zaber, a STRIG/1 box with a body, two IMUs, two lasers, a lamp."""
 
-    def __init__(self, folder: Path, setup: Setup | None = None, clock: SimClock | None = None) -> None:
+    def __init__(self, folder: Path, setup: Setup | None = None) -> None:
         setup = setup or Setup()
-        self.clock = clock or FastClock()
+        self.clock: SimClock = VirtualClock() if setup.virtual_time else FastClock(setup.speed)
         self.world = World(setup.room)
         self.folder = folder
         root = np.random.default_rng(setup.seed)
@@ -61,6 +66,7 @@ class SimulatedBench:
         self.devices = self._devices(sensing)
         self.name = f"bench{next(_numbers)}"
         self.cables = {name: Cable(device, self.clock, setup.faults.get(name)) for name, device in self.devices.items()}
+        self._ports: list[PtyPort | TcpPort] = []
         register_scheme("simulators")
         for name, cable in self.cables.items():
             plug(f"{self.name}/{name}", cable)
@@ -91,9 +97,35 @@ class SimulatedBench:
         """The URL of a device's port."""
         return f"sim://{self.name}/{device}"
 
+    def open_ports(self) -> dict[str, tuple[str, str]]:
+        """Each cable's pseudo-terminal and TCP address for other programs, by device; the bare RTS line has neither.
+
+        One program at a time: a cable that is in use is refused, wherever it is asked for.
+        """
+        found = {}
+        for name, cable in self.cables.items():
+            if name != "rts":
+                pty, tcp = PtyPort(cable), TcpPort(cable)
+                self._ports += [pty, tcp]
+                found[name] = (pty.address, tcp.address)
+        return found
+
     def close(self) -> None:
         """Take the addresses away."""
+        for port in self._ports:
+            port.close()
         for name, cable in self.cables.items():
             unplug(f"{self.name}/{name}")
             self.clock.detach(cable)
         self.clock.detach(self.body)
+
+
+def random_faults(seed: int, names: Sequence[str]) -> dict[str, Faults]:
+    """Now and then a lost, changed or doubled byte on every cable, and short silences."""
+    rng = np.random.default_rng(seed)
+    found = {}
+    for name, own in zip(names, rng.spawn(len(names)), strict=True):
+        begins = np.cumsum(own.exponential(120.0, 200))
+        silent = tuple((float(t), float(t + own.uniform(0.05, 3.0))) for t in begins)
+        found[name] = Faults(own, lost=1e-4, garbage=1e-4, duplicate=1e-4, silent=silent)
+    return found

@@ -203,8 +203,8 @@ def _make_rig(request: pytest.FixtureRequest, folder: Path) -> Iterator[Rig]:
         finally:
             device.close()
         return
-    clock = VirtualClock()
-    bench = SimulatedBench(folder, Setup(develop=_frame), clock)
+    bench = SimulatedBench(folder, Setup(develop=_frame, virtual_time=True))
+    clock = bench.clock
     opened: list[SerialTransport[Any]] = []
 
     def wire(name: str, parser: Any, **kwargs: Any) -> SerialTransport[Any]:
