@@ -6,6 +6,7 @@ H(f) = integral of h(x) exp(-2 pi i f . x): a tail of h towards +x smears light 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Protocol
@@ -13,7 +14,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from simulators.pupil import Wavefront, aberrated_otf, circular_otf, defocus_um
+from simulators.pupil import Wavefront, aberrated_otf, circular_otf
 
 Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
@@ -27,6 +28,10 @@ class Blur(Protocol):
 
     def otf(self, fx: Array, fy: Array, wavelength_um: float, pitch_um: float) -> Array | Complex:
         """Its transfer function at frequencies in cycles per sensor pixel, broadcast over fx and fy."""
+        ...
+
+    def reach_px(self, wavelength_um: float, pitch_um: float) -> float:
+        """How far it throws light, in sensor pixels; what goes farther does not matter."""
         ...
 
 
@@ -52,6 +57,11 @@ class CircularPupil:
             return circular_otf(scale * np.hypot(fx, fy))
         return aberrated_otf(scale * fx, scale * fy, self.wavefront, wavelength_um)
 
+    def reach_px(self, wavelength_um: float, pitch_um: float) -> float:
+        """Airy's disc has 0.2 / q of its energy beyond q wavelength N: here 1 / 150. Rays go 2 N dW/dr astray."""
+        astray_um = 2 * self.f_number * self.wavefront.steepest_um()
+        return (30 * wavelength_um * self.f_number + astray_um) / pitch_um
+
 
 @dataclass(frozen=True)
 class PixelAperture:
@@ -64,6 +74,10 @@ class PixelAperture:
         """Product of two sinc."""
         return np.sinc(fx * self.width) * np.sinc(fy * self.height)
 
+    def reach_px(self, wavelength_um: float, pitch_um: float) -> float:
+        """Half its longer side."""
+        return max(self.width, self.height) / 2
+
 
 @dataclass(frozen=True)
 class FourSpots:
@@ -74,6 +88,10 @@ class FourSpots:
     def otf(self, fx: Array, fy: Array, wavelength_um: float, pitch_um: float) -> Array:
         """Product of two cosines."""
         return np.cos(np.pi * fx * self.separation_px) * np.cos(np.pi * fy * self.separation_px)
+
+    def reach_px(self, wavelength_um: float, pitch_um: float) -> float:
+        """Half the square's side."""
+        return self.separation_px / 2
 
 
 @dataclass(frozen=True)
@@ -92,6 +110,10 @@ class GaussianBlur:
         power: Array = (self.sigma_px * along) ** 2 + (other * across) ** 2
         return np.exp(-2 * np.pi**2 * power)
 
+    def reach_px(self, wavelength_um: float, pitch_um: float) -> float:
+        """Six standard deviations."""
+        return 6 * max(self.sigma_px, self.other_sigma_px or 0.0)
+
 
 @dataclass(frozen=True)
 class Path:
@@ -105,6 +127,10 @@ class Path:
         for x, y in self.points_px:
             total += np.exp(-2j * np.pi * x * fx) * np.exp(-2j * np.pi * y * fy)
         return total / len(self.points_px)
+
+    def reach_px(self, wavelength_um: float, pitch_um: float) -> float:
+        """The farthest displacement."""
+        return float(np.max(np.abs(self.points_px)))
 
 
 @dataclass(frozen=True)
@@ -148,17 +174,19 @@ class Optics:
             product = product * blur.otf(fx, fy, WAVELENGTHS_UM[colour], self.pitch_um)
         return product
 
-    def defocused(self, shift_mm: float) -> Optics:
-        """The same optics with the sensor `shift_mm` farther from the sharp image."""
-        return Optics(tuple(_defocused(blur, shift_mm) for blur in self.blurs), self.pitch_um)
+    def margin_px(self) -> int:
+        """Sensor pixels around a region whose light reaches it, in any colour."""
+        longest = max(WAVELENGTHS_UM.values())
+        return math.ceil(sum(blur.reach_px(longest, self.pitch_um) for blur in self.blurs))
+
+    def aberrated(self, more: Wavefront) -> Optics:
+        """The same optics with further aberrations in their pupil."""
+        return Optics(tuple(_aberrated(blur, more) for blur in self.blurs), self.pitch_um)
 
     def also(self, *blurs: Blur) -> Optics:
         """The same optics with further causes of blur, such as movement during one exposure."""
         return Optics((*self.blurs, *blurs), self.pitch_um)
 
 
-def _defocused(blur: Blur, shift_mm: float) -> Blur:
-    if not isinstance(blur, CircularPupil):
-        return blur
-    more = blur.wavefront.defocus_um + defocus_um(shift_mm, blur.f_number)
-    return replace(blur, wavefront=replace(blur.wavefront, defocus_um=more))
+def _aberrated(blur: Blur, more: Wavefront) -> Blur:
+    return replace(blur, wavefront=blur.wavefront + more) if isinstance(blur, CircularPupil) else blur

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -54,7 +55,7 @@ class Light:
         light = across + down
         if d:
             light += self.level * d * u * v
-        return np.maximum(light, 0.0, out=light)
+        return np.asarray(np.maximum(light, 0.0), dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,6 +136,7 @@ class Stroke:
     opaque: bool
     chart: PlacedChart | None
 
+    @cached_property
     def bounds(self) -> tuple[float, float, float, float]:
         """Smallest and largest x, then y, in sensor pixels."""
         ends = self.segments.starts

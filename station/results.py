@@ -20,7 +20,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from procedures.outcome import BadParameter, Quantity, Verdict
+from procedures.outcome import BadParameter, Verdict
 from procedures.psf import Psf
 from procedures.quality import Quality
 from station.pictures import psf_picture
@@ -39,7 +39,7 @@ class PlaneRecord:
     Attributes
     ----------
     numbers : what the procedure found beside the PSF, plain: gamma, residual_std, ...
-    quantities : derived numbers, each with unit and uncertainty
+    quality : its curves, and the derived numbers with unit and uncertainty
     diagnostics : further numbers for those who look into a verdict
     """
 
@@ -48,9 +48,8 @@ class PlaneRecord:
     reason: str = ""
     remedy: str = ""
     psf: Psf | None = None
-    mtf: Quality | None = None
+    quality: Quality | None = None
     numbers: Mapping[str, float] = field(default_factory=dict)
-    quantities: Mapping[str, Quantity] = field(default_factory=dict)
     diagnostics: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -140,16 +139,16 @@ def _write_plane(folder: ResultFolder, plane: PlaneRecord) -> None:
         folder.write(f"psf_{plane.name}.npy", _npy(plane.psf.h))
         folder.write(f"covariance_{plane.name}.npy", _npy(plane.psf.covariance))
         folder.write(f"psf_{plane.name}.png", psf_picture(plane.psf, f"{plane.name}  {plane.verdict}"))
-    if plane.mtf is not None:
-        folder.write(f"mtf_{plane.name}.csv", mtf_table(plane.mtf))
+    if plane.quality is not None:
+        folder.write(f"mtf_{plane.name}.csv", mtf_table(plane.quality))
 
 
-def mtf_table(mtf: Quality) -> bytes:
+def mtf_table(quality: Quality) -> bytes:
     """The MTF as CSV: frequency in cycles/pixel; horizontal, vertical, radial mean, each with its uncertainty."""
-    columns = {"frequency": mtf.frequencies}
+    columns = {"frequency": quality.frequencies}
     for direction in ("horizontal", "vertical", "radial"):
-        columns[direction] = getattr(mtf, f"mtf_{direction}")
-        columns[f"{direction}_uncertainty"] = getattr(mtf, f"mtf_{direction}_uncertainty")
+        columns[direction] = getattr(quality, f"mtf_{direction}")
+        columns[f"{direction}_uncertainty"] = getattr(quality, f"mtf_{direction}_uncertainty")
     text = io.StringIO(newline="")
     table = csv.writer(text, lineterminator="\n")
     table.writerow(columns)
@@ -172,7 +171,8 @@ def _version(distribution: str) -> str | None:
 def _plane_entry(plane: PlaneRecord) -> dict[str, Any]:
     entry: dict[str, Any] = {"verdict": str(plane.verdict), "reason": plane.reason, "remedy": plane.remedy}
     entry.update(plane.numbers)
-    entry.update({name: asdict(quantity) for name, quantity in plane.quantities.items()})
+    if plane.quality is not None:
+        entry.update({name: asdict(quantity) for name, quantity in plane.quality.numbers.items()})
     if plane.diagnostics:
         entry["diagnostics"] = dict(plane.diagnostics)
     return entry

@@ -79,4 +79,5 @@ def homography_jacobian(H: Array, point: Array) -> Array:
 
 def cubic_monomials(x: Array, y: Array) -> Array:
     """The nine monomials of degree one to three at points (n,): (n, 9), in the order of `CUBIC_EXPONENTS`."""
-    return np.stack([x**i * y**j for i, j in CUBIC_EXPONENTS], axis=-1)
+    xx, xy, yy = x * x, x * y, y * y
+    return np.stack([x, y, xx, xy, yy, xx * x, xx * y, x * yy, yy * y], axis=-1)

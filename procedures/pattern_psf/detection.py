@@ -24,7 +24,7 @@ MIN_WIDTH, MAX_WIDTH = 60.0, 300.0
 TOLERANCE = 1.06
 """Widths are known to this factor: a tilted chart has no one width."""
 MAX_HIDDEN = 2
-SCREENED = 0.5
+SCREENED = 0.4
 """Agreement that a set of saddles must show before its marks are placed."""
 MOST_SETTLED = 60
 """Candidates per level whose marks are placed."""
@@ -106,13 +106,13 @@ def _pyramid(image: Image) -> Iterator[tuple[int, Image]]:
 
 def _candidates(level: Image) -> Iterator[Array]:
     """Homographies from cells to the level's pixels, turned as the frame tells, the best agreement first."""
-    maps = find_layouts(find_saddles(level))
-    scores = frame.screen(level, maps)
+    layouts = find_layouts(find_saddles(level))
+    scores = frame.screen(level, layouts)
     best = scores.argmax(axis=1)
     scores = scores.max(axis=1)
     for n in np.argsort(-scores, kind="stable")[:MOST_SETTLED]:
         if scores[n] > SCREENED:
-            yield maps[n] @ np.linalg.inv(frame.symmetries()[best[n]][0])
+            yield layouts.maps[n] @ np.linalg.inv(frame.symmetries()[best[n]][0])
 
 
 def _settle(levels: list[tuple[int, Image]], H: Array) -> Sighting | None:

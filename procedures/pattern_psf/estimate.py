@@ -125,6 +125,13 @@ def estimate_psf(
         return _estimate(plane.samples, chart, parameters, diffraction)
     except Refused as refusal:
         return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
+    except np.linalg.LinAlgError:
+        return Outcome(
+            None,
+            Verdict.REFUSED,
+            f"the photograph must determine {parameters.k}^2 PSF values at s = {parameters.s}; it does not",
+            "photograph the chart from a distance where s/t is near 1, or lower s or k",
+        )
 
 
 def _estimate(
@@ -207,7 +214,7 @@ def _solution(fit: Fit, s: int, k: int, solver: str) -> Psf:
     For "clip" and "nnls" the same covariance is an upper limit: the constraint only takes noise away.
     """
     h = fit.h if solver == "ls" else solve(fit.equations.G, fit.equations.G @ fit.h, solver)
-    covariance = inverse(fit.equations.G) * max(fit.residual_std, 1e-6) ** 2
+    covariance = inverse(fit.equations.G) * fit.residual_std**2
     h, covariance = normalised(h, covariance)
     return Psf(h.reshape(k, k), s, covariance)
 
@@ -215,7 +222,7 @@ def _solution(fit: Fit, s: int, k: int, solver: str) -> Psf:
 def _result(fit: Fit, psf: Psf, d: Diagnostics, diffraction: Diffraction | None) -> PatternPsf:
     """Everything that is reported, from the final fit."""
     m = len(fit.observation.y)
-    amplification = gamma(fit.equations.G, float(np.mean(fit.observation.weight**2)))
+    amplification = gamma(psf.covariance / fit.residual_std**2, float(np.mean(fit.observation.weight**2)))
     pixels = CELLS / BLOCK * block_size_px(fit.registration)
     return PatternPsf(
         psf=psf,

@@ -13,18 +13,19 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from procedures.pattern import BLOCK
-from procedures.pattern_psf.marks import Saddles
+from procedures.pattern_psf.marks import SAME_AXIS, Saddles
 
-MIN_STEP, MAX_STEP = 14.0, 33.0
+MIN_STEP, MAX_STEP = 16.5, 38.0
 """Lattice steps looked for at one level of the pyramid, in its pixels (three blocks of the chart)."""
-SAME_AXIS = np.cos(2 * np.deg2rad(18))
-"""Two x-corners of one chart differ by less than this angle (tilt, noise)."""
-ALONG_AXIS = np.cos(2 * np.deg2rad(16))
+ALONG_AXIS = np.cos(2 * np.deg2rad(11))
 """The lattice is along the axes or across them, up to the shear of a tilt and the axes' own error."""
-SAME_STRENGTH = 3.0
+SAME_STRENGTH = 2.5
 """Greatest ratio of strengths within one side: light gradient, noise, focus."""
 COLLINEAR = 0.15
 """Greatest distance of a third x-corner from where two put it, in steps: perspective, distortion."""
+BETWEEN = 0.2
+"""No like saddle lies this close to the middle of two neighbouring x-corners, in steps: it would in a finer lattice."""
+MOST_TRIPLES = 20_000
 SQUARE = 0.3
 """The same from where a side puts a neighbouring one, supposing a square: tilt."""
 AFFINE = 0.25
@@ -37,10 +38,30 @@ MOST = 4000
 
 RIM = np.array([(s, t) for t in range(4) for s in range(4) if s in (0, 3) or t in (0, 3)], dtype=np.float64)
 """The lattice coordinates (s, t) of the twelve x-corners, (12, 2)."""
+RIM_CELLS = RIM * 3 * BLOCK - BLOCK / 2
+"""The same places in cells."""
 H_LATTICE_CELLS = np.array([[1, 0, BLOCK / 2], [0, 1, BLOCK / 2], [0, 0, 3 * BLOCK]]) / (3 * BLOCK)
 Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
 Indices = npt.NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Layouts:
+    """Sets of saddles that lie like a chart's x-corners.
+
+    A square's eight symmetries leave the x-corners in place: which of them applies is not known here.
+
+    Attributes
+    ----------
+    maps : (n, 3, 3) float64
+        Homographies from cells to pixels.
+    hits : (n, 12) bool
+        Which x-corners there are, in the order of RIM.
+    """
+
+    maps: Array
+    hits: npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -80,32 +101,42 @@ def _pairs(field: _Field) -> tuple[Indices, Indices]:
     i, j = pairs[along].T
     keep = field.alike(i, j)
     i, j = i[keep], j[keep]
-    return np.r_[i, j], np.r_[j, i]
+    middle, length = (points[i] + points[j]) / 2, np.abs(points[i] - points[j])
+    free = field.nearest(middle[:, None], BETWEEN * length, i)[:, 0] < 0
+    return np.r_[i[free], j[free]], np.r_[j[free], i[free]]
 
 
 def _triples(field: _Field) -> Indices:
-    """Triples of like saddles, equally spaced on a line, (n, 3)."""
+    """Triples of like saddles, equally spaced on a line, (n, 3), at most MOST_TRIPLES."""
     i, j = _pairs(field)
-    points = field.saddles.points
+    points, count = field.saddles.points, len(field.saddles.points)
     step = points[j] - points[i]
     k = field.nearest((points[j] + step)[:, None], COLLINEAR * np.abs(step), j)[:, 0]
-    keep = (k >= 0) & (i < k)
-    return np.column_stack([i, j, k])[keep]
+    keep = (k >= 0) & (i < k) & np.isin(j * count + k, i * count + j)
+    triples = np.column_stack([i, j, k])[keep]
+    if len(triples) <= MOST_TRIPLES:
+        return triples
+    strengths = field.saddles.strengths[triples].min(axis=1)
+    return triples[np.argpartition(-strengths, MOST_TRIPLES)[:MOST_TRIPLES]]
 
 
 def _rim_index(s: int, t: int) -> int:
-    return int(np.flatnonzero(((s, t) == RIM).all(axis=1))[0])
+    return int(np.flatnonzero(np.all([s, t] == RIM, axis=1))[0])
 
 
 def _sides(field: _Field, triples: Indices, side: int, first: int) -> Indices:
     """Hypotheses that triples start at s = `first` of the side t = 0, the chart lying to one `side` of it.
 
-    Gives the hits (n, 12) in the order of RIM, -1 where none, for those that find two of the three nearest others.
+    Gives the hits (n, 12) in the order of RIM, -1 where none, for those that find two of the three nearest others
+    and not both of the inner neighbours, which only a lattice of saddles has.
     """
     points = field.saddles.points
     u = (points[triples[:, 2]] - points[triples[:, 0]]) / 2
     v = 1j * side * u
     origin = points[triples[:, 0]] - first * u
+    inside = np.column_stack([origin + s * u + v for s in (1, 2)])
+    open_ = (field.nearest(inside, COLLINEAR * np.abs(u), triples[:, 1]) < 0).any(axis=1)
+    triples, origin, u, v = triples[open_], origin[open_], u[open_], v[open_]
     others = [(3 - 3 * first, 0), (0, 1), (3, 1)]
     targets = np.column_stack([origin + s * u + t * v for s, t in others])
     found = field.nearest(targets, SQUARE * np.abs(u), triples[:, 1])
@@ -159,8 +190,8 @@ def _projective(field: _Field, hits: Indices) -> Array:
     return back @ local @ np.array([[1, 0, -1.5], [0, 1, -1.5], [0, 0, 1]])
 
 
-def _gather(field: _Field, hits: Indices, maps: Array, reach: float) -> tuple[Indices, Array]:
-    """The hits nearest to mapped lattices, `reach` in steps, of those that keep enough; and their steps."""
+def _gather(field: _Field, hits: Indices, maps: Array, reach: float) -> Indices:
+    """The hits nearest to mapped lattices, `reach` in steps, of those that keep enough."""
     q = maps @ np.column_stack([RIM, np.ones(len(RIM))]).T
     predicted = (q[:, 0] + 1j * q[:, 1]) / q[:, 2]
     step = np.abs(predicted[:, 3] - predicted[:, 0]) / 3
@@ -168,7 +199,7 @@ def _gather(field: _Field, hits: Indices, maps: Array, reach: float) -> tuple[In
     good = (step > MIN_STEP / 2) & (step < 2 * MAX_STEP) & np.isfinite(predicted).all(axis=1)
     found = field.nearest(predicted[good], reach * step[good], like[good])
     keep = (found >= 0).sum(axis=1) >= MIN_HITS
-    return found[keep], step[good][keep]
+    return found[keep]
 
 
 def _distinct(hits: Indices) -> Indices:
@@ -178,11 +209,8 @@ def _distinct(hits: Indices) -> Indices:
     return hits[np.argsort(-(hits >= 0).sum(axis=1), kind="stable")[:MOST]]
 
 
-def find_layouts(saddles: Saddles) -> Array:
-    """Homographies from cells to pixels of the sets of saddles that lie like a chart's x-corners, (n, 3, 3).
-
-    Those with the most hits come first. A square's eight symmetries leave the x-corners in place: which of them
-    applies is not known here.
+def find_layouts(saddles: Saddles) -> Layouts:
+    """The sets of saddles that lie like a chart's x-corners, those with the most hits first.
 
     Parameters
     ----------
@@ -190,12 +218,10 @@ def find_layouts(saddles: Saddles) -> Array:
         Of one level of the pyramid, where the lattice step is MIN_STEP to MAX_STEP pixels.
     """
     if len(saddles.points) < MIN_HITS:
-        return np.zeros((0, 3, 3))
+        return Layouts(np.zeros((0, 3, 3)), np.zeros((0, len(RIM)), dtype=np.bool_))
     field = _Field(saddles, cKDTree(np.column_stack([saddles.points.real, saddles.points.imag])))
     triples = _triples(field)
     hits = np.concatenate([_sides(field, triples, side, first) for side in (1, -1) for first in (0, 1)])
-    hits, _ = _gather(field, hits, _affine(field, hits), AFFINE)
-    hits = _distinct(hits)
-    hits, _ = _gather(field, hits, _projective(field, hits), PROJECTIVE)
-    hits = _distinct(hits)
-    return _projective(field, hits) @ H_LATTICE_CELLS
+    hits = _distinct(_gather(field, hits, _affine(field, hits), AFFINE))
+    hits = _distinct(_gather(field, hits, _projective(field, hits), PROJECTIVE))
+    return Layouts(_projective(field, hits) @ H_LATTICE_CELLS, hits >= 0)

@@ -12,25 +12,34 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import cKDTree
 
-SCALE = 1.1
+SCALE = 1.25
 """Standard deviation of the Gaussian whose second derivatives are taken, in pixels of the level."""
 KERNEL_RADIUS = 4
 SEPARATION = 1
 """Saddles closer than this (Chebyshev, pixels of the level) are one."""
 ISOTROPY = 0.9
 """Greatest mean curvature of a saddle, relative to its curvature difference: 0 for an ideal x-corner, 1 for an edge."""
-ABOVE_NOISE = 1.5
-"""Least strength, in median strengths of the saddles of the quiet fifth of the picture, which are noise."""
-RUN = 64
-"""Neighbouring saddles whose median strength tells a quiet place from a busy one."""
-RING_RADIUS = 1.8
+ABOVE_NOISE = 2.5
+"""Least strength of a saddle, in root mean squares of the strength in quiet places, which is noise."""
+QUIET_TILE = 16
+QUIET = 0.005
+"""The share of the picture, in tiles of QUIET_TILE pixels, that is taken for quiet; clipped tiles apart."""
+RING_RADIUS = 2.0
 RING_SAMPLES = 8
-PURITY = 0.45
-"""Least share of the second harmonic in the variance around a saddle: 1 for an ideal x-corner, 2/7 for noise."""
-TILE = 64
+OFF_CENTRE = 0.8
+"""Share of the first harmonic that is excused: that of a ring whose centre is a fraction of a pixel off the saddle."""
+PURITY = 0.62
+"""Least share of the second harmonic in what remains of the variance around a saddle: 1 for an ideal x-corner."""
+RIVAL = 3.0
+"""Radius in which only the best of the saddles of like axis is kept: under half a block."""
+SAME_AXIS = np.cos(2 * np.deg2rad(11))
+"""Axes are alike when their angle is less than this: tilt and noise turn those of a chart by less."""
+TILE = 32
 """Side of the squares from which the strongest saddles are taken when there are too many."""
 MOST = 40_000
+MOST_PER_PIXEL = 0.015
 """Saddles kept in one picture: textures yield hundreds of thousands, a chart twelve."""
 STRIP_ROWS = 128
 """Rows worked on at a time, so that the intermediate maps stay in the processor's cache."""
@@ -74,8 +83,17 @@ def _kernels() -> tuple[Picture, Picture, Picture]:
     return g.astype(np.float32), first.astype(np.float32), second.astype(np.float32)
 
 
-def _strip_saddles(strip: Picture) -> tuple[Indices, Picture, Picture]:
-    """Flat indices of the local maxima of saddle strength, with (Lxx - Lyy) / 2 and Lxy there."""
+@dataclass(frozen=True)
+class _Strip:
+    """Local maxima of saddle strength in a strip: flat indices, (Lxx - Lyy) / 2 and Lxy there; energies of tiles."""
+
+    index: Indices
+    half: Picture
+    xy: Picture
+    energy: Picture
+
+
+def _strip_saddles(strip: Picture) -> _Strip:
     g, d, dd = _kernels()
     xx = cv2.sepFilter2D(strip, cv2.CV_32F, dd, g)
     yy = cv2.sepFilter2D(strip, cv2.CV_32F, g, dd)
@@ -88,24 +106,27 @@ def _strip_saddles(strip: Picture) -> tuple[Indices, Picture, Picture]:
     peaks = determinant >= cv2.dilate(determinant, np.ones((size, size), np.uint8))
     peaks &= mean < np.float32(ISOTROPY**2) * squared
     index = np.flatnonzero(peaks)
-    return index, half.ravel()[index], xy.ravel()[index]
+    tiles = (max(strip.shape[1] // QUIET_TILE, 1), max(strip.shape[0] // QUIET_TILE, 1))
+    energy = cv2.resize(squared, tiles, interpolation=cv2.INTER_AREA)
+    return _Strip(index, half.ravel()[index], xy.ravel()[index], energy.ravel())
 
 
-def _strips(image: Picture) -> Iterator[tuple[Indices, Picture, Picture]]:
+def _strips(image: Picture) -> Iterator[_Strip]:
     """The saddles of a picture, strip by strip; indices are those of the whole, flattened."""
     pad = KERNEL_RADIUS + SEPARATION
     rows, columns = image.shape
     for top in range(0, rows, STRIP_ROWS):
         first, last = max(top - pad, 0), min(top + STRIP_ROWS + pad, rows)
-        index, half, xy = _strip_saddles(image[first:last])
-        begin, end = np.searchsorted(index, [(top - first) * columns, (top - first + STRIP_ROWS) * columns])
-        yield index[begin:end] + first * columns, half[begin:end], xy[begin:end]
+        strip = _strip_saddles(image[first:last])
+        own = slice(*np.searchsorted(strip.index, [(top - first) * columns, (top - first + STRIP_ROWS) * columns]))
+        yield _Strip(strip.index[own] + first * columns, strip.half[own], strip.xy[own], strip.energy)
 
 
-def _noise_level(strengths: npt.NDArray[np.floating]) -> float:
-    """Median strength of the saddles in the quiet fifth of the picture; they come in its order."""
-    runs = strengths[: len(strengths) // RUN * RUN].reshape(-1, RUN)[:: 1 + len(strengths) // (4096 * RUN)]
-    return float(np.quantile(np.median(runs, axis=1), 0.2)) if len(runs) else 0.0
+def _weakest(strips: list[_Strip]) -> float:
+    """Strength below which a saddle may be noise."""
+    energies = np.concatenate([strip.energy for strip in strips])
+    energies = energies[energies > 1e-10 * energies.max()]
+    return ABOVE_NOISE * float(np.sqrt(np.quantile(energies, QUIET))) if len(energies) else np.inf
 
 
 def _purity(image: Picture, points: Complex) -> npt.NDArray[np.float64]:
@@ -118,8 +139,9 @@ def _purity(image: Picture, points: Complex) -> npt.NDArray[np.float64]:
         around = cv2.remap(image, ring.real.astype(np.float32), ring.imag.astype(np.float32), cv2.INTER_LINEAR,
                            borderMode=cv2.BORDER_REPLICATE)  # fmt: skip
         deviation = around - around.mean(axis=1, keepdims=True)
-        harmonic = np.abs(deviation @ turns.conj() ** 2) ** 2 * (2 / RING_SAMPLES)
-        purity[part] = harmonic / np.maximum((deviation**2).sum(axis=1), np.finfo(np.float32).tiny)
+        first, second = (np.abs(deviation @ turns.conj() ** n) ** 2 * (2 / RING_SAMPLES) for n in (1, 2))
+        rest = (deviation**2).sum(axis=1) - OFF_CENTRE * first
+        purity[part] = second / np.maximum(rest, np.finfo(np.float32).tiny)
     return purity
 
 
@@ -133,7 +155,9 @@ def _best_of_tiles(points: Complex, merit: npt.NDArray[np.float64], most: int) -
     return order[rank <= each]
 
 
-def find_saddles(image: Picture, *, most: int = MOST) -> Saddles:
+def find_saddles(
+    image: Picture,
+) -> Saddles:
     """The saddle points of a picture that stand out of its noise and look like x-corners, in no order.
 
     A saddle of the Gaussian scale space: Lxx Lyy - Lxy^2 < 0 at a local extremum, with curvatures of nearly equal
@@ -143,19 +167,29 @@ def find_saddles(image: Picture, *, most: int = MOST) -> Saddles:
     ----------
     image : (rows, columns) float32
         Grey levels; any positive scale gives the same points.
-    most : int
-        About how many are kept.
     """
     strips = list(_strips(image))
-    index, half, xy = (np.concatenate([strip[n] for strip in strips]) for n in range(3))
-    strengths = np.hypot(half, xy)
-    strong = np.flatnonzero(strengths > max(ABOVE_NOISE * _noise_level(strengths), 1e-5 * strengths.max(initial=0.0)))
+    index, half, xy = (np.concatenate([getattr(s, name) for s in strips]) for name in ("index", "half", "xy"))
+    strong = np.flatnonzero(half**2 + xy**2 > _weakest(strips) ** 2)
     points = index[strong] % image.shape[1] + 1j * (index[strong] // image.shape[1])
+    z = half[strong] + 1j * xy[strong].astype(np.float64)
     purity = _purity(image, points)
     pure = purity > PURITY
-    points, strong, purity = points[pure], strong[pure], purity[pure]
-    if len(points) > most:
-        keep = _best_of_tiles(points, strengths[strong] * purity**2, most)
-        points, strong = points[keep], strong[keep]
-    z = half[strong] + 1j * xy[strong].astype(np.float64)
-    return Saddles(points, -z / np.abs(z), np.abs(z))
+    found = Saddles(points[pure], -z[pure] / np.abs(z[pure]), np.abs(z[pure]))
+    merit = found.strengths * purity[pure] ** 2
+    most = int(min(MOST, MOST_PER_PIXEL * image.size))
+    if len(merit) > most:
+        keep = _best_of_tiles(found.points, merit, most)
+        found, merit = found.take(keep), merit[keep]
+    return found.take(_unrivalled(found, merit))
+
+
+def _unrivalled(saddles: Saddles, merit: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+    """Which saddles have none of more merit and like axis within RIVAL pixels."""
+    tree = cKDTree(np.column_stack([saddles.points.real, saddles.points.imag]))
+    i, j = tree.query_pairs(RIVAL, output_type="ndarray").T
+    rivals = (saddles.axes[i] * saddles.axes[j].conj()).real > SAME_AXIS
+    i, j = i[rivals], j[rivals]
+    alone = np.ones(len(merit), dtype=np.bool_)
+    alone[np.where(merit[i] < merit[j], i, j)] = False
+    return alone

@@ -3,12 +3,13 @@
 The marks give a map good to a few tenths of a pixel when the chart is tilted or the lens distorts; sixty-five
 thousand cells give it to a few thousandths. Every Gauss-Newton step linearises
 
-    y = m + sum a_i q_i + sum b_i q_i m + beta (m^2 - m) + delta o,   m = A h + sum(h)/2,
+    y = A h + sum a_i q_i + sum b_i q_i m + beta (m^2 - m) + delta o,   m = A h + sum(h)/2,
 
-about the current map, PSF and light, with y the sample between the black and white levels, q_i the quadratics of
-place, o the cells' outlines seen through the PSF, and eliminates everything but h (variable projection, Kaufman's
-form). delta is the spread of the ink, in cells: the printer makes black cells larger than white ones, which
-darkens the noise region just as a curved response would; only the picture of the outlines tells the two apart.
+about the current map, PSF and light, with y the sample between the black and white levels, A the chart of values
+-1/2 and 1/2 (a_0 holds the mean), q_i the quadratics of place, o the cells' outlines seen through the PSF, and
+eliminates everything but h (variable projection, Kaufman's form). delta is the spread of the ink, in cells: the
+printer makes black cells larger than white ones, which darkens the noise region just as a curved response would; only
+the picture of the outlines tells the two apart.
 """
 
 from __future__ import annotations
@@ -17,14 +18,24 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import csr_array
 
 from procedures.numerics.warps import cubic_monomials
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.centre import mark_offset
-from procedures.pattern_psf.radiometry import Light, quadratic, response_curvature
-from procedures.pattern_psf.rasterise import Raster, Window, band_limited_chart
+from procedures.pattern_psf.printed_edges import Edges, edge_columns
+from procedures.pattern_psf.radiometry import Light, quadratic
+from procedures.pattern_psf.rasterise import Raster, Window, band_limited_chart, whole_chart
 from procedures.pattern_psf.registration import Registration, map_distance
-from procedures.pattern_psf.solve import NormalEquations, convolve_at, eliminate, gram, sample_convolution, solve
+from procedures.pattern_psf.solve import (
+    NormalEquations,
+    convolve_at,
+    eliminate,
+    gram,
+    products,
+    sample_convolution,
+    solve,
+)
 
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
@@ -32,8 +43,10 @@ Array32 = npt.NDArray[np.float32]
 GEOMETRY = 18  # nuisance columns of the displacement: nine cubics each for x and y
 RESPONSE, SPREAD = 11, 12  # places of beta and delta among the light's numbers
 MAX_STEPS = 6
-NEAR_PX = 0.05  # below this a step's system is that of the answer, to the noise
-STILL_PX = 0.004  # a step of the map under this leaves h within a tenth of any photograph's noise
+LOST = 0.1  # agreement by the marks' map under which these are other cells, or none can be seen
+PRINT_TELLS = 1.06  # residual over noise from which the printed edges are worth estimating
+NEAR_PX = 0.15  # below this a step's system is that of the answer, to the noise
+STILL_PX = 0.015  # the step itself is accounted for to first order: what is left of it is a hundredth
 
 
 @dataclass(frozen=True)
@@ -70,6 +83,10 @@ class Fit:
         The PSF, not yet normalised: its sum is the contrast's correction.
     light : (13,) float64
         a (6), b without its constant (5), beta, delta.
+    edges : (514,) or (0,) float64
+        Offsets of the printed edges, in cells: vertical lines, then horizontal ones; empty where they do not tell.
+    edge_rms : float
+        Their root mean square, in cells.
     observation : Observation
     equations : NormalEquations
         Of the last step, for unit noise.
@@ -85,6 +102,8 @@ class Fit:
     registration: Registration
     h: Array
     light: Array
+    edges: Array
+    edge_rms: float
     observation: Observation
     equations: NormalEquations
     AA: Array
@@ -99,13 +118,19 @@ class Fit:
 
     @property
     def freedom(self) -> int:
-        """Samples minus parameters."""
-        return len(self.observation.y) - len(self.h) - GEOMETRY - len(self.light)
+        """Samples minus parameters; the edges' count by half, as the prior holds them."""
+        return len(self.observation.y) - len(self.h) - GEOMETRY - len(self.light) - len(self.edges) // 2
 
     @property
     def residual_std(self) -> float:
         """Standard deviation of the residual, freedoms allowed for: 1 when only the blocks' noise is left."""
         return float(np.sqrt(self.residual @ self.residual / self.freedom))
+
+    @property
+    def agreement(self) -> float:
+        """Share of the samples' variance that the prediction explains, freedoms allowed for."""
+        left = self.observation.y - self.prediction
+        return 1 - float(left @ left) / self.freedom / float(np.var(self.observation.y))
 
     @property
     def contrast(self) -> float:
@@ -157,7 +182,7 @@ def without_outliers(fit: Fit, limit: float = 6.0) -> Observation:
 
 
 def refine(observation: Observation, chart: Chart, registration: Registration, window: Window, s: int, k: int) -> Fit:
-    """The joint estimate of PSF, map and light, from the marks' map on.
+    """The joint estimate of PSF, map and light, from the marks' map on; of the printed edges where they tell.
 
     Parameters
     ----------
@@ -171,11 +196,13 @@ def refine(observation: Observation, chart: Chart, registration: Registration, w
     """
     raster = band_limited_chart(chart, registration, s)
     fit = _first_fit(observation, raster, registration, window, k)
+    if fit.agreement < LOST:
+        return fit
     moved = np.inf
     for step in range(1, MAX_STEPS + 1):
         # far from rest the first step's Gram matrix serves; at rest the system must be the map's own
         fresh = moved < NEAR_PX or step == MAX_STEPS
-        last, fit = fit, _step(_centred(fit, s, k), raster, window, k, fresh=fresh)
+        last, fit = fit, _step(_centred(fit, s, k), raster, window, k, whole_chart(chart), fresh=fresh)
         moved = map_distance(last.registration, fit.registration, observation.points[::29])
         if fresh and moved < STILL_PX:
             break
@@ -191,13 +218,14 @@ def _system(o: Observation, raster: Raster, registration: Registration, window: 
 def _first_fit(o: Observation, raster: Raster, registration: Registration, window: Window, k: int) -> Fit:
     """The PSF by the marks' map, the light's quadratics free, the response from the region's mean."""
     A = _system(o, raster, registration, window, k)
-    light = np.zeros(13)
-    light[RESPONSE] = response_curvature(o.y, 0.5)
     place = quadratic(*((o.points - registration.centre) / registration.radius).T)
     AA = gram(A)
-    equations = eliminate(AA, A, place * o.weight[:, None], o.y * o.weight)
+    equations = eliminate(products(AA, A, place * o.weight[:, None], o.y * o.weight))
     h = solve(equations.G, equations.b, "ls")
-    return Fit(registration, h, light, o, equations, AA, np.zeros_like(o.y), 0, False)
+    light = np.zeros(13)
+    light[:6] = equations.nuisance(h)
+    prediction = (A @ h.astype(np.float32)) / o.weight + place @ light[:6]
+    return Fit(registration, h, light, np.zeros(0), 0.0, o, equations, AA, prediction, 0, False)
 
 
 def _centred(fit: Fit, s: int, k: int) -> Fit:
@@ -206,31 +234,59 @@ def _centred(fit: Fit, s: int, k: int) -> Fit:
     return replace(fit, registration=fit.registration.translated(-offset))
 
 
-def _step(fit: Fit, raster: Raster, window: Window, k: int, *, fresh: bool) -> Fit:
-    """One Gauss-Newton step: a new system for the current map, increments of everything."""
+def _step(fit: Fit, raster: Raster, window: Window, k: int, chart: Array32, *, fresh: bool) -> Fit:
+    """One Gauss-Newton step: a new system for the current map, increments of everything.
+
+    A fresh step that leaves more than noise is taken again with the offsets of the chart's printed edges.
+    """
     o, registration = fit.observation, fit.registration
     A = _system(o, raster, registration, window, k)
-    AA = gram(A) if fresh else fit.AA
-    m = (A @ fit.h.astype(np.float32)).astype(np.float64) / o.weight + fit.h.sum() / 2
+    Z, prediction = _linearised(fit, A, raster, window, k)
+    start = replace(fit, AA=gram(A) if fresh else fit.AA, prediction=prediction)
+    parts = products(start.AA, A, Z * o.weight[:, None], start.residual)
+    equations = eliminate(parts)
+    plain = _advanced(start, A, Z, equations)
+    if not fresh or plain.residual_std < PRINT_TELLS:
+        return plain
+    edges = Edges.of(edge_columns(chart, registration, o.points, fit.h.reshape(k, k), raster.s, o.weight))
+    rms = edges.rms(plain.residual)
+    joint = edges.join(parts, A, Z * o.weight[:, None], start.residual, rms)
+    return _advanced(start, A, Z, eliminate(joint), edges.C, rms)
+
+
+def _advanced(
+    start: Fit, A: Array32, Z: Array, equations: NormalEquations, C: csr_array | None = None, rms: float = 0.0
+) -> Fit:
+    """The fit with the increments that solve the equations, and the prediction they make, to first order."""
+    o, n = start.observation, Z.shape[1]
+    dh = solve(equations.G, equations.b, "ls")
+    t = equations.nuisance(dh)
+    change = (A @ dh.astype(np.float32)) / o.weight + Z @ t[:n]
+    if C is not None:
+        change += (C @ t[n:]) / o.weight
+    return replace(
+        start,
+        registration=_displaced(start.registration, t[:GEOMETRY].reshape(2, 9), o),
+        h=start.h + dh,
+        light=start.light + t[GEOMETRY:n],
+        edges=t[n:],
+        edge_rms=rms,
+        equations=equations,
+        prediction=start.prediction + change,
+    )
+
+
+def _linearised(fit: Fit, A: Array32, raster: Raster, window: Window, k: int) -> tuple[Array, Array]:
+    """Nuisance columns (m, 31) of geometry, light, response and spread, and the current prediction (m,)."""
+    o, registration = fit.observation, fit.registration
+    seen = (A @ fit.h.astype(np.float32)).astype(np.float64) / o.weight
+    m = seen + fit.h.sum() / 2
     place = quadratic(*((o.points - registration.centre) / registration.radius).T)
     outline = raster.read_outline(registration, window, k // 2)
     spread = convolve_at(outline, o.rows, o.columns, fit.h.reshape(k, k).astype(np.float32), raster.s)
     geometry = _geometry_columns(A, fit.h, o, registration, raster.s, k)
     Z = np.column_stack([geometry, place, place[:, 1:] * m[:, None], m * m - m, spread])
-    prediction = m + Z[:, GEOMETRY:] @ fit.light
-    equations = eliminate(AA, A, Z * o.weight[:, None], (o.y - prediction) * o.weight)
-    dh = solve(equations.G, equations.b, "ls")
-    t = equations.nuisance(dh)
-    change = (A @ dh.astype(np.float32)).astype(np.float64) / o.weight + dh.sum() / 2 + Z @ t
-    return replace(
-        fit,
-        registration=_displaced(registration, t[:GEOMETRY].reshape(2, 9), o),
-        h=fit.h + dh,
-        light=fit.light + t[GEOMETRY:],
-        equations=equations,
-        AA=AA,
-        prediction=prediction + change,
-    )
+    return Z, seen + Z[:, GEOMETRY:] @ fit.light
 
 
 def _geometry_columns(A: Array32, h: Array, o: Observation, registration: Registration, s: int, k: int) -> Array:

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 import numpy.typing as npt
-import scipy.linalg
 
-from procedures.numerics.solvers import non_negative_least_squares
+from procedures.numerics.solvers import cholesky_solve, non_negative_least_squares
 from procedures.outcome import BadParameter
 
 Array = npt.NDArray[np.float64]
@@ -99,21 +98,35 @@ def gram(A: Array32) -> Array:
     return np.asarray(A.T @ A, dtype=np.float64)
 
 
-def eliminate(AA: Array, A: Array32, Z: Array, r: Array) -> NormalEquations:
-    """Normal equations of min |A h + Z t - r| for h alone, t eliminated.
+@dataclass(frozen=True)
+class Products:
+    """What the normal equations are made of.
 
-    Parameters
+    Attributes
     ----------
     AA : (n, n) float64
         A'A, or that of a matrix near A when h is an increment.
-    A : (m, n) float32, Z : (m, p) float64, r : (m,) float64
-        All with their rows scaled by one over the noise.
+    AZ : (n, p), ZZ : (p, p), Ar : (n,), Zr : (p,)
+        A'Z, Z'Z with the precision of what is known of t beforehand on its diagonal, A'r, Z'r.
     """
-    AZr = A.T @ np.column_stack([Z, r]).astype(np.float32)
-    AZ, Ar = AZr[:, :-1].astype(np.float64), AZr[:, -1].astype(np.float64)
-    ZZ, Zr = Z.T @ Z, Z.T @ r
-    X = np.linalg.solve(ZZ, np.column_stack([AZ.T, Zr]))
-    return NormalEquations(AA - AZ @ X[:, :-1], Ar - AZ @ X[:, -1], AZ, ZZ, Zr)
+
+    AA: Array
+    AZ: Array
+    ZZ: Array
+    Ar: Array
+    Zr: Array
+
+
+def products(AA: Array, A: Array32, Z: Array, r: Array) -> Products:
+    """The products of A (m, n) float32, nuisance columns Z (m, p) and r (m,), their rows over the noise."""
+    AZr = (A.T @ np.column_stack([Z, r]).astype(np.float32)).astype(np.float64)
+    return Products(AA, AZr[:, :-1], Z.T @ Z, AZr[:, -1], Z.T @ r)
+
+
+def eliminate(p: Products) -> NormalEquations:
+    """Normal equations of min |A h + Z t - r| for h alone, t eliminated."""
+    X = cholesky_solve(p.ZZ, np.column_stack([p.AZ.T, p.Zr]))
+    return NormalEquations(p.AA - p.AZ @ X[:, :-1], p.Ar - p.AZ @ X[:, -1], p.AZ, p.ZZ, p.Zr)
 
 
 def solve(G: Array, b: Array, solver: str) -> Array:
@@ -127,26 +140,25 @@ def solve(G: Array, b: Array, solver: str) -> Array:
         raise BadParameter(f"the solver is one of {', '.join(SOLVERS)}; got {solver!r}", "choose one of them")
     if solver == "nnls":
         return non_negative_least_squares(G, b)
-    h = scipy.linalg.solve(G, b, assume_a="pos")
-    return np.asarray(np.maximum(h, 0) if solver == "clip" else h)
+    h = cholesky_solve(G, b)
+    return np.maximum(h, 0) if solver == "clip" else h
 
 
-def gamma(G: Array, mean_square_weight: float) -> float:
+def gamma(unit_covariance: Array, mean_square_weight: float) -> float:
     """The noise amplification sqrt(sum 1 / sigma_i^2) of the system: |dh| = gamma sigma for noise sigma.
 
     Parameters
     ----------
-    G : (n, n) float64
-        Normal matrix of the weighted system.
+    unit_covariance : (n, n) float64
+        Covariance of the PSF of sum 1 when every weighted sample has unit noise.
     mean_square_weight : float
         Mean of the squared weights, which takes the weights' scale out again.
 
     Notes
     -----
-    The nuisance parameters are eliminated from G: what they cost is included. Source: thesis, section 2.3.1, whose
-    gamma is this one squared.
+    What the nuisance parameters cost is included. Source: thesis, section 2.3.1, whose gamma is this one squared.
     """
-    return float(np.sqrt(np.trace(scipy.linalg.inv(G)) * mean_square_weight))
+    return float(np.sqrt(np.trace(unit_covariance) * mean_square_weight))
 
 
 def gamma_bound(m: int, n: int) -> float:

@@ -48,6 +48,8 @@ class Diagnostics:
         beta of the response m + beta (m^2 - m).
     ink_spread : float
         By how much the edges moved from black to white in print, in cells.
+    printed_edges_rms : float
+        Root mean square offset of the printed lines of edges, in cells; 0 where they were not estimated.
     s_over_t : float
         Sampling ratio: s times pixels per cell.
     """
@@ -68,6 +70,7 @@ class Diagnostics:
     noise: float
     response_curvature: float
     ink_spread: float
+    printed_edges_rms: float
     s_over_t: float
 
 
@@ -91,16 +94,12 @@ def diagnose(
     s : int
     """
     o = fit.observation
-    left = o.y - fit.prediction
-    freedom = fit.freedom
-    variance = float(np.var(o.y))
-    unexplained = float(left @ left) / freedom / variance
-    noise = float(np.mean(1 / o.weight**2)) / variance
+    noise = float(np.mean(1 / o.weight**2)) / float(np.var(o.y))
     marks = mark_residuals(fit.registration, corners)
     pixels_per_cell = 1 / np.sqrt(abs(np.linalg.det(fit.registration.jacobian())))
     return Diagnostics(
-        agreement=1 - unexplained,
-        unexplained=max(unexplained - noise, 0.0),
+        agreement=fit.agreement,
+        unexplained=max(1 - fit.agreement - noise, 0.0),
         residual_std=fit.residual_std,
         whiteness=_neighbour_correlation(fit),
         relative_uncertainty=float(np.sqrt(np.trace(psf.covariance)) / np.linalg.norm(psf.h)),
@@ -115,6 +114,7 @@ def diagnose(
         noise=float(np.sqrt(light.variance_white) / light.contrast),
         response_curvature=float(fit.light[RESPONSE]),
         ink_spread=-float(fit.light[SPREAD]),
+        printed_edges_rms=fit.edge_rms,
         s_over_t=float(s * pixels_per_cell),
     )
 

@@ -18,6 +18,7 @@ from station.cli.log import log, log_json_option
 if TYPE_CHECKING:
     from procedures.outcome import Outcome
     from procedures.pattern import Chart
+    from procedures.pattern_print.source import Source
     from procedures.pattern_psf.estimate import PatternParameters, PatternPsf
     from procedures.quality import Diffraction
     from procedures.raw import Exposure, Plane, RawFrame
@@ -31,7 +32,9 @@ _LEVELS = {"pass": "info", "doubtful": "warning", "refused": "error"}
 @click.command("pattern")
 @click.argument("image", type=click.Path(path_type=Path))
 @click.option("--bits", type=click.Path(path_type=Path), help="The chart's 256 x 256 cells as a grey image.")
-@click.option("--seed", type=int, help="The seed of the chart.  [default: the station's own chart]")
+@click.option(
+    "--seed", type=click.IntRange(0, 2**63 - 1), help="The chart's seed; 1 if neither this nor --bits is given."
+)
 @click.option("-s", "s", type=int, default=4, show_default=True, help="PSF samples per pixel of the plane.")
 @click.option("-k", "k", type=int, default=17, show_default=True, help="PSF samples along one side, odd.")
 @click.option("--solver", type=click.Choice(["ls", "clip", "nnls"]), default="ls", show_default=True)
@@ -46,9 +49,6 @@ def psf_pattern(
     image: Path,
     bits: Path | None,
     seed: int | None,
-    pixel_pitch_um: float | None,
-    f_number: float | None,
-    wavelength_nm: float | None,
     plane: str | None,
     out: Path,
     as_json: bool,
@@ -61,16 +61,17 @@ def psf_pattern(
     from procedures.pattern_psf.estimate import PatternParameters
     from station.results import ResultFolder, write_psf_result
 
+    optics = {name: options.pop(name) for name in ("pixel_pitch_um", "f_number", "wavelength_nm")}
     parameters = PatternParameters(**options)
     with ResultFolder(out) as folder:
-        chart, source = _chart(bits, seed)
+        source = _chart(bits, seed)
         frame = _frame(image, plane)
-        limit = partial(_diffraction, frame.exposure, pixel_pitch_um, f_number, wavelength_nm)
-        planes = _estimate(frame, chart, parameters, limit)
+        limit = partial(_diffraction, frame.exposure, **optics)
+        planes = _estimate(frame, source.chart, parameters, limit)
         about = {
             "procedure": "pattern",
             "input": [{"path": str(image), "sha256": frame.sha256}],
-            "parameters": {**options, "chart": source},
+            "parameters": {**options, "chart": source.origin, **{k: v for k, v in optics.items() if v is not None}},
             "duration_s": round(time.perf_counter() - start, 3),
         }
         text = write_psf_result(folder, planes, about)
@@ -81,20 +82,11 @@ def psf_pattern(
         raise click.exceptions.Exit(REFUSED)
 
 
-def _chart(bits: Path | None, seed: int | None) -> tuple[Chart, dict[str, Any]]:
-    """The chart, and where it came from for the record."""
-    from procedures.outcome import BadInput
-    from procedures.pattern import DEFAULT_SEED, Chart
-    from procedures.raw import GREY_PLANE, read_frame
+def _chart(bits: Path | None, seed: int | None) -> Source:
+    from procedures.pattern import DEFAULT_SEED
+    from procedures.pattern_print.source import Source
 
-    if bits is None:
-        seed = DEFAULT_SEED if seed is None else seed
-        return Chart.from_seed(seed), {"seed": seed}
-    frame = read_frame(bits, [GREY_PLANE])
-    try:
-        return Chart.from_image(frame.planes[GREY_PLANE].samples), {"bits": str(bits), "sha256": frame.sha256}
-    except ValueError as error:
-        raise BadInput(f"{bits}: {error}", "give the 256 x 256 image the chart was printed from") from error
+    return Source.from_file(bits) if bits else Source.from_seed(DEFAULT_SEED if seed is None else seed)
 
 
 def _frame(image: Path, plane: str | None) -> RawFrame:
@@ -109,7 +101,12 @@ def _frame(image: Path, plane: str | None) -> RawFrame:
 
 
 def _diffraction(
-    exposure: Exposure, pixel_pitch_um: float | None, f_number: float | None, wavelength_nm: float | None, plane: Plane
+    exposure: Exposure,
+    plane: Plane,
+    *,
+    pixel_pitch_um: float | None,
+    f_number: float | None,
+    wavelength_nm: float | None,
 ) -> Diffraction | None:
     """The plane's diffraction limit, where pitch and aperture are known."""
     from procedures.quality import Diffraction
@@ -164,9 +161,8 @@ def _record(name: str, outcome: Outcome[PatternPsf]) -> PlaneRecord:
         outcome.reason,
         outcome.remedy,
         psf=found.psf,
-        mtf=found.quality,
+        quality=found.quality,
         numbers={number: getattr(found, number) for number in _NUMBERS},
-        quantities=found.quality.numbers,
         diagnostics=found.diagnostics,
     )
 
@@ -178,8 +174,9 @@ def _sentence(record: PlaneRecord) -> str:
     """What a person wants to know of a plane in one line."""
     parts = [f"{record.name}: {record.verdict}"]
     parts += [record.reason] if record.reason else []
+    numbers = record.quality.numbers if record.quality else {}
     for name in ("mtf50_horizontal", "mtf50_vertical"):
-        if name in record.quantities:
-            number = record.quantities[name]
+        if name in numbers:
+            number = numbers[name]
             parts.append(f"{name} {number.value:.4f} ± {number.uncertainty:.4f} {number.unit}")
     return "; ".join(parts)
