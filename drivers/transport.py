@@ -265,5 +265,8 @@ class SerialTransport(Generic[E]):
         if port is not None:
             with suppress(*PORT_ERRORS):
                 port.cancel_read()
+            socket = getattr(port, "_socket", None)  # pyserial forgets to close one whose other end has gone
             with suppress(*PORT_ERRORS):
                 port.close()
+            if socket is not None:
+                socket.close()

@@ -97,14 +97,14 @@ class SimulatedBench:
         """The URL of a device's port."""
         return f"sim://{self.name}/{device}"
 
-    def open_ports(self) -> dict[str, tuple[str, str]]:
+    def open_ports(self, devices: Sequence[str] = CABLES) -> dict[str, tuple[str, str]]:
         """Each cable's pseudo-terminal and TCP address for other programs, by device; the bare RTS line has neither.
 
         One program at a time: a cable that is in use is refused, wherever it is asked for.
         """
         found = {}
         for name, cable in self.cables.items():
-            if name != "rts":
+            if name != "rts" and name in devices:
                 pty, tcp = PtyPort(cable), TcpPort(cable)
                 self._ports += [pty, tcp]
                 found[name] = (pty.address, tcp.address)
@@ -112,6 +112,8 @@ class SimulatedBench:
 
     def close(self) -> None:
         """Take the addresses away."""
+        for port in self._ports:
+            port.end()
         for port in self._ports:
             port.close()
         for name, cable in self.cables.items():

@@ -71,10 +71,14 @@ class PtyPort:
                 with contextlib.suppress(OSError):
                     os.write(self._master, self._cable.read(self, 4096, POLL_S))
 
-    def close(self) -> None:
-        """End the threads and the terminal."""
+    def end(self) -> None:
+        """Let the threads end."""
         self._closing = True
         self._cable.cancel_read()
+
+    def close(self) -> None:
+        """Wait for the threads and close the terminal."""
+        self.end()
         for thread in self._threads:
             thread.join(timeout=2.0)
         os.close(self._master)
@@ -126,10 +130,14 @@ class TcpPort:
             self._cable.set_lines(False, False)
             sender.join(timeout=2.0)
 
-    def close(self) -> None:
-        """Stop serving."""
+    def end(self) -> None:
+        """Let the threads end."""
         self._closing = True
         self._cable.cancel_read()
+
+    def close(self) -> None:
+        """Wait for the threads and close the port."""
+        self.end()
         for thread in self._threads:
             thread.join(timeout=2.0)
         self._server.close()
