@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.clock import Clock, SystemClock
-from drivers.errors import FrameMissing, FrameWrong, LineLost
+from drivers.errors import DeviceError, FrameMissing, FrameWrong, LineLost
 from drivers.frames import Facts, Inspect, check_settings, is_raw, sha256_of
 from drivers.interfaces import CameraSettings, Condition, Exposure, Identity, Shutter, ShutterTimes
 
@@ -61,6 +61,7 @@ class FolderCamera:
         self._inspect = inspect
         self._known: dict[Path, Stamp] = {}
         self._hashes: set[str] = set()
+        self._doubt_until_s = -float("inf")
         self._connected = False
 
     @property
@@ -94,15 +95,25 @@ class FolderCamera:
 
     def expose(self) -> Exposure:
         """Fire once and return the one RAW file that comes of it. Raises FrameMissing, FrameWrong."""
-        self._known |= self._look()  # strays that came since the last exposure are not this one's
+        self._wait_for_strays()
         requested_s = self.clock.now_s()
         exposure_s = self.settings.exposure_s or 0.0
         pulse_s = exposure_s if self.tether.bulb and exposure_s else self.tether.pulse_s
-        shutter = self._shutter.fire(pulse_s, self.tether.focus_s)
-        path, facts, digest = self._await_frame(exposure_s)
+        try:
+            shutter = self._shutter.fire(pulse_s, self.tether.focus_s)
+            path, facts, digest = self._await_frame(exposure_s)
+        except DeviceError:
+            self._doubt_until_s = self.clock.now_s() + exposure_s + self.tether.patience_s
+            raise
         exposure = self._record(path, digest, requested_s, shutter)
         check_settings(path, facts, self.settings)
         return exposure
+
+    def _wait_for_strays(self) -> None:
+        """After an exposure that failed its frame may still come: it must not be taken for the next one's."""
+        while self.clock.now_s() < self._doubt_until_s:
+            self.clock.sleep(self.tether.poll_s)
+        self._known |= self._look()
 
     def _record(self, path: Path, digest: str, requested_s: float, shutter: ShutterTimes) -> Exposure:
         companions = tuple(sorted(p for p in self._folder.glob(path.stem + ".*") if p != path and not is_raw(p)))

@@ -19,13 +19,11 @@ from drivers.errors import (
     NoAnswer,
     NotHomed,
 )
-from drivers.grbl_link import GrblLink, Report
+from drivers.grbl_link import STILL, GrblLink, Report
 from drivers.grbl_protocol import HOLD, JOG_CANCEL, RESET, Event
 from drivers.interfaces import Condition, Identity, Transport, Travel
 from drivers.moving import OneMover, check_arrival, check_target
 from drivers.trust import HOME
-
-STILL = {"Idle", "Alarm", "Sleep", "Check"}
 
 
 @dataclass(frozen=True)
@@ -123,7 +121,7 @@ class GrblStage:
 
     def position(self) -> Mapping[str, float]:
         """Where the axes are now, in their own units. Raises DeviceError."""
-        return self._user(self.link.report())
+        return self._user(self.link.settled_report())
 
     def _user(self, report: Report) -> dict[str, float]:
         lengths = {name: travel.high - travel.low for name, travel in self._travel.items()}
@@ -189,22 +187,22 @@ class GrblStage:
         return max(1 / (self.link.setting(100 + self._index(axis), 250.0) or 250.0), 0.001)
 
     def _until_still(self, duration_s: float) -> Report:
-        """Two reports of Idle in a row. Raises NoAnswer when twice the time and two seconds have passed."""
+        """Two equal reports of Idle in a row. Raises NoAnswer when twice the time and two seconds have passed."""
         deadline_s = self.clock.now_s() + 2 * duration_s + 2
-        idle, pause_s = 0, duration_s
+        before, pause_s = None, duration_s
         while True:
             self.link.pause(pause_s)
             report = self.link.report()
-            idle = idle + 1 if report.state == "Idle" else 0
-            if idle == 2:
+            if report.state == "Idle" and report == before:
                 return report
+            before = report
             if report.state in ("Door", "Hold", "Alarm", "Sleep"):
                 raise MoveFailed(f"{self.address} stopped in state {report.state}", f"clear it, then {HOME}")
             if self.clock.now_s() > deadline_s:
                 raise NoAnswer(
                     f"{self.address} still moves after {2 * duration_s + 2:.1f} s", "check feed and mechanics"
                 )
-            pause_s = 0.0 if idle else self._poll_s
+            pause_s = 0.0 if report.state == "Idle" else self._poll_s
 
     def _arrived(self, goal: Mapping[str, float], there: Mapping[str, float], stops: int) -> None:
         for axis in self._axes:

@@ -28,6 +28,7 @@ from drivers.trust import HOME, UNHOMED, Trust
 
 REPLY_S = 1.0
 STATUS_S = 0.5
+STILL = ("Idle", "Alarm", "Sleep", "Check")
 GREETING_S = 2.5  # an Arduino's boot loader waits up to two seconds
 
 
@@ -160,6 +161,21 @@ class GrblLink:
     def report(self) -> Report:
         """Ask `?`, again if it goes unanswered; position in machine space. Raises DeviceError."""
         return self._transport.request(STATUS, self._placed, STATUS_S, tries=3)
+
+    def settled_report(self) -> Report:
+        """Two reports in a row that agree: GRBL sends no checksums, and a damaged digit looks like another place.
+
+        While it moves, the later one. Raises DeviceError.
+        """
+        before = self.report()
+        for _ in range(5):
+            now = self.report()
+            if now.machine == before.machine or now.state not in STILL:
+                return now
+            before = now
+        raise NoAnswer(
+            f"{self.address} reports another position each time", "check the cable, and that nothing moves it"
+        )
 
     def _placed(self, event: Event) -> Report | None:
         """A report's machine position: MPos, or WPos + WCO once an offset was told; inches where $13 says so."""

@@ -87,9 +87,10 @@ class WitImu:
         return self._transport.address
 
     def connect(self) -> Identity:
-        """Open and read a register back. Raises DeviceError."""
+        """Open, read a register back, and quiet the stream it has begun by itself. Raises DeviceError."""
         with opened(self._transport, self._hear):
-            self._register(RATE)
+            if self._register(RATE) != NO_OUTPUT:
+                self.stop()
         return Identity("WitMotion", self._version, "", self.address)
 
     def close(self) -> None:

@@ -19,6 +19,7 @@ from simulators.faults import Faults
 from simulators.grbl import GrblController, Outputs
 from simulators.imu import FastModule, WitModule
 from simulators.instruments import BoschModule, DmxWidget, JrtModule
+from simulators.mishaps import Fate, Mishap, random_faults, random_mishaps
 from simulators.ports import PtyPort, TcpPort
 from simulators.serial_device import Cable, SerialDevice, SimClock, plug, unplug
 from simulators.shutter import RtsLine, StrigBox
@@ -36,8 +37,8 @@ UNIT_PER_STEP = {"pan_deg": 0.000234375, "tilt_deg": 0.000234375, "y_mm": 0.0004
 class Setup:
     """Which bench to simulate.
 
-    `faults` by cable; `develop` makes the RAW file of an opening, by default a rendering of the chart. `virtual_time`
-    lets time jump while it is waited for; otherwise it runs `speed` times as fast as real time.
+    `faults` by cable, `mishaps` to devices; `develop` makes the RAW file of an opening, by default a rendering of the
+    chart. `virtual_time` lets time jump while it is waited for; otherwise it runs `speed` times as fast as real time.
     """
 
     seed: int = 0
@@ -45,6 +46,7 @@ class Setup:
     body: BodySettings = field(default_factory=BodySettings)
     faults: Mapping[str, Faults] = field(default_factory=dict)
     develop: Develop | None = None
+    mishaps: tuple[Mishap, ...] = ()
     virtual_time: bool = False
     speed: float = 1.0
 
@@ -66,6 +68,7 @@ class SimulatedBench:
         self.devices = self._devices(sensing)
         self.name = f"bench{next(_numbers)}"
         self.cables = {name: Cable(device, self.clock, setup.faults.get(name)) for name, device in self.devices.items()}
+        self._fate = Fate(self, setup.mishaps)
         self._ports: list[PtyPort | TcpPort] = []
         register_scheme("simulators")
         for name, cable in self.cables.items():
@@ -120,14 +123,10 @@ class SimulatedBench:
             unplug(f"{self.name}/{name}")
             self.clock.detach(cable)
         self.clock.detach(self.body)
+        self.clock.detach(self._fate)
 
 
-def random_faults(seed: int, names: Sequence[str]) -> dict[str, Faults]:
-    """Now and then a lost, changed or doubled byte on every cable, and short silences."""
-    rng = np.random.default_rng(seed)
-    found = {}
-    for name, own in zip(names, rng.spawn(len(names)), strict=True):
-        begins = np.cumsum(own.exponential(120.0, 200))
-        silent = tuple((float(t), float(t + own.uniform(0.05, 3.0))) for t in begins)
-        found[name] = Faults(own, lost=1e-4, garbage=1e-4, duplicate=1e-4, silent=silent)
-    return found
+def random_trouble(seed: int) -> tuple[dict[str, Faults], tuple[Mishap, ...]]:
+    """Faults of cables and mishaps of devices for the first minutes of a bench."""
+    cables, devices = np.random.default_rng(seed).spawn(2)
+    return random_faults(cables, CABLES), tuple(random_mishaps(devices))

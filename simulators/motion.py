@@ -7,7 +7,7 @@ acceleration tell what they shook.
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 LONG_AGO_S = -1e9
+Shock = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +44,10 @@ class Axis:
 
     def _piece(self, t_s: float) -> Piece:
         return self._pieces[max(bisect_right(self._times, t_s) - 1, 0)]
+
+    def positions(self, t_s: Array) -> Array:
+        """Where it is at (n,) times."""
+        return np.array([self.position(t) for t in t_s.tolist()])
 
     def position(self, t_s: float) -> float:
         """Where it is at that time."""
@@ -72,10 +77,11 @@ class Axis:
         """Stop dead, as a motor without current does."""
         self.append(t_s, self.position(t_s), 0.0, 0.0)
 
-    def shocks(self) -> list[tuple[float, float, float]]:
-        """(time, change of velocity, change of acceleration) at each seam between pieces."""
+    def shocks(self, since_s: float = LONG_AGO_S, until_s: float = math.inf) -> list[Shock]:
+        """(time, change of velocity, change of acceleration) at each seam between pieces in that span."""
         found = []
-        for before, after in zip(self._pieces, self._pieces[1:], strict=False):
+        for i in range(max(bisect_left(self._times, since_s), 1), bisect_right(self._times, until_s)):
+            before, after = self._pieces[i - 1], self._pieces[i]
             velocity = before.at(after.t_s)[1]
             found.append((after.t_s, after.velocity - velocity, after.acceleration - before.acceleration))
         return found
@@ -140,18 +146,19 @@ class Mode:
     damping: float
     gain: float
 
-    def response(self, shocks: Sequence[tuple[float, float, float]], t_s: Array) -> tuple[Array, Array]:
+    def response(self, shocks: Sequence[Shock], t_s: Array, steady: float = 0.0) -> tuple[Array, Array]:
         """Displacement and acceleration at times `t_s`, in the axis' unit, after (time, dv, da) shocks.
 
         Steps da of acceleration leave -gain da/w^2 (1 - e^(-zeta w t)(cos wd t + zeta w/wd sin wd t)); steps dv of
-        velocity leave -gain dv e^(-zeta w t) sin(wd t)/wd. The acceleration is that of the equation above.
+        velocity leave -gain dv e^(-zeta w t) sin(wd t)/wd. The acceleration is that of the equation above. `steady`
+        is the acceleration before the first shock, to which the mode had long yielded.
         """
         w = 2 * math.pi * self.frequency_hz
         wd = w * math.sqrt(1 - self.damping**2)
         x, v, a = np.zeros_like(t_s), np.zeros_like(t_s), np.zeros_like(t_s)
-        gone_s = float(t_s.min()) - self.lasts_s()
-        x -= self.gain * sum(da for moment, _, da in shocks if moment < gone_s) / w**2
-        for moment, dv, da in (shock for shock in shocks if gone_s <= shock[0] <= float(t_s.max())):
+        x -= self.gain * steady / w**2
+        a -= self.gain * steady
+        for moment, dv, da in shocks:
             dt = t_s - moment
             live = dt >= 0
             dt = np.where(live, dt, 0.0)

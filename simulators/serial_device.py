@@ -7,6 +7,7 @@ spoils on request what it delivers.
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from typing import Protocol
 
 from simulators.clock import FastClock, VirtualClock
@@ -95,6 +96,13 @@ class Cable:
             if heard:
                 self.device.receive(heard, now_s)
                 self._pump()
+
+    def happen(self, act: Callable[[float], None]) -> None:
+        """Let something happen to the device now."""
+        with self._news:
+            self._pump()
+            act(self.clock.now_s())
+            self._pump()
 
     def waiting(self) -> int:
         """How many bytes can be read now."""

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from simulators.motion import Axis, Mode
+from simulators.motion import Axis, Mode, Shock
 
 Array = NDArray[np.float64]
 GRAVITY_M_S2 = 9.80665
@@ -76,7 +76,7 @@ class World:
         self.room = room or Room()
         middle = {name: (low + high) / 2 for name, (low, high) in self.room.travel.items()}
         self.axes = {name: Axis(low, high, middle[name]) for name, (low, high) in self.room.travel.items()}
-        self._shocks: list[tuple[float, float, float]] = []
+        self._kicks: list[Shock] = []
         self._lamp_s, self._lamp = [-math.inf], [1.0]
         self._lock = threading.Lock()
 
@@ -105,26 +105,35 @@ class World:
     def shake(self, now_s: float) -> None:
         """The shutter's mechanism kicks the body."""
         with self._lock:
-            self._shocks.append((now_s, self.room.shock_mm_s, 0.0))
+            self._kicks.append((now_s, self.room.shock_mm_s, 0.0))
 
-    def _axis_shocks(self, name: str) -> list[tuple[float, float, float]]:
-        return list(self._shocks) if name == "shock_mm" else self.axes[name].shocks()
+    def _shocks(self, name: str, since_s: float, until_s: float) -> tuple[list[Shock], float]:
+        """What shook an axis in that span, and the acceleration that had lasted before it."""
+        if name == "shock_mm":
+            return [shock for shock in self._kicks if since_s <= shock[0] <= until_s], 0.0
+        axis = self.axes[name]
+        return axis.shocks(since_s, until_s), axis.acceleration(since_s)
 
     def sway(self, t_s: Array) -> dict[str, tuple[Array, Array]]:
         """Displacement and acceleration of each shaken axis, per (n,) times, in its unit."""
         found = {name: (np.zeros_like(t_s), np.zeros_like(t_s)) for name in (*self.axes, "shock_mm")}
+        first_s, last_s = float(t_s.min()), float(t_s.max())
         for mode in self.room.modes:
-            x, a = mode.response(self._axis_shocks(mode.axis), t_s)
-            found[mode.axis] = (found[mode.axis][0] + x, found[mode.axis][1] + a)
+            shocks, steady = self._shocks(mode.axis, first_s - mode.lasts_s(), last_s)
+            if shocks or steady:
+                x, a = mode.response(shocks, t_s, steady)
+                found[mode.axis] = (found[mode.axis][0] + x, found[mode.axis][1] + a)
         return found
 
     # --- where the camera is
 
     def pose(self, t_s: Array) -> Pose:
         """The camera's pose at (n,) times."""
-        sway = {name: x for name, (x, _) in self.sway(t_s).items()}
-        place = {name: np.array([axis.position(float(t)) for t in t_s]) for name, axis in self.axes.items()}
-        warm = np.array([self.temperature_c(float(t)) for t in t_s]) - self.room.ambient_c
+        return self._pose(t_s, {name: x for name, (x, _) in self.sway(t_s).items()})
+
+    def _pose(self, t_s: Array, sway: Mapping[str, Array]) -> Pose:
+        place = {name: axis.positions(t_s) for name, axis in self.axes.items()}
+        warm = np.array([self.temperature_c(t) for t in t_s.tolist()]) - self.room.ambient_c
         turned = np.degrees(1.0 / self.room.arm_mm)
         return Pose(
             x_mm=place["x_mm"] + sway["x_mm"],
@@ -140,14 +149,16 @@ class World:
 
     def feel(self, t_s: Array) -> tuple[Array, Array]:
         """What an ideal IMU on the camera feels: (n, 3) specific force in m/s^2, (n, 3) rotation rate in rad/s."""
-        sway = self.sway(t_s)
-        force = np.zeros((t_s.size, 3))
+        n, h = t_s.size, 2e-4
+        moments = np.concatenate([t_s, t_s - h, t_s + h])
+        sway = self.sway(moments)
+        force = np.zeros((n, 3))
         for column, name in enumerate(("x_mm", "y_mm", "z_mm")):
-            driven = np.array([self.axes[name].acceleration(float(t)) for t in t_s])
-            force[:, column] = (driven + sway[name][1]) / 1000
-        force[:, 1] += sway["shock_mm"][1] / 1000 + GRAVITY_M_S2
-        h = 2e-4
-        before, after = self.pose(t_s - h), self.pose(t_s + h)
-        yaw = np.radians(after.pan_deg - before.pan_deg) / (2 * h)
-        pitch = np.radians(after.tilt_deg - before.tilt_deg) / (2 * h)
-        return force, np.column_stack([pitch, yaw, np.zeros_like(yaw)])
+            driven = np.array([self.axes[name].acceleration(t) for t in t_s.tolist()])
+            force[:, column] = (driven + sway[name][1][:n]) / 1000
+        force[:, 1] += sway["shock_mm"][1][:n] / 1000 + GRAVITY_M_S2
+        pose = self._pose(moments, {name: x for name, (x, _) in sway.items()})
+        yaw, pitch = (
+            np.radians(angle[2 * n :] - angle[n : 2 * n]) / (2 * h) for angle in (pose.pan_deg, pose.tilt_deg)
+        )
+        return force, np.column_stack([pitch, yaw, np.zeros(n)])

@@ -191,10 +191,10 @@ def inspect_raw(path: Path) -> Facts:
 
 def simulated_bench(folder: Path, *, seed: int = 0, faults: bool = False, virtual_time: bool = False) -> Bench:
     """A bench whose devices are simulated in this process; `bench.simulated` is the truth behind it."""
-    from simulators.bench import CABLES, Setup, SimulatedBench, random_faults
+    from simulators.bench import Setup, SimulatedBench, random_trouble
 
-    spoilt = random_faults(seed, CABLES) if faults else {}
-    truth = SimulatedBench(folder, Setup(seed=seed, faults=spoilt, virtual_time=virtual_time))
+    spoilt, mishaps = random_trouble(seed) if faults else ({}, ())
+    truth = SimulatedBench(folder, Setup(seed=seed, faults=spoilt, mishaps=mishaps, virtual_time=virtual_time))
     bench = make_bench(simulated_tables(truth.address, folder), folder=folder, clock=truth.clock)
     bench.simulated, bench._on_close = truth, (truth.close,)
     return bench
