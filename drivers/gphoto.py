@@ -76,8 +76,8 @@ class _Owner:
 class GphotoCamera:
     """A Camera on libgphoto2; frames are saved to `folder`.
 
-    With `shutter`, that fires it and new files are found by listing the body; without, the body is triggered over its
-    cable. `model` and `port` may be left empty to take the first body found.
+    With `shutter`, that fires it; without, the body is triggered over its cable. Empty `model` and `port` take the first
+    body found.
     """
 
     def __init__(
@@ -175,8 +175,8 @@ class GphotoCamera:
                 self._do(partial(self._choose, widget, float(wanted)))
 
     def _choose(self, name: str, wanted: float) -> None:
-        config = self._camera.get_config()
         try:
+            config = self._camera.get_config()
             widget = config.get_child_by_name(name)
         except self._gp.GPhoto2Error:
             return  # set on the body by hand; the file will tell whether it was
@@ -190,8 +190,8 @@ class GphotoCamera:
         return self._do(lambda: self._list("/"))
 
     def _list(self, folder: str) -> list[Place]:
-        here = [Place(folder, name) for name, _ in self._camera.folder_list_files(folder) if is_raw(Path(name))]
-        for name, _ in self._camera.folder_list_folders(folder):
+        here = [Place(folder, name) for name in _names(self._camera.folder_list_files(folder)) if is_raw(Path(name))]
+        for name in _names(self._camera.folder_list_folders(folder)):
             here += self._list(f"{folder.rstrip('/')}/{name}")
         return here
 
@@ -226,33 +226,58 @@ class GphotoCamera:
         return Exposure(path, sha256_of(path), path.stat().st_size, self.settings, requested_s, received_s, times)
 
     def _new_file(self, before: set[Place]) -> Place:
-        """The RAW file that was not there before."""
-        deadline_s = self.clock.now_s() + self._patience_s + (self.settings.exposure_s or 0.0)
+        """The RAW file of a shot that was fired from outside: told by the body's events, or else found by listing."""
+        added = self._do(self._collect, self._longest_s() + CALL_S)
+        if added is not None:
+            return self._the_raw(added)
+        deadline_s = self.clock.now_s() + self._longest_s()
         while self.clock.now_s() < deadline_s:
-            new = [place for place in self.files() if place not in before]
+            new = [place for place in self._do(self._list_afresh, self._longest_s()) if place not in before]
             if new:
                 return new[0]
             self.clock.sleep(0.2)
-        raise FrameMissing(
-            f"no RAW file came within {self._patience_s:g} s", "set the body to RAW and its card as target"
-        )
+        return self._the_raw([])
 
-    def _triggered(self) -> Place:
-        """Trigger over the cable and collect files until the body is quiet; the RAW one."""
-        added = self._do(self._trigger, self._patience_s + (self.settings.exposure_s or 0.0) + CALL_S)
+    def _list_afresh(self) -> list[Place]:
+        """Every RAW file; libgphoto2 remembers a listing until the body is opened again."""
+        self._camera.exit()
+        self._camera.init()
+        return self._list("/")
+
+    def _longest_s(self) -> float:
+        return self._patience_s + (self.settings.exposure_s or 0.0)
+
+    def _the_raw(self, added: list[Place]) -> Place:
         raw = [place for place in added if is_raw(Path(place.name))]
         if not raw:
             names = ", ".join(place.name for place in added) or "none"
-            raise FrameMissing(f"the body brought no RAW file (files: {names})", "set the body to RAW")
+            raise FrameMissing(
+                f"no RAW file came within {self._longest_s():g} s (files: {names})",
+                "set the body to RAW and check its card",
+            )
         return raw[0]
 
-    def _trigger(self) -> list[Place]:
+    def _triggered(self) -> Place:
+        """Trigger over the cable; the RAW file among what the body then adds."""
+
+        def shoot() -> list[Place]:
+            self._camera.trigger_capture()
+            return self._collect() or []
+
+        return self._the_raw(self._do(shoot, self._longest_s() + CALL_S))
+
+    def _collect(self) -> list[Place] | None:
+        """Files the body adds until it is done and quiet; None if it tells no events."""
         gp, added, complete = self._gp, list[Place](), False
-        self._camera.trigger_capture()
-        deadline_s = self.clock.now_s() + self._patience_s + (self.settings.exposure_s or 0.0)
+        deadline_s = self.clock.now_s() + self._longest_s()
         quiet_since_s = self.clock.now_s()
         while self.clock.now_s() < deadline_s:
-            kind, data = self._camera.wait_for_event(200)  # milliseconds
+            try:
+                kind, data = self._camera.wait_for_event(200)  # milliseconds
+            except gp.GPhoto2Error as error:
+                if error.code == gp.GP_ERROR_NOT_SUPPORTED:
+                    return None
+                raise
             if kind == gp.GP_EVENT_FILE_ADDED:
                 added.append(Place(data.folder, data.name))
             complete = complete or kind == gp.GP_EVENT_CAPTURE_COMPLETE
@@ -266,6 +291,10 @@ class GphotoCamera:
         """Open the contacts, where a shutter box holds them."""
         if self._shutter is not None:
             self._shutter.emergency_stop()
+
+
+def _names(listed: Any) -> list[str]:
+    return [listed.get_name(i) for i in range(listed.count())]
 
 
 def read_choice(text: str) -> float | None:
