@@ -190,7 +190,7 @@ class SimulatedCamera:
         projection = self.projection(focus)
         light = render_frame(
             Picture.of(scene, projection),
-            lambda placed: self.optics_at(placed, focus) if placed else self._sharp(),
+            lambda placed: self.optics_at(placed, focus) if placed else self.sharp_optics(),
             (self.sensor.rows, self.sensor.columns),
             self.sensor.tile,
             oversampling=self._oversampling(),
@@ -237,9 +237,10 @@ class SimulatedCamera:
         shift = image_distance_mm(f, focus_mm) - image_distance_mm(f, z)
         reach = projection.principal_px / projection.radius_px / z
         wavefront = self.lens.wavefront(reach * x, reach * y) + Wavefront(defocus_um(shift, self.lens.f_number))
-        return self._sharp().aberrated(wavefront)
+        return self.sharp_optics().aberrated(wavefront)
 
-    def _sharp(self) -> Optics:
+    def sharp_optics(self) -> Optics:
+        """What blurs a thing in focus on the axis; `replace(camera, optics=...)` of it adds movement."""
         return self.optics or Optics.typical(f_number=self.lens.f_number, pitch_um=self.pitch_um)
 
     def _oversampling(self) -> int:

@@ -36,6 +36,8 @@ PLACE_TOLERANCE = 0.15 * BLOCK
 """Greatest distance of a mark from the homography of the others, in cells: lens distortion is far less."""
 MARGIN = 0.1
 """By how much the best turn must agree better than any other."""
+APART = 1.15
+"""Least distance of two charts, in widths of the noise region: their frames are 1.25 wide and do not overlap."""
 SMALLEST_LEVEL = 48
 """The pyramid ends before a side gets shorter than this."""
 Image = npt.NDArray[np.float32]
@@ -164,7 +166,7 @@ def _sure_score(rectified: Image, visible: npt.NDArray[np.bool_]) -> float:
 
 
 def find_charts(image: npt.NDArray[np.floating]) -> list[Sighting]:
-    """The charts in a photograph, the best agreement first; also mirrored, partly hidden and cut ones.
+    """The charts in a photograph, the most marks in best agreement first; also mirrored, partly hidden and cut ones.
 
     Parameters
     ----------
@@ -187,7 +189,16 @@ def find_charts(image: npt.NDArray[np.floating]) -> list[Sighting]:
                 sighting = _settle(levels, at_full)
                 if sighting is not None and not _known(sighting.centre(), found):
                     found.append(sighting)
-    return sorted(found, key=lambda s: -s.score)
+    return _apart(sorted(found, key=lambda s: -s.score * s.visible.sum()))
+
+
+def _apart(found: list[Sighting]) -> list[Sighting]:
+    """The first of those that overlap; a side of one chart can pass for the opposite side of another."""
+    kept: list[Sighting] = []
+    for sighting in found:
+        if all(np.linalg.norm(s.centre() - sighting.centre()) > APART * s.widths().mean() for s in kept):
+            kept.append(sighting)
+    return kept
 
 
 def _known(centre: Array, found: list[Sighting]) -> bool:

@@ -10,8 +10,9 @@ import rawpy
 
 from procedures.pattern import X_CORNERS, Chart
 from simulators.camera import Lens, SimulatedCamera, pixels_at, render_plane
-from simulators.clutter import cover
+from simulators.clutter import cover, random_clutter
 from simulators.optics import Optics, PixelAperture
+from simulators.render import Picture, Region, render_region
 from simulators.scene import Scene, Shape, Wall
 from simulators.sensor import Sensor
 from simulators.trials import Trials, random_camera, random_scene
@@ -151,6 +152,17 @@ def test_random_charts_lie_whole_in_the_frame(seed):
     assert (points > 0).all()
     assert (points < [320, 240]).all()
     assert np.mean(photo.plane("Y") >= 1) < 0.05
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_clutter_is_never_darker_than_its_darkest_thing(seed):
+    rng = np.random.default_rng(seed)
+    wall = Wall(4000.0, 0.4, random_clutter(rng, 120.0, 90.0, words=2))
+    picture = Picture.of(Scene(wall=wall), GREY.projection(4000.0))
+    region = Region(0, 0, 240, 200)
+    light = render_region(picture, GREY.sharp_optics(), region, {(0, 0): "Y"}, oversampling=8)
+    assert light.min() > 0.03 - 1e-3
+    assert light.max() < 0.9 + 1e-3
 
 
 def test_random_frames_without_a_chart_have_none(rng):
