@@ -2,27 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from io import BufferedReader
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from procedures.exposure import Exposure, read_exposure
+from procedures.grey_image import PNG_MAGIC, Samples, read_pgm, read_png, read_tiff
+from procedures.library_noise import captured_noise
+from procedures.outcome import BadInput, BadParameter
+from procedures.tiff_tags import (
+    ACTIVE_AREA,
+    BLACK_DELTA_COLUMNS,
+    BLACK_DELTA_ROWS,
+    BLACK_LEVEL,
+    BLACK_REPEAT,
+    Tags,
+    mosaic_tags,
+)
 
-@dataclass(frozen=True)
-class Exposure:
-    """What the camera wrote about a shot; None where it wrote nothing. `sources` tells where each field came from."""
+__all__ = ["GREY_PLANE", "MOSAIC_PLANES", "Exposure", "Plane", "RawFrame", "default_plane", "read_frame"]
 
-    camera: str | None = None
-    lens: str | None = None
-    exposure_s: float | None = None
-    f_number: float | None = None
-    iso: float | None = None
-    focal_length_mm: float | None = None
-    subject_distance_mm: float | None = None
-    captured_at: str | None = None
-    sources: Mapping[str, str] | None = None
+MOSAIC_PLANES = ("R", "G1", "G2", "B")
+"""The planes of a 2 x 2 mosaic; G1 lies on the red rows."""
+GREY_PLANE = "Y"
+"""The plane of a grey image."""
+
+
+def _no_pixels() -> npt.NDArray[np.intp]:
+    return np.empty((0, 2), dtype=np.intp)
 
 
 @dataclass(frozen=True)
@@ -40,7 +53,11 @@ class Plane:
     pitch : int
         Sensor pixels per pixel of the plane: 2 for a Bayer plane, 1 for a grey image.
     origin : (int, int)
-        Sensor position (x, y) of the plane's first pixel.
+        Position (x, y) of the plane's first pixel on the sensor, counted from the first pixel that is no border.
+    black, white : float
+        The digital numbers that became 0 and 1; where black varies over the plane, its mean.
+    bad_pixels : (n, 2) intp
+        [row, column] of pixels stuck at white or at the digital number 0 amid neighbours far from it.
     """
 
     name: str
@@ -48,13 +65,274 @@ class Plane:
     quantisation: float
     pitch: int = 1
     origin: tuple[int, int] = (0, 0)
+    black: float = 0.0
+    white: float = 1.0
+    bad_pixels: npt.NDArray[np.intp] = field(default_factory=_no_pixels)
 
 
 @dataclass(frozen=True)
 class RawFrame:
-    """A photograph as read: its planes by name, in the order of the mosaic, and where it came from."""
+    """A photograph as read: its planes by name, in the order R, G1, G2, B, and where it came from."""
 
     path: Path
     sha256: str
     planes: Mapping[str, Plane]
     exposure: Exposure
+
+
+def read_frame(path: Path | str, names: Sequence[str] | None = None) -> RawFrame:
+    """The planes of a photograph, linear, black 0 and white 1, with its exposure data.
+
+    RAW files with a 2 x 2 mosaic give R, G1, G2 and B; grey PGM, PNG and TIFF files give Y.
+
+    Parameters
+    ----------
+    path : path of the file
+    names : sequence of str, optional
+        The planes to read; all by default. What is not asked for takes no memory.
+
+    Raises
+    ------
+    BadInput
+        If there is no such file, or it is no linear mosaic or grey image, or parts of it are missing.
+    BadParameter
+        If a plane is asked for that the file has not.
+    """
+    path = Path(path)
+    kind = _kind(path)
+    read = _read_grey if kind in _GREY_READERS else _read_mosaic
+    with _open(path) as file:
+        sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+        planes, exposure = read(path, file, names)
+    return RawFrame(path, sha256, planes, exposure)
+
+
+def default_plane(path: Path | str) -> str:
+    """The plane that is meant where none is named: G1 of a RAW file, Y of a grey image. Raises as `read_frame`."""
+    return GREY_PLANE if _kind(Path(path)) in _GREY_READERS else "G1"
+
+
+# --- what kind of file -------------------------------------------------------------------------------------------
+
+_GREY_READERS = {"pgm": read_pgm, "png": read_png, "tiff": read_tiff}
+_EXPORT = "give the camera's RAW file, or export one linear plane as a grey 16 bit TIFF"
+_TIFF_MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+# magic numbers of the RAW containers LibRaw reads: TIFF and its dialects, CR3, CRW, RAF, X3F, MRW
+_RAW_MAGIC = (b"II*\0", b"MM\0*", b"IIU\0", b"IIRO", b"IIRS", b"MMOR", b"II\x1a\0", b"FUJIFILM", b"FOVb", b"\0MRM")
+
+
+def _kind(path: Path) -> str:
+    """ "pgm", "png", "tiff" or "raw", by the file's first bytes; only TIFF and RAW are told apart by the suffix."""
+    with _open(path) as file:
+        head = file.read(512)
+        holds_mosaic = bool(mosaic_tags(file))
+    if not head:
+        raise BadInput(f"{path} is empty", "copy the photograph from the camera's card again")
+    if head[:2] in (b"P2", b"P5"):
+        return "pgm"
+    if head.startswith(PNG_MAGIC):
+        return "png"
+    if head.startswith(_TIFF_MAGIC) and path.suffix.lower() in (".tif", ".tiff") and not holds_mosaic:
+        return "tiff"
+    _refuse_by_name(path, head)
+    return "raw"
+
+
+def _refuse_by_name(path: Path, head: bytes) -> None:
+    """Raise BadInput for files that are known to be no linear plane."""
+    if head.startswith(b"\xff\xd8\xff"):
+        raise BadInput(f"{path} is a JPEG, whose grey levels are not linear in light", _EXPORT)
+    if head[:2] in (b"P3", b"P6"):
+        raise BadInput(f"{path} is a PPM with three colours, not one linear plane", _EXPORT)
+    if _is_text(head) and not head.startswith(_RAW_MAGIC):
+        raise BadInput(f"{path} is a text file, not a photograph", _EXPORT)
+
+
+def _is_text(head: bytes) -> bool:
+    try:
+        text = head[: len(head) - 3 if len(head) > 3 else None].decode("utf-8")
+    except UnicodeDecodeError:
+        return False
+    return all(letter.isprintable() or letter.isspace() for letter in text)
+
+
+def _open(path: Path) -> BufferedReader:
+    try:
+        return path.open("rb")
+    except FileNotFoundError as error:
+        raise BadInput(f"there is no file {path}", "check the path") from error
+    except IsADirectoryError as error:
+        raise BadInput(f"{path} is a folder, not a photograph", "name one file in it") from error
+    except OSError as error:
+        raise BadInput(f"{path} cannot be read: {error.strerror}", "check its permissions and the disk") from error
+
+
+# --- grey images -------------------------------------------------------------------------------------------------
+
+
+def _read_grey(path: Path, file: BufferedReader, names: Sequence[str] | None) -> tuple[dict[str, Plane], Exposure]:
+    _check_names(names, (GREY_PLANE,), path)
+    file.seek(0)
+    levels, white = _GREY_READERS[_kind(path)](file.read(), str(path))
+    return {GREY_PLANE: _scaled_plane(GREY_PLANE, levels, np.zeros((), np.float32), float(white))}, read_exposure(file)
+
+
+# --- mosaics -----------------------------------------------------------------------------------------------------
+
+
+def _read_mosaic(path: Path, file: BufferedReader, names: Sequence[str] | None) -> tuple[dict[str, Plane], Exposure]:
+    import rawpy
+
+    tags = mosaic_tags(file)
+    failure: Exception | None = None
+    found: tuple[dict[str, Plane], Exposure] | None = None
+    with captured_noise() as noise:
+        try:
+            with rawpy.imread(str(path)) as raw:
+                found = _mosaic_planes(path, raw, tags, names), read_exposure(file, raw)
+        except rawpy.LibRawError as error:
+            failure = error
+    if noise.errors or isinstance(failure, rawpy.LibRawIOError):
+        raise BadInput(f"{path} is truncated or damaged: parts of its RAW data are missing", _COPY) from failure
+    if found is None:
+        raise BadInput(f"{path} is no RAW file that LibRaw {_libraw(rawpy)} can open", _EXPORT) from failure
+    return found
+
+
+_COPY = "copy it from the camera's card again"
+
+
+def _libraw(rawpy: Any) -> str:
+    return ".".join(str(n) for n in rawpy.libraw_version)
+
+
+def _mosaic_planes(path: Path, raw: Any, tags: Tags, names: Sequence[str] | None) -> dict[str, Plane]:
+    _check_bayer(path, raw)
+    _check_names(names, MOSAIC_PLANES, path)
+    size = raw.sizes
+    visible = raw.raw_image_visible
+    planes = {}
+    for name, (row, column) in _positions(raw).items():
+        if names is None or name in names:
+            first = (size.top_margin + row, size.left_margin + column)
+            black = _black(path, raw, tags, first, visible[row::2, column::2].shape)
+            if raw.white_level <= black.max():
+                reason = f"{path} has its white level {raw.white_level} not above its black level {black.max():g}"
+                raise BadInput(reason, _COPY)
+            planes[name] = _scaled_plane(name, visible[row::2, column::2], black, float(raw.white_level), (column, row))
+    return planes
+
+
+def _check_bayer(path: Path, raw: Any) -> None:
+    """Raise BadInput unless the file holds a 2 x 2 mosaic of red, green, green and blue."""
+    if raw.raw_type.name != "Flat" or raw.raw_pattern is None:
+        raise BadInput(f"{path} has no mosaic: its colours are already interpolated", _UNDEVELOPED)
+    if raw.num_colors == 1:
+        raise BadInput(f"{path} comes from a monochrome sensor, without a mosaic", _MONOCHROME)
+    rows, columns = raw.raw_pattern.shape
+    if (rows, columns) == (6, 6):
+        raise BadInput(f"{path} has the 6 x 6 mosaic of X-Trans; a 2 x 2 Bayer mosaic is required", _OTHER_CAMERA)
+    colours = sorted(raw.color_desc[i : i + 1] for i in raw.raw_pattern.ravel())
+    if (rows, columns) != (2, 2) or colours != [b"B", b"G", b"G", b"R"] or not _has_diagonal_greens(raw.raw_pattern):
+        raise BadInput(f"{path} has a {rows} x {columns} mosaic that is not red, green, green, blue", _OTHER_CAMERA)
+
+
+_UNDEVELOPED = "give the RAW file as the camera wrote it, not a converted or reduced one"
+_MONOCHROME = "export its plane as a grey 16 bit TIFF, undeveloped and linear"
+_OTHER_CAMERA = "use a camera with a Bayer mosaic"
+
+
+def _has_diagonal_greens(pattern: npt.NDArray[np.uint8]) -> bool:
+    return {pattern[0, 0], pattern[1, 1]} == {1, 3} or {pattern[0, 1], pattern[1, 0]} == {1, 3}
+
+
+def _positions(raw: Any) -> dict[str, tuple[int, int]]:
+    """(row, column) of each plane's first pixel in the visible image; which green is which follows from the red."""
+    top, left = raw.sizes.top_margin, raw.sizes.left_margin
+    at = {raw.raw_color(top + row, left + column): (row, column) for row in (0, 1) for column in (0, 1)}
+    row, column = at[0]
+    return {"R": (row, column), "G1": (row, 1 - column), "G2": (1 - row, column), "B": (1 - row, 1 - column)}
+
+
+def _black(path: Path, raw: Any, tags: Tags, first: tuple[int, int], shape: tuple[int, int]) -> npt.NDArray[np.float32]:
+    """Black level of a plane, a number or one per row and column, in digital numbers.
+
+    As the file writes it (DNG BlackLevel, relative to ActiveArea), because LibRaw replaces it by the mean of
+    MaskedAreas, takes 0 where the repeat pattern is left out, and keeps it in place when an odd ActiveArea moves the
+    mosaic; else LibRaw's, which is by colour index and not by position.
+    """
+    if BLACK_LEVEL not in tags:
+        return np.array(raw.black_level_per_channel[raw.raw_color(*first)], dtype=np.float32)
+    top, left = (int(v) for v in tags.get(ACTIVE_AREA, (0, 0))[:2])
+    row, column = first[0] - top, first[1] - left
+    level = np.asarray(_repeated_black(path, tags)[row % 2, column % 2])
+    if BLACK_DELTA_ROWS in tags:
+        level = level + np.array(tags[BLACK_DELTA_ROWS][row::2][: shape[0]])[:, None]
+    if BLACK_DELTA_COLUMNS in tags:
+        level = level + np.array(tags[BLACK_DELTA_COLUMNS][column::2][: shape[1]])
+    return level.astype(np.float32)
+
+
+def _repeated_black(path: Path, tags: Tags) -> npt.NDArray[np.float64]:
+    """The BlackLevel pattern as (2, 2), by position in the active area."""
+    rows, columns = (int(v) for v in tags.get(BLACK_REPEAT, (1, 1)))
+    levels = np.array(tags[BLACK_LEVEL])
+    if levels.size != rows * columns:
+        reason = f"{path} writes {levels.size} black levels for a repeat pattern of {rows} x {columns}"
+        raise BadInput(reason, "write it again with the DNG tag BlackLevelRepeatDim, or with one black level")
+    if np.ptp(levels) == 0:
+        return np.full((2, 2), levels[0])
+    if 2 % rows or 2 % columns:
+        reason = f"black has to be one level per plane; {path} repeats it every {rows} x {columns} pixels"
+        raise BadInput(reason, "write it again with one black level for each position of the 2 x 2 mosaic")
+    return np.tile(levels.reshape(rows, columns), (2 // rows, 2 // columns))
+
+
+# --- shared ------------------------------------------------------------------------------------------------------
+
+
+def _check_names(names: Sequence[str] | None, available: Sequence[str], path: Path) -> None:
+    for name in names or ():
+        if name not in available:
+            raise BadParameter(
+                f"{path} has the planes {', '.join(available)}; got {name!r}", "name one of these, or all"
+            )
+
+
+def _scaled_plane(
+    name: str,
+    levels: Samples,
+    black: npt.NDArray[np.float32],
+    white: float,
+    position: tuple[int, int] | None = None,
+) -> Plane:
+    """A plane of samples from its digital numbers; a position (x, y) in the 2 x 2 cell makes it one of a mosaic's."""
+    mean_black = float(np.mean(black))
+    samples = levels.astype(np.float32)
+    samples -= black
+    samples *= np.float32(1 / (white - mean_black))
+    pitch, origin = (1, (0, 0)) if position is None else (2, position)
+    bad = _stuck_pixels(samples, -mean_black / (white - mean_black))
+    return Plane(name, samples, 1 / (white - mean_black), pitch, origin, mean_black, white, bad)
+
+
+def _stuck_pixels(samples: npt.NDArray[np.float32], zero: float) -> npt.NDArray[np.intp]:
+    """[row, column] of pixels at white whose eight neighbours stay under half of it, and of pixels at the digital
+    number 0 whose neighbours all exceed a tenth of white. Over one such pixel in a hundred, they are the picture."""
+    white, dead = np.float32(1 - 1e-6), np.float32(zero + 1e-6)
+    bad = [_alone(samples, samples >= white, lambda near: near.max(axis=0) < 0.5)]
+    bad += [_alone(samples, samples <= dead, lambda near: near.min(axis=0) > 0.1)]
+    return np.concatenate(bad)
+
+
+def _alone(samples: npt.NDArray[np.float32], chosen: npt.NDArray[np.bool_], differs: Any) -> npt.NDArray[np.intp]:
+    rows, columns = samples.shape
+    places = np.column_stack(np.divmod(np.flatnonzero(chosen), columns))
+    if len(places) == 0 or len(places) > samples.size / 100:
+        return _no_pixels()
+    row, column = places.T
+    places = places[(row > 0) & (row < rows - 1) & (column > 0) & (column < columns - 1)]
+    around = [(r, c) for r in (-1, 0, 1) for c in (-1, 0, 1) if r or c]
+    near = np.stack([samples[places[:, 0] + r, places[:, 1] + c] for r, c in around])
+    found: npt.NDArray[np.intp] = places[differs(near)]
+    return found

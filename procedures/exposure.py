@@ -1,0 +1,141 @@
+"""What a camera wrote about a shot: LibRaw's reading first, then EXIF, with the source of every field."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any, BinaryIO
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """What the camera wrote about a shot; None where it wrote nothing. `sources` tells where each field came from."""
+
+    camera: str | None = None
+    lens: str | None = None
+    exposure_s: float | None = None
+    f_number: float | None = None
+    iso: float | None = None
+    focal_length_mm: float | None = None
+    subject_distance_mm: float | None = None
+    captured_at: str | None = None
+    sources: Mapping[str, str] | None = None
+
+
+Field = float | str
+Tags = Mapping[str, Any]
+
+
+def read_exposure(file: BinaryIO, raw: Any = None) -> Exposure:
+    """The exposure data of one file.
+
+    Parameters
+    ----------
+    file : a seekable binary file
+        Read for EXIF.
+    raw : rawpy.RawPy, optional
+        The same file as LibRaw opened it; its answers come first.
+    """
+    tags = _exif_tags(file)
+    answers: dict[str, Field] = {}
+    sources: dict[str, str] = {}
+    for source, found in (("LibRaw", _from_libraw(raw, tags)), ("EXIF", _from_exif(tags))):
+        for name, value in found.items():
+            if value is not None and name not in answers:
+                answers[name], sources[name] = value, source
+    return Exposure(**answers, sources=sources)  # type: ignore[arg-type]  # the keys are the fields' names
+
+
+def _exif_tags(file: BinaryIO) -> Tags:
+    import exifread
+
+    logging.getLogger("exifread").addHandler(logging.NullHandler())
+    file.seek(0)
+    try:
+        tags: Tags = exifread.process_file(file, details=False)
+    except Exception:  # exposure data are a courtesy: whatever breaks in foreign tags, the pixels are read all the same
+        return {}
+    return tags
+
+
+def _from_libraw(raw: Any, tags: Tags) -> dict[str, Field | None]:
+    """LibRaw's fields. It turns an ApertureValue of 0 into f/1 and a ShutterSpeedValue of 0 into 1 s: these it is not
+    believed where the camera wrote a zero FNumber or ExposureTime."""
+    if raw is None:
+        return {}
+    other, lens = raw.other, raw.lens
+    return {
+        "lens": lens.model.strip() or None,
+        "exposure_s": None if _blank(tags, "EXIF ExposureTime") else _positive(_rounded(other.shutter_speed)),
+        "f_number": None if _blank(tags, "EXIF FNumber") else _positive(_rounded(other.aperture)),
+        "iso": _positive(other.iso_speed),
+        "focal_length_mm": _positive(_rounded(other.focal_length)),
+        "captured_at": other.timestamp.isoformat(timespec="seconds") if other.timestamp.timestamp() > 0 else None,
+    }
+
+
+def _from_exif(tags: Tags) -> dict[str, Field | None]:
+    return {
+        "camera": _camera(_text(tags, "Image Make"), _text(tags, "Image Model")),
+        "lens": _text(tags, "EXIF LensModel"),
+        "exposure_s": _number(tags, "EXIF ExposureTime", "Image ExposureTime"),
+        "f_number": _number(tags, "EXIF FNumber", "Image FNumber"),
+        "iso": _number(tags, "EXIF ISOSpeedRatings", "EXIF PhotographicSensitivity", "Image ISOSpeedRatings"),
+        "focal_length_mm": _number(tags, "EXIF FocalLength", "Image FocalLength"),
+        "subject_distance_mm": _scaled(_number(tags, "EXIF SubjectDistance", "Image SubjectDistance"), 1000.0),
+        "captured_at": _moment(_text(tags, "EXIF DateTimeOriginal") or _text(tags, "Image DateTime")),
+    }
+
+
+def _positive(value: float) -> float | None:
+    return float(value) if math.isfinite(value) and value > 0 else None
+
+
+def _rounded(value: float) -> float:
+    """LibRaw keeps single precision; seven digits undo its 5.599999904632568."""
+    return float(f"{value:.7g}")
+
+
+def _scaled(value: float | None, factor: float) -> float | None:
+    return None if value is None else value * factor
+
+
+def _blank(tags: Tags, name: str) -> bool:
+    return name in tags and _number(tags, name) is None
+
+
+def _number(tags: Tags, *names: str) -> float | None:
+    """The first of the tags that holds a positive finite number."""
+    for name in names:
+        value = _attempt(lambda name=name: float(tags[name].values[0]))  # type: ignore[misc]
+        if value is not None and _positive(value):
+            return value
+    return None
+
+
+def _attempt(read: Callable[[], float]) -> float | None:
+    try:
+        return read()
+    except (KeyError, IndexError, TypeError, ValueError, ZeroDivisionError):
+        return None
+
+
+def _text(tags: Tags, name: str) -> str | None:
+    text = str(tags[name]).strip("\0 ") if name in tags else ""
+    return text or None
+
+
+def _camera(make: str | None, model: str | None) -> str | None:
+    if make and model and not model.lower().startswith(make.split()[0].lower()):
+        return f"{make} {model}"
+    return model or make
+
+
+def _moment(text: str | None) -> str | None:
+    try:
+        return datetime.strptime(text or "", "%Y:%m:%d %H:%M:%S").isoformat()
+    except ValueError:
+        return None

@@ -1,0 +1,64 @@
+"""Keeps what C libraries print about a file off the operator's terminal, and hands it to the reader instead."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+import tempfile
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+# LibRaw's default data callback, OpenCV's logger with its stack lines, libpng and libtiff
+_OWN_LINES = re.compile(
+    rb"[^\n]*(?:: Unexpected end of file|: data corrupted(?: at [^\n]*)?)\n?"
+    rb"|\[ ?(?:WARN|ERROR|INFO|DEBUG)[^\n]*\n(?:[> ][^\n]*\n|\n)*"
+    rb"|(?:libpng|TIFF\w*|OpenCV)[^\n]*\n?"
+)
+_ERRORS = re.compile(rb"Unexpected end of file|data corrupted|\[ERROR|libpng error|can't read|CRC error|IDAT")
+_one_at_a_time = threading.RLock()
+
+
+@dataclass
+class Noise:
+    """What was printed: `text` of the libraries, after the block."""
+
+    text: bytes = field(default=b"")
+
+    @property
+    def errors(self) -> bool:
+        """Whether a library reported missing or damaged data."""
+        return bool(_ERRORS.search(self.text))
+
+
+@contextmanager
+def captured_noise() -> Iterator[Noise]:
+    """Collect what libraries write to the process's standard error during the block.
+
+    The file descriptor is shared by all threads, so what others write meanwhile is passed on afterwards, complete.
+    """
+    noise = Noise()
+    with _one_at_a_time, tempfile.TemporaryFile() as file:
+        try:
+            kept = os.dup(2)
+        except OSError:  # no standard error at all, as under a service manager: nothing to keep clean
+            yield noise
+            return
+        sys.stderr.flush()
+        os.dup2(file.fileno(), 2)
+        try:
+            yield noise
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+            file.seek(0)
+            printed = file.read()
+            noise.text = b"".join(_OWN_LINES.findall(printed))
+            _pass_on(_OWN_LINES.sub(b"", printed))
+
+
+def _pass_on(printed: bytes) -> None:
+    while printed:
+        printed = printed[os.write(2, printed) :]

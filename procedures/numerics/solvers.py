@@ -1,0 +1,68 @@
+"""Solvers of small dense problems given by their normal equations."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import scipy.linalg
+
+Array = npt.NDArray[np.float64]
+
+
+def cholesky_solve(G: Array, b: Array) -> Array:
+    """Solution x of G x = b for symmetric positive definite G (n, n) and b (n,) or (n, p).
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If G is not positive definite.
+    """
+    factor = scipy.linalg.cho_factor(G, lower=True, check_finite=False)
+    return np.asarray(scipy.linalg.cho_solve(factor, b, check_finite=False))
+
+
+def non_negative_least_squares(G: Array, b: Array, *, max_exchanges: int = 200) -> Array:
+    """Minimise x'G x / 2 - b'x subject to x >= 0, by block principal pivoting.
+
+    Whole blocks of variables change sides while that lowers the number of infeasible ones; when it stalls, single
+    exchanges of the last infeasible variable guarantee the end.
+
+    Parameters
+    ----------
+    G : (n, n) float64
+        Symmetric positive definite: A'A of the least squares problem.
+    b : (n,) float64
+        A'v.
+    max_exchanges : int
+        Upper limit of the pivots.
+
+    Raises
+    ------
+    ValueError
+        If the pivots run out, as they can when G is numerically singular.
+
+    References
+    ----------
+    Portugal, Judice, Vicente, Mathematics of Computation 63 (1994) 625-643.
+    """
+    n = len(b)
+    passive = cholesky_solve(G, b) > 0
+    tolerance = 1e-12 * np.abs(b).max()
+    fewest, chances = n + 1, 3
+    for _ in range(max_exchanges):
+        x = np.zeros(n)
+        x[passive] = cholesky_solve(G[np.ix_(passive, passive)], b[passive]) if passive.any() else 0
+        gradient = G @ x - b
+        wrong = (passive & (x < 0)) | (~passive & (gradient < -tolerance))
+        count = int(wrong.sum())
+        if count == 0:
+            return x
+        if count < fewest:
+            fewest, chances = count, 3
+        elif chances > 0:
+            chances -= 1
+        else:
+            last = np.flatnonzero(wrong)[-1]
+            wrong = np.arange(n) == last
+        passive = passive ^ wrong
+    raise ValueError(f"no non-negative solution after {max_exchanges} exchanges: the normal matrix is singular")

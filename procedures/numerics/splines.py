@@ -1,0 +1,179 @@
+"""Cubic B-splines of band-limited cell images: made in Fourier, read through a smooth map."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numba
+import numpy as np
+import numpy.typing as npt
+import scipy.fft
+
+Array = npt.NDArray[np.float64]
+Array32 = npt.NDArray[np.float32]
+
+
+def cell_image_spline(cells: npt.NDArray[np.floating], per_cell: int, J: Array, band: float) -> Array32:
+    """Spline coefficients of a piecewise constant image, its spectrum cut to a square of the *target's* frequencies.
+
+    The image is one period of (n, n) unit cells; its spectrum is the cells' own, repeated, times the cell's
+    footprint sinc(f_x) sinc(f_y): no raster, hence no discretisation of the edges. Of it the frequencies f stay
+    whose image J'f, with J the derivative of cells with respect to target coordinates, lies in [-band, band]^2.
+
+    Parameters
+    ----------
+    cells : (n, n) floating
+        Values of the cells, [row, column].
+    per_cell : int
+        Grid points per cell; the grid's points lie at (i + 1/2) / per_cell cells.
+    J : (2, 2) float64
+        d(cells x, y) / d(target x, y).
+    band : float
+        Largest frequency kept along each target axis, in cycles per unit of the target.
+
+    Returns
+    -------
+    (n per_cell, n per_cell) float32
+        Coefficients for `read_spline`.
+    """
+    return _band_limited([(cells, np.sinc, np.sinc)], per_cell, J, band)
+
+
+def outline_spline(cells: npt.NDArray[np.floating], per_cell: int, J: Array, band: float) -> Array32:
+    """Spline coefficients of the cells' outlines: lines of the steps' heights where neighbours differ.
+
+    Added with a factor d to the cells' own image they move every edge by d cells from its darker to its brighter
+    side, to first order. Parameters and result as in `cell_image_spline`.
+    """
+    left = np.abs(cells - np.roll(cells, 1, axis=1))
+    upper = np.abs(cells - np.roll(cells, 1, axis=0))
+    return _band_limited([(left, np.sinc, _line), (upper, _line, np.sinc)], per_cell, J, band)
+
+
+def _line(f: Array) -> npt.NDArray[np.complex128]:
+    """Spectrum of a line at a cell's lower edge, from the cell's centre."""
+    return np.asarray(np.exp(1j * np.pi * f))
+
+
+def _band_limited(
+    parts: list[tuple[npt.NDArray[np.floating], Callable[[Array], Any], Callable[[Array], Any]]],
+    per_cell: int,
+    J: Array,
+    band: float,
+) -> Array32:
+    """Spline coefficients of sums of lattices (n, n) with footprints, given by their spectra along y and x."""
+    n = len(parts[0][0])
+    size = n * per_cell
+    index_y = np.fft.fftfreq(size, 1 / size).astype(int)
+    index_x = np.arange(size // 2 + 1)
+    # rows and columns that the band touches at all
+    reach_x, reach_y = band * np.abs(np.linalg.inv(J)).sum(axis=0) * n
+    rows, columns = np.abs(index_y) <= reach_y, index_x <= reach_x
+    ky, kx = index_y[rows], index_x[columns]
+    fy, fx = ky / n, kx / n
+    inside = (np.abs(J[0, 0] * fx + J[1, 0] * fy[:, None]) <= band) & (
+        np.abs(J[0, 1] * fx + J[1, 1] * fy[:, None]) <= band
+    )
+    block = np.zeros((len(ky), len(kx)), dtype=np.complex64)
+    for lattice, footprint_y, footprint_x in parts:
+        spectrum = scipy.fft.fft2(lattice.astype(np.float32))
+        filter_y, filter_x = footprint_y(fy) * _to_spline(fy, per_cell), footprint_x(fx) * _to_spline(fx, per_cell)
+        block += spectrum[ky % n][:, kx % n] * np.outer(filter_y, filter_x).astype(np.complex64)
+    cut = np.zeros((size, len(index_x)), dtype=np.complex64)
+    cut[np.ix_(rows, columns)] = block * inside
+    return np.asarray(scipy.fft.irfft2(cut, (size, size), overwrite_x=True) * np.float32(per_cell**2))
+
+
+def _to_spline(f: Array, per_cell: int) -> npt.NDArray[np.complex128]:
+    """Spline prefilter, and the shift from cell centres to grid points, along one axis."""
+    prefilter = 3 / (2 + np.cos(2 * np.pi * f / per_cell))
+    return np.asarray(prefilter * np.exp(2j * np.pi * f * (0.5 / per_cell - 0.5)))
+
+
+@numba.njit(cache=True, nogil=True, fastmath=True, inline="always")
+def _cubic_weights(
+    t: np.float32,
+) -> tuple[np.float32, np.float32, np.float32, np.float32]:  # pragma: no cover - compiled
+    """The four values of the cubic B-spline at -1 - t, -t, 1 - t, 2 - t."""
+    a = np.float32(1) - t
+    w0 = a * a * a * np.float32(1 / 6)
+    w3 = t * t * t * np.float32(1 / 6)
+    w1 = np.float32(2 / 3) - t * t * (np.float32(1) - np.float32(0.5) * t)
+    return w0, w1, np.float32(1) - w0 - w1 - w3, w3
+
+
+@numba.njit(cache=True, nogil=True, fastmath=True)
+def read_spline(
+    coefficients: Array32,
+    H: Array,
+    centre: Array,
+    radius: float,
+    displacement: Array,
+    start: Array,
+    step: float,
+    shape: tuple[int, int],
+) -> Array32:  # pragma: no cover - compiled
+    """Values of a spline on a regular target grid, read through a displacement and a homography.
+
+    The target point p is read at H(p + d(p)), in grid points of the coefficients; d is a cubic polynomial of
+    (p - centre) / radius. Points beyond the coefficients are read at some place inside: the caller avoids them.
+
+    Parameters
+    ----------
+    coefficients : (n, n) float32
+        From `cell_image_spline`.
+    H : (3, 3) float64
+        Target -> grid points of the coefficients.
+    centre, radius
+        Normalisation of the displacement's argument.
+    displacement : (2, 9) float64
+        Coefficients of d for `CUBIC_EXPONENTS`, in target units.
+    start : (2,) float64
+        First target point (x, y).
+    step : float
+        Distance of target points.
+    shape : (rows, columns)
+        Size of the target grid.
+
+    Returns
+    -------
+    (rows, columns) float32
+    """
+    rows, columns = shape
+    n = coefficients.shape[0]
+    flat, row = coefficients.ravel(), np.uint64(n)
+    one, two, three = np.uint64(1), np.uint64(2), np.uint64(3)  # unsigned: no test for negative indices
+    out = np.empty((rows, columns), np.float32)
+    c = displacement
+    for i in range(rows):
+        py = start[1] + i * step
+        y = (py - centre[1]) / radius
+        # the two cubics of x along this row, by their coefficients
+        u0, v0 = y * (c[0, 1] + y * (c[0, 4] + y * c[0, 8])), y * (c[1, 1] + y * (c[1, 4] + y * c[1, 8]))
+        u1, v1 = c[0, 0] + y * (c[0, 3] + y * c[0, 7]), c[1, 0] + y * (c[1, 3] + y * c[1, 7])
+        u2, v2 = c[0, 2] + y * c[0, 6], c[1, 2] + y * c[1, 6]
+        u3, v3 = c[0, 5], c[1, 5]
+        for j in range(columns):
+            px = start[0] + j * step
+            x = (px - centre[0]) / radius
+            qx = px + u0 + x * (u1 + x * (u2 + x * u3))
+            qy = py + v0 + x * (v1 + x * (v2 + x * v3))
+            w = 1.0 / (H[2, 0] * qx + H[2, 1] * qy + H[2, 2])
+            gx = (H[0, 0] * qx + H[0, 1] * qy + H[0, 2]) * w
+            gy = (H[1, 0] * qx + H[1, 1] * qy + H[1, 2]) * w
+            ix, iy = int(np.floor(gx)), int(np.floor(gy))
+            tx, ty = np.float32(gx - ix), np.float32(gy - iy)
+            x0, x1, x2, x3 = _cubic_weights(tx)
+            y0, y1, y2, y3 = _cubic_weights(ty)
+            if not (ix >= 1 and iy >= 1 and ix < n - 2 and iy < n - 2):
+                ix, iy = 1 + (ix - 1) % (n - 3), 1 + (iy - 1) % (n - 3)
+            a0 = np.uint64((iy - 1) * n + ix - 1)
+            a1, a2, a3 = a0 + row, a0 + row + row, a0 + row + row + row
+            out[i, j] = (
+                y0 * (x0 * flat[a0] + x1 * flat[a0 + one] + x2 * flat[a0 + two] + x3 * flat[a0 + three])
+                + y1 * (x0 * flat[a1] + x1 * flat[a1 + one] + x2 * flat[a1 + two] + x3 * flat[a1 + three])
+                + y2 * (x0 * flat[a2] + x1 * flat[a2 + one] + x2 * flat[a2 + two] + x3 * flat[a2 + three])
+                + y3 * (x0 * flat[a3] + x1 * flat[a3 + one] + x2 * flat[a3 + two] + x3 * flat[a3 + three])
+            )
+    return out

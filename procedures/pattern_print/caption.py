@@ -1,0 +1,119 @@
+"""What is said below the chart: which it is, how to print and photograph it, and from how far."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from procedures.pattern_print import distance
+from procedures.pattern_print.panel import Drawing, Panel, Stroke, Text, wrapped
+from procedures.pattern_print.rulers import rulers
+
+# the panel as it is on A4; larger sheets enlarge it
+PANEL_WIDTH_MM = 186.0
+PANEL_HEIGHT_MM = 118.0
+TYPE, SMALL, HEADING, TITLE_TYPE = 2.9, 2.5, 3.3, 5.4
+LEADING = 3.8
+TOP = 24.5
+LEFT, LEFT_END = 15.0, 88.0
+RIGHT, RIGHT_END = 97.0, PANEL_WIDTH_MM
+COLUMN = 13.5
+
+TITLE = "Noise chart for subpixel point spread functions"
+PRINTING = (
+    "Print at 100 %: no scaling, no fitting to the page. Both rulers must measure 100 mm.",
+    "No smoothing, no image enhancement, no toner saving; finest resolution, black ink only.",
+    "Matt paper: gloss mirrors the lamps.",
+    "Mount it flat, glued to glass or to an aluminium plate, without waves.",
+    "Keep the white border, one block wide all around, clear of everything.",
+)
+PHOTOGRAPHING = (
+    "RAW at the lowest ISO, from a firm support, in even light.",
+    "Expose so that white stays below saturation in every plane.",
+    "Keep the whole chart with its white border in the frame.",
+)
+
+
+def caption(panel: Panel, titles: Iterable[str], noise_mm: float) -> Drawing:
+    """All that is drawn below the chart; `titles` are two lines saying which chart it is."""
+    ruler_x, _ = panel.at(9, 0)
+    _, ruler_y = panel.at(0, PANEL_HEIGHT_MM)
+    return (
+        _head(panel, titles)
+        + _advice(panel)
+        + _distances(panel, noise_mm)
+        + _explanation(panel, noise_mm)
+        + rulers(ruler_x, ruler_y - 6)
+    )
+
+
+def _head(panel: Panel, titles: Iterable[str]) -> Drawing:
+    texts = [panel.text(LEFT, 5, TITLE, TITLE_TYPE, bold=True)]
+    texts += [panel.text(LEFT, 10.6 + 4.2 * row, words, TYPE, bold=row == 0) for row, words in enumerate(titles)]
+    return Drawing((panel.rule(17.2, LEFT, PANEL_WIDTH_MM, 0.2),), tuple(texts))
+
+
+def _advice(panel: Panel) -> Drawing:
+    y, printing = _numbered(panel, TOP, "Printing", PRINTING)
+    _, photographing = _numbered(panel, y + 3, "Photographing", PHOTOGRAPHING)
+    return printing + photographing
+
+
+def _numbered(panel: Panel, y: float, heading: str, items: Iterable[str]) -> tuple[float, Drawing]:
+    """A numbered list, and where it ends."""
+    texts = [panel.text(LEFT, y, heading, HEADING, bold=True)]
+    y += 5.4
+    for number, item in enumerate(items, start=1):
+        texts.append(panel.text(LEFT, y, f"{number}", TYPE, bold=True))
+        lines = _paragraph(panel, LEFT + 4.5, y, item, LEFT_END - LEFT - 4.5)
+        texts += lines
+        y += LEADING * len(lines) + 0.9
+    return y, Drawing(texts=tuple(texts))
+
+
+def _paragraph(panel: Panel, x: float, y: float, words: str, width: float) -> list[Text]:
+    lines = wrapped(words, width, TYPE)
+    return [panel.text(x, y + LEADING * row, line, TYPE) for row, line in enumerate(lines)]
+
+
+def _columns() -> list[float]:
+    """Right edges of the table's columns of numbers."""
+    count = len(distance.SENSORS)
+    return [RIGHT_END - COLUMN * (count - 1 - i) for i in range(count)]
+
+
+def _distances(panel: Panel, noise_mm: float) -> Drawing:
+    texts = [panel.text(RIGHT, TOP, "Distance from lens to chart, in metres, for s/t = 1", HEADING, bold=True)]
+    texts += [panel.text(RIGHT, TOP + y, words, SMALL) for y, words in ((5.4, "Sensor"), (12, "Photosites"))]
+    for x, sensor in zip(_columns(), distance.SENSORS, strict=True):
+        cells = ((5.4, sensor.format), (8.6, f"{sensor.megapixels} MP"), (12, f"{sensor.pitch_um} µm"))
+        texts += [panel.text(x, TOP + y, words, SMALL, anchor="end") for y, words in cells]
+    y = TOP + 13.4
+    strokes: list[Stroke] = [panel.rule(y, RIGHT, RIGHT_END, 0.1)]
+    for focal, row in zip(distance.FOCAL_LENGTHS_MM, distance.table_m(noise_mm), strict=True):
+        y += 4.1
+        texts.append(panel.text(RIGHT, y, f"{focal} mm lens", TYPE))
+        texts += [panel.text(x, y, _metres(d), TYPE, anchor="end") for x, d in zip(_columns(), row, strict=True)]
+    strokes.append(panel.rule(y + 1.6, RIGHT, RIGHT_END, 0.1))
+    return Drawing(tuple(strokes), tuple(texts))
+
+
+def _metres(distance_m: float) -> str:
+    return f"{distance_m:.1f}" if distance_m >= 1 else f"{distance_m:.2f}"
+
+
+def _explanation(panel: Panel, noise_mm: float) -> Drawing:
+    paragraphs = (
+        f"There the noise, {noise_mm:.6g} mm wide, covers {distance.ideal_pixels():g} pixels of a plane, for "
+        f"s={distance.SAMPLES_PER_PIXEL} samples of the PSF per pixel. A plane of a Bayer RAW has a pixel for every "
+        "second photosite; without a mosaic (monochrome) stand twice as far.",
+        "s/t = s × pixels / 256: 1 is ideal, 0.7 to 2 good, that is from 0.5 to 1.4 times the distances above, as long "
+        "as the noise is at least 60 pixels wide.",
+        "Distance = focal length × noise width / (pixels × pixel pitch of the plane): a smaller chart needs less room.",
+    )
+    y = TOP + 13.4 + 4.1 * len(distance.FOCAL_LENGTHS_MM) + 6.4
+    texts: list[Text] = []
+    for words in paragraphs:
+        lines = _paragraph(panel, RIGHT, y, words, RIGHT_END - RIGHT)
+        texts += lines
+        y += LEADING * len(lines) + 0.9
+    return Drawing(texts=tuple(texts))

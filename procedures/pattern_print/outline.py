@@ -1,0 +1,105 @@
+"""The black of the chart as closed outlines.
+
+Squares painted side by side show hairlines wherever a viewer smooths edges: two half covered pixels do not add up to
+a black one. Here no edge between black and black exists any more, so there is nothing to show.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from itertools import pairwise
+from math import atan2
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.pattern import BLACK_BLOCKS, BLOCK, BLOCKS, Cells, triangles
+
+Vertex = tuple[int, int]
+Edge = tuple[Vertex, Vertex]
+Loop = list[Vertex]
+
+
+def outline(cells: Cells) -> list[Loop]:
+    """Closed outlines of all that is black in the chart: cells, blocks and triangles as one shape.
+
+    Each is a list of (x, y) in cells, whole numbers, without its first point again; black lies to the right of every
+    edge, y down, so that the non-zero and the even-odd rule fill the same. Outlines meet in corners, never in edges.
+    """
+    edges = set(_square_edges(_black_squares(cells)))
+    for start, end in _triangle_edges():
+        if (end, start) in edges:
+            edges.remove((end, start))
+        else:
+            edges.add((start, end))
+    return [_without_straight_points(loop) for loop in _chained(edges)]
+
+
+def _black_squares(cells: Cells) -> npt.NDArray[np.bool_]:
+    """Cells and black blocks on the grid of the whole chart, (320, 320)."""
+    black = np.zeros((BLOCKS * BLOCK, BLOCKS * BLOCK), dtype=np.bool_)
+    black[BLOCK:-BLOCK, BLOCK:-BLOCK] = cells == 0
+    for column, row in BLACK_BLOCKS:
+        black[row * BLOCK : (row + 1) * BLOCK, column * BLOCK : (column + 1) * BLOCK] = True
+    return black
+
+
+def _square_edges(black: npt.NDArray[np.bool_]) -> list[Edge]:
+    """Unit edges between black and white squares."""
+    step_down = np.diff(np.pad(black, 1).astype(np.int8), axis=0)[:, 1:-1]
+    step_right = np.diff(np.pad(black, 1).astype(np.int8), axis=1)[1:-1, :]
+    edges: list[Edge] = []
+    for y, x in (np.argwhere(step_down) - BLOCK).tolist():
+        left, right = (x, y), (x + 1, y)
+        edges.append((left, right) if step_down[y + BLOCK, x + BLOCK] > 0 else (right, left))
+    for y, x in (np.argwhere(step_right) - BLOCK).tolist():
+        top, bottom = (x, y), (x, y + 1)
+        edges.append((bottom, top) if step_right[y + BLOCK, x + BLOCK] > 0 else (top, bottom))
+    return edges
+
+
+def _triangle_edges() -> list[Edge]:
+    """Edges of the x-corners' triangles; bases in unit steps, because cells may lie on their other side."""
+    edges: list[Edge] = []
+    for corners in triangles():
+        (x, base), (right, _), (apex_x, apex_y) = corners.astype(int).tolist()
+        points = [(step, base) for step in range(x, right + 1)] + [(apex_x, apex_y), (x, base)]
+        if apex_y < base:  # keep black to the right of the way round
+            points.reverse()
+        edges.extend(pairwise(points))
+    return edges
+
+
+def _chained(edges: set[Edge]) -> list[Loop]:
+    ends = defaultdict(list)
+    for start, end in sorted(edges):
+        ends[start].append(end)
+    loops = []
+    for first in list(ends):
+        while ends[first]:
+            loops.append(_one_loop(first, ends))
+    return loops
+
+
+def _one_loop(first: Vertex, ends: dict[Vertex, list[Vertex]]) -> Loop:
+    loop = [first, ends[first].pop()]
+    while loop[-1] != first:
+        choices = ends[loop[-1]]
+        before, here = loop[-2:]
+        # where two squares meet in a corner, the sharpest right turn stays on the same one
+        following = max(choices, key=lambda after: _turn(before, here, after))
+        choices.remove(following)
+        loop.append(following)
+    return loop[:-1]
+
+
+def _turn(before: Vertex, here: Vertex, after: Vertex) -> float:
+    """Angle from one edge to the next in radians, to the right positive."""
+    a, b = here[0] - before[0], here[1] - before[1]
+    c, d = after[0] - here[0], after[1] - here[1]
+    return atan2(a * d - b * c, a * c + b * d)
+
+
+def _without_straight_points(loop: Loop) -> Loop:
+    neighbours = zip(loop[-1:] + loop[:-1], loop, loop[1:] + loop[:1], strict=True)
+    return [here for before, here, after in neighbours if _turn(before, here, after) != 0.0]

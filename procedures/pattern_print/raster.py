@@ -1,0 +1,83 @@
+"""The chart with its white margin as pixels, a whole number of them per cell: PNG and PGM, without the caption."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from procedures.outcome import BadParameter
+from procedures.pattern import BLACK_BLOCKS, BLOCK, BLOCKS, X_CORNER_BLOCKS, Chart
+from procedures.pattern_print.sheet import QUIET_BLOCKS, Size
+from procedures.pattern_print.source import Source
+
+Bitmap = npt.NDArray[np.uint8]
+
+CELL_PIXELS = 8
+LARGEST_CELL_PIXELS = 32
+PNG_HEADER = 8 + 25
+"""Bytes of a PNG's signature and of its IHDR, after which other chunks may stand."""
+
+
+def bitmap(chart: Chart, cell_pixels: int = CELL_PIXELS) -> Bitmap:
+    """The chart in its margin of one block, white 255 and black 0, (384 cell_pixels, 384 cell_pixels).
+
+    Raises
+    ------
+    BadParameter
+        If `cell_pixels` is not 1 to 32.
+    """
+    if not 1 <= cell_pixels <= LARGEST_CELL_PIXELS:
+        raise BadParameter(
+            f"a cell can have 1 to {LARGEST_CELL_PIXELS} pixels; got {cell_pixels}", "write a PDF for finer print"
+        )
+    block = BLOCK * cell_pixels
+    image = np.full((block * BLOCKS, block * BLOCKS), 255, dtype=np.uint8)
+    image[block:-block, block:-block] = 255 * chart.cells.repeat(cell_pixels, axis=0).repeat(cell_pixels, axis=1)
+    for column, row in BLACK_BLOCKS:
+        image[row * block :, column * block :][:block, :block] = 0
+    for column, row in X_CORNER_BLOCKS:
+        image[row * block :, column * block :][:block, :block] = _x_corner(block)
+    return np.pad(image, QUIET_BLOCKS * block, constant_values=255)
+
+
+def _x_corner(block: int) -> Bitmap:
+    """The two triangles in a block of so many pixels.
+
+    The diagonals halve the pixels on them. One diagonal goes to black and the other to white: so the area is right,
+    and by its half-turn symmetry the corner stays in the centre.
+    """
+    x = np.arange(block) - (block - 1) / 2
+    y = x[:, np.newaxis]
+    black = (np.abs(y) > np.abs(x)) | (x == y)
+    return np.where(black, 0, 255).astype(np.uint8)
+
+
+def png(image: Bitmap, source: Source, size: Size) -> bytes:
+    """A bitmap as PNG, one bit per pixel, with its resolution, so that it prints at its size."""
+    done, encoded = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_BILEVEL, 1])
+    if not done:
+        raise RuntimeError("OpenCV could not write a PNG")
+    data = encoded.tobytes()
+    per_metre = round(1000 * image.shape[0] / size.framed_mm)
+    chunks = _chunk(b"pHYs", struct.pack(">IIB", per_metre, per_metre, 1))
+    chunks += _chunk(b"tEXt", b"Description\0" + _words(source, size).encode("latin-1"))
+    return data[:PNG_HEADER] + chunks + data[PNG_HEADER:]
+
+
+def _chunk(kind: bytes, data: bytes) -> bytes:
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
+def pgm(image: Bitmap, source: Source, size: Size) -> bytes:
+    """A bitmap as binary PGM of 8 bit; the chart's origin and size stand in a comment."""
+    rows, columns = image.shape
+    words = _words(source, size).replace("×", "x")
+    return f"P5\n# {words}\n{columns} {rows}\n255\n".encode("ascii") + image.tobytes()
+
+
+def _words(source: Source, size: Size) -> str:
+    return f"Noise chart, {source.origin}, {size}, with a white margin of one block"

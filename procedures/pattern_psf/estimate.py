@@ -1,0 +1,265 @@
+"""The PSF from one photograph of the noise chart, start to end: a number with its error bar, or a refusal.
+
+References
+----------
+Delbracio, Muse, Almansa, IPOL 2012, section 4; Delbracio's thesis, chapter 2 and appendix A.1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.numerics.warps import inverse
+from procedures.outcome import BadParameter, Outcome, Refused, Verdict
+from procedures.pattern import BLOCK, CELLS, Chart
+from procedures.pattern_psf.centre import mark_offset_gradient
+from procedures.pattern_psf.detection import find_chart
+from procedures.pattern_psf.radiometry import Light, measure_light
+from procedures.pattern_psf.refine import Fit, noise_window, observe, refine, without_outliers
+from procedures.pattern_psf.registration import (
+    Registration,
+    block_size_px,
+    mark_residuals,
+    refine_corners,
+    register_marks,
+)
+from procedures.pattern_psf.solve import SOLVERS, gamma, gamma_bound, normalised, solve
+from procedures.pattern_psf.trust import Diagnostics, diagnose, judge
+from procedures.psf import Psf
+from procedures.quality import Diffraction, Quality, assess
+from procedures.raw import Plane
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PatternParameters:
+    """How the PSF is sampled and solved for.
+
+    Attributes
+    ----------
+    s : int
+        Samples per pixel of the plane, 2 or more.
+    k : int
+        Samples along one side of the support, odd; 3 s + 1 to 6 s + 1 is usual.
+    solver : str
+        "ls" least squares, "clip" its negative part cut, "nnls" non-negative least squares.
+    """
+
+    s: int = 4
+    k: int = 17
+    solver: str = "ls"
+
+    def __post_init__(self) -> None:
+        if self.s < 2:
+            raise BadParameter(f"a subpixel PSF needs s of 2 or more; got s = {self.s}", "choose s = 3 or 4")
+        if self.k < 3 or self.k % 2 == 0:
+            raise BadParameter(
+                f"the support needs an odd number k of samples, so that it has a centre; got k = {self.k}",
+                f"choose k = {max(self.k + 1, 3)}",
+            )
+        if self.solver not in SOLVERS:
+            raise BadParameter(f"the solver is one of {', '.join(SOLVERS)}; got {self.solver!r}", "choose one of them")
+
+
+@dataclass(frozen=True)
+class PatternPsf:
+    """The calibrated PSF of one plane at one place of the frame.
+
+    Attributes
+    ----------
+    psf : Psf
+    quality : Quality
+    gamma, gamma_bound : float
+        Noise amplification sqrt(sum 1 / sigma_i^2) of the photograph, and the smallest that any chart could have.
+    residual_std : float
+        Residual in units of the noise measured on the blocks.
+    pixels_per_pattern : float
+        Width of the noise region in pixels of the plane.
+    s_over_t : float
+        Sampling ratio; 1 is ideal.
+    registration : Registration
+        Where every pixel lies on the chart.
+    diagnostics : mapping of str to float
+    marks : (12, 2) float64
+        The x-corners as found, (x, y) in pixels, NaN where hidden.
+    residual : (rows, columns) float64
+        Photograph minus prediction in units of the noise, over the noise region; NaN where no sample was used.
+    residual_origin : (int, int)
+        Pixel (x, y) of the plane at which `residual` begins.
+    """
+
+    psf: Psf
+    quality: Quality
+    gamma: float
+    gamma_bound: float
+    residual_std: float
+    pixels_per_pattern: float
+    s_over_t: float
+    registration: Registration
+    diagnostics: Mapping[str, float]
+    marks: Array
+    residual: Array
+    residual_origin: tuple[int, int]
+
+
+def estimate_psf(
+    plane: Plane,
+    chart: Chart,
+    parameters: PatternParameters | None = None,
+    diffraction: Diffraction | None = None,
+) -> Outcome[PatternPsf]:
+    """The PSF of a plane that shows the chart, or the reason why it has none.
+
+    Parameters
+    ----------
+    plane : Plane
+        Linear samples, black 0, white 1; the chart may lie anywhere in it.
+    chart : Chart
+        The cells that were printed.
+    parameters : PatternParameters, optional
+    diffraction : Diffraction, optional
+        What limits this plane: where it is given, the Strehl ratio is reported too.
+
+    Returns
+    -------
+    Outcome[PatternPsf]
+        Refused outcomes carry the reason and the remedy and no value; poor photographs raise nothing.
+    """
+    parameters = parameters or PatternParameters()
+    try:
+        return _estimate(plane.samples, chart, parameters, diffraction)
+    except Refused as refusal:
+        return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
+    except np.linalg.LinAlgError:
+        return Outcome(
+            None,
+            Verdict.REFUSED,
+            f"the photograph must determine {parameters.k}^2 PSF values at s = {parameters.s}; it does not",
+            "photograph the chart from a distance where s/t is near 1, or lower s or k",
+        )
+
+
+def _estimate(
+    samples: npt.NDArray[np.float32], chart: Chart, parameters: PatternParameters, diffraction: Diffraction | None
+) -> Outcome[PatternPsf]:
+    """The chain itself; raises Refused."""
+    s, k = parameters.s, parameters.k
+    corners, marks_map = _register(samples)
+    light = measure_light(samples, marks_map)
+    _check_light(light)
+    fit, outliers = _fit(samples, chart, corners, marks_map, light, s, k)
+    psf = _solution(fit, s, k, parameters.solver)
+    diagnostics = diagnose(fit, psf, light, corners, marks_map, outliers, s)
+    verdict, reason, remedy = judge(diagnostics, fit)
+    if verdict is Verdict.REFUSED:
+        return Outcome(None, verdict, reason, remedy)
+    return Outcome(_result(fit, psf, diagnostics, corners, diffraction), verdict, reason, remedy)
+
+
+def _register(samples: npt.NDArray[np.float32]) -> tuple[Array, Registration]:
+    """The chart's marks to subpixel, and the map they give."""
+    sighting = find_chart(samples)
+    block = block_size_px(register_marks(sighting.corners))
+    corners = refine_corners(samples, sighting.corners, block)
+    registration = register_marks(corners)
+    worst = float(np.linalg.norm(mark_residuals(registration, corners), axis=1).max())
+    if worst > 0.25 * block:
+        raise Refused(
+            f"the chart's marks must lie on one plane; one is {worst:.1f} pixels off",
+            "keep the marks free of reflections and shadows, and lay the chart flat",
+        )
+    return corners, registration
+
+
+def _check_light(light: Light) -> None:
+    """Refuse what no estimate can come of: clipped white, no light, no contrast over the noise."""
+    if light.saturated > 0.01:
+        raise Refused(
+            f"the chart's white must not be clipped; {light.saturated:.0%} of its white samples are",
+            "expose less: white at 80 % of the scale is right",
+        )
+    noise = float(np.sqrt(max(light.variance_white, light.variance_black)))
+    if light.contrast < 0.01 or light.contrast < 4 * noise:
+        raise Refused(
+            f"white must stand clear of black and noise; it is {light.contrast:.3f} of the scale above black, with "
+            f"noise of {noise:.3f}",
+            "expose longer or light the chart: the photograph is too dark",
+        )
+
+
+def _fit(
+    samples: npt.NDArray[np.float32],
+    chart: Chart,
+    corners: Array,
+    registration: Registration,
+    light: Light,
+    s: int,
+    k: int,
+) -> tuple[Fit, float]:
+    """The joint fit, and the share of samples left out of it as outliers."""
+    window = noise_window(registration, samples.shape)
+    hidden = not np.isfinite(corners).all()
+    observation = observe(samples, registration, light, window, margin_px=k / (2 * s) if hidden else 0.0)
+    m, n = len(observation.y), k * k
+    if m < 2 * n:
+        raise Refused(
+            f"{n} PSF values need at least {2 * n} samples of the noise region; the photograph has {m}",
+            "move closer, or lower k",
+        )
+    fit = refine(observation, chart, registration, window, s, k)
+    kept = without_outliers(fit)
+    if len(kept.y) < m - max(10, 1e-3 * m):
+        fit = refine(kept, chart, registration, window, s, k)
+    return fit, 1 - len(kept.y) / m
+
+
+def _solution(fit: Fit, s: int, k: int, solver: str) -> Psf:
+    """The PSF as asked for, of sum 1, with the covariance of the least-squares solution.
+
+    For "clip" and "nnls" the same covariance is an upper limit: the constraint only takes noise away.
+    """
+    h = fit.h if solver == "ls" else solve(fit.equations.G, fit.equations.G @ fit.h, solver)
+    covariance = inverse(fit.equations.G) * fit.residual_std**2
+    h, covariance = normalised(h, covariance)
+    # the centre follows the PSF: an error of h that shifts it shifts the map back
+    image = h.reshape(k, k)
+    slope_y, slope_x = np.gradient(image)
+    back = np.column_stack([slope_x.ravel(), slope_y.ravel()]) * s
+    P = np.eye(k * k) + back @ mark_offset_gradient(image, s, fit.registration.jacobian())
+    return Psf(image, s, P @ covariance @ P.T)
+
+
+def _result(fit: Fit, psf: Psf, d: Diagnostics, corners: Array, diffraction: Diffraction | None) -> PatternPsf:
+    """Everything that is reported, from the final fit."""
+    residual, origin = _residual_picture(fit)
+    m = len(fit.observation.y)
+    amplification = gamma(psf.covariance / fit.residual_std**2, float(np.mean(fit.observation.weight**2)))
+    pixels = CELLS / BLOCK * block_size_px(fit.registration)
+    return PatternPsf(
+        psf=psf,
+        quality=assess(psf, n=m, diffraction=diffraction),
+        gamma=amplification,
+        gamma_bound=gamma_bound(m, psf.k**2),
+        residual_std=fit.residual_std,
+        pixels_per_pattern=pixels,
+        s_over_t=d.s_over_t,
+        registration=fit.registration,
+        diagnostics=asdict(d),
+        marks=corners,
+        residual=residual,
+        residual_origin=origin,
+    )
+
+
+def _residual_picture(fit: Fit) -> tuple[Array, tuple[int, int]]:
+    """The residual where its samples lie, NaN between them, and the pixel (x, y) at which that picture begins."""
+    o = fit.observation
+    picture = np.full((o.rows.max() + 1, o.columns.max() + 1), np.nan)
+    picture[o.rows, o.columns] = fit.residual
+    x, y = o.points[0]
+    return picture, (int(x) - int(o.columns[0]), int(y) - int(o.rows[0]))

@@ -1,0 +1,128 @@
+"""The chart on the s grid of the sensor: cells and frame, band-limited to s pi, read through the map."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.numerics.splines import cell_image_spline, outline_spline, read_spline
+from procedures.pattern import BLACK_BLOCKS, BLOCK, BLOCKS, CELLS, X_CORNER_BLOCKS, Chart
+from procedures.pattern_psf.registration import Registration
+
+Array = npt.NDArray[np.float64]
+Array32 = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Window:
+    """The pixels around the noise region: first pixel (x, y), columns and rows."""
+
+    x: int
+    y: int
+    columns: int
+    rows: int
+
+    def cut(self, samples: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+        """The window's part of a plane."""
+        return samples[self.y : self.y + self.rows, self.x : self.x + self.columns]
+
+
+@lru_cache(maxsize=1)
+def frame_cells() -> Array32:
+    """The whole chart as 320 x 320 cells, the noise region left at 0: white 1, black 0, cells cut by a diagonal 1/2.
+
+    The edges of the x-corners' triangles run along the cells' diagonals, so that the halves are exact.
+    """
+    chart = np.ones((BLOCKS * BLOCK, BLOCKS * BLOCK), dtype=np.float32)
+    for column, row in BLACK_BLOCKS:
+        chart[row * BLOCK : (row + 1) * BLOCK, column * BLOCK : (column + 1) * BLOCK] = 0
+    v, u = np.mgrid[:BLOCK, :BLOCK] - (BLOCK - 1) / 2
+    bow_tie = np.where(np.abs(v) > np.abs(u), 0.0, np.where(np.abs(v) == np.abs(u), 0.5, 1.0))
+    for column, row in X_CORNER_BLOCKS:
+        chart[row * BLOCK : (row + 1) * BLOCK, column * BLOCK : (column + 1) * BLOCK] = bow_tie
+    chart[BLOCK : BLOCK + CELLS, BLOCK : BLOCK + CELLS] = 0
+    return chart
+
+
+def whole_chart(chart: Chart) -> Array32:
+    """The chart with its frame, 320 x 320 cells, white 1, black 0, float32."""
+    cells = frame_cells().copy()
+    cells[BLOCK : BLOCK + CELLS, BLOCK : BLOCK + CELLS] = chart.cells
+    return cells
+
+
+@dataclass(frozen=True)
+class Raster:
+    """The chart as spline coefficients, ready to be read through any map near the one it was made for.
+
+    Attributes
+    ----------
+    coefficients : (320 G, 320 G) float32
+        G grid points per cell. The mean of black and white is subtracted: values lie about 0.
+    outline : (320 G, 320 G) float32
+        The same of the cells' outlines: what is added when ink spreads over the edges.
+    per_cell : int
+        G.
+    s : int
+        Samples per pixel of the rasters.
+    """
+
+    coefficients: Array32
+    outline: Array32
+    per_cell: int
+    s: int
+
+    def read(self, registration: Registration, window: Window, border: int) -> Array32:
+        """The chart on the s grid over a window and `border` samples around it.
+
+        Returns
+        -------
+        (s (rows - 1) + 1 + 2 border, s (columns - 1) + 1 + 2 border) float32
+            Minus 1/2 for black, plus 1/2 for white; sample (border + s i, border + s j) is at the window's pixel
+            (i, j).
+        """
+        return self._read(self.coefficients, registration, window, border)
+
+    def read_outline(self, registration: Registration, window: Window, border: int) -> Array32:
+        """The cells' outlines on the same grid, in units of one cell of spread."""
+        return self._read(self.outline, registration, window, border)
+
+    def _read(self, coefficients: Array32, registration: Registration, window: Window, border: int) -> Array32:
+        G = self.per_cell
+        grid = np.array([[G, 0, G * BLOCK - 0.5], [0, G, G * BLOCK - 0.5], [0, 0, 1]])
+        start = np.array([window.x, window.y], dtype=np.float64) - border / self.s
+        shape = (self.s * (window.rows - 1) + 1 + 2 * border, self.s * (window.columns - 1) + 1 + 2 * border)
+        return np.asarray(
+            read_spline(
+                coefficients,
+                grid @ registration.H_pattern_sensor,
+                registration.centre,
+                registration.radius,
+                registration.displacement,
+                start,
+                1 / self.s,
+                shape,
+            )
+        )
+
+
+def band_limited_chart(chart: Chart, registration: Registration, s: int) -> Raster:
+    """The chart with the frequencies that the s grid holds, s/2 cycles per pixel along each axis of the sensor.
+
+    The cut is made in the chart's Fourier domain, for the map's derivative at the chart's centre: over a tilted
+    chart it moves by a few per cent, where the optics pass nothing any more.
+
+    References
+    ----------
+    Delbracio, Muse, Almansa, IPOL 2012, section 4.6; the cells' footprint is exact instead of 4 x 4 points.
+    """
+    J = registration.jacobian()
+    # largest frequency along an axis of the chart, in cycles per cell: f_cell = J^-T f_pixel
+    largest = (s / 2) * np.abs(np.linalg.inv(J)).sum(axis=0).max()
+    # a cubic spline of 3.2 points per period errs by under 1 % at the very edge of the band, 1e-4 in its middle
+    per_cell = max(2, int(np.ceil(3.2 * largest)))
+    cells = whole_chart(chart) - np.float32(0.5)
+    return Raster(cell_image_spline(cells, per_cell, J, s / 2), outline_spline(cells, per_cell, J, s / 2), per_cell, s)

@@ -1,0 +1,124 @@
+"""The map from the sensor to the chart: x-corners to subpixel, a homography, and what the lens adds to it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from procedures.numerics.warps import apply_homography, cubic_monomials, fit_homography, homography_jacobian, inverse
+from procedures.pattern import BLOCK, CELLS, X_CORNERS
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Registration:
+    """Where every pixel of the plane lies on the chart: cells = H(p + d(p)), d a cubic polynomial without constant.
+
+    The constant is absent because a translation of the map is the same as a shift of the PSF: the marks fix it.
+
+    Attributes
+    ----------
+    H_pattern_sensor : (3, 3) float64
+        Homography, pixels (x, y) of the plane -> cells (x, y).
+    centre : (2,) float64, radius : float
+        The polynomial's argument is (p - centre) / radius.
+    displacement : (2, 9) float64
+        Coefficients of d in pixels, for x and y, in the order of `warps.CUBIC_EXPONENTS`.
+    """
+
+    H_pattern_sensor: Array
+    centre: Array
+    radius: float
+    displacement: Array
+
+    def to_pattern(self, points: Array) -> Array:
+        """Cells (x, y) at points (n, 2) of the plane."""
+        return apply_homography(self.H_pattern_sensor, points + self.displacement_at(points))
+
+    def displacement_at(self, points: Array) -> Array:
+        """The displacement d (n, 2), in pixels, at points (n, 2) of the plane."""
+        if not self.displacement.any():
+            return np.zeros_like(points)
+        x, y = ((points - self.centre) / self.radius).T
+        return np.asarray(cubic_monomials(x, y) @ self.displacement.T)
+
+    def to_sensor(self, cells: Array) -> Array:
+        """Points (n, 2) of the plane at which cells (n, 2) are seen: the inverse map, by fixed-point steps."""
+        ideal = apply_homography(inverse(self.H_pattern_sensor), cells)
+        points = ideal
+        for _ in range(8):  # d changes by under a hundredth per pixel: eight steps leave no trace
+            points = ideal - self.displacement_at(points)
+        return points
+
+    def jacobian(self) -> Array:
+        """Derivative (2, 2) of cells with respect to pixels at the centre of the noise region."""
+        return homography_jacobian(self.H_pattern_sensor, self.centre)
+
+    def translated(self, shift: Array) -> Registration:
+        """The map that sees at p what this one sees at p + shift (pixels), inside the polynomial too."""
+        T = np.eye(3)
+        T[:2, 2] = shift
+        return replace(self, H_pattern_sensor=self.H_pattern_sensor @ T)
+
+
+def refine_corners(plane: npt.NDArray[np.float32], corners: Array, block_px: float) -> Array:
+    """The x-corners (n, 2) to subpixel: where the gradients around are orthogonal to the rays (NaN rows stay).
+
+    Parameters
+    ----------
+    plane : (rows, columns) float32
+    corners : (n, 2) float64
+        First positions (x, y), to about a pixel.
+    block_px : float
+        Side of a block of the chart's frame, in pixels: the window must stay inside the block.
+
+    References
+    ----------
+    Delbracio, Muse, Almansa, IPOL 2012, section 4.2, equation (1).
+    """
+    half = max(2, int(0.25 * block_px))
+    seen = np.isfinite(corners).all(axis=1)
+    first = corners[seen].astype(np.float32).reshape(-1, 1, 2)
+    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-5)
+    found = cv2.cornerSubPix(plane, first.copy(), (half, half), (-1, -1), criteria)
+    refined = np.full_like(corners, np.nan)
+    refined[seen] = found.reshape(-1, 2)
+    return refined
+
+
+def register_marks(corners: Array) -> Registration:
+    """The map that the x-corners alone support: a homography, by least squares on the sensor.
+
+    Parameters
+    ----------
+    corners : (12, 2) float64
+        x-corners (x, y) in pixels, in the order of `pattern.X_CORNERS`; NaN where hidden.
+    """
+    seen = np.isfinite(corners).all(axis=1)
+    H_sensor_pattern = fit_homography(X_CORNERS[seen], corners[seen])
+    middle = np.array([[CELLS / 2, CELLS / 2]])
+    rim = np.array([[0.0, 0.0], [CELLS, 0.0], [CELLS, CELLS], [0.0, CELLS]])
+    centre = apply_homography(H_sensor_pattern, middle)[0]
+    radius = float(np.linalg.norm(apply_homography(H_sensor_pattern, rim) - centre, axis=1).mean())
+    return Registration(inverse(H_sensor_pattern), centre, radius, np.zeros((2, 9)))
+
+
+def mark_residuals(registration: Registration, corners: Array) -> Array:
+    """Distances (n, 2), in pixels, of the visible marks from where the map sees them."""
+    seen = np.isfinite(corners).all(axis=1)
+    return np.asarray(corners[seen] - registration.to_sensor(X_CORNERS[seen]))
+
+
+def map_distance(a: Registration, b: Registration, points: Array) -> float:
+    """Largest distance, in pixels, between the places where two maps see the cells that `b` sees at points (n, 2)."""
+    cells = a.to_pattern(points) - b.to_pattern(points)
+    return float(np.abs(cells @ inverse(b.jacobian()).T).max())
+
+
+def block_size_px(registration: Registration) -> float:
+    """Side of a block of the chart's frame, in pixels, at the chart's centre."""
+    return float(BLOCK / np.sqrt(abs(np.linalg.det(registration.jacobian()))))

@@ -1,0 +1,128 @@
+"""Transfer functions of a circular pupil: the closed form without aberrations, quadrature with them.
+
+A shift of 2 (pupil radii) is the cutoff. The wavefront is a sum of Noll's orthonormal Zernike polynomials.
+"""
+
+from __future__ import annotations
+
+from dataclasses import astuple, dataclass
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import RectBivariateSpline
+
+Array = npt.NDArray[np.float64]
+Complex = npt.NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class Wavefront:
+    """Optical path differences over the pupil: root mean square of each aberration, in micrometres.
+
+    Defocus, astigmatism along the axes and at 45 degrees, coma in y and in x, spherical: Noll's polynomials 4, 6, 5,
+    7, 8, 11. Positive coma in x throws the tail towards +x.
+    """
+
+    defocus_um: float = 0.0
+    astigmatism_um: float = 0.0
+    oblique_astigmatism_um: float = 0.0
+    coma_y_um: float = 0.0
+    coma_x_um: float = 0.0
+    spherical_um: float = 0.0
+
+    @property
+    def flat(self) -> bool:
+        """Whether there is no aberration at all."""
+        return not any(astuple(self))
+
+    @property
+    def round(self) -> bool:
+        """Whether it looks the same in every direction."""
+        return self == Wavefront(defocus_um=self.defocus_um, spherical_um=self.spherical_um)
+
+    def __add__(self, other: Wavefront) -> Wavefront:
+        return Wavefront(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
+
+    def steepest_um(self) -> float:
+        """A bound of the path difference's slope per pupil radius: that of each polynomial at the rim, added."""
+        sizes = np.abs(astuple(self))
+        # largest |gradient| on the unit disc of 2 r^2 - 1, r^2 cos 2a, 3 r^3 cos a - 2 r cos a, 6 r^4 - 6 r^2
+        return float(sizes @ [4 * 3**0.5, 2 * 6**0.5, 2 * 6**0.5, 7 * 8**0.5, 7 * 8**0.5, 12 * 5**0.5])
+
+    def at(self, x: Array, y: Array) -> Array:
+        """Path difference in micrometres at points of the unit pupil."""
+        r2 = x * x + y * y
+        return (
+            self.defocus_um * 3**0.5 * (2 * r2 - 1)
+            + self.astigmatism_um * 6**0.5 * (x * x - y * y)
+            + self.oblique_astigmatism_um * 6**0.5 * 2 * x * y
+            + (self.coma_x_um * x + self.coma_y_um * y) * 8**0.5 * (3 * r2 - 2)
+            + self.spherical_um * 5**0.5 * (6 * r2 * r2 - 6 * r2 + 1)
+        )
+
+
+def defocus_um(focus_shift_mm: float, f_number: float) -> float:
+    """Defocus, as Wavefront counts it, of a sensor `focus_shift_mm` away from the sharp image.
+
+    The path differs by shift / (8 N^2) between centre and rim, of which 1 / (2 sqrt 3) is the root mean square.
+    """
+    return 1000 * focus_shift_mm / (8 * f_number**2) / (2 * 3**0.5)
+
+
+def circular_otf(shift: Array) -> Array:
+    """Overlap of two unit discs whose centres are `shift` apart, over pi; 0 from 2 on."""
+    half = np.minimum(shift / 2, 1.0)
+    otf: Array = 2 / np.pi * (np.arccos(half) - half * np.sqrt(1 - half * half))
+    return otf
+
+
+def aberrated_otf(sx: Array, sy: Array, wavefront: Wavefront, wavelength_um: float) -> Complex:
+    """Autocorrelation of the aberrated pupil at shifts (sx, sy) in pupil radii, broadcast."""
+    sx, sy = np.broadcast_arrays(sx, sy)
+    shift = np.hypot(sx, sy)
+    passed = shift < 2
+    t, angle = np.sqrt(1 - shift[passed] / 2), np.arctan2(sy[passed], sx[passed])
+    real, imaginary = _splines(wavefront, wavelength_um)
+    otf = np.zeros(shift.shape, dtype=np.complex128)
+    otf[passed] = real.ev(t, angle) + 1j * imaginary.ev(t, angle)
+    return otf
+
+
+@lru_cache(maxsize=64)
+def _splines(wavefront: Wavefront, wavelength_um: float) -> tuple[RectBivariateSpline, RectBivariateSpline]:
+    """Real and imaginary part over (t, angle), shift = 2 (1 - t^2): in t the function is smooth up to the cutoff."""
+    waves = float(np.linalg.norm(astuple(wavefront))) / wavelength_um
+    # measured against 160 nodes and no spline: errors below 4e-6 at 0.2 waves, 2e-5 at 1.1 waves
+    n = 48 + int(40 * waves)
+    quadrature = np.polynomial.legendre.leggauss(20 + int(36 * waves))
+    t = np.linspace(0.0, 1.0, 3 * n)
+    turn = np.arange(n) * np.pi / n if not wavefront.round else np.zeros(1)
+    half = np.array([_overlap(2 * (1 - a * a), turn, wavefront, wavelength_um, quadrature) for a in t])
+    half = np.broadcast_to(half, (len(t), n))
+    # opposite frequencies are conjugate; eight angles more on either side keep the spline's ends out of use
+    values = np.concatenate([half[:, -8:], half.conj(), half, half[:, :8].conj()], axis=1)
+    angles = np.arange(-n - 8, n + 8) * np.pi / n
+    return RectBivariateSpline(t, angles, values.real, s=0), RectBivariateSpline(t, angles, values.imag, s=0)
+
+
+def _overlap(
+    shift: float, angles: Array, wavefront: Wavefront, wavelength_um: float, quadrature: tuple[Array, Array]
+) -> Complex:
+    """The autocorrelation at one shift and many directions, by Gauss-Legendre quadrature over the lens of overlap.
+
+    Along the shift the lens reaches to a = sqrt(1 - y^2) - shift / 2 on both sides, across it to
+    b = sqrt(1 - shift^2 / 4); y = b sin(phi) takes the ends' square roots away.
+    """
+    nodes, weights = quadrature
+    b = np.sqrt(1 - shift * shift / 4)
+    phi = nodes * np.pi / 2
+    y = b * np.sin(phi)
+    a = np.maximum(np.sqrt(1 - y * y) - shift / 2, 0.0)
+    area = (weights * np.pi / 2 * b * np.cos(phi) * a)[:, None] * weights
+    along, across = a[:, None] * nodes, y[:, None] + 0 * nodes
+    c, s = np.cos(angles)[:, None, None], np.sin(angles)[:, None, None]
+    ahead, behind = along + shift / 2, along - shift / 2
+    paths = [wavefront.at(c * x - s * across, s * x + c * across) for x in (ahead, behind)]
+    phase = np.exp(2j * np.pi / wavelength_um * (paths[1] - paths[0]))
+    return np.asarray(np.sum(area * phase, axis=(1, 2)) / np.pi, dtype=np.complex128)

@@ -1,0 +1,17 @@
+"""`station psf ...`: the ways to estimate a point spread function, one file each."""
+
+from __future__ import annotations
+
+import click
+
+from station.cli.lazy import LazyGroup
+
+# name -> (module under station.cli, function, help line)
+PSF_COMMANDS = {
+    "pattern": ("psf_pattern", "psf_pattern", "From one photograph of the noise chart."),
+}
+
+
+@click.group(cls=LazyGroup, table=PSF_COMMANDS)
+def psf() -> None:
+    """Estimate a point spread function."""

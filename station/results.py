@@ -1,0 +1,209 @@
+"""The files of a result: written beside, then renamed, so that a folder holds one whole result or the older one."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import os
+import re
+import shutil
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from importlib import metadata
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.outcome import BadParameter, Verdict
+from procedures.psf import Psf
+from procedures.quality import Quality
+from station.pictures import psf_picture
+
+RECORD = "result.json"
+SCHEMA = "station/psf/1"
+PACKAGES = ("numpy", "scipy", "numba", "opencv-contrib-python-headless", "rawpy")
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PlaneRecord:
+    """What a result says about one plane; a refused one has a reason and a remedy, and no PSF.
+
+    Attributes
+    ----------
+    numbers : what the procedure found beside the PSF, plain: gamma, residual_std, ...
+    quality : its curves, and the derived numbers with unit and uncertainty
+    diagnostics : further numbers for those who look into a verdict
+    """
+
+    name: str
+    verdict: Verdict
+    reason: str = ""
+    remedy: str = ""
+    psf: Psf | None = None
+    quality: Quality | None = None
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    diagnostics: Mapping[str, float] = field(default_factory=dict)
+
+
+class ResultFolder:
+    """A folder that receives one result, whole.
+
+    Files are written into a hidden folder inside it, `staging`, and renamed by `publish`, the record last: whoever
+    finds a record finds every file it speaks of. Folders inside it are kept. Entering proves that the folder can be
+    written, before any work is done.
+
+    Raises
+    ------
+    BadParameter
+        On entering, if the folder cannot be made or written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._created: list[Path] = []
+
+    def __enter__(self) -> Self:
+        missing = [folder for folder in (self.path, *self.path.parents) if not folder.exists()]
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            self._created = missing
+            self.staging = Path(tempfile.mkdtemp(prefix=".unfinished-", dir=self.path))
+        except OSError as error:
+            raise self._unwritable(error) from error
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        shutil.rmtree(self.staging, ignore_errors=True)
+        for folder in self._created:
+            if any(folder.iterdir()):
+                break
+            folder.rmdir()
+
+    def write(self, name: str, data: bytes) -> None:
+        """Stage one file. Raises BadParameter if the disk does not take it."""
+        try:
+            (self.staging / name).write_bytes(data)
+        except OSError as error:
+            raise self._unwritable(error) from error
+
+    def _unwritable(self, error: OSError) -> BadParameter:
+        reason = f"the results need a folder that can be written; {self.path}: {error.strerror}"
+        return BadParameter(reason, "name another folder with --out, or make room")
+
+    def publish(self) -> None:
+        """Put the staged files in the place of the older result's, and remove what only that one had."""
+        staged = sorted(file.relative_to(self.staging) for file in self.staging.rglob("*") if file.is_file())
+        staged.sort(key=lambda name: name == Path(RECORD))
+        (self.path / RECORD).unlink(missing_ok=True)
+        for folder in {self.path / name.parent for name in staged}:
+            folder.mkdir(parents=True, exist_ok=True)
+            for old in folder.iterdir():
+                if _RESULT_FILE.fullmatch(old.name) and old.relative_to(self.path) not in staged:
+                    old.unlink()
+        for name in staged:
+            os.replace(self.staging / name, self.path / name)
+
+
+_RESULT_FILE = re.compile(r"(psf|covariance|mtf|inter_image)_(R|G1|G2|B|Y)\.(npy|csv|png)")
+
+
+def write_psf_result(folder: ResultFolder, planes: Sequence[PlaneRecord], about: Mapping[str, Any]) -> str:
+    """Write the files of every plane and the record; returns the record's text.
+
+    Parameters
+    ----------
+    about : procedure, input, parameters, duration_s: what the record says besides its planes
+    """
+    for plane in planes:
+        _write_plane(folder, plane)
+    record = {
+        "schema": SCHEMA,
+        **about,
+        "planes": {plane.name: _plane_entry(plane) for plane in planes},
+        "software": software(),
+    }
+    return write_record(folder, record)
+
+
+def write_record(folder: ResultFolder, record: Mapping[str, Any]) -> str:
+    """Write the record, null where a number is not finite, and publish the folder; returns the record's text."""
+    text = json_text(record)
+    folder.write(RECORD, text.encode())
+    folder.publish()
+    return text
+
+
+def json_text(record: Mapping[str, Any]) -> str:
+    """A record as JSON that every parser takes: null for every number that is not finite."""
+    return json.dumps(_without_nan(record), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _write_plane(folder: ResultFolder, plane: PlaneRecord) -> None:
+    if plane.psf is not None:
+        folder.write(f"psf_{plane.name}.npy", _npy(plane.psf.h))
+        folder.write(f"covariance_{plane.name}.npy", _npy(plane.psf.covariance))
+        folder.write(f"psf_{plane.name}.png", psf_picture(plane.psf, f"{plane.name}  {plane.verdict}"))
+    if plane.quality is not None:
+        folder.write(f"mtf_{plane.name}.csv", mtf_table(plane.quality))
+
+
+def mtf_table(quality: Quality) -> bytes:
+    """The MTF as CSV: frequency in cycles/pixel; horizontal, vertical, radial mean, each with its uncertainty."""
+    columns = {"frequency": quality.frequencies}
+    for direction in ("horizontal", "vertical", "radial"):
+        columns[direction] = getattr(quality, f"mtf_{direction}")
+        columns[f"{direction}_uncertainty"] = getattr(quality, f"mtf_{direction}_uncertainty")
+    text = io.StringIO(newline="")
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(columns)
+    table.writerows([f"{value:.9g}" for value in row] for row in zip(*columns.values(), strict=True))
+    return text.getvalue().encode()
+
+
+def software() -> dict[str, Any]:
+    """Versions of this program and of the packages its numbers come from."""
+    return {"version": _version("calibration-station"), "packages": {name: _version(name) for name in PACKAGES}}
+
+
+def _version(distribution: str) -> str | None:
+    try:
+        return metadata.version(distribution)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def _plane_entry(plane: PlaneRecord) -> dict[str, Any]:
+    entry: dict[str, Any] = {"verdict": str(plane.verdict), "reason": plane.reason, "remedy": plane.remedy}
+    entry.update(plane.numbers)
+    if plane.quality is not None:
+        entry.update({name: asdict(quantity) for name, quantity in plane.quality.numbers.items()})
+    if plane.diagnostics:
+        entry["diagnostics"] = dict(plane.diagnostics)
+    return entry
+
+
+def _npy(array: Array) -> bytes:
+    data = io.BytesIO()
+    np.save(data, np.asarray(array, dtype=np.float64), allow_pickle=False)
+    return data.getvalue()
+
+
+def _without_nan(value: Any) -> Any:
+    """The same with plain Python numbers, and null for every number that is not finite."""
+    if isinstance(value, Mapping):
+        return {name: _without_nan(part) for name, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [_without_nan(part) for part in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value

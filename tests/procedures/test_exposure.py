@@ -1,0 +1,55 @@
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pytest
+
+from procedures.exposure import Exposure, read_exposure
+from procedures.raw import read_frame
+
+MOSAIC = np.full((40, 60), 1000, np.uint16)
+
+
+def test_exposure_of_a_dng_comes_from_libraw_then_exif(write_dng):
+    exposure = read_frame(write_dng(MOSAIC)).exposure
+    assert exposure == Exposure(
+        camera="Bench One",
+        lens="Bench 50mm",
+        exposure_s=0.02,
+        f_number=5.6,
+        iso=200,
+        focal_length_mm=50,
+        subject_distance_mm=2350,
+        captured_at="2026-02-03T04:05:06",
+        sources=exposure.sources,
+    )
+    assert exposure.sources is not None
+    assert {name for name, source in exposure.sources.items() if source == "EXIF"} == {"camera", "subject_distance_mm"}
+
+
+def test_what_the_camera_did_not_write_stays_unknown(write_dng):
+    exposure = read_frame(write_dng(MOSAIC, exif={36867: ("s", b"    :  :     :  :  \0")})).exposure
+    assert exposure == Exposure(camera="Bench One", sources={"camera": "EXIF"})
+
+
+def test_zero_apex_values_are_no_f1_and_one_second(shared_data):
+    # LibRaw reads this file's zero ApertureValue and ShutterSpeedValue as f/1 and 1 s
+    exposure = read_frame(shared_data / "raw" / "tinydng_colorchart.dng").exposure
+    assert (exposure.f_number, exposure.exposure_s) == (None, None)
+    assert exposure.camera == "Canon EOS Kiss X4"
+
+
+def test_old_camera_tells_its_exposure(shared_data):
+    exposure = read_frame(shared_data / "raw" / "RAW_KODAK_DC50.KDC").exposure
+    assert (exposure.f_number, exposure.exposure_s) == (6.2, 0.00435)
+    assert (exposure.focal_length_mm, exposure.subject_distance_mm) == (37, 8200)
+
+
+def test_infinite_distance_is_unknown(write_dng):
+    assert read_frame(write_dng(MOSAIC, exif={37382: ("H", [0])})).exposure.subject_distance_mm is None
+
+
+@pytest.mark.parametrize("content", [b"", b"no tags", b"II*\0" + b"\xff" * 60, b"MM\0*\0\0\0\x08\0\x01" + b"\xff" * 12])
+def test_broken_tags_tell_nothing_and_raise_nothing(content):
+    assert read_exposure(io.BytesIO(content)) == Exposure(sources={})

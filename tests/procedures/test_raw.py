@@ -1,0 +1,219 @@
+from __future__ import annotations
+
+import hashlib
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from procedures.outcome import BadInput, BadParameter
+from procedures.raw import default_plane, read_frame
+
+WHITE = 16383
+BLACKS = np.array([[256, 257], [258, 259]])
+ORDERS = {"RGGB": (0, 1, 1, 2), "BGGR": (2, 1, 1, 0), "GRBG": (1, 0, 2, 1), "GBRG": (1, 2, 0, 1)}
+SIGNALS = {"R": 1000, "G1": 2000, "G2": 3000, "B": 4000}
+X_TRANS = (1, 1, 0, 1, 1, 2, 1, 1, 2, 1, 1, 0, 2, 0, 1, 0, 2, 1, 1, 1, 2, 1, 1, 0, 1, 1, 0, 1, 1, 2, 0, 2, 1, 2, 0, 1)
+
+
+def mosaic_of(order, corner=(0, 0), shape=(60, 80)):
+    """Signals of the four planes over a black level for each position, the pattern starting at `corner`."""
+    rows, columns = ((np.arange(n) - c) % 2 for n, c in zip(shape, corner, strict=True))
+    letters = np.array(list(order)).reshape(2, 2)
+    names = letters.astype("<U2")
+    red_row = int(np.argwhere(letters == "R")[0, 0])
+    names[red_row][letters[red_row] == "G"] = "G1"
+    names[1 - red_row][letters[1 - red_row] == "G"] = "G2"
+    cell = BLACKS + np.vectorize(SIGNALS.get)(names)
+    return cell[rows[:, None], columns].astype(np.uint16)
+
+
+def assert_flat_planes(frame):
+    """Each plane is its signal over the range from its own black to white, to the rounding of float32."""
+    for name, signal in SIGNALS.items():
+        plane = frame.planes[name]
+        assert plane.samples.dtype == np.float32
+        np.testing.assert_allclose(plane.samples, signal / (WHITE - plane.black), rtol=2e-7)
+    assert sorted(plane.black for plane in frame.planes.values()) == sorted(BLACKS.ravel())
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_mosaic_of_any_order_gives_back_the_planes_that_made_it(write_dng, order):
+    frame = read_frame(write_dng(mosaic_of(order), ORDERS[order]))
+    assert list(frame.planes) == ["R", "G1", "G2", "B"]
+    assert_flat_planes(frame)
+
+
+@pytest.mark.parametrize("corner", [(8, 16), (7, 16), (8, 15), (7, 15)])
+def test_odd_active_area_moves_neither_colours_nor_their_black(write_dng, corner):
+    # LibRaw rounds odd corners up, moves the mosaic with them and leaves the black levels where they were
+    area = [corner[0], corner[1], corner[0] + 48, corner[1] + 60]
+    frame = read_frame(write_dng(mosaic_of("RGGB", corner, (64, 96)), tags={50829: ("I", area)}))
+    assert_flat_planes(frame)
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_origin_tells_where_in_the_mosaic_a_plane_begins(write_dng, order):
+    mosaic = mosaic_of(order)
+    for plane in read_frame(write_dng(mosaic, ORDERS[order])).planes.values():
+        x, y = plane.origin
+        numbers = plane.samples * (plane.white - plane.black) + plane.black
+        np.testing.assert_allclose(numbers, mosaic[y::2, x::2], atol=0.01)
+        assert plane.pitch == 2
+
+
+def test_masked_areas_do_not_replace_the_black_level_that_is_written(write_dng):
+    mosaic = mosaic_of("RGGB")
+    mosaic[:8] = 9000
+    tags = {50829: ("I", [8, 0, 60, 80]), 50830: ("I", [0, 0, 8, 80])}
+    assert_flat_planes(read_frame(write_dng(mosaic, tags=tags)))
+
+
+def test_black_level_that_grows_along_rows_and_columns_is_subtracted(write_dng):
+    rows, columns = np.arange(60), np.arange(80)
+    mosaic = mosaic_of("RGGB") + rows[:, None].astype(np.uint16) + 2 * columns.astype(np.uint16)
+    frame = read_frame(write_dng(mosaic, tags={50715: ("r", 2.0 * columns), 50716: ("r", 1.0 * rows)}))
+    for name, signal in SIGNALS.items():
+        plane = frame.planes[name]
+        np.testing.assert_allclose(plane.samples, signal / (WHITE - plane.black), rtol=1e-6)
+
+
+def test_white_level_becomes_one_and_below_black_stays_negative(write_dng):
+    mosaic = np.full((40, 40), WHITE, np.uint16)
+    mosaic[:, :2] = 0
+    plane = read_frame(write_dng(mosaic)).planes["R"]
+    assert plane.samples[0, 1] == pytest.approx(1, abs=1e-7)
+    assert plane.samples[0, 0] == pytest.approx(-256 / (WHITE - 256))
+    assert plane.quantisation == pytest.approx(1 / (WHITE - 256))
+
+
+@pytest.mark.parametrize(("stuck", "others"), [(WHITE, 0), (0, 2000)])
+def test_stuck_pixels_are_listed(write_dng, stuck, others):
+    mosaic = mosaic_of("RGGB") + np.uint16(others)
+    mosaic[20, 30] = stuck
+    np.testing.assert_array_equal(read_frame(write_dng(mosaic)).planes["R"].bad_pixels, [[10, 15]])
+
+
+def test_saturated_areas_are_no_stuck_pixels(write_dng):
+    mosaic = mosaic_of("RGGB")
+    mosaic[20:26, 30:36] = WHITE
+    assert len(read_frame(write_dng(mosaic)).planes["R"].bad_pixels) == 0
+
+
+def test_only_the_named_planes_are_read(write_dng):
+    assert list(read_frame(write_dng(mosaic_of("RGGB")), ["B", "R"]).planes) == ["R", "B"]
+
+
+def test_unknown_plane_is_a_bad_parameter(write_dng, shared_data):
+    with pytest.raises(BadParameter, match="has the planes R, G1, G2, B; got 'Y'"):
+        read_frame(write_dng(mosaic_of("RGGB")), ["Y"])
+    with pytest.raises(BadParameter, match="has the planes Y; got 'G1'"):
+        read_frame(shared_data / "pattern_photo" / "img_example.pgm", ["G1"])
+
+
+def test_default_plane_is_green_of_a_mosaic_and_grey_of_an_image(write_dng, shared_data):
+    assert default_plane(write_dng(mosaic_of("RGGB"))) == "G1"
+    assert default_plane(shared_data / "raw" / "RAW_KODAK_DC50.KDC") == "G1"
+    assert default_plane(shared_data / "edges" / "Test_edge1_mono.tif") == "Y"
+
+
+def test_mosaic_in_a_file_named_tif_is_read_as_a_mosaic(write_dng):
+    assert "G1" in read_frame(write_dng(mosaic_of("RGGB"), name="frame.tif")).planes
+
+
+def test_sha256_is_that_of_the_file(shared_data):
+    path = shared_data / "raw" / "RAW_KODAK_DC50.KDC"
+    assert read_frame(path, ["R"]).sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def test_camera_dng_is_scaled_from_its_black_to_its_white(shared_data):
+    frame = read_frame(shared_data / "raw" / "tinydng_colorchart.dng")
+    for plane in frame.planes.values():
+        assert plane.samples.shape == (578, 867)
+        assert (plane.black, plane.white) == (2056, 15000)
+        assert 0 < plane.samples.mean() < plane.samples.max() < 1
+    # the two greens see the same light; 2 % is room for the mismatch of two channels
+    assert frame.planes["G1"].samples.mean() == pytest.approx(frame.planes["G2"].samples.mean(), rel=0.02)
+
+
+def test_greens_of_a_grbg_camera_agree(shared_data):
+    planes = read_frame(shared_data / "raw" / "RAW_KODAK_DC50.KDC").planes
+    assert planes["G1"].origin == (0, 0)
+    assert np.corrcoef(planes["G1"].samples.ravel(), planes["G2"].samples.ravel())[0, 1] > 0.95
+
+
+# --- what is refused ---------------------------------------------------------------------------------------------
+
+
+def test_interpolated_dng_is_refused(shared_data):
+    with pytest.raises(BadInput, match="no mosaic: its colours are already interpolated"):
+        read_frame(shared_data / "raw" / "linear_no_mosaic.dng")
+
+
+@pytest.mark.parametrize(
+    ("cfa", "tags", "reason"),
+    [
+        (X_TRANS, {}, "6 x 6 mosaic of X-Trans"),
+        (ORDERS["RGGB"], {33421: None, 33422: None}, "monochrome sensor"),
+        (ORDERS["RGGB"], {33421: None, 33422: None, 262: ("H", [34892])}, "monochrome sensor"),
+        ((3, 1, 5, 4), {}, "not red, green, green, blue"),
+        ((0, 0, 1, 1), {}, "not red, green, green, blue"),
+        (ORDERS["RGGB"], {50717: ("I", [200])}, "white level 200 not above its black level 256"),
+        (ORDERS["RGGB"], {50713: None}, "4 black levels for a repeat pattern of 1 x 1"),
+        (ORDERS["RGGB"], {50713: ("H", [4, 4]), 50714: ("R", range(16))}, "black has to be one level per plane"),
+    ],
+)
+def test_what_is_no_bayer_mosaic_is_refused_by_name(write_dng, cfa, tags, reason):
+    with pytest.raises(BadInput, match=reason):
+        read_frame(write_dng(mosaic_of("RGGB"), cfa, tags))
+
+
+@pytest.mark.parametrize("lost", [1, 100, 1_000_000, 3_905_000])
+def test_truncated_raw_is_refused_in_silence(shared_data, tmp_path, capfd, lost):
+    whole = (shared_data / "raw" / "tinydng_colorchart.dng").read_bytes()
+    cut = tmp_path / "cut.dng"
+    cut.write_bytes(whole[:-lost])
+    with pytest.raises(BadInput, match="truncated or damaged") as refusal:
+        read_frame(cut)
+    assert "card again" in refusal.value.remedy
+    assert capfd.readouterr() == ("", "")
+
+
+def test_truncated_raw_without_a_known_layout_is_refused(shared_data, tmp_path):
+    cut = tmp_path / "cut.kdc"
+    cut.write_bytes((shared_data / "raw" / "RAW_KODAK_DC50.KDC").read_bytes()[:-5000])
+    with pytest.raises(BadInput, match="truncated or damaged"):
+        read_frame(cut)
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (b"", "is empty"),
+        (b"remember to photograph the chart\n", "is a text file"),
+        (b"remember to photograph the chart\n" * 500, "is a text file"),
+        (b"II*\0" + bytes(range(256)) * 40, "no RAW file that LibRaw"),
+        (bytes(range(256)) * 40, "no RAW file that LibRaw"),
+        (b"\xff\xd8\xff\xe0" + bytes(100), "is a JPEG, whose grey levels are not linear"),
+        (b"P6 2 2 255\n" + bytes(12), "three colours"),
+    ],
+)
+def test_what_is_no_photograph_is_refused_by_name(tmp_path, capfd, content, reason):
+    path = tmp_path / "frame.dng"
+    path.write_bytes(content)
+    with pytest.raises(BadInput, match=reason):
+        read_frame(path)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_missing_file_and_folder_are_refused(tmp_path):
+    with pytest.raises(BadInput, match="there is no file"):
+        read_frame(tmp_path / "absent.dng")
+    with pytest.raises(BadInput, match="is a folder"):
+        read_frame(tmp_path)
+
+
+def test_name_with_other_letters_is_read(shared_data, tmp_path):
+    path = Path(shutil.copyfile(shared_data / "raw" / "RAW_KODAK_DC50.KDC", tmp_path / "märz – 1.kdc"))
+    assert read_frame(path).path == path

@@ -1,0 +1,78 @@
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from procedures.outcome import Outcome, Quantity, Verdict
+from procedures.psf import Psf
+from procedures.quality import assess
+from station import calibrate
+from station.__main__ import main
+
+
+def gaussian_psf(s, k):
+    x = (np.arange(k) - k // 2) / s
+    h = np.exp(-(x[:, None] ** 2 + x**2))
+    return Psf(h / h.sum(), s, np.eye(k * k) * 1e-8)
+
+
+@lru_cache
+def found(s=4, k=17):
+    """What the estimator finds, with a number that could not be determined."""
+    psf = gaussian_psf(s, k)
+    quality = assess(psf, n=9800)
+    unknown = Quantity(float("nan"), "1", float("inf"), "of no light", 0)
+    quality = replace(quality, numbers={**quality.numbers, "unknown": unknown})
+    return SimpleNamespace(
+        psf=psf,
+        quality=quality,
+        gamma=0.5,
+        gamma_bound=0.35,
+        residual_std=np.float64(1.02),
+        pixels_per_pattern=101.3,
+        s_over_t=1.58,
+        diagnostics={"saturated_share": 0.0, "whiteness": float("nan")},
+    )
+
+
+@dataclass
+class Estimator:
+    """Stands in for the estimator: answers by plane, and remembers what it was asked."""
+
+    answers: dict[str, Outcome]
+    asked: list
+
+    def __call__(self, plane, chart, parameters, diffraction=None):
+        self.asked.append((plane, chart, parameters, diffraction))
+        answer = self.answers.get(plane.name, Outcome(found(parameters.s, parameters.k)))
+        if isinstance(answer, BaseException):
+            raise answer
+        return answer
+
+
+@pytest.fixture
+def refused():
+    return Outcome(None, Verdict.REFUSED, "no chart was found in 328 x 292 pixels", "photograph the whole chart")
+
+
+@pytest.fixture
+def doubtful():
+    return Outcome(found(), Verdict.DOUBTFUL, "s/t is 2.4, above 2", "come closer or print a larger chart")
+
+
+@pytest.fixture
+def estimator(monkeypatch):
+    stand_in = Estimator({}, [])
+    monkeypatch.setattr(calibrate, "estimate_psf", stand_in)
+    return stand_in
+
+
+@pytest.fixture
+def run():
+    """Run the program in this process: `run("psf", "pattern", ...)`."""
+    return lambda *words: CliRunner().invoke(main, [str(word) for word in words], prog_name="station")

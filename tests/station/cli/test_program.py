@@ -1,0 +1,66 @@
+"""The program as a process: what a shell sees."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+HEAVY = ("numpy", "scipy", "cv2", "rawpy", "exifread", "numba", "rich", "reportlab", "jinja2", "procedures.raw")
+
+
+def station(*words):
+    return subprocess.run(
+        [sys.executable, "-m", "station", *map(str, words)], capture_output=True, text=True, check=False
+    )
+
+
+@pytest.mark.parametrize("words", [("--help",), ("psf", "--help"), ("psf", "pattern", "--help")])
+def test_help_loads_nothing_heavy(words):
+    script = (
+        "import sys; from station.__main__ import main; main(sys.argv[1:], standalone_mode=False);"
+        f"loaded = [name for name in {HEAVY} if name in sys.modules]; assert not loaded, loaded"
+    )
+    done = subprocess.run([sys.executable, "-c", script, *words], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "Usage:" in done.stdout
+
+
+def test_truncated_photograph_ends_with_one_sentence_and_exit_4(shared_data, tmp_path):
+    cut = tmp_path / "cut.dng"
+    cut.write_bytes((shared_data / "raw" / "tinydng_colorchart.dng").read_bytes()[:1_000_000])
+    done = station("psf", "pattern", cut, "--out", tmp_path / "out", "--json")
+    assert done.returncode == 4, done.stderr
+    assert done.stdout == ""
+    sentence, remedy = done.stderr.splitlines()
+    assert "truncated or damaged" in sentence
+    assert remedy.startswith("  what to do: copy it")
+
+
+def test_real_photograph_passes(shared_data, tmp_path):
+    folder = shared_data / "pattern_photo"
+    words = ("psf", "pattern", folder / "img_example.pgm", "--bits", folder / "pattern_noise.pgm", "--out", tmp_path)
+    done = station(*words, "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["planes"]["Y"]["verdict"] == "pass"
+    assert abs(np.load(tmp_path / "psf_Y.npy").sum() - 1) < 1e-12
+
+
+def test_photograph_without_a_chart_is_exit_5(shared_data, tmp_path):
+    done = station("psf", "pattern", shared_data / "edges" / "Test_edge1_mono.tif", "--out", tmp_path)
+    assert done.returncode == 5, done.stderr
+    assert "what to do: " in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["result.json"]
+
+
+def test_wrong_cells_are_exit_5(shared_data, tmp_path):
+    done = station("psf", "pattern", shared_data / "pattern_photo" / "img_example.pgm", "--seed", 3, "--out", tmp_path)
+    assert done.returncode == 5, done.stderr
+    assert "--bits" in done.stderr
+
+
+def test_unknown_command_is_usage():
+    assert station("conjure").returncode == 2

@@ -1,0 +1,104 @@
+from __future__ import annotations
+
+import errno
+import json
+import os
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from procedures.outcome import BadParameter, Verdict
+from procedures.psf import Psf
+from station.pictures import psf_picture
+from station.results import PlaneRecord, ResultFolder, write_psf_result
+
+
+def psf_of(h, s=4):
+    return Psf(h, s, np.zeros((h.size, h.size)))
+
+
+def delta(k, row, column):
+    h = np.zeros((k, k))
+    h[row, column] = 1.0
+    return h
+
+
+def test_nothing_is_visible_before_it_is_published(tmp_path):
+    with ResultFolder(tmp_path / "out") as folder:
+        folder.write("psf_Y.npy", b"half")
+        assert not (tmp_path / "out" / "psf_Y.npy").exists()
+    assert not (tmp_path / "out").exists()
+
+
+def test_folder_that_was_there_stays(tmp_path):
+    with ResultFolder(tmp_path):
+        pass
+    assert tmp_path.is_dir()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_full_disk_is_named_and_the_older_result_stays(tmp_path, monkeypatch):
+    (tmp_path / "result.json").write_text("older")
+    with ResultFolder(tmp_path) as folder:
+        monkeypatch.setattr(Path, "write_bytes", full_disk)
+        with pytest.raises(BadParameter, match="No space left") as refusal:
+            folder.write("psf_Y.npy", b"")
+    assert "make room" in refusal.value.remedy
+    assert [path.name for path in tmp_path.iterdir()] == ["result.json"]
+
+
+def full_disk(*_):
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def test_record_is_the_last_file_to_appear(tmp_path, monkeypatch):
+    moved = []
+    replace = os.replace
+    monkeypatch.setattr(os, "replace", lambda source, target: (moved.append(target.name), replace(source, target)))
+    with ResultFolder(tmp_path) as folder:
+        for name in ("result.json", "psf_Y.npy", "covariance_Y.npy"):
+            folder.write(name, b"")
+        folder.publish()
+    assert moved == ["covariance_Y.npy", "psf_Y.npy", "result.json"]
+
+
+def test_record_of_the_older_result_goes_before_its_files_are_replaced(tmp_path, monkeypatch):
+    (tmp_path / "result.json").write_text("{}")
+    monkeypatch.setattr(os, "replace", lambda *_: pytest.fail("power is lost"))
+    with ResultFolder(tmp_path) as folder:
+        folder.write("psf_Y.npy", b"")
+        with pytest.raises(pytest.fail.Exception):
+            folder.publish()
+    assert not (tmp_path / "result.json").exists()
+
+
+def test_saved_psf_is_the_same_to_the_last_bit(tmp_path, rng):
+    h = rng.normal(size=(5, 5))
+    with ResultFolder(tmp_path) as folder:
+        write_psf_result(folder, [PlaneRecord("G1", Verdict.PASS, psf=psf_of(h))], {})
+    np.testing.assert_array_equal(np.load(tmp_path / "psf_G1.npy", allow_pickle=False), h)
+    assert json.loads((tmp_path / "result.json").read_text())["planes"]["G1"]["verdict"] == "pass"
+
+
+def shown(psf):
+    """The picture, and where it has the colour of the greatest value."""
+    picture = cv2.imdecode(np.frombuffer(psf_picture(psf, "Y"), np.uint8), cv2.IMREAD_COLOR).astype(int)
+    yellow = np.abs(picture[:, :560] - (37, 231, 253)).max(axis=2) < 3
+    return picture, np.argwhere(yellow)
+
+
+@pytest.mark.parametrize(("row", "column"), [(2, 8), (8, 2), (14, 14)])
+def test_picture_shows_rows_downwards_and_columns_to_the_right(row, column):
+    _, bright = shown(psf_of(delta(17, row, column)))
+    top_left, bottom_right = bright.min(axis=0), bright.max(axis=0)
+    # 480 // 17 = 28 picture pixels a sample, from (64, 40) on
+    np.testing.assert_array_equal(top_left, [40 + 28 * row, 64 + 28 * column])
+    np.testing.assert_array_equal(bottom_right - top_left, [27, 27])
+
+
+@pytest.mark.parametrize(("s", "k"), [(2, 3), (3, 13), (8, 65)])
+def test_picture_of_any_size_is_drawn(s, k):
+    picture, _ = shown(psf_of(delta(k, k // 2, k // 2), s))
+    assert min(picture.shape[:2]) >= 480
