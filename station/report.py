@@ -125,7 +125,7 @@ def render(template: str, **context: Any) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters.update(stated=stated, percent=percent, signed=signed)
+    environment.filters.update(stated=stated, percent=percent, signed=signed, sentence=sentence)
     return environment.get_template(template).render(context)
 
 
@@ -160,3 +160,8 @@ def percent(share: float) -> str:
 def signed(value: float) -> str:
     """A difference with its sign: +0.4."""
     return f"{value:+z.1f}".replace("-", "−")
+
+
+def sentence(words: str) -> str:
+    """Words as a sentence: a capital first, a full stop last."""
+    return f"{words[:1].upper()}{words[1:]}." if words else ""
