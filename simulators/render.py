@@ -33,6 +33,8 @@ SURROUND_PX = 16
 """Sensor pixels around a chart's sheet that are rendered as exactly as the chart."""
 FINE_SIDE = 3072
 """Fine samples along a side that are transformed at once, margins apart: larger regions are rendered in tiles."""
+PLAIN_OVERSAMPLING = 2
+"""Fine samples per sensor pixel where there is no chart: the picture is right to a few per cent of an edge there."""
 TILE_PX = 512
 """Side of the tiles in which the rest of a frame is drawn."""
 
@@ -137,7 +139,7 @@ def render_frame(
     """Light on a whole frame (rows, columns), float32: exact around every chart, plain elsewhere.
 
     Around a chart there are `oversampling` fine samples per sensor pixel along each axis. What else stands on the wall
-    is drawn with one per pixel, in tiles, and only in tiles that something touches.
+    is drawn with fewer, in tiles, and only in tiles that something touches.
 
     Parameters
     ----------
@@ -150,7 +152,8 @@ def render_frame(
         light = picture.light.at(x[None, :], y[top : top + STRIP_ROWS, None])
         frame[top : top + STRIP_ROWS] = picture.background * light
     for region in _busy_tiles(picture.behind(), shape):
-        _paste(frame, region, render_region(picture, optics(None), region, colours, oversampling=1))
+        light = render_region(picture, optics(None), region, colours, oversampling=PLAIN_OVERSAMPLING)
+        _paste(frame, region, np.maximum(light, 0.0))  # so coarse a grid may undershoot beside an edge
     for placed, pieces in picture.by_chart().items():
         around = bounding_region(pieces, shape, SURROUND_PX)
         if around is not None:

@@ -26,7 +26,7 @@ INK = 0.04
 
 @dataclass(frozen=True)
 class Shape:
-    """A flat polygon of one reflectance: vertices (x, y) in the units of the plane it lies in."""
+    """A flat polygon of one reflectance, its sides not crossing: vertices (x, y) in the units of its plane."""
 
     vertices: tuple[tuple[float, float], ...]
     reflectance: float

@@ -27,7 +27,7 @@ from station.pictures import psf_picture
 
 RECORD = "result.json"
 SCHEMA = "station/psf/1"
-PACKAGES = ("numpy", "scipy", "opencv-contrib-python-headless", "rawpy")
+PACKAGES = ("numpy", "scipy", "numba", "opencv-contrib-python-headless", "rawpy")
 
 Array = npt.NDArray[np.float64]
 
@@ -132,6 +132,11 @@ def write_psf_result(folder: ResultFolder, planes: Sequence[PlaneRecord], about:
         "planes": {plane.name: _plane_entry(plane) for plane in planes},
         "software": software(),
     }
+    return write_record(folder, record)
+
+
+def write_record(folder: ResultFolder, record: Mapping[str, Any]) -> str:
+    """Write the record, null where a number is not finite, and publish the folder; returns the record's text."""
     text = json_text(record)
     folder.write(RECORD, text.encode())
     folder.publish()

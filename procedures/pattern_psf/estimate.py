@@ -16,6 +16,7 @@ import numpy.typing as npt
 from procedures.numerics.warps import inverse
 from procedures.outcome import BadParameter, Outcome, Refused, Verdict
 from procedures.pattern import BLOCK, CELLS, Chart
+from procedures.pattern_psf.centre import mark_offset_gradient
 from procedures.pattern_psf.detection import find_chart
 from procedures.pattern_psf.radiometry import Light, measure_light
 from procedures.pattern_psf.refine import Fit, noise_window, observe, refine, without_outliers
@@ -205,9 +206,9 @@ def _fit(
     hidden = not np.isfinite(corners).all()
     observation = observe(samples, registration, light, window, margin_px=k / (2 * s) if hidden else 0.0)
     m, n = len(observation.y), k * k
-    if m < 1.5 * n + 100:
+    if m < 2 * n:
         raise Refused(
-            f"{n} PSF values need at least {int(1.5 * n + 100)} samples of the noise region; the photograph has {m}",
+            f"{n} PSF values need at least {2 * n} samples of the noise region; the photograph has {m}",
             "move closer, or lower k",
         )
     fit = refine(observation, chart, registration, window, s, k)
@@ -225,7 +226,12 @@ def _solution(fit: Fit, s: int, k: int, solver: str) -> Psf:
     h = fit.h if solver == "ls" else solve(fit.equations.G, fit.equations.G @ fit.h, solver)
     covariance = inverse(fit.equations.G) * fit.residual_std**2
     h, covariance = normalised(h, covariance)
-    return Psf(h.reshape(k, k), s, covariance)
+    # the centre follows the PSF: an error of h that shifts it shifts the map back
+    image = h.reshape(k, k)
+    slope_y, slope_x = np.gradient(image)
+    back = np.column_stack([slope_x.ravel(), slope_y.ravel()]) * s
+    P = np.eye(k * k) + back @ mark_offset_gradient(image, s, fit.registration.jacobian())
+    return Psf(image, s, P @ covariance @ P.T)
 
 
 def _result(fit: Fit, psf: Psf, d: Diagnostics, corners: Array, diffraction: Diffraction | None) -> PatternPsf:

@@ -21,11 +21,12 @@ SEPARATION = 1
 """Saddles closer than this (Chebyshev, pixels of the level) are one."""
 ISOTROPY = 0.9
 """Greatest mean curvature of a saddle, relative to its curvature difference: 0 for an ideal x-corner, 1 for an edge."""
-ABOVE_NOISE = 2.5
-"""Least strength of a saddle, in root mean squares of the strength in quiet places, which is noise."""
+ABOVE_NOISE = 4.0
+"""Least strength of a saddle, in root mean squares of the strength that the noise has."""
+HIGH_PASS = np.outer([1, -2, 1], [1, -2, 1]).astype(np.float32)
 QUIET_TILE = 16
-QUIET = 0.005
-"""The share of the picture, in tiles of QUIET_TILE pixels, that is taken for quiet; clipped tiles apart."""
+QUIET = 0.01
+"""The quiet share of the places, of QUIET_TILE pixels square, where noise is measured."""
 RING_RADIUS = 2.0
 RING_SAMPLES = 8
 OFF_CENTRE = 0.8
@@ -40,7 +41,9 @@ TILE = 32
 """Side of the squares from which the strongest saddles are taken when there are too many."""
 MOST = 40_000
 MOST_PER_PIXEL = 0.015
-"""Saddles kept in one picture: textures yield hundreds of thousands, a chart twelve."""
+IMPURE = 4
+"""Saddles kept in one picture, and how many times as many before they are looked at closer: textures yield
+hundreds of thousands, a chart twelve."""
 STRIP_ROWS = 128
 """Rows worked on at a time, so that the intermediate maps stay in the processor's cache."""
 Picture = npt.NDArray[np.float32]
@@ -85,19 +88,18 @@ def _kernels() -> tuple[Picture, Picture, Picture]:
 
 @dataclass(frozen=True)
 class _Strip:
-    """Local maxima of saddle strength in a strip: flat indices, (Lxx - Lyy) / 2 and Lxy there; energies of tiles."""
+    """Local maxima of saddle strength in a strip: flat indices, (Lxx - Lyy) / 2 and Lxy there."""
 
     index: Indices
     half: Picture
     xy: Picture
-    energy: Picture
 
 
 def _strip_saddles(strip: Picture) -> _Strip:
     g, d, dd = _kernels()
     xx = cv2.sepFilter2D(strip, cv2.CV_32F, dd, g)
     yy = cv2.sepFilter2D(strip, cv2.CV_32F, g, dd)
-    xy = cv2.sepFilter2D(strip, cv2.CV_32F, d, d)
+    xy = np.asarray(cv2.sepFilter2D(strip, cv2.CV_32F, d, d), dtype=np.float32)
     mean, half = (xx + yy) * np.float32(0.5), (xx - yy) * np.float32(0.5)
     squared = half * half + xy * xy
     mean *= mean
@@ -106,9 +108,7 @@ def _strip_saddles(strip: Picture) -> _Strip:
     peaks = determinant >= cv2.dilate(determinant, np.ones((size, size), np.uint8))
     peaks &= mean < np.float32(ISOTROPY**2) * squared
     index = np.flatnonzero(peaks)
-    tiles = (max(strip.shape[1] // QUIET_TILE, 1), max(strip.shape[0] // QUIET_TILE, 1))
-    energy = cv2.resize(squared, tiles, interpolation=cv2.INTER_AREA)
-    return _Strip(index, half.ravel()[index], xy.ravel()[index], energy.ravel())
+    return _Strip(index, half.ravel()[index], xy.ravel()[index])
 
 
 def _strips(image: Picture) -> Iterator[_Strip]:
@@ -119,14 +119,30 @@ def _strips(image: Picture) -> Iterator[_Strip]:
         first, last = max(top - pad, 0), min(top + STRIP_ROWS + pad, rows)
         strip = _strip_saddles(image[first:last])
         own = slice(*np.searchsorted(strip.index, [(top - first) * columns, (top - first + STRIP_ROWS) * columns]))
-        yield _Strip(strip.index[own] + first * columns, strip.half[own], strip.xy[own], strip.energy)
+        yield _Strip(strip.index[own] + first * columns, strip.half[own], strip.xy[own])
 
 
-def _weakest(strips: list[_Strip]) -> float:
-    """Strength below which a saddle may be noise."""
-    energies = np.concatenate([strip.energy for strip in strips])
-    energies = energies[energies > 1e-10 * energies.max()]
-    return ABOVE_NOISE * float(np.sqrt(np.quantile(energies, QUIET))) if len(energies) else np.inf
+def _noise(image: Picture) -> float:
+    """Standard deviation of white noise, from the highest frequencies in the quietest places.
+
+    Light and blurred texture have little at the highest frequencies. Bands of rows are enough, and clipped places,
+    without noise, are left out.
+    """
+    energies = []
+    for top in range(0, image.shape[0] - QUIET_TILE - 1, STRIP_ROWS):
+        band = cv2.filter2D(image[top : top + QUIET_TILE + 2], cv2.CV_32F, HIGH_PASS)[1:-1, 1:-1]
+        tiles = (max(band.shape[1] // QUIET_TILE, 1), 1)
+        energies.append(cv2.resize(band * band, tiles, interpolation=cv2.INTER_AREA).ravel())
+    energy = np.concatenate(energies) if energies else np.zeros(0)
+    energy = energy[energy > 1e-10 * energy.max(initial=0.0)]
+    return float(np.sqrt(np.quantile(energy, QUIET) / (HIGH_PASS**2).sum())) if len(energy) else 0.0
+
+
+def _noise_gain() -> float:
+    """Root mean square strength that white noise of unit standard deviation has."""
+    g, d, dd = (k.astype(np.float64) for k in _kernels())
+    half = (np.outer(dd, g) - np.outer(g, dd)) / 2
+    return float(np.sqrt((half**2).sum() + (np.outer(d, d) ** 2).sum()))
 
 
 def _purity(image: Picture, points: Complex) -> npt.NDArray[np.float64]:
@@ -146,18 +162,31 @@ def _purity(image: Picture, points: Complex) -> npt.NDArray[np.float64]:
 
 
 def _best_of_tiles(points: Complex, merit: npt.NDArray[np.float64], most: int) -> Indices:
-    """Indices of the points of most merit, as many from every tile as make `most` in all if tiles are full."""
-    tiles = (points.imag // TILE).astype(np.int64) * (1 << 20) + (points.real // TILE).astype(np.int64)
-    order = np.lexsort((-merit, tiles))
-    starts = np.flatnonzero(np.r_[True, np.diff(tiles[order]) != 0])
-    rank = np.arange(len(order)) - np.repeat(starts, np.diff(np.r_[starts, len(order)]))
-    each = np.sort(rank)[most]
-    return order[rank <= each]
+    """Indices of the points of most merit, as many from every tile as make `most` in all."""
+    if len(points) <= most:
+        return np.arange(len(points))
+    columns = int(points.real.max() // TILE) + 1
+    tiles = points.imag // TILE * columns + points.real // TILE
+    order = np.argsort(tiles - merit / (1.001 * merit.max()))  # merit is the fraction, so one key sorts by both
+    starts = np.flatnonzero(np.diff(tiles[order], prepend=-1) != 0)
+    rank = np.arange(len(order)) - np.repeat(starts, np.diff(starts, append=len(order)))
+    each = np.partition(rank, most)[most]
+    chosen: Indices = order[rank <= each]
+    return chosen
 
 
-def find_saddles(
-    image: Picture,
-) -> Saddles:
+def _unrivalled(saddles: Saddles, merit: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+    """Which saddles have none of more merit and like axis within RIVAL pixels."""
+    tree = cKDTree(np.column_stack([saddles.points.real, saddles.points.imag]))
+    i, j = tree.query_pairs(RIVAL, output_type="ndarray").T
+    rivals = (saddles.axes[i] * saddles.axes[j].conj()).real > SAME_AXIS
+    i, j = i[rivals], j[rivals]
+    alone = np.ones(len(merit), dtype=np.bool_)
+    alone[np.where(merit[i] < merit[j], i, j)] = False
+    return alone
+
+
+def find_saddles(image: Picture) -> Saddles:
     """The saddle points of a picture that stand out of its noise and look like x-corners, in no order.
 
     A saddle of the Gaussian scale space: Lxx Lyy - Lxy^2 < 0 at a local extremum, with curvatures of nearly equal
@@ -170,26 +199,14 @@ def find_saddles(
     """
     strips = list(_strips(image))
     index, half, xy = (np.concatenate([getattr(s, name) for s in strips]) for name in ("index", "half", "xy"))
-    strong = np.flatnonzero(half**2 + xy**2 > _weakest(strips) ** 2)
+    strong = np.flatnonzero(half**2 + xy**2 > (ABOVE_NOISE * _noise_gain() * _noise(image)) ** 2)
     points = index[strong] % image.shape[1] + 1j * (index[strong] // image.shape[1])
     z = half[strong] + 1j * xy[strong].astype(np.float64)
-    purity = _purity(image, points)
-    pure = purity > PURITY
-    found = Saddles(points[pure], -z[pure] / np.abs(z[pure]), np.abs(z[pure]))
-    merit = found.strengths * purity[pure] ** 2
+    found = Saddles(points, -z / np.abs(z), np.abs(z))
     most = int(min(MOST, MOST_PER_PIXEL * image.size))
-    if len(merit) > most:
-        keep = _best_of_tiles(found.points, merit, most)
-        found, merit = found.take(keep), merit[keep]
-    return found.take(_unrivalled(found, merit))
-
-
-def _unrivalled(saddles: Saddles, merit: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
-    """Which saddles have none of more merit and like axis within RIVAL pixels."""
-    tree = cKDTree(np.column_stack([saddles.points.real, saddles.points.imag]))
-    i, j = tree.query_pairs(RIVAL, output_type="ndarray").T
-    rivals = (saddles.axes[i] * saddles.axes[j].conj()).real > SAME_AXIS
-    i, j = i[rivals], j[rivals]
-    alone = np.ones(len(merit), dtype=np.bool_)
-    alone[np.where(merit[i] < merit[j], i, j)] = False
-    return alone
+    found = found.take(_best_of_tiles(found.points, found.strengths, IMPURE * most))
+    purity = _purity(image, found.points)
+    found, purity = found.take(purity > PURITY), purity[purity > PURITY]
+    keep = _best_of_tiles(found.points, found.strengths * purity**2, most)
+    found, purity = found.take(keep), purity[keep]
+    return found.take(_unrivalled(found, found.strengths * purity**2))

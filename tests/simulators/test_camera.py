@@ -9,9 +9,11 @@ import pytest
 import rawpy
 
 from procedures.pattern import X_CORNERS, Chart
+from procedures.raw import read_frame
 from simulators.camera import Lens, SimulatedCamera, pixels_at, render_plane
-from simulators.clutter import cover
+from simulators.clutter import cover, random_clutter
 from simulators.optics import Optics, PixelAperture
+from simulators.render import Picture, Region, render_region
 from simulators.scene import Scene, Shape, Wall
 from simulators.sensor import Sensor
 from simulators.trials import Trials, random_camera, random_scene
@@ -34,6 +36,17 @@ def test_a_photograph_is_on_disk_as_it_was_taken(tmp_path, rng):
     assert float(tags["EXIF SubjectDistance"].values[0]) == pytest.approx(distance / 1000, rel=1e-5)
     told = json.loads(bytes(tags["EXIF UserComment"].values)[8:])
     np.testing.assert_allclose(told["H_sensor_pattern"][0], photo.truths[0].H_sensor_pattern)
+
+
+@pytest.mark.parametrize("cfa", ["RGGB", "GBRG"])
+def test_the_station_reads_the_planes_as_they_were_counted(tmp_path, rng, cfa):
+    camera = replace(BAYER, sensor=replace(BAYER.sensor, cfa=cfa))
+    photo = camera.photograph(Scene((camera.place(CHART, pixels=60),)), rng, tmp_path / "a.dng")
+    frame = read_frame(tmp_path / "a.dng")
+    assert set(frame.planes) == {"R", "G1", "G2", "B"}
+    for name, plane in frame.planes.items():
+        np.testing.assert_allclose(plane.samples, photo.plane(name), atol=1e-6)  # float32 of numbers up to 1
+        assert plane.origin == photo.sensor.planes[name]
 
 
 @pytest.mark.parametrize("camera", [GREY, BAYER], ids=["grey", "bayer"])
@@ -151,6 +164,17 @@ def test_random_charts_lie_whole_in_the_frame(seed):
     assert (points > 0).all()
     assert (points < [320, 240]).all()
     assert np.mean(photo.plane("Y") >= 1) < 0.05
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_clutter_is_never_darker_than_its_darkest_thing(seed):
+    rng = np.random.default_rng(seed)
+    wall = Wall(4000.0, 0.4, random_clutter(rng, 120.0, 90.0, words=2))
+    picture = Picture.of(Scene(wall=wall), GREY.projection(4000.0))
+    region = Region(0, 0, 240, 200)
+    light = render_region(picture, GREY.sharp_optics(), region, {(0, 0): "Y"}, oversampling=8)
+    assert light.min() > 0.03 - 1e-3
+    assert light.max() < 0.9 + 1e-3
 
 
 def test_random_frames_without_a_chart_have_none(rng):

@@ -1,0 +1,57 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from procedures.numerics.warps import (
+    CUBIC_EXPONENTS,
+    apply_homography,
+    cubic_monomials,
+    fit_homography,
+    homography_jacobian,
+)
+
+H_TILTED = np.array([[2.1, 0.3, 40.0], [-0.2, 1.9, 55.0], [4e-4, -3e-4, 1.0]])
+SQUARE = np.array([[0.0, 0.0], [256.0, 0.0], [256.0, 256.0], [0.0, 256.0], [128.0, 30.0]])
+
+
+@given(st.floats(-3.2, 3.2), st.floats(0.1, 20), st.floats(-500, 500))
+def test_fit_returns_the_homography_that_made_the_points(angle: float, scale: float, shift: float) -> None:
+    c, s = scale * np.cos(angle), scale * np.sin(angle)
+    H = np.array([[c, -s, shift], [s, c, -shift], [1e-4, 2e-4, 1.0]])
+    target = apply_homography(H, SQUARE)
+    found = apply_homography(fit_homography(SQUARE, target), SQUARE)
+    # rounding of 1e-16 through a linear system whose condition normalisation keeps near 1e3
+    assert np.abs(found - target).max() < 1e-8 * (1 + np.abs(target).max())
+
+
+def test_fit_minimises_the_distance_in_the_target(rng: np.random.Generator) -> None:
+    target = apply_homography(H_TILTED, SQUARE) + rng.normal(0, 0.3, SQUARE.shape)
+
+    def cost(H: np.ndarray) -> float:
+        return float(np.sum((apply_homography(H, SQUARE) - target) ** 2))
+
+    best = fit_homography(SQUARE, target)
+    for _ in range(20):
+        nearby = best * (1 + 1e-4 * rng.standard_normal((3, 3)))
+        assert cost(best) <= cost(nearby)
+
+
+def test_three_points_are_too_few() -> None:
+    with pytest.raises(ValueError, match="four points; got 3"):
+        fit_homography(SQUARE[:3], SQUARE[:3])
+
+
+def test_jacobian_is_the_limit_of_differences() -> None:
+    p, step = np.array([100.0, 60.0]), 1e-4
+    moves = step * np.eye(2)
+    slopes = (apply_homography(H_TILTED, p + moves) - apply_homography(H_TILTED, p - moves)).T / (2 * step)
+    # central differences of a smooth map: the third derivative times step^2
+    np.testing.assert_allclose(homography_jacobian(H_TILTED, p), slopes, rtol=1e-7)
+
+
+def test_monomials_follow_their_exponents() -> None:
+    monomials = cubic_monomials(np.array([2.0]), np.array([3.0]))[0]
+    assert monomials.tolist() == [2.0**i * 3.0**j for i, j in CUBIC_EXPONENTS]
