@@ -25,7 +25,7 @@ JUMP = 0.35
 # gradient below which total variation is taken as quadratic (6.10), grey values of 1
 LEAST_GRADIENT = 0.005
 # residual of a pair fitted to two photographs, as a part of their noise
-FITTED = 0.8
+FITTED = 0.55
 
 
 @dataclass(frozen=True)

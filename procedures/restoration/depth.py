@@ -175,9 +175,9 @@ class Matching:
     """
 
     window: int = 5
-    cap: float = 20.0
+    cap: float = 10.0
     small: float = 1.0
-    large: float = 5.0
+    large: float = 12.0
     median: int = 7
     step: float = 0.15
 
