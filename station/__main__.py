@@ -10,6 +10,7 @@ from station.cli.lazy import LazyGroup
 COMMANDS = {
     "pattern": ("pattern", "pattern", "Write the printable noise chart."),
     "psf": ("psf", "psf", "Estimate a point spread function."),
+    "restore": ("restore", "restore", "Restore a sharp picture and depth from blurred photographs."),
     "demo": ("demo", "demo", "Calibrate a simulated camera, start to end."),
 }
 

@@ -129,7 +129,7 @@ def write_psf_result(folder: ResultFolder, planes: Sequence[PlaneRecord], about:
         "planes": {plane.name: _plane_entry(plane) for plane in planes},
         "software": software(),
     }
-    text = json.dumps(_without_nan(record), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    text = json.dumps(plain(record), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     folder.write(RECORD, text.encode())
     folder.publish()
     return text
@@ -184,12 +184,12 @@ def _npy(array: Array) -> bytes:
     return data.getvalue()
 
 
-def _without_nan(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """The same with plain Python numbers, and null for every number that is not finite."""
     if isinstance(value, Mapping):
-        return {name: _without_nan(part) for name, part in value.items()}
+        return {name: plain(part) for name, part in value.items()}
     if isinstance(value, list | tuple):
-        return [_without_nan(part) for part in value]
+        return [plain(part) for part in value]
     if isinstance(value, np.generic):
         value = value.item()
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -73,9 +73,7 @@ def problem_of(
 ) -> tuple[DataTerm, DataTerm]:
     """The data term, twice, in one precision. z : (P, C, H, W); trust : (P, 1, H, W)."""
     shape = (z.shape[2], z.shape[3])
-    one, two = (
-        DataTerm(z.astype(dtype), [blur(s, shape, dtype) for s in stacks], trust.astype(dtype)) for _ in (0, 1)
-    )
+    one, two = (DataTerm(z.astype(dtype), [blur(s, shape, dtype) for s in stacks], trust.astype(dtype)) for _ in (0, 1))
     return one, two
 
 
@@ -95,7 +93,9 @@ def cost(problem: Problem, u: Array, w: Array, weights: Weights) -> tuple[float,
     """Cost (6.1) and the robust root mean square residual of a pair; the data term is left focused on w."""
     problem.data.focus(w)
     e = problem.data.residual(u)
-    prior = weights.picture * roughness(u, *_diffusion(problem, u)) + weights.depth * roughness(w, *steps_allowed(w, weights.step))
+    prior = weights.picture * roughness(u, *_diffusion(problem, u)) + weights.depth * roughness(
+        w, *steps_allowed(w, weights.step)
+    )
     return 0.5 * float(np.sum(e**2)) + prior, float(np.median(np.abs(e)) / 0.6745)
 
 
@@ -121,7 +121,9 @@ def one_round(problem: Problem, state: State) -> State:
     what = _steps_due(state.n, problem.scheme.rounds)
     u, w = state.u, state.w
     if what:
-        layers = layers_afar(w, problem.reach, JUMP) if what == "far" else layers_near(w, 4 if what == "near" else 3, JUMP)
+        layers = (
+            layers_afar(w, problem.reach, JUMP) if what == "far" else layers_near(w, 4 if what == "near" else 3, JUMP)
+        )
         soft = max(weights.picture, 1e-3 if what == "far" else 1e-5)
         u, w = place_steps(problem.data, problem.other, u, w, layers, soft)
     iterations = problem.scheme.picture + problem.scheme.depth

@@ -173,7 +173,9 @@ def rotated(shape: Array, angle_rad: float) -> Array:
     return np.asarray(turned, dtype=np.float64)
 
 
-def symmetric_field(radial: list[Array], grid: tuple[int, int], max_w: float, ratio: float = 1.0) -> list[list[MaskStack]]:
+def symmetric_field(
+    radial: list[Array], grid: tuple[int, int], max_w: float, ratio: float = 1.0
+) -> list[list[MaskStack]]:
     """Stacks on a grid over the frame from shapes at equal heights, centre to corner, measured along +x (4.20)."""
     need = int(np.ceil(ratio * max_w + 0.5))
     rows, columns = np.linspace(-1, 1, grid[0]), np.linspace(-1, 1, grid[1])

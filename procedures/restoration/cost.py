@@ -92,12 +92,17 @@ def conjugate_gradients(
 
 
 def restore_picture(
-    data: DataTerm, u: Array, weight: float, iterations: int, diffusion: tuple[Array | float, Array | float] = (1.0, 1.0)
+    data: DataTerm,
+    u: Array,
+    weight: float,
+    iterations: int,
+    diffusion: tuple[Array | float, Array | float] = (1.0, 1.0),
 ) -> Array:
     """The picture of least cost at the depth the data term is focused on: conjugate gradients from u (6.6).
 
     `diffusion` are the picture prior's weights on differences.
     """
+
     def apply(x: Array) -> Array:
         return data.blur_adjoint(data.blur(x)) + weight * diffuse(x, *diffusion)
 

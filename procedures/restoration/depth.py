@@ -67,7 +67,14 @@ def variance(stack: MaskStack, direction: str = "both") -> Array:
 
 
 def algorithm_2(
-    z: Array, stacks: list[MaskStack], sigma: float, *, N: int = 6, window: int = 9, median: int = 11, direction: str = "both"
+    z: Array,
+    stacks: list[MaskStack],
+    sigma: float,
+    *,
+    N: int = 6,
+    window: int = 9,
+    median: int = 11,
+    direction: str = "both",
 ) -> DepthStart:
     """Depth from symmetrical blur: relative variance by two polynomial fits, turned into w by the masks' own moments.
 
@@ -112,7 +119,14 @@ def _extended(z: Array, margin: int) -> tuple[Array, tuple[int, int]]:
 
 
 def cost_volume(
-    z: Array, stacks: list[MaskStack], sigmas: Array, levels: Array, window: int, *, whiten: bool = True, floor: float = 1e-3
+    z: Array,
+    stacks: list[MaskStack],
+    sigmas: Array,
+    levels: Array,
+    window: int,
+    *,
+    whiten: bool = True,
+    floor: float = 1e-3,
 ) -> F32:
     """How wrong each level is at each pixel, (H, W, L), summed over pairs of photographs and channels.
 
@@ -127,7 +141,9 @@ def cost_volume(
     for n, w in enumerate(levels):
         masks = [_spectra(s, float(w), shape) for s in stacks]
         for a, b in combinations(range(len(z)), 2):
-            noise = sigmas[a] ** 2 * (np.abs(masks[b]) ** 2 + floor / 2) + sigmas[b] ** 2 * (np.abs(masks[a]) ** 2 + floor / 2)
+            noise = sigmas[a] ** 2 * (np.abs(masks[b]) ** 2 + floor / 2) + sigmas[b] ** 2 * (
+                np.abs(masks[a]) ** 2 + floor / 2
+            )
             scale = np.sqrt(noise) if whiten else 1.0
             d = irfft2((spectra[a] * masks[b] - spectra[b] * masks[a]) / scale, shape)
             d = d[:, margin : margin + H, margin : margin + W]

@@ -103,7 +103,9 @@ def _no_layers(w: Array) -> Layers:
     return Layers(w, w, np.zeros(w.shape, bool), np.zeros_like(w))
 
 
-def shared(high: DataTerm, low: DataTerm, u: Array, layers: Layers, weight: float, rounds: int, iterations: int) -> tuple[Array, Array]:
+def shared(
+    high: DataTerm, low: DataTerm, u: Array, layers: Layers, weight: float, rounds: int, iterations: int
+) -> tuple[Array, Array]:
     """Picture (C, H', W') and share (H', W') that explain the photographs best, by Gauss-Newton over both.
 
     high, low : the same data term, to be focused on each layer; weight : of the picture's prior.
@@ -140,7 +142,14 @@ def shared(high: DataTerm, low: DataTerm, u: Array, layers: Layers, weight: floa
 
 
 def place_steps(
-    high: DataTerm, low: DataTerm, u: Array, w: Array, layers: Layers, weight: float, rounds: int = 6, iterations: int = 10
+    high: DataTerm,
+    low: DataTerm,
+    u: Array,
+    w: Array,
+    layers: Layers,
+    weight: float,
+    rounds: int = 6,
+    iterations: int = 10,
 ) -> tuple[Array, Array]:
     """Picture and depth with the steps moved where that explains the photographs better, and left elsewhere.
 
