@@ -121,8 +121,8 @@ def read_spline(
 
     Parameters
     ----------
-    coefficients : (n, n) float32
-        From `cell_image_spline`.
+    coefficients : (rows, columns) float32
+        From `cell_image_spline` or `photograph_spline`.
     H : (3, 3) float64
         Target -> grid points of the coefficients.
     centre, radius
@@ -141,7 +141,7 @@ def read_spline(
     (rows, columns) float32
     """
     rows, columns = shape
-    n = coefficients.shape[0]
+    n_y, n = coefficients.shape
     flat, row = coefficients.ravel(), np.uint64(n)
     one, two, three = np.uint64(1), np.uint64(2), np.uint64(3)  # unsigned: no test for negative indices
     out = np.empty((rows, columns), np.float32)
@@ -166,8 +166,8 @@ def read_spline(
             tx, ty = np.float32(gx - ix), np.float32(gy - iy)
             x0, x1, x2, x3 = _cubic_weights(tx)
             y0, y1, y2, y3 = _cubic_weights(ty)
-            if not (ix >= 1 and iy >= 1 and ix < n - 2 and iy < n - 2):
-                ix, iy = 1 + (ix - 1) % (n - 3), 1 + (iy - 1) % (n - 3)
+            if not (ix >= 1 and iy >= 1 and ix < n - 2 and iy < n_y - 2):
+                ix, iy = 1 + (ix - 1) % (n - 3), 1 + (iy - 1) % (n_y - 3)
             a0 = np.uint64((iy - 1) * n + ix - 1)
             a1, a2, a3 = a0 + row, a0 + row + row, a0 + row + row + row
             out[i, j] = (

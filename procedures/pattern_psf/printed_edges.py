@@ -15,10 +15,10 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 
+from procedures.numerics.normal_equations import Products
 from procedures.numerics.warps import inverse
 from procedures.pattern import BLOCK, CELLS
 from procedures.pattern_psf.registration import Registration
-from procedures.pattern_psf.solve import Products
 
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]

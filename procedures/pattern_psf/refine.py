@@ -20,22 +20,16 @@ import numpy as np
 import numpy.typing as npt
 from scipy.sparse import csr_array
 
-from procedures.numerics.warps import cubic_monomials
+from procedures.numerics.normal_equations import NormalEquations, eliminate, gram, products
+from procedures.numerics.sampled_convolution import convolve_at, sample_convolution
+from procedures.numerics.solvers import cholesky_solve
+from procedures.numerics.warps import displacement_columns
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.centre import mark_offset
 from procedures.pattern_psf.printed_edges import Edges, edge_columns
 from procedures.pattern_psf.radiometry import Light, quadratic
 from procedures.pattern_psf.rasterise import Raster, Window, band_limited_chart, whole_chart
 from procedures.pattern_psf.registration import Registration, map_distance
-from procedures.pattern_psf.solve import (
-    NormalEquations,
-    convolve_at,
-    eliminate,
-    gram,
-    products,
-    sample_convolution,
-    solve,
-)
 
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
@@ -221,7 +215,7 @@ def _first_fit(o: Observation, raster: Raster, registration: Registration, windo
     place = quadratic(*((o.points - registration.centre) / registration.radius).T)
     AA = gram(A)
     equations = eliminate(products(AA, A, place * o.weight[:, None], o.y * o.weight))
-    h = solve(equations.G, equations.b, "ls")
+    h = cholesky_solve(equations.G, equations.b)
     light = np.zeros(13)
     light[:6] = equations.nuisance(h)
     prediction = (A @ h.astype(np.float32)) / o.weight + place @ light[:6]
@@ -259,14 +253,14 @@ def _advanced(
 ) -> Fit:
     """The fit with the increments that solve the equations, and the prediction they make, to first order."""
     o, n = start.observation, Z.shape[1]
-    dh = solve(equations.G, equations.b, "ls")
+    dh = cholesky_solve(equations.G, equations.b)
     t = equations.nuisance(dh)
     change = (A @ dh.astype(np.float32)) / o.weight + Z @ t[:n]
     if C is not None:
         change += (C @ t[n:]) / o.weight
     return replace(
         start,
-        registration=_displaced(start.registration, t[:GEOMETRY].reshape(2, 9), o),
+        registration=start.registration.displaced(t[:GEOMETRY].reshape(2, 9), o.points),
         h=start.h + dh,
         light=start.light + t[GEOMETRY:n],
         edges=t[n:],
@@ -290,24 +284,7 @@ def _linearised(fit: Fit, A: Array32, raster: Raster, window: Window, k: int) ->
 
 
 def _geometry_columns(A: Array32, h: Array, o: Observation, registration: Registration, s: int, k: int) -> Array:
-    """Change of the prediction with the displacement's coefficients, (m, 18): cubic monomials times its gradient.
-
-    The monomials lose their mean, so that the columns move no centre.
-    """
+    """Change of the prediction with the displacement's coefficients, (m, 18)."""
     slope_y, slope_x = np.gradient(h.reshape(k, k))
     slopes = A @ np.column_stack([slope_x.ravel(), slope_y.ravel()]).astype(np.float32)
-    gradient = slopes.astype(np.float64) * (s / o.weight)[:, None]
-    monomials = _monomials(o, registration)
-    monomials -= monomials.mean(axis=0)
-    return np.hstack([monomials * gradient[:, :1], monomials * gradient[:, 1:]])
-
-
-def _monomials(o: Observation, registration: Registration) -> Array:
-    """The displacement's cubic monomials at the samples, (m, 9)."""
-    return cubic_monomials(*((o.points - registration.centre) / registration.radius).T)
-
-
-def _displaced(registration: Registration, change: Array, o: Observation) -> Registration:
-    """The map with its displacement's coefficients (2, 9) changed, its mean over the samples left where it was."""
-    drift = change @ _monomials(o, registration).mean(axis=0)
-    return replace(registration, displacement=registration.displacement + change).translated(-drift)
+    return displacement_columns(slopes.astype(np.float64) * (s / o.weight)[:, None], registration.monomials(o.points))
