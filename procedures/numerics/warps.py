@@ -134,6 +134,12 @@ class CubicWarp:
         """Derivative (2, 2) of the targets with respect to the source, at the centre, without the displacement's."""
         return homography_jacobian(self.H, self.centre)
 
+    def derivative(self, points: Array) -> Array:
+        """Derivatives (n, 2, 2) of the targets with respect to the source at points (n, 2), displacement included."""
+        step = 1e-3 * self.radius
+        moves = [np.array([step, 0.0]), np.array([0.0, step])]
+        return np.stack([(self.forward(points + m) - self.forward(points - m)) / (2 * step) for m in moves], axis=-1)
+
     def translated(self, shift: Array) -> Self:
         """The map that sees at p what this one sees at p + shift, inside the polynomial too."""
         T = np.eye(3)
