@@ -403,7 +403,7 @@ def _doubts_of_camera(d: Diagnostics) -> list[Rule]:
         ),
         Rule(
             doubtful,
-            d.support_cut > 0.03,
+            d.support_cut > 0.06,
             f"the kernel has {d.support_cut:.0%} of its sum on the rim of its support",
             "focus, or raise k",
         ),
