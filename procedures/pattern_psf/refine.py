@@ -19,21 +19,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.normal_equations import NormalEquations, eliminate, gram, products
+from procedures.numerics.sampled_convolution import convolve_at, sample_convolution
+from procedures.numerics.solvers import cholesky_solve
+from procedures.numerics.warps import displacement_columns
 from procedures.pattern import Chart
 from procedures.pattern_psf.centre import mark_offset
 from procedures.pattern_psf.observation import Observation
 from procedures.pattern_psf.printed_edges import Edges, edge_columns
 from procedures.pattern_psf.rasterise import Raster, Window, band_limited_chart, whole_chart
 from procedures.pattern_psf.registration import Registration, map_distance
-from procedures.pattern_psf.solve import (
-    NormalEquations,
-    convolve_at,
-    eliminate,
-    gram,
-    products,
-    sample_convolution,
-    solve,
-)
 from procedures.pattern_psf.tail import tail_column
 
 Array = npt.NDArray[np.float64]
@@ -190,7 +185,7 @@ def refine(observation: Observation, chart: Chart, registration: Registration, w
 def _first_fit(o: Observation, A: Array32, AA: Array, registration: Registration) -> Fit:
     """The PSF by the marks' map with the light's quadratics free."""
     equations = eliminate(products(AA, A, o.quadratics * o.weight[:, None], o.y * o.weight))
-    h = solve(equations.G, equations.b, "ls")
+    h = cholesky_solve(equations.G, equations.b)
     light = np.zeros(14)
     light[:6] = equations.nuisance(h)
     prediction = (A @ h.astype(np.float32)) / o.weight + o.quadratics @ light[:6]
@@ -234,13 +229,13 @@ def _fine_step(fit: Fit, model: _Model) -> Fit:
 def _advanced(start: Fit, A: Array32, Z: Array, equations: NormalEquations) -> Fit:
     """The fit with the increments that solve the equations, and the prediction they make, to first order."""
     o, n = start.observation, Z.shape[1]
-    dh = solve(equations.G, equations.b, "ls")
+    dh = cholesky_solve(equations.G, equations.b)
     t = equations.nuisance(dh)
     light = start.light.copy()
     light[: n - GEOMETRY] += t[GEOMETRY:]
     return replace(
         start,
-        registration=_displaced(start.registration, t[:GEOMETRY].reshape(2, 9), o),
+        registration=start.registration.displaced(t[:GEOMETRY].reshape(2, 9), o.points),
         h=start.h + dh,
         light=light,
         prediction=start.prediction + (A @ dh.astype(np.float32)) / o.weight + Z @ t,
@@ -259,18 +254,7 @@ def _linearised(fit: Fit, A: Array32, model: _Model, far: Array) -> tuple[Fit, A
 
 
 def _geometry_columns(A: Array32, h: Array, o: Observation, s: int, k: int) -> Array:
-    """Change of the prediction with the displacement's coefficients, (m, 18): cubic monomials times its gradient.
-
-    The monomials lose their mean, so that the columns move no centre.
-    """
+    """Change of the prediction with the displacement's coefficients, (m, 18)."""
     slope_y, slope_x = np.gradient(h.reshape(k, k))
     slopes = A @ np.column_stack([slope_x.ravel(), slope_y.ravel()]).astype(np.float32)
-    gradient = slopes.astype(np.float64) * (s / o.weight)[:, None]
-    monomials = o.cubics - o.cubics.mean(axis=0)
-    return np.hstack([monomials * gradient[:, :1], monomials * gradient[:, 1:]])
-
-
-def _displaced(registration: Registration, change: Array, o: Observation) -> Registration:
-    """The map with its displacement's coefficients (2, 9) changed, its mean over the samples left where it was."""
-    drift = change @ o.cubics.mean(axis=0)
-    return replace(registration, displacement=registration.displacement + change).translated(-drift)
+    return displacement_columns(slopes.astype(np.float64) * (s / o.weight)[:, None], o.cubics)

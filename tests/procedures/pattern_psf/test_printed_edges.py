@@ -3,11 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from procedures.numerics.sampled_convolution import convolve_at
 from procedures.pattern_psf.observation import noise_window, observe
 from procedures.pattern_psf.printed_edges import LINES, Edges, edge_columns
 from procedures.pattern_psf.radiometry import measure_light
 from procedures.pattern_psf.rasterise import band_limited_chart, whole_chart
-from procedures.pattern_psf.solve import convolve_at
 
 from .conftest import CHART, Bench
 
