@@ -56,6 +56,14 @@ def identity(variant: str, asked: str, rx_bytes: int) -> list[str]:
     return [f"[VER:{version}:]", f"[OPT:V,15,{rx_bytes}]"]
 
 
+def offsets(work: Sequence[float]) -> list[str]:
+    """The answer to `$#`: G54 is the work offset, all others are zero."""
+    none = [0.0] * len(work)
+    names = ["G55", "G56", "G57", "G58", "G59", "G28", "G30", "G92"]
+    lines = [f"[G54:{numbers(work, 1.0)}]", *(f"[{name}:{numbers(none, 1.0)}]" for name in names)]
+    return [*lines, "[TLO:0.000]", f"[PRB:{numbers(none, 1.0)}:0]"]
+
+
 def clean(line: bytes) -> str:
     """A line without comments and spaces, in capitals."""
     text = _COMMENT.sub("", line.decode("ascii", "replace"))
