@@ -49,8 +49,6 @@ class GrblController:
         self._critical = False
         self._reports = 0
 
-    # --- the cable's side
-
     def set_lines(self, rts: bool, dtr: bool, now_s: float) -> None:
         """A rising DTR resets the board, as on every Arduino."""
         if dtr and not self._dtr:
@@ -96,16 +94,12 @@ class GrblController:
         """Whether it refuses motion: not homed yet, homing, or in alarm."""
         return self._run.state in ("Alarm", "Home")
 
-    # --- faults from outside
-
     def alarm(self, code: int, now_s: float) -> None:
         """A limit switch, the emergency button, a driver fault."""
         self._halt(now_s)
         self._run = Run()
         self._forget_lines()
         self._raise(code)
-
-    # --- inside
 
     def _forget_lines(self) -> None:
         self._rx.clear()
@@ -391,19 +385,12 @@ class GrblController:
 
     def _report(self, now_s: float) -> str:
         self._reports += 1
-        where, run = self._machine(now_s), self._run
+        run = self._run
         state = f"{run.state}:{run.hold}" if run.state in ("Hold", "Door") else run.state
-        scale = 1 / 25.4 if self.settings[13] == 1 else 1.0
-        place = (
-            where if int(self.settings[10]) & 1 else tuple(a - b for a, b in zip(where, self.work_offset, strict=True))
+        fields = words.places(
+            self.settings, self._machine(now_s), self.work_offset, self._reports, run.current is not None
         )
-        fields = [state, ("MPos:" if int(self.settings[10]) & 1 else "WPos:") + words.numbers(place, scale)]
         if int(self.settings[10]) & 2:
-            fields.append(f"Bf:{PLANNER - len(run.plan)},{self.rx_bytes - len(self._rx)}")
-        fields.append(f"FS:{run.current.feed if run.current else 0:.0f},0")
-        every = 30 if run.state in ("Run", "Jog") else 10
-        if self._reports % every == 1:
-            fields.append("WCO:" + words.numbers(self.work_offset, scale))
-        elif self._reports % every == 2:
-            fields.append("Ov:100,100,100")
-        return "<" + "|".join(fields) + ">"
+            fields.insert(1, f"Bf:{PLANNER - len(run.plan)},{self.rx_bytes - len(self._rx)}")
+        fields.insert(1, f"FS:{run.current.feed if run.current else 0:.0f},0")
+        return "<" + "|".join([state, *fields]) + ">"

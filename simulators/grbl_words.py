@@ -81,6 +81,20 @@ def numbers(values: Sequence[float], scale: float) -> str:
     return ",".join(f"{value * scale:.3f}" for value in values)
 
 
+def places(
+    settings: Mapping[int, float], machine: Sequence[float], work: Sequence[float], count: int, busy: bool
+) -> list[str]:
+    """The position of the `count`-th report, with the fields that only some reports carry."""
+    scale, mask = 1 / 25.4 if settings[13] == 1 else 1.0, int(settings[10])
+    place = machine if mask & 1 else [a - b for a, b in zip(machine, work, strict=True)]
+    fields = [("MPos:" if mask & 1 else "WPos:") + numbers(place, scale)]
+    if count % (30 if busy else 10) == 1:
+        fields.append("WCO:" + numbers(work, scale))
+    elif count % (30 if busy else 10) == 2:
+        fields.append("Ov:100,100,100")
+    return fields
+
+
 @dataclass(frozen=True)
 class Words:
     """One block's words: G and M numbers, values by letter, letters that mean nothing here."""
