@@ -85,6 +85,12 @@ class PatternPsf:
     registration : Registration
         Where every pixel lies on the chart.
     diagnostics : mapping of str to float
+    marks : (12, 2) float64
+        The x-corners as found, (x, y) in pixels, NaN where hidden.
+    residual : (rows, columns) float64
+        Photograph minus prediction in units of the noise, over the noise region; NaN where no sample was used.
+    residual_origin : (int, int)
+        Pixel (x, y) of the plane at which `residual` begins.
     """
 
     psf: Psf
@@ -96,6 +102,9 @@ class PatternPsf:
     s_over_t: float
     registration: Registration
     diagnostics: Mapping[str, float]
+    marks: Array
+    residual: Array
+    residual_origin: tuple[int, int]
 
 
 def estimate_psf(
@@ -149,7 +158,7 @@ def _estimate(
     verdict, reason, remedy = judge(diagnostics, fit)
     if verdict is Verdict.REFUSED:
         return Outcome(None, verdict, reason, remedy)
-    return Outcome(_result(fit, psf, diagnostics, diffraction), verdict, reason, remedy)
+    return Outcome(_result(fit, psf, diagnostics, corners, diffraction), verdict, reason, remedy)
 
 
 def _register(samples: npt.NDArray[np.float32]) -> tuple[Array, Registration]:
@@ -225,8 +234,9 @@ def _solution(fit: Fit, s: int, k: int, solver: str) -> Psf:
     return Psf(image, s, P @ covariance @ P.T)
 
 
-def _result(fit: Fit, psf: Psf, d: Diagnostics, diffraction: Diffraction | None) -> PatternPsf:
+def _result(fit: Fit, psf: Psf, d: Diagnostics, corners: Array, diffraction: Diffraction | None) -> PatternPsf:
     """Everything that is reported, from the final fit."""
+    residual, origin = _residual_picture(fit)
     m = len(fit.observation.y)
     amplification = gamma(psf.covariance / fit.residual_std**2, float(np.mean(fit.observation.weight**2)))
     pixels = CELLS / BLOCK * block_size_px(fit.registration)
@@ -240,4 +250,16 @@ def _result(fit: Fit, psf: Psf, d: Diagnostics, diffraction: Diffraction | None)
         s_over_t=d.s_over_t,
         registration=fit.registration,
         diagnostics=asdict(d),
+        marks=corners,
+        residual=residual,
+        residual_origin=origin,
     )
+
+
+def _residual_picture(fit: Fit) -> tuple[Array, tuple[int, int]]:
+    """The residual where its samples lie, NaN between them, and the pixel (x, y) at which that picture begins."""
+    o = fit.observation
+    picture = np.full((o.rows.max() + 1, o.columns.max() + 1), np.nan)
+    picture[o.rows, o.columns] = fit.residual
+    x, y = o.points[0]
+    return picture, (int(x) - int(o.columns[0]), int(y) - int(o.rows[0]))

@@ -158,7 +158,8 @@ def screen(image: Picture, layouts: Layouts) -> Array:
         return np.zeros((0, len(symmetries())))
     cells, frames = _screen_samples()
     q = layouts.maps @ np.column_stack([cells, np.ones(len(cells))]).T
-    x, y = (q[:, :2] / q[:, 2:]).astype(np.float32).transpose(1, 0, 2)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        x, y = (q[:, :2] / q[:, 2:]).astype(np.float32).transpose(1, 0, 2)
     values = np.asarray(cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), dtype=np.float64)
     near = np.abs(cells[:, None] - RIM_CELLS).max(axis=2) < BLOCK
     weights = 1.0 - (~layouts.hits).astype(np.float64) @ near.T.astype(np.float64)

@@ -3,13 +3,13 @@
 The marks give a map good to a few tenths of a pixel when the chart is tilted or the lens distorts; sixty-five
 thousand cells give it to a few thousandths. Every Gauss-Newton step linearises
 
-    y = A h + sum a_i q_i + sum b_i q_i m + beta (m^2 - m) + delta o,   m = A h + sum(h)/2,
+    y = A h + sum a_i q_i + sum b_i q_i m + beta (m^2 - m) + delta o + tau v,   m = A h + sum(h)/2,
 
 about the current map, PSF and light, with y the sample between the black and white levels, A the chart of values
--1/2 and 1/2 (a_0 holds the mean), q_i the quadratics of place, o the cells' outlines seen through the PSF, and
-eliminates everything but h (variable projection, Kaufman's form). delta is the spread of the ink, in cells: the
-printer makes black cells larger than white ones, which darkens the noise region just as a curved response would; only
-the picture of the outlines tells the two apart.
+-1/2 and 1/2 (a_0 holds the mean), q_i the quadratics of place, o the cells' outlines seen through the PSF, v the chart
+seen through the PSF's far tail, and eliminates everything but h (variable projection, Kaufman's form). delta is the
+spread of the ink, in cells: the printer makes black cells larger than white ones, which darkens the noise region just
+as a curved response would; only the picture of the outlines tells the two apart.
 """
 
 from __future__ import annotations
@@ -36,12 +36,13 @@ from procedures.pattern_psf.solve import (
     sample_convolution,
     solve,
 )
+from procedures.pattern_psf.tail import tail_column
 
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
 
 GEOMETRY = 18  # nuisance columns of the displacement: nine cubics each for x and y
-RESPONSE, SPREAD = 11, 12  # places of beta and delta among the light's numbers
+RESPONSE, SPREAD, TAIL = 11, 12, 13  # places of beta, delta and tau among the light's numbers
 MAX_STEPS = 6
 LOST = 0.1  # agreement by the marks' map under which these are other cells, or none can be seen
 PRINT_TELLS = 1.06  # residual over noise from which the printed edges are worth estimating
@@ -81,8 +82,10 @@ class Fit:
     registration : Registration
     h : (k^2,) float64
         The PSF, not yet normalised: its sum is the contrast's correction.
-    light : (13,) float64
-        a (6), b without its constant (5), beta, delta.
+    light : (14,) float64
+        a (6), b without its constant (5), beta, delta, tau.
+    tail : (m,) float64
+        The chart seen through the tail outside the support.
     edges : (514,) or (0,) float64
         Offsets of the printed edges, in cells: vertical lines, then horizontal ones; empty where they do not tell.
     edge_rms : float
@@ -102,6 +105,7 @@ class Fit:
     registration: Registration
     h: Array
     light: Array
+    tail: Array
     edges: Array
     edge_rms: float
     observation: Observation
@@ -133,10 +137,10 @@ class Fit:
         return 1 - float(left @ left) / self.freedom / float(np.var(self.observation.y))
 
     @property
-    def contrast(self) -> float:
-        """Contrast of the cells over that of the blocks: under 1 by what the PSF spreads beyond its support."""
-        place = quadratic(*((self.observation.points - self.registration.centre) / self.registration.radius).T)
-        return float(self.h.sum() + (place[:, 1:] @ self.light[6:11]).mean())
+    def cut(self) -> float:
+        """Share of the PSF's energy outside its support, by the tail's amplitude."""
+        outside = float(self.light[TAIL])
+        return outside / (float(self.h.sum()) + outside)
 
 
 def noise_window(registration: Registration, shape: tuple[int, ...]) -> Window:
@@ -222,10 +226,11 @@ def _first_fit(o: Observation, raster: Raster, registration: Registration, windo
     AA = gram(A)
     equations = eliminate(products(AA, A, place * o.weight[:, None], o.y * o.weight))
     h = solve(equations.G, equations.b, "ls")
-    light = np.zeros(13)
+    light = np.zeros(14)
     light[:6] = equations.nuisance(h)
     prediction = (A @ h.astype(np.float32)) / o.weight + place @ light[:6]
-    return Fit(registration, h, light, np.zeros(0), 0.0, o, equations, AA, prediction, 0, False)
+    tail = tail_column(raster, registration, window, o.rows, o.columns, k)
+    return Fit(registration, h, light, tail, np.zeros(0), 0.0, o, equations, AA, prediction, 0, False)
 
 
 def _centred(fit: Fit, s: int, k: int) -> Fit:
@@ -277,7 +282,7 @@ def _advanced(
 
 
 def _linearised(fit: Fit, A: Array32, raster: Raster, window: Window, k: int) -> tuple[Array, Array]:
-    """Nuisance columns (m, 31) of geometry, light, response and spread, and the current prediction (m,)."""
+    """Nuisance columns (m, 32) of geometry, light, response, spread and tail, and the current prediction (m,)."""
     o, registration = fit.observation, fit.registration
     seen = (A @ fit.h.astype(np.float32)).astype(np.float64) / o.weight
     m = seen + fit.h.sum() / 2
@@ -285,7 +290,7 @@ def _linearised(fit: Fit, A: Array32, raster: Raster, window: Window, k: int) ->
     outline = raster.read_outline(registration, window, k // 2)
     spread = convolve_at(outline, o.rows, o.columns, fit.h.reshape(k, k).astype(np.float32), raster.s)
     geometry = _geometry_columns(A, fit.h, o, registration, raster.s, k)
-    Z = np.column_stack([geometry, place, place[:, 1:] * m[:, None], m * m - m, spread])
+    Z = np.column_stack([geometry, place, place[:, 1:] * m[:, None], m * m - m, spread, fit.tail])
     return Z, seen + Z[:, GEOMETRY:] @ fit.light
 
 
