@@ -105,7 +105,9 @@ def photograph_figure(plane: Plane, found: PatternPsf, name: str) -> Markup:
     figure, axes = _figure(3.2, 3.2)
     around = _square(found.registration, -BLOCK - SURROUND_CELLS, BLOCK * (BLOCKS - 1) + SURROUND_CELLS)
     limit = np.array(plane.samples.shape[::-1])
-    (x0, y0), (x1, y1) = (np.clip(v, 0, limit) for v in (around.min(axis=0).astype(int), around.max(axis=0).astype(int)))
+    (x0, y0), (x1, y1) = (
+        np.clip(v, 0, limit) for v in (around.min(axis=0).astype(int), around.max(axis=0).astype(int))
+    )
     crop = plane.samples[y0:y1, x0:x1]
     _image(axes, crop, (x0, y0), cmap="gray", vmin=0, vmax=float(np.quantile(crop, 0.995)))
     axes.plot(*_square(found.registration, 0, CELLS).T, color=MARK, lw=1)
@@ -179,9 +181,7 @@ def mtf_figure(quality: Quality, truth: Psf | None, name: str) -> Markup:
         "vertical": _Curve(quality.mtf_vertical, quality.mtf_vertical_uncertainty, _true_mtf(truth, 0 * f, f)),
     }
     rows = 1 if truth is None else 2
-    figure, places = _figure(
-        3.2, 1.5 + 1.2 * rows, rows, 1, sharex=True, squeeze=False, height_ratios=[2.2, 1][:rows]
-    )
+    figure, places = _figure(3.2, 1.5 + 1.2 * rows, rows, 1, sharex=True, squeeze=False, height_ratios=[2.2, 1][:rows])
     for direction, curve in curves.items():
         _draw_mtf(places[0, 0], f, curve, direction)
     _finish_mtf(places[0, 0])
@@ -243,7 +243,9 @@ def places_figure(outlines: Sequence[Array], name: str) -> Markup:
     return svg(figure, name, "the frame, and where the chart stood in each photograph")
 
 
-def agreement_figure(rows: Sequence[tuple[str, Mapping[str, float], Mapping[str, Sequence[float]]]], name: str) -> Markup:
+def agreement_figure(
+    rows: Sequence[tuple[str, Mapping[str, float], Mapping[str, Sequence[float]]]], name: str
+) -> Markup:
     """How well all planes agree with the truth: the PSFs' errors over the expected, and MTF50 in its uncertainties.
 
     Parameters
