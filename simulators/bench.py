@@ -16,7 +16,8 @@ from drivers.transport import register_scheme
 from simulators.body import BodySettings, CameraBody, Opening
 from simulators.clock import FastClock, VirtualClock
 from simulators.faults import Faults
-from simulators.grbl import GrblController, Outputs
+from simulators.grbl import GrblController
+from simulators.grbl_state import Outputs
 from simulators.imu import FastModule, WitModule
 from simulators.instruments import BoschModule, DmxWidget, JrtModule
 from simulators.mishaps import Fate, Mishap, random_faults, random_mishaps
