@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -30,9 +31,10 @@ WIDE = 100
     "--out", type=click.Path(path_type=Path), default="demo", show_default=True, help="Folder for everything it makes."
 )
 @click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=1, show_default=True, help="Of the camera's noise.")
+@click.option("--rendered", is_flag=True, help="Also trace light through scenes in depth, filter and photograph them.")
 @click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout in place of the table.")
 @log_json_option
-def demo(out: Path, seed: int, as_json: bool) -> None:
+def demo(out: Path, seed: int, rendered: bool, as_json: bool) -> None:
     """Photograph the chart with a simulated camera, estimate the PSFs from its files, and compare with the truth."""
     from station.demo import run_demo, steps, summary
 
@@ -43,8 +45,24 @@ def demo(out: Path, seed: int, as_json: bool) -> None:
     else:
         _show(found, summary(found))
     log("written", f"wrote {out / 'index.html'}", path=str(out / "index.html"))
+    if rendered:
+        _render(out / "rendered", seed)
     if found.refused:
         raise click.exceptions.Exit(REFUSED)
+
+
+def _render(out: Path, seed: int) -> None:
+    """The scenes in depth, into a folder of their own; what was rendered there before is used again."""
+    from station.rendered import PAGE, RenderPlan, rendered_demo, steps
+
+    plan = RenderPlan(seed=seed)
+    with _progress(steps(plan)) as progress:
+        scenes, _ = rendered_demo(out, plan, threads=os.cpu_count() or 1, progress=progress)
+    for one in scenes:
+        before, after = one.psnr_db["rendered"], one.psnr_db["filtered"]
+        sentence = f"{one.name}: {before:.2f} dB as rendered, {after:.2f} dB filtered"
+        log("rendered", sentence, scene=one.name, rendered_db=before, filtered_db=after)
+    log("written", f"wrote {out / PAGE}", path=str(out / PAGE))
 
 
 @contextmanager
