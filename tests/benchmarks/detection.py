@@ -26,7 +26,7 @@ PITCH_UM, WALL_MM = 4.0, 6000.0
 MEMORY = """
 import resource, sys, numpy as np
 from procedures.pattern_psf.detection import find_charts
-image = np.random.default_rng(1).random((6336, 9504), dtype=np.float32)
+image = np.random.default_rng(1).random((6336, 9504), dtype="f4")
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 find_charts(image)
 print((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024, image.nbytes / 2**20)
