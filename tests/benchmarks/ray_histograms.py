@@ -35,7 +35,7 @@ PUBLISHED_DB = {  # (samples, kappa, scales): clipped, unclipped; from the data'
 }  # fmt: skip
 PUBLISHED_S = {(1, 2): 16.4, (1, 3): 16.9, (2, 3): 8.2}
 """(threads, scales) to seconds, whole process; for two threads the README does not say the scales."""
-RUNS = 7
+RUNS = 15
 
 
 def nl_means(film: Film, k: float = 0.7, search: int = 6, patch: int = 1) -> Doubles:
