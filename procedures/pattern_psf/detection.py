@@ -32,11 +32,13 @@ ACCEPTED = 0.75
 """Agreement of a chart; clutter that lies like the marks stays below."""
 LIKENESS = 0.6
 """Normalised correlation of a visible mark with what it should look like."""
-PLACE_TOLERANCE = 0.15
-"""Greatest distance of a mark from the homography of the others, in blocks: lens distortion is far less."""
+PLACE_TOLERANCE = 0.08
+"""Greatest distance of a mark from the homography of the others, in blocks: lens distortion is less."""
+PLACE_NOISE = 0.6
+"""The same in pixels, where it is more: noise, and what hides a part of a small mark."""
 PLACINGS = 3
 """Times that the marks are placed, each with the map of the last."""
-PLACED_BLOCK = 8
+PLACED_BLOCK = 12
 """Marks are placed on the coarsest level whose blocks have this many pixels."""
 MIN_VISIBLE = 6
 """Marks in sight, of 12, that tell a chart from clutter."""
@@ -135,7 +137,7 @@ def _settle(levels: list[tuple[int, Image]], start: Array) -> Sighting | None:
     block = BLOCK * np.sqrt(abs(np.linalg.det(_jacobian(start))))
     factor, level = levels[int(np.clip(np.log2(block / PLACED_BLOCK), 0, len(levels) - 1))]
     to_level = np.linalg.inv(_to_full(factor))
-    tolerance = PLACE_TOLERANCE * block
+    tolerance = max(PLACE_TOLERANCE * block, PLACE_NOISE)
     H = start
     for _ in range(PLACINGS):
         placed = frame.place_marks(frame.rectify(level, to_level @ H))

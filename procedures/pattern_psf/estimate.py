@@ -18,8 +18,9 @@ from procedures.outcome import BadParameter, Outcome, Refused, Verdict
 from procedures.pattern import BLOCK, CELLS, Chart
 from procedures.pattern_psf.centre import mark_offset_gradient
 from procedures.pattern_psf.detection import find_chart
+from procedures.pattern_psf.observation import noise_window, observe
 from procedures.pattern_psf.radiometry import Light, measure_light
-from procedures.pattern_psf.refine import Fit, noise_window, observe, refine, without_outliers
+from procedures.pattern_psf.refine import Fit, refine, without_outliers
 from procedures.pattern_psf.registration import (
     Registration,
     block_size_px,
@@ -205,7 +206,7 @@ def _fit(
     window = noise_window(registration, samples.shape)
     hidden = not np.isfinite(corners).all()
     observation = observe(samples, registration, light, window, margin_px=k / (2 * s) if hidden else 0.0)
-    m, n = len(observation.y), k * k
+    m, n = len(observation), k * k
     if m < 2 * n:
         raise Refused(
             f"{n} PSF values need at least {2 * n} samples of the noise region; the photograph has {m}",
@@ -213,9 +214,9 @@ def _fit(
         )
     fit = refine(observation, chart, registration, window, s, k)
     kept = without_outliers(fit)
-    if len(kept.y) < m - max(10, 1e-3 * m):
+    if len(kept) < m - max(10, 1e-3 * m):
         fit = refine(kept, chart, registration, window, s, k)
-    return fit, 1 - len(kept.y) / m
+    return fit, 1 - len(kept) / m
 
 
 def _solution(fit: Fit, s: int, k: int, solver: str) -> Psf:
@@ -230,8 +231,9 @@ def _solution(fit: Fit, s: int, k: int, solver: str) -> Psf:
     image = h.reshape(k, k)
     slope_y, slope_x = np.gradient(image)
     back = np.column_stack([slope_x.ravel(), slope_y.ravel()]) * s
-    P = np.eye(k * k) + back @ mark_offset_gradient(image, s, fit.registration.jacobian())
-    return Psf(image, s, P @ covariance @ P.T)
+    forth = mark_offset_gradient(image, s, fit.registration.jacobian())
+    covariance = covariance + back @ (forth @ covariance)
+    return Psf(image, s, covariance + (covariance @ forth.T) @ back.T)
 
 
 def _result(fit: Fit, psf: Psf, d: Diagnostics, corners: Array, diffraction: Diffraction | None) -> PatternPsf:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,6 +19,11 @@ if TYPE_CHECKING:
 
     from station.demo import Checked, Demonstration, Summary
     from station.progress import Progress
+
+COLOURS = {"pass": "green", "doubtful": "yellow", "refused": "red"}
+HEADINGS = {"horizontal": "MTF50, rows", "vertical": "MTF50, columns"}
+WIDE = 100
+"""Columns of a terminal from which on the table shows both directions."""
 
 
 @click.command("demo")
@@ -77,7 +82,8 @@ def _show(found: Demonstration, summary: Summary) -> None:
     from rich.console import Console
 
     console = Console(highlight=False)
-    console.print(_table(found))
+    console.print(_table(found, console.width))
+    console.print("MTF50 in cycles per pixel of the plane, ± one standard uncertainty.", style="dim")
     if summary.refused < summary.planes:
         console.print(
             f"{summary.passed} of {summary.planes} planes pass. Errors are {summary.ratio_mean:.2f} times the expected "
@@ -86,38 +92,39 @@ def _show(found: Demonstration, summary: Summary) -> None:
         )
 
 
-def _table(found: Demonstration) -> Table:
-    """Measured, true, error and bound of every plane."""
+def _table(found: Demonstration, width: int) -> Table:
+    """Measured, true, error and bound of every plane; both directions where the terminal is wide enough."""
     from rich import box
     from rich.table import Table
 
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1))
-    table.add_column("photograph", max_width=24)
-    table.add_column("")
-    for name in ("MTF50 ↔", "true", "MTF50 ↕", "true", "PSF error", "bound"):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("", no_wrap=True)
+    directions = list(HEADINGS)[: 2 if width >= WIDE else 1]
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1), show_edge=False)
+    table.add_column("plane", no_wrap=True)
+    for direction in directions:
+        table.add_column(HEADINGS[direction], justify="right", no_wrap=True)
+        table.add_column("true", justify="right", no_wrap=True)
+    table.add_column("PSF error", justify="right", no_wrap=True)
+    table.add_column("bound", justify="right", no_wrap=True)
+    table.add_column("verdict", no_wrap=True)
     for number, shot in enumerate(found.shots, 1):
-        for i, plane in enumerate(shot.planes):
-            title = f"{number} {shot.setup.title}" if i == 0 else ""
-            table.add_row(title, *_cells(plane), end_section=i == len(shot.planes) - 1)
+        table.add_row(f"[bold]{number} {shot.setup.title}[/]")
+        for plane in shot.planes:
+            table.add_row(*_cells(plane, directions))
     return table
 
 
-COLOURS = {"pass": "green", "doubtful": "yellow", "refused": "red"}
-
-
-def _cells(plane: Checked) -> list[str]:
+def _cells(plane: Checked, directions: Sequence[str]) -> list[str]:
     from station.report import percent, stated
 
     verdict = str(plane.calibrated.record.verdict)
-    coloured = f"[{COLOURS[verdict]}]{verdict}[/]"
+    cells = [f"  {plane.name}"]
     if plane.comparison is None:
-        return [plane.name, *[""] * 6, coloured]
-    cells = [plane.name]
-    for direction in ("horizontal", "vertical"):
-        against = plane.comparison.mtf50.get(direction)
-        cells += ["", ""] if against is None else [
-            stated(against.measured.value, against.measured.uncertainty), f"{against.true:.4f}"
-        ]  # fmt: skip
-    return [*cells, percent(plane.comparison.error), percent(plane.comparison.expected), coloured]
+        cells += [""] * (2 * len(directions) + 2)
+    else:
+        for direction in directions:
+            against = plane.comparison.mtf50.get(direction)
+            measured = against.measured if against else None
+            cells += [stated(measured.value, measured.uncertainty)] if measured else ["—"]
+            cells += [f"{against.true:.4f}"] if against else ["—"]
+        cells += [percent(plane.comparison.error), percent(plane.comparison.expected)]
+    return [*cells, f"[{COLOURS[verdict]}]{verdict}[/]"]
