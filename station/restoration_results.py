@@ -58,14 +58,14 @@ def write_restoration(
 def picture(sharp: Array) -> Array:
     """(C, H, W) as an image file holds it: (H, W), or (H, W, 3) as blue, green, red of RAW planes."""
     if len(sharp) == 1:
-        return sharp[0]
+        return np.asarray(sharp[0])
     red, blue = sharp[0], sharp[-1]
     return np.stack([blue, sharp[1:-1].mean(axis=0), red], axis=-1)
 
 
 def levels(image: Array, black: float, white: float) -> npt.NDArray[np.uint8]:
     """8-bit levels of an image between two values."""
-    return np.clip((image - black) / max(white - black, 1e-12) * 255 + 0.5, 0, 255).astype(np.uint8)
+    return np.asarray(np.clip((image - black) / max(white - black, 1e-12) * 255 + 0.5, 0, 255), dtype=np.uint8)
 
 
 def coloured(w: Array) -> npt.NDArray[np.uint8]:

@@ -162,15 +162,16 @@ def finish(problem: Problem, state: State) -> State:
 
 def run(problem: Problem, state: State, progress: Callable[[Round], None] | None = None) -> State:
     """All remaining rounds and the final picture, from the best pair met on the way."""
-    best, least = state, np.inf
-    for state in rounds(problem, state):
+    best, least, last = state, np.inf, state
+    for now in rounds(problem, state):
+        last = now
         if progress:
-            progress(state.history[-1])
-        # costs compare under one noise estimate only; the schedule lowers it, so compare under today's
-        value = cost(problem, state.u, state.w, problem.schedule.final(state.sigma))[0]
+            progress(now.history[-1])
+        # costs compare under one noise estimate only; the rounds lower it, so compare under today's
+        value = cost(problem, now.u, now.w, problem.schedule.final(now.sigma))[0]
         if value <= least * 1.05:
-            best, least = state, min(value, least)
-    done = finish(problem, replace(best, history=state.history))
+            best, least = now, min(value, least)
+    done = finish(problem, replace(best, history=last.history))
     if progress:
         progress(done.history[-1])
     return done

@@ -57,7 +57,7 @@ def polygon(blades: int, angle_rad: float = 0.0) -> Array:
     x, y = _axes()
     middles = angle_rad + np.pi * (2 * np.arange(blades) + 1) / blades
     sides = x[..., None] * np.cos(middles) + y[..., None] * np.sin(middles)
-    return (sides.max(axis=-1) <= np.cos(np.pi / blades)).astype(np.float64)
+    return np.asarray(sides.max(axis=-1) <= np.cos(np.pi / blades), dtype=np.float64)
 
 
 def path_shape(path: Array, thickness: float = 0.02) -> Array:
@@ -134,7 +134,7 @@ def mask(shape: Array, w: float, R: int) -> Array:
         out = fine.reshape(2 * R + 1, SAMPLES, 2 * R + 1, SAMPLES).sum(axis=(1, 3))
     if out.sum() <= 0:  # too small a blur for any sample of the shape: it is sharp
         out[R, R] = 1
-    return out / out.sum()
+    return np.asarray(out / out.sum())
 
 
 def mask_stack(shape: Array, max_w: float, *, ratio: float = 1.0, offset: float = 0.0, R: int = 0) -> MaskStack:

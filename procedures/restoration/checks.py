@@ -54,9 +54,9 @@ def check_blurs(stacks: list[MaskStack], shape: tuple[int, int]) -> None:
             "ratio 1 with equal shapes blurs all photographs alike, which tells nothing of depth",
             "give the ratio of the apertures, or the shape of each motion",
         )
-    if 4 * first.R + 1 > min(shape):
+    if min(shape) < 4 * first.R + 1:
         raise BadParameter(
-            f"w up to {first.max_w:.1f} pixels needs masks of {2 * first.R + 1} pixels, too large for {shape[1]} x {shape[0]}",
+            f"w up to {first.max_w:.1f} pixels needs masks of half-size {first.R}, too large for {shape[1]} x {shape[0]}",
             "lower --max-w, or give larger photographs",
         )
 
@@ -73,7 +73,7 @@ def trust_of(z: Array) -> Array:
     worst = float(saturated.mean(axis=(1, 2, 3)).max())
     if worst > MOST_SATURATED:
         raise Refused(f"{worst:.0%} of a photograph is saturated; at most {MOST_SATURATED:.0%} may be", "expose less")
-    return (~saturated).astype(z.dtype)
+    return np.asarray(~saturated, dtype=z.dtype)
 
 
 def check_texture(z: Array, sigma: float) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from procedures.restoration.forward import Array, Blur, FieldBlur
 from procedures.restoration.priors import diffuse
@@ -27,10 +28,10 @@ class DataTerm:
         self.R = blurs[0].stack.R
         self.extended: tuple[int, int] = blurs[0].extended
 
-    def focus(self, w: Array) -> None:
-        """Take w as the depth of every photograph."""
+    def focus(self, w: Array, active: NDArray[np.bool_] | None = None) -> None:
+        """Take w as the depth of every photograph; only `active` pixels send and receive, if given."""
         for blur in self.blurs:
-            blur.focus(w)
+            blur.focus(w, active)
 
     def blur(self, u: Array) -> Array:
         """Photographs of u, weighted, (P, C, H, W)."""
@@ -91,6 +92,24 @@ def conjugate_gradients(
     return x
 
 
+def restored_change(
+    data: DataTerm,
+    u: Array,
+    e: Array,
+    weight: float,
+    iterations: int,
+    around: Array | float = 1.0,
+    diffusion: tuple[Array | float, Array | float] = (1.0, 1.0),
+) -> Array:
+    """Change of the picture that lowers the cost of errors e, by conjugate gradients; zero where `around` is zero."""
+
+    def apply(x: Array) -> Array:
+        return data.blur_adjoint(data.blur(x)) + around * (weight * diffuse(x, *diffusion))
+
+    gradient = around * (data.blur_adjoint(e) - weight * diffuse(u, *diffusion))
+    return conjugate_gradients(apply, gradient, iterations)
+
+
 def restore_picture(
     data: DataTerm,
     u: Array,
@@ -102,9 +121,4 @@ def restore_picture(
 
     `diffusion` are the picture prior's weights on differences.
     """
-
-    def apply(x: Array) -> Array:
-        return data.blur_adjoint(data.blur(x)) + weight * diffuse(x, *diffusion)
-
-    gradient = data.blur_adjoint(data.residual(u)) - weight * diffuse(u, *diffusion)
-    return u + conjugate_gradients(apply, gradient, iterations)
+    return u + restored_change(data, u, data.residual(u), weight, iterations, 1.0, diffusion)

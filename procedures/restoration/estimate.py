@@ -66,7 +66,7 @@ class Diagnostics:
 
 @dataclass(frozen=True)
 class Restoration:
-    """Sharp picture (C, H, W), w (H, W) in pixels with its least standard deviation, residuals (P, C, H, W), history."""
+    """Sharp picture (C, H, W), w (H, W) pixels and its least standard deviation, residuals (P, C, H, W), history."""
 
     sharp: Array
     w: Array
@@ -186,7 +186,7 @@ def judge(result: Restoration) -> Outcome[Restoration]:
         (d.at_limit > 0.05, f"w reaches the end of its range in {d.at_limit:.0%} of the frame", "raise --max-w"),
         (
             d.residual_over_noise > 3,
-            f"the residual is {d.residual_over_noise:.1f} times the noise: the blur's shape or ratio is not the true one",
+            f"the residual is {d.residual_over_noise:.1f} times the noise: the shape or ratio is not the true one",
             "measure the shape again, or check that nothing moved between the photographs",
         ),
         (

@@ -76,11 +76,16 @@ class Blur:
         self._low, self._high = np.empty(self.extended, dtype), np.empty(self.extended, dtype)
         self.focus(np.zeros(self.extended, dtype))
 
-    def focus(self, w: Array) -> None:
-        """Take w, pixels, as the depth from now on; values outside the stack are clipped to it."""
+    def focus(self, w: Array, active: NDArray[np.bool_] | None = None) -> None:
+        """Take w, pixels, as the depth from now on; values outside the stack are clipped to it.
+
+        Pixels that are not `active` neither send nor receive until the next call.
+        """
         scaled = np.clip(w, 0, self.stack.max_w) / self.stack.step
         self.level = np.minimum(scaled.astype(np.int32), len(self.masks) - 2)
         self.f = (scaled - self.level).astype(self.dtype)
+        if active is not None:
+            self.level[~active] = -1
 
     def _spread(self, a: Array, b: Array) -> Array:
         """Photographs of coefficients (..., H + 2R, W + 2R) over the two neighbouring masks."""
@@ -160,27 +165,28 @@ class FieldBlur:
         window = np.outer(row[y0 : y1 + 2 * R], column[x0 : x1 + 2 * R]).astype(self.dtype)
         return Blur(stack, (y1 - y0, x1 - x0), self.dtype), window, slice(y0, y1), slice(x0, x1)
 
-    def _around(self, y: slice, x: slice) -> tuple[object, slice, slice]:
+    def _around(self, y: slice, x: slice) -> Any:
         R = self.stack.R
         return ..., slice(y.start, y.stop + 2 * R), slice(x.start, x.stop + 2 * R)
 
-    def focus(self, w: Array) -> None:
-        """Take w, pixels, as the depth from now on."""
+    def focus(self, w: Array, active: NDArray[np.bool_] | None = None) -> None:
+        """Take w, pixels, as the depth from now on, of the `active` pixels."""
         for node, _, y, x in self._nodes:
-            node.focus(w[self._around(y, x)])  # type: ignore[index]
+            at = self._around(y, x)
+            node.focus(w[at], None if active is None else active[at])
 
     def blur(self, u: Array) -> Array:
         """Space-variant convolution (3.1) with masks of position and depth."""
         out = np.zeros((*u.shape[:-2], *self.shape), self.dtype)
         for node, window, y, x in self._nodes:
-            out[..., y, x] += node.blur(window * u[self._around(y, x)])  # type: ignore[index]
+            out[..., y, x] += node.blur(window * u[self._around(y, x)])
         return out
 
     def blur_adjoint(self, e: Array) -> Array:
         """Space-variant correlation (3.2), the adjoint of `blur`."""
         out = np.zeros((*e.shape[:-2], *self.extended), self.dtype)
         for node, window, y, x in self._nodes:
-            out[self._around(y, x)] += window * node.blur_adjoint(e[..., y, x])  # type: ignore[index]
+            out[self._around(y, x)] += window * node.blur_adjoint(e[..., y, x])
         return out
 
     def change(self, u: Array, du: Array, dw: Array) -> Array:
@@ -188,7 +194,7 @@ class FieldBlur:
         out = np.zeros((*u.shape[:-2], *self.shape), self.dtype)
         for node, window, y, x in self._nodes:
             at = self._around(y, x)
-            out[..., y, x] += node.change(window * u[at], window * du[at], dw[at])  # type: ignore[index]
+            out[..., y, x] += node.change(window * u[at], window * du[at], dw[at])
         return out
 
     def change_adjoint(self, u: Array, e: Array) -> tuple[Array, Array]:
@@ -196,9 +202,9 @@ class FieldBlur:
         du, dw = np.zeros_like(u), np.zeros(self.extended, self.dtype)
         for node, window, y, x in self._nodes:
             at = self._around(y, x)
-            a, b = node.change_adjoint(window * u[at], e[..., y, x])  # type: ignore[index]
-            du[at] += window * a  # type: ignore[index]
-            dw[at] += b  # type: ignore[index]
+            a, b = node.change_adjoint(window * u[at], e[..., y, x])
+            du[at] += window * a
+            dw[at] += b
         return du, dw
 
 
@@ -207,7 +213,7 @@ def _hats(n: int, size: int) -> Array:
     if n == 1:
         return np.ones((1, size))
     position = np.linspace(0, n - 1, size)
-    return np.clip(1 - np.abs(position[None, :] - np.arange(n)[:, None]), 0, None)
+    return np.asarray(np.clip(1 - np.abs(position[None, :] - np.arange(n)[:, None]), 0, None))
 
 
 def _reach(hat: Array, R: int, size: int) -> tuple[int, int]:

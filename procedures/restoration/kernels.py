@@ -15,7 +15,7 @@ VECTOR = 8
 BAND = 32
 
 
-@numba.njit(parallel=True, fastmath=True, cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(parallel=True, fastmath=True, cache=True)
 def spread(
     a: NDArray[np.floating],
     b: NDArray[np.floating],
@@ -26,8 +26,9 @@ def spread(
 ) -> None:
     """Sum over pixels of a * masks[level] + b * masks[level + 1], each placed at its pixel.
 
-    a, b, level : (H + 2R, W + 2R); masks : (L, 2R + 1, multiple of 8); radius : (L,) support of each mask,
-    increasing; out : (H, at least W + 4R + 8), whose columns 2R .. 2R + W are the photograph's.
+    a, b, level : (H + 2R, W + 2R), pixels of negative level take no part; masks : (L, 2R + 1, multiple of 8);
+    radius : (L,) support of each mask, increasing; out : (H, at least W + 4R + 8), whose columns 2R .. 2R + W are the
+    photograph's.
     """
     size = masks.shape[1]
     R = size // 2
@@ -39,6 +40,8 @@ def spread(
         for i in range(top, bottom + 2 * R):
             for j in range(a.shape[1]):
                 k = level[i, j]
+                if k < 0:
+                    continue
                 r = radius[k + 1]
                 p, q = a[i, j], b[i, j]
                 start = (R - r) // VECTOR * VECTOR
@@ -51,7 +54,7 @@ def spread(
                         row[t] += p * low[t] + q * high[t]
 
 
-@numba.njit(parallel=True, fastmath=True, cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(parallel=True, fastmath=True, cache=True)
 def gather(
     e: NDArray[np.floating],
     level: NDArray[np.int32],
@@ -70,6 +73,9 @@ def gather(
     for i in numba.prange(level.shape[0]):
         for j in range(level.shape[1]):
             k = level[i, j]
+            low[i, j] = high[i, j] = 0
+            if k < 0:
+                continue
             r = radius[k + 1]
             start = (R - r) // VECTOR * VECTOR
             stop = (R + r) // VECTOR * VECTOR + VECTOR

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-@numba.njit(fastmath=True, cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(fastmath=True, cache=True)
 def _along(cost: NDArray[np.float32], total: NDArray[np.float32], dy: int, dx: int, small: float, large: float) -> None:
     """Add to `total` the least cost of every path that arrives along (dy, dx)."""
     height, width, labels = cost.shape

@@ -14,7 +14,7 @@ from procedures.restoration.cost import DataTerm, conjugate_gradients
 from procedures.restoration.forward import Array
 from procedures.restoration.priors import diffuse, steps_allowed
 
-# of the masks' own squares, the curvature of the data term per pixel: pillboxes and paths of 3 to 11 pixels lie around it
+# curvature of the data term per pixel: pillboxes and paths of 3 to 11 pixels lie around it
 PICTURE_CURVATURE = 0.3
 DEPTH_CURVATURE = 0.02
 

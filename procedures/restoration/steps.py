@@ -11,10 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter, maximum_filter, median_filter, minimum_filter
 
-from procedures.restoration.cost import DataTerm, conjugate_gradients, restore_picture
+from procedures.restoration.cost import DataTerm, conjugate_gradients, restored_change
 from procedures.restoration.forward import Array
+from procedures.restoration.newton import PICTURE_CURVATURE
 from procedures.restoration.priors import diffuse
 
 SHARE_CURVATURE = 0.05
@@ -27,7 +29,7 @@ class Layers:
 
     high: Array
     low: Array
-    band: np.ndarray
+    band: NDArray[np.bool_]
     share: Array
 
 
@@ -55,7 +57,7 @@ def continued(w: Array, known: Array, sigma: float) -> Array:
     return np.asarray(mw + (yy * xw - xy * yw) / det * (x - mx) + (xx * yw - xy * xw) / det * (y - my))
 
 
-def _upper_side(w: Array, jumps: np.ndarray) -> np.ndarray:
+def _upper_side(w: Array, jumps: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Whether each pixel lies on the upper side of the jump nearest to it.
 
     Decided beside the jump and carried outwards, as farther out the lower side may have risen above the upper one.
@@ -108,37 +110,56 @@ def shared(
 ) -> tuple[Array, Array]:
     """Picture (C, H', W') and share (H', W') that explain the photographs best, by Gauss-Newton over both.
 
-    high, low : the same data term, to be focused on each layer; weight : of the picture's prior.
+    high, low : the same data term, to be focused on each layer; weight : of the picture's prior. Only the band and its
+    surroundings change.
     """
-    high.focus(layers.high.astype(u.dtype))
-    low.focus(layers.low.astype(u.dtype))
     band, b = layers.band.astype(u.dtype), layers.share.astype(u.dtype)
-
-    def photographs(x: Array, share: Array) -> Array:
-        du, db = x[:-1], x[-1] * band
-        return high.blur(du * share + u * db) + low.blur(du * (1 - share) - u * db)
-
-    def gradients(e: Array, share: Array) -> Array:
-        above, below = high.blur_adjoint(e), low.blur_adjoint(e)
-        return np.concatenate([share * above + (1 - share) * below, (band * (u * (above - below)).sum(axis=0))[None]])
-
-    def smooth(v: Array, share: Array) -> Array:
-        return np.concatenate([weight * diffuse(v), (SHARE_WEIGHT * band * diffuse(share * band))[None]])
-
+    around = surroundings(layers.band, high.R)
     for _ in range(rounds):
-        at = b.copy()
-        e = high.z * high.trust - high.blur(u * at) - low.blur(u * (1 - at))
-        divide = np.full((len(u) + 1, *b.shape), 0.3, u.dtype)
-        divide[-1] = SHARE_CURVATURE * (u**2).sum(axis=0) + 4 * SHARE_WEIGHT
-        x = conjugate_gradients(
-            lambda x, at=at: gradients(photographs(x, at), at) + smooth(x[:-1], x[-1]),  # type: ignore[misc]
-            gradients(e, at) - smooth(u, at),
-            iterations,
-            divide,
-        )
-        b = np.where(layers.band, np.clip(at + np.clip(x[-1], -0.3, 0.3), 0, 1), 0).astype(u.dtype)
+        e = _unexplained(high, low, u, layers, b)
+        x = _share_step(high, low, (u, b, band, around.astype(u.dtype)), e, weight, iterations)
+        b = np.where(layers.band, np.clip(b + np.clip(x[-1], -0.3, 0.3), 0, 1), 0).astype(u.dtype)
         u = u + x[:-1]
     return u, b
+
+
+def surroundings(band: NDArray[np.bool_], R: int) -> NDArray[np.bool_]:
+    """The pixels whose light can mix with the band's."""
+    return np.asarray(maximum_filter(band, 4 * R + 1))
+
+
+def _unexplained(high: DataTerm, low: DataTerm, u: Array, layers: Layers, b: Array) -> Array:
+    """Photographs minus both layers; leaves the terms focused on the band's surroundings."""
+    around = surroundings(layers.band, high.R)
+    above, below = layers.high.astype(u.dtype), layers.low.astype(u.dtype)
+    low.focus(below)
+    high.focus(above, layers.band)
+    e = high.z * high.trust - high.blur(u * b) - low.blur(u * (1 - b))
+    high.focus(above, around)
+    low.focus(below, around)
+    return e
+
+
+def _share_step(
+    high: DataTerm, low: DataTerm, at: tuple[Array, Array, Array, Array], e: Array, weight: float, iterations: int
+) -> Array:
+    """Change of picture and share (C + 1, H', W') that the errors e ask for. at : u, share, band, surroundings."""
+    u, b, band, around = at
+
+    def smooth(v: Array, share: Array) -> Array:
+        return np.concatenate([around * weight * diffuse(v), (SHARE_WEIGHT * band * diffuse(share * band))[None]])
+
+    def gradients(e: Array) -> Array:
+        above, below = high.blur_adjoint(e), low.blur_adjoint(e)
+        return np.concatenate([b * above + (1 - b) * below, (band * (u * (above - below)).sum(axis=0))[None]])
+
+    def apply(x: Array) -> Array:
+        du, db = x[:-1], x[-1] * band
+        return gradients(high.blur(du * b + u * db) + low.blur(du * (1 - b) - u * db)) + smooth(x[:-1], x[-1])
+
+    divide = np.full((len(u) + 1, *b.shape), PICTURE_CURVATURE, u.dtype)
+    divide[-1] = SHARE_CURVATURE * (u**2).sum(axis=0) + 4 * SHARE_WEIGHT
+    return conjugate_gradients(apply, gradients(e) - smooth(u, b), iterations, divide)
 
 
 def place_steps(
@@ -160,15 +181,21 @@ def place_steps(
     sharper, b = shared(high, low, u, layers, weight, rounds, iterations)
     border = median_filter(b, 3) > 0.5
     moved = np.where(layers.band, np.where(border, layers.high, layers.low), w).astype(w.dtype)
-    before, wrong_before = _explained(high, u, w, weight, iterations)
-    after, wrong_after = _explained(high, sharper, moved, weight, iterations)
+    around = surroundings(layers.band, high.R)
+    before, wrong_before = _explained(high, u, w, weight, iterations, around)
+    after, wrong_after = _explained(high, sharper, moved, weight, iterations, around)
     window = 2 * high.R + 1
     better = gaussian_filter(wrong_before - wrong_after, window / 3) > 0
     return np.where(better, after, before), np.where(better, moved, w)
 
 
-def _explained(data: DataTerm, u: Array, w: Array, weight: float, iterations: int) -> tuple[Array, Array]:
-    """The picture restored at w, and the squared residual of every pixel on the extended grid."""
+def _explained(
+    data: DataTerm, u: Array, w: Array, weight: float, iterations: int, around: NDArray[np.bool_]
+) -> tuple[Array, Array]:
+    """The picture restored at w around the band, and the squared residual of every pixel on the extended grid."""
     data.focus(w)
-    u = restore_picture(data, u, weight, iterations)
+    e = data.residual(u)
+    data.focus(w, around)
+    u = u + restored_change(data, u, e, weight, iterations, around.astype(u.dtype))
+    data.focus(w)
     return u, np.pad((data.residual(u) ** 2).sum(axis=(0, 1)), data.R)

@@ -12,6 +12,7 @@ from station.cli.log import log, log_json_option
 
 if TYPE_CHECKING:
     import numpy as np
+    from numpy.typing import NDArray
 
     from procedures.raw import RawFrame
     from procedures.restoration.alternate import Round
@@ -91,8 +92,8 @@ def restore(
         raise click.UsageError(f"restoration needs two photographs or more, got {len(images)}")
     from procedures.restoration.checks import check_max_w
     from procedures.restoration.estimate import restore as restored
-    from station.results import ResultFolder
     from station.restoration_results import write_restoration
+    from station.results import ResultFolder
 
     check_max_w(max_w)
     parameters = _parameters(options)
@@ -160,7 +161,7 @@ def _stacks(
     return stacks, {"shape": list(shapes), "ratio": list(each[1:]), "prototype_region": region}
 
 
-def _shape(name: str, blur: str) -> np.ndarray[Any, Any]:
+def _shape(name: str, blur: str) -> NDArray[np.float64]:
     from procedures.restoration import blur_models
 
     if blur == "defocus" and name == "pillbox":
@@ -170,7 +171,7 @@ def _shape(name: str, blur: str) -> np.ndarray[Any, Any]:
     return blur_models.read_shape(Path(name))
 
 
-def _prototypes(photographs: list[Array], region: str, max_w: float) -> tuple[list[Array], float]:
+def _prototypes(photographs: list[Array], region: str, max_w: float) -> tuple[list[NDArray[np.float64]], float]:
     """Shapes of unknown motion from a flat part of the scene, and the range of w about it."""
     import numpy as np
 
