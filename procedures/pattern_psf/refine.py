@@ -166,14 +166,16 @@ def refine(observation: Observation, chart: Chart, registration: Registration, w
     enough = len(observation) // stride >= COARSE_SAMPLES * k * k
     coarse = observation.where(slice(None, None, stride)) if enough else observation
     A = model.system(coarse, model.read(registration, k // 2))
-    fit = _first_fit(coarse, A, registration)
+    AA = gram(A)
+    fit = _first_fit(coarse, A, AA, registration)
     if fit.agreement < LOST:
         return fit
     for step in range(COARSE_STEPS):
         if step > 0:
             fit = _centred(fit, model)
             A = model.system(coarse, model.read(fit.registration, k // 2))
-        last, fit = fit, _coarse_step(fit, model, A)
+            AA = gram(A)
+        last, fit = fit, _coarse_step(fit, model, A, AA)
         if map_distance(last.registration, fit.registration, coarse.points[::29]) < NEAR_PX:
             break
     fit = replace(fit, observation=observation)
@@ -186,9 +188,9 @@ def refine(observation: Observation, chart: Chart, registration: Registration, w
     return replace(fit, still=bool(moved < 10 * STILL_PX))
 
 
-def _first_fit(o: Observation, A: Array32, registration: Registration) -> Fit:
+def _first_fit(o: Observation, A: Array32, AA: Array, registration: Registration) -> Fit:
     """The PSF by the marks' map with the light's quadratics free."""
-    equations = eliminate(products(gram(A), A, o.quadratics * o.weight[:, None], o.y * o.weight))
+    equations = eliminate(products(AA, A, o.quadratics * o.weight[:, None], o.y * o.weight))
     h = cholesky_solve(equations.G, equations.b)
     light = np.zeros(14)
     light[:6] = equations.nuisance(h)
@@ -204,10 +206,10 @@ def _centred(fit: Fit, model: _Model) -> Fit:
     )
 
 
-def _coarse_step(fit: Fit, model: _Model, A: Array32) -> Fit:
-    """A Gauss-Newton step of geometry, light and response by the map's system A."""
+def _coarse_step(fit: Fit, model: _Model, A: Array32, AA: Array) -> Fit:
+    """A Gauss-Newton step of geometry, light and response by the map's system A, with its Gram matrix."""
     start, Z = _linearised(fit, A, model, np.zeros((len(fit.observation), 0)))
-    return _advanced(start, A, Z, eliminate(products(gram(A), A, Z * fit.observation.weight[:, None], start.residual)))
+    return _advanced(start, A, Z, eliminate(products(AA, A, Z * fit.observation.weight[:, None], start.residual)))
 
 
 def _fine_step(fit: Fit, model: _Model) -> Fit:

@@ -46,7 +46,7 @@ def check_blurs(stacks: list[MaskStack], shape: tuple[int, int]) -> None:
     Raises
     ------
     BadParameter
-        If all photographs have the same masks, or the masks are larger than a quarter of the photograph.
+        If all photographs have the same masks, or the masks are too large for the photographs.
     """
     first = stacks[0]
     if all(s is first or np.allclose(s.masks, first.masks, atol=1e-9) for s in stacks[1:]):
@@ -54,9 +54,20 @@ def check_blurs(stacks: list[MaskStack], shape: tuple[int, int]) -> None:
             "ratio 1 with equal shapes blurs all photographs alike, which tells nothing of depth",
             "give the ratio of the apertures, or the shape of each motion",
         )
-    if min(shape) < 4 * first.R + 1:
+    check_extent(first.R, shape)
+
+
+def check_extent(R: int, shape: tuple[int, int]) -> None:
+    """Refuse masks that leave nothing of the photograph, before they are made.
+
+    Raises
+    ------
+    BadParameter
+        If masks of half-size R are wider than half of the photograph.
+    """
+    if min(shape) < 4 * R + 1:
         raise BadParameter(
-            f"w up to {first.max_w:.1f} pixels needs masks of half-size {first.R}, too large for {shape[1]} x {shape[0]}",
+            f"masks of half-size {R} pixels are too large for photographs of {shape[1]} x {shape[0]}",
             "lower --max-w, or give larger photographs",
         )
 

@@ -9,12 +9,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from procedures.restoration.kernels import VECTOR, gather, spread
 
 Array = NDArray[np.floating[Any]]
+
+WORK_PER_THREAD = 10_000_000
+"""Products of a mask's entry and a pixel that occupy a thread for a few milliseconds."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +77,9 @@ class Blur:
         self.extended = (shape[0] + 2 * R, shape[1] + 2 * R)
         self._out = np.zeros((shape[0], shape[1] + 4 * R + VECTOR), dtype)
         self._errors = np.zeros((shape[0] + 4 * R, shape[1] + 4 * R + VECTOR), dtype)
+        # a second thread is worth its waking from some milliseconds of work on
+        work = self.extended[0] * self.extended[1] * int(np.median((2 * self.radius + 1) ** 2))
+        self._threads = int(min(numba.config.NUMBA_NUM_THREADS, max(1, work // WORK_PER_THREAD)))
         self._low, self._high = np.empty(self.extended, dtype), np.empty(self.extended, dtype)
         self.focus(np.zeros(self.extended, dtype))
 
@@ -92,6 +99,7 @@ class Blur:
         R = self.stack.R
         out = np.empty((*a.shape[:-2], *self.shape), self.dtype)
         for n in np.ndindex(a.shape[:-2]):
+            numba.set_num_threads(self._threads)
             spread(a[n], b[n], self.level, self.masks, self.radius, self._out)
             out[n] = self._out[:, 2 * R : 2 * R + self.shape[1]]
         return out
@@ -103,6 +111,7 @@ class Blur:
         slope = np.empty_like(low)
         for n in np.ndindex(e.shape[:-2]):
             self._errors[2 * R : 2 * R + self.shape[0], 2 * R : 2 * R + self.shape[1]] = e[n]
+            numba.set_num_threads(self._threads)
             gather(self._errors, self.level, self.masks, self.radius, self._low, self._high)
             low[n] = self._low
             np.subtract(self._high, self._low, out=slope[n])

@@ -48,9 +48,10 @@ def from_imu(time_s: Array, acceleration_m_s2: Array, rotation_rad_s: Array) -> 
     acceleration_m_s2 : (n, 3) measured, gravity included; over a short exposure of a vibrating rig the mean
     acceleration is gravity, and the mean velocity zero.
     """
-    free = acceleration_m_s2 - np.average(acceleration_m_s2, axis=0)
+    exposure_s = time_s[-1] - time_s[0]
+    free = acceleration_m_s2 - np.trapezoid(acceleration_m_s2, time_s, axis=0) / exposure_s
     velocity = cumulative_trapezoid(free, time_s, axis=0, initial=0)
-    mean = np.trapezoid(velocity, time_s, axis=0) / (time_s[-1] - time_s[0])
+    mean = np.trapezoid(velocity, time_s, axis=0) / exposure_s
     return Motion(np.asarray(time_s, float), velocity - mean, np.asarray(rotation_rad_s, float))
 
 

@@ -148,6 +148,7 @@ def _stacks(
     import numpy as np
 
     from procedures.restoration.blur_models import mask_stack
+    from procedures.restoration.checks import check_extent
 
     each = (1.0, *ratios, *([ratios[-1] if ratios else 1.0] * count))[:count]
     if region is not None:
@@ -157,6 +158,7 @@ def _stacks(
             raise click.UsageError(f"--shape takes one shape, or one for each of {count} images; got {len(shapes)}")
         arrays = [_shape(name, blur) for name in (shapes if len(shapes) == count else shapes * count)]
     R = int(np.ceil(max_w * max(each) + 0.5))
+    check_extent(R, (photographs[0].shape[1], photographs[0].shape[2]))
     stacks = [mask_stack(shape, max_w, ratio=ratio, R=R) for shape, ratio in zip(arrays, each, strict=True)]
     return stacks, {"shape": list(shapes), "ratio": list(each[1:]), "prototype_region": region}
 
