@@ -117,7 +117,7 @@ class SimulatedCamera:
     white_e_per_s : float
         Electrons per second of a perfect white in full light at f/5.6, in green.
     oversampling : int
-        Fine cells per sensor pixel around a chart; None: 8 per pixel of a plane.
+        Fine samples per sensor pixel around a chart; None: as many as the optics ask for.
     focus_mm : float or None
         Distance in focus; None focuses on the first chart of the scene.
     """
@@ -193,7 +193,7 @@ class SimulatedCamera:
             lambda placed: self.optics_at(placed, focus) if placed else self.sharp_optics(),
             (self.sensor.rows, self.sensor.columns),
             self.sensor.tile,
-            oversampling=self._oversampling(),
+            oversampling=self.oversampling or self.sharp_optics().fine_samples(self.sensor.tile.values()),
         )
         sensor = self.sensor.at_iso(iso)
         aperture = (NOMINAL_F_NUMBER / self.lens.f_number) ** 2
@@ -242,9 +242,6 @@ class SimulatedCamera:
     def sharp_optics(self) -> Optics:
         """What blurs a thing in focus on the axis; `replace(camera, optics=...)` of it adds movement."""
         return self.optics or Optics.typical(f_number=self.lens.f_number, pitch_um=self.pitch_um)
-
-    def _oversampling(self) -> int:
-        return self.oversampling or 8 // self.plane_pitch_px
 
     def _noted(
         self, exposure_s: float, iso: int, focus_mm: float, at: datetime | None, truths: tuple[ChartTruth, ...]

@@ -7,7 +7,7 @@ H(f) = integral of h(x) exp(-2 pi i f . x): a tail of h towards +x smears light 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -178,6 +178,16 @@ class Optics:
         """Sensor pixels around a region whose light reaches it, in any colour."""
         longest = max(WAVELENGTHS_UM.values())
         return math.ceil(sum(blur.reach_px(longest, self.pitch_um) for blur in self.blurs))
+
+    def fine_samples(self, colours: Iterable[str] = ("Y",)) -> int:
+        """Samples per sensor pixel at which a picture must be drawn for these optics, from 5 to 10.
+
+        Three times the highest frequency that passes: on charts of 100 pixels, at f/2.8 to f/16, the error of a pixel
+        then stays below 2e-4 of full light (measured against 20 samples; 4e-4 at f/2 on pixels of 7.5 um).
+        """
+        shortest = min(WAVELENGTHS_UM[colour] for colour in colours)
+        f_numbers = [blur.f_number for blur in self.blurs if isinstance(blur, CircularPupil)]
+        return min(max(math.ceil(3 * self.pitch_um / (shortest * max(f_numbers))), 5), 10) if f_numbers else 10
 
     def aberrated(self, more: Wavefront) -> Optics:
         """The same optics with further aberrations in their pupil."""

@@ -27,7 +27,7 @@ from station.pictures import psf_picture
 
 RECORD = "result.json"
 SCHEMA = "station/psf/1"
-PACKAGES = ("numpy", "scipy", "opencv-contrib-python-headless", "rawpy")
+PACKAGES = ("numpy", "scipy", "numba", "opencv-contrib-python-headless", "rawpy")
 
 Array = npt.NDArray[np.float64]
 
@@ -56,8 +56,9 @@ class PlaneRecord:
 class ResultFolder:
     """A folder that receives one result, whole.
 
-    Files are written into a hidden folder inside it and renamed by `publish`, the record last: whoever finds a record
-    finds every file it speaks of. Entering proves that the folder can be written, before any work is done.
+    Files are written into a hidden folder inside it, `staging`, and renamed by `publish`, the record last: whoever
+    finds a record finds every file it speaks of. Folders inside it are kept. Entering proves that the folder can be
+    written, before any work is done.
 
     Raises
     ------
@@ -74,7 +75,7 @@ class ResultFolder:
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             self._created = missing
-            self._staging = Path(tempfile.mkdtemp(prefix=".unfinished-", dir=self.path))
+            self.staging = Path(tempfile.mkdtemp(prefix=".unfinished-", dir=self.path))
         except OSError as error:
             raise self._unwritable(error) from error
         return self
@@ -82,7 +83,7 @@ class ResultFolder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        shutil.rmtree(self._staging, ignore_errors=True)
+        shutil.rmtree(self.staging, ignore_errors=True)
         for folder in self._created:
             if any(folder.iterdir()):
                 break
@@ -91,7 +92,7 @@ class ResultFolder:
     def write(self, name: str, data: bytes) -> None:
         """Stage one file. Raises BadParameter if the disk does not take it."""
         try:
-            (self._staging / name).write_bytes(data)
+            (self.staging / name).write_bytes(data)
         except OSError as error:
             raise self._unwritable(error) from error
 
@@ -101,13 +102,16 @@ class ResultFolder:
 
     def publish(self) -> None:
         """Put the staged files in the place of the older result's, and remove what only that one had."""
-        staged = sorted((file.name for file in self._staging.iterdir()), key=lambda name: (name == RECORD, name))
+        staged = sorted(file.relative_to(self.staging) for file in self.staging.rglob("*") if file.is_file())
+        staged.sort(key=lambda name: name == Path(RECORD))
         (self.path / RECORD).unlink(missing_ok=True)
-        for old in self.path.iterdir():
-            if _RESULT_FILE.fullmatch(old.name) and old.name not in staged:
-                old.unlink()
+        for folder in {self.path / name.parent for name in staged}:
+            folder.mkdir(parents=True, exist_ok=True)
+            for old in folder.iterdir():
+                if _RESULT_FILE.fullmatch(old.name) and old.relative_to(self.path) not in staged:
+                    old.unlink()
         for name in staged:
-            os.replace(self._staging / name, self.path / name)
+            os.replace(self.staging / name, self.path / name)
 
 
 _RESULT_FILE = re.compile(r"(psf|covariance|mtf|inter_image)_(R|G1|G2|B|Y)\.(npy|csv|png)")
@@ -128,10 +132,20 @@ def write_psf_result(folder: ResultFolder, planes: Sequence[PlaneRecord], about:
         "planes": {plane.name: _plane_entry(plane) for plane in planes},
         "software": software(),
     }
-    text = json.dumps(_without_nan(record), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    return write_record(folder, record)
+
+
+def write_record(folder: ResultFolder, record: Mapping[str, Any]) -> str:
+    """Write the record, null where a number is not finite, and publish the folder; returns the record's text."""
+    text = json_text(record)
     folder.write(RECORD, text.encode())
     folder.publish()
     return text
+
+
+def json_text(record: Mapping[str, Any]) -> str:
+    """A record as JSON that every parser takes: null for every number that is not finite."""
+    return json.dumps(_without_nan(record), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def _write_plane(folder: ResultFolder, plane: PlaneRecord) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -52,7 +52,7 @@ class Products:
     AA : (n, n) float64
         A'A, or that of a matrix near A when h is an increment.
     AZ : (n, p), ZZ : (p, p), Ar : (n,), Zr : (p,)
-        A'Z, Z'Z with the precision of what is known of t beforehand on its diagonal, A'r, Z'r.
+        A'Z, Z'Z, A'r, Z'r.
     """
 
     AA: Array
@@ -60,6 +60,10 @@ class Products:
     ZZ: Array
     Ar: Array
     Zr: Array
+
+    def with_right_side(self, A: Array32, Z: Array, r: Array) -> Products:
+        """The same for another r (m,)."""
+        return replace(self, Ar=(A.T @ r.astype(np.float32)).astype(np.float64), Zr=Z.T @ r)
 
 
 def products(AA: Array, A: Array32, Z: Array, r: Array) -> Products:
@@ -78,5 +82,7 @@ def normalised(h: Array, covariance: Array) -> tuple[Array, Array]:
     """The kernel (n,) of sum 1 and its covariance (n, n), to first order."""
     total = h.sum()
     h = h / total
-    J = (np.eye(len(h)) - h[:, None]) / total
-    return h, J @ covariance @ J.T
+    # J C J' with J = (I - h 1') / total
+    covariance = covariance - h[:, None] * covariance.sum(axis=0)
+    covariance = covariance - covariance.sum(axis=1)[:, None] * h
+    return h, covariance / total**2

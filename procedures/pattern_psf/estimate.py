@@ -21,8 +21,9 @@ from procedures.pattern import BLOCK, CELLS, Chart
 from procedures.pattern_psf.centre import mark_offset_gradient
 from procedures.pattern_psf.detection import find_chart
 from procedures.pattern_psf.gamma import gamma, gamma_bound
+from procedures.pattern_psf.observation import noise_window, observe
 from procedures.pattern_psf.radiometry import Light, measure_light
-from procedures.pattern_psf.refine import Fit, noise_window, observe, refine, without_outliers
+from procedures.pattern_psf.refine import Fit, refine, without_outliers
 from procedures.pattern_psf.registration import (
     Registration,
     block_size_px,
@@ -66,6 +67,12 @@ class PatternPsf:
     registration : Registration
         Where every pixel lies on the chart.
     diagnostics : mapping of str to float
+    marks : (12, 2) float64
+        The x-corners as found, (x, y) in pixels, NaN where hidden.
+    residual : (rows, columns) float64
+        Photograph minus prediction in units of the noise, over the noise region; NaN where no sample was used.
+    residual_origin : (int, int)
+        Pixel (x, y) of the plane at which `residual` begins.
     """
 
     psf: Psf
@@ -77,6 +84,9 @@ class PatternPsf:
     s_over_t: float
     registration: Registration
     diagnostics: Mapping[str, float]
+    marks: Array
+    residual: Array
+    residual_origin: tuple[int, int]
 
 
 def estimate_psf(
@@ -130,7 +140,7 @@ def _estimate(
     verdict, reason, remedy = judge(diagnostics, fit)
     if verdict is Verdict.REFUSED:
         return Outcome(None, verdict, reason, remedy)
-    return Outcome(_result(fit, psf, diagnostics, diffraction), verdict, reason, remedy)
+    return Outcome(_result(fit, psf, diagnostics, corners, diffraction), verdict, reason, remedy)
 
 
 def _register(samples: npt.NDArray[np.float32]) -> tuple[Array, Registration]:
@@ -177,7 +187,7 @@ def _fit(
     window = noise_window(registration, samples.shape)
     hidden = not np.isfinite(corners).all()
     observation = observe(samples, registration, light, window, margin_px=k / (2 * s) if hidden else 0.0)
-    m, n = len(observation.y), k * k
+    m, n = len(observation), k * k
     if m < 2 * n:
         raise Refused(
             f"{n} PSF values need at least {2 * n} samples of the noise region; the photograph has {m}",
@@ -185,9 +195,9 @@ def _fit(
         )
     fit = refine(observation, chart, registration, window, s, k)
     kept = without_outliers(fit)
-    if len(kept.y) < m - max(10, 1e-3 * m):
+    if len(kept) < m - max(10, 1e-3 * m):
         fit = refine(kept, chart, registration, window, s, k)
-    return fit, 1 - len(kept.y) / m
+    return fit, 1 - len(kept) / m
 
 
 def _solution(fit: Fit, s: int, k: int, solver: str) -> Psf:
@@ -202,12 +212,14 @@ def _solution(fit: Fit, s: int, k: int, solver: str) -> Psf:
     image = h.reshape(k, k)
     slope_y, slope_x = np.gradient(image)
     back = np.column_stack([slope_x.ravel(), slope_y.ravel()]) * s
-    P = np.eye(k * k) + back @ mark_offset_gradient(image, s, fit.registration.jacobian())
-    return Psf(image, s, P @ covariance @ P.T)
+    forth = mark_offset_gradient(image, s, fit.registration.jacobian())
+    covariance = covariance + back @ (forth @ covariance)
+    return Psf(image, s, covariance + (covariance @ forth.T) @ back.T)
 
 
-def _result(fit: Fit, psf: Psf, d: Diagnostics, diffraction: Diffraction | None) -> PatternPsf:
+def _result(fit: Fit, psf: Psf, d: Diagnostics, corners: Array, diffraction: Diffraction | None) -> PatternPsf:
     """Everything that is reported, from the final fit."""
+    residual, origin = _residual_picture(fit)
     m = len(fit.observation.y)
     amplification = gamma(psf.covariance / fit.residual_std**2, float(np.mean(fit.observation.weight**2)))
     pixels = CELLS / BLOCK * block_size_px(fit.registration)
@@ -221,4 +233,16 @@ def _result(fit: Fit, psf: Psf, d: Diagnostics, diffraction: Diffraction | None)
         s_over_t=d.s_over_t,
         registration=fit.registration,
         diagnostics=asdict(d),
+        marks=corners,
+        residual=residual,
+        residual_origin=origin,
     )
+
+
+def _residual_picture(fit: Fit) -> tuple[Array, tuple[int, int]]:
+    """The residual where its samples lie, NaN between them, and the pixel (x, y) at which that picture begins."""
+    o = fit.observation
+    picture = np.full((o.rows.max() + 1, o.columns.max() + 1), np.nan)
+    picture[o.rows, o.columns] = fit.residual
+    x, y = o.points[0]
+    return picture, (int(x) - int(o.columns[0]), int(y) - int(o.rows[0]))

@@ -19,7 +19,7 @@ from procedures.pattern import (
 )
 from procedures.pattern_psf.layout import RIM_CELLS, Layouts
 
-PIXELS = 12
+PIXELS = 16
 """Pixels of the rectified picture per block."""
 RIM_BLOCKS = 1
 """Blocks of surroundings rectified around the chart."""
@@ -158,7 +158,8 @@ def screen(image: Picture, layouts: Layouts) -> Array:
         return np.zeros((0, len(symmetries())))
     cells, frames = _screen_samples()
     q = layouts.maps @ np.column_stack([cells, np.ones(len(cells))]).T
-    x, y = (q[:, :2] / q[:, 2:]).astype(np.float32).transpose(1, 0, 2)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        x, y = (q[:, :2] / q[:, 2:]).astype(np.float32).transpose(1, 0, 2)
     values = np.asarray(cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), dtype=np.float64)
     near = np.abs(cells[:, None] - RIM_CELLS).max(axis=2) < BLOCK
     weights = 1.0 - (~layouts.hits).astype(np.float64) @ near.T.astype(np.float64)
@@ -187,7 +188,7 @@ class Placed:
     likeness: Array
 
 
-def place_marks(rectified: Picture, *, half: int = 5, search: int = 5) -> Placed:
+def place_marks(rectified: Picture, *, half: int = 5, search: int = 6) -> Placed:
     """Find each mark near its expected place by normalised correlation, to a fraction of a rectified pixel."""
     offsets = np.zeros((len(X_CORNERS), 2))
     likeness = np.zeros(len(X_CORNERS))

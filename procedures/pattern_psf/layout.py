@@ -75,7 +75,8 @@ class _Field:
         """Whether two saddles could be x-corners of one chart."""
         a, b = self.saddles.strengths[i], self.saddles.strengths[j]
         cosine = (self.saddles.axes[i] * self.saddles.axes[j].conj()).real
-        return (cosine > SAME_AXIS) & (a < SAME_STRENGTH * b) & (b < SAME_STRENGTH * a)
+        alike: npt.NDArray[np.bool_] = (cosine > SAME_AXIS) & (a < SAME_STRENGTH * b) & (b < SAME_STRENGTH * a)
+        return alike
 
     def nearest(self, targets: Complex, reach: Array, like: Indices) -> Indices:
         """For (n, m) targets the nearest saddle within (n,) reach that is like the n-th given one; -1 for none."""
@@ -127,8 +128,8 @@ def _rim_index(s: int, t: int) -> int:
 def _sides(field: _Field, triples: Indices, side: int, first: int) -> Indices:
     """Hypotheses that triples start at s = `first` of the side t = 0, the chart lying to one `side` of it.
 
-    Gives the hits (n, 12) in the order of RIM, -1 where none, for those that find two of the three nearest others
-    and not both of the inner neighbours, which only a lattice of saddles has.
+    Gives the hits (n, 12) in the order of RIM, -1 where none, for those that find two of the five nearest others,
+    one of them off the side, and not both of the inner neighbours, which only a lattice of saddles has.
     """
     points = field.saddles.points
     u = (points[triples[:, 2]] - points[triples[:, 0]]) / 2
@@ -137,13 +138,15 @@ def _sides(field: _Field, triples: Indices, side: int, first: int) -> Indices:
     inside = np.column_stack([origin + s * u + v for s in (1, 2)])
     open_ = (field.nearest(inside, COLLINEAR * np.abs(u), triples[:, 1]) < 0).any(axis=1)
     triples, origin, u, v = triples[open_], origin[open_], u[open_], v[open_]
-    others = [(3 - 3 * first, 0), (0, 1), (3, 1)]
+    others = [(3 - 3 * first, 0), (0, 1), (3, 1), (0, 2), (3, 2)]
     targets = np.column_stack([origin + s * u + t * v for s, t in others])
     found = field.nearest(targets, SQUARE * np.abs(u), triples[:, 1])
     hits = np.full((len(triples), len(RIM)), -1)
     hits[:, [_rim_index(first + n, 0) for n in range(3)]] = triples
     hits[:, [_rim_index(s, t) for s, t in others]] = found
-    return hits[(found >= 0).sum(axis=1) >= 2]
+    off_side = (found[:, 1:] >= 0).any(axis=1)
+    enough: Indices = hits[off_side & ((found >= 0).sum(axis=1) >= 2)]
+    return enough
 
 
 def _normalised(field: _Field, hits: Indices) -> tuple[Complex, Complex, Array]:
@@ -187,19 +190,21 @@ def _projective(field: _Field, hits: Indices) -> Array:
     back = np.zeros_like(local)
     back[:, 0, 0] = back[:, 1, 1] = spread[:, 0]
     back[:, 0, 2], back[:, 1, 2], back[:, 2, 2] = mean[:, 0].real, mean[:, 0].imag, 1
-    return back @ local @ np.array([[1, 0, -1.5], [0, 1, -1.5], [0, 0, 1]])
+    maps: Array = back @ local @ np.array([[1, 0, -1.5], [0, 1, -1.5], [0, 0, 1]])
+    return maps
 
 
 def _gather(field: _Field, hits: Indices, maps: Array, reach: float) -> Indices:
     """The hits nearest to mapped lattices, `reach` in steps, of those that keep enough."""
     q = maps @ np.column_stack([RIM, np.ones(len(RIM))]).T
-    predicted = (q[:, 0] + 1j * q[:, 1]) / q[:, 2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        predicted = (q[:, 0] + 1j * q[:, 1]).astype(np.complex128) / q[:, 2]
     step = np.abs(predicted[:, 3] - predicted[:, 0]) / 3
     like = np.take_along_axis(hits, np.argmax(hits >= 0, axis=1)[:, None], 1)[:, 0]
     good = (step > MIN_STEP / 2) & (step < 2 * MAX_STEP) & np.isfinite(predicted).all(axis=1)
     found = field.nearest(predicted[good], reach * step[good], like[good])
-    keep = (found >= 0).sum(axis=1) >= MIN_HITS
-    return found[keep]
+    enough: Indices = found[(found >= 0).sum(axis=1) >= MIN_HITS]
+    return enough
 
 
 def _distinct(hits: Indices) -> Indices:

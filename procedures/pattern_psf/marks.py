@@ -41,7 +41,9 @@ TILE = 32
 """Side of the squares from which the strongest saddles are taken when there are too many."""
 MOST = 40_000
 MOST_PER_PIXEL = 0.015
-"""Saddles kept in one picture: textures yield hundreds of thousands, a chart twelve."""
+IMPURE = 4
+"""Saddles kept in one picture, and how many times as many before they are looked at closer: textures yield
+hundreds of thousands, a chart twelve."""
 STRIP_ROWS = 128
 """Rows worked on at a time, so that the intermediate maps stay in the processor's cache."""
 Picture = npt.NDArray[np.float32]
@@ -97,7 +99,7 @@ def _strip_saddles(strip: Picture) -> _Strip:
     g, d, dd = _kernels()
     xx = cv2.sepFilter2D(strip, cv2.CV_32F, dd, g)
     yy = cv2.sepFilter2D(strip, cv2.CV_32F, g, dd)
-    xy = cv2.sepFilter2D(strip, cv2.CV_32F, d, d)
+    xy = np.asarray(cv2.sepFilter2D(strip, cv2.CV_32F, d, d), dtype=np.float32)
     mean, half = (xx + yy) * np.float32(0.5), (xx - yy) * np.float32(0.5)
     squared = half * half + xy * xy
     mean *= mean
@@ -160,18 +162,31 @@ def _purity(image: Picture, points: Complex) -> npt.NDArray[np.float64]:
 
 
 def _best_of_tiles(points: Complex, merit: npt.NDArray[np.float64], most: int) -> Indices:
-    """Indices of the points of most merit, as many from every tile as make `most` in all if tiles are full."""
-    tiles = (points.imag // TILE).astype(np.int64) * (1 << 20) + (points.real // TILE).astype(np.int64)
-    order = np.lexsort((-merit, tiles))
-    starts = np.flatnonzero(np.r_[True, np.diff(tiles[order]) != 0])
-    rank = np.arange(len(order)) - np.repeat(starts, np.diff(np.r_[starts, len(order)]))
-    each = np.sort(rank)[most]
-    return order[rank <= each]
+    """Indices of the points of most merit, as many from every tile as make `most` in all."""
+    if len(points) <= most:
+        return np.arange(len(points))
+    columns = int(points.real.max() // TILE) + 1
+    tiles = points.imag // TILE * columns + points.real // TILE
+    order = np.argsort(tiles - merit / (1.001 * merit.max()))  # merit is the fraction, so one key sorts by both
+    starts = np.flatnonzero(np.diff(tiles[order], prepend=-1) != 0)
+    rank = np.arange(len(order)) - np.repeat(starts, np.diff(starts, append=len(order)))
+    each = np.partition(rank, most)[most]
+    chosen: Indices = order[rank <= each]
+    return chosen
 
 
-def find_saddles(
-    image: Picture,
-) -> Saddles:
+def _unrivalled(saddles: Saddles, merit: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+    """Which saddles have none of more merit and like axis within RIVAL pixels."""
+    tree = cKDTree(np.column_stack([saddles.points.real, saddles.points.imag]))
+    i, j = tree.query_pairs(RIVAL, output_type="ndarray").T
+    rivals = (saddles.axes[i] * saddles.axes[j].conj()).real > SAME_AXIS
+    i, j = i[rivals], j[rivals]
+    alone = np.ones(len(merit), dtype=np.bool_)
+    alone[np.where(merit[i] < merit[j], i, j)] = False
+    return alone
+
+
+def find_saddles(image: Picture) -> Saddles:
     """The saddle points of a picture that stand out of its noise and look like x-corners, in no order.
 
     A saddle of the Gaussian scale space: Lxx Lyy - Lxy^2 < 0 at a local extremum, with curvatures of nearly equal
@@ -187,23 +202,11 @@ def find_saddles(
     strong = np.flatnonzero(half**2 + xy**2 > (ABOVE_NOISE * _noise_gain() * _noise(image)) ** 2)
     points = index[strong] % image.shape[1] + 1j * (index[strong] // image.shape[1])
     z = half[strong] + 1j * xy[strong].astype(np.float64)
-    purity = _purity(image, points)
-    pure = purity > PURITY
-    found = Saddles(points[pure], -z[pure] / np.abs(z[pure]), np.abs(z[pure]))
-    merit = found.strengths * purity[pure] ** 2
+    found = Saddles(points, -z / np.abs(z), np.abs(z))
     most = int(min(MOST, MOST_PER_PIXEL * image.size))
-    if len(merit) > most:
-        keep = _best_of_tiles(found.points, merit, most)
-        found, merit = found.take(keep), merit[keep]
-    return found.take(_unrivalled(found, merit))
-
-
-def _unrivalled(saddles: Saddles, merit: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
-    """Which saddles have none of more merit and like axis within RIVAL pixels."""
-    tree = cKDTree(np.column_stack([saddles.points.real, saddles.points.imag]))
-    i, j = tree.query_pairs(RIVAL, output_type="ndarray").T
-    rivals = (saddles.axes[i] * saddles.axes[j].conj()).real > SAME_AXIS
-    i, j = i[rivals], j[rivals]
-    alone = np.ones(len(merit), dtype=np.bool_)
-    alone[np.where(merit[i] < merit[j], i, j)] = False
-    return alone
+    found = found.take(_best_of_tiles(found.points, found.strengths, IMPURE * most))
+    purity = _purity(image, found.points)
+    found, purity = found.take(purity > PURITY), purity[purity > PURITY]
+    keep = _best_of_tiles(found.points, found.strengths * purity**2, most)
+    found, purity = found.take(keep), purity[keep]
+    return found.take(_unrivalled(found, found.strengths * purity**2))

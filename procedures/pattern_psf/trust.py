@@ -34,7 +34,7 @@ class Diagnostics:
     relative_uncertainty : float
         sqrt(trace of the covariance) over the norm of the PSF: the relative L2 error to expect.
     support_cut : float
-        Share of the PSF's energy outside its support: what the cells' contrast lacks against the blocks'.
+        Share of the PSF's energy outside its support, by the amplitude of a 1/r^3 tail.
     marks_offset_px, marks_rms_px : float
         Mean distance of the marks, as found, from where the fit sees them, and their scatter.
     moved_px : float
@@ -103,7 +103,7 @@ def diagnose(
         residual_std=fit.residual_std,
         whiteness=_neighbour_correlation(fit),
         relative_uncertainty=float(np.sqrt(np.trace(psf.covariance)) / np.linalg.norm(psf.h)),
-        support_cut=1 - fit.contrast,
+        support_cut=fit.cut,
         marks_offset_px=float(np.linalg.norm(marks.mean(axis=0))),
         marks_rms_px=float(np.sqrt(np.mean(np.sum((marks - marks.mean(axis=0)) ** 2, axis=1)))),
         moved_px=map_distance(marks_map, fit.registration, fit.observation.points[::29]),

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import time
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,16 +13,10 @@ from station.cli.errors import REFUSED
 from station.cli.log import log, log_json_option
 
 if TYPE_CHECKING:
-    from procedures.outcome import Outcome
-    from procedures.pattern import Chart
     from procedures.pattern_print.source import Source
-    from procedures.pattern_psf.estimate import PatternParameters, PatternPsf
-    from procedures.quality import Diffraction
-    from procedures.raw import Exposure, Plane, RawFrame
+    from procedures.raw import RawFrame
     from station.results import PlaneRecord
 
-WAVELENGTHS_NM = {"R": 600.0, "G": 530.0, "B": 460.0, "Y": 550.0}
-"""Where a plane of usual colour filters is most sensitive."""
 _LEVELS = {"pass": "info", "doubtful": "warning", "refused": "error"}
 
 
@@ -59,6 +50,7 @@ def psf_pattern(
     if bits is not None and seed is not None:
         raise click.UsageError("the chart comes from --bits or from --seed; give one of them")
     from procedures.pattern_psf.estimate import PatternParameters
+    from station.calibrate import calibrate, diffraction_limit
     from station.results import ResultFolder, write_psf_result
 
     optics = {name: options.pop(name) for name in ("pixel_pitch_um", "f_number", "wavelength_nm")}
@@ -66,8 +58,11 @@ def psf_pattern(
     with ResultFolder(out) as folder:
         source = _chart(bits, seed)
         frame = _frame(image, plane)
-        limit = partial(_diffraction, frame.exposure, **optics)
-        planes = _estimate(frame, source.chart, parameters, limit)
+        limit = partial(diffraction_limit, frame.exposure, **optics)
+        planes = []
+        for plane_found in calibrate(frame, source.chart, parameters, limit):
+            _tell(plane_found.record, plane_found.duration_s)
+            planes.append(plane_found.record)
         about = {
             "procedure": "pattern",
             "input": [{"path": str(image), "sha256": frame.sha256}],
@@ -100,42 +95,6 @@ def _frame(image: Path, plane: str | None) -> RawFrame:
     return frame
 
 
-def _diffraction(
-    exposure: Exposure,
-    plane: Plane,
-    *,
-    pixel_pitch_um: float | None,
-    f_number: float | None,
-    wavelength_nm: float | None,
-) -> Diffraction | None:
-    """The plane's diffraction limit, where pitch and aperture are known."""
-    from procedures.quality import Diffraction
-
-    aperture = f_number or exposure.f_number
-    if pixel_pitch_um is None or not aperture:
-        return None
-    return Diffraction(aperture, pixel_pitch_um * plane.pitch, wavelength_nm or WAVELENGTHS_NM[plane.name[0]])
-
-
-def _estimate(
-    frame: RawFrame, chart: Chart, parameters: PatternParameters, limit: Callable[[Plane], Diffraction | None]
-) -> list[PlaneRecord]:
-    """A record of every plane, several at a time; one that is refused does not keep the others."""
-    from procedures.pattern_psf.estimate import estimate_psf
-
-    def estimate(plane: Plane) -> tuple[PlaneRecord, float]:
-        start = time.perf_counter()
-        outcome = estimate_psf(plane, chart, parameters, limit(plane))
-        return _record(plane.name, outcome), time.perf_counter() - start
-
-    records = []
-    with ThreadPoolExecutor(min(len(frame.planes), os.cpu_count() or 1)) as pool:
-        for record, duration_s in pool.map(estimate, frame.planes.values()):
-            _tell(record, duration_s)
-            records.append(record)
-    return records
-
-
 def _tell(record: PlaneRecord, duration_s: float) -> None:
     verdict = str(record.verdict)
     log(
@@ -147,27 +106,6 @@ def _tell(record: PlaneRecord, duration_s: float) -> None:
         verdict=verdict,
         dur_ms=round(1000 * duration_s),
     )
-
-
-def _record(name: str, outcome: Outcome[PatternPsf]) -> PlaneRecord:
-    from station.results import PlaneRecord
-
-    found = outcome.value
-    if found is None:
-        return PlaneRecord(name, outcome.verdict, outcome.reason, outcome.remedy)
-    return PlaneRecord(
-        name,
-        outcome.verdict,
-        outcome.reason,
-        outcome.remedy,
-        psf=found.psf,
-        quality=found.quality,
-        numbers={number: getattr(found, number) for number in _NUMBERS},
-        diagnostics=found.diagnostics,
-    )
-
-
-_NUMBERS = ("gamma", "gamma_bound", "residual_std", "pixels_per_pattern", "s_over_t")
 
 
 def _sentence(record: PlaneRecord) -> str:

@@ -9,6 +9,7 @@ import pytest
 import rawpy
 
 from procedures.pattern import X_CORNERS, Chart
+from procedures.raw import read_frame
 from simulators.camera import Lens, SimulatedCamera, pixels_at, render_plane
 from simulators.clutter import cover, random_clutter
 from simulators.optics import Optics, PixelAperture
@@ -35,6 +36,17 @@ def test_a_photograph_is_on_disk_as_it_was_taken(tmp_path, rng):
     assert float(tags["EXIF SubjectDistance"].values[0]) == pytest.approx(distance / 1000, rel=1e-5)
     told = json.loads(bytes(tags["EXIF UserComment"].values)[8:])
     np.testing.assert_allclose(told["H_sensor_pattern"][0], photo.truths[0].H_sensor_pattern)
+
+
+@pytest.mark.parametrize("cfa", ["RGGB", "GBRG"])
+def test_the_station_reads_the_planes_as_they_were_counted(tmp_path, rng, cfa):
+    camera = replace(BAYER, sensor=replace(BAYER.sensor, cfa=cfa))
+    photo = camera.photograph(Scene((camera.place(CHART, pixels=60),)), rng, tmp_path / "a.dng")
+    frame = read_frame(tmp_path / "a.dng")
+    assert set(frame.planes) == {"R", "G1", "G2", "B"}
+    for name, plane in frame.planes.items():
+        np.testing.assert_allclose(plane.samples, photo.plane(name), atol=1e-6)  # float32 of numbers up to 1
+        assert plane.origin == photo.sensor.planes[name]
 
 
 @pytest.mark.parametrize("camera", [GREY, BAYER], ids=["grey", "bayer"])

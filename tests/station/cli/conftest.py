@@ -9,9 +9,9 @@ import pytest
 from click.testing import CliRunner
 
 from procedures.outcome import Outcome, Quantity, Verdict
-from procedures.pattern_psf import estimate
 from procedures.psf import Psf
 from procedures.quality import assess
+from station import calibrate
 from station.__main__ import main
 
 
@@ -68,7 +68,7 @@ def doubtful():
 @pytest.fixture
 def estimator(monkeypatch):
     stand_in = Estimator({}, [])
-    monkeypatch.setattr(estimate, "estimate_psf", stand_in)
+    monkeypatch.setattr(calibrate, "estimate_psf", stand_in)
     return stand_in
 
 
