@@ -38,7 +38,8 @@ class PlaneRecord:
 
     Attributes
     ----------
-    numbers : what the procedure found beside the PSF, plain: gamma, residual_std, ...
+    numbers : what the procedure found beside the PSF, plain: gamma, residual_std, scale, ...
+    inter_image : the kernel between two photographs, where the PSF comes from two
     quality : its curves, and the derived numbers with unit and uncertainty
     diagnostics : further numbers for those who look into a verdict
     """
@@ -49,8 +50,9 @@ class PlaneRecord:
     remedy: str = ""
     psf: Psf | None = None
     quality: Quality | None = None
-    numbers: Mapping[str, float] = field(default_factory=dict)
+    numbers: Mapping[str, float | Sequence[float]] = field(default_factory=dict)
     diagnostics: Mapping[str, float] = field(default_factory=dict)
+    inter_image: Array | None = None
 
 
 class ResultFolder:
@@ -153,6 +155,8 @@ def _write_plane(folder: ResultFolder, plane: PlaneRecord) -> None:
         folder.write(f"psf_{plane.name}.npy", _npy(plane.psf.h))
         folder.write(f"covariance_{plane.name}.npy", _npy(plane.psf.covariance))
         folder.write(f"psf_{plane.name}.png", psf_picture(plane.psf, f"{plane.name}  {plane.verdict}"))
+    if plane.inter_image is not None:
+        folder.write(f"inter_image_{plane.name}.npy", _npy(plane.inter_image))
     if plane.quality is not None:
         folder.write(f"mtf_{plane.name}.csv", mtf_table(plane.quality))
 

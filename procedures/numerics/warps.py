@@ -146,9 +146,12 @@ class CubicWarp:
         T[:2, 2] = shift
         return replace(self, H=self.H @ T)
 
-    def displaced(self, change: Array, points: Array) -> Self:
-        """The map with coefficients (2, 9) added to the displacement, its mean over points (n, 2) left where it was."""
-        drift = change @ self.monomials(points).mean(axis=0)
+    def displaced(self, change: Array, monomials: Array) -> Self:
+        """The map with coefficients (2, 9) added to the displacement, its mean over points left where it was.
+
+        `monomials` (n, 9) are those of the points.
+        """
+        drift = change @ monomials.mean(axis=0)
         return replace(self, displacement=self.displacement + change).translated(-drift)
 
 

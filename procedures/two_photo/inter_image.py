@@ -325,7 +325,7 @@ def _step(fit: Fit, k: int) -> Fit:
     moves = (monomials[::29] - monomials.mean(axis=0)) @ displacement.T
     return replace(
         fit,
-        warp=warp.displaced(displacement, samples.points),
+        warp=warp.displaced(displacement, monomials),
         kernel=fit.kernel + change,
         light=fit.light + t[GEOMETRY:],
         equations=equations,
