@@ -242,7 +242,7 @@ def _advanced(start: Fit, A: Array32, Z: Array, equations: NormalEquations) -> F
     light[: n - GEOMETRY] += t[GEOMETRY:]
     return replace(
         start,
-        registration=start.registration.displaced(t[:GEOMETRY].reshape(2, 9), o.points),
+        registration=start.registration.displaced(t[:GEOMETRY].reshape(2, 9), o.cubics),
         h=start.h + dh,
         light=light,
         prediction=start.prediction + (A @ dh.astype(np.float32)) / o.weight + Z @ t,
