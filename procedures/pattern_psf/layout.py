@@ -38,6 +38,9 @@ MOST = 4000
 
 RIM = np.array([(s, t) for t in range(4) for s in range(4) if s in (0, 3) or t in (0, 3)], dtype=np.float64)
 """The lattice coordinates (s, t) of the twelve x-corners, (12, 2)."""
+INSIDE = np.array([(1, 1), (2, 1), (1, 2), (2, 2)], dtype=np.float64)
+MOST_INSIDE = 3
+"""Like saddles at the lattice points inside, where the chart has noise, that tell a lattice from a chart."""
 RIM_CELLS = RIM * 3 * BLOCK - BLOCK / 2
 """The same places in cells."""
 H_LATTICE_CELLS = np.array([[1, 0, BLOCK / 2], [0, 1, BLOCK / 2], [0, 0, 3 * BLOCK]]) / (3 * BLOCK)
@@ -194,15 +197,29 @@ def _projective(field: _Field, hits: Indices) -> Array:
     return maps
 
 
-def _gather(field: _Field, hits: Indices, maps: Array, reach: float) -> Indices:
-    """The hits nearest to mapped lattices, `reach` in steps, of those that keep enough."""
-    q = maps @ np.column_stack([RIM, np.ones(len(RIM))]).T
+def _mapped(maps: Array, lattice: Array) -> Complex:
+    """Where maps put lattice points, (n, m)."""
+    q = maps @ np.column_stack([lattice, np.ones(len(lattice))]).T
     with np.errstate(divide="ignore", invalid="ignore"):
-        predicted = (q[:, 0] + 1j * q[:, 1]).astype(np.complex128) / q[:, 2]
+        out: Complex = (q[:, 0] + 1j * q[:, 1]).astype(np.complex128) / q[:, 2]
+    return out
+
+
+def _gather(field: _Field, hits: Indices, maps: Array, reach: float) -> Indices:
+    """The hits nearest to mapped lattices, `reach` in steps, of those that keep enough and are empty inside."""
+    predicted, inner = _mapped(maps, RIM), _mapped(maps, INSIDE)
     step = np.abs(predicted[:, 3] - predicted[:, 0]) / 3
     like = np.take_along_axis(hits, np.argmax(hits >= 0, axis=1)[:, None], 1)[:, 0]
-    good = (step > MIN_STEP / 2) & (step < 2 * MAX_STEP) & np.isfinite(predicted).all(axis=1)
-    found = field.nearest(predicted[good], reach * step[good], like[good])
+    good = (
+        (step > MIN_STEP / 2)
+        & (step < 2 * MAX_STEP)
+        & np.isfinite(predicted).all(axis=1)
+        & np.isfinite(inner).all(axis=1)
+    )
+    predicted, inner, step, like = predicted[good], inner[good], step[good], like[good]
+    lattice = (field.nearest(inner, PROJECTIVE * step, like) >= 0).sum(axis=1) >= MOST_INSIDE
+    predicted, step, like = predicted[~lattice], step[~lattice], like[~lattice]
+    found = field.nearest(predicted, reach * step, like)
     enough: Indices = found[(found >= 0).sum(axis=1) >= MIN_HITS]
     return enough
 
