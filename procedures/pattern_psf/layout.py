@@ -33,6 +33,8 @@ PROJECTIVE = 0.15
 """The same for affine and projective lattices."""
 MIN_HITS = 7
 """A chart with fewer x-corners in sight is not found."""
+HITS_PER_OCTAVE = 4.0
+"""What twice the strength is worth, in hits, where there are too many layouts: a chart has the strongest saddles."""
 MOST = 4000
 """Layouts given for one picture; textures and lattices have many."""
 
@@ -224,11 +226,13 @@ def _gather(field: _Field, hits: Indices, maps: Array, reach: float) -> Indices:
     return enough
 
 
-def _distinct(hits: Indices) -> Indices:
-    """One of each set of saddles, those with the most hits first, at most MOST."""
+def _distinct(field: _Field, hits: Indices) -> Indices:
+    """One of each set of saddles, those with the most hits and the strongest first, at most MOST."""
     _, first = np.unique(np.sort(hits, axis=1), axis=0, return_index=True)
     hits = hits[first]
-    return hits[np.argsort(-(hits >= 0).sum(axis=1), kind="stable")[:MOST]]
+    count = (hits >= 0).sum(axis=1)
+    strengths = np.where(hits >= 0, np.log2(field.saddles.strengths)[hits], 0).sum(axis=1) / np.maximum(count, 1)
+    return hits[np.argsort(-count - HITS_PER_OCTAVE * strengths, kind="stable")[:MOST]]
 
 
 def find_layouts(saddles: Saddles) -> Layouts:
@@ -244,6 +248,6 @@ def find_layouts(saddles: Saddles) -> Layouts:
     field = _Field(saddles, cKDTree(np.column_stack([saddles.points.real, saddles.points.imag])))
     triples = _triples(field)
     hits = np.concatenate([_sides(field, triples, side, first) for side in (1, -1) for first in (0, 1)])
-    hits = _distinct(_gather(field, hits, _affine(field, hits), AFFINE))
-    hits = _distinct(_gather(field, hits, _projective(field, hits), PROJECTIVE))
+    hits = _distinct(field, _gather(field, hits, _affine(field, hits), AFFINE))
+    hits = _distinct(field, _gather(field, hits, _projective(field, hits), PROJECTIVE))
     return Layouts(_projective(field, hits) @ H_LATTICE_CELLS, hits >= 0)
