@@ -66,9 +66,9 @@ SETUPS = (
     Setup("1-centre-far", "Centre, from far", (0.5, 0.5), 1.0, roll_deg=1.5),
     Setup("2-centre", "Centre", (0.5, 0.5), 1.6, roll_deg=-2.0, slope=(0.02, 0.01)),
     Setup("3-edge", "Right edge, tilted", (0.82, 0.5), 1.6, yaw_deg=12.0, roll_deg=4.0, slope=(-0.04, 0.0)),
-    Setup("4-corner", "Top left corner", (0.17, 0.23), 1.6, yaw_deg=-8.0, pitch_deg=6.0, slope=(0.05, 0.04)),
+    Setup("4-corner", "Top left, tilted", (0.17, 0.23), 1.6, yaw_deg=-8.0, pitch_deg=6.0, slope=(0.05, 0.04)),
     Setup(
-        "5-corner-rolled", "Bottom right corner, rolled, 6 megapixels", (0.85, 0.8), 1.6,
+        "5-corner-rolled", "Bottom right, rolled", (0.85, 0.8), 1.6,
         rows=2000, columns=3000, pitch_deg=-7.0, roll_deg=-24.0, slope=(-0.03, -0.04),
     ),
 )  # fmt: skip

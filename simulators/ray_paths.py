@@ -252,3 +252,17 @@ def trace(world: World, lens: Lens, seed: np.uint64, row: Ints, column: Ints, nu
         origin, direction = leave_camera(lens, row[i], column[i], state)
         colour[i] = 0.0
         follow(world, origin, direction, state, colour[i])
+
+
+@compiled
+def measure_depths(world: World, lens: Lens, depth: Doubles) -> None:
+    """Fill depth (rows, columns) with the distance along the axis of what the pixels' centres see, nothing moving."""
+    forward = vector(lens.axes[2], 0)
+    origin = vector(lens.position, 0)
+    for row in range(lens.rows):
+        for column in range(lens.columns):
+            x = (column + 0.5 - 0.5 * lens.columns) * lens.pixel_at_focus_mm
+            y = (row + 0.5 - 0.5 * lens.rows) * lens.pixel_at_focus_mm
+            aim = along(along((0.0, 0.0, 0.0), x, vector(lens.axes[0], 0)), y, vector(lens.axes[1], 0))
+            direction = unit(along(aim, lens.focus_mm, forward))
+            depth[row, column] = meet(world, origin, direction, np.inf)[0] * dot(direction, forward)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from simulators.ray_paths import Lens, trace
+from simulators.ray_paths import Lens, measure_depths, trace
 from simulators.ray_shapes import BOX, GEOMETRY, PLANE, RECTANGLE, SPHERE, Doubles, Ints, Vector, World
 
 Receive = Callable[[Ints, Ints, Doubles], None]
@@ -137,10 +137,21 @@ class ThinLensCamera:
             raise ValueError(f"{self.rows} x {self.columns} pixels at f/{self.f_number}; all must be positive")
 
 
-def blur_diameter_px(camera: ThinLensCamera, distance_mm: float) -> float:
+def blur_diameter_px(camera: ThinLensCamera, distance_mm: npt.ArrayLike) -> Doubles:
     """Diameter of the disc, in pixels, in which the camera sees a point at this distance along its axis."""
     aperture_mm = camera.focal_mm / camera.f_number
-    return abs(distance_mm - camera.focus_mm) / distance_mm * aperture_mm / _pixel_at_focus_mm(camera)
+    astray = np.abs(1.0 - camera.focus_mm / np.asarray(distance_mm, np.float64))
+    return np.asarray(astray * aperture_mm / _pixel_at_focus_mm(camera), np.float64)
+
+
+def depth_map(scene: Scene, camera: ThinLensCamera) -> Doubles:
+    """Distance from the lens along its axis of what is seen at each pixel's centre, (rows, columns), mm.
+
+    Infinite where there is nothing. With `blur_diameter_px` it is the true defocus of every pixel.
+    """
+    depth = np.empty((camera.rows, camera.columns))
+    measure_depths(build_world(scene), build_lens(camera), depth)
+    return depth
 
 
 def cast(

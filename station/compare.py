@@ -43,8 +43,10 @@ class Comparison:
     ----------
     truth : Psf
         What should have been found, on the estimate's support, of sum 1.
+    aligned : (k, k) float64
+        The truth after the subpixel shift that brings it nearest.
     error : float
-        Relative L2 distance after the best subpixel shift.
+        Relative L2 distance from that.
     expected : float
         What error the estimate's covariance and the support's truncation give: root of the sum of their squares.
     centre_px : (float, float)
@@ -53,6 +55,7 @@ class Comparison:
     """
 
     truth: Psf
+    aligned: Array
     error: float
     expected: float
     centre_px: tuple[float, float]
@@ -82,22 +85,23 @@ def compare(found: PatternPsf, samples: Array, floor: float) -> Comparison:
     """
     s = found.psf.s
     truth = Psf(samples, s, np.zeros_like(found.psf.covariance))
-    error, shift = best_shift(found.psf.h, samples)
+    aligned, shift = align(samples, found.psf.h)
     # the estimate's origin lies where the marks are seen, so a PSF that shows them further right is drawn further left
     centre = shift / s + mark_offset(samples, s, found.registration.jacobian())
     return Comparison(
         truth=truth,
-        error=error,
+        aligned=aligned,
+        error=float(np.linalg.norm(found.psf.h - aligned) / np.linalg.norm(samples)),
         expected=math.hypot(found.diagnostics["relative_uncertainty"], floor),
         centre_px=(float(centre[0]), float(centre[1])),
         mtf50=_mtf50(found, truth),
     )
 
 
-def best_shift(h: Array, truth: Array) -> tuple[float, Array]:
-    """Smallest relative L2 distance of h (k, k) from the shifted truth, and that shift (x, y) in samples.
+def align(truth: Array, h: Array) -> tuple[Array, Array]:
+    """The truth (k, k) shifted to where it is nearest to h, and that shift (x, y) in samples.
 
-    The truth is shifted in the Fourier domain, zero beyond its support, by Gauss-Newton steps.
+    It is shifted in the Fourier domain, zero beyond its support, by Gauss-Newton steps.
     """
     k = len(truth)
     spectrum = np.fft.fft2(np.pad(truth, k))
@@ -110,12 +114,11 @@ def best_shift(h: Array, truth: Array) -> tuple[float, Array]:
     for _ in range(10):
         moved = spectrum * np.exp(wave * shift[0]) * np.exp(wave * shift[1])[:, None]
         slopes = np.stack([cut(moved * wave).ravel(), cut(moved * wave[:, None]).ravel()], axis=1)
-        left = h - cut(moved)
-        step = np.linalg.lstsq(slopes, left.ravel(), rcond=None)[0]
+        step = np.linalg.lstsq(slopes, (h - cut(moved)).ravel(), rcond=None)[0]
         shift = shift + step
         if np.abs(step).max() < 1e-7:
             break
-    return float(np.linalg.norm(left) / np.linalg.norm(truth)), shift
+    return cut(moved), shift
 
 
 def _mtf50(found: PatternPsf, truth: Psf) -> dict[str, Against]:

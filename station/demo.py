@@ -16,7 +16,7 @@ from procedures.outcome import Verdict
 from procedures.pattern_print.formats import encode
 from procedures.pattern_print.sheet import Size
 from procedures.pattern_print.source import Source
-from procedures.pattern_psf.estimate import PatternParameters
+from procedures.pattern_psf.estimate import PatternParameters, PatternPsf
 from procedures.raw import RawFrame, read_frame
 from simulators.camera import Photograph
 from simulators.demonstration import PITCH_UM, SETUPS, S, Setup, photograph
@@ -36,7 +36,7 @@ STEPS_PER_PHOTOGRAPH = 5
 class Checked:
     """One plane: what was found, and how near the truth it is, None where it was refused."""
 
-    calibrated: Calibrated
+    calibrated: Calibrated[PatternPsf]
     comparison: Comparison | None
 
     @property

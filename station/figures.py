@@ -14,6 +14,8 @@ import numpy.typing as npt
 from markupsafe import Markup, escape
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
 
 from procedures.pattern import BLOCK, BLOCKS, CELLS
 from procedures.pattern_psf.estimate import PatternPsf
@@ -34,7 +36,7 @@ SURROUND_CELLS = 20
 """What is shown around the chart's frame."""
 RESIDUAL_LIMIT = 4.0
 """Residuals are drawn from minus to plus this many standard deviations of the noise."""
-STYLE = {
+STYLE: dict[Any, Any] = {
     "font.size": 8.5,
     "axes.edgecolor": FAINT,
     "axes.labelcolor": INK,
@@ -73,15 +75,34 @@ def svg(figure: Figure, name: str, description: str) -> Markup:
     used = set(re.findall(r'(?:url\(#|href="#)([^)"]+)', drawn))
     drawn = re.sub(r' id="([^"]+)"', lambda m: f' id="{name}-{m[1]}"' if m[1] in used else "", drawn)
     drawn = re.sub(r'(url\(#|href="#)', rf"\g<1>{name}-", drawn)
+    drawn = re.sub(r'(?<= d=")[^"]+', lambda m: re.sub(r"(\.\d\d)\d+", r"\1", m[0]), drawn)
     drawn = re.sub(r' (?:width|height)="[\d.]+pt"', "", drawn, count=2)
     drawn = re.sub(r' xmlns(?::xlink)?="[^"]*"', "", drawn).replace("xlink:href", "href")
     return Markup(drawn.replace("<svg", f'<svg role="img" aria-label="{escape(description)}"', 1))
 
 
-def _figure(width_in: float, height_in: float, rows: int = 1, columns: int = 1, **grid: Any) -> tuple[Figure, Any]:
+def _figure(
+    width_in: float, height_in: float, rows: int = 1, columns: int = 1, *, rim_in: Sequence[float], **grid: Any
+) -> tuple[Figure, Any]:
+    """A figure and its axes, with a rim (left, right, bottom, top) for labels.
+
+    The rim is told because finding it out takes matplotlib as long as drawing.
+    """
+    left, right, bottom, top = rim_in
+    place = {"left": left / width_in, "right": 1 - right / width_in}
+    place |= {"bottom": bottom / height_in, "top": 1 - top / height_in}
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(width_in, height_in), layout="constrained")
-        return figure, figure.subplots(rows, columns, **grid)
+        figure = Figure(figsize=(width_in, height_in))
+        return figure, figure.subplots(rows, columns, gridspec_kw={**place, **grid}, squeeze=False)
+
+
+def _bar(figure: Figure, axes: Axes, image: Any, place: tuple[float, float, float, float], **options: Any) -> Any:
+    """A colour bar at a place (x, y, width, height) in fractions of the axes."""
+    with matplotlib.rc_context(STYLE):
+        bar = figure.colorbar(image, cax=axes.inset_axes(place), **options)
+    bar.outline.set_visible(False)
+    bar.ax.tick_params(length=0)
+    return bar
 
 
 # --- the photograph ----------------------------------------------------------------------------------------------
@@ -102,7 +123,7 @@ def chart_outline(found: PatternPsf) -> Array:
 
 def photograph_figure(plane: Plane, found: PatternPsf, name: str) -> Markup:
     """The chart as photographed, with the marks that were found and the outline of the noise."""
-    figure, axes = _figure(3.2, 3.2)
+    figure, ((axes,),) = _figure(3.2, 3.2, rim_in=(0.42, 0.1, 0.42, 0.1))
     around = _square(found.registration, -BLOCK - SURROUND_CELLS, BLOCK * (BLOCKS - 1) + SURROUND_CELLS)
     limit = np.array(plane.samples.shape[::-1])
     (x0, y0), (x1, y1) = (
@@ -118,12 +139,11 @@ def photograph_figure(plane: Plane, found: PatternPsf, name: str) -> Markup:
 
 def residual_figure(plane: str, found: PatternPsf, name: str) -> Markup:
     """What is left of the noise region when the prediction is taken away, in units of the noise."""
-    figure, axes = _figure(3.2, 3.2)
+    figure, ((axes,),) = _figure(3.2, 3.2, rim_in=(0.42, 0.42, 0.42, 0.1))
     image = _image(
         axes, found.residual, found.residual_origin, cmap="RdBu_r", vmin=-RESIDUAL_LIMIT, vmax=RESIDUAL_LIMIT
     )
-    bar = figure.colorbar(image, ax=axes, shrink=0.6, aspect=24, pad=0.02)
-    bar.outline.set_visible(False)  # type: ignore[operator]  # matplotlib types it as a subplot's spines
+    _bar(figure, axes, image, (1.03, 0.2, 0.035, 0.6))
     axes.set_xlabel(f"pixels of {plane}; colours in σ of the noise")
     return svg(figure, name, f"photograph less prediction in plane {plane}, in standard deviations of the noise")
 
@@ -141,26 +161,27 @@ def _image(axes: Axes, picture: npt.NDArray[np.floating], origin: tuple[int, int
 # --- the PSF -----------------------------------------------------------------------------------------------------
 
 
-def psf_figure(psf: Psf, truth: Psf | None, name: str) -> Markup:
+def psf_figure(psf: Psf, truth: Array | None, name: str) -> Markup:
     """The PSF, and how far it is from the true one where that is known, each with its scale."""
     pictures = [("PSF", psf.h, "viridis", (min(0.0, float(psf.h.min())), float(psf.h.max())))]
     if truth is not None:
-        difference = psf.h - truth.h
+        difference = psf.h - truth
         limit = float(np.abs(difference).max())
         pictures.append(("less the truth", difference, "RdBu_r", (-limit, limit)))
-    figure, places = _figure(3.2, 1.95, 1, len(pictures), squeeze=False)
+    figure, places = _figure(3.2, 2.05, 1, len(pictures), rim_in=(0.28, 0.12, 0.58, 0.22), wspace=0.24)
     reach = (psf.k / 2) / psf.s
     for axes, (title, picture, colours, (low, high)) in zip(places[0], pictures, strict=True):
         image = axes.imshow(
             picture, extent=(-reach, reach, reach, -reach), interpolation="none", cmap=colours, vmin=low, vmax=high
         )
         axes.spines[:].set_visible(False)
-        axes.set_title(title)
+        axes.set_title(title, fontsize=9)
         axes.set_xticks((-2, 0, 2) if reach >= 2 else (-1, 0, 1))
         axes.set_yticks(axes.get_xticks())
-        bar = figure.colorbar(image, ax=axes, location="bottom", aspect=18, pad=0.02, ticks=(low, high))
-        bar.ax.set_xticklabels([f"{low:.2g}", f"{high:.2g}"])
-        bar.outline.set_visible(False)
+        bar = _bar(figure, axes, image, (0, -0.27, 1, 0.045), orientation="horizontal", ticks=(low, high))
+        labels = bar.ax.set_xticklabels([f"{value:.2g}".replace("-", "−") for value in (low, high)])
+        for label, end in zip(labels, ("left", "right"), strict=True):
+            label.set_horizontalalignment(end)
     return svg(figure, name, "the point spread function, and its difference from the true one")
 
 
@@ -181,16 +202,25 @@ def mtf_figure(quality: Quality, truth: Psf | None, name: str) -> Markup:
         "vertical": _Curve(quality.mtf_vertical, quality.mtf_vertical_uncertainty, _true_mtf(truth, 0 * f, f)),
     }
     rows = 1 if truth is None else 2
-    figure, places = _figure(3.2, 1.5 + 1.2 * rows, rows, 1, sharex=True, squeeze=False, height_ratios=[2.2, 1][:rows])
+    figure, places = _figure(
+        3.2, 1.4 + 1.1 * rows, rows, 1, rim_in=(0.55, 0.14, 0.4, 0.08), height_ratios=[2.1, 1][:rows], hspace=0.12
+    )
     for direction, curve in curves.items():
         _draw_mtf(places[0, 0], f, curve, direction)
+    for curve in curves.values():
+        if curve.true is not None:
+            (true,) = places[0, 0].plot(f, curve.true, color=INK, lw=0.8, ls=(0, (3, 2)))
+            true.set_label("true" if curve is curves["vertical"] else None)
     _finish_mtf(places[0, 0])
     if truth is not None:
         for direction, curve in curves.items():
             _draw_difference(places[1, 0], f, curve, direction)
         places[1, 0].axhline(0, color=INK, lw=0.7, ls=(0, (3, 2)))
         places[1, 0].set_ylabel("less true")
-    places[-1, 0].set_xlim(0, f[-1])
+    for axes in places[:, 0]:
+        axes.set_xlim(0, f[-1])
+        axes.set_xticks(np.arange(0, f[-1] + 0.01, 0.5), None if axes is places[-1, 0] else [])
+        axes.yaxis.set_label_coords(-0.165, 0.5)
     places[-1, 0].set_xlabel("cycles/pixel")
     return svg(figure, name, "MTF along rows and columns with its 95 % bands, against the true MTF")
 
@@ -203,9 +233,6 @@ def _draw_mtf(axes: Axes, f: Array, curve: _Curve, direction: str) -> None:
     spread = CONFIDENT * curve.uncertainty
     axes.fill_between(f, curve.value - spread, curve.value + spread, color=ALONG[direction], alpha=0.25, lw=0)
     axes.plot(f, curve.value, color=ALONG[direction], lw=1.4, label=direction)
-    if curve.true is not None:
-        label = "true" if direction == "horizontal" else None
-        axes.plot(f, curve.true, color=INK, lw=0.8, ls=(0, (3, 2)), label=label)
 
 
 def _finish_mtf(axes: Axes) -> None:
@@ -231,8 +258,8 @@ def _draw_difference(axes: Axes, f: Array, curve: _Curve, direction: str) -> Non
 
 def places_figure(outlines: Sequence[Array], name: str) -> Markup:
     """Where the charts stood, the frames drawn over each other: outlines (n, 2) in fractions of the frame."""
-    figure, axes = _figure(3.4, 2.5)
-    axes.add_patch(matplotlib.patches.Rectangle((0, 0), 1, 1, fill=False, ec=FAINT, lw=0.8))
+    figure, ((axes,),) = _figure(3.4, 2.5, rim_in=(0.05, 0.05, 0.1, 0.1))
+    axes.add_patch(Rectangle((0, 0), 1, 1, fill=False, ec=FAINT, lw=0.8))
     for number, outline in enumerate(outlines, 1):
         axes.fill(*outline.T, fc=MARK, alpha=0.12, lw=0)
         axes.plot(*outline.T, color=MARK, lw=1)
@@ -243,32 +270,40 @@ def places_figure(outlines: Sequence[Array], name: str) -> Markup:
     return svg(figure, name, "the frame, and where the chart stood in each photograph")
 
 
-def agreement_figure(
-    rows: Sequence[tuple[str, Mapping[str, float], Mapping[str, Sequence[float]]]], name: str
-) -> Markup:
-    """How well all planes agree with the truth: the PSFs' errors over the expected, and MTF50 in its uncertainties.
+Rows = Sequence[tuple[str, Mapping[str, Sequence[float]]]]
+"""Of every photograph its title, and numbers by plane."""
 
-    Parameters
-    ----------
-    rows : sequence of (title, plane -> ratio, plane -> differences in sigma)
-        One for each photograph.
-    """
-    figure, (ratios, sigmas) = _figure(6.4, 2.5, 1, 2, sharey=True)
-    for number, (_, of_psf, of_mtf50) in enumerate(rows):
-        for i, plane in enumerate(of_psf):
-            y = number + 0.16 * (i - (len(of_psf) - 1) / 2)
-            ratios.plot(of_psf[plane], y, "o", color=PLANE_COLOURS[plane], ms=4.5, label=None if number else plane)
-            for shown, marker in zip(of_mtf50[plane], ("o", "D"), strict=False):
-                sigmas.plot(shown, y, marker, color=PLANE_COLOURS[plane], ms=4 if marker == "o" else 3.2)
-    ratios.axvline(1, color=INK, lw=0.8, ls=(0, (3, 2)))
-    ratios.set(xlim=(0, 2), xlabel="error of the PSF / error expected", ylim=(len(rows) - 0.5, -0.5))
-    ratios.set_yticks(range(len(rows)), [f"{number} {title}" for number, (title, *_) in enumerate(rows, 1)])
-    sigmas.axvspan(-CONFIDENT, CONFIDENT, color=FAINT, alpha=0.2, lw=0)
-    sigmas.axvline(0, color=INK, lw=0.8, ls=(0, (3, 2)))
-    sigmas.set(xlim=(-4, 4), xlabel="MTF50, measured less true, in σ; 95 % belong in the band")
-    for axes in (ratios, sigmas):
-        axes.tick_params(left=False)
-        axes.spines["left"].set_visible(False)
+
+def ratios_figure(rows: Rows, name: str) -> Markup:
+    """Every plane's error over the error expected."""
+    figure, ((axes,),) = _figure(3.4, 2.5, rim_in=(1.42, 0.1, 0.42, 0.05))
+    _draw_rows(axes, rows)
+    axes.set(xlim=(0, 2), xlabel="error / expected")
+    axes.axvline(1, color=INK, lw=0.8, ls=(0, (3, 2)), zorder=0)
+    handles = [Line2D([], [], color=PLANE_COLOURS[plane], marker="o", ms=4, ls="") for plane in rows[0][1]]
     with matplotlib.rc_context(STYLE):
-        ratios.legend(loc="lower left", ncols=2, handletextpad=0.1, columnspacing=0.8)
-    return svg(figure, name, "errors of the PSFs over the expected, and differences of MTF50 in standard uncertainties")
+        axes.legend(handles, rows[0][1], loc="center right", handletextpad=0.1, borderaxespad=0)
+    return svg(figure, name, "errors of the PSFs over the errors expected")
+
+
+def sigmas_figure(rows: Rows, name: str) -> Markup:
+    """Every plane's MTF50, measured less true, in standard uncertainties: along rows a dot, along columns a diamond."""
+    figure, ((axes,),) = _figure(3.4, 2.5, rim_in=(1.42, 0.1, 0.42, 0.05))
+    _draw_rows(axes, rows)
+    axes.axvspan(-CONFIDENT, CONFIDENT, color=FAINT, alpha=0.2, lw=0, zorder=0)
+    axes.axvline(0, color=INK, lw=0.8, ls=(0, (3, 2)), zorder=0)
+    axes.set(xlim=(-4.2, 4.2), xlabel="(measured − true) / σ")
+    return svg(figure, name, "differences of MTF50 from the truth in standard uncertainties")
+
+
+def _draw_rows(axes: Axes, rows: Rows) -> None:
+    """A line for each photograph, the first on top, its planes one below the other."""
+    for number, (_, by_plane) in enumerate(rows):
+        for i, (plane, values) in enumerate(by_plane.items()):
+            y = number + 0.17 * (i - (len(by_plane) - 1) / 2)
+            for value, marker in zip(values, "oD", strict=False):
+                axes.plot(value, y, marker, color=PLANE_COLOURS[plane], ms=4 if marker == "o" else 3.2)
+    axes.set_ylim(len(rows) - 0.5, -0.5)
+    axes.set_yticks(range(len(rows)), [f"{number}  {title}" for number, (title, _) in enumerate(rows, 1)])
+    axes.tick_params(left=False)
+    axes.spines["left"].set_visible(False)

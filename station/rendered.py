@@ -6,9 +6,8 @@ Films are kept as they grow, in `films` beside the results: a render that was in
 from __future__ import annotations
 
 import hashlib
-import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -27,10 +26,9 @@ from simulators.rays import Scene, ThinLensCamera, cast
 from simulators.rendered import photograph_render
 from simulators.sensor import Sensor
 from station.linear_pictures import display_png
+from station.progress import Progress, silent
 from station.ray_page import RenderRow, ray_page
 from station.results import ResultFolder, software, write_record
-
-Tell = Callable[[str], None]
 
 SCHEMA = "station/rendered/1"
 PAGE = "rays.html"
@@ -52,7 +50,7 @@ class RenderPlan:
         Per pixel, of what is filtered and of what it is compared with.
     """
 
-    columns: int = 192
+    columns: int = 320
     samples: int = 64
     converged: int = 512
     seed: int = 1
@@ -75,13 +73,13 @@ class RenderPlan:
 
 @dataclass(frozen=True, eq=False)
 class Rendered:
-    """One scene: as rendered, filtered, converged, and photographed (a DNG)."""
+    """One scene: as rendered, filtered, converged, and the SHA-256 of its photograph, `NAME.dng`."""
 
     name: str
     film: Film
     filtered: FilteredFilm
     reference: Film
-    photograph: bytes
+    sha256: str
 
     @property
     def psnr_db(self) -> dict[str, float]:
@@ -90,12 +88,8 @@ class Rendered:
         return {name: decibels(shown_error(picture, self.reference)) for name, picture in pictures}
 
 
-def silent(done: str) -> None:
-    """No progress is told."""
-
-
 def rendered_demo(
-    out: Path, plan: RenderPlan | None = None, *, threads: int = 1, tell: Tell = silent
+    out: Path, plan: RenderPlan | None = None, *, threads: int = 1, progress: Progress = silent
 ) -> tuple[tuple[Rendered, ...], str]:
     """Render, filter, photograph and show; returns the scenes, and the record's text.
 
@@ -103,13 +97,11 @@ def rendered_demo(
     ----------
     out : Path
         Receives `films` as they grow, and pictures, photographs, page and record all at once when everything is done.
-    tell : callable
-        Hears a sentence about every step.
     """
     start = time.perf_counter()
     plan = plan or RenderPlan()
     with ResultFolder(out) as folder:
-        scenes = tuple(_render(folder, out / "films", name, plan, threads, tell) for name in plan.scenes)
+        scenes = tuple(_render(folder, out / "films", name, plan, threads, progress) for name in plan.scenes)
         folder.write(PAGE, ray_page("The simulated bench, rendered", tuple(_row(one) for one in scenes)))
         record = {
             "schema": SCHEMA,
@@ -122,7 +114,14 @@ def rendered_demo(
 
 
 def render_film(
-    scene: Scene, camera: ThinLensCamera, samples: int, seed: int, path: Path, *, threads: int = 1, tell: Tell = silent
+    scene: Scene,
+    camera: ThinLensCamera,
+    samples: int,
+    seed: int,
+    path: Path,
+    *,
+    threads: int = 1,
+    progress: Progress = silent,
 ) -> Film:
     """The film of a scene with so many samples per pixel; what `path` holds already is not rendered again.
 
@@ -137,35 +136,34 @@ def render_film(
         taken = film.count.astype(np.int64) + film.dropped
         path.parent.mkdir(parents=True, exist_ok=True)
         write_film(film, path)
-        tell(f"{path.stem}: {wanted} of {samples} samples per pixel")
+        progress(f"{path.stem}: {wanted} of {samples} samples per pixel")
     return film
 
 
-def _render(folder: ResultFolder, films: Path, name: str, plan: RenderPlan, threads: int, tell: Tell) -> Rendered:
+def _render(
+    folder: ResultFolder, films: Path, name: str, plan: RenderPlan, threads: int, progress: Progress
+) -> Rendered:
     """One scene from its light to its files."""
     scene, camera = SCENES[name](plan.rows, plan.columns)
     stem = f"{name}-{plan.columns}x{plan.rows}-seed{plan.seed}"
     film, reference = (
-        render_film(scene, camera, samples, seed, films / f"{stem}-{samples}.npz", threads=threads, tell=tell)
+        render_film(scene, camera, samples, seed, films / f"{stem}-{samples}.npz", threads=threads, progress=progress)
         for samples, seed in ((plan.samples, plan.seed), (plan.converged, plan.seed + REFERENCE_SEED))
     )
     filtered = filter_film(film, threads=threads)
     folder.write(f"{name}.png", display_png(filtered.picture))
-    photograph = _photograph(name, filtered, camera, plan)
-    folder.write(f"{name}.dng", photograph)
-    tell(f"{name}: filtered and photographed")
-    return Rendered(name, film, filtered, reference, photograph)
+    path = folder.staging / f"{name}.dng"
+    _photograph(name, filtered, camera, plan, path)
+    progress(f"{name}: filtered and photographed")
+    return Rendered(name, film, filtered, reference, hashlib.sha256(path.read_bytes()).hexdigest())
 
 
-def _photograph(name: str, filtered: FilteredFilm, camera: ThinLensCamera, plan: RenderPlan) -> bytes:
+def _photograph(name: str, filtered: FilteredFilm, camera: ThinLensCamera, plan: RenderPlan, path: Path) -> None:
     """The filtered picture through a typical lens on a sensor of the bench, as a DNG."""
     sensor = Sensor(rows=plan.rows, columns=plan.columns)
     rng = np.random.default_rng([plan.seed, *name.encode()])
     shot = Shot(f_number=5.6, focal_length_mm=camera.focal_mm, subject_distance_mm=camera.focus_mm, comment=name)
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, f"{name}.dng")
-        photograph_render(filtered.picture, Optics.typical(), sensor, rng, path, shot=shot)
-        return path.read_bytes()
+    photograph_render(filtered.picture, Optics.typical(), sensor, rng, path, shot=shot)
 
 
 def _row(one: Rendered) -> RenderRow:
@@ -188,7 +186,7 @@ def _entry(one: Rendered) -> dict[str, Any]:
         "psnr_db": one.psnr_db,
         "similar_median": list(one.filtered.median_similar),
         "dropped_samples": int(one.film.dropped.sum()),
-        "photograph": {"path": f"{one.name}.dng", "sha256": hashlib.sha256(one.photograph).hexdigest()},
+        "photograph": {"path": f"{one.name}.dng", "sha256": one.sha256},
     }
 
 

@@ -38,7 +38,8 @@ class PlaneRecord:
 
     Attributes
     ----------
-    numbers : what the procedure found beside the PSF, plain: gamma, residual_std, ...
+    numbers : what the procedure found beside the PSF, plain: gamma, residual_std, scale, ...
+    inter_image : the kernel between two photographs, where the PSF comes from two
     quality : its curves, and the derived numbers with unit and uncertainty
     diagnostics : further numbers for those who look into a verdict
     """
@@ -49,8 +50,9 @@ class PlaneRecord:
     remedy: str = ""
     psf: Psf | None = None
     quality: Quality | None = None
-    numbers: Mapping[str, float] = field(default_factory=dict)
+    numbers: Mapping[str, float | Sequence[float]] = field(default_factory=dict)
     diagnostics: Mapping[str, float] = field(default_factory=dict)
+    inter_image: Array | None = None
 
 
 class ResultFolder:
@@ -145,7 +147,7 @@ def write_record(folder: ResultFolder, record: Mapping[str, Any]) -> str:
 
 def json_text(record: Mapping[str, Any]) -> str:
     """A record as JSON that every parser takes: null for every number that is not finite."""
-    return json.dumps(_without_nan(record), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    return json.dumps(plain(record), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def _write_plane(folder: ResultFolder, plane: PlaneRecord) -> None:
@@ -153,6 +155,8 @@ def _write_plane(folder: ResultFolder, plane: PlaneRecord) -> None:
         folder.write(f"psf_{plane.name}.npy", _npy(plane.psf.h))
         folder.write(f"covariance_{plane.name}.npy", _npy(plane.psf.covariance))
         folder.write(f"psf_{plane.name}.png", psf_picture(plane.psf, f"{plane.name}  {plane.verdict}"))
+    if plane.inter_image is not None:
+        folder.write(f"inter_image_{plane.name}.npy", _npy(plane.inter_image))
     if plane.quality is not None:
         folder.write(f"mtf_{plane.name}.csv", mtf_table(plane.quality))
 
@@ -198,12 +202,12 @@ def _npy(array: Array) -> bytes:
     return data.getvalue()
 
 
-def _without_nan(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """The same with plain Python numbers, and null for every number that is not finite."""
     if isinstance(value, Mapping):
-        return {name: _without_nan(part) for name, part in value.items()}
+        return {name: plain(part) for name, part in value.items()}
     if isinstance(value, list | tuple):
-        return [_without_nan(part) for part in value]
+        return [plain(part) for part in value]
     if isinstance(value, np.generic):
         value = value.item()
     return None if isinstance(value, float) and not math.isfinite(value) else value

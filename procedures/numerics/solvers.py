@@ -8,6 +8,8 @@ import scipy.linalg
 
 Array = npt.NDArray[np.float64]
 
+SOLVERS = ("ls", "clip", "nnls")
+
 
 def cholesky_solve(G: Array, b: Array) -> Array:
     """Solution x of G x = b for symmetric positive definite G (n, n) and b (n,) or (n, p).
@@ -66,3 +68,23 @@ def non_negative_least_squares(G: Array, b: Array, *, max_exchanges: int = 200) 
             wrong = np.arange(n) == last
         passive = passive ^ wrong
     raise ValueError(f"no non-negative solution after {max_exchanges} exchanges: the normal matrix is singular")
+
+
+def solve_constrained(G: Array, b: Array, solver: str) -> Array:
+    """The kernel (n,) from its normal equations: "ls" freely, "clip" its negative part cut, "nnls" non-negative.
+
+    Raises
+    ------
+    ValueError
+        If the solver is another.
+
+    References
+    ----------
+    Delbracio, Muse, Almansa, IPOL 2012, section 4.8.
+    """
+    if solver not in SOLVERS:
+        raise ValueError(f"the solver is one of {', '.join(SOLVERS)}; got {solver!r}")
+    if solver == "nnls":
+        return non_negative_least_squares(G, b)
+    h = cholesky_solve(G, b)
+    return np.maximum(h, 0) if solver == "clip" else h

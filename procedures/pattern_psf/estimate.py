@@ -13,13 +13,17 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.normal_equations import normalised
+from procedures.numerics.solvers import solve_constrained
 from procedures.numerics.warps import inverse
-from procedures.outcome import BadParameter, Outcome, Refused, Verdict
+from procedures.outcome import Outcome, Refused, Verdict
 from procedures.pattern import BLOCK, CELLS, Chart
 from procedures.pattern_psf.centre import mark_offset_gradient
 from procedures.pattern_psf.detection import find_chart
+from procedures.pattern_psf.gamma import gamma, gamma_bound
+from procedures.pattern_psf.observation import noise_window, observe
 from procedures.pattern_psf.radiometry import Light, measure_light
-from procedures.pattern_psf.refine import Fit, noise_window, observe, refine, without_outliers
+from procedures.pattern_psf.refine import Fit, refine, without_outliers
 from procedures.pattern_psf.registration import (
     Registration,
     block_size_px,
@@ -27,43 +31,25 @@ from procedures.pattern_psf.registration import (
     refine_corners,
     register_marks,
 )
-from procedures.pattern_psf.solve import SOLVERS, gamma, gamma_bound, normalised, solve
 from procedures.pattern_psf.trust import Diagnostics, diagnose, judge
-from procedures.psf import Psf
+from procedures.psf import Psf, Sampling
 from procedures.quality import Diffraction, Quality, assess
 from procedures.raw import Plane
 
 Array = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class PatternParameters:
-    """How the PSF is sampled and solved for.
+LEAST_STEPS = 16
+"""Digital numbers between black and white from which rounding is no worse than noise."""
 
-    Attributes
-    ----------
-    s : int
-        Samples per pixel of the plane, 2 or more.
-    k : int
-        Samples along one side of the support, odd; 3 s + 1 to 6 s + 1 is usual.
-    solver : str
-        "ls" least squares, "clip" its negative part cut, "nnls" non-negative least squares.
-    """
+
+@dataclass(frozen=True)
+class PatternParameters(Sampling):
+    """How the PSF is sampled and solved for: see `Sampling`; 3 s + 1 to 6 s + 1 samples are usual."""
 
     s: int = 4
     k: int = 17
     solver: str = "ls"
-
-    def __post_init__(self) -> None:
-        if self.s < 2:
-            raise BadParameter(f"a subpixel PSF needs s of 2 or more; got s = {self.s}", "choose s = 3 or 4")
-        if self.k < 3 or self.k % 2 == 0:
-            raise BadParameter(
-                f"the support needs an odd number k of samples, so that it has a centre; got k = {self.k}",
-                f"choose k = {max(self.k + 1, 3)}",
-            )
-        if self.solver not in SOLVERS:
-            raise BadParameter(f"the solver is one of {', '.join(SOLVERS)}; got {self.solver!r}", "choose one of them")
 
 
 @dataclass(frozen=True)
@@ -132,7 +118,7 @@ def estimate_psf(
     """
     parameters = parameters or PatternParameters()
     try:
-        return _estimate(plane.samples, chart, parameters, diffraction)
+        return _estimate(plane, chart, parameters, diffraction)
     except Refused as refusal:
         return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
     except np.linalg.LinAlgError:
@@ -145,13 +131,13 @@ def estimate_psf(
 
 
 def _estimate(
-    samples: npt.NDArray[np.float32], chart: Chart, parameters: PatternParameters, diffraction: Diffraction | None
+    plane: Plane, chart: Chart, parameters: PatternParameters, diffraction: Diffraction | None
 ) -> Outcome[PatternPsf]:
     """The chain itself; raises Refused."""
-    s, k = parameters.s, parameters.k
+    samples, s, k = plane.samples, parameters.s, parameters.k
     corners, marks_map = _register(samples)
     light = measure_light(samples, marks_map)
-    _check_light(light)
+    _check_light(light, plane.quantisation)
     fit, outliers = _fit(samples, chart, corners, marks_map, light, s, k)
     psf = _solution(fit, s, k, parameters.solver)
     diagnostics = diagnose(fit, psf, light, corners, marks_map, outliers, s)
@@ -176,12 +162,18 @@ def _register(samples: npt.NDArray[np.float32]) -> tuple[Array, Registration]:
     return corners, registration
 
 
-def _check_light(light: Light) -> None:
+def _check_light(light: Light, quantisation: float) -> None:
     """Refuse what no estimate can come of: clipped white, no light, no contrast over the noise."""
     if light.saturated > 0.01:
         raise Refused(
             f"the chart's white must not be clipped; {light.saturated:.0%} of its white samples are",
             "expose less: white at 80 % of the scale is right",
+        )
+    steps = light.contrast / quantisation
+    if steps < LEAST_STEPS:
+        raise Refused(
+            f"white must lie at least {LEAST_STEPS} digital numbers above black; it is {steps:.0f}",
+            "expose longer or light the chart: the photograph is too dark",
         )
     noise = float(np.sqrt(max(light.variance_white, light.variance_black)))
     if light.contrast < 0.01 or light.contrast < 4 * noise:
@@ -205,7 +197,7 @@ def _fit(
     window = noise_window(registration, samples.shape)
     hidden = not np.isfinite(corners).all()
     observation = observe(samples, registration, light, window, margin_px=k / (2 * s) if hidden else 0.0)
-    m, n = len(observation.y), k * k
+    m, n = len(observation), k * k
     if m < 2 * n:
         raise Refused(
             f"{n} PSF values need at least {2 * n} samples of the noise region; the photograph has {m}",
@@ -213,9 +205,9 @@ def _fit(
         )
     fit = refine(observation, chart, registration, window, s, k)
     kept = without_outliers(fit)
-    if len(kept.y) < m - max(10, 1e-3 * m):
+    if len(kept) < m - max(10, 1e-3 * m):
         fit = refine(kept, chart, registration, window, s, k)
-    return fit, 1 - len(kept.y) / m
+    return fit, 1 - len(kept) / m
 
 
 def _solution(fit: Fit, s: int, k: int, solver: str) -> Psf:
@@ -223,15 +215,16 @@ def _solution(fit: Fit, s: int, k: int, solver: str) -> Psf:
 
     For "clip" and "nnls" the same covariance is an upper limit: the constraint only takes noise away.
     """
-    h = fit.h if solver == "ls" else solve(fit.equations.G, fit.equations.G @ fit.h, solver)
+    h = fit.h if solver == "ls" else solve_constrained(fit.equations.G, fit.equations.G @ fit.h, solver)
     covariance = inverse(fit.equations.G) * fit.residual_std**2
     h, covariance = normalised(h, covariance)
     # the centre follows the PSF: an error of h that shifts it shifts the map back
     image = h.reshape(k, k)
     slope_y, slope_x = np.gradient(image)
     back = np.column_stack([slope_x.ravel(), slope_y.ravel()]) * s
-    P = np.eye(k * k) + back @ mark_offset_gradient(image, s, fit.registration.jacobian())
-    return Psf(image, s, P @ covariance @ P.T)
+    forth = mark_offset_gradient(image, s, fit.registration.jacobian())
+    covariance = covariance + back @ (forth @ covariance)
+    return Psf(image, s, covariance + (covariance @ forth.T) @ back.T)
 
 
 def _result(fit: Fit, psf: Psf, d: Diagnostics, corners: Array, diffraction: Diffraction | None) -> PatternPsf:

@@ -19,7 +19,7 @@ from procedures.pattern import (
 )
 from procedures.pattern_psf.layout import RIM_CELLS, Layouts
 
-PIXELS = 12
+PIXELS = 16
 """Pixels of the rectified picture per block."""
 RIM_BLOCKS = 1
 """Blocks of surroundings rectified around the chart."""
@@ -188,7 +188,7 @@ class Placed:
     likeness: Array
 
 
-def place_marks(rectified: Picture, *, half: int = 5, search: int = 5) -> Placed:
+def place_marks(rectified: Picture, *, half: int = 5, search: int = 6) -> Placed:
     """Find each mark near its expected place by normalised correlation, to a fraction of a rectified pixel."""
     offsets = np.zeros((len(X_CORNERS), 2))
     likeness = np.zeros(len(X_CORNERS))

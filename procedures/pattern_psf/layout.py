@@ -128,8 +128,8 @@ def _rim_index(s: int, t: int) -> int:
 def _sides(field: _Field, triples: Indices, side: int, first: int) -> Indices:
     """Hypotheses that triples start at s = `first` of the side t = 0, the chart lying to one `side` of it.
 
-    Gives the hits (n, 12) in the order of RIM, -1 where none, for those that find two of the three nearest others
-    and not both of the inner neighbours, which only a lattice of saddles has.
+    Gives the hits (n, 12) in the order of RIM, -1 where none, for those that find two of the five nearest others,
+    one of them off the side, and not both of the inner neighbours, which only a lattice of saddles has.
     """
     points = field.saddles.points
     u = (points[triples[:, 2]] - points[triples[:, 0]]) / 2
@@ -138,13 +138,14 @@ def _sides(field: _Field, triples: Indices, side: int, first: int) -> Indices:
     inside = np.column_stack([origin + s * u + v for s in (1, 2)])
     open_ = (field.nearest(inside, COLLINEAR * np.abs(u), triples[:, 1]) < 0).any(axis=1)
     triples, origin, u, v = triples[open_], origin[open_], u[open_], v[open_]
-    others = [(3 - 3 * first, 0), (0, 1), (3, 1)]
+    others = [(3 - 3 * first, 0), (0, 1), (3, 1), (0, 2), (3, 2)]
     targets = np.column_stack([origin + s * u + t * v for s, t in others])
     found = field.nearest(targets, SQUARE * np.abs(u), triples[:, 1])
     hits = np.full((len(triples), len(RIM)), -1)
     hits[:, [_rim_index(first + n, 0) for n in range(3)]] = triples
     hits[:, [_rim_index(s, t) for s, t in others]] = found
-    enough: Indices = hits[(found >= 0).sum(axis=1) >= 2]
+    off_side = (found[:, 1:] >= 0).any(axis=1)
+    enough: Indices = hits[off_side & ((found >= 0).sum(axis=1) >= 2)]
     return enough
 
 

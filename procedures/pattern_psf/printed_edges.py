@@ -8,17 +8,18 @@ mean whose width comes from the photograph itself.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numba
 import numpy as np
 import numpy.typing as npt
+import scipy.linalg
 import scipy.sparse
 
 from procedures.numerics.warps import inverse
 from procedures.pattern import BLOCK, CELLS
 from procedures.pattern_psf.registration import Registration
-from procedures.pattern_psf.solve import Products
 
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
@@ -64,20 +65,13 @@ class Edges:
         surplus = float(back @ back) - np.trace(self.CC)
         return float(np.sqrt(max(surplus / float(np.sum(self.CC**2)), LEAST_RMS**2)))
 
-    def join(self, products: Products, A: Array32, Z: Array, r: Array, rms: float) -> Products:
-        """The products of A (m, n), Z (m, p) and r (m,) with the 514 offsets joined to the parameters of Z.
+    def estimator(self, rms: float) -> Callable[[Array], Array]:
+        """What takes the samples' residual without the offsets (m,) to the most probable offsets (514,), in cells.
 
-        `rms` is the width of the offsets' prior, in cells.
+        `rms` is the width of their prior, in cells.
         """
-        C = self.C
-        CZ = (C.T @ Z).astype(np.float64)
-        return Products(
-            products.AA,
-            np.hstack([products.AZ, (C.T @ A).T.astype(np.float64)]),
-            np.block([[products.ZZ, CZ.T], [CZ, self.CC + np.eye(2 * LINES) / rms**2]]),
-            products.Ar,
-            np.concatenate([products.Zr, (C.T @ r).astype(np.float64)]),
-        )
+        factor = scipy.linalg.cho_factor(self.CC + np.eye(2 * LINES) / rms**2, lower=True, check_finite=False)
+        return lambda left: np.asarray(scipy.linalg.cho_solve(factor, self.C.T @ left, check_finite=False))
 
 
 def edge_columns(
@@ -165,7 +159,7 @@ def _lines(
     m = len(cells)
     n = steps.shape[0]
     middle = fine.shape[0] // 2
-    last = fine.shape[0] - 1
+    last = fine.shape[0]
     width = 2 * int(np.ceil(reach[0])) + 1
     values = np.zeros((m, width), np.float32)
     first = np.empty(m, np.int32)
@@ -175,15 +169,15 @@ def _lines(
         i0, i1 = max(int(v - reach[1]), 0), min(int(v + reach[1]) + 1, n)
         first[p] = j0
         for j in range(j0, min(j0 + width, n + 1)):
+            # the line's points in samples of `fine`, rounded by the half that is added
+            x = scale[0, 0] * (u - j) + scale[0, 1] * (v - i0 - 0.5 / pieces) + middle + 0.5
+            y = scale[1, 0] * (u - j) + scale[1, 1] * (v - i0 - 0.5 / pieces) + middle + 0.5
             total = np.float32(0)
             for i in range(i0, i1):
-                if steps[i, j] == 0:
-                    continue
-                for t in range(pieces):
-                    du, dv = u - j, v - i - (t + 0.5) / pieces
-                    x = int(np.rint(scale[0, 0] * du + scale[0, 1] * dv)) + middle
-                    y = int(np.rint(scale[1, 0] * du + scale[1, 1] * dv)) + middle
-                    if x >= 0 and y >= 0 and x <= last and y <= last:
-                        total += steps[i, j] * fine[y, x]
+                for _ in range(pieces):
+                    if x >= 0 and y >= 0 and x < last and y < last:
+                        total += steps[i, j] * fine[int(y), int(x)]
+                    x -= scale[0, 1] / pieces
+                    y -= scale[1, 1] / pieces
             values[p, j - j0] = total * weight[p] / pieces
     return values, first

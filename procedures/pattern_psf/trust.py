@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procedures.outcome import Verdict
+from procedures.outcome import Rule, Verdict, verdict_of
 from procedures.pattern_psf.radiometry import Light
 from procedures.pattern_psf.refine import RESPONSE, SPREAD, Fit
 from procedures.pattern_psf.registration import Registration, map_distance, mark_residuals
@@ -132,26 +132,9 @@ def _neighbour_correlation(fit: Fit) -> float:
     return max(lags, key=abs)
 
 
-@dataclass(frozen=True)
-class Rule:
-    """One line of the verdict: when it applies, what it then says, and what helps."""
-
-    verdict: Verdict
-    applies: bool
-    reason: str
-    remedy: str
-
-
 def judge(d: Diagnostics, fit: Fit) -> tuple[Verdict, str, str]:
     """Verdict, reason and remedy: the first refusal, else all doubts together."""
-    rules = _refusals(d) + _doubts(d, fit)
-    refused = [rule for rule in rules if rule.applies and rule.verdict is Verdict.REFUSED]
-    if refused:
-        return Verdict.REFUSED, refused[0].reason, refused[0].remedy
-    doubts = [rule for rule in rules if rule.applies]
-    if doubts:
-        return Verdict.DOUBTFUL, "; ".join(r.reason for r in doubts), "; ".join(r.remedy for r in doubts)
-    return Verdict.PASS, "", ""
+    return verdict_of(_refusals(d) + _doubts(d, fit))
 
 
 def _refusals(d: Diagnostics) -> list[Rule]:

@@ -136,13 +136,13 @@ class Film:
         """
         _check_sizes(self)
         _refuse_where(~np.isfinite(self.mean).all(-1), "pixels are NaN or infinite", "render them again")
-        votes = self.histogram.sum(-1)
-        bad = (self.histogram < 0).any((-2, -1)) | ~np.isfinite(votes).all(-1)
-        _refuse_where(
-            np.asarray(bad), "pixels have negative or NaN votes in their histograms", "write the histograms again"
-        )
+        votes = self.histogram @ np.ones(BINS, np.float32)
+        if not self.histogram.min() >= 0:  # NaN is not either
+            bad = ~(self.histogram >= 0).all((-2, -1))
+            _refuse_where(bad, "pixels have negative or NaN votes in their histograms", "write the histograms again")
         _refuse_where(self.count == 0, "pixels are empty", "cast at least one sample in each")
-        excess = np.abs(votes - self.count[..., None]) > SUM_TOLERANCE * self.count[..., None] + SUM_TOLERANCE
+        counts = self.count.astype(np.float32)[..., None]
+        excess = np.abs(votes - counts) > SUM_TOLERANCE * (counts + 1)
         _refuse_where(
             excess.any(-1),
             "pixels have histograms that do not sum to their count",

@@ -70,7 +70,9 @@ def filter_film(
         level = frames if s == 0 else [downsample(frame, s) for frame in frames]
         rules = parameters if s == 0 else _without_least(parameters)
         results.append(fuse_scale(level[0], rules, neighbours=level[1:], threads=threads))
-    picture = within_range(recombine([r.picture for r in results], parameters.coarse), frames[0].picture)
+    picture = results[0].picture
+    if parameters.scales > 1:
+        picture = within_range(recombine([r.picture for r in results], parameters.coarse), frames[0].picture)
     return FilteredFilm(picture, results[0].similar, tuple(float(np.median(r.similar)) for r in results))
 
 

@@ -13,6 +13,7 @@ from simulators.rays import (
     ThinLensCamera,
     blur_diameter_px,
     cast,
+    depth_map,
 )
 
 WHITE = Material((1.0, 1.0, 1.0))
@@ -138,6 +139,20 @@ def test_defocus_is_the_disc_of_a_thin_lens(z):
     expected = diameter**2 / 16 + (width / pixel_mm) ** 2 / 12 + 1 / 12
     np.testing.assert_allclose(variance, expected, rtol=0.06)  # 300 samples in some hundred pixels
     np.testing.assert_allclose(centre, 29.5, atol=0.25)
+
+
+def test_depths_are_along_the_axis():
+    # a wall across the axis is as far at the rim as in the middle; a ball's front is nearer; beside them is nothing
+    sheet = Rectangle((-200, -200, 900), (400, 0, 0), (0, 400, 0), WHITE)
+    camera = ThinLensCamera(31, 61, pitch_um=1000)
+    depth = depth_map(Scene([sheet, Sphere((0, 0, 900), 50, WHITE)]), camera)
+    assert depth[15, 30] == pytest.approx(850.0)
+    assert depth[5, 25] == pytest.approx(900.0)
+    assert depth[15, 0] == np.inf
+    # and the defocus at infinity is that of the focus at twice the distance, doubled
+    lens = ThinLensCamera(4, 4, f_number=2.0)
+    far, near = blur_diameter_px(lens, [np.inf, 2000.0])
+    assert far == pytest.approx(2 * near)
 
 
 def test_depth_of_field_vanishes_through_a_pinhole():

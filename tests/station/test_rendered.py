@@ -16,7 +16,7 @@ SMALL = RenderPlan(columns=32, samples=40, converged=70, scenes=("chart-in-depth
 
 def test_a_scene_is_rendered_filtered_photographed_and_shown(tmp_path):
     told = []
-    (one,), text = rendered_demo(tmp_path, SMALL, tell=told.append)
+    (one,), text = rendered_demo(tmp_path, SMALL, progress=lambda done, steps=1: told.append(done))
     names = ["chart-in-depth.dng", "chart-in-depth.png", "films", "rays.html", "result.json"]
     assert sorted(path.name for path in tmp_path.iterdir()) == names
     record = json.loads(text)
@@ -34,14 +34,16 @@ def test_an_interrupted_render_goes_on_where_it_stopped(tmp_path):
     class Stopped(Exception):
         pass
 
-    def stop(_):
+    def stop(done, steps=1):
         raise Stopped
 
     with pytest.raises(Stopped):
-        render_film(scene, camera, 3 * PASS, 1, tmp_path / "film.npz", tell=stop)
+        render_film(scene, camera, 3 * PASS, 1, tmp_path / "film.npz", progress=stop)
     assert (read_film(tmp_path / "film.npz").count == PASS).all()
     told = []
-    resumed = render_film(scene, camera, 3 * PASS, 1, tmp_path / "film.npz", tell=told.append)
+    resumed = render_film(
+        scene, camera, 3 * PASS, 1, tmp_path / "film.npz", progress=lambda done, steps=1: told.append(done)
+    )
     whole = render_film(scene, camera, 3 * PASS, 1, tmp_path / "other.npz")
     assert len(told) == 2
     np.testing.assert_array_equal(resumed.histogram, whole.histogram)

@@ -147,6 +147,10 @@ def test_darkness_is_refused(bench: Bench, rng: np.random.Generator) -> None:
     assert estimate_psf(changed(bench, dark), CHART).verdict is Verdict.REFUSED
 
 
+def test_coarse_steps_are_refused_as_too_dark(bench: Bench) -> None:
+    refused(Plane("Y", (np.round(bench.clean * 10) / 10).astype(np.float32), 0.1), "digital numbers above black")
+
+
 def test_faint_chart_is_refused_as_too_dark(bench: Bench, rng: np.random.Generator) -> None:
     refused(changed(bench, 0.01 * bench.clean), "clear of black")
 
@@ -170,3 +174,15 @@ def test_support_larger_than_the_samples_is_refused() -> None:
 def test_parameters_that_cannot_be_meant(s: int, k: int, solver: str, match: str) -> None:
     with pytest.raises(BadParameter, match=match):
         PatternParameters(s, k, solver)
+
+
+def test_curved_response_is_told_from_spread_ink(bench: Bench, rng: np.random.Generator) -> None:
+    samples = bench.plane(0.002, rng).samples
+    top, bottom = 0.9 * 0.9 / 1.3, 0.04 * 0.9 / 1.3  # paper and ink in a light of 0.9, full well at 1.3
+    level = (samples - bottom) / (top - bottom)
+    curved = bottom + (top - bottom) * (level + 0.1 * (level**2 - level))
+    found = value(estimate_psf(changed(bench, curved), CHART))
+    assert found.diagnostics["response_curvature"] == pytest.approx(0.1, abs=0.02)
+    assert found.diagnostics["ink_spread"] == pytest.approx(0, abs=0.004)
+    error, _ = aligned_error(found.psf.h, bench.photograph.true_psf("Y", 4, 17).h)
+    assert error < 1.3 * found.diagnostics["relative_uncertainty"]

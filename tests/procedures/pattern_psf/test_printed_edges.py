@@ -3,11 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from procedures.numerics.sampled_convolution import convolve_at
+from procedures.pattern_psf.observation import noise_window, observe
 from procedures.pattern_psf.printed_edges import LINES, Edges, edge_columns
 from procedures.pattern_psf.radiometry import measure_light
 from procedures.pattern_psf.rasterise import band_limited_chart, whole_chart
-from procedures.pattern_psf.refine import noise_window, observe
-from procedures.pattern_psf.solve import convolve_at, gram, products
 
 from .conftest import CHART, Bench
 
@@ -48,10 +48,7 @@ def test_offsets_come_back(columns, rng: np.random.Generator) -> None:
     rms = edges.rms(v)
     # 514 offsets give their own width to 1 / sqrt(1028) = 3 %, the cells' random signs a few per cent more
     assert rms == pytest.approx(0.03, rel=0.15)
-    A, Z = np.zeros((len(v), 1), np.float32), np.zeros((len(v), 0))
-    joint = edges.join(products(gram(A), A, Z, v), A, Z, v, rms)
-    found = np.linalg.solve(joint.ZZ, joint.Zr)
-    assert np.corrcoef(found, truth)[0, 1] > 0.9
+    assert np.corrcoef(edges.estimator(rms)(v), truth)[0, 1] > 0.9
 
 
 def test_noise_alone_has_no_offsets(columns, rng: np.random.Generator) -> None:

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procedures.pattern_psf.radiometry import measure_light, quadratic, response_curvature
+from procedures.pattern_psf.radiometry import measure_light, quadratic
 
 from .conftest import Bench
 
@@ -52,15 +52,3 @@ def test_a_shaded_block_does_not_tilt_the_levels(bench: Bench) -> None:
     shaded[y - 6 : y + 8, x + 8 : x + 22] *= 0.3
     found = measure_light(shaded, registration)
     assert abs(found.contrast / honest.contrast - 1) < 0.01
-
-
-def test_curvature_of_a_parabolic_response_comes_back(rng: np.random.Generator) -> None:
-    linear = 0.5 + 0.15 * rng.standard_normal(20_000)
-    bent = linear + 0.08 * (linear**2 - linear)
-    # first order in beta: the paper's formula has the response's own square beside it
-    assert response_curvature(bent, float(linear.mean())) == pytest.approx(0.08, rel=0.03)
-
-
-def test_binary_samples_have_no_curvature() -> None:
-    with pytest.raises(ValueError, match="binary"):
-        response_curvature(np.array([0.0, 1.0, 1.0, 0.0]), 0.5)

@@ -18,6 +18,7 @@ from procedures.ray_histogram.multiscale import (
     gaussian_downsample,
     recombine,
     samples_of,
+    within_range,
 )
 
 # PSNR in dB, (samples, kappa, scales) -> (clipped to [0, 1], unclipped): the published program on the same data
@@ -113,3 +114,13 @@ def test_one_scale_too_many_is_refused(flat_film):
 def test_a_constant_film_stays_constant_through_all_scales(flat_film):
     film = replace(flat_film, mean=np.full((24, 21, 3), 0.25))
     np.testing.assert_allclose(filter_film(film).picture, 0.25, rtol=1e-4)  # float32 weights, three scales
+
+
+def test_a_lamp_digs_no_hole_around_itself(light):
+    # a lamp a thousand times brighter than the wall: exchanged low frequencies alone would go below the wall's light
+    levels = np.full((48, 48), 0.05)
+    levels[20:28, 20:28] = 50.0
+    film = film_of_samples(light(levels, 32))
+    found = filter_film(film).picture
+    assert found.min() >= film.mean.min()
+    np.testing.assert_array_equal(within_range(found, film.mean.astype(np.float32)), found)
