@@ -76,8 +76,8 @@ class _Owner:
 class GphotoCamera:
     """A Camera on libgphoto2; frames are saved to `folder`.
 
-    With `shutter`, that fires it; without, the body is triggered over its cable. Empty `model` and `port` take the first
-    body found.
+    With `shutter`, that fires it; without, the body is triggered over its cable. Empty `model` and `port` take the
+    first body found.
     """
 
     def __init__(

@@ -26,25 +26,23 @@ class Transcript:
 
     def __init__(self, length: int = 1000, file: Path | None = None) -> None:
         self._ring: deque[tuple[float, str, bytes]] = deque(maxlen=length)
-        self._file: TextIO | None = file.open("a", encoding="utf-8") if file else None
+        self._path = file
+        self._file: TextIO | None = None
 
     def record(self, time_s: float, way: str, data: bytes) -> None:
         """Note bytes that passed; safe from any thread."""
         self._ring.append((time_s, way, data))
-        if self._file is not None:
+        if self._path is not None:
+            if self._file is None:
+                self._file = self._path.open("a", encoding="utf-8")
             self._file.write(Passage(time_s, way, data).line() + "\n")
 
     def last(self, n: int = 1000) -> list[Passage]:
         """The newest `n` passages, oldest first."""
         return [Passage(*entry) for entry in list(self._ring)[-n:]]
 
-    def flush(self) -> None:
-        """Bring the file up to date."""
-        if self._file is not None:
-            self._file.flush()
-
     def close(self) -> None:
-        """Close the file; the ring stays readable."""
+        """Bring the file up to date and close it until more passes; the ring stays readable."""
         if self._file is not None:
             self._file.close()
             self._file = None

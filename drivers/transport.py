@@ -121,7 +121,7 @@ class SerialTransport(Generic[E]):
         self._lose(port, LineLost(f"{self.address} is closed", "connect first"))
         if self._reader is not None and self._reader is not threading.current_thread():
             self._reader.join(timeout=2.0)
-        self.transcript.flush()
+        self.transcript.close()
 
     def request(self, data: bytes, answer: Callable[[E], T | None], timeout_s: float, tries: int = 1) -> T:
         """Write `data` and wait for the event of which `answer` makes a value; ask `tries` times in all.

@@ -6,6 +6,7 @@ Every cable is reachable as `sim://NAME/DEVICE`; `simulators.ports` opens them t
 from __future__ import annotations
 
 import itertools
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -16,7 +17,8 @@ from drivers.transport import register_scheme
 from simulators.body import BodySettings, CameraBody, Opening
 from simulators.clock import FastClock, VirtualClock
 from simulators.faults import Faults
-from simulators.grbl import GrblController, Outputs
+from simulators.grbl import GrblController
+from simulators.grbl_state import Outputs
 from simulators.imu import FastModule, WitModule
 from simulators.instruments import BoschModule, DmxWidget, JrtModule
 from simulators.mishaps import Fate, Mishap, random_faults, random_mishaps
@@ -108,9 +110,10 @@ class SimulatedBench:
         found = {}
         for name, cable in self.cables.items():
             if name != "rts" and name in devices:
-                pty, tcp = PtyPort(cable), TcpPort(cable)
-                self._ports += [pty, tcp]
-                found[name] = (pty.address, tcp.address)
+                pty = PtyPort(cable) if hasattr(os, "openpty") else None
+                tcp = TcpPort(cable)
+                self._ports += [tcp, *([pty] if pty else [])]
+                found[name] = (pty.address if pty else "", tcp.address)
         return found
 
     def close(self) -> None:

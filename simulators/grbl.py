@@ -7,67 +7,15 @@ as grblHAL or FluidNC. Moves begin and end at rest: there is no look-ahead at co
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 
 from simulators import grbl_words as words
+from simulators.grbl_state import NEVER, Block, Modes, Outputs, Run, Sync
 from simulators.motion import Axis, brake_line, travel_line
 
 RESET, CANCEL, DOOR = 0x18, 0x85, 0x84
 BOOT_S = 0.4
 PLANNER = 15
-NEVER = float("inf")
-
-
-@dataclass(frozen=True)
-class Outputs:
-    """What hangs on the controller's relay and spindle pins."""
-
-    relay: Callable[[bool, float], None] = lambda on, now_s: None
-    spindle: Callable[[float, float], None] = lambda level, now_s: None
-
-
-@dataclass
-class Modes:
-    """G-code modes, as after a reset."""
-
-    inches: bool = False
-    relative: bool = False
-    motion: int = 0
-    feed: float = 0.0
-
-
-@dataclass(frozen=True)
-class Block:
-    """One planned straight line, in machine space, mm/min."""
-
-    target: tuple[float, ...]
-    feed: float
-    jog: bool
-
-
-@dataclass(frozen=True)
-class Sync:
-    """A block that waits until the planner is empty: then outputs switch, then the dwell."""
-
-    dwell_s: float
-    switches: tuple[int, ...]
-    speed: float
-
-
-@dataclass
-class Run:
-    """What is going on: the line being driven, when it ends, what the main loop waits for."""
-
-    state: str = "Alarm"
-    hold: int = 0
-    plan: deque[Block] = field(default_factory=deque)
-    current: Block | None = None
-    motion_end_s: float = NEVER
-    busy_until_s: float = NEVER
-    homing: bool = False
-    sync: Sync | None = None
 
 
 class GrblController:
@@ -95,12 +43,11 @@ class GrblController:
         self._modes, self._run = Modes(), Run()
         self._out = bytearray()
         self._rx = bytearray()
+        self._line: str | None = None
         self._dtr = False
         self._boot_s = NEVER
         self._critical = False
         self._reports = 0
-
-    # --- the cable's side
 
     def set_lines(self, rts: bool, dtr: bool, now_s: float) -> None:
         """A rising DTR resets the board, as on every Arduino."""
@@ -115,7 +62,7 @@ class GrblController:
         self._planned = tuple(0.0 for _ in self.axes)
         self._run, self._modes, self._critical = Run(), Modes(), False
         self._out.clear()
-        self._rx.clear()
+        self._forget_lines()
         self._boot_s = now_s + BOOT_S
 
     def receive(self, data: bytes, now_s: float) -> None:
@@ -142,16 +89,21 @@ class GrblController:
         moment_s = min(self._boot_s, self._run.motion_end_s, self._run.busy_until_s)
         return None if moment_s == NEVER else moment_s
 
-    # --- faults from outside
+    @property
+    def locked(self) -> bool:
+        """Whether it refuses motion: not homed yet, homing, or in alarm."""
+        return self._run.state in ("Alarm", "Home")
 
     def alarm(self, code: int, now_s: float) -> None:
         """A limit switch, the emergency button, a driver fault."""
         self._halt(now_s)
         self._run = Run()
-        self._rx.clear()
+        self._forget_lines()
         self._raise(code)
 
-    # --- inside
+    def _forget_lines(self) -> None:
+        self._rx.clear()
+        self._line = None
 
     def _say(self, *lines: str) -> None:
         for line in lines:
@@ -212,7 +164,7 @@ class GrblController:
         self.outputs.relay(False, now_s)
         self.outputs.spindle(0.0, now_s)
         self._run, self._modes, self._critical = Run(state="Alarm" if alarmed else "Idle"), Modes(), False
-        self._rx.clear()
+        self._forget_lines()
         self._planned = self._machine(now_s)
         if homing or moving:
             self._raise(6 if homing else 3)
@@ -268,13 +220,18 @@ class GrblController:
 
     def _main_loop(self, now_s: float) -> None:
         """Execute complete lines while nothing blocks."""
-        while self._free(now_s) and (line := self._take_line()) is not None:
+        while self._free(now_s):
+            if self._line is None:
+                self._line = self._take_line()
+            if self._line is None or len(self._run.plan) >= PLANNER:  # the line waits outside the RX buffer
+                return
+            line, self._line = self._line, None
             self._execute(line, now_s)
 
     def _free(self, now_s: float) -> bool:
-        """Whether no homing, dwell, planner sync, full planner or critical alarm holds the main loop."""
+        """Whether no homing, dwell, planner sync or critical alarm holds the main loop."""
         run = self._run
-        if self._critical or run.busy_until_s != NEVER or len(run.plan) >= PLANNER:
+        if self._critical or run.busy_until_s != NEVER:
             return False
         if run.sync is None:
             return True
@@ -323,6 +280,8 @@ class GrblController:
             self._say("error:8")
         elif line == "$H":
             self._home(now_s)
+        elif line == "$#":
+            self._say(*words.offsets(self.work_offset), "ok")
         elif line == "$$":
             self._say(*words.settings_lines(self.settings, self.variant), "ok")
         elif line in ("$I", "$I+"):
@@ -426,19 +385,12 @@ class GrblController:
 
     def _report(self, now_s: float) -> str:
         self._reports += 1
-        where, run = self._machine(now_s), self._run
+        run = self._run
         state = f"{run.state}:{run.hold}" if run.state in ("Hold", "Door") else run.state
-        scale = 1 / 25.4 if self.settings[13] == 1 else 1.0
-        place = (
-            where if int(self.settings[10]) & 1 else tuple(a - b for a, b in zip(where, self.work_offset, strict=True))
+        fields = words.places(
+            self.settings, self._machine(now_s), self.work_offset, self._reports, run.current is not None
         )
-        fields = [state, ("MPos:" if int(self.settings[10]) & 1 else "WPos:") + words.numbers(place, scale)]
         if int(self.settings[10]) & 2:
-            fields.append(f"Bf:{PLANNER - len(run.plan)},{self.rx_bytes - len(self._rx)}")
-        fields.append(f"FS:{run.current.feed if run.current else 0:.0f},0")
-        every = 30 if run.state in ("Run", "Jog") else 10
-        if self._reports % every == 1:
-            fields.append("WCO:" + words.numbers(self.work_offset, scale))
-        elif self._reports % every == 2:
-            fields.append("Ov:100,100,100")
-        return "<" + "|".join(fields) + ">"
+            fields.insert(1, f"Bf:{PLANNER - len(run.plan)},{self.rx_bytes - len(self._rx)}")
+        fields.insert(1, f"FS:{run.current.feed if run.current else 0:.0f},0")
+        return "<" + "|".join([state, *fields]) + ">"

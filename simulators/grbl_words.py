@@ -56,6 +56,14 @@ def identity(variant: str, asked: str, rx_bytes: int) -> list[str]:
     return [f"[VER:{version}:]", f"[OPT:V,15,{rx_bytes}]"]
 
 
+def offsets(work: Sequence[float]) -> list[str]:
+    """The answer to `$#`: G54 is the work offset, all others are zero."""
+    none = [0.0] * len(work)
+    names = ["G55", "G56", "G57", "G58", "G59", "G28", "G30", "G92"]
+    lines = [f"[G54:{numbers(work, 1.0)}]", *(f"[{name}:{numbers(none, 1.0)}]" for name in names)]
+    return [*lines, "[TLO:0.000]", f"[PRB:{numbers(none, 1.0)}:0]"]
+
+
 def clean(line: bytes) -> str:
     """A line without comments and spaces, in capitals."""
     text = _COMMENT.sub("", line.decode("ascii", "replace"))
@@ -71,6 +79,20 @@ def assignment(line: str) -> tuple[int, float] | None:
 def numbers(values: Sequence[float], scale: float) -> str:
     """Comma-separated with three decimals."""
     return ",".join(f"{value * scale:.3f}" for value in values)
+
+
+def places(
+    settings: Mapping[int, float], machine: Sequence[float], work: Sequence[float], count: int, busy: bool
+) -> list[str]:
+    """The position of the `count`-th report, with the fields that only some reports carry."""
+    scale, mask = 1 / 25.4 if settings[13] == 1 else 1.0, int(settings[10])
+    place = machine if mask & 1 else [a - b for a, b in zip(machine, work, strict=True)]
+    fields = [("MPos:" if mask & 1 else "WPos:") + numbers(place, scale)]
+    if count % (30 if busy else 10) == 1:
+        fields.append("WCO:" + numbers(work, scale))
+    elif count % (30 if busy else 10) == 2:
+        fields.append("Ov:100,100,100")
+    return fields
 
 
 @dataclass(frozen=True)

@@ -122,11 +122,13 @@ class Path:
     points_px: tuple[tuple[float, float], ...]
 
     def otf(self, fx: Array, fy: Array, wavelength_um: float, pitch_um: float) -> Complex:
-        """Mean of the shifts' phases."""
-        total = np.zeros(np.broadcast_shapes(fx.shape, fy.shape), dtype=np.complex128)
-        for x, y in self.points_px:
-            total += np.exp(-2j * np.pi * x * fx) * np.exp(-2j * np.pi * y * fy)
-        return total / len(self.points_px)
+        """Mean of the shifts' phases; over a grid of rows and columns, a product of matrices."""
+        x, y = np.array(self.points_px).T
+        if fx.ndim == fy.ndim == 2 and fx.shape[0] == fy.shape[1] == 1:
+            across, down = np.exp(-2j * np.pi * x[:, None] * fx), np.exp(-2j * np.pi * fy * y)
+            return np.asarray(down @ across / x.size)
+        phases = np.exp(-2j * np.pi * (x * fx[..., None] + y * fy[..., None]))
+        return np.asarray(phases.mean(axis=-1))
 
     def reach_px(self, wavelength_um: float, pitch_um: float) -> float:
         """The farthest displacement."""

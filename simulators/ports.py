@@ -8,7 +8,6 @@ import select
 import socket
 import threading
 import time
-import tty
 from collections.abc import Callable
 
 from simulators.serial_device import Cable
@@ -24,6 +23,8 @@ class PtyPort:
     """
 
     def __init__(self, cable: Cable) -> None:
+        import tty  # there is none on Windows
+
         self._cable = cable
         self._master, slave = os.openpty()
         tty.setraw(slave)

@@ -18,13 +18,20 @@ from simulators.scene import Light, PlacedChart, Scene, Wall
 from simulators.sensor import Sensor
 from simulators.world import Array, Pose, World
 
-INSTANTS = 48  # of an exposure; modes up to 60 Hz at 0.1 s are met eight times a period
+INSTANTS_PER_S = 480  # of an exposure: modes up to 60 Hz are met eight times a period
+FEWEST, MOST = 8, 96
 NEGLIGIBLE_PX = 0.01
 
 
 def bench_camera() -> SimulatedCamera:
     """A small sensor behind 24 mm: half to one and a half sensor pixels per 0.3 mm cell over the bench's rail."""
     return SimulatedCamera(Lens(focal_length_mm=24.0), Sensor(rows=480, columns=640), pitch_um=5.94)
+
+
+def instants(opening: Opening) -> Array:
+    """Times, equally spaced over an exposure, at which the camera's path is looked at."""
+    count = min(max(round(INSTANTS_PER_S * opening.exposure_s), FEWEST), MOST)
+    return np.asarray(opening.begin_s + opening.exposure_s * (np.arange(count) + 0.5) / count)
 
 
 @dataclass
@@ -52,8 +59,7 @@ class View:
 
     def photograph(self, opening: Opening, path: FilePath | None = None) -> Photograph:
         """Expose once; the path of the chart's centre over the sensor becomes part of the blur."""
-        instants = opening.begin_s + opening.exposure_s * (np.arange(INSTANTS) + 0.5) / INSTANTS
-        centres, turns = self.chart_seen(self.world.pose(instants))
+        centres, turns = self.chart_seen(self.world.pose(instants(opening)))
         centre = centres.mean(axis=0)
         roll, yaw, pitch = turns.mean().as_euler("ZYX", degrees=True)
         placed = PlacedChart(self.chart, ChartPose((centre[0], centre[1], centre[2]), yaw, pitch, roll), self.cell_mm)

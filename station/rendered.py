@@ -50,7 +50,7 @@ class RenderPlan:
         Per pixel, of what is filtered and of what it is compared with.
     """
 
-    columns: int = 192
+    columns: int = 320
     samples: int = 64
     converged: int = 512
     seed: int = 1

@@ -39,7 +39,7 @@ DIAGNOSTICS = (
     ("residual_std", "Residual, in units of the noise on the blocks", "plain"),
     ("whiteness", "Correlation of neighbouring residuals", "plain"),
     ("relative_uncertainty", "Uncertainty of the PSF over its norm", "percent"),
-    ("support_cut", "Contrast of the cells below the blocks'", "percent"),
+    ("support_cut", "Energy outside the support", "percent"),
     ("marks_rms_px", "Scatter of the marks about the map, in pixels", "plain"),
     ("moved_px", "Largest correction of the marks' map, in pixels", "plain"),
     ("outliers", "Samples left out", "percent"),

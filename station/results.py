@@ -147,7 +147,7 @@ def write_record(folder: ResultFolder, record: Mapping[str, Any]) -> str:
 
 def json_text(record: Mapping[str, Any]) -> str:
     """A record as JSON that every parser takes: null for every number that is not finite."""
-    return json.dumps(_without_nan(record), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    return json.dumps(plain(record), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def _write_plane(folder: ResultFolder, plane: PlaneRecord) -> None:
@@ -202,12 +202,12 @@ def _npy(array: Array) -> bytes:
     return data.getvalue()
 
 
-def _without_nan(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """The same with plain Python numbers, and null for every number that is not finite."""
     if isinstance(value, Mapping):
-        return {name: _without_nan(part) for name, part in value.items()}
+        return {name: plain(part) for name, part in value.items()}
     if isinstance(value, list | tuple):
-        return [_without_nan(part) for part in value]
+        return [plain(part) for part in value]
     if isinstance(value, np.generic):
         value = value.item()
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -89,10 +89,11 @@ class Sighting:
         out: Array = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
         return out
 
-    def cut_marks(self, shape: tuple[int, ...]) -> int:
-        """How many x-corners lie outside a photograph of this shape (rows, columns)."""
+    def cut_marks(self, shape: tuple[int, ...], margin_px: float = 0.0) -> int:
+        """How many x-corners lie nearer to the edge of a photograph of this shape (rows, columns), or beyond it."""
         x, y = self.predicted().T
-        inside = (x >= 0) & (y >= 0) & (x <= shape[1] - 1) & (y <= shape[0] - 1)
+        inside = (x >= margin_px) & (y >= margin_px)
+        inside &= (x <= shape[1] - 1 - margin_px) & (y <= shape[0] - 1 - margin_px)
         return int(np.count_nonzero(~inside))
 
 
@@ -249,12 +250,14 @@ def _refuse_unfit(sighting: Sighting, shape: tuple[int, ...]) -> None:
     """Raise Refused for a chart that the estimator cannot use."""
     if sighting.mirrored:
         raise Refused("the chart is mirrored", "flip the picture left to right, or photograph the chart directly")
-    if cut := sighting.cut_marks(shape):
+    hidden = int(np.count_nonzero(~sighting.visible))
+    half_block = sighting.widths().mean() * BLOCK / CELLS / 2
+    cut = sighting.cut_marks(shape, half_block if hidden > MAX_HIDDEN else 0.0)
+    if cut:
         raise Refused(
-            f"the chart is cut by the photograph's edge: {cut} of its 12 marks lie outside",
+            f"the chart is cut by the photograph's edge: {cut} of its 12 marks are not whole in it",
             "aim so that the whole chart is in the frame",
         )
-    hidden = int(np.count_nonzero(~sighting.visible))
     if hidden > MAX_HIDDEN:
         raise Refused(
             f"at most {MAX_HIDDEN} of the chart's 12 marks may be hidden; {hidden} are",

@@ -44,8 +44,10 @@ MOST_PER_PIXEL = 0.015
 IMPURE = 4
 """Saddles kept in one picture, and how many times as many before they are looked at closer: textures yield
 hundreds of thousands, a chart twelve."""
-STRIP_ROWS = 128
-"""Rows worked on at a time, so that the intermediate maps stay in the processor's cache."""
+STRIP_PIXELS = 200_000
+"""Pixels worked on at a time, so that the intermediate maps stay in the processor's cache."""
+NOISE_BANDS = 128
+"""Rows from one band in which noise is measured to the next."""
 Picture = npt.NDArray[np.float32]
 Complex = npt.NDArray[np.complex128]
 Indices = npt.NDArray[np.intp]
@@ -95,7 +97,7 @@ class _Strip:
     xy: Picture
 
 
-def _strip_saddles(strip: Picture) -> _Strip:
+def _strip_saddles(strip: Picture, weakest: float) -> _Strip:
     g, d, dd = _kernels()
     xx = cv2.sepFilter2D(strip, cv2.CV_32F, dd, g)
     yy = cv2.sepFilter2D(strip, cv2.CV_32F, g, dd)
@@ -107,18 +109,20 @@ def _strip_saddles(strip: Picture) -> _Strip:
     size = 2 * SEPARATION + 1
     peaks = determinant >= cv2.dilate(determinant, np.ones((size, size), np.uint8))
     peaks &= mean < np.float32(ISOTROPY**2) * squared
+    peaks &= squared > np.float32(weakest**2)
     index = np.flatnonzero(peaks)
     return _Strip(index, half.ravel()[index], xy.ravel()[index])
 
 
-def _strips(image: Picture) -> Iterator[_Strip]:
-    """The saddles of a picture, strip by strip; indices are those of the whole, flattened."""
+def _strips(image: Picture, weakest: float) -> Iterator[_Strip]:
+    """The saddles of a picture stronger than the weakest, strip by strip; indices are those of the whole, flattened."""
     pad = KERNEL_RADIUS + SEPARATION
     rows, columns = image.shape
-    for top in range(0, rows, STRIP_ROWS):
-        first, last = max(top - pad, 0), min(top + STRIP_ROWS + pad, rows)
-        strip = _strip_saddles(image[first:last])
-        own = slice(*np.searchsorted(strip.index, [(top - first) * columns, (top - first + STRIP_ROWS) * columns]))
+    height = max(STRIP_PIXELS // columns, 4 * pad)
+    for top in range(0, rows, height):
+        first, last = max(top - pad, 0), min(top + height + pad, rows)
+        strip = _strip_saddles(image[first:last], weakest)
+        own = slice(*np.searchsorted(strip.index, [(top - first) * columns, (top - first + height) * columns]))
         yield _Strip(strip.index[own] + first * columns, strip.half[own], strip.xy[own])
 
 
@@ -129,7 +133,7 @@ def _noise(image: Picture) -> float:
     without noise, are left out.
     """
     energies = []
-    for top in range(0, image.shape[0] - QUIET_TILE - 1, STRIP_ROWS):
+    for top in range(0, image.shape[0] - QUIET_TILE - 1, NOISE_BANDS):
         band = cv2.filter2D(image[top : top + QUIET_TILE + 2], cv2.CV_32F, HIGH_PASS)[1:-1, 1:-1]
         tiles = (max(band.shape[1] // QUIET_TILE, 1), 1)
         energies.append(cv2.resize(band * band, tiles, interpolation=cv2.INTER_AREA).ravel())
@@ -197,11 +201,10 @@ def find_saddles(image: Picture) -> Saddles:
     image : (rows, columns) float32
         Grey levels; any positive scale gives the same points.
     """
-    strips = list(_strips(image))
+    strips = list(_strips(image, ABOVE_NOISE * _noise_gain() * _noise(image)))
     index, half, xy = (np.concatenate([getattr(s, name) for s in strips]) for name in ("index", "half", "xy"))
-    strong = np.flatnonzero(half**2 + xy**2 > (ABOVE_NOISE * _noise_gain() * _noise(image)) ** 2)
-    points = index[strong] % image.shape[1] + 1j * (index[strong] // image.shape[1])
-    z = half[strong] + 1j * xy[strong].astype(np.float64)
+    points = index % image.shape[1] + 1j * (index // image.shape[1])
+    z = half + 1j * xy.astype(np.float64)
     found = Saddles(points, -z / np.abs(z), np.abs(z))
     most = int(min(MOST, MOST_PER_PIXEL * image.size))
     found = found.take(_best_of_tiles(found.points, found.strengths, IMPURE * most))

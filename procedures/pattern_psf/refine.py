@@ -29,7 +29,7 @@ from procedures.pattern_psf.observation import Observation
 from procedures.pattern_psf.printed_edges import Edges, edge_columns
 from procedures.pattern_psf.rasterise import Raster, Window, band_limited_chart, whole_chart
 from procedures.pattern_psf.registration import Registration, map_distance
-from procedures.pattern_psf.tail import tail_column
+from procedures.pattern_psf.tail import tail_border, tail_column
 
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
@@ -39,7 +39,7 @@ RESPONSE, SPREAD, TAIL = 11, 12, 13  # places of beta, delta and tau among the l
 LOST = 0.1  # agreement by the marks' map under which these are other cells, or none can be seen
 PRINT_TELLS = 1.06  # residual over noise from which the printed edges are worth estimating
 COARSE_STEPS, FINE_STEPS, SWEEPS = 4, 4, 2
-COARSE_SAMPLES = 12  # samples per PSF value that the coarse steps make do with
+COARSE_SAMPLES = 9  # samples per PSF value that the coarse steps make do with
 NEAR_PX = 0.15  # below this a step's system is that of the answer, to the noise
 STILL_PX = 0.015  # the step itself is accounted for to first order: what is left of it is a hundredth
 
@@ -115,19 +115,24 @@ class _Model:
     window: Window
     k: int
 
-    def system(self, o: Observation, registration: Registration) -> Array32:
-        """The weighted convolution matrix for a map."""
-        u = self.raster.read(registration, self.window, self.k // 2)
-        return np.asarray(sample_convolution(u, o.rows, o.columns, o.weight.astype(np.float32), self.raster.s, self.k))
+    def read(self, registration: Registration, border: int) -> Array32:
+        """The chart on the s grid of the window, with a border."""
+        return self.raster.read(registration, self.window, border)
 
-    def far(self, fit: Fit) -> Array:
-        """What is no part of h: the outlines seen through the PSF, the chart seen through the tail, (m, 2)."""
-        o, border = fit.observation, self.k // 2
-        outline = self.raster.read_outline(fit.registration, self.window, border)
+    def system(self, o: Observation, u: Array32) -> Array32:
+        """The weighted convolution matrix, for the chart `u` with a border of the support's or more."""
+        extra = (u.shape[0] - (self.raster.s * (self.window.rows - 1) + self.k)) // 2
+        inner = u[extra : len(u) - extra, extra : u.shape[1] - extra]
+        weight = o.weight.astype(np.float32)
+        return np.asarray(sample_convolution(inner, o.rows, o.columns, weight, self.raster.s, self.k))
+
+    def far(self, fit: Fit, u: Array32) -> Array:
+        """What is no part of h: the outlines seen through the PSF, the chart `u` seen through the tail, (m, 2)."""
+        o, s = fit.observation, self.raster.s
+        outline = self.raster.read_outline(fit.registration, self.window, self.k // 2)
         h = fit.h.reshape(self.k, self.k).astype(np.float32)
-        spread = convolve_at(outline, o.rows, o.columns, h, self.raster.s)
-        tail = tail_column(self.raster, fit.registration, self.window, o.rows, o.columns, self.k)
-        return np.column_stack([spread, tail])
+        spread = convolve_at(outline, o.rows, o.columns, h, s)
+        return np.column_stack([spread, tail_column(u, o.rows, o.columns, s, self.k)])
 
     def edges(self, fit: Fit) -> Edges:
         """How the samples change with the printed edges."""
@@ -144,7 +149,7 @@ def without_outliers(fit: Fit, limit: float = 6.0) -> Observation:
 def refine(observation: Observation, chart: Chart, registration: Registration, window: Window, s: int, k: int) -> Fit:
     """The joint estimate of PSF, map and light, from the marks' map on; of the printed edges where they tell.
 
-    Some of the samples bring the map near, by one Gram matrix; all of them, each time with their own, to rest.
+    Some of the samples bring the map near, all of them bring it to rest.
 
     Parameters
     ----------
@@ -158,9 +163,9 @@ def refine(observation: Observation, chart: Chart, registration: Registration, w
     """
     model = _Model(whole_chart(chart), band_limited_chart(chart, registration, s), window, k)
     stride = max(2, len(observation) // (COARSE_SAMPLES * k * k))
-    enough = len(observation) // stride > 4 * k * k
+    enough = len(observation) // stride >= COARSE_SAMPLES * k * k
     coarse = observation.where(slice(None, None, stride)) if enough else observation
-    A = model.system(coarse, registration)
+    A = model.system(coarse, model.read(registration, k // 2))
     AA = gram(A)
     fit = _first_fit(coarse, A, AA, registration)
     if fit.agreement < LOST:
@@ -168,7 +173,8 @@ def refine(observation: Observation, chart: Chart, registration: Registration, w
     for step in range(COARSE_STEPS):
         if step > 0:
             fit = _centred(fit, model)
-            A = model.system(coarse, fit.registration)
+            A = model.system(coarse, model.read(fit.registration, k // 2))
+            AA = gram(A)
         last, fit = fit, _coarse_step(fit, model, A, AA)
         if map_distance(last.registration, fit.registration, coarse.points[::29]) < NEAR_PX:
             break
@@ -201,15 +207,16 @@ def _centred(fit: Fit, model: _Model) -> Fit:
 
 
 def _coarse_step(fit: Fit, model: _Model, A: Array32, AA: Array) -> Fit:
-    """A Gauss-Newton step of geometry, light and response by the map's system A, on an old Gram matrix AA."""
+    """A Gauss-Newton step of geometry, light and response by the map's system A, with its Gram matrix."""
     start, Z = _linearised(fit, A, model, np.zeros((len(fit.observation), 0)))
     return _advanced(start, A, Z, eliminate(products(AA, A, Z * fit.observation.weight[:, None], start.residual)))
 
 
 def _fine_step(fit: Fit, model: _Model) -> Fit:
     """A Gauss-Newton step of everything; with the printed edges where it leaves more than noise."""
-    A = model.system(fit.observation, fit.registration)
-    start, Z = _linearised(fit, A, model, model.far(fit))
+    u = model.read(fit.registration, tail_border(model.k))
+    A = model.system(fit.observation, u)
+    start, Z = _linearised(fit, A, model, model.far(fit, u))
     weighted = Z * fit.observation.weight[:, None]
     parts = products(gram(A), A, weighted, start.residual)
     found = _advanced(start, A, Z, eliminate(parts))

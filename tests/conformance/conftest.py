@@ -15,6 +15,7 @@ import pytest
 from drivers.clock import Clock, SystemClock
 from drivers.folder_camera import FolderCamera
 from drivers.frames import Facts
+from drivers.gphoto import GphotoCamera
 from drivers.grbl import GrblAxis, GrblStage
 from drivers.grbl_link import GrblLink
 from drivers.grbl_protocol import GrblParser
@@ -141,6 +142,19 @@ def _folder_camera(wire: Wire, clock: Clock, bench: SimulatedBench | None, folde
     return FolderCamera(folder, shutter, lambda path: Facts(exposure_s=0.02), clock=clock)
 
 
+def _gphoto_camera(wire: Wire, clock: Clock, bench: SimulatedBench | None, folder: Path) -> GphotoCamera:
+    """The folder of the simulated body, seen through libgphoto2's own camera that browses folders."""
+    pytest.importorskip("gphoto2", reason="gphoto2 is not installed (extra `tether`)")
+    saved = folder.with_name(folder.name + "-saved")
+    saved.mkdir()
+    shutter = StrigShutter(wire("shutter", StrigParser), clock=clock)
+    shutter.connect()
+    model, port = "Directory Browse", f"disk:{folder}"
+    return GphotoCamera(
+        saved, lambda path: Facts(exposure_s=0.02), model=model, port=port, shutter=shutter, clock=clock
+    )
+
+
 STAGES: dict[str, Callable[..., Any]] = {
     "grbl": _stage,
     "grblHAL": _variant("grblHAL"),
@@ -165,7 +179,7 @@ LIGHTS: dict[str, Callable[..., Any]] = {
     "dmx": lambda wire, clock, *_: DmxLight(wire("light", DmxParser), clock=clock),
     "grbl_light": lambda wire, clock, *_: GrblLight(GrblLink(wire("stage", GrblParser)), clock=clock),
 }
-CAMERAS: dict[str, Callable[..., Any]] = {"folder_camera": _folder_camera}
+CAMERAS: dict[str, Callable[..., Any]] = {"folder_camera": _folder_camera, "gphoto_camera": _gphoto_camera}
 KINDS = {
     "stage": STAGES,
     "shutter": SHUTTERS,

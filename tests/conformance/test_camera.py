@@ -50,7 +50,7 @@ def test_a_frame_that_never_comes_is_an_error_within_the_deadline(camera, camera
         pytest.skip("a real body is not made to lose frames")
     camera_rig.bench.body.settings.lose_frames = frozenset({1})
     before_s = camera_rig.clock.now_s()
-    with pytest.raises(FrameMissing, match="none appeared"):
+    with pytest.raises(FrameMissing, match=r"no (complete )?RAW file"):
         camera.expose()
-    assert camera_rig.clock.now_s() - before_s <= camera.tether.patience_s + 2.0
+    assert camera_rig.clock.now_s() - before_s <= 22.0  # both wait for twenty seconds after the exposure
     assert camera.expose().path.name.startswith("IMG_0002")

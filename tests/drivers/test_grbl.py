@@ -144,6 +144,23 @@ def test_a_lost_answer_does_not_put_the_conversation_out_of_step(homed, bench):
     homed.move_to(z_mm=100.0)
 
 
+def test_a_board_that_must_not_be_reset_keeps_its_position(bench):
+    def connected(reset_on_open, dtr):
+        wire = SerialTransport(bench.address("stage"), GrblParser, clock=bench.clock, dtr=dtr)
+        stage = GrblStage(wire, AXES, clock=bench.clock, reset_on_open=reset_on_open)
+        stage.connect()
+        return stage
+
+    stage = connected("expect", None)
+    stage.home()
+    stage.move_to(z_mm=700.0)
+    stage.close()
+    stage = connected("avoid", False)
+    assert stage.position()["z_mm"] == pytest.approx(700.0)
+    assert not stage.condition().usable  # it cannot know what happened meanwhile
+    stage.close()
+
+
 def test_what_the_controller_refuses_is_named(homed):
     with pytest.raises(Rejected, match="unsupported G-code") as refused:
         homed.link.command("G2 X1")

@@ -15,7 +15,8 @@ from drivers import shutter as strig
 from drivers import zaber_protocol as zaber
 from drivers.imu_frames import FastParser, Samples, Text, WitFrame, WitParser, cobs_decode, crc16
 from drivers.light import DmxFrame, DmxParser, frame
-from drivers.rangefinder import BoschFrame, BoschParser, JrtFrame, JrtParser, crc8
+from drivers.rangefinder import BoschFrame, BoschParser, JrtFrame, JrtParser, JrtRangefinder, crc8
+from drivers.transport import SerialTransport
 from simulators.imu import ccitt, stuff
 from simulators.instruments import bosch
 
@@ -239,6 +240,25 @@ def test_wit_vectors(frame_hex, scale, value):
 def test_jrt_vector():
     (found,) = JrtParser().feed(bytes.fromhex("aa00002200030000085900 4fd5".replace(" ", "")))
     assert (int.from_bytes(found.payload[:4], "big"), int.from_bytes(found.payload[4:], "big")) == (2137, 79)
+
+
+@pytest.mark.parametrize(
+    "command",
+    ["aa0000200001000021", "aa0000200001000122", "aa000020000100 0223", "aa0001be00010001c1", "aa0001be00010000c0"],
+)
+def test_jrt_commands_are_frames_of_their_family(command):
+    (found,) = JrtParser().feed(bytes.fromhex(command))
+    assert not found.error
+
+
+@pytest.mark.parametrize(("register", "command"), [(0x00, "aa80000080"), (0x06, "aa80000686"), (0x0A, "aa80000a8a")])
+def test_jrt_questions_are_as_documented(bench, register, command):
+    transport = SerialTransport(bench.address("rangefinder"), JrtParser, baud=19200, clock=bench.clock)
+    laser = JrtRangefinder(transport, clock=bench.clock)
+    laser.connect()
+    laser._read(register)
+    laser.close()
+    assert bytes.fromhex(command) in [passage.data for passage in transport.transcript.last()]
 
 
 def test_dmx_vector():

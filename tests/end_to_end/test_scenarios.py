@@ -50,6 +50,7 @@ def inspect(path):
 
 class Scenario:
     def __init__(self, seed, folder):
+        self.threads = set(threading.enumerate())
         self.rng = np.random.default_rng([seed, 7])
         faults, mishaps = random_trouble(seed)
         setup = Setup(seed=seed, faults=faults, mishaps=mishaps, develop=frame, virtual_time=True)
@@ -156,8 +157,7 @@ class Scenario:
             assert axis.low - 1e-6 <= low <= high <= axis.high + 1e-6, f"{name} left its travel"
         self.bench.close()
         self.truth.close()
-        left = [thread.name for thread in threading.enumerate() if thread.name.startswith(("reader", "Thread"))]
-        assert not left
+        assert set(threading.enumerate()) <= self.threads, "a thread is left"
 
 
 @pytest.mark.parametrize("seed", SEEDS)

@@ -19,6 +19,9 @@ def shifted(h: np.ndarray, dx: float, dy: float) -> np.ndarray:
 def aligned_error(h: np.ndarray, truth: np.ndarray) -> tuple[float, np.ndarray]:
     """Relative L2 error after the best subpixel shift, and that shift in samples."""
     best = scipy.optimize.minimize(
-        lambda d: np.sum((shifted(h, *d) - truth) ** 2), [0.0, 0.0], method="Nelder-Mead", options={"xatol": 1e-3}
+        lambda d: np.sum((shifted(h, *d) - truth) ** 2),
+        [0.0, 0.0],
+        method="Nelder-Mead",
+        options={"xatol": 1e-4, "fatol": 1e-12, "initial_simplex": [[0, 0], [0.1, 0], [0, 0.1]]},
     )
     return float(np.sqrt(best.fun) / np.linalg.norm(truth)), best.x

@@ -1,0 +1,177 @@
+"""Algorithm I: picture and depth together, from a first depth to the pair of least cost (6.1).
+
+One round is a joint Gauss-Newton step; at three rounds the depth steps are put in their place. Rounds are a generator,
+so whoever runs them shows progress, stops, keeps the state and resumes from it.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from procedures.restoration.cost import DataTerm, restore_picture
+from procedures.restoration.forward import Array, Blur
+from procedures.restoration.newton import Weights, joint_step
+from procedures.restoration.priors import roughness, steps_allowed, total_variation
+from procedures.restoration.scheme import Schedule, Scheme
+from procedures.restoration.steps import layers_afar, layers_near, place_steps
+
+# of the half range of depth jumps between neighbours that a first depth is taken to mean
+JUMP = 0.35
+# gradient below which total variation is taken as quadratic (6.10), grey values of 1
+LEAST_GRADIENT = 0.005
+# residual of a pair fitted to two photographs, as a part of their noise
+FITTED = 0.55
+
+
+@dataclass(frozen=True)
+class Round:
+    """What one round did: cost (6.1) with the final weights, root mean square residual, mean change of w, seconds."""
+
+    n: int
+    what: str
+    cost: float
+    residual: float
+    change: float
+    seconds: float
+    weights: Weights
+
+
+@dataclass(frozen=True)
+class State:
+    """Where the rounds stand: n done, picture (C, H', W'), depth (H', W'), noise estimate, history."""
+
+    n: int
+    u: Array
+    w: Array
+    sigma: float
+    history: tuple[Round, ...] = ()
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Photographs with their blurs, twice (two depths at once are needed at steps), and how to solve.
+
+    reach : pixels about a depth step within which the first depth is not believed.
+    """
+
+    data: DataTerm
+    other: DataTerm
+    scheme: Scheme
+    schedule: Schedule
+    sigma: float
+    reach: int
+    total_variation: bool = False
+
+
+def problem_of(
+    z: Array, stacks: list[Any], trust: Array, dtype: type[np.floating[Any]], blur: Callable[..., Any] = Blur
+) -> tuple[DataTerm, DataTerm]:
+    """The data term, twice, in one precision. z : (P, C, H, W); trust : (P, 1, H, W)."""
+    shape = (z.shape[2], z.shape[3])
+    one, two = (DataTerm(z.astype(dtype), [blur(s, shape, dtype) for s in stacks], trust.astype(dtype)) for _ in (0, 1))
+    return one, two
+
+
+def begin(problem: Problem, w: Array) -> State:
+    """The state at a first depth w (H, W): extended beyond the frame, its picture restored softly."""
+    data = problem.data
+    R, dtype = data.R, data.z.dtype
+    wide = np.pad(w, R, mode="edge").astype(dtype)
+    mean = (data.z * data.trust).sum(axis=0) / np.maximum(data.trust.sum(axis=0), 1e-6)
+    u = np.pad(mean, ((0, 0), (R, R), (R, R)), mode="edge").astype(dtype)
+    data.focus(wide)
+    weight = max(1e-3, problem.schedule.final(problem.sigma).picture)
+    return State(0, restore_picture(data, u, weight, 15), wide, problem.sigma)
+
+
+def cost(problem: Problem, u: Array, w: Array, weights: Weights) -> tuple[float, float]:
+    """Cost (6.1) and the robust root mean square residual of a pair; the data term is left focused on w."""
+    problem.data.focus(w)
+    e = problem.data.residual(u)
+    prior = weights.picture * roughness(u, *_diffusion(problem, u)) + weights.depth * roughness(
+        w, *steps_allowed(w, weights.step)
+    )
+    return 0.5 * float(np.sum(e**2)) + prior, float(np.median(np.abs(e)) / 0.6745)
+
+
+def _diffusion(problem: Problem, u: Array) -> tuple[Array | float, Array | float]:
+    """The picture prior's weights: 1 for Tikhonov, 1 / |grad u| scaled to the same mean for total variation."""
+    if not problem.total_variation:
+        return 1.0, 1.0
+    down, across = total_variation(u, LEAST_GRADIENT)
+    scale = np.sqrt(problem.schedule.sharpness) / 2
+    return down * u.dtype.type(scale), across * u.dtype.type(scale)
+
+
+def rounds(problem: Problem, state: State) -> Iterator[State]:
+    """States after each further round, up to the scheme's number."""
+    while state.n < problem.scheme.rounds:
+        yield (state := one_round(problem, state))
+
+
+def one_round(problem: Problem, state: State) -> State:
+    """The state after one more round: steps placed if it is their turn, then a joint Gauss-Newton step."""
+    start = time.perf_counter()
+    weights = problem.schedule.at(state.n, state.sigma)
+    what = _steps_due(state.n, problem.scheme.rounds)
+    u, w = state.u, state.w
+    if what:
+        layers = (
+            layers_afar(w, problem.reach, JUMP) if what == "far" else layers_near(w, 4 if what == "near" else 3, JUMP)
+        )
+        soft = max(weights.picture, 1e-3 if what == "far" else 1e-5)
+        u, w = place_steps(problem.data, problem.other, u, w, layers, soft)
+    iterations = problem.scheme.picture + problem.scheme.depth
+    u, w = joint_step(problem.data, u, w, weights, iterations, _diffusion(problem, u))
+    final = problem.schedule.final(state.sigma)
+    value, residual = cost(problem, u, w, final)
+    done = Round(
+        state.n, f"steps {what} + joint" if what else "joint", value, residual,
+        float(np.abs(w - state.w).mean()), time.perf_counter() - start, weights,
+    )  # fmt: skip
+    return State(state.n + 1, u, w, _noise(problem, residual), (*state.history, done))
+
+
+def _steps_due(n: int, total: int) -> str:
+    """Which placing of depth steps opens round n: from afar at first, then twice from near."""
+    return {0: "far", round(0.3 * total): "near", round(0.55 * total): "nearer"}.get(n, "") if total > 1 else ""
+
+
+def _noise(problem: Problem, residual: float) -> float:
+    """Noise consistent with the residual, never above the first estimate: what a fit leaves is `FITTED` of it."""
+    return float(np.clip(residual / FITTED, 1e-5, problem.sigma))
+
+
+def finish(problem: Problem, state: State) -> State:
+    """The picture alone, at the depth found, with the final weight: N_TV times N_u iterations."""
+    start = time.perf_counter()
+    weights = problem.schedule.final(state.sigma)
+    problem.data.focus(state.w)
+    u = state.u
+    for _ in range(problem.scheme.final_rounds):
+        u = restore_picture(problem.data, u, weights.picture, problem.scheme.final, _diffusion(problem, u))
+    value, residual = cost(problem, u, state.w, weights)
+    done = Round(state.n, "picture", value, residual, 0.0, time.perf_counter() - start, weights)
+    return replace(state, u=u, history=(*state.history, done))
+
+
+def run(problem: Problem, state: State, progress: Callable[[Round], None] | None = None) -> State:
+    """All remaining rounds and the final picture, from the best pair met on the way."""
+    best, least, last = state, np.inf, state
+    for now in rounds(problem, state):
+        last = now
+        if progress:
+            progress(now.history[-1])
+        # costs compare under one noise estimate only; the rounds lower it, so compare under today's
+        value = cost(problem, now.u, now.w, problem.schedule.final(now.sigma))[0]
+        if value <= least * 1.05:
+            best, least = now, min(value, least)
+    done = finish(problem, replace(best, history=last.history))
+    if progress:
+        progress(done.history[-1])
+    return done

@@ -1,0 +1,83 @@
+"""From camera settings to the blur of a distance and back: Gaussian optics (4.1 to 4.18) and its precision (chapter 9).
+
+Distances from the front principal plane, all lengths in millimetres unless named otherwise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procedures.outcome import BadParameter
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class CameraSetting:
+    """Focal length f, f-number, distance l_s of the plane of focus (may be infinite), pixel pitch.
+
+    Raises
+    ------
+    BadParameter
+        If a length is not positive, or the plane of focus lies within the focal length.
+    """
+
+    focal_length_mm: float
+    f_number: float
+    focus_mm: float
+    pitch_um: float
+
+    def __post_init__(self) -> None:
+        if min(self.focal_length_mm, self.f_number, self.pitch_um) <= 0:
+            raise BadParameter("focal length, f-number and pixel pitch must be positive", "take them from the camera")
+        if self.focus_mm <= self.focal_length_mm:
+            raise BadParameter(
+                f"the plane of focus must lie beyond the focal length, got {self.focus_mm} mm",
+                "measure it from the lens",
+            )
+
+    @property
+    def aperture_radius_mm(self) -> float:
+        """rho = f / (2 f-number) (4.2)."""
+        return self.focal_length_mm / (2 * self.f_number)
+
+    @property
+    def image_distance_mm(self) -> float:
+        """zeta: the image plane's distance from the lens, 1/zeta = 1/f - 1/l_s (4.1)."""
+        return 1 / (1 / self.focal_length_mm - 1 / self.focus_mm)
+
+    @property
+    def scale_px_mm(self) -> float:
+        """rho zeta in pixels times millimetres: the blur of one unit of inverse distance (4.5)."""
+        return self.aperture_radius_mm * self.image_distance_mm / (self.pitch_um * 1e-3)
+
+    def blur_radius_px(self, distance_mm: float | Array) -> Array:
+        """Signed radius of the blur circle, pixels: positive in front of the plane of focus (4.5)."""
+        return np.asarray(self.scale_px_mm * (1 / np.asarray(distance_mm, float) - 1 / self.focus_mm))
+
+    def distance_mm(self, radius_px: float | Array) -> Array:
+        """Distance at which the signed blur radius is seen; infinite where no distance blurs so much beyond."""
+        inverse = np.asarray(radius_px, float) / self.scale_px_mm + 1 / self.focus_mm
+        return np.where(inverse > 0, 1 / np.where(inverse > 0, inverse, 1), np.inf)
+
+    def distance_uncertainty_mm(self, distance_mm: float | Array, radius_std_px: float | Array) -> Array:
+        """Standard uncertainty of the distance for that of the blur radius: grows with the distance's square."""
+        return np.asarray(np.asarray(distance_mm, float) ** 2 / self.scale_px_mm * np.asarray(radius_std_px, float))
+
+
+def relation(first: CameraSetting, second: CameraSetting) -> tuple[float, float]:
+    """alpha, beta of r2 = alpha r1 + beta, radii in pixels of each photograph (4.8 to 4.10)."""
+    alpha = second.scale_px_mm / first.scale_px_mm
+    inverse = 1 / second.image_distance_mm - 1 / first.image_distance_mm
+    inverse += 1 / first.focal_length_mm - 1 / second.focal_length_mm
+    return alpha, second.scale_px_mm * inverse
+
+
+def motion_half_width_px(setting: CameraSetting, path_half_extent_mm: float, distance_mm: float | Array) -> Array:
+    """w of a motion of the rig in its plane: the path's half-extent seen from the distance, pixels (5.3, 5.5)."""
+    return np.asarray(path_half_extent_mm * setting.image_distance_mm / np.asarray(distance_mm, float)) / (
+        setting.pitch_um * 1e-3
+    )

@@ -1,0 +1,221 @@
+"""A first depth map from the photographs alone, under the belief that blur is the same all around each pixel.
+
+Algorithm II (chapter 7) for symmetric blurs, Algorithm III (8.1) for any, and the start used by default: III with its
+differences whitened and its labels matched over the whole frame. Each comes with its confidence.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import irfft2, next_fast_len, rfft2
+from scipy.ndimage import convolve1d, median_filter, uniform_filter
+
+from procedures.restoration.forward import Array, MaskStack
+from procedures.restoration.matching import semi_global
+
+F32 = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class DepthStart:
+    """A first depth: w (H, W) pixels, and its confidence in [0, 1]."""
+
+    w: Array
+    confidence: Array
+
+
+# ---- Algorithm II
+
+
+def polynomial_filters(N: int) -> tuple[Array, Array]:
+    """Least-squares cubic fit over 2N + 1 samples: its value (7.7) and its second derivative (7.8) at the middle."""
+    n = np.arange(-N, N + 1, dtype=np.float64)
+    d = (2 * N - 1) * (2 * N + 1) * (2 * N + 3)
+    value = -3 * (5 * n**2 - (3 * N**2 + 3 * N - 1)) / d
+    second = 30 * (3 * n**2 - N * (N + 1)) / (N * (N + 1) * d)
+    return value, second
+
+
+def relative_blur(z1: Array, z2: Array, N: int, direction: str = "both") -> tuple[Array, Array]:
+    """Difference of the masks' variances, pixels squared, and the curvature it is divided by (7.1, 7.4).
+
+    direction : "both" for masks symmetric about axes and diagonals, "x" or "y" for one-dimensional even masks.
+    """
+    value, second = polynomial_filters(N)
+
+    def fit(z: Array, down: Array, across: Array) -> Array:
+        return np.asarray(convolve1d(convolve1d(z, down, axis=0), across, axis=1))
+
+    mean = (z1 + z2) / 2
+    curvature = np.zeros_like(mean)
+    if direction in ("both", "x"):
+        curvature = curvature + fit(mean, value, second)
+    if direction in ("both", "y"):
+        curvature = curvature + fit(mean, second, value)
+    return 2 * fit(z2 - z1, value, value), curvature
+
+
+def variance(stack: MaskStack, direction: str = "both") -> Array:
+    """Second moment of every mask of the stack, pixels squared, along x, y, or their mean."""
+    t = np.arange(-stack.R, stack.R + 1.0)
+    along_x, along_y = (stack.masks.sum(axis=axis) @ t**2 for axis in (1, 2))
+    return np.asarray({"x": along_x, "y": along_y, "both": (along_x + along_y) / 2}[direction])
+
+
+def algorithm_2(
+    z: Array,
+    stacks: list[MaskStack],
+    sigma: float,
+    *,
+    N: int = 6,
+    window: int = 9,
+    median: int = 11,
+    direction: str = "both",
+) -> DepthStart:
+    """Depth from symmetrical blur: relative variance by two polynomial fits, turned into w by the masks' own moments.
+
+    z : (2, C, H, W); window : side over which numerator and curvature are combined by least squares.
+    """
+    numerator = np.zeros(z.shape[2:])
+    power = np.zeros_like(numerator)
+    for c in range(z.shape[1]):
+        difference, curvature = relative_blur(z[0, c], z[1, c], N, direction)
+        numerator += uniform_filter(difference * curvature, window)
+        power += uniform_filter(curvature**2, window)
+    found = numerator / np.maximum(power, 1e-20)
+    relation = np.maximum.accumulate(variance(stacks[1], direction) - variance(stacks[0], direction))
+    relation = relation + 1e-9 * np.arange(len(relation))
+    w = np.interp(found, relation, np.arange(len(relation)) * stacks[0].step)
+    value, second = polynomial_filters(N)
+    noise = sigma**2 * 2 * np.sum(value**2) * np.sum(second**2)
+    return DepthStart(np.asarray(median_filter(w, median)), power / (power + 10 * noise + 1e-20))
+
+
+# ---- Algorithm III
+
+
+def levels_of(stacks: list[MaskStack], least: float, step: float = 0.15) -> Array:
+    """Values of w to try, pixels."""
+    return np.arange(least, min(s.max_w for s in stacks) - 0.05, step)
+
+
+def _spectra(stack: MaskStack, w: float, shape: tuple[int, int]) -> Array:
+    k = np.zeros(shape)
+    size = 2 * stack.R + 1
+    k[:size, :size] = stack.at(w)
+    return np.asarray(rfft2(np.roll(k, (-stack.R, -stack.R), (0, 1))))
+
+
+def _extended(z: Array, margin: int) -> tuple[Array, tuple[int, int]]:
+    """Spectra of the reflected photographs, (P, C, ...), and the transform's shape."""
+    H, W = z.shape[2:]
+    shape = (next_fast_len(H + 2 * margin, True), next_fast_len(W + 2 * margin, True))
+    pads = [(margin, shape[k] - (H, W)[k] - margin) for k in (0, 1)]
+    return np.asarray(rfft2(np.pad(z, ((0, 0), (0, 0), *pads), mode="reflect"))), shape
+
+
+def cost_volume(
+    z: Array,
+    stacks: list[MaskStack],
+    sigmas: Array,
+    levels: Array,
+    window: int,
+    *,
+    whiten: bool = True,
+    floor: float = 1e-3,
+) -> F32:
+    """How wrong each level is at each pixel, (H, W, L), summed over pairs of photographs and channels.
+
+    Whitened, each difference z1 * h2 - z2 * h1 is divided by the root of its noise's spectrum
+    sigma1^2 |H2|^2 + sigma2^2 |H1|^2, so at the true level its square averages 1 whatever the masks; otherwise the
+    expected noise is subtracted as in (8.1). `floor` keeps frequencies that neither photograph passes from shouting.
+    """
+    H, W = z.shape[2:]
+    margin = 3 * stacks[0].R
+    spectra, shape = _extended(z, margin)
+    volume = np.zeros((H, W, len(levels)), np.float32)
+    for n, w in enumerate(levels):
+        masks = [_spectra(s, float(w), shape) for s in stacks]
+        for a, b in combinations(range(len(z)), 2):
+            noise = sigmas[a] ** 2 * (np.abs(masks[b]) ** 2 + floor / 2) + sigmas[b] ** 2 * (
+                np.abs(masks[a]) ** 2 + floor / 2
+            )
+            scale = np.sqrt(noise) if whiten else 1.0
+            d = irfft2((spectra[a] * masks[b] - spectra[b] * masks[a]) / scale, shape)
+            d = d[:, margin : margin + H, margin : margin + W]
+            square = (d**2).sum(axis=0)
+            if not whiten:
+                norms = [float(np.sum(s.at(float(w)) ** 2)) for s in stacks]
+                square -= len(d) * (sigmas[b] ** 2 * norms[a] + sigmas[a] ** 2 * norms[b])
+            volume[..., n] += np.abs(uniform_filter(square, window)) if not whiten else uniform_filter(square, window)
+    return volume
+
+
+def least_level(cost: F32, levels: Array) -> Array:
+    """w of least cost at every pixel, refined by a parabola through its neighbours."""
+    k = np.clip(cost.argmin(axis=2), 1, cost.shape[2] - 2)[..., None]
+    a, b, c = (np.take_along_axis(cost, k + d, axis=2)[..., 0].astype(np.float64) for d in (-1, 0, 1))
+    bend = a - 2 * b + c
+    shift = np.where(bend > 0, (a - c) / (2 * np.where(bend > 0, bend, 1)), 0).clip(-0.5, 0.5)
+    return np.asarray(levels[k[..., 0]] + shift * (levels[1] - levels[0]))
+
+
+def confidence_of(cost: F32, apart: int = 3) -> Array:
+    """1 - least cost / least cost at least `apart` levels from it: near 0 where the texture decides nothing."""
+    best = cost.argmin(axis=2)[..., None]
+    low = np.take_along_axis(cost, best, axis=2)[..., 0]
+    far = np.abs(np.arange(cost.shape[2]) - best) >= apart
+    second = np.where(far, cost, np.inf).min(axis=2)
+    return np.asarray(np.clip(1 - low / np.maximum(second, 1e-20), 0, 1), dtype=np.float64)
+
+
+def algorithm_3(
+    z: Array, stacks: list[MaskStack], sigmas: Array, *, least: float = 0.3, window: int = 9, median: int = 13
+) -> DepthStart:
+    """Depth from blur (8.1): least noise-compensated difference over the levels, then a median."""
+    levels = levels_of(stacks, least)
+    cost = cost_volume(z, stacks, sigmas, levels, window, whiten=False)
+    return DepthStart(np.asarray(median_filter(levels[cost.argmin(axis=2)], median)), confidence_of(cost))
+
+
+@dataclass(frozen=True)
+class Matching:
+    """Semi-global matching of the whitened costs, which are chi-squares near 1 per channel at the truth.
+
+    window : side of their mean, pixels; cap : cost at which a level is simply wrong; small, large : penalties of a
+    change by one level and by more; median : side of the last smoothing; step : of the levels, pixels.
+    """
+
+    window: int = 5
+    cap: float = 10.0
+    small: float = 1.0
+    large: float = 12.0
+    median: int = 7
+    step: float = 0.15
+
+
+def matched(
+    z: Array, stacks: list[MaskStack], sigmas: Array, *, least: float = 0.3, matching: Matching | None = None
+) -> DepthStart:
+    """The default start: whitened Algorithm III, its labels matched over the whole frame.
+
+    Near the frame the differences contain what lies outside, so they count little there.
+    """
+    m = matching or Matching()
+    levels = levels_of(stacks, least, m.step)
+    volume = cost_volume(z, stacks, sigmas, levels, m.window) / (z.shape[1] * len(z) * (len(z) - 1) // 2)
+    confidence = confidence_of(volume)
+    volume = (m.cap * (1 - np.exp(-volume / m.cap))).astype(np.float32)
+    volume *= _inside(z.shape[2:], stacks[0].R)[..., None]
+    w = least_level(semi_global(volume, m.small, m.large), levels)
+    return DepthStart(np.asarray(median_filter(w, m.median)), confidence)
+
+
+def _inside(shape: tuple[int, ...], R: int) -> F32:
+    """1 farther than R from the frame, falling towards it."""
+    y, x = (np.minimum(np.arange(n), np.arange(n)[::-1]) for n in shape)
+    return np.clip((np.minimum(y[:, None], x[None, :]) + 1) / R, 0.05, 1).astype(np.float32)

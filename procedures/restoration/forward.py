@@ -1,0 +1,231 @@
+"""Space-variant convolution and correlation over stored masks, and their derivative with depth.
+
+The sharp picture u and the depth representation w live on the photograph's grid extended by R pixels on each side, so
+every photographed pixel sees all that reached it and nothing is invented beyond the frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from procedures.restoration.kernels import VECTOR, gather, spread
+
+Array = NDArray[np.floating[Any]]
+
+WORK_PER_THREAD = 10_000_000
+"""Products of a mask's entry and a pixel that occupy a thread for a few milliseconds."""
+
+
+@dataclass(frozen=True)
+class MaskStack:
+    """Masks h(k step), k = 0, 1, ..., interpolated linearly between (6.8).
+
+    masks : (L, K, K) of sum 1, K = 2R + 1 odd, mask[R + t, R + s] = h(s, t); step in pixels of w.
+    """
+
+    masks: Array
+    step: float
+
+    @property
+    def R(self) -> int:
+        """Half-size of the masks, pixels."""
+        return int(self.masks.shape[1] // 2)
+
+    @property
+    def max_w(self) -> float:
+        """Largest w that can be interpolated, pixels."""
+        return float((len(self.masks) - 1) * self.step)
+
+    def at(self, w: float) -> Array:
+        """The mask of one w, interpolated: (K, K)."""
+        k = min(int(w / self.step), len(self.masks) - 2)
+        f = w / self.step - k
+        mask: Array = (1 - f) * self.masks[k] + f * self.masks[k + 1]
+        return mask
+
+    def supports(self) -> NDArray[np.int32]:
+        """Half-size of the square outside which each mask is zero, made to increase with w."""
+        distance = np.abs(np.arange(-self.R, self.R + 1))
+        ring = np.maximum(distance[:, None], distance[None, :])
+        return np.maximum.accumulate([int(np.max(ring * (mask != 0))) for mask in self.masks]).astype(np.int32)
+
+    def padded(self, dtype: type[np.floating[Any]]) -> Array:
+        """Masks whose rows are padded with zeros to whole vectors."""
+        size = self.masks.shape[2]
+        return np.pad(self.masks, ((0, 0), (0, 0), (0, -size % VECTOR))).astype(dtype)
+
+
+class Blur:
+    """One photograph's masks, focused on a depth map, ready to act on any number of channels.
+
+    Parameters
+    ----------
+    stack : MaskStack
+    shape : (H, W) of the photograph; w is (H + 2R, W + 2R), u is (..., H + 2R, W + 2R).
+    dtype : float32 or float64 of everything.
+    """
+
+    def __init__(self, stack: MaskStack, shape: tuple[int, int], dtype: type[np.floating[Any]] = np.float64) -> None:
+        self.stack, self.shape, self.dtype = stack, shape, dtype
+        self.masks, self.radius = stack.padded(dtype), stack.supports()
+        R = stack.R
+        self.extended = (shape[0] + 2 * R, shape[1] + 2 * R)
+        self._out = np.zeros((shape[0], shape[1] + 4 * R + VECTOR), dtype)
+        self._errors = np.zeros((shape[0] + 4 * R, shape[1] + 4 * R + VECTOR), dtype)
+        # a second thread is worth its waking from some milliseconds of work on
+        work = self.extended[0] * self.extended[1] * int(np.median((2 * self.radius + 1) ** 2))
+        self._threads = int(min(numba.get_num_threads(), max(1, work // WORK_PER_THREAD)))
+        self._low, self._high = np.empty(self.extended, dtype), np.empty(self.extended, dtype)
+        self.focus(np.zeros(self.extended, dtype))
+
+    def focus(self, w: Array, active: NDArray[np.bool_] | None = None) -> None:
+        """Take w, pixels, as the depth from now on; values outside the stack are clipped to it.
+
+        Pixels that are not `active` neither send nor receive until the next call.
+        """
+        scaled = np.clip(w, 0, self.stack.max_w) / self.stack.step
+        self.level = np.minimum(scaled.astype(np.int32), len(self.masks) - 2)
+        self.f = (scaled - self.level).astype(self.dtype)
+        if active is not None:
+            self.level[~active] = -1
+
+    def _spread(self, a: Array, b: Array) -> Array:
+        """Photographs of coefficients (..., H + 2R, W + 2R) over the two neighbouring masks."""
+        R = self.stack.R
+        out = np.empty((*a.shape[:-2], *self.shape), self.dtype)
+        for n in np.ndindex(a.shape[:-2]):
+            numba.set_num_threads(self._threads)
+            spread(a[n], b[n], self.level, self.masks, self.radius, self._out)
+            out[n] = self._out[:, 2 * R : 2 * R + self.shape[1]]
+        return out
+
+    def _gather(self, e: Array) -> tuple[Array, Array]:
+        """Products of the errors (..., H, W) with the lower mask, and with the masks' difference."""
+        R = self.stack.R
+        low = np.empty((*e.shape[:-2], *self.extended), self.dtype)
+        slope = np.empty_like(low)
+        for n in np.ndindex(e.shape[:-2]):
+            self._errors[2 * R : 2 * R + self.shape[0], 2 * R : 2 * R + self.shape[1]] = e[n]
+            numba.set_num_threads(self._threads)
+            gather(self._errors, self.level, self.masks, self.radius, self._low, self._high)
+            low[n] = self._low
+            np.subtract(self._high, self._low, out=slope[n])
+        return low, slope
+
+    def blur(self, u: Array) -> Array:
+        """Space-variant convolution u *v h(w), (..., H, W): equation (3.1)."""
+        upper = u * self.f
+        return self._spread(u - upper, upper)
+
+    def blur_adjoint(self, e: Array) -> Array:
+        """Space-variant correlation of e with h(w), (..., H + 2R, W + 2R): equation (3.2)."""
+        low, slope = self._gather(e)
+        slope *= self.f
+        low += slope
+        return low
+
+    def change(self, u: Array, du: Array, dw: Array) -> Array:
+        """First-order change of the photograph when u and w change by du and dw, (..., H, W)."""
+        upper = du * self.f + u * (dw / self.dtype(self.stack.step))
+        return self._spread(du - upper, upper)
+
+    def change_adjoint(self, u: Array, e: Array) -> tuple[Array, Array]:
+        """Gradients of <e, change> with respect to du (6.6) and dw, summed over channels (6.7)."""
+        low, slope = self._gather(e)
+        dw = (u * slope).reshape(-1, *self.extended).sum(axis=0) / self.dtype(self.stack.step)
+        slope *= self.f
+        low += slope
+        return low, dw
+
+
+class FieldBlur:
+    """A blur whose masks also vary over the frame: stacks on a grid of positions, blended bilinearly.
+
+    Same actions as `Blur`. Each node acts on its own neighbourhood only.
+
+    Parameters
+    ----------
+    stacks : rows of columns of MaskStack of equal R and step, at equal distances over the frame, corners included.
+    shape : (H, W) of the photograph.
+    """
+
+    def __init__(
+        self, stacks: list[list[MaskStack]], shape: tuple[int, int], dtype: type[np.floating[Any]] = np.float64
+    ) -> None:
+        self.stack, self.shape, self.dtype = stacks[0][0], shape, dtype
+        R = self.stack.R
+        self.extended = (shape[0] + 2 * R, shape[1] + 2 * R)
+        rows, columns = _hats(len(stacks), self.extended[0]), _hats(len(stacks[0]), self.extended[1])
+        self._nodes = [
+            self._node(stack, row, column)
+            for line, row in zip(stacks, rows, strict=True)
+            for stack, column in zip(line, columns, strict=True)
+        ]
+
+    def _node(self, stack: MaskStack, row: Array, column: Array) -> tuple[Blur, Array, slice, slice]:
+        R = stack.R
+        y0, y1 = _reach(row, R, self.shape[0])
+        x0, x1 = _reach(column, R, self.shape[1])
+        window = np.outer(row[y0 : y1 + 2 * R], column[x0 : x1 + 2 * R]).astype(self.dtype)
+        return Blur(stack, (y1 - y0, x1 - x0), self.dtype), window, slice(y0, y1), slice(x0, x1)
+
+    def _around(self, y: slice, x: slice) -> Any:
+        R = self.stack.R
+        return ..., slice(y.start, y.stop + 2 * R), slice(x.start, x.stop + 2 * R)
+
+    def focus(self, w: Array, active: NDArray[np.bool_] | None = None) -> None:
+        """Take w, pixels, as the depth from now on, of the `active` pixels."""
+        for node, _, y, x in self._nodes:
+            at = self._around(y, x)
+            node.focus(w[at], None if active is None else active[at])
+
+    def blur(self, u: Array) -> Array:
+        """Space-variant convolution (3.1) with masks of position and depth."""
+        out = np.zeros((*u.shape[:-2], *self.shape), self.dtype)
+        for node, window, y, x in self._nodes:
+            out[..., y, x] += node.blur(window * u[self._around(y, x)])
+        return out
+
+    def blur_adjoint(self, e: Array) -> Array:
+        """Space-variant correlation (3.2), the adjoint of `blur`."""
+        out = np.zeros((*e.shape[:-2], *self.extended), self.dtype)
+        for node, window, y, x in self._nodes:
+            out[self._around(y, x)] += window * node.blur_adjoint(e[..., y, x])
+        return out
+
+    def change(self, u: Array, du: Array, dw: Array) -> Array:
+        """First-order change of the photograph with u and w."""
+        out = np.zeros((*u.shape[:-2], *self.shape), self.dtype)
+        for node, window, y, x in self._nodes:
+            at = self._around(y, x)
+            out[..., y, x] += node.change(window * u[at], window * du[at], dw[at])
+        return out
+
+    def change_adjoint(self, u: Array, e: Array) -> tuple[Array, Array]:
+        """Gradients of <e, change> with respect to du and dw."""
+        du, dw = np.zeros_like(u), np.zeros(self.extended, self.dtype)
+        for node, window, y, x in self._nodes:
+            at = self._around(y, x)
+            a, b = node.change_adjoint(window * u[at], e[..., y, x])
+            du[at] += window * a
+            dw[at] += b
+        return du, dw
+
+
+def _hats(n: int, size: int) -> Array:
+    """Linear interpolation weights of n equidistant nodes over `size` samples, (n, size)."""
+    if n == 1:
+        return np.ones((1, size))
+    position = np.linspace(0, n - 1, size)
+    return np.asarray(np.clip(1 - np.abs(position[None, :] - np.arange(n)[:, None]), 0, None))
+
+
+def _reach(hat: Array, R: int, size: int) -> tuple[int, int]:
+    """Photographed samples that the extended samples with non-zero weight can reach."""
+    inside = np.flatnonzero(hat)
+    return max(0, int(inside[0]) - 2 * R), min(size, int(inside[-1]) + 1)

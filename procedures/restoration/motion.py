@@ -1,0 +1,141 @@
+"""From the motion of the camera during the exposure to the blur it makes (chapter 5, section 6.7).
+
+Image coordinates and translations are in units of the focal length, as in (5.1), x right, y down, z ahead.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
+from scipy.ndimage import gaussian_filter
+
+from procedures.outcome import BadInput
+from procedures.restoration.forward import MaskStack
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Velocities of the camera during the exposure.
+
+    time_s : (n,) increasing; translation_m_s : (n, 3) T; rotation_rad_s : (n, 3) Omega.
+
+    Raises
+    ------
+    BadInput
+        If the samples are fewer than two, do not agree in number, or time does not increase.
+    """
+
+    time_s: Array
+    translation_m_s: Array
+    rotation_rad_s: Array
+
+    def __post_init__(self) -> None:
+        n = len(self.time_s)
+        if n < 2 or self.translation_m_s.shape != (n, 3) or self.rotation_rad_s.shape != (n, 3):
+            raise BadInput(f"motion needs two samples or more, three components each; got {n}", "record the exposure")
+        if not (np.diff(self.time_s) > 0).all():
+            raise BadInput("times of the motion must increase", "sort the record, drop repeated samples")
+
+
+def from_imu(time_s: Array, acceleration_m_s2: Array, rotation_rad_s: Array) -> Motion:
+    """Motion from an inertial unit at rest on average: gravity and drift removed with the means (section 6.7).
+
+    acceleration_m_s2 : (n, 3) measured, gravity included; over a short exposure of a vibrating rig the mean
+    acceleration is gravity, and the mean velocity zero.
+    """
+    exposure_s = time_s[-1] - time_s[0]
+    free = acceleration_m_s2 - np.trapezoid(acceleration_m_s2, time_s, axis=0) / exposure_s
+    velocity = cumulative_trapezoid(free, time_s, axis=0, initial=0)
+    mean = np.trapezoid(velocity, time_s, axis=0) / exposure_s
+    return Motion(np.asarray(time_s, float), velocity - mean, np.asarray(rotation_rad_s, float))
+
+
+def velocity_field(x: float, y: float, depth_m: float | Array, T: Array, Omega: Array) -> Array:
+    """Apparent velocity of the image point (x, y), focal lengths per second, (n, 2): equation (5.1)."""
+    Tx, Ty, Tz = T.T
+    wx, wy, wz = Omega.T
+    across = (-Tx + x * Tz) / depth_m + x * y * wx - (1 + x**2) * wy + y * wz
+    down = (-Ty + y * Tz) / depth_m + (1 + y**2) * wx - x * y * wy - x * wz
+    return np.stack([across, down], axis=1)
+
+
+def curve(motion: Motion, x: float, y: float, depth_m: float, steps: int = 512) -> Array:
+    """Apparent curve drawn by the point (x, y) of depth l at the middle of the exposure, (steps, 2), focal lengths.
+
+    The point moves while it is drawn, so the velocity is taken where it is: midpoint rule from the middle both ways.
+    """
+    times = np.linspace(motion.time_s[0], motion.time_s[-1], steps)
+    T = np.stack([np.interp(times, motion.time_s, motion.translation_m_s[:, k]) for k in range(3)], axis=1)
+    Omega = np.stack([np.interp(times, motion.time_s, motion.rotation_rad_s[:, k]) for k in range(3)], axis=1)
+    places = np.empty((steps, 2))
+    middle = steps // 2
+    dt = times[1] - times[0]
+    for direction in (1, -1):
+        at, depth = np.array([x, y]), depth_m
+        places[middle] = at
+        for k in range(middle + direction, steps if direction > 0 else -1, direction):
+            t, o = (T[k] + T[k - direction]) / 2, (Omega[k] + Omega[k - direction]) / 2
+            half = at + direction * dt / 2 * velocity_field(at[0], at[1], depth, t[None], o[None])[0]
+            at = at + direction * dt * velocity_field(half[0], half[1], depth, t[None], o[None])[0]
+            depth = depth - direction * dt * t[2]
+            places[k] = at
+    return places
+
+
+def path_mask(path_px: Array, R: int, *, softness_px: float = 0.3) -> Array:
+    """Mask (2R + 1, 2R + 1), sum 1, of a curve (n, 2) in pixels about its own point: equation (5.2).
+
+    Each instant is shared linearly between its four pixels, then spread by the pixel's own `softness_px`.
+
+    Raises
+    ------
+    BadInput
+        If the curve leaves the mask.
+    """
+    if np.abs(path_px).max() > R - 1:
+        raise BadInput(
+            f"the motion of {np.abs(path_px).max():.1f} pixels leaves masks of half-size {R}", "raise --max-w"
+        )
+    out = np.zeros((2 * R + 1, 2 * R + 1))
+    x, y = path_px[:, 0] + R, path_px[:, 1] + R
+    i, j = np.floor(y).astype(int), np.floor(x).astype(int)
+    fy, fx = y - i, x - j
+    for di, wy in ((0, 1 - fy), (1, fy)):
+        for dj, wx in ((0, 1 - fx), (1, fx)):
+            np.add.at(out, (i + di, j + dj), wy * wx)
+    out = gaussian_filter(out, softness_px, mode="constant")
+    return np.asarray(out / out.sum())
+
+
+def motion_stack(
+    motion: Motion, focal_px: float, at_px: tuple[float, float], max_inverse_m: float, R: int, levels: int = 40
+) -> MaskStack:
+    """Masks of one position of the frame for inverse depths 0 to `max_inverse_m`, 1/m, as a stack (section 6.7).
+
+    The stack's w is the inverse depth in 1/m; at_px : position from the principal point, pixels. Make one for each node
+    of a grid and give them to `FieldBlur`.
+    """
+    step = max_inverse_m / levels
+    x, y = at_px[0] / focal_px, at_px[1] / focal_px
+    masks = []
+    for k in range(levels + 2):
+        depth = 1 / (k * step) if k else 1e9
+        path = (curve(motion, x, y, depth) - (x, y)) * focal_px
+        masks.append(path_mask(path, R))
+    return MaskStack(np.stack(masks), step)
+
+
+def planar_path(motion: Motion, steps: int = 2048) -> Array:
+    """Path of the rig in its plane, (steps, 2) metres, about its mean: the prototype's shape of (5.3).
+
+    A point of the scene is drawn along minus this path, scaled by the inverse depth.
+    """
+    times = np.linspace(motion.time_s[0], motion.time_s[-1], steps)
+    path = cumulative_trapezoid(motion.translation_m_s[:, :2], motion.time_s, axis=0, initial=0)
+    even = np.stack([np.interp(times, motion.time_s, path[:, k]) for k in (0, 1)], axis=1)
+    return np.asarray(-(even - even.mean(axis=0)))

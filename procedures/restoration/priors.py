@@ -1,0 +1,62 @@
+"""What is believed of picture and depth before the photographs: weights on differences of neighbours."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from procedures.restoration.forward import Array
+
+
+def differences(x: Array) -> tuple[Array, Array]:
+    """Differences of neighbours down and across, (..., H - 1, W) and (..., H, W - 1)."""
+    return np.diff(x, axis=-2), np.diff(x, axis=-1)
+
+
+def diffuse(x: Array, down: Array | float = 1.0, across: Array | float = 1.0) -> Array:
+    """Gradient of half the weighted sum of squared differences: -div(g grad x) of (6.3)."""
+    out = np.zeros_like(x)
+    d = np.diff(x, axis=-2) * down
+    out[..., :-1, :] -= d
+    out[..., 1:, :] += d
+    d = np.diff(x, axis=-1) * across
+    out[..., :, :-1] -= d
+    out[..., :, 1:] += d
+    return out
+
+
+def roughness(x: Array, down: Array | float = 1.0, across: Array | float = 1.0) -> float:
+    """Half the weighted sum of squared differences."""
+    y, z = differences(x)
+    return 0.5 * float(np.sum(down * y**2) + np.sum(across * z**2))
+
+
+def total_variation(u: Array, least: float) -> tuple[Array, Array]:
+    """Weights 1 / |grad u| of lagged diffusivity (6.10), the gradient taken over all channels together (6.11).
+
+    u : (C, H, W); least : the gradient below which the weight stops growing. Returns (H - 1, W), (H, W - 1).
+    """
+    dy, dx = differences(u)
+    y2, x2 = (dy**2).sum(axis=0), (dx**2).sum(axis=0)
+    down = y2 + _centred(x2, down=True)
+    across = x2 + _centred(y2, down=False)
+    return 1 / np.maximum(np.sqrt(down), least), 1 / np.maximum(np.sqrt(across), least)
+
+
+def _centred(squares: Array, *, down: bool) -> Array:
+    """The other direction's squared differences, brought to this direction's places."""
+    if down:
+        wide = np.pad(squares, ((0, 0), (1, 1)), mode="edge")
+        middle = (wide[:, 1:] + wide[:, :-1]) / 2
+        return np.asarray((middle[1:] + middle[:-1]) / 2)
+    tall = np.pad(squares, ((1, 1), (0, 0)), mode="edge")
+    middle = (tall[1:] + tall[:-1]) / 2
+    return np.asarray((middle[:, 1:] + middle[:, :-1]) / 2)
+
+
+def steps_allowed(w: Array, step: float) -> tuple[Array, Array]:
+    """Weights that let go where w changes by more than `step` between neighbours.
+
+    1 / (1 + (d / step)^4): slopes are smoothed as a quadratic prior would, depth steps are left where they are.
+    """
+    down, across = differences(w)
+    return 1 / (1 + (down / step) ** 4), 1 / (1 + (across / step) ** 4)

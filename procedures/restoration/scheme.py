@@ -1,0 +1,84 @@
+"""The scheme of iterations, N_g x (N_u + N_w) + N_TV x N_u, and the weights of each round (sections 6.4, 6.5)."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from procedures.outcome import BadParameter
+from procedures.restoration.newton import Weights
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """rounds x (picture + depth) + final_rounds x final.
+
+    rounds : Gauss-Newton steps over picture and depth; each solves its equations by picture + depth iterations of
+    conjugate gradients. Then the picture alone: final_rounds of final iterations, its prior relinearised in between.
+    """
+
+    rounds: int = 20
+    picture: int = 8
+    depth: int = 10
+    final_rounds: int = 5
+    final: int = 20
+
+    @staticmethod
+    def parse(text: str) -> Scheme:
+        """The scheme written as in the thesis: "20x(8+10)+5x20", "50x(8+10)+100".
+
+        Raises
+        ------
+        BadParameter
+            If it is written otherwise.
+        """
+        found = re.fullmatch(r"(\d+)x\((\d+)\+(\d+)\)(?:\+(?:(\d+)x)?(\d+))?", re.sub(r"\s|×", _plain, text))
+        if not found:
+            raise BadParameter(f"scheme {text!r} is not understood", 'write it like "20x(8+10)+5x20"')
+        rounds, picture, depth, final_rounds, final = found.groups()
+        scheme = Scheme(int(rounds), int(picture), int(depth), int(final_rounds or 1), int(final or 0))
+        if scheme.rounds < 1 or scheme.picture + scheme.depth < 1:
+            raise BadParameter(f"scheme {text!r} does nothing", "give at least 1x(1+0)")
+        return scheme
+
+
+def _plain(found: re.Match[str]) -> str:
+    return "x" if found.group() == "×" else ""
+
+
+# While w is still a tenth of a pixel off, a weak prior lets the picture fit the depth's error: the first quarter of the
+# rounds holds these weights, then they fall geometrically. Grey values in [0, 1], w in pixels.
+FIRST_PICTURE = 3e-4
+FIRST_DEPTH = 0.1
+HELD = 0.25
+# what w usually changes by between neighbouring pixels away from depth steps
+DEPTH_SLOPE = 0.014
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """Weights from round to round, never below what the noise asks for.
+
+    picture, depth : final weights if given, else from the noise. sharpness : mean squared difference of neighbouring
+    pixels expected of the sharp picture, grey values squared.
+    """
+
+    rounds: int
+    sharpness: float
+    picture: float | None = None
+    depth: float | None = None
+
+    def final(self, sigma: float) -> Weights:
+        """Weights that make the priors' and the noise's log-likelihoods comparable: sigma^2 / variance."""
+        picture = self.picture if self.picture is not None else sigma**2 / self.sharpness
+        return Weights(picture, self.depth if self.depth is not None else sigma**2 / DEPTH_SLOPE**2)
+
+    def at(self, n: int, sigma: float) -> Weights:
+        """Weights of round n = 0, 1, ... for a noise of `sigma`."""
+        held = int(HELD * self.rounds)
+        t = max(0, n - held) / max(1, self.rounds - 1 - held)
+        least = self.final(sigma)
+        return Weights(
+            max(least.picture, FIRST_PICTURE * (1e-7 / FIRST_PICTURE) ** t),
+            max(least.depth, FIRST_DEPTH * (1e-5 / FIRST_DEPTH) ** t),
+        )

@@ -1,0 +1,106 @@
+"""Files of a restoration: picture, depth, their pictures for people, and the record."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.outcome import Outcome
+from procedures.restoration.estimate import Restoration
+from station.results import RECORD, ResultFolder, plain, software
+
+SCHEMA = "station/restore/1"
+Array = npt.NDArray[np.floating[Any]]
+
+
+def write_restoration(
+    folder: ResultFolder, outcome: Outcome[Restoration], photographs: Sequence[Array], about: Mapping[str, Any]
+) -> str:
+    """Stage and publish every file; returns the record's text.
+
+    about : procedure, input, parameters, duration_s
+    """
+    found = outcome.value
+    if found is None:
+        raise ValueError("a restoration without a value has no files")
+    folder.write("sharp.tiff", encoded(".tiff", picture(found.sharp).astype(np.float32)))
+    folder.write("sharp.png", encoded(".png", levels(picture(found.sharp), 0, 1)))
+    folder.write("w.npy", _npy(found.w))
+    folder.write("w_std.npy", _npy(found.w_std))
+    folder.write("depth.png", encoded(".png", coloured(found.w)))
+    folder.write("figures.png", encoded(".png", figures(found, photographs[0])))
+    record = {
+        "schema": SCHEMA,
+        **about,
+        "verdict": str(outcome.verdict),
+        "reason": outcome.reason,
+        "remedy": outcome.remedy,
+        "w": {"least": float(found.w.min()), "greatest": float(found.w.max()), "unit": "pixel"},
+        "diagnostics": asdict(found.diagnostics),
+        "iterations": [
+            {"n": r.n, "what": r.what, "cost": r.cost, "residual": r.residual, "change": r.change, "seconds": r.seconds}
+            for r in found.history
+        ],
+        "software": software(),
+    }
+    text = json.dumps(plain(record), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    folder.write(RECORD, text.encode())
+    folder.publish()
+    return text
+
+
+def picture(sharp: Array) -> Array:
+    """(C, H, W) as an image file holds it: (H, W), or (H, W, 3) as blue, green, red of RAW planes."""
+    if len(sharp) == 1:
+        return np.asarray(sharp[0])
+    red, blue = sharp[0], sharp[-1]
+    return np.stack([blue, sharp[1:-1].mean(axis=0), red], axis=-1)
+
+
+def levels(image: Array, black: float, white: float) -> npt.NDArray[np.uint8]:
+    """8-bit levels of an image between two values."""
+    return np.asarray(np.clip((image - black) / max(white - black, 1e-12) * 255 + 0.5, 0, 255), dtype=np.uint8)
+
+
+def coloured(w: Array) -> npt.NDArray[np.uint8]:
+    """The depth map in false colours, its least to its greatest w."""
+    import cv2
+
+    return np.asarray(
+        cv2.applyColorMap(levels(w, float(w.min()), float(w.max())), cv2.COLORMAP_VIRIDIS), dtype=np.uint8
+    )
+
+
+def figures(found: Restoration, before: Array) -> npt.NDArray[np.uint8]:
+    """Before, after; depth, residual (five times, grey is none): four panels, two by two."""
+    rows = found.w.shape[0]
+    white = float(np.percentile(before, 99.5))
+    views = [levels(picture(image), 0, white) for image in (before, found.sharp)]
+    scale = 6 * max(found.diagnostics.noise, 1e-4)
+    residual = levels(found.residual[0].mean(axis=0), -scale, scale)
+    panels = [v if v.ndim == 3 else np.repeat(v[..., None], 3, axis=2) for v in (*views, coloured(found.w), residual)]
+    gap = np.full((rows, 4, 3), 255, np.uint8)
+    above, below = (np.concatenate([panels[n], gap, panels[n + 1]], axis=1) for n in (0, 2))
+    return np.concatenate([above, np.full((4, above.shape[1], 3), 255, np.uint8), below], axis=0)
+
+
+def encoded(kind: str, image: npt.NDArray[Any]) -> bytes:
+    """The bytes of an image file."""
+    import cv2
+
+    done, data = cv2.imencode(kind, image)
+    if not done:
+        raise RuntimeError(f"OpenCV could not encode {kind}")
+    return data.tobytes()
+
+
+def _npy(array: Array) -> bytes:
+    data = io.BytesIO()
+    np.save(data, np.asarray(array, dtype=np.float32), allow_pickle=False)
+    return data.getvalue()

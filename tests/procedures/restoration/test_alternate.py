@@ -1,0 +1,117 @@
+"""Algorithm I on a small vibrating scene with a depth step: one restoration, looked at from several sides."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from procedures.restoration import alternate, depth, steps
+from procedures.restoration.cost import conjugate_gradients, restore_picture
+from procedures.restoration.newton import Weights, joint_step
+from procedures.restoration.scheme import Schedule, Scheme
+
+
+@pytest.fixture(scope="module")
+def problem(vibrating):
+    trust = np.ones((2, 1, *vibrating.z.shape[2:]))
+    data, other = alternate.problem_of(vibrating.z, vibrating.stacks, trust, np.float32)
+    scheme = Scheme(8, 6, 6, 2, 10)
+    return alternate.Problem(data, other, scheme, Schedule(8, 6e-3), 0.0015, 12)
+
+
+@pytest.fixture(scope="module")
+def first(vibrating):
+    return depth.matched(vibrating.z, vibrating.stacks, np.full(2, 0.0015)).w
+
+
+@pytest.fixture(scope="module")
+def restored(problem, first):
+    return alternate.run(problem, alternate.begin(problem, first))
+
+
+def test_conjugate_gradients_solve_a_small_system(rng):
+    a = rng.standard_normal((12, 12))
+    A, b = a @ a.T + np.eye(12), rng.standard_normal(12)
+    # n steps solve n unknowns exactly but for rounding
+    np.testing.assert_allclose(conjugate_gradients(lambda x: A @ x, b, 24), np.linalg.solve(A, b), rtol=1e-6)
+
+
+def test_the_true_depth_restores_the_picture(vibrating, problem):
+    problem.data.focus(vibrating.w.astype(np.float32))
+    u = alternate.begin(problem, first_truth(vibrating)).u
+    problem.data.focus(vibrating.w.astype(np.float32))
+    u = restore_picture(problem.data, u, 3e-4, 40)
+    assert vibrating.picture_error(u[:, 6:-6, 6:-6]) < 4
+
+
+def first_truth(scene):
+    return scene.w[6:-6, 6:-6]
+
+
+def test_one_joint_step_lowers_the_cost(vibrating, problem, first):
+    state = alternate.begin(problem, first)
+    weights = Weights(1e-3, 0.05)
+    before = alternate.cost(problem, state.u, state.w, weights)[0]
+    u, w = joint_step(problem.data, state.u, state.w, weights, 12)
+    assert alternate.cost(problem, u, w, weights)[0] < before
+
+
+def test_restoration_nears_the_known_depth(vibrating, problem, restored, first):
+    problem.data.focus(vibrating.w.astype(np.float32))
+    oracle = restore_picture(problem.data, alternate.begin(problem, first_truth(vibrating)).u, 3e-4, 60)
+    known = vibrating.picture_error(oracle[:, 6:-6, 6:-6])
+    assert vibrating.picture_error(restored.u[:, 6:-6, 6:-6]) < 1.6 * known
+    assert vibrating.depth_error(restored.w[6:-6, 6:-6]) < vibrating.depth_error(first)
+    assert vibrating.depth_error(restored.w[6:-6, 6:-6]) < 0.15
+
+
+def test_rounds_can_be_stopped_and_resumed(problem, first):
+    straight = None
+    for straight in alternate.rounds(problem, alternate.begin(problem, first)):
+        if straight.n == 2:
+            break
+    stopped = next(alternate.rounds(problem, alternate.begin(problem, first)))
+    resumed = None
+    for resumed in alternate.rounds(problem, stopped):
+        if resumed.n == 2:
+            break
+    assert straight is not None
+    assert resumed is not None
+    # the kernels' parallel sums are of a fixed order, so the same numbers come out
+    np.testing.assert_allclose(resumed.w, straight.w, atol=1e-4)
+
+
+def test_every_round_is_reported(restored, problem):
+    assert [r.n for r in restored.history] == [*range(8), 8]
+    assert restored.history[0].what.startswith("steps far")
+    assert all(r.seconds > 0 and np.isfinite(r.cost) for r in restored.history)
+
+
+def test_steps_move_to_where_the_photographs_put_them(vibrating, problem):
+    R = vibrating.R
+    displaced = vibrating.w.copy()
+    displaced[:, 4:] = vibrating.w[:, :-4]  # the vertical edge four pixels to the right
+    w = displaced.astype(np.float32)
+    state = alternate.begin(problem, w[R:-R, R:-R])
+    layers = steps.layers_afar(state.w, 10, 0.35)
+    _, moved = steps.place_steps(problem.data, problem.other, state.u, state.w, layers, 1e-3)
+
+    def wrong(w):
+        return np.mean(np.abs(w - vibrating.w)[R:-R, R:-R] > 0.4)
+
+    assert wrong(moved) < 0.4 * wrong(state.w)
+
+
+def test_depths_are_continued_as_planes():
+    y, x = np.mgrid[0:40, 0:40]
+    w = 2 + 0.02 * x - 0.01 * y
+    known = (x < 20).astype(float)
+    found = steps.continued(w, known, 5.0)
+    # damped slopes: exact in the middle of what is known, some per cent low ten pixels outside
+    np.testing.assert_allclose(found[15:25, 5:24], w[15:25, 5:24], atol=0.06)
+
+
+def test_without_jumps_there_are_no_layers():
+    w = np.full((20, 20), 2.0)
+    assert not steps.layers_afar(w, 5, 0.35).band.any()
+    assert not steps.layers_near(w, 3, 0.35).band.any()

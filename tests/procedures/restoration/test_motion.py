@@ -1,0 +1,82 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from procedures.outcome import BadInput
+from procedures.restoration import motion as m
+
+T = np.linspace(0, 0.1, 200)
+STILL = np.zeros((200, 3))
+
+
+def test_translation_draws_minus_its_path_over_the_depth():
+    # (5.1) with rotation and T_z zero: velocity -T / l
+    velocity = np.tile([0.02, -0.01, 0.0], (200, 1))
+    drawn = m.curve(m.Motion(T, velocity, STILL), 0.1, 0.05, 2.0)
+    np.testing.assert_allclose(drawn[-1] - drawn[0], [-0.02 * 0.1 / 2, 0.01 * 0.1 / 2], rtol=1e-9)
+
+
+def test_rotation_does_not_ask_for_the_depth():
+    turning = m.Motion(T, STILL, np.tile([0.1, -0.2, 0.3], (200, 1)))
+    np.testing.assert_allclose(m.curve(turning, 0.2, -0.1, 1.0), m.curve(turning, 0.2, -0.1, 50.0), atol=1e-15)
+
+
+def test_rolling_draws_circles_about_the_centre():
+    rolling = m.Motion(T, STILL, np.tile([0.0, 0.0, 2.0], (200, 1)))
+    drawn = m.curve(rolling, 0.3, 0.0, 1.0)
+    np.testing.assert_allclose(np.hypot(*drawn.T), 0.3, rtol=1e-6)  # midpoint rule, 512 steps
+    assert np.ptp(np.arctan2(drawn[:, 1], drawn[:, 0])) == pytest.approx(0.2, rel=1e-3)
+
+
+def test_moving_ahead_scales_the_image():
+    ahead = m.Motion(T, np.tile([0.0, 0.0, 0.5], (200, 1)), STILL)
+    drawn = m.curve(ahead, 0.2, 0.1, 2.0)
+    # the point keeps its place in space: (x l) is constant
+    depth = 2.0 - (T[-1] / 2 - 0) * 0.5
+    np.testing.assert_allclose(drawn[-1] * depth, [0.4, 0.2], rtol=1e-3)
+
+
+def test_an_imu_at_rest_sees_no_motion():
+    found = m.from_imu(T, np.tile([0.0, 9.81, 0.0], (200, 1)), STILL)
+    assert np.abs(found.translation_m_s).max() < 1e-12
+
+
+def test_a_vibration_comes_back_from_its_acceleration():
+    # whole periods of 2 mm at 50 Hz: x = A cos, a = -A w^2 cos; trapezoids of 40 samples a period err by (w dt)^2 / 12
+    omega = 2 * np.pi * 50
+    time = np.linspace(0, 0.1, 201)
+    a = np.zeros((201, 3))
+    a[:, 0] = -0.002 * omega**2 * np.cos(omega * time)
+    a[:, 1] = 9.81
+    path = m.planar_path(m.from_imu(time, a, np.zeros((201, 3))))
+    expected = 0.002 * np.cos(omega * np.linspace(0, 0.1, 2048))
+    assert np.abs(path[:, 0] + expected).max() < 0.03 * 0.002
+    assert np.abs(path[:, 1]).max() < 1e-4
+
+
+def test_masks_of_a_path_keep_light_and_its_mean():
+    path = np.stack([np.linspace(-2.5, 3.0, 500), np.zeros(500)], axis=1)
+    mask = m.path_mask(path, 5)
+    assert mask.sum() == pytest.approx(1)
+    assert (mask * np.arange(-5, 6)).sum() == pytest.approx(0.25, abs=1e-6)
+
+
+def test_a_stack_over_inverse_depth_scales_the_blur():
+    velocity = np.tile([0.5, 0.0, 0.0], (200, 1))
+    stack = m.motion_stack(m.Motion(T, velocity, STILL), 400.0, (30.0, 0.0), 0.5, 8)
+    widths = [np.sqrt((stack.at(w) * np.arange(-8, 9) ** 2).sum()) for w in (0.25, 0.5)]
+    # half-lengths 2.5 and 5 pixels: l / sqrt(3), with the pixel's own blur below 0.4
+    assert widths == pytest.approx([2.5 / 3**0.5, 5 / 3**0.5], rel=0.06)
+
+
+def test_motion_that_leaves_the_masks_is_refused():
+    with pytest.raises(BadInput, match="leaves masks"):
+        m.path_mask(np.array([[0.0, 0.0], [9.0, 0.0]]), 5)
+
+
+def test_a_record_that_is_none_is_refused():
+    with pytest.raises(BadInput, match="two samples"):
+        m.Motion(T[:1], STILL[:1], STILL[:1])
+    with pytest.raises(BadInput, match="increase"):
+        m.Motion(T[::-1], STILL, STILL)

@@ -1,0 +1,124 @@
+"""`station restore` from files to files, on a corner of the shared photographs."""
+
+from __future__ import annotations
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from station.__main__ import main
+
+QUICK = ["--scheme", "2x(4+4)+1x6", "--max-w", "5.2"]
+
+
+@pytest.fixture(scope="module")
+def photographs(shared_data, tmp_path_factory):
+    """A corner of the vibrating pair, its shapes, and the truth there."""
+    folder = shared_data / "synthetic" / "restoration"
+    made = tmp_path_factory.mktemp("photographs")
+    for n in (1, 2):
+        image = cv2.imread(str(folder / f"vibration_40dB_{n}.pgm"), cv2.IMREAD_UNCHANGED)
+        cv2.imwrite(str(made / f"{n}.pgm"), image[100:200, 180:300])
+    shapes = [str(folder / f"vibration_shape{n}.txt") for n in (1, 2)]
+    return [str(made / "1.pgm"), str(made / "2.pgm")], shapes, np.load(folder / "w.npy")[100:200, 180:300]
+
+
+def run(*arguments):
+    return CliRunner().invoke(main, ["restore", *map(str, arguments)])
+
+
+@pytest.fixture(scope="module")
+def done(photographs, tmp_path_factory):
+    images, shapes, _ = photographs
+    out = tmp_path_factory.mktemp("out") / "restored"
+    result = run(*images, "--blur", "motion", "--shape", *shapes, *QUICK, "--json", "--out", out)
+    return result, out
+
+
+def test_it_writes_what_the_contract_names(done):
+    result, out = done
+    assert result.exit_code == 0, result.output
+    assert {"sharp.tiff", "sharp.png", "w.npy", "depth.png", "result.json"} <= {f.name for f in out.iterdir()}
+    assert not [f for f in out.iterdir() if f.name.startswith(".")]
+
+
+def test_the_picture_keeps_the_inputs_scale(done, photographs):
+    sharp = cv2.imread(str(done[1] / "sharp.tiff"), cv2.IMREAD_UNCHANGED)
+    before = cv2.imread(photographs[0][0], cv2.IMREAD_UNCHANGED) / 65535
+    assert sharp.dtype == np.float32
+    assert sharp.shape == before.shape
+    # blur and its inverse keep the mean but for what crosses the frame
+    assert sharp.mean() == pytest.approx(before.mean(), rel=0.02)
+
+
+def test_depth_is_near_the_truth(done, photographs):
+    w = np.load(done[1] / "w.npy")
+    assert w.dtype == np.float32
+    assert np.median(np.abs(w - photographs[2])) < 0.1
+
+
+def test_the_record_says_what_was_done(done):
+    result, out = done
+    record = json.loads((out / "result.json").read_text())
+    assert record["schema"] == "station/restore/1"
+    assert all(i["sha256"] for i in record["input"])
+    assert record["verdict"] in {"pass", "doubtful"}
+    assert [i["n"] for i in record["iterations"]] == [0, 1, 2]
+    assert json.loads(result.stdout) == record
+
+
+@pytest.mark.parametrize(
+    ("change", "code", "complaint"),
+    [
+        (["--max-w", "0"], 2, "max w"),
+        (["--scheme", "often"], 2, "scheme"),
+        (["--max-w", "38"], 2, "too large"),
+    ],
+)
+def test_parameters_that_cannot_be_meant_exit_2(photographs, tmp_path, change, code, complaint):
+    images, shapes, _ = photographs
+    result = run(*images, "--blur", "motion", "--shape", *shapes, *QUICK, *change, "--out", tmp_path / "o")
+    assert result.exit_code == code
+    assert complaint in result.stderr
+    assert not (tmp_path / "o").exists()
+
+
+def test_the_same_photograph_twice_exits_4(photographs, tmp_path):
+    images, shapes, _ = photographs
+    result = run(images[0], images[0], "--blur", "motion", "--shape", *shapes, *QUICK, "--out", tmp_path / "o")
+    assert result.exit_code == 4
+    assert "identical" in result.stderr
+
+
+def test_ratio_one_with_one_shape_exits_2(photographs, tmp_path):
+    result = run(*photographs[0], "--blur", "defocus", "--shape", "pillbox", *QUICK, "--out", tmp_path / "o")
+    assert result.exit_code == 2
+    assert "alike" in result.stderr
+
+
+def test_a_missing_shape_file_exits_4(photographs, tmp_path):
+    result = run(*photographs[0], "--blur", "motion", "--shape", "a.txt", "b.txt", *QUICK, "--out", tmp_path / "o")
+    assert result.exit_code == 4
+    assert "a.txt" in result.stderr
+
+
+def test_saturated_photographs_exit_5(photographs, tmp_path):
+    images, shapes, _ = photographs
+    image = cv2.imread(images[1], cv2.IMREAD_UNCHANGED)
+    image[: image.shape[0] // 2] = 65535
+    cv2.imwrite(str(tmp_path / "white.pgm"), image)
+    result = run(
+        images[0], tmp_path / "white.pgm", "--blur", "motion", "--shape", *shapes, *QUICK, "--out", tmp_path / "o"
+    )
+    assert result.exit_code == 5
+    assert "saturated" in result.stderr
+
+
+def test_one_photograph_is_a_usage_error(photographs, tmp_path):
+    result = run(
+        photographs[0][0], "--blur", "defocus", "--shape", "pillbox", "--ratio", "1.2", "--out", tmp_path / "o"
+    )
+    assert result.exit_code == 2
