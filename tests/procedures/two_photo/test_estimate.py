@@ -177,6 +177,14 @@ def test_another_focus_is_seen(otf: Otf, near_otf: Otf, verdict: Verdict, reason
     answers(estimate(pair.near, pair.far), verdict, reason, "focus again")
 
 
+def test_a_wire_before_the_wall_is_left_out(pair: Pair) -> None:
+    far = pair.far.copy()
+    far[:, 60:62] = 0.05
+    found = found_in(estimate(pair.near, far))
+    assert 0.01 < found.diagnostics["outliers"] < 0.03  # two columns of some 112, but for its own dark places
+    assert aligned_error(found.psf.h, samples_of(OTF, 3, 13))[0] < 0.025
+
+
 def test_another_exposure_is_seen(pair: Pair) -> None:
     outcome = estimate(pair.near, 0.7 * pair.far)
     answers(outcome, Verdict.DOUBTFUL, "has 0.70 times the near one's contrast", "same exposure")
