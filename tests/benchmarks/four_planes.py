@@ -11,13 +11,15 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from procedures.pattern import Chart
-from procedures.raw import read_frame
-from simulators.camera import SimulatedCamera
-from simulators.scene import Scene
-from simulators.sensor import Sensor
+import numpy as np  # noqa: E402  (the project's folder must be found first)
+
+from procedures.pattern import Chart  # noqa: E402
+from procedures.raw import read_frame  # noqa: E402
+from simulators.camera import SimulatedCamera  # noqa: E402
+from simulators.scene import Scene  # noqa: E402
+from simulators.sensor import Sensor  # noqa: E402
 
 RUNS = 3
 BOUND_S, BOUND_GIB = 2.5, 1.0
