@@ -13,13 +13,13 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-import numpy as np  # noqa: E402  (the project's folder must be found first)
+import numpy as np
 
-from procedures.pattern import Chart  # noqa: E402
-from procedures.raw import read_frame  # noqa: E402
-from simulators.camera import SimulatedCamera  # noqa: E402
-from simulators.scene import Scene  # noqa: E402
-from simulators.sensor import Sensor  # noqa: E402
+from procedures.pattern import Chart
+from procedures.raw import read_frame
+from simulators.camera import SimulatedCamera
+from simulators.scene import Scene
+from simulators.sensor import Sensor
 
 RUNS = 3
 BOUND_S, BOUND_GIB = 2.5, 1.0
