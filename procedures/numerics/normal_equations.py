@@ -65,6 +65,17 @@ class Products:
         """The same for another r (m,)."""
         return replace(self, Ar=(A.T @ r.astype(np.float32)).astype(np.float64), Zr=Z.T @ r)
 
+    def with_last_nuisance_kept(self) -> Products:
+        """The same with the last nuisance column counted to A, as its last column."""
+        last, others = self.AZ[:, -1:], self.AZ[:, :-1]
+        return Products(
+            np.block([[self.AA, last], [last.T, self.ZZ[-1:, -1:]]]),
+            np.vstack([others, self.ZZ[-1:, :-1]]),
+            self.ZZ[:-1, :-1],
+            np.append(self.Ar, self.Zr[-1]),
+            self.Zr[:-1],
+        )
+
 
 def products(AA: Array, A: Array32, Z: Array, r: Array) -> Products:
     """The products of A (m, n) float32, nuisance columns Z (m, p) and r (m,), their rows over the noise."""

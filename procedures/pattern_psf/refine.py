@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.kernel_tail import tail_border, tail_column
 from procedures.numerics.normal_equations import NormalEquations, eliminate, gram, products
 from procedures.numerics.sampled_convolution import convolve_at, sample_convolution
 from procedures.numerics.solvers import cholesky_solve
@@ -29,7 +30,6 @@ from procedures.pattern_psf.observation import Observation
 from procedures.pattern_psf.printed_edges import Edges, edge_columns
 from procedures.pattern_psf.rasterise import Raster, Window, band_limited_chart, whole_chart
 from procedures.pattern_psf.registration import Registration, map_distance
-from procedures.pattern_psf.tail import tail_border, tail_column
 
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]

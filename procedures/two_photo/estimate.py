@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numerics.normal_equations import normalised
-from procedures.numerics.solvers import solve_constrained
-from procedures.numerics.warps import CubicWarp, inverse
+from procedures.numerics.solvers import cholesky_solve, solve_constrained
+from procedures.numerics.warps import CubicWarp
 from procedures.outcome import Outcome, Refused, Verdict
 from procedures.psf import Psf, Sampling
 from procedures.quality import Diffraction, Quality, assess
@@ -124,9 +124,10 @@ def _estimate(
     check_distance(sighting.H_near_far, far.shape, s)
     fit = fit_kernel(near, far, sighting.H_near_far, s, k)
     J = fit.scale()
-    kernel = without_near_noise(fit, noise_at_most(near))
+    limit = noise_at_most(near)
+    kernel = without_near_noise(fit, limit)
     psf, check = _psf(kernel, s, k, J, parameters.solver)
-    diagnostics = diagnose(fit, kernel, psf, sighting, near, far, check)
+    diagnostics = diagnose(fit, kernel, psf, sighting, near, far, limit, check)
     verdict, reason, remedy = judge(diagnostics, s)
     if verdict is Verdict.REFUSED:
         return Outcome(None, verdict, reason, remedy)
@@ -138,14 +139,12 @@ def _psf(kernel: Kernel, s: int, k: int, J: Array, solver: str) -> tuple[Psf, fl
 
     The covariance is that of the free solution; for "clip" and "nnls" it is an upper limit.
     """
-    image = kernel.k.reshape(k, k)
-    recovered = psf_by_recursion(image, s, J)
-    check = float(np.linalg.norm(recovered.h - psf_by_equation(image, s, J).h) / np.linalg.norm(recovered.h))
+    recovered = psf_by_recursion(kernel.total, s, J)
+    check = float(np.linalg.norm(recovered.h - psf_by_equation(kernel.total, s, J).h) / np.linalg.norm(recovered.h))
     covariance = recovered.covariance(kernel.covariance)
     h = recovered.h.ravel()
     if solver != "ls":
-        back = inverse(recovered.derivative)
-        information = back.T @ kernel.information @ back
+        information = cholesky_solve(covariance, np.eye(k * k))
         h = solve_constrained(information, information @ h, solver)
     h, covariance = normalised(h, covariance)
     return Psf(h.reshape(k, k), s, covariance), check
@@ -161,15 +160,14 @@ def _result(
     diffraction: Diffraction | None,
 ) -> TwoPhotoPsf:
     """Everything that is reported, from the final fit."""
-    gain = float(kernel.k.sum())
     scale_x, scale_y = np.linalg.norm(J, axis=0)
     return TwoPhotoPsf(
         psf=psf,
         quality=assess(psf, n=len(fit.residual), diffraction=diffraction),
-        inter_image=kernel.k.reshape(psf.k, psf.k) / gain,
+        inter_image=kernel.k.reshape(psf.k, psf.k) / kernel.k.sum(),
         scale=(float(scale_x), float(scale_y)),
         swapped=sighting.swapped,
-        gain=gain,
+        gain=kernel.gain,
         noise=kernel.noise,
         residual_std=diagnostics["residual_std"],
         warp=fit.warp,

@@ -2,12 +2,12 @@
 
 Every Gauss-Newton step linearises
 
-    y = A k + sum a_i q_i + sum b_i q_i A k
+    y = A k + tau T + sum a_i q_i + sum b_i q_i A k
 
-about the current map, kernel and light, with y the far photograph's samples, A the near photograph on the s grid of the
-far one as a convolution, q_i the quadratics of place, and eliminates everything but k (variable projection,
-Kaufman's form). The map is a homography followed by a cubic displacement; its constant is a shift of k, and is set so
-that k stays centred.
+about the current map, kernel and light, with y the far photograph's samples, A the near photograph on the s grid of
+the far one as a convolution, T the same seen through the tail beyond the support of k, q_i the quadratics of place,
+and eliminates everything but k and tau (variable projection, Kaufman's form). The map is a homography followed by a
+cubic displacement; its constant is a shift of k, and is set so that k stays centred.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.kernel_tail import tail_border, tail_column
 from procedures.numerics.normal_equations import NormalEquations, eliminate, gram, products
 from procedures.numerics.sampled_convolution import sample_convolution
 from procedures.numerics.solvers import cholesky_solve
@@ -35,7 +36,7 @@ NEAR_PX = 0.02  # what the last step may have left for the next: below this ever
 STILL_PX = 0.02  # the step itself is accounted for to first order: what is left of it is a hundredth
 MOST_SAMPLES = 150_000  # a PSF is local: of a larger common region the middle is taken
 OUTLYING = 6.0  # standard deviations of the residual from which a sample is left out
-THIN_FROM = 8  # samples per unknown from which the first steps take every fourth sample
+COARSE_SAMPLES = 20  # samples per unknown that bring the map near
 
 
 @dataclass(frozen=True)
@@ -110,13 +111,15 @@ class Fit:
     warp : CubicWarp
         Far pixels -> near pixels.
     kernel : (k^2,) float64
-        The inter-image kernel by plain least squares; its sum is the gain from the near to the far photograph.
+        The inter-image kernel by plain least squares.
+    tail : float
+        tau, what the kernel has beyond its support; with it the kernel's sum is the gain from near to far photograph.
     light : (11,) float64
         a (6), b without its constant (5).
     samples : Samples
     near : NearImage
     equations : NormalEquations
-        Of the last step.
+        Of the last step, for kernel and tail.
     seen : (m,) float64
         The near photograph through the kernel, before the light.
     slopes : (m, 2) float64
@@ -133,6 +136,7 @@ class Fit:
 
     warp: CubicWarp
     kernel: Array
+    tail: float
     light: Array
     samples: Samples
     near: NearImage
@@ -153,7 +157,7 @@ class Fit:
     @property
     def variance(self) -> float:
         """Variance of the residual, freedoms allowed for."""
-        freedom = len(self.samples.y) - len(self.kernel) - GEOMETRY - LIGHT
+        freedom = len(self.samples.y) - len(self.kernel) - 1 - GEOMETRY - LIGHT
         return float(self.residual @ self.residual / freedom)
 
     def scale(self) -> Array:
@@ -185,9 +189,9 @@ def fit_kernel(near: Array32, far: Array32, H_near_far: Array, s: int, k: int) -
     samples, corner, shape = common_region(near, far, H_near_far, s, k)
     warp = _first_warp(H_near_far, samples)
     image = _near_image(near, warp, samples, s, k, corner, shape)
-    thinned = samples.kept((samples.rows % 2 == 0) & (samples.columns % 2 == 0))
-    used = thinned if len(thinned.y) > THIN_FROM * k * k else samples
-    fit = _settled(_first_fit(used, image, warp, k), samples, k)
+    stride = int(np.clip(np.sqrt(len(samples.y) / (COARSE_SAMPLES * k * k)), 1, 3))
+    coarse = samples.kept((samples.rows % stride == 0) & (samples.columns % stride == 0)) if stride > 1 else samples
+    fit = _settled(_first_fit(coarse, image, warp, k), samples, k)
     clean = _without_outliers(fit)
     if len(clean.y) < len(samples.y) - max(10, 1e-3 * len(samples.y)):
         fit = replace(_settled(fit, clean, k), outliers=1 - len(clean.y) / len(samples.y))
@@ -199,7 +203,7 @@ def _settled(fit: Fit, samples: Samples, k: int) -> Fit:
     for step in range(1, MAX_STEPS + 1):
         if fit.moved_px < NEAR_PX or step >= MAX_STEPS - 2:
             fit = replace(fit, samples=samples)
-        last, fit = fit, _step(_centred(fit, k), k)
+        last, fit = fit, _step(_centred(fit, k), k, whole=fit.samples is samples)
         fit = replace(fit, steps=last.steps + 1, travelled_px=last.travelled_px + fit.moved_px)
         if fit.samples is samples and fit.moved_px < STILL_PX:
             break
@@ -264,7 +268,7 @@ def _near_image(
     """The part of the near photograph that is needed, as a spline."""
     seen = warp.forward(samples.points)
     scale = np.abs(homography_jacobian(warp.H, warp.centre)).sum(axis=1)
-    margin = scale * (k // 2 + 2) / s + 8
+    margin = scale * tail_border(k) / s + 8
     low = np.maximum(np.floor(seen.min(axis=0) - margin), 0).astype(int)
     high = np.minimum(np.ceil(seen.max(axis=0) + margin) + 1, near.shape[::-1]).astype(int)
     part = near[low[1] : high[1], low[0] : high[0]]
@@ -279,16 +283,17 @@ def _place(samples: Samples, warp: CubicWarp) -> Array:
     return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
 
 
-def _system(samples: Samples, near: NearImage, warp: CubicWarp, k: int) -> Array32:
-    """The convolution with the near photograph, sampled at the far pixels."""
+def _system(samples: Samples, u: Array32, s: int, k: int) -> Array32:
+    """The convolution with the near photograph `u`, read with the tail's border, sampled at the far pixels."""
     unweighted = np.ones(len(samples.y), np.float32)
-    u = near.read(warp, k // 2)
-    return np.asarray(sample_convolution(u, samples.rows, samples.columns, unweighted, near.s, k))
+    extra = tail_border(k) - k // 2
+    inner = u[extra:-extra, extra:-extra]
+    return np.asarray(sample_convolution(inner, samples.rows, samples.columns, unweighted, s, k))
 
 
 def _first_fit(samples: Samples, near: NearImage, warp: CubicWarp, k: int) -> Fit:
     """The kernel by the first map, the added light free."""
-    A, place = _system(samples, near, warp, k), _place(samples, warp)
+    A, place = _system(samples, near.read(warp, tail_border(k)), near.s, k), _place(samples, warp)
     equations = eliminate(products(gram(A), A, place, samples.y))
     kernel = cholesky_solve(equations.G, equations.b)
     seen = (A @ kernel.astype(np.float32)).astype(np.float64)
@@ -296,7 +301,7 @@ def _first_fit(samples: Samples, near: NearImage, warp: CubicWarp, k: int) -> Fi
     light[:6] = equations.nuisance(kernel)
     slopes = np.zeros((len(seen), 2))
     prediction = seen + place @ light[:6]
-    return Fit(warp, kernel, light, samples, near, equations, seen, slopes, prediction, 0, np.inf, 0.0)
+    return Fit(warp, kernel, 0.0, light, samples, near, equations, seen, slopes, prediction, 0, np.inf, 0.0)
 
 
 def _centred(fit: Fit, k: int) -> Fit:
@@ -325,27 +330,35 @@ def centre_of(kernel: Array) -> Array:
     return centre
 
 
-def _step(fit: Fit, k: int) -> Fit:
-    """One Gauss-Newton step: a new system for the current map, increments of everything."""
+def _step(fit: Fit, k: int, *, whole: bool) -> Fit:
+    """One Gauss-Newton step: a new system for the current map, increments of everything; the tail in `whole` ones."""
     samples, warp = fit.samples, fit.warp
-    A = _system(samples, fit.near, warp, k)
+    u = fit.near.read(warp, tail_border(k))
+    A = _system(samples, u, fit.near.s, k)
     slope_y, slope_x = np.gradient(fit.kernel.reshape(k, k))
     both = np.column_stack([fit.kernel, slope_x.ravel(), slope_y.ravel()]).astype(np.float32)
     seen, *slopes = (A @ both).T.astype(np.float64)
     shifted = np.stack(slopes, axis=-1) * fit.near.s
     place, monomials = _place(samples, warp), warp.monomials(samples.points)
-    Z = np.hstack([displacement_columns(shifted, monomials), place, place[:, 1:] * seen[:, None]])
-    before = seen + Z[:, GEOMETRY:] @ fit.light
-    equations = eliminate(products(gram(A), A, Z, samples.y - before))
-    change = cholesky_solve(equations.G, equations.b)
-    t = equations.nuisance(change)
+    columns = [displacement_columns(shifted, monomials), place, place[:, 1:] * seen[:, None]]
+    known = fit.light
+    if whole:
+        columns.append(tail_column(u, samples.rows, samples.columns, fit.near.s, k)[:, None])
+        known = np.append(known, fit.tail)
+    Z = np.hstack(columns)
+    before = seen + Z[:, GEOMETRY:] @ known
+    parts = products(gram(A), A, Z, samples.y - before)
+    equations = eliminate(parts.with_last_nuisance_kept() if whole else parts)
+    change, tail = np.split(cholesky_solve(equations.G, equations.b), [k * k])
+    t = np.concatenate([equations.nuisance(np.append(change, tail)), tail])
     displacement = t[:GEOMETRY].reshape(2, 9)
     moves = (monomials[::29] - monomials.mean(axis=0)) @ displacement.T
     return replace(
         fit,
         warp=warp.displaced(displacement, monomials),
         kernel=fit.kernel + change,
-        light=fit.light + t[GEOMETRY:],
+        tail=fit.tail + float(tail.sum()),
+        light=fit.light + t[GEOMETRY : GEOMETRY + LIGHT],
         equations=equations,
         seen=seen,
         slopes=shifted,

@@ -2,7 +2,8 @@
 
 The matrix A holds the near photograph, noise and all: A = A0 + E. On the s grid, band-limited to it, the near pixels'
 noise stays white, of variance c sigma^2 with c = s^2 / det J: the share of the near photograph's band that is kept.
-Each row of A holds k^2 different samples, so that E'E is m c sigma^2 I on average. Least squares therefore solves
+Each row of A holds k^2 different samples, so that E'E is m c sigma^2 I on average; the tail's column holds a mean of
+others, with the squared norm of its kernel in the place of 1. Least squares therefore solves
 (A0'A0 + m c sigma^2 I) k = A0'y and shrinks the kernel where the wall's spectrum is weak; taking m c sigma^2 I off
 again leaves no bias, to first order. sigma itself comes from the residual, whose variance is sigma^2 (1 + c |k|^2).
 """
@@ -14,10 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.kernel_tail import tail_kernel
 from procedures.numerics.solvers import cholesky_solve
 from procedures.numerics.warps import inverse
 from procedures.outcome import Refused
 from procedures.two_photo.inter_image import Fit
+from procedures.two_photo.recursion import gain_of
 
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
@@ -29,23 +32,35 @@ class Kernel:
 
     Attributes
     ----------
-    k : (n,) float64
-        Its sum is the gain from the near to the far photograph.
-    covariance : (n, n) float64
+    total : (n + 1,) float64
+        The kernel's samples and, last, its tail.
+    covariance : (n + 1, n + 1) float64
         Noise of both photographs, and the nuisance parameters.
-    information : (n, n) float64
-        The normal matrix without the near noise's share.
     noise : float
         sigma, in the units of the samples.
     bias : float
         |k - plain least squares| / |k|.
     """
 
-    k: Array
+    total: Array
     covariance: Array
-    information: Array
     noise: float
     bias: float
+
+    @property
+    def k(self) -> Array:
+        """The kernel inside its support, (n,)."""
+        return self.total[:-1]
+
+    @property
+    def gain(self) -> float:
+        """Contrast of the far photograph over the near one's."""
+        return gain_of(self.total)
+
+    @property
+    def cut(self) -> float:
+        """Share of the kernel beyond its support."""
+        return 1 - float(self.k.sum()) / self.gain
 
 
 def without_near_noise(fit: Fit, near_noise_limit: float) -> Kernel:
@@ -68,12 +83,13 @@ def without_near_noise(fit: Fit, near_noise_limit: float) -> Kernel:
     near noise enters a second time, multiplied by the residual.
     """
     G = fit.equations.G
-    n, m = len(G), len(fit.residual)
+    plain = np.append(fit.kernel, fit.tail)
+    share = np.append(np.ones(len(fit.kernel)), np.sum(tail_kernel(round(len(fit.kernel) ** 0.5)) ** 2))
     c = fit.near.s**2 / float(np.linalg.det(fit.scale()))
     noise = float(np.sqrt(fit.variance / (1 + c * float(fit.kernel @ fit.kernel))))
-    corrected = G - m * c * min(noise, near_noise_limit) ** 2 * np.eye(n)
+    corrected = G - len(fit.residual) * c * min(noise, near_noise_limit) ** 2 * np.diag(share)
     try:
-        k = cholesky_solve(corrected, G @ fit.kernel)
+        total = cholesky_solve(corrected, G @ plain)
     except np.linalg.LinAlgError as error:
         raise Refused(
             f"the near photograph's noise must stay under the wall's texture at all frequencies that s = {fit.near.s} "
@@ -81,8 +97,8 @@ def without_near_noise(fit: Fit, near_noise_limit: float) -> Kernel:
             "choose a rougher wall with fine detail, expose longer, focus the near photograph, or lower s",
         ) from error
     inverted = inverse(corrected)
-    bias = float(np.linalg.norm(k - fit.kernel) / np.linalg.norm(k))
-    return Kernel(k, fit.variance * inverted @ G @ inverted, corrected, noise, bias)
+    bias = float(np.linalg.norm(total - plain) / np.linalg.norm(total))
+    return Kernel(total, fit.variance * inverted @ G @ inverted, noise, bias)
 
 
 def noise_at_most(samples: Array32) -> float:

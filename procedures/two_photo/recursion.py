@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.kernel_tail import tail_spectrum, tail_sum
 from procedures.numerics.warps import inverse
 
 Array = npt.NDArray[np.float64]
@@ -29,26 +30,26 @@ class Recovered:
     Attributes
     ----------
     h : (k, k) float64
-        On the kernel's grid. Its sum is the kernel's.
-    derivative : (k^2, k^2) float64
-        d h / d k, both flattened.
+        On the kernel's grid, inside its support.
+    derivative : (k^2, k^2 + 1) float64
+        d h / d (k, tau), flattened.
     """
 
     h: Array
     derivative: Array
 
     def covariance(self, of_kernel: Array) -> Array:
-        """Covariance (k^2, k^2) of the PSF, from that of the kernel."""
+        """Covariance (k^2, k^2) of the PSF, from that of the kernel and its tail."""
         return np.asarray(self.derivative @ of_kernel @ self.derivative.T)
 
 
-def psf_by_recursion(kernel: Array, s: int, J: Array) -> Recovered:
+def psf_by_recursion(total: Array, s: int, J: Array) -> Recovered:
     """The PSF as the product H(f) = K(f) K(J^-T f) K(J^-T J^-T f) ..., every factor exact at its frequencies.
 
     Parameters
     ----------
-    kernel : (k, k) float64
-        The inter-image kernel on the s grid; its sum is the gain between the photographs.
+    total : (k^2 + 1,) float64
+        The inter-image kernel on the s grid and, last, its tail beyond.
     s : int
         Samples per far pixel.
     J : (2, 2) float64
@@ -64,16 +65,18 @@ def psf_by_recursion(kernel: Array, s: int, J: Array) -> Recovered:
     Delbracio, Almansa, Muse, IPOL 2013, section 4.4; thesis, Proposition 4. The factors beyond the first are
     normalised at f = 0, where any gain would be raised to their number.
     """
-    k, N = len(kernel), _transform_size(len(kernel))
+    k = round((len(total) - 1) ** 0.5)
+    N = _transform_size(k)
     fx, fy = _half_plane(N, s)
     M = _shrinking(J)
     values: list[Complex] = []
     waves: list[Complex] = []
-    gain = kernel.sum()
+    gain, ones = gain_of(total), _sums(k)
     for _ in range(MOST_FACTORS):
         wave = _waves(fx, fy, k, s)
-        values.append(wave @ kernel.ravel() / (gain if values else 1.0))
-        waves.append((wave - values[-1][:, None]) / gain if len(values) > 1 else wave)
+        value = np.asarray(wave @ total, dtype=np.complex128)
+        values.append(np.divide(value, gain if values else 1.0, dtype=np.complex128))
+        waves.append((wave - np.outer(values[-1], ones)) / gain if len(values) > 1 else wave)
         if len(values) > 1 and np.abs(values[-1] - 1).max() < REST:
             break
         fx, fy = M[0, 0] * fx + M[0, 1] * fy, M[1, 0] * fx + M[1, 1] * fy
@@ -83,26 +86,36 @@ def psf_by_recursion(kernel: Array, s: int, J: Array) -> Recovered:
     return Recovered(h, _samples(np.asarray(dH), N, k))
 
 
-def psf_by_equation(kernel: Array, s: int, J: Array) -> Recovered:
-    """The PSF as the least-squares solution of H(f) - K(f) H(J^-T f) = 0 under sum h = sum k: the recursion's check.
+def psf_by_equation(total: Array, s: int, J: Array) -> Recovered:
+    """The PSF as the least-squares solution of H(f) - K(f) H(J^-T f) = 0 under equal sums: the recursion's check.
 
-    Here h itself has the k x k support, in the recursion only the kernel has. Parameters as in `psf_by_recursion`.
+    Here h itself has the k x k support and the tail, in the recursion only the kernel has. Parameters as there.
     """
-    k = len(kernel)
-    gain = kernel.sum()
+    k = round((len(total) - 1) ** 0.5)
+    gain = gain_of(total)
     fx, fy = _half_plane(_transform_size(k) // 2, s)
     M = _shrinking(J)
     here = _waves(fx, fy, k, s)
     there = _waves(M[0, 0] * fx + M[0, 1] * fy, M[1, 0] * fx + M[1, 1] * fy, k, s)
-    K = here @ kernel.ravel() / gain
-    equations = _stacked(here - K[:, None] * there)
+    K = here @ total / gain
     # the sum is exact against 1e3 equations of order 1e-3
-    system = np.vstack([equations, np.full((1, k * k), 1e3)])
+    system = np.vstack([_stacked(np.asarray(here - K[:, None] * there)), 1e3 * _sums(k)[None]])
     solution = np.linalg.pinv(system)
     h = solution[:, -1] * 1e3
-    dK = (here - K[:, None]) / gain
-    derivative = solution[:, :-1] @ _stacked((there @ h)[:, None] * dK)
-    return Recovered(gain * h.reshape(k, k), gain * derivative + h[:, None])
+    dK = (here - np.outer(K, _sums(k))) / gain
+    derivative = solution[:, :-1] @ _stacked(np.asarray((there @ h)[:, None] * dK))
+    through_gain = np.outer(h, _sums(k))
+    return Recovered(np.asarray(gain * h[:-1]).reshape(k, k), np.asarray(gain * derivative + through_gain)[:-1])
+
+
+def gain_of(total: Array) -> float:
+    """The gain between the photographs: the sum of kernel and tail (k^2 + 1,), the tail taken without an end."""
+    return float(_sums(round((len(total) - 1) ** 0.5)) @ total)
+
+
+def _sums(k: int) -> Array:
+    """Spectra of unit samples and tail at f = 0, (k^2 + 1,)."""
+    return np.append(np.ones(k * k), tail_sum(k))
 
 
 def _transform_size(k: int) -> int:
@@ -125,10 +138,11 @@ def _shrinking(J: Array) -> Array:
 
 
 def _waves(fx: Array, fy: Array, k: int, s: int) -> Complex:
-    """exp(-2 pi i f.x) at frequencies (n,) for the k x k samples about the centre: (n, k^2)."""
+    """Spectra at frequencies (n,) of unit samples at the k x k places, and of the tail: (n, k^2 + 1)."""
     x = (np.arange(k) - k // 2) / s
     ex, ey = np.exp(-2j * np.pi * fx[:, None] * x), np.exp(-2j * np.pi * fy[:, None] * x)
-    return np.asarray((ey[:, :, None] * ex[:, None, :]).reshape(len(fx), k * k))
+    inside = (ey[:, :, None] * ex[:, None, :]).reshape(len(fx), k * k)
+    return np.hstack([inside, tail_spectrum(fx / s, fy / s, k)[:, None]])
 
 
 def _samples(spectra: Complex, N: int, k: int) -> Array:

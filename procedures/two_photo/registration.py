@@ -19,7 +19,7 @@ Array32 = npt.NDArray[np.float32]
 
 QUICK_PIXELS, MOST_PIXELS = 0.16e6, 4e6
 """A photograph is searched for features reduced to the first size, and to the second where that finds too little."""
-MOST_FEATURES = 4000
+MOST_FEATURES = 3000
 CONTRAST = 0.01  # SIFT's threshold: walls are faint
 RATIO = 0.85  # of the nearest descriptor's distance to the second nearest's
 FEWEST = 12
@@ -120,11 +120,11 @@ def grey_levels(samples: Array32) -> npt.NDArray[np.uint8]:
 
 def _reduction(photograph: npt.NDArray[np.uint8], pixels: float) -> int:
     """The whole number by which a photograph is reduced to about so many pixels."""
-    return max(1, round(float(np.sqrt(photograph.size / pixels))))
+    return max(1, int(np.ceil(np.sqrt(photograph.size / pixels) - 0.2)))
 
 
 def find_features(photograph: npt.NDArray[np.uint8], reduction: int) -> _Features:
-    """SIFT features of a photograph reduced by a whole number."""
+    """The strongest SIFT features of a photograph reduced by a whole number."""
     if reduction > 1:
         rows, columns = (n // reduction for n in photograph.shape)
         whole = photograph[: rows * reduction, : columns * reduction]

@@ -12,7 +12,7 @@ from procedures.numerics.warps import homography_jacobian
 from procedures.outcome import Refused, Rule, Verdict, verdict_of
 from procedures.psf import Psf
 from procedures.two_photo.inter_image import Fit
-from procedures.two_photo.near_noise import Kernel, noise_at_most
+from procedures.two_photo.near_noise import Kernel
 from procedures.two_photo.registration import Sighting
 from procedures.two_photo.sharpness import sharpness_ratio
 
@@ -72,7 +72,7 @@ class Diagnostics:
     recursion_check : float
         Distance of the recursion from the direct solution, over the PSF's norm.
     support_cut : float
-        Share of the kernel's sum that lies on the rim of its support.
+        Share of the kernel beyond its support, by the amplitude of a 1/r^3 tail.
     sharpness_ratio : float
         Fine contrast of the near photograph over the far one's; see `sharpness`.
     saturated : float
@@ -112,14 +112,20 @@ class Diagnostics:
 
 
 def diagnose(
-    fit: Fit, kernel: Kernel, psf: Psf, sighting: Sighting, near: Array32, far: Array32, recursion_check: float
+    fit: Fit,
+    kernel: Kernel,
+    psf: Psf,
+    sighting: Sighting,
+    near: Array32,
+    far: Array32,
+    near_noise_limit: float,
+    recursion_check: float,
 ) -> Diagnostics:
     """Measure what the verdict needs, on the final fit and the answer drawn from it."""
     zoom = np.sqrt(np.abs(np.linalg.det(fit.warp.derivative(fit.samples.points[::29]))))
     shift, significance = local_shifts(fit)
     passed, excess = transfer_above_one(kernel, psf)
     determined = [determined_to(psf, axis) for axis in (0, 1)]
-    image = kernel.k.reshape(psf.k, psf.k)
     return Diagnostics(
         matches=float(sighting.matches),
         match_rms_px=sighting.rms_far_px,
@@ -127,12 +133,12 @@ def diagnose(
         scale=float(zoom.mean()),
         scale_spread=float(zoom.max() / zoom.min() - 1),
         agreement=fit.agreement,
-        residual_std=kernel.noise / max(noise_at_most(near), 1e-9),
+        residual_std=kernel.noise / max(near_noise_limit, 1e-9),
         whiteness=_neighbour_correlation(fit),
         local_shift_px=shift,
         local_shift_significance=significance,
         relief_px=relief(fit),
-        gain=float(kernel.k.sum()),
+        gain=kernel.gain,
         light_change=_light_change(fit),
         passed=passed,
         excess=excess,
@@ -141,7 +147,7 @@ def diagnose(
         determined_vertical=determined[1],
         near_noise_bias=kernel.bias,
         recursion_check=recursion_check,
-        support_cut=abs(float(1 - image[1:-1, 1:-1].sum() / image.sum())),
+        support_cut=kernel.cut,
         sharpness_ratio=_sharpness_ratio(fit, near, far, kernel.noise),
         saturated=max(float(np.mean(photograph >= CLIPPED)) for photograph in (near, far)),
         outliers=fit.outliers,
@@ -224,7 +230,7 @@ def transfer_above_one(kernel: Kernel, psf: Psf) -> tuple[float, float]:
     gain = kernel.k.sum()
     K = waves @ kernel.k / gain
     slope = np.real((np.conj(K) / np.maximum(np.abs(K), 1e-12))[:, None] * (waves - K[:, None])) / gain
-    uncertainty = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slope, kernel.covariance, slope), 1e-24))
+    uncertainty = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slope, kernel.covariance[:-1, :-1], slope), 1e-24))
     above = np.abs(K) - 1
     sure = above[above > 3 * uncertainty]
     return float((above / uncertainty).max()), float(sure.max()) if len(sure) else 0.0
@@ -413,8 +419,8 @@ def _doubts_of_camera(d: Diagnostics) -> list[Rule]:
         ),
         Rule(
             doubtful,
-            d.support_cut > 0.06,
-            f"the kernel has {d.support_cut:.0%} of its sum on the rim of its support",
+            d.support_cut > 0.08,
+            f"about {d.support_cut:.0%} of the PSF's energy lies outside its support",
             "focus, or raise k",
         ),
         Rule(doubtful, d.moved_px > 0.1, "the map did not come to rest", "photograph the wall more squarely"),

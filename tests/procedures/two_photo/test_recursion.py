@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from procedures.numerics.kernel_tail import tail_sum
 from procedures.two_photo.recursion import Recovered, psf_by_equation, psf_by_recursion
 
 S, K = 3, 13
@@ -28,7 +29,12 @@ def gaussian(variance: np.ndarray) -> np.ndarray:
 def between(variance: np.ndarray, J: np.ndarray) -> np.ndarray:
     """The inter-image kernel of a Gaussian PSF: a Gaussian whose variance lacks what the near photograph has."""
     inverse = np.linalg.inv(J)
-    return gaussian(variance - inverse @ variance @ inverse.T)
+    return without_tail(gaussian(variance - inverse @ variance @ inverse.T))
+
+
+def without_tail(kernel: np.ndarray) -> np.ndarray:
+    """The samples and, last, no tail."""
+    return np.append(kernel.ravel(), 0.0)
 
 
 @BOTH
@@ -42,9 +48,9 @@ def test_gaussians_come_back(recover: Recover, J: np.ndarray) -> None:
 @BOTH
 def test_derivative_is_that_of_the_result(recover: Recover, rng: np.random.Generator) -> None:
     kernel = 1.1 * between(VARIANCE, ZOOMED)
-    step = 1e-6 * rng.standard_normal((K, K))
+    step = 1e-6 * rng.standard_normal(K * K + 1)
     change = (recover(kernel + step, S, ZOOMED).h - recover(kernel - step, S, ZOOMED).h) / 2
-    predicted = (recover(kernel, S, ZOOMED).derivative @ step.ravel()).reshape(K, K)
+    predicted = (recover(kernel, S, ZOOMED).derivative @ step).reshape(K, K)
     # the equation's derivative leaves out the change of its own small residual
     assert np.linalg.norm(change - predicted) < 5e-3 * np.linalg.norm(change)
 
@@ -58,10 +64,29 @@ def test_sum_is_the_gain(recover: Recover) -> None:
     )
 
 
+@BOTH
+def test_a_tail_that_goes_on_comes_back(recover: Recover) -> None:
+    # (1 + (r/a)^2)^(-3/2) has the OTF exp(-2 pi a f) and the tail 1/r^3; the kernel is the same with 3/4 of a
+    a, J = 0.25, 4.0 * np.eye(2)
+    half = 200
+    r = np.hypot(np.arange(-half, half + 1), np.arange(-half, half + 1)[:, None]) / S
+
+    def cauchy(width: float) -> np.ndarray:
+        h = width / (2 * np.pi * (r**2 + width**2) ** 1.5) / S**2
+        return h + (1 - h.sum() - width * S / half) * (r == 0)  # the peak is too sharp for the grid: its sum is kept
+
+    middle = slice(half - K // 2, half + K // 2 + 1)
+    kernel = cauchy(0.75 * a)
+    tail = (1 - kernel[middle, middle].sum()) / tail_sum(K)
+    found = recover(np.append(kernel[middle, middle].ravel(), tail), S, J).h
+    truth = cauchy(a)[middle, middle]
+    assert found.sum() == pytest.approx(truth.sum(), abs=0.01)
+
+
 def test_covariance_is_that_of_many_draws(rng: np.random.Generator) -> None:
     kernel, sigma = between(VARIANCE, ZOOMED), 1e-4
-    draws = [psf_by_recursion(kernel + sigma * rng.standard_normal((K, K)), S, ZOOMED).h.ravel() for _ in range(20)]
-    expected = psf_by_recursion(kernel, S, ZOOMED).covariance(sigma**2 * np.eye(K * K))
+    draws = [psf_by_recursion(kernel + sigma * rng.standard_normal(K * K + 1), S, ZOOMED).h.ravel() for _ in range(20)]
+    expected = psf_by_recursion(kernel, S, ZOOMED).covariance(sigma**2 * np.eye(K * K + 1))
     # 20 draws of 169 samples: their mean variance is known to 2.5 %
     assert np.var(draws, axis=0, ddof=1).mean() == pytest.approx(np.trace(expected) / K**2, rel=0.08)
 
@@ -69,4 +94,4 @@ def test_covariance_is_that_of_many_draws(rng: np.random.Generator) -> None:
 @BOTH
 def test_a_map_that_does_not_enlarge_is_no_pair(recover: Recover) -> None:
     with pytest.raises(ValueError, match="near photograph must be larger"):
-        recover(gaussian(VARIANCE), S, np.diag([4.0, 0.9]))
+        recover(without_tail(gaussian(VARIANCE)), S, np.diag([4.0, 0.9]))
