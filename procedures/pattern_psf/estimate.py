@@ -136,7 +136,7 @@ def _estimate(
     """The chain itself; raises Refused."""
     samples, s, k = plane.samples, parameters.s, parameters.k
     corners, marks_map = _register(samples)
-    light = measure_light(samples, marks_map)
+    light = measure_light(samples, marks_map, plane.quantisation)
     _check_light(light, plane.quantisation)
     fit, outliers = _fit(samples, chart, corners, marks_map, light, s, k)
     psf = _solution(fit, s, k, parameters.solver)

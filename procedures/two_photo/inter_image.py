@@ -34,6 +34,7 @@ MAX_STEPS = 8
 NEAR_PX = 0.02  # what the last step may have left for the next: below this every sample is taken
 STILL_PX = 0.02  # the step itself is accounted for to first order: what is left of it is a hundredth
 MOST_SAMPLES = 150_000  # a PSF is local: of a larger common region the middle is taken
+OUTLYING = 6.0  # standard deviations of the residual from which a sample is left out
 THIN_FROM = 8  # samples per unknown from which the first steps take every fourth sample
 
 
@@ -125,7 +126,9 @@ class Fit:
     moved_px : float
         Largest move of the map in the last step, in far pixels.
     travelled_px : float
-        The same from the first map to the last, its translation aside.
+        The same summed over all steps, translations aside.
+    outliers : float
+        Share of the common region's samples that were left out.
     """
 
     warp: CubicWarp
@@ -140,6 +143,7 @@ class Fit:
     steps: int
     moved_px: float
     travelled_px: float
+    outliers: float = 0.0
 
     @property
     def residual(self) -> Array:
@@ -183,15 +187,29 @@ def fit_kernel(near: Array32, far: Array32, H_near_far: Array, s: int, k: int) -
     image = _near_image(near, warp, samples, s, k, corner, shape)
     thinned = samples.kept((samples.rows % 2 == 0) & (samples.columns % 2 == 0))
     used = thinned if len(thinned.y) > THIN_FROM * k * k else samples
-    fit = _first_fit(used, image, warp, k)
+    fit = _settled(_first_fit(used, image, warp, k), samples, k)
+    clean = _without_outliers(fit)
+    if len(clean.y) < len(samples.y) - max(10, 1e-3 * len(samples.y)):
+        fit = replace(_settled(fit, clean, k), outliers=1 - len(clean.y) / len(samples.y))
+    return fit
+
+
+def _settled(fit: Fit, samples: Samples, k: int) -> Fit:
+    """Gauss-Newton steps on the fit's own samples while the map moves, the last one on all of `samples`."""
     for step in range(1, MAX_STEPS + 1):
-        last, fit = fit, _step(_centred(fit, k), k)
-        fit = replace(fit, steps=step, travelled_px=last.travelled_px + fit.moved_px)
-        if fit.samples is samples and fit.moved_px < STILL_PX:
-            break
         if fit.moved_px < NEAR_PX or step >= MAX_STEPS - 2:
             fit = replace(fit, samples=samples)
+        last, fit = fit, _step(_centred(fit, k), k)
+        fit = replace(fit, steps=last.steps + 1, travelled_px=last.travelled_px + fit.moved_px)
+        if fit.samples is samples and fit.moved_px < STILL_PX:
+            break
     return fit
+
+
+def _without_outliers(fit: Fit) -> Samples:
+    """The samples without those that no noise explains: something before the wall in one of the photographs."""
+    away = np.abs(fit.residual)
+    return fit.samples.kept(away < OUTLYING * 1.4826 * float(np.median(away)))
 
 
 def common_region(

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from procedures.numerics.solvers import cholesky_solve
 from procedures.numerics.warps import inverse
+from procedures.outcome import Refused
 from procedures.two_photo.inter_image import Fit
 
 Array = npt.NDArray[np.float64]
@@ -58,8 +59,8 @@ def without_near_noise(fit: Fit, near_noise_limit: float) -> Kernel:
 
     Raises
     ------
-    numpy.linalg.LinAlgError
-        If nothing but noise is in some direction of the near photograph.
+    Refused
+        If the near photograph has more noise than texture at some of the frequencies.
 
     Notes
     -----
@@ -71,7 +72,14 @@ def without_near_noise(fit: Fit, near_noise_limit: float) -> Kernel:
     c = fit.near.s**2 / float(np.linalg.det(fit.scale()))
     noise = float(np.sqrt(fit.variance / (1 + c * float(fit.kernel @ fit.kernel))))
     corrected = G - m * c * min(noise, near_noise_limit) ** 2 * np.eye(n)
-    k = cholesky_solve(corrected, G @ fit.kernel)
+    try:
+        k = cholesky_solve(corrected, G @ fit.kernel)
+    except np.linalg.LinAlgError as error:
+        raise Refused(
+            f"the near photograph's noise must stay under the wall's texture at all frequencies that s = {fit.near.s} "
+            "asks for; it does not",
+            "choose a rougher wall with fine detail, expose longer, focus the near photograph, or lower s",
+        ) from error
     inverted = inverse(corrected)
     bias = float(np.linalg.norm(k - fit.kernel) / np.linalg.norm(k))
     return Kernel(k, fit.variance * inverted @ G @ inverted, corrected, noise, bias)

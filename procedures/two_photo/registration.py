@@ -24,6 +24,8 @@ CONTRAST = 0.01  # SIFT's threshold: walls are faint
 RATIO = 0.85  # of the nearest descriptor's distance to the second nearest's
 FEWEST = 12
 """Matches that must agree on one homography: four make one, the others vouch for it."""
+ENOUGH = 60
+"""Matches from which nothing larger is searched."""
 TOLERANCE_PX = 1.5  # distance of a match from the homography, in pixels of the reduced photograph
 
 
@@ -78,6 +80,7 @@ def register(a: Array32, b: Array32) -> Sighting:
     whole = [_reduction(photograph, MOST_PIXELS) for photograph in photographs]
 
     found: dict[tuple[int, int], _Features] = {}
+    best: Sighting | None = None
 
     def features(which: int, reduction: int) -> _Features:
         if (which, reduction) not in found:
@@ -86,8 +89,12 @@ def register(a: Array32, b: Array32) -> Sighting:
 
     for first, second in dict.fromkeys(((small[0], small[1]), (small[0], whole[1]), (whole[0], small[1]))):
         sighting = _sighted(features(0, first), features(1, second))
-        if sighting is not None:
-            return sighting
+        if sighting is not None and (best is None or sighting.matches > best.matches):
+            best = sighting
+        if best is not None and best.matches >= ENOUGH:
+            break
+    if best is not None:
+        return best
     raise _refusal(min(max(len(f.points) for (i, _), f in found.items() if i == which) for which in (0, 1)))
 
 

@@ -77,6 +77,8 @@ class Diagnostics:
         Fine contrast of the near photograph over the far one's; see `sharpness`.
     saturated : float
         Larger clipped share of the two photographs.
+    outliers : float
+        Share of the common region's samples that were left out because no noise explains them.
     travelled_px, moved_px : float
         How far the map moved from the first homography, and in the last step, in far pixels.
     """
@@ -104,6 +106,7 @@ class Diagnostics:
     support_cut: float
     sharpness_ratio: float
     saturated: float
+    outliers: float
     travelled_px: float
     moved_px: float
 
@@ -141,6 +144,7 @@ def diagnose(
         support_cut=abs(float(1 - image[1:-1, 1:-1].sum() / image.sum())),
         sharpness_ratio=_sharpness_ratio(fit, near, far, kernel.noise),
         saturated=max(float(np.mean(photograph >= CLIPPED)) for photograph in (near, far)),
+        outliers=fit.outliers,
         travelled_px=fit.travelled_px,
         moved_px=fit.moved_px,
     )
@@ -355,6 +359,12 @@ def _doubts_of_wall(d: Diagnostics, s: int) -> list[Rule]:
             determined < s / 2,
             f"the wall's spectrum determines the MTF up to {determined:.2f} cycles/pixel only",
             "choose a wall with finer detail",
+        ),
+        Rule(
+            doubtful,
+            d.outliers > 0.02,
+            f"{d.outliers:.1%} of the far photograph does not show what the near one shows",
+            "keep everything out of the way between camera and wall, in the same light",
         ),
         Rule(
             doubtful,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procedures.numerics.splines import cell_image_spline, outline_spline, read_spline
+from procedures.numerics.splines import cell_image_spline, outline_spline, photograph_spline, read_spline
 
 N = 32
 PLAIN = (np.zeros(2), 1.0, np.zeros((2, 9)))
@@ -80,3 +80,27 @@ def test_map_shifts_what_is_read(rng: np.random.Generator) -> None:
     bent = read_spline(coefficients, grid, np.zeros(2), 1.0, displacement, np.array([8.0, 8.0]), 0.5, shape)
     one = read_spline(coefficients, grid, *PLAIN, np.array([x[7] * 1.02, x[9] + 0.001 * x[9] ** 2]), 1.0, (1, 1))
     assert bent[9, 7] == pytest.approx(one[0, 0], abs=1e-5)
+
+
+def test_photograph_is_read_between_its_pixels() -> None:
+    y, x = np.indices((90, 120), dtype=float)
+    waves = [(0.11, 0.05, 0.3), (-0.04, 0.13, 1.1)]  # cycles per pixel along x and y, phase
+
+    def image(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return sum(np.cos(2 * np.pi * (fx * x + fy * y) + phase) for fx, fy, phase in waves)
+
+    coefficients, grid = photograph_spline(image(x, y).astype(np.float32), np.eye(2), 0.4)
+    u, v = np.arange(30.2, 90, 0.7), np.arange(30.4, 60, 0.7)
+    seen = read_spline(coefficients, grid, *PLAIN, np.array([30.2, 30.4]), 0.7, (len(v), len(u)))
+    # the spline errs by (f / its grid's Nyquist)^4, the cut by what the mirrored rim leaks beyond 0.4
+    assert np.abs(seen - image(u, v[:, None])).max() < 0.01
+
+
+def test_photograph_loses_what_is_beyond_the_band() -> None:
+    y, x = np.indices((300, 300), dtype=float)
+    fast = np.cos(2 * np.pi * (0.3 * x + 0.1 * y)).astype(np.float32)  # 1.5 cycles per target pixel along x
+    coefficients, grid = photograph_spline(fast, 5 * np.eye(2), 1.0)
+    low, high = (grid @ [at, at, 1.0] for at in (100, 200))
+    inner = coefficients[int(low[1]) : int(high[1]), int(low[0]) : int(high[0])]
+    # the wave turns around at the mirrored edge; 100 pixels from it 1 / (2 pi 100 (0.3 - 0.2)) of that is left
+    assert np.abs(inner).max() < 0.03

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,8 +9,10 @@ from hypothesis import strategies as st
 
 from procedures.numerics.warps import (
     CUBIC_EXPONENTS,
+    CubicWarp,
     apply_homography,
     cubic_monomials,
+    displacement_columns,
     fit_homography,
     homography_jacobian,
 )
@@ -55,3 +59,29 @@ def test_jacobian_is_the_limit_of_differences() -> None:
 def test_monomials_follow_their_exponents() -> None:
     monomials = cubic_monomials(np.array([2.0]), np.array([3.0]))[0]
     assert monomials.tolist() == [2.0**i * 3.0**j for i, j in CUBIC_EXPONENTS]
+
+
+@pytest.fixture
+def bent(rng: np.random.Generator) -> CubicWarp:
+    return CubicWarp(H_TILTED, np.array([100.0, 60.0]), 80.0, 0.3 * rng.standard_normal((2, 9)))
+
+
+def test_backward_undoes_forward(bent: CubicWarp, rng: np.random.Generator) -> None:
+    points = rng.uniform(40, 160, (50, 2))
+    np.testing.assert_allclose(bent.backward(bent.forward(points)), points, atol=1e-6)
+
+
+def test_displaced_map_moves_as_its_columns_say_and_keeps_its_mean(bent: CubicWarp, rng: np.random.Generator) -> None:
+    points, change = rng.uniform(40, 160, (200, 2)), 1e-4 * rng.standard_normal((2, 9))
+    monomials = bent.monomials(points)
+    moves = np.stack([displacement_columns(np.eye(2)[[axis] * 200], monomials) @ change.ravel() for axis in (0, 1)], 1)
+    # back in the source's units; the map's own displacement bends the moves by a hundredth
+    seen = bent.displaced(change, monomials).forward(points) - bent.forward(points)
+    local = np.linalg.solve(bent.derivative(points), seen[..., None])[..., 0]
+    assert np.abs(local - moves).max() < 0.05 * np.abs(moves).max()
+    assert np.abs(moves.mean(axis=0)).max() < 1e-12
+
+
+def test_derivative_is_the_jacobian_where_nothing_is_displaced(bent: CubicWarp) -> None:
+    plain = replace(bent, displacement=np.zeros((2, 9)))
+    np.testing.assert_allclose(plain.derivative(plain.centre[None])[0], plain.jacobian(), rtol=1e-6)
