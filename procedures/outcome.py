@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Generic, TypeVar
@@ -36,6 +37,27 @@ class Quantity:
     uncertainty: float
     method: str
     n: int
+
+
+@dataclass(frozen=True)
+class Rule:
+    """One line of the verdict: when it applies, what it then says, and what helps."""
+
+    verdict: Verdict
+    applies: bool
+    reason: str
+    remedy: str
+
+
+def verdict_of(rules: Sequence[Rule]) -> tuple[Verdict, str, str]:
+    """Verdict, reason and remedy of the rules that apply: the first refusal, else all doubts together."""
+    refused = [rule for rule in rules if rule.applies and rule.verdict is Verdict.REFUSED]
+    if refused:
+        return Verdict.REFUSED, refused[0].reason, refused[0].remedy
+    doubts = [rule for rule in rules if rule.applies]
+    if doubts:
+        return Verdict.DOUBTFUL, "; ".join(r.reason for r in doubts), "; ".join(r.remedy for r in doubts)
+    return Verdict.PASS, "", ""
 
 
 class ProcedureError(Exception):

@@ -7,7 +7,45 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.solvers import SOLVERS
+from procedures.outcome import BadParameter
+
 Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """How a PSF is sampled and solved for.
+
+    Attributes
+    ----------
+    s : int
+        Samples per pixel of the plane, 2 or more.
+    k : int
+        Samples along one side of the support, odd.
+    solver : str
+        "ls" least squares, "clip" its negative part cut, "nnls" non-negative least squares.
+
+    Raises
+    ------
+    BadParameter
+        If one of them cannot be meant.
+    """
+
+    s: int
+    k: int
+    solver: str
+
+    def __post_init__(self) -> None:
+        if self.s < 2:
+            raise BadParameter(f"a subpixel PSF needs s of 2 or more; got s = {self.s}", "choose s = 3 or 4")
+        if self.k < 3 or self.k % 2 == 0:
+            raise BadParameter(
+                f"the support needs an odd number k of samples, so that it has a centre; got k = {self.k}",
+                f"choose k = {max(self.k + 1, 3)}",
+            )
+        if self.solver not in SOLVERS:
+            raise BadParameter(f"the solver is one of {', '.join(SOLVERS)}; got {self.solver!r}", "choose one of them")
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ Complex = npt.NDArray[np.complex128]
 
 STEPS_PER_CYCLE = 50
 """Frequencies of the curves per cycle/pixel."""
-DIRECTIONS = 24
+DIRECTIONS = 16
 """Directions of the radial mean over half a turn."""
 
 
@@ -197,59 +197,56 @@ def _spatial_numbers(psf: Psf, n: int) -> dict[str, Quantity]:
     everything = np.arange(psf.k**2)
     noise = _noise_of_energy(psf)
     pieces: list[tuple[str, Callable[[Array], Array], npt.NDArray[np.intp], str, str]] = [
-        ("centroid_x", lambda h: _centroid(psf, h)[0], everything, "pixel", "first moment, from the marks' centre"),
-        ("centroid_y", lambda h: _centroid(psf, h)[1], everything, "pixel", "first moment, from the marks' centre"),
+        ("centroid_x", lambda h: _centroid(psf, h, 0), everything, "pixel", "first moment, from the marks' centre"),
+        ("centroid_y", lambda h: _centroid(psf, h, 1), everything, "pixel", "first moment, from the marks' centre"),
         ("fwhm_horizontal", lambda h: _widths(h, psf.s), row, "pixel", "section through the centre"),
         ("fwhm_vertical", lambda h: _widths(h, psf.s), column, "pixel", "section through the centre"),
         ("energy_above_nyquist", lambda h: _energy_above_nyquist(psf, h, noise), everything, "1", "share of |OTF|^2"),
-        (
-            "encircled_energy_50",
-            lambda h: _encircling_radius(psf, h, 0.5),
-            everything,
-            "pixel",
-            "radius, 50 % of energy",
-        ),
-        (
-            "encircled_energy_80",
-            lambda h: _encircling_radius(psf, h, 0.8),
-            everything,
-            "pixel",
-            "radius, 80 % of energy",
-        ),
+        ("encircled_energy_50", lambda h: _encircling_radius(psf, h, 0.5), everything, "pixel", "radius of 50 %"),
+        ("encircled_energy_80", lambda h: _encircling_radius(psf, h, 0.8), everything, "pixel", "radius of 80 %"),
         ("ellipticity", lambda h: _ellipse(psf, h, weight)[0], everything, "1", "1 - b/a of weighted second moments"),
         ("ellipse_angle", lambda h: _ellipse(psf, h, weight)[1], everything, "degree", "major axis, from x towards y"),
     ]
+    probes = {id(used): _Probe.of(psf, used) for used in (everything, row, column)}
     numbers = {}
     for name, function, used, unit, method in pieces:
-        value = float(function(psf.h.ravel()[used][None])[0])
-        uncertainty = _propagated(psf, function, used, 180.0 if unit == "degree" else np.inf)
+        probe = probes[id(used)]
+        value = float(function(probe.h[None])[0])
+        uncertainty = probe.uncertainty(function, 180.0 if unit == "degree" else np.inf)
         if np.isfinite(value) and np.isfinite(uncertainty):
             numbers[name] = Quantity(value, unit, uncertainty, method, n)
     return numbers
 
 
-def _propagated(psf: Psf, function: Callable[[Array], Array], used: npt.NDArray[np.intp], period: float) -> float:
-    """Standard uncertainty of a function of some of the samples, by their covariance.
+@dataclass(frozen=True)
+class _Probe:
+    """Some samples of a PSF (m,), and the same with each moved up and down by a tenth of its deviation (m, m)."""
 
-    Central differences, a tenth of each sample's standard deviation wide, give the gradient; angles differ modulo
-    their period.
-    """
-    C = psf.covariance[np.ix_(used, used)]
-    steps = 0.1 * np.sqrt(np.maximum(np.diag(C), 1e-30))
-    h = psf.h.ravel()[used]
-    change = function(h + np.diag(steps)) - function(h - np.diag(steps))
-    if np.isfinite(period):
-        change = (change + period / 2) % period - period / 2
-    gradient = change / (2 * steps)
-    return float(np.sqrt(np.maximum(gradient @ C @ gradient, 0)))
+    h: Array
+    C: Array
+    steps: Array
+    above: Array
+    below: Array
+
+    @classmethod
+    def of(cls, psf: Psf, used: npt.NDArray[np.intp]) -> _Probe:
+        h, C = psf.h.ravel()[used], psf.covariance[np.ix_(used, used)]
+        steps = 0.1 * np.sqrt(np.maximum(np.diag(C), 1e-30))
+        return cls(h, C, steps, h + np.diag(steps), h - np.diag(steps))
+
+    def uncertainty(self, function: Callable[[Array], Array], period: float) -> float:
+        """Standard uncertainty of a function of the samples, by their covariance; angles differ modulo a period."""
+        change = function(self.above) - function(self.below)
+        if np.isfinite(period):
+            change = (change + period / 2) % period - period / 2
+        gradient = change / (2 * self.steps)
+        return float(np.sqrt(np.maximum(gradient @ self.C @ gradient, 0)))
 
 
-def _centroid(psf: Psf, h: Array) -> tuple[Array, Array]:
-    """Centroids x and y of PSFs (b, k^2), in pixels."""
-    x = np.tile(psf.offsets_px, psf.k)
-    y = np.repeat(psf.offsets_px, psf.k)
-    total = h.sum(axis=1)
-    return h @ x / total, h @ y / total
+def _centroid(psf: Psf, h: Array, axis: int) -> Array:
+    """Centroids along x (axis 0) or y (axis 1) of PSFs (b, k^2), in pixels."""
+    offsets = np.tile(psf.offsets_px, psf.k) if axis == 0 else np.repeat(psf.offsets_px, psf.k)
+    return np.asarray(h @ offsets / h.sum(axis=1))
 
 
 def _widths(profiles: Array, s: int) -> Array:

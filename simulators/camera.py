@@ -14,9 +14,10 @@ import numpy.typing as npt
 from procedures.pattern import CELLS, Chart
 from simulators.dng import Shot, write_dng
 from simulators.optics import Optics
-from simulators.projection import Pose, Projection, image_distance_mm
+from simulators.projection import Pose, Projection, apply_homography, image_distance_mm
+from simulators.pupil import Wavefront, defocus_um
 from simulators.render import Picture, render_frame
-from simulators.scene import Light, PlacedChart, Scene, Wall
+from simulators.scene import Light, PlacedChart, Scene
 from simulators.sensor import Mosaic, Sensor
 from simulators.truth import ChartTruth, TruePsf
 
@@ -27,18 +28,37 @@ NOMINAL_F_NUMBER = 5.6
 
 @dataclass(frozen=True)
 class Lens:
-    """A thin lens with radial distortion.
+    """A thin lens with radial distortion and third-order aberrations.
 
     Attributes
     ----------
     k1, k2 : float
         Distortion at half the frame's diagonal; see `Projection`.
+    spherical_um, coma_um, astigmatism_um, field_curvature_um : float
+        Root mean square path differences: the first everywhere, the others at half the frame's diagonal. As in
+        Seidel's theory coma grows linearly with the distance from the axis, the last two with its square.
     """
 
     focal_length_mm: float = 50.0
     f_number: float = NOMINAL_F_NUMBER
     k1: float = 0.0
     k2: float = 0.0
+    spherical_um: float = 0.0
+    coma_um: float = 0.0
+    astigmatism_um: float = 0.0
+    field_curvature_um: float = 0.0
+
+    def wavefront(self, x: float, y: float) -> Wavefront:
+        """Aberrations at a place in the frame, (x, y) from its centre in half diagonals."""
+        q2, coma, stretch = x * x + y * y, self.coma_um, self.astigmatism_um
+        return Wavefront(
+            defocus_um=self.field_curvature_um * q2,
+            astigmatism_um=stretch * (x * x - y * y),
+            oblique_astigmatism_um=stretch * 2 * x * y,
+            coma_y_um=coma * y,
+            coma_x_um=coma * x,
+            spherical_um=self.spherical_um,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +117,7 @@ class SimulatedCamera:
     white_e_per_s : float
         Electrons per second of a perfect white in full light at f/5.6, in green.
     oversampling : int
-        Fine cells per sensor pixel around a chart; None: 8 per pixel of a plane.
+        Fine samples per sensor pixel around a chart; None: as many as the optics ask for.
     focus_mm : float or None
         Distance in focus; None focuses on the first chart of the scene.
     """
@@ -170,10 +190,10 @@ class SimulatedCamera:
         projection = self.projection(focus)
         light = render_frame(
             Picture.of(scene, projection),
-            lambda placed: self.optics_at(placed, focus) if placed else self._sharp(),
+            lambda placed: self.optics_at(placed, focus) if placed else self.sharp_optics(),
             (self.sensor.rows, self.sensor.columns),
             self.sensor.tile,
-            oversampling=self._oversampling(),
+            oversampling=self.oversampling or self.sharp_optics().fine_samples(self.sensor.tile.values()),
         )
         sensor = self.sensor.at_iso(iso)
         aperture = (NOMINAL_F_NUMBER / self.lens.f_number) ** 2
@@ -187,6 +207,23 @@ class SimulatedCamera:
             write_dng(path, mosaic, shot, cfa=sensor.cfa, black=sensor.black, white=sensor.white, bits=bits)
         return Photograph(mosaic, sensor, truths, path)
 
+    def photograph_chart(
+        self, chart: Chart, rng: np.random.Generator, path: Path | None = None, *, s_over_t: float, s: int = 4,
+        at: tuple[float, float] = (0.5, 0.5), exposure_s: float = 0.02,
+    ) -> Photograph:  # fmt: skip
+        """One exposure of one frontal chart, so large that an estimate with s samples per pixel has this s/t."""
+        placed = self.place(chart, pixels=pixels_at(s_over_t, s), at=at)
+        return self.photograph(Scene((placed,)), rng, path, exposure_s=exposure_s)
+
+    def light_on(
+        self, placed: PlacedChart, slope: tuple[float, float], bend: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    ) -> Light:
+        """Light that changes by `slope` from a chart's centre to the sides of its noise region; see `Light`."""
+        projection = self.projection(placed.pose.centre_mm[2])
+        x, y = apply_homography(projection.pinhole() @ placed.to_space(), np.full((1, 2), CELLS / 2))[0]
+        half = CELLS / 2 * placed.cell_mm * projection.principal_px / placed.pose.centre_mm[2]
+        return Light(1.0, slope, bend, (float(x), float(y)), half)
+
     def focused_at(self, scene: Scene) -> float:
         """Distance in focus, in mm."""
         if self.focus_mm is not None:
@@ -194,16 +231,17 @@ class SimulatedCamera:
         return scene.charts[0].pose.centre_mm[2] if scene.charts else scene.wall.distance_mm
 
     def optics_at(self, placed: PlacedChart, focus_mm: float) -> Optics:
-        """What blurs a chart: the camera's optics, and defocus where its centre is not in focus."""
-        f = self.lens.focal_length_mm
-        shift = image_distance_mm(f, focus_mm) - image_distance_mm(f, placed.pose.centre_mm[2])
-        return self._sharp().defocused(shift) if shift else self._sharp()
+        """What blurs a chart: the camera's optics, the lens's aberrations there, and defocus at its centre."""
+        f, projection = self.lens.focal_length_mm, self.projection(focus_mm)
+        x, y, z = placed.pose.centre_mm
+        shift = image_distance_mm(f, focus_mm) - image_distance_mm(f, z)
+        reach = projection.principal_px / projection.radius_px / z
+        wavefront = self.lens.wavefront(reach * x, reach * y) + Wavefront(defocus_um(shift, self.lens.f_number))
+        return self.sharp_optics().aberrated(wavefront)
 
-    def _sharp(self) -> Optics:
+    def sharp_optics(self) -> Optics:
+        """What blurs a thing in focus on the axis; `replace(camera, optics=...)` of it adds movement."""
         return self.optics or Optics.typical(f_number=self.lens.f_number, pitch_um=self.pitch_um)
-
-    def _oversampling(self) -> int:
-        return self.oversampling or 8 // self.plane_pitch_px
 
     def _noted(
         self, exposure_s: float, iso: int, focus_mm: float, at: datetime | None, truths: tuple[ChartTruth, ...]
@@ -227,6 +265,6 @@ def render_plane(scene: Scene, camera: SimulatedCamera, rng: np.random.Generator
     return camera.photograph(scene, rng, exposure_s=exposure_s).plane("Y")
 
 
-def simple_scene(placed: PlacedChart, light: Light | None = None, wall: Wall | None = None) -> Scene:
-    """One chart before a plain wall."""
-    return Scene((placed,), wall or Wall(), light or Light())
+def pixels_at(s_over_t: float, s: int = 4) -> float:
+    """Width of the noise region in pixels of a plane at which its t cells per pixel give this s / t."""
+    return s_over_t * CELLS / s

@@ -41,7 +41,9 @@ def random_clutter(
 
 def polygon(rng: np.random.Generator, centre: Array, radius: float) -> Shape:
     """A star-shaped polygon of three to eight corners."""
-    turns = np.sort(rng.uniform(0, 2 * np.pi, rng.integers(3, 9)))
+    count = int(rng.integers(3, 9))
+    # no gap of half a turn between four corners or more: the sides would cross
+    turns = (np.arange(count) + rng.uniform(0, 0.8, count)) * 2 * np.pi / count
     reach = radius * rng.uniform(0.4, 1.0, len(turns))
     corners = centre + reach[:, None] * np.column_stack([np.cos(turns), np.sin(turns)])
     return _shape(corners, rng.uniform(0.03, 0.9))

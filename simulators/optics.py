@@ -6,14 +6,15 @@ H(f) = integral of h(x) exp(-2 pi i f . x): a tail of h towards +x smears light 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from simulators.pupil import Wavefront, aberrated_otf, circular_otf, defocus_um
+from simulators.pupil import Wavefront, aberrated_otf, circular_otf
 
 Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
@@ -27,6 +28,10 @@ class Blur(Protocol):
 
     def otf(self, fx: Array, fy: Array, wavelength_um: float, pitch_um: float) -> Array | Complex:
         """Its transfer function at frequencies in cycles per sensor pixel, broadcast over fx and fy."""
+        ...
+
+    def reach_px(self, wavelength_um: float, pitch_um: float) -> float:
+        """How far it throws light, in sensor pixels; what goes farther does not matter."""
         ...
 
 
@@ -52,6 +57,11 @@ class CircularPupil:
             return circular_otf(scale * np.hypot(fx, fy))
         return aberrated_otf(scale * fx, scale * fy, self.wavefront, wavelength_um)
 
+    def reach_px(self, wavelength_um: float, pitch_um: float) -> float:
+        """Airy's disc has 0.2 / q of its energy beyond q wavelength N: here 1 / 150. Rays go 2 N dW/dr astray."""
+        astray_um = 2 * self.f_number * self.wavefront.steepest_um()
+        return (30 * wavelength_um * self.f_number + astray_um) / pitch_um
+
 
 @dataclass(frozen=True)
 class PixelAperture:
@@ -64,6 +74,10 @@ class PixelAperture:
         """Product of two sinc."""
         return np.sinc(fx * self.width) * np.sinc(fy * self.height)
 
+    def reach_px(self, wavelength_um: float, pitch_um: float) -> float:
+        """Half its longer side."""
+        return max(self.width, self.height) / 2
+
 
 @dataclass(frozen=True)
 class FourSpots:
@@ -74,6 +88,10 @@ class FourSpots:
     def otf(self, fx: Array, fy: Array, wavelength_um: float, pitch_um: float) -> Array:
         """Product of two cosines."""
         return np.cos(np.pi * fx * self.separation_px) * np.cos(np.pi * fy * self.separation_px)
+
+    def reach_px(self, wavelength_um: float, pitch_um: float) -> float:
+        """Half the square's side."""
+        return self.separation_px / 2
 
 
 @dataclass(frozen=True)
@@ -92,6 +110,10 @@ class GaussianBlur:
         power: Array = (self.sigma_px * along) ** 2 + (other * across) ** 2
         return np.exp(-2 * np.pi**2 * power)
 
+    def reach_px(self, wavelength_um: float, pitch_um: float) -> float:
+        """Six standard deviations."""
+        return 6 * max(self.sigma_px, self.other_sigma_px or 0.0)
+
 
 @dataclass(frozen=True)
 class Path:
@@ -100,11 +122,17 @@ class Path:
     points_px: tuple[tuple[float, float], ...]
 
     def otf(self, fx: Array, fy: Array, wavelength_um: float, pitch_um: float) -> Complex:
-        """Mean of the shifts' phases."""
-        total = np.zeros(np.broadcast_shapes(fx.shape, fy.shape), dtype=np.complex128)
-        for x, y in self.points_px:
-            total += np.exp(-2j * np.pi * x * fx) * np.exp(-2j * np.pi * y * fy)
-        return total / len(self.points_px)
+        """Mean of the shifts' phases; over a grid of rows and columns, a product of matrices."""
+        x, y = np.array(self.points_px).T
+        if fx.ndim == fy.ndim == 2 and fx.shape[0] == fy.shape[1] == 1:
+            across, down = np.exp(-2j * np.pi * x[:, None] * fx), np.exp(-2j * np.pi * fy * y)
+            return np.asarray(down @ across / x.size)
+        phases = np.exp(-2j * np.pi * (x * fx[..., None] + y * fy[..., None]))
+        return np.asarray(phases.mean(axis=-1))
+
+    def reach_px(self, wavelength_um: float, pitch_um: float) -> float:
+        """The farthest displacement."""
+        return float(np.max(np.abs(self.points_px)))
 
 
 @dataclass(frozen=True)
@@ -148,17 +176,29 @@ class Optics:
             product = product * blur.otf(fx, fy, WAVELENGTHS_UM[colour], self.pitch_um)
         return product
 
-    def defocused(self, shift_mm: float) -> Optics:
-        """The same optics with the sensor `shift_mm` farther from the sharp image."""
-        return Optics(tuple(_defocused(blur, shift_mm) for blur in self.blurs), self.pitch_um)
+    def margin_px(self) -> int:
+        """Sensor pixels around a region whose light reaches it, in any colour."""
+        longest = max(WAVELENGTHS_UM.values())
+        return math.ceil(sum(blur.reach_px(longest, self.pitch_um) for blur in self.blurs))
+
+    def fine_samples(self, colours: Iterable[str] = ("Y",)) -> int:
+        """Samples per sensor pixel at which a picture must be drawn for these optics, from 5 to 10.
+
+        Three times the highest frequency that passes: on charts of 100 pixels, at f/2.8 to f/16, the error of a pixel
+        then stays below 2e-4 of full light (measured against 20 samples; 4e-4 at f/2 on pixels of 7.5 um).
+        """
+        shortest = min(WAVELENGTHS_UM[colour] for colour in colours)
+        f_numbers = [blur.f_number for blur in self.blurs if isinstance(blur, CircularPupil)]
+        return min(max(math.ceil(3 * self.pitch_um / (shortest * max(f_numbers))), 5), 10) if f_numbers else 10
+
+    def aberrated(self, more: Wavefront) -> Optics:
+        """The same optics with further aberrations in their pupil."""
+        return Optics(tuple(_aberrated(blur, more) for blur in self.blurs), self.pitch_um)
 
     def also(self, *blurs: Blur) -> Optics:
         """The same optics with further causes of blur, such as movement during one exposure."""
         return Optics((*self.blurs, *blurs), self.pitch_um)
 
 
-def _defocused(blur: Blur, shift_mm: float) -> Blur:
-    if not isinstance(blur, CircularPupil):
-        return blur
-    more = blur.wavefront.defocus_um + defocus_um(shift_mm, blur.f_number)
-    return replace(blur, wavefront=replace(blur.wavefront, defocus_um=more))
+def _aberrated(blur: Blur, more: Wavefront) -> Blur:
+    return replace(blur, wavefront=blur.wavefront + more) if isinstance(blur, CircularPupil) else blur

@@ -41,6 +41,15 @@ class Wavefront:
         """Whether it looks the same in every direction."""
         return self == Wavefront(defocus_um=self.defocus_um, spherical_um=self.spherical_um)
 
+    def __add__(self, other: Wavefront) -> Wavefront:
+        return Wavefront(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
+
+    def steepest_um(self) -> float:
+        """A bound of the path difference's slope per pupil radius: that of each polynomial at the rim, added."""
+        sizes = np.abs(astuple(self))
+        # largest |gradient| on the unit disc of 2 r^2 - 1, r^2 cos 2a, 3 r^3 cos a - 2 r cos a, 6 r^4 - 6 r^2
+        return float(sizes @ [4 * 3**0.5, 2 * 6**0.5, 2 * 6**0.5, 7 * 8**0.5, 7 * 8**0.5, 12 * 5**0.5])
+
     def at(self, x: Array, y: Array) -> Array:
         """Path difference in micrometres at points of the unit pupil."""
         r2 = x * x + y * y

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -25,7 +26,7 @@ INK = 0.04
 
 @dataclass(frozen=True)
 class Shape:
-    """A flat polygon of one reflectance: vertices (x, y) in the units of the plane it lies in."""
+    """A flat polygon of one reflectance, its sides not crossing: vertices (x, y) in the units of its plane."""
 
     vertices: tuple[tuple[float, float], ...]
     reflectance: float
@@ -54,7 +55,7 @@ class Light:
         light = across + down
         if d:
             light += self.level * d * u * v
-        return np.maximum(light, 0.0, out=light)
+        return np.asarray(np.maximum(light, 0.0), dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,6 +136,7 @@ class Stroke:
     opaque: bool
     chart: PlacedChart | None
 
+    @cached_property
     def bounds(self) -> tuple[float, float, float, float]:
         """Smallest and largest x, then y, in sensor pixels."""
         ends = self.segments.starts

@@ -16,6 +16,9 @@ SENSITIVITY: Mapping[str, float] = {"R": 0.6, "G": 1.0, "B": 0.7, "Y": 1.0}
 GAUSSIAN_FROM_E = 1000.0
 """From here on photon noise is drawn from a Gaussian: the Poisson law's skewness is 0.03 there, and falls."""
 
+BAND_ROWS = 128
+"""Rows that are exposed at once: what is in between then stays small."""
+
 
 @dataclass(frozen=True)
 class Sensor:
@@ -39,6 +42,8 @@ class Sensor:
         Standard deviation, in electrons.
     prnu : float
         Standard deviation of the photosites' relative response, fixed for one `serial`.
+    curvature : float
+        e electrons are read as e (1 + curvature (1 - e / full_well_e)): a response that is not quite linear.
     """
 
     rows: int = 4000
@@ -50,6 +55,7 @@ class Sensor:
     gain_e_per_dn: float = 2.4
     read_noise_e: float = 3.0
     prnu: float = 0.0
+    curvature: float = 0.0
     serial: int = 1
     sensitivity: Mapping[str, float] = field(default_factory=lambda: dict(SENSITIVITY), hash=False)
 
@@ -88,25 +94,25 @@ class Sensor:
         return replace(self, gain_e_per_dn=self.gain_e_per_dn * base / iso)
 
     def electrons(self, mean_e: Array, rng: np.random.Generator) -> Array:
-        """Electrons read from one exposure: photon noise, full well, read noise; `mean_e` is (rows, columns)."""
-        if self.prnu:
-            mean_e = mean_e * self._response()
+        """Electrons read where `mean_e` are expected: photon noise, full well, curvature, read noise; same shape."""
         counted = mean_e + np.sqrt(mean_e) * rng.standard_normal(mean_e.shape, dtype=np.float32)
         dim = mean_e < GAUSSIAN_FROM_E
         counted[dim] = rng.poisson(mean_e[dim])
         np.minimum(counted, self.full_well_e, out=counted)
+        if self.curvature:
+            counted *= 1 + self.curvature * (1 - counted / self.full_well_e)
         counted += self.read_noise_e * rng.standard_normal(mean_e.shape, dtype=np.float32)
         return counted
 
     def digitise(self, electrons: Array) -> Mosaic:
-        """Digital numbers of electrons: gain, black level, rounding, clipping."""
+        """Digital numbers of the electrons of some rows from an even one on: gain, black level, rounding, clipping."""
         numbers = electrons / self.gain_e_per_dn
         for i, black in enumerate(self.black):
             numbers[i // 2 :: 2, i % 2 :: 2] += black
         np.rint(numbers, out=numbers)
-        return np.clip(numbers, 0, 2**self.bits - 1).astype(np.uint16)
+        return np.clip(numbers, 0, 2**self.bits - 1, out=numbers).astype(np.uint16)
 
-    def expose(self, light: Array, white_e: float, rng: np.random.Generator) -> Mosaic:
+    def expose(self, light: npt.NDArray[np.floating], white_e: float, rng: np.random.Generator) -> Mosaic:
         """Digital numbers of one exposure.
 
         Parameters
@@ -116,11 +122,15 @@ class Sensor:
         white_e : float
             Mean electrons that such a white gives in green (or without a mosaic).
         """
-        mean_e = light * white_e
-        period = 1 if self.cfa is None else 2
-        for (x, y), colour in self.tile.items():
-            mean_e[y::period, x::period] *= self.sensitivity[colour]
-        return self.digitise(self.electrons(mean_e, rng))
+        fixed = np.random.default_rng(self.serial)
+        scale = white_e * self._sensitivities(light.shape[1])
+        mosaic = np.empty(light.shape, dtype=np.uint16)
+        for top in range(0, len(light), BAND_ROWS):
+            mean_e = light[top : top + BAND_ROWS] * scale[: len(light) - top]
+            if self.prnu:
+                mean_e *= 1 + self.prnu * fixed.standard_normal(mean_e.shape, dtype=np.float32)
+            mosaic[top : top + BAND_ROWS] = self.digitise(self.electrons(mean_e, rng))
+        return mosaic
 
     def linear(self, numbers: Mosaic) -> Array:
         """Numbers with their black level subtracted, scaled so that saturation is 1: what a RAW reader would give."""
@@ -130,7 +140,8 @@ class Sensor:
             values[i // 2 :: 2, i % 2 :: 2] /= self.white - black
         return values
 
-    def _response(self) -> Array:
-        """Relative response of each photosite: the same for every exposure with this sensor."""
-        fixed = np.random.default_rng(self.serial).standard_normal((self.rows, self.columns), dtype=np.float32)
-        return 1.0 + self.prnu * fixed.astype(np.float64)
+    def _sensitivities(self, columns: int) -> Array:
+        """Relative sensitivity of two rows, repeated for a band of them, (BAND_ROWS, columns)."""
+        period = 1 if self.cfa is None else 2
+        tile = np.array([[self.sensitivity[self.tile[x, y]] for x in range(period)] for y in range(period)])
+        return np.tile(tile, (BAND_ROWS // period, -(-columns // period)))[:, :columns]

@@ -20,14 +20,14 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from procedures.outcome import BadParameter, Quantity, Verdict
+from procedures.outcome import BadParameter, Verdict
 from procedures.psf import Psf
 from procedures.quality import Quality
 from station.pictures import psf_picture
 
 RECORD = "result.json"
 SCHEMA = "station/psf/1"
-PACKAGES = ("numpy", "scipy", "opencv-contrib-python-headless", "rawpy")
+PACKAGES = ("numpy", "scipy", "numba", "opencv-contrib-python-headless", "rawpy")
 
 Array = npt.NDArray[np.float64]
 
@@ -38,8 +38,9 @@ class PlaneRecord:
 
     Attributes
     ----------
-    numbers : what the procedure found beside the PSF, plain: gamma, residual_std, ...
-    quantities : derived numbers, each with unit and uncertainty
+    numbers : what the procedure found beside the PSF, plain: gamma, residual_std, scale, ...
+    inter_image : the kernel between two photographs, where the PSF comes from two
+    quality : its curves, and the derived numbers with unit and uncertainty
     diagnostics : further numbers for those who look into a verdict
     """
 
@@ -48,17 +49,18 @@ class PlaneRecord:
     reason: str = ""
     remedy: str = ""
     psf: Psf | None = None
-    mtf: Quality | None = None
-    numbers: Mapping[str, float] = field(default_factory=dict)
-    quantities: Mapping[str, Quantity] = field(default_factory=dict)
+    quality: Quality | None = None
+    numbers: Mapping[str, float | Sequence[float]] = field(default_factory=dict)
     diagnostics: Mapping[str, float] = field(default_factory=dict)
+    inter_image: Array | None = None
 
 
 class ResultFolder:
     """A folder that receives one result, whole.
 
-    Files are written into a hidden folder inside it and renamed by `publish`, the record last: whoever finds a record
-    finds every file it speaks of. Entering proves that the folder can be written, before any work is done.
+    Files are written into a hidden folder inside it, `staging`, and renamed by `publish`, the record last: whoever
+    finds a record finds every file it speaks of. Folders inside it are kept. Entering proves that the folder can be
+    written, before any work is done.
 
     Raises
     ------
@@ -75,7 +77,7 @@ class ResultFolder:
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             self._created = missing
-            self._staging = Path(tempfile.mkdtemp(prefix=".unfinished-", dir=self.path))
+            self.staging = Path(tempfile.mkdtemp(prefix=".unfinished-", dir=self.path))
         except OSError as error:
             raise self._unwritable(error) from error
         return self
@@ -83,7 +85,7 @@ class ResultFolder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        shutil.rmtree(self._staging, ignore_errors=True)
+        shutil.rmtree(self.staging, ignore_errors=True)
         for folder in self._created:
             if any(folder.iterdir()):
                 break
@@ -92,7 +94,7 @@ class ResultFolder:
     def write(self, name: str, data: bytes) -> None:
         """Stage one file. Raises BadParameter if the disk does not take it."""
         try:
-            (self._staging / name).write_bytes(data)
+            (self.staging / name).write_bytes(data)
         except OSError as error:
             raise self._unwritable(error) from error
 
@@ -102,13 +104,16 @@ class ResultFolder:
 
     def publish(self) -> None:
         """Put the staged files in the place of the older result's, and remove what only that one had."""
-        staged = sorted((file.name for file in self._staging.iterdir()), key=lambda name: (name == RECORD, name))
+        staged = sorted(file.relative_to(self.staging) for file in self.staging.rglob("*") if file.is_file())
+        staged.sort(key=lambda name: name == Path(RECORD))
         (self.path / RECORD).unlink(missing_ok=True)
-        for old in self.path.iterdir():
-            if _RESULT_FILE.fullmatch(old.name) and old.name not in staged:
-                old.unlink()
+        for folder in {self.path / name.parent for name in staged}:
+            folder.mkdir(parents=True, exist_ok=True)
+            for old in folder.iterdir():
+                if _RESULT_FILE.fullmatch(old.name) and old.relative_to(self.path) not in staged:
+                    old.unlink()
         for name in staged:
-            os.replace(self._staging / name, self.path / name)
+            os.replace(self.staging / name, self.path / name)
 
 
 _RESULT_FILE = re.compile(r"(psf|covariance|mtf|inter_image)_(R|G1|G2|B|Y)\.(npy|csv|png)")
@@ -129,10 +134,20 @@ def write_psf_result(folder: ResultFolder, planes: Sequence[PlaneRecord], about:
         "planes": {plane.name: _plane_entry(plane) for plane in planes},
         "software": software(),
     }
-    text = json.dumps(plain(record), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    return write_record(folder, record)
+
+
+def write_record(folder: ResultFolder, record: Mapping[str, Any]) -> str:
+    """Write the record, null where a number is not finite, and publish the folder; returns the record's text."""
+    text = json_text(record)
     folder.write(RECORD, text.encode())
     folder.publish()
     return text
+
+
+def json_text(record: Mapping[str, Any]) -> str:
+    """A record as JSON that every parser takes: null for every number that is not finite."""
+    return json.dumps(plain(record), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def _write_plane(folder: ResultFolder, plane: PlaneRecord) -> None:
@@ -140,16 +155,18 @@ def _write_plane(folder: ResultFolder, plane: PlaneRecord) -> None:
         folder.write(f"psf_{plane.name}.npy", _npy(plane.psf.h))
         folder.write(f"covariance_{plane.name}.npy", _npy(plane.psf.covariance))
         folder.write(f"psf_{plane.name}.png", psf_picture(plane.psf, f"{plane.name}  {plane.verdict}"))
-    if plane.mtf is not None:
-        folder.write(f"mtf_{plane.name}.csv", mtf_table(plane.mtf))
+    if plane.inter_image is not None:
+        folder.write(f"inter_image_{plane.name}.npy", _npy(plane.inter_image))
+    if plane.quality is not None:
+        folder.write(f"mtf_{plane.name}.csv", mtf_table(plane.quality))
 
 
-def mtf_table(mtf: Quality) -> bytes:
+def mtf_table(quality: Quality) -> bytes:
     """The MTF as CSV: frequency in cycles/pixel; horizontal, vertical, radial mean, each with its uncertainty."""
-    columns = {"frequency": mtf.frequencies}
+    columns = {"frequency": quality.frequencies}
     for direction in ("horizontal", "vertical", "radial"):
-        columns[direction] = getattr(mtf, f"mtf_{direction}")
-        columns[f"{direction}_uncertainty"] = getattr(mtf, f"mtf_{direction}_uncertainty")
+        columns[direction] = getattr(quality, f"mtf_{direction}")
+        columns[f"{direction}_uncertainty"] = getattr(quality, f"mtf_{direction}_uncertainty")
     text = io.StringIO(newline="")
     table = csv.writer(text, lineterminator="\n")
     table.writerow(columns)
@@ -172,7 +189,8 @@ def _version(distribution: str) -> str | None:
 def _plane_entry(plane: PlaneRecord) -> dict[str, Any]:
     entry: dict[str, Any] = {"verdict": str(plane.verdict), "reason": plane.reason, "remedy": plane.remedy}
     entry.update(plane.numbers)
-    entry.update({name: asdict(quantity) for name, quantity in plane.quantities.items()})
+    if plane.quality is not None:
+        entry.update({name: asdict(quantity) for name, quantity in plane.quality.numbers.items()})
     if plane.diagnostics:
         entry["diagnostics"] = dict(plane.diagnostics)
     return entry

@@ -8,6 +8,20 @@ import scipy.linalg
 
 Array = npt.NDArray[np.float64]
 
+SOLVERS = ("ls", "clip", "nnls")
+
+
+def cholesky_solve(G: Array, b: Array) -> Array:
+    """Solution x of G x = b for symmetric positive definite G (n, n) and b (n,) or (n, p).
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If G is not positive definite.
+    """
+    factor = scipy.linalg.cho_factor(G, lower=True, check_finite=False)
+    return np.asarray(scipy.linalg.cho_solve(factor, b, check_finite=False))
+
 
 def non_negative_least_squares(G: Array, b: Array, *, max_exchanges: int = 200) -> Array:
     """Minimise x'G x / 2 - b'x subject to x >= 0, by block principal pivoting.
@@ -26,7 +40,7 @@ def non_negative_least_squares(G: Array, b: Array, *, max_exchanges: int = 200) 
 
     Raises
     ------
-    ValueError
+    numpy.linalg.LinAlgError
         If the pivots run out, as they can when G is numerically singular.
 
     References
@@ -34,12 +48,12 @@ def non_negative_least_squares(G: Array, b: Array, *, max_exchanges: int = 200) 
     Portugal, Judice, Vicente, Mathematics of Computation 63 (1994) 625-643.
     """
     n = len(b)
-    passive = scipy.linalg.solve(G, b, assume_a="pos") > 0
+    passive = cholesky_solve(G, b) > 0
     tolerance = 1e-12 * np.abs(b).max()
     fewest, chances = n + 1, 3
     for _ in range(max_exchanges):
         x = np.zeros(n)
-        x[passive] = scipy.linalg.solve(G[np.ix_(passive, passive)], b[passive], assume_a="pos") if passive.any() else 0
+        x[passive] = cholesky_solve(G[np.ix_(passive, passive)], b[passive]) if passive.any() else 0
         gradient = G @ x - b
         wrong = (passive & (x < 0)) | (~passive & (gradient < -tolerance))
         count = int(wrong.sum())
@@ -53,4 +67,24 @@ def non_negative_least_squares(G: Array, b: Array, *, max_exchanges: int = 200) 
             last = np.flatnonzero(wrong)[-1]
             wrong = np.arange(n) == last
         passive = passive ^ wrong
-    raise ValueError(f"no non-negative solution after {max_exchanges} exchanges: the normal matrix is singular")
+    raise np.linalg.LinAlgError(f"no non-negative solution after {max_exchanges} exchanges: the matrix is singular")
+
+
+def solve_constrained(G: Array, b: Array, solver: str) -> Array:
+    """The kernel (n,) from its normal equations: "ls" freely, "clip" its negative part cut, "nnls" non-negative.
+
+    Raises
+    ------
+    ValueError
+        If the solver is another.
+
+    References
+    ----------
+    Delbracio, Muse, Almansa, IPOL 2012, section 4.8.
+    """
+    if solver not in SOLVERS:
+        raise ValueError(f"the solver is one of {', '.join(SOLVERS)}; got {solver!r}")
+    if solver == "nnls":
+        return non_negative_least_squares(G, b)
+    h = cholesky_solve(G, b)
+    return np.maximum(h, 0) if solver == "clip" else h

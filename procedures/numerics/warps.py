@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+from typing import Self
+
 import numpy as np
 import numpy.typing as npt
 
@@ -79,4 +82,90 @@ def homography_jacobian(H: Array, point: Array) -> Array:
 
 def cubic_monomials(x: Array, y: Array) -> Array:
     """The nine monomials of degree one to three at points (n,): (n, 9), in the order of `CUBIC_EXPONENTS`."""
-    return np.stack([x**i * y**j for i, j in CUBIC_EXPONENTS], axis=-1)
+    xx, xy, yy = x * x, x * y, y * y
+    return np.stack([x, y, xx, xy, yy, xx * x, xx * y, x * yy, yy * y], axis=-1)
+
+
+@dataclass(frozen=True)
+class CubicWarp:
+    """A map of the plane: target = H(p + d(p)), d a cubic polynomial without constant.
+
+    The constant is absent because a translation of the map is the same as a shift of the kernel seen through it:
+    something else must fix it.
+
+    Attributes
+    ----------
+    H : (3, 3) float64
+        Homography, source points (x, y) -> target points.
+    centre : (2,) float64, radius : float
+        The polynomial's argument is (p - centre) / radius.
+    displacement : (2, 9) float64
+        Coefficients of d in units of the source, for x and y, in the order of `CUBIC_EXPONENTS`.
+    """
+
+    H: Array
+    centre: Array
+    radius: float
+    displacement: Array
+
+    def forward(self, points: Array) -> Array:
+        """Targets (n, 2) of points (n, 2)."""
+        return apply_homography(self.H, points + self.displacement_at(points))
+
+    def backward(self, targets: Array) -> Array:
+        """Points (n, 2) of targets (n, 2): the inverse map, by fixed-point steps."""
+        ideal = apply_homography(inverse(self.H), targets)
+        points = ideal
+        for _ in range(8):  # d changes by under a hundredth per unit: eight steps leave no trace
+            points = ideal - self.displacement_at(points)
+        return points
+
+    def monomials(self, points: Array) -> Array:
+        """The displacement's nine monomials at points (n, 2): (n, 9)."""
+        return cubic_monomials(*((points - self.centre) / self.radius).T)
+
+    def displacement_at(self, points: Array) -> Array:
+        """The displacement d (n, 2) at points (n, 2), in units of the source."""
+        if not self.displacement.any():
+            return np.zeros_like(points)
+        return np.asarray(self.monomials(points) @ self.displacement.T)
+
+    def jacobian(self) -> Array:
+        """Derivative (2, 2) of the targets with respect to the source, at the centre, without the displacement's."""
+        return homography_jacobian(self.H, self.centre)
+
+    def derivative(self, points: Array) -> Array:
+        """Derivatives (n, 2, 2) of the targets with respect to the source at points (n, 2), displacement included."""
+        step = 1e-3 * self.radius
+        moves = [np.array([step, 0.0]), np.array([0.0, step])]
+        return np.stack([(self.forward(points + m) - self.forward(points - m)) / (2 * step) for m in moves], axis=-1)
+
+    def translated(self, shift: Array) -> Self:
+        """The map that sees at p what this one sees at p + shift, inside the polynomial too."""
+        T = np.eye(3)
+        T[:2, 2] = shift
+        return replace(self, H=self.H @ T)
+
+    def displaced(self, change: Array, monomials: Array) -> Self:
+        """The map with coefficients (2, 9) added to the displacement, its mean over points left where it was.
+
+        `monomials` (n, 9) are those of the points.
+        """
+        drift = change @ monomials.mean(axis=0)
+        return replace(self, displacement=self.displacement + change).translated(-drift)
+
+
+def displacement_columns(slopes: Array, monomials: Array) -> Array:
+    """Change (m, 18) of samples with a displacement's coefficients, those of x first.
+
+    The monomials lose their mean, so that the columns move no centre.
+
+    Parameters
+    ----------
+    slopes : (m, 2) float64
+        Change of every sample per unit of displacement along x and y.
+    monomials : (m, 9) float64
+        From `CubicWarp.monomials`.
+    """
+    centred = monomials - monomials.mean(axis=0)
+    return np.hstack([centred * slopes[:, :1], centred * slopes[:, 1:]])

@@ -9,6 +9,8 @@ whatever the window. For others (coma) the centre is this convention, and the ce
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -33,25 +35,67 @@ def mark_offset(h: Array, s: int, J: Array) -> Array:
     ----------
     Delbracio, Muse, Almansa, IPOL 2012, section 4.2, equation (1), its Gaussian window as wide as the PSF.
     """
-    k = h.shape[0]
-    reach = k // 2 + 1
-    seen = cv2.filter2D(_x_corner(J, 3 * reach), cv2.CV_64F, h[::-1, ::-1] / h.sum(), borderType=cv2.BORDER_REPLICATE)
-    gy, gx = np.gradient(seen)
+    return _view(h, J).centre / s
+
+
+def mark_offset_gradient(h: Array, s: int, J: Array) -> Array:
+    """Derivative (2, k^2) of `mark_offset` with respect to the PSF's samples, in pixels."""
+    view = _view(h, J)
+    g, ray, w = view.gradient, view.ray, view.weight
+    # equation (1) is F_a = sum w g_a (g . ray) = 0, g linear in h, and w and ray following the centre
+    along = w * np.sum(g * ray, axis=0)
+    tensor = np.einsum("aij,bij,ij->ab", g, g, w) - np.einsum("aij,bij,ij->ab", g, ray, along) / view.window**2
+    rows = []
+    for a in range(2):
+        change = _correlation(view.slopes[a], along, len(h))
+        for b in range(2):
+            change += _correlation(view.slopes[b], w * g[a] * ray[b], len(h))
+        rows.append(change)
+    return np.asarray(np.linalg.solve(tensor, np.array(rows)) / s)
+
+
+@dataclass(frozen=True)
+class _View:
+    """An ideal x-corner seen through a PSF, and the solution of equation (1) on it, in samples of the s grid.
+
+    `slopes` (2, N, N) are the mark's own, `gradient`, `ray` (2, n, n) and `weight` (n, n) those of what is seen.
+    """
+
+    centre: Array
+    slopes: Array
+    gradient: Array
+    ray: Array
+    weight: Array
+    window: float
+
+
+def _view(h: Array, J: Array) -> _View:
+    reach = h.shape[0] // 2 + 1
+    slope_y, slope_x = np.gradient(_x_corner(J, 3 * reach))
+    slopes = np.stack([slope_x, slope_y])
     inner = slice(reach, -reach)
-    gx, gy = gx[inner, inner], gy[inner, inner]
-    v, u = np.mgrid[: len(gx), : len(gx)] - len(gx) // 2
-    centre = np.zeros(2)
+    g = np.stack([cv2.filter2D(d, cv2.CV_64F, h[::-1, ::-1] / h.sum())[inner, inner] for d in slopes])
+    v, u = np.mgrid[: g.shape[1], : g.shape[1]] - g.shape[1] // 2
+    centre, window = np.zeros(2), 0.6 * reach
     for _ in range(20):
-        x, y = u - centre[0], v - centre[1]
-        w = np.exp(-(x * x + y * y) / (2 * (0.6 * reach) ** 2))
-        tensor = np.array([[np.sum(w * gx * gx), np.sum(w * gx * gy)], [np.sum(w * gx * gy), np.sum(w * gy * gy)]])
-        ray = gx * u + gy * v
-        found = np.linalg.solve(tensor, [np.sum(w * gx * ray), np.sum(w * gy * ray)])
-        still = np.abs(found - centre).max() < 1e-6
-        centre = found
-        if still:
+        ray = np.stack([u - centre[0], v - centre[1]])
+        w = np.exp(-np.sum(ray**2, axis=0) / (2 * window**2))
+        along = w * np.sum(g * ray, axis=0)
+        step = np.linalg.solve(np.einsum("aij,bij,ij->ab", g, g, w), np.einsum("aij,ij->a", g, along))
+        centre = centre + step
+        if np.abs(step).max() < 1e-7:
             break
-    return np.asarray(centre / s)
+    return _View(centre, slopes, g, ray, w, window)
+
+
+def _correlation(slope: Array, field: Array, k: int) -> Array:
+    """Sums of `field` times `slope` shifted by each of the PSF's samples, (k^2,)."""
+    margin = (slope.shape[0] - field.shape[0]) // 2
+    first = margin - k // 2
+    n = field.shape[0]
+    part = slope[first : first + n + k - 1, first : first + n + k - 1]
+    windows = np.lib.stride_tricks.sliding_window_view(part, (n, n))
+    return np.asarray(np.einsum("ijuv,uv->ij", windows, field)[::-1, ::-1].ravel())
 
 
 def _x_corner(J: Array, reach: int) -> Array:

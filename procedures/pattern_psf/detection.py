@@ -24,7 +24,7 @@ MIN_WIDTH, MAX_WIDTH = 60.0, 300.0
 TOLERANCE = 1.06
 """Widths are known to this factor: a tilted chart has no one width."""
 MAX_HIDDEN = 2
-SCREENED = 0.5
+SCREENED = 0.4
 """Agreement that a set of saddles must show before its marks are placed."""
 MOST_SETTLED = 60
 """Candidates per level whose marks are placed."""
@@ -32,8 +32,16 @@ ACCEPTED = 0.75
 """Agreement of a chart; clutter that lies like the marks stays below."""
 LIKENESS = 0.6
 """Normalised correlation of a visible mark with what it should look like."""
-PLACE_TOLERANCE = 0.15 * BLOCK
-"""Greatest distance of a mark from the homography of the others, in cells: lens distortion is far less."""
+PLACE_TOLERANCE = 0.08
+"""Greatest distance of a mark from the homography of the others, in blocks: lens distortion is less."""
+PLACE_NOISE = 0.6
+"""The same in pixels, where it is more: noise, and what hides a part of a small mark."""
+PLACINGS = 3
+"""Times that the marks are placed, each with the map of the last."""
+PLACED_BLOCK = 12
+"""Marks are placed on the coarsest level whose blocks have this many pixels."""
+MIN_VISIBLE = 6
+"""Marks in sight, of 12, that tell a chart from clutter."""
 MARGIN = 0.1
 """By how much the best turn must agree better than any other."""
 SMALLEST_LEVEL = 48
@@ -66,6 +74,10 @@ class Sighting:
     score: float
     mirrored: bool
 
+    def sure(self) -> bool:
+        """Whether enough marks are in sight that no other map of the same chart could have more."""
+        return int(np.count_nonzero(self.visible)) >= len(X_CORNERS) - MAX_HIDDEN
+
     def predicted(self) -> Array:
         """(x, y) of all twelve x-corners by the homography, (12, 2)."""
         return frame.transform(self.H_sensor_pattern, X_CORNERS)
@@ -78,12 +90,14 @@ class Sighting:
         """Lengths of the noise region's four sides in pixels, (4,)."""
         square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float64) * CELLS
         corners = frame.transform(self.H_sensor_pattern, square)
-        return np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
+        out: Array = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
+        return out
 
-    def cut_marks(self, shape: tuple[int, ...]) -> int:
-        """How many x-corners lie outside a photograph of this shape (rows, columns)."""
+    def cut_marks(self, shape: tuple[int, ...], margin_px: float = 0.0) -> int:
+        """How many x-corners lie nearer to the edge of a photograph of this shape (rows, columns), or beyond it."""
         x, y = self.predicted().T
-        inside = (x >= 0) & (y >= 0) & (x <= shape[1] - 1) & (y <= shape[0] - 1)
+        inside = (x >= margin_px) & (y >= margin_px)
+        inside &= (x <= shape[1] - 1 - margin_px) & (y <= shape[0] - 1 - margin_px)
         return int(np.count_nonzero(~inside))
 
 
@@ -106,41 +120,44 @@ def _pyramid(image: Image) -> Iterator[tuple[int, Image]]:
 
 def _candidates(level: Image) -> Iterator[Array]:
     """Homographies from cells to the level's pixels, turned as the frame tells, the best agreement first."""
-    maps = find_layouts(find_saddles(level))
-    scores = frame.screen(level, maps)
+    layouts = find_layouts(find_saddles(level))
+    scores = frame.screen(level, layouts)
     best = scores.argmax(axis=1)
     scores = scores.max(axis=1)
     for n in np.argsort(-scores, kind="stable")[:MOST_SETTLED]:
         if scores[n] > SCREENED:
-            yield maps[n] @ np.linalg.inv(frame.symmetries()[best[n]][0])
+            yield layouts.maps[n] @ np.linalg.inv(frame.symmetries()[best[n]][0])
 
 
-def _settle(levels: list[tuple[int, Image]], H: Array) -> Sighting | None:
-    """The chart near a homography from cells to pixels, its marks placed and everything checked."""
-    block = np.sqrt(abs(np.linalg.det(_jacobian(H)))) * BLOCK
-    index = int(np.clip(np.log2(block / 8), 0, len(levels) - 1))
-    factor, level = levels[index]
-    to_full = _to_full(factor)
-    visible = np.zeros(len(X_CORNERS), dtype=np.bool_)
-    pixels = np.full((len(X_CORNERS), 2), np.nan)
-    for _ in range(3):
-        placed = frame.place_marks(frame.rectify(level, np.linalg.inv(to_full) @ H))
-        visible = placed.likeness > LIKENESS
-        if visible.sum() < 6:
-            return None
-        pixels = frame.transform(H, placed.cells)
-        H, _ = cv2.findHomography(X_CORNERS[visible], pixels[visible], cv2.RANSAC, PLACE_TOLERANCE * block / BLOCK)
-        if H is None:
-            return None
-    visible &= np.linalg.norm(frame.transform(H, X_CORNERS) - pixels, axis=1) < PLACE_TOLERANCE * block / BLOCK
-    if visible.sum() < 6:
+def _homography(pixels: Array, chosen: npt.NDArray[np.bool_], tolerance: float) -> Array | None:
+    """Homography from cells to the chosen marks' pixels; tolerance 0 fits all, else those that agree within it."""
+    if np.count_nonzero(chosen) < MIN_VISIBLE:
         return None
-    H, _ = cv2.findHomography(X_CORNERS[visible], pixels[visible], 0)
-    score = _sure_score(frame.rectify(level, np.linalg.inv(to_full) @ H), visible)
+    H, _ = cv2.findHomography(X_CORNERS[chosen], pixels[chosen], cv2.RANSAC if tolerance else 0, tolerance)
+    return None if H is None else np.asarray(H, dtype=np.float64)
+
+
+def _settle(levels: list[tuple[int, Image]], start: Array) -> Sighting | None:
+    """The chart near a homography from cells to pixels, its marks placed and everything checked."""
+    block = BLOCK * np.sqrt(abs(np.linalg.det(_jacobian(start))))
+    factor, level = levels[int(np.clip(np.log2(block / PLACED_BLOCK), 0, len(levels) - 1))]
+    to_level = np.linalg.inv(_to_full(factor))
+    tolerance = max(PLACE_TOLERANCE * block, PLACE_NOISE)
+    H = start
+    for _ in range(PLACINGS):
+        placed = frame.place_marks(frame.rectify(level, to_level @ H))
+        pixels, visible = frame.transform(H, placed.cells), placed.likeness > LIKENESS
+        if (better := _homography(pixels, visible, tolerance)) is None:
+            return None
+        H = better
+    visible &= np.linalg.norm(frame.transform(H, X_CORNERS) - pixels, axis=1) < tolerance
+    if (best := _homography(pixels, visible, 0.0)) is None:
+        return None
+    score = _sure_score(frame.rectify(level, to_level @ best), visible)
     if score < ACCEPTED:
         return None
     corners = np.where(visible[:, None], pixels, np.nan)
-    return Sighting(corners, H / H[2, 2], visible, score, bool(np.linalg.det(_jacobian(H)) < 0))
+    return Sighting(corners, best / best[2, 2], visible, score, bool(np.linalg.det(_jacobian(best)) < 0))
 
 
 def _centre(H: Array) -> Array:
@@ -164,7 +181,7 @@ def _sure_score(rectified: Image, visible: npt.NDArray[np.bool_]) -> float:
 
 
 def find_charts(image: npt.NDArray[np.floating]) -> list[Sighting]:
-    """The charts in a photograph, the best agreement first; also mirrored, partly hidden and cut ones.
+    """The charts in a photograph, the most marks in best agreement first; also mirrored, partly hidden and cut ones.
 
     Parameters
     ----------
@@ -174,7 +191,7 @@ def find_charts(image: npt.NDArray[np.floating]) -> list[Sighting]:
     Raises
     ------
     BadInput
-        If it is no finite two-dimensional picture.
+        If it has not two dimensions.
     """
     if image.ndim != 2:
         raise BadInput(f"detection needs one grey plane; got an array of shape {image.shape}", "choose one plane")
@@ -183,11 +200,27 @@ def find_charts(image: npt.NDArray[np.floating]) -> list[Sighting]:
     for factor, level in levels:
         for H in _candidates(level):
             at_full = _to_full(factor) @ H
-            if not _known(_centre(at_full), found):
+            if not _known(_centre(at_full), [s for s in found if s.sure()]):
                 sighting = _settle(levels, at_full)
-                if sighting is not None and not _known(sighting.centre(), found):
+                if sighting is not None:
                     found.append(sighting)
-    return sorted(found, key=lambda s: -s.score)
+    return _apart(sorted(found, key=lambda s: -s.score * s.visible.sum()))
+
+
+def _apart(found: list[Sighting]) -> list[Sighting]:
+    """The first of those that overlap; a side of one chart can pass for the opposite side of another."""
+    kept: list[Sighting] = []
+    for sighting in found:
+        if not _known(sighting.centre(), kept) and not any(_share_marks(sighting, s) for s in kept):
+            kept.append(sighting)
+    return kept
+
+
+def _share_marks(one: Sighting, other: Sighting) -> bool:
+    """Whether two sightings have x-corners in common, which two charts cannot."""
+    a, b = one.corners[one.visible], other.corners[other.visible]
+    near = np.linalg.norm(a[:, None] - b, axis=2) < other.widths().min() * BLOCK / CELLS / 4
+    return bool(near.any())
 
 
 def _known(centre: Array, found: list[Sighting]) -> bool:
@@ -221,12 +254,14 @@ def _refuse_unfit(sighting: Sighting, shape: tuple[int, ...]) -> None:
     """Raise Refused for a chart that the estimator cannot use."""
     if sighting.mirrored:
         raise Refused("the chart is mirrored", "flip the picture left to right, or photograph the chart directly")
-    if cut := sighting.cut_marks(shape):
+    hidden = int(np.count_nonzero(~sighting.visible))
+    half_block = sighting.widths().mean() * BLOCK / CELLS / 2
+    cut = sighting.cut_marks(shape, half_block if hidden > MAX_HIDDEN else 0.0)
+    if cut:
         raise Refused(
-            f"the chart is cut by the photograph's edge: {cut} of its 12 marks lie outside",
+            f"the chart is cut by the photograph's edge: {cut} of its 12 marks are not whole in it",
             "aim so that the whole chart is in the frame",
         )
-    hidden = int(np.count_nonzero(~sighting.visible))
     if hidden > MAX_HIDDEN:
         raise Refused(
             f"at most {MAX_HIDDEN} of the chart's 12 marks may be hidden; {hidden} are",

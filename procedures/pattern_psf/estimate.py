@@ -13,12 +13,17 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.normal_equations import normalised
+from procedures.numerics.solvers import solve_constrained
 from procedures.numerics.warps import inverse
-from procedures.outcome import BadParameter, Outcome, Refused, Verdict
+from procedures.outcome import Outcome, Refused, Verdict
 from procedures.pattern import BLOCK, CELLS, Chart
+from procedures.pattern_psf.centre import mark_offset_gradient
 from procedures.pattern_psf.detection import find_chart
+from procedures.pattern_psf.gamma import gamma, gamma_bound
+from procedures.pattern_psf.observation import noise_window, observe
 from procedures.pattern_psf.radiometry import Light, measure_light
-from procedures.pattern_psf.refine import Fit, noise_window, observe, refine, without_outliers
+from procedures.pattern_psf.refine import Fit, refine, without_outliers
 from procedures.pattern_psf.registration import (
     Registration,
     block_size_px,
@@ -26,43 +31,25 @@ from procedures.pattern_psf.registration import (
     refine_corners,
     register_marks,
 )
-from procedures.pattern_psf.solve import SOLVERS, gamma, gamma_bound, normalised, solve
 from procedures.pattern_psf.trust import Diagnostics, diagnose, judge
-from procedures.psf import Psf
+from procedures.psf import Psf, Sampling
 from procedures.quality import Diffraction, Quality, assess
 from procedures.raw import Plane
 
 Array = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class PatternParameters:
-    """How the PSF is sampled and solved for.
+LEAST_STEPS = 16
+"""Digital numbers between black and white from which rounding is no worse than noise."""
 
-    Attributes
-    ----------
-    s : int
-        Samples per pixel of the plane, 2 or more.
-    k : int
-        Samples along one side of the support, odd; 3 s + 1 to 6 s + 1 is usual.
-    solver : str
-        "ls" least squares, "clip" its negative part cut, "nnls" non-negative least squares.
-    """
+
+@dataclass(frozen=True)
+class PatternParameters(Sampling):
+    """How the PSF is sampled and solved for: see `Sampling`; 3 s + 1 to 6 s + 1 samples are usual."""
 
     s: int = 4
     k: int = 17
     solver: str = "ls"
-
-    def __post_init__(self) -> None:
-        if self.s < 2:
-            raise BadParameter(f"a subpixel PSF needs s of 2 or more; got s = {self.s}", "choose s = 3 or 4")
-        if self.k < 3 or self.k % 2 == 0:
-            raise BadParameter(
-                f"the support needs an odd number k of samples, so that it has a centre; got k = {self.k}",
-                f"choose k = {max(self.k + 1, 3)}",
-            )
-        if self.solver not in SOLVERS:
-            raise BadParameter(f"the solver is one of {', '.join(SOLVERS)}; got {self.solver!r}", "choose one of them")
 
 
 @dataclass(frozen=True)
@@ -84,6 +71,12 @@ class PatternPsf:
     registration : Registration
         Where every pixel lies on the chart.
     diagnostics : mapping of str to float
+    marks : (12, 2) float64
+        The x-corners as found, (x, y) in pixels, NaN where hidden.
+    residual : (rows, columns) float64
+        Photograph minus prediction in units of the noise, over the noise region; NaN where no sample was used.
+    residual_origin : (int, int)
+        Pixel (x, y) of the plane at which `residual` begins.
     """
 
     psf: Psf
@@ -95,6 +88,9 @@ class PatternPsf:
     s_over_t: float
     registration: Registration
     diagnostics: Mapping[str, float]
+    marks: Array
+    residual: Array
+    residual_origin: tuple[int, int]
 
 
 def estimate_psf(
@@ -122,26 +118,33 @@ def estimate_psf(
     """
     parameters = parameters or PatternParameters()
     try:
-        return _estimate(plane.samples, chart, parameters, diffraction)
+        return _estimate(plane, chart, parameters, diffraction)
     except Refused as refusal:
         return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
+    except np.linalg.LinAlgError:
+        return Outcome(
+            None,
+            Verdict.REFUSED,
+            f"the photograph must determine {parameters.k}^2 PSF values at s = {parameters.s}; it does not",
+            "photograph the chart from a distance where s/t is near 1, or lower s or k",
+        )
 
 
 def _estimate(
-    samples: npt.NDArray[np.float32], chart: Chart, parameters: PatternParameters, diffraction: Diffraction | None
+    plane: Plane, chart: Chart, parameters: PatternParameters, diffraction: Diffraction | None
 ) -> Outcome[PatternPsf]:
     """The chain itself; raises Refused."""
-    s, k = parameters.s, parameters.k
+    samples, s, k = plane.samples, parameters.s, parameters.k
     corners, marks_map = _register(samples)
-    light = measure_light(samples, marks_map)
-    _check_light(light)
+    light = measure_light(samples, marks_map, plane.quantisation)
+    _check_light(light, plane.quantisation)
     fit, outliers = _fit(samples, chart, corners, marks_map, light, s, k)
     psf = _solution(fit, s, k, parameters.solver)
     diagnostics = diagnose(fit, psf, light, corners, marks_map, outliers, s)
     verdict, reason, remedy = judge(diagnostics, fit)
     if verdict is Verdict.REFUSED:
         return Outcome(None, verdict, reason, remedy)
-    return Outcome(_result(fit, psf, diagnostics, diffraction), verdict, reason, remedy)
+    return Outcome(_result(fit, psf, diagnostics, corners, diffraction), verdict, reason, remedy)
 
 
 def _register(samples: npt.NDArray[np.float32]) -> tuple[Array, Registration]:
@@ -159,12 +162,18 @@ def _register(samples: npt.NDArray[np.float32]) -> tuple[Array, Registration]:
     return corners, registration
 
 
-def _check_light(light: Light) -> None:
+def _check_light(light: Light, quantisation: float) -> None:
     """Refuse what no estimate can come of: clipped white, no light, no contrast over the noise."""
     if light.saturated > 0.01:
         raise Refused(
             f"the chart's white must not be clipped; {light.saturated:.0%} of its white samples are",
             "expose less: white at 80 % of the scale is right",
+        )
+    steps = light.contrast / quantisation
+    if steps < LEAST_STEPS:
+        raise Refused(
+            f"white must lie at least {LEAST_STEPS} digital numbers above black; it is {steps:.0f}",
+            "expose longer or light the chart: the photograph is too dark",
         )
     noise = float(np.sqrt(max(light.variance_white, light.variance_black)))
     if light.contrast < 0.01 or light.contrast < 4 * noise:
@@ -188,17 +197,17 @@ def _fit(
     window = noise_window(registration, samples.shape)
     hidden = not np.isfinite(corners).all()
     observation = observe(samples, registration, light, window, margin_px=k / (2 * s) if hidden else 0.0)
-    m, n = len(observation.y), k * k
-    if m < 1.5 * n + 100:
+    m, n = len(observation), k * k
+    if m < 2 * n:
         raise Refused(
-            f"{n} PSF values need at least {int(1.5 * n + 100)} samples of the noise region; the photograph has {m}",
+            f"{n} PSF values need at least {2 * n} samples of the noise region; the photograph has {m}",
             "move closer, or lower k",
         )
     fit = refine(observation, chart, registration, window, s, k)
     kept = without_outliers(fit)
-    if len(kept.y) < m - max(10, 1e-3 * m):
+    if len(kept) < m - max(10, 1e-3 * m):
         fit = refine(kept, chart, registration, window, s, k)
-    return fit, 1 - len(kept.y) / m
+    return fit, 1 - len(kept) / m
 
 
 def _solution(fit: Fit, s: int, k: int, solver: str) -> Psf:
@@ -206,14 +215,21 @@ def _solution(fit: Fit, s: int, k: int, solver: str) -> Psf:
 
     For "clip" and "nnls" the same covariance is an upper limit: the constraint only takes noise away.
     """
-    h = fit.h if solver == "ls" else solve(fit.equations.G, fit.equations.G @ fit.h, solver)
+    h = fit.h if solver == "ls" else solve_constrained(fit.equations.G, fit.equations.G @ fit.h, solver)
     covariance = inverse(fit.equations.G) * fit.residual_std**2
     h, covariance = normalised(h, covariance)
-    return Psf(h.reshape(k, k), s, covariance)
+    # the centre follows the PSF: an error of h that shifts it shifts the map back
+    image = h.reshape(k, k)
+    slope_y, slope_x = np.gradient(image)
+    back = np.column_stack([slope_x.ravel(), slope_y.ravel()]) * s
+    forth = mark_offset_gradient(image, s, fit.registration.jacobian())
+    covariance = covariance + back @ (forth @ covariance)
+    return Psf(image, s, covariance + (covariance @ forth.T) @ back.T)
 
 
-def _result(fit: Fit, psf: Psf, d: Diagnostics, diffraction: Diffraction | None) -> PatternPsf:
+def _result(fit: Fit, psf: Psf, d: Diagnostics, corners: Array, diffraction: Diffraction | None) -> PatternPsf:
     """Everything that is reported, from the final fit."""
+    residual, origin = _residual_picture(fit)
     m = len(fit.observation.y)
     amplification = gamma(psf.covariance / fit.residual_std**2, float(np.mean(fit.observation.weight**2)))
     pixels = CELLS / BLOCK * block_size_px(fit.registration)
@@ -227,4 +243,16 @@ def _result(fit: Fit, psf: Psf, d: Diagnostics, diffraction: Diffraction | None)
         s_over_t=d.s_over_t,
         registration=fit.registration,
         diagnostics=asdict(d),
+        marks=corners,
+        residual=residual,
+        residual_origin=origin,
     )
+
+
+def _residual_picture(fit: Fit) -> tuple[Array, tuple[int, int]]:
+    """The residual where its samples lie, NaN between them, and the pixel (x, y) at which that picture begins."""
+    o = fit.observation
+    picture = np.full((o.rows.max() + 1, o.columns.max() + 1), np.nan)
+    picture[o.rows, o.columns] = fit.residual
+    x, y = o.points[0]
+    return picture, (int(x) - int(o.columns[0]), int(y) - int(o.rows[0]))

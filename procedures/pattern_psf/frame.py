@@ -17,8 +17,9 @@ from procedures.pattern import (
     X_CORNER_BLOCKS,
     X_CORNERS,
 )
+from procedures.pattern_psf.layout import RIM_CELLS, Layouts
 
-PIXELS = 12
+PIXELS = 16
 """Pixels of the rectified picture per block."""
 RIM_BLOCKS = 1
 """Blocks of surroundings rectified around the chart."""
@@ -138,42 +139,36 @@ def agreement(rectified: Picture, frame: Picture, where: npt.NDArray[np.bool_]) 
 
 @cache
 def _screen_samples() -> tuple[Array, Array]:
-    """Cells (n, 2) of a few points in every block of the frame, and the eight expected frames there, (n, 8).
-
-    The expected values are freed of linear changes and of unit norm, so that their product with a picture's is a
-    correlation around linearly varying light.
-    """
+    """Cells (n, 2) of a few points in every block of the frame, and the eight expected frames there, (n, 8)."""
     index = np.arange(SCREEN_SAMPLES * SIDE // PIXELS) * PIXELS // SCREEN_SAMPLES + PIXELS // (2 * SCREEN_SAMPLES)
     rows, columns = (grid.ravel() for grid in np.meshgrid(index, index, indexing="ij"))
     inside = ring()[rows, columns]
     rows, columns = rows[inside], columns[inside]
     cells = transform(H_CELLS_RECTIFIED, np.column_stack([columns, rows]).astype(np.float64))
-    values = np.column_stack([seen[rows, columns] for _, seen in symmetries()]).astype(np.float64)
-    values -= _light(cells) @ np.linalg.lstsq(_light(cells), values, rcond=None)[0]
-    return cells, values / np.linalg.norm(values, axis=0)
+    return cells, np.column_stack([seen[rows, columns] for _, seen in symmetries()]).astype(np.float64)
 
 
-def _light(cells: Array) -> Array:
-    """Linearly varying light at some cells, as a design matrix, (n, 3)."""
-    return np.column_stack([np.ones(len(cells)), cells / CELLS - 0.5])
+def screen(image: Picture, layouts: Layouts) -> Array:
+    """Correlation of layouts' surroundings with the eight expected frames, (n, 8).
 
-
-def screen(image: Picture, maps: Array) -> Array:
-    """Correlation of pictures seen through maps from cells to pixels with the eight expected frames, (n, 8).
-
-    A coarse and fast `agreement`: a few samples per block, light only added.
+    A coarse and fast `agreement`: a few samples per block, light only added; where a layout has no x-corner,
+    something hides the frame and nothing is compared.
     """
-    if not len(maps):
+    if not len(layouts.maps):
         return np.zeros((0, len(symmetries())))
-    cells, expected_values = _screen_samples()
-    q = maps @ np.column_stack([cells, np.ones(len(cells))]).T
-    x, y = (q[:, :2] / q[:, 2:]).astype(np.float32).transpose(1, 0, 2)
+    cells, frames = _screen_samples()
+    q = layouts.maps @ np.column_stack([cells, np.ones(len(cells))]).T
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        x, y = (q[:, :2] / q[:, 2:]).astype(np.float32).transpose(1, 0, 2)
     values = np.asarray(cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), dtype=np.float64)
-    light, _ = np.linalg.qr(_light(cells))
-    values = values.reshape(len(maps), len(cells))
-    values -= (values @ light) @ light.T
-    norm = np.linalg.norm(values, axis=1, keepdims=True)
-    out: Array = values @ expected_values / np.maximum(norm, np.finfo(np.float32).tiny)
+    near = np.abs(cells[:, None] - RIM_CELLS).max(axis=2) < BLOCK
+    weights = 1.0 - (~layouts.hits).astype(np.float64) @ near.T.astype(np.float64)
+    light = np.column_stack([np.ones(len(cells)), cells / CELLS - 0.5])
+    normal = np.einsum("nk,ka,kb->nab", weights, light, light)
+    values -= np.linalg.solve(normal, ((weights * values) @ light)[..., None])[..., 0] @ light.T
+    centred = frames - light @ np.linalg.lstsq(light, frames, rcond=None)[0]
+    norms = np.sqrt((weights * values**2).sum(axis=1, keepdims=True) * (weights @ centred**2))
+    out: Array = (weights * values) @ centred / np.maximum(norms, np.finfo(np.float32).tiny)
     return out
 
 
@@ -186,14 +181,14 @@ class Placed:
     cells : (12, 2) float64
         Cell coordinates, by the present map, of the places that look like the x-corners.
     likeness : (12,) float64
-        Normalised correlation with the expected mark; 0 where it leaves the photograph or the search window.
+        Normalised correlation with the expected mark; 0 where it leaves the photograph or the window searched.
     """
 
     cells: Array
     likeness: Array
 
 
-def place_marks(rectified: Picture, *, half: int = 5, search: int = 5) -> Placed:
+def place_marks(rectified: Picture, *, half: int = 5, search: int = 6) -> Placed:
     """Find each mark near its expected place by normalised correlation, to a fraction of a rectified pixel."""
     offsets = np.zeros((len(X_CORNERS), 2))
     likeness = np.zeros(len(X_CORNERS))
@@ -201,9 +196,11 @@ def place_marks(rectified: Picture, *, half: int = 5, search: int = 5) -> Placed
         x, y = ((RIM_BLOCKS + np.array([column, row])) * PIXELS + PIXELS // 2).tolist()
         mark = expected()[y - half : y + half, x - half : x + half]
         reach = half + search
-        window = rectified[max(y - reach, 0) : y + reach, max(x - reach, 0) : x + reach]
-        if window.shape != (2 * reach, 2 * reach) or not np.isfinite(window).all():
+        window = rectified[y - reach : y + reach, x - reach : x + reach]
+        seen = np.isfinite(window)
+        if not seen[search:-search, search:-search].all():
             continue
+        window = np.where(seen, window, window[seen].mean())
         offsets[n], likeness[n] = _peak(cv2.matchTemplate(window, mark, cv2.TM_CCOEFF_NORMED))
     return Placed(X_CORNERS + offsets / PIXELS_PER_CELL, likeness)
 

@@ -13,18 +13,19 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from procedures.pattern import BLOCK
-from procedures.pattern_psf.marks import Saddles
+from procedures.pattern_psf.marks import SAME_AXIS, Saddles
 
-MIN_STEP, MAX_STEP = 14.0, 33.0
+MIN_STEP, MAX_STEP = 16.5, 38.0
 """Lattice steps looked for at one level of the pyramid, in its pixels (three blocks of the chart)."""
-SAME_AXIS = np.cos(2 * np.deg2rad(18))
-"""Two x-corners of one chart differ by less than this angle (tilt, noise)."""
-ALONG_AXIS = np.cos(2 * np.deg2rad(16))
+ALONG_AXIS = np.cos(2 * np.deg2rad(11))
 """The lattice is along the axes or across them, up to the shear of a tilt and the axes' own error."""
-SAME_STRENGTH = 3.0
+SAME_STRENGTH = 2.5
 """Greatest ratio of strengths within one side: light gradient, noise, focus."""
 COLLINEAR = 0.15
 """Greatest distance of a third x-corner from where two put it, in steps: perspective, distortion."""
+BETWEEN = 0.2
+"""No like saddle lies this close to the middle of two neighbouring x-corners, in steps: it would in a finer lattice."""
+MOST_TRIPLES = 20_000
 SQUARE = 0.3
 """The same from where a side puts a neighbouring one, supposing a square: tilt."""
 AFFINE = 0.25
@@ -32,15 +33,40 @@ PROJECTIVE = 0.15
 """The same for affine and projective lattices."""
 MIN_HITS = 7
 """A chart with fewer x-corners in sight is not found."""
+HITS_PER_OCTAVE = 4.0
+"""What twice the strength is worth, in hits, where there are too many layouts: a chart has the strongest saddles."""
 MOST = 4000
 """Layouts given for one picture; textures and lattices have many."""
 
 RIM = np.array([(s, t) for t in range(4) for s in range(4) if s in (0, 3) or t in (0, 3)], dtype=np.float64)
 """The lattice coordinates (s, t) of the twelve x-corners, (12, 2)."""
+INSIDE = np.array([(1, 1), (2, 1), (1, 2), (2, 2)], dtype=np.float64)
+MOST_INSIDE = 3
+"""Like saddles at the lattice points inside, where the chart has noise, that tell a lattice from a chart."""
+RIM_CELLS = RIM * 3 * BLOCK - BLOCK / 2
+"""The same places in cells."""
 H_LATTICE_CELLS = np.array([[1, 0, BLOCK / 2], [0, 1, BLOCK / 2], [0, 0, 3 * BLOCK]]) / (3 * BLOCK)
 Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
 Indices = npt.NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Layouts:
+    """Sets of saddles that lie like a chart's x-corners.
+
+    A square's eight symmetries leave the x-corners in place: which of them applies is not known here.
+
+    Attributes
+    ----------
+    maps : (n, 3, 3) float64
+        Homographies from cells to pixels.
+    hits : (n, 12) bool
+        Which x-corners there are, in the order of RIM.
+    """
+
+    maps: Array
+    hits: npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -54,7 +80,8 @@ class _Field:
         """Whether two saddles could be x-corners of one chart."""
         a, b = self.saddles.strengths[i], self.saddles.strengths[j]
         cosine = (self.saddles.axes[i] * self.saddles.axes[j].conj()).real
-        return (cosine > SAME_AXIS) & (a < SAME_STRENGTH * b) & (b < SAME_STRENGTH * a)
+        alike: npt.NDArray[np.bool_] = (cosine > SAME_AXIS) & (a < SAME_STRENGTH * b) & (b < SAME_STRENGTH * a)
+        return alike
 
     def nearest(self, targets: Complex, reach: Array, like: Indices) -> Indices:
         """For (n, m) targets the nearest saddle within (n,) reach that is like the n-th given one; -1 for none."""
@@ -80,39 +107,51 @@ def _pairs(field: _Field) -> tuple[Indices, Indices]:
     i, j = pairs[along].T
     keep = field.alike(i, j)
     i, j = i[keep], j[keep]
-    return np.r_[i, j], np.r_[j, i]
+    middle, length = (points[i] + points[j]) / 2, np.abs(points[i] - points[j])
+    free = field.nearest(middle[:, None], BETWEEN * length, i)[:, 0] < 0
+    return np.r_[i[free], j[free]], np.r_[j[free], i[free]]
 
 
 def _triples(field: _Field) -> Indices:
-    """Triples of like saddles, equally spaced on a line, (n, 3)."""
+    """Triples of like saddles, equally spaced on a line, (n, 3), at most MOST_TRIPLES."""
     i, j = _pairs(field)
-    points = field.saddles.points
+    points, count = field.saddles.points, len(field.saddles.points)
     step = points[j] - points[i]
     k = field.nearest((points[j] + step)[:, None], COLLINEAR * np.abs(step), j)[:, 0]
-    keep = (k >= 0) & (i < k)
-    return np.column_stack([i, j, k])[keep]
+    keep = (k >= 0) & (i < k) & np.isin(j * count + k, i * count + j)
+    triples = np.column_stack([i, j, k])[keep]
+    if len(triples) <= MOST_TRIPLES:
+        return triples
+    strengths = field.saddles.strengths[triples].min(axis=1)
+    return triples[np.argpartition(-strengths, MOST_TRIPLES)[:MOST_TRIPLES]]
 
 
 def _rim_index(s: int, t: int) -> int:
-    return int(np.flatnonzero(((s, t) == RIM).all(axis=1))[0])
+    return int(np.flatnonzero(np.all([s, t] == RIM, axis=1))[0])
 
 
 def _sides(field: _Field, triples: Indices, side: int, first: int) -> Indices:
     """Hypotheses that triples start at s = `first` of the side t = 0, the chart lying to one `side` of it.
 
-    Gives the hits (n, 12) in the order of RIM, -1 where none, for those that find two of the three nearest others.
+    Gives the hits (n, 12) in the order of RIM, -1 where none, for those that find two of the five nearest others,
+    one of them off the side, and not both of the inner neighbours, which only a lattice of saddles has.
     """
     points = field.saddles.points
     u = (points[triples[:, 2]] - points[triples[:, 0]]) / 2
     v = 1j * side * u
     origin = points[triples[:, 0]] - first * u
-    others = [(3 - 3 * first, 0), (0, 1), (3, 1)]
+    inside = np.column_stack([origin + s * u + v for s in (1, 2)])
+    open_ = (field.nearest(inside, COLLINEAR * np.abs(u), triples[:, 1]) < 0).any(axis=1)
+    triples, origin, u, v = triples[open_], origin[open_], u[open_], v[open_]
+    others = [(3 - 3 * first, 0), (0, 1), (3, 1), (0, 2), (3, 2)]
     targets = np.column_stack([origin + s * u + t * v for s, t in others])
     found = field.nearest(targets, SQUARE * np.abs(u), triples[:, 1])
     hits = np.full((len(triples), len(RIM)), -1)
     hits[:, [_rim_index(first + n, 0) for n in range(3)]] = triples
     hits[:, [_rim_index(s, t) for s, t in others]] = found
-    return hits[(found >= 0).sum(axis=1) >= 2]
+    off_side = (found[:, 1:] >= 0).any(axis=1)
+    enough: Indices = hits[off_side & ((found >= 0).sum(axis=1) >= 2)]
+    return enough
 
 
 def _normalised(field: _Field, hits: Indices) -> tuple[Complex, Complex, Array]:
@@ -156,33 +195,48 @@ def _projective(field: _Field, hits: Indices) -> Array:
     back = np.zeros_like(local)
     back[:, 0, 0] = back[:, 1, 1] = spread[:, 0]
     back[:, 0, 2], back[:, 1, 2], back[:, 2, 2] = mean[:, 0].real, mean[:, 0].imag, 1
-    return back @ local @ np.array([[1, 0, -1.5], [0, 1, -1.5], [0, 0, 1]])
+    maps: Array = back @ local @ np.array([[1, 0, -1.5], [0, 1, -1.5], [0, 0, 1]])
+    return maps
 
 
-def _gather(field: _Field, hits: Indices, maps: Array, reach: float) -> tuple[Indices, Array]:
-    """The hits nearest to mapped lattices, `reach` in steps, of those that keep enough; and their steps."""
-    q = maps @ np.column_stack([RIM, np.ones(len(RIM))]).T
-    predicted = (q[:, 0] + 1j * q[:, 1]) / q[:, 2]
+def _mapped(maps: Array, lattice: Array) -> Complex:
+    """Where maps put lattice points, (n, m)."""
+    q = maps @ np.column_stack([lattice, np.ones(len(lattice))]).T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        out: Complex = (q[:, 0] + 1j * q[:, 1]).astype(np.complex128) / q[:, 2]
+    return out
+
+
+def _gather(field: _Field, hits: Indices, maps: Array, reach: float) -> Indices:
+    """The hits nearest to mapped lattices, `reach` in steps, of those that keep enough and are empty inside."""
+    predicted, inner = _mapped(maps, RIM), _mapped(maps, INSIDE)
     step = np.abs(predicted[:, 3] - predicted[:, 0]) / 3
     like = np.take_along_axis(hits, np.argmax(hits >= 0, axis=1)[:, None], 1)[:, 0]
-    good = (step > MIN_STEP / 2) & (step < 2 * MAX_STEP) & np.isfinite(predicted).all(axis=1)
-    found = field.nearest(predicted[good], reach * step[good], like[good])
-    keep = (found >= 0).sum(axis=1) >= MIN_HITS
-    return found[keep], step[good][keep]
+    good = (
+        (step > MIN_STEP / 2)
+        & (step < 2 * MAX_STEP)
+        & np.isfinite(predicted).all(axis=1)
+        & np.isfinite(inner).all(axis=1)
+    )
+    predicted, inner, step, like = predicted[good], inner[good], step[good], like[good]
+    lattice = (field.nearest(inner, PROJECTIVE * step, like) >= 0).sum(axis=1) >= MOST_INSIDE
+    predicted, step, like = predicted[~lattice], step[~lattice], like[~lattice]
+    found = field.nearest(predicted, reach * step, like)
+    enough: Indices = found[(found >= 0).sum(axis=1) >= MIN_HITS]
+    return enough
 
 
-def _distinct(hits: Indices) -> Indices:
-    """One of each set of saddles, those with the most hits first, at most MOST."""
+def _distinct(field: _Field, hits: Indices) -> Indices:
+    """One of each set of saddles, those with the most hits and the strongest first, at most MOST."""
     _, first = np.unique(np.sort(hits, axis=1), axis=0, return_index=True)
     hits = hits[first]
-    return hits[np.argsort(-(hits >= 0).sum(axis=1), kind="stable")[:MOST]]
+    count = (hits >= 0).sum(axis=1)
+    strengths = np.where(hits >= 0, np.log2(field.saddles.strengths)[hits], 0).sum(axis=1) / np.maximum(count, 1)
+    return hits[np.argsort(-count - HITS_PER_OCTAVE * strengths, kind="stable")[:MOST]]
 
 
-def find_layouts(saddles: Saddles) -> Array:
-    """Homographies from cells to pixels of the sets of saddles that lie like a chart's x-corners, (n, 3, 3).
-
-    Those with the most hits come first. A square's eight symmetries leave the x-corners in place: which of them
-    applies is not known here.
+def find_layouts(saddles: Saddles) -> Layouts:
+    """The sets of saddles that lie like a chart's x-corners, those with the most hits first.
 
     Parameters
     ----------
@@ -190,12 +244,10 @@ def find_layouts(saddles: Saddles) -> Array:
         Of one level of the pyramid, where the lattice step is MIN_STEP to MAX_STEP pixels.
     """
     if len(saddles.points) < MIN_HITS:
-        return np.zeros((0, 3, 3))
+        return Layouts(np.zeros((0, 3, 3)), np.zeros((0, len(RIM)), dtype=np.bool_))
     field = _Field(saddles, cKDTree(np.column_stack([saddles.points.real, saddles.points.imag])))
     triples = _triples(field)
     hits = np.concatenate([_sides(field, triples, side, first) for side in (1, -1) for first in (0, 1)])
-    hits, _ = _gather(field, hits, _affine(field, hits), AFFINE)
-    hits = _distinct(hits)
-    hits, _ = _gather(field, hits, _projective(field, hits), PROJECTIVE)
-    hits = _distinct(hits)
-    return _projective(field, hits) @ H_LATTICE_CELLS
+    hits = _distinct(field, _gather(field, hits, _affine(field, hits), AFFINE))
+    hits = _distinct(field, _gather(field, hits, _projective(field, hits), PROJECTIVE))
+    return Layouts(_projective(field, hits) @ H_LATTICE_CELLS, hits >= 0)

@@ -12,28 +12,42 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import cKDTree
 
-SCALE = 1.1
+SCALE = 1.25
 """Standard deviation of the Gaussian whose second derivatives are taken, in pixels of the level."""
 KERNEL_RADIUS = 4
 SEPARATION = 1
 """Saddles closer than this (Chebyshev, pixels of the level) are one."""
 ISOTROPY = 0.9
 """Greatest mean curvature of a saddle, relative to its curvature difference: 0 for an ideal x-corner, 1 for an edge."""
-ABOVE_NOISE = 1.5
-"""Least strength, in median strengths of the saddles of the quiet fifth of the picture, which are noise."""
-RUN = 64
-"""Neighbouring saddles whose median strength tells a quiet place from a busy one."""
-RING_RADIUS = 1.8
+ABOVE_NOISE = 4.0
+"""Least strength of a saddle, in root mean squares of the strength that the noise has."""
+HIGH_PASS = np.outer([1, -2, 1], [1, -2, 1]).astype(np.float32)
+QUIET_TILE = 16
+QUIET = 0.01
+"""The quiet share of the places, of QUIET_TILE pixels square, where noise is measured."""
+RING_RADIUS = 2.0
 RING_SAMPLES = 8
-PURITY = 0.45
-"""Least share of the second harmonic in the variance around a saddle: 1 for an ideal x-corner, 2/7 for noise."""
-TILE = 64
+OFF_CENTRE = 0.8
+"""Share of the first harmonic that is excused: that of a ring whose centre is a fraction of a pixel off the saddle."""
+PURITY = 0.62
+"""Least share of the second harmonic in what remains of the variance around a saddle: 1 for an ideal x-corner."""
+RIVAL = 3.0
+"""Radius in which only the best of the saddles of like axis is kept: under half a block."""
+SAME_AXIS = np.cos(2 * np.deg2rad(11))
+"""Axes are alike when their angle is less than this: tilt and noise turn those of a chart by less."""
+TILE = 32
 """Side of the squares from which the strongest saddles are taken when there are too many."""
 MOST = 40_000
-"""Saddles kept in one picture: textures yield hundreds of thousands, a chart twelve."""
-STRIP_ROWS = 128
-"""Rows worked on at a time, so that the intermediate maps stay in the processor's cache."""
+MOST_PER_PIXEL = 0.025
+IMPURE = 4
+"""Saddles kept in one picture, and how many times as many before they are looked at closer: textures yield
+hundreds of thousands, a chart twelve."""
+STRIP_PIXELS = 200_000
+"""Pixels worked on at a time, so that the intermediate maps stay in the processor's cache."""
+NOISE_BANDS = 128
+"""Rows from one band in which noise is measured to the next."""
 Picture = npt.NDArray[np.float32]
 Complex = npt.NDArray[np.complex128]
 Indices = npt.NDArray[np.intp]
@@ -74,12 +88,20 @@ def _kernels() -> tuple[Picture, Picture, Picture]:
     return g.astype(np.float32), first.astype(np.float32), second.astype(np.float32)
 
 
-def _strip_saddles(strip: Picture) -> tuple[Indices, Picture, Picture]:
-    """Flat indices of the local maxima of saddle strength, with (Lxx - Lyy) / 2 and Lxy there."""
+@dataclass(frozen=True)
+class _Strip:
+    """Local maxima of saddle strength in a strip: flat indices, (Lxx - Lyy) / 2 and Lxy there."""
+
+    index: Indices
+    half: Picture
+    xy: Picture
+
+
+def _strip_saddles(strip: Picture, weakest: float) -> _Strip:
     g, d, dd = _kernels()
     xx = cv2.sepFilter2D(strip, cv2.CV_32F, dd, g)
     yy = cv2.sepFilter2D(strip, cv2.CV_32F, g, dd)
-    xy = cv2.sepFilter2D(strip, cv2.CV_32F, d, d)
+    xy = np.asarray(cv2.sepFilter2D(strip, cv2.CV_32F, d, d), dtype=np.float32)
     mean, half = (xx + yy) * np.float32(0.5), (xx - yy) * np.float32(0.5)
     squared = half * half + xy * xy
     mean *= mean
@@ -87,25 +109,44 @@ def _strip_saddles(strip: Picture) -> tuple[Indices, Picture, Picture]:
     size = 2 * SEPARATION + 1
     peaks = determinant >= cv2.dilate(determinant, np.ones((size, size), np.uint8))
     peaks &= mean < np.float32(ISOTROPY**2) * squared
+    peaks &= squared > np.float32(weakest**2)
     index = np.flatnonzero(peaks)
-    return index, half.ravel()[index], xy.ravel()[index]
+    return _Strip(index, half.ravel()[index], xy.ravel()[index])
 
 
-def _strips(image: Picture) -> Iterator[tuple[Indices, Picture, Picture]]:
-    """The saddles of a picture, strip by strip; indices are those of the whole, flattened."""
+def _strips(image: Picture, weakest: float) -> Iterator[_Strip]:
+    """The saddles of a picture stronger than the weakest, strip by strip; indices are those of the whole, flattened."""
     pad = KERNEL_RADIUS + SEPARATION
     rows, columns = image.shape
-    for top in range(0, rows, STRIP_ROWS):
-        first, last = max(top - pad, 0), min(top + STRIP_ROWS + pad, rows)
-        index, half, xy = _strip_saddles(image[first:last])
-        begin, end = np.searchsorted(index, [(top - first) * columns, (top - first + STRIP_ROWS) * columns])
-        yield index[begin:end] + first * columns, half[begin:end], xy[begin:end]
+    height = max(STRIP_PIXELS // columns, 4 * pad)
+    for top in range(0, rows, height):
+        first, last = max(top - pad, 0), min(top + height + pad, rows)
+        strip = _strip_saddles(image[first:last], weakest)
+        own = slice(*np.searchsorted(strip.index, [(top - first) * columns, (top - first + height) * columns]))
+        yield _Strip(strip.index[own] + first * columns, strip.half[own], strip.xy[own])
 
 
-def _noise_level(strengths: npt.NDArray[np.floating]) -> float:
-    """Median strength of the saddles in the quiet fifth of the picture; they come in its order."""
-    runs = strengths[: len(strengths) // RUN * RUN].reshape(-1, RUN)[:: 1 + len(strengths) // (4096 * RUN)]
-    return float(np.quantile(np.median(runs, axis=1), 0.2)) if len(runs) else 0.0
+def _noise(image: Picture) -> float:
+    """Standard deviation of white noise, from the highest frequencies in the quietest places.
+
+    Light and blurred texture have little at the highest frequencies. Bands of rows are enough, and clipped places,
+    without noise, are left out.
+    """
+    energies = []
+    for top in range(0, image.shape[0] - QUIET_TILE - 1, NOISE_BANDS):
+        band = cv2.filter2D(image[top : top + QUIET_TILE + 2], cv2.CV_32F, HIGH_PASS)[1:-1, 1:-1]
+        tiles = (max(band.shape[1] // QUIET_TILE, 1), 1)
+        energies.append(cv2.resize(band * band, tiles, interpolation=cv2.INTER_AREA).ravel())
+    energy = np.concatenate(energies) if energies else np.zeros(0)
+    energy = energy[energy > 1e-10 * energy.max(initial=0.0)]
+    return float(np.sqrt(np.quantile(energy, QUIET) / (HIGH_PASS**2).sum())) if len(energy) else 0.0
+
+
+def _noise_gain() -> float:
+    """Root mean square strength that white noise of unit standard deviation has."""
+    g, d, dd = (k.astype(np.float64) for k in _kernels())
+    half = (np.outer(dd, g) - np.outer(g, dd)) / 2
+    return float(np.sqrt((half**2).sum() + (np.outer(d, d) ** 2).sum()))
 
 
 def _purity(image: Picture, points: Complex) -> npt.NDArray[np.float64]:
@@ -118,22 +159,38 @@ def _purity(image: Picture, points: Complex) -> npt.NDArray[np.float64]:
         around = cv2.remap(image, ring.real.astype(np.float32), ring.imag.astype(np.float32), cv2.INTER_LINEAR,
                            borderMode=cv2.BORDER_REPLICATE)  # fmt: skip
         deviation = around - around.mean(axis=1, keepdims=True)
-        harmonic = np.abs(deviation @ turns.conj() ** 2) ** 2 * (2 / RING_SAMPLES)
-        purity[part] = harmonic / np.maximum((deviation**2).sum(axis=1), np.finfo(np.float32).tiny)
+        first, second = (np.abs(deviation @ turns.conj() ** n) ** 2 * (2 / RING_SAMPLES) for n in (1, 2))
+        rest = (deviation**2).sum(axis=1) - OFF_CENTRE * first
+        purity[part] = second / np.maximum(rest, np.finfo(np.float32).tiny)
     return purity
 
 
 def _best_of_tiles(points: Complex, merit: npt.NDArray[np.float64], most: int) -> Indices:
-    """Indices of the points of most merit, as many from every tile as make `most` in all if tiles are full."""
-    tiles = (points.imag // TILE).astype(np.int64) * (1 << 20) + (points.real // TILE).astype(np.int64)
-    order = np.lexsort((-merit, tiles))
-    starts = np.flatnonzero(np.r_[True, np.diff(tiles[order]) != 0])
-    rank = np.arange(len(order)) - np.repeat(starts, np.diff(np.r_[starts, len(order)]))
-    each = np.sort(rank)[most]
-    return order[rank <= each]
+    """Indices of the points of most merit, as many from every tile as make `most` in all."""
+    if len(points) <= most:
+        return np.arange(len(points))
+    columns = int(points.real.max() // TILE) + 1
+    tiles = points.imag // TILE * columns + points.real // TILE
+    order = np.argsort(tiles - merit / (1.001 * merit.max()))  # merit is the fraction, so one key sorts by both
+    starts = np.flatnonzero(np.diff(tiles[order], prepend=-1) != 0)
+    rank = np.arange(len(order)) - np.repeat(starts, np.diff(starts, append=len(order)))
+    each = np.partition(rank, most)[most]
+    chosen: Indices = order[rank <= each]
+    return chosen
 
 
-def find_saddles(image: Picture, *, most: int = MOST) -> Saddles:
+def _unrivalled(saddles: Saddles, merit: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+    """Which saddles have none of more merit and like axis within RIVAL pixels."""
+    tree = cKDTree(np.column_stack([saddles.points.real, saddles.points.imag]))
+    i, j = tree.query_pairs(RIVAL, output_type="ndarray").T
+    rivals = (saddles.axes[i] * saddles.axes[j].conj()).real > SAME_AXIS
+    i, j = i[rivals], j[rivals]
+    alone = np.ones(len(merit), dtype=np.bool_)
+    alone[np.where(merit[i] < merit[j], i, j)] = False
+    return alone
+
+
+def find_saddles(image: Picture) -> Saddles:
     """The saddle points of a picture that stand out of its noise and look like x-corners, in no order.
 
     A saddle of the Gaussian scale space: Lxx Lyy - Lxy^2 < 0 at a local extremum, with curvatures of nearly equal
@@ -143,19 +200,16 @@ def find_saddles(image: Picture, *, most: int = MOST) -> Saddles:
     ----------
     image : (rows, columns) float32
         Grey levels; any positive scale gives the same points.
-    most : int
-        About how many are kept.
     """
-    strips = list(_strips(image))
-    index, half, xy = (np.concatenate([strip[n] for strip in strips]) for n in range(3))
-    strengths = np.hypot(half, xy)
-    strong = np.flatnonzero(strengths > max(ABOVE_NOISE * _noise_level(strengths), 1e-5 * strengths.max(initial=0.0)))
-    points = index[strong] % image.shape[1] + 1j * (index[strong] // image.shape[1])
-    purity = _purity(image, points)
-    pure = purity > PURITY
-    points, strong, purity = points[pure], strong[pure], purity[pure]
-    if len(points) > most:
-        keep = _best_of_tiles(points, strengths[strong] * purity**2, most)
-        points, strong = points[keep], strong[keep]
-    z = half[strong] + 1j * xy[strong].astype(np.float64)
-    return Saddles(points, -z / np.abs(z), np.abs(z))
+    strips = list(_strips(image, ABOVE_NOISE * _noise_gain() * _noise(image)))
+    index, half, xy = (np.concatenate([getattr(s, name) for s in strips]) for name in ("index", "half", "xy"))
+    points = index % image.shape[1] + 1j * (index // image.shape[1])
+    z = half + 1j * xy.astype(np.float64)
+    found = Saddles(points, -z / np.abs(z), np.abs(z))
+    most = int(min(MOST, MOST_PER_PIXEL * image.size))
+    found = found.take(_best_of_tiles(found.points, found.strengths, IMPURE * most))
+    purity = _purity(image, found.points)
+    found, purity = found.take(purity > PURITY), purity[purity > PURITY]
+    keep = _best_of_tiles(found.points, found.strengths * purity**2, most)
+    found, purity = found.take(keep), purity[keep]
+    return found.take(_unrivalled(found, found.strengths * purity**2))

@@ -8,6 +8,9 @@ mean whose width comes from the photograph itself.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import numba
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +20,6 @@ import scipy.sparse
 from procedures.numerics.warps import inverse
 from procedures.pattern import BLOCK, CELLS
 from procedures.pattern_psf.registration import Registration
-from procedures.pattern_psf.solve import NormalEquations, Products, eliminate, solve
 
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
@@ -27,8 +29,52 @@ LINES = CELLS + 1
 """Lines between the cells along one axis, the noise region's rim included."""
 FINE = 4
 """Samples of the interpolated PSF per sample of the s grid."""
-USUAL_RMS = 0.02
-"""Root mean square offset to begin with, in cells: a 300 mm chart at 400 dots per inch."""
+LEAST_RMS = 0.001
+"""Narrowest prior of the offsets, in cells: a tenth of what any photograph can tell."""
+CORE = 0.03
+"""Samples of the PSF under this share of its peak are left out of the columns: the offsets are corrections."""
+
+
+@dataclass(frozen=True)
+class Edges:
+    """How the samples change with the offsets of the 514 lines of edges, in cells.
+
+    Attributes
+    ----------
+    C : (m, 514) sparse float32
+        From `edge_columns`.
+    CC : (514, 514) float64
+        C'C.
+    """
+
+    C: scipy.sparse.csr_array
+    CC: Array
+
+    @classmethod
+    def of(cls, columns: scipy.sparse.csr_array) -> Edges:
+        """From the columns."""
+        return cls(columns, (columns.T @ columns).toarray().astype(np.float64))
+
+    def widths(self, left: Array) -> tuple[float, float]:
+        """Root mean square tau of the offsets, in cells, and of the noise, from the residual without offsets (m,).
+
+        The residual's mean square is sigma^2 + tau^2 tr(C'C) / m, that of C'left sigma^2 tr(C'C) + tau^2 tr((C'C)^2).
+        What the PSF has already made of the offsets is small, and only makes tau smaller.
+        """
+        back, trace, m = self.C.T @ left, float(np.trace(self.CC)), len(left)
+        mean_square = float(left @ left) / m
+        square = (float(back @ back) - mean_square * trace) / (float(np.sum(self.CC**2)) - trace**2 / m)
+        rms = float(np.sqrt(max(square, LEAST_RMS**2)))
+        return rms, float(np.sqrt(max(mean_square - rms**2 * trace / m, 0.1 * mean_square)))
+
+    def estimator(self, rms: float, noise: float) -> Callable[[Array], Array]:
+        """What takes the residual without offsets (m,) to the most probable offsets (514,), in cells.
+
+        `rms` is the width of their prior, in cells, `noise` the standard deviation of the residual beside them.
+        """
+        ridge = (noise / rms) ** 2
+        factor = scipy.linalg.cho_factor(self.CC + ridge * np.eye(2 * LINES), lower=True, check_finite=False)
+        return lambda left: np.asarray(scipy.linalg.cho_solve(factor, self.C.T @ left, check_finite=False))
 
 
 def edge_columns(
@@ -62,7 +108,7 @@ def edge_columns(
     lower = np.ascontiguousarray((along_y[:-1] - along_y[1:]).T)
     pixels = inverse(J)
     fine = _interpolated(h) * np.float32(s * s * abs(np.linalg.det(pixels)))
-    reach = np.abs(J).sum(axis=1) * (h.shape[0] / 2 / s)
+    reach = np.abs(J).sum(axis=1) * (_core_radius(h) + 1) / s
     pieces = int(np.ceil(np.sqrt(abs(np.linalg.det(pixels))) / 0.5))
     scale = pixels * (s * FINE)
     parts = [
@@ -81,43 +127,10 @@ def _transposed(
     return np.ascontiguousarray(cells[:, ::-1]), steps, np.ascontiguousarray(fine.T), flipped, reach[::-1].copy()
 
 
-def eliminate_with_edges(
-    products: Products, A: Array32, Z: Array, r: Array, C: scipy.sparse.csr_array
-) -> tuple[NormalEquations, float]:
-    """Normal equations of h with the nuisance parameters and the edges' offsets eliminated, and the offsets' width.
-
-    The width of the prior is the one under which the offsets' own spread comes out (expectation-maximisation, once
-    from the usual width: it converges fast where the offsets are seen at all).
-
-    Parameters
-    ----------
-    products : Products
-        Of A, Z (m, p) and r (m,), rows over the noise.
-    C : (m, 514) sparse
-        From `edge_columns`.
-
-    Returns
-    -------
-    NormalEquations
-        Their nuisance parameters are the p of Z, then the 514 offsets in cells.
-    float
-        Root mean square of the offsets, in cells.
-    """
-    p = Z.shape[1]
-    CC = (C.T @ C).toarray().astype(np.float64)
-    CZ = (C.T @ Z).astype(np.float64)
-    AZ = np.hstack([products.AZ, (C.T @ A).T.astype(np.float64)])
-    Zr = np.concatenate([products.Zr, (C.T @ r).astype(np.float64)])
-    rms = USUAL_RMS
-    for last in (False, True):
-        prior = np.eye(2 * LINES) / rms**2
-        joint = Products(products.AA, AZ, np.block([[products.ZZ, CZ.T], [CZ, CC + prior]]), products.Ar, Zr)
-        equations = eliminate(joint)
-        if not last:
-            offsets = equations.nuisance(solve(equations.G, equations.b, "ls"))[p:]
-            spread = np.trace(scipy.linalg.inv(CC + prior))
-            rms = float(np.sqrt((offsets @ offsets + spread) / (2 * LINES)))
-    return equations, rms
+def _core_radius(h: Array) -> int:
+    """Samples from the centre, along either axis, beyond which the PSF stays under a share of its peak."""
+    rows, columns = np.nonzero(np.abs(h) > CORE * np.abs(h).max())
+    return int(max(np.abs(rows - len(h) // 2).max(), np.abs(columns - len(h) // 2).max()))
 
 
 def _interpolated(h: Array) -> Array32:
@@ -149,7 +162,7 @@ def _lines(
     m = len(cells)
     n = steps.shape[0]
     middle = fine.shape[0] // 2
-    last = fine.shape[0] - 1
+    last = fine.shape[0]
     width = 2 * int(np.ceil(reach[0])) + 1
     values = np.zeros((m, width), np.float32)
     first = np.empty(m, np.int32)
@@ -159,15 +172,15 @@ def _lines(
         i0, i1 = max(int(v - reach[1]), 0), min(int(v + reach[1]) + 1, n)
         first[p] = j0
         for j in range(j0, min(j0 + width, n + 1)):
+            # the line's points in samples of `fine`, rounded by the half that is added
+            x = scale[0, 0] * (u - j) + scale[0, 1] * (v - i0 - 0.5 / pieces) + middle + 0.5
+            y = scale[1, 0] * (u - j) + scale[1, 1] * (v - i0 - 0.5 / pieces) + middle + 0.5
             total = np.float32(0)
             for i in range(i0, i1):
-                if steps[i, j] == 0:
-                    continue
-                for t in range(pieces):
-                    du, dv = u - j, v - i - (t + 0.5) / pieces
-                    x = int(np.rint(scale[0, 0] * du + scale[0, 1] * dv)) + middle
-                    y = int(np.rint(scale[1, 0] * du + scale[1, 1] * dv)) + middle
-                    if x >= 0 and y >= 0 and x <= last and y <= last:
-                        total += steps[i, j] * fine[y, x]
+                for _ in range(pieces):
+                    if x >= 0 and y >= 0 and x < last and y < last:
+                        total += steps[i, j] * fine[int(y), int(x)]
+                    x -= scale[0, 1] / pieces
+                    y -= scale[1, 1] / pieces
             values[p, j - j0] = total * weight[p] / pieces
     return values, first

@@ -1,4 +1,4 @@
-"""Light on the chart: black and white levels over the plane, the noise of the pixels, the camera's response."""
+"""Light on the chart: black and white levels over the plane, the noise of the pixels, what is clipped."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procedures.pattern import BLACK_BLOCKS, BLOCK, WHITE_BLOCKS, block_corner
+from procedures.pattern import BLACK_BLOCKS, BLOCK, BLOCKS, CELLS, WHITE_BLOCKS
 from procedures.pattern_psf.registration import Registration, block_size_px
 
 Array = npt.NDArray[np.float64]
@@ -55,23 +55,25 @@ def quadratic(x: Array, y: Array) -> Array:
     return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
 
 
-def measure_light(samples: npt.NDArray[np.float32], registration: Registration) -> Light:
+def measure_light(samples: npt.NDArray[np.float32], registration: Registration, quantisation: float) -> Light:
     """Black and white levels as second-order polynomials of place, from the black and white blocks of the frame.
 
     Parameters
     ----------
     samples : (rows, columns) float32
         The plane.
+    quantisation : float
+        One digital number in the plane's units: rounding is the least noise there is.
 
     References
     ----------
     Delbracio, Muse, Almansa, IPOL 2012, section 4.4.
     """
-    black, variance_black, _ = _fit_blocks(samples, registration, BLACK_BLOCKS)
-    white, variance_white, whites = _fit_blocks(samples, registration, WHITE_BLOCKS)
-    levels = np.array([np.median(block) for block in whites])
-    # a step of quantisation is noise too: identical samples must not claim to be free of it
-    floor = 1e-12
+    points, block = _block_pixels(registration, samples.shape)
+    black, variance_black, _ = _fit_blocks(samples, registration, points, block, BLACK_BLOCKS)
+    white, variance_white, whites = _fit_blocks(samples, registration, points, block, WHITE_BLOCKS)
+    levels = np.array([np.median(value) for value in whites if len(value)])
+    floor = quantisation**2 / 12
     return Light(
         black,
         white,
@@ -82,20 +84,40 @@ def measure_light(samples: npt.NDArray[np.float32], registration: Registration) 
     )
 
 
-def _fit_blocks(
-    samples: npt.NDArray[np.float32], registration: Registration, blocks: tuple[tuple[int, int], ...]
-) -> tuple[Array, float, list[Array]]:
-    """Quadratic through the blocks' inner pixels, their variance about a plane per block, and their values."""
+def _block_pixels(
+    registration: Registration, shape: tuple[int, ...]
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Pixels (x, y) inside the chart's blocks, clear of their rims, and the blocks they lie in (column, row)."""
+    low, high = -float(BLOCK), float(CELLS + BLOCK)
+    rim = registration.to_sensor(np.array([[low, low], [high, low], [high, high], [low, high]]))
+    limit = np.array(shape[::-1]) - 1
+    first = np.clip(np.floor(rim.min(axis=0)), 0, limit).astype(np.int64)
+    last = np.clip(np.ceil(rim.max(axis=0)), 0, limit).astype(np.int64)
+    x, y = np.meshgrid(np.arange(first[0], last[0] + 1), np.arange(first[1], last[1] + 1))
+    points = np.column_stack([x.ravel(), y.ravel()])
+    blocks, place = np.divmod(registration.to_pattern(points.astype(np.float64)) + BLOCK, BLOCK)
     margin = BLOCK * min(0.3, 2.0 / block_size_px(registration))
+    clear = ((place >= margin) & (place <= BLOCK - margin) & (blocks >= 0) & (blocks < BLOCKS)).all(axis=1)
+    return points[clear], blocks[clear].astype(np.int64)
+
+
+def _fit_blocks(
+    samples: npt.NDArray[np.float32],
+    registration: Registration,
+    points: npt.NDArray[np.int64],
+    block: npt.NDArray[np.int64],
+    wanted: tuple[tuple[int, int], ...],
+) -> tuple[Array, float, list[Array]]:
+    """Quadratic through the wanted blocks' pixels, their variance about a plane per block, and their values."""
     designs, values, square, freedom = [], [], 0.0, 0
-    for column, row in blocks:
-        points = _pixels_in_square(registration, np.array(block_corner(column, row)) + margin, BLOCK - 2 * margin)
-        inside = ((points >= 0) & (points < np.array(samples.shape)[::-1])).all(axis=1)
-        points = points[inside]
-        value = samples[points[:, 1], points[:, 0]].astype(np.float64)
-        design = quadratic(*((points - registration.centre) / registration.radius).T)
+    number = block[:, 0] + BLOCKS * block[:, 1]
+    for column, row in wanted:
+        inside = points[number == column + BLOCKS * row]
+        value = samples[inside[:, 1], inside[:, 0]].astype(np.float64)
+        design = quadratic(*((inside - registration.centre) / registration.radius).T)
         if len(value) > 6:
-            left = value - design[:, :3] @ np.linalg.lstsq(design[:, :3], value, rcond=None)[0]
+            plane = design[:, :3]
+            left = value - plane @ np.linalg.solve(plane.T @ plane, plane.T @ value)
             square += float(left @ left)
             freedom += len(value) - 3
         designs.append(design)
@@ -118,45 +140,3 @@ def _robust_fit(designs: list[Array], values: list[Array]) -> Array:
     return np.asarray(
         np.linalg.lstsq(np.vstack([designs[i] for i in kept]), np.concatenate([values[i] for i in kept]), rcond=None)[0]
     )
-
-
-def _pixels_in_square(registration: Registration, corner: Array, side: float) -> npt.NDArray[np.int64]:
-    """Pixels (x, y) of the plane that lie inside a square of the chart, given its top left corner and side in cells."""
-    rim = corner + side * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
-    polygon = registration.to_sensor(rim)
-    low, high = np.ceil(polygon.min(axis=0)).astype(int), np.floor(polygon.max(axis=0)).astype(int)
-    x, y = np.meshgrid(np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1))
-    points = np.column_stack([x.ravel(), y.ravel()])
-    cells = registration.to_pattern(points.astype(np.float64))
-    return np.asarray(points[((cells >= corner) & (cells <= corner + side)).all(axis=1)])
-
-
-def response_curvature(level: Array, mean_of_cells: float) -> float:
-    """Curvature beta of the response m -> m + beta (m^2 - m) that explains the noise region's mean.
-
-    Parameters
-    ----------
-    level : (m,) float64
-        Samples of the noise region, black 0, white 1.
-    mean_of_cells : float
-        Share of white cells: what the mean would be through a linear camera, since the PSF sums to one.
-
-    Raises
-    ------
-    ValueError
-        If the samples are binary: no curvature can be seen in them.
-
-    Notes
-    -----
-    The paper corrects the photograph, u -> alpha u^2 + (1 - alpha) u with alpha = (1/2 - mean u) / mean(u^2 - u);
-    here the parabola acts on the prediction, so that the noise stays as the sensor made it. To first order
-    beta = -alpha.
-
-    References
-    ----------
-    Delbracio, Muse, Almansa, IPOL 2012, section 4.5.
-    """
-    bend = float(np.mean(level**2 - level))
-    if abs(bend) < 1e-9:
-        raise ValueError("the response needs samples between black and white; got a binary image")
-    return (float(level.mean()) - mean_of_cells) / bend

@@ -3,12 +3,13 @@
 The marks give a map good to a few tenths of a pixel when the chart is tilted or the lens distorts; sixty-five
 thousand cells give it to a few thousandths. Every Gauss-Newton step linearises
 
-    y = m + sum a_i q_i + sum b_i q_i m + beta (m^2 - m) + delta o,   m = A h + sum(h)/2,
+    y = A h + sum a_i q_i + sum b_i q_i m + beta (m^2 - m) + delta o + tau v,   m = A h + sum(h)/2,
 
-about the current map, PSF and light, with y the sample between the black and white levels, q_i the quadratics of
-place, o the cells' outlines seen through the PSF, and eliminates everything but h (variable projection, Kaufman's
-form). delta is the spread of the ink, in cells: the printer makes black cells larger than white ones, which
-darkens the noise region just as a curved response would; only the picture of the outlines tells the two apart.
+about the current map, PSF and light, with y the sample between the black and white levels, A the chart of values
+-1/2 and 1/2 (a_0 holds the mean), q_i the quadratics of place, o the cells' outlines seen through the PSF, v the chart
+seen through the PSF's far tail, and eliminates everything but h (variable projection, Kaufman's form). delta is the
+spread of the ink, in cells: the printer makes black cells larger than white ones, which darkens the noise region just
+as a curved response would; only the picture of the outlines tells the two apart.
 """
 
 from __future__ import annotations
@@ -18,55 +19,29 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics.warps import cubic_monomials
-from procedures.pattern import CELLS, Chart
+from procedures.numerics.normal_equations import NormalEquations, eliminate, gram, products
+from procedures.numerics.sampled_convolution import convolve_at, sample_convolution
+from procedures.numerics.solvers import cholesky_solve
+from procedures.numerics.warps import displacement_columns
+from procedures.pattern import Chart
 from procedures.pattern_psf.centre import mark_offset
-from procedures.pattern_psf.printed_edges import edge_columns, eliminate_with_edges
-from procedures.pattern_psf.radiometry import Light, quadratic, response_curvature
+from procedures.pattern_psf.observation import Observation
+from procedures.pattern_psf.printed_edges import Edges, edge_columns
 from procedures.pattern_psf.rasterise import Raster, Window, band_limited_chart, whole_chart
 from procedures.pattern_psf.registration import Registration, map_distance
-from procedures.pattern_psf.solve import (
-    NormalEquations,
-    convolve_at,
-    eliminate,
-    gram,
-    products,
-    sample_convolution,
-    solve,
-)
+from procedures.pattern_psf.tail import tail_border, tail_column
 
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
 
 GEOMETRY = 18  # nuisance columns of the displacement: nine cubics each for x and y
-RESPONSE, SPREAD = 11, 12  # places of beta and delta among the light's numbers
-MAX_STEPS = 6
+RESPONSE, SPREAD, TAIL = 11, 12, 13  # places of beta, delta and tau among the light's numbers
+LOST = 0.1  # agreement by the marks' map under which these are other cells, or none can be seen
 PRINT_TELLS = 1.06  # residual over noise from which the printed edges are worth estimating
+COARSE_STEPS, FINE_STEPS, SWEEPS = 4, 4, 2
+COARSE_SAMPLES = 9  # samples per PSF value that the coarse steps make do with
 NEAR_PX = 0.15  # below this a step's system is that of the answer, to the noise
 STILL_PX = 0.015  # the step itself is accounted for to first order: what is left of it is a hundredth
-
-
-@dataclass(frozen=True)
-class Observation:
-    """The samples used: where they lie, and their value between black (0) and white (1).
-
-    Attributes
-    ----------
-    rows, columns : (m,) int64
-        Pixels, relative to the window.
-    points : (m, 2) float64
-        The same as (x, y) of the plane.
-    y : (m,) float64
-        Samples, black 0, white 1.
-    weight : (m,) float64
-        One over the noise of y.
-    """
-
-    rows: npt.NDArray[np.int64]
-    columns: npt.NDArray[np.int64]
-    points: Array
-    y: Array
-    weight: Array
 
 
 @dataclass(frozen=True)
@@ -78,20 +53,17 @@ class Fit:
     registration : Registration
     h : (k^2,) float64
         The PSF, not yet normalised: its sum is the contrast's correction.
-    light : (13,) float64
-        a (6), b without its constant (5), beta, delta.
+    light : (14,) float64
+        a (6), b without its constant (5), beta, delta, tau.
+    observation : Observation
+    prediction : (m,) float64
+        The model at the samples.
+    equations : NormalEquations
+        Of the last step, for unit noise.
     edges : (514,) or (0,) float64
         Offsets of the printed edges, in cells: vertical lines, then horizontal ones; empty where they do not tell.
     edge_rms : float
         Their root mean square, in cells.
-    observation : Observation
-    equations : NormalEquations
-        Of the last step, for unit noise.
-    AA : (k^2, k^2) float64
-        Gram matrix of the last system built afresh.
-    prediction : (m,) float64
-        The model at the samples.
-    steps : int
     still : bool
         Whether the map came to rest.
     """
@@ -99,14 +71,12 @@ class Fit:
     registration: Registration
     h: Array
     light: Array
-    edges: Array
-    edge_rms: float
     observation: Observation
-    equations: NormalEquations
-    AA: Array
     prediction: Array
-    steps: int
-    still: bool
+    equations: NormalEquations
+    edges: Array
+    edge_rms: float = 0.0
+    still: bool = False
 
     @property
     def residual(self) -> Array:
@@ -116,7 +86,7 @@ class Fit:
     @property
     def freedom(self) -> int:
         """Samples minus parameters; the edges' count by half, as the prior holds them."""
-        return len(self.observation.y) - len(self.h) - GEOMETRY - len(self.light) - len(self.edges) // 2
+        return len(self.observation) - len(self.h) - GEOMETRY - len(self.light) - len(self.edges) // 2
 
     @property
     def residual_std(self) -> float:
@@ -124,56 +94,62 @@ class Fit:
         return float(np.sqrt(self.residual @ self.residual / self.freedom))
 
     @property
-    def contrast(self) -> float:
-        """Contrast of the cells over that of the blocks: under 1 by what the PSF spreads beyond its support."""
-        place = quadratic(*((self.observation.points - self.registration.centre) / self.registration.radius).T)
-        return float(self.h.sum() + (place[:, 1:] @ self.light[6:11]).mean())
+    def agreement(self) -> float:
+        """Share of the samples' variance that the prediction explains, freedoms allowed for."""
+        left = self.observation.y - self.prediction
+        return 1 - float(left @ left) / self.freedom / float(np.var(self.observation.y))
+
+    @property
+    def cut(self) -> float:
+        """Share of the PSF's energy outside its support, by the tail's amplitude."""
+        outside = float(self.light[TAIL])
+        return outside / (float(self.h.sum()) + outside)
 
 
-def noise_window(registration: Registration, shape: tuple[int, ...]) -> Window:
-    """The pixels that can lie in the noise region, inside the plane."""
-    rim = registration.to_sensor(np.array([[0.0, 0.0], [CELLS, 0.0], [CELLS, CELLS], [0.0, CELLS]]))
-    limit = np.array(shape[::-1]) - 1
-    low = np.clip(np.floor(rim.min(axis=0)), 0, limit).astype(int)
-    high = np.clip(np.ceil(rim.max(axis=0)), 0, limit).astype(int)
-    return Window(int(low[0]), int(low[1]), int(high[0] - low[0] + 1), int(high[1] - low[1] + 1))
+@dataclass(frozen=True)
+class _Model:
+    """The chart as it can be seen: what does not change while the map is refined."""
 
+    chart: Array32
+    raster: Raster
+    window: Window
+    k: int
 
-def observe(
-    samples: Array32, registration: Registration, light: Light, window: Window, *, margin_px: float = 0.0
-) -> Observation:
-    """The samples of the noise region, scaled between black and white, with their weights.
+    def read(self, registration: Registration, border: int) -> Array32:
+        """The chart on the s grid of the window, with a border."""
+        return self.raster.read(registration, self.window, border)
 
-    Parameters
-    ----------
-    margin_px : float
-        Pixels nearer than this to the region's rim are left out: the PSF's radius, when marks are hidden and what
-        lies beyond the rim is not known.
-    """
-    x, y = np.meshgrid(np.arange(window.columns), np.arange(window.rows))
-    columns, rows = x.ravel(), y.ravel()
-    points = np.column_stack([columns + window.x, rows + window.y]).astype(np.float64)
-    cells = registration.to_pattern(points)
-    margin = margin_px * np.abs(registration.jacobian()).sum(axis=1).max()
-    inside = ((cells >= margin) & (cells <= CELLS - margin)).all(axis=1)
-    rows, columns, points = rows[inside], columns[inside], points[inside]
-    place = quadratic(*((points - registration.centre) / registration.radius).T)
-    contrast = place @ (light.white - light.black)
-    value = (window.cut(samples)[rows, columns] - place @ light.black) / contrast
-    weight = contrast / np.sqrt(light.variance_at(value))
-    return Observation(rows, columns, points, value, weight)
+    def system(self, o: Observation, u: Array32) -> Array32:
+        """The weighted convolution matrix, for the chart `u` with a border of the support's or more."""
+        extra = (u.shape[0] - (self.raster.s * (self.window.rows - 1) + self.k)) // 2
+        inner = u[extra : len(u) - extra, extra : u.shape[1] - extra]
+        weight = o.weight.astype(np.float32)
+        return np.asarray(sample_convolution(inner, o.rows, o.columns, weight, self.raster.s, self.k))
+
+    def far(self, fit: Fit, u: Array32) -> Array:
+        """What is no part of h: the outlines seen through the PSF, the chart `u` seen through the tail, (m, 2)."""
+        o, s = fit.observation, self.raster.s
+        outline = self.raster.read_outline(fit.registration, self.window, self.k // 2)
+        h = fit.h.reshape(self.k, self.k).astype(np.float32)
+        spread = convolve_at(outline, o.rows, o.columns, h, s)
+        return np.column_stack([spread, tail_column(u, o.rows, o.columns, s, self.k)])
+
+    def edges(self, fit: Fit) -> Edges:
+        """How the samples change with the printed edges."""
+        o, h = fit.observation, fit.h.reshape(self.k, self.k)
+        return Edges.of(edge_columns(self.chart, fit.registration, o.points, h, self.raster.s, o.weight))
 
 
 def without_outliers(fit: Fit, limit: float = 6.0) -> Observation:
     """The observation without the samples that no noise explains: specks, scratches, a wire before the chart."""
     scale = 1.4826 * np.median(np.abs(fit.residual))
-    kept = np.abs(fit.residual) < limit * scale
-    o = fit.observation
-    return Observation(o.rows[kept], o.columns[kept], o.points[kept], o.y[kept], o.weight[kept])
+    return fit.observation.where(np.abs(fit.residual) < limit * scale)
 
 
 def refine(observation: Observation, chart: Chart, registration: Registration, window: Window, s: int, k: int) -> Fit:
     """The joint estimate of PSF, map and light, from the marks' map on; of the printed edges where they tell.
+
+    Some of the samples bring the map near, all of them bring it to rest.
 
     Parameters
     ----------
@@ -185,110 +161,107 @@ def refine(observation: Observation, chart: Chart, registration: Registration, w
     s, k : int
         Samples per pixel, and their number along the PSF's side.
     """
-    raster = band_limited_chart(chart, registration, s)
-    fit = _first_fit(observation, raster, registration, window, k)
-    moved = np.inf
-    for step in range(1, MAX_STEPS + 1):
-        # far from rest the first step's Gram matrix serves; at rest the system must be the map's own
-        fresh = moved < NEAR_PX or step == MAX_STEPS
-        last, fit = fit, _step(_centred(fit, s, k), raster, window, k, fresh=fresh)
-        moved = map_distance(last.registration, fit.registration, observation.points[::29])
-        if fresh and moved < STILL_PX:
-            break
-    if fit.residual_std > PRINT_TELLS:
-        fit = _step(_centred(fit, s, k), raster, window, k, fresh=True, chart=whole_chart(chart))
-    return replace(fit, steps=step, still=bool(moved < 10 * STILL_PX))
-
-
-def _system(o: Observation, raster: Raster, registration: Registration, window: Window, k: int) -> Array32:
-    """The weighted convolution matrix for a map."""
-    u = raster.read(registration, window, k // 2)
-    return np.asarray(sample_convolution(u, o.rows, o.columns, o.weight.astype(np.float32), raster.s, k))
-
-
-def _first_fit(o: Observation, raster: Raster, registration: Registration, window: Window, k: int) -> Fit:
-    """The PSF by the marks' map, the light's quadratics free, the response from the region's mean."""
-    A = _system(o, raster, registration, window, k)
-    light = np.zeros(13)
-    light[RESPONSE] = response_curvature(o.y, 0.5)
-    place = quadratic(*((o.points - registration.centre) / registration.radius).T)
+    model = _Model(whole_chart(chart), band_limited_chart(chart, registration, s), window, k)
+    stride = max(2, len(observation) // (COARSE_SAMPLES * k * k))
+    enough = len(observation) // stride >= COARSE_SAMPLES * k * k
+    coarse = observation.where(slice(None, None, stride)) if enough else observation
+    A = model.system(coarse, model.read(registration, k // 2))
     AA = gram(A)
-    equations = eliminate(products(AA, A, place * o.weight[:, None], o.y * o.weight))
-    h = solve(equations.G, equations.b, "ls")
-    return Fit(registration, h, light, np.zeros(0), 0.0, o, equations, AA, np.zeros_like(o.y), 0, False)
+    fit = _first_fit(coarse, A, AA, registration)
+    if fit.agreement < LOST:
+        return fit
+    for step in range(COARSE_STEPS):
+        if step > 0:
+            fit = _centred(fit, model)
+            A = model.system(coarse, model.read(fit.registration, k // 2))
+            AA = gram(A)
+        last, fit = fit, _coarse_step(fit, model, A, AA)
+        if map_distance(last.registration, fit.registration, coarse.points[::29]) < NEAR_PX:
+            break
+    fit = replace(fit, observation=observation)
+    for _ in range(FINE_STEPS):
+        start = _centred(fit, model)
+        fit = _fine_step(start, model)
+        moved = map_distance(start.registration, fit.registration, coarse.points[::29])
+        if moved < STILL_PX:
+            break
+    return replace(fit, still=bool(moved < 10 * STILL_PX))
 
 
-def _centred(fit: Fit, s: int, k: int) -> Fit:
+def _first_fit(o: Observation, A: Array32, AA: Array, registration: Registration) -> Fit:
+    """The PSF by the marks' map with the light's quadratics free."""
+    equations = eliminate(products(AA, A, o.quadratics * o.weight[:, None], o.y * o.weight))
+    h = cholesky_solve(equations.G, equations.b)
+    light = np.zeros(14)
+    light[:6] = equations.nuisance(h)
+    prediction = (A @ h.astype(np.float32)) / o.weight + o.quadratics @ light[:6]
+    return Fit(registration, h, light, o, prediction, equations, np.zeros(0))
+
+
+def _centred(fit: Fit, model: _Model) -> Fit:
     """The same fit with the map shifted to where the marks are seen through its PSF; the next step moves the PSF."""
-    offset = mark_offset(fit.h.reshape(k, k), s, fit.registration.jacobian())
-    return replace(fit, registration=fit.registration.translated(-offset))
-
-
-def _step(fit: Fit, raster: Raster, window: Window, k: int, *, fresh: bool, chart: Array32 | None = None) -> Fit:
-    """One Gauss-Newton step: a new system for the current map, increments of everything.
-
-    With a chart, the offsets of its printed edges are among what is estimated.
-    """
-    o, registration = fit.observation, fit.registration
-    A = _system(o, raster, registration, window, k)
-    AA = gram(A) if fresh else fit.AA
-    Z, prediction = _linearised(fit, A, raster, window, k)
-    r, Zw, n = (o.y - prediction) * o.weight, Z * o.weight[:, None], Z.shape[1]
-    parts = products(AA, A, Zw, r)
-    if chart is None:
-        equations, rms = eliminate(parts), 0.0
-    else:
-        C = edge_columns(chart, registration, o.points, fit.h.reshape(k, k), raster.s, o.weight)
-        equations, rms = eliminate_with_edges(parts, A, Zw, r, C)
-    dh = solve(equations.G, equations.b, "ls")
-    t = equations.nuisance(dh)
-    change = (A @ dh.astype(np.float32)) / o.weight + dh.sum() / 2 + Z @ t[:n]
-    if chart is not None:
-        change += (C @ t[n:]) / o.weight
+    h = fit.h.reshape(model.k, model.k)
     return replace(
-        fit,
-        registration=_displaced(registration, t[:GEOMETRY].reshape(2, 9), o),
-        h=fit.h + dh,
-        light=fit.light + t[GEOMETRY:n],
-        edges=t[n:],
-        edge_rms=rms,
-        equations=equations,
-        AA=AA,
-        prediction=prediction + change,
+        fit, registration=fit.registration.translated(-mark_offset(h, model.raster.s, fit.registration.jacobian()))
     )
 
 
-def _linearised(fit: Fit, A: Array32, raster: Raster, window: Window, k: int) -> tuple[Array, Array]:
-    """Nuisance columns (m, 31) of geometry, light, response and spread, and the current prediction (m,)."""
-    o, registration = fit.observation, fit.registration
-    m = (A @ fit.h.astype(np.float32)).astype(np.float64) / o.weight + fit.h.sum() / 2
-    place = quadratic(*((o.points - registration.centre) / registration.radius).T)
-    outline = raster.read_outline(registration, window, k // 2)
-    spread = convolve_at(outline, o.rows, o.columns, fit.h.reshape(k, k).astype(np.float32), raster.s)
-    geometry = _geometry_columns(A, fit.h, o, registration, raster.s, k)
-    Z = np.column_stack([geometry, place, place[:, 1:] * m[:, None], m * m - m, spread])
-    return Z, m + Z[:, GEOMETRY:] @ fit.light
+def _coarse_step(fit: Fit, model: _Model, A: Array32, AA: Array) -> Fit:
+    """A Gauss-Newton step of geometry, light and response by the map's system A, with its Gram matrix."""
+    start, Z = _linearised(fit, A, model, np.zeros((len(fit.observation), 0)))
+    return _advanced(start, A, Z, eliminate(products(AA, A, Z * fit.observation.weight[:, None], start.residual)))
 
 
-def _geometry_columns(A: Array32, h: Array, o: Observation, registration: Registration, s: int, k: int) -> Array:
-    """Change of the prediction with the displacement's coefficients, (m, 18): cubic monomials times its gradient.
+def _fine_step(fit: Fit, model: _Model) -> Fit:
+    """A Gauss-Newton step of everything; with the printed edges where it leaves more than noise."""
+    u = model.read(fit.registration, tail_border(model.k))
+    A = model.system(fit.observation, u)
+    start, Z = _linearised(fit, A, model, model.far(fit, u))
+    weighted = Z * fit.observation.weight[:, None]
+    parts = products(gram(A), A, weighted, start.residual)
+    found = _advanced(start, A, Z, eliminate(parts))
+    if found.residual_std < PRINT_TELLS:
+        return found
+    edges = model.edges(fit)
+    rms, noise = edges.widths(found.residual)
+    estimator, moved = edges.estimator(rms, noise), np.zeros(len(found.residual))
+    for _ in range(SWEEPS):  # edges and PSF have little in common: the sweeps close in by a factor of ten each
+        offsets = estimator(found.residual + moved)
+        moved = edges.C @ offsets
+        shifted = replace(start, prediction=start.prediction + moved / start.observation.weight)
+        found = _advanced(shifted, A, Z, eliminate(parts.with_right_side(A, weighted, shifted.residual)))
+    return replace(found, edges=offsets, edge_rms=rms)
 
-    The monomials lose their mean, so that the columns move no centre.
-    """
+
+def _advanced(start: Fit, A: Array32, Z: Array, equations: NormalEquations) -> Fit:
+    """The fit with the increments that solve the equations, and the prediction they make, to first order."""
+    o, n = start.observation, Z.shape[1]
+    dh = cholesky_solve(equations.G, equations.b)
+    t = equations.nuisance(dh)
+    light = start.light.copy()
+    light[: n - GEOMETRY] += t[GEOMETRY:]
+    return replace(
+        start,
+        registration=start.registration.displaced(t[:GEOMETRY].reshape(2, 9), o.cubics),
+        h=start.h + dh,
+        light=light,
+        prediction=start.prediction + (A @ dh.astype(np.float32)) / o.weight + Z @ t,
+        equations=equations,
+    )
+
+
+def _linearised(fit: Fit, A: Array32, model: _Model, far: Array) -> tuple[Fit, Array]:
+    """The fit with its prediction by the system A, and the columns of geometry, light, response and `far`."""
+    o, k = fit.observation, model.k
+    seen = (A @ fit.h.astype(np.float32)).astype(np.float64) / o.weight
+    m = (seen + fit.h.sum() / 2)[:, None]
+    geometry = _geometry_columns(A, fit.h, o, model.raster.s, k)
+    Z = np.hstack([geometry, o.quadratics, o.quadratics[:, 1:] * m, m * m - m, far])
+    return replace(fit, prediction=seen + Z[:, GEOMETRY:] @ fit.light[: Z.shape[1] - GEOMETRY]), Z
+
+
+def _geometry_columns(A: Array32, h: Array, o: Observation, s: int, k: int) -> Array:
+    """Change of the prediction with the displacement's coefficients, (m, 18)."""
     slope_y, slope_x = np.gradient(h.reshape(k, k))
     slopes = A @ np.column_stack([slope_x.ravel(), slope_y.ravel()]).astype(np.float32)
-    gradient = slopes.astype(np.float64) * (s / o.weight)[:, None]
-    monomials = _monomials(o, registration)
-    monomials -= monomials.mean(axis=0)
-    return np.hstack([monomials * gradient[:, :1], monomials * gradient[:, 1:]])
-
-
-def _monomials(o: Observation, registration: Registration) -> Array:
-    """The displacement's cubic monomials at the samples, (m, 9)."""
-    return cubic_monomials(*((o.points - registration.centre) / registration.radius).T)
-
-
-def _displaced(registration: Registration, change: Array, o: Observation) -> Registration:
-    """The map with its displacement's coefficients (2, 9) changed, its mean over the samples left where it was."""
-    drift = change @ _monomials(o, registration).mean(axis=0)
-    return replace(registration, displacement=registration.displacement + change).translated(-drift)
+    return displacement_columns(slopes.astype(np.float64) * (s / o.weight)[:, None], o.cubics)

@@ -2,67 +2,34 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics.warps import apply_homography, cubic_monomials, fit_homography, homography_jacobian, inverse
+from procedures.numerics.warps import CubicWarp, apply_homography, fit_homography, inverse
 from procedures.pattern import BLOCK, CELLS, X_CORNERS
 
 Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Registration:
-    """Where every pixel of the plane lies on the chart: cells = H(p + d(p)), d a cubic polynomial without constant.
+class Registration(CubicWarp):
+    """Where every pixel of the plane lies on the chart: pixels (x, y) -> cells (x, y); the marks fix its constant."""
 
-    The constant is absent because a translation of the map is the same as a shift of the PSF: the marks fix it.
-
-    Attributes
-    ----------
-    H_pattern_sensor : (3, 3) float64
-        Homography, pixels (x, y) of the plane -> cells (x, y).
-    centre : (2,) float64, radius : float
-        The polynomial's argument is (p - centre) / radius.
-    displacement : (2, 9) float64
-        Coefficients of d in pixels, for x and y, in the order of `warps.CUBIC_EXPONENTS`.
-    """
-
-    H_pattern_sensor: Array
-    centre: Array
-    radius: float
-    displacement: Array
+    @property
+    def H_pattern_sensor(self) -> Array:
+        """The homography (3, 3), pixels (x, y) of the plane -> cells (x, y)."""
+        return self.H
 
     def to_pattern(self, points: Array) -> Array:
         """Cells (x, y) at points (n, 2) of the plane."""
-        return apply_homography(self.H_pattern_sensor, points + self.displacement_at(points))
-
-    def displacement_at(self, points: Array) -> Array:
-        """The displacement d (n, 2), in pixels, at points (n, 2) of the plane."""
-        if not self.displacement.any():
-            return np.zeros_like(points)
-        x, y = ((points - self.centre) / self.radius).T
-        return np.asarray(cubic_monomials(x, y) @ self.displacement.T)
+        return self.forward(points)
 
     def to_sensor(self, cells: Array) -> Array:
-        """Points (n, 2) of the plane at which cells (n, 2) are seen: the inverse map, by fixed-point steps."""
-        ideal = apply_homography(inverse(self.H_pattern_sensor), cells)
-        points = ideal
-        for _ in range(8):  # d changes by under a hundredth per pixel: eight steps leave no trace
-            points = ideal - self.displacement_at(points)
-        return points
-
-    def jacobian(self) -> Array:
-        """Derivative (2, 2) of cells with respect to pixels at the centre of the noise region."""
-        return homography_jacobian(self.H_pattern_sensor, self.centre)
-
-    def translated(self, shift: Array) -> Registration:
-        """The map that sees at p what this one sees at p + shift (pixels), inside the polynomial too."""
-        T = np.eye(3)
-        T[:2, 2] = shift
-        return replace(self, H_pattern_sensor=self.H_pattern_sensor @ T)
+        """Points (n, 2) of the plane at which cells (n, 2) are seen."""
+        return self.backward(cells)
 
 
 def refine_corners(plane: npt.NDArray[np.float32], corners: Array, block_px: float) -> Array:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procedures.outcome import Verdict
+from procedures.outcome import Rule, Verdict, verdict_of
 from procedures.pattern_psf.radiometry import Light
 from procedures.pattern_psf.refine import RESPONSE, SPREAD, Fit
 from procedures.pattern_psf.registration import Registration, map_distance, mark_residuals
@@ -34,7 +34,7 @@ class Diagnostics:
     relative_uncertainty : float
         sqrt(trace of the covariance) over the norm of the PSF: the relative L2 error to expect.
     support_cut : float
-        Share of the PSF's energy outside its support: what the cells' contrast lacks against the blocks'.
+        Share of the PSF's energy outside its support, by the amplitude of a 1/r^3 tail.
     marks_offset_px, marks_rms_px : float
         Mean distance of the marks, as found, from where the fit sees them, and their scatter.
     moved_px : float
@@ -48,6 +48,8 @@ class Diagnostics:
         beta of the response m + beta (m^2 - m).
     ink_spread : float
         By how much the edges moved from black to white in print, in cells.
+    printed_edges_rms : float
+        Root mean square offset of the printed lines of edges, in cells; 0 where they were not estimated.
     s_over_t : float
         Sampling ratio: s times pixels per cell.
     """
@@ -68,6 +70,7 @@ class Diagnostics:
     noise: float
     response_curvature: float
     ink_spread: float
+    printed_edges_rms: float
     s_over_t: float
 
 
@@ -91,20 +94,16 @@ def diagnose(
     s : int
     """
     o = fit.observation
-    left = o.y - fit.prediction
-    freedom = fit.freedom
-    variance = float(np.var(o.y))
-    unexplained = float(left @ left) / freedom / variance
-    noise = float(np.mean(1 / o.weight**2)) / variance
+    noise = float(np.mean(1 / o.weight**2)) / float(np.var(o.y))
     marks = mark_residuals(fit.registration, corners)
     pixels_per_cell = 1 / np.sqrt(abs(np.linalg.det(fit.registration.jacobian())))
     return Diagnostics(
-        agreement=1 - unexplained,
-        unexplained=max(unexplained - noise, 0.0),
+        agreement=fit.agreement,
+        unexplained=max(1 - fit.agreement - noise, 0.0),
         residual_std=fit.residual_std,
         whiteness=_neighbour_correlation(fit),
         relative_uncertainty=float(np.sqrt(np.trace(psf.covariance)) / np.linalg.norm(psf.h)),
-        support_cut=1 - fit.contrast,
+        support_cut=fit.cut,
         marks_offset_px=float(np.linalg.norm(marks.mean(axis=0))),
         marks_rms_px=float(np.sqrt(np.mean(np.sum((marks - marks.mean(axis=0)) ** 2, axis=1)))),
         moved_px=map_distance(marks_map, fit.registration, fit.observation.points[::29]),
@@ -115,6 +114,7 @@ def diagnose(
         noise=float(np.sqrt(light.variance_white) / light.contrast),
         response_curvature=float(fit.light[RESPONSE]),
         ink_spread=-float(fit.light[SPREAD]),
+        printed_edges_rms=fit.edge_rms,
         s_over_t=float(s * pixels_per_cell),
     )
 
@@ -132,26 +132,9 @@ def _neighbour_correlation(fit: Fit) -> float:
     return max(lags, key=abs)
 
 
-@dataclass(frozen=True)
-class Rule:
-    """One line of the verdict: when it applies, what it then says, and what helps."""
-
-    verdict: Verdict
-    applies: bool
-    reason: str
-    remedy: str
-
-
 def judge(d: Diagnostics, fit: Fit) -> tuple[Verdict, str, str]:
     """Verdict, reason and remedy: the first refusal, else all doubts together."""
-    rules = _refusals(d) + _doubts(d, fit)
-    refused = [rule for rule in rules if rule.applies and rule.verdict is Verdict.REFUSED]
-    if refused:
-        return Verdict.REFUSED, refused[0].reason, refused[0].remedy
-    doubts = [rule for rule in rules if rule.applies]
-    if doubts:
-        return Verdict.DOUBTFUL, "; ".join(r.reason for r in doubts), "; ".join(r.remedy for r in doubts)
-    return Verdict.PASS, "", ""
+    return verdict_of(_refusals(d) + _doubts(d, fit))
 
 
 def _refusals(d: Diagnostics) -> list[Rule]:
@@ -208,6 +191,12 @@ def _doubts(d: Diagnostics, fit: Fit) -> list[Rule]:
             d.unexplained > 0.03,
             f"{d.unexplained:.1%} of the noise region is neither the chart nor noise",
             "lay the chart flat and light it evenly",
+        ),
+        Rule(
+            doubtful,
+            abs(d.whiteness) > 0.3,
+            f"what the fit leaves is not white: neighbouring pixels share {d.whiteness:.0%} of it",
+            "raise k, lay the chart flat, and keep reflections off it",
         ),
         Rule(
             doubtful,

@@ -28,6 +28,12 @@ def log_json_option(command: Callable[..., Any]) -> Callable[..., Any]:
     return option(command)
 
 
+def logs_json() -> bool:
+    """Whether the running command writes its lines as JSON objects."""
+    context = click.get_current_context(silent=True)
+    return context is not None and bool(context.meta.get(_LOG_JSON))
+
+
 def log(event: str, sentence: str, *, level: str = "info", remedy: str = "", **facts: Fact) -> None:
     """Write one line to stderr: the sentence, and what to do about it, or the event with its facts.
 
@@ -39,8 +45,7 @@ def log(event: str, sentence: str, *, level: str = "info", remedy: str = "", **f
     facts
         Values of the event; numbers that are not finite become null.
     """
-    context = click.get_current_context(silent=True)
-    if context is not None and context.meta.get(_LOG_JSON):
+    if logs_json():
         entry = {"ts": datetime.now(UTC).isoformat(timespec="milliseconds"), "level": level, "event": event}
         told = {"message": sentence, **({"remedy": remedy} if remedy else {})}
         click.echo(json.dumps({**entry, **told, **_finite(facts)}, allow_nan=False), err=True)

@@ -9,6 +9,7 @@ from station.cli.lazy import LazyGroup
 # name -> (module under station.cli, function, help line)
 PSF_COMMANDS = {
     "pattern": ("psf_pattern", "psf_pattern", "From one photograph of the noise chart."),
+    "two-photo": ("psf_two_photo", "psf_two_photo", "From two photographs of a wall at different distances."),
 }
 
 

@@ -2,53 +2,30 @@
 
 from __future__ import annotations
 
-import os
 import time
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.cli.errors import REFUSED
-from station.cli.log import log, log_json_option
+from station.cli.planes import OPTICS, finish, psf_options, read_planes, tell_each, write_result
 
 if TYPE_CHECKING:
-    from procedures.outcome import Outcome
-    from procedures.pattern import Chart
-    from procedures.pattern_psf.estimate import PatternParameters, PatternPsf
-    from procedures.quality import Diffraction
-    from procedures.raw import Exposure, Plane, RawFrame
-    from station.results import PlaneRecord
-
-WAVELENGTHS_NM = {"R": 600.0, "G": 530.0, "B": 460.0, "Y": 550.0}
-"""Where a plane of usual colour filters is most sensitive."""
-_LEVELS = {"pass": "info", "doubtful": "warning", "refused": "error"}
+    from procedures.pattern_print.source import Source
 
 
 @click.command("pattern")
 @click.argument("image", type=click.Path(path_type=Path))
 @click.option("--bits", type=click.Path(path_type=Path), help="The chart's 256 x 256 cells as a grey image.")
-@click.option("--seed", type=int, help="The seed of the chart.  [default: the station's own chart]")
-@click.option("-s", "s", type=int, default=4, show_default=True, help="PSF samples per pixel of the plane.")
-@click.option("-k", "k", type=int, default=17, show_default=True, help="PSF samples along one side, odd.")
-@click.option("--solver", type=click.Choice(["ls", "clip", "nnls"]), default="ls", show_default=True)
-@click.option("--pixel-pitch-um", type=click.FloatRange(min=0.1), help="The sensor's pitch, for the Strehl ratio.")
-@click.option("--f-number", type=click.FloatRange(min=0.1), help="The aperture.  [default: as the camera noted it]")
-@click.option("--wavelength-nm", type=click.FloatRange(min=100), help="[default: R 600, G 530, B 460, Y 550]")
-@click.option("--plane", help="R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]")
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
-@click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout too.")
-@log_json_option
+@click.option(
+    "--seed", type=click.IntRange(0, 2**63 - 1), help="The chart's seed; 1 if neither this nor --bits is given."
+)
+@psf_options(s=4, k=17, solver="ls")
 def psf_pattern(
     image: Path,
     bits: Path | None,
     seed: int | None,
-    pixel_pitch_um: float | None,
-    f_number: float | None,
-    wavelength_nm: float | None,
     plane: str | None,
     out: Path,
     as_json: bool,
@@ -59,127 +36,23 @@ def psf_pattern(
     if bits is not None and seed is not None:
         raise click.UsageError("the chart comes from --bits or from --seed; give one of them")
     from procedures.pattern_psf.estimate import PatternParameters
-    from station.results import ResultFolder, write_psf_result
+    from station.calibrate import calibrate, diffraction_limit
+    from station.results import ResultFolder
 
+    optics = {name: options.pop(name) for name in OPTICS}
     parameters = PatternParameters(**options)
     with ResultFolder(out) as folder:
-        chart, source = _chart(bits, seed)
-        frame = _frame(image, plane)
-        limit = partial(_diffraction, frame.exposure, pixel_pitch_um, f_number, wavelength_nm)
-        planes = _estimate(frame, chart, parameters, limit)
-        about = {
-            "procedure": "pattern",
-            "input": [{"path": str(image), "sha256": frame.sha256}],
-            "parameters": {**options, "chart": source},
-            "duration_s": round(time.perf_counter() - start, 3),
-        }
-        text = write_psf_result(folder, planes, about)
-    log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))
-    if as_json:
-        click.echo(text, nl=False)
-    if any(record.verdict == "refused" for record in planes):
-        raise click.exceptions.Exit(REFUSED)
+        source = _chart(bits, seed)
+        frame = read_planes(image, plane)
+        limit = partial(diffraction_limit, frame.exposure, **optics)
+        planes = tell_each(calibrate(frame, source.chart, parameters, limit))
+        given = {**options, "chart": source.origin, **{k: v for k, v in optics.items() if v is not None}}
+        text = write_result(folder, planes, "pattern", [frame], parameters=given, start=start)
+    finish(planes, text, as_json=as_json)
 
 
-def _chart(bits: Path | None, seed: int | None) -> tuple[Chart, dict[str, Any]]:
-    """The chart, and where it came from for the record."""
-    from procedures.outcome import BadInput
-    from procedures.pattern import DEFAULT_SEED, Chart
-    from procedures.raw import GREY_PLANE, read_frame
+def _chart(bits: Path | None, seed: int | None) -> Source:
+    from procedures.pattern import DEFAULT_SEED
+    from procedures.pattern_print.source import Source
 
-    if bits is None:
-        seed = DEFAULT_SEED if seed is None else seed
-        return Chart.from_seed(seed), {"seed": seed}
-    frame = read_frame(bits, [GREY_PLANE])
-    try:
-        return Chart.from_image(frame.planes[GREY_PLANE].samples), {"bits": str(bits), "sha256": frame.sha256}
-    except ValueError as error:
-        raise BadInput(f"{bits}: {error}", "give the 256 x 256 image the chart was printed from") from error
-
-
-def _frame(image: Path, plane: str | None) -> RawFrame:
-    from procedures.raw import default_plane, read_frame
-
-    chosen = plane or default_plane(image)
-    frame = read_frame(image, None if chosen == "all" else [chosen])
-    rows, columns = next(iter(frame.planes.values())).samples.shape
-    sentence = f"read {image}: {', '.join(frame.planes)}, {columns} x {rows} pixels a plane"
-    log("read", sentence, path=str(image), sha256=frame.sha256, planes=",".join(frame.planes))
-    return frame
-
-
-def _diffraction(
-    exposure: Exposure, pixel_pitch_um: float | None, f_number: float | None, wavelength_nm: float | None, plane: Plane
-) -> Diffraction | None:
-    """The plane's diffraction limit, where pitch and aperture are known."""
-    from procedures.quality import Diffraction
-
-    aperture = f_number or exposure.f_number
-    if pixel_pitch_um is None or not aperture:
-        return None
-    return Diffraction(aperture, pixel_pitch_um * plane.pitch, wavelength_nm or WAVELENGTHS_NM[plane.name[0]])
-
-
-def _estimate(
-    frame: RawFrame, chart: Chart, parameters: PatternParameters, limit: Callable[[Plane], Diffraction | None]
-) -> list[PlaneRecord]:
-    """A record of every plane, several at a time; one that is refused does not keep the others."""
-    from procedures.pattern_psf.estimate import estimate_psf
-
-    def estimate(plane: Plane) -> tuple[PlaneRecord, float]:
-        start = time.perf_counter()
-        outcome = estimate_psf(plane, chart, parameters, limit(plane))
-        return _record(plane.name, outcome), time.perf_counter() - start
-
-    records = []
-    with ThreadPoolExecutor(min(len(frame.planes), os.cpu_count() or 1)) as pool:
-        for record, duration_s in pool.map(estimate, frame.planes.values()):
-            _tell(record, duration_s)
-            records.append(record)
-    return records
-
-
-def _tell(record: PlaneRecord, duration_s: float) -> None:
-    verdict = str(record.verdict)
-    log(
-        "plane",
-        _sentence(record),
-        level=_LEVELS[verdict],
-        remedy=record.remedy,
-        plane=record.name,
-        verdict=verdict,
-        dur_ms=round(1000 * duration_s),
-    )
-
-
-def _record(name: str, outcome: Outcome[PatternPsf]) -> PlaneRecord:
-    from station.results import PlaneRecord
-
-    found = outcome.value
-    if found is None:
-        return PlaneRecord(name, outcome.verdict, outcome.reason, outcome.remedy)
-    return PlaneRecord(
-        name,
-        outcome.verdict,
-        outcome.reason,
-        outcome.remedy,
-        psf=found.psf,
-        mtf=found.quality,
-        numbers={number: getattr(found, number) for number in _NUMBERS},
-        quantities=found.quality.numbers,
-        diagnostics=found.diagnostics,
-    )
-
-
-_NUMBERS = ("gamma", "gamma_bound", "residual_std", "pixels_per_pattern", "s_over_t")
-
-
-def _sentence(record: PlaneRecord) -> str:
-    """What a person wants to know of a plane in one line."""
-    parts = [f"{record.name}: {record.verdict}"]
-    parts += [record.reason] if record.reason else []
-    for name in ("mtf50_horizontal", "mtf50_vertical"):
-        if name in record.quantities:
-            number = record.quantities[name]
-            parts.append(f"{name} {number.value:.4f} ± {number.uncertainty:.4f} {number.unit}")
-    return "; ".join(parts)
+    return Source.from_file(bits) if bits else Source.from_seed(DEFAULT_SEED if seed is None else seed)

@@ -102,3 +102,18 @@ def test_picture_shows_rows_downwards_and_columns_to_the_right(row, column):
 def test_picture_of_any_size_is_drawn(s, k):
     picture, _ = shown(psf_of(delta(k, k // 2, k // 2), s))
     assert min(picture.shape[:2]) >= 480
+
+
+def test_folders_inside_are_published_too_and_foreign_files_stay(tmp_path):
+    inner = tmp_path / "results" / "one"
+    inner.mkdir(parents=True)
+    for name in ("psf_R.npy", "notes.txt"):
+        (inner / name).write_text("older")
+    with ResultFolder(tmp_path) as folder:
+        with ResultFolder(folder.staging / "results" / "one") as part:
+            part.write("psf_B.npy", b"new")
+            part.publish()
+        folder.write("result.json", b"{}")
+        folder.publish()
+    assert sorted(path.name for path in inner.iterdir()) == ["notes.txt", "psf_B.npy"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["result.json", "results"]

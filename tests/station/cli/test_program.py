@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 HEAVY = ("numpy", "scipy", "cv2", "rawpy", "exifread", "numba", "rich", "reportlab", "jinja2", "procedures.raw")
@@ -36,6 +38,28 @@ def test_truncated_photograph_ends_with_one_sentence_and_exit_4(shared_data, tmp
     sentence, remedy = done.stderr.splitlines()
     assert "truncated or damaged" in sentence
     assert remedy.startswith("  what to do: copy it")
+
+
+def test_real_photograph_passes(shared_data, tmp_path):
+    folder = shared_data / "pattern_photo"
+    words = ("psf", "pattern", folder / "img_example.pgm", "--bits", folder / "pattern_noise.pgm", "--out", tmp_path)
+    done = station(*words, "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["planes"]["Y"]["verdict"] == "pass"
+    assert abs(np.load(tmp_path / "psf_Y.npy").sum() - 1) < 1e-12
+
+
+def test_photograph_without_a_chart_is_exit_5(shared_data, tmp_path):
+    done = station("psf", "pattern", shared_data / "edges" / "Test_edge1_mono.tif", "--out", tmp_path)
+    assert done.returncode == 5, done.stderr
+    assert "what to do: " in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["result.json"]
+
+
+def test_wrong_cells_are_exit_5(shared_data, tmp_path):
+    done = station("psf", "pattern", shared_data / "pattern_photo" / "img_example.pgm", "--seed", 3, "--out", tmp_path)
+    assert done.returncode == 5, done.stderr
+    assert "--bits" in done.stderr
 
 
 def test_unknown_command_is_usage():

@@ -43,7 +43,8 @@ def test_files_of_the_contract_are_written(run, estimator, photograph, bits, tmp
     assert np.load(out / "covariance_Y.npy", allow_pickle=False).shape == (289, 289)
     header, *rows = (out / "mtf_Y.csv").read_text().splitlines()
     assert header.startswith("frequency,horizontal,horizontal_uncertainty,vertical,vertical_uncertainty,radial,")
-    assert rows[1].startswith("0.25,0.6,0.01,")
+    assert rows[0].split(",")[:2] == ["0", "1"]
+    assert float(rows[-1].split(",")[0]) == 2  # s/2 cycles/pixel
 
 
 def test_record_follows_the_schema(run, estimator, photograph, bits, tmp_path):
@@ -54,7 +55,7 @@ def test_record_follows_the_schema(run, estimator, photograph, bits, tmp_path):
     sha256 = hashlib.sha256(photograph.read_bytes()).hexdigest()
     assert record["input"] == [{"path": str(photograph), "sha256": sha256}]
     assert record["parameters"].items() >= {"s": 4, "k": 17, "solver": "nnls"}.items()
-    assert record["parameters"]["chart"]["bits"] == str(bits)
+    assert hashlib.sha256(bits.read_bytes()).hexdigest() in record["parameters"]["chart"]
     plane = record["planes"]["Y"]
     assert (plane["verdict"], plane["reason"], plane["remedy"]) == ("pass", "", "")
     assert (plane["gamma"], plane["s_over_t"], plane["residual_std"]) == (0.5, 1.58, 1.02)
@@ -66,7 +67,7 @@ def test_record_follows_the_schema(run, estimator, photograph, bits, tmp_path):
 def test_numbers_that_are_not_finite_are_null(run, estimator, photograph, tmp_path):
     done = run("psf", "pattern", photograph, "--out", tmp_path, "--json")
     plane = json.loads(done.stdout, parse_constant=pytest.fail)["planes"]["Y"]
-    assert (plane["fwhm"]["value"], plane["fwhm"]["uncertainty"]) == (None, None)
+    assert (plane["unknown"]["value"], plane["unknown"]["uncertainty"]) == (None, None)
     assert plane["diagnostics"]["whiteness"] is None
 
 
@@ -93,19 +94,39 @@ def test_planes_of_a_raw_file(run, estimator, raw_file, tmp_path, words, planes)
     assert names_in(tmp_path) == files_of(*planes.split())
 
 
-def test_parameters_chart_and_exposure_reach_the_estimator(run, estimator, raw_file, bits, tmp_path):
+def test_parameters_and_chart_reach_the_estimator(run, estimator, raw_file, bits, tmp_path):
     run("psf", "pattern", raw_file, "--bits", bits, "-s", 3, "-k", 13, "--solver", "clip", "--out", tmp_path)
-    ((_, chart, parameters, exposure),) = estimator.asked
+    ((_, chart, parameters, _),) = estimator.asked
     assert (parameters.s, parameters.k, parameters.solver) == (3, 13, "clip")
     assert chart.cells.mean() == pytest.approx(0.5, abs=0.01)
-    assert exposure.camera == "Canon EOS Kiss X4"
+
+
+def test_diffraction_limit_is_that_of_the_plane(run, estimator, shared_data, tmp_path):
+    # the camera noted f/6.2; a plane's pixels are two of the sensor's apart
+    raw_file = shared_data / "raw" / "RAW_KODAK_DC50.KDC"
+    run("psf", "pattern", raw_file, "--plane", "all", "--pixel-pitch-um", 5, "--out", tmp_path)
+    limits = {asked[0].name: asked[3] for asked in estimator.asked}
+    assert {name: limit.wavelength_nm for name, limit in limits.items()} == {"R": 600, "G1": 530, "G2": 530, "B": 460}
+    assert (limits["B"].f_number, limits["B"].pixel_pitch_um) == (6.2, 10)
+
+
+def test_without_a_pitch_no_diffraction_limit_is_assumed(run, estimator, photograph, tmp_path):
+    run("psf", "pattern", photograph, "--f-number", 8, "--out", tmp_path)
+    assert estimator.asked[0][3] is None
+
+
+def test_given_optics_are_recorded(run, estimator, photograph, tmp_path):
+    words = ("--pixel-pitch-um", 5.7, "--f-number", 8, "--wavelength-nm", 546)
+    run("psf", "pattern", photograph, *words, "--out", tmp_path)
+    parameters = json.loads((tmp_path / "result.json").read_text())["parameters"]
+    assert parameters.items() >= {"pixel_pitch_um": 5.7, "f_number": 8.0, "wavelength_nm": 546.0}.items()
 
 
 @pytest.mark.parametrize(("words", "seed"), [([], 1), (["--seed", 7], 7), (["--seed", 0], 0)])
 def test_chart_comes_from_its_seed(run, estimator, photograph, tmp_path, words, seed):
     run("psf", "pattern", photograph, "--out", tmp_path, *words)
     np.testing.assert_array_equal(estimator.asked[0][1].cells, Chart.from_seed(seed).cells)
-    assert json.loads((tmp_path / "result.json").read_text())["parameters"]["chart"] == {"seed": seed}
+    assert json.loads((tmp_path / "result.json").read_text())["parameters"]["chart"] == f"seed {seed}"
 
 
 def test_refused_plane_does_not_stop_the_others(run, estimator, raw_file, tmp_path, refused):
@@ -151,7 +172,9 @@ def test_older_result_stays_whole_when_the_new_photograph_cannot_be_read(run, es
     ("words", "sentence"),
     [
         (["--plane", "G9"], "has the planes Y; got 'G9'"),
-        (["-s", "1"], "s is at least 2; got 1"),
+        (["-s", "1"], "s of 2 or more; got s = 1"),
+        (["-k", "16"], "odd number k of samples, so that it has a centre; got k = 16"),
+        (["-k", "1"], "got k = 1"),
         (["-s", "four"], "not a valid integer"),
         (["--solver", "magic"], "'magic' is not one of"),
         (["--seed", "3", "--bits", "x.pgm"], "give one of them"),

@@ -1,0 +1,91 @@
+"""What can go wrong on a wire: each error says what was required, what came, and what to do.
+
+One small family; every name is a situation an operator meets, not a layer of the program.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+
+class DeviceError(Exception):
+    """A device cannot do what was asked: what happened (`reason`) and what to do (`remedy`)."""
+
+    exit_code = 3
+
+    def __init__(self, reason: str, remedy: str) -> None:
+        super().__init__(f"{reason}; {remedy}")
+        self.reason = reason
+        self.remedy = remedy
+
+
+class NotConnected(DeviceError):
+    """Every device that did not answer, gathered, so that one walk to the bench mends them all."""
+
+    def __init__(self, failures: Mapping[str, DeviceError]) -> None:
+        self.failures = dict(failures)
+        listed = "; ".join(f"{name}: {error.reason}" for name, error in failures.items())
+        remedies = "; ".join(f"{name}: {error.remedy}" for name, error in failures.items())
+        super().__init__(f"{len(self.failures)} devices are not connected ({listed})", remedies)
+
+
+class BadConfiguration(DeviceError):
+    """The configuration or the argument cannot be meant for this device."""
+
+    exit_code = 2
+
+
+class NoAnswer(DeviceError):
+    """The deadline passed without the reply."""
+
+
+class LineLost(DeviceError):
+    """The port is closed, unplugged, or owned by another program."""
+
+
+class Rejected(DeviceError):
+    """The device understood and said no."""
+
+    def __init__(self, reason: str, remedy: str, code: str = "") -> None:
+        super().__init__(reason, remedy)
+        self.code = code
+
+
+class Alarm(Rejected):
+    """The device stopped itself and is locked; its position may be lost."""
+
+
+class WasReset(DeviceError):
+    """The device restarted in mid-run; its position is lost."""
+
+
+class NotHomed(DeviceError):
+    """A move before homing, or after the position was lost."""
+
+
+class OutsideTravel(DeviceError):
+    """A target beyond the travel of an axis."""
+
+
+class MoveFailed(DeviceError):
+    """The axis is still, but not where it was sent: stopped, stalled, or a command was garbled."""
+
+
+class EmergencyStopped(DeviceError):
+    """An emergency stop ended this; nothing moves until the stage is homed again."""
+
+
+class FrameMissing(DeviceError):
+    """The exposure was made, but no complete RAW file came in time."""
+
+
+class FrameWrong(DeviceError):
+    """A file came, but it is not the exposure that was asked for."""
+
+
+class NoReading(DeviceError):
+    """The instrument answered that it cannot measure now."""
+
+    def __init__(self, reason: str, remedy: str, code: int = -1) -> None:
+        super().__init__(reason, remedy)
+        self.code = code

@@ -1,0 +1,102 @@
+/* STRIG/1 on a bare ATmega328P at 16 MHz, without the Arduino core: shutter on PD2, focus on PD3, hot shoe on PD4
+ * against ground. Build: avr-gcc -mmcu=atmega328p -Os -I../strig main.c ../strig/strig.c -o strig.elf */
+#include <avr/interrupt.h>
+#include <avr/io.h>
+#include <avr/sleep.h>
+
+#include "strig.h"
+
+#define SHUTTER _BV(PD2)
+#define FOCUS _BV(PD3)
+#define HOT_SHOE _BV(PD4)
+#define RING 128 /* a power of two */
+
+const char board_name[] = "atmega328p";
+const char board_serial[] = "1";
+
+static volatile uint8_t heard[RING], heard_in, heard_out;
+static volatile uint8_t said[RING], said_in, said_out;
+static volatile uint32_t turns; /* of timer 1, 32.768 ms each */
+
+ISR(TIMER1_OVF_vect) { turns++; }
+EMPTY_INTERRUPT(TIMER2_COMPA_vect) /* only to wake the main loop, every 128 us */
+
+ISR(USART_RX_vect)
+{
+    uint8_t byte = UDR0;
+    if ((uint8_t)(heard_in - heard_out) < RING)
+        heard[heard_in++ % RING] = byte;
+}
+
+ISR(USART_UDRE_vect)
+{
+    if (said_in == said_out)
+        UCSR0B &= (uint8_t)~_BV(UDRIE0);
+    else
+        UDR0 = said[said_out++ % RING];
+}
+
+uint64_t board_now_us(void)
+{
+    uint8_t before = SREG;
+    cli();
+    uint16_t half_us = TCNT1;
+    uint32_t high = turns;
+    if ((TIFR1 & _BV(TOV1)) && half_us < 0x8000) /* it has just turned over, and the interrupt waits for us */
+        high++;
+    SREG = before;
+    return (((uint64_t)high << 16) | half_us) / 2;
+}
+
+void board_send(const char *text)
+{
+    for (; *text; text++) {
+        while ((uint8_t)(said_in - said_out) >= RING)
+            ;
+        said[said_in % RING] = (uint8_t)*text;
+        said_in++;
+        UCSR0B |= _BV(UDRIE0);
+    }
+}
+
+void board_shutter(bool closed)
+{
+    if (closed)
+        PORTD |= SHUTTER;
+    else
+        PORTD &= (uint8_t)~SHUTTER;
+}
+
+void board_focus(bool closed)
+{
+    if (closed)
+        PORTD |= FOCUS;
+    else
+        PORTD &= (uint8_t)~FOCUS;
+}
+
+bool board_flash(void) { return !(PIND & HOT_SHOE); }
+
+int main(void)
+{
+    DDRD = SHUTTER | FOCUS;
+    PORTD = HOT_SHOE;                             /* pull-up */
+    UBRR0 = 16;                                   /* 115200 baud, 2.1 % fast */
+    UCSR0A = _BV(U2X0);
+    UCSR0C = _BV(UCSZ01) | _BV(UCSZ00);
+    UCSR0B = _BV(RXEN0) | _BV(TXEN0) | _BV(RXCIE0);
+    TCCR1B = _BV(CS11);                           /* 2 MHz */
+    TIMSK1 = _BV(TOIE1);
+    TCCR2A = _BV(WGM21);
+    TCCR2B = _BV(CS22);                           /* 250 kHz, compare every 32 */
+    OCR2A = 31;
+    TIMSK2 = _BV(OCIE2A);
+    sei();
+    strig_begin();
+    for (;;) {
+        while (heard_in != heard_out)
+            strig_byte((char)heard[heard_out++ % RING]);
+        strig_poll();
+        sleep_mode();
+    }
+}

@@ -1,0 +1,209 @@
+/* STRIG/1, see ../STRIG1.md. */
+#include "strig.h"
+
+#include <string.h>
+
+#define LONGEST 63
+#define LONGEST_MS 3600000UL
+#define WATCHDOG_US 5000000ULL
+
+enum phase { IDLE, DELAY, FOCUS, CLOSED };
+
+static char line[LONGEST + 2];
+static uint8_t length;
+static uint32_t seq;
+static enum phase phase;
+static uint32_t shot;           /* number of the shot that runs */
+static uint64_t focus_at_us;    /* when its contacts move */
+static uint64_t close_at_us;
+static uint64_t release_at_us;
+static uint64_t heard_us;       /* last byte from the host */
+static bool flash_before;
+
+/* A number in decimal. One 64-bit division splits it; the rest is done in 32 bits, which small cores are quicker at. */
+static void send_number(uint64_t number)
+{
+    uint32_t high = (uint32_t)(number / 1000000000ULL);
+    uint32_t low = (uint32_t)(number % 1000000000ULL);
+    char text[21];
+    char *at = text + sizeof text - 1;
+    *at = '\0';
+    for (uint8_t i = 0; i < 9 && (high || low || i == 0); i++, low /= 10)
+        *--at = (char)('0' + low % 10);
+    for (; high; high /= 10)
+        *--at = (char)('0' + high % 10);
+    board_send(at);
+}
+
+static void send_event(const char *kind, uint32_t number, uint64_t t_us)
+{
+    board_send("EVT ");
+    board_send(kind);
+    board_send(" ");
+    if (number) {
+        send_number(number);
+        board_send(" ");
+    }
+    send_number(t_us);
+    board_send("\n");
+}
+
+static void greet(void)
+{
+    board_send("STRIG/1 ");
+    board_send(board_name);
+    board_send(" " STRIG_FIRMWARE " ");
+    board_send(board_serial);
+    board_send("\n");
+}
+
+static void accept(void)
+{
+    seq++;
+    board_send("OK ");
+    send_number(seq);
+    board_send("\n");
+}
+
+static void end_shot(const char *kind)
+{
+    board_shutter(false);
+    board_focus(false);
+    if (phase != IDLE) {
+        uint64_t now_us = board_now_us();
+        phase = IDLE;
+        send_event(kind, shot, now_us);
+    }
+}
+
+/* Up to `most` numbers after the command, each preceded by one space; how many there were, or -1. */
+static int8_t read_numbers(const char *at, uint32_t *numbers, uint8_t most)
+{
+    uint8_t count = 0;
+    while (*at == ' ') {
+        uint32_t value = 0;
+        uint8_t digits = 0;
+        for (at++; *at >= '0' && *at <= '9' && digits < 8; at++, digits++)
+            value = value * 10 + (uint32_t)(*at - '0');
+        if (digits == 0 || value > LONGEST_MS || count == most)
+            return -1;
+        numbers[count++] = value;
+    }
+    return *at ? -1 : (int8_t)count;
+}
+
+static void start_shot(uint32_t delay_ms, uint32_t focus_ms, uint32_t pulse_ms)
+{
+    accept();
+    shot = seq;
+    focus_at_us = board_now_us() + 1000ULL * delay_ms;
+    close_at_us = focus_at_us + 1000ULL * focus_ms;
+    release_at_us = close_at_us + 1000ULL * pulse_ms;
+    phase = DELAY;
+    strig_poll();
+}
+
+static bool begins(const char *word)
+{
+    size_t n = strlen(word);
+    return strncmp(line, word, n) == 0 && (line[n] == ' ' || line[n] == '\0');
+}
+
+static void act(void)
+{
+    uint32_t n[3] = {0, 0, 0};
+    int8_t count;
+    if (begins("FOCUS")) {
+        count = read_numbers(line + 5, n, 1);
+        if (count == 1 && n[0] <= 1) {
+            board_focus(n[0] == 1);
+            accept();
+            return;
+        }
+    } else if (begins("SHOT")) {
+        count = read_numbers(line + 4, n, 3);
+        if (count >= 2 && n[1] > 0) {
+            start_shot(n[2], n[0], n[1]);
+            return;
+        }
+    } else {
+        count = read_numbers(line + 4, n, 1);
+        if (count == 1 && n[0] > 0) {
+            start_shot(0, 0, n[0]);
+            return;
+        }
+    }
+    board_send("ERR 2 bad argument\n");
+}
+
+static void obey(uint64_t arrived_us)
+{
+    if (strcmp(line, "ID?") == 0) {
+        greet();
+    } else if (strcmp(line, "SYNC?") == 0) {
+        board_send("SYNC ");
+        send_number(arrived_us);
+        board_send("\n");
+    } else if (strcmp(line, "ABORT") == 0) {
+        accept();
+        end_shot("ABORT");
+    } else if (!begins("FOCUS") && !begins("SHOT") && !begins("BULB")) {
+        board_send("ERR 1 unknown command\n");
+    } else if (phase != IDLE) {
+        board_send("ERR 3 busy\n");
+    } else {
+        act();
+    }
+}
+
+void strig_begin(void)
+{
+    length = 0;
+    seq = 0;
+    phase = IDLE;
+    flash_before = false;
+    heard_us = board_now_us();
+    board_shutter(false);
+    board_focus(false);
+    greet();
+}
+
+void strig_byte(char byte)
+{
+    heard_us = board_now_us();
+    if (byte == '\r')
+        return;
+    if (byte != '\n') {
+        if (length <= LONGEST)
+            line[length++] = byte;
+        return;
+    }
+    line[length] = '\0';
+    if (length > LONGEST)
+        board_send("ERR 2 bad argument\n");
+    else if (length > 0)
+        obey(heard_us);
+    length = 0;
+}
+
+void strig_poll(void)
+{
+    uint64_t now_us = board_now_us();
+    bool flash = board_flash();
+    if (flash && !flash_before)
+        send_event("FLASH", 0, now_us);
+    flash_before = flash;
+    if (phase == DELAY && now_us >= focus_at_us) {
+        board_focus(close_at_us > focus_at_us);
+        phase = FOCUS;
+    }
+    if (phase == FOCUS && now_us >= close_at_us) {
+        board_shutter(true);
+        phase = CLOSED;
+        send_event("SHUTTER", shot, now_us);
+    } else if (phase == CLOSED && now_us >= release_at_us) {
+        end_shot("DONE");
+    } else if (phase == CLOSED && now_us - heard_us >= WATCHDOG_US) {
+        end_shot("WATCHDOG");
+    }
+}

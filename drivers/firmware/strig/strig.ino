@@ -1,0 +1,43 @@
+// STRIG/1 on an Arduino or a Pico (Arduino core): focus contact on pin 3, shutter contact on pin 2, both active high
+// into opto-couplers; hot shoe on pin 4 against ground.
+#include "strig.h"
+
+const int SHUTTER = 2, FOCUS = 3, HOT_SHOE = 4;
+
+#if defined(ARDUINO_ARCH_RP2040)
+const char board_name[] = "pico";
+#else
+const char board_name[] = "arduino";
+#endif
+const char board_serial[] = "1"; // give each box its own
+
+extern "C" uint64_t board_now_us(void)
+{
+    static uint32_t before = 0, turns = 0;
+    uint32_t now = micros();
+    if (now < before)
+        turns++; // micros() wraps every 71 minutes; it is asked far more often
+    before = now;
+    return ((uint64_t)turns << 32) | now;
+}
+
+extern "C" void board_send(const char *text) { Serial.print(text); }
+extern "C" void board_shutter(bool closed) { digitalWrite(SHUTTER, closed ? HIGH : LOW); }
+extern "C" void board_focus(bool closed) { digitalWrite(FOCUS, closed ? HIGH : LOW); }
+extern "C" bool board_flash(void) { return digitalRead(HOT_SHOE) == LOW; }
+
+void setup()
+{
+    pinMode(SHUTTER, OUTPUT);
+    pinMode(FOCUS, OUTPUT);
+    pinMode(HOT_SHOE, INPUT_PULLUP);
+    Serial.begin(115200);
+    strig_begin();
+}
+
+void loop()
+{
+    while (Serial.available() > 0)
+        strig_byte((char)Serial.read());
+    strig_poll();
+}

@@ -1,0 +1,187 @@
+"""Any tethered body whose software drops RAW files into a folder, fired by a shutter box.
+
+A file counts when its size and time have rested, it decodes, and it was hashed without changing meanwhile; what does
+not decode yet is looked at again, as it may still grow.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from drivers.clock import Clock, SystemClock
+from drivers.errors import DeviceError, FrameMissing, FrameWrong, LineLost
+from drivers.frames import Facts, Inspect, check_settings, is_raw, sha256_of
+from drivers.interfaces import CameraSettings, Condition, Exposure, Identity, Shutter, ShutterTimes
+
+Stamp = tuple[int, int]  # size, modification time in ns
+
+
+@dataclass(frozen=True)
+class Tether:
+    """How the body and its software behave: contact time, rest before a file counts, longest wait after the exposure.
+
+    `bulb`: the contact is held for the whole exposure.
+    """
+
+    pulse_s: float = 0.1
+    focus_s: float = 0.0
+    bulb: bool = False
+    rest_s: float = 0.5
+    patience_s: float = 20.0
+    poll_s: float = 0.1
+
+
+@dataclass
+class Candidate:
+    """A file that may become the frame: what it looked like, since when, and why it did not count yet."""
+
+    stamp: Stamp
+    since_s: float
+    why: str = "it still grows"
+
+
+class FolderCamera:
+    """A Camera whose frames come through a folder."""
+
+    def __init__(
+        self,
+        folder: Path,
+        shutter: Shutter,
+        inspect: Inspect,
+        *,
+        tether: Tether | None = None,
+        clock: Clock | None = None,
+    ) -> None:
+        self.clock = clock or SystemClock()
+        self.tether = tether or Tether()
+        self.settings = CameraSettings()
+        self._folder = folder
+        self._shutter = shutter
+        self._inspect = inspect
+        self._known: dict[Path, Stamp] = {}
+        self._hashes: set[str] = set()
+        self._doubt_until_s = -float("inf")
+        self._connected = False
+
+    @property
+    def address(self) -> str:
+        """The folder."""
+        return str(self._folder)
+
+    def connect(self) -> Identity:
+        """Look at what lies in the folder already; the shutter is connected by whoever owns it. Raises LineLost."""
+        if not self._folder.is_dir():
+            raise LineLost(f"there is no folder {self._folder}", "create it, and let the tethering software save there")
+        self._known = self._look()
+        self._connected = True
+        return Identity("folder camera", "", "", self.address)
+
+    def close(self) -> None:
+        """Forget the folder."""
+        self._connected = False
+
+    def condition(self) -> Condition:
+        """Whether the folder is there."""
+        if not self._connected:
+            return Condition("not connected", False, "connect it")
+        if not self._folder.is_dir():
+            return Condition("the folder is gone", False, "create it again")
+        return Condition(f"{len(self._hashes)} frames")
+
+    def configure(self, settings: CameraSettings) -> None:
+        """Expect these settings in the files: this body is set by hand."""
+        self.settings = settings
+
+    def expose(self) -> Exposure:
+        """Fire once and return the one RAW file that comes of it. Raises FrameMissing, FrameWrong."""
+        self._wait_for_strays()
+        requested_s = self.clock.now_s()
+        exposure_s = self.settings.exposure_s or 0.0
+        pulse_s = exposure_s if self.tether.bulb and exposure_s else self.tether.pulse_s
+        try:
+            shutter = self._shutter.fire(pulse_s, self.tether.focus_s)
+            path, facts, digest = self._await_frame(exposure_s)
+        except DeviceError:
+            self._doubt_until_s = self.clock.now_s() + exposure_s + self.tether.patience_s
+            raise
+        exposure = self._record(path, digest, requested_s, shutter)
+        check_settings(path, facts, self.settings)
+        return exposure
+
+    def _wait_for_strays(self) -> None:
+        """After an exposure that failed its frame may still come: it must not be taken for the next one's."""
+        while self.clock.now_s() < self._doubt_until_s:
+            self.clock.sleep(self.tether.poll_s)
+        self._known |= self._look()
+
+    def _record(self, path: Path, digest: str, requested_s: float, shutter: ShutterTimes) -> Exposure:
+        companions = tuple(sorted(p for p in self._folder.glob(path.stem + ".*") if p != path and not is_raw(p)))
+        received_s = self.clock.now_s()
+        size = path.stat().st_size
+        return Exposure(path, digest, size, self.settings, requested_s, received_s, shutter, companions)
+
+    def _look(self) -> dict[Path, Stamp]:
+        """Every RAW file with its size and time; a file that vanishes while one looks was renamed."""
+        seen = {}
+        for path in self._folder.iterdir():
+            if is_raw(path):
+                try:
+                    stat = path.stat()
+                except FileNotFoundError:
+                    continue
+                seen[path] = (stat.st_size, stat.st_mtime_ns)
+        return seen
+
+    def _await_frame(self, exposure_s: float) -> tuple[Path, Facts, str]:
+        deadline_s = self.clock.now_s() + exposure_s + self.tether.patience_s
+        candidates: dict[Path, Candidate] = {}
+        while self.clock.now_s() < deadline_s:
+            self.clock.sleep(self.tether.poll_s)
+            self._track(candidates)
+            found = [frame for path in list(candidates) if (frame := self._accept(path, candidates)) is not None]
+            if len(found) > 1:
+                names = ", ".join(path.name for path, _, _ in found)
+                raise FrameWrong(f"one exposure brought {len(found)} RAW files ({names})", "let only the body fire")
+            if found:
+                return found[0]
+        seen = "; ".join(f"{path.name}: {candidate.why}" for path, candidate in candidates.items())
+        raise FrameMissing(
+            f"no complete RAW file in {self._folder} within {self.tether.patience_s:g} s ({seen or 'none appeared'})",
+            "check body, battery, card and tethering software, then repeat",
+        )
+
+    def _track(self, candidates: dict[Path, Candidate]) -> None:
+        """Bring the candidates up to date with the folder."""
+        now_s, seen = self.clock.now_s(), self._look()
+        for path in [path for path in candidates if path not in seen]:
+            del candidates[path]
+        for path, stamp in seen.items():
+            if self._known.get(path) == stamp:
+                continue
+            if path not in candidates or candidates[path].stamp != stamp:
+                candidates[path] = Candidate(stamp, now_s)
+
+    def _accept(self, path: Path, candidates: dict[Path, Candidate]) -> tuple[Path, Facts, str] | None:
+        """The file, if it is at rest, decodes, is new, and did not change while it was read."""
+        candidate = candidates[path]
+        if self.clock.now_s() - candidate.since_s < self.tether.rest_s:
+            return None
+        try:
+            facts = self._inspect(path)
+            digest = sha256_of(path)
+        except Exception as error:  # decoders raise what they like on half a file
+            candidate.why = f"it does not decode ({error})"
+            return None
+        if self._look().get(path) != candidate.stamp:
+            return None
+        self._known[path] = candidate.stamp
+        if digest in self._hashes:
+            del candidates[path]  # the same photograph under another name
+            return None
+        self._hashes.add(digest)
+        return path, facts, digest
+
+    def emergency_stop(self) -> None:
+        """Open the contacts."""
+        self._shutter.emergency_stop()

@@ -1,0 +1,307 @@
+"""A tethered body through libgphoto2. The only import of gphoto2, which is optional (extra `tether`).
+
+All of libgphoto2 runs in one owned thread: it is not safe from several, and may block for seconds. One exposure may
+bring several files (RAW and JPEG) in any order, so all are collected until the body has been quiet for a while.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future
+from concurrent.futures import TimeoutError as FutureTimeout
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any, TypeVar
+
+from drivers.clock import Clock, SystemClock
+from drivers.errors import BadConfiguration, DeviceError, FrameMissing, LineLost, NoAnswer
+from drivers.frames import Inspect, check_settings, is_raw, sha256_of
+from drivers.interfaces import CameraSettings, Condition, Exposure, Identity, Shutter
+
+T = TypeVar("T")
+CALL_S = 15.0
+QUIET_S = 1.0
+REMEDIES = {
+    -53: "another program holds the camera: close it, or run `gio mount -s gphoto2`",
+    -105: "check the model's name",
+    -52: "switch the camera on and plug its cable in",
+    -7: "check the camera's cable",
+    -110: "the camera is busy: wait, or switch it off and on",
+}
+WIDGETS = {"exposure_s": "shutterspeed", "iso": "iso", "f_number": "f-number"}
+
+
+@dataclass(frozen=True)
+class Place:
+    """A file inside the body."""
+
+    folder: str
+    name: str
+
+
+class _Owner:
+    """The one thread in which libgphoto2 lives."""
+
+    def __init__(self, name: str) -> None:
+        self._calls: SimpleQueue[tuple[Future[Any], Callable[[], Any]] | None] = SimpleQueue()
+        self._thread = threading.Thread(target=self._serve, name=f"gphoto {name}", daemon=True)
+        self._thread.start()
+
+    def _serve(self) -> None:
+        while (call := self._calls.get()) is not None:
+            future, work = call
+            try:
+                future.set_result(work())
+            except Exception as error:  # handed over to whoever called
+                future.set_exception(error)
+
+    def call(self, work: Callable[[], T], timeout_s: float) -> T:
+        """What `work` gives, done in the thread. Raises NoAnswer, and what `work` raises."""
+        future: Future[T] = Future()
+        self._calls.put((future, work))
+        try:
+            return future.result(timeout_s)
+        except FutureTimeout:
+            raise NoAnswer(f"the camera did not answer within {timeout_s:g} s", "switch it off and on") from None
+
+    def end(self) -> None:
+        """Let the thread finish."""
+        self._calls.put(None)
+        self._thread.join(timeout=2.0)
+
+
+class GphotoCamera:
+    """A Camera on libgphoto2; frames are saved to `folder`.
+
+    With `shutter`, that fires it; without, the body is triggered over its cable. Empty `model` and `port` take the
+    first body found.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        inspect: Inspect,
+        *,
+        model: str = "",
+        port: str = "",
+        shutter: Shutter | None = None,
+        pulse_s: float = 0.1,
+        patience_s: float = 20.0,
+        clock: Clock | None = None,
+    ) -> None:
+        self.clock = clock or SystemClock()
+        self.settings = CameraSettings()
+        self._folder, self._inspect = folder, inspect
+        self._model, self._port = model, port
+        self._shutter, self._pulse_s, self._patience_s = shutter, pulse_s, patience_s
+        self._owner: _Owner | None = None
+        self._gp: Any = None
+        self._camera: Any = None
+
+    @property
+    def address(self) -> str:
+        """Model and port."""
+        return f"{self._model or 'first body'} at {self._port or 'any port'}"
+
+    def connect(self) -> Identity:
+        """Load the library and open the body. Raises DeviceError."""
+        self.close()
+        try:
+            import gphoto2
+        except ImportError as error:
+            raise BadConfiguration(
+                "gphoto2 is not installed", "install it: pip install 'calibration-station[tether]'"
+            ) from error
+        self._gp = gphoto2
+        self._owner = _Owner(self.address)
+        try:
+            return self._do(self._open)
+        except DeviceError:
+            self.close()
+            raise
+
+    def _open(self) -> Identity:
+        gp, camera = self._gp, self._gp.Camera()
+        if self._model:
+            abilities = gp.CameraAbilitiesList()
+            abilities.load()
+            camera.set_abilities(abilities.get_abilities(abilities.lookup_model(self._model)))
+        if self._port:
+            ports = gp.PortInfoList()
+            ports.load()
+            camera.set_port_info(ports.get_info(ports.lookup_path(self._port)))
+        camera.init()
+        self._camera = camera
+        model = camera.get_abilities().model
+        return Identity(model, f"libgphoto2 {gp.gp_library_version(gp.GP_VERSION_SHORT)[0]}", "", self.address)
+
+    def close(self) -> None:
+        """Leave the body and end the thread."""
+        owner, self._owner = self._owner, None
+        camera, self._camera = self._camera, None
+        if owner is None:
+            return
+        if camera is not None:
+            try:
+                owner.call(camera.exit, CALL_S)
+            except Exception:  # a body that is gone cannot be left politely
+                camera = None
+        owner.end()
+
+    def _do(self, work: Callable[[], T], timeout_s: float = CALL_S) -> T:
+        """What `work` gives, done in the owner's thread. Raises DeviceError."""
+        if self._owner is None:
+            raise LineLost(f"the camera ({self.address}) is not connected", "connect first")
+        try:
+            return self._owner.call(work, timeout_s)
+        except self._gp.GPhoto2Error as error:
+            raise LineLost(
+                f"{self.address}: {error}", REMEDIES.get(error.code, "switch the camera off and on")
+            ) from error
+
+    def condition(self) -> Condition:
+        """Whether the body is open."""
+        return Condition("ready") if self._camera is not None else Condition("not connected", False, "connect it")
+
+    def configure(self, settings: CameraSettings) -> None:
+        """Set what the body lets be set, by the nearest choice it offers. Raises DeviceError."""
+        self.settings = settings
+        for name, widget in WIDGETS.items():
+            wanted = getattr(settings, name)
+            if wanted is not None:
+                self._do(partial(self._choose, widget, float(wanted)))
+
+    def _choose(self, name: str, wanted: float) -> None:
+        try:
+            config = self._camera.get_config()
+            widget = config.get_child_by_name(name)
+        except self._gp.GPhoto2Error:
+            return  # set on the body by hand; the file will tell whether it was
+        choices = {text: value for text in widget.get_choices() if (value := read_choice(text)) is not None}
+        if choices:
+            widget.set_value(min(choices, key=lambda text: abs(choices[text] / wanted - 1)))
+            self._camera.set_config(config)
+
+    def files(self) -> list[Place]:
+        """Every RAW file inside the body. Raises DeviceError."""
+        return self._do(lambda: self._list("/"))
+
+    def _list(self, folder: str) -> list[Place]:
+        here = [Place(folder, name) for name in _names(self._camera.folder_list_files(folder)) if is_raw(Path(name))]
+        for name in _names(self._camera.folder_list_folders(folder)):
+            here += self._list(f"{folder.rstrip('/')}/{name}")
+        return here
+
+    def fetch(self, place: Place) -> Path:
+        """Copy a file to the folder, under its own name or, if that is taken, a new one. Raises DeviceError."""
+        target = self._folder / place.name
+        for number in range(1, 10_000):
+            if not target.exists():
+                break
+            target = self._folder / f"{Path(place.name).stem}-{number}{Path(place.name).suffix}"
+        part = target.with_suffix(".part")
+        self._do(
+            lambda: self._camera.file_get(place.folder, place.name, self._gp.GP_FILE_TYPE_NORMAL).save(str(part)),
+            self._patience_s,
+        )
+        part.rename(target)
+        return target
+
+    def expose(self) -> Exposure:
+        """One photograph, fetched, decoded and hashed. Raises DeviceError."""
+        requested_s = self.clock.now_s()
+        before = set(self.files()) if self._shutter else set()
+        times = self._shutter.fire(self._pulse_s) if self._shutter else None
+        place = self._new_file(before) if self._shutter else self._triggered()
+        path = self.fetch(place)
+        try:
+            facts = self._inspect(path)
+        except Exception as error:
+            raise FrameMissing(f"{path.name} does not decode: {error}", "check the card, then repeat") from error
+        check_settings(path, facts, self.settings)
+        received_s = self.clock.now_s()
+        return Exposure(path, sha256_of(path), path.stat().st_size, self.settings, requested_s, received_s, times)
+
+    def _new_file(self, before: set[Place]) -> Place:
+        """The RAW file of a shot that was fired from outside: told by the body's events, or else found by listing."""
+        added = self._do(self._collect, self._longest_s() + CALL_S)
+        if added is not None:
+            return self._the_raw(added)
+        deadline_s = self.clock.now_s() + self._longest_s()
+        while self.clock.now_s() < deadline_s:
+            new = [place for place in self._do(self._list_afresh, self._longest_s()) if place not in before]
+            if new:
+                return new[0]
+            self.clock.sleep(0.2)
+        return self._the_raw([])
+
+    def _list_afresh(self) -> list[Place]:
+        """Every RAW file; libgphoto2 remembers a listing until the body is opened again."""
+        self._camera.exit()
+        self._camera.init()
+        return self._list("/")
+
+    def _longest_s(self) -> float:
+        return self._patience_s + (self.settings.exposure_s or 0.0)
+
+    def _the_raw(self, added: list[Place]) -> Place:
+        raw = [place for place in added if is_raw(Path(place.name))]
+        if not raw:
+            names = ", ".join(place.name for place in added) or "none"
+            raise FrameMissing(
+                f"no RAW file came within {self._longest_s():g} s (files: {names})",
+                "set the body to RAW and check its card",
+            )
+        return raw[0]
+
+    def _triggered(self) -> Place:
+        """Trigger over the cable; the RAW file among what the body then adds."""
+
+        def shoot() -> list[Place]:
+            self._camera.trigger_capture()
+            return self._collect() or []
+
+        return self._the_raw(self._do(shoot, self._longest_s() + CALL_S))
+
+    def _collect(self) -> list[Place] | None:
+        """Files the body adds until it is done and quiet; None if it tells no events."""
+        gp, added, complete = self._gp, list[Place](), False
+        deadline_s = self.clock.now_s() + self._longest_s()
+        quiet_since_s = self.clock.now_s()
+        while self.clock.now_s() < deadline_s:
+            try:
+                kind, data = self._camera.wait_for_event(200)  # milliseconds
+            except gp.GPhoto2Error as error:
+                if error.code == gp.GP_ERROR_NOT_SUPPORTED:
+                    return None
+                raise
+            if kind == gp.GP_EVENT_FILE_ADDED:
+                added.append(Place(data.folder, data.name))
+            complete = complete or kind == gp.GP_EVENT_CAPTURE_COMPLETE
+            if kind != gp.GP_EVENT_TIMEOUT:
+                quiet_since_s = self.clock.now_s()
+            elif added and (complete or self.clock.now_s() - quiet_since_s > QUIET_S):
+                break
+        return added
+
+    def emergency_stop(self) -> None:
+        """Open the contacts, where a shutter box holds them."""
+        if self._shutter is not None:
+            self._shutter.emergency_stop()
+
+
+def _names(listed: Any) -> list[str]:
+    return [listed.get_name(i) for i in range(listed.count())]
+
+
+def read_choice(text: str) -> float | None:
+    """The number in `1/250`, `0.5s`, `f/5.6`, `400`; None if there is none."""
+    text = text.strip().lower().removeprefix("f/").removeprefix("f").removesuffix("s").strip()
+    over, _, under = text.partition("/")
+    try:
+        return float(over) / float(under or 1)
+    except (ValueError, ZeroDivisionError):
+        return None

@@ -1,0 +1,199 @@
+"""Light panels: DMX through an Enttec USB Pro, or the spindle output of a GRBL controller as PWM.
+
+Enttec: `7E label lenLSB lenMSB data E7`; label 6 sends DMX and must begin with start code 0, label 3 asks for
+parameters, 10 for the serial number.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from drivers.clock import Clock, SystemClock
+from drivers.connection import line_condition, opened
+from drivers.errors import BadConfiguration, EmergencyStopped, LineLost
+from drivers.grbl_link import GrblLink
+from drivers.interfaces import Condition, Identity, Transport
+from drivers.splitters import BAD, MORE, FrameSplitter
+
+PARAMETERS, SEND, SERIAL = 3, 6, 10
+CHANNELS = 512
+LONGEST = 600
+REPLY_S = 1.0
+
+
+@dataclass(frozen=True)
+class DmxFrame:
+    """One good message: label and data."""
+
+    label: int
+    data: bytes
+
+
+def frame(label: int, data: bytes = b"") -> bytes:
+    """A message as it goes over the wire."""
+    return b"\x7e" + struct.pack("<BH", label, len(data)) + data + b"\xe7"
+
+
+def _measure(head: bytes) -> int:
+    if len(head) < 4:
+        return MORE
+    length = 5 + int.from_bytes(head[2:4], "little")
+    if length > LONGEST:
+        return BAD
+    if len(head) < length:
+        return MORE
+    return length if head[length - 1] == 0xE7 else BAD
+
+
+class DmxParser:
+    """Bytes to messages."""
+
+    def __init__(self) -> None:
+        self._frames = FrameSplitter(b"\x7e", _measure, LONGEST)
+
+    def feed(self, data: bytes) -> list[DmxFrame]:
+        """The messages completed by these bytes."""
+        return [DmxFrame(f[1], f[4:-1]) for f in self._frames.feed(data)]
+
+
+def check_level(level: float) -> float:
+    """`level` if it lies in [0, 1]. Raises BadConfiguration."""
+    if not 0.0 <= level <= 1.0:
+        raise BadConfiguration(f"a light level of {level:g} lies outside 0 .. 1", "give a fraction of full light")
+    return level
+
+
+@dataclass(frozen=True)
+class Panel:
+    """What the lamp is like: how long it warms up, and the frequency it is chopped at (0: not at all)."""
+
+    warm_up_s: float = 0.0
+    pwm_hz: float = 0.0
+
+    def flickers(self, exposure_s: float, allowed: float = 0.01) -> bool:
+        """Whether exposures of this length can differ by more than `allowed` of their light: one cycle in all."""
+        return self.pwm_hz > 0 and exposure_s * self.pwm_hz * allowed < 1
+
+
+class DmxLight:
+    """A Light on some channels of a DMX line."""
+
+    def __init__(
+        self,
+        transport: Transport[DmxFrame],
+        channels: Sequence[int] = (1,),
+        *,
+        panel: Panel | None = None,
+        clock: Clock | None = None,
+    ) -> None:
+        self.clock = clock or SystemClock()
+        self.panel = panel or Panel()
+        self._transport = transport
+        self._channels = tuple(channels)
+        self._level = 0.0
+        self._since_s = -float("inf")
+
+    @property
+    def address(self) -> str:
+        """The port or URL."""
+        return self._transport.address
+
+    def connect(self) -> Identity:
+        """Open and ask for firmware and serial number. Raises DeviceError."""
+        with opened(self._transport):
+            parameters = self._ask(PARAMETERS, b"\0\0")
+            number = self._ask(SERIAL)
+        firmware = f"{parameters[1]}.{parameters[0]}" if len(parameters) > 1 else ""
+        return Identity("Enttec DMX USB Pro", firmware, number[::-1].hex(), self.address)
+
+    def _ask(self, label: int, data: bytes = b"") -> bytes:
+        return self._transport.request(
+            frame(label, data), lambda message: message.data if message.label == label else None, REPLY_S, tries=3
+        )
+
+    def close(self) -> None:
+        """Give the line back; the panel keeps its level."""
+        self._transport.close()
+
+    def condition(self) -> Condition:
+        """Level, and whether it has warmed up."""
+        return line_condition(
+            self._transport.is_open, f"{100 * self._level:.0f} %" + ("" if self.steady() else ", warming up")
+        )
+
+    def set_level(self, level: float) -> None:
+        """Set all its channels, and check that the widget still answers. Raises DeviceError."""
+        value = round(255 * check_level(level))
+        slots = bytearray(CHANNELS)
+        for channel in self._channels:
+            slots[channel - 1] = value
+        self._transport.write(frame(SEND, b"\0" + bytes(slots)))
+        self._ask(PARAMETERS, b"\0\0")  # DMX itself is one-way: at least know that the widget lives
+        if level != self._level:
+            self._level, self._since_s = level, self.clock.now_s()
+
+    def level(self) -> float:
+        """What it was last set to."""
+        return self._level
+
+    def steady(self) -> bool:
+        """Whether it has warmed up since the level was changed."""
+        return self.clock.now_s() - self._since_s >= self.panel.warm_up_s
+
+    def emergency_stop(self) -> None:
+        """Light is harmless, and people need it: it stays; waits end."""
+        self._transport.shout(b"", EmergencyStopped(f"emergency stop at {self.address}", "set the level again"))
+
+
+class GrblLight:
+    """A Light on the spindle output of a GRBL controller (M3 S), which a stage may own."""
+
+    def __init__(
+        self, link: GrblLink, *, panel: Panel | None = None, clock: Clock | None = None, owns_link: bool = True
+    ) -> None:
+        self.clock = clock or SystemClock()
+        self.panel = panel or Panel()
+        self.link = link
+        self._owns_link = owns_link
+        self._level = 0.0
+
+    @property
+    def address(self) -> str:
+        """The port or URL."""
+        return self.link.address
+
+    def connect(self) -> Identity:
+        """Open the line, unless a stage owns it. Raises DeviceError."""
+        if self._owns_link:
+            identity = self.link.connect(reset=True)
+            self.link.command("$X")  # a lone lamp has nothing to home
+            return identity
+        if not self.link.is_open:
+            raise LineLost(f"the stage at {self.address} is not connected", "connect the stage first")
+        return Identity("GRBL spindle output", "", "", self.address)
+
+    def close(self) -> None:
+        """Give the line back, unless a stage owns it."""
+        if self._owns_link:
+            self.link.close()
+
+    def condition(self) -> Condition:
+        """The level."""
+        return line_condition(self.link.is_open, f"{100 * self._level:.0f} %")
+
+    def set_level(self, level: float) -> None:
+        """Set the duty cycle. Raises DeviceError."""
+        full = self.link.setting(30, 1000.0) or 1000.0
+        self.link.command(f"M3 S{full * check_level(level):.1f}", 5.0)
+        self._level = level
+
+    def level(self) -> float:
+        """What it was last set to."""
+        return self._level
+
+    def emergency_stop(self) -> None:
+        """Reset the controller, which switches the output off."""
+        self._level = 0.0
+        self.link.shout(b"\x18", EmergencyStopped(f"emergency stop at {self.address}", "connect again"))

@@ -1,0 +1,40 @@
+"""What all stages hold to: one mover at a time, targets inside the travel, arrival where one was sent."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+
+from drivers.errors import BadConfiguration, MoveFailed, OutsideTravel, Rejected
+from drivers.interfaces import Travel
+
+
+class OneMover:
+    """Whoever enters moves the stage; a second one is refused at once."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+
+    def __enter__(self) -> None:
+        if not self._lock.acquire(blocking=False):
+            raise Rejected("the stage is already moving", "wait for the move to end, or stop it")
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.release()
+
+
+def check_target(target: Mapping[str, float], travel: Mapping[str, Travel]) -> None:
+    """Raises BadConfiguration for an axis that is not there, OutsideTravel for a value beyond its range."""
+    for name, value in target.items():
+        if name not in travel:
+            raise BadConfiguration(f"there is no axis {name}", f"axes are {', '.join(travel)}")
+        if not travel[name].holds(value):
+            low, high = travel[name].low, travel[name].high
+            raise OutsideTravel(f"{name} = {value:g} lies outside {low:g} .. {high:g}", "choose a target inside")
+
+
+def check_arrival(name: str, goal: float, there: float, tolerance: float, stopped: bool) -> None:
+    """Raises MoveFailed if the axis rests elsewhere."""
+    if abs(goal - there) > tolerance:
+        how = "was stopped" if stopped else "came to rest"
+        raise MoveFailed(f"{name} {how} at {there:.4f} on its way to {goal:.4f}", "move again")

@@ -1,0 +1,236 @@
+"""Laser distance meters: JRT/Meskernel modules (AA frames) and Bosch GLM over a serial Bluetooth port.
+
+JRT: `AA addr regHi regLo cntHi cntLo payload CS`, count in 16-bit words, CS the low byte of the sum after AA; a frame
+that begins with EE carries a status instead. Bosch: `status length payload CRC8`, CRC start 0xAA, polynomial 0xA6.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from drivers.clock import Clock, SystemClock
+from drivers.connection import line_condition, opened
+from drivers.errors import EmergencyStopped, NoAnswer, NoReading
+from drivers.interfaces import Condition, Distance, Identity, Transport
+from drivers.splitters import BAD, MORE, FrameSplitter
+
+RESULT, LASER, STATUS, VERSION = 0x0022, 0x01BE, 0x0000, 0x000A
+MEASURE_AUTO, MEASURE_SLOW = bytes.fromhex("AA0000200001000021"), bytes.fromhex("AA0000200001000122")
+STOP, WAKE = b"X", b"\x55"
+MOST_WORDS = 4
+REPLY_S, AUTO_S, SLOW_S = 1.0, 5.0, 8.0
+AIM = "aim at a matt surface within range"
+STATUSES = {
+    1: ("its supply is low", "charge or power it"),
+    3: ("it is too cold", "warm it above 0 C"),
+    4: ("it is too hot", "let it cool below 40 C"),
+    5: ("the target is out of range", AIM),
+    6: ("the measurement is invalid", AIM),
+    7: ("ambient light is too strong", "shade the target"),
+    8: ("the echo is too weak", AIM),
+    9: ("the echo is too strong", "aim at a darker surface"),
+    15: ("the reading is unstable", "hold the stage still"),
+}
+BOSCH_STATUSES = {
+    1: ("it timed out", AIM),
+    3: ("it heard a wrong checksum", "check the connection"),
+    4: ("it does not know the command", "use a GLM of the first generation"),
+    8: ("its hardware failed", "switch it off and on"),
+    10: ("it is not ready", "wait a second and measure again"),
+}
+
+
+@dataclass(frozen=True)
+class JrtFrame:
+    """One good frame: whether it is an error frame, its register and payload."""
+
+    error: bool
+    register: int
+    payload: bytes
+
+
+def _measure_jrt(head: bytes) -> int:
+    if len(head) < 6:
+        return MORE
+    words = int.from_bytes(head[4:6], "big")
+    length = 7 + 2 * words
+    if not 1 <= words <= MOST_WORDS:
+        return BAD
+    if len(head) < length:
+        return MORE
+    return length if sum(head[1 : length - 1]) & 0xFF == head[length - 1] else BAD
+
+
+class JrtParser:
+    """Bytes to AA and EE frames."""
+
+    def __init__(self) -> None:
+        self._frames = FrameSplitter(b"\xaa\xee", _measure_jrt)
+
+    def feed(self, data: bytes) -> list[JrtFrame]:
+        """The frames completed by these bytes."""
+        return [JrtFrame(f[0] == 0xEE, int.from_bytes(f[2:4], "big"), f[6:-1]) for f in self._frames.feed(data)]
+
+
+class JrtRangefinder:
+    """A Rangefinder of the JRT/Meskernel/M88 family."""
+
+    def __init__(self, transport: Transport[JrtFrame], *, clock: Clock | None = None) -> None:
+        self.clock = clock or SystemClock()
+        self._transport = transport
+
+    @property
+    def address(self) -> str:
+        """The port or URL."""
+        return self._transport.address
+
+    def connect(self) -> Identity:
+        """Open, let the module find the baud rate, read its version. Raises DeviceError."""
+        with opened(self._transport):
+            self._transport.write(WAKE)
+            self.clock.sleep(0.1)
+            version = self._read(VERSION)
+        return Identity("JRT/Meskernel module", version.hex(), "", self.address)
+
+    def close(self) -> None:
+        """Give the line back."""
+        self._transport.close()
+
+    def condition(self) -> Condition:
+        """Whether the line is there."""
+        return line_condition(self._transport.is_open)
+
+    def _read(self, register: int) -> bytes:
+        command = bytes((0x80, register >> 8, register & 0xFF))
+        asked = b"\xaa" + command + bytes((sum(command) & 0xFF,))
+        return self._ask(asked, register, REPLY_S, tries=3).payload
+
+    def _ask(self, command: bytes, register: int, timeout_s: float, tries: int = 1) -> JrtFrame:
+        frame = self._transport.request(
+            command, lambda f: f if f.error or f.register == register else None, timeout_s, tries
+        )
+        if frame.error:
+            code = int.from_bytes(frame.payload[-2:], "big")
+            reason, remedy = STATUSES.get(code, (f"its hardware failed (status {code})", "switch it off and on"))
+            raise NoReading(f"{self.address}: {reason}", remedy, code)
+        return frame
+
+    def measure(self) -> Distance:
+        """One reading; where the echo is weak or nothing comes, once more slowly. Raises DeviceError."""
+        try:
+            frame = self._ask(MEASURE_AUTO, RESULT, AUTO_S)
+        except NoAnswer:
+            self._transport.write(STOP)
+            frame = self._ask(MEASURE_SLOW, RESULT, SLOW_S)
+        except NoReading as error:
+            if error.code != 8:
+                raise
+            frame = self._ask(MEASURE_SLOW, RESULT, SLOW_S)
+        if len(frame.payload) != 6:
+            raise NoReading(f"{self.address} sent a result of {len(frame.payload)} bytes", "measure again")
+        distance, quality = int.from_bytes(frame.payload[:4], "big"), int.from_bytes(frame.payload[4:], "big")
+        return Distance(float(distance), self.clock.now_s(), quality)
+
+    def laser(self, on: bool) -> None:
+        """Switch the spot. Raises DeviceError."""
+        payload = bytes((0x00, 0x01, 0xBE, 0x00, 0x01, 0x00, int(on)))
+        self._ask(b"\xaa" + payload + bytes((sum(payload) & 0xFF,)), LASER, REPLY_S)
+
+    def emergency_stop(self) -> None:
+        """Stop measuring, which switches the laser off."""
+        self._transport.shout(STOP, EmergencyStopped(f"emergency stop at {self.address}", "measure again"))
+
+
+def crc8(data: bytes) -> int:
+    """Bosch's CRC: start 0xAA, polynomial 0xA6, most significant bit first."""
+    value = 0xAA
+    for byte in data:
+        value ^= byte
+        for _ in range(8):
+            value = (value << 1) ^ (0xA6 if value & 0x80 else 0)
+            value &= 0xFF
+    return value
+
+
+@dataclass(frozen=True)
+class BoschFrame:
+    """One good answer: status and payload."""
+
+    status: int
+    payload: bytes
+
+
+def _measure_bosch(head: bytes) -> int:
+    if len(head) < 2:
+        return MORE
+    length = head[1] + 3
+    if head[1] not in (0, 4):
+        return BAD
+    if len(head) < length:
+        return MORE
+    return length if crc8(head[: length - 1]) == head[length - 1] else BAD
+
+
+class BoschParser:
+    """Bytes to answers."""
+
+    def __init__(self) -> None:
+        self._frames = FrameSplitter(bytes((0, *BOSCH_STATUSES)), _measure_bosch)
+
+    def feed(self, data: bytes) -> list[BoschFrame]:
+        """The answers completed by these bytes."""
+        return [BoschFrame(frame[0], frame[2:-1]) for frame in self._frames.feed(data)]
+
+
+class BoschRangefinder:
+    """A Rangefinder that is a Bosch GLM or PLR."""
+
+    def __init__(self, transport: Transport[BoschFrame], *, clock: Clock | None = None) -> None:
+        self.clock = clock or SystemClock()
+        self._transport = transport
+
+    @property
+    def address(self) -> str:
+        """The port or URL."""
+        return self._transport.address
+
+    def connect(self) -> Identity:
+        """Open and switch the spot on, which any GLM answers. Raises DeviceError."""
+        with opened(self._transport):
+            self.laser(True)
+        return Identity("Bosch GLM", "", "", self.address)
+
+    def close(self) -> None:
+        """Give the line back."""
+        self._transport.close()
+
+    def condition(self) -> Condition:
+        """Whether the line is there."""
+        return line_condition(self._transport.is_open)
+
+    def _ask(self, command: int, payload_bytes: int, timeout_s: float) -> bytes:
+        asked = bytes((0xC0, command, 0x00))
+        frame = self._transport.request(
+            asked + bytes((crc8(asked),)),
+            lambda f: f if f.status or len(f.payload) == payload_bytes else None,
+            timeout_s,
+        )
+        if frame.status:
+            reason, remedy = BOSCH_STATUSES[frame.status]
+            raise NoReading(f"{self.address}: {reason}", remedy, frame.status)
+        return frame.payload
+
+    def measure(self) -> Distance:
+        """One reading, to 0.05 mm of its own scale. Raises DeviceError."""
+        payload = self._ask(0x40, 4, AUTO_S)
+        return Distance(int.from_bytes(payload, "little") * 0.05, self.clock.now_s())
+
+    def laser(self, on: bool) -> None:
+        """Switch the spot. Raises DeviceError."""
+        self._ask(0x41 if on else 0x42, 0, REPLY_S)
+
+    def emergency_stop(self) -> None:
+        """Switch the laser off."""
+        self._transport.shout(
+            b"\xc0\x42\x00\x1e", EmergencyStopped(f"emergency stop at {self.address}", "measure again")
+        )

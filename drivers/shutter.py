@@ -1,0 +1,342 @@
+"""Three ways to close a camera's release contact: a STRIG/1 box, a bare RTS line, the relay of a GRBL controller.
+
+The protocol is in `firmware/STRIG1.md`, with the sketch that speaks it. Only the box says when the contact really
+closed; the others tell when they were asked to.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass
+
+from drivers.clock import Clock, SystemClock
+from drivers.connection import line_condition, opened
+from drivers.errors import EmergencyStopped, LineLost, MoveFailed, NoAnswer, Rejected
+from drivers.grbl_link import GrblLink
+from drivers.interfaces import Condition, Identity, ShutterTimes, Transport
+from drivers.splitters import LineSplitter
+
+REPLY_S = 0.5
+BOOT_S = 3.0  # boot loader and start of an Arduino that was reset by the opening of its port
+KEEP_ALIVE_S = 2.0  # the box opens its contacts after five silent seconds
+TOLERANCE_S = 0.005
+
+
+@dataclass(frozen=True)
+class Hello:
+    """`STRIG/1 board firmware serial`."""
+
+    board: str
+    firmware: str
+    serial: str
+
+
+@dataclass(frozen=True)
+class Accepted:
+    """`OK seq`."""
+
+    seq: int
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """`ERR code text`."""
+
+    code: int
+    text: str
+
+
+@dataclass(frozen=True)
+class Contact:
+    """`EVT kind seq t_us`; FLASH carries no number, its seq is 0."""
+
+    kind: str
+    seq: int
+    t_us: int
+
+
+@dataclass(frozen=True)
+class BoxTime:
+    """`SYNC t_us`."""
+
+    t_us: int
+
+
+@dataclass(frozen=True)
+class Unread:
+    """A line that is none of the others."""
+
+    raw: bytes
+
+
+Event = Hello | Accepted | Refusal | Contact | BoxTime | Unread
+ENDS = ("DONE", "ABORT", "WATCHDOG")
+
+
+def read_line(raw: bytes) -> Event:
+    """The event one line means."""
+    match raw.decode("ascii", "replace").split(" "):
+        case ["STRIG/1", board, firmware, serial]:
+            return Hello(board, firmware, serial)
+        case ["OK", seq] if _whole(seq):
+            return Accepted(int(seq))
+        case ["SYNC", t_us] if _whole(t_us):
+            return BoxTime(int(t_us))
+        case ["EVT", "FLASH", t_us] if _whole(t_us):
+            return Contact("FLASH", 0, int(t_us))
+        case ["EVT", ("SHUTTER" | "DONE" | "ABORT" | "WATCHDOG") as kind, seq, t_us] if _whole(seq) and _whole(t_us):
+            return Contact(kind, int(seq), int(t_us))
+        case ["ERR", code, *text] if _whole(code):
+            return Refusal(int(code), " ".join(text))
+    return Unread(raw)
+
+
+def _whole(text: str) -> bool:
+    return text.isascii() and text.isdigit() and len(text) < 19
+
+
+class StrigParser:
+    """Bytes to events, one per line."""
+
+    def __init__(self) -> None:
+        self._lines = LineSplitter()
+
+    def feed(self, data: bytes) -> list[Event]:
+        """The events completed by these bytes."""
+        return [read_line(line) for line in self._lines.feed(data)]
+
+
+def _verdict(event: Event) -> list[Accepted | Refusal] | None:
+    return [event] if isinstance(event, Accepted | Refusal) else None
+
+
+class StrigShutter:
+    """A Shutter that is a STRIG/1 box."""
+
+    def __init__(self, transport: Transport[Event], *, clock: Clock | None = None) -> None:
+        self.clock = clock or SystemClock()
+        self._transport = transport
+        self._contacts: dict[tuple[int, str], int] = {}
+        self._flash_us: int | None = None
+        self._offset_s = 0.0
+
+    @property
+    def address(self) -> str:
+        """The port or URL."""
+        return self._transport.address
+
+    def connect(self) -> Identity:
+        """Open, ask who is there until the board has booted, and set the clocks. Raises DeviceError."""
+        with opened(self._transport, self._hear):
+            hello = self._ask_until(self.clock.now_s() + BOOT_S)
+            self._synchronise()
+        return Identity(f"STRIG/1 {hello.board}", hello.firmware, hello.serial, self.address)
+
+    def _ask_until(self, deadline_s: float) -> Hello:
+        while True:
+            try:
+                return self._transport.request(b"ID?\n", lambda e: e if isinstance(e, Hello) else None, REPLY_S)
+            except NoAnswer:
+                if self.clock.now_s() >= deadline_s:
+                    raise
+
+    def _synchronise(self, times: int = 3) -> None:
+        """Offset of the clocks from the quickest of a few round trips: error under half of that trip."""
+        trips = []
+        for _ in range(times):
+            asked_s = self.clock.now_s()
+            box = self._transport.request(b"SYNC?\n", lambda e: e if isinstance(e, BoxTime) else None, REPLY_S)
+            heard_s = self.clock.now_s()
+            trips.append((heard_s - asked_s, (asked_s + heard_s) / 2 - box.t_us * 1e-6))
+        self._offset_s = min(trips)[1]
+
+    def _hear(self, event: Event, host_s: float) -> None:
+        if isinstance(event, Contact):
+            self._contacts[event.seq, event.kind] = event.t_us
+            if event.kind == "FLASH":
+                self._flash_us = event.t_us
+
+    def close(self) -> None:
+        """Give the line back."""
+        self._transport.close()
+
+    def condition(self) -> Condition:
+        """Whether the line is there."""
+        return line_condition(self._transport.is_open)
+
+    def focus(self, pressed: bool) -> None:
+        """Half-press or let go. Raises DeviceError."""
+        self._command(f"FOCUS {int(pressed)}")
+
+    def _command(self, line: str) -> int:
+        reply = self._transport.request(line.encode() + b"\n", _verdict, REPLY_S)[0]
+        if isinstance(reply, Refusal):
+            remedy = "wait for the shot, or abort it" if reply.code == 3 else "check the cable"
+            raise Rejected(f"{self.address} refused {line!r}: {reply.text}", remedy, f"ERR {reply.code}")
+        return reply.seq
+
+    def fire(self, pulse_s: float, focus_s: float = 0.0) -> ShutterTimes:
+        """Take one shot and say when the contact closed and opened. Raises DeviceError.
+
+        After NoAnswer the shot may have been taken: a shot is never repeated by itself.
+        """
+        self._synchronise()
+        self._contacts.clear()
+        self._flash_us = None
+        seq = self._command(f"SHOT {round(focus_s * 1000)} {round(pulse_s * 1000)}")
+        self._until_ended(seq, self.clock.now_s() + pulse_s + focus_s + 1.0)
+        return self._times(seq, pulse_s)
+
+    def _until_ended(self, seq: int, deadline_s: float) -> None:
+        def ended() -> bool:
+            return any((seq, kind) in self._contacts for kind in ENDS)
+
+        while not self._transport.wait(ended, min(KEEP_ALIVE_S, max(deadline_s - self.clock.now_s(), 0.0))):
+            if self.clock.now_s() >= deadline_s:
+                self._transport.write(b"ABORT\n")
+                raise NoAnswer(f"{self.address} did not report the end of shot {seq}", "check whether it was taken")
+            self._synchronise(1)
+
+    def _times(self, seq: int, pulse_s: float) -> ShutterTimes:
+        told = {kind: t_us * 1e-6 + self._offset_s for (s, kind), t_us in self._contacts.items() if s == seq}
+        if "DONE" not in told:
+            raise MoveFailed(f"shot {seq} at {self.address} was cut short", "fire again")
+        closed_s, released_s = told.get("SHUTTER"), told["DONE"]
+        if closed_s is None or abs(released_s - closed_s - pulse_s) > TOLERANCE_S:
+            held = "an unknown time" if closed_s is None else f"{1000 * (released_s - closed_s):.0f} ms"
+            raise MoveFailed(f"the contact was closed for {held} instead of {1000 * pulse_s:.0f} ms", "check the cable")
+        flash_s = None if self._flash_us is None else self._flash_us * 1e-6 + self._offset_s
+        return ShutterTimes(closed_s, released_s, flash_s)
+
+    def abort(self) -> None:
+        """Open the contacts now. Raises DeviceError."""
+        self._command("ABORT")
+
+    def emergency_stop(self) -> None:
+        """Open the contacts past every lock."""
+        self._transport.shout(b"\nABORT\n", EmergencyStopped(f"emergency stop at {self.address}", "fire again"))
+
+
+class DeafParser:
+    """For lines on which nothing is said."""
+
+    def feed(self, data: bytes) -> list[Unread]:
+        """Nothing."""
+        return []
+
+
+class RtsShutter:
+    """A Shutter wired to the RTS line of a bare adapter: no firmware, no focus contact, no word back.
+
+    Its transport must be opened with `rts=False`, or opening the port takes a photograph.
+    """
+
+    def __init__(self, transport: Transport[Unread], *, clock: Clock | None = None) -> None:
+        self.clock = clock or SystemClock()
+        self._transport = transport
+        self._aborted = False
+
+    @property
+    def address(self) -> str:
+        """The port or URL."""
+        return self._transport.address
+
+    def connect(self) -> Identity:
+        """Open the port with the contact open. Raises LineLost."""
+        self._transport.open(lambda event, host_s: None)
+        self._transport.set_lines(rts=False)
+        return Identity("RTS line", "", "", self.address)
+
+    def close(self) -> None:
+        """Give the line back."""
+        self._transport.close()
+
+    def condition(self) -> Condition:
+        """Whether the line is there."""
+        return line_condition(self._transport.is_open)
+
+    def focus(self, pressed: bool) -> None:
+        """Refused: there is one wire. Raises Rejected."""
+        raise Rejected(f"{self.address} has no focus contact", "focus by hand, or use a STRIG/1 box")
+
+    def fire(self, pulse_s: float, focus_s: float = 0.0) -> ShutterTimes:
+        """Close for `pulse_s`; the times are the host's. Raises LineLost, MoveFailed."""
+        self._aborted = False
+        self.clock.sleep(focus_s)
+        closed_s = self.clock.now_s()
+        self._transport.set_lines(rts=True)
+        try:
+            self._transport.wait(lambda: self._aborted, pulse_s)
+        finally:
+            self._transport.set_lines(rts=False)
+        if self._aborted:
+            raise MoveFailed(f"the shot at {self.address} was cut short", "fire again")
+        return ShutterTimes(closed_s, self.clock.now_s())
+
+    def abort(self) -> None:
+        """Open the contact now. Raises LineLost."""
+        self._aborted = True
+        self._transport.set_lines(rts=False)
+
+    def emergency_stop(self) -> None:
+        """Open the contact past every lock."""
+        self._aborted = True
+        with suppress(LineLost):
+            self._transport.set_lines(rts=False)
+        self._transport.shout(b"", EmergencyStopped(f"emergency stop at {self.address}", "fire again"))
+
+
+class RelayShutter:
+    """A Shutter on the coolant relay of a GRBL controller (M8, M9), which waits for the motion before it."""
+
+    def __init__(self, link: GrblLink, *, clock: Clock | None = None, owns_link: bool = True) -> None:
+        self.clock = clock or SystemClock()
+        self.link = link
+        self._owns_link = owns_link
+
+    @property
+    def address(self) -> str:
+        """The port or URL."""
+        return self.link.address
+
+    def connect(self) -> Identity:
+        """Open the line, unless a stage owns it. Raises DeviceError."""
+        if self._owns_link:
+            identity = self.link.connect(reset=True)
+            self.link.command("$X")  # a lone relay has nothing to home
+            return identity
+        if not self.link.is_open:
+            raise LineLost(f"the stage at {self.address} is not connected", "connect the stage first")
+        return Identity("GRBL relay", "", "", self.address)
+
+    def close(self) -> None:
+        """Give the line back, unless a stage owns it."""
+        if self._owns_link:
+            self.link.close()
+
+    def condition(self) -> Condition:
+        """Whether the line is there."""
+        return line_condition(self.link.is_open)
+
+    def focus(self, pressed: bool) -> None:
+        """Refused: there is one relay. Raises Rejected."""
+        raise Rejected(f"{self.address} has no focus contact", "focus by hand, or use a STRIG/1 box")
+
+    def fire(self, pulse_s: float, focus_s: float = 0.0) -> ShutterTimes:
+        """Close for `pulse_s`; the times are when the controller said ok. Raises DeviceError."""
+        self.clock.sleep(focus_s)
+        try:
+            self.link.command("M8", 2.0)
+            closed_s = self.clock.now_s()
+            self.link.command(f"G4 P{pulse_s:.3f}", pulse_s + 1.0)
+        finally:
+            self.abort()
+        return ShutterTimes(closed_s, self.clock.now_s())
+
+    def abort(self) -> None:
+        """Open the contact. Raises DeviceError."""
+        self.link.command("M9", 2.0)
+
+    def emergency_stop(self) -> None:
+        """Reset the controller, which opens its relay."""
+        self.link.shout(b"\x18", EmergencyStopped(f"emergency stop at {self.address}", "connect again"))

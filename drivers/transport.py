@@ -1,0 +1,272 @@
+"""A serial line by pyserial URL, owned by one reader thread. The only import of `serial`.
+
+A request holds the line from its first byte to its reply; every wait has a deadline; `shout` passes all of them,
+for emergencies. A line that was lost is opened again only by its driver's `connect`, never behind a motion's back.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from typing import Any, Generic, TypeVar
+
+import serial
+from serial.tools import list_ports
+
+from drivers.clock import Clock, SystemClock
+from drivers.errors import DeviceError, LineLost, NoAnswer
+from drivers.interfaces import Parser
+from drivers.transcript import Transcript
+
+E = TypeVar("E")
+T = TypeVar("T")
+PortBase = serial.SerialBase
+PortError = serial.SerialException
+
+POLL_S = 0.25  # a blocking read does not reliably end on close(), so it is never longer than this
+WRITE_S = 1.0
+PORT_ERRORS = (serial.SerialException, OSError, ValueError, TypeError, AttributeError)  # all seen on unplugged adapters
+
+
+def register_scheme(package: str) -> None:
+    """Let pyserial find `protocol_<scheme>` modules of `package`, once."""
+    if package not in serial.protocol_handler_packages:
+        serial.protocol_handler_packages.append(package)
+
+
+def resolve(address: str, ports: Callable[[], Iterable[Any]] = list_ports.comports) -> str:
+    """The port behind `usb:SERIAL` or `usb:VID:PID:SERIAL`; any other address unchanged. Raises LineLost."""
+    if not address.lower().startswith("usb:"):
+        return address
+    wanted = address.split(":")[1:]
+    found = list(ports())
+    for port in found:
+        ids = [f"{port.vid or 0:04x}", f"{port.pid or 0:04x}", port.serial_number or ""]
+        if [part.lower() for part in wanted] == [part.lower() for part in ids[-len(wanted) :]]:
+            return str(port.device)
+    there = ", ".join(f"{port.device} has {port.serial_number or 'no serial number'}" for port in found) or "none"
+    raise LineLost(
+        f"no USB port has the serial number of {address} (ports: {there})", "plug it in, or correct the port"
+    )
+
+
+class SerialTransport(Generic[E]):
+    """A line whose bytes `parser()` turns into events."""
+
+    def __init__(
+        self,
+        address: str,
+        parser: Callable[[], Parser[E]],
+        *,
+        baud: int = 115200,
+        clock: Clock | None = None,
+        transcript: Transcript | None = None,
+        dtr: bool | None = None,
+        rts: bool | None = None,
+    ) -> None:
+        self.address = address
+        self.baud = baud
+        self.clock = clock or SystemClock()
+        self.transcript = transcript or Transcript()
+        self.bytes_heard = 0
+        self._new_parser = parser
+        self._preset = {"dtr": dtr, "rts": rts}
+        self._port: Any = None
+        self._reader: threading.Thread | None = None
+        self._news = threading.Condition()
+        self._busy = False
+        self._claim: Callable[[E], None] | None = None
+        self._lost: DeviceError | None = None
+        self._interrupts = 0
+        self._interruption: Exception | None = None
+
+    def open(self, listen: Callable[[E, float], None]) -> None:
+        """Own the port; `listen(event, host_s)` is called by the reader for every event. Raises LineLost."""
+        self.close()
+        self._lost = None
+        try:
+            self._port = self._opened(resolve(self.address))
+        except PORT_ERRORS as error:
+            raise LineLost(
+                f"cannot open {self.address}: {error}",
+                "plug the cable in, close other programs on this port, or correct its name",
+            ) from error
+        self._reader = threading.Thread(
+            target=self._read, args=(self._port, self._new_parser(), listen), name=f"reader {self.address}", daemon=True
+        )
+        self._reader.start()
+
+    def _opened(self, url: str) -> Any:
+        port = serial.serial_for_url(url, do_not_open=True)
+        port.baudrate = self.baud
+        port.timeout = POLL_S
+        port.write_timeout = WRITE_S
+        if "://" not in url:
+            port.exclusive = True
+        for line, level in self._preset.items():
+            if level is not None:
+                setattr(port, line, level)
+        port.open()
+        return port
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the port is owned and has not been lost."""
+        return self._port is not None and self._lost is None
+
+    def close(self) -> None:
+        """Give the port back and end the reader thread."""
+        port, self._port = self._port, None
+        self._lose(port, LineLost(f"{self.address} is closed", "connect first"))
+        if self._reader is not None and self._reader is not threading.current_thread():
+            self._reader.join(timeout=2.0)
+        self.transcript.close()
+
+    def request(self, data: bytes, answer: Callable[[E], T | None], timeout_s: float, tries: int = 1) -> T:
+        """Write `data` and wait for the event of which `answer` makes a value; ask `tries` times in all.
+
+        Only questions may be asked again: a repeated order is a second order. Raises NoAnswer, LineLost.
+        """
+        for _ in range(tries - 1):
+            with suppress(NoAnswer):
+                return self._request(data, answer, timeout_s)
+        return self._request(data, answer, timeout_s)
+
+    def _request(self, data: bytes, answer: Callable[[E], T | None], timeout_s: float) -> T:
+        found: list[T] = []
+
+        def claim(event: E) -> None:
+            value = None if found else answer(event)
+            if value is not None:
+                found.append(value)
+
+        deadline_s = self.clock.now_s() + timeout_s
+        with self._news:
+            if not self._wait(lambda: not self._busy, deadline_s):
+                raise NoAnswer(f"{self.address} is still busy after {timeout_s:g} s", "wait, or stop the device")
+            self._busy, self._claim, before = True, claim, self.bytes_heard
+        try:
+            self.write(data)
+            with self._news:
+                self._wait(lambda: bool(found), deadline_s)
+        finally:
+            with self._news:
+                self._busy, self._claim = False, None
+                self._news.notify_all()
+        if not found:
+            raise self._silence(data, timeout_s, self.bytes_heard - before)
+        return found[0]
+
+    def _silence(self, data: bytes, timeout_s: float, heard: int) -> NoAnswer:
+        if heard:
+            remedy = "check baud rate and device type, then connect again"
+            return NoAnswer(
+                f"{self.address}: {heard} bytes came within {timeout_s:g} s, but no answer to {data!r}", remedy
+            )
+        return NoAnswer(
+            f"{self.address} did not answer {data!r} within {timeout_s:g} s",
+            "check power and cable, then connect again",
+        )
+
+    def wait(self, ready: Callable[[], bool], timeout_s: float) -> bool:
+        """Wait until `ready()`, asked after every event, or the timeout; its last answer.
+
+        Raises LineLost if the line goes away, and the error of a `shout` that happens meanwhile.
+        """
+        with self._news:
+            return self._wait(ready, self.clock.now_s() + timeout_s)
+
+    def _wait(self, ready: Callable[[], bool], deadline_s: float) -> bool:
+        interrupts = self._interrupts
+        self.clock.wait(
+            self._news, lambda: self._lost is not None or self._interrupts != interrupts or ready(), deadline_s
+        )
+        if self._interrupts != interrupts and self._interruption is not None:
+            raise self._interruption
+        if self._lost is not None:
+            raise self._lost
+        return ready()
+
+    def write(self, data: bytes) -> None:
+        """Write, waiting for no reply and no lock. Raises LineLost."""
+        port = self._port
+        if port is None or self._lost is not None:
+            raise self._lost or LineLost(f"{self.address} is not open", "connect first")
+        self.transcript.record(self.clock.now_s(), ">", data)
+        try:
+            port.write(data)
+        except PORT_ERRORS as error:
+            self._lose(port, self._gone(error))
+            raise self._lost or self._gone(error) from error
+
+    def shout(self, data: bytes, error: Exception) -> None:
+        """Write past every lock, then end every wait with `error`; never raises, so that all devices get their turn."""
+        port = self._port
+        if port is not None:
+            with suppress(*PORT_ERRORS):
+                port.write(data)
+            self.transcript.record(self.clock.now_s(), "!", data)
+        self.interrupt(error)
+
+    def interrupt(self, error: Exception) -> None:
+        """End every wait of other threads with `error`."""
+        with self._news:
+            self._interruption = error
+            self._interrupts += 1
+            self._news.notify_all()
+
+    def set_lines(self, **lines: bool) -> None:
+        """Set modem lines, `rts=` and `dtr=`. Raises LineLost."""
+        port = self._port
+        if port is None:
+            raise LineLost(f"{self.address} is not open", "connect first")
+        try:
+            for line, level in lines.items():
+                setattr(port, line, level)
+        except PORT_ERRORS as error:
+            raise LineLost(f"{self.address} has no modem lines: {error}", "use a port with RTS and DTR") from error
+
+    def _read(self, port: Any, parser: Parser[E], listen: Callable[[E, float], None]) -> None:
+        while self._port is port:
+            try:
+                data = port.read(1)
+                if data and (more := port.in_waiting):
+                    data += port.read(more)
+            except PORT_ERRORS as error:
+                self._lose(port, self._gone(error))
+                return
+            if self._lost is not None:
+                return
+            if data:
+                self._deliver(data, parser, listen)
+
+    def _deliver(self, data: bytes, parser: Parser[E], listen: Callable[[E, float], None]) -> None:
+        heard_s = self.clock.now_s()
+        self.transcript.record(heard_s, "<", data)
+        with self._news:
+            self.bytes_heard += len(data)
+            for event in parser.feed(data):
+                listen(event, heard_s)
+                if self._claim is not None:
+                    self._claim(event)
+            self._news.notify_all()
+
+    def _gone(self, error: Exception) -> LineLost:
+        return LineLost(
+            f"{self.address} went away: {error}", "plug the cable in, close other programs on this port, connect again"
+        )
+
+    def _lose(self, port: Any, error: DeviceError) -> None:
+        with self._news:
+            if self._lost is None:
+                self._lost = error
+            self._news.notify_all()
+        if port is not None:
+            with suppress(*PORT_ERRORS):
+                port.cancel_read()
+            socket = getattr(port, "_socket", None)  # pyserial forgets to close one whose other end has gone
+            with suppress(*PORT_ERRORS):
+                port.close()
+            if socket is not None:
+                socket.close()

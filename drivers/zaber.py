@@ -1,0 +1,275 @@
+"""Zaber stages in ASCII: several devices on one chain, microsteps in, millimetres or degrees out.
+
+Every command carries a checksum and a message id, so a late or damaged answer is never taken for another's. A move is
+over when the axis says IDLE, asked by polling and hastened by alerts, and right when its position is the target.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from drivers.clock import Clock, SystemClock
+from drivers.connection import opened
+from drivers.errors import (
+    Alarm,
+    DeviceError,
+    EmergencyStopped,
+    LineLost,
+    MoveFailed,
+    NoAnswer,
+    Rejected,
+)
+from drivers.interfaces import Condition, Identity, Transport, Travel
+from drivers.moving import OneMover, check_arrival, check_target
+from drivers.trust import HOME, UNHOMED, Trust
+from drivers.zaber_protocol import FLAGS, REJECTIONS, UNREFERENCED, Alert, Event, Reply, checksum
+
+REPLY_S = 0.5
+SPEED_UNIT = 1.6384  # of the setting per microstep per second, firmware 6 and 7
+PRECISION_STEPS = 4
+
+
+@dataclass(frozen=True)
+class ZaberAxis:
+    """One axis: its name with the unit, where it is on the chain, units per microstep, its value at microstep 0.
+
+    `speed_per_s` None keeps the device's own speed.
+    """
+
+    name: str
+    device: int
+    unit_per_step: float
+    axis: int = 1
+    zero: float = 0.0
+    speed_per_s: float | None = None
+
+    def to_steps(self, value: float) -> int:
+        """The nearest microstep."""
+        return round((value - self.zero) / self.unit_per_step)
+
+    def to_unit(self, steps: float) -> float:
+        """Where that microstep is."""
+        return self.zero + steps * self.unit_per_step
+
+
+class ZaberStage:
+    """A Stage of Zaber devices."""
+
+    def __init__(
+        self,
+        transport: Transport[Event],
+        axes: Sequence[ZaberAxis],
+        *,
+        clock: Clock | None = None,
+        poll_s: float = 0.1,
+    ) -> None:
+        self.clock = clock or SystemClock()
+        self.trust = Trust()
+        self._transport = transport
+        self._axes = tuple(axes)
+        self._poll_s = poll_s
+        self._ids = 0
+        self._checking: set[int] = set()
+        self._alerts = 0
+        self._stops = 0
+        self._one_mover = OneMover()
+        self._travel: dict[str, Travel] = {}
+        self._speed: dict[str, float] = {}
+
+    @property
+    def address(self) -> str:
+        """The port or URL."""
+        return self._transport.address
+
+    def connect(self) -> Identity:
+        """Open, ask every device, read limits, set speeds. Raises DeviceError naming all devices that are missing."""
+        self._transport.close()
+        self.trust.lose(UNHOMED)
+        self._checking.clear()
+        with opened(self._transport, self._hear):
+            told = self._roll_call()
+            for axis in self._axes:
+                self._prepare(axis)
+        self.trust.why = UNHOMED
+        models, versions, serials = ("; ".join(dict.fromkeys(column)) for column in zip(*told, strict=True))
+        return Identity(f"Zaber {models}", versions, serials, self.address)
+
+    def _roll_call(self) -> list[tuple[str, str, str]]:
+        told, missing = [], []
+        for device in dict.fromkeys(axis.device for axis in self._axes):
+            try:
+                self._query(device, 0, "set comm.checksum 1")
+                self._checking.add(device)
+                answers = [self._query(device, 0, f"get {s}") for s in ("deviceid", "version", "system.serial")]
+                told.append((answers[0], answers[1], answers[2]))
+            except NoAnswer:
+                missing.append(str(device))
+        if missing:
+            raise NoAnswer(
+                f"{self.address}: no answer from devices {', '.join(missing)}", "check power, cables, addresses"
+            )
+        return told
+
+    def _prepare(self, axis: ZaberAxis) -> None:
+        self._query(axis.device, 0, "set comm.alert 1")
+        ends = [axis.to_unit(self._number(axis, f"limit.{end}")) for end in ("min", "max")]
+        self._travel[axis.name] = Travel(min(ends), max(ends))
+        if axis.speed_per_s is not None:
+            setting = round(axis.speed_per_s / abs(axis.unit_per_step) * SPEED_UNIT)
+            self._query(axis.device, axis.axis, f"set maxspeed {setting}")
+        steps_per_s = self._number(axis, "maxspeed") / SPEED_UNIT
+        self._speed[axis.name] = steps_per_s * abs(axis.unit_per_step)
+
+    def close(self) -> None:
+        """Give the line back; the position cannot be trusted afterwards."""
+        self.trust.lose(UNHOMED)
+        self._transport.close()
+
+    def condition(self) -> Condition:
+        """Whether it may move."""
+        if not self._transport.is_open:
+            return Condition("not connected", False, "connect it")
+        if (why := self.trust.why) is not None:
+            return Condition(why.reason, False, why.remedy)
+        return Condition("idle")
+
+    def _send(self, device: int, axis: int, command: str, tries: int = 1) -> Reply:
+        self._ids = number = (self._ids + 1) % 100
+        body = f"{device} {axis} {number} {command}".rstrip().encode()
+
+        def answer(event: Event) -> Reply | None:
+            if not isinstance(event, Reply) or (event.device, event.number) != (device, number):
+                return None
+            # with checksums on, an answer without one was damaged at its colon
+            return event if event.checked or device not in self._checking else None
+
+        reply = self._transport.request(b"/" + body + b":" + checksum(body) + b"\n", answer, REPLY_S, tries)
+        if not reply.accepted:
+            reason, remedy = REJECTIONS.get(reply.data, (f"it said {reply.data}", "see the device's manual"))
+            raise Rejected(f"{self.address} device {device} refused {command!r}: {reason}", remedy, reply.data)
+        return reply
+
+    def _query(self, device: int, axis: int, command: str) -> str:
+        """What may be asked again if it goes unanswered."""
+        return self._send(device, axis, command, tries=3).data
+
+    def _number(self, axis: ZaberAxis, setting: str) -> float:
+        told = self._query(axis.device, axis.axis, f"get {setting}")
+        try:
+            return float(told)
+        except ValueError as error:
+            raise Rejected(
+                f"{self.address} device {axis.device} tells {setting} as {told!r}", "check the axis' number", told
+            ) from error
+
+    def _hear(self, event: Event, host_s: float) -> None:
+        if isinstance(event, Alert):
+            self._alerts += 1
+
+    def travel(self) -> Mapping[str, Travel]:
+        """The range of each axis."""
+        return dict(self._travel)
+
+    def position(self) -> Mapping[str, float]:
+        """Where the axes are now. Raises DeviceError."""
+        return {axis.name: axis.to_unit(self._steps(axis)) for axis in self._axes}
+
+    def _steps(self, axis: ZaberAxis) -> float:
+        return self._number(axis, "pos")
+
+    def moving(self) -> bool:
+        """Whether any axis moves. Raises DeviceError."""
+        return any(self._status(axis).busy for axis in self._axes)
+
+    def _status(self, axis: ZaberAxis) -> Reply:
+        return self._send(axis.device, axis.axis, "", tries=3)
+
+    def _check_flag(self, axis: ZaberAxis, flag: str) -> None:
+        reason, remedy = FLAGS.get(flag, (f"flag {flag}", "see the device's manual"))
+        if flag.startswith("F"):
+            error = Alarm(f"{axis.name} at {self.address}: {reason}", remedy, flag)
+            self.trust.lose(error)
+            raise error
+        if flag in (*UNREFERENCED, "WL", "WM"):
+            self.trust.lose(Alarm(f"{axis.name} at {self.address}: {reason}", remedy, flag))
+            self.trust.require()
+
+    def home(self) -> None:
+        """Send every axis to its home sensor. Raises DeviceError."""
+        with self._one_mover:
+            self._require_line()
+            epoch, stops = self.trust.begin(self.trust.shouts), self._stops
+            for axis in self._axes:
+                self._send(axis.device, axis.axis, "warnings clear", tries=3)
+                self._send(axis.device, axis.axis, "home")
+            longest_s = max((travel.high - travel.low) / self._speed[name] for name, travel in self._travel.items())
+            self._finish(list(self._axes), 4 * longest_s + 10)
+            if self._stops != stops or any(self._status(axis).flag == "NI" for axis in self._axes):
+                raise MoveFailed(f"homing at {self.address} was interrupted", HOME)
+            self.trust.give(epoch)
+
+    def _require_line(self) -> None:
+        if not self._transport.is_open:
+            raise LineLost(f"{self.address} is not connected", "connect first")
+
+    def move_to(self, **target: float) -> None:
+        """Send the axes there, each on its own way, and return when all are still. Raises DeviceError."""
+        with self._one_mover:
+            self._require_line()
+            self.trust.require()
+            check_target(target, self._travel)
+            goals = {axis: target[axis.name] for axis in self._axes if axis.name in target}
+            stops = self._stops
+            start = self.position()
+            longest_s = max((abs(goals[a] - start[a.name]) / self._speed[a.name] for a in goals), default=0.0)
+            try:
+                for axis, value in goals.items():
+                    self._send(axis.device, axis.axis, f"move abs {axis.to_steps(value)}")
+                self._finish(list(goals), 2 * longest_s + 2)
+            except DeviceError:
+                self._give_up_moving(list(goals))
+                raise
+            for axis, value in goals.items():
+                tolerance = PRECISION_STEPS * abs(axis.unit_per_step)
+                check_arrival(axis.name, value, axis.to_unit(self._steps(axis)), tolerance, self._stops != stops)
+
+    def _finish(self, axes: list[ZaberAxis], limit_s: float) -> None:
+        """Wait until the axes are idle, and look at their flags. Raises NoAnswer past the limit."""
+        deadline_s, epoch = self.clock.now_s() + limit_s, self.trust.epoch
+        while axes:
+            status = self._status(axes[0])
+            self._check_flag(axes[0], status.flag if not (status.busy and status.flag in UNREFERENCED) else "--")
+            if not status.busy:
+                axes.pop(0)
+                continue
+            if self.clock.now_s() > deadline_s:
+                raise NoAnswer(f"{axes[0].name} still moves after {limit_s:.1f} s", "check speed and mechanics")
+            self._pause(epoch)
+
+    def _pause(self, epoch: int) -> None:
+        """Until the next poll; an alert hastens it, an emergency stop ends it."""
+        alerts = self._alerts
+        self._transport.wait(lambda: self._alerts != alerts or self.trust.epoch != epoch, self._poll_s)
+        if self.trust.epoch != epoch:
+            self.trust.require()
+
+    def _give_up_moving(self, axes: list[ZaberAxis]) -> None:
+        try:
+            for axis in axes:
+                self._send(axis.device, axis.axis, "stop", tries=3)
+        except DeviceError as error:
+            self.trust.lose(error)
+
+    def stop(self) -> None:
+        """Slow down and stay. Raises DeviceError."""
+        self._stops += 1
+        for axis in self._axes:
+            self._send(axis.device, axis.axis, "stop", tries=3)
+
+    def emergency_stop(self) -> None:
+        """Stop all devices of the chain without slowing down, past every lock; unsafe until homed."""
+        self._stops += 1
+        error = EmergencyStopped(f"emergency stop at {self.address}", f"make it safe, then {HOME}")
+        self.trust.shout(error)
+        self._transport.shout(b"\n/0 0 estop\n", error)

@@ -1,0 +1,60 @@
+"""Convolution with an image on the s grid, seen at pixels only: as a matrix, and applied."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+Array32 = npt.NDArray[np.float32]
+
+
+@numba.njit(cache=True, nogil=True)
+def sample_convolution(
+    raster: Array32, rows: npt.NDArray[np.int64], columns: npt.NDArray[np.int64], weight: Array32, s: int, k: int
+) -> Array32:  # pragma: no cover - compiled
+    """The matrix S_s U: convolution with a raster, sampled at pixels, each row scaled by its weight.
+
+    Parameters
+    ----------
+    raster : (s (rows - 1) + k, s (columns - 1) + k) float32
+        What is convolved, on the s grid with a border of k // 2 samples.
+    rows, columns : (m,) int64
+        The pixels.
+    weight : (m,) float32
+        One over the standard deviation of the pixel's sample.
+
+    Returns
+    -------
+    (m, k^2) float32
+
+    References
+    ----------
+    Delbracio, Muse, Almansa, IPOL 2012, section 4.7.
+    """
+    m = len(rows)
+    A = np.empty((m, k * k), np.float32)
+    for p in range(m):
+        top, left, w = s * rows[p], s * columns[p], weight[p]
+        for i in range(k):
+            line = raster[top + k - 1 - i]
+            for j in range(k):
+                A[p, i * k + j] = w * line[left + k - 1 - j]
+    return A
+
+
+@numba.njit(cache=True, nogil=True, fastmath=True)
+def convolve_at(
+    raster: Array32, rows: npt.NDArray[np.int64], columns: npt.NDArray[np.int64], h: Array32, s: int
+) -> Array32:  # pragma: no cover - compiled
+    """A raster convolved with h (k, k), at pixels only: (m,) float32. Arguments as in `sample_convolution`."""
+    m, k = len(rows), h.shape[0]
+    out = np.empty(m, np.float32)
+    for p in range(m):
+        top, left = s * rows[p], s * columns[p]
+        total = np.float32(0)
+        for i in range(k):
+            for j in range(k):
+                total += h[i, j] * raster[top + k - 1 - i, left + k - 1 - j]
+        out[p] = total
+    return out

@@ -1,0 +1,95 @@
+"""The samples of the noise region that the PSF is estimated from, with their place, value and weight."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.numerics.warps import cubic_monomials
+from procedures.pattern import CELLS
+from procedures.pattern_psf.radiometry import Light, quadratic
+from procedures.pattern_psf.rasterise import Window
+from procedures.pattern_psf.registration import Registration
+
+Array = npt.NDArray[np.float64]
+Array32 = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Observation:
+    """The samples used: where they lie, and their value between black (0) and white (1).
+
+    Attributes
+    ----------
+    rows, columns : (m,) int64
+        Pixels, relative to the window.
+    points : (m, 2) float64
+        The same as (x, y) of the plane.
+    y : (m,) float64
+        Samples, black 0, white 1.
+    weight : (m,) float64
+        One over the noise of y.
+    quadratics : (m, 6) float64, cubics : (m, 9) float64
+        Polynomials of place that light and displacement are made of, at the registration's normalised coordinates.
+    """
+
+    rows: npt.NDArray[np.int64]
+    columns: npt.NDArray[np.int64]
+    points: Array
+    y: Array
+    weight: Array
+    quadratics: Array
+    cubics: Array
+
+    def __len__(self) -> int:
+        """Number of samples."""
+        return len(self.y)
+
+    def where(self, kept: npt.NDArray[np.bool_] | slice) -> Observation:
+        """Some of the samples."""
+        return Observation(
+            self.rows[kept],
+            self.columns[kept],
+            self.points[kept],
+            self.y[kept],
+            self.weight[kept],
+            self.quadratics[kept],
+            self.cubics[kept],
+        )
+
+
+def noise_window(registration: Registration, shape: tuple[int, ...]) -> Window:
+    """The pixels that can lie in the noise region, inside the plane."""
+    rim = registration.to_sensor(np.array([[0.0, 0.0], [CELLS, 0.0], [CELLS, CELLS], [0.0, CELLS]]))
+    limit = np.array(shape[::-1]) - 1
+    low = np.clip(np.floor(rim.min(axis=0)), 0, limit).astype(int)
+    high = np.clip(np.ceil(rim.max(axis=0)), 0, limit).astype(int)
+    return Window(int(low[0]), int(low[1]), int(high[0] - low[0] + 1), int(high[1] - low[1] + 1))
+
+
+def observe(
+    samples: Array32, registration: Registration, light: Light, window: Window, *, margin_px: float = 0.0
+) -> Observation:
+    """The samples of the noise region, scaled between black and white, with their weights.
+
+    Parameters
+    ----------
+    margin_px : float
+        Pixels nearer than this to the region's rim are left out: the PSF's radius, when marks are hidden and what
+        lies beyond the rim is not known.
+    """
+    x, y = np.meshgrid(np.arange(window.columns), np.arange(window.rows))
+    columns, rows = x.ravel(), y.ravel()
+    points = np.column_stack([columns + window.x, rows + window.y]).astype(np.float64)
+    cells = registration.to_pattern(points)
+    margin = margin_px * np.abs(registration.jacobian()).sum(axis=1).max()
+    inside = ((cells >= margin) & (cells <= CELLS - margin)).all(axis=1)
+    rows, columns, points = rows[inside], columns[inside], points[inside]
+    place = ((points - registration.centre) / registration.radius).T
+    quadratics = quadratic(*place)
+    contrast = quadratics @ (light.white - light.black)
+    value = (window.cut(samples)[rows, columns] - quadratics @ light.black) / contrast
+    weight = contrast / np.sqrt(light.variance_at(value))
+    return Observation(rows, columns, points, value, weight, quadratics, cubic_monomials(*place))

@@ -1,0 +1,213 @@
+"""The film: what is kept of a pixel's samples, in memory that does not grow with their number.
+
+Histograms follow section 4.4.1 of Delbracio's thesis: per colour 20 bins, triangular votes, and bins that widen with
+the sample's value L: in v = (L / 7.5)^(1 / 2.2) the first 19 nodes are i/18, the last is 2, and whatever lies beyond
+stays in the last bin.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.numerics.compiled import compiled
+from procedures.outcome import BadInput
+
+Floats = npt.NDArray[np.float32]
+Doubles = npt.NDArray[np.float64]
+Counts = npt.NDArray[np.uint32]
+Indices = npt.NDArray[np.int64]
+
+BINS = 20
+"""Bins per colour."""
+EXPONENT = 2.2
+"""Bins widen with this power of the sample's value."""
+RANGE = 7.5
+"""Value of a sample at which the evenly spaced nodes end."""
+SUM_TOLERANCE = 0.005
+"""Relative difference allowed between a histogram's sum and its count: votes may have been stored in half precision."""
+
+
+@dataclass(frozen=True)
+class Film:
+    """Samples gathered per pixel; the arrays grow in place as samples are added.
+
+    Attributes
+    ----------
+    histogram : (rows, columns, 3, 20) float32
+        Votes; each colour's sum is the count.
+    mean : (rows, columns, 3) float64
+        The picture: linear, 1 = white.
+    moment2 : (rows, columns, 3) float64 or None
+        Sum of squared differences from the mean; None where whoever made the film did not keep it.
+    count : (rows, columns) uint32
+        Samples that were kept.
+    dropped : (rows, columns) uint32
+        Samples that were not: not finite.
+    """
+
+    histogram: Floats
+    mean: Doubles
+    moment2: Doubles | None
+    count: Counts
+    dropped: Counts
+
+    @classmethod
+    def blank(cls, rows: int, columns: int) -> Film:
+        """A film without samples."""
+        return cls(
+            np.zeros((rows, columns, 3, BINS), np.float32),
+            np.zeros((rows, columns, 3)),
+            np.zeros((rows, columns, 3)),
+            np.zeros((rows, columns), np.uint32),
+            np.zeros((rows, columns), np.uint32),
+        )
+
+    @property
+    def variance(self) -> Doubles | None:
+        """Unbiased variance of single samples, (rows, columns, 3); 0 where there is but one; None if not kept."""
+        if self.moment2 is None:
+            return None
+        variance: Doubles = self.moment2 / np.maximum(self.count.astype(np.float64) - 1.0, 1.0)[..., None]
+        return variance
+
+    def add(self, row: npt.ArrayLike, column: npt.ArrayLike, colour: npt.ArrayLike) -> None:
+        """Take samples in, in place: rows (n,), columns (n,), linear colours (n, 3) in any order.
+
+        Samples that are not finite are dropped and counted; negative ones vote in the first bin.
+
+        Raises
+        ------
+        BadInput
+            If a sample lies outside the film, or the film's variance was not kept.
+        """
+        rows = np.asarray(row, np.int64).ravel()
+        columns = np.asarray(column, np.int64).ravel()
+        colours = np.ascontiguousarray(colour, np.float64).reshape(-1, 3)
+        if not rows.size == columns.size == len(colours):
+            raise BadInput(
+                f"{rows.size} rows, {columns.size} columns and {len(colours)} colours", "one of each per sample"
+            )
+        height, width = self.count.shape
+        if rows.size and (rows.min() < 0 or rows.max() >= height or columns.min() < 0 or columns.max() >= width):
+            raise BadInput(
+                f"samples in rows {rows.min()} to {rows.max()}, columns {columns.min()} to {columns.max()}"
+                f" of a film of {height} x {width}",
+                "give rows and columns counted from 0",
+            )
+        moment2 = self._moment2()
+        _expose(rows, columns, colours, self.histogram, self.mean, moment2, self.count, self.dropped)
+
+    def merge(self, other: Film) -> Film:
+        """The film of both films' samples, as if one had taken all of them.
+
+        Raises
+        ------
+        BadInput
+            If the films differ in size.
+        """
+        if self.count.shape != other.count.shape:
+            raise BadInput(
+                f"films of {self.count.shape} and {other.count.shape} pixels", "merge films of the same picture"
+            )
+        n0, n1 = (count.astype(np.float64)[..., None] for count in (self.count, other.count))
+        share = n1 / np.maximum(n0 + n1, 1.0)
+        step = other.mean - self.mean
+        moment2 = None
+        if self.moment2 is not None and other.moment2 is not None:
+            moment2 = self.moment2 + other.moment2 + step**2 * n0 * share
+        return Film(
+            self.histogram + other.histogram,
+            self.mean + step * share,
+            moment2,
+            self.count + other.count,
+            self.dropped + other.dropped,
+        )
+
+    def checked(self) -> Film:
+        """The film itself, when it can be filtered.
+
+        Raises
+        ------
+        BadInput
+            If sizes differ, a count is negative or zero, a value is not finite, or histograms and counts disagree.
+        """
+        _check_sizes(self)
+        _refuse_where(~np.isfinite(self.mean).all(-1), "pixels are NaN or infinite", "render them again")
+        votes = self.histogram @ np.ones(BINS, np.float32)
+        if not self.histogram.min() >= 0:  # NaN is not either
+            bad = ~(self.histogram >= 0).all((-2, -1))
+            _refuse_where(bad, "pixels have negative or NaN votes in their histograms", "write the histograms again")
+        _refuse_where(self.count == 0, "pixels are empty", "cast at least one sample in each")
+        counts = self.count.astype(np.float32)[..., None]
+        excess = np.abs(votes - counts) > SUM_TOLERANCE * (counts + 1)
+        _refuse_where(
+            excess.any(-1),
+            "pixels have histograms that do not sum to their count",
+            "give the histograms of this picture",
+        )
+        return self
+
+    def _moment2(self) -> Doubles:
+        if self.moment2 is None:
+            raise BadInput("the film's variance was not kept", "add the samples to a blank film and merge the two")
+        return self.moment2
+
+
+def film_of_samples(samples: npt.NDArray[np.floating]) -> Film:
+    """The film of a whole array of samples, (rows, columns, n, 3)."""
+    if samples.ndim != 4 or samples.shape[3] != 3 or 0 in samples.shape:
+        raise BadInput(f"samples of shape {samples.shape}", "give an array (rows, columns, samples, 3)")
+    rows, columns, n, _ = samples.shape
+    film = Film.blank(rows, columns)
+    for r in range(rows):
+        film.add(np.full(columns * n, r), np.repeat(np.arange(columns), n), samples[r])
+    return film
+
+
+def _check_sizes(film: Film) -> None:
+    size = film.count.shape
+    if film.mean.shape != (*size, 3) or film.histogram.shape != (*size, 3, BINS):
+        raise BadInput(
+            f"picture {film.mean.shape}, histograms {film.histogram.shape} and counts {size} are not of one size",
+            f"give (rows, columns, 3), (rows, columns, 3, {BINS}) and (rows, columns)",
+        )
+
+
+def _refuse_where(condition: npt.ArrayLike, what: str, remedy: str) -> None:
+    bad = np.asarray(condition)
+    if bad.any():
+        row, column = np.argwhere(bad)[0]
+        raise BadInput(f"{int(bad.sum())} of {bad.size} {what}, the first at row {row}, column {column}", remedy)
+
+
+@compiled
+def _expose(
+    rows: Indices, columns: Indices, colours: Doubles,
+    histogram: Floats, mean: Doubles, moment2: Doubles, count: Counts, dropped: Counts,
+) -> None:  # fmt: skip
+    for i in range(rows.size):
+        r, c = rows[i], columns[i]
+        if not (np.isfinite(colours[i, 0]) and np.isfinite(colours[i, 1]) and np.isfinite(colours[i, 2])):
+            dropped[r, c] += 1
+            continue
+        count[r, c] += 1
+        for b in range(3):
+            value = colours[i, b]
+            step = value - mean[r, c, b]
+            mean[r, c, b] += step / count[r, c]
+            moment2[r, c, b] += step * (value - mean[r, c, b])
+            vote(value, histogram[r, c, b])
+
+
+@compiled
+def vote(value: float, histogram: Floats) -> None:
+    """Share one vote between the two nodes beside the value."""
+    last = histogram.size - 1
+    v = (max(value, 0.0) / RANGE) ** (1.0 / EXPONENT)
+    position = v * (last - 1) if v <= 1.0 else min(last - 2.0 + v, float(last))
+    low = min(int(position), last - 1)
+    histogram[low + 1] += np.float32(position - low)
+    histogram[low] += np.float32(1.0 - (position - low))

@@ -1,0 +1,137 @@
+"""Films as files: npz in and out, and the multichannel OpenEXR of the renderer published with the method.
+
+A film's npz holds `image` (rows, columns, 3) linear, `hist` (rows, columns, 3, 20) and `nsamples` (rows, columns), in
+any precision; `variance` (rows, columns, 3) of single samples and `dropped` (rows, columns) if they were kept. An npz
+with `samples` (rows, columns, n, 3) instead is made into a film when it is read.
+"""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.outcome import BadInput
+from procedures.ray_histogram.film import BINS, Film, film_of_samples
+
+Arrays = dict[str, npt.NDArray[Any]]
+
+
+def read_film(path: Path, picture: Path | None = None) -> Film:
+    """The film kept in an npz, or in an OpenEXR of histograms with its picture.
+
+    Parameters
+    ----------
+    path : Path
+        `.npz`, or `.exr` with channels `Bin_0000` to `Bin_0060`: 20 bins of each colour, then the count.
+    picture : Path, optional
+        The OpenEXR with the picture's R, G and B, where `path` does not have them itself.
+
+    Raises
+    ------
+    BadInput
+        If the file cannot be read as such, or misses something; `Film.checked` judges the contents.
+    """
+    return _read_exr(path, picture) if path.suffix.lower() == ".exr" else _film_of_arrays(read_arrays(path))
+
+
+def write_film(film: Film, path: Path) -> None:
+    """Keep the film as npz; the file appears whole or not at all."""
+    arrays: Arrays = {"image": film.mean, "hist": film.histogram, "nsamples": film.count, "dropped": film.dropped}
+    if film.variance is not None:
+        arrays["variance"] = film.variance
+    beside = path.with_name(path.name + ".part")
+    with beside.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, **arrays)
+    os.replace(beside, path)
+
+
+def read_arrays(path: Path) -> Arrays:
+    """The arrays of an npz by name.
+
+    Raises
+    ------
+    BadInput
+        If it cannot be read as such.
+    """
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            return {name: archive[name] for name in archive.files}
+    except (ValueError, EOFError, TypeError, zipfile.BadZipFile) as error:
+        raise BadInput(f"{path} is no npz archive of arrays: {error}", "give a film, or an array `samples`") from error
+    except OSError as error:
+        raise BadInput(f"{path} cannot be read: {error.strerror or error}", "check the path") from error
+
+
+def _film_of_arrays(arrays: Arrays) -> Film:
+    if "samples" in arrays:
+        return film_of_samples(_real(arrays, "samples"))
+    missing = {"image", "hist", "nsamples"} - set(arrays)
+    if missing:
+        raise BadInput(
+            f"no {', '.join(sorted(missing))} among the arrays {sorted(arrays)}",
+            "give `image`, `hist` and `nsamples`, or `samples`",
+        )
+    count = _real(arrays, "nsamples")
+    variance = _real(arrays, "variance") if "variance" in arrays else None
+    if variance is not None and variance.shape != (*count.shape, 3):
+        raise BadInput(f"a variance of shape {variance.shape} for counts of {count.shape}", "write the film again")
+    dropped = _real(arrays, "dropped") if "dropped" in arrays else np.zeros(count.shape)
+    counts = _whole(count, "counts")
+    return Film(
+        np.ascontiguousarray(_real(arrays, "hist"), np.float32),
+        _real(arrays, "image").astype(np.float64),
+        None if variance is None else variance * np.maximum(counts.astype(np.float64) - 1.0, 1.0)[..., None],
+        counts,
+        _whole(dropped, "dropped samples"),
+    )
+
+
+def _real(arrays: Arrays, name: str) -> npt.NDArray[Any]:
+    array = arrays[name]
+    if array.dtype.kind not in "fiu":
+        raise BadInput(f"`{name}` is an array of {array.dtype}", "give real numbers")
+    return array
+
+
+def _whole(numbers: npt.NDArray[Any], what: str) -> npt.NDArray[np.uint32]:
+    rounded = np.rint(np.asarray(numbers, np.float64))
+    if not np.isfinite(rounded).all() or (rounded < 0).any() or (rounded > np.iinfo(np.uint32).max).any():
+        worst = np.nanmin(rounded)
+        raise BadInput(f"negative or impossible {what}, the least of them {worst:g}", "write the film again")
+    return rounded.astype(np.uint32)
+
+
+def _read_exr(path: Path, picture: Path | None) -> Film:
+    channels = _exr_channels(path)
+    names = [f"Bin_{i:04d}" for i in range(3 * BINS + 1)]
+    missing = [name for name in names if name not in channels]
+    if missing:
+        raise BadInput(f"{path} has no channel {missing[0]}", f"give histograms as {names[0]} to {names[-1]}")
+    colours = channels if picture is None else _exr_channels(picture)
+    if not {"R", "G", "B"} <= set(colours):
+        raise BadInput(f"{picture or path} has no channels R, G and B", "give the OpenEXR of the picture beside it")
+    image = np.stack([colours[name] for name in "RGB"], axis=-1)
+    histogram = np.stack([channels[name] for name in names[:-1]], axis=-1)
+    return _film_of_arrays(
+        {"image": image, "hist": histogram.reshape(*histogram.shape[:2], 3, BINS), "nsamples": channels[names[-1]]}
+    )
+
+
+def _exr_channels(path: Path) -> Arrays:
+    """The channels of the first part of an OpenEXR file, each (rows, columns)."""
+    try:
+        import OpenEXR
+    except ImportError as error:
+        raise BadInput(f"{path} needs the package OpenEXR", "pip install 'calibration-station[exr]'") from error
+    if not path.is_file():
+        raise BadInput(f"{path} is no file", "check the path")
+    try:
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            return {name: np.asarray(channel.pixels) for name, channel in file.channels().items()}
+    except RuntimeError as error:
+        raise BadInput(f"{path} is no OpenEXR picture: {error}", "write it again") from error

@@ -1,0 +1,293 @@
+"""The inner loops of ray histogram fusion: one band of rows, one chi-square map per offset, each pair once.
+
+A *candidate* is a patch that may be like the patch of a pixel: a frame and an offset (rows, columns). Candidate 0 is
+the patch itself, then come the `half` forward offsets of the search block in the pixel's own frame, then their
+opposites in the same order, then whole search blocks in the other frames.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.numerics.compiled import vectorised
+
+Floats = npt.NDArray[np.float32]
+Ints = npt.NDArray[np.int64]
+
+FAR = np.float32(1e30)
+"""Ratio of a pair that cannot be compared: outside the picture, or without a bin that speaks."""
+RIDGE = np.float32(0.5)
+"""Variance of position, pixel^2, added before the trend is fitted: two patches in a row fix no slope across it."""
+LEAST_FOR_TREND = np.float32(5.0)
+"""Similar patches below which no trend is fitted: a plane has three unknowns."""
+
+
+class Stack(NamedTuple):
+    """Frames of one size, the one to filter first: planes (frame, channel, row, column), histograms (frame, row,
+    column, bin) and counts (frame, row, column), all float32."""
+
+    planes: Floats
+    histograms: Floats
+    counts: Floats
+
+
+class Rules(NamedTuple):
+    """What makes patches similar and how they are averaged; the fields are those of `filter.FilterParameters`."""
+
+    patch: int
+    kappa: float
+    softness: float
+    at_least: int
+    least_count: float
+    trend: bool
+    trust: float
+
+
+@vectorised
+def pixel_distances(stack: Stack, candidate: Ints, first: int, least: float, d: Floats, k: Floats) -> None:
+    """Chi-square `d` and number of bins `k` between the pixels of frame 0 and those that the candidate points at.
+
+    Rows `first` to `first + len(d)`. Bins that hold no more than `least` counts between them are left out.
+    Equation (4.3).
+    """
+    frame, dr, dc = candidate
+    target, other = stack.histograms[0], stack.histograms[frame]
+    n0, n1 = stack.counts[0], stack.counts[frame]
+    columns = target.shape[1]
+    d[:] = 0.0
+    k[:] = 0.0
+    floor = np.float32(least)
+    for i in range(d.shape[0]):
+        r = first + i
+        for c in range(max(0, -dc), min(columns, columns - dc)):
+            x = target[r, c]
+            y = other[r + dr, c + dc]
+            a = np.sqrt(n1[r + dr, c + dc] / n0[r, c])
+            b = np.float32(1.0) / a
+            distance = np.float32(0.0)
+            bins = np.float32(0.0)
+            for m in range(x.shape[0]):
+                both = x[m] + y[m]
+                e = a * x[m] - b * y[m]
+                speaks = both > floor
+                distance += e * e / both if speaks else np.float32(0.0)
+                bins += np.float32(1.0) if speaks else np.float32(0.0)
+            d[i, c] = distance
+            k[i, c] = bins
+
+
+@vectorised
+def patch_ratio(d: Floats, k: Floats, i: int, c: int, patch: int) -> np.float32:
+    """Chi-square per bin over the patch of half size `patch` around row i, column c of the maps. Equation (4.4)."""
+    distance = np.float32(0.0)
+    bins = np.float32(0.0)
+    for ii in range(max(0, i - patch), min(d.shape[0], i + patch + 1)):
+        for cc in range(max(0, c - patch), min(d.shape[1], c + patch + 1)):
+            distance += d[ii, cc]
+            bins += k[ii, cc]
+    return np.float32(distance / bins) if bins > 0 else FAR
+
+
+@vectorised
+def allowed(p: int, offset: int, size: int, patch: int) -> bool:
+    """Whether the patch at p + offset has all the pixels that the patch at p has, along one axis."""
+    return min(0, patch - p) <= offset <= max(0, size - 1 - patch - p)
+
+
+@vectorised
+def band_ratios(stack: Stack, candidates: Ints, half: int, rules: Rules, first: int, ratios: Floats) -> None:
+    """Chi-square per bin of every candidate for the patches of a band: ratios (candidates, rows, columns).
+
+    The band starts at row `first`. Each pair of the own frame is computed once and stored for both patches.
+    """
+    patch = rules.patch
+    rows, columns = stack.counts.shape[1:]
+    last = first + ratios.shape[1]
+    ratios[:] = FAR
+    ratios[0] = 0.0
+    for j in range(1, candidates.shape[0]):
+        frame, dr, dc = candidates[j]
+        both_ways = frame == 0
+        if both_ways and j > half:
+            continue
+        # centres p with p or p + dr in the band; their pixels reach one patch further
+        low = max(0, first - (dr if both_ways else 0), -dr)
+        high = min(rows, last, rows - dr)
+        start = max(0, low - patch, -dr)
+        stop = min(rows, high + patch, rows - dr)
+        if low >= high:
+            continue
+        d = np.empty((stop - start, columns), np.float32)
+        k = np.empty((stop - start, columns), np.float32)
+        pixel_distances(stack, candidates[j], start, rules.least_count, d, k)
+        for r in range(low, high):
+            for c in range(max(0, -dc), min(columns, columns - dc)):
+                ratio = patch_ratio(d, k, r - start, c, patch)
+                if r >= first and allowed(r, dr, rows, patch) and allowed(c, dc, columns, patch):
+                    ratios[j, r - first, c] = ratio
+                q, s = r + dr, c + dc
+                if both_ways and first <= q < last and allowed(q, -dr, rows, patch) and allowed(s, -dc, columns, patch):
+                    ratios[j + half, q - first, s] = ratio
+
+
+@vectorised
+def nearest(ratios: Floats, i: int, c: int, k: int) -> np.float32:
+    """The k-th smallest ratio among the candidates of patch (i, c), the patch itself apart; 0 if there are not k."""
+    best = np.full(k, FAR, np.float32)
+    for j in range(1, ratios.shape[0]):
+        value = ratios[j, i, c]
+        m = k - 1
+        if value >= best[m]:
+            continue
+        while m > 0 and best[m - 1] > value:
+            best[m] = best[m - 1]
+            m -= 1
+        best[m] = value
+    return np.float32(best[k - 1]) if best[k - 1] < FAR else np.float32(0.0)
+
+
+@vectorised
+def weigh(ratios: Floats, rules: Rules) -> None:
+    """Ratios become weights in [0, 1], in place: 1 well below kappa, 0 well above, a ramp of `softness` between.
+
+    Where fewer than `at_least` other patches count, the nearest ones count half.
+    """
+    candidates, rows, columns = ratios.shape
+    top = np.float32(rules.kappa * (1 + rules.softness))
+    slope = np.float32(1.0 / (rules.kappa * max(2 * rules.softness, 1e-6)))
+    similar = np.zeros((rows, columns), np.int64)
+    for j in range(1, candidates):
+        for i in range(rows):
+            for c in range(columns):
+                similar[i, c] += ratios[j, i, c] < top
+    limits = np.zeros((rows, columns), np.float32)
+    for i in range(rows):
+        for c in range(columns):
+            if similar[i, c] < rules.at_least:
+                limits[i, c] = nearest(ratios, i, c, rules.at_least)
+    half = np.float32(0.5)
+    for j in range(candidates):
+        for i in range(rows):
+            for c in range(columns):
+                ratio = ratios[j, i, c]
+                weight = min(np.float32(1.0), max(np.float32(0.0), (top - ratio) * slope))
+                ratios[j, i, c] = max(weight, half) if ratio <= limits[i, c] else weight
+
+
+@vectorised
+def fit_patches(stack: Stack, candidates: Ints, rules: Rules, first: int, weights: Floats, fit: Floats) -> Floats:
+    """How the similar patches of each patch are averaged; returns their number per patch, the patch itself included.
+
+    Weights become samples shared, in place. With mean offset m and covariance C of the similar patches' offsets o, the
+    plane fitted to them has at o = 0 the weights w (1 - (o - m)' C^-1 m) / sum w: the average keeps no first-order
+    bias. fit (3, rows, columns) receives 1 + m' C^-1 m and C^-1 m, times the gain of the patch in the aggregation.
+    """
+    rows, columns = weights.shape[1:]
+    similar = np.zeros((rows, columns), np.float32)
+    moments = np.zeros((rows, 6, columns), np.float32)
+    for j in range(candidates.shape[0]):
+        frame, dr, dc = candidates[j]
+        y, x = np.float32(dr), np.float32(dc)
+        for i in range(max(0, -first - dr), min(rows, stack.counts.shape[1] - first - dr)):
+            samples = stack.counts[frame, first + i + dr]
+            for c in range(max(0, -dc), min(columns, columns - dc)):
+                w = weights[j, i, c]
+                similar[i, c] += w
+                w *= samples[c + dc]
+                weights[j, i, c] = w
+                moments[i, 0, c] += w
+                moments[i, 1, c] += w * y
+                moments[i, 2, c] += w * x
+                moments[i, 3, c] += w * y * y
+                moments[i, 4, c] += w * y * x
+                moments[i, 5, c] += w * x * x
+    for i in range(rows):
+        for c in range(columns):
+            trend = rules.trend and similar[i, c] >= LEAST_FOR_TREND
+            fit_patch(moments[i, :, c], trend, similar[i, c], rules.trust, fit[:, i, c])
+    return similar
+
+
+@vectorised
+def fit_patch(moments: Floats, trend: bool, similar: float, trust: float, fit: Floats) -> None:
+    """One patch of `fit_patches` from its sum of weights and their first and second moments."""
+    total = moments[0]
+    my, mx = moments[1] / total, moments[2] / total
+    yy = moments[3] / total - my * my + RIDGE
+    yx = moments[4] / total - my * mx
+    xx = moments[5] / total - mx * mx + RIDGE
+    det = yy * xx - yx * yx
+    sy = (xx * my - yx * mx) / det if trend else np.float32(0.0)
+    sx = (yy * mx - yx * my) / det if trend else np.float32(0.0)
+    inflation = np.float32(1.0) + sy * my + sx * mx
+    gain = (similar / inflation) ** np.float32(trust) / total
+    fit[0] = inflation * gain
+    fit[1] = sy * gain
+    fit[2] = sx * gain
+
+
+@vectorised
+def aggregate(
+    planes: Floats, candidates: Ints, weights: Floats, fit: Floats, top: int, patch: int, fused: Floats
+) -> None:
+    """Average the patch estimates that cover the pixels of a band: fused (channels, rows, columns).
+
+    Row 0 of the band is row `top` of the picture and row `top - first` of the patches.
+    """
+    columns = weights.shape[2]
+    channels, height = fused.shape[:2]
+    total = np.zeros((height, columns), np.float32)
+    fused[:] = 0.0
+    own = np.zeros(weights.shape[1:], np.float32)
+    spread = np.zeros(columns, np.float32)
+    first = max(0, top - patch)
+    for j in range(candidates.shape[0]):
+        frame, dr, dc = candidates[j]
+        low, high = max(0, -dc), min(columns, columns - dc)
+        lean = fit[0] - np.float32(dr) * fit[1] - np.float32(dc) * fit[2]
+        own[:] = weights[j] * lean
+        for y in range(max(0, -top - dr), min(height, planes.shape[2] - top - dr)):
+            spread_row(own, top + y - first, patch, spread)
+            for c in range(low, high):
+                total[y, c] += spread[c]
+            for b in range(channels):
+                source = planes[frame, b, top + y + dr]
+                for c in range(low, high):
+                    fused[b, y, c] += spread[c] * source[c + dc]
+    fused /= total
+
+
+@vectorised
+def spread_row(own: Floats, i: int, patch: int, spread: Floats) -> None:
+    """Sum of `own` over the patch around each pixel of row i."""
+    rows, columns = own.shape
+    column = np.zeros(columns + 2 * patch, np.float32)
+    for ii in range(max(0, i - patch), min(rows, i + patch + 1)):
+        for c in range(columns):
+            column[c + patch] += own[ii, c]
+    for c in range(columns):
+        spread[c] = column[c]
+    for t in range(1, 2 * patch + 1):
+        for c in range(columns):
+            spread[c] += column[c + t]
+
+
+@vectorised
+def fuse_band(
+    stack: Stack, candidates: Ints, half: int, rules: Rules, top: int, fused: Floats, similar: Floats
+) -> None:  # fmt: skip
+    """Filter the rows `top` to `top + len(similar)` of frame 0; fills fused (channels, rows, columns) and similar."""
+    rows, columns = stack.counts.shape[1:]
+    height = similar.shape[0]
+    first = max(0, top - rules.patch)
+    last = min(rows, top + height + rules.patch)
+    weights = np.empty((candidates.shape[0], last - first, columns), np.float32)
+    band_ratios(stack, candidates, half, rules, first, weights)
+    weigh(weights, rules)
+    fit = np.zeros((3, last - first, columns), np.float32)
+    found = fit_patches(stack, candidates, rules, first, weights, fit)
+    aggregate(stack.planes, candidates, weights, fit, top, rules.patch, fused)
+    similar[:] = found[top - first : top - first + height]

@@ -1,0 +1,178 @@
+"""Algorithm 2: noise wider than the search block is removed at coarser scales, and brought back to the finest."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage, sparse
+
+from procedures.outcome import BadInput
+from procedures.ray_histogram.film import Film
+from procedures.ray_histogram.filter import FilterParameters, Samples, fuse_scale
+
+Floats = npt.NDArray[np.float32]
+
+SIGMA = 0.55
+"""Blur, in coarse pixels, that a picture should have: scale s is blurred by SIGMA sqrt(4^s - 1) fine pixels."""
+
+RANGE_SIDE = 5
+"""Side of the neighbourhood, in pixels, whose noisy values bound the filtered one."""
+
+
+@dataclass(frozen=True)
+class FilteredFilm:
+    """What the filter answers for a film.
+
+    Attributes
+    ----------
+    picture : (rows, columns, 3) float32
+        The filtered picture, linear.
+    similar : (rows, columns) float32
+        Similar patches per pixel at the finest scale (see `filter.Fused`).
+    median_similar : tuple of float
+        Their median at each scale, the finest first.
+    """
+
+    picture: Floats
+    similar: Floats
+    median_similar: tuple[float, ...]
+
+
+def filter_film(
+    film: Film, parameters: FilterParameters | None = None, *, neighbours: Sequence[Film] = (), threads: int = 1
+) -> FilteredFilm:
+    """The film's picture without its noise, by Algorithm 2.
+
+    Parameters
+    ----------
+    film : Film
+        Checked here; at least one sample in each pixel.
+    parameters : FilterParameters
+        The defaults if None.
+    neighbours : sequence of Film
+        The frames before and after in a sequence; similar patches are sought in them too.
+    threads : int
+        Bands filtered at once; the result does not depend on it.
+
+    Raises
+    ------
+    BadInput
+        If a film cannot be filtered, the films differ in size, or the picture is too small for so many scales.
+    """
+    parameters = parameters or FilterParameters()
+    frames = [samples_of(f.checked()) for f in (film, *neighbours)]
+    check_scales(frames[0].count.shape, parameters)
+    results = []
+    for s in range(parameters.scales):
+        level = frames if s == 0 else [downsample(frame, s) for frame in frames]
+        rules = parameters if s == 0 else _without_least(parameters)
+        results.append(fuse_scale(level[0], rules, neighbours=level[1:], threads=threads))
+    picture = results[0].picture
+    if parameters.scales > 1:
+        picture = within_range(recombine([r.picture for r in results], parameters.coarse), frames[0].picture)
+    return FilteredFilm(picture, results[0].similar, tuple(float(np.median(r.similar)) for r in results))
+
+
+def samples_of(film: Film) -> Samples:
+    """The film as the filter takes it."""
+    rows, columns = film.count.shape
+    return Samples(
+        film.mean.astype(np.float32), film.histogram.reshape(rows, columns, -1), film.count.astype(np.float32)
+    )
+
+
+def check_scales(size: tuple[int, ...], parameters: FilterParameters) -> None:
+    """Refuse more scales than the size allows: the coarsest picture must hold two patches side by side."""
+    least = 2 * (2 * parameters.patch + 1)
+    coarsest = [-(-n // 2 ** (parameters.scales - 1)) for n in size]
+    if min(coarsest) < least:
+        raise BadInput(
+            f"{size[0]} x {size[1]} pixels are {coarsest[0]} x {coarsest[1]} at scale {parameters.scales},"
+            f" where {least} x {least} are needed to compare patches",
+            "filter with fewer scales",
+        )
+
+
+def downsample(frame: Samples, s: int) -> Samples:
+    """The frame at scale s: 2^s times smaller, blurred so that it does not alias, with as many samples in all."""
+    histogram = gaussian_downsample(frame.histogram, s)
+    count = gaussian_downsample(frame.count[..., None], s)[..., 0]
+    factor = np.float32(frame.count.sum(dtype=np.float64) / count.sum(dtype=np.float64))
+    histogram *= factor
+    return Samples(gaussian_downsample(frame.picture, s), histogram, count * factor)
+
+
+def recombine(pictures: Sequence[Floats], coarse: float) -> Floats:
+    """One picture from filtered scales, finest first: each gives up its low frequencies for the coarser one's.
+
+    The scales' estimates err partly independently, so that a mean of the two (`coarse` < 1) is nearer than either.
+    """
+    result = pictures[-1]
+    for finer in pictures[-2::-1]:
+        difference = np.float32(coarse) * (result - gaussian_downsample(finer, 1))
+        result = finer + bicubic_upsample(difference, finer.shape[:2])
+    return result
+
+
+def within_range(picture: Floats, noisy: Floats) -> Floats:
+    """The picture, kept between the least and the greatest of the noisy pixels around: no dark rim about a lamp.
+
+    Low frequencies that are exchanged at the edge of something far brighter overshoot by more than what is there.
+    """
+    size = (RANGE_SIDE, RANGE_SIDE, 1)
+    return np.clip(picture, ndimage.minimum_filter(noisy, size), ndimage.maximum_filter(noisy, size))
+
+
+def gaussian_downsample(picture: Floats, s: int) -> Floats:
+    """(rows, columns, channels) blurred and sampled at every 2^s-th pixel from the first, ceil(n / 2^s) of them."""
+    return _along_both(picture, *(_gaussian_rows(n, s) for n in picture.shape[:2]))
+
+
+def bicubic_upsample(picture: Floats, size: tuple[int, ...]) -> Floats:
+    """(rows, columns, channels) twice larger, by Keys' cubic (a = -1/2); the samples stay where they are."""
+    return _along_both(picture, *(_bicubic_rows(n) for n in size))
+
+
+def _along_both(picture: Floats, along_rows: sparse.csr_array, along_columns: sparse.csr_array) -> Floats:
+    rows, columns, channels = picture.shape
+    narrow = (along_rows @ picture.reshape(rows, -1)).reshape(-1, columns, channels)
+    turned = np.ascontiguousarray(narrow.transpose(1, 0, 2))
+    small = (along_columns @ turned.reshape(columns, -1)).reshape(-1, len(narrow), channels)
+    return np.ascontiguousarray(small.transpose(1, 0, 2), np.float32)
+
+
+def _gaussian_rows(n: int, s: int) -> sparse.csr_array:
+    """Weights (ceil(n / 2^s), n), rows of sum 1; the picture is mirrored at its borders."""
+    sigma = SIGMA * np.sqrt(4.0**s - 1.0)
+    reach = int(np.ceil(4 * sigma))
+    offsets = np.arange(-reach, reach + 1)
+    weights = np.exp(-(offsets**2) / (2 * sigma**2))
+    return _rows_of_weights(np.arange(0, n, 2**s)[:, None] + offsets, weights / weights.sum(), n)
+
+
+def _bicubic_rows(n: int) -> sparse.csr_array:
+    """Weights (n, ceil(n / 2)), rows of sum 1."""
+    before = np.arange(n) // 2
+    t = np.arange(n) / 2 - before
+    near, far = np.stack([t, 1 - t]), np.stack([1 + t, 2 - t])
+    inside = (1.5 * near - 2.5) * near**2 + 1
+    outside = ((-0.5 * far + 2.5) * far - 4) * far + 2
+    weights = np.stack([outside[0], inside[0], inside[1], outside[1]], axis=1)
+    return _rows_of_weights(before[:, None] + np.arange(-1, 3), weights, -(-n // 2))
+
+
+def _rows_of_weights(indices: npt.NDArray[np.int64], weights: npt.NDArray[np.float64], n: int) -> sparse.csr_array:
+    """Sparse rows with these weights at these indices (rows, k); indices beyond the n columns are mirrored."""
+    mirrored = indices % (2 * n)
+    mirrored = np.where(mirrored < n, mirrored, 2 * n - 1 - mirrored)
+    rows = np.repeat(np.arange(len(indices)), indices.shape[1])
+    values = np.broadcast_to(weights, indices.shape).astype(np.float32).ravel()
+    return sparse.coo_array((values, (rows, mirrored.ravel())), shape=(len(indices), n)).tocsr()
+
+
+def _without_least(parameters: FilterParameters) -> FilterParameters:
+    """Coarser scales may leave a pixel alone: the finest sees to it that none keeps its noise."""
+    return replace(parameters, at_least=0)

@@ -1,0 +1,354 @@
+"""The kernel between the two photographs, jointly with the map and the light: the near photograph plays the chart.
+
+Every Gauss-Newton step linearises
+
+    y = A k + sum a_i q_i + sum b_i q_i A k
+
+about the current map, kernel and light, with y the far photograph's samples, A the near photograph on the s grid of the
+far one as a convolution, q_i the quadratics of place, and eliminates everything but k (variable projection,
+Kaufman's form). The map is a homography followed by a cubic displacement; its constant is a shift of k, and is set so
+that k stays centred.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.numerics.normal_equations import NormalEquations, eliminate, gram, products
+from procedures.numerics.sampled_convolution import sample_convolution
+from procedures.numerics.solvers import cholesky_solve
+from procedures.numerics.splines import photograph_spline, read_spline
+from procedures.numerics.warps import CubicWarp, apply_homography, displacement_columns, homography_jacobian
+from procedures.outcome import Refused
+
+Array = npt.NDArray[np.float64]
+Array32 = npt.NDArray[np.float32]
+Indices = npt.NDArray[np.int64]
+
+GEOMETRY, LIGHT = 18, 11
+"""Nuisance parameters: nine cubics each for x and y; six quadratics added, five multiplied."""
+MAX_STEPS = 8
+NEAR_PX = 0.02  # what the last step may have left for the next: below this every sample is taken
+STILL_PX = 0.02  # the step itself is accounted for to first order: what is left of it is a hundredth
+MOST_SAMPLES = 150_000  # a PSF is local: of a larger common region the middle is taken
+OUTLYING = 6.0  # standard deviations of the residual from which a sample is left out
+THIN_FROM = 8  # samples per unknown from which the first steps take every fourth sample
+
+
+@dataclass(frozen=True)
+class Samples:
+    """The far photograph's samples used.
+
+    Attributes
+    ----------
+    rows, columns : (m,) int64
+        Pixels, relative to the window's first one.
+    points : (m, 2) float64
+        The same as (x, y) of the far photograph.
+    y : (m,) float64
+    """
+
+    rows: Indices
+    columns: Indices
+    points: Array
+    y: Array
+
+    def kept(self, which: npt.NDArray[np.bool_]) -> Samples:
+        """Those of the samples."""
+        return Samples(self.rows[which], self.columns[which], self.points[which], self.y[which])
+
+
+@dataclass(frozen=True)
+class NearImage:
+    """The near photograph, band-limited to what the far one's s grid holds.
+
+    Attributes
+    ----------
+    coefficients : (rows, columns) float32
+        Of a cubic spline about the photograph's mean.
+    grid : (3, 3) float64
+        Near pixels (x, y) -> grid points.
+    s : int
+    corner : (x, y)
+        First pixel of the window on the far photograph.
+    shape : (rows, columns)
+        Pixels of the window.
+    """
+
+    coefficients: Array32
+    grid: Array
+    s: int
+    corner: tuple[int, int]
+    shape: tuple[int, int]
+
+    def read(self, warp: CubicWarp, border: int) -> Array32:
+        """The near photograph on the s grid over the window and `border` samples around it, seen through the map."""
+        rows, columns = self.shape
+        return np.asarray(
+            read_spline(
+                self.coefficients,
+                self.grid @ warp.H,
+                warp.centre,
+                warp.radius,
+                warp.displacement,
+                np.array(self.corner, dtype=np.float64) - border / self.s,
+                1 / self.s,
+                (self.s * (rows - 1) + 1 + 2 * border, self.s * (columns - 1) + 1 + 2 * border),
+            )
+        )
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The state of the estimate: map, kernel, light, and what is left over.
+
+    Attributes
+    ----------
+    warp : CubicWarp
+        Far pixels -> near pixels.
+    kernel : (k^2,) float64
+        The inter-image kernel by plain least squares; its sum is the gain from the near to the far photograph.
+    light : (11,) float64
+        a (6), b without its constant (5).
+    samples : Samples
+    near : NearImage
+    equations : NormalEquations
+        Of the last step.
+    seen : (m,) float64
+        The near photograph through the kernel, before the light.
+    slopes : (m, 2) float64
+        Change of the prediction per far pixel along x and y.
+    prediction : (m,) float64
+    steps : int
+    moved_px : float
+        Largest move of the map in the last step, in far pixels.
+    travelled_px : float
+        The same summed over all steps, translations aside.
+    outliers : float
+        Share of the common region's samples that were left out.
+    """
+
+    warp: CubicWarp
+    kernel: Array
+    light: Array
+    samples: Samples
+    near: NearImage
+    equations: NormalEquations
+    seen: Array
+    slopes: Array
+    prediction: Array
+    steps: int
+    moved_px: float
+    travelled_px: float
+    outliers: float = 0.0
+
+    @property
+    def residual(self) -> Array:
+        """Samples minus prediction, (m,)."""
+        return self.samples.y - self.prediction
+
+    @property
+    def variance(self) -> float:
+        """Variance of the residual, freedoms allowed for."""
+        freedom = len(self.samples.y) - len(self.kernel) - GEOMETRY - LIGHT
+        return float(self.residual @ self.residual / freedom)
+
+    def scale(self) -> Array:
+        """d(near pixels) / d(far pixels) (2, 2), its mean over the samples: the kernel is such a mean too."""
+        return np.asarray(self.warp.derivative(self.samples.points[::29]).mean(axis=0))
+
+    @property
+    def agreement(self) -> float:
+        """Share of the samples' variance that the near photograph explains."""
+        return 1 - self.variance / float(np.var(self.samples.y))
+
+
+def fit_kernel(near: Array32, far: Array32, H_near_far: Array, s: int, k: int) -> Fit:
+    """The inter-image kernel with the map refined to a few thousandths of a pixel.
+
+    Parameters
+    ----------
+    near, far : (rows, columns) float32
+    H_near_far : (3, 3) float64
+        Far -> near pixels, good to about half a far pixel.
+    s, k : int
+        Samples per far pixel, and their number along the kernel's side.
+
+    Raises
+    ------
+    Refused
+        If the common region is too small for the kernel.
+    """
+    samples, corner, shape = common_region(near, far, H_near_far, s, k)
+    warp = _first_warp(H_near_far, samples)
+    image = _near_image(near, warp, samples, s, k, corner, shape)
+    thinned = samples.kept((samples.rows % 2 == 0) & (samples.columns % 2 == 0))
+    used = thinned if len(thinned.y) > THIN_FROM * k * k else samples
+    fit = _settled(_first_fit(used, image, warp, k), samples, k)
+    clean = _without_outliers(fit)
+    if len(clean.y) < len(samples.y) - max(10, 1e-3 * len(samples.y)):
+        fit = replace(_settled(fit, clean, k), outliers=1 - len(clean.y) / len(samples.y))
+    return fit
+
+
+def _settled(fit: Fit, samples: Samples, k: int) -> Fit:
+    """Gauss-Newton steps on the fit's own samples while the map moves, the last one on all of `samples`."""
+    for step in range(1, MAX_STEPS + 1):
+        if fit.moved_px < NEAR_PX or step >= MAX_STEPS - 2:
+            fit = replace(fit, samples=samples)
+        last, fit = fit, _step(_centred(fit, k), k)
+        fit = replace(fit, steps=last.steps + 1, travelled_px=last.travelled_px + fit.moved_px)
+        if fit.samples is samples and fit.moved_px < STILL_PX:
+            break
+    return fit
+
+
+def _without_outliers(fit: Fit) -> Samples:
+    """The samples without those that no noise explains: something before the wall in one of the photographs."""
+    away = np.abs(fit.residual)
+    return fit.samples.kept(away < OUTLYING * 1.4826 * float(np.median(away)))
+
+
+def common_region(
+    near: Array32, far: Array32, H_near_far: Array, s: int, k: int
+) -> tuple[Samples, tuple[int, int], tuple[int, int]]:
+    """The far samples whose whole kernel falls on the near photograph; their window's corner (x, y) and shape.
+
+    Raises
+    ------
+    Refused
+        If they are too few for k^2 unknowns.
+    """
+    rows, columns = np.indices(far.shape)
+    points = np.column_stack([columns.ravel(), rows.ravel()]).astype(np.float64)
+    reach = (k // 2 + 2) / s
+    limit = np.array(near.shape[::-1]) - 3.0
+    inside = np.ones(len(points), dtype=bool)
+    for corner in ((-reach, -reach), (reach, -reach), (reach, reach), (-reach, reach)):
+        seen = apply_homography(H_near_far, points + corner)
+        inside &= ((seen >= 2) & (seen <= limit)).all(axis=1)
+    inside = _middle(points, inside)
+    needed = int(1.5 * k * k + 100)
+    if inside.sum() < needed:
+        raise Refused(
+            f"{k * k} kernel values need {needed} far samples of the common region; it has {int(inside.sum())}",
+            "let more of the near photograph's wall be seen in the far one, or lower k",
+        )
+    points = points[inside]
+    low, high = points.min(axis=0).astype(int), points.max(axis=0).astype(int)
+    x, y = points.astype(np.int64).T
+    samples = Samples(y - low[1], x - low[0], points, far[y, x].astype(np.float64))
+    return samples, (int(low[0]), int(low[1])), (int(high[1] - low[1] + 1), int(high[0] - low[0] + 1))
+
+
+def _middle(points: Array, inside: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Of the points inside, at most the most samples wanted: a square about their middle."""
+    if inside.sum() <= MOST_SAMPLES:
+        return inside
+    away = np.abs(points - points[inside].mean(axis=0)).max(axis=1)
+    return np.asarray(inside & (away <= np.sort(away[inside])[MOST_SAMPLES]))
+
+
+def _first_warp(H_near_far: Array, samples: Samples) -> CubicWarp:
+    centre = samples.points.mean(axis=0)
+    radius = float(np.abs(samples.points - centre).max())
+    return CubicWarp(H_near_far, centre, radius, np.zeros((2, 9)))
+
+
+def _near_image(
+    near: Array32, warp: CubicWarp, samples: Samples, s: int, k: int, corner: tuple[int, int], shape: tuple[int, int]
+) -> NearImage:
+    """The part of the near photograph that is needed, as a spline."""
+    seen = warp.forward(samples.points)
+    scale = np.abs(homography_jacobian(warp.H, warp.centre)).sum(axis=1)
+    margin = scale * (k // 2 + 2) / s + 8
+    low = np.maximum(np.floor(seen.min(axis=0) - margin), 0).astype(int)
+    high = np.minimum(np.ceil(seen.max(axis=0) + margin) + 1, near.shape[::-1]).astype(int)
+    part = near[low[1] : high[1], low[0] : high[0]]
+    coefficients, grid = photograph_spline(part - part.mean(), warp.jacobian(), s / 2)
+    shift = np.array([[1, 0, -low[0]], [0, 1, -low[1]], [0, 0, 1]])
+    return NearImage(coefficients, grid @ shift, s, corner, shape)
+
+
+def _place(samples: Samples, warp: CubicWarp) -> Array:
+    """Quadratics of place at the samples, (m, 6): the light's terms."""
+    x, y = ((samples.points - warp.centre) / warp.radius).T
+    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
+
+
+def _system(samples: Samples, near: NearImage, warp: CubicWarp, k: int) -> Array32:
+    """The convolution with the near photograph, sampled at the far pixels."""
+    unweighted = np.ones(len(samples.y), np.float32)
+    u = near.read(warp, k // 2)
+    return np.asarray(sample_convolution(u, samples.rows, samples.columns, unweighted, near.s, k))
+
+
+def _first_fit(samples: Samples, near: NearImage, warp: CubicWarp, k: int) -> Fit:
+    """The kernel by the first map, the added light free."""
+    A, place = _system(samples, near, warp, k), _place(samples, warp)
+    equations = eliminate(products(gram(A), A, place, samples.y))
+    kernel = cholesky_solve(equations.G, equations.b)
+    seen = (A @ kernel.astype(np.float32)).astype(np.float64)
+    light = np.zeros(LIGHT)
+    light[:6] = equations.nuisance(kernel)
+    slopes = np.zeros((len(seen), 2))
+    prediction = seen + place @ light[:6]
+    return Fit(warp, kernel, light, samples, near, equations, seen, slopes, prediction, 0, np.inf, 0.0)
+
+
+def _centred(fit: Fit, k: int) -> Fit:
+    """The same fit with the map shifted to where the kernel is centred; the next step moves the kernel."""
+    offset = centre_of(fit.kernel.reshape(k, k)) / fit.near.s
+    return replace(fit, warp=fit.warp.translated(-offset))
+
+
+def centre_of(kernel: Array) -> Array:
+    """Centroid (x, y) of a kernel (k, k), in samples from its middle, under a Gaussian window that follows it.
+
+    The window, a quarter of the support wide, keeps out the noise of the far samples; for a kernel with a centre of
+    symmetry the centroid is that centre whatever the window.
+    """
+    k = len(kernel)
+    x = np.arange(k) - k // 2
+    centre = np.zeros(2)
+    for _ in range(30):
+        window = np.exp(-((x - centre[0]) ** 2 + (x[:, None] - centre[1]) ** 2) / (2 * (k / 4) ** 2))
+        weighted = window * kernel
+        found = np.array([weighted.sum(axis=0) @ x, weighted.sum(axis=1) @ x]) / weighted.sum()
+        still = np.abs(found - centre).max() < 1e-6
+        centre = np.clip(found, -k / 4, k / 4)
+        if still:
+            break
+    return centre
+
+
+def _step(fit: Fit, k: int) -> Fit:
+    """One Gauss-Newton step: a new system for the current map, increments of everything."""
+    samples, warp = fit.samples, fit.warp
+    A = _system(samples, fit.near, warp, k)
+    slope_y, slope_x = np.gradient(fit.kernel.reshape(k, k))
+    both = np.column_stack([fit.kernel, slope_x.ravel(), slope_y.ravel()]).astype(np.float32)
+    seen, *slopes = (A @ both).T.astype(np.float64)
+    shifted = np.stack(slopes, axis=-1) * fit.near.s
+    place, monomials = _place(samples, warp), warp.monomials(samples.points)
+    Z = np.hstack([displacement_columns(shifted, monomials), place, place[:, 1:] * seen[:, None]])
+    before = seen + Z[:, GEOMETRY:] @ fit.light
+    equations = eliminate(products(gram(A), A, Z, samples.y - before))
+    change = cholesky_solve(equations.G, equations.b)
+    t = equations.nuisance(change)
+    displacement = t[:GEOMETRY].reshape(2, 9)
+    moves = (monomials[::29] - monomials.mean(axis=0)) @ displacement.T
+    return replace(
+        fit,
+        warp=warp.displaced(displacement, monomials),
+        kernel=fit.kernel + change,
+        light=fit.light + t[GEOMETRY:],
+        equations=equations,
+        seen=seen,
+        slopes=shifted,
+        prediction=before + A @ change.astype(np.float32) + Z @ t,
+        moved_px=float(np.abs(moves).max()),
+    )

@@ -1,0 +1,52 @@
+"""Whether both photographs are equally sharp, by their spectra: they should be, refocused at either distance."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+Array32 = npt.NDArray[np.float32]
+
+PATCH = 64
+LOW, HIGH = (0.06, 0.12), (0.27, 0.36)
+"""Two bands of frequencies, in cycles per pixel of the photograph."""
+
+
+def sharpness_ratio(near: Array32, far: Array32, noise: float) -> float:
+    """Fine over coarse contrast of the near photograph, over the same of the far one; 1 when both are equally sharp.
+
+    Texture looks alike at all scales: from four times as far a wall has the spectrum it had, up to a factor. Real
+    walls give 0.5 to 1, for they have less that is very small; a ratio far from that is the focus.
+
+    Parameters
+    ----------
+    near, far : (rows, columns) float32
+        The parts that show the same wall.
+    noise : float
+        Standard deviation of a pixel's noise: its flat spectrum is taken off.
+    """
+    return float(_fineness(near, noise) / _fineness(far, noise))
+
+
+def _fineness(photograph: Array32, noise: float) -> float:
+    """Amplitude of the high band over that of the low one, noise taken off."""
+    power = _spectrum(photograph) - noise**2
+    f = np.hypot(np.fft.fftfreq(PATCH)[:, None], np.fft.rfftfreq(PATCH))
+    low, high = (float(power[(f >= start) & (f < end)].mean()) for start, end in (LOW, HIGH))
+    floor = 1e-3 * noise**2  # nothing but noise must not become a negative power
+    return float(np.sqrt(max(high, floor) / max(low, floor, 1e-12)))
+
+
+def _spectrum(photograph: Array32) -> Array:
+    """Power per pixel of a photograph, the mean over windowed patches spread over it: PATCH x (PATCH / 2 + 1)."""
+    window = np.outer(np.hanning(PATCH), np.hanning(PATCH)).astype(np.float32)
+    rows, columns = (_starts(n) for n in photograph.shape)
+    patches = np.stack([photograph[i : i + PATCH, j : j + PATCH] for i in rows for j in columns])
+    patches = (patches - patches.mean(axis=(1, 2), keepdims=True)) * window
+    return np.asarray((np.abs(np.fft.rfft2(patches)) ** 2).mean(axis=0) / np.sum(window**2), dtype=np.float64)
+
+
+def _starts(n: int) -> npt.NDArray[np.int64]:
+    """First pixels of at most six patches along an axis of n pixels."""
+    return np.unique(np.linspace(0, max(n - PATCH, 0), 6).astype(np.int64))

@@ -1,0 +1,79 @@
+"""What a cable and a bench can do wrong, on request or at random from a seed."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass
+class Faults:
+    """Faults of one cable. Probabilities are per byte, except `duplicate`, which is per chunk.
+
+    `silent`: spans of seconds in which nothing passes; `delay_s`: every reply comes so much later;
+    `unplugged_at_s`: the cable comes out, and with `replugged_at_s` goes in again; `wrong_baud`: all is noise.
+    """
+
+    rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
+    lost: float = 0.0
+    garbage: float = 0.0
+    duplicate: float = 0.0
+    delay_s: float = 0.0
+    silent: tuple[tuple[float, float], ...] = ()
+    unplugged_at_s: float = float("inf")
+    replugged_at_s: float = float("inf")
+    wrong_baud: bool = False
+    begin_s: float = 0.0
+    _late: deque[tuple[float, bytes]] = field(default_factory=deque)
+
+    def unplugged(self, now_s: float) -> bool:
+        """Whether the cable is out."""
+        return self.unplugged_at_s <= now_s < self.replugged_at_s
+
+    def scramble(self, data: bytes) -> bytes:
+        """What arrives at a wrong baud rate: as many bytes, or a few less, of noise."""
+        keep = self.rng.random(len(data)) < 0.8
+        return self.rng.integers(0, 256, int(keep.sum()), dtype=np.uint8).tobytes()
+
+    def spoil(self, data: bytes, now_s: float) -> bytes:
+        """What of `data` arrives now, and as what."""
+        if self.wrong_baud:
+            return self.scramble(data)
+        if any(begin <= now_s < end for begin, end in self.silent):
+            return b""
+        if now_s < self.begin_s or not (self.lost or self.garbage or self.duplicate):
+            return data
+        return self._spoilt(data)
+
+    def _spoilt(self, data: bytes) -> bytes:
+        draws = self.rng.random(len(data))
+        noise = self.rng.integers(0, 256, len(data), dtype=np.uint8)
+        kept = bytearray()
+        for byte, draw, other in zip(data, draws, noise, strict=True):
+            if draw < self.lost:
+                continue
+            kept.append(int(other) if draw < self.lost + self.garbage else byte)
+        return bytes(kept) * (2 if self.rng.random() < self.duplicate else 1)
+
+    def spoil_reply(self, data: bytes, now_s: float) -> bytes:
+        """What of a reply arrives now; with a delay, nothing yet."""
+        spoilt = self.spoil(data, now_s)
+        if self.delay_s and spoilt and now_s >= self.begin_s:
+            self._late.append((now_s + self.delay_s, spoilt))
+            return b""
+        return spoilt
+
+    def late(self, now_s: float) -> bytes:
+        """Delayed bytes whose time has come."""
+        due = b""
+        while self._late and self._late[0][0] <= now_s:
+            due += self._late.popleft()[1]
+        return due
+
+    def next_event_s(self, now_s: float) -> float | None:
+        """When a delayed byte arrives or the plug moves."""
+        moments = [self._late[0][0]] if self._late else []
+        moments += [moment for moment in (self.unplugged_at_s, self.replugged_at_s) if now_s < moment < float("inf")]
+        return min(moments, default=None)

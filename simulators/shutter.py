@@ -1,0 +1,208 @@
+"""Shutter boxes at byte level: a STRIG/1 box and a bare RTS line, both closing a camera's contacts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+NEVER = float("inf")
+LONGEST_MS = 3_600_000
+LONGEST_LINE = 63
+WATCHDOG_S = 5.0
+
+
+class Contacts(Protocol):
+    """What is wired to a shutter box."""
+
+    def close(self, now_s: float) -> None:
+        """The release contact closes."""
+        ...
+
+    def release(self, now_s: float) -> None:
+        """It opens."""
+        ...
+
+    def flash_s(self) -> float | None:
+        """When the hot shoe next fires; taken once."""
+        ...
+
+
+@dataclass
+class Shot:
+    """One accepted shot: its number and when its contacts move."""
+
+    seq: int
+    focus_at_s: float
+    close_at_s: float
+    release_at_s: float
+    closed: bool = False
+
+
+class StrigBox:
+    """A box that speaks STRIG/1, see drivers/firmware/STRIG1.md; its clock runs `drift` fast."""
+
+    baud = 115200
+
+    def __init__(self, contacts: Contacts, *, serial: str = "SIM-1", drift: float = 20e-6, boot_s: float = 0.3) -> None:
+        self.contacts = contacts
+        self.focused = False
+        self._hello = f"STRIG/1 simulated 1.0 {serial}"
+        self._drift, self._boot = drift, boot_s
+        self._booted_s = 0.0
+        self._boot_end_s = NEVER
+        self._line = bytearray()
+        self._out = bytearray()
+        self._shot: Shot | None = None
+        self._seq = 0
+        self._heard_s = 0.0
+        self._flash_at_s = NEVER
+        self._dtr = False
+
+    def set_lines(self, rts: bool, dtr: bool, now_s: float) -> None:
+        """A rising DTR restarts the board."""
+        if dtr and not self._dtr:
+            self.restart(now_s)
+        self._dtr = dtr
+
+    def restart(self, now_s: float) -> None:
+        """Power-up: contacts open, clock and count at zero."""
+        self._open(now_s)
+        self._shot, self._seq = None, 0
+        self._line.clear()
+        self._out.clear()
+        self._booted_s, self._boot_end_s = now_s, now_s + self._boot
+
+    def receive(self, data: bytes, now_s: float) -> None:
+        """Lines; any byte feeds the watchdog."""
+        if self._boot_end_s != NEVER:
+            return
+        self._heard_s = now_s
+        for byte in data:
+            if byte == 10:
+                line, self._line = bytes(self._line), bytearray()
+                if line:
+                    self._obey(line, now_s)
+            elif byte != 13 and len(self._line) <= LONGEST_LINE:
+                self._line.append(byte)
+
+    def advance(self, now_s: float) -> bytes:
+        """Contacts and events, in order."""
+        while (moment_s := self.next_event_s()) is not None and moment_s <= now_s:
+            self._event(moment_s)
+        said = bytes(self._out)
+        self._out.clear()
+        return said
+
+    def next_event_s(self) -> float | None:
+        """The earliest of boot, contacts, watchdog and flash."""
+        moments = [self._boot_end_s, self._flash_at_s]
+        if self._shot is not None:
+            shot = self._shot
+            moments.append(min(shot.release_at_s, self._heard_s + WATCHDOG_S) if shot.closed else shot.close_at_s)
+        return None if min(moments) == NEVER else min(moments)
+
+    def _event(self, now_s: float) -> None:
+        if self._boot_end_s <= now_s:
+            self._boot_end_s = NEVER
+            self._say(self._hello)
+        if self._flash_at_s <= now_s:
+            self._say(f"EVT FLASH {self._t_us(self._flash_at_s)}")
+            self._flash_at_s = NEVER
+        if self._shot is not None:
+            self._live(self._shot, now_s)
+
+    def _live(self, shot: Shot, now_s: float) -> None:
+        if not shot.closed and shot.close_at_s <= now_s:
+            shot.closed = True
+            self.contacts.close(now_s)
+            self._say(f"EVT SHUTTER {shot.seq} {self._t_us(now_s)}")
+            self._flash_at_s = self.contacts.flash_s() or NEVER
+        elif shot.closed and shot.release_at_s <= now_s:
+            self._end("DONE", now_s)
+        elif shot.closed and self._heard_s + WATCHDOG_S <= now_s:
+            self._end("WATCHDOG", now_s)
+
+    def _end(self, kind: str, now_s: float) -> None:
+        if self._shot is not None:
+            self._open(now_s)
+            self._say(f"EVT {kind} {self._shot.seq} {self._t_us(now_s)}")
+            self._shot = None
+
+    def _open(self, now_s: float) -> None:
+        self.focused = False
+        if self._shot is not None and self._shot.closed:
+            self.contacts.release(now_s)
+
+    def _say(self, line: str) -> None:
+        self._out += line.encode() + b"\n"
+
+    def _t_us(self, now_s: float) -> int:
+        return round((now_s - self._booted_s) * (1 + self._drift) * 1e6)
+
+    def _obey(self, line: bytes, now_s: float) -> None:
+        if len(line) > LONGEST_LINE:
+            self._say("ERR 2 bad argument")
+            return
+        command, *words = line.decode("ascii", "replace").split(" ")
+        if command == "ID?":
+            self._say(self._hello)
+        elif command == "SYNC?":
+            self._say(f"SYNC {self._t_us(now_s)}")
+        elif command == "ABORT":
+            self._accept()
+            self._end("ABORT", now_s)
+        elif command not in ("FOCUS", "SHOT", "BULB"):
+            self._say("ERR 1 unknown command")
+        elif self._shot is not None:
+            self._say("ERR 3 busy")
+        else:
+            self._act(command, [int(w) if w.isascii() and w.isdigit() and len(w) < 8 else -1 for w in words], now_s)
+
+    def _accept(self) -> int:
+        self._seq += 1
+        self._say(f"OK {self._seq}")
+        return self._seq
+
+    def _act(self, command: str, numbers: list[int], now_s: float) -> None:
+        good = all(0 <= n <= LONGEST_MS for n in numbers)
+        match command, numbers:
+            case "FOCUS", [0 | 1 as pressed] if good:
+                self.focused = bool(pressed)
+                self._accept()
+            case "SHOT", [focus, pulse, *delay] if good and pulse > 0 and len(delay) < 2:
+                start_s = now_s + (delay[0] if delay else 0) / 1000
+                close_s = start_s + focus / 1000
+                self._shot = Shot(self._accept(), start_s, close_s, close_s + pulse / 1000)
+            case "BULB", [pulse] if good and pulse > 0:
+                self._shot = Shot(self._accept(), now_s, now_s, now_s + pulse / 1000)
+            case _:
+                self._say("ERR 2 bad argument")
+
+
+class RtsLine:
+    """An adapter whose RTS line closes the contact; it says nothing."""
+
+    baud = 0
+
+    def __init__(self, contacts: Contacts) -> None:
+        self.contacts = contacts
+        self._closed = False
+
+    def set_lines(self, rts: bool, dtr: bool, now_s: float) -> None:
+        """RTS is the contact."""
+        if rts and not self._closed:
+            self.contacts.close(now_s)
+        elif self._closed and not rts:
+            self.contacts.release(now_s)
+        self._closed = rts
+
+    def receive(self, data: bytes, now_s: float) -> None:
+        """Nobody listens."""
+
+    def advance(self, now_s: float) -> bytes:
+        """Nothing is said."""
+        return b""
+
+    def next_event_s(self) -> float | None:
+        """Nothing happens by itself."""
+        return None

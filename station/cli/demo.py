@@ -1,0 +1,130 @@
+"""`station demo`: a whole simulated calibration, without a terminal."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from station.cli.errors import REFUSED
+from station.cli.log import log, log_json_option, logs_json
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from station.demo import Checked, Demonstration, Summary
+    from station.progress import Progress
+
+COLOURS = {"pass": "green", "doubtful": "yellow", "refused": "red"}
+HEADINGS = {"horizontal": "MTF50, rows", "vertical": "MTF50, columns"}
+WIDE = 100
+"""Columns of a terminal from which on the table shows both directions."""
+
+
+@click.command("demo")
+@click.option(
+    "--out", type=click.Path(path_type=Path), default="demo", show_default=True, help="Folder for everything it makes."
+)
+@click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=1, show_default=True, help="Of the camera's noise.")
+@click.option("--rendered", is_flag=True, help="Also trace light through scenes in depth, filter and photograph them.")
+@click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout in place of the table.")
+@log_json_option
+def demo(out: Path, seed: int, rendered: bool, as_json: bool) -> None:
+    """Photograph the chart with a simulated camera, estimate the PSFs from its files, and compare with the truth."""
+    from station.demo import run_demo, steps, summary
+
+    with _progress(steps()) as progress:
+        found, text = run_demo(out, seed, progress=progress)
+    if as_json:
+        click.echo(text, nl=False)
+    else:
+        _show(found, summary(found))
+    log("written", f"wrote {out / 'index.html'}", path=str(out / "index.html"))
+    if rendered:
+        _render(out / "rendered", seed)
+    if found.refused:
+        raise click.exceptions.Exit(REFUSED)
+
+
+def _render(out: Path, seed: int) -> None:
+    """The scenes in depth, into a folder of their own; what was rendered there before is used again."""
+    from station.rendered import PAGE, RenderPlan, rendered_demo, steps
+
+    plan = RenderPlan(seed=seed)
+    with _progress(steps(plan)) as progress:
+        scenes, _ = rendered_demo(out, plan, threads=os.cpu_count() or 1, progress=progress)
+    for one in scenes:
+        before, after = one.psnr_db["rendered"], one.psnr_db["filtered"]
+        sentence = f"{one.name}: {before:.2f} dB as rendered, {after:.2f} dB filtered"
+        log("rendered", sentence, scene=one.name, rendered_db=before, filtered_db=after)
+    log("written", f"wrote {out / PAGE}", path=str(out / PAGE))
+
+
+@contextmanager
+def _progress(total: int) -> Iterator[Progress]:
+    """A bar where a person watches, lines otherwise."""
+    from station.progress import bar
+
+    if sys.stderr.isatty() and not logs_json():
+        with bar(total) as progress:
+            yield progress
+    else:
+        yield lambda done, steps=1: log("step", done)
+
+
+def _show(found: Demonstration, summary: Summary) -> None:
+    """The table and its conclusion, on stdout."""
+    from rich.console import Console
+
+    console = Console(highlight=False)
+    console.print(_table(found, console.width))
+    console.print("MTF50 in cycles per pixel of the plane, ± one standard uncertainty.", style="dim")
+    if summary.refused < summary.planes:
+        console.print(
+            f"{summary.passed} of {summary.planes} planes pass. Errors are {summary.ratio_mean:.2f} times the expected "
+            f"({summary.ratio_least:.2f} to {summary.ratio_most:.2f}); {summary.mtf50_within} of {summary.mtf50_n} "
+            f"MTF50 lie within 2.5 σ of the truth; centres within {summary.centre_px:.4f} pixel."
+        )
+
+
+def _table(found: Demonstration, width: int) -> Table:
+    """Measured, true, error and bound of every plane; both directions where the terminal is wide enough."""
+    from rich import box
+    from rich.table import Table
+
+    directions = list(HEADINGS)[: 2 if width >= WIDE else 1]
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1), show_edge=False)
+    table.add_column("plane", no_wrap=True)
+    for direction in directions:
+        table.add_column(HEADINGS[direction], justify="right", no_wrap=True)
+        table.add_column("true", justify="right", no_wrap=True)
+    table.add_column("PSF error", justify="right", no_wrap=True)
+    table.add_column("bound", justify="right", no_wrap=True)
+    table.add_column("verdict", no_wrap=True)
+    for number, shot in enumerate(found.shots, 1):
+        table.add_row(f"[bold]{number} {shot.setup.title}[/]")
+        for plane in shot.planes:
+            table.add_row(*_cells(plane, directions))
+    return table
+
+
+def _cells(plane: Checked, directions: Sequence[str]) -> list[str]:
+    from station.report import percent, stated
+
+    verdict = str(plane.calibrated.record.verdict)
+    cells = [f"  {plane.name}"]
+    if plane.comparison is None:
+        cells += [""] * (2 * len(directions) + 2)
+    else:
+        for direction in directions:
+            against = plane.comparison.mtf50.get(direction)
+            measured = against.measured if against else None
+            cells += [stated(measured.value, measured.uncertainty)] if measured else ["—"]
+            cells += [f"{against.true:.4f}"] if against else ["—"]
+        cells += [percent(plane.comparison.error), percent(plane.comparison.expected)]
+    return [*cells, f"[{COLOURS[verdict]}]{verdict}[/]"]

@@ -1,0 +1,127 @@
+"""What the commands share that turn photographs into PSFs: their options, reading, telling, writing."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from station.cli.errors import REFUSED
+from station.cli.log import log, log_json_option
+
+if TYPE_CHECKING:
+    from procedures.raw import RawFrame
+    from station.calibrate import Calibrated
+    from station.results import PlaneRecord, ResultFolder
+
+_LEVELS = {"pass": "info", "doubtful": "warning", "refused": "error"}
+OPTICS = ("pixel_pitch_um", "f_number", "wavelength_nm")
+"""Options that describe the diffraction limit."""
+
+Command = Callable[..., Any]
+
+
+def psf_options(s: int, k: int, solver: str) -> Callable[[Command], Command]:
+    """The options of every PSF command, with a procedure's own defaults."""
+    options: list[Callable[[Command], Command]] = [
+        click.option("-s", "s", type=int, default=s, show_default=True, help="PSF samples per pixel of the plane."),
+        click.option("-k", "k", type=int, default=k, show_default=True, help="PSF samples along one side, odd."),
+        click.option("--solver", type=click.Choice(["ls", "clip", "nnls"]), default=solver, show_default=True),
+        click.option(
+            "--pixel-pitch-um", type=click.FloatRange(min=0.1), help="The sensor's pitch, for the Strehl ratio."
+        ),
+        click.option(
+            "--f-number", type=click.FloatRange(min=0.1), help="The aperture.  [default: as the camera noted it]"
+        ),
+        click.option("--wavelength-nm", type=click.FloatRange(min=100), help="[default: R 600, G 530, B 460, Y 550]"),
+        click.option("--plane", help="R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]"),
+        click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results."),
+        click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout too."),
+        log_json_option,
+    ]
+
+    def add(command: Command) -> Command:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return add
+
+
+def read_planes(image: Path, plane: str | None) -> RawFrame:
+    """The planes asked for, of one photograph; the default one where none is named."""
+    from procedures.raw import default_plane, read_frame
+
+    chosen = plane or default_plane(image)
+    frame = read_frame(image, None if chosen == "all" else [chosen])
+    rows, columns = next(iter(frame.planes.values())).samples.shape
+    sentence = f"read {image}: {', '.join(frame.planes)}, {columns} x {rows} pixels a plane"
+    log("read", sentence, path=str(image), sha256=frame.sha256, planes=",".join(frame.planes))
+    return frame
+
+
+def tell_each(calibrated: Iterable[Calibrated[Any]]) -> list[PlaneRecord]:
+    """The records of the planes, each told as it comes."""
+    records = []
+    for one in calibrated:
+        _tell(one.record, one.duration_s)
+        records.append(one.record)
+    return records
+
+
+def write_result(
+    folder: ResultFolder, planes: Sequence[PlaneRecord], procedure: str, frames: Sequence[RawFrame], **about: Any
+) -> str:
+    """Write the result of photographs; returns the record's text. `about` has parameters and start."""
+    from station.results import write_psf_result
+
+    start = about.pop("start")
+    text = write_psf_result(
+        folder,
+        planes,
+        {
+            "procedure": procedure,
+            "input": [{"path": str(frame.path), "sha256": frame.sha256} for frame in frames],
+            **about,
+            "duration_s": round(time.perf_counter() - start, 3),
+        },
+    )
+    record = str(folder.path / "result.json")
+    log("written", f"wrote {record}", path=record)
+    return text
+
+
+def finish(planes: Sequence[PlaneRecord], text: str, *, as_json: bool) -> None:
+    """Write the record to stdout where it is wanted, and leave with the code of a refusal if a plane was refused."""
+    if as_json:
+        click.echo(text, nl=False)
+    if any(record.verdict == "refused" for record in planes):
+        raise click.exceptions.Exit(REFUSED)
+
+
+def _tell(record: PlaneRecord, duration_s: float) -> None:
+    verdict = str(record.verdict)
+    log(
+        "plane",
+        _sentence(record),
+        level=_LEVELS[verdict],
+        remedy=record.remedy,
+        plane=record.name,
+        verdict=verdict,
+        dur_ms=round(1000 * duration_s),
+    )
+
+
+def _sentence(record: PlaneRecord) -> str:
+    """What a person wants to know of a plane in one line."""
+    parts = [f"{record.name}: {record.verdict}"]
+    parts += [record.reason] if record.reason else []
+    numbers = record.quality.numbers if record.quality else {}
+    for name in ("mtf50_horizontal", "mtf50_vertical"):
+        if name in numbers:
+            number = numbers[name]
+            parts.append(f"{name} {number.value:.4f} ± {number.uncertainty:.4f} {number.unit}")
+    return "; ".join(parts)

@@ -1,0 +1,42 @@
+"""`station simulate`: the simulated bench on pseudo-terminals and TCP, for other programs."""
+
+from __future__ import annotations
+
+import json
+import signal
+import threading
+from pathlib import Path
+
+import click
+
+
+@click.command()
+@click.option("--seed", type=int, default=0, show_default=True, help="Of all noise, and of the faults.")
+@click.option("--faults", is_flag=True, help="Lose, change and double bytes now and then, and fall silent.")
+@click.option(
+    "--folder", type=click.Path(path_type=Path), default=Path("incoming"), show_default=True, help="Where RAW files go."
+)
+@click.option("--json", "as_json", is_flag=True, help="Write the addresses as one JSON object.")
+@click.option("--for-s", type=click.FloatRange(min=0), help="End after so many seconds.  [default: on Ctrl-C]")
+def simulate(seed: int, faults: bool, folder: Path, as_json: bool, for_s: float | None) -> None:
+    """Open the simulated bench and print where each device answers, until Ctrl-C."""
+    from station.bench import simulated_bench
+
+    folder.mkdir(parents=True, exist_ok=True)
+    bench = simulated_bench(folder, seed=seed, faults=faults)
+    ended = threading.Event()
+    signal.signal(signal.SIGTERM, lambda *_: ended.set())
+    try:
+        ports = bench.simulated.open_ports()
+        click.echo(json.dumps({name: list(two) for name, two in ports.items()}) if as_json else listing(ports, folder))
+        ended.wait(for_s)
+    except KeyboardInterrupt:
+        click.echo("the bench is closed", err=True)
+    finally:
+        bench.close()
+
+
+def listing(ports: dict[str, tuple[str, str]], folder: Path) -> str:
+    """The addresses for people."""
+    lines = [f"{name:12} {pty:14} {tcp}" for name, (pty, tcp) in ports.items()]
+    return "\n".join([*lines, f"{'camera':12} RAW files appear in {folder} when the shutter is fired"])

@@ -1,0 +1,143 @@
+"""Which driver a name in station.toml means, and which options it takes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from drivers.clock import Clock
+from drivers.errors import BadConfiguration
+from drivers.folder_camera import FolderCamera, Tether
+from drivers.frames import Inspect
+from drivers.gphoto import GphotoCamera
+from drivers.grbl import GrblAxis, GrblStage
+from drivers.grbl_link import GrblLink
+from drivers.grbl_protocol import GrblParser
+from drivers.imu import FastImu, WitImu
+from drivers.imu_frames import FastParser, WitParser
+from drivers.interfaces import Device, Parser
+from drivers.light import DmxLight, DmxParser, GrblLight, Panel
+from drivers.rangefinder import BoschParser, BoschRangefinder, JrtParser, JrtRangefinder
+from drivers.shutter import DeafParser, RelayShutter, RtsShutter, StrigParser, StrigShutter
+from drivers.transcript import Transcript
+from drivers.transport import SerialTransport
+from drivers.zaber import ZaberAxis, ZaberStage
+from drivers.zaber_protocol import ZaberParser
+
+
+@dataclass(frozen=True)
+class Parts:
+    """What a maker may use: the devices made so far, folders, the clock, how RAW files are checked."""
+
+    made: Mapping[str, Device]
+    folder: Path
+    clock: Clock
+    inspect: Inspect
+    wire_log: Path | None = None
+
+    def wire(self, name: str, port: str, parser: Callable[[], Parser[Any]], **options: Any) -> SerialTransport[Any]:
+        """The line to a device, with its transcript."""
+        log = self.wire_log / f"wire-{name}.txt" if self.wire_log else None
+        return SerialTransport(port, parser, clock=self.clock, transcript=Transcript(file=log), **options)
+
+    def link(self, on: str | None, name: str, port: str | None) -> tuple[GrblLink, bool]:
+        """The stage's GRBL controller, or one of its own; and whether it is."""
+        if on is None:
+            if port is None:
+                raise BadConfiguration(f"devices.{name} has neither port nor on", 'set on = "stage", or a port')
+            return GrblLink(self.wire(name, port, GrblParser)), True
+        stage = self.made.get(on)
+        if not isinstance(stage, GrblStage):
+            raise BadConfiguration(f"devices.{name}: {on} is no GRBL stage", "name one in `on`")
+        return stage.link, False
+
+
+def _grbl(
+    name: str, parts: Parts, *, port: str, axes: Sequence[Mapping[str, Any]], baud: int = 115200,
+    reset_on_open: str = "expect", poll_s: float = 0.2,
+) -> GrblStage:  # fmt: skip
+    dtr = False if reset_on_open == "avoid" else None
+    wire = parts.wire(name, port, GrblParser, baud=baud, dtr=dtr)
+    made = [GrblAxis(**axis) for axis in axes]
+    return GrblStage(wire, made, clock=parts.clock, reset_on_open=reset_on_open, poll_s=poll_s)
+
+
+def _zaber(
+    name: str, parts: Parts, *, port: str, axes: Sequence[Mapping[str, Any]], baud: int = 115200, poll_s: float = 0.1
+) -> ZaberStage:
+    made = [ZaberAxis(**axis) for axis in axes]
+    return ZaberStage(parts.wire(name, port, ZaberParser, baud=baud), made, clock=parts.clock, poll_s=poll_s)
+
+
+def _strig(name: str, parts: Parts, *, port: str, baud: int = 115200) -> StrigShutter:
+    return StrigShutter(parts.wire(name, port, StrigParser, baud=baud), clock=parts.clock)
+
+
+def _rts(name: str, parts: Parts, *, port: str) -> RtsShutter:
+    return RtsShutter(parts.wire(name, port, DeafParser, rts=False), clock=parts.clock)
+
+
+def _relay(name: str, parts: Parts, *, on: str | None = None, port: str | None = None) -> RelayShutter:
+    link, own = parts.link(on, name, port)
+    return RelayShutter(link, clock=parts.clock, owns_link=own)
+
+
+def _folder(name: str, parts: Parts, *, folder: str, shutter: str, **tether: Any) -> FolderCamera:
+    box: Any = parts.made.get(shutter)
+    if not hasattr(box, "fire"):
+        raise BadConfiguration(f"devices.{name}: {shutter} is no shutter", "name one in `shutter`")
+    return FolderCamera(parts.folder / folder, box, parts.inspect, tether=Tether(**tether), clock=parts.clock)
+
+
+def _gphoto(
+    name: str, parts: Parts, *, folder: str, model: str = "", port: str = "", shutter: str | None = None
+) -> GphotoCamera:
+    box: Any = parts.made[shutter] if shutter else None
+    place = parts.folder / folder
+    return GphotoCamera(place, parts.inspect, model=model, port=port, shutter=box, clock=parts.clock)
+
+
+def _wit(name: str, parts: Parts, *, port: str, baud: int = 115200) -> WitImu:
+    return WitImu(parts.wire(name, port, WitParser, baud=baud), clock=parts.clock)
+
+
+def _fast(name: str, parts: Parts, *, port: str, baud: int = 115200, **scale: float) -> FastImu:
+    return FastImu(parts.wire(name, port, FastParser, baud=baud), clock=parts.clock, **scale)
+
+
+def _jrt(name: str, parts: Parts, *, port: str, baud: int = 19200) -> JrtRangefinder:
+    return JrtRangefinder(parts.wire(name, port, JrtParser, baud=baud), clock=parts.clock)
+
+
+def _bosch(name: str, parts: Parts, *, port: str, baud: int = 115200) -> BoschRangefinder:
+    return BoschRangefinder(parts.wire(name, port, BoschParser, baud=baud), clock=parts.clock)
+
+
+def _dmx(name: str, parts: Parts, *, port: str, channels: Sequence[int] = (1,), **panel: float) -> DmxLight:
+    return DmxLight(parts.wire(name, port, DmxParser), channels, panel=Panel(**panel), clock=parts.clock)
+
+
+def _grbl_light(
+    name: str, parts: Parts, *, on: str | None = None, port: str | None = None, **panel: float
+) -> GrblLight:
+    link, own = parts.link(on, name, port)
+    return GrblLight(link, panel=Panel(**panel), clock=parts.clock, owns_link=own)
+
+
+MAKERS: dict[str, Callable[..., Device]] = {
+    "grbl": _grbl,
+    "zaber": _zaber,
+    "strig": _strig,
+    "rts": _rts,
+    "relay": _relay,
+    "folder": _folder,
+    "gphoto": _gphoto,
+    "wit": _wit,
+    "fast": _fast,
+    "jrt": _jrt,
+    "bosch": _bosch,
+    "dmx": _dmx,
+    "grbl_light": _grbl_light,
+}

@@ -1,0 +1,309 @@
+"""The report's figures, as SVG that stands inside a page: the same bytes for the same numbers."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import matplotlib
+import numpy as np
+import numpy.typing as npt
+from markupsafe import Markup, escape
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
+
+from procedures.pattern import BLOCK, BLOCKS, CELLS
+from procedures.pattern_psf.estimate import PatternPsf
+from procedures.pattern_psf.registration import Registration
+from procedures.psf import Psf
+from procedures.quality import Quality, otf
+from procedures.raw import Plane
+
+Array = npt.NDArray[np.float64]
+
+INK, FAINT = "#2b3036", "#9aa3ad"
+ALONG = {"horizontal": "#1f5fa8", "vertical": "#c4541a"}
+PLANE_COLOURS = {"R": "#c0392b", "G1": "#1e8449", "G2": "#7dbb42", "B": "#2e6fbf", "Y": "#444444"}
+MARK = "#ff8c1a"
+CONFIDENT = 1.96
+"""Standard uncertainties on either side that hold 95 %."""
+SURROUND_CELLS = 20
+"""What is shown around the chart's frame."""
+RESIDUAL_LIMIT = 4.0
+"""Residuals are drawn from minus to plus this many standard deviations of the noise."""
+STYLE: dict[Any, Any] = {
+    "font.size": 8.5,
+    "axes.edgecolor": FAINT,
+    "axes.labelcolor": INK,
+    "axes.linewidth": 0.7,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlesize": 9,
+    "axes.titlecolor": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "xtick.major.width": 0.7,
+    "ytick.major.width": 0.7,
+    "legend.frameon": False,
+    "image.composite_image": False,
+    "svg.fonttype": "none",
+}
+
+
+def svg(figure: Figure, name: str, description: str) -> Markup:
+    """A figure as an SVG element as wide as its place, its parts named so that no other figure's are mistaken for them.
+
+    Parameters
+    ----------
+    name : str
+        Unique in the page.
+    description : str
+        What it shows, for those who do not see it.
+    """
+    text = io.StringIO()
+    nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+    with matplotlib.rc_context({**STYLE, "svg.hashsalt": name}):
+        figure.savefig(text, format="svg", metadata=nothing, transparent=True)
+    drawn = text.getvalue()
+    drawn = drawn[drawn.index("<svg") :]
+    drawn = re.sub(r"<metadata>.*?</metadata>", "", drawn, flags=re.S)
+    used = set(re.findall(r'(?:url\(#|href="#)([^)"]+)', drawn))
+    drawn = re.sub(r' id="([^"]+)"', lambda m: f' id="{name}-{m[1]}"' if m[1] in used else "", drawn)
+    drawn = re.sub(r'(url\(#|href="#)', rf"\g<1>{name}-", drawn)
+    drawn = re.sub(r'(?<= d=")[^"]+', lambda m: re.sub(r"(\.\d\d)\d+", r"\1", m[0]), drawn)
+    drawn = re.sub(r' (?:width|height)="[\d.]+pt"', "", drawn, count=2)
+    drawn = re.sub(r' xmlns(?::xlink)?="[^"]*"', "", drawn).replace("xlink:href", "href")
+    return Markup(drawn.replace("<svg", f'<svg role="img" aria-label="{escape(description)}"', 1))
+
+
+def _figure(
+    width_in: float, height_in: float, rows: int = 1, columns: int = 1, *, rim_in: Sequence[float], **grid: Any
+) -> tuple[Figure, Any]:
+    """A figure and its axes, with a rim (left, right, bottom, top) for labels.
+
+    The rim is told because finding it out takes matplotlib as long as drawing.
+    """
+    left, right, bottom, top = rim_in
+    place = {"left": left / width_in, "right": 1 - right / width_in}
+    place |= {"bottom": bottom / height_in, "top": 1 - top / height_in}
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(width_in, height_in))
+        return figure, figure.subplots(rows, columns, gridspec_kw={**place, **grid}, squeeze=False)
+
+
+def _bar(figure: Figure, axes: Axes, image: Any, place: tuple[float, float, float, float], **options: Any) -> Any:
+    """A colour bar at a place (x, y, width, height) in fractions of the axes."""
+    with matplotlib.rc_context(STYLE):
+        bar = figure.colorbar(image, cax=axes.inset_axes(place), **options)
+    bar.outline.set_visible(False)
+    bar.ax.tick_params(length=0)
+    return bar
+
+
+# --- the photograph ----------------------------------------------------------------------------------------------
+
+
+def _square(registration: Registration, low: float, high: float) -> Array:
+    """A square of the chart on the plane, its sides subdivided, closed, (n, 2)."""
+    t = np.linspace(low, high, 17)
+    a, b = np.full_like(t, low), np.full_like(t, high)
+    sides = [(t, a), (b, t), (t[::-1], b), (a, t[::-1])]
+    return registration.to_sensor(np.concatenate([np.column_stack(side) for side in sides]))
+
+
+def chart_outline(found: PatternPsf) -> Array:
+    """The outline of the chart's frame, closed, (n, 2), in pixels of the plane."""
+    return _square(found.registration, -BLOCK, BLOCK * (BLOCKS - 1))
+
+
+def photograph_figure(plane: Plane, found: PatternPsf, name: str) -> Markup:
+    """The chart as photographed, with the marks that were found and the outline of the noise."""
+    figure, ((axes,),) = _figure(3.2, 3.2, rim_in=(0.42, 0.1, 0.42, 0.1))
+    around = _square(found.registration, -BLOCK - SURROUND_CELLS, BLOCK * (BLOCKS - 1) + SURROUND_CELLS)
+    limit = np.array(plane.samples.shape[::-1])
+    (x0, y0), (x1, y1) = (
+        np.clip(v, 0, limit) for v in (around.min(axis=0).astype(int), around.max(axis=0).astype(int))
+    )
+    crop = plane.samples[y0:y1, x0:x1]
+    _image(axes, crop, (x0, y0), cmap="gray", vmin=0, vmax=float(np.quantile(crop, 0.995)))
+    axes.plot(*_square(found.registration, 0, CELLS).T, color=MARK, lw=1)
+    axes.plot(*found.marks.T, "+", color=MARK, ms=8, mew=1.2)
+    axes.set_xlabel(f"pixels of {plane.name}")
+    return svg(figure, name, f"the chart in plane {plane.name}, with the marks found")
+
+
+def residual_figure(plane: str, found: PatternPsf, name: str) -> Markup:
+    """What is left of the noise region when the prediction is taken away, in units of the noise."""
+    figure, ((axes,),) = _figure(3.2, 3.2, rim_in=(0.42, 0.42, 0.42, 0.1))
+    image = _image(
+        axes, found.residual, found.residual_origin, cmap="RdBu_r", vmin=-RESIDUAL_LIMIT, vmax=RESIDUAL_LIMIT
+    )
+    _bar(figure, axes, image, (1.03, 0.2, 0.035, 0.6))
+    axes.set_xlabel(f"pixels of {plane}; colours in σ of the noise")
+    return svg(figure, name, f"photograph less prediction in plane {plane}, in standard deviations of the noise")
+
+
+def _image(axes: Axes, picture: npt.NDArray[np.floating], origin: tuple[int, int], **colours: Any) -> Any:
+    """A picture whose first pixel is the plane's pixel `origin` (x, y), every pixel a square."""
+    (rows, columns), (x, y) = picture.shape, origin
+    extent = (x - 0.5, x + columns - 0.5, y + rows - 0.5, y - 0.5)
+    image = axes.imshow(picture, extent=extent, interpolation="none", **colours)
+    axes.spines[:].set_visible(False)
+    axes.locator_params(nbins=4)
+    return image
+
+
+# --- the PSF -----------------------------------------------------------------------------------------------------
+
+
+def psf_figure(psf: Psf, truth: Array | None, name: str) -> Markup:
+    """The PSF, and how far it is from the true one where that is known, each with its scale."""
+    pictures = [("PSF", psf.h, "viridis", (min(0.0, float(psf.h.min())), float(psf.h.max())))]
+    if truth is not None:
+        difference = psf.h - truth
+        limit = float(np.abs(difference).max())
+        pictures.append(("less the truth", difference, "RdBu_r", (-limit, limit)))
+    figure, places = _figure(3.2, 2.05, 1, len(pictures), rim_in=(0.28, 0.12, 0.58, 0.22), wspace=0.24)
+    reach = (psf.k / 2) / psf.s
+    for axes, (title, picture, colours, (low, high)) in zip(places[0], pictures, strict=True):
+        image = axes.imshow(
+            picture, extent=(-reach, reach, reach, -reach), interpolation="none", cmap=colours, vmin=low, vmax=high
+        )
+        axes.spines[:].set_visible(False)
+        axes.set_title(title, fontsize=9)
+        axes.set_xticks((-2, 0, 2) if reach >= 2 else (-1, 0, 1))
+        axes.set_yticks(axes.get_xticks())
+        bar = _bar(figure, axes, image, (0, -0.27, 1, 0.045), orientation="horizontal", ticks=(low, high))
+        labels = bar.ax.set_xticklabels([f"{value:.2g}".replace("-", "−") for value in (low, high)])
+        for label, end in zip(labels, ("left", "right"), strict=True):
+            label.set_horizontalalignment(end)
+    return svg(figure, name, "the point spread function, and its difference from the true one")
+
+
+@dataclass(frozen=True)
+class _Curve:
+    """A measured MTF along one direction, and the true one."""
+
+    value: Array
+    uncertainty: Array
+    true: Array | None
+
+
+def mtf_figure(quality: Quality, truth: Psf | None, name: str) -> Markup:
+    """MTF along both axes over frequency with 95 % bands; below, where the truth is known, how far it is off."""
+    f = quality.frequencies
+    curves = {
+        "horizontal": _Curve(quality.mtf_horizontal, quality.mtf_horizontal_uncertainty, _true_mtf(truth, f, 0 * f)),
+        "vertical": _Curve(quality.mtf_vertical, quality.mtf_vertical_uncertainty, _true_mtf(truth, 0 * f, f)),
+    }
+    rows = 1 if truth is None else 2
+    figure, places = _figure(
+        3.2, 1.4 + 1.1 * rows, rows, 1, rim_in=(0.55, 0.14, 0.4, 0.08), height_ratios=[2.1, 1][:rows], hspace=0.12
+    )
+    for direction, curve in curves.items():
+        _draw_mtf(places[0, 0], f, curve, direction)
+    for curve in curves.values():
+        if curve.true is not None:
+            (true,) = places[0, 0].plot(f, curve.true, color=INK, lw=0.8, ls=(0, (3, 2)))
+            true.set_label("true" if curve is curves["vertical"] else None)
+    _finish_mtf(places[0, 0])
+    if truth is not None:
+        for direction, curve in curves.items():
+            _draw_difference(places[1, 0], f, curve, direction)
+        places[1, 0].axhline(0, color=INK, lw=0.7, ls=(0, (3, 2)))
+        places[1, 0].set_ylabel("less true")
+    for axes in places[:, 0]:
+        axes.set_xlim(0, f[-1])
+        axes.set_xticks(np.arange(0, f[-1] + 0.01, 0.5), None if axes is places[-1, 0] else [])
+        axes.yaxis.set_label_coords(-0.165, 0.5)
+    places[-1, 0].set_xlabel("cycles/pixel")
+    return svg(figure, name, "MTF along rows and columns with its 95 % bands, against the true MTF")
+
+
+def _true_mtf(truth: Psf | None, fx: Array, fy: Array) -> Array | None:
+    return None if truth is None else np.abs(otf(truth, fx, fy))
+
+
+def _draw_mtf(axes: Axes, f: Array, curve: _Curve, direction: str) -> None:
+    spread = CONFIDENT * curve.uncertainty
+    axes.fill_between(f, curve.value - spread, curve.value + spread, color=ALONG[direction], alpha=0.25, lw=0)
+    axes.plot(f, curve.value, color=ALONG[direction], lw=1.4, label=direction)
+
+
+def _finish_mtf(axes: Axes) -> None:
+    axes.axvline(0.5, color=FAINT, lw=0.7)
+    axes.text(0.5, 1.0, " Nyquist", color=FAINT, va="top", fontsize=7.5)
+    axes.axhline(0.5, color=FAINT, lw=0.5, ls=(0, (1, 2)))
+    axes.set_ylim(0, 1.04)
+    axes.set_ylabel("MTF")
+    with matplotlib.rc_context(STYLE):
+        axes.legend(loc="upper right", bbox_to_anchor=(1, 0.94), handlelength=1.4)
+
+
+def _draw_difference(axes: Axes, f: Array, curve: _Curve, direction: str) -> None:
+    if curve.true is None:
+        return
+    off, spread = curve.value - curve.true, CONFIDENT * curve.uncertainty
+    axes.fill_between(f, off - spread, off + spread, color=ALONG[direction], alpha=0.25, lw=0)
+    axes.plot(f, off, color=ALONG[direction], lw=1.1)
+
+
+# --- all photographs together ------------------------------------------------------------------------------------
+
+
+def places_figure(outlines: Sequence[Array], name: str) -> Markup:
+    """Where the charts stood, the frames drawn over each other: outlines (n, 2) in fractions of the frame."""
+    figure, ((axes,),) = _figure(3.4, 2.5, rim_in=(0.05, 0.05, 0.1, 0.1))
+    axes.add_patch(Rectangle((0, 0), 1, 1, fill=False, ec=FAINT, lw=0.8))
+    for number, outline in enumerate(outlines, 1):
+        axes.fill(*outline.T, fc=MARK, alpha=0.12, lw=0)
+        axes.plot(*outline.T, color=MARK, lw=1)
+        x, y = outline[0]
+        axes.annotate(f"{number}", (x, y), (-3, 3), textcoords="offset points", ha="right", color=INK)
+    axes.set(xlim=(-0.01, 1.01), ylim=(1.01, -0.01), aspect=2 / 3, xticks=[], yticks=[])
+    axes.spines[:].set_visible(False)
+    return svg(figure, name, "the frame, and where the chart stood in each photograph")
+
+
+Rows = Sequence[tuple[str, Mapping[str, Sequence[float]]]]
+"""Of every photograph its title, and numbers by plane."""
+
+
+def ratios_figure(rows: Rows, name: str) -> Markup:
+    """Every plane's error over the error expected."""
+    figure, ((axes,),) = _figure(3.4, 2.5, rim_in=(1.42, 0.1, 0.42, 0.05))
+    _draw_rows(axes, rows)
+    axes.set(xlim=(0, 2), xlabel="error / expected")
+    axes.axvline(1, color=INK, lw=0.8, ls=(0, (3, 2)), zorder=0)
+    handles = [Line2D([], [], color=PLANE_COLOURS[plane], marker="o", ms=4, ls="") for plane in rows[0][1]]
+    with matplotlib.rc_context(STYLE):
+        axes.legend(handles, rows[0][1], loc="center right", handletextpad=0.1, borderaxespad=0)
+    return svg(figure, name, "errors of the PSFs over the errors expected")
+
+
+def sigmas_figure(rows: Rows, name: str) -> Markup:
+    """Every plane's MTF50, measured less true, in standard uncertainties: along rows a dot, along columns a diamond."""
+    figure, ((axes,),) = _figure(3.4, 2.5, rim_in=(1.42, 0.1, 0.42, 0.05))
+    _draw_rows(axes, rows)
+    axes.axvspan(-CONFIDENT, CONFIDENT, color=FAINT, alpha=0.2, lw=0, zorder=0)
+    axes.axvline(0, color=INK, lw=0.8, ls=(0, (3, 2)), zorder=0)
+    axes.set(xlim=(-4.2, 4.2), xlabel="(measured − true) / σ")
+    return svg(figure, name, "differences of MTF50 from the truth in standard uncertainties")
+
+
+def _draw_rows(axes: Axes, rows: Rows) -> None:
+    """A line for each photograph, the first on top, its planes one below the other."""
+    for number, (_, by_plane) in enumerate(rows):
+        for i, (plane, values) in enumerate(by_plane.items()):
+            y = number + 0.17 * (i - (len(by_plane) - 1) / 2)
+            for value, marker in zip(values, "oD", strict=False):
+                axes.plot(value, y, marker, color=PLANE_COLOURS[plane], ms=4 if marker == "o" else 3.2)
+    axes.set_ylim(len(rows) - 0.5, -0.5)
+    axes.set_yticks(range(len(rows)), [f"{number}  {title}" for number, (title, _) in enumerate(rows, 1)])
+    axes.tick_params(left=False)
+    axes.spines["left"].set_visible(False)

@@ -1,0 +1,196 @@
+"""The simulated bench, rendered: light traced through scenes in depth, filtered, photographed and shown.
+
+Films are kept as they grow, in `films` beside the results: a render that was interrupted goes on where it stopped.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from procedures.outcome import BadParameter
+from procedures.ray_histogram.comparison import decibels, shown_error
+from procedures.ray_histogram.film import Film
+from procedures.ray_histogram.film_files import read_film, write_film
+from procedures.ray_histogram.multiscale import FilteredFilm, filter_film
+from simulators.dng import Shot
+from simulators.optics import Optics
+from simulators.ray_scenes import SCENES
+from simulators.rays import Scene, ThinLensCamera, cast
+from simulators.rendered import photograph_render
+from simulators.sensor import Sensor
+from station.linear_pictures import display_png
+from station.progress import Progress, silent
+from station.ray_page import RenderRow, ray_page
+from station.results import ResultFolder, software, write_record
+
+SCHEMA = "station/rendered/1"
+PAGE = "rays.html"
+PASS = 32
+"""Samples per pixel between two savings of a film."""
+REFERENCE_SEED = 1 << 32
+"""Added to the seed of the converged renders: their noise must not be that of the filtered ones."""
+
+
+@dataclass(frozen=True)
+class RenderPlan:
+    """What to render.
+
+    Attributes
+    ----------
+    columns : int
+        Of pictures 4 : 3; a multiple of 8, so that mosaics have whole tiles.
+    samples, converged : int
+        Per pixel, of what is filtered and of what it is compared with.
+    """
+
+    columns: int = 320
+    samples: int = 64
+    converged: int = 512
+    seed: int = 1
+    scenes: tuple[str, ...] = tuple(SCENES)
+
+    def __post_init__(self) -> None:
+        unknown = sorted(set(self.scenes) - set(SCENES))
+        if unknown:
+            raise BadParameter(f"no scene {unknown[0]!r}", f"choose from {', '.join(SCENES)}")
+        if self.columns < 32 or self.columns % 8:
+            raise BadParameter(f"pictures of {self.columns} columns", "choose a multiple of 8, 32 or more")
+        if self.samples < 2 or self.converged < 2:
+            raise BadParameter(f"{min(self.samples, self.converged)} samples per pixel", "choose at least 2")
+
+    @property
+    def rows(self) -> int:
+        """Three quarters of the columns."""
+        return 3 * self.columns // 4
+
+
+@dataclass(frozen=True, eq=False)
+class Rendered:
+    """One scene: as rendered, filtered, converged, and the SHA-256 of its photograph, `NAME.dng`."""
+
+    name: str
+    film: Film
+    filtered: FilteredFilm
+    reference: Film
+    sha256: str
+
+    @property
+    def psnr_db(self) -> dict[str, float]:
+        """Against the converged render, its noise apart."""
+        pictures = (("rendered", self.film.mean), ("filtered", self.filtered.picture))
+        return {name: decibels(shown_error(picture, self.reference)) for name, picture in pictures}
+
+
+def rendered_demo(
+    out: Path, plan: RenderPlan | None = None, *, threads: int = 1, progress: Progress = silent
+) -> tuple[tuple[Rendered, ...], str]:
+    """Render, filter, photograph and show; returns the scenes, and the record's text.
+
+    Parameters
+    ----------
+    out : Path
+        Receives `films` as they grow, and pictures, photographs, page and record all at once when everything is done.
+    """
+    start = time.perf_counter()
+    plan = plan or RenderPlan()
+    with ResultFolder(out) as folder:
+        scenes = tuple(_render(folder, out / "films", name, plan, threads, progress) for name in plan.scenes)
+        folder.write(PAGE, ray_page("The simulated bench, rendered", tuple(_row(one) for one in scenes)))
+        record = {
+            "schema": SCHEMA,
+            "parameters": asdict(plan),
+            "scenes": {one.name: _entry(one) for one in scenes},
+            "software": software(),
+            "duration_s": round(time.perf_counter() - start, 3),
+        }
+        return scenes, write_record(folder, record)
+
+
+def render_film(
+    scene: Scene,
+    camera: ThinLensCamera,
+    samples: int,
+    seed: int,
+    path: Path,
+    *,
+    threads: int = 1,
+    progress: Progress = silent,
+) -> Film:
+    """The film of a scene with so many samples per pixel; what `path` holds already is not rendered again.
+
+    The file must be of the same scene, camera and seed: name it after them.
+    """
+    film = read_film(path) if path.exists() else Film.blank(camera.rows, camera.columns)
+    taken = film.count.astype(np.int64) + film.dropped
+    for wanted in (*range(int(taken.min()) + PASS, samples, PASS), samples):
+        if (taken >= wanted).all():
+            continue
+        cast(scene, camera, wanted, film.add, seed=seed, taken=taken, threads=threads)
+        taken = film.count.astype(np.int64) + film.dropped
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_film(film, path)
+        progress(f"{path.stem}: {wanted} of {samples} samples per pixel")
+    return film
+
+
+def _render(
+    folder: ResultFolder, films: Path, name: str, plan: RenderPlan, threads: int, progress: Progress
+) -> Rendered:
+    """One scene from its light to its files."""
+    scene, camera = SCENES[name](plan.rows, plan.columns)
+    stem = f"{name}-{plan.columns}x{plan.rows}-seed{plan.seed}"
+    film, reference = (
+        render_film(scene, camera, samples, seed, films / f"{stem}-{samples}.npz", threads=threads, progress=progress)
+        for samples, seed in ((plan.samples, plan.seed), (plan.converged, plan.seed + REFERENCE_SEED))
+    )
+    filtered = filter_film(film, threads=threads)
+    folder.write(f"{name}.png", display_png(filtered.picture))
+    path = folder.staging / f"{name}.dng"
+    _photograph(name, filtered, camera, plan, path)
+    progress(f"{name}: filtered and photographed")
+    return Rendered(name, film, filtered, reference, hashlib.sha256(path.read_bytes()).hexdigest())
+
+
+def _photograph(name: str, filtered: FilteredFilm, camera: ThinLensCamera, plan: RenderPlan, path: Path) -> None:
+    """The filtered picture through a typical lens on a sensor of the bench, as a DNG."""
+    sensor = Sensor(rows=plan.rows, columns=plan.columns)
+    rng = np.random.default_rng([plan.seed, *name.encode()])
+    shot = Shot(f_number=5.6, focal_length_mm=camera.focal_mm, subject_distance_mm=camera.focus_mm, comment=name)
+    photograph_render(filtered.picture, Optics.typical(), sensor, rng, path, shot=shot)
+
+
+def _row(one: Rendered) -> RenderRow:
+    samples, converged = (round(float(film.count.mean())) for film in (one.film, one.reference))
+    pictures = (
+        (f"{samples} samples", one.film.mean),
+        ("filtered", one.filtered.picture),
+        (f"{converged} samples", one.reference.mean),
+    )
+    gain = one.psnr_db["filtered"] - one.psnr_db["rendered"]
+    fact = (
+        f"PSNR {one.psnr_db['rendered']:.2f} dB as rendered, {one.psnr_db['filtered']:.2f} dB filtered:"
+        f" the quality of {10 ** (gain / 10):.0f} times the samples."
+    )
+    return RenderRow(one.name, pictures, one.filtered.similar, (fact,))
+
+
+def _entry(one: Rendered) -> dict[str, Any]:
+    return {
+        "psnr_db": one.psnr_db,
+        "similar_median": list(one.filtered.median_similar),
+        "dropped_samples": int(one.film.dropped.sum()),
+        "photograph": {"path": f"{one.name}.dng", "sha256": one.sha256},
+    }
+
+
+def steps(plan: RenderPlan) -> int:
+    """How many steps are told when nothing was rendered before."""
+    passes: Sequence[int] = [-(-samples // PASS) for samples in (plan.samples, plan.converged)]
+    return len(plan.scenes) * (sum(passes) + 1)

@@ -1,0 +1,60 @@
+"""The Zaber twin, driven by the vendor's own library: a client that shares no line with ours."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+
+from simulators.bench import Setup, SimulatedBench
+
+ascii_ = pytest.importorskip("zaber_motion.ascii", reason="zaber-motion is not installed (extra `peers`)")
+from zaber_motion.exceptions import BadDataException  # noqa: E402
+
+
+@pytest.fixture
+def chain(tmp_path):
+    bench = SimulatedBench(tmp_path, Setup(develop=lambda opening: b"raw", speed=20.0))
+    host, port = bench.open_ports(("head",))["head"][1].removeprefix("socket://").split(":")
+    connection = ascii_.Connection.open_tcp(host, int(port))
+    connection.enable_alerts()
+    yield connection
+    connection.close()
+    bench.close()
+
+
+@pytest.fixture
+def axis(chain):
+    return chain.get_device(1).get_axis(1)
+
+
+def test_both_devices_of_the_chain_are_found(chain):
+    assert [device.device_address for device in chain.detect_devices(identify_devices=False)] == [1, 2]
+
+
+def test_it_warns_until_it_is_homed(axis):
+    assert "WR" in axis.warnings.get_flags()
+    with pytest.raises(BadDataException):
+        axis.generic_command("move abs 1000")
+    axis.home()
+    assert axis.get_position() == 0
+    assert "WR" not in axis.warnings.get_flags()
+
+
+def test_it_moves_and_stops(axis):
+    axis.home()
+    axis.move_absolute(20000)
+    axis.move_relative(-500)
+    assert axis.get_position() == 19500
+    axis.move_absolute(250000, wait_until_idle=False)
+    time.sleep(0.02)
+    axis.stop()
+    assert not axis.is_busy()
+    assert 19500 < axis.get_position() < 250000
+
+
+def test_it_refuses_to_leave_its_travel(axis):
+    axis.home()
+    with pytest.raises(BadDataException):
+        axis.move_absolute(99_999_999)
+    assert axis.get_position() == 0

@@ -1,0 +1,165 @@
+"""GphotoCamera through the real libgphoto2, at its own "Directory Browse" camera: a folder that plays a body."""
+
+from __future__ import annotations
+
+import hashlib
+
+import pytest
+
+from drivers.errors import BadConfiguration, DeviceError, FrameMissing, FrameWrong, LineLost
+from drivers.frames import Facts
+from drivers.gphoto import GphotoCamera, Place, read_choice
+from drivers.interfaces import CameraSettings, ShutterTimes
+
+
+class Writer:
+    """A shutter whose body writes a file into the folder that libgphoto2 browses."""
+
+    def __init__(self, folder, data=b"RAW data END"):
+        self.folder, self.data, self.count = folder, data, 0
+
+    def fire(self, pulse_s, focus_s=0.0):
+        self.count += 1
+        if self.data:
+            (self.folder / f"DSC_{self.count:04d}.NEF").write_bytes(self.data + bytes([self.count]))
+        (self.folder / f"DSC_{self.count:04d}.JPG").write_bytes(b"jpeg")
+        return ShutterTimes(0.0, pulse_s)
+
+    def emergency_stop(self):
+        self.data = b""
+
+
+@pytest.fixture
+def body(tmp_path):
+    pytest.importorskip("gphoto2", reason="gphoto2 is not installed (extra `tether`)")
+    folder = tmp_path / "body"
+    folder.mkdir()
+    (folder / "DSC_0000.NEF").write_bytes(b"an old one")
+    return folder
+
+
+@pytest.fixture
+def camera(body, tmp_path):
+    saved = tmp_path / "saved"
+    saved.mkdir()
+    camera = GphotoCamera(
+        saved,
+        lambda path: Facts(exposure_s=0.02),
+        model="Directory Browse",
+        port=f"disk:{body}",
+        shutter=Writer(body),
+        patience_s=0.5,
+    )
+    camera.connect()
+    yield camera
+    camera.close()
+
+
+def test_it_says_who_it_is(camera):
+    assert camera.connect().model == "Directory Browse"
+    assert camera.condition().usable
+
+
+def test_it_lists_raw_files_only(camera, body):
+    (body / "notes.txt").write_text("no photograph")
+    assert camera.files() == [Place("/", "DSC_0000.NEF")]
+
+
+def test_an_exposure_is_fetched_and_hashed(camera, body):
+    exposure = camera.expose()
+    assert exposure.path.name == "DSC_0001.NEF"
+    assert exposure.path.read_bytes() == (body / "DSC_0001.NEF").read_bytes()
+    assert exposure.sha256 == hashlib.sha256(exposure.path.read_bytes()).hexdigest()
+
+
+def test_ten_exposures_are_ten_files(camera):
+    assert len({camera.expose().path for _ in range(10)}) == 10
+
+
+def test_a_name_that_is_taken_is_not_overwritten(camera):
+    place = Place("/", "DSC_0000.NEF")
+    assert camera.fetch(place).name == "DSC_0000.NEF"
+    assert camera.fetch(place).name == "DSC_0000-1.NEF"
+
+
+def test_a_frame_that_never_comes_is_an_error(camera):
+    camera.emergency_stop()
+    with pytest.raises(FrameMissing, match="set the body to RAW"):
+        camera.expose()
+
+
+def test_what_does_not_decode_is_an_error(camera):
+    def broken(path):
+        raise ValueError("damaged")
+
+    camera._inspect = broken
+    with pytest.raises(FrameMissing, match="does not decode: damaged"):
+        camera.expose()
+
+
+def test_settings_the_body_cannot_be_told_are_checked_in_the_file(camera):
+    camera.configure(CameraSettings(exposure_s=1.0))
+    with pytest.raises(FrameWrong, match="instead of 1 s"):
+        camera.expose()
+
+
+def test_a_body_that_cannot_be_triggered_is_said(camera):
+    camera._shutter = None
+    with pytest.raises(DeviceError):
+        camera.expose()
+
+
+def test_a_body_that_is_not_there_is_said(tmp_path, body):
+    camera = GphotoCamera(tmp_path, lambda path: Facts(), model="Canon EOS 5D Mark IV", port="usb:")
+    with pytest.raises(LineLost):
+        camera.connect()
+    with pytest.raises(LineLost, match="connect first"):
+        camera.files()
+
+
+def test_without_the_library_it_says_how_to_get_it(tmp_path, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "gphoto2", None)
+    with pytest.raises(BadConfiguration, match=r"pip install 'calibration-station\[tether\]'"):
+        GphotoCamera(tmp_path, lambda path: Facts()).connect()
+
+
+class Talkative:
+    """A body that tells events as real ones do: JPEG and RAW in any order, then silence."""
+
+    def __init__(self, gp, names):
+        self.gp, self.names, self.fired = gp, list(names), False
+
+    def trigger_capture(self):
+        self.fired = True
+
+    def wait_for_event(self, timeout_ms):
+        if not self.names:
+            return self.gp.GP_EVENT_TIMEOUT, None
+        name = self.names.pop(0)
+        if name == "complete":
+            return self.gp.GP_EVENT_CAPTURE_COMPLETE, None
+        return self.gp.GP_EVENT_FILE_ADDED, Place("/store", name)
+
+
+@pytest.mark.parametrize(
+    "names", [["A.JPG", "A.CR3", "complete"], ["complete", "A.CR3", "A.JPG"], ["A.JPG", "complete", "A.CR3"]]
+)
+def test_the_raw_file_is_found_among_the_events(camera, names):
+    # libgphoto2's folder camera tells no events: these are played
+    camera._camera = Talkative(camera._gp, names)
+    assert camera._triggered() == Place("/store", "A.CR3")
+    camera._camera = None
+
+
+def test_a_body_set_to_jpeg_is_said(camera):
+    camera._camera = Talkative(camera._gp, ["A.JPG", "complete"])
+    with pytest.raises(FrameMissing, match=r"files: A.JPG\); set the body to RAW"):
+        camera._triggered()
+    camera._camera = None
+
+
+@pytest.mark.parametrize(
+    ("text", "value"), [("1/250", 0.004), ("0.5s", 0.5), ("f/5.6", 5.6), ("400", 400.0), ("Auto", None), ("1/0", None)]
+)
+def test_choices_are_read(text, value):
+    assert read_choice(text) == pytest.approx(value)

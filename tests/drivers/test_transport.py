@@ -1,0 +1,184 @@
+from __future__ import annotations
+
+import threading
+import time
+from types import SimpleNamespace
+
+import pytest
+
+from drivers.clock import SystemClock
+from drivers.errors import EmergencyStopped, LineLost, NoAnswer
+from drivers.grbl_protocol import GrblParser, Ok, Status
+from drivers.splitters import LineSplitter
+from drivers.transcript import Transcript
+from drivers.transport import SerialTransport, resolve
+
+
+class Lines:
+    """Lines as they are."""
+
+    def __init__(self):
+        self._lines = LineSplitter()
+
+    def feed(self, data):
+        return self._lines.feed(data)
+
+
+def nobody(event, host_s):
+    """Hears nothing."""
+
+
+@pytest.fixture
+def loop():
+    """A line that answers what it is sent."""
+    transport = SerialTransport("loop://", Lines)
+    transport.open(nobody)
+    yield transport
+    transport.close()
+
+
+def echo(line):
+    return line
+
+
+def test_a_request_gets_its_reply(loop):
+    assert loop.request(b"hello\n", echo, 1.0) == b"hello"
+
+
+def test_every_byte_is_in_the_transcript_with_its_time(loop, tmp_path):
+    begin_s = loop.clock.now_s()
+    loop.request(b"hello\n", echo, 1.0)
+    passages = loop.transcript.last()
+    assert b"".join(p.data for p in passages if p.way == ">") == b"hello\n"
+    assert b"".join(p.data for p in passages if p.way == "<") == b"hello\n"
+    assert all(begin_s <= p.time_s <= loop.clock.now_s() for p in passages)
+
+
+def test_the_transcript_is_written_to_its_file(tmp_path):
+    transcript = Transcript(length=2, file=tmp_path / "wire.txt")
+    for i in range(5):
+        transcript.record(float(i), ">", bytes([i]))
+    transcript.close()
+    assert len(transcript.last()) == 2
+    lines = (tmp_path / "wire.txt").read_text().splitlines()
+    assert [line.split()[0] for line in lines] == [f"{i}.000000" for i in range(5)]
+
+
+def test_a_deadline_without_reply_is_an_error_that_says_what_to_do(loop):
+    with pytest.raises(NoAnswer, match=r"6 bytes came .* check baud rate"):
+        loop.request(b"hello\n", lambda event: None, 0.05)
+
+
+def test_silence_is_told_apart_from_noise(bench):
+    transport = SerialTransport(bench.address("head"), Lines, clock=bench.clock)
+    transport.open(nobody)
+    with pytest.raises(NoAnswer, match=r"did not answer .* check power and cable"):
+        transport.request(b"no command\n", echo, 0.5)
+    transport.close()
+
+
+def test_requests_of_several_threads_do_not_mix(loop):
+    mixed = []
+
+    def ask(name):
+        for i in range(50):
+            line = f"{name}{i}".encode()
+            if loop.request(line + b"\n", echo, 5.0) != line:
+                mixed.append(line)
+
+    threads = [threading.Thread(target=ask, args=(name,)) for name in "abcd"]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not mixed
+
+
+def test_a_shout_passes_a_waiting_request_and_ends_it(loop):
+    outcome = []
+
+    def wait():
+        try:
+            loop.request(b"hello\n", lambda event: None, 30.0)
+        except EmergencyStopped as error:
+            outcome.append(error)
+
+    thread = threading.Thread(target=wait)
+    thread.start()
+    while not loop.bytes_heard:
+        time.sleep(0.001)
+    stop = EmergencyStopped("stop", "home")
+    loop.shout(b"!", stop)
+    thread.join(timeout=5.0)
+    assert outcome == [stop]
+    assert any(p.way == "!" and p.data == b"!" for p in loop.transcript.last())
+
+
+def test_after_a_shout_requests_work_again(loop):
+    loop.shout(b"\n", EmergencyStopped("stop", "home"))
+    assert loop.request(b"hello\n", echo, 1.0) == b"hello"
+
+
+def test_closing_ends_the_reader_and_every_wait():
+    before = set(threading.enumerate())
+    transport = SerialTransport("loop://", Lines)
+    transport.open(nobody)
+    transport.close()
+    transport.close()
+    assert set(threading.enumerate()) == before
+    with pytest.raises(LineLost, match="is closed; connect first"):
+        transport.request(b"x\n", echo, 1.0)
+
+
+def test_a_port_that_is_not_there_is_said():
+    with pytest.raises(LineLost, match="cannot open /dev/nowhere"):
+        SerialTransport("/dev/nowhere", Lines).open(nobody)
+
+
+def test_a_listener_hears_everything_even_unasked(bench):
+    heard = []
+    transport = SerialTransport(bench.address("stage"), GrblParser, clock=bench.clock)
+    transport.open(lambda event, host_s: heard.append(event))
+    transport.wait(lambda: len(heard) >= 2, 2.0)
+    transport.request(b"?", lambda event: event if isinstance(event, Status) else None, 1.0)
+    transport.request(b"\n", lambda event: event if isinstance(event, Ok) else None, 1.0)
+    transport.close()
+    assert [type(event).__name__ for event in heard] == ["Banner", "Feedback", "Status", "Ok"]
+
+
+def test_questions_are_asked_again_orders_are_not(bench):
+    transport = SerialTransport(bench.address("head"), Lines, clock=bench.clock)
+    transport.open(nobody)
+    for tries in (1, 3):
+        with pytest.raises(NoAnswer):
+            transport.request(b"silence\n", echo, 0.2, tries=tries)
+    assert sum(p.way == ">" for p in transport.transcript.last()) == 4
+    transport.close()
+
+
+PORTS = [
+    SimpleNamespace(device="/dev/ttyUSB0", vid=0x1A86, pid=0x7523, serial_number=None),
+    SimpleNamespace(device="/dev/ttyUSB1", vid=0x0403, pid=0x6001, serial_number="A10K8QZV"),
+]
+
+
+@pytest.mark.parametrize("address", ["usb:A10K8QZV", "usb:a10k8qzv", "usb:0403:6001:A10K8QZV"])
+def test_a_port_is_found_by_its_usb_serial_number(address):
+    assert resolve(address, lambda: PORTS) == "/dev/ttyUSB1"
+
+
+def test_a_serial_number_that_is_not_there_names_those_that_are():
+    with pytest.raises(LineLost, match=r"/dev/ttyUSB0 has no serial number, /dev/ttyUSB1 has A10K8QZV"):
+        resolve("usb:OTHER", lambda: PORTS)
+
+
+def test_other_addresses_are_left_alone():
+    assert resolve("socket://host:1", lambda: PORTS) == "socket://host:1"
+
+
+def test_the_system_clock_waits_no_longer_than_its_deadline():
+    clock, condition = SystemClock(), threading.Condition()
+    begin_s = clock.now_s()
+    with condition:
+        assert not clock.wait(condition, lambda: False, begin_s + 0.02)
+    assert clock.now_s() - begin_s < 0.5

@@ -1,0 +1,186 @@
+"""The demonstration through its command: what a person with a fresh machine gets."""
+
+from __future__ import annotations
+
+import json
+import re
+from functools import partial
+from html.parser import HTMLParser
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from procedures.raw import read_frame
+from simulators.demonstration import SETUPS, Setup
+from station import demo
+from station.__main__ import main
+
+PLANES = ("R", "G1", "G2", "B")
+VOID = {"meta", "br", "img", "hr", "link", "input"}
+
+
+@pytest.fixture(scope="module")
+def demonstration(tmp_path_factory):
+    out = tmp_path_factory.mktemp("demonstration") / "demo"
+    done = CliRunner().invoke(main, ["demo", "--out", str(out)], prog_name="station")
+    assert done.exit_code == 0, done.output
+    return SimpleNamespace(out=out, done=done, record=json.loads((out / "result.json").read_text()))
+
+
+def planes(demonstration):
+    return [plane for one in demonstration.record["photographs"] for plane in one["planes"].values()]
+
+
+def test_everything_of_the_contract_is_there(demonstration):
+    out = demonstration.out
+    assert {path.name for path in out.iterdir()} == {"chart.pdf", "photographs", "results", "result.json", "index.html"}
+    assert (out / "chart.pdf").read_bytes().startswith(b"%PDF-")
+    for setup in SETUPS:
+        found = {path.name for path in (out / "results" / setup.name).iterdir()}
+        kinds = ("psf_{}.npy", "covariance_{}.npy", "mtf_{}.csv", "psf_{}.png")
+        assert found == {kind.format(plane) for kind in kinds for plane in PLANES} | {"result.json"}
+        assert np.load(out / "results" / setup.name / "psf_G1.npy").sum() == pytest.approx(1)
+
+
+def test_photographs_are_raw_files_with_the_frame_and_exposure_that_the_record_tells(demonstration):
+    for setup, told in zip(SETUPS, demonstration.record["photographs"], strict=True):
+        frame = read_frame(demonstration.out / told["input"]["path"])
+        assert frame.sha256 == told["input"]["sha256"]
+        assert tuple(frame.planes) == PLANES
+        assert frame.planes["R"].samples.shape == (setup.rows // 2, setup.columns // 2)
+        assert (frame.exposure.f_number, frame.exposure.iso) == (2.8, 400)
+
+
+def test_every_plane_passes_with_the_error_that_its_error_bars_promise(demonstration):
+    # the relative error's square is a sum over modes of which few are large: 1.3 leaves room for three deviations
+    assert [plane["verdict"] for plane in planes(demonstration)] == ["pass"] * 4 * len(SETUPS)
+    ratios = [plane["error"] / plane["expected_error"] for plane in planes(demonstration)]
+    assert max(ratios) < 1.3
+    assert 0.9 < np.mean(ratios) < 1.1
+
+
+def test_true_mtf50_lies_within_the_uncertainties(demonstration):
+    both = [plane[f"mtf50_{direction}"] for plane in planes(demonstration) for direction in ("horizontal", "vertical")]
+    off = np.array([(one["value"] - one["true"]) / one["uncertainty"] for one in both])
+    np.testing.assert_allclose(off, [one["sigmas"] for one in both])
+    assert np.mean(np.abs(off) < 2.5) >= 0.95
+
+
+def test_centres_are_where_the_marks_are_seen(demonstration):
+    assert max(np.hypot(*plane["centre_px"]) for plane in planes(demonstration)) < 0.03
+
+
+def test_table_on_stdout_tells_every_plane_in_eighty_columns(demonstration):
+    lines = demonstration.done.stdout.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert [line.split()[0] for line in lines if line.rstrip().endswith("pass")] == list(PLANES) * len(SETUPS)
+    assert f"{4 * len(SETUPS)} of {4 * len(SETUPS)} planes pass" in demonstration.done.stdout
+
+
+def test_progress_is_a_line_for_each_step_where_nobody_watches(demonstration):
+    lines = demonstration.done.stderr.splitlines()
+    assert len(lines) == demo.steps() + 1
+    assert lines[1] == f"{SETUPS[0].title}: photographed"
+
+
+class Page(HTMLParser):
+    """Reads a page: elements that were not closed, identifiers, and whatever it refers to."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.ids, self.references, self.tags = [], [], [], set()
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.add(tag)
+        if tag not in VOID:
+            self.open.append(tag)
+        for name, value in attrs:
+            if name == "id":
+                self.ids.append(value)
+            if name in ("src", "href", "xlink:href", "data", "action", "poster", "srcset"):
+                self.references.append(value)
+
+    def handle_startendtag(self, tag, attrs):
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+def test_page_stands_alone(demonstration):
+    text = (demonstration.out / "index.html").read_text()
+    page = Page(text)
+    assert page.open == []
+    assert len(page.ids) == len(set(page.ids))
+    inside = {f"#{name}" for name in page.ids}
+    assert all(reference in inside or reference.startswith("data:image/png;") for reference in page.references)
+    assert not page.tags & {"script", "link", "iframe", "object", "img"}
+    assert not re.search(r"https?://|@import|url\((?!#)", text)
+    assert len(text.encode()) < 3e6
+
+
+def test_page_begins_with_the_verdict_and_shows_every_plane(demonstration):
+    text = (demonstration.out / "index.html").read_text()
+    assert text.index("20 of 20 planes pass</h1>") < text.index("<table")
+    assert text.count('<article class="card">') == 20
+    for one in demonstration.record["photographs"]:
+        assert one["input"]["sha256"] in text
+
+
+# --- again, and when it goes wrong: one photograph is enough -----------------------------------------------------
+
+
+def test_same_seed_gives_the_same_bytes_and_another_does_not(demonstration, tmp_path):
+    first = SETUPS[:1]
+    for folder in ("a", "b"):
+        demo.run_demo(tmp_path / folder, 2, setups=first)
+    names = sorted(path.relative_to(tmp_path / "a") for path in (tmp_path / "a").rglob("*") if path.is_file())
+    # the records hold how long it took
+    fixed = [name for name in names if name.name != "result.json"]
+    assert all((tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes() for name in fixed)
+    psf = Path("results", first[0].name, "psf_G1.npy")
+    assert (tmp_path / "a" / psf).read_bytes() != (demonstration.out / psf).read_bytes()
+
+
+@pytest.fixture
+def refused(monkeypatch):
+    """A demonstration whose only chart is too far away."""
+    far = (Setup("far", "Too <far>", (0.5, 0.5), 0.5, rows=400, columns=600),)
+    monkeypatch.setattr(demo, "run_demo", partial(demo.run_demo, setups=far))
+
+
+def test_refused_planes_are_told_everywhere_and_are_exit_5(refused, tmp_path):
+    done = CliRunner().invoke(main, ["demo", "--out", str(tmp_path)], prog_name="station")
+    assert done.exit_code == 5
+    assert done.stdout.count("refused") == 4
+    text = (tmp_path / "index.html").read_text()
+    Page(text)
+    assert "0 of 4 planes pass, 4 refused" in text
+    assert "Too &lt;far&gt;" in text
+    record = json.loads((tmp_path / "result.json").read_text())
+    assert record["summary"]["ratio_mean"] is None
+    plane = record["photographs"][0]["planes"]["G1"]
+    assert f"N{plane['reason'][1:]}. S{plane['remedy'][1:]}." in text  # no chart ...: show the whole chart ...
+
+
+def test_json_is_the_record_and_nothing_else(refused, tmp_path):
+    done = CliRunner().invoke(main, ["demo", "--out", str(tmp_path), "--json", "--log-json"], prog_name="station")
+    assert done.stdout == (tmp_path / "result.json").read_text()
+    assert all(json.loads(line)["event"] in ("step", "written") for line in done.stderr.splitlines())
+
+
+def test_interrupted_demonstration_leaves_what_was_there(monkeypatch, tmp_path):
+    (tmp_path / "index.html").write_text("older")
+    monkeypatch.setattr(demo, "read_frame", lambda path: (_ for _ in ()).throw(KeyboardInterrupt))
+    small = (Setup("small", "Small", (0.5, 0.5), 0.5, rows=200, columns=300),)
+    with pytest.raises(KeyboardInterrupt):
+        demo.run_demo(tmp_path, setups=small)
+    assert [path.name for path in tmp_path.iterdir()] == ["index.html"]
+    assert (tmp_path / "index.html").read_text() == "older"

@@ -1,0 +1,27 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from procedures.numerics.normal_equations import eliminate, gram, normalised, products
+
+
+def test_elimination_equals_the_whole_least_squares_problem(rng: np.random.Generator) -> None:
+    A, Z = rng.standard_normal((200, 12)).astype(np.float32), rng.standard_normal((200, 4))
+    r = rng.standard_normal(200)
+    whole = np.linalg.lstsq(np.hstack([A, Z]), r, rcond=None)[0]
+    equations = eliminate(products(gram(A), A, Z, r))
+    h = np.linalg.solve(equations.G, equations.b)
+    np.testing.assert_allclose(h, whole[:12], atol=2e-6)  # products in float32
+    np.testing.assert_allclose(equations.nuisance(h), whole[12:], atol=2e-6)
+    covariance = np.linalg.inv(np.hstack([A, Z]).T @ np.hstack([A, Z]))[:12, :12]
+    np.testing.assert_allclose(np.linalg.inv(equations.G), covariance, atol=1e-7)
+
+
+def test_normalised_covariance_has_no_error_of_the_sum(rng: np.random.Generator) -> None:
+    h, root = rng.random(9) + 0.2, rng.standard_normal((9, 9)) * 1e-3
+    unit, covariance = normalised(h, root @ root.T)
+    assert unit.sum() == pytest.approx(1)
+    assert np.abs(covariance.sum(axis=0)).max() < 1e-12
+    draws = np.array([normalised(h + root @ rng.standard_normal(9), root)[0] for _ in range(4000)])
+    np.testing.assert_allclose(np.cov(draws.T), covariance, atol=0.1 * np.abs(covariance).max())

@@ -1,0 +1,87 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from procedures.numerics.warps import (
+    CUBIC_EXPONENTS,
+    CubicWarp,
+    apply_homography,
+    cubic_monomials,
+    displacement_columns,
+    fit_homography,
+    homography_jacobian,
+)
+
+H_TILTED = np.array([[2.1, 0.3, 40.0], [-0.2, 1.9, 55.0], [4e-4, -3e-4, 1.0]])
+SQUARE = np.array([[0.0, 0.0], [256.0, 0.0], [256.0, 256.0], [0.0, 256.0], [128.0, 30.0]])
+
+
+@given(st.floats(-3.2, 3.2), st.floats(0.1, 20), st.floats(-500, 500))
+def test_fit_returns_the_homography_that_made_the_points(angle: float, scale: float, shift: float) -> None:
+    c, s = scale * np.cos(angle), scale * np.sin(angle)
+    H = np.array([[c, -s, shift], [s, c, -shift], [1e-4, 2e-4, 1.0]])
+    target = apply_homography(H, SQUARE)
+    found = apply_homography(fit_homography(SQUARE, target), SQUARE)
+    # rounding of 1e-16 through a linear system whose condition normalisation keeps near 1e3
+    assert np.abs(found - target).max() < 1e-8 * (1 + np.abs(target).max())
+
+
+def test_fit_minimises_the_distance_in_the_target(rng: np.random.Generator) -> None:
+    target = apply_homography(H_TILTED, SQUARE) + rng.normal(0, 0.3, SQUARE.shape)
+
+    def cost(H: np.ndarray) -> float:
+        return float(np.sum((apply_homography(H, SQUARE) - target) ** 2))
+
+    best = fit_homography(SQUARE, target)
+    for _ in range(20):
+        nearby = best * (1 + 1e-4 * rng.standard_normal((3, 3)))
+        assert cost(best) <= cost(nearby)
+
+
+def test_three_points_are_too_few() -> None:
+    with pytest.raises(ValueError, match="four points; got 3"):
+        fit_homography(SQUARE[:3], SQUARE[:3])
+
+
+def test_jacobian_is_the_limit_of_differences() -> None:
+    p, step = np.array([100.0, 60.0]), 1e-4
+    moves = step * np.eye(2)
+    slopes = (apply_homography(H_TILTED, p + moves) - apply_homography(H_TILTED, p - moves)).T / (2 * step)
+    # central differences of a smooth map: the third derivative times step^2
+    np.testing.assert_allclose(homography_jacobian(H_TILTED, p), slopes, rtol=1e-7)
+
+
+def test_monomials_follow_their_exponents() -> None:
+    monomials = cubic_monomials(np.array([2.0]), np.array([3.0]))[0]
+    assert monomials.tolist() == [2.0**i * 3.0**j for i, j in CUBIC_EXPONENTS]
+
+
+@pytest.fixture
+def bent(rng: np.random.Generator) -> CubicWarp:
+    return CubicWarp(H_TILTED, np.array([100.0, 60.0]), 80.0, 0.3 * rng.standard_normal((2, 9)))
+
+
+def test_backward_undoes_forward(bent: CubicWarp, rng: np.random.Generator) -> None:
+    points = rng.uniform(40, 160, (50, 2))
+    np.testing.assert_allclose(bent.backward(bent.forward(points)), points, atol=1e-6)
+
+
+def test_displaced_map_moves_as_its_columns_say_and_keeps_its_mean(bent: CubicWarp, rng: np.random.Generator) -> None:
+    points, change = rng.uniform(40, 160, (200, 2)), 1e-4 * rng.standard_normal((2, 9))
+    monomials = bent.monomials(points)
+    moves = np.stack([displacement_columns(np.eye(2)[[axis] * 200], monomials) @ change.ravel() for axis in (0, 1)], 1)
+    # back in the source's units; the map's own displacement bends the moves by a hundredth
+    seen = bent.displaced(change, monomials).forward(points) - bent.forward(points)
+    local = np.linalg.solve(bent.derivative(points), seen[..., None])[..., 0]
+    assert np.abs(local - moves).max() < 0.05 * np.abs(moves).max()
+    assert np.abs(moves.mean(axis=0)).max() < 1e-12
+
+
+def test_derivative_is_the_jacobian_where_nothing_is_displaced(bent: CubicWarp) -> None:
+    plain = replace(bent, displacement=np.zeros((2, 9)))
+    np.testing.assert_allclose(plain.derivative(plain.centre[None])[0], plain.jacobian(), rtol=1e-6)

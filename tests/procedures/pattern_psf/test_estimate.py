@@ -1,0 +1,188 @@
+"""The whole chain against known truth, the published answers, and photographs that must be refused."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from procedures.outcome import BadParameter, Outcome, Verdict
+from procedures.pattern import Chart
+from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
+from procedures.raw import Plane, read_frame
+
+from .alignment import aligned_error
+from .conftest import CHART, Bench, photograph
+
+CASES = {"front_gauss": 17, "tilted_gauss": 17, "airy_f8": 25}
+
+
+def grey(path: Path) -> Plane:
+    return read_frame(path).planes["Y"]
+
+
+def value(outcome: Outcome[PatternPsf]) -> PatternPsf:
+    assert outcome.value is not None, outcome.reason
+    return outcome.value
+
+
+@pytest.mark.parametrize(("solver", "share"), [("ls", 1.1), ("nnls", 0.9)])
+@pytest.mark.parametrize("case", CASES)
+def test_known_psf_is_found_to_the_statistical_bound(shared_data: Path, case: str, solver: str, share: float) -> None:
+    folder = shared_data / "synthetic" / "pattern"
+    k = CASES[case]
+    known = json.loads((folder / "cases.json").read_text())[case]
+    truth = np.loadtxt(folder / f"{case}_truth_s4_k{k}.txt")
+    chart = Chart.from_image(grey(folder / "bits.pgm").samples)
+    found = value(estimate_psf(grey(folder / f"{case}.pgm"), chart, PatternParameters(4, k, solver)))
+    error, shift = aligned_error(found.psf.h, truth)
+    assert error < share * np.hypot(known["bound_relative_l2"], known["truncation_floor"])
+    # these PSFs are symmetric: their centre is known
+    assert np.abs(shift).max() / 4 < 0.005
+    assert found.psf.h.sum() == pytest.approx(1)
+
+
+def test_real_photograph_agrees_with_the_published_answers(shared_data: Path) -> None:
+    plane = grey(shared_data / "pattern_photo" / "img_example.pgm")
+    chart = Chart.from_image(grey(shared_data / "pattern_photo" / "pattern_noise.pgm").samples)
+    for solver in ("ls", "nnls"):
+        outcome = estimate_psf(plane, chart, PatternParameters(4, 17, solver))
+        published = np.loadtxt(shared_data / "reference" / f"real_pattern_{solver}_s4_k17.txt")
+        found = value(outcome)
+        assert outcome.verdict is Verdict.PASS
+        assert np.corrcoef(found.psf.h.ravel(), published.ravel())[0, 1] > 0.98
+        # nothing but noise is left once ink spread and printed edges are allowed for
+        assert found.residual_std == pytest.approx(1, abs=0.1)
+        assert found.diagnostics["ink_spread"] == pytest.approx(0.023, abs=0.006)
+
+
+def test_simulated_psf_is_found_within_its_uncertainty(bench: Bench, rng: np.random.Generator) -> None:
+    found = value(estimate_psf(bench.plane(0.01, rng), CHART))
+    truth = bench.photograph.true_psf("Y", 4, 17)
+    error, shift = aligned_error(found.psf.h, truth.h)
+    expected = np.hypot(found.diagnostics["relative_uncertainty"], truth.floor)
+    # the error's square sums some 280 freedoms: 4 %, three of these
+    assert error < 1.12 * expected
+    assert np.abs(shift).max() / 4 < 0.01
+    assert found.pixels_per_pattern == pytest.approx(bench.photograph.pixels_per_pattern("Y"), rel=0.003)
+    assert found.s_over_t == pytest.approx(4 * found.pixels_per_pattern / 256, rel=1e-6)
+
+
+def test_error_bars_are_those_of_repeated_photographs(bench: Bench, rng: np.random.Generator) -> None:
+    n = 16
+    found = [value(estimate_psf(bench.plane(0.012, rng), CHART)) for _ in range(n)]
+    h = np.array([f.psf.h.ravel() for f in found])
+    sd = np.sqrt(np.mean([np.diag(f.psf.covariance) for f in found], axis=0))
+    spread = np.sqrt(np.mean(np.var(h, axis=0, ddof=1) / sd**2))
+    # 289 samples of 15 freedoms, neighbours correlated: some 3 %
+    assert spread == pytest.approx(1, abs=0.1)
+    mtf50 = [f.quality.numbers["mtf50_radial"] for f in found]
+    ratio = np.std([q.value for q in mtf50], ddof=1) / np.mean([q.uncertainty for q in mtf50])
+    # one number of 15 freedoms: a standard deviation known to 18 %
+    assert 0.5 < ratio < 1.6
+
+
+def test_photon_noise_and_uneven_light_are_weighted(bench: Bench, rng: np.random.Generator) -> None:
+    variance = 2e-4 * bench.clean
+    samples = bench.clean + np.sqrt(variance) * rng.standard_normal(bench.clean.shape)
+    found = value(estimate_psf(Plane("Y", samples.astype(np.float32), 1e-5), CHART))
+    assert found.residual_std == pytest.approx(1, abs=0.12)
+    error, _ = aligned_error(found.psf.h, bench.photograph.true_psf("Y", 4, 17).h)
+    assert error < 1.15 * found.diagnostics["relative_uncertainty"]
+
+
+def test_orientation_of_an_asymmetric_psf(rng: np.random.Generator, bench: Bench) -> None:
+    # a second image of the scene 1 pixel right and 2 down: the PSF's second peak lies there, not opposite
+    plane = bench.plane(0.003, rng)
+    ghost = 0.8 * plane.samples + 0.2 * np.roll(plane.samples, (2, 1), axis=(0, 1))
+    h = value(estimate_psf(Plane("Y", ghost, 1e-5), CHART, PatternParameters(4, 25))).psf.h
+    middle = 12
+    at, opposite = h[middle + 8, middle + 4], h[middle - 8, middle - 4]
+    assert at > 0.1 * h.max()
+    assert abs(opposite) < 0.05 * h.max()
+
+
+def test_hidden_marks_leave_the_answer_right(bench: Bench, rng: np.random.Generator) -> None:
+    plane = bench.plane(0.005, rng)
+    samples = plane.samples.copy()
+    for x, y in bench.marks()[0][[1, 6]].astype(int):
+        samples[y - 8 : y + 9, x - 8 : x + 9] = 0.4
+    found = value(estimate_psf(Plane("Y", samples, 1e-5), CHART))
+    error, _ = aligned_error(found.psf.h, bench.photograph.true_psf("Y", 4, 17).h)
+    assert error < 1.2 * found.diagnostics["relative_uncertainty"]
+
+
+def refused(plane: Plane, match: str, chart: Chart = CHART, parameters: PatternParameters | None = None) -> None:
+    outcome = estimate_psf(plane, chart, parameters)
+    assert outcome.verdict is Verdict.REFUSED
+    assert outcome.value is None
+    assert match in outcome.reason, outcome.reason
+    assert outcome.remedy
+
+
+def changed(bench: Bench, samples: np.ndarray) -> Plane:
+    return Plane("Y", np.asarray(samples, dtype=np.float32), 1e-5)
+
+
+def test_other_cells_are_refused(bench: Bench, rng: np.random.Generator) -> None:
+    refused(bench.plane(0.005, rng), "other cells", Chart.from_seed(2))
+
+
+def test_rotated_cells_are_refused(bench: Bench, rng: np.random.Generator) -> None:
+    refused(bench.plane(0.005, rng), "other cells", Chart(np.rot90(CHART.cells).copy()))
+
+
+def test_no_chart_is_refused(rng: np.random.Generator) -> None:
+    refused(Plane("Y", rng.random((200, 300)).astype(np.float32), 1e-5), "no chart")
+
+
+def test_clipped_white_is_refused(bench: Bench) -> None:
+    refused(changed(bench, np.minimum(3 * bench.clean, 1)), "clipped")
+
+
+def test_darkness_is_refused(bench: Bench, rng: np.random.Generator) -> None:
+    dark = 0.01 * bench.clean + 0.004 * rng.standard_normal(bench.clean.shape)
+    assert estimate_psf(changed(bench, dark), CHART).verdict is Verdict.REFUSED
+
+
+def test_coarse_steps_are_refused_as_too_dark(bench: Bench) -> None:
+    refused(Plane("Y", (np.round(bench.clean * 10) / 10).astype(np.float32), 0.1), "digital numbers above black")
+
+
+def test_faint_chart_is_refused_as_too_dark(bench: Bench, rng: np.random.Generator) -> None:
+    refused(changed(bench, 0.01 * bench.clean), "clear of black")
+
+
+def test_defocus_beyond_use_is_refused_or_doubted() -> None:
+    blurred = photograph(gaussian_px=2.5)
+    outcome = estimate_psf(changed(blurred, blurred.clean), CHART)
+    assert outcome.verdict is not Verdict.PASS
+    assert outcome.reason
+
+
+def test_support_larger_than_the_samples_is_refused() -> None:
+    small = photograph(pixels=64, size=(150, 150), yaw_deg=0)
+    refused(changed(small, small.clean), "need at least", parameters=PatternParameters(4, 51))
+
+
+@pytest.mark.parametrize(
+    ("s", "k", "solver", "match"),
+    [(1, 17, "ls", "s of 2 or more; got s = 1"), (4, 16, "ls", "odd number k"), (4, 17, "qr", "solver is one of")],
+)
+def test_parameters_that_cannot_be_meant(s: int, k: int, solver: str, match: str) -> None:
+    with pytest.raises(BadParameter, match=match):
+        PatternParameters(s, k, solver)
+
+
+def test_curved_response_is_told_from_spread_ink(bench: Bench, rng: np.random.Generator) -> None:
+    samples = bench.plane(0.002, rng).samples
+    top, bottom = 0.9 * 0.9 / 1.3, 0.04 * 0.9 / 1.3  # paper and ink in a light of 0.9, full well at 1.3
+    level = (samples - bottom) / (top - bottom)
+    curved = bottom + (top - bottom) * (level + 0.1 * (level**2 - level))
+    found = value(estimate_psf(changed(bench, curved), CHART))
+    assert found.diagnostics["response_curvature"] == pytest.approx(0.1, abs=0.02)
+    assert found.diagnostics["ink_spread"] == pytest.approx(0, abs=0.004)
+    error, _ = aligned_error(found.psf.h, bench.photograph.true_psf("Y", 4, 17).h)
+    assert error < 1.3 * found.diagnostics["relative_uncertainty"]

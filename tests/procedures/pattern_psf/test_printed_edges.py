@@ -1,0 +1,57 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from procedures.numerics.sampled_convolution import convolve_at
+from procedures.pattern_psf.observation import noise_window, observe
+from procedures.pattern_psf.printed_edges import LINES, Edges, edge_columns
+from procedures.pattern_psf.radiometry import measure_light
+from procedures.pattern_psf.rasterise import band_limited_chart, whole_chart
+
+from .conftest import CHART, Bench
+
+
+@pytest.fixture(scope="module")
+def columns(bench: Bench):
+    samples = bench.clean.astype(np.float32)
+    _, registration = bench.marks()
+    window = noise_window(registration, samples.shape)
+    o = observe(samples, registration, measure_light(samples, registration, 1e-5), window, margin_px=4)
+    h = bench.photograph.true_psf("Y", 4, 17).h
+    C = edge_columns(whole_chart(CHART), registration, o.points, h, 4, np.ones(len(o.y)))
+    return registration, o, h, C
+
+
+def test_moving_all_lines_moves_the_chart(bench: Bench, columns) -> None:
+    registration, o, h, C = columns
+    every = np.zeros(2 * LINES)
+    every[:LINES] = 1.0
+    # the chart moved by one cell along its x: the map that sees at p what it saw one cell before
+    raster, window = band_limited_chart(CHART, registration, 4), noise_window(registration, bench.clean.shape)
+    step = 0.02 * np.linalg.inv(registration.jacobian())[:, 0]
+    pictures = [
+        convolve_at(raster.read(registration.translated(d), window, 8), o.rows, o.columns, h.astype(np.float32), 4)
+        for d in (-step, step)
+    ]
+    expected = (pictures[0] - pictures[1]) / 0.04
+    # light at the pieces' middles, and a PSF cut at 3 % of its peak: good to some per cent
+    assert np.linalg.norm(C @ every - expected) < 0.1 * np.linalg.norm(expected)
+
+
+def test_offsets_come_back(columns, rng: np.random.Generator) -> None:
+    _, o, _, C = columns
+    truth = 0.03 * rng.standard_normal(2 * LINES)
+    noise = 0.004
+    v = (C @ truth + noise * rng.standard_normal(len(o.y))) / noise
+    edges = Edges.of(C / noise)
+    rms, left = edges.widths(v)
+    # 514 offsets give their own width to 1 / sqrt(1028) = 3 %, the cells' random signs a few per cent more
+    assert rms == pytest.approx(0.03, rel=0.15)
+    assert left == pytest.approx(1, rel=0.15)
+    assert np.corrcoef(edges.estimator(rms, left)(v), truth)[0, 1] > 0.9
+
+
+def test_noise_alone_has_no_offsets(columns, rng: np.random.Generator) -> None:
+    _, o, _, C = columns
+    assert Edges.of(C / 0.004).widths(rng.standard_normal(len(o.y)))[0] < 0.006

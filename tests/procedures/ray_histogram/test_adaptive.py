@@ -1,0 +1,76 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from procedures.outcome import BadParameter
+from procedures.ray_histogram.adaptive import allot, sample_adaptively
+from procedures.ray_histogram.film import Film, film_of_samples
+from procedures.ray_histogram.multiscale import filter_film
+
+
+@pytest.fixture
+def truth(rng):
+    """A flat wall on the left, leaves of three pixels on the right."""
+    leaves = rng.uniform(0.2, 1.0, (10, 5)).repeat(3, 0).repeat(3, 1)
+    return np.concatenate([np.full((30, 45), 0.5), leaves], axis=1)
+
+
+class Renderer:
+    """Casts samples into a film, up to as many per pixel as it is told."""
+
+    def __init__(self, truth, seed):
+        self.truth, self.rng, self.film = truth, np.random.default_rng(seed), Film.blank(*truth.shape)
+
+    def __call__(self, wanted):
+        more = np.maximum(wanted - self.film.count.astype(int), 0)
+        row, column = (np.repeat(i.ravel(), more.ravel()) for i in np.indices(more.shape))
+        light = self.rng.gamma(1.0, 1.0, (row.size, 3)) * self.truth[row, column, None]
+        self.film.add(row, column, light)
+
+
+def test_few_similar_pixels_draw_more_samples(truth):
+    renderer = Renderer(truth, 1)
+    renderer(np.full(truth.shape, 16))
+    found = filter_film(renderer.film)
+    more = allot(renderer.film, found.similar, 16 * truth.size)
+    assert more[:, 47:].mean() > 1.25 * more[:, :40].mean()
+
+
+def test_adaptive_samples_beat_as_many_even_ones(truth):
+    even = Renderer(truth, 2)
+    even(np.full(truth.shape, 48))
+    adaptive = Renderer(truth, 3)
+    adaptive(np.full(truth.shape, 16))
+    found = sample_adaptively(adaptive.film, adaptive, budget=32 * truth.size)
+    assert adaptive.film.count.sum() == even.film.count.sum()
+    errors = [np.mean((f.picture - truth[..., None]) ** 2) for f in (found, filter_film(even.film))]
+    assert errors[0] < 0.9 * errors[1]
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 10**6), st.integers(0, 2**32 - 1))
+def test_the_budget_is_spent_to_the_last_sample(budget, seed):
+    rng = np.random.default_rng(seed)
+    film = film_of_samples(rng.gamma(0.3, 1.0, (5, 6, 4, 3)))
+    more = allot(film, rng.uniform(1, 169, (5, 6)).astype(np.float32), budget)
+    assert more.sum() == budget
+    assert more.min() >= 0
+
+
+def test_samples_level_out_what_pixels_lack(rng):
+    # of two equal halves one has had ten times the samples: the other gets all of a small budget
+    film = film_of_samples(np.ones((4, 8, 40, 3)))
+    film.count[:, 4:] = 4
+    more = allot(film, np.full((4, 8), 9.0, np.float32), 16 * 10)
+    np.testing.assert_array_equal(more[:, 4:], 10)
+    np.testing.assert_array_equal(more[:, :4], 0)
+
+
+def test_impossible_budgets_are_refused(flat_film):
+    with pytest.raises(BadParameter, match="a budget of -1"):
+        allot(flat_film, np.ones((24, 21), np.float32), -1)
+    with pytest.raises(BadParameter, match="0 rounds"):
+        sample_adaptively(flat_film, lambda _: None, budget=0, rounds=0)

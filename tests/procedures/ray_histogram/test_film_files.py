@@ -1,0 +1,89 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from procedures.outcome import BadInput
+from procedures.ray_histogram.film_files import read_film, write_film
+
+
+def arrays_of(film):
+    return {"image": film.mean, "hist": film.histogram, "nsamples": film.count}
+
+
+def test_a_film_comes_back_as_it_was_kept(flat_film, tmp_path):
+    write_film(flat_film, tmp_path / "film.npz")
+    back = read_film(tmp_path / "film.npz").checked()
+    np.testing.assert_array_equal(back.mean, flat_film.mean)
+    np.testing.assert_array_equal(back.histogram, flat_film.histogram)
+    np.testing.assert_array_equal(back.count, flat_film.count)
+    np.testing.assert_allclose(back.variance, flat_film.variance, rtol=1e-15)
+    assert [path.name for path in tmp_path.iterdir()] == ["film.npz"]
+
+
+def test_raw_samples_are_made_into_a_film(rng, tmp_path):
+    samples = rng.random((4, 5, 6, 3))
+    samples[1, 2, 3] = np.nan
+    np.savez(tmp_path / "samples.npz", samples=samples)
+    film = read_film(tmp_path / "samples.npz")
+    np.testing.assert_allclose(film.mean, np.nanmean(samples, axis=2), rtol=1e-12)
+    assert film.dropped.sum() == 1
+
+
+def test_the_published_renderers_openexr_is_read(flat_film, tmp_path):
+    openexr = pytest.importorskip("OpenEXR", reason="reading OpenEXR is an extra")
+    rows, columns = flat_film.count.shape
+    bins = np.dstack([flat_film.histogram.reshape(rows, columns, 60), flat_film.count]).astype(np.float32)
+    histograms = {f"Bin_{i:04d}": np.ascontiguousarray(bins[..., i]) for i in range(61)}
+    picture = {name: np.ascontiguousarray(flat_film.mean[..., i], np.float32) for i, name in enumerate("RGB")}
+    for name, channels in (("h.exr", histograms), ("p.exr", picture)):
+        with openexr.File({"type": openexr.scanlineimage}, channels) as file:
+            file.write(str(tmp_path / name))
+    film = read_film(tmp_path / "h.exr", tmp_path / "p.exr").checked()
+    np.testing.assert_array_equal(film.histogram, flat_film.histogram)
+    np.testing.assert_array_equal(film.count, flat_film.count)
+    np.testing.assert_allclose(film.mean, flat_film.mean, rtol=1e-6)
+    with pytest.raises(BadInput, match="no channels R, G and B"):
+        read_film(tmp_path / "h.exr")
+    with pytest.raises(BadInput, match="no channel Bin_0000"):
+        read_film(tmp_path / "p.exr")
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"image": np.zeros((23, 21, 3))}, "are not of one size"),
+        ({"hist": np.zeros((24, 21, 3, 19))}, "are not of one size"),
+        ({"nsamples": np.full((24, 21), -3)}, "negative or impossible counts, the least of them -3"),
+        ({"nsamples": np.zeros((24, 21))}, "504 of 504 pixels are empty"),
+        ({"nsamples": np.full((24, 21), 90)}, "do not sum to their count"),
+        ({"image": np.full((24, 21, 3), np.nan)}, "504 of 504 pixels are NaN"),
+        ({"hist": np.full((24, 21, 3, 20), np.nan)}, "negative or NaN votes"),
+        ({"hist": np.full((24, 21, 3, 20), -1.0)}, "negative or NaN votes"),
+        ({"image": np.zeros((24, 21, 3), complex)}, "`image` is an array of complex128"),
+        ({"variance": np.zeros((2, 2, 3))}, "a variance of shape"),
+        ({"samples": np.zeros((2, 2, 3))}, r"samples of shape \(2, 2, 3\)"),
+    ],
+)
+def test_what_is_no_film_is_refused_with_its_reason(flat_film, tmp_path, change, says):
+    np.savez(tmp_path / "film.npz", **(arrays_of(flat_film) | change))
+    with pytest.raises(BadInput, match=says):
+        read_film(tmp_path / "film.npz").checked()
+
+
+def test_a_missing_array_is_named(flat_film, tmp_path):
+    np.savez(tmp_path / "film.npz", image=flat_film.mean)
+    with pytest.raises(BadInput, match="no hist, nsamples among"):
+        read_film(tmp_path / "film.npz")
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 cut short", b"not an archive", b"\x93NUMPY"])
+def test_a_file_that_is_no_archive_is_refused(tmp_path, content):
+    (tmp_path / "film.npz").write_bytes(content)
+    with pytest.raises(BadInput, match=r"film\.npz"):
+        read_film(tmp_path / "film.npz")
+
+
+def test_a_missing_file_is_refused(tmp_path):
+    with pytest.raises(BadInput, match="cannot be read"):
+        read_film(tmp_path / "none.npz")

@@ -1,0 +1,126 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from procedures.outcome import BadInput
+from procedures.ray_histogram.comparison import psnr_db
+from procedures.ray_histogram.film import film_of_samples
+from procedures.ray_histogram.filter import PAPER, FilterParameters
+from procedures.ray_histogram.multiscale import (
+    bicubic_upsample,
+    downsample,
+    filter_film,
+    gaussian_downsample,
+    recombine,
+    samples_of,
+    within_range,
+)
+
+# PSNR in dB, (samples, kappa, scales) -> (clipped to [0, 1], unclipped): the published program on the same data
+PUBLISHED = {
+    (256, 1.0, 1): (45.37, 39.59),
+    (256, 1.0, 2): (45.55, 41.60),
+    (256, 1.0, 3): (46.35, 42.18),
+    (256, 0.8, 2): (45.78, 42.19),
+    (256, 0.8, 3): (46.15, 42.57),
+    (64, 1.0, 2): (41.36, 37.49),
+    (64, 1.0, 3): (42.39, 38.37),
+    (64, 0.8, 2): (41.97, 38.19),
+    (64, 0.8, 3): (42.79, 38.96),
+}
+
+
+@pytest.mark.parametrize(("samples", "kappa", "scales"), PUBLISHED)
+def test_cornell_box_is_cleaner_than_the_published_program_leaves_it(cornell, reference, samples, kappa, scales):
+    found = filter_film(cornell[samples], FilterParameters(kappa=kappa, scales=scales), threads=2)
+    clipped, unclipped = psnr_db(found.picture, reference)
+    assert clipped >= PUBLISHED[samples, kappa, scales][0]
+    assert unclipped >= PUBLISHED[samples, kappa, scales][1]
+
+
+@pytest.mark.parametrize("samples", [64, 256])
+def test_defaults_gain_half_a_decibel_over_the_published_program(cornell, reference, samples):
+    clipped, unclipped = psnr_db(filter_film(cornell[samples], threads=2).picture, reference)
+    assert clipped >= PUBLISHED[samples, 1.0, 3][0] + 0.5
+    assert unclipped >= PUBLISHED[samples, 1.0, 3][1] + 0.5
+
+
+def test_error_falls_with_samples_as_if_nothing_were_wrongly_shared(light):
+    # four flat regions of distinct nature: 3 dB per doubling is the ideal, 2.8 leaves room for the edges
+    y, x = np.indices((48, 48))
+    truth = np.select([(y < 24) & (x < 24), y < 24, x < 24], [0.1, 0.8, 2.5], 0.3)
+    samples = light(truth, 512)
+    few, many = (
+        psnr_db(filter_film(film_of_samples(samples[:, :, :n])).picture, truth[..., None])[1] for n in (64, 512)
+    )
+    assert (many - few) / 3 >= 2.8
+
+
+@pytest.mark.parametrize("s", [1, 2, 3])
+def test_samples_are_as_many_at_every_scale(flat_film, s):
+    frame = samples_of(flat_film)
+    small = downsample(frame, s)
+    assert small.count.shape == (-(-24 // 2**s), -(-21 // 2**s))
+    np.testing.assert_allclose(small.histogram.sum(dtype=float), frame.histogram.sum(dtype=float), rtol=1e-6)
+    np.testing.assert_allclose(small.histogram.sum(-1), 3 * small.count, rtol=1e-5)  # float32
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(2, 40), st.integers(2, 40), st.floats(0.01, 100))
+def test_a_constant_survives_both_resamplings(rows, columns, value):
+    flat = np.full((rows, columns, 2), value, np.float32)
+    small = gaussian_downsample(flat, 1)
+    np.testing.assert_allclose(small, value, rtol=1e-5)
+    np.testing.assert_allclose(bicubic_upsample(small, (rows, columns)), value, rtol=1e-5)
+
+
+def test_upsampling_keeps_the_samples_and_a_parabola_between_them():
+    # Keys' cubic with a = -1/2 reproduces second degree
+    y, x = np.indices((9, 8), dtype=np.float32)
+    surface = (1 + 0.5 * x - 0.1 * x**2 + 0.2 * x * y + 0.3 * y**2)[..., None]
+    large = bicubic_upsample(surface, (17, 15))
+    np.testing.assert_allclose(large[::2, ::2], surface, rtol=1e-5)
+    y2, x2 = np.indices((17, 15)) / 2
+    expected = (1 + 0.5 * x2 - 0.1 * x2**2 + 0.2 * x2 * y2 + 0.3 * y2**2)[..., None]
+    np.testing.assert_allclose(large[2:-4, 2:-4], expected[2:-4, 2:-4], rtol=1e-4)
+
+
+def test_a_scale_gives_up_its_low_frequencies_whole_when_coarse_is_one():
+    # a slow error at the fine scale is replaced by the coarse scale's value
+    wave = 0.3 * np.cos(2 * np.pi * np.arange(64) / 64)[:, None, None].repeat(64, 1).astype(np.float32)
+    kept = {coarse: np.abs(recombine([wave, np.zeros((32, 32, 1), np.float32)], coarse)).max() for coarse in (0, 1)}
+    assert kept[0] == pytest.approx(0.3)
+    assert kept[1] < 0.02
+
+
+def test_scales_remove_noise_wider_than_the_block(cornell, reference):
+    one, three = (
+        psnr_db(filter_film(cornell[64], replace(PAPER, scales=n), threads=2).picture, reference)[0] for n in (1, 3)
+    )
+    assert three > one + 0.5
+
+
+def test_one_scale_too_many_is_refused(flat_film):
+    filter_film(flat_film, FilterParameters(scales=2))
+    with pytest.raises(BadInput, match=r"24 x 21 pixels are 3 x 3 at scale 4, where 6 x 6 are needed"):
+        filter_film(flat_film, FilterParameters(scales=4))
+
+
+def test_a_constant_film_stays_constant_through_all_scales(flat_film):
+    film = replace(flat_film, mean=np.full((24, 21, 3), 0.25))
+    np.testing.assert_allclose(filter_film(film).picture, 0.25, rtol=1e-4)  # float32 weights, three scales
+
+
+def test_a_lamp_digs_no_hole_around_itself(light):
+    # a lamp a thousand times brighter than the wall: exchanged low frequencies alone would go below the wall's light
+    levels = np.full((48, 48), 0.05)
+    levels[20:28, 20:28] = 50.0
+    film = film_of_samples(light(levels, 32))
+    found = filter_film(film).picture
+    assert found.min() >= film.mean.min()
+    np.testing.assert_array_equal(within_range(found, film.mean.astype(np.float32)), found)

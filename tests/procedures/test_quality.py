@@ -1,0 +1,101 @@
+"""Numbers of PSFs whose truth is a formula."""
+
+from __future__ import annotations
+
+from math import erf
+
+import numpy as np
+import pytest
+from scipy.special import j0
+
+from procedures.psf import Psf
+from procedures.quality import Diffraction, assess, otf
+
+S, K = 4, 33
+
+
+def gaussian(sx: float, sy: float, x0: float = 0.0, y0: float = 0.0, turn: float = 0.0, k: int = K) -> np.ndarray:
+    """A Gaussian of sum 1, widths and centre in pixels, turned from x towards y."""
+    x = (np.arange(k) - k // 2) / S
+    u, v = x - x0, (x - y0)[:, None]
+    along, across = np.cos(turn) * u + np.sin(turn) * v, -np.sin(turn) * u + np.cos(turn) * v
+    h = np.exp(-(along**2) / (2 * sx**2) - across**2 / (2 * sy**2))
+    return h / h.sum()
+
+
+def sure(h: np.ndarray, variance: float = 1e-12) -> Psf:
+    return Psf(h, S, variance * np.eye(h.size))
+
+
+def test_mtf50_and_widths_of_a_gaussian() -> None:
+    numbers = assess(sure(gaussian(0.5, 0.7)), n=1).numbers
+    # |OTF| = exp(-2 pi^2 sigma^2 f^2) is one half at sqrt(ln 2 / 2) / (pi sigma); linear interpolation over 1/50
+    for name, sigma in (("horizontal", 0.5), ("vertical", 0.7)):
+        assert numbers[f"mtf50_{name}"].value == pytest.approx(np.sqrt(np.log(2) / 2) / np.pi / sigma, rel=5e-4)
+        assert numbers[f"fwhm_{name}"].value == pytest.approx(np.sqrt(8 * np.log(2)) * sigma, rel=1e-3)
+        expected = np.exp(-2 * (np.pi * sigma * 0.5) ** 2)
+        assert numbers[f"mtf_nyquist_{name}"].value == pytest.approx(expected, rel=1e-6)
+
+
+def test_encircled_energy_of_a_gaussian() -> None:
+    numbers = assess(sure(gaussian(0.6, 0.6)), n=1).numbers
+    # 1 - exp(-r^2 / 2 sigma^2); squares entering linearly, 1/4 pixel wide, blur the circle by 1/4 / sqrt 12
+    for share in (50, 80):
+        radius = 0.6 * np.sqrt(-2 * np.log(1 - share / 100))
+        assert numbers[f"encircled_energy_{share}"].value == pytest.approx(radius, rel=0.015)
+
+
+def test_energy_above_nyquist_of_a_gaussian() -> None:
+    numbers = assess(sure(gaussian(0.4, 0.4)), n=1).numbers
+    # |OTF|^2 = exp(-4 pi^2 sigma^2 f^2): the inside of the square is a product of two error functions
+    assert numbers["energy_above_nyquist"].value == pytest.approx(1 - erf(2 * np.pi * 0.4 * 0.5) ** 2, rel=1e-4)
+
+
+def test_ellipse_of_a_turned_gaussian() -> None:
+    numbers = assess(sure(gaussian(0.8, 0.5, turn=np.radians(30))), n=1).numbers
+    assert numbers["ellipse_angle"].value == pytest.approx(30, abs=0.5)
+    assert 0.1 < numbers["ellipticity"].value < 1 - 0.5 / 0.8  # the weight makes it rounder, never flatter
+
+
+def test_phase_of_a_shifted_psf_is_its_shift() -> None:
+    psf = sure(gaussian(0.5, 0.5, x0=0.1, y0=-0.2))
+    f = np.array([0.3])
+    assert np.angle(otf(psf, f, 0 * f))[0] == pytest.approx(-2 * np.pi * 0.3 * 0.1, abs=1e-6)
+    numbers = assess(psf, n=1).numbers
+    assert numbers["centroid_x"].value == pytest.approx(0.1, abs=1e-6)
+    assert numbers["centroid_y"].value == pytest.approx(-0.2, abs=1e-6)
+
+
+def test_airy_pattern_and_its_transfer_function_are_a_pair() -> None:
+    limit = Diffraction(f_number=8, pixel_pitch_um=5.0, wavelength_nm=550)
+    assert limit.cutoff == pytest.approx(5.0 / (0.55 * 8))
+    r = (np.arange(20_000) + 0.5) * 0.005
+    for f in (0.0, 0.3, 0.8):
+        # Hankel transform by rectangles; the tail beyond r = 100 pixels holds 2 / (pi^2 cutoff r)
+        transform = np.sum(limit.psf(r) * j0(2 * np.pi * f * r) * 2 * np.pi * r) * 0.005
+        assert transform == pytest.approx(float(limit.otf(np.array(f))), abs=4e-3)
+
+
+def test_strehl_of_diffraction_alone_is_one() -> None:
+    limit = Diffraction(f_number=8, pixel_pitch_um=5.0, wavelength_nm=550)
+    x = (np.arange(K) - K // 2) / S
+    h = limit.psf(np.hypot(x, x[:, None])) / S**2  # of sum 1 over the plane, the tail outside included
+    whole = Psf(h, S, 1e-12 * np.eye(h.size))
+    assert assess(whole, n=1, diffraction=limit).numbers["strehl"].value == pytest.approx(1, rel=1e-3)
+
+
+def test_uncertainties_are_those_of_repeated_noise(rng: np.random.Generator) -> None:
+    h, n = gaussian(0.5, 0.65, turn=0.4, k=17), 120
+    sd = 4e-4
+    psf = Psf(h, S, sd**2 * np.eye(h.size))
+    expected = assess(psf, n=1)
+    draws = [assess(Psf(h + sd * rng.standard_normal(h.shape), S, psf.covariance), n=1) for _ in range(n)]
+    # a standard deviation of 120 draws is known to 1 / sqrt(240) = 6.5 %: four of these
+    for name, number in expected.numbers.items():
+        spread = np.std([draw.numbers[name].value for draw in draws])
+        assert spread == pytest.approx(number.uncertainty, rel=0.26), name
+    # a modulus is linear in the noise only while it stands well above it
+    clear = expected.mtf_horizontal > 4 * expected.mtf_horizontal_uncertainty
+    clear[0] = False
+    spread = np.std([draw.mtf_horizontal for draw in draws], axis=0)[clear]
+    np.testing.assert_allclose(spread, expected.mtf_horizontal_uncertainty[clear], rtol=0.26)

@@ -1,0 +1,235 @@
+"""The whole chain against walls with known optics, published photographs, and everything that must be refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from procedures.exposure import Exposure
+from procedures.outcome import BadParameter, Outcome, Refused, Verdict
+from procedures.raw import Plane, read_frame
+from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf, estimate_psf
+from procedures.two_photo.trust import check_settings
+
+from ..pattern_psf.alignment import aligned_error
+from .conftest import OTF
+from .wall import Otf, Pair, airy_pixel, gaussian, photographs, samples_of
+
+
+def estimate(near: np.ndarray, far: np.ndarray, **parameters: object) -> Outcome[TwoPhotoPsf]:
+    planes = [Plane("Y", np.asarray(samples, np.float32), 1 / 65535) for samples in (near, far)]
+    return estimate_psf(*planes, TwoPhotoParameters(**parameters))  # type: ignore[arg-type]
+
+
+def found_in(outcome: Outcome[TwoPhotoPsf]) -> TwoPhotoPsf:
+    assert outcome.value is not None, outcome.reason
+    return outcome.value
+
+
+WALLS = {
+    "frontal": (gaussian(0.40, 0.40), 0.0, 0.002, 0.025),
+    "tilted": (gaussian(0.42, 0.36), 0.08, 0.002, 0.025),
+    "airy": (airy_pixel(1.9), 0.03, 0.003, 0.055),
+    "noisy": (gaussian(0.42, 0.42), 0.03, 0.012, 0.075),
+}
+
+
+@pytest.mark.parametrize("wall", WALLS)
+def test_known_walls_give_their_psf(wall: str) -> None:
+    otf, tilt, noise, limit = WALLS[wall]
+    pair = photographs(otf, tilt=tilt, noise=noise, size=150)
+    outcome = estimate(pair.near, pair.far)
+    assert outcome.verdict is Verdict.PASS, outcome.reason
+    assert aligned_error(found_in(outcome).psf.h, samples_of(otf, 3, 13))[0] < limit
+
+
+@pytest.mark.parametrize(("wall", "limit"), [("a", 0.025), ("b", 0.055)])
+def test_walls_kept_beside_the_project_give_their_psf(shared_data: Path, wall: str, limit: float) -> None:
+    folder = shared_data / "synthetic" / "two_photo"
+    near, far = (read_frame(folder / f"wall_{wall}_{which}.pgm").planes["Y"] for which in ("near", "far"))
+    found = found_in(estimate_psf(far, near))
+    truth = np.loadtxt(folder / f"wall_{wall}_truth_s3_k13.txt")
+    assert aligned_error(found.psf.h, truth)[0] < limit
+
+
+def test_published_photographs_give_the_published_psf(shared_data: Path) -> None:
+    folder = shared_data / "two_photos"
+    near, far = (read_frame(folder / name).planes["Y"] for name in ("IMG_0608_v1.pgm", "IMG_0602_v1_CUT.pgm"))
+    outcome = estimate_psf(near, far)
+    found = found_in(outcome)
+    published = np.loadtxt(shared_data / "reference" / "real_two_psf_s3_k13.txt")
+    assert outcome.verdict is not Verdict.REFUSED
+    assert np.corrcoef(found.psf.h.ravel(), published.ravel())[0, 1] > 0.97
+    # the homography of the matches alone, at the photographs' corner, says 5.16 and 5.15
+    assert found.scale == pytest.approx((5.16, 5.15), rel=0.005)
+
+
+def test_errors_are_those_the_covariance_tells(pair: Pair) -> None:
+    found = found_in(estimate(pair.near, pair.far, solver="ls"))
+    truth = samples_of(OTF, 3, 13)
+    z = (found.psf.h - truth).ravel() / np.sqrt(np.diag(found.psf.covariance))
+    # 169 correlated samples, and what the kernel's support cuts off
+    assert 0.7 < np.sqrt(np.mean(z**2)) < 1.4
+
+
+def test_mtf50_lies_inside_its_error_bar() -> None:
+    z = []
+    for seed in range(4):
+        pair = photographs(OTF, noise=0.01, seed=seed, size=80)
+        numbers = found_in(estimate(pair.near, pair.far, solver="ls")).quality.numbers
+        for axis, sigma in (("horizontal", 0.42), ("vertical", 0.37)):
+            truth = np.sqrt(np.log(2) / 2) / (np.pi * sigma)
+            z.append((numbers[f"mtf50_{axis}"].value - truth) / numbers[f"mtf50_{axis}"].uncertainty)
+    assert np.sqrt(np.mean(np.square(z))) < 1.6  # 8 draws: 1 +- 0.25
+
+
+def test_order_does_not_matter(pair: Pair) -> None:
+    first, second = (found_in(estimate(*photos)) for photos in ((pair.near, pair.far), (pair.far, pair.near)))
+    assert (first.swapped, second.swapped) == (False, True)
+    # other matches, hence another first map, a hundredth of a pixel from rest
+    np.testing.assert_allclose(first.psf.h, second.psf.h, atol=2e-4)
+
+
+def test_a_rolled_camera_is_no_obstacle() -> None:
+    otf = gaussian(0.5, 0.33)
+    pair = photographs(otf, roll=0.3, size=130)
+    found = found_in(estimate(pair.near, pair.far))
+    assert aligned_error(found.psf.h, samples_of(otf, 3, 13))[0] < 0.025
+    assert found.scale == pytest.approx((4.6, 4.6), rel=1e-3)
+
+
+def test_solvers_keep_their_promises(pair: Pair) -> None:
+    free, clipped, positive = (
+        found_in(estimate(pair.near, pair.far, solver=name)).psf.h for name in ("ls", "clip", "nnls")
+    )
+    truth = samples_of(OTF, 3, 13)
+    assert free.min() < 0
+    assert min(clipped.min(), positive.min()) >= 0
+    assert all(h.sum() == pytest.approx(1) for h in (free, clipped, positive))
+    # the constraint is true, and taken in the metric of the errors
+    assert np.linalg.norm(positive - truth) < np.linalg.norm(free - truth)
+
+
+def test_recursion_and_equation_agree(pair: Pair) -> None:
+    assert found_in(estimate(pair.near, pair.far)).diagnostics["recursion_check"] < 0.002
+
+
+@pytest.mark.parametrize(
+    ("parameters", "match"),
+    [({"s": 1}, "s of 2 or more"), ({"k": 12}, "odd number k"), ({"solver": "svd"}, "ls, clip, nnls")],
+)
+def test_parameters_that_cannot_be_meant(parameters: dict[str, object], match: str) -> None:
+    with pytest.raises(BadParameter, match=match):
+        TwoPhotoParameters(**parameters)  # type: ignore[arg-type]
+
+
+# --- what must be refused or doubted ---------------------------------------------------------------------------
+
+
+def answers(outcome: Outcome[TwoPhotoPsf], verdict: Verdict, reason: str, remedy: str) -> None:
+    assert outcome.verdict is verdict, outcome.reason
+    assert reason in outcome.reason
+    assert remedy in outcome.remedy
+    assert (outcome.value is None) is (verdict is Verdict.REFUSED)
+
+
+def test_too_small_a_distance_is_refused_with_the_way_to_go() -> None:
+    pair = photographs(OTF, zoom=2.5, size=100)
+    outcome = estimate(pair.near, pair.far)
+    answers(
+        outcome, Verdict.REFUSED, "s = 3 needs the far photograph from more than 3 times", "1.38 times its distance"
+    )
+    assert "s = 2" in outcome.remedy
+
+
+def test_two_depths_are_refused() -> None:
+    one, other = photographs(OTF), photographs(OTF, zoom=4.6 * 1.1)
+    far = one.far.copy()
+    far[:60] = other.far[:60]
+    answers(estimate(one.near, far), Verdict.REFUSED, "the wall must be one plane", "flat wall")
+
+
+@pytest.mark.parametrize(
+    ("shift", "verdict", "reason"),
+    [(0.1, Verdict.DOUBTFUL, "the wall's relief moves details by 0.1"), (0.35, Verdict.REFUSED, "wall must be")],
+)
+def test_relief_is_seen(pair: Pair, rng: np.random.Generator, shift: float, verdict: Verdict, reason: str) -> None:
+    moves = cv2.GaussianBlur(rng.standard_normal((*pair.far.shape, 2)).astype(np.float32), (0, 0), 2)
+    y, x = np.indices(pair.far.shape, dtype=np.float32)
+    dx, dy = np.moveaxis(shift * moves / moves.std(), -1, 0)
+    far = cv2.remap(pair.far, x + dx, y + dy, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+    answers(estimate(pair.near, far), verdict, reason, "relief")
+
+
+@pytest.mark.parametrize(
+    ("otf", "near_otf", "verdict", "reason"),
+    [
+        (OTF, gaussian(0.95, 0.95), Verdict.REFUSED, "near photograph must be as sharp"),
+        (OTF, gaussian(0.75, 0.75), Verdict.DOUBTFUL, "near photograph is less sharp"),
+        (gaussian(0.95, 0.95), OTF, Verdict.DOUBTFUL, "far photograph is less sharp"),
+    ],
+)
+def test_another_focus_is_seen(otf: Otf, near_otf: Otf, verdict: Verdict, reason: str) -> None:
+    pair = photographs(otf, near_otf=near_otf)
+    answers(estimate(pair.near, pair.far), verdict, reason, "focus again")
+
+
+def test_a_wire_before_the_wall_is_left_out(pair: Pair) -> None:
+    far = pair.far.copy()
+    far[:, 60:62] = 0.05
+    found = found_in(estimate(pair.near, far))
+    assert 0.01 < found.diagnostics["outliers"] < 0.03  # two columns of some 112, but for its own dark places
+    assert aligned_error(found.psf.h, samples_of(OTF, 3, 13))[0] < 0.025
+
+
+def test_another_exposure_is_seen(pair: Pair) -> None:
+    outcome = estimate(pair.near, 0.7 * pair.far)
+    answers(outcome, Verdict.DOUBTFUL, "has 0.70 times the near one's contrast", "same exposure")
+    assert found_in(outcome).gain == pytest.approx(0.7, rel=0.01)
+
+
+def test_a_shadow_is_seen(pair: Pair) -> None:
+    shade = 1 - 0.4 * np.linspace(0, 1, pair.far.shape[1])
+    answers(
+        estimate(pair.near, 1.2 * pair.far * shade), Verdict.DOUBTFUL, "the light on the wall changed", "same steady"
+    )
+
+
+def test_a_smooth_wall_is_refused(pair: Pair, rng: np.random.Generator) -> None:
+    near, far = (
+        cv2.GaussianBlur(photo, (0, 0), blur) + 0.004 * rng.standard_normal(photo.shape).astype(np.float32)
+        for photo, blur in ((pair.near, 1.5 * 4.6), (pair.far, 1.5))
+    )
+    answers(estimate(near, far), Verdict.REFUSED, "texture", "rougher wall")
+
+
+def test_another_wall_is_refused(pair: Pair) -> None:
+    other = photographs(OTF, seed=2)
+    answers(estimate(pair.near, other.far), Verdict.REFUSED, "must agree on one plane", "same flat, textured part")
+
+
+def test_clipped_and_dark_photographs_are_refused(pair: Pair) -> None:
+    answers(
+        estimate(np.minimum(2 * pair.near, 1), pair.far), Verdict.REFUSED, "must not be clipped", "expose both less"
+    )
+    answers(estimate(pair.near, 0.005 * pair.far), Verdict.REFUSED, "all but dark", "expose both longer")
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "match"),
+    [
+        (Exposure(f_number=5.6), Exposure(f_number=8.0), "same f-number; they have 5.6 and 8"),
+        (Exposure(focal_length_mm=50.0), Exposure(focal_length_mm=35.0), "same focal length"),
+        (Exposure(camera="One"), Exposure(camera="Two"), "same camera"),
+    ],
+)
+def test_other_optics_are_refused_where_the_camera_noted_them(first: Exposure, second: Exposure, match: str) -> None:
+    with pytest.raises(Refused, match=match):
+        check_settings(first, second)
+
+
+def test_what_the_camera_did_not_note_is_no_reason() -> None:
+    check_settings(Exposure(f_number=5.6, exposure_s=0.1), Exposure(exposure_s=0.05))

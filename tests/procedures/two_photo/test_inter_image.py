@@ -1,0 +1,88 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from procedures.numerics.warps import apply_homography
+from procedures.outcome import Refused
+from procedures.two_photo.inter_image import centre_of, common_region, fit_kernel
+from procedures.two_photo.near_noise import noise_at_most, without_near_noise
+
+from .conftest import OTF
+from .wall import Pair, gaussian, photographs
+
+S, K = 3, 13
+OFF = np.array([[1, 0, 0.8], [0, 1, -0.7], [0, 0, 1.0]])
+"""A first map that is wrong by 0.2 far pixels."""
+DIRECTIONS = ((1, 0), (0, 1), (0.5**0.5, 0.5**0.5), (0.5**0.5, -(0.5**0.5)))
+
+
+def test_map_is_refined_to_a_hundredth_of_a_pixel(pair: Pair) -> None:
+    stretched = np.diag([1.002, 0.999, 1.0])
+    fit = fit_kernel(pair.near, pair.far, OFF @ pair.H_near_far @ stretched, S, K)
+    points = fit.samples.points
+    off = (fit.warp.forward(points) - apply_homography(pair.H_near_far, points)) / 4.6
+    # its translation is the kernel's shift; the rest is to be right
+    assert np.abs(off - off.mean(axis=0)).max() < 0.01
+
+
+def test_residual_is_the_noise(pair: Pair) -> None:
+    fit = fit_kernel(pair.near, pair.far, pair.H_near_far, S, K)
+    # 0.002 in both photographs; the near one's adds c |k|^2, some hundredths; 1e4 samples give 1 %
+    assert np.sqrt(fit.variance) == pytest.approx(0.002, rel=0.06)
+
+
+def test_light_that_changed_is_eliminated(pair: Pair) -> None:
+    x = np.linspace(-1, 1, pair.far.shape[1], dtype=np.float32)
+    changed = pair.far * (1 + 0.1 * x + 0.05 * x[:, None] ** 2) + 0.02 * x[:, None]
+    kernels = [fit_kernel(pair.near, far, pair.H_near_far, S, K).kernel for far in (pair.far, changed)]
+    first, second = (kernel / kernel.sum() for kernel in kernels)
+    assert np.linalg.norm(first - second) < 0.005 * np.linalg.norm(first)
+
+
+def test_centre_follows_a_shift() -> None:
+    x = np.arange(K) - K // 2
+    kernel = np.exp(-((x - 0.7) ** 2 + (x[:, None] + 1.2) ** 2) / (2 * 1.3**2))
+    np.testing.assert_allclose(centre_of(kernel), [0.7, -1.2], atol=1e-3)  # the support cuts a tail of 1e-4
+
+
+def test_small_common_region_is_refused(pair: Pair) -> None:
+    with pytest.raises(Refused, match="need 353 far samples of the common region; it has"):
+        common_region(pair.near[:90, :90], pair.far, pair.H_near_far, S, K)
+
+
+def test_near_noise_shrinks_least_squares_and_the_correction_undoes_it() -> None:
+    sharp, noise, f = gaussian(0.3, 0.3), 0.03, 0.9  # high frequencies suffer first: the wall has little of them
+    clean = photographs(sharp, noise=0.0, size=90)
+    n = (np.arange(K) - K // 2) / S
+    waves = np.array([np.cos(2 * np.pi * f * (c * n + s * n[:, None])).ravel() for c, s in DIRECTIONS])
+    truth = sharp(f, 0) / sharp(f / 4.6, 0)
+    transfers = []
+    for seed in range(16):
+        rng = np.random.default_rng(seed)
+        near, far = ((p + noise * rng.standard_normal(p.shape)).astype(np.float32) for p in (clean.near, clean.far))
+        fit = fit_kernel(near, far, clean.H_near_far, S, K)
+        kernel = without_near_noise(fit, noise_at_most(near))
+        assert kernel.noise == pytest.approx(noise, rel=0.03)
+        transfers.append([(waves @ k).mean() / truth for k in (fit.kernel, kernel.k)])
+    (plain, corrected), spread = np.mean(transfers, axis=0), np.std(transfers, axis=0).max() / 4
+    assert plain < 1 - 2 * spread
+    assert corrected - plain > 0.03
+    assert abs(corrected - 1) < 2 * spread
+
+
+def test_noise_above_the_texture_is_refused() -> None:
+    noisy = photographs(gaussian(0.6, 0.6), noise=0.06, size=90)
+    fit = fit_kernel(noisy.near, noisy.far, noisy.H_near_far, S, K)
+    with pytest.raises(Refused, match="noise must stay under the wall's texture"):
+        without_near_noise(fit, noise_at_most(noisy.near))
+
+
+@pytest.mark.parametrize("sigma", [0.003, 0.02])
+def test_noise_of_a_bare_wall_is_measured(sigma: float, rng: np.random.Generator) -> None:
+    bare = (0.4 + sigma * rng.standard_normal((400, 500))).astype(np.float32)
+    assert noise_at_most(bare) == pytest.approx(sigma, rel=0.03)  # the median of 22 000 differences
+
+
+def test_texture_only_raises_the_limit() -> None:
+    assert noise_at_most(photographs(OTF, noise=0.002, size=60).near) > 0.002

@@ -1,0 +1,48 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from simulators.motion import travel_line
+from simulators.world import GRAVITY_M_S2, World
+
+
+@pytest.fixture
+def world() -> World:
+    return World()
+
+
+def test_at_rest_an_imu_feels_gravity_alone(world):
+    force, rate = world.feel(np.array([0.0, 10.0]))
+    np.testing.assert_allclose(force, [[0, GRAVITY_M_S2, 0]] * 2)
+    assert np.all(rate == 0)
+
+
+def test_the_bench_rings_after_a_move_and_comes_to_rest(world):
+    end_s = travel_line([world.axes["x_mm"]], [250.0], 0.0, 50.0, 400.0)
+    t = end_s + np.linspace(0, 0.2, 200)
+    # the slowest mode, 9 Hz at 5 %, falls by exp(-2.8) in a second; x_mm, 11 Hz at 4 %, the same
+    assert np.ptp(world.pose(t).pan_deg) > 10 * np.ptp(world.pose(t + 1.0).pan_deg) > 0
+
+
+def test_acceleration_integrates_to_the_change_of_velocity(world):
+    # from rest to steady speed the integral of the felt force along x is the speed, once the ringing has gone
+    travel_line([world.axes["x_mm"]], [300.0], 0.0, 20.0, 400.0)
+    t = np.linspace(-0.1, 6.0, 61001)
+    force, _ = world.feel(t)
+    gained = np.trapezoid(force[:, 0], t) * 1000
+    # trapezoid rule across two jumps of 0.4 m/s^2: 2 * 400 * 1e-4 mm/s; ringing after 6 s: 1e-6
+    assert gained == pytest.approx(20.0, abs=0.08)
+
+
+def test_light_follows_the_lamp(world):
+    world.set_lamp(0.5, 10.0)
+    assert world.lamp(9.0) == pytest.approx(1.0)
+    assert world.lamp(10.0) == pytest.approx(0.5 * 1.05)
+    assert world.lamp(10_000.0) == pytest.approx(0.5)
+
+
+def test_a_warm_rail_is_longer(world):
+    near = world.distance_mm(0.0)
+    grown = (world.distance_mm(7200.0) - near) / world.axes["z_mm"].position(0.0)
+    assert grown == pytest.approx(23e-6 * (world.temperature_c(7200.0) - world.temperature_c(0.0)), rel=1e-9)

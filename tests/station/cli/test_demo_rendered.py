@@ -1,0 +1,37 @@
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from station.rendered import RenderPlan
+
+
+@pytest.fixture
+def calibrated(monkeypatch):
+    """The demonstration's calibrations, done at once."""
+    monkeypatch.setattr("station.demo.run_demo", lambda out, seed, progress: (SimpleNamespace(refused=()), "{}\n"))
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """A plan of one small scene, with the seed that was asked for."""
+    plan = lambda seed: RenderPlan(columns=32, samples=8, converged=16, seed=seed, scenes=("room",))  # noqa: E731
+    monkeypatch.setattr("station.rendered.RenderPlan", plan)
+
+
+def test_scenes_are_rendered_on_request(run, calibrated, small, tmp_path):
+    done = run("demo", "--rendered", "--seed", "7", "--json", "--out", tmp_path)
+    assert done.exit_code == 0, done.output
+    assert done.stdout == "{}\n"
+    assert "room: " in done.stderr
+    assert (tmp_path / "rendered" / "rays.html").is_file()
+    assert [path.stem for path in sorted((tmp_path / "rendered" / "films").iterdir())] == [
+        "room-32x24-seed7-16",
+        "room-32x24-seed7-8",
+    ]
+
+
+def test_nothing_is_rendered_unasked(run, calibrated, small, tmp_path):
+    assert run("demo", "--json", "--out", tmp_path).exit_code == 0
+    assert not (tmp_path / "rendered").exists()

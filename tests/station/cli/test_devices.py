@@ -1,0 +1,59 @@
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+
+import pytest
+from click.testing import CliRunner
+
+from drivers.transport import SerialTransport
+from drivers.zaber_protocol import Reply, ZaberParser
+from station.__main__ import main
+
+
+def test_the_simulated_bench_is_shown_with_firmware_and_state():
+    done = CliRunner().invoke(main, ["devices", "--simulate"])
+    assert done.exit_code == 0, done.output
+    rows = {line.split()[0]: line for line in done.stdout.splitlines()}
+    assert "1.1h.20190830" in rows["stage"]
+    assert "not homed" in rows["stage"]
+    assert "home the stage" in rows["stage"]
+    assert "ready" in rows["shutter"]
+
+
+def test_what_is_wrong_is_shown_with_its_remedy(tmp_path):
+    config = tmp_path / "station.toml"
+    config.write_text(
+        '[devices.light]\ndriver = "dmx"\nport = "/dev/nowhere"\n'
+        '[devices.rangefinder]\ndriver = "jrt"\nport = "usb:NOSUCH"\n'
+    )
+    done = CliRunner().invoke(main, ["devices", "--config", str(config), "--json"])
+    assert done.exit_code == 3
+    rows = json.loads(done.stdout)
+    assert [row["name"] for row in rows] == ["light", "rangefinder"]
+    assert all(row["wrong"] and row["remedy"] and not row["usable"] for row in rows)
+    assert "light: cannot open /dev/nowhere" in done.stderr
+    assert "what to do: plug the cable in" in done.stderr
+
+
+def test_without_configuration_it_says_what_to_do(tmp_path):
+    done = CliRunner().invoke(main, ["devices", "--config", str(tmp_path / "none.toml")])
+    assert done.exit_code == 2
+    assert "use --simulate" in done.stderr
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals here")
+def test_other_programs_reach_the_simulated_bench(tmp_path):
+    command = [sys.executable, "-m", "station", "simulate", "--json", "--folder", str(tmp_path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        ports = json.loads(process.stdout.readline())
+        transport = SerialTransport(ports["head"][1], ZaberParser)
+        transport.open(lambda event, host_s: None)
+        reply = transport.request(b"/1 get deviceid\n", lambda event: event if isinstance(event, Reply) else None, 2.0)
+        transport.close()
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(timeout=10.0) == 0
+    assert reply.data == "50081"

@@ -1,0 +1,58 @@
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+
+@pytest.fixture
+def near(shared_data):
+    return shared_data / "synthetic" / "two_photo" / "wall_a_near.pgm"
+
+
+@pytest.fixture
+def far(shared_data):
+    return shared_data / "synthetic" / "two_photo" / "wall_a_far.pgm"
+
+
+def test_files_and_record_follow_the_contract(run, near, far, tmp_path):
+    done = run("psf", "two-photo", far, near, "--out", tmp_path)
+    assert done.exit_code == 0, done.output
+    kinds = ("covariance_Y.npy", "inter_image_Y.npy", "mtf_Y.csv", "psf_Y.npy", "psf_Y.png", "result.json")
+    assert sorted(path.name for path in tmp_path.iterdir()) == list(kinds)
+    h, kernel = (np.load(tmp_path / f"{name}_Y.npy", allow_pickle=False) for name in ("psf", "inter_image"))
+    assert (h.dtype, h.shape, kernel.shape) == (np.float64, (13, 13), (13, 13))
+    assert h.sum() == pytest.approx(1)
+    assert kernel.sum() == pytest.approx(1)
+    record = json.loads((tmp_path / "result.json").read_text())
+    assert (record["schema"], record["procedure"]) == ("station/psf/1", "two-photo")
+    assert [one["path"] for one in record["input"]] == [str(far), str(near)]
+    assert record["parameters"].items() >= {"s": 3, "k": 13, "solver": "nnls"}.items()
+    plane = record["planes"]["Y"]
+    assert plane["verdict"] == "pass"
+    assert plane["scale"] == pytest.approx([4.9, 4.9], rel=1e-3)
+    assert plane["mtf50_horizontal"]["unit"] == "cycles/pixel"
+
+
+def test_a_refusal_keeps_no_psf_and_says_what_to_do(run, near, tmp_path):
+    out = tmp_path / "out"
+    done = run("psf", "two-photo", near, near, "--out", out)
+    assert done.exit_code == 5
+    assert [path.name for path in out.iterdir()] == ["result.json"]
+    plane = json.loads((out / "result.json").read_text())["planes"]["Y"]
+    assert plane["verdict"] == "refused"
+    assert "times the near one's distance" in plane["reason"]
+    assert "take the far photograph from" in plane["remedy"]
+
+
+def test_photographs_of_different_kinds_are_no_pair(run, near, shared_data, tmp_path):
+    done = run("psf", "two-photo", near, shared_data / "raw" / "tinydng_colorchart.dng", "--out", tmp_path)
+    assert done.exit_code == 4
+    assert "same planes" in done.output
+
+
+def test_other_parameters_reach_the_estimate(run, near, far, tmp_path):
+    done = run("psf", "two-photo", near, far, "-s", 2, "-k", 9, "--solver", "ls", "--out", tmp_path)
+    assert done.exit_code == 0, done.output
+    assert np.load(tmp_path / "psf_Y.npy", allow_pickle=False).shape == (9, 9)

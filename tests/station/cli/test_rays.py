@@ -1,0 +1,100 @@
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+
+@pytest.fixture
+def cornell(shared_data):
+    return shared_data / "rays" / "cornell_00064_f16.npz"
+
+
+@pytest.fixture
+def small(rng, tmp_path):
+    """A film's file made of raw samples: a grey wall beside a white one."""
+    level = np.where(np.arange(26) < 13, 0.3, 1.2)[None, :, None, None]
+    path = tmp_path / "small.npz"
+    np.savez(path, samples=level * rng.gamma(1.0, 1.0, (24, 26, 32, 3)))
+    return path
+
+
+def record_of(folder):
+    return json.loads((folder / "result.json").read_text())
+
+
+def test_a_render_is_filtered_and_measured(run, cornell, shared_data, tmp_path):
+    done = run("rays", cornell, "--reference", shared_data / "rays" / "cornell_reference.npz", "--out", tmp_path)
+    assert done.exit_code == 0, done.output
+    names = ["filtered.png", "filtered.tiff", "rays.html", "result.json", "similar.npy"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == names
+    record = record_of(tmp_path)
+    assert record["schema"] == "station/rays/1"
+    assert record["verdict"] == "pass"
+    assert record["parameters"] == {"kappa": 1.0, "scales": 3, "search": 6, "patch": 1}
+    decibels = record["psnr_db"]
+    assert decibels["input"]["clipped"] == pytest.approx(27.02, abs=0.005)  # as published with the data
+    assert decibels["filtered"]["clipped"] > decibels["input"]["clipped"] + 15
+
+
+def test_the_tiff_is_linear_and_in_order(run, small, tmp_path):
+    import cv2
+
+    run("rays", small, "--out", tmp_path / "out", "--scales", "2")
+    picture = cv2.imread(str(tmp_path / "out" / "filtered.tiff"), cv2.IMREAD_UNCHANGED)
+    assert (picture.dtype, picture.shape) == (np.float32, (24, 26, 3))
+    # noise of a pixel's mean is level / sqrt(32); 24 x 10 pixels of each wall
+    assert picture[:, :10].mean() == pytest.approx(0.3, abs=4 * 0.3 / np.sqrt(32 * 240))
+    assert picture[:, -10:].mean() == pytest.approx(1.2, abs=4 * 1.2 / np.sqrt(32 * 240))
+
+
+def test_the_record_comes_to_stdout_on_request(run, small, tmp_path):
+    done = run("rays", small, "--out", tmp_path / "out", "--scales", "2", "--json")
+    assert json.loads(done.stdout) == record_of(tmp_path / "out")
+
+
+def test_neighbours_lend_samples(run, small, tmp_path):
+    run("rays", small, "--out", tmp_path / "one", "--scales", "1")
+    run("rays", small, "--neighbour", small, "--out", tmp_path / "two", "--scales", "1")
+    one, two = (np.load(tmp_path / name / "similar.npy") for name in ("one", "two"))
+    assert (two > one).all()
+
+
+def test_dropped_samples_are_said(run, tmp_path, rng):
+    samples = rng.random((24, 24, 16, 3))
+    samples[3, 4, 5] = np.nan
+    np.savez(tmp_path / "s.npz", samples=samples)
+    done = run("rays", tmp_path / "s.npz", "--scales", "1", "--out", tmp_path / "out")
+    assert done.exit_code == 0
+    assert "1 of 9216 samples were NaN or infinite and were dropped" in done.stderr
+    assert record_of(tmp_path / "out")["verdict"] == "doubtful"
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "says"),
+    [
+        (["--kappa", "0"], 2, "kappa = 0.0"),
+        (["--scales", "0"], 2, "0 scales"),
+        (["--scales", "4"], 4, "24 x 26 pixels are 3 x 4 at scale 4"),
+        (["--threads", "0"], 2, "--threads"),
+    ],
+)
+def test_what_cannot_be_done_is_refused_and_leaves_nothing(run, small, tmp_path, options, code, says):
+    done = run("rays", small, *options, "--out", tmp_path / "out")
+    assert done.exit_code == code
+    assert says in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_reference_of_another_size_is_refused(run, small, shared_data, tmp_path):
+    reference = shared_data / "rays" / "cornell_reference.npz"
+    done = run("rays", small, "--scales", "2", "--reference", reference, "--out", tmp_path / "out")
+    assert done.exit_code == 4
+    assert "a picture of shape (250, 250, 3)" in done.stderr
+
+
+def test_a_file_that_is_no_film_is_refused(run, shared_data, tmp_path):
+    done = run("rays", shared_data / "rays" / "README.md", "--out", tmp_path / "out")
+    assert done.exit_code == 4
+    assert "is no npz archive" in done.stderr
