@@ -180,7 +180,7 @@ def read_spline(
     """Values of a spline on a regular target grid, read through a displacement and a homography.
 
     The target point p is read at H(p + d(p)), in grid points of the coefficients; d is a cubic polynomial of
-    (p - centre) / radius. Points beyond the coefficients are read at some place inside: the caller avoids them.
+    (p - centre) / radius. Points beyond the coefficients are read at their rim.
 
     Parameters
     ----------
@@ -204,10 +204,12 @@ def read_spline(
     (rows, columns) float32
     """
     rows, columns = shape
-    n_y, n = coefficients.shape
-    flat, row = coefficients.ravel(), np.uint64(n)
+    n_y, n_x = coefficients.shape
+    flat, line = coefficients.ravel(), np.uint64(n_x)
     one, two, three = np.uint64(1), np.uint64(2), np.uint64(3)  # unsigned: no test for negative indices
     out = np.empty((rows, columns), np.float32)
+    # a row's places first, in a loop of plain arithmetic that the processor does several at a time
+    t_x, t_y, first = np.empty(columns, np.float32), np.empty(columns, np.float32), np.empty(columns, np.int64)
     c = displacement
     for i in range(rows):
         py = start[1] + i * step
@@ -223,16 +225,15 @@ def read_spline(
             qx = px + u0 + x * (u1 + x * (u2 + x * u3))
             qy = py + v0 + x * (v1 + x * (v2 + x * v3))
             w = 1.0 / (H[2, 0] * qx + H[2, 1] * qy + H[2, 2])
-            gx = (H[0, 0] * qx + H[0, 1] * qy + H[0, 2]) * w
-            gy = (H[1, 0] * qx + H[1, 1] * qy + H[1, 2]) * w
-            ix, iy = int(np.floor(gx)), int(np.floor(gy))
-            tx, ty = np.float32(gx - ix), np.float32(gy - iy)
-            x0, x1, x2, x3 = _cubic_weights(tx)
-            y0, y1, y2, y3 = _cubic_weights(ty)
-            if not (ix >= 1 and iy >= 1 and ix < n - 2 and iy < n_y - 2):
-                ix, iy = 1 + (ix - 1) % (n - 3), 1 + (iy - 1) % (n_y - 3)
-            a0 = np.uint64((iy - 1) * n + ix - 1)
-            a1, a2, a3 = a0 + row, a0 + row + row, a0 + row + row + row
+            gx = min(max((H[0, 0] * qx + H[0, 1] * qy + H[0, 2]) * w, 1.0), n_x - 2.001)
+            gy = min(max((H[1, 0] * qx + H[1, 1] * qy + H[1, 2]) * w, 1.0), n_y - 2.001)
+            ix, iy = np.int32(gx), np.int32(gy)
+            t_x[j], t_y[j], first[j] = gx - ix, gy - iy, (iy - 1) * np.int64(n_x) + ix - 1
+        for j in range(columns):
+            x0, x1, x2, x3 = _cubic_weights(t_x[j])
+            y0, y1, y2, y3 = _cubic_weights(t_y[j])
+            a0 = np.uint64(first[j])
+            a1, a2, a3 = a0 + line, a0 + line + line, a0 + line + line + line
             out[i, j] = (
                 y0 * (x0 * flat[a0] + x1 * flat[a0 + one] + x2 * flat[a0 + two] + x3 * flat[a0 + three])
                 + y1 * (x0 * flat[a1] + x1 * flat[a1 + one] + x2 * flat[a1 + two] + x3 * flat[a1 + three])
