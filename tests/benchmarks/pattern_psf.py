@@ -16,6 +16,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "procedures" / "pattern_psf")]
 
+import cv2  # noqa: E402
 import numpy as np  # noqa: E402  (one thread must be asked for before numpy loads)
 from alignment import aligned_error  # noqa: E402
 
@@ -73,6 +74,7 @@ def main() -> None:
     """Print the environment and both tables."""
     data = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT.parent / "shared" / "data"
     print(f"Python {platform.python_version()}, numpy {np.__version__}, {os.cpu_count()} cores, one thread used")
+    cv2.setNumThreads(1)
     print("one warm estimate, 328 x 292 pixels, s = 4, k = 17:")
     speed(data / "pattern_photo")
     print("known PSFs:")
