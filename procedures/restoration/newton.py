@@ -28,7 +28,7 @@ class Weights:
 
     picture: float
     depth: float
-    step: float = 0.25
+    step: float = 0.15
 
 
 def joint_step(
