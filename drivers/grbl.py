@@ -57,6 +57,9 @@ class GrblStage:
         self.clock = clock or SystemClock()
         self.link = GrblLink(transport)
         self._axes = tuple(axes)
+        unknown = [axis.letter for axis in axes if axis.letter not in self.link.letters]
+        if unknown:
+            raise BadConfiguration(f"GRBL has no axis {', '.join(unknown)}", f"use letters of {self.link.letters}")
         self._reset_on_open = reset_on_open
         self._poll_s = poll_s
         self._one_mover = OneMover()
@@ -72,12 +75,19 @@ class GrblStage:
     def connect(self) -> Identity:
         """Open, expect the greeting, ask version and settings; the stage is unhomed afterwards. Raises DeviceError."""
         identity = self.link.connect(reset=self._reset_on_open == "expect")
+        try:
+            self._check_limits()
+            self._travel = {axis.name: self._travel_of(axis) for axis in self._axes}
+            self._user(self.link.report())
+        except DeviceError:
+            self.link.close()
+            raise
+        return identity
+
+    def _check_limits(self) -> None:
         for flag, name in ((20, "soft limits"), (22, "homing")):
             if self.link.setting(flag, 1.0) != 1.0:
-                self.link.close()
                 raise BadConfiguration(f"{name} are off at {self.address} (${flag}=0)", "set $22=1, then $20=1")
-        self._travel = {axis.name: self._travel_of(axis) for axis in self._axes}
-        return identity
 
     def _travel_of(self, axis: GrblAxis) -> Travel:
         length = self.link.setting(130 + self._index(axis), axis.travel)
@@ -124,10 +134,14 @@ class GrblStage:
         return self._user(self.link.settled_report())
 
     def _user(self, report: Report) -> dict[str, float]:
-        lengths = {name: travel.high - travel.low for name, travel in self._travel.items()}
-        return {
-            axis.name: self._to_user(axis, report.machine[self._index(axis)], lengths[axis.name]) for axis in self._axes
-        }
+        there = {}
+        for axis in self._axes:
+            if self._index(axis) >= len(report.machine):
+                told = f"{self.address} reports {len(report.machine)} axes, none for {axis.letter}"
+                raise BadConfiguration(told, "correct the axis' letter")
+            travel = self._travel[axis.name]
+            there[axis.name] = self._to_user(axis, report.machine[self._index(axis)], travel.high - travel.low)
+        return there
 
     def moving(self) -> bool:
         """Whether any axis moves. Raises DeviceError."""

@@ -120,7 +120,14 @@ class GrblLink:
         return Identity(model=firmware, firmware=version, serial=name, address=self.address)
 
     def _read_settings(self) -> dict[int, float]:
-        return {event.number: event.value for event in self.command("$$") if isinstance(event, Setting)}
+        """The answer to `$$`, twice alike: without checksums, a damaged digit looks like another travel."""
+        before: dict[int, float] | None = None
+        for _ in range(4):
+            now = {event.number: event.value for event in self.command("$$") if isinstance(event, Setting)}
+            if now == before:
+                return now
+            before = now
+        raise NoAnswer(f"{self.address} tells other settings each time", "check the cable")
 
     def command(self, line: str, timeout_s: float = REPLY_S) -> list[Event]:
         """Send one line; the events up to its response. Raises Rejected, Alarm, WasReset, NoAnswer."""

@@ -243,8 +243,8 @@ class RtsShutter:
 
     def connect(self) -> Identity:
         """Open the port with the contact open. Raises LineLost."""
-        self._transport.open(lambda event, host_s: None)
-        self._transport.set_lines(rts=False)
+        with opened(self._transport):
+            self._transport.set_lines(rts=False)
         return Identity("RTS line", "", "", self.address)
 
     def close(self) -> None:

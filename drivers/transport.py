@@ -228,6 +228,13 @@ class SerialTransport(Generic[E]):
             raise LineLost(f"{self.address} has no modem lines: {error}", "use a port with RTS and DTR") from error
 
     def _read(self, port: Any, parser: Parser[E], listen: Callable[[E, float], None]) -> None:
+        try:
+            self._read_on(port, parser, listen)
+        finally:  # whatever ended it, nobody may wait for it
+            if self._port is port:
+                self._lose(port, self._gone(RuntimeError("its reader has ended")))
+
+    def _read_on(self, port: Any, parser: Parser[E], listen: Callable[[E, float], None]) -> None:
         while self._port is port:
             try:
                 data = port.read(1)

@@ -16,6 +16,7 @@ from drivers.errors import (
     DeviceError,
     EmergencyStopped,
     LineLost,
+    MoveFailed,
     NoAnswer,
     Rejected,
 )
@@ -69,6 +70,7 @@ class ZaberStage:
         self._axes = tuple(axes)
         self._poll_s = poll_s
         self._ids = 0
+        self._checking: set[int] = set()
         self._alerts = 0
         self._stops = 0
         self._one_mover = OneMover()
@@ -84,6 +86,7 @@ class ZaberStage:
         """Open, ask every device, read limits, set speeds. Raises DeviceError naming all devices that are missing."""
         self._transport.close()
         self.trust.lose(UNHOMED)
+        self._checking.clear()
         with opened(self._transport, self._hear):
             told = self._roll_call()
             for axis in self._axes:
@@ -96,6 +99,8 @@ class ZaberStage:
         told, missing = [], []
         for device in dict.fromkeys(axis.device for axis in self._axes):
             try:
+                self._query(device, 0, "set comm.checksum 1")
+                self._checking.add(device)
                 answers = [self._query(device, 0, f"get {s}") for s in ("deviceid", "version", "system.serial")]
                 told.append((answers[0], answers[1], answers[2]))
             except NoAnswer:
@@ -107,14 +112,13 @@ class ZaberStage:
         return told
 
     def _prepare(self, axis: ZaberAxis) -> None:
-        self._query(axis.device, 0, "set comm.checksum 1")
         self._query(axis.device, 0, "set comm.alert 1")
-        ends = [axis.to_unit(float(self._query(axis.device, axis.axis, f"get limit.{end}"))) for end in ("min", "max")]
+        ends = [axis.to_unit(self._number(axis, f"limit.{end}")) for end in ("min", "max")]
         self._travel[axis.name] = Travel(min(ends), max(ends))
         if axis.speed_per_s is not None:
             setting = round(axis.speed_per_s / abs(axis.unit_per_step) * SPEED_UNIT)
             self._query(axis.device, axis.axis, f"set maxspeed {setting}")
-        steps_per_s = float(self._query(axis.device, axis.axis, "get maxspeed")) / SPEED_UNIT
+        steps_per_s = self._number(axis, "maxspeed") / SPEED_UNIT
         self._speed[axis.name] = steps_per_s * abs(axis.unit_per_step)
 
     def close(self) -> None:
@@ -135,8 +139,10 @@ class ZaberStage:
         body = f"{device} {axis} {number} {command}".rstrip().encode()
 
         def answer(event: Event) -> Reply | None:
-            mine = isinstance(event, Reply) and (event.device, event.number) == (device, number)
-            return event if mine and isinstance(event, Reply) else None
+            if not isinstance(event, Reply) or (event.device, event.number) != (device, number):
+                return None
+            # with checksums on, an answer without one was damaged at its colon
+            return event if event.checked or device not in self._checking else None
 
         reply = self._transport.request(b"/" + body + b":" + checksum(body) + b"\n", answer, REPLY_S, tries)
         if not reply.accepted:
@@ -147,6 +153,15 @@ class ZaberStage:
     def _query(self, device: int, axis: int, command: str) -> str:
         """What may be asked again if it goes unanswered."""
         return self._send(device, axis, command, tries=3).data
+
+    def _number(self, axis: ZaberAxis, setting: str) -> float:
+        told = self._query(axis.device, axis.axis, f"get {setting}")
+        try:
+            return float(told)
+        except ValueError as error:
+            raise Rejected(
+                f"{self.address} device {axis.device} tells {setting} as {told!r}", "check the axis' number", told
+            ) from error
 
     def _hear(self, event: Event, host_s: float) -> None:
         if isinstance(event, Alert):
@@ -161,7 +176,7 @@ class ZaberStage:
         return {axis.name: axis.to_unit(self._steps(axis)) for axis in self._axes}
 
     def _steps(self, axis: ZaberAxis) -> float:
-        return float(self._query(axis.device, axis.axis, "get pos"))
+        return self._number(axis, "pos")
 
     def moving(self) -> bool:
         """Whether any axis moves. Raises DeviceError."""
@@ -184,12 +199,14 @@ class ZaberStage:
         """Send every axis to its home sensor. Raises DeviceError."""
         with self._one_mover:
             self._require_line()
-            epoch = self.trust.begin(self.trust.shouts)
+            epoch, stops = self.trust.begin(self.trust.shouts), self._stops
             for axis in self._axes:
                 self._send(axis.device, axis.axis, "warnings clear", tries=3)
                 self._send(axis.device, axis.axis, "home")
             longest_s = max((travel.high - travel.low) / self._speed[name] for name, travel in self._travel.items())
             self._finish(list(self._axes), 4 * longest_s + 10)
+            if self._stops != stops or any(self._status(axis).flag == "NI" for axis in self._axes):
+                raise MoveFailed(f"homing at {self.address} was interrupted", HOME)
             self.trust.give(epoch)
 
     def _require_line(self) -> None:

@@ -73,7 +73,7 @@ def checksum(body: bytes) -> bytes:
 
 @dataclass(frozen=True)
 class Reply:
-    """An answer to a command; `number` is the message id, None if it carried none."""
+    """An answer to a command; `number` is the message id, None if it carried none; `checked`: by a good checksum."""
 
     device: int
     axis: int
@@ -82,6 +82,7 @@ class Reply:
     busy: bool
     flag: str
     data: str
+    checked: bool = False
 
 
 @dataclass(frozen=True)
@@ -118,15 +119,15 @@ _INFO = re.compile(r"#(\d\d) (\d)(?: (?:\d\d|--))? (.*)")
 
 def read_line(raw: bytes) -> Event:
     """The event one line means."""
-    body = raw
-    if len(raw) > 3 and raw[-3:-2] == b":":
-        if checksum(raw[1:-3]) != raw[-2:]:
-            return Unread(raw)
-        body = raw[:-3]
+    checked = len(raw) > 3 and raw[-3:-2] == b":"
+    if checked and checksum(raw[1:-3]) != raw[-2:]:
+        return Unread(raw)
+    body = raw[:-3] if checked else raw
     line = body.decode("ascii", "replace")
     if found := _REPLY.fullmatch(line):
         number = int(found[3]) if found[3] and found[3] != "--" else None
-        return Reply(int(found[1]), int(found[2]), number, found[4] == "OK", found[5] == "BUSY", found[6], found[7])
+        accepted, busy = found[4] == "OK", found[5] == "BUSY"
+        return Reply(int(found[1]), int(found[2]), number, accepted, busy, found[6], found[7], checked)
     if found := _ALERT.fullmatch(line):
         return Alert(int(found[1]), int(found[2]), found[3] == "BUSY", found[4])
     if found := _INFO.fullmatch(line):

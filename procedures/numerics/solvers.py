@@ -40,7 +40,7 @@ def non_negative_least_squares(G: Array, b: Array, *, max_exchanges: int = 200) 
 
     Raises
     ------
-    ValueError
+    numpy.linalg.LinAlgError
         If the pivots run out, as they can when G is numerically singular.
 
     References
@@ -67,7 +67,7 @@ def non_negative_least_squares(G: Array, b: Array, *, max_exchanges: int = 200) 
             last = np.flatnonzero(wrong)[-1]
             wrong = np.arange(n) == last
         passive = passive ^ wrong
-    raise ValueError(f"no non-negative solution after {max_exchanges} exchanges: the normal matrix is singular")
+    raise np.linalg.LinAlgError(f"no non-negative solution after {max_exchanges} exchanges: the matrix is singular")
 
 
 def solve_constrained(G: Array, b: Array, solver: str) -> Array:

@@ -74,6 +74,10 @@ class Sighting:
     score: float
     mirrored: bool
 
+    def sure(self) -> bool:
+        """Whether enough marks are in sight that no other map of the same chart could have more."""
+        return int(np.count_nonzero(self.visible)) >= len(X_CORNERS) - MAX_HIDDEN
+
     def predicted(self) -> Array:
         """(x, y) of all twelve x-corners by the homography, (12, 2)."""
         return frame.transform(self.H_sensor_pattern, X_CORNERS)
@@ -196,9 +200,9 @@ def find_charts(image: npt.NDArray[np.floating]) -> list[Sighting]:
     for factor, level in levels:
         for H in _candidates(level):
             at_full = _to_full(factor) @ H
-            if not _known(_centre(at_full), found):
+            if not _known(_centre(at_full), [s for s in found if s.sure()]):
                 sighting = _settle(levels, at_full)
-                if sighting is not None and not _known(sighting.centre(), found):
+                if sighting is not None:
                     found.append(sighting)
     return _apart(sorted(found, key=lambda s: -s.score * s.visible.sum()))
 

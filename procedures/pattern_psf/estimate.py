@@ -39,6 +39,10 @@ from procedures.raw import Plane
 Array = npt.NDArray[np.float64]
 
 
+LEAST_STEPS = 16
+"""Digital numbers between black and white from which rounding is no worse than noise."""
+
+
 @dataclass(frozen=True)
 class PatternParameters(Sampling):
     """How the PSF is sampled and solved for: see `Sampling`; 3 s + 1 to 6 s + 1 samples are usual."""
@@ -114,7 +118,7 @@ def estimate_psf(
     """
     parameters = parameters or PatternParameters()
     try:
-        return _estimate(plane.samples, chart, parameters, diffraction)
+        return _estimate(plane, chart, parameters, diffraction)
     except Refused as refusal:
         return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
     except np.linalg.LinAlgError:
@@ -127,13 +131,13 @@ def estimate_psf(
 
 
 def _estimate(
-    samples: npt.NDArray[np.float32], chart: Chart, parameters: PatternParameters, diffraction: Diffraction | None
+    plane: Plane, chart: Chart, parameters: PatternParameters, diffraction: Diffraction | None
 ) -> Outcome[PatternPsf]:
     """The chain itself; raises Refused."""
-    s, k = parameters.s, parameters.k
+    samples, s, k = plane.samples, parameters.s, parameters.k
     corners, marks_map = _register(samples)
-    light = measure_light(samples, marks_map)
-    _check_light(light)
+    light = measure_light(samples, marks_map, plane.quantisation)
+    _check_light(light, plane.quantisation)
     fit, outliers = _fit(samples, chart, corners, marks_map, light, s, k)
     psf = _solution(fit, s, k, parameters.solver)
     diagnostics = diagnose(fit, psf, light, corners, marks_map, outliers, s)
@@ -158,12 +162,18 @@ def _register(samples: npt.NDArray[np.float32]) -> tuple[Array, Registration]:
     return corners, registration
 
 
-def _check_light(light: Light) -> None:
+def _check_light(light: Light, quantisation: float) -> None:
     """Refuse what no estimate can come of: clipped white, no light, no contrast over the noise."""
     if light.saturated > 0.01:
         raise Refused(
             f"the chart's white must not be clipped; {light.saturated:.0%} of its white samples are",
             "expose less: white at 80 % of the scale is right",
+        )
+    steps = light.contrast / quantisation
+    if steps < LEAST_STEPS:
+        raise Refused(
+            f"white must lie at least {LEAST_STEPS} digital numbers above black; it is {steps:.0f}",
+            "expose longer or light the chart: the photograph is too dark",
         )
     noise = float(np.sqrt(max(light.variance_white, light.variance_black)))
     if light.contrast < 0.01 or light.contrast < 4 * noise:

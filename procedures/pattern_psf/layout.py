@@ -33,11 +33,16 @@ PROJECTIVE = 0.15
 """The same for affine and projective lattices."""
 MIN_HITS = 7
 """A chart with fewer x-corners in sight is not found."""
+HITS_PER_OCTAVE = 4.0
+"""What twice the strength is worth, in hits, where there are too many layouts: a chart has the strongest saddles."""
 MOST = 4000
 """Layouts given for one picture; textures and lattices have many."""
 
 RIM = np.array([(s, t) for t in range(4) for s in range(4) if s in (0, 3) or t in (0, 3)], dtype=np.float64)
 """The lattice coordinates (s, t) of the twelve x-corners, (12, 2)."""
+INSIDE = np.array([(1, 1), (2, 1), (1, 2), (2, 2)], dtype=np.float64)
+MOST_INSIDE = 3
+"""Like saddles at the lattice points inside, where the chart has noise, that tell a lattice from a chart."""
 RIM_CELLS = RIM * 3 * BLOCK - BLOCK / 2
 """The same places in cells."""
 H_LATTICE_CELLS = np.array([[1, 0, BLOCK / 2], [0, 1, BLOCK / 2], [0, 0, 3 * BLOCK]]) / (3 * BLOCK)
@@ -194,24 +199,40 @@ def _projective(field: _Field, hits: Indices) -> Array:
     return maps
 
 
-def _gather(field: _Field, hits: Indices, maps: Array, reach: float) -> Indices:
-    """The hits nearest to mapped lattices, `reach` in steps, of those that keep enough."""
-    q = maps @ np.column_stack([RIM, np.ones(len(RIM))]).T
+def _mapped(maps: Array, lattice: Array) -> Complex:
+    """Where maps put lattice points, (n, m)."""
+    q = maps @ np.column_stack([lattice, np.ones(len(lattice))]).T
     with np.errstate(divide="ignore", invalid="ignore"):
-        predicted = (q[:, 0] + 1j * q[:, 1]).astype(np.complex128) / q[:, 2]
+        out: Complex = (q[:, 0] + 1j * q[:, 1]).astype(np.complex128) / q[:, 2]
+    return out
+
+
+def _gather(field: _Field, hits: Indices, maps: Array, reach: float) -> Indices:
+    """The hits nearest to mapped lattices, `reach` in steps, of those that keep enough and are empty inside."""
+    predicted, inner = _mapped(maps, RIM), _mapped(maps, INSIDE)
     step = np.abs(predicted[:, 3] - predicted[:, 0]) / 3
     like = np.take_along_axis(hits, np.argmax(hits >= 0, axis=1)[:, None], 1)[:, 0]
-    good = (step > MIN_STEP / 2) & (step < 2 * MAX_STEP) & np.isfinite(predicted).all(axis=1)
-    found = field.nearest(predicted[good], reach * step[good], like[good])
+    good = (
+        (step > MIN_STEP / 2)
+        & (step < 2 * MAX_STEP)
+        & np.isfinite(predicted).all(axis=1)
+        & np.isfinite(inner).all(axis=1)
+    )
+    predicted, inner, step, like = predicted[good], inner[good], step[good], like[good]
+    lattice = (field.nearest(inner, PROJECTIVE * step, like) >= 0).sum(axis=1) >= MOST_INSIDE
+    predicted, step, like = predicted[~lattice], step[~lattice], like[~lattice]
+    found = field.nearest(predicted, reach * step, like)
     enough: Indices = found[(found >= 0).sum(axis=1) >= MIN_HITS]
     return enough
 
 
-def _distinct(hits: Indices) -> Indices:
-    """One of each set of saddles, those with the most hits first, at most MOST."""
+def _distinct(field: _Field, hits: Indices) -> Indices:
+    """One of each set of saddles, those with the most hits and the strongest first, at most MOST."""
     _, first = np.unique(np.sort(hits, axis=1), axis=0, return_index=True)
     hits = hits[first]
-    return hits[np.argsort(-(hits >= 0).sum(axis=1), kind="stable")[:MOST]]
+    count = (hits >= 0).sum(axis=1)
+    strengths = np.where(hits >= 0, np.log2(field.saddles.strengths)[hits], 0).sum(axis=1) / np.maximum(count, 1)
+    return hits[np.argsort(-count - HITS_PER_OCTAVE * strengths, kind="stable")[:MOST]]
 
 
 def find_layouts(saddles: Saddles) -> Layouts:
@@ -227,6 +248,6 @@ def find_layouts(saddles: Saddles) -> Layouts:
     field = _Field(saddles, cKDTree(np.column_stack([saddles.points.real, saddles.points.imag])))
     triples = _triples(field)
     hits = np.concatenate([_sides(field, triples, side, first) for side in (1, -1) for first in (0, 1)])
-    hits = _distinct(_gather(field, hits, _affine(field, hits), AFFINE))
-    hits = _distinct(_gather(field, hits, _projective(field, hits), PROJECTIVE))
+    hits = _distinct(field, _gather(field, hits, _affine(field, hits), AFFINE))
+    hits = _distinct(field, _gather(field, hits, _projective(field, hits), PROJECTIVE))
     return Layouts(_projective(field, hits) @ H_LATTICE_CELLS, hits >= 0)

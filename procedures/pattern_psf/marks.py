@@ -40,7 +40,7 @@ SAME_AXIS = np.cos(2 * np.deg2rad(11))
 TILE = 32
 """Side of the squares from which the strongest saddles are taken when there are too many."""
 MOST = 40_000
-MOST_PER_PIXEL = 0.015
+MOST_PER_PIXEL = 0.025
 IMPURE = 4
 """Saddles kept in one picture, and how many times as many before they are looked at closer: textures yield
 hundreds of thousands, a chart twelve."""

@@ -55,22 +55,25 @@ class Edges:
         """From the columns."""
         return cls(columns, (columns.T @ columns).toarray().astype(np.float64))
 
-    def rms(self, left: Array) -> float:
-        """Root mean square tau of the offsets, in cells, from what is left (m,) of the samples without them.
+    def widths(self, left: Array) -> tuple[float, float]:
+        """Root mean square tau of the offsets, in cells, and of the noise, from the residual without offsets (m,).
 
-        The offsets add tau^2 tr((C'C)^2) to |C'left|^2, the noise tr(C'C). What the PSF has already made of them is
-        small, and only makes tau smaller.
+        The residual's mean square is sigma^2 + tau^2 tr(C'C) / m, that of C'left sigma^2 tr(C'C) + tau^2 tr((C'C)^2).
+        What the PSF has already made of the offsets is small, and only makes tau smaller.
         """
-        back = self.C.T @ left
-        surplus = float(back @ back) - np.trace(self.CC)
-        return float(np.sqrt(max(surplus / float(np.sum(self.CC**2)), LEAST_RMS**2)))
+        back, trace, m = self.C.T @ left, float(np.trace(self.CC)), len(left)
+        mean_square = float(left @ left) / m
+        square = (float(back @ back) - mean_square * trace) / (float(np.sum(self.CC**2)) - trace**2 / m)
+        rms = float(np.sqrt(max(square, LEAST_RMS**2)))
+        return rms, float(np.sqrt(max(mean_square - rms**2 * trace / m, 0.1 * mean_square)))
 
-    def estimator(self, rms: float) -> Callable[[Array], Array]:
-        """What takes the samples' residual without the offsets (m,) to the most probable offsets (514,), in cells.
+    def estimator(self, rms: float, noise: float) -> Callable[[Array], Array]:
+        """What takes the residual without offsets (m,) to the most probable offsets (514,), in cells.
 
-        `rms` is the width of their prior, in cells.
+        `rms` is the width of their prior, in cells, `noise` the standard deviation of the residual beside them.
         """
-        factor = scipy.linalg.cho_factor(self.CC + np.eye(2 * LINES) / rms**2, lower=True, check_finite=False)
+        ridge = (noise / rms) ** 2
+        factor = scipy.linalg.cho_factor(self.CC + ridge * np.eye(2 * LINES), lower=True, check_finite=False)
         return lambda left: np.asarray(scipy.linalg.cho_solve(factor, self.C.T @ left, check_finite=False))
 
 

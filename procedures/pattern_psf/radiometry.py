@@ -55,13 +55,15 @@ def quadratic(x: Array, y: Array) -> Array:
     return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
 
 
-def measure_light(samples: npt.NDArray[np.float32], registration: Registration) -> Light:
+def measure_light(samples: npt.NDArray[np.float32], registration: Registration, quantisation: float) -> Light:
     """Black and white levels as second-order polynomials of place, from the black and white blocks of the frame.
 
     Parameters
     ----------
     samples : (rows, columns) float32
         The plane.
+    quantisation : float
+        One digital number in the plane's units: rounding is the least noise there is.
 
     References
     ----------
@@ -71,8 +73,7 @@ def measure_light(samples: npt.NDArray[np.float32], registration: Registration) 
     black, variance_black, _ = _fit_blocks(samples, registration, points, block, BLACK_BLOCKS)
     white, variance_white, whites = _fit_blocks(samples, registration, points, block, WHITE_BLOCKS)
     levels = np.array([np.median(value) for value in whites if len(value)])
-    # identical samples must not claim to be free of noise: weights divide by it
-    floor = 1e-12
+    floor = quantisation**2 / 12
     return Light(
         black,
         white,

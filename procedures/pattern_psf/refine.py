@@ -223,8 +223,8 @@ def _fine_step(fit: Fit, model: _Model) -> Fit:
     if found.residual_std < PRINT_TELLS:
         return found
     edges = model.edges(fit)
-    rms = edges.rms(found.residual)
-    estimator, moved = edges.estimator(rms), np.zeros(len(found.residual))
+    rms, noise = edges.widths(found.residual)
+    estimator, moved = edges.estimator(rms, noise), np.zeros(len(found.residual))
     for _ in range(SWEEPS):  # edges and PSF have little in common: the sweeps close in by a factor of ten each
         offsets = estimator(found.residual + moved)
         moved = edges.C @ offsets

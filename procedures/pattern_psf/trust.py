@@ -194,6 +194,12 @@ def _doubts(d: Diagnostics, fit: Fit) -> list[Rule]:
         ),
         Rule(
             doubtful,
+            abs(d.whiteness) > 0.3,
+            f"what the fit leaves is not white: neighbouring pixels share {d.whiteness:.0%} of it",
+            "raise k, lay the chart flat, and keep reflections off it",
+        ),
+        Rule(
+            doubtful,
             d.support_cut > 0.08,
             f"about {d.support_cut:.0%} of the PSF's energy lies outside its support",
             "focus, or raise k",

@@ -36,30 +36,38 @@ class Prototypes:
     residual: float
 
 
-def prototype_shapes(parts: Array, largest: int, rounds: int = 12) -> Prototypes:
+# weight of the cross relation against the fit to the picture, both in squared gradients
+CROSS = 100.0
+# a larger support lowers the least eigenvalue by its few more unknowns only, some per cent; a missing rim doubles it
+GAIN = 1.12
+
+
+def prototype_shapes(parts: Array, largest: int, rounds: int = 24) -> Prototypes:
     """Masks of a flat part (2, H, W) seen in both photographs, support found up to half-size `largest`.
 
     Raises
     ------
     BadInput
-        If the part is smaller than eight masks.
+        If there are not two parts, or they are smaller than eight masks.
     Refused
         If no masks explain the two parts: they are not of one depth, or the rig turned.
     """
     if len(parts) != 2:
         raise BadInput(f"unknown motion is estimated from two photographs, got {len(parts)}", "give the first two")
-    if min(parts.shape[1:]) < 8 * largest:
-        raise BadInput(
-            f"the flat part must be at least {8 * largest} pixels each way, got {parts.shape[2]} x {parts.shape[1]}",
-            "mark a larger one, or lower --max-w",
-        )
     R = support(parts, largest)
+    if min(parts.shape[1:]) < 16 * R:
+        raise BadInput(
+            f"masks of half-size {R} need a flat part of {16 * R} pixels each way, "
+            f"got {parts.shape[2]} x {parts.shape[1]}",
+            "mark a larger one",
+        )
+    relation = cross_relation(parts, R)
     masks = _first_masks(parts, R)
     u = np.pad(parts.mean(axis=0), R, mode="edge")
     for n in range(rounds):
-        weight = 1e-3 * 0.6**n
-        u = _picture(parts, masks, u, max(weight, 2e-5))
-        masks = _masks(parts, u, R)
+        # first only what is surely an edge, so that the masks become sharp before the picture is detailed
+        u = _picture(parts, masks, u, 1e-2 * 0.02 ** (n / rounds))
+        masks = _masks(parts, u, relation, R)
     residual = np.sqrt(np.mean([(fftconvolve(u, h, mode="valid") - z) ** 2 for h, z in zip(masks, parts, strict=True)]))
     if residual > 0.2 * parts.std():
         raise Refused("no pair of masks explains the marked part in both photographs", "mark a part of one distance")
@@ -74,31 +82,48 @@ def _patches(z: Array, size: int) -> Array:
     return views.reshape(-1, size * size)
 
 
+def _gradients(z: Array) -> tuple[Array, Array]:
+    """Differences down and across: what tells masks apart is edges."""
+    return np.diff(z, axis=0)[:, :-1], np.diff(z, axis=1)[:-1]
+
+
 def cross_relation(parts: Array, R: int) -> Array:
-    """Matrix M of |z1 * h2 - z2 * h1|^2 = (h1, h2)' M (h1, h2) per sample, over both masks' entries."""
+    """Matrix M of |z1 * h2 - z2 * h1|^2 = (h1, h2)' M (h1, h2), over both masks' entries, in gradients.
+
+    The noise's share, its least eigenvalue, is taken off.
+    """
     size = 2 * R + 1
-    z1, z2 = (_patches(z - z.mean(), size) for z in parts)
+    M = np.zeros((2 * size * size, 2 * size * size))
+    for g1, g2 in zip(_gradients(parts[0]), _gradients(parts[1]), strict=True):
+        both = np.concatenate([-_patches(g2, size), _patches(g1, size)], axis=1)
+        M += both.T @ both
+    return np.asarray(M - np.linalg.eigvalsh(M)[0] * np.eye(len(M)))
+
+
+def _least_relation(parts: Array, R: int) -> float:
+    """Mean square of z1 * h2 - z2 * h1 at the masks of unit norm that make it least."""
+    z1, z2 = (_patches(z - z.mean(), 2 * R + 1) for z in parts)
     both = np.concatenate([-z2, z1], axis=1)
-    return np.asarray(both.T @ both / len(both))
+    return float(np.linalg.eigvalsh(both.T @ both / len(both))[0])
 
 
 def support(parts: Array, largest: int) -> int:
-    """Least half-size of masks that satisfies the cross relation nearly as well as the largest does.
-
-    Too small a support leaves a residual far above the noise; beyond the true one nothing more is gained.
-    """
-    sizes = list(range(2, largest + 1))
-    left = np.array([float(np.linalg.eigvalsh(cross_relation(parts, R))[0]) for R in sizes])
-    left = np.maximum(left, left[-1])
-    within = np.log(left) < np.log(left[-1]) + 0.25 * (np.log(left[0]) - np.log(left[-1]))
-    return min(largest, sizes[int(np.argmax(within))] + 1)
+    """Least half-size of masks beyond which the cross relation gains nothing but its additional unknowns."""
+    left = _least_relation(parts, 1)
+    for R in range(1, largest):
+        more = _least_relation(parts, R + 1)
+        if left < GAIN * more:
+            return R
+        left = more
+    return largest
 
 
 def _first_masks(parts: Array, R: int) -> Array:
     """Non-negative masks of sum 1 that satisfy the cross relation best, its noise subtracted."""
     size = 2 * R + 1
-    M = cross_relation(parts, R)
-    values, vectors = eigh(M)
+    z1, z2 = (_patches(z - z.mean(), size) for z in parts)
+    both = np.concatenate([-z2, z1], axis=1)
+    values, vectors = eigh(both.T @ both / len(both))
     # noise lifts every eigenvalue by its variance; the masks live where nothing but noise is left
     root = np.sqrt(np.maximum(values - values[0], 0) + 1e-3 * values[0] + 1e-12)[:, None] * vectors.T
     tie = np.sqrt(values[-1]) * np.repeat(np.eye(2), size * size, axis=1)
@@ -134,16 +159,23 @@ def _normal(blurred_twice: Callable[[Array], Array], weight: float, diffusion: t
     return blurred_twice(x) + weight * diffuse(x, *diffusion)
 
 
-def _masks(parts: Array, u: Array, R: int) -> Array:
-    """Non-negative masks that blur the picture into each photograph, least squares."""
+def _masks(parts: Array, u: Array, relation: Array, R: int) -> Array:
+    """Non-negative masks that blur the picture into each photograph and satisfy the cross relation, least squares."""
     size = 2 * R + 1
-    A = _patches(u - u.mean(), size)
-    gram = A.T @ A
-    gram[np.diag_indices_from(gram)] += 1e-6 * np.trace(gram) / len(gram)
-    factor = np.linalg.cholesky(gram).T
-    found = [nnls(factor, np.linalg.solve(factor.T, A.T @ (z - z.mean()).ravel()))[0] for z in parts]
-    masks = np.stack(found).reshape(2, size, size)
-    masks[masks < 0.01 * masks.max()] = 0
+    n = size * size
+    gram, right = np.zeros((n, n)), np.zeros((2, n))
+    for k, g in enumerate(_gradients(u)):
+        A = _patches(g, size)
+        gram += A.T @ A
+        right += np.stack([A.T @ _gradients(z)[k].ravel() for z in parts])
+    both = CROSS * relation
+    both[:n, :n] += gram
+    both[n:, n:] += gram
+    both[np.diag_indices(2 * n)] += 1e-5 * np.trace(gram) / n
+    factor = np.linalg.cholesky(both).T
+    h, _ = nnls(factor, np.linalg.solve(factor.T, right.ravel()))
+    masks = h.reshape(2, size, size)
+    masks[masks < 0.02 * masks.max()] = 0
     return _normalised(masks)
 
 

@@ -17,6 +17,7 @@ from procedures.restoration.kernels import VECTOR, gather, spread
 
 Array = NDArray[np.floating[Any]]
 
+MOST_THREADS = numba.get_num_threads()
 WORK_PER_THREAD = 10_000_000
 """Products of a mask's entry and a pixel that occupy a thread for a few milliseconds."""
 
@@ -79,7 +80,7 @@ class Blur:
         self._errors = np.zeros((shape[0] + 4 * R, shape[1] + 4 * R + VECTOR), dtype)
         # a second thread is worth its waking from some milliseconds of work on
         work = self.extended[0] * self.extended[1] * int(np.median((2 * self.radius + 1) ** 2))
-        self._threads = int(min(numba.get_num_threads(), max(1, work // WORK_PER_THREAD)))
+        self._threads = min(MOST_THREADS, max(1, work // WORK_PER_THREAD))
         self._low, self._high = np.empty(self.extended, dtype), np.empty(self.extended, dtype)
         self.focus(np.zeros(self.extended, dtype))
 

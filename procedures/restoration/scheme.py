@@ -49,7 +49,7 @@ def _plain(found: re.Match[str]) -> str:
 # While w is still a tenth of a pixel off, a weak prior lets the picture fit the depth's error: the first quarter of the
 # rounds holds these weights, then they fall geometrically. Grey values in [0, 1], w in pixels.
 FIRST_PICTURE = 3e-4
-FIRST_DEPTH = 0.1
+FIRST_DEPTH = 0.03
 HELD = 0.25
 # what w usually changes by between neighbouring pixels away from depth steps
 DEPTH_SLOPE = 0.014

@@ -29,6 +29,7 @@ FAILED = 3
 def devices(config: Path, simulate: bool, seed: int, faults: bool, wire_log: Path | None, as_json: bool) -> None:
     """Show each device: driver, address, what answered, its state, and what to do where something is wrong."""
     from station.bench import make_bench, read_config, simulated_bench
+    from station.signals import guarded
 
     with tempfile.TemporaryDirectory(prefix="station-") as folder:
         if wire_log is not None:
@@ -38,7 +39,8 @@ def devices(config: Path, simulate: bool, seed: int, faults: bool, wire_log: Pat
         else:
             bench = make_bench(read_config(config), folder=config.resolve().parent, wire_log=wire_log)
         try:
-            rows = bench.rows()
+            with guarded(bench.emergency_stop, interrupt):
+                rows = bench.rows()
         finally:
             bench.close()
     click.echo(json.dumps([entry(row) for row in rows], indent=1) if as_json else table(rows))
@@ -48,6 +50,11 @@ def devices(config: Path, simulate: bool, seed: int, faults: bool, wire_log: Pat
         log("device", f"{row.name}: {row.error.reason}", level="error", remedy=row.error.remedy)
     if wrong:
         raise click.exceptions.Exit(FAILED)
+
+
+def interrupt() -> None:
+    """Nothing is finished first: nothing moves here."""
+    raise KeyboardInterrupt
 
 
 def entry(row: Row) -> dict[str, Any]:

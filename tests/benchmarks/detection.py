@@ -77,12 +77,13 @@ def main() -> None:
     """Print environment, best times and peak memory beyond the frame itself."""
     cv2.setNumThreads(1)
     print(f"Python {platform.python_version()}, OpenCV {cv2.__version__}, {os.cpu_count()} cores, best of {RUNS}")
+    # first: a child's peak begins with its parent's size
+    extra, frame = map(float, subprocess.check_output([sys.executable, "-c", MEMORY], text=True).split())
+    print(f"60 MP: {extra:.0f} MiB beyond the frame's own {frame:.0f} MiB")
     for name, (rows, columns) in FRAMES.items():
         image, corners = cluttered(rows, columns)
         report(f"{name}, clutter", image, corners)
         report(f"{name}, texture everywhere", textured(image, corners), corners)
-    extra, frame = map(float, subprocess.check_output([sys.executable, "-c", MEMORY], text=True).split())
-    print(f"60 MP: {extra:.0f} MiB beyond the frame's own {frame:.0f} MiB")
 
 
 if __name__ == "__main__":

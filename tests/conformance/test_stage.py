@@ -101,6 +101,9 @@ def test_stop_ends_a_move_and_keeps_the_position(homed, stage_rig):
 
 
 def test_stop_ends_a_homing_and_leaves_it_unhomed(stage, stage_rig):
+    stage.home()
+    stage.move_to(**middle(stage))  # away from the switches
+    stage.connect()
     clock = stage_rig.clock
     homed, _ = stage_rig.together(stage.home, lambda: (clock.sleep(0.5), stage.stop()))
     assert isinstance(homed, Exception)
@@ -145,6 +148,9 @@ def test_an_emergency_stop_ends_a_move_and_holds_until_homed(homed, stage_rig):
 
 
 def test_an_emergency_stop_while_homing_is_not_forgotten(stage, stage_rig):
+    stage.home()
+    stage.move_to(**middle(stage))
+    stage.connect()
     clock = stage_rig.clock
     homed, _ = stage_rig.together(stage.home, lambda: (clock.sleep(0.5), stage.emergency_stop()))
     assert isinstance(homed, EmergencyStopped)

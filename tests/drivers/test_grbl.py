@@ -66,6 +66,23 @@ def test_a_controller_that_keeps_its_travel_to_itself_needs_it_configured(make, 
         make().connect()
 
 
+@pytest.mark.parametrize("letter", ["Q", "A"])
+def test_an_axis_the_controller_has_not_is_refused(make, letter):
+    with pytest.raises(BadConfiguration, match=f"no axis {letter}|none for {letter}"):
+        make([GrblAxis("pan_deg", letter, 100.0, travel=10.0)]).connect()
+
+
+def test_settings_are_believed_when_they_were_told_twice_alike(make, bench, twin):
+    faults = bench.cables["stage"].faults
+    once = [lambda data: data.replace(b"$130=1500", b"$130=9500")]
+    spoil = faults.spoil_reply
+    faults.spoil_reply = lambda data, at_s: spoil(once.pop()(data) if once and b"$130" in data else data, at_s)
+    stage = make()
+    stage.connect()
+    assert not once
+    assert stage.travel()["z_mm"].high == 1500.0
+
+
 def test_reports_in_inches_and_work_coordinates_are_understood(homed, twin, bench):
     homed.move_to(z_mm=508.0, x_mm=100.0)
     twin.settings[13] = 1

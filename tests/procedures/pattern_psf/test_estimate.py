@@ -147,6 +147,10 @@ def test_darkness_is_refused(bench: Bench, rng: np.random.Generator) -> None:
     assert estimate_psf(changed(bench, dark), CHART).verdict is Verdict.REFUSED
 
 
+def test_coarse_steps_are_refused_as_too_dark(bench: Bench) -> None:
+    refused(Plane("Y", (np.round(bench.clean * 10) / 10).astype(np.float32), 0.1), "digital numbers above black")
+
+
 def test_faint_chart_is_refused_as_too_dark(bench: Bench, rng: np.random.Generator) -> None:
     refused(changed(bench, 0.01 * bench.clean), "clear of black")
 

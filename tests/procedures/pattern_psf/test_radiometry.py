@@ -10,7 +10,7 @@ from .conftest import Bench
 
 def test_levels_follow_the_light(bench: Bench) -> None:
     _, registration = bench.marks()
-    light = measure_light(bench.clean.astype(np.float32), registration)
+    light = measure_light(bench.clean.astype(np.float32), registration, 1e-5)
     points = np.array([[60.0, 60.0], [105.0, 100.0], [150.0, 140.0], [150.0, 60.0]])
     place = quadratic(*((points - registration.centre) / registration.radius).T)
     true_light = 0.9 * (
@@ -31,7 +31,7 @@ def _second_order(p: np.ndarray) -> np.ndarray:
 
 def test_noise_of_the_blocks_is_the_noise_added(bench: Bench, rng: np.random.Generator) -> None:
     _, registration = bench.marks()
-    light = measure_light(bench.plane(0.02, rng).samples, registration)
+    light = measure_light(bench.plane(0.02, rng).samples, registration, 1e-5)
     # some 700 pixels a colour: a variance known to sqrt(2/700) = 5 %, three of these, and what blur leaves in
     assert light.variance_white == pytest.approx(0.02**2, rel=0.2)
     assert light.variance_black == pytest.approx(0.02**2, rel=0.2)
@@ -40,15 +40,15 @@ def test_noise_of_the_blocks_is_the_noise_added(bench: Bench, rng: np.random.Gen
 def test_clipped_white_is_counted(bench: Bench) -> None:
     _, registration = bench.marks()
     brighter = np.minimum(2 * bench.clean, 1.0).astype(np.float32)
-    assert measure_light(brighter, registration).saturated > 0.9
+    assert measure_light(brighter, registration, 1e-5).saturated > 0.9
 
 
 def test_a_shaded_block_does_not_tilt_the_levels(bench: Bench) -> None:
     corners, registration = bench.marks()
     samples = bench.clean.astype(np.float32)
-    honest = measure_light(samples, registration)
+    honest = measure_light(samples, registration, 1e-5)
     x, y = corners[0].astype(int)
     shaded = samples.copy()
     shaded[y - 6 : y + 8, x + 8 : x + 22] *= 0.3
-    found = measure_light(shaded, registration)
+    found = measure_light(shaded, registration, 1e-5)
     assert abs(found.contrast / honest.contrast - 1) < 0.01

@@ -70,8 +70,13 @@ def defocus_stacks() -> list[MaskStack]:
 
 
 @pytest.fixture(scope="session")
-def vibration_stacks() -> list[MaskStack]:
-    return [mask_stack(vibration(seed), 4.6, R=6) for seed in (1, 2)]
+def vibration_shapes() -> list[Array]:
+    return [vibration(seed) for seed in (1, 2)]
+
+
+@pytest.fixture(scope="session")
+def vibration_stacks(vibration_shapes: list[Array]) -> list[MaskStack]:
+    return [mask_stack(shape, 4.6, R=6) for shape in vibration_shapes]
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,123 @@
+"""Speed of restoration: one space-variant convolution against the machine's own peak and a NumPy loop; a whole scheme.
+
+`python tests/benchmarks/restoration_speed.py [--scheme]`
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import sys
+import time
+from collections.abc import Callable
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from procedures.restoration.blur_models import mask_stack, path_shape
+from procedures.restoration.estimate import RestorationParameters, restore
+from procedures.restoration.forward import Blur
+
+SHAPE = (650, 730)
+RUNS = 5
+Array = NDArray[np.float32]
+
+
+def best_of(work: Callable[[], object], runs: int = RUNS) -> float:
+    """Shortest wall time, seconds, after one run for compilation."""
+    work()
+    times = []
+    for _ in range(runs):
+        start = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - start)
+    return min(times)
+
+
+@numba.njit(parallel=True, fastmath=True)
+def _peak(low: Array, high: Array, out: Array, rounds: int) -> None:
+    """The convolution's innermost line on data that stay in the first cache: two products, three loads, one store."""
+    for n in numba.prange(out.shape[0]):
+        row = out[n]
+        a, b = low[n], high[n]
+        for k in range(rounds):
+            p = np.float32(k)
+            for t in range(row.size):
+                row[t] += p * a[t] + p * b[t]
+
+
+def peak_per_s() -> float:
+    """Multiply-adds a second of the convolution's access pattern at its best."""
+    threads, width, rounds = numba.get_num_threads(), 1024, 20000
+    low, high, out = (np.zeros((threads, width), np.float32) for _ in range(3))
+    return 2 * threads * width * rounds / best_of(lambda: _peak(low, high, out, rounds))
+
+
+def numpy_loop(u: Array, w: Array, masks: Array, step: float, R: int) -> Array:
+    """The same convolution, one NumPy pass for each mask entry."""
+    level = np.minimum((w / step).astype(int), len(masks) - 2)
+    f = (w / step - level).astype(np.float32)
+    out = np.zeros(SHAPE, np.float32)
+    for ky in range(2 * R + 1):
+        for kx in range(2 * R + 1):
+            entry = (1 - f) * masks[level, ky, kx] + f * masks[level + 1, ky, kx]
+            y, x = 2 * R - ky, 2 * R - kx
+            out += (u * entry)[y : y + SHAPE[0], x : x + SHAPE[1]]
+    return out
+
+
+def wandering(seed: int) -> NDArray[np.float64]:
+    """A vibration path's shape."""
+    rng = np.random.default_rng(seed)
+    t = np.linspace(0, 2 * np.pi, 400)
+    path = np.stack([sum(rng.standard_normal(2) @ [np.cos(k * t), np.sin(k * t)] / k for k in (1, 2, 3)) for _ in "xy"])
+    return path_shape((path - (path.max(axis=1) + path.min(axis=1))[:, None] / 2).T)
+
+
+def main() -> None:
+    """Print environment, times and ratios."""
+    print(
+        f"Python {platform.python_version()}, numba {numba.__version__}, {platform.machine()}, {os.cpu_count()} cores"
+    )
+    stacks = [mask_stack(wandering(seed), 7.5, R=8) for seed in (1, 2)]
+    rng = np.random.default_rng(0)
+    blur = Blur(stacks[0], SHAPE, np.float32)
+    u = rng.random(blur.extended).astype(np.float32)
+    w = (7 - 5 * np.mgrid[0 : blur.extended[0], 0 : blur.extended[1]][1] / blur.extended[1]).astype(np.float32)
+    blur.focus(w)
+    seconds = best_of(lambda: blur.blur(u))
+    work = 2 * float(np.sum((2 * blur.radius[blur.level + 1].astype(float) + 1) ** 2))
+    peak = peak_per_s()
+    print(f"blur {SHAPE[1]}x{SHAPE[0]}, masks to 17x17: {1000 * seconds:.1f} ms, {work / seconds / 1e9:.1f} G madd/s")
+    print(f"  peak of the access pattern {peak / 1e9:.1f} G madd/s: ratio {work / seconds / peak:.2f}   bound 0.33")
+    adjoint = best_of(lambda: blur.blur_adjoint(u[: SHAPE[0], : SHAPE[1]]))
+    print(f"  adjoint {1000 * adjoint:.1f} ms")
+    slow = best_of(lambda: numpy_loop(u, w, blur.masks, stacks[0].step, 8), 1)
+    print(f"  NumPy loop over mask entries {slow:.2f} s: {slow / seconds:.0f} x   bound 50 x")
+    if "--scheme" in sys.argv:
+        scheme(stacks)
+
+
+def scheme(stacks: list) -> None:  # type: ignore[type-arg]
+    """Time the default scheme on a simulated pair."""
+    rng = np.random.default_rng(1)
+    R = stacks[0].R
+    extended = (SHAPE[0] + 2 * R, SHAPE[1] + 2 * R)
+    u = 0.5 + 0.2 * np.sign(gaussian_filter(rng.standard_normal(extended), 4)) + 0.02 * rng.standard_normal(extended)
+    w = 5.5 - 3 * np.mgrid[0 : extended[0], 0 : extended[1]][1] / extended[1]
+    w[extended[0] // 2 :, extended[1] // 2 :] += 1.2
+    photographs = []
+    for stack in stacks:
+        blur = Blur(stack, SHAPE)
+        blur.focus(w)
+        photographs.append((blur.blur(u) + 0.0015 * rng.standard_normal(SHAPE))[None])
+    start = time.perf_counter()
+    found = restore(photographs, stacks, RestorationParameters())
+    seconds = time.perf_counter() - start
+    print(f"restore {SHAPE[1]}x{SHAPE[0]}, 20x(8+10)+5x20: {seconds:.1f} s, {found.verdict}   bound 90 s on two cores")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,37 @@
+from __future__ import annotations
+
+import pytest
+
+from drivers.light import DmxLight, DmxParser, Panel
+from drivers.transport import SerialTransport
+
+
+@pytest.mark.parametrize(
+    ("pwm_hz", "exposure_s", "flickers"), [(0.0, 0.001, False), (1000.0, 0.02, True), (1000.0, 0.2, False)]
+)
+def test_short_exposures_under_chopped_light_differ(pwm_hz, exposure_s, flickers):
+    # at most one cycle more or less: 1 % of a hundred cycles
+    assert Panel(pwm_hz=pwm_hz).flickers(exposure_s) is flickers
+
+
+def test_a_lamp_is_steady_after_its_warm_up(bench):
+    wire = SerialTransport(bench.address("light"), DmxParser, clock=bench.clock)
+    light = DmxLight(wire, (1, 2), panel=Panel(warm_up_s=60.0), clock=bench.clock)
+    light.connect()
+    light.set_level(0.5)
+    assert not light.steady()
+    assert "warming up" in light.condition().word
+    bench.clock.sleep(60.0)
+    assert light.steady()
+    light.set_level(0.5)  # nothing changes, nothing warms up
+    assert light.steady()
+    light.close()
+
+
+def test_only_its_own_channels_are_lit(bench):
+    light = DmxLight(SerialTransport(bench.address("light"), DmxParser, clock=bench.clock), (3, 5), clock=bench.clock)
+    light.connect()
+    light.set_level(1.0)
+    slots = bench.devices["light"].slots
+    assert [i + 1 for i, value in enumerate(slots) if value] == [3, 5]
+    light.close()

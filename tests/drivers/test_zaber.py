@@ -1,0 +1,120 @@
+"""What Zaber devices do, and what the driver makes of it."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import pytest
+
+from drivers.errors import Alarm, BadConfiguration, MoveFailed, NoAnswer, Rejected
+from drivers.transport import SerialTransport
+from drivers.zaber import ZaberAxis, ZaberStage
+from drivers.zaber_protocol import FLAGS, REJECTIONS, ZaberParser, checksum
+
+STEP = 0.000234375
+AXES = [ZaberAxis("pan_deg", 1, STEP, zero=-30.0, speed_per_s=10.0), ZaberAxis("tilt_deg", 2, STEP, zero=-20.0)]
+
+
+@pytest.fixture
+def chain(bench):
+    return bench.devices["head"]
+
+
+@pytest.fixture
+def make(bench):
+    made = []
+
+    def make(axes=AXES):
+        wire = SerialTransport(bench.address("head"), ZaberParser, clock=bench.clock)
+        made.append(ZaberStage(wire, axes, clock=bench.clock))
+        return made[-1]
+
+    yield make
+    for stage in made:
+        stage.close()
+
+
+@pytest.fixture
+def homed(make):
+    stage = make()
+    stage.connect()
+    stage.home()
+    return stage
+
+
+def sent(stage):
+    return [p.data for p in stage._transport.transcript.last() if p.way == ">"]
+
+
+def test_every_command_carries_its_checksum_and_an_id_of_its_own(homed):
+    homed.position()
+    lines = sent(homed)
+    for line in lines:
+        body, _, digits = line.removeprefix(b"/").rstrip(b"\n").partition(b":")
+        assert digits == checksum(body)
+    ids = [int(line.split()[2].split(b":")[0]) for line in lines]
+    assert all(b == (a + 1) % 100 for a, b in pairwise(ids))
+
+
+def test_every_missing_device_of_the_chain_is_named(make):
+    axes = [*AXES, ZaberAxis("y_mm", 5, 0.001), ZaberAxis("roll_deg", 7, 0.001)]
+    with pytest.raises(NoAnswer, match="no answer from devices 5, 7"):
+        make(axes).connect()
+
+
+def test_an_axis_that_is_not_there_is_named(make):
+    with pytest.raises(Rejected, match="there is no such axis"):
+        make([ZaberAxis("pan_deg", 1, STEP, axis=3)]).connect()
+
+
+def test_speed_is_set_in_the_devices_own_unit(homed, chain):
+    # 10 deg/s / 0.000234375 deg * 1.6384
+    assert chain.devices[1].motors[0].settings["maxspeed"] == round(10.0 / STEP * 1.6384)
+
+
+def test_a_stall_is_an_alarm_that_homing_clears(homed, chain):
+    chain.devices[1].motors[0].stalls = True
+    with pytest.raises(Alarm, match=r"pan_deg .* stalled and stopped; remove what blocks it") as stalled:
+        homed.move_to(pan_deg=10.0)
+    assert stalled.value.code == "FS"
+    with pytest.raises(Alarm, match="stalled"):
+        homed.move_to(pan_deg=10.0)
+    homed.home()
+    homed.move_to(pan_deg=10.0)
+
+
+def test_somebody_elses_move_is_noticed(homed, bench, chain):
+    def meddle():
+        bench.clock.sleep(0.5)
+        bench.cables["head"].happen(lambda now_s: chain.receive(b"/1 1 move abs 0\n", now_s))
+
+    moved, _ = bench.clock.together(lambda: homed.move_to(pan_deg=20.0), meddle)
+    assert isinstance(moved, MoveFailed)
+
+
+def test_an_answer_without_checksum_is_not_believed_once_they_are_on(homed, chain):
+    chain.devices[1].checksum = False
+    with pytest.raises(NoAnswer):
+        homed.position()
+
+
+def test_axes_move_together(homed, bench):
+    begin_s = bench.clock.now_s()
+    homed.move_to(pan_deg=0.0, tilt_deg=0.0)
+    # 30 deg at 10 deg/s and 20 deg at 4 deg/s: as long as the longer, not their sum
+    assert bench.clock.now_s() - begin_s < 7.0
+
+
+@pytest.mark.parametrize("flag", FLAGS)
+def test_every_flag_has_a_name_and_a_remedy(flag):
+    assert all(FLAGS[flag])
+
+
+@pytest.mark.parametrize("reason", REJECTIONS)
+def test_every_rejection_has_a_name_and_a_remedy(reason):
+    assert all(REJECTIONS[reason])
+
+
+def test_an_unknown_axis_is_named_with_those_that_are(homed):
+    with pytest.raises(BadConfiguration, match="axes are pan_deg, tilt_deg"):
+        homed.move_to(roll_deg=1.0)
