@@ -33,7 +33,7 @@ GEOMETRY, LIGHT = 18, 11
 """Nuisance parameters: nine cubics each for x and y; six quadratics added, five multiplied."""
 MAX_STEPS = 8
 NEAR_PX = 0.02  # what the last step may have left for the next: below this every sample is taken
-STILL_PX = 0.02  # the step itself is accounted for to first order: what is left of it is a hundredth
+STILL_PX = 0.04  # the step itself is accounted for to first order: a tenth of it at most is left
 MOST_SAMPLES = 150_000  # a PSF is local: of a larger common region the middle is taken
 OUTLYING = 6.0  # standard deviations of the residual from which a sample is left out
 COARSE_SAMPLES = 20  # samples per unknown that bring the map near

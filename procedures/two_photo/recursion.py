@@ -74,9 +74,10 @@ def psf_by_recursion(total: Array, s: int, J: Array) -> Recovered:
     gain, ones = gain_of(total), _sums(k)
     for _ in range(MOST_FACTORS):
         wave = _waves(fx, fy, k, s)
-        value = np.asarray(wave @ total, dtype=np.complex128)
-        values.append(np.divide(value, gain if values else 1.0, dtype=np.complex128))
-        waves.append((wave - np.outer(values[-1], ones)) / gain if len(values) > 1 else wave)
+        value = wave @ total / (gain if values else 1.0)
+        slope = (wave - np.outer(value, ones)) / gain if values else wave
+        values.append(value)
+        waves.append(np.asarray(slope, dtype=np.complex128))
         if len(values) > 1 and np.abs(values[-1] - 1).max() < REST:
             break
         fx, fy = M[0, 0] * fx + M[0, 1] * fy, M[1, 0] * fx + M[1, 1] * fy
