@@ -1,4 +1,4 @@
-"""Three scenes to photograph with `rays`, two of them in depth through an open aperture, and what is printed there."""
+"""Scenes to photograph with `rays`, in depth through an open aperture most of them, and what is printed there."""
 
 from __future__ import annotations
 
@@ -139,6 +139,26 @@ def steps_from_a_slider(rows: int = 120, columns: int = 160) -> tuple[Scene, Thi
         velocity_mm_s=(600.0, 0.0, 0.0),
     )
     return Scene(things, sky=(0.2, 0.2, 0.22)), camera
+
+
+def leaves_in_depth(rows: int = 120, columns: int = 160, f_number: float = 2.0) -> tuple[Scene, ThinLensCamera]:
+    """A wall of dead leaves that recedes to the left and two sheets of them before it, all beyond the plane in focus.
+
+    Blur then grows with distance alone, up to that of infinity, and texture tells of it nearly everywhere.
+    """
+    rng = np.random.default_rng(11)
+    printed = [Material((1.0, 1.0, 1.0), texture=dead_leaves(rng, side=384, largest=24.0)) for _ in range(3)]
+    things: list[Shape] = [
+        Rectangle((-800, -500, 2400), (1400, 0, -1100), (0, 1000, 0), printed[0]),
+        Rectangle((-330, -290, 1650), (260, 0, 0), (0, 330, 0), printed[1]),
+        Rectangle((-40, 20, 1350), (210, 0, 0), (0, 190, 0), printed[2]),
+        ceiling_lamp(-500, -1000, 600, 900, 900, (11.0, 10.5, 10.0)),
+        ceiling_lamp(600, -1000, 600, 700, 700, (9.0, 9.5, 10.5)),
+    ]
+    camera = ThinLensCamera(
+        rows, columns, focal_mm=50, f_number=f_number, focus_mm=1000, pitch_um=24e3 / columns, target_mm=(0, 0, 1000)
+    )
+    return Scene(things, sky=(0.3, 0.31, 0.33)), camera
 
 
 SCENES: Mapping[str, Callable[[int, int], tuple[Scene, ThinLensCamera]]] = {

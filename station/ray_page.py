@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -38,21 +39,36 @@ class RenderRow:
     facts: tuple[str, ...] = ()
 
 
-def ray_page(title: str, rows: tuple[RenderRow, ...]) -> bytes:
+@dataclass(frozen=True, eq=False)
+class StripRow:
+    """Pictures on the page, whole: strips of (caption, linear picture, (rows, columns) or with colours), sentences."""
+
+    title: str
+    strips: tuple[tuple[tuple[str, Linear], ...], ...]
+    facts: tuple[str, ...] = ()
+
+
+def ray_page(title: str, rows: tuple[RenderRow | StripRow, ...]) -> bytes:
     """The page, UTF-8, with its pictures inside."""
     from jinja2 import Environment
 
     template = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True).from_string(_PAGE)
-    shown = [
-        {
-            "title": row.title,
-            "facts": row.facts,
-            "strips": [[(caption, _uri(picture)) for caption, picture in row.pictures], *_details(row)],
-            "similar": _uri(row.similar / max(float(row.similar.max()), 1.0)),
-        }
-        for row in rows
-    ]
+    shown = [_shown(row) for row in rows]
     return template.render(title=title, rows=shown).encode()
+
+
+def _shown(row: RenderRow | StripRow) -> dict[str, Any]:
+    """A row as the template takes it."""
+    if isinstance(row, StripRow):
+        strips = [_strip(strip) for strip in row.strips]
+        return {"title": row.title, "facts": row.facts, "strips": strips}
+    similar = _uri(row.similar / max(float(row.similar.max()), 1.0))
+    strips = [_strip(row.pictures), *_details(row)]
+    return {"title": row.title, "facts": row.facts, "strips": strips, "similar": similar}
+
+
+def _strip(pictures: tuple[tuple[str, Linear], ...]) -> list[tuple[str, str]]:
+    return [(caption, _uri(picture)) for caption, picture in pictures]
 
 
 def _details(row: RenderRow) -> list[list[tuple[str, str]]]:
@@ -109,8 +125,10 @@ details img { max-width: 33% }
 {% for fact in row.facts %}
 <p>{{ fact }}</p>
 {% endfor %}
+{% if row.similar %}
 <details><summary>Similar patches found for each pixel; where it is dark, more samples are needed</summary>
 <img src="{{ row.similar }}" alt="similar patches per pixel"></details>
+{% endif %}
 {% endfor %}
 </body></html>
 """

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -17,23 +16,23 @@ import numpy as np
 from procedures.outcome import BadParameter
 from procedures.ray_histogram.comparison import decibels, shown_error
 from procedures.ray_histogram.film import Film
-from procedures.ray_histogram.film_files import read_film, write_film
 from procedures.ray_histogram.multiscale import FilteredFilm, filter_film
 from simulators.dng import Shot
 from simulators.optics import Optics
 from simulators.ray_scenes import SCENES
-from simulators.rays import Scene, ThinLensCamera, cast
+from simulators.rays import ThinLensCamera
 from simulators.rendered import photograph_render
 from simulators.sensor import Sensor
+from station.films import passes, render_film
 from station.linear_pictures import display_png
 from station.progress import Progress, silent
-from station.ray_page import RenderRow, ray_page
+from station.ray_page import RenderRow, StripRow, ray_page
+from station.rendered_depth import DepthPlan, RestoredDepth, depth_entry, depth_row, restored_depth
+from station.rendered_depth import steps as depth_steps
 from station.results import ResultFolder, software, write_record
 
 SCHEMA = "station/rendered/1"
 PAGE = "rays.html"
-PASS = 32
-"""Samples per pixel between two savings of a film."""
 REFERENCE_SEED = 1 << 32
 """Added to the seed of the converged renders: their noise must not be that of the filtered ones."""
 
@@ -48,6 +47,8 @@ class RenderPlan:
         Of pictures 4 : 3; a multiple of 8, so that mosaics have whole tiles.
     samples, converged : int
         Per pixel, of what is filtered and of what it is compared with.
+    restored : bool
+        Whether a scene in depth is photographed at two apertures too, and restored.
     """
 
     columns: int = 320
@@ -55,6 +56,7 @@ class RenderPlan:
     converged: int = 512
     seed: int = 1
     scenes: tuple[str, ...] = tuple(SCENES)
+    restored: bool = True
 
     def __post_init__(self) -> None:
         unknown = sorted(set(self.scenes) - set(SCENES))
@@ -90,8 +92,8 @@ class Rendered:
 
 def rendered_demo(
     out: Path, plan: RenderPlan | None = None, *, threads: int = 1, progress: Progress = silent
-) -> tuple[tuple[Rendered, ...], str]:
-    """Render, filter, photograph and show; returns the scenes, and the record's text.
+) -> tuple[tuple[Rendered, ...], RestoredDepth | None, str]:
+    """Render, filter, photograph, restore and show; returns the scenes, the one restored, and the record's text.
 
     Parameters
     ----------
@@ -102,42 +104,22 @@ def rendered_demo(
     plan = plan or RenderPlan()
     with ResultFolder(out) as folder:
         scenes = tuple(_render(folder, out / "films", name, plan, threads, progress) for name in plan.scenes)
-        folder.write(PAGE, ray_page("The simulated bench, rendered", tuple(_row(one) for one in scenes)))
+        depth = None
+        if plan.restored:
+            pair = DepthPlan(plan.rows, plan.columns, plan.samples, plan.seed)
+            depth = restored_depth(folder, out / "films", pair, threads=threads, progress=progress)
+        rows: list[RenderRow | StripRow] = [_row(one) for one in scenes]
+        rows += [depth_row(depth)] if depth else []
+        folder.write(PAGE, ray_page("The simulated bench, rendered", tuple(rows)))
         record = {
             "schema": SCHEMA,
             "parameters": asdict(plan),
             "scenes": {one.name: _entry(one) for one in scenes},
+            "restored": depth and depth_entry(depth),
             "software": software(),
             "duration_s": round(time.perf_counter() - start, 3),
         }
-        return scenes, write_record(folder, record)
-
-
-def render_film(
-    scene: Scene,
-    camera: ThinLensCamera,
-    samples: int,
-    seed: int,
-    path: Path,
-    *,
-    threads: int = 1,
-    progress: Progress = silent,
-) -> Film:
-    """The film of a scene with so many samples per pixel; what `path` holds already is not rendered again.
-
-    The file must be of the same scene, camera and seed: name it after them.
-    """
-    film = read_film(path) if path.exists() else Film.blank(camera.rows, camera.columns)
-    taken = film.count.astype(np.int64) + film.dropped
-    for wanted in (*range(int(taken.min()) + PASS, samples, PASS), samples):
-        if (taken >= wanted).all():
-            continue
-        cast(scene, camera, wanted, film.add, seed=seed, taken=taken, threads=threads)
-        taken = film.count.astype(np.int64) + film.dropped
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_film(film, path)
-        progress(f"{path.stem}: {wanted} of {samples} samples per pixel")
-    return film
+        return scenes, depth, write_record(folder, record)
 
 
 def _render(
@@ -192,5 +174,5 @@ def _entry(one: Rendered) -> dict[str, Any]:
 
 def steps(plan: RenderPlan) -> int:
     """How many steps are told when nothing was rendered before."""
-    passes: Sequence[int] = [-(-samples // PASS) for samples in (plan.samples, plan.converged)]
-    return len(plan.scenes) * (sum(passes) + 1)
+    films = passes(plan.samples) + passes(plan.converged)
+    return len(plan.scenes) * (films + 1) + (depth_steps(plan.samples) if plan.restored else 0)

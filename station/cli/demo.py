@@ -57,11 +57,14 @@ def _render(out: Path, seed: int) -> None:
 
     plan = RenderPlan(seed=seed)
     with _progress(steps(plan)) as progress:
-        scenes, _ = rendered_demo(out, plan, threads=os.cpu_count() or 1, progress=progress)
+        scenes, depth, _ = rendered_demo(out, plan, threads=os.cpu_count() or 1, progress=progress)
     for one in scenes:
         before, after = one.psnr_db["rendered"], one.psnr_db["filtered"]
         sentence = f"{one.name}: {before:.2f} dB as rendered, {after:.2f} dB filtered"
         log("rendered", sentence, scene=one.name, rendered_db=before, filtered_db=after)
+    if depth is not None:
+        error = depth.figures["w_px"]["rms_error"]
+        log("restored", f"{depth.outcome.verdict}: depth restored, w with an error of {error:.3f} samples", error=error)
     log("written", f"wrote {out / PAGE}", path=str(out / PAGE))
 
 

@@ -9,14 +9,15 @@ from procedures.outcome import BadParameter
 from procedures.raw import read_frame
 from procedures.ray_histogram.film_files import read_film
 from simulators.ray_scenes import SCENES
-from station.rendered import PASS, RenderPlan, render_film, rendered_demo, steps
+from station.films import PASS, render_film
+from station.rendered import RenderPlan, rendered_demo, steps
 
-SMALL = RenderPlan(columns=32, samples=40, converged=70, scenes=("chart-in-depth",))
+SMALL = RenderPlan(columns=32, samples=40, converged=70, scenes=("chart-in-depth",), restored=False)
 
 
 def test_a_scene_is_rendered_filtered_photographed_and_shown(tmp_path):
     told = []
-    (one,), text = rendered_demo(tmp_path, SMALL, progress=lambda done, steps=1: told.append(done))
+    (one,), _, text = rendered_demo(tmp_path, SMALL, progress=lambda done, steps=1: told.append(done))
     names = ["chart-in-depth.dng", "chart-in-depth.png", "films", "rays.html", "result.json"]
     assert sorted(path.name for path in tmp_path.iterdir()) == names
     record = json.loads(text)

@@ -16,8 +16,8 @@ def calibrated(monkeypatch):
 @pytest.fixture
 def small(monkeypatch):
     """A plan of one small scene, with the seed that was asked for."""
-    plan = lambda seed: RenderPlan(columns=32, samples=8, converged=16, seed=seed, scenes=("room",))  # noqa: E731
-    monkeypatch.setattr("station.rendered.RenderPlan", plan)
+    small = {"columns": 32, "samples": 8, "converged": 16, "scenes": ("room",), "restored": False}
+    monkeypatch.setattr("station.rendered.RenderPlan", lambda seed: RenderPlan(seed=seed, **small))
 
 
 def test_scenes_are_rendered_on_request(run, calibrated, small, tmp_path):
