@@ -270,11 +270,12 @@ def check_distance(H_near_far: Array, far_shape: tuple[int, ...], s: int) -> Non
     J = homography_jacobian(H_near_far, np.array([(columns - 1) / 2, (rows - 1) / 2]))
     zoom = float(np.linalg.svd(J, compute_uv=False)[-1])
     if zoom <= s:
+        possible = int(np.ceil(zoom)) - 1
         raise Refused(
             f"s = {s} needs the far photograph from more than {s} times the near one's distance; it is from {zoom:.2f} "
             "times",
             f"take the far photograph from {1.15 * s / zoom:.2f} times its distance, or the near one from as much "
-            f"closer, or choose s = {max(int(np.ceil(zoom)) - 1, 2)}",
+            "closer" + (f", or choose s = {possible}" if possible >= 2 else ""),
         )
 
 
