@@ -56,7 +56,8 @@ class Psf:
     ----------
     h : (k, k) float64
         Samples [row, column], k odd, sum 1; the centre sample is the geometric centre as the chart's marks fix
-        it. The photograph is the *convolution* with h: a tail to larger columns smears light to larger columns.
+        it, or the centroid where there were no marks. The photograph is the *convolution* with h: a tail to
+        larger columns smears light to larger columns.
     s : int
         Samples per sensor pixel of the plane: the pitch is 1/s pixel.
     covariance : (k^2, k^2) float64

@@ -20,11 +20,12 @@ from procedures.outcome import Outcome, Refused, Verdict
 from procedures.psf import Psf, Sampling
 from procedures.quality import Diffraction, Quality, assess
 from procedures.raw import Plane
+from procedures.two_photo.diagnostics import diagnose
 from procedures.two_photo.inter_image import Fit, fit_kernel
 from procedures.two_photo.near_noise import Kernel, noise_at_most, without_near_noise
 from procedures.two_photo.recursion import psf_by_equation, psf_by_recursion
 from procedures.two_photo.registration import Sighting, register
-from procedures.two_photo.trust import check_distance, check_light, diagnose, judge
+from procedures.two_photo.trust import check_distance, check_light, judge
 
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]

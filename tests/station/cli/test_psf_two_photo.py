@@ -43,7 +43,8 @@ def test_a_refusal_keeps_no_psf_and_says_what_to_do(run, near, tmp_path):
     plane = json.loads((out / "result.json").read_text())["planes"]["Y"]
     assert plane["verdict"] == "refused"
     assert "times the near one's distance" in plane["reason"]
-    assert "take the far photograph from" in plane["remedy"]
+    assert "take the far photograph from 3.45 times its distance" in plane["remedy"]
+    assert "choose s" not in plane["remedy"]  # no s of 2 or more is possible
 
 
 def test_photographs_of_different_kinds_are_no_pair(run, near, shared_data, tmp_path):

@@ -1,0 +1,245 @@
+"""What tells a good pair of photographs from a bad one: measured on the final fit and the answer drawn from it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.psf import Psf
+from procedures.two_photo.inter_image import Fit
+from procedures.two_photo.near_noise import Kernel
+from procedures.two_photo.registration import Sighting
+from procedures.two_photo.sharpness import sharpness_ratio
+
+Array = npt.NDArray[np.float64]
+Array32 = npt.NDArray[np.float32]
+
+CLIPPED = 0.998
+"""Samples from here on count as saturated, as in the chart's photographs."""
+TILES = 8
+"""Tiles along each side of the common region that may each move by themselves."""
+CLEAR = 0.1
+"""A frequency counts as determined where the MTF's standard uncertainty is under this."""
+
+
+@dataclass(frozen=True)
+class Diagnostics:
+    """What tells a good pair of photographs from a bad one.
+
+    Attributes
+    ----------
+    matches : float
+        Matches that agree with the first homography.
+    match_rms_px : float
+        Their scatter, in far pixels.
+    samples : float
+        Far samples used.
+    scale : float
+        Geometric mean zoom: far over near distance.
+    scale_spread : float
+        Largest over smallest local zoom in the common region, minus 1.
+    agreement : float
+        Share of the far photograph's variance that the near one explains.
+    residual_std : float
+        Pixel noise that the residual claims, over the most that a near pixel can hold: above 1 not all of it is noise.
+    whiteness : float
+        Largest correlation of the residual with itself one pixel further: 0 when white.
+    local_shift_px : float
+        Root mean square shift, in far pixels, of parts of the wall against the map, their noise allowed for.
+    local_shift_significance : float
+        The same shifts as a chi-square per freedom, minus 1, in its standard deviations.
+    relief_px : float
+        Random shift from pixel to pixel that would explain how the residual grows with the gradient.
+    gain : float
+        Contrast of the far photograph over the near one's.
+    light_change : float
+        Root mean square of the gain's change over the region.
+    passed : float
+        By how much the kernel's transfer exceeds 1 anywhere, in its standard uncertainties.
+    excess : float
+        The largest such excess that is more than three standard uncertainties; 0 if there is none.
+    relative_uncertainty : float
+        sqrt(trace of the covariance) over the norm of the PSF: the relative L2 error to expect at most.
+    determined_horizontal, determined_vertical : float
+        Cycles/pixel up to which the MTF is known to 0.1 along x and y.
+    near_noise_bias : float
+        What the near photograph's noise alone would have taken from the kernel, over its norm.
+    recursion_check : float
+        Distance of the recursion from the direct solution, over the PSF's norm.
+    support_cut : float
+        Share of the kernel beyond its support, by the amplitude of a 1/r^3 tail.
+    sharpness_ratio : float
+        Fine contrast of the near photograph over the far one's; see `sharpness`.
+    saturated : float
+        Larger clipped share of the two photographs.
+    outliers : float
+        Share of the common region's samples that were left out because no noise explains them.
+    travelled_px, moved_px : float
+        How far the map moved from the first homography, and in the last step, in far pixels.
+    """
+
+    matches: float
+    match_rms_px: float
+    samples: float
+    scale: float
+    scale_spread: float
+    agreement: float
+    residual_std: float
+    whiteness: float
+    local_shift_px: float
+    local_shift_significance: float
+    relief_px: float
+    gain: float
+    light_change: float
+    passed: float
+    excess: float
+    relative_uncertainty: float
+    determined_horizontal: float
+    determined_vertical: float
+    near_noise_bias: float
+    recursion_check: float
+    support_cut: float
+    sharpness_ratio: float
+    saturated: float
+    outliers: float
+    travelled_px: float
+    moved_px: float
+
+
+def diagnose(
+    fit: Fit,
+    kernel: Kernel,
+    psf: Psf,
+    sighting: Sighting,
+    near: Array32,
+    far: Array32,
+    near_noise_limit: float,
+    recursion_check: float,
+) -> Diagnostics:
+    """Measure what the verdict needs, on the final fit and the answer drawn from it."""
+    zoom = np.sqrt(np.abs(np.linalg.det(fit.warp.derivative(fit.samples.points[::29]))))
+    shift, significance = local_shifts(fit)
+    passed, excess = transfer_above_one(kernel, psf)
+    determined = [determined_to(psf, axis) for axis in (0, 1)]
+    return Diagnostics(
+        matches=float(sighting.matches),
+        match_rms_px=sighting.rms_far_px,
+        samples=float(len(fit.residual)),
+        scale=float(zoom.mean()),
+        scale_spread=float(zoom.max() / zoom.min() - 1),
+        agreement=fit.agreement,
+        residual_std=kernel.noise / max(near_noise_limit, 1e-9),
+        whiteness=_neighbour_correlation(fit),
+        local_shift_px=shift,
+        local_shift_significance=significance,
+        relief_px=relief(fit),
+        gain=kernel.gain,
+        light_change=_light_change(fit),
+        passed=passed,
+        excess=excess,
+        relative_uncertainty=float(np.sqrt(np.trace(psf.covariance)) / np.linalg.norm(psf.h)),
+        determined_horizontal=determined[0],
+        determined_vertical=determined[1],
+        near_noise_bias=kernel.bias,
+        recursion_check=recursion_check,
+        support_cut=kernel.cut,
+        sharpness_ratio=_sharpness_ratio(fit, near, far, kernel.noise),
+        saturated=max(float(np.mean(photograph >= CLIPPED)) for photograph in (near, far)),
+        outliers=fit.outliers,
+        travelled_px=fit.travelled_px,
+        moved_px=fit.moved_px,
+    )
+
+
+def _sharpness_ratio(fit: Fit, near: Array32, far: Array32, noise: float) -> float:
+    """Of the parts that both photographs show."""
+    (x, y), (rows, columns) = fit.near.corner, fit.near.shape
+    rim = fit.warp.forward(np.array([[x, y], [x + columns, y], [x + columns, y + rows], [x, y + rows]], dtype=float))
+    low = np.maximum(rim.min(axis=0), 0).astype(int)
+    high = rim.max(axis=0).astype(int)
+    return sharpness_ratio(near[low[1] : high[1], low[0] : high[0]], far[y : y + rows, x : x + columns], noise)
+
+
+def local_shifts(fit: Fit) -> tuple[float, float]:
+    """How far parts of the wall lie from the map: rms shift in far pixels beyond noise, and its significance.
+
+    Each tile's residual is explained by a shift of its own; a wall that is one plane leaves noise of known size.
+    """
+    s = fit.samples
+    rows, columns = fit.near.shape
+    tile = (s.rows * TILES // rows) * TILES + s.columns * TILES // columns
+    moments = [fit.slopes[:, 0] ** 2, fit.slopes[:, 0] * fit.slopes[:, 1], fit.slopes[:, 1] ** 2]
+    xx, xy, yy, xr, yr, n = (
+        np.bincount(tile, weights, TILES**2)
+        for weights in (*moments, fit.slopes[:, 0] * fit.residual, fit.slopes[:, 1] * fit.residual, None)
+    )
+    determinant = xx * yy - xy**2
+    used = (n >= 50) & (determinant > 1e-6 * (xx + yy) ** 2)
+    if used.sum() < 4:
+        return 0.0, 0.0
+    xx, xy, yy, xr, yr, determinant = (v[used] for v in (xx, xy, yy, xr, yr, determinant))
+    x, y = (yy * xr - xy * yr) / determinant, (xx * yr - xy * xr) / determinant
+    noise = fit.variance * (xx + yy) / determinant
+    chi2 = (x * xr + y * yr) / fit.variance
+    freedom = 2 * len(x)
+    beyond = float(np.mean(x**2 + y**2 - noise))
+    return float(np.sqrt(max(beyond, 0.0))), float((chi2.sum() - freedom) / np.sqrt(2 * freedom))
+
+
+def relief(fit: Fit) -> float:
+    """Root mean square of a random shift, in far pixels, whose residual grows with the gradient as it does.
+
+    Squared residuals as a constant, a linear function of the level (noise) and one of the squared gradient.
+    """
+    squared = np.sum(fit.slopes**2, axis=1) / 2
+    model = np.column_stack([np.ones_like(squared), fit.prediction, squared])
+    share = np.linalg.lstsq(model, fit.residual**2, rcond=None)[0][2]
+    return float(np.sqrt(max(share, 0.0)))
+
+
+def _neighbour_correlation(fit: Fit) -> float:
+    """Largest correlation of the residual at lag one, along rows or columns."""
+    grid = np.full(fit.near.shape, np.nan)
+    grid[fit.samples.rows, fit.samples.columns] = fit.residual
+    pairs = (grid[1:] * grid[:-1], grid[:, 1:] * grid[:, :-1])
+    return max((float(np.nanmean(pair)) / fit.variance for pair in pairs), key=abs)
+
+
+def _light_change(fit: Fit) -> float:
+    """Root mean square of the multiplied quadratics, over the samples."""
+    x, y = ((fit.samples.points - fit.warp.centre) / fit.warp.radius).T
+    return float(np.std(np.stack([x, y, x * x, x * y, y * y], axis=-1) @ fit.light[6:]))
+
+
+def transfer_above_one(kernel: Kernel, psf: Psf) -> tuple[float, float]:
+    """By how many standard uncertainties |K| exceeds 1, and by how much where that is over three of them.
+
+    K(f) = H(f) / H(f / lambda) stays under 1 for any PSF whose MTF falls; above, the near photograph is the less sharp.
+    """
+    n = np.arange(psf.k) - psf.k // 2
+    f = np.linspace(0.05, 0.5, 10) * psf.s
+    along = np.exp(-2j * np.pi * np.outer(f / psf.s, n))
+    flat = np.ones((len(f), psf.k))
+    waves = np.concatenate([(flat[:, :, None] * along[:, None, :]), (along[:, :, None] * flat[:, None, :])])
+    waves = waves.reshape(len(waves), -1)
+    gain = kernel.k.sum()
+    K = waves @ kernel.k / gain
+    slope = np.real((np.conj(K) / np.maximum(np.abs(K), 1e-12))[:, None] * (waves - K[:, None])) / gain
+    uncertainty = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slope, kernel.covariance[:-1, :-1], slope), 1e-24))
+    above = np.abs(K) - 1
+    sure = above[above > 3 * uncertainty]
+    return float((above / uncertainty).max()), float(sure.max()) if len(sure) else 0.0
+
+
+def determined_to(psf: Psf, axis: int) -> float:
+    """Cycles/pixel up to which the MTF along x (0) or y (1) has a standard uncertainty under `CLEAR`."""
+    n = (np.arange(psf.k) - psf.k // 2) / psf.s
+    f = np.linspace(0, psf.s / 2, 31)
+    C = psf.covariance.reshape(psf.k, psf.k, psf.k, psf.k).sum(axis=(0, 2) if axis == 0 else (1, 3))
+    waves = np.exp(-2j * np.pi * np.outer(f, n))
+    profile = waves @ psf.h.sum(axis=axis)
+    slope = np.real((np.conj(profile) / np.maximum(np.abs(profile), 1e-12))[:, None] * waves)
+    unclear = np.flatnonzero(np.einsum("ij,jk,ik->i", slope, C, slope) > CLEAR**2)
+    return float(f[unclear[0]]) if len(unclear) else float(f[-1])
