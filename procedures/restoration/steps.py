@@ -81,7 +81,8 @@ def layers_afar(w: Array, reach: int, jump: float) -> Layers:
     high = np.clip(continued(w, (far & up).astype(float), 0.8 * reach), lowest, highest + jump)
     low = np.clip(continued(w, (far & ~up).astype(float), 0.8 * reach), lowest - jump, highest)
     band = maximum_filter(jumps, 2 * reach - 1) & (high - low > jump / 2)
-    share = np.clip((w - low) / np.maximum(high - low, 0.05), 0, 1)
+    # undecided where the rough map decided wrongly: a share that begins at 0 or 1 is slow to leave it
+    share = gaussian_filter(up.astype(float), reach / 3)
     return Layers(np.where(band, high, w), np.where(band, low, w), band, np.where(band, share, 0.0))
 
 
