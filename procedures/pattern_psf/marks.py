@@ -40,10 +40,11 @@ SAME_AXIS = np.cos(2 * np.deg2rad(11))
 TILE = 32
 """Side of the squares from which the strongest saddles are taken when there are too many."""
 MOST = 40_000
-MOST_PER_PIXEL = 0.025
+CROWDING = 450
+"""Saddles kept in one picture: at most MOST, and so many that their square is CROWDING per pixel, because the pairs
+of neighbours grow as that. Textures yield hundreds of thousands, a chart twelve."""
 IMPURE = 4
-"""Saddles kept in one picture, and how many times as many before they are looked at closer: textures yield
-hundreds of thousands, a chart twelve."""
+"""How many times as many are kept before they are looked at closer."""
 STRIP_PIXELS = 200_000
 """Pixels worked on at a time, so that the intermediate maps stay in the processor's cache."""
 NOISE_BANDS = 128
@@ -206,7 +207,7 @@ def find_saddles(image: Picture) -> Saddles:
     points = index % image.shape[1] + 1j * (index // image.shape[1])
     z = half + 1j * xy.astype(np.float64)
     found = Saddles(points, -z / np.abs(z), np.abs(z))
-    most = int(min(MOST, MOST_PER_PIXEL * image.size))
+    most = int(min(MOST, np.sqrt(CROWDING * image.size)))
     found = found.take(_best_of_tiles(found.points, found.strengths, IMPURE * most))
     purity = _purity(image, found.points)
     found, purity = found.take(purity > PURITY), purity[purity > PURITY]
