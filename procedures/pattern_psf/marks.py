@@ -40,7 +40,7 @@ SAME_AXIS = np.cos(2 * np.deg2rad(11))
 TILE = 32
 """Side of the squares from which the strongest saddles are taken when there are too many."""
 MOST = 40_000
-CROWDING = 450
+CROWDING = 400
 """Saddles kept in one picture: at most MOST, and so many that their square is CROWDING per pixel, because the pairs
 of neighbours grow as that. Textures yield hundreds of thousands, a chart twelve."""
 IMPURE = 4
