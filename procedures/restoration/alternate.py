@@ -139,7 +139,11 @@ def one_round(problem: Problem, state: State) -> State:
 
 def _steps_due(n: int, total: int) -> str:
     """Which placing of depth steps opens round n: from afar at first, then twice from near."""
-    return {0: "far", round(0.15 * total): "far", round(0.3 * total): "near", round(0.55 * total): "nearer"}.get(n, "") if total > 1 else ""
+    return (
+        {0: "far", round(0.15 * total): "far", round(0.3 * total): "near", round(0.55 * total): "nearer"}.get(n, "")
+        if total > 1
+        else ""
+    )
 
 
 def _noise(problem: Problem, residual: float) -> float:

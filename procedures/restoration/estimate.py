@@ -15,6 +15,8 @@ from procedures.restoration.cost import DataTerm
 from procedures.restoration.forward import Array, Blur, MaskStack
 from procedures.restoration.scheme import Schedule, Scheme
 
+# noise of the restored picture beyond which ringing hides its detail, white = 1
+MOST_NOISE = 0.06
 STARTS = ("matched", "blur", "symmetric")
 # level differences of the matching's steps, taken as noise: below this the first costs say nothing more
 LEAST_START_SIGMA = 1.4e-3
@@ -194,7 +196,11 @@ def judge(result: Restoration) -> Outcome[Restoration]:
             f"depth is not determined in {d.undetermined:.0%} of the frame, where texture is weak",
             "put structure into the scene",
         ),
-        (d.noise_gain > 10, f"noise is amplified {d.noise_gain:.0f} times: ringing is likely", "raise --image-weight"),
+        (
+            d.noise_gain * d.noise > MOST_NOISE,
+            f"noise is amplified {d.noise_gain:.0f} times, to {d.noise_gain * d.noise:.0%} of white: ringing is likely",
+            "raise --image-weight",
+        ),
         (d.saturated > 0.02, f"{d.saturated:.0%} of the samples are saturated", "expose less"),
     ]
     for wrong, reason, remedy in doubts:

@@ -122,3 +122,17 @@ def test_one_photograph_is_a_usage_error(photographs, tmp_path):
         photographs[0][0], "--blur", "defocus", "--shape", "pillbox", "--ratio", "1.2", "--out", tmp_path / "o"
     )
     assert result.exit_code == 2
+
+
+def test_a_region_that_is_none_is_a_usage_error(photographs, tmp_path):
+    result = run(*photographs[0], "--blur", "motion", "--prototype-region", "10,10", *QUICK, "--out", tmp_path / "o")
+    assert result.exit_code == 2
+    assert "X,Y,W,H" in result.stderr
+
+
+def test_unknown_motion_comes_from_a_flat_part(photographs, tmp_path):
+    # the upper left corner of this crop lies at one depth to half a pixel
+    arguments = ["--blur", "motion", "--prototype-region", "0,0,60,96", "--scheme", "1x(2+2)", "--max-w", "3"]
+    result = run(*photographs[0], *arguments, "--out", tmp_path / "o")
+    assert result.exit_code == 0, result.stderr
+    assert json.loads((tmp_path / "o" / "result.json").read_text())["parameters"]["prototype_region"] == "0,0,60,96"
