@@ -12,7 +12,7 @@ from station.__main__ import main
 from station.rendered import RenderPlan, rendered_demo, steps
 from station.rendered_depth import NAME, RATIO, DepthPlan, true_w
 
-SMALL = RenderPlan(columns=96, samples=8, converged=8, scenes=())
+SMALL = RenderPlan(columns=160, samples=8, converged=8, scenes=())
 
 
 @pytest.fixture(scope="module")
