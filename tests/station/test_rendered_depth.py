@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 from station.__main__ import main
 from station.rendered import RenderPlan, rendered_demo, steps
-from station.rendered_depth import NAME, RATIO, DepthPlan, true_w
+from station.rendered_depth import NAME, RATIO
 
 SMALL = RenderPlan(columns=144, samples=8, converged=8, scenes=())
 
@@ -54,10 +54,9 @@ def test_the_command_finds_the_same_from_the_files(done, tmp_path):
     np.testing.assert_array_equal(np.load(tmp_path / "restored" / "w.npy"), np.load(out / f"{NAME}-w.npy"))
 
 
-def test_true_blur_grows_towards_that_of_infinity():
-    plan = DepthPlan(48, 64, 8, 1)
-    w = true_w(plan)
-    assert w.shape == (24, 32)
+def test_true_blur_grows_towards_that_of_infinity(done):
+    plan, w = done[1].plan, done[1].w
+    assert w.shape == (plan.rows // 2, plan.columns // 2)
     assert 0 < w.min() < w.max() < plan.max_w
     # the scene is closed: a distance d in front of infinity blurs by 1 - focus / d of it
     distance = 1000 / (1 - w / plan.max_w)
