@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import cache
 
 import numpy as np
 import numpy.typing as npt
@@ -56,9 +57,11 @@ def dead_leaves(rng: np.random.Generator, side: int = 256, smallest: float = 3.0
         u = rng.random()
         radius = 1.0 / np.sqrt(u / smallest**2 + (1 - u) / largest**2)
         cx, cy = rng.uniform(-largest, side + largest, 2)
-        leaf = bare & ((x - cx) ** 2 + (y - cy) ** 2 < radius**2)
-        picture[leaf] = rng.uniform(0.05, 0.85) * rng.uniform(0.6, 1.0, 3)
-        bare &= ~leaf
+        first, last = (np.clip([cy + r, cx + r], 0, side).astype(int) for r in (-radius, radius + 1))
+        about = np.s_[first[0] : last[0], first[1] : last[1]]  # nothing of the leaf lies elsewhere
+        leaf = bare[about] & ((x[about] - cx) ** 2 + (y[about] - cy) ** 2 < radius**2)
+        picture[about][leaf] = rng.uniform(0.05, 0.85) * rng.uniform(0.6, 1.0, 3)
+        bare[about] &= ~leaf
     return picture
 
 
@@ -141,6 +144,7 @@ def steps_from_a_slider(rows: int = 120, columns: int = 160) -> tuple[Scene, Thi
     return Scene(things, sky=(0.2, 0.2, 0.22)), camera
 
 
+@cache
 def leaves_in_depth(rows: int = 120, columns: int = 160, f_number: float = 2.0) -> tuple[Scene, ThinLensCamera]:
     """A wall of dead leaves that recedes to the left and two sheets of them before it, all beyond the plane in focus.
 

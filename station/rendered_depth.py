@@ -36,7 +36,7 @@ from station.results import ResultFolder
 Array = npt.NDArray[np.float64]
 
 NAME = "leaves-in-depth"
-APERTURES = (2.0, 1.4)
+APERTURES = (1.4, 1.0)
 RATIO = APERTURES[0] / APERTURES[1]
 PLANE = "G1"
 PITCH = 2

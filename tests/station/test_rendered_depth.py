@@ -10,9 +10,9 @@ from click.testing import CliRunner
 
 from station.__main__ import main
 from station.rendered import RenderPlan, rendered_demo, steps
-from station.rendered_depth import NAME, RATIO, DepthPlan, true_w
+from station.rendered_depth import NAME, RATIO
 
-SMALL = RenderPlan(columns=96, samples=8, converged=8, scenes=())
+SMALL = RenderPlan(columns=144, samples=8, converged=8, scenes=())
 
 
 @pytest.fixture(scope="module")
@@ -24,11 +24,15 @@ def done(tmp_path_factory):
 
 
 def test_depth_is_found_from_the_light_of_a_scene(done):
-    # before any depth is known the best guess is the middle one: its error is the spread of the true w
+    # true w spans 0.7 samples on a picture this small: half of all pixels are right to a quarter of that, where
+    # a plane of any one depth would not follow it at all
     _, depth, _, _ = done
     inside = np.s_[depth.rim : -depth.rim, depth.rim : -depth.rim]
-    assert depth.figures["w_px"]["rms_error"] < 0.8 * depth.w[inside].std()
-    assert np.corrcoef(depth.found.w[inside].ravel(), depth.w[inside].ravel())[0, 1] > 0.7
+    figures = depth.figures
+    assert figures["w_px"]["median_error"] < 0.25 * np.ptp(depth.w[inside])
+    assert np.corrcoef(depth.found.w[inside].ravel(), depth.w[inside].ravel())[0, 1] > 0.5
+    levels = figures["rms_error_of_picture"]
+    assert levels["restored"][0] < min(levels["photographs"])
 
 
 def test_the_record_and_the_page_hold_it(done):
@@ -50,10 +54,9 @@ def test_the_command_finds_the_same_from_the_files(done, tmp_path):
     np.testing.assert_array_equal(np.load(tmp_path / "restored" / "w.npy"), np.load(out / f"{NAME}-w.npy"))
 
 
-def test_true_blur_grows_towards_that_of_infinity():
-    plan = DepthPlan(48, 64, 8, 1)
-    w = true_w(plan)
-    assert w.shape == (24, 32)
+def test_true_blur_grows_towards_that_of_infinity(done):
+    plan, w = done[1].plan, done[1].w
+    assert w.shape == (plan.rows // 2, plan.columns // 2)
     assert 0 < w.min() < w.max() < plan.max_w
     # the scene is closed: a distance d in front of infinity blurs by 1 - focus / d of it
     distance = 1000 / (1 - w / plan.max_w)
