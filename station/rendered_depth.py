@@ -161,16 +161,18 @@ def steps(samples: int) -> int:
 
 def depth_row(one: RestoredDepth) -> StripRow:
     """The restoration on the page."""
-    figures, white, most = one.figures, _white(one.plan), one.plan.max_w
+    figures, white = one.figures, _white(one.plan)
     w, levels = figures["w_px"], figures["rms_error_of_picture"]
     before = tuple(
         (f"f/{n:g}, plane {PLANE}", photo / white) for n, photo in zip(APERTURES, one.photographs, strict=True)
     )
     after = (("restored", one.found.sharp[0] / white), ("through a pinhole", one.sharp / white))
-    depth = (("w found", one.found.w / most), ("true w", one.w / most), ("error of w; grey is none", _error(one)))
-    command = (
-        f"station restore {' '.join(one.sha256)} --blur defocus --shape pillbox --ratio {RATIO:.6g} --max-w {most:.4g}"
+    depth = (
+        ("w found", _spread(one, one.found.w)),
+        ("true w", _spread(one, one.w)),
+        ("error of w; grey is none", _error(one)),
     )
+    command = f"station restore {' '.join(one.sha256)} --blur defocus --shape pillbox --ratio {RATIO}"
     facts = (
         f"{one.outcome.verdict}{f': {one.outcome.reason}' if one.outcome.reason else ''}.",
         f"w, half the blur's width, is {w['true'][0]:.2f} to {w['true'][1]:.2f} samples: root mean square error "
@@ -178,7 +180,7 @@ def depth_row(one: RestoredDepth) -> StripRow:
         f"{figures['distance_median_relative_error']:.1%} of the distance.",
         f"Grey levels of 255 from the pinhole's picture: {levels['restored'][0]:.1f} restored; the photographs "
         f"{levels['photographs'][0]:.1f} and {levels['photographs'][1]:.1f}.",
-        f"The same from the files: {command} --out FOLDER",
+        f"The same from the files: {command} --max-w {one.plan.max_w} --out FOLDER",
     )
     return StripRow(f"{NAME}, restored from two apertures", (before + after, depth), facts)
 
@@ -247,9 +249,14 @@ def _setting(plan: DepthPlan) -> CameraSetting:
     return CameraSetting(camera.focal_mm, camera.f_number, camera.focus_mm, camera.pitch_um * PITCH)
 
 
+def _spread(one: RestoredDepth, w: npt.NDArray[np.floating[Any]]) -> Array:
+    """w with the least true one black and the greatest white."""
+    return np.asarray((w - one.w.min()) / np.ptp(one.w), np.float64)
+
+
 def _error(one: RestoredDepth) -> Array:
     """Half white where w is right, brighter where it is too large."""
-    return np.asarray(0.5 + (one.found.w - one.w) / one.plan.max_w)
+    return np.asarray(0.5 + (one.found.w - one.w) / np.ptp(one.w), np.float64)
 
 
 def _rms(error: npt.NDArray[np.floating[Any]]) -> float:
