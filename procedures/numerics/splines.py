@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any
 
 import numba
@@ -51,6 +52,12 @@ def outline_spline(cells: npt.NDArray[np.floating], per_cell: int, J: Array, ban
     return _band_limited([(left, np.sinc, _line), (upper, _line, np.sinc)], per_cell, J, band)
 
 
+@lru_cache(maxsize=12)
+def _spectrum(lattice: bytes, n: int) -> npt.NDArray[np.complex64]:
+    """Spectrum of a lattice (n, n) of float32; kept, since one chart serves every plane of every photograph."""
+    return np.asarray(scipy.fft.fft2(np.frombuffer(lattice, dtype=np.float32).reshape(n, n)))
+
+
 def _line(f: Array) -> npt.NDArray[np.complex128]:
     """Spectrum of a line at a cell's lower edge, from the cell's centre."""
     return np.asarray(np.exp(1j * np.pi * f))
@@ -77,7 +84,7 @@ def _band_limited(
     )
     block = np.zeros((len(ky), len(kx)), dtype=np.complex64)
     for lattice, footprint_y, footprint_x in parts:
-        spectrum = scipy.fft.fft2(lattice.astype(np.float32))
+        spectrum = _spectrum(np.asarray(lattice, dtype=np.float32).tobytes(), n)
         filter_y, filter_x = footprint_y(fy) * _to_spline(fy, per_cell), footprint_x(fx) * _to_spline(fx, per_cell)
         block += spectrum[ky % n][:, kx % n] * np.outer(filter_y, filter_x).astype(np.complex64)
     cut = np.zeros((size, len(index_x)), dtype=np.complex64)

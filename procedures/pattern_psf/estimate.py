@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -59,7 +60,10 @@ class PatternPsf:
     Attributes
     ----------
     psf : Psf
-    quality : Quality
+    n : int
+        Number of samples it was estimated from.
+    diffraction : Diffraction or None
+        What limits the plane, where it is known.
     gamma, gamma_bound : float
         Noise amplification sqrt(sum 1 / sigma_i^2) of the photograph, and the smallest that any chart could have.
     residual_std : float
@@ -80,7 +84,8 @@ class PatternPsf:
     """
 
     psf: Psf
-    quality: Quality
+    n: int
+    diffraction: Diffraction | None
     gamma: float
     gamma_bound: float
     residual_std: float
@@ -91,6 +96,11 @@ class PatternPsf:
     marks: Array
     residual: Array
     residual_origin: tuple[int, int]
+
+    @cached_property
+    def quality(self) -> Quality:
+        """MTF and the numbers drawn from the PSF, with their uncertainties; computed when first asked for."""
+        return assess(self.psf, n=self.n, diffraction=self.diffraction)
 
 
 def estimate_psf(
@@ -235,7 +245,8 @@ def _result(fit: Fit, psf: Psf, d: Diagnostics, corners: Array, diffraction: Dif
     pixels = CELLS / BLOCK * block_size_px(fit.registration)
     return PatternPsf(
         psf=psf,
-        quality=assess(psf, n=m, diffraction=diffraction),
+        n=m,
+        diffraction=diffraction,
         gamma=amplification,
         gamma_bound=gamma_bound(m, psf.k**2),
         residual_std=fit.residual_std,
