@@ -52,11 +52,9 @@ def test_full_at_any_operation_is_a_sentence_and_with_room_again_it_goes_on(tmp_
     for at in range(1, uninterrupted[2] + 1):
         root = tmp_path / str(at)
         work = Work(root / "sessions", Camera(root / "incoming"))
-        try:
+        with pytest.raises(ProcedureError, match="No space left") as refusal:
             work.go(FaultyDisk(at, "full"))
-        except ProcedureError as error:
-            assert "No space left" in error.reason
-            assert error.exit_code == 75
+        assert refusal.value.exit_code == 75
         check(work.go(FaultyDisk()), work, uninterrupted)
 
 

@@ -4,6 +4,7 @@ import errno
 import json
 import math
 import os
+from contextlib import suppress
 
 import pytest
 from hypothesis import given, settings
@@ -108,10 +109,8 @@ def test_another_configuration_is_found(three):
 @given(data=st.binary(max_size=200))
 @settings(max_examples=200, deadline=None)
 def test_no_bytes_make_it_fail_in_another_way(data):
-    try:
+    with suppress(Damaged):
         assert parse(data, FIRST, "journal").lines == ()
-    except Damaged as error:
-        assert error.remedy
 
 
 @pytest.mark.parametrize("tail", [b"\0" * 100, b'{"seq":4,"at"', b"\0" * 30 + b"\n", b"\xff\xfe\n"])
