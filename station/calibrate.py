@@ -60,9 +60,20 @@ class Calibrated(Generic[T]):
 
 
 def calibrate(
-    frame: RawFrame, chart: Chart, parameters: PatternParameters, limit: Limit = lambda plane: None
+    frame: RawFrame,
+    chart: Chart,
+    parameters: PatternParameters,
+    limit: Limit = lambda plane: None,
+    *,
+    threads: int | None = None,
 ) -> Iterator[Calibrated[PatternPsf]]:
-    """Every plane of a photograph in its order, several at a time; one that is refused does not keep the others."""
+    """Every plane of a photograph in its order; one that is refused does not keep the others.
+
+    Parameters
+    ----------
+    threads : int, optional
+        Planes estimated at a time; by default as many as there are cores.
+    """
 
     def estimate(plane: Plane) -> Calibrated[PatternPsf]:
         start = time.perf_counter()
@@ -70,11 +81,16 @@ def calibrate(
         record = plane_record(plane.name, outcome, NUMBERS)
         return Calibrated(record, outcome.value, time.perf_counter() - start)
 
-    yield from _side_by_side(estimate, list(frame.planes.values()))
+    yield from _side_by_side(estimate, list(frame.planes.values()), threads)
 
 
 def calibrate_pair(
-    a: RawFrame, b: RawFrame, parameters: TwoPhotoParameters, limit: Limit = lambda plane: None
+    a: RawFrame,
+    b: RawFrame,
+    parameters: TwoPhotoParameters,
+    limit: Limit = lambda plane: None,
+    *,
+    threads: int | None = None,
 ) -> Iterator[Calibrated[TwoPhotoPsf]]:
     """Every plane of two photographs of one wall, in any order, as `calibrate` does.
 
@@ -97,7 +113,7 @@ def calibrate_pair(
             record = replace(record, inter_image=outcome.value.inter_image)
         return Calibrated(record, outcome.value, time.perf_counter() - start)
 
-    yield from _side_by_side(estimate, list(a.planes.values()))
+    yield from _side_by_side(estimate, list(a.planes.values()), threads)
 
 
 def _of_pair(
@@ -111,8 +127,10 @@ def _of_pair(
     return estimate_psf_of_pair(a.planes[name], b.planes[name], parameters, diffraction)
 
 
-def _side_by_side(estimate: Callable[[Plane], Calibrated[T]], planes: Sequence[Plane]) -> Iterator[Calibrated[T]]:
-    with ThreadPoolExecutor(min(len(planes), os.cpu_count() or 1)) as pool:
+def _side_by_side(
+    estimate: Callable[[Plane], Calibrated[T]], planes: Sequence[Plane], threads: int | None
+) -> Iterator[Calibrated[T]]:
+    with ThreadPoolExecutor(min(len(planes), threads or os.cpu_count() or 1)) as pool:
         yield from pool.map(estimate, planes)
 
 

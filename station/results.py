@@ -23,6 +23,7 @@ import numpy.typing as npt
 from procedures.outcome import BadParameter, Verdict
 from procedures.psf import Psf
 from procedures.quality import Quality
+from station.names import encodable
 from station.pictures import psf_picture
 
 RECORD = "result.json"
@@ -203,7 +204,9 @@ def _npy(array: Array) -> bytes:
 
 
 def plain(value: Any) -> Any:
-    """The same with plain Python numbers, and null for every number that is not finite."""
+    """The same with plain Python numbers, null for every number that is not finite, and text that can be encoded."""
+    if isinstance(value, str):
+        return encodable(value)
     if isinstance(value, Mapping):
         return {name: plain(part) for name, part in value.items()}
     if isinstance(value, list | tuple):
