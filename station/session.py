@@ -31,7 +31,7 @@ from drivers.clock import Clock
 from drivers.interfaces import Exposure
 from procedures.plan import Facts
 from station.disk import Disk, NotKept, holds, kept, sha256_of
-from station.journal import Contents, Journal, Line, read_journal
+from station.journal import Contents, Journal, Line
 from station.machine import machine
 from station.session_folder import (
     CONFIG,
@@ -46,11 +46,13 @@ from station.session_folder import (
     check_layout,
     inside,
     original_name,
+    own,
     read_config,
     safe_name,
 )
-from station.session_recovery import finish_adopting, recover, sums, verify
-from station.session_state import Derived, Shot, State, after, replay
+from station.session_reading import SessionRecord, read_session, sums, verify
+from station.session_recovery import finish_adopting, recover
+from station.session_state import Derived, Shot, State, after
 from station.toml_text import toml_text
 
 __all__ = ["Derived", "Session", "Shot", "State"]
@@ -66,15 +68,16 @@ def utc_now() -> datetime:
 class Session:
     """A session that is open; made by `create` or `open`. Safe from any thread."""
 
-    def __init__(self, folder: Path, contents: Contents, clock: Clock, today: Today, disk: Disk, lock: Lock) -> None:
-        self.folder = folder
+    def __init__(self, record: SessionRecord, clock: Clock, today: Today, disk: Disk, lock: Lock) -> None:
+        self.folder = record.folder
+        self.config = record.config
         self.clock = clock
         self._today = today
         self._disk = disk
         self._lock = lock
         self._guard = threading.RLock()
-        self._journal = Journal(folder / JOURNAL, contents, disk)
-        self._state = replay(contents.lines)
+        self._journal = Journal(self.folder / JOURNAL, record.contents, disk)
+        self._state = record.state
         self._open = True
 
     @property
@@ -159,15 +162,14 @@ class Session:
         check_layout(folder)
         lock = Lock(folder)
         try:
-            _, first_sum = read_config(folder)
-            contents = read_journal(folder / JOURNAL, first_sum)
-            session = cls(folder, contents, clock, today, disk or Disk(), lock)
+            record = read_session(folder)
+            session = cls(record, clock, today, disk or Disk(), lock)
         except BaseException:
             lock.release()
             raise
         try:
             verify(folder, session.state, without)
-            recover(session, contents.torn, without)
+            recover(session, record.contents.torn, without)
         except BaseException:
             session.close()
             raise
@@ -259,7 +261,7 @@ class Session:
                     snapshot=snapshot,
                 )
             assert self.state.adopting is not None
-            return self.take_in(self.state.adopting)
+            return self.take_in(self.state.adopting, exposure.path)
 
     def judge(self, shot: Shot, counts: bool, reason: str = "") -> Shot:
         """Whether the result is drawn from it. The same photograph never counts twice. Raises NotKept."""
@@ -274,14 +276,14 @@ class Session:
         """Where its photograph is. Raises Damaged if it is not there."""
         return inside(self.folder, shot.path)
 
-    def take_in(self, shot: Shot) -> Shot:
+    def take_in(self, shot: Shot, source: Path) -> Shot:
         """Copy a photograph that was announced, unless it is there, and confirm it. Raises Changed, NotKept."""
         target = self.folder / shot.path
         if holds(target, shot.sha256):
             with kept(target):
                 self._disk.settle(target)
         else:
-            self._disk.copy(Path(shot.exposure["path"]), target, shot.sha256)
+            self._disk.copy(source, target, shot.sha256)
         self.note("adopted", shot=shot.number)
         self.write_sums()
         return self.state.shot(shot.number)
@@ -289,8 +291,8 @@ class Session:
     # --- results -------------------------------------------------------------------------------------------------
 
     def result_folder(self) -> Path:
-        """Where the next result goes; `keep_result` confirms it."""
-        return self.folder / DERIVED / str(len(self.state.results) + 1)
+        """Where the next result goes; `keep_result` confirms it. Raises Damaged where a link lies there."""
+        return own(self.folder / DERIVED / str(len(self.state.results) + 1))
 
     def keep_result(self, *, step: str, shots: Sequence[int], verdict: str, **about: Any) -> Derived:
         """Confirm the files in `result_folder()` as the result of a step, drawn from these shots.
@@ -328,7 +330,8 @@ class Session:
 
     def wire_folder(self) -> Path:
         """Where this opening of the session keeps what passes on the wires; made now. Raises NotKept."""
-        folder = self.folder / WIRE / f"{sum(line.event == 'opened' for line in self._journal.lines):03d}"
+        number = sum(line.event == "opened" for line in self._journal.lines)
+        folder = own(self.folder / WIRE / f"{number:03d}")
         with kept(folder):
             folder.mkdir(exist_ok=True)
         return folder

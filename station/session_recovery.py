@@ -1,4 +1,4 @@
-"""What a session is checked for when it is opened, and what is finished that a crash left half done."""
+"""When a session is opened: what a crash left half done is finished, and whatever is odd is said."""
 
 from __future__ import annotations
 
@@ -9,35 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from station.disk import holds, sha256_of
-from station.journal import Damaged
 from station.machine import machine
-from station.session_folder import CONFIG, DERIVED, ORIGINALS
-from station.session_state import Shot, State
+from station.session_folder import DERIVED, ORIGINALS
+from station.session_state import Shot
 
 if TYPE_CHECKING:
     from station.session import Session
-
-
-def verify(folder: Path, state: State, without: Collection[int] = ()) -> None:
-    """Every photograph has the hash that the journal tells. Raises Damaged, naming all that have not."""
-    here = [shot for shot in state.shots if not shot.lost and shot.number not in without]
-    wrong = [shot for shot in here if not holds(folder / shot.path, shot.sha256)]
-    if wrong:
-        names = ", ".join(f"{shot.path} (shot {shot.number}, SHA-256 {shot.sha256})" for shot in wrong)
-        numbers = " ".join(f"--without {shot.number}" for shot in wrong)
-        raise Damaged(
-            f"{folder.name}: missing or changed: {names}",
-            f"bring these files back from a copy, or give them up: station session resume {numbers}",
-        )
-
-
-def sums(folder: Path, state: State) -> bytes:
-    """The hashes of configuration, photographs and results, as `sha256sum` writes them."""
-    entries = {CONFIG: sha256_of(folder / CONFIG)}
-    entries |= {shot.path: shot.sha256 for shot in state.shots if not shot.lost}
-    for result in state.results:
-        entries |= {f"{result.folder}/{name}": digest for name, digest in result.files.items()}
-    return "".join(f"{digest}  {name}\n" for name, digest in entries.items()).encode()
 
 
 def recover(session: Session, torn: bytes, without: Collection[int] = ()) -> None:
@@ -73,7 +50,7 @@ def finish_adopting(session: Session, shot: Shot) -> None:
     """Take in a photograph that was announced, if it is still there as it was; else say that it is lost."""
     source = Path(shot.exposure["path"])
     if holds(session.folder / shot.path, shot.sha256) or holds(source, shot.sha256):
-        session.take_in(shot)
+        session.take_in(shot, source)
         session.notice(f"shot {shot.number} had been announced and not taken in; now it is in the session")
         return
     session.note("gave_up", shot=shot.number)

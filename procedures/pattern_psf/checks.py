@@ -14,15 +14,14 @@ import numpy.typing as npt
 
 from procedures.advice import changed_settings, exposure_advice, paper_level
 from procedures.numerics.warps import fit_homography
-from procedures.outcome import Refused
 from procedures.pattern import CELLS, DEFAULT_SEED, Chart
+from procedures.pattern_print.rulers import LENGTH_MM
+from procedures.pattern_print.sheet import Size
 from procedures.pattern_psf.detection import Sighting, find_charts
 from procedures.pattern_psf.estimate import PatternParameters, estimate_psf
 from procedures.pattern_psf.pose import ChartPose, Optics, chart_pose
 from procedures.pattern_psf.radiometry import Light, measure_light
 from procedures.pattern_psf.registration import Registration, block_size_px, refine_corners, register_marks
-from procedures.pattern_print.rulers import LENGTH_MM
-from procedures.pattern_print.sheet import Size
 from procedures.plan import Advice, Fact, Facts, Reading
 from procedures.raw import Plane, RawFrame
 

@@ -10,14 +10,12 @@ with (n - 1)(k^2 - 1) degrees of freedom.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
-from procedures.outcome import Outcome, Rule, Verdict, verdict_of
 from procedures.pattern_psf.estimate import PatternPsf
 from procedures.psf import Psf
 from procedures.quality import Quality, assess
