@@ -340,6 +340,12 @@ def best_place(places: Sequence[float], scores: Sequence[float]) -> float | None
     return float(x[i] - b / (2 * a)) if a < 0 else float(x[i])
 
 
+def best_tried(places: Sequence[float], scores: Sequence[float]) -> float | None:
+    """The place of the highest score itself, for what cannot be set between. None without any score."""
+    y = np.asarray(scores, dtype=np.float64)
+    return float(places[int(np.nanargmax(y))]) if np.isfinite(y).any() else None
+
+
 # --- shots -------------------------------------------------------------------------------------------------------
 
 
