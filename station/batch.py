@@ -22,7 +22,7 @@ from typing import Any
 
 from procedures.outcome import BadParameter
 from station.batch_frames import Item
-from station.batch_item import LOST, RESULTS, USABLE, VERDICTS, Job, Row, work
+from station.batch_item import LOST, RESULTS, USABLE, VERDICTS, Job, PlaneRow, Row, work
 from station.files import write_whole
 from station.names import cell
 from station.results import RECORD, json_text, plain, software
@@ -220,7 +220,7 @@ def statistics(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
 
 def _table(rows: Sequence[Row]) -> bytes:
     """One line for each plane, or for the item where it has none; no cell is a formula."""
-    planes = [(row, *one) for row in rows for one in (list(row.planes.items()) or [("", None)])]
+    planes = [(row, name, plane) for row in rows for name, plane in _planes(row)]
     numbers = sorted({number for _, _, plane in planes if plane is not None for number in plane.numbers})
     text = io.StringIO(newline="")
     table = csv.writer(text, lineterminator="\n")
@@ -232,6 +232,10 @@ def _table(rows: Sequence[Row]) -> bytes:
         cells = [cell(word) for word in (*words, row.folder, " ".join(row.sha256))]
         table.writerow(cells + [_number(plane.numbers if plane else {}, *column) for column in _columns(numbers)])
     return text.getvalue().encode()
+
+
+def _planes(row: Row) -> list[tuple[str, PlaneRow | None]]:
+    return [*row.planes.items()] or [("", None)]
 
 
 def _columns(numbers: Sequence[str]) -> list[tuple[str, str]]:

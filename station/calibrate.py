@@ -78,7 +78,7 @@ def calibrate(
     def estimate(plane: Plane) -> Calibrated[PatternPsf]:
         start = time.perf_counter()
         outcome = estimate_psf(plane, chart, parameters, limit(plane))
-        record = plane_record(plane.name, outcome, NUMBERS)
+        record = plane_record(plane, outcome, NUMBERS)
         return Calibrated(record, outcome.value, time.perf_counter() - start)
 
     yield from _side_by_side(estimate, list(frame.planes.values()), threads)
@@ -108,7 +108,7 @@ def calibrate_pair(
     def estimate(plane: Plane) -> Calibrated[TwoPhotoPsf]:
         start = time.perf_counter()
         outcome = _of_pair(a, b, plane.name, parameters, limit(plane))
-        record = plane_record(plane.name, outcome, PAIR_NUMBERS)
+        record = plane_record(plane, outcome, PAIR_NUMBERS)
         if outcome.value is not None:
             record = replace(record, inter_image=outcome.value.inter_image)
         return Calibrated(record, outcome.value, time.perf_counter() - start)
@@ -134,13 +134,13 @@ def _side_by_side(
         yield from pool.map(estimate, planes)
 
 
-def plane_record(name: str, outcome: Outcome[F], numbers: Sequence[str]) -> PlaneRecord:
+def plane_record(plane: Plane, outcome: Outcome[F], numbers: Sequence[str]) -> PlaneRecord:
     """What is kept of an answer; `numbers` are the names of what it holds beside PSF and quality."""
     found = outcome.value
     if found is None:
-        return PlaneRecord(name, outcome.verdict, outcome.reason, outcome.remedy)
+        return PlaneRecord(plane.name, outcome.verdict, outcome.reason, outcome.remedy, pitch=plane.pitch)
     return PlaneRecord(
-        name,
+        plane.name,
         outcome.verdict,
         outcome.reason,
         outcome.remedy,
@@ -148,6 +148,7 @@ def plane_record(name: str, outcome: Outcome[F], numbers: Sequence[str]) -> Plan
         quality=found.quality,
         numbers={number: getattr(found, number) for number in numbers},
         diagnostics=found.diagnostics,
+        pitch=plane.pitch,
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeVar
@@ -37,13 +38,13 @@ def run_on_cluster(
 
         # a task, not data: if the workers that hold it die, it is made again
         shared = client.submit(_same, job, pure=False)
-        numbers = iter(range(len(items)))
+        waiting = deque(range(len(items)))
         given: dict[Any, int] = {}
         running = as_completed(raise_errors=False)
 
         def give() -> None:
-            number = next(numbers, None)
-            if number is not None and not stop.asked:
+            if waiting and not stop.asked:
+                number = waiting.popleft()
                 future = client.submit(_alone, function, items[number], shared, pure=False)
                 given[future] = number
                 running.add(future)
@@ -51,7 +52,11 @@ def run_on_cluster(
         for _ in range(AHEAD * max(1, sum(client.nthreads().values()))):
             give()
         for future in running:
-            yield given.pop(future), _answer(future)
+            number = given.pop(future)
+            if future.status in ("finished", "error"):
+                yield number, _answer(future)
+            else:  # the worker died with the answer before it was fetched
+                waiting.appendleft(number)
             give()
 
 

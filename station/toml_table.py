@@ -70,7 +70,7 @@ class Table:
         """Raise BadParameter if the table has a key that nobody asked for."""
         for key in self._content:
             if key not in self._known:
-                near = get_close_matches(key, self._known, 1, 0.5)
+                near = get_close_matches(key, self._known, 1)
                 known = ", ".join(sorted(set(self._known)))
                 raise self.wrong(key, "is not known", f"write {near[0]}" if near else f"use one of {known}")
 

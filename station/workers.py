@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
@@ -134,6 +135,7 @@ def run_in_processes(
                     if deaths[number] < TRIES:
                         waiting.appendleft(number)
                         continue
+                    answer = Lost(f"{answer.reason}, {TRIES} times")
                 yield number, answer
         for worker in workers:
             worker.end(at_once=False)
@@ -180,12 +182,11 @@ def _serve(pipe: Connection[Any, Any], function: Callable[[Any, Any], Any], job:
 
 
 def one_thread() -> None:
-    """Have OpenCV and numba compute in one thread, from the calling thread."""
-    import cv2
-    import numba
-
-    cv2.setNumThreads(1)
-    numba.set_num_threads(1)
+    """Have OpenCV and numba, where the work has loaded them, compute in one thread from the calling thread."""
+    if "cv2" in sys.modules:
+        sys.modules["cv2"].setNumThreads(1)
+    if "numba" in sys.modules:
+        sys.modules["numba"].set_num_threads(1)
 
 
 @contextmanager
