@@ -59,7 +59,9 @@ def compute(folder: Path, state: State, plan: Plan, into: Path) -> Mapping[str, 
         "input": [{"path": shot.path, "sha256": shot.sha256} for shot in shots],
         "parameters": dict(state.facts),
     }
-    records = [plane_record(name, outcome, numbers_of(plan.name)) for name, outcome in outcomes.items()]
+    records = [
+        plane_record(frames[0].planes[name], outcome, numbers_of(plan.name)) for name, outcome in outcomes.items()
+    ]
     with ResultFolder(into) as results:
         write_psf_result(results, records, about)
     return outcomes
