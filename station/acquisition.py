@@ -95,7 +95,8 @@ class Run:
         for notice in self._session.state.notices:
             self._talk.hear(Doing(notice))
         try:
-            self._prepare(resumed=bool(done))
+            if self._next() is not None:
+                self._prepare(resumed=bool(done))
             while (step := self._next()) is not None:
                 self._carry_out(step)
             ended = RunEnded("finished")
