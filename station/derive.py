@@ -11,6 +11,7 @@ from procedures.outcome import Outcome, Verdict
 from procedures.plan import Estimate, Plan
 from procedures.raw import RawFrame, read_frame
 from station.calibrate import plane_record
+from station.machine import same_bits
 from station.plans import numbers_of
 from station.results import PlaneRecord, ResultFolder, write_psf_result
 from station.session import Session
@@ -62,18 +63,24 @@ def compute(folder: Path, state: State, plan: Plan, into: Path | None = None) ->
     """
     shots = state.counting()
     frames = [read_frame(inside(folder, shot.path)) for shot in shots]
-    outcomes = estimate_of(plan).estimate(frames, state.facts)
-    numbers = numbers_of(plan.name)
-    records = [plane_record(frames[0].planes[name], outcome, numbers) for name, outcome in outcomes.items()]
-    if into is not None:
-        about = {
-            "procedure": plan.name,
-            "input": [{"path": shot.path, "sha256": shot.sha256} for shot in shots],
-            "parameters": dict(state.facts),
-        }
-        with ResultFolder(into) as results:
-            write_psf_result(results, records, about)
+    with same_bits():
+        outcomes = estimate_of(plan).estimate(frames, state.facts)
+        numbers = numbers_of(plan.name)
+        records = [plane_record(frames[0].planes[name], outcome, numbers) for name, outcome in outcomes.items()]
+        if into is not None:
+            _write(into, plan, state, records)
     return Computed(frames, outcomes, records)
+
+
+def _write(into: Path, plan: Plan, state: State, records: Sequence[PlaneRecord]) -> None:
+    """The files of a result; when it was drawn and how long that took is in the journal, not in them."""
+    about = {
+        "procedure": plan.name,
+        "input": [{"path": shot.path, "sha256": shot.sha256} for shot in state.counting()],
+        "parameters": dict(state.facts),
+    }
+    with ResultFolder(into) as results:
+        write_psf_result(results, records, about)
 
 
 def verdict_of_planes(outcomes: Mapping[str, Outcome[Any]]) -> tuple[Verdict, str, str]:
