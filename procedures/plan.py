@@ -16,7 +16,10 @@ from procedures.raw import RawFrame
 
 Fact = str | float | bool
 Facts = Mapping[str, Fact]
-"""What is known so far: answers of the operator, what checks learned, what the bench said. JSON can hold it."""
+"""What is known so far: answers of the operator, what checks learned, what the bench said. JSON can hold it.
+
+With a frame come facts of its moment: `at_z_mm` and so on for every axis, `distance_mm` where a rangefinder measured.
+"""
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,7 @@ class Advice:
     readings : the live numbers behind it
     moves : by axis (`z_mm`, `pan_deg`, ...), how far to move from here so that it becomes good; a bench that has
         these axes moves by itself, otherwise the operator does what `say` says
+    by_hand : what `say` asks of the operator's hands, in numbers (`chart_yaw_deg`, `exposure_ev`, ...)
     facts : what later requests shall know
     marks : (n, 2) points (x, y) of the plane to show on the preview
     """
@@ -56,6 +60,7 @@ class Advice:
     say: str
     readings: tuple[Reading, ...] = ()
     moves: Mapping[str, float] = field(default_factory=dict)
+    by_hand: Mapping[str, float] = field(default_factory=dict)
     facts: Facts = field(default_factory=dict)
     marks: tuple[tuple[float, float], ...] = ()
 
@@ -68,7 +73,7 @@ class Ask:
     """A question to the operator; the answer becomes the fact `key`.
 
     `kind` "confirm" is answered by True when it is done, "number" by a float within [low, high] in `unit`, "text" by
-    a line, "choice" by one of `choices`. `default` stands where the answer is usually known.
+    a line, "choice" by one of `choices`. What is known under `key` already is the default, else `default`.
     """
 
     key: str
@@ -82,13 +87,22 @@ class Ask:
 
 
 @dataclass(frozen=True)
+class Give:
+    """A file for the operator, such as the chart to print; `say` tells what to do with it, given its path."""
+
+    name: str
+    make: Callable[[Facts], bytes]
+    say: Callable[[str], str]
+
+
+@dataclass(frozen=True)
 class Home:
     """Let every stage of the bench find its reference; nothing where the bench has none."""
 
 
 @dataclass(frozen=True)
 class Go:
-    """Move to the places that the facts tell, by axis; axes that the bench has not are left to the operator."""
+    """Move to the places that the facts tell, by axis. Where the bench cannot, the operator does what `say` says."""
 
     to: Callable[[Facts], Mapping[str, float]]
     say: Callable[[Facts], str]
@@ -131,6 +145,7 @@ class Scan:
     places: Callable[[Facts], Sequence[float]]
     score: Callable[[RawFrame, Facts], float]
     choose: Callable[[Sequence[float], Sequence[float]], Advice]
+    say: Callable[[float], str]
 
 
 @dataclass(frozen=True)
@@ -161,7 +176,7 @@ class Decide:
     retake: str
 
 
-Request = Ask | Home | Go | SetLight | Measure | Look | Scan | Shoot | Estimate | Decide
+Request = Ask | Give | Home | Go | SetLight | Measure | Look | Scan | Shoot | Estimate | Decide
 
 
 @dataclass(frozen=True)
