@@ -1,119 +1,16 @@
-"""Work beside a front end: in threads of our own, cancelled twice, heard of in batches, ended in a sentence.
-
-Nothing here knows a terminal. A front end gives a `ring` that wakes its own loop and returns at once; it then takes
-what has gathered. What only says how things stand now replaces its forerunner, so that a slow terminal falls behind in
-detail but not in time.
-"""
+"""Work beside a front end: in threads of our own, cancelled twice, ended in a sentence. Nothing here knows a terminal."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from procedures.outcome import ProcedureError
-from procedures.plan import Advice, Ask, Fact
 from station.cli.errors import Explained
-from station.operator import CurveSeen, Doing, Event, Result, Seen, Stopped
-from station.preview import Thumbnail, thumbnail
-from station.shown_result import ShownResult, read_result
 
-
-@dataclass(frozen=True, eq=False)
-class Glimpse:
-    """`Seen`, small: what a terminal can show of a frame."""
-
-    picture: Thumbnail
-    advice: Advice
-
-
-@dataclass(frozen=True, eq=False)
-class Judged:
-    """`Result`, with what the folder holds where it can be read."""
-
-    result: Result
-    shown: ShownResult | None
-
-
-@dataclass(frozen=True)
-class Question:
-    """The run waits for an answer."""
-
-    ask: Ask
-
-
-News = Event | Glimpse | Judged | Question
-LATEST = (Doing, Glimpse, CurveSeen)
-"""Of these only the newest counts."""
-
-
-class Desk:
-    """An operator's desk: what a run tells gathers here, what the operator answers goes back. Any thread may call."""
-
-    def __init__(self, ring: Callable[[], None]) -> None:
-        self._ring = ring
-        self._lock = threading.Condition()
-        self._news: list[News] = []
-        self._answer: list[Fact] = []
-        self._stopped = False
-
-    def hear(self, event: Event) -> None:
-        """Lay an event on the desk."""
-        if isinstance(event, Seen):
-            self._lay(Glimpse(thumbnail(event.plane, event.advice.marks), event.advice))
-        elif isinstance(event, Result):
-            self._lay(Judged(event, _shown(event)))
-        else:
-            self._lay(event)
-
-    def _lay(self, news: News) -> None:
-        with self._lock:
-            quiet = not self._news
-            if isinstance(news, LATEST):
-                self._news = [old for old in self._news if type(old) is not type(news)]
-            self._news.append(news)
-        if quiet:
-            self._ring()
-
-    def take(self) -> list[News]:
-        """What has gathered, oldest first."""
-        with self._lock:
-            news, self._news = self._news, []
-            return news
-
-    def answer(self, ask: Ask) -> Fact:
-        """Wait for the operator. Raises Stopped."""
-        with self._lock:
-            self._answer.clear()
-        self._lay(Question(ask))
-        with self._lock:
-            self._lock.wait_for(lambda: self._answer or self._stopped)
-            if self._stopped:
-                raise Stopped
-            return self._answer.pop()
-
-    def reply(self, fact: Fact) -> None:
-        """The operator's answer."""
-        with self._lock:
-            self._answer[:] = [fact]
-            self._lock.notify_all()
-
-    def stop(self) -> None:
-        """Answer no more: whoever asks hears that the operator stopped."""
-        with self._lock:
-            self._stopped = True
-            self._lock.notify_all()
-
-
-def _shown(result: Result) -> ShownResult | None:
-    try:
-        return read_result(result.folder)
-    except ProcedureError:
-        return None
-
-
-# --- work in a thread --------------------------------------------------------------------------------------------
+if TYPE_CHECKING:
+    from station.bench import Bench
 
 
 @dataclass(frozen=True)
@@ -198,3 +95,54 @@ def problem_of(error: Exception) -> Problem:
         return Problem(error.reason, error.remedy)
     what = f"the program failed on something it did not foresee: {type(error).__name__}: {error}"
     return Problem(what, "nothing that was taken is lost; go on, and report this if it comes again")
+
+
+# --- the devices, looked at now and then -------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class DeviceState:
+    """One device as the bar shows it."""
+
+    name: str
+    word: str
+    usable: bool
+    remedy: str = ""
+
+
+Look = Callable[[], Sequence[DeviceState]]
+
+
+class Watcher:
+    """Looks at the devices' conditions in a thread of its own, and tells when one has changed."""
+
+    def __init__(
+        self,
+        look: Callable[[], Sequence[DeviceState]],
+        tell: Callable[[Sequence[DeviceState]], None],
+        every_s: float = 0.5,
+    ) -> None:
+        self._look, self._tell, self._every_s = look, tell, every_s
+        self._end = threading.Event()
+        threading.Thread(target=self._run, name="watcher", daemon=True).start()
+
+    def stop(self) -> None:
+        """Look no more."""
+        self._end.set()
+
+    def _run(self) -> None:
+        last: Sequence[DeviceState] | None = None
+        while not self._end.wait(self._every_s):
+            states = list(self._look())
+            if states != last:
+                last = states
+                self._tell(states)
+
+
+def device_states(bench: Bench) -> list[DeviceState]:
+    """The condition of every device, without asking the wires."""
+    states = []
+    for name, device in bench.devices.items():
+        condition = device.condition()
+        states.append(DeviceState(name, condition.word, condition.usable, condition.remedy))
+    return states
