@@ -1,4 +1,4 @@
-"""Work beside a front end: in threads of our own, cancelled twice, ended in a sentence. Nothing here knows a terminal."""
+"""Work beside a front end: threads of our own, cancelled twice, ended in a sentence. Knows no terminal."""
 
 from __future__ import annotations
 
