@@ -1,0 +1,270 @@
+"""Runs a plan: asks, moves, settles, exposes, checks. The only code that measures through drivers.
+
+Whatever comes from the camera is in the session before anyone looks at it. Whatever a device or the disk refuses
+becomes a sentence and a question: try again, skip, or stop.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import singledispatchmethod
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from drivers.clock import SystemClock
+from procedures.outcome import Outcome, Verdict
+from procedures.plan import (
+    Advice,
+    Ask,
+    Decide,
+    Estimate,
+    Fact,
+    Give,
+    Go,
+    Home,
+    Look,
+    Measure,
+    Plan,
+    Request,
+    Scan,
+    SetLight,
+    Shoot,
+    Step,
+)
+from procedures.raw import Plane, RawFrame
+from station.conversation import Conversation, Skipped
+from station.derive import derive
+from station.exposing import Exposer, Photographer, Taken
+from station.files import write_whole
+from station.frames_by_hand import FOLDER, HandCamera
+from station.operator import (
+    CurveSeen,
+    Operator,
+    Result,
+    RunBegan,
+    RunEnded,
+    Seen,
+    StepBegan,
+    StepEnded,
+    Stopped,
+    Trouble,
+)
+from station.rig import AT, DISTANCE, LIGHT_LEVEL, Rig
+from station.session import Session, Shot
+from station.settling import Patience
+
+if TYPE_CHECKING:
+    from station.bench import Bench
+
+LOOK_AGAIN, GO_ON, STOP = "look again", "go on", "stop"
+ACCEPT, RETAKE = "accept", "retake"
+PREVIEW = ("G1", "Y")
+
+
+class Reopened(Exception):
+    """The operator goes back to an earlier step."""
+
+
+class Run:
+    """A plan on a bench (or on none), with a session as memory and an operator before it."""
+
+    def __init__(
+        self, plan: Plan, bench: Bench | None, session: Session, operator: Operator, patience: Patience | None = None
+    ) -> None:
+        self.plan = plan
+        self._session = session
+        self._patience = patience
+        self._rig = Rig(bench)
+        self._clock = bench.clock if bench else SystemClock()
+        hands = bench.simulated.hands if bench and bench.simulated else None
+        self._talk = Conversation(operator, session, hands)
+        self._step = plan.steps[0]
+        self._exposer: Exposer | None = None
+
+    # --- from outside
+
+    def ask_to_stop(self) -> None:
+        """End after what is being done now: this exposure, this move. From any thread."""
+        self._talk.stopping.set()
+
+    def stop_now(self) -> None:
+        """Stop everything that moves, and end. From any thread; waits for nothing."""
+        self._talk.emergency.set()
+        self._rig.emergency_stop()
+
+    def go(self) -> RunEnded:
+        """Carry the plan out from the first step that is not done. Blocks until the end; never raises Stopped."""
+        done = self._session.state.done
+        self._talk.hear(RunBegan(self.plan, self._session.folder, tuple(done)))
+        try:
+            self._prepare(resumed=bool(done))
+            while (step := self._next()) is not None:
+                self._carry_out(step)
+            ended = RunEnded("finished")
+        except Stopped:
+            ended = RunEnded("emergency" if self._talk.emergency.is_set() else "stopped")
+        self._session.note("ended", how=ended.how)
+        self._talk.hear(ended)
+        return ended
+
+    # --- steps
+
+    def _prepare(self, *, resumed: bool) -> None:
+        """Connect everything; after an interruption, bring the axes and the lamp back to where they were."""
+        for name in self._rig.unconnected():
+            self._talk.doing(f"connecting the {name}")
+            try:
+                self._talk.attempt(lambda name=name: self._rig.connect(name))  # type: ignore[misc]
+            except Skipped:
+                self._rig.left_out.add(name)
+        if resumed:
+            self._restore()
+
+    def _restore(self) -> None:
+        facts = self._talk.facts
+        places = {name.removeprefix(AT): float(value) for name, value in facts.items() if name.startswith(AT)}
+        if LIGHT_LEVEL in facts:
+            self._do(SetLight(lambda facts: float(facts[LIGHT_LEVEL])))
+        if places:
+            self._do(Home())
+            self._do(Go(lambda facts: places, lambda facts: "going back to where the camera was"))
+
+    def _next(self) -> Step | None:
+        done = self._session.state.done
+        return next((step for step in self.plan.steps if step.name not in done), None)
+
+    def _carry_out(self, step: Step) -> None:
+        self._step = step
+        self._session.begin_step(step.name)
+        self._talk.hear(StepBegan(step))
+        try:
+            for request in step.requests:
+                self._do(request)
+        except Reopened:
+            return
+        self._session.finish_step(step.name)
+        self._talk.hear(StepEnded(step))
+
+    def _do(self, request: Request) -> None:
+        self._talk.check()
+        try:
+            self._carry(request)
+        except Skipped:
+            self._talk.hear(Trouble("this was skipped", "the run goes on with what is known"))
+
+    # --- requests
+
+    @singledispatchmethod
+    def _carry(self, request: Request) -> None:
+        raise TypeError(f"no plan asks for {request!r}")
+
+    @_carry.register
+    def _(self, ask: Ask) -> None:
+        if ask.kind == "confirm":
+            self._talk.learn({ask.key: self._talk.confirmed(ask)})
+        else:
+            self._talk.learn({ask.key: self._talk.ask(ask)})
+
+    @_carry.register
+    def _(self, give: Give) -> None:
+        path = self._session.folder / give.name
+        data = give.make(self._talk.facts)
+        self._talk.attempt(lambda: write_whole(path, data))
+        self._talk.doing(give.say(str(path)))
+
+    @_carry.register
+    def _(self, home: Home) -> None:
+        if self._rig.stages():
+            self._talk.doing("homing: keep clear of everything that moves")
+            self._talk.attempt(self._rig.home, self._rig.mend)
+            self._moved()
+
+    @_carry.register
+    def _(self, go: Go) -> None:
+        here = self._rig.snapshot() if self._rig.bench else None
+        facts = {**self._talk.facts, **(here.facts() if here else {})}
+        places, say = go.to(facts), go.say(facts)
+        moves = {name: place - float(facts[AT + name]) for name, place in places.items() if AT + name in facts}
+        obstacle = self._rig.obstacle(moves)
+        if obstacle is None:
+            self._talk.doing(say)
+            self._talk.attempt(lambda: self._rig.go_to(places), self._rig.mend)
+            self._moved()
+        else:
+            self._talk.by_hand(Advice(False, say), obstacle)
+
+    @_carry.register
+    def _(self, light: SetLight) -> None:
+        level = light.level(self._talk.facts)
+        if self._rig.light is not None:
+            self._talk.attempt(lambda: self._rig.set_light(level), self._rig.mend)
+            self._talk.learn({LIGHT_LEVEL: level})
+
+    @_carry.register
+    def _(self, measure: Measure) -> None:
+        laser = self._rig.rangefinder
+        if laser is not None:
+            self._talk.doing("measuring the distance")
+            reading = self._talk.attempt(laser.measure, self._rig.mend)
+            self._talk.learn({DISTANCE: reading.distance_mm})
+
+    @_carry.register
+    def _(self, look: Look) -> None:
+        for _ in range(10**6):
+            for _ in range(look.tries):
+                taken = self._take(look.purpose)
+                advice = look.check(taken.frame, taken.facts)
+                self._session.judge(taken.shot, False, "" if advice.good else advice.say)
+                self._show(taken.frame, advice)
+                if advice.good:
+                    return
+                self._follow(advice)
+            question = "It is not good yet. Look again, or go on with it as it is?"
+            answer = self._talk.choose("look", question, (LOOK_AGAIN, GO_ON, STOP))
+            if answer == GO_ON:
+                return
+            if answer == STOP:
+                raise Stopped
+
+    @_carry.register
+    def _(self, scan: Scan) -> None:
+        places = list(scan.places(self._facts_now()))
+        here, scores = 0.0 if scan.axis not in self._rig_axes() else self._rig.positions()[scan.axis], []
+        for i, place in enumerate(places):
+            self._shift(scan, place - here)
+            here = place
+            self._talk.doing(scan.purpose, i + 1, len(places))
+            taken = self._take(scan.purpose)
+            scores.append(scan.score(taken.frame, taken.facts))
+            self._session.judge(taken.shot, False)
+            self._show(taken.frame, Advice(True, scan.purpose))
+            self._talk.hear(CurveSeen(scan.axis, tuple(places[: i + 1]), tuple(scores)))
+        if places:
+            self._choose(scan, scan.choose(places, scores))
+
+    @_carry.register
+    def _(self, shoot: Shoot) -> None:
+        results = []
+        for shot in self._earlier_shots():
+            results += self._judge(shoot, self._reread(shot))
+        for _ in range(shoot.most):
+            if results:
+                advice = shoot.enough(results, self._talk.facts)
+                self._talk.learn(advice.facts)
+                self._talk.doing(advice.say, len(results), shoot.most)
+                if advice.good:
+                    return
+            results += self._judge(shoot, self._take(shoot.purpose))
+
+    @_carry.register
+    def _(self, estimate: Estimate) -> None:
+        self._talk.doing("estimating from all shots that count")
+        found = self._talk.attempt(lambda: derive(self._session, self.plan, estimate))
+        verdicts = {name: outcome.verdict for name, outcome in found.outcomes.items()}
+        self._talk.hear(Result(found.folder, verdicts, found.verdict, found.reason, found.remedy))
+
+    @_carry.register
+    def _(self, decide: Decide) -> None:
+        if self._talk.choose("verdict", "Accept the result, or take the shots again?", (ACCEPT, RETAKE)) == RETAKE:
+            self._session.reopen(decide.retake)
+            raise Reopened

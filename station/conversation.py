@@ -1,0 +1,143 @@
+"""What a run says and asks: questions with what is known as their default, troubles as questions, stopping."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Protocol, TypeVar
+
+from drivers.errors import DeviceError, EmergencyStopped
+from procedures.outcome import ProcedureError
+from procedures.plan import Advice, Ask, Fact, Facts
+from station.operator import Doing, Event, Operator, Stopped, Trouble
+from station.session import Session
+
+T = TypeVar("T")
+AGAIN, SKIP, STOP = "try again", "skip", "stop"
+HAND = "hand_"
+"""Before a name: the fact what the operator's hands were asked for under that name, all in all."""
+
+
+class Skipped(Exception):
+    """The operator goes on without what could not be done."""
+
+
+class Hands(Protocol):
+    """What stands for a person's hands and eyes at a simulated bench."""
+
+    def knows(self, key: str) -> Fact | None:
+        """What a person there would answer; None where the question's own default will do."""
+        ...
+
+    def do(self, key: str, facts: Facts) -> None:
+        """What the person did who confirms this question."""
+        ...
+
+    def follow(self, by_hand: Mapping[str, float]) -> None:
+        """What was asked for in numbers: turn the chart, the focus ring, the exposure dial."""
+        ...
+
+
+class Conversation:
+    """Between a run and its operator, with the session as memory."""
+
+    def __init__(self, operator: Operator, session: Session, hands: Hands | None) -> None:
+        self._operator = operator
+        self._session = session
+        self._hands = hands
+        self.stopping = threading.Event()
+        self.emergency = threading.Event()
+
+    # --- telling and asking
+
+    def hear(self, event: Event) -> None:
+        """Tell the operator."""
+        self._operator.hear(event)
+
+    def doing(self, say: str, done: int = 0, total: int = 0, left_s: float | None = None) -> None:
+        """Tell what happens now; the moment to stop if that was asked for."""
+        self.check()
+        self.hear(Doing(say, done, total, left_s))
+
+    def check(self) -> None:
+        """Raises Stopped if the operator has asked to stop."""
+        if self.stopping.is_set() or self.emergency.is_set():
+            raise Stopped
+
+    @property
+    def facts(self) -> Facts:
+        """What is known so far."""
+        return self._session.state.facts
+
+    def learn(self, facts: Facts) -> None:
+        """Keep what is new."""
+        new = {name: value for name, value in facts.items() if self.facts.get(name) != value}
+        if new:
+            self._session.learn(new)
+
+    def ask(self, ask: Ask) -> Fact:
+        """The answer. What is known under its key is the default. Raises Stopped."""
+        self.check()
+        default = self.facts.get(ask.key)
+        if default is None and self._hands is not None:
+            default = self._hands.knows(ask.key)
+        answer = self._operator.answer(ask if default is None else replace(ask, default=default))
+        self.check()
+        return answer
+
+    def confirmed(self, ask: Ask) -> bool:
+        """Whether the operator has done it; simulated hands then have."""
+        done = bool(self.ask(replace(ask, default=True)))
+        if done and self._hands is not None:
+            self._hands.do(ask.key, self.facts)
+        return done
+
+    def by_hand(self, advice: Advice, why: str = "") -> None:
+        """Ask for what the advice says, and keep what was asked for all in all."""
+        question = f"{advice.say} ({why})" if why else advice.say
+        self.ask(Ask("by_hand", question))
+        wanted = {**advice.moves, **advice.by_hand}
+        if self._hands is not None:
+            self._hands.follow(wanted)
+        before = {name: self.facts.get(HAND + name, 0.0) for name in wanted}
+        self.learn({HAND + name: float(before[name]) + change for name, change in wanted.items()})
+
+    def choose(self, key: str, question: str, choices: tuple[str, ...]) -> str:
+        """One of the choices; the first is what is usually meant."""
+        return str(self.ask(Ask(key, question, "choice", default=choices[0], choices=choices)))
+
+    # --- trouble
+
+    def attempt(self, work: Callable[[], T], mend: Callable[[Exception], None] = lambda error: None) -> T:
+        """What the work gives. Where it fails the operator decides; before it is tried again, it is mended.
+
+        Raises
+        ------
+        Skipped
+            If the operator goes on without it.
+        Stopped
+            If he stops, or the emergency stop was pressed.
+        """
+        failure: Exception | None = None
+        while True:
+            self.check()
+            try:
+                if failure is not None:
+                    mend(failure)
+                return work()
+            except EmergencyStopped as error:
+                self.emergency.set()
+                raise Stopped from error
+            except (DeviceError, ProcedureError) as error:
+                failure = error
+                self._trouble(error)
+
+    def _trouble(self, error: DeviceError | ProcedureError) -> None:
+        self.check()  # what fails because everything was stopped is no trouble
+        self.hear(Trouble(error.reason, error.remedy))
+        answer = self.choose("trouble", "What now?", (AGAIN, SKIP, STOP))
+        if answer == SKIP:
+            raise Skipped
+        if answer == STOP:
+            raise Stopped

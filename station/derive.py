@@ -1,0 +1,76 @@
+"""The result of a session: estimated from the photographs that count, written whole. The same way every time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from procedures.outcome import Outcome, Verdict
+from procedures.plan import Estimate, Plan
+from procedures.raw import read_frame
+from station.calibrate import plane_record
+from station.plans import numbers_of
+from station.results import ResultFolder, write_psf_result
+from station.session import Session
+
+ORDER = (Verdict.PASS, Verdict.DOUBTFUL, Verdict.REFUSED)
+
+
+@dataclass(frozen=True, eq=False)
+class Derivation:
+    """What was found, and the verdict on the whole: the worst of its planes'."""
+
+    folder: Path
+    outcomes: Mapping[str, Outcome[Any]]
+    verdict: Verdict
+    reason: str
+    remedy: str
+
+
+def derive(session: Session, plan: Plan, estimate: Estimate) -> Derivation:
+    """Estimate from the session's counting photographs and write the result. Raises ProcedureError."""
+    shots = [shot for shot in session.state.shots if shot.counts]
+    frames = [read_frame(session.folder / shot.path) for shot in shots]
+    outcomes = estimate.estimate(frames, session.state.facts)
+    folder = session.result_folder()
+    about = {
+        "procedure": plan.name,
+        "input": [{"path": shot.path, "sha256": shot.sha256} for shot in shots],
+        "parameters": dict(session.state.facts),
+    }
+    records = [plane_record(name, outcome, numbers_of(plan.name)) for name, outcome in outcomes.items()]
+    with ResultFolder(folder) as results:
+        write_psf_result(results, records, about)
+    return Derivation(folder, outcomes, *verdict_of_planes(outcomes))
+
+
+def verdict_of_planes(outcomes: Mapping[str, Outcome[Any]]) -> tuple[Verdict, str, str]:
+    """The worst verdict, with the reasons and remedies of the planes that have it."""
+    worst = max((one.verdict for one in outcomes.values()), key=ORDER.index, default=Verdict.REFUSED)
+    if worst is Verdict.PASS:
+        return worst, "", ""
+    found = {name: one for name, one in outcomes.items() if one.verdict is worst}
+    return worst, _together({n: o.reason for n, o in found.items()}), _together({n: o.remedy for n, o in found.items()})
+
+
+def _together(sentences: Mapping[str, str]) -> str:
+    """Sentences by plane; what several planes say is said once."""
+    planes: dict[str, list[str]] = {}
+    for name, sentence in sentences.items():
+        planes.setdefault(sentence, []).append(name)
+    return "; ".join(f"{', '.join(names)}: {sentence}" for sentence, names in planes.items() if sentence)
+
+
+def estimate_of(plan: Plan) -> Estimate:
+    """The plan's estimate. Raises KeyError where it has none."""
+    for request in requests_of(plan):
+        if isinstance(request, Estimate):
+            return request
+    raise KeyError(f"the plan {plan.name} estimates nothing")
+
+
+def requests_of(plan: Plan) -> Sequence[object]:
+    """All requests in their order."""
+    return [request for step in plan.steps for request in step.requests]

@@ -1,0 +1,148 @@
+"""Writing that survives a power cut: every byte is on the disk before anyone is told that it is kept.
+
+One small class of primitives, so that tests can let any of them fail or be the last thing that happens.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from procedures.outcome import ProcedureError
+
+BLOCK = 1 << 20
+READ_ONLY = 0o444
+_NO_FOLLOW = getattr(os, "O_NOFOLLOW", 0)  # Windows has neither; its links need rights that users do not have
+_BINARY = getattr(os, "O_BINARY", 0)
+
+
+class NotKept(ProcedureError):
+    """The disk did not take it: it is full, gone, or must not be written. Nothing half-written counts."""
+
+    exit_code = 75
+
+
+class Changed(ProcedureError):
+    """A file's content is not what its hash says."""
+
+    exit_code = 4
+
+
+class Disk:
+    """Files written, synchronised and renamed. Its four primitives raise OSError, everything else NotKept."""
+
+    def open(self, path: Path, flags: int, mode: int = 0o666) -> int:
+        """A descriptor; never through a link that lies where the file should be."""
+        return os.open(path, flags | _NO_FOLLOW | _BINARY, mode)
+
+    def write(self, descriptor: int, data: bytes) -> int:
+        """How many bytes it took."""
+        return os.write(descriptor, data)
+
+    def sync(self, descriptor: int) -> None:
+        """Wait until the file is on the disk."""
+        os.fsync(descriptor)
+
+    def replace(self, source: Path, target: Path) -> None:
+        """Rename, over a file that may be there."""
+        os.replace(source, target)
+
+    # --- built of them -------------------------------------------------------------------------------------------
+
+    def write_all(self, descriptor: int, data: bytes) -> None:
+        """Write every byte, then synchronise. Raises OSError."""
+        rest = memoryview(data)
+        while rest:
+            rest = rest[self.write(descriptor, bytes(rest)) :]
+        self.sync(descriptor)
+
+    def sync_folder(self, folder: Path) -> None:
+        """Make the names in it last; where folders cannot be opened, the system does it by itself. Raises OSError."""
+        if os.name == "nt":
+            return
+        descriptor = self.open(folder, os.O_RDONLY)
+        try:
+            self.sync(descriptor)
+        finally:
+            os.close(descriptor)
+
+    def write_whole(self, path: Path, data: bytes) -> None:
+        """The file with this content, or the older one. Raises NotKept."""
+        beside = path.with_name(f".{path.name}.part")
+        with kept(path, beside):
+            self._fill(beside, data)
+            self.replace(beside, path)
+            self.sync_folder(path.parent)
+
+    def _fill(self, path: Path, data: bytes) -> None:
+        path.unlink(missing_ok=True)
+        descriptor = self.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL)
+        try:
+            self.write_all(descriptor, data)
+        finally:
+            os.close(descriptor)
+
+    def copy(self, source: Path, target: Path, sha256: str) -> None:
+        """A read-only copy whose bytes, read back from it, have this hash. Raises NotKept, Changed."""
+        beside = target.with_name(f".{target.name}.part")
+        with kept(target, beside):
+            beside.unlink(missing_ok=True)
+            self._pour(source, beside)
+            found = sha256_of(beside)
+            if found != sha256:
+                raise Changed(
+                    f"{source} changed after it was taken in: SHA-256 {sha256} was noted, {found} came",
+                    "let nothing but the camera's software write there, and take the shot again",
+                )
+            beside.chmod(READ_ONLY)
+            self.replace(beside, target)
+            self.sync_folder(target.parent)
+
+    def _pour(self, source: Path, target: Path) -> None:
+        descriptor = self.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL)
+        try:
+            with source.open("rb") as file:
+                while block := file.read(BLOCK):
+                    rest = memoryview(block)
+                    while rest:
+                        rest = rest[self.write(descriptor, bytes(rest)) :]
+            self.sync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def sha256_of(path: Path) -> str:
+    """The hash of a regular file, in hex; a link in its place is not followed. Raises OSError."""
+    with os.fdopen(os.open(path, os.O_RDONLY | _NO_FOLLOW | _BINARY), "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+@contextmanager
+def kept(path: Path, *halves: Path) -> Iterator[None]:
+    """Within, an OSError becomes NotKept about `path`, and the halves are removed. Raises NotKept."""
+    try:
+        yield
+    except OSError as error:
+        _remove(*halves)
+        raise not_kept(path, error) from error
+    except BaseException:
+        _remove(*halves)
+        raise
+
+
+def _remove(*paths: Path) -> None:
+    for path in paths:
+        with contextlib.suppress(OSError):  # the reason why it was not written is told already
+            path.unlink(missing_ok=True)
+
+
+def not_kept(path: Path, error: OSError) -> NotKept:
+    """The error for people."""
+    return NotKept(
+        f"{path} could not be kept: {error.strerror or error}",
+        "make room or mend the disk, then resume the session; what was kept before is whole",
+    )

@@ -1,0 +1,47 @@
+"""Frames without a camera on the bench: the operator photographs, and the files arrive in a folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from drivers.clock import Clock
+from drivers.errors import FrameMissing
+from drivers.frames import RAW_SUFFIXES, sha256_of
+from drivers.interfaces import CameraSettings, Exposure
+from procedures.plan import Ask, Fact
+
+SUFFIXES = RAW_SUFFIXES | {".tif", ".tiff", ".png", ".pgm"}
+FOLDER = Ask("frames_folder", "In which folder do your photographs arrive?", "text", default=".")
+
+
+class HandCamera:
+    """Asks for a photograph and takes the file that is new in the folder since the last."""
+
+    def __init__(self, folder: Path, ask: Callable[[Ask], Fact], clock: Clock) -> None:
+        self.folder = folder
+        self._ask = ask
+        self._clock = clock
+        self._known = self._look()
+
+    def _look(self) -> set[Path]:
+        if not self.folder.is_dir():
+            raise FrameMissing(f"there is no folder {self.folder}", "create it, or name another with the next session")
+        return {
+            path
+            for path in self.folder.iterdir()
+            if path.suffix.lower() in SUFFIXES and not path.name.startswith((".", "~"))
+        }
+
+    def expose(self) -> Exposure:
+        """The photograph that the operator takes now. Raises FrameMissing."""
+        requested_s = self._clock.now_s()
+        self._ask(Ask("photographed", f"Take one photograph and wait until its file is in {self.folder}."))
+        new = sorted(self._look() - self._known, key=lambda path: path.stat().st_mtime_ns)
+        if not new:
+            raise FrameMissing(f"no new photograph in {self.folder}", "check the tethering software, then photograph again")
+        path = new[0]  # one at a time: what came besides is the next one
+        self._known.add(path)
+        return Exposure(
+            path, sha256_of(path), path.stat().st_size, CameraSettings(), requested_s, self._clock.now_s()
+        )

@@ -1,0 +1,433 @@
+"""A session: a folder a person can read, and a journal that loses nothing.
+
+```
+2026-03-14-nikon-d90-50mm-pattern/
+  session.toml      what was set when it began; never changed again
+  journal.jsonl     everything that happened, one line each, chained by hashes; what the session is
+  originals/        the photographs as the camera wrote them, read-only
+  derived/1/        the first result, derived/2/ the one after a retake
+  wire/             every byte that passed between the devices and the program
+  SHA256SUMS        `sha256sum --check SHA256SUMS`
+```
+
+Whatever the journal says is on the disk before anyone hears of it. A photograph is announced in the journal with its
+hash, copied, read back, renamed into originals/, and then confirmed: whoever opens the session after a crash finishes
+what was announced and not confirmed.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
+from datetime import UTC, datetime
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from drivers.clock import Clock
+from drivers.interfaces import Exposure
+from procedures.plan import Facts
+from station.disk import Disk, NotKept, kept, sha256_of
+from station.journal import Contents, Damaged, Journal, Line, read_journal
+from station.machine import machine
+from station.session_folder import (
+    CONFIG,
+    DERIVED,
+    FOLDERS,
+    JOURNAL,
+    ORIGINALS,
+    SCHEMA,
+    SUMS,
+    WIRE,
+    Lock,
+    check_layout,
+    inside,
+    original_name,
+    read_config,
+    safe_name,
+)
+from station.session_state import Derived, Shot, State, after, replay
+from station.toml_text import toml_text
+
+__all__ = ["Derived", "Session", "Shot", "State"]
+
+Today = Callable[[], datetime]
+
+
+def utc_now() -> datetime:
+    """The date and time of the machine."""
+    return datetime.now(UTC)
+
+
+class Session:
+    """A session that is open; made by `create` or `open`. Safe from any thread."""
+
+    def __init__(self, folder: Path, contents: Contents, clock: Clock, today: Today, disk: Disk, lock: Lock) -> None:
+        self.folder = folder
+        self.clock = clock
+        self._today = today
+        self._disk = disk
+        self._lock = lock
+        self._guard = threading.RLock()
+        self._journal = Journal(folder / JOURNAL, contents, disk)
+        self._state = replay(contents.lines)
+        self._open = True
+
+    @property
+    def state(self) -> State:
+        """What the journal says now."""
+        return self._state
+
+    # --- begin and end -------------------------------------------------------------------------------------------
+
+    @classmethod
+    def create(
+        cls,
+        root: Path,
+        *,
+        plan: str,
+        camera: str,
+        lens: str,
+        config: Mapping[str, Any],
+        clock: Clock,
+        seed: int = 0,
+        today: Today = utc_now,
+        disk: Disk | None = None,
+    ) -> Session:
+        """A new session in a folder of its own inside `root`: there as a whole, or not at all.
+
+        Parameters
+        ----------
+        config : what the run was set to, kept in session.toml; the bench's tables, the plan's parameters
+        clock : the bench's, by which exposures and wires are timed
+        seed : of everything random in it
+
+        Raises
+        ------
+        NotKept
+            If the disk does not take it.
+        """
+        disk = disk or Disk()
+        began = today()
+        head = {"schema": SCHEMA, "plan": plan, "camera": camera, "lens": lens, "began": began.isoformat()}
+        first = Line(1, began.isoformat(), clock.now_s(), "created", {**head, "seed": seed, **machine()})
+        names = (safe_name(camera, "camera"), safe_name(lens, "lens"), safe_name(plan, "plan"))
+        with kept(root):
+            root.mkdir(parents=True, exist_ok=True)
+            raw = Path(tempfile.mkdtemp(prefix=".creating-", dir=root))
+        try:
+            _furnish(raw, toml_text({**head, "seed": seed, "config": config}).encode(), first, disk)
+            folder = _settle(raw, f"{began:%Y-%m-%d}-{'-'.join(names)}", disk)
+        except BaseException:
+            shutil.rmtree(raw, ignore_errors=True)
+            raise
+        return cls.open(folder, clock, today=today, disk=disk)
+
+    @classmethod
+    def open(cls, folder: Path, clock: Clock, *, today: Today = utc_now, disk: Disk | None = None) -> Session:
+        """The session in a folder, as its journal tells it, with everything finished that a crash left half done.
+
+        `state.notices` says what had to be mended and which exposures will have to be repeated.
+
+        Raises
+        ------
+        BadInput
+            If the folder is no session.
+        Busy
+            If another program has it open.
+        Damaged
+            If a photograph, the journal or the configuration is not what was written.
+        NotKept
+            If the disk takes nothing more.
+        """
+        check_layout(folder)
+        lock = Lock(folder)
+        try:
+            _, first_sum = read_config(folder)
+            contents = read_journal(folder / JOURNAL, first_sum)
+            session = cls(folder, contents, clock, today, disk or Disk(), lock)
+        except BaseException:
+            lock.release()
+            raise
+        try:
+            verify(folder, session.state)
+            session._recover(contents.torn)
+        except BaseException:
+            session.close()
+            raise
+        return session
+
+    def close(self) -> None:
+        """Let other programs in; any number of times."""
+        with self._guard:
+            if self._open:
+                self._open = False
+                self._journal.close()
+                self._lock.release()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    # --- the journal ---------------------------------------------------------------------------------------------
+
+    def note(self, event: str, **data: Any) -> None:
+        """Append a line to the journal; it is on the disk when this returns. Raises NotKept."""
+        with self._guard:
+            line = self._journal.append(event, self._today().isoformat(), self.clock.now_s(), data)
+            self._state = after(self._state, line)
+
+    def learn(self, facts: Facts) -> None:
+        """Keep facts; nothing is written where they are known already. Raises NotKept."""
+        new = {name: fact for name, fact in facts.items() if self.state.facts.get(name) != fact}
+        if new:
+            self.note("learned", facts=new)
+
+    def begin_step(self, name: str) -> None:
+        """A step begins, or begins anew. Raises NotKept."""
+        self.note("step_began", step=name)
+
+    def finish_step(self, name: str) -> None:
+        """A step is done. Raises NotKept."""
+        self.note("step_ended", step=name)
+
+    def reopen(self, name: str) -> None:
+        """This step and those after it are to be done again; their shots stay, but count no more. Raises NotKept."""
+        self.note("reopened", step=name)
+
+    def end(self, how: str) -> None:
+        """The run ended: "finished", "stopped", "emergency". Raises NotKept."""
+        self.note("ended", how=how)
+
+    # --- photographs ---------------------------------------------------------------------------------------------
+
+    def expect(self, step: str, purpose: str) -> int:
+        """Before an exposure: should it never come in, whoever resumes is told. Returns the shot's number to be."""
+        with self._guard:
+            self.note("exposing", step=step, purpose=purpose)
+            return self.state.next_number
+
+    def adopt(self, exposure: Exposure, *, step: str, purpose: str, snapshot: Mapping[str, Any]) -> Shot:
+        """Take a photograph in: a read-only copy in originals/ whose bytes were checked, in the journal.
+
+        The file stays where the camera's software put it as well. Where the disk is full, it only stays there; with
+        room again, calling this once more for it or opening the session goes on with it.
+
+        Raises
+        ------
+        Changed
+            If the file is not any more what was exposed.
+        NotKept
+            If the disk does not take it.
+        """
+        with self._guard:
+            pending = self.state.adopting
+            if pending is not None and pending.sha256 != exposure.sha256:
+                self._finish_adopting(pending)
+                pending = None
+            if pending is None:
+                number = self.state.next_number
+                self.note(
+                    "adopting",
+                    shot=number,
+                    path=f"{ORIGINALS}/{original_name(number, exposure.path.name)}",
+                    sha256=exposure.sha256,
+                    size_bytes=exposure.size_bytes,
+                    purpose=purpose,
+                    step=step,
+                    exposure={**asdict(exposure), "path": exposure.path.absolute()},
+                    snapshot=snapshot,
+                )
+            assert self.state.adopting is not None
+            return self._take_in(self.state.adopting)
+
+    def judge(self, shot: Shot, counts: bool, reason: str = "") -> Shot:
+        """Whether the result is drawn from it. The same photograph never counts twice. Raises NotKept."""
+        with self._guard:
+            for other in self.state.counting():
+                if counts and other.sha256 == shot.sha256 and other.number != shot.number:
+                    counts, reason = False, f"it is the photograph of shot {other.number}, bit for bit"
+            self.note("judged", shot=shot.number, counts=counts, reason=reason)
+            return self.state.shot(shot.number)
+
+    def original(self, shot: Shot) -> Path:
+        """Where its photograph is. Raises Damaged if it is not there."""
+        return inside(self.folder, shot.path)
+
+    def _take_in(self, shot: Shot) -> Shot:
+        """Copy what was announced, unless it is there, and confirm it."""
+        target = self.folder / shot.path
+        if not _holds(target, shot.sha256):
+            self._disk.copy(Path(shot.exposure["path"]), target, shot.sha256)
+        self.note("adopted", shot=shot.number)
+        self._write_sums()
+        return self.state.shot(shot.number)
+
+    # --- results -------------------------------------------------------------------------------------------------
+
+    def result_folder(self) -> Path:
+        """Where the next result goes; `keep_result` confirms it."""
+        return self.folder / DERIVED / str(len(self.state.results) + 1)
+
+    def keep_result(self, *, step: str, shots: Sequence[int], verdict: str, **about: Any) -> Derived:
+        """Confirm the files in `result_folder()` as the result of a step, drawn from these shots. Raises NotKept."""
+        with self._guard:
+            folder = self.result_folder()
+            with kept(folder):
+                files = self._synchronised(folder)
+            told = {"folder": f"{DERIVED}/{folder.name}", "files": files, "shots": list(shots), "step": step}
+            self.note("derived", **told, verdict=verdict, machine=machine(), **about)
+            self._write_sums()
+            return self.state.results[-1]
+
+    def _synchronised(self, folder: Path) -> dict[str, str]:
+        """The hash of every file in a folder, once it is on the disk."""
+        files = {}
+        for path in sorted(folder.rglob("*")):
+            if path.is_dir() and not path.is_symlink():
+                self._disk.sync_folder(path)
+                continue
+            descriptor = self._disk.open(path, os.O_RDONLY)
+            try:
+                self._disk.sync(descriptor)
+            finally:
+                os.close(descriptor)
+            files[path.relative_to(folder).as_posix()] = sha256_of(path)
+        self._disk.sync_folder(folder)
+        self._disk.sync_folder(folder.parent)
+        return files
+
+    def wire_folder(self) -> Path:
+        """Where this opening of the session keeps what passes on the wires; made now. Raises NotKept."""
+        folder = self.folder / WIRE / f"{sum(line.event == 'opened' for line in self._journal.lines):03d}"
+        with kept(folder):
+            folder.mkdir(exist_ok=True)
+        return folder
+
+    # --- after a crash -------------------------------------------------------------------------------------------
+
+    def _recover(self, torn: bytes) -> None:
+        _sweep(self.folder)
+        self.note("opened", process=os.getpid(), **machine())
+        if torn:
+            self.note("torn", bytes=len(torn), text=torn[:10_000].decode("utf-8", "replace"))
+            self.notice("the last line of the journal was not whole and did not count")
+        if self.state.adopting is not None:
+            self._finish_adopting(self.state.adopting)
+        if self.state.awaited is not None:
+            awaited = self.state.awaited
+            self.note("gave_up", step=awaited.step, purpose=awaited.purpose)
+            self.notice(
+                f"an exposure for {awaited.purpose} ({awaited.step}) was asked for, and its photograph is not in the "
+                "session: it will be taken again"
+            )
+        self._name_strangers()
+        self._write_sums()
+
+    def notice(self, say: str) -> None:
+        """Something the operator must hear; `state.notices` holds it until the session is opened again."""
+        self.note("noticed", say=say)
+
+    def _finish_adopting(self, shot: Shot) -> None:
+        source = Path(shot.exposure["path"])
+        if _holds(self.folder / shot.path, shot.sha256) or _holds(source, shot.sha256):
+            self._take_in(shot)
+            self.notice(f"shot {shot.number} was being taken in when the program ended; now it is")
+            return
+        self.note("gave_up", shot=shot.number)
+        self.notice(
+            f"shot {shot.number} was being taken in when the program ended, and {source} is not there as it was: "
+            "it will be taken again"
+        )
+
+    def _name_strangers(self) -> None:
+        """Files in originals/ that the journal does not speak of are named, once, and left alone."""
+        known = {shot.path for shot in self.state.shots}
+        for path in sorted((self.folder / ORIGINALS).iterdir()):
+            relative = f"{ORIGINALS}/{path.name}"
+            if relative in known:
+                continue
+            digest = sha256_of(path) if path.is_file() and not path.is_symlink() else ""
+            if self.state.strangers.get(relative) != digest:
+                self.note("found", path=relative, sha256=digest)
+                self.notice(f"{path.name!r} lies in {ORIGINALS}/, but the session did not put it there; it is not used")
+
+    def _write_sums(self) -> None:
+        """The hashes for `sha256sum --check`; where the disk is full they are written the next time."""
+        text = sums(self.folder, self.state)
+        path = self.folder / SUMS
+        try:
+            if not path.is_symlink() and path.is_file() and path.read_bytes() == text:
+                return
+            self._disk.write_whole(path, text)
+        except (NotKept, OSError):
+            return
+
+
+def verify(folder: Path, state: State) -> None:
+    """Every photograph and every file of a result has the hash that the journal tells. Raises Damaged."""
+    wrong = [shot for shot in state.shots if not _holds(folder / shot.path, shot.sha256)]
+    if wrong:
+        names = ", ".join(f"{shot.path} (shot {shot.number}, SHA-256 {shot.sha256})" for shot in wrong)
+        raise Damaged(f"{folder.name}: missing or changed: {names}", "bring these files back from a copy")
+
+
+def sums(folder: Path, state: State) -> bytes:
+    """The hashes of configuration, photographs and results, as `sha256sum` writes them."""
+    entries = {CONFIG: sha256_of(folder / CONFIG)}
+    entries |= {shot.path: shot.sha256 for shot in state.shots}
+    for result in state.results:
+        entries |= {f"{result.folder}/{name}": digest for name, digest in result.files.items()}
+    return "".join(f"{digest}  {name}\n" for name, digest in entries.items()).encode()
+
+
+def _holds(path: Path, sha256: str) -> bool:
+    try:
+        return sha256_of(path) == sha256
+    except OSError:
+        return False
+
+
+def _furnish(folder: Path, config: bytes, first: Line, disk: Disk) -> None:
+    """Everything that a session needs, on the disk."""
+    folder.chmod(0o755)
+    for name in FOLDERS:
+        with kept(folder / name):
+            (folder / name).mkdir()
+    for name, data in ((CONFIG, config), (JOURNAL, b"")):
+        disk.write_whole(folder / name, data)
+    _, first_sum = read_config(folder)
+    journal = Journal(folder / JOURNAL, Contents((), first_sum, 0), disk)
+    try:
+        journal.append(first.event, first.at, first.clock_s, first.data)
+    finally:
+        journal.close()
+
+
+def _settle(raw: Path, name: str, disk: Disk) -> Path:
+    """Give the folder its name, with a number where that is taken."""
+    for number in range(1, 10_000):
+        folder = raw.with_name(name if number == 1 else f"{name}-{number}")
+        if not folder.exists() and not folder.is_symlink():
+            with kept(folder):
+                disk.replace(raw, folder)
+                disk.sync_folder(folder.parent)
+            return folder
+    raise NotKept(f"{raw.parent} has 9999 sessions of the name {name}", "name another folder with --sessions")
+
+
+def _sweep(folder: Path) -> None:
+    """Remove what a crash left half-written."""
+    for part in (folder / ORIGINALS).glob(".*.part"):
+        part.unlink()
+    for unfinished in (folder / DERIVED).glob("*/.unfinished-*"):
+        if not unfinished.parent.is_symlink():
+            shutil.rmtree(unfinished, ignore_errors=True)

@@ -1,0 +1,66 @@
+"""Tables as TOML text; the standard library only reads it."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Mapping
+from datetime import date, datetime, time
+from typing import Any
+
+_BARE = re.compile(r"[A-Za-z0-9_-]+")
+
+
+def toml_text(table: Mapping[str, Any]) -> str:
+    """The table as TOML: plain values first, then a section for each table in it; None is left out.
+
+    Whatever a string holds stays inside its quotes. Half a surrogate pair, which UTF-8 cannot hold, becomes "?".
+
+    Raises
+    ------
+    TypeError
+        For values that TOML has no form for.
+    """
+    return "".join(_section(table, ()))
+
+
+def _section(table: Mapping[str, Any], path: tuple[str, ...]) -> list[str]:
+    text = [f"{_key(name)} = {_value(value)}\n" for name, value in table.items() if not _skipped(value)]
+    if path and (text or not any(isinstance(value, Mapping) for value in table.values())):
+        text.insert(0, f"\n[{'.'.join(_key(part) for part in path)}]\n")
+    for name, value in table.items():
+        if isinstance(value, Mapping):
+            text += _section(value, (*path, name))
+    return text
+
+
+def _skipped(value: Any) -> bool:
+    return value is None or isinstance(value, Mapping)
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int):
+        return str(int(value))
+    if isinstance(value, float):
+        return repr(float(value)) if math.isfinite(value) else str(float(value))
+    if isinstance(value, str):
+        return _quoted(value)
+    if isinstance(value, datetime | date | time):
+        return value.isoformat()
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{_key(k)} = {_value(v)}" for k, v in value.items() if v is not None) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_value(part) for part in value) + "]"
+    raise TypeError(f"TOML has numbers, text, dates, lists and tables, but no {type(value).__name__}")
+
+
+def _key(text: str) -> str:
+    return text if _BARE.fullmatch(text) else _quoted(text)
+
+
+def _quoted(text: str) -> str:
+    whole = text.encode("utf-8", "replace").decode()
+    return json.dumps(whole, ensure_ascii=False).replace("\x7f", "\\u007f")
