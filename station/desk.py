@@ -9,12 +9,16 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from procedures.outcome import ProcedureError
 from procedures.plan import Advice, Ask, Fact
-from station.operator import CurveSeen, Doing, Event, Result, Seen, Stopped
+from station.operator import CurveSeen, Doing, Event, Result, RunEnded, Seen, Stopped
 from station.preview import Thumbnail, thumbnail
 from station.shown_result import ShownResult, read_result
+
+if TYPE_CHECKING:
+    from station.lab import Running
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,3 +112,38 @@ def _shown(result: Result) -> ShownResult | None:
         return read_result(result.folder)
     except ProcedureError:
         return None
+
+
+Begin = Callable[[Desk], "Running"]
+
+
+class Sitting:
+    """A run with its operator at the desk: what a job works, asks and halts."""
+
+    def __init__(self, begin: Begin, ring: Callable[[], None], stop_bench: Callable[[], None]) -> None:
+        self.desk = Desk(ring)
+        self._begin, self._stop_bench = begin, stop_bench
+        self._running: Running | None = None
+        self._asked = False
+
+    def work(self) -> RunEnded:
+        """Begin and carry out; blocks."""
+        self._running = self._begin(self.desk)
+        if self._asked:
+            self._running.ask_to_stop()
+        return self._running.go()
+
+    def ask(self) -> None:
+        """End after this exposure; an open question is not answered any more."""
+        self._asked = True
+        if self._running is not None:
+            self._running.ask_to_stop()
+        self.desk.stop()
+
+    def halt(self) -> None:
+        """End now, and stop the bench."""
+        self._asked = True
+        if self._running is not None:
+            self._running.stop_now()
+        self._stop_bench()
+        self.desk.stop()
