@@ -6,19 +6,18 @@ becomes a sentence and a question: try again, skip, or stop.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from contextlib import suppress
 from functools import singledispatchmethod
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from drivers.clock import SystemClock
-from procedures.outcome import Outcome, Verdict
+from procedures.outcome import ProcedureError
 from procedures.plan import (
     Advice,
     Ask,
     Decide,
     Estimate,
-    Fact,
     Give,
     Go,
     Home,
@@ -31,34 +30,31 @@ from procedures.plan import (
     Shoot,
     Step,
 )
-from procedures.raw import Plane, RawFrame
 from station.conversation import Conversation, Skipped
 from station.derive import derive
-from station.exposing import Exposer, Photographer, Taken
+from station.exposing import Exposer, Photographer
 from station.files import write_whole
 from station.frames_by_hand import FOLDER, HandCamera
 from station.operator import (
-    CurveSeen,
+    Doing,
     Operator,
     Result,
     RunBegan,
     RunEnded,
-    Seen,
     StepBegan,
     StepEnded,
     Stopped,
     Trouble,
 )
 from station.rig import AT, DISTANCE, LIGHT_LEVEL, Rig
-from station.session import Session, Shot
+from station.session import Session
 from station.settling import Patience
+from station.watching import Watching
 
 if TYPE_CHECKING:
     from station.bench import Bench
 
-LOOK_AGAIN, GO_ON, STOP = "look again", "go on", "stop"
 ACCEPT, RETAKE = "accept", "retake"
-PREVIEW = ("G1", "Y")
 
 
 class Reopened(Exception):
@@ -79,7 +75,7 @@ class Run:
         hands = bench.simulated.hands if bench and bench.simulated else None
         self._talk = Conversation(operator, session, hands)
         self._step = plan.steps[0]
-        self._exposer: Exposer | None = None
+        self._watch: Watching | None = None
 
     # --- from outside
 
@@ -96,14 +92,23 @@ class Run:
         """Carry the plan out from the first step that is not done. Blocks until the end; never raises Stopped."""
         done = self._session.state.done
         self._talk.hear(RunBegan(self.plan, self._session.folder, tuple(done)))
+        for notice in self._session.state.notices:
+            self._talk.hear(Doing(notice))
         try:
             self._prepare(resumed=bool(done))
             while (step := self._next()) is not None:
                 self._carry_out(step)
             ended = RunEnded("finished")
+        except ProcedureError as error:
+            self._talk.hear(Trouble(error.reason, error.remedy))
+            ended = RunEnded("stopped")
         except Stopped:
             ended = RunEnded("emergency" if self._talk.emergency.is_set() else "stopped")
-        self._session.note("ended", how=ended.how)
+        return self._ended(ended)
+
+    def _ended(self, ended: RunEnded) -> RunEnded:
+        with suppress(ProcedureError):  # a full disk: the run ends all the same
+            self._session.end(ended.how)
         self._talk.hear(ended)
         return ended
 
@@ -210,56 +215,20 @@ class Run:
 
     @_carry.register
     def _(self, look: Look) -> None:
-        for _ in range(10**6):
-            for _ in range(look.tries):
-                taken = self._take(look.purpose)
-                advice = look.check(taken.frame, taken.facts)
-                self._session.judge(taken.shot, False, "" if advice.good else advice.say)
-                self._show(taken.frame, advice)
-                if advice.good:
-                    return
-                self._follow(advice)
-            question = "It is not good yet. Look again, or go on with it as it is?"
-            answer = self._talk.choose("look", question, (LOOK_AGAIN, GO_ON, STOP))
-            if answer == GO_ON:
-                return
-            if answer == STOP:
-                raise Stopped
+        self._watching().look(look)
 
     @_carry.register
     def _(self, scan: Scan) -> None:
-        places = list(scan.places(self._facts_now()))
-        here, scores = 0.0 if scan.axis not in self._rig_axes() else self._rig.positions()[scan.axis], []
-        for i, place in enumerate(places):
-            self._shift(scan, place - here)
-            here = place
-            self._talk.doing(scan.purpose, i + 1, len(places))
-            taken = self._take(scan.purpose)
-            scores.append(scan.score(taken.frame, taken.facts))
-            self._session.judge(taken.shot, False)
-            self._show(taken.frame, Advice(True, scan.purpose))
-            self._talk.hear(CurveSeen(scan.axis, tuple(places[: i + 1]), tuple(scores)))
-        if places:
-            self._choose(scan, scan.choose(places, scores))
+        self._watching().scan(scan)
 
     @_carry.register
     def _(self, shoot: Shoot) -> None:
-        results = []
-        for shot in self._earlier_shots():
-            results += self._judge(shoot, self._reread(shot))
-        for _ in range(shoot.most):
-            if results:
-                advice = shoot.enough(results, self._talk.facts)
-                self._talk.learn(advice.facts)
-                self._talk.doing(advice.say, len(results), shoot.most)
-                if advice.good:
-                    return
-            results += self._judge(shoot, self._take(shoot.purpose))
+        self._watching().shoot(shoot)
 
     @_carry.register
     def _(self, estimate: Estimate) -> None:
         self._talk.doing("estimating from all shots that count")
-        found = self._talk.attempt(lambda: derive(self._session, self.plan, estimate))
+        found = self._talk.attempt(lambda: derive(self._session, self.plan, self._step.name))
         verdicts = {name: outcome.verdict for name, outcome in found.outcomes.items()}
         self._talk.hear(Result(found.folder, verdicts, found.verdict, found.reason, found.remedy))
 
@@ -268,3 +237,21 @@ class Run:
         if self._talk.choose("verdict", "Accept the result, or take the shots again?", (ACCEPT, RETAKE)) == RETAKE:
             self._session.reopen(decide.retake)
             raise Reopened
+
+    # --- photographs
+
+    def _watching(self) -> Watching:
+        """What looks through the camera: the bench's, or the operator's own."""
+        if self._watch is None:
+            camera: Photographer | None = self._rig.camera
+            if camera is None:
+                folder = Path(str(self._talk.ask(FOLDER)))
+                self._talk.learn({FOLDER.key: str(folder)})
+                camera = self._talk.attempt(lambda: HandCamera(folder, self._talk.ask, self._clock))
+            exposer = Exposer(self._rig, camera, self._session, self._talk, self._clock, self._patience)
+            self._watch = Watching(self._rig, exposer, self._session, self._talk)
+        self._watch.step = self._step.name
+        return self._watch
+
+    def _moved(self) -> None:
+        self._watching().moved()

@@ -1,53 +1,71 @@
-"""What the operator typed becomes the answer a question asks for, or a sentence that says what is wanted."""
+"""What an operator types, as the answer of the kind asked for."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from procedures.plan import Ask, Fact
+from procedures.plan import Ask, Fact
 
-
-class NotAnAnswer(Exception):
-    """What was typed does not answer the question; the text says what would."""
+YES, NO = ("y", "yes", "ok", "done", "true"), ("n", "no", "false")
 
 
-def read_answer(ask: Ask, text: str) -> Fact:
-    """The answer of the kind asked for; nothing typed is the default. Raises NotAnAnswer."""
+def parse(ask: Ask, text: str) -> Fact:
+    """The answer that a line of text is; an empty line is the default.
+
+    Raises
+    ------
+    ValueError
+        If it is none; its message says what is needed.
+    """
     text = text.strip()
-    if ask.kind == "confirm":
-        return True
     if not text and ask.default is not None:
         return ask.default
-    if ask.kind == "number":
-        return _number(ask, text)
-    if ask.kind == "choice" and text not in ask.choices:
-        raise NotAnAnswer(f"one of {', '.join(ask.choices)} is wanted")
-    if not text:
-        raise NotAnAnswer("a few words are wanted")
-    return text
+    match ask.kind:
+        case "confirm":
+            return _confirm(text)
+        case "number":
+            return _number(ask, text)
+        case "choice":
+            return _choice(ask, text)
+        case "text":
+            if not text:
+                raise ValueError("Type a line.")
+            return text
+
+
+def _confirm(text: str) -> bool:
+    if not text or text.lower() in YES:
+        return True
+    if text.lower() in NO:
+        return False
+    raise ValueError("Press Enter when it is done; n if it cannot be done; s to stop.")
 
 
 def _number(ask: Ask, text: str) -> float:
     try:
-        value = float(text.removesuffix(ask.unit).strip().replace(",", "."))
-    except ValueError:
-        value = math.nan
+        value = float(text.replace(",", ".").removesuffix(ask.unit).strip())
+    except ValueError as error:
+        raise ValueError(f"Type a number{f' in {ask.unit}' if ask.unit else ''}.") from error
     low, high = -math.inf if ask.low is None else ask.low, math.inf if ask.high is None else ask.high
-    if not (math.isfinite(value) and low <= value <= high):
-        raise NotAnAnswer(wanted(ask))
+    if not low <= value <= high:
+        raise ValueError(f"It must lie between {low:g} and {high:g} {ask.unit}.".replace(" .", "."))
     return value
 
 
-def wanted(ask: Ask) -> str:
-    """The kind of answer, in words: "a number from 50 to 2000 mm"."""
-    if ask.kind != "number":
+def _choice(ask: Ask, text: str) -> str:
+    """A choice by its number, its name, or how its name begins."""
+    if text.isdigit() and 1 <= int(text) <= len(ask.choices):
+        return ask.choices[int(text) - 1]
+    found = [choice for choice in ask.choices if text and choice.lower().startswith(text.lower())]
+    if len(found) != 1:
+        raise ValueError(f"Type one of: {', '.join(ask.choices)}.")
+    return found[0]
+
+
+def words(fact: Fact | None, unit: str = "") -> str:
+    """A fact for people."""
+    if fact is None:
         return ""
-    limits = {
-        (True, True): f" from {ask.low} to {ask.high}",
-        (True, False): f" of at least {ask.low}",
-        (False, True): f" of at most {ask.high}",
-        (False, False): "",
-    }[ask.low is not None, ask.high is not None]
-    return f"a number{limits} {ask.unit}".rstrip()
+    if isinstance(fact, bool):
+        return "yes" if fact else "no"
+    return f"{fact:g} {unit}".strip() if isinstance(fact, float | int) else fact

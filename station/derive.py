@@ -29,11 +29,12 @@ class Derivation:
     remedy: str
 
 
-def derive(session: Session, plan: Plan, estimate: Estimate) -> Derivation:
-    """Estimate from the session's counting photographs and write the result. Raises ProcedureError."""
-    shots = [shot for shot in session.state.shots if shot.counts]
-    frames = [read_frame(session.folder / shot.path) for shot in shots]
-    outcomes = estimate.estimate(frames, session.state.facts)
+def derive(session: Session, plan: Plan, step: str) -> Derivation:
+    """Estimate from the session's counting photographs, write the result and keep it. Raises ProcedureError."""
+    start_s = session.clock.now_s()
+    shots = session.state.counting()
+    frames = [read_frame(session.original(shot)) for shot in shots]
+    outcomes = estimate_of(plan).estimate(frames, session.state.facts)
     folder = session.result_folder()
     about = {
         "procedure": plan.name,
@@ -43,7 +44,11 @@ def derive(session: Session, plan: Plan, estimate: Estimate) -> Derivation:
     records = [plane_record(name, outcome, numbers_of(plan.name)) for name, outcome in outcomes.items()]
     with ResultFolder(folder) as results:
         write_psf_result(results, records, about)
-    return Derivation(folder, outcomes, *verdict_of_planes(outcomes))
+    verdict, reason, remedy = verdict_of_planes(outcomes)
+    duration_s = session.clock.now_s() - start_s
+    numbers = [shot.number for shot in shots]
+    session.keep_result(step=step, shots=numbers, verdict=str(verdict), reason=reason, duration_s=duration_s)
+    return Derivation(folder, outcomes, verdict, reason, remedy)
 
 
 def verdict_of_planes(outcomes: Mapping[str, Outcome[Any]]) -> tuple[Verdict, str, str]:

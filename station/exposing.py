@@ -9,8 +9,8 @@ from drivers.errors import DeviceError
 from drivers.interfaces import Exposure
 from procedures.plan import Facts
 from procedures.raw import RawFrame, read_frame
-from station.conversation import Conversation
-from station.operator import Trouble
+from station.conversation import Conversation, Skipped
+from station.operator import Stopped, Trouble
 from station.rig import Rig, Snapshot
 from station.settling import Patience, Settling, Tremor, Unrest
 
@@ -57,8 +57,8 @@ class Exposer:
     def take(self, purpose: str, step: str) -> Taken:
         """One photograph. Raises Skipped, Stopped."""
         tremor = self._talk.attempt(self._still, self._rig.mend)
-        shot = self._talk.attempt(lambda: self._expose(purpose, step, tremor), self._rig.mend)
-        frame = self._talk.attempt(lambda: read_frame(self._session.folder / shot.path))
+        shot = self._kept(purpose, step, tremor)
+        frame = self._talk.attempt(lambda: read_frame(self._session.original(shot)))
         return Taken(shot, frame, {**self._talk.facts, **shot_facts(shot)})
 
     def _still(self) -> Tremor | None:
@@ -73,11 +73,22 @@ class Exposer:
             self._talk.hear(Trouble(error.reason, f"going on without the IMU; {error.remedy}"))
             return self.settling.wait()
 
-    def _expose(self, purpose: str, step: str, tremor: Tremor | None) -> Shot:
-        snapshot = self._rig.snapshot()
-        self._talk.doing("exposing")
-        exposure = self._camera.expose()
-        return self._session.adopt(exposure, step=step, purpose=purpose, snapshot=record(snapshot, tremor))
+    def _kept(self, purpose: str, step: str, tremor: Tremor | None) -> Shot:
+        """Expose, and take the file in; a full disk lets the file wait where the camera put it."""
+        self._talk.attempt(lambda: self._session.expect(step, purpose))
+        kept: dict[str, Any] = {}
+
+        def expose() -> Exposure:
+            kept.update(record(self._rig.snapshot(), tremor))
+            self._talk.doing("exposing")
+            return self._camera.expose()
+
+        try:
+            exposure = self._talk.attempt(expose, self._rig.mend)
+        except (Skipped, Stopped):
+            self._session.note("gave_up", step=step, purpose=purpose)
+            raise
+        return self._talk.attempt(lambda: self._session.adopt(exposure, step=step, purpose=purpose, snapshot=kept))
 
 
 def record(snapshot: Snapshot, tremor: Tremor | None) -> dict[str, Any]:

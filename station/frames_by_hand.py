@@ -39,9 +39,9 @@ class HandCamera:
         self._ask(Ask("photographed", f"Take one photograph and wait until its file is in {self.folder}."))
         new = sorted(self._look() - self._known, key=lambda path: path.stat().st_mtime_ns)
         if not new:
-            raise FrameMissing(f"no new photograph in {self.folder}", "check the tethering software, then photograph again")
+            raise FrameMissing(
+                f"no new photograph in {self.folder}", "check the tethering software, then photograph again"
+            )
         path = new[0]  # one at a time: what came besides is the next one
         self._known.add(path)
-        return Exposure(
-            path, sha256_of(path), path.stat().st_size, CameraSettings(), requested_s, self._clock.now_s()
-        )
+        return Exposure(path, sha256_of(path), path.stat().st_size, CameraSettings(), requested_s, self._clock.now_s())

@@ -125,7 +125,7 @@ class StationLab:
         """The titles of the plans, by name."""
         from station.plans import PLANS
 
-        return {name: make().title for name, make in PLANS.items()}
+        return {name: entry.title for name, entry in PLANS.items()}
 
     def kept(self) -> Sequence[Kept]:
         """The sessions whose journals can be read, newest first."""
@@ -146,14 +146,10 @@ class StationLab:
 
         bench = self.open()
         clock = bench.clock if bench is not None else SystemClock()
-        about: dict[str, Any] = {
-            "plan": plan,
-            "camera": camera,
-            "lens": lens,
-            "config": self._settings(bench),
-            "seed": self._seed,
-        }
-        session = Session.create(self.sessions, clock=clock, **about)
+        settings = self._settings(bench)
+        session = Session.create(
+            self.sessions, plan=plan, camera=camera, lens=lens, config=settings, clock=clock, seed=self._seed
+        )
         return self._run(session, operator)
 
     def resume(self, folder: Path, operator: Operator, *, back_to: str | None = None) -> Running:
@@ -173,11 +169,11 @@ class StationLab:
 
     def _run(self, session: Session, operator: Operator) -> Running:
         from station.acquisition import Run
-        from station.plans import PLANS
+        from station.plans import plan_named
 
         self._leave_session()
         self._session = session
-        return Run(PLANS[session.state.plan](), self.open(), session, operator)
+        return Run(plan_named(session.state.plan), self.open(), session, operator)
 
     def _leave_session(self) -> None:
         if self._session is not None:

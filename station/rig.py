@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, cast
 
 from drivers.errors import Alarm, DeviceError, EmergencyStopped, NotHomed, OutsideTravel, WasReset
-from drivers.interfaces import Imu, Light, Rangefinder, Stage
+from drivers.interfaces import Camera, Imu, Light, Rangefinder, Stage
 from procedures.plan import Fact
 
 if TYPE_CHECKING:
@@ -79,6 +79,11 @@ class Rig:
         return cast("Imu | None", self._device("imu"))
 
     @property
+    def camera(self) -> Camera | None:
+        """What photographs."""
+        return cast("Camera | None", self._device("camera"))
+
+    @property
     def rangefinder(self) -> Rangefinder | None:
         """The laser."""
         return cast("Rangefinder | None", self._device("rangefinder"))
@@ -117,10 +122,12 @@ class Rig:
 
     def _travels(self) -> dict[str, tuple[Stage, float, float]]:
         return {
-            name: (stage, travel.low, travel.high)
-            for stage in self.stages()
-            for name, travel in stage.travel().items()
+            name: (stage, travel.low, travel.high) for stage in self.stages() for name, travel in stage.travel().items()
         }
+
+    def axes(self) -> tuple[str, ...]:
+        """Names of what can be moved."""
+        return tuple(self._travels())
 
     def obstacle(self, moves: Mapping[str, float]) -> str | None:
         """Why the bench cannot make these moves by itself: "" where it has not the axes, else what is in the way."""

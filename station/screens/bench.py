@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from textual import on
 from textual.app import ComposeResult
@@ -121,10 +121,8 @@ class BenchScreen(StationScreen):
 
     def _show(self) -> None:
         glyphs = self.query_one("#rows", Part).glyphs
-        rows = [row_in_words(row, glyphs.good, glyphs.bad) for row in self._rows] or [
-            NO_BENCH if not self.bench else ""
-        ]
-        self.query_one("#rows", Part).update(lines_of(*rows))
+        rows = [row_in_words(row, glyphs.good, glyphs.bad) for row in self._rows]
+        self.query_one("#rows", Part).update(lines_of(*(rows or ["" if self.bench else NO_BENCH])))
         lines = [f"Move by hand, in steps of {STEPS[self._step]:g}"]
         for i, axis in enumerate(self._axes):
             at = f"{self._positions[axis.name]:.3f}" if axis.name in self._positions else "?"
@@ -247,7 +245,7 @@ def _axes(bench: Bench) -> list[Axis]:
     found = []
     for device, stage in bench.devices.items():
         if hasattr(stage, "move_to") and device in bench.identities:
-            found += [Axis(device, name, one.low, one.high) for name, one in stage.travel().items()]
+            found += [Axis(device, name, one.low, one.high) for name, one in cast(Any, stage).travel().items()]
     return found
 
 

@@ -17,7 +17,8 @@ from station.widgets import Part, lines_of, literal
 INTRODUCTION = """\
 The guide (F2) leads from the printed chart to the report, one step at a time. At the bottom it always says what to do \
 next; Enter says that it is done. The rail on the left shows which steps are done, which one is now, which are to do.
-F12 stops everything, on every screen. It is a convenience, not a safety device: fit a switch that cuts the motors' power.
+F12 stops everything, on every screen. It is a convenience, not a safety device: fit a switch that cuts the motors' \
+power.
 Everything that was photographed is kept at once; the program may be ended at any moment and go on later."""
 
 

@@ -12,12 +12,14 @@ from textual.message import Message
 from textual.screen import Screen
 from textual.widgets import Input
 
-from station.answers import NotAnAnswer, read_answer, wanted
 from station.commands import Command
 from station.widgets import DeviceBar, KeyLine, Part, lines_of, literal
 
 if TYPE_CHECKING:
     from procedures.plan import Ask, Fact
+
+
+DONE = "done: press Enter"
 
 
 class StationScreen(Screen[None]):
@@ -163,18 +165,19 @@ class AnswerBox(Vertical):
 
     def ask(self, ask: Ask) -> None:
         """A question, with its usual answer ready."""
+        from station.answers import words
+
         self._ask = ask
         typed = ask.kind in ("number", "text")
-        limits = wanted(ask)
-        self._show(f"{ask.question}{f' ({limits})' if limits else ''}", typed=typed, choices=not typed)
+        self._show(ask.question + _wanted(ask), typed=typed, choices=not typed)
         if typed:
             box = self.query_one("#typed", Input)
-            box.value = "" if ask.default is None else _shown_default(ask.default)
+            box.value = words(ask.default)
             box.cursor_position = len(box.value)
             box.focus()
         else:
             choices = self.query_one(Choices)
-            lines = ask.choices if ask.kind == "choice" else ("done: press Enter",)
+            lines = ask.choices if ask.kind == "choice" else (DONE,)
             choices.set_lines(lines, lines.index(str(ask.default)) if str(ask.default) in lines else 0)
             choices.focus()
 
@@ -192,19 +195,31 @@ class AnswerBox(Vertical):
     def on_choices_chosen(self, event: Choices.Chosen) -> None:
         """What was chosen."""
         event.stop()
-        self._answer(event.choices.lines[event.index])
+        self._answer(str(event.index + 1) if self._ask and self._ask.kind == "choice" else "")
 
     def _answer(self, text: str) -> None:
         if self._ask is None:
             return
+        from station.answers import parse
+
         try:
-            fact = read_answer(self._ask, text)
-        except NotAnAnswer as error:
-            self.query_one("#wrong", Part).say(f"That cannot be taken: {error}.")
+            fact = parse(self._ask, text)
+        except ValueError as error:
+            self.query_one("#wrong", Part).say(str(error))
             return
         self.tell("")
         self.post_message(self.Given(fact))
 
 
-def _shown_default(default: Fact) -> str:
-    return f"{default:g}" if isinstance(default, float) else str(default)
+def _wanted(ask: Ask) -> str:
+    """Unit and limits of a number: " (50 to 2000 mm)"."""
+    if ask.kind != "number":
+        return ""
+    ends = [f"{end:g}" for end in (ask.low, ask.high) if end is not None]
+    if len(ends) == 1:
+        ends.insert(0, "at most" if ask.low is None else "at least")
+        told = " ".join(ends)
+    else:
+        told = " to ".join(ends)
+    told = f"{told} {ask.unit}".strip()
+    return f" ({told})" if told else ""

@@ -30,7 +30,7 @@ LETTERS = "*o"
 
 def mtf_plot(planes: Sequence[ShownPlane]) -> Plotted | None:
     """The radial MTF of each plane with its 95 % band, the second one dashed; None where no plane has one."""
-    curves = []
+    curves: list[Curve] = []
     for plane, letter in zip([one for one in planes if one.mtf is not None], LETTERS, strict=False):
         assert plane.mtf is not None
         band = plane.mtf.get("radial_uncertainty")

@@ -1,0 +1,120 @@
+"""What any procedure advises about light and exposure, whatever it photographs. Pure: levels in, advice out."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from procedures.plan import Advice, Fact, Facts, Reading
+from procedures.raw import Exposure, Plane, RawFrame
+
+WHITE, DARKEST, BRIGHTEST = 0.8, 0.55, 0.9
+"""Where white should lie on the sensor's scale, and between which it is good."""
+MOST_CLIPPED = 0.005
+"""Share of the white samples that may be at the end of the scale: glints, dust, hot pixels."""
+BASE_ISO = 100.0
+LONGEST_S = 2.0
+"""Exposures longer than this are not proposed: more light is."""
+CLIPPED = 0.998
+TILES = 64
+"""The brightest paper is looked for in this many tiles along the frame's longer side."""
+SETTINGS = (("exposure_s", "exposure time", " s"), ("iso", "ISO", ""), ("f_number", "aperture f/", ""))
+
+
+def nominal_times_s() -> list[float]:
+    """Exposure times that cameras have: thirds of stops from 30 s to 1/8000 s, as they are written on the dial."""
+    whole = [30, 15, 8, 4, 2, 1, 1 / 2, 1 / 4, 1 / 8, 1 / 15, 1 / 30, 1 / 60, 1 / 125, 1 / 250, 1 / 500, 1 / 1000]
+    whole += [1 / 2000, 1 / 4000]
+    thirds = [25, 20, 13, 10, 6, 5, 3.2, 2.5, 1.6, 1.3, 0.8, 0.6, 0.4, 0.3, 1 / 5, 1 / 6, 1 / 10, 1 / 13, 1 / 20]
+    thirds += [1 / 25, 1 / 40, 1 / 50, 1 / 80, 1 / 100, 1 / 160, 1 / 200, 1 / 320, 1 / 400, 1 / 640, 1 / 800]
+    thirds += [1 / 1250, 1 / 1600, 1 / 2500, 1 / 3200, 1 / 5000, 1 / 6400, 1 / 8000]
+    return sorted([*whole, *thirds])
+
+
+def time_words(seconds: float) -> str:
+    """An exposure time as it stands on the camera: 1/50 s, 0.4 s, 2 s."""
+    return f"{seconds:g} s" if seconds >= 0.29 else f"1/{round(1 / seconds)} s"
+
+
+def brightest(frame: RawFrame, levels: dict[str, float]) -> str:
+    """The plane whose white is nearest to the end of the scale."""
+    return max(levels, key=lambda name: levels[name])
+
+
+def paper_level(plane: Plane) -> tuple[float, float]:
+    """Level of the brightest tile of the frame, and the share of it that is clipped: for want of a chart."""
+    rows, columns = plane.samples.shape
+    side = max(1, max(rows, columns) // TILES)
+    kept = plane.samples[: rows // side * side, : columns // side * side]
+    tiles = kept.reshape(rows // side, side, columns // side, side).swapaxes(1, 2).reshape(-1, side * side)
+    tile = tiles[int(np.argmax(np.median(tiles, axis=1)))]
+    return float(np.median(tile)), float(np.mean(tile >= CLIPPED))
+
+
+def exposure_advice(level: float, clipped: float, exposure: Exposure) -> Advice:
+    """How to expose so that white lies at 80 % of the scale.
+
+    Parameters
+    ----------
+    level : of white in the brightest plane, 1 at saturation
+    clipped : share of its samples at saturation
+    """
+    readings = (
+        Reading("white", 100 * level, "%", 100 * DARKEST, 100 * BRIGHTEST),
+        Reading("clipped", 100 * clipped, "%", None, 100 * MOST_CLIPPED),
+    )
+    if clipped > MOST_CLIPPED:
+        return _change(-1.0, "White is clipped", exposure, readings)
+    if level > BRIGHTEST or level < DARKEST:
+        word = "too bright" if level > BRIGHTEST else "too dark"
+        change = math.log2(WHITE / max(level, 1e-3))
+        return _change(change, f"White is {word}, at {100 * level:.0f} % of the scale", exposure, readings)
+    if exposure.iso is not None and exposure.iso > 1.5 * BASE_ISO:
+        return _lower_iso(level, exposure, readings)
+    return Advice(
+        True, f"White is at {100 * level:.0f} % of the scale; nothing is clipped.", readings, facts=_noted(exposure)
+    )
+
+
+def _change(stops: float, found: str, exposure: Exposure, readings: tuple[Reading, ...]) -> Advice:
+    """Advice to expose by so many stops more."""
+    seconds = exposure.exposure_s
+    if seconds is None:
+        more = "more" if stops > 0 else "less"
+        say = f"{found}: expose {abs(stops):.1f} stops {more}."
+        return Advice(False, say, readings, by_hand={"exposure_ev": stops})
+    proposed = min(nominal_times_s(), key=lambda t: abs(math.log2(t / seconds) - stops))
+    if proposed > LONGEST_S and stops > 0:
+        return Advice(False, f"{found}: put more light on it, {2**stops:.1g} times as much.", readings)
+    say = f"{found}: set the exposure time from {time_words(seconds)} to {time_words(proposed)}."
+    return Advice(False, say, readings, by_hand={"exposure_ev": math.log2(proposed / seconds)})
+
+
+def _lower_iso(level: float, exposure: Exposure, readings: tuple[Reading, ...]) -> Advice:
+    """Advice to set the base ISO, where the exposure does not get too long by it."""
+    assert exposure.iso is not None
+    factor = exposure.iso / BASE_ISO
+    if exposure.exposure_s is None or exposure.exposure_s * factor > LONGEST_S:
+        say = f"White is at {100 * level:.0f} % of the scale; at ISO {exposure.iso:g} more shots will be needed."
+        return Advice(True, say, readings, facts=_noted(exposure))
+    seconds = exposure.exposure_s * factor * WHITE / level
+    proposed = min(nominal_times_s(), key=lambda t: abs(math.log2(t / seconds)))
+    say = f"Set ISO {BASE_ISO:g} and the exposure time to {time_words(proposed)}: that is less noise."
+    change = math.log2(proposed / exposure.exposure_s)
+    return Advice(False, say, readings, by_hand={"exposure_ev": change, "iso_ev": -math.log2(factor)})
+
+
+def _noted(exposure: Exposure) -> dict[str, Fact]:
+    """What the camera wrote about the shot, as facts."""
+    names = ("camera", "lens", "exposure_s", "iso", "f_number", "focal_length_mm")
+    return {name: value for name in names if (value := getattr(exposure, name)) is not None}
+
+
+def changed_settings(exposure: Exposure, facts: Facts) -> str:
+    """Which of the camera's settings are not as in the trial that was found good; "" where all are."""
+    for name, words, unit in SETTINGS:
+        known, now = facts.get(name), getattr(exposure, name)
+        if isinstance(known, float | int) and now is not None and abs(math.log2(now / known)) > 0.1:
+            return f"the {words} is {now:g}{unit} in place of {known:g}{unit}"
+    return ""

@@ -1,0 +1,103 @@
+"""Where the chart stands before the camera: distance, place and turn, from its homography and the lens.
+
+References
+----------
+Zhang, A flexible new technique for camera calibration, PAMI 2000, section 3.1: K^-1 H = (r1 r2 t).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.pattern import CELLS
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Optics:
+    """What of camera and print is needed to tell distances.
+
+    Attributes
+    ----------
+    focal_length_mm : float
+    plane_pitch_um : float
+        Distance of the plane's pixels on the sensor (twice the photosites' in a Bayer plane).
+    cell_mm : float
+        Side of a printed cell, as measured.
+    """
+
+    focal_length_mm: float
+    plane_pitch_um: float
+    cell_mm: float
+
+    def distance_mm(self, px_per_cell: float) -> float:
+        """Distance from the lens at which a frontal chart in focus has so many pixels per cell.
+
+        A thin lens focused at z draws with F = f z / (z - f) behind it: px = F cell / (z pitch) = f cell / ((z - f)
+        pitch).
+        """
+        return self.focal_length_mm * (1 + self.cell_mm / (px_per_cell * self.plane_pitch_um / 1000))
+
+    def principal_px(self, distance_mm: float) -> float:
+        """Distance of the image behind the lens, in the plane's pixels, when focused there."""
+        f = self.focal_length_mm
+        return 1000 * f * distance_mm / (distance_mm - f) / self.plane_pitch_um
+
+
+@dataclass(frozen=True)
+class ChartPose:
+    """Of the chart's centre and plane in the camera's frame: x right, y down, z away, seen from the camera.
+
+    Attributes
+    ----------
+    centre_mm : (x, y, z)
+    yaw_deg : positive where the chart's right edge is the nearer one
+    pitch_deg : positive where its lower edge is the farther one
+    roll_deg : positive where it is turned clockwise
+    """
+
+    centre_mm: tuple[float, float, float]
+    yaw_deg: float
+    pitch_deg: float
+    roll_deg: float
+
+
+def chart_pose(H_plane_cells: Array, shape: tuple[int, ...], optics: Optics) -> ChartPose:
+    """The pose that a homography from cells to the plane's pixels tells.
+
+    Parameters
+    ----------
+    H_plane_cells : (3, 3) float64
+    shape : (rows, columns) of the plane, whose middle is taken for the optical axis
+    optics : Optics
+    """
+    middle = CELLS / 2
+    to_cells = np.array([[1 / optics.cell_mm, 0, middle], [0, 1 / optics.cell_mm, middle], [0, 0, 1]])
+    px_per_cell = _scale(H_plane_cells)
+    F = optics.principal_px(optics.distance_mm(px_per_cell))
+    K = np.array([[F, 0, (shape[1] - 1) / 2], [0, F, (shape[0] - 1) / 2], [0, 0, 1]])
+    M = np.linalg.solve(K, H_plane_cells @ to_cells)
+    M = M / np.sqrt(np.linalg.norm(M[:, 0]) * np.linalg.norm(M[:, 1]))
+    M = M if M[2, 2] > 0 else -M
+    R = _nearest_rotation(M[:, 0], M[:, 1])
+    # R = Rz(roll) Ry(yaw) Rx(pitch)
+    yaw, pitch, roll = -np.arcsin(R[2, 0]), np.arctan2(R[2, 1], R[2, 2]), np.arctan2(R[1, 0], R[0, 0])
+    x, y, z = (float(part) for part in M[:, 2])
+    return ChartPose((x, y, z), *(float(np.degrees(angle)) for angle in (yaw, pitch, roll)))
+
+
+def _scale(H: Array) -> float:
+    """Pixels per cell at the chart's centre, along the direction that is not foreshortened."""
+    p = H @ np.array([CELLS / 2, CELLS / 2, 1.0])
+    J = (H[:2, :2] - np.outer(p[:2] / p[2], H[2, :2])) / p[2]
+    return float(np.linalg.svd(J, compute_uv=False)[0])
+
+
+def _nearest_rotation(a: Array, b: Array) -> Array:
+    """The rotation whose first two columns are nearest to a and b."""
+    U, _, Vt = np.linalg.svd(np.column_stack([a, b, np.cross(a, b)]))
+    return np.asarray(U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt)

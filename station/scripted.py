@@ -1,0 +1,49 @@
+"""An operator who does what is asked and answers as written down: for batch runs, the demonstration and tests."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from procedures.plan import Ask, Fact
+from station.operator import Event, Stopped
+
+Answer = Fact | Callable[[Ask], Fact]
+TROUBLE = "trouble"
+
+
+@dataclass
+class Scripted:
+    """Confirms everything; other questions are answered by their key, else by their default.
+
+    Attributes
+    ----------
+    answers : by key: a fact, or what gives one when asked
+    patience : so many troubles are tried again; the next one ends the run
+    heard, asked : all that was told and asked, in order
+    """
+
+    answers: Mapping[str, Answer] = field(default_factory=dict)
+    patience: int = 20
+    listen: Callable[[Event], None] = lambda event: None
+    heard: list[Event] = field(default_factory=list)
+    asked: list[Ask] = field(default_factory=list)
+
+    def hear(self, event: Event) -> None:
+        """Note it down."""
+        self.heard.append(event)
+        self.listen(event)
+
+    def answer(self, ask: Ask) -> Fact:
+        """What is written down for it. Raises Stopped where nothing is and there is no default."""
+        self.asked.append(ask)
+        if ask.key in self.answers:
+            given = self.answers[ask.key]
+            return given(ask) if callable(given) else given
+        if ask.key == TROUBLE and sum(one.key == TROUBLE for one in self.asked) > self.patience:
+            raise Stopped
+        if ask.default is not None:
+            return ask.default
+        if ask.kind == "confirm":
+            return True
+        raise Stopped

@@ -1,0 +1,147 @@
+"""What a run does with photographs: look and mend until it is good, scan an axis, take shots until they are enough."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from procedures.outcome import Outcome, Verdict
+from procedures.plan import Advice, Look, Scan, Shoot
+from procedures.raw import RawFrame, read_frame
+from station.conversation import STOP, Conversation
+from station.exposing import Exposer, Taken, shot_facts
+from station.operator import CurveSeen, Seen, Stopped
+from station.rig import AT, Rig
+from station.session import Session, Shot
+
+LOOK_AGAIN, GO_ON = "look again", "go on"
+PREVIEW = ("G1", "Y")
+"""Of which plane a preview is shown."""
+Outcomes = Mapping[str, Outcome[Any]]
+
+
+class Watching:
+    """Photographs for one purpose after the other, and what follows from them."""
+
+    def __init__(self, rig: Rig, exposer: Exposer, session: Session, talk: Conversation) -> None:
+        self._rig = rig
+        self._exposer = exposer
+        self._session = session
+        self._talk = talk
+        self.step = ""
+
+    def moved(self) -> None:
+        """Something moved: keep where it is, and let it settle."""
+        self._exposer.settling.moved()
+        places = self._talk.attempt(self._rig.positions, self._rig.mend)
+        self._talk.learn({AT + name: place for name, place in places.items()})
+
+    # --- look until it is good
+
+    def look(self, look: Look) -> None:
+        """Look and mend until the check is content, or the operator is. Raises Skipped, Stopped."""
+        while not any(self._look_once(look) for _ in range(look.tries)):
+            question = f"After {look.tries} looks it is not as it should be. Look again, or go on with it as it is?"
+            answer = self._talk.choose("look", question, (LOOK_AGAIN, GO_ON, STOP))
+            if answer == STOP:
+                raise Stopped
+            if answer == GO_ON:
+                return
+
+    def _look_once(self, look: Look) -> bool:
+        taken = self._exposer.take(look.purpose, self.step)
+        advice = look.check(taken.frame, taken.facts)
+        self._session.judge(taken.shot, False, "a trial" if advice.good else advice.say)
+        self._show(taken.frame, advice)
+        self._talk.learn(advice.facts)
+        if not advice.good:
+            self._follow(advice)
+        return advice.good
+
+    def _show(self, frame: RawFrame, advice: Advice) -> None:
+        name = next((name for name in PREVIEW if name in frame.planes), next(iter(frame.planes)))
+        self._talk.hear(Seen(frame.planes[name], advice))
+
+    def _follow(self, advice: Advice) -> None:
+        """Do what the advice says: by the bench where it can, else by hand."""
+        obstacle = self._talk.attempt(lambda: self._rig.obstacle(advice.moves), self._rig.mend)
+        if obstacle is None:
+            self._talk.doing("moving: keep clear")
+            self._talk.attempt(lambda: self._rig.move_by(advice.moves), self._rig.mend)
+            self.moved()
+        else:
+            self._talk.by_hand(advice, obstacle)
+            self._exposer.settling.moved()
+
+    # --- scan an axis
+
+    def scan(self, scan: Scan) -> None:
+        """A trial at each place, then on to the best. Raises Skipped, Stopped."""
+        places = [float(place) for place in scan.places(self._talk.facts)]
+        here, scores = self._here(scan.axis), []
+        for i, place in enumerate(places):
+            self._shift(scan, place - here)
+            here = place
+            self._talk.doing(scan.purpose, i + 1, len(places))
+            taken = self._exposer.take(scan.purpose, self.step)
+            scores.append(scan.score(taken.frame, taken.facts))
+            self._session.judge(taken.shot, False, "a trial")
+            self._show(taken.frame, Advice(True, scan.purpose))
+            self._talk.hear(CurveSeen(scan.axis, tuple(places[: i + 1]), tuple(scores)))
+        if places:
+            advice = scan.choose(places, scores)
+            self._talk.learn(advice.facts)
+            self._talk.doing(advice.say)
+            self._shift(scan, advice.moves.get(scan.axis, 0.0))
+
+    def _here(self, axis: str) -> float:
+        """Where the axis is; 0 for one that is set by hand."""
+        return float(self._talk.facts.get(AT + axis, 0.0)) if axis in self._rig.axes() else 0.0
+
+    def _shift(self, scan: Scan, change: float) -> None:
+        if change == 0.0:
+            return
+        if scan.axis in self._rig.axes():
+            self._talk.attempt(lambda: self._rig.move_by({scan.axis: change}), self._rig.mend)
+            self.moved()
+        else:
+            self._talk.by_hand(Advice(False, scan.say(change), by_hand={scan.axis: change}))
+            self._exposer.settling.moved()
+
+    # --- shots that count
+
+    def shoot(self, shoot: Shoot) -> None:
+        """Shots until they are enough; those that an interrupted run took are looked at first. Raises Stopped."""
+        results: list[Outcomes] = []
+        for shot in self._earlier():
+            frame = self._talk.attempt(lambda shot=shot: read_frame(self._session.original(shot)))  # type: ignore[misc]
+            self._judge(shoot, Taken(shot, frame, {**self._talk.facts, **shot_facts(shot)}), results)
+        for _ in range(shoot.most):
+            if results and self._enough(shoot, results):
+                return
+            self._judge(shoot, self._exposer.take(shoot.purpose, self.step), results)
+
+    def _earlier(self) -> list[Shot]:
+        """The shots of this step that count, or were not judged before the interruption."""
+        return [shot for shot in self._session.state.shots if shot.step == self.step and shot.counts is not False]
+
+    def _enough(self, shoot: Shoot, results: list[Outcomes]) -> bool:
+        advice = shoot.enough(results, self._talk.facts)
+        self._talk.learn(advice.facts)
+        self._talk.doing(advice.say, len(results), shoot.most)
+        return advice.good
+
+    def _judge(self, shoot: Shoot, taken: Taken, results: list[Outcomes]) -> None:
+        """Whether the shot counts, and why not; what it gives is added to the results."""
+        advice = shoot.check(taken.frame, taken.facts)
+        if advice.good:
+            found = shoot.estimate(taken.frame, taken.facts)
+            refused = [one for one in found.values() if one.verdict is Verdict.REFUSED]
+            if len(refused) < len(found):
+                results.append(found)
+            else:
+                advice = Advice(False, f"{refused[0].reason}: {refused[0].remedy}")
+        self._session.judge(taken.shot, advice.good, "" if advice.good else advice.say)
+        self._show(taken.frame, advice)
+        if not advice.good:
+            self._follow(advice)
