@@ -49,7 +49,8 @@ from station.widgets import DeviceBar, KeyLine, Part, literal
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from station.bench import Bench
+    from drivers.interfaces import Condition
+    from station.bench import Bench, Row
     from station.desk import Desk, Sitting
     from station.lab import Kept, Lab, Running
     from station.screens.guide import GuideScreen
@@ -71,7 +72,7 @@ class StationApp(App[int]):
     COMMANDS: ClassVar[set[type[Provider] | Callable[[], type[Provider]]]] = {CommandsByName}
     BINDINGS: ClassVar[list[BindingType]] = bindings(EVERYWHERE)
     DEFAULT_MODE = GUIDE
-    HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (110, "-wide")]
+    HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (110, "-wide")]  # noqa: RUF012 - Textual declares it so
     CSS = """
     #title { height: 1; text-style: bold; background: $panel; }
     #devices { height: auto; max-height: 2; }
@@ -100,6 +101,7 @@ class StationApp(App[int]):
         self.lab = lab
         self.glyphs = glyphs or glyphs_for(os.environ, sys.stdout.encoding or "")
         self.bench: Bench | None = None
+        self.rows: Sequence[Row] = ()
         self._jobs: dict[str, Job] = {}
         self._states: Sequence[DeviceState] = ()
         self._bench_words = "opening the bench"
@@ -196,18 +198,21 @@ class StationApp(App[int]):
             self._begin(self._wanted)
 
     def _opened(self, finished: Finished) -> None:
-        self.bench = bench = finished.value
+        if finished.value is not None:
+            self.bench, self.rows = finished.value.bench, finished.value.rows
+        bench = self.bench
         self._bench_words = "no bench: every move is made by hand" if bench is None else ""
         if finished.problem is not None:
             self._bench_words = "the bench could not be opened"
             self._complain(finished.problem)
         if bench is not None:
             self._watcher = Watcher(lambda: device_states(bench), lambda states: self._post(self.Devices(states)))
-            self.by_hand(bench.rows)
 
     def _moved_by_hand(self, finished: Finished) -> None:
         from station.screens.bench import BenchScreen
 
+        if isinstance(finished.value, list):
+            self.rows = finished.value
         for screen in self.get_screen_stack(BENCH) if BENCH in self._screen_stacks else ():
             if isinstance(screen, BenchScreen):
                 screen.done(finished)
@@ -418,6 +423,11 @@ class StationApp(App[int]):
             self._end_run_then_go_on()
 
     # --- the frame of every screen ---------------------------------------------------------------------------------
+
+    @property
+    def conditions(self) -> Mapping[str, Condition]:
+        """How each device is, by name, as it was seen last."""
+        return {one.name: one.condition for one in self._states}
 
     @property
     def _start_screen(self) -> StartScreen:

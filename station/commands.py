@@ -64,7 +64,7 @@ def bindings(commands: Iterable[type[Command]]) -> list[BindingType]:
 class StopEverything(Command):
     """Emergency stop: halt every device now; stages must be homed again afterwards."""
 
-    keys, word, urgent = "f12,ctrl+x", "STOP ALL", True
+    keys, urgent = "f12,ctrl+x", True  # the devices' line shows it, so the footer need not
 
 
 class EndRun(Command):

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from station.cli.errors import Explained
 
 if TYPE_CHECKING:
+    from drivers.interfaces import Condition
     from station.bench import Bench
 
 
@@ -105,9 +106,7 @@ class DeviceState:
     """One device as the bar shows it."""
 
     name: str
-    word: str
-    usable: bool
-    remedy: str = ""
+    condition: Condition
 
 
 Look = Callable[[], Sequence[DeviceState]]
@@ -132,17 +131,17 @@ class Watcher:
 
     def _run(self) -> None:
         last: Sequence[DeviceState] | None = None
-        while not self._end.wait(self._every_s):
+        while not self._end.is_set():
             states = list(self._look())
             if states != last:
                 last = states
                 self._tell(states)
+            self._end.wait(self._every_s)
 
 
 def device_states(bench: Bench) -> list[DeviceState]:
     """The condition of every device, without asking the wires."""
     states = []
     for name, device in bench.devices.items():
-        condition = device.condition()
-        states.append(DeviceState(name, condition.word, condition.usable, condition.remedy))
+        states.append(DeviceState(name, device.condition()))
     return states

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 if TYPE_CHECKING:
-    from station.bench import Bench
+    from station.bench import Bench, Row
     from station.operator import Operator, RunEnded
     from station.session import Session
 
@@ -30,6 +30,14 @@ class Kept:
     began: str
     done: tuple[str, ...]
     ended: str | None
+
+
+@dataclass(frozen=True)
+class Opened:
+    """The bench as it was opened: None where none is configured; what each device answered."""
+
+    bench: Bench | None
+    rows: Sequence[Row] = ()
 
 
 class Running(Protocol):
@@ -55,8 +63,8 @@ class Lab(Protocol):
     names: tuple[str, str]
     """Camera and lens that a new session is likely about."""
 
-    def open(self) -> Bench | None:
-        """The bench, connected as far as it answers; None where none is configured. Raises DeviceError."""
+    def open(self) -> Opened:
+        """The bench, connected as far as it answers. Raises DeviceError."""
         ...
 
     def plans(self) -> Mapping[str, str]:
@@ -93,30 +101,27 @@ class StationLab:
         self._config, self._simulate, self._seed = config, simulate, seed
         self._opening = threading.Lock()
         self._bench: Bench | None = None
-        self._opened = False
+        self._opened: Opened | None = None
         self._session: Session | None = None
         self._scratch: tempfile.TemporaryDirectory[str] | None = None
 
-    def open(self) -> Bench | None:
+    def open(self) -> Opened:
         """The bench; opened by the first call, which others wait for."""
         with self._opening:
-            if not self._opened:
+            if self._opened is None:
                 self._bench = self._make_bench()
-                self._opened = True
-            return self._bench
+                self._opened = Opened(self._bench, self._bench.rows() if self._bench is not None else ())
+            return self._opened
 
     def _make_bench(self) -> Bench | None:
         from station.bench import make_bench, read_config, simulated_bench
 
         if self._simulate:
             self._scratch = tempfile.TemporaryDirectory(prefix="station-", ignore_cleanup_errors=True)
-            bench = simulated_bench(Path(self._scratch.name), seed=self._seed, virtual_time=self.virtual_time)
-        elif self._config is not None:
-            bench = make_bench(read_config(self._config), folder=self._config.resolve().parent)
-        else:
-            return None
-        bench.rows()
-        return bench
+            return simulated_bench(Path(self._scratch.name), seed=self._seed, virtual_time=self.virtual_time)
+        if self._config is not None:
+            return make_bench(read_config(self._config), folder=self._config.resolve().parent)
+        return None
 
     virtual_time = False
     """Whether the simulated bench's time jumps while it is waited for: for tests."""
@@ -144,7 +149,7 @@ class StationLab:
         from drivers.clock import SystemClock
         from station.session import Session
 
-        bench = self.open()
+        bench = self.open().bench
         clock = bench.clock if bench is not None else SystemClock()
         settings = self._settings(bench)
         session = Session.create(
@@ -157,7 +162,7 @@ class StationLab:
         from drivers.clock import SystemClock
         from station.session import Session
 
-        bench = self.open()
+        bench = self.open().bench
         self._leave_session()
         session = Session.open(folder, bench.clock if bench is not None else SystemClock())
         if back_to is not None:
@@ -173,7 +178,7 @@ class StationLab:
 
         self._leave_session()
         self._session = session
-        return Run(plan_named(session.state.plan), self.open(), session, operator)
+        return Run(plan_named(session.state.plan), self.open().bench, session, operator)
 
     def _leave_session(self) -> None:
         if self._session is not None:

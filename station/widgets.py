@@ -264,13 +264,14 @@ class DeviceBar(Part):
     def show(self, states: Sequence[DeviceState], words: str) -> None:
         """How the devices are; `words` where there are none."""
         stop = literal(" F12 STOP ALL ", "bold reverse")
-        named = [self._entry(one) for one in sorted(states, key=lambda one: one.usable)]
+        named = [self._entry(one) for one in sorted(states, key=lambda one: one.condition.usable)]
         self.update(Content(" ").join([stop, *(named or [literal(words)])]))
 
     def _entry(self, one: DeviceState) -> Content:
-        if one.usable:
-            return literal(f"{self.glyphs.good} {one.name}{f' {one.word}' if self.size.width >= WIDE else ''}")
-        return literal(f"{self.glyphs.bad} {one.name} {one.word}", "bold")
+        if one.condition.usable:
+            word = f" {one.condition.word}" if self.size.width >= WIDE else ""
+            return literal(f"{self.glyphs.good} {one.name}{word}")
+        return literal(f"{self.glyphs.bad} {one.name} {one.condition.word}", "bold")
 
 
 WIDE = 110

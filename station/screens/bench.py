@@ -30,6 +30,7 @@ from station.screens.parts import StationScreen
 from station.widgets import Part, lines_of, literal
 
 if TYPE_CHECKING:
+    from drivers.interfaces import Condition
     from station.bench import Bench, Row
 
 STEPS = (0.01, 0.1, 1.0, 10.0, 100.0)
@@ -68,7 +69,6 @@ class BenchScreen(StationScreen):
 
     def __init__(self) -> None:
         super().__init__()
-        self._rows: Sequence[Row] = ()
         self._axes: Sequence[Axis] = ()
         self._positions: Mapping[str, float] = {}
         self._axis, self._step, self._wire = 0, 2, 0
@@ -101,11 +101,12 @@ class BenchScreen(StationScreen):
 
     # --- what is told
 
-    def show_bench(self, rows: Sequence[Row]) -> None:
-        """The devices after an attempt to connect them."""
-        self._rows = rows
-        self._axes = list(_axes(self.bench)) if self.bench is not None else []
-        self._show()
+    def refresh_frame(self) -> None:
+        """The devices may have been connected, or be in another state."""
+        super().refresh_frame()
+        if self.is_mounted:
+            self._axes = list(_axes(self.bench)) if self.bench is not None else []
+            self._show()
 
     def done(self, finished: Finished) -> None:
         """What came of a command."""
@@ -121,7 +122,8 @@ class BenchScreen(StationScreen):
 
     def _show(self) -> None:
         glyphs = self.query_one("#rows", Part).glyphs
-        rows = [row_in_words(row, glyphs.good, glyphs.bad) for row in self._rows]
+        known: Sequence[Row] = self.app.rows  # type: ignore[attr-defined]
+        rows = [row_in_words(row, self._condition(row), glyphs.good, glyphs.bad) for row in known]
         self.query_one("#rows", Part).update(lines_of(*(rows or ["" if self.bench else NO_BENCH])))
         lines = [f"Move by hand, in steps of {STEPS[self._step]:g}"]
         for i, axis in enumerate(self._axes):
@@ -129,7 +131,13 @@ class BenchScreen(StationScreen):
             mark = glyphs.now if i == self._axis else " " * len(glyphs.now)
             lines.append(f"{mark} {axis.name:10} {at:>10}  ({axis.low:g} to {axis.high:g})")
         self.query_one("#axes", Part).update(lines_of(*lines))
+        if taken := self.app.bench_taken:  # type: ignore[attr-defined]
+            self._say(taken)
         self._show_wire()
+
+    def _condition(self, row: Row) -> Condition:
+        """How the device is now, rather than when it was connected."""
+        return self.app.conditions.get(row.name, row.condition)  # type: ignore[attr-defined,no-any-return]
 
     def _show_wire(self) -> None:
         part, bench = self.query_one("#wire", Part), self.bench
@@ -219,14 +227,14 @@ class BenchScreen(StationScreen):
         self._show_wire()
 
 
-def row_in_words(row: Row, good: str, bad: str) -> str:
+def row_in_words(row: Row, now: Condition, good: str, bad: str) -> str:
     """A device: what answered and how it is, or what is wrong and what to do."""
-    mark = good if row.condition.usable else bad
+    mark = good if now.usable else bad
     who = f"{row.identity.model} {row.identity.firmware}".strip() if row.identity else "no answer"
-    words = f"{mark} {row.name:12} {row.driver:8} {who}: {row.condition.word}"
+    words = f"{mark} {row.name:12} {row.driver:8} {who}: {now.word}"
     if row.error is not None:
         return f"{words}. {row.error.reason}. {row.error.remedy}"
-    return words if row.condition.usable else f"{words}. {row.condition.remedy}"
+    return words if now.usable else f"{words}. {now.remedy}"
 
 
 # --- in the thread -----------------------------------------------------------------------------------------------
