@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from rich.text import Text
 from textual import on
 from textual.app import App
 from textual.binding import BindingType
@@ -21,6 +22,7 @@ from textual.command import CommandPalette, Provider
 from textual.message import Message
 from textual.screen import Screen
 
+from station.cli.errors import TRACEBACK
 from station.commands import (
     BY_NAME,
     EVERYWHERE,
@@ -40,7 +42,7 @@ from station.commands import (
     bindings,
 )
 from station.glyphs import Glyphs, glyphs_for, visible
-from station.jobs import DeviceState, Finished, Job, Problem, Watcher, at_once, device_states
+from station.jobs import DeviceState, Finished, Job, Problem, Watcher, at_once, device_states, problem_of
 from station.screens.dialogs import Choose, Help
 from station.screens.parts import AnswerBox, StationScreen
 from station.screens.start import StartScreen
@@ -61,6 +63,7 @@ EXIT_EMERGENCY = 3
 PATIENCE_S = 5.0
 """How long the program waits for a run to end after an emergency stop, before it leaves all the same."""
 GUIDE, BENCH, RESULTS = "guide", "bench", "results"
+ALARM = "EMERGENCY STOP: everything was halted. Stages must be homed to move again."
 STAY, AFTER_THIS, NOW = range(3)
 
 
@@ -77,6 +80,7 @@ class StationApp(App[int]):
     #title { height: 1; text-style: bold; background: $panel; }
     #devices { height: auto; max-height: 2; }
     #keys { height: 1; }
+    ToastRack { dock: top; align: right top; margin: 1 0; }
     """
 
     class News(Message):
@@ -109,7 +113,7 @@ class StationApp(App[int]):
         self._guide: GuideScreen | None = None
         self._sitting: Sitting | None = None
         self._session: Path | None = None
-        self._subject = ""
+        self._subject = self._alarm = ""
         self._wanted: Callable[[Desk], Running] | None = None
         self._afterwards: Callable[[], object] | None = None
         self._shown_s = 0.0
@@ -135,6 +139,14 @@ class StationApp(App[int]):
     def _terminated(self) -> None:
         self.stop_everything()
         self.exit(EXIT_EMERGENCY)
+
+    def _fatal_error(self) -> None:
+        """A fault of the program: one sentence for the operator, the traceback for whoever asks for it."""
+        if os.environ.get(TRACEBACK) or self._exception is None or self.is_headless:
+            super()._fatal_error()
+            return
+        told = problem_of(self._exception)
+        self.panic(Text(visible(f"{told.reason}; {told.remedy}")))
 
     def on_unmount(self) -> None:
         """Let nothing run on behind a closed terminal."""
@@ -211,6 +223,8 @@ class StationApp(App[int]):
     def _moved_by_hand(self, finished: Finished) -> None:
         from station.screens.bench import BenchScreen
 
+        if finished.problem is None:
+            self._alarm = ""
         if isinstance(finished.value, list):
             self.rows = finished.value
         for screen in self.get_screen_stack(BENCH) if BENCH in self._screen_stacks else ():
@@ -266,7 +280,7 @@ class StationApp(App[int]):
         from station.desk import Sitting
         from station.screens.guide import GuideScreen
 
-        self._wanted = None
+        self._wanted, self._alarm = None, ""
         if self._guide is None:
             self._guide = GuideScreen()
             self.push_screen(self._guide, mode=GUIDE)
@@ -339,8 +353,9 @@ class StationApp(App[int]):
         at_once(self.lab.emergency_stop)
         if self._sitting is not None and self.running("run"):
             at_once(self._sitting.halt)
-        words = "EMERGENCY STOP: every device was halted. Stages must be homed before they move again."
-        self.notify(words, severity="error", timeout=15, markup=False)
+        self._alarm = ALARM
+        self.bell()
+        self.refresh_frame()
 
     # --- commands ------------------------------------------------------------------------------------------------
 
@@ -353,7 +368,8 @@ class StationApp(App[int]):
         """The commands that can be given now: those of the screen, then those of every screen."""
         front = self.front
         here = [command for command in front.COMMANDS_HERE if front.can(command)]
-        return [*here, *(command for command in EVERYWHERE if self._can(command))]
+        stop, help_, *others = (command for command in EVERYWHERE if self._can(command))
+        return [stop, help_, *here, *others]
 
     def _can(self, command: type[Command]) -> bool:
         if command is EndRun:
@@ -369,7 +385,7 @@ class StationApp(App[int]):
         elif command in self.offered() or command.urgent:
             self.front.post_message(command())
         else:
-            self.notify("That cannot be done now.", markup=False)
+            self.notify(self.bench_taken or "That cannot be done now.", markup=False)
 
     @on(ShowGuide)
     def _show_guide(self) -> None:
@@ -402,7 +418,7 @@ class StationApp(App[int]):
     def _new_session(self) -> None:
         if self._guide is not None and self.front is self._guide:
             self._guide = self._session = None
-            self._subject = ""
+            self._subject = self._alarm = ""
             self.pop_screen()
             self._start("sessions", self.lab.kept)
 
@@ -438,12 +454,16 @@ class StationApp(App[int]):
         self._states = message.states
         self.refresh_frame()
 
-    def refresh_frame(self, screen: Screen[Any] | None = None) -> None:
-        """Title, devices and keys of a screen as they are now; by default of the one that is shown."""
-        shown = screen or self.front
+    def refresh_frame(self) -> None:
+        """Bring the screen that is shown up to date."""
+        self.front.refresh_frame()
+
+    def fill_frame(self, shown: StationScreen) -> None:
+        """Title, devices and keys of a screen as they are now."""
         if shown.is_mounted:
             title = " - ".join(part for part in (self.TITLE, self._subject) if part)
-            shown.query_one("#title", Part).update(literal(f" {title}"))
+            words = literal(f" {self._alarm} ", "bold reverse") if self._alarm else literal(f" {title}")
+            shown.query_one("#title", Part).update(words)
             shown.query_one(DeviceBar).show(self._states, self._bench_words)
             shown.query_one(KeyLine).show()
 

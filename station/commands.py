@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Iterable
-from typing import ClassVar, Protocol, cast
+from typing import Any, ClassVar, Protocol, cast
 
 from textual.binding import Binding, BindingType
 from textual.command import DiscoveryHit, Hit, Hits, Provider
@@ -25,8 +25,14 @@ class Command(Message):
     """The first key as people call it, where that is not its name."""
     word: ClassVar[str] = ""
     """The footer's word; none: not in the footer."""
+    pair: ClassVar[str] = ""
+    """The keys as the footer writes them, where it names two commands as one."""
     urgent: ClassVar[bool] = False
     """Whether it is heard before whatever has the keyboard, in dialogs too."""
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        # their own namespace: a command called Leave must not reach Textual's handlers of its event Leave
+        super().__init_subclass__(namespace="command", **options)
 
     @classmethod
     def title(cls) -> str:
@@ -156,25 +162,25 @@ class HomeStages(Command):
 class JogBack(Command):
     """Move the chosen axis one step towards smaller numbers."""
 
-    keys, word, shown = "left,minus", "move -", "←"
+    keys, shown = "left,minus", "Left"
 
 
 class JogForward(Command):
     """Move the chosen axis one step towards larger numbers."""
 
-    keys, word, shown = "right,plus", "move +", "→"
+    keys, word, shown, pair = "right,plus", "move", "Right", "Left/Right"
 
 
 class AxisBefore(Command):
     """Choose the axis above."""
 
-    keys, shown = "up", "↑"
+    keys, shown = "up", "Up"
 
 
 class AxisAfter(Command):
     """Choose the axis below."""
 
-    keys, word, shown = "down", "axis", "↓"
+    keys, word, shown, pair = "down", "axis", "Down", "Up/Down"
 
 
 class StepSmaller(Command):
@@ -186,7 +192,7 @@ class StepSmaller(Command):
 class StepLarger(Command):
     """Move by ten times the step."""
 
-    keys, word, shown = "right_square_bracket", "step", "]"
+    keys, word, shown, pair = "right_square_bracket", "step", "]", "[ ]"
 
 
 class Darker(Command):
@@ -198,7 +204,7 @@ class Darker(Command):
 class Brighter(Command):
     """Brighten the lamp by a tenth of its full light."""
 
-    keys, word, shown = "b", "light", "B"
+    keys, word, shown, pair = "b", "light", "B", "D/B"
 
 
 class NextWire(Command):

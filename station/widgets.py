@@ -265,13 +265,13 @@ class DeviceBar(Part):
         """How the devices are; `words` where there are none."""
         stop = literal(" F12 STOP ALL ", "bold reverse")
         named = [self._entry(one) for one in sorted(states, key=lambda one: one.condition.usable)]
-        self.update(Content(" ").join([stop, *(named or [literal(words)])]))
+        self.update(Content("  ").join([stop, *(named or [literal(words)])]))
 
     def _entry(self, one: DeviceState) -> Content:
         if one.condition.usable:
             word = f" {one.condition.word}" if self.size.width >= WIDE else ""
             return literal(f"{self.glyphs.good} {one.name}{word}")
-        return literal(f"{self.glyphs.bad} {one.name} {one.condition.word}", "bold")
+        return literal(f"{self.glyphs.bad} {one.name}: {one.condition.word}.", "bold")
 
 
 WIDE = 110
@@ -294,9 +294,9 @@ class KeyLine(Part):
         entries: list[Content] = []
         room = self.size.width
         for command in cast("Offers", self.app).offered():
-            entry = Content.assemble((command.key_name(), "bold reverse"), f" {command.word}")
-            room -= entry.cell_length + 2
-            if command.word and room >= 0:
+            entry = Content.assemble((command.pair or command.key_name(), "bold reverse"), f" {command.word}")
+            if command.word and entry.cell_length <= room:
+                room -= entry.cell_length + 2
                 entries.append(entry)
         self.update(Content("  ").join(entries))
 

@@ -15,7 +15,7 @@ CONFIG = Path("station.toml")
 
 def run_app(*, simulate: bool, config: Path | None, sessions: Path, seed: int) -> None:
     """Run the application until the operator leaves it; exits with its code. Raises BadParameter without a terminal."""
-    if not (sys.stdin.isatty() and sys.stdout.isatty()):
+    if not (sys.stdin.isatty() and sys.stdout.isatty() and sys.stderr.isatty()):
         raise BadParameter("the application needs a terminal", "start it in one, or see the commands: station --help")
     from station.app import StationApp
 

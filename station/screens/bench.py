@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 from textual import on
 from textual.app import ComposeResult
+from textual.binding import BindingType
 from textual.containers import Horizontal
 
 from station.commands import (
@@ -24,6 +25,7 @@ from station.commands import (
     NextWire,
     StepLarger,
     StepSmaller,
+    bindings,
 )
 from station.jobs import Finished
 from station.screens.parts import StationScreen
@@ -59,10 +61,11 @@ class BenchScreen(StationScreen):
     """Everything on the bench by hand."""
 
     COMMANDS_HERE = BENCH
+    BINDINGS: ClassVar[list[BindingType]] = bindings(BENCH)
     CSS = """
     BenchScreen #rows { height: auto; max-height: 50%; }
     BenchScreen #hand { height: 1fr; margin-top: 1; }
-    BenchScreen #axes { width: 40; height: 100%; }
+    BenchScreen #axes { width: 42; height: 100%; }
     BenchScreen #wire { width: 1fr; height: 100%; padding-left: 1; }
     BenchScreen #said { height: auto; max-height: 3; }
     """
@@ -71,6 +74,7 @@ class BenchScreen(StationScreen):
         super().__init__()
         self._axes: Sequence[Axis] = ()
         self._positions: Mapping[str, float] = {}
+        self._wire_shown: tuple[str, list[str]] = ("", [])
         self._axis, self._step, self._wire = 0, 2, 0
 
     def body(self) -> ComposeResult:
@@ -129,7 +133,7 @@ class BenchScreen(StationScreen):
         for i, axis in enumerate(self._axes):
             at = f"{self._positions[axis.name]:.3f}" if axis.name in self._positions else "?"
             mark = glyphs.now if i == self._axis else " " * len(glyphs.now)
-            lines.append(f"{mark} {axis.name:10} {at:>10}  ({axis.low:g} to {axis.high:g})")
+            lines.append(f"{mark} {axis.name:10} {at:>10}  ({axis.low:.4g} to {axis.high:.4g})")
         self.query_one("#axes", Part).update(lines_of(*lines))
         if taken := self.app.bench_taken:  # type: ignore[attr-defined]
             self._say(taken)
@@ -147,7 +151,9 @@ class BenchScreen(StationScreen):
         name = list(wires)[self._wire % len(wires)]
         passed = wires[name].last(max(1, part.size.height - 1))
         lines = [f"{p.time_s:9.3f} {p.way} {p.data!r}"[: max(20, part.size.width)] for p in passed]
-        part.update(lines_of(literal(f"Wire of {name} (W: next)", "bold"), *lines))
+        if (name, lines) != self._wire_shown:
+            self._wire_shown = name, lines
+            part.update(lines_of(literal(f"Wire of {name} (W: next)", "bold"), *lines))
 
     # --- commands
 

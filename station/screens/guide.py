@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from functools import singledispatchmethod
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from textual.app import ComposeResult
+from textual.binding import BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 
-from station.commands import GUIDE, Command, EndRun, GoOn, NewSession, StepBack
+from station.commands import GUIDE, Command, EndRun, GoOn, NewSession, StepBack, bindings
 from station.desk import Glimpse, Judged, News, Question
 from station.operator import CurveSeen, Doing, RunBegan, RunEnded, StepBegan, StepEnded, Trouble
 from station.plots import Curve, Frame, plot
@@ -34,6 +35,7 @@ class GuideScreen(StationScreen):
     """One step at a time."""
 
     COMMANDS_HERE = GUIDE
+    BINDINGS: ClassVar[list[BindingType]] = bindings(GUIDE)
     CSS = """
     GuideScreen #rail { width: 27; padding: 0 1 0 0; height: 100%; }
     GuideScreen #main { width: 1fr; height: 100%; }

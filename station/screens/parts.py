@@ -48,7 +48,7 @@ class StationScreen(Screen[None]):
 
     def refresh_frame(self) -> None:
         """Devices, title and keys as they are now."""
-        self.app.refresh_frame(self)  # type: ignore[attr-defined]
+        self.app.fill_frame(self)  # type: ignore[attr-defined]
 
     def can(self, command: type[Command]) -> bool:
         """Whether a command of this screen can be given now."""

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 from textual import on
 from textual.app import ComposeResult
+from textual.binding import BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 
 from procedures.outcome import ProcedureError
-from station.commands import RESULTS, Command, Compare, NextPlane, Reload
+from station.commands import RESULTS, Command, Compare, NextPlane, Reload, bindings
 from station.glyphs import Glyphs
 from station.jobs import Job
 from station.preview import psf_thumbnail
@@ -51,6 +53,7 @@ class ResultsScreen(StationScreen):
     """A list of results, and the one that is chosen."""
 
     COMMANDS_HERE = RESULTS
+    BINDINGS: ClassVar[list[BindingType]] = bindings(RESULTS)
     CSS = """
     ResultsScreen #middle { height: 1fr; }
     ResultsScreen #list { width: 28; height: 100%; padding-right: 1; }
