@@ -18,7 +18,8 @@ Fact = str | float | bool
 Facts = Mapping[str, Fact]
 """What is known so far: answers of the operator, what checks learned, what the bench said. JSON can hold it.
 
-With a frame come facts of its moment: `at_z_mm` and so on for every axis, `distance_mm` where a rangefinder measured.
+With a frame come facts of its moment: for every axis where it is and the ends of its travel, `at_z_mm`, `low_z_mm`,
+`high_z_mm` and so on; `distance_mm` where a rangefinder measured.
 """
 
 
@@ -102,7 +103,9 @@ class Home:
 
 @dataclass(frozen=True)
 class Go:
-    """Move to the places that the facts tell, by axis. Where the bench cannot, the operator does what `say` says."""
+    """Move to the places that the facts tell, by axis. Where the bench cannot, the operator does what `say` says; "" is
+    nothing to do.
+    """
 
     to: Callable[[Facts], Mapping[str, float]]
     say: Callable[[Facts], str]

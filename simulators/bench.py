@@ -9,6 +9,7 @@ import itertools
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from simulators.clock import FastClock, VirtualClock
 from simulators.faults import Faults
 from simulators.grbl import GrblController
 from simulators.grbl_state import Outputs
+from simulators.hands import Hands
 from simulators.imu import FastModule, WitModule
 from simulators.instruments import BoschModule, DmxWidget, JrtModule
 from simulators.mishaps import Fate, Mishap, random_faults, random_mishaps
@@ -61,6 +63,7 @@ class SimulatedBench:
         self.clock: SimClock = VirtualClock() if setup.virtual_time else FastClock(setup.speed)
         self.world = World(setup.room)
         self.folder = folder
+        self._seed = setup.seed
         root = np.random.default_rng(setup.seed)
         sensing, picture = root.spawn(2)
         self.view = View(self.world, picture)
@@ -91,6 +94,11 @@ class SimulatedBench:
             "bosch": BoschModule(self.world, seeds[3]),
             "light": DmxWidget(self.world),
         }
+
+    @cached_property
+    def hands(self) -> Hands:
+        """A person at this bench, who begins with an empty room; without him the chart hangs straight and in focus."""
+        return Hands(self, self._seed)
 
     def _relay(self, on: bool, now_s: float) -> None:
         if on:

@@ -34,11 +34,27 @@ def instants(opening: Opening) -> Array:
     return np.asarray(opening.begin_s + opening.exposure_s * (np.arange(count) + 0.5) / count)
 
 
+@dataclass(frozen=True)
+class Mount:
+    """How the chart hangs: off the middle of the stage's travel, and turned as `projection.Pose` says."""
+
+    right_mm: float = 0.0
+    down_mm: float = 0.0
+    yaw_deg: float = 0.0
+    pitch_deg: float = 0.0
+    roll_deg: float = 0.0
+
+    def turn(self) -> Rotation:
+        """Its turn against a chart that hangs straight."""
+        return Rotation.from_euler("ZYX", [self.roll_deg, self.yaw_deg, self.pitch_deg], degrees=True)
+
+
 @dataclass
 class View:
     """The camera in the world, in front of a chart that hangs in the middle of the stage's travel.
 
     `focus_mm` None focuses on the chart before each exposure; a fixed focus drifts by `focus_drift_mm_per_c`.
+    `mount` None: no chart hangs there. `slope`: how the light changes over it, from its centre to its sides.
     """
 
     world: World
@@ -48,14 +64,18 @@ class View:
     cell_mm: float = 0.3
     focus_mm: float | None = None
     focus_drift_mm_per_c: float = -1.5
+    mount: Mount | None = field(default_factory=Mount)
+    slope: tuple[float, float] = (0.0, 0.0)
     taken: list[Photograph] = field(default_factory=list)
 
     def chart_seen(self, pose: Pose) -> tuple[Array, Rotation]:
         """The chart's centre in the camera's frame at each instant, (n, 3) mm, and its turn."""
+        mount = self.mount or Mount()
         middle = {name: (low + high) / 2 for name, (low, high) in self.world.room.travel.items()}
-        offset = np.column_stack([middle["x_mm"] - pose.x_mm, pose.y_mm - middle["y_mm"], pose.z_mm])
+        right, down = middle["x_mm"] - pose.x_mm + mount.right_mm, pose.y_mm - middle["y_mm"] + mount.down_mm
+        offset = np.column_stack([right, down, pose.z_mm])
         turned = Rotation.from_euler("YX", np.column_stack([pose.pan_deg, pose.tilt_deg]), degrees=True).inv()
-        return np.asarray(turned.apply(offset)), turned
+        return np.asarray(turned.apply(offset)), turned * mount.turn()
 
     def photograph(self, opening: Opening, path: FilePath | None = None) -> Photograph:
         """Expose once; the path of the chart's centre over the sensor becomes part of the blur."""
@@ -64,12 +84,16 @@ class View:
         roll, yaw, pitch = turns.mean().as_euler("ZYX", degrees=True)
         placed = PlacedChart(self.chart, ChartPose((centre[0], centre[1], centre[2]), yaw, pitch, roll), self.cell_mm)
         middle_s = opening.begin_s + opening.exposure_s / 2
-        scene = Scene((placed,), Wall(centre[2] + 500.0), Light(self.world.lamp(middle_s)))
+        light = Light(self.world.lamp(middle_s)) if self.mount is None else self._light(placed, middle_s)
+        scene = Scene((placed,) if self.mount else (), Wall(centre[2] + 500.0), light)
         focus_mm = self._focus_mm(middle_s, float(centre[2]))
         camera = replace(self.camera, focus_mm=focus_mm, optics=self._optics(centres, focus_mm))
         taken = camera.photograph(scene, self.rng, path, exposure_s=opening.exposure_s)
         self.taken.append(taken)
         return taken
+
+    def _light(self, placed: PlacedChart, t_s: float) -> Light:
+        return replace(self.camera.light_on(placed, self.slope), level=self.world.lamp(t_s))
 
     def _focus_mm(self, t_s: float, distance_mm: float) -> float:
         if self.focus_mm is None:

@@ -133,6 +133,7 @@ class Run:
         if places:
             self._do(Home())
             self._do(Go(lambda facts: places, lambda facts: "going back to where the camera was"))
+        self._talk.take_up()
 
     def _next(self) -> Step | None:
         done = self._session.state.done
@@ -186,11 +187,12 @@ class Run:
 
     @_carry.register
     def _(self, go: Go) -> None:
-        here = self._rig.snapshot() if self._rig.bench else None
-        facts = {**self._talk.facts, **(here.facts() if here else {})}
+        facts = {**self._talk.facts, **self._rig.snapshot().facts()}
         places, say = go.to(facts), go.say(facts)
+        if not say:
+            return
         moves = {name: place - float(facts[AT + name]) for name, place in places.items() if AT + name in facts}
-        obstacle = self._rig.obstacle(moves)
+        obstacle = self._talk.attempt(lambda: self._rig.obstacle(moves), self._rig.mend)
         if obstacle is None:
             self._talk.doing(say)
             self._talk.attempt(lambda: self._rig.go_to(places), self._rig.mend)

@@ -34,6 +34,10 @@ class Hands(Protocol):
         """What the person did who confirms this question."""
         ...
 
+    def take_up(self, facts: Facts) -> None:
+        """Everything is as an earlier run, which knew these facts, left it."""
+        ...
+
     def follow(self, by_hand: Mapping[str, float]) -> None:
         """What was asked for in numbers: turn the chart, the focus ring, the exposure dial."""
         ...
@@ -106,6 +110,11 @@ class Conversation:
     def choose(self, key: str, question: str, choices: tuple[str, ...]) -> str:
         """One of the choices; the first is what is usually meant."""
         return str(self.ask(Ask(key, question, "choice", default=choices[0], choices=choices)))
+
+    def take_up(self) -> None:
+        """Simulated hands bring the room to where an earlier run left it."""
+        if self._hands is not None:
+            self._hands.take_up(self.facts)
 
     # --- trouble
 

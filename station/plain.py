@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import singledispatchmethod
 from typing import TextIO
 
@@ -37,6 +38,8 @@ class Plain:
         self._read = read
         self._write = write
         self._shown = ""
+        self._advised = ""
+        self._done: set[str] = set()
 
     def _line(self, text: str) -> None:
         """One line; the same line twice in a row is told once."""
@@ -68,6 +71,7 @@ class Plain:
 
     @_tell.register
     def _(self, event: StepBegan) -> None:
+        self._done.clear()
         self._line("")
         self._line(f"== {event.step.title}")
         self._line(event.step.instruction)
@@ -80,10 +84,14 @@ class Plain:
     def _(self, event: Doing) -> None:
         count = f" ({event.done} of {event.total})" if event.total else ""
         left = f", {event.left_s:.0f} s left" if event.left_s is not None else ""
-        self._line(f"   {event.say}{count}{left}")
+        line = f"   {event.say}{count}{left}"
+        if line not in self._done:  # what is done again and again in a step is told once
+            self._done.add(line)
+            self._line(line)
 
     @_tell.register
     def _(self, event: Seen) -> None:
+        self._advised = event.advice.say
         for line in seen_lines(event.advice):
             self._line(line)
 
@@ -117,7 +125,7 @@ class Plain:
         """The answer from the next lines of stdin. Raises Stopped at its end, or when the operator stops."""
         while True:
             self._shown = ""
-            self._write.write(question_line(ask))
+            self._write.write(question_line(self._shortened(ask)))
             self._write.flush()
             line = self._read.readline()
             if not line or line.strip().lower() in STOPS:
@@ -127,6 +135,12 @@ class Plain:
                 return parse(ask, line)
             except ValueError as error:
                 self._line(f"   {error}")
+
+    def _shortened(self, ask: Ask) -> Ask:
+        """The question without what was just advised in the same words."""
+        if self._advised and ask.question.startswith(self._advised):
+            return replace(ask, question=("Tell when it is done." + ask.question.removeprefix(self._advised)))
+        return ask
 
 
 class _Nowhere:
@@ -176,4 +190,4 @@ def curve_line(event: CurveSeen) -> str:
     score = event.scores[-1]
     told = f"{score:.3f}" if score == score else "cannot be told"
     bar = "#" * round(30 * score / best) if score == score and best > 0 else ""
-    return f"{event.axis} {event.places[-1]:8.2f}: {told:>6} {bar}"
+    return f"{event.axis.replace('_', ' ')} {event.places[-1]:8.2f}: {told:>6} {bar}"

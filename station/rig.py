@@ -145,6 +145,13 @@ class Rig:
         """Where the axes are now. Raises DeviceError."""
         return {name: value for stage in self.stages() for name, value in stage.position().items()}
 
+    def axis_facts(self) -> dict[str, float]:
+        """Where each axis is, and the ends of its travel, as facts. Raises DeviceError."""
+        facts = {AT + name: value for name, value in self.positions().items()}
+        for name, (_, low, high) in self._travels().items():
+            facts |= {f"low_{name}": low, f"high_{name}": high}
+        return facts
+
     def move_by(self, moves: Mapping[str, float]) -> None:
         """Move from here. Raises DeviceError."""
         here = self.positions()

@@ -31,10 +31,9 @@ class Watching:
         self.step = ""
 
     def moved(self) -> None:
-        """Something moved: keep where it is, and let it settle."""
+        """Something moved: keep where it is and how far it can go, and let it settle."""
         self._exposer.settling.moved()
-        places = self._talk.attempt(self._rig.positions, self._rig.mend)
-        self._talk.learn({AT + name: place for name, place in places.items()})
+        self._talk.learn(self._talk.attempt(self._rig.axis_facts, self._rig.mend))
 
     # --- look until it is good
 

@@ -14,15 +14,14 @@ import numpy.typing as npt
 
 from procedures.advice import changed_settings, exposure_advice, paper_level
 from procedures.numerics.warps import fit_homography
-from procedures.outcome import Refused
 from procedures.pattern import CELLS, DEFAULT_SEED, Chart
+from procedures.pattern_print.rulers import LENGTH_MM
+from procedures.pattern_print.sheet import Size
 from procedures.pattern_psf.detection import Sighting, find_charts
 from procedures.pattern_psf.estimate import PatternParameters, estimate_psf
 from procedures.pattern_psf.pose import ChartPose, Optics, chart_pose
 from procedures.pattern_psf.radiometry import Light, measure_light
 from procedures.pattern_psf.registration import Registration, block_size_px, refine_corners, register_marks
-from procedures.pattern_print.rulers import LENGTH_MM
-from procedures.pattern_print.sheet import Size
 from procedures.plan import Advice, Fact, Facts, Reading
 from procedures.raw import Plane, RawFrame
 
@@ -339,6 +338,12 @@ def best_place(places: Sequence[float], scores: Sequence[float]) -> float | None
         return float(x[i])
     a, b, _ = np.polyfit(x[i - 1 : i + 2] - x[i], y[i - 1 : i + 2], 2)
     return float(x[i] - b / (2 * a)) if a < 0 else float(x[i])
+
+
+def best_tried(places: Sequence[float], scores: Sequence[float]) -> float | None:
+    """The place of the highest score itself, for what cannot be set between. None without any score."""
+    y = np.asarray(scores, dtype=np.float64)
+    return float(places[int(np.nanargmax(y))]) if np.isfinite(y).any() else None
 
 
 # --- shots -------------------------------------------------------------------------------------------------------

@@ -3,20 +3,23 @@
 A shot's PSF has sum 1, so that its covariance knows nothing of the direction in which all samples grow alike. With Q
 an orthonormal basis of the other directions, a_i = Q' h_i and A_i = Q' C_i Q,
 
-    a = (sum A_i^-1)^-1 sum A_i^-1 a_i,   C = Q (sum A_i^-1)^-1 Q',   chi^2 = sum (a_i - a)' A_i^-1 (a_i - a),
+    a = (sum A_i^-1)^-1 sum A_i^-1 a_i,   C = Q (sum A_i^-1)^-1 Q',   chi^2 = sum (a_i - a)' A_i^-1 (a_i - a).
 
-with (n - 1)(k^2 - 1) degrees of freedom.
+Nor does it know how well the marks fix the centre. That is left out of chi^2, by a basis that is orthogonal to the
+PSF's shifts too, and told by itself: its scatter from shot to shot, which is added to C.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
+from scipy.stats import chi2
 
+from procedures.numerics.warps import inverse
 from procedures.outcome import Outcome, Rule, Verdict, verdict_of
 from procedures.pattern_psf.estimate import PatternPsf
 from procedures.psf import Psf
@@ -24,8 +27,15 @@ from procedures.quality import Quality, assess
 
 Array = npt.NDArray[np.float64]
 
+UNLIKELY, IMPOSSIBLE = 1e-4, 1e-12
+"""Chances of a chi^2 as large as this, below which the shots are doubted to agree, and below which they do not."""
+VISIBLE = 0.03
+"""Distance of a shot from the mean, over the mean's norm, below which a disagreement is only doubtful."""
+CENTRE_PX = 0.05
+"""Scatter of the centre, in pixels, from which it is doubtful."""
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False)
 class CombinedPsf:
     """One plane's PSF from several shots.
 
@@ -36,21 +46,119 @@ class CombinedPsf:
         What each shot gave, in their order.
     chi_square : float
         Of the shots about their mean, per degree of freedom: near 1 where they agree within their uncertainties.
+    chance : float
+        Of a chi^2 as large as this by noise alone.
     spread : float
         Largest distance of a shot's PSF from the mean, over the norm of the mean.
+    centre_px : float
+        Scatter of the centre from shot to shot, in pixels.
     """
 
     psf: Psf
     shots: tuple[PatternPsf, ...]
     chi_square: float
+    chance: float
     spread: float
-
-    @property
-    def best(self) -> PatternPsf:
-        """The shot of the least residual: its picture stands for all."""
-        return min(self.shots, key=lambda shot: shot.residual_std)
+    centre_px: float
 
     @cached_property
     def quality(self) -> Quality:
         """MTF and the numbers drawn from the mean."""
         return assess(self.psf, n=sum(shot.n for shot in self.shots), diffraction=self.shots[0].diffraction)
+
+    @property
+    def diagnostics(self) -> Mapping[str, float]:
+        """The shots' diagnostics, their means; and how the shots agree."""
+        names = self.shots[0].diagnostics
+        means = {name: float(np.mean([shot.diagnostics[name] for shot in self.shots])) for name in names}
+        agreement = {"chi_square": self.chi_square, "chance": self.chance, "spread": self.spread}
+        return {**means, **agreement, "centre_scatter_px": self.centre_px, "shots": float(len(self.shots))}
+
+    def __getattr__(self, name: str) -> float:
+        """The shots' mean of a number that each of them has."""
+        if name not in ("gamma", "gamma_bound", "residual_std", "pixels_per_pattern", "s_over_t"):
+            raise AttributeError(name)
+        return float(np.mean([getattr(shot, name) for shot in self.shots]))
+
+
+def combine(found: Sequence[Outcome[PatternPsf]]) -> Outcome[CombinedPsf]:
+    """The PSF of all shots of one plane, and the verdict: do they agree, and what was doubted of most of them.
+
+    Refused shots are left out. Source: least squares; ISO/IEC Guide 98-3 (GUM), annex H.5 for the test.
+    """
+    shots = [outcome.value for outcome in found if outcome.value is not None]
+    if not shots:
+        first = found[0] if found else Outcome(None, Verdict.REFUSED, "no shot counts", "take shots")
+        return Outcome(None, Verdict.REFUSED, first.reason, first.remedy)
+    combined = _mean(shots)
+    verdict, reason, remedy = verdict_of([*_agreement(combined), *_doubts(found)])
+    return Outcome(None if verdict is Verdict.REFUSED else combined, verdict, reason, remedy)
+
+
+def _mean(shots: Sequence[PatternPsf]) -> CombinedPsf:
+    k = shots[0].psf.k
+    h = np.array([shot.psf.h.ravel() for shot in shots])
+    C = [shot.psf.covariance for shot in shots]
+    slope_y, slope_x = np.gradient(h.mean(axis=0).reshape(k, k))
+    shifts = np.column_stack([slope_x.ravel(), slope_y.ravel()])
+    level = np.full((k * k, 1), 1.0 / k)
+    Q = _complement(level)
+    a, covariance, _ = _weighted(h @ Q, [Q.T @ one @ Q for one in C])
+    mean = 1 / k**2 + Q @ a
+    P = _complement(np.column_stack([level, shifts]))
+    _, _, chi_square = _weighted(h @ P, [P.T @ one @ P for one in C])
+    freedom = (len(shots) - 1) * P.shape[1]
+    moved = np.linalg.lstsq(shifts, (h - mean).T, rcond=None)[0]  # in samples
+    scatter = np.cov(moved) if len(shots) > 1 else np.zeros((2, 2))
+    psf = Psf(mean.reshape(k, k), shots[0].psf.s, Q @ covariance @ Q.T + shifts @ (scatter / len(shots)) @ shifts.T)
+    return CombinedPsf(
+        psf=psf,
+        shots=tuple(shots),
+        chi_square=chi_square / freedom if freedom else float("nan"),
+        chance=float(chi2.sf(chi_square, freedom)) if freedom else 1.0,
+        spread=float(np.linalg.norm(h - mean, axis=1).max() / np.linalg.norm(mean)),
+        centre_px=float(np.sqrt(np.trace(scatter))) / psf.s,
+    )
+
+
+def _complement(columns: Array) -> Array:
+    """An orthonormal basis (n, n - m) of what is orthogonal to the columns (n, m)."""
+    n, m = columns.shape
+    return np.asarray(np.linalg.qr(columns, mode="complete")[0][:, m:n])
+
+
+def _weighted(a: Array, A: Sequence[Array]) -> tuple[Array, Array, float]:
+    """Mean of the rows of a by the inverses of their covariances, its covariance, and chi^2 about it."""
+    W = [inverse(one) for one in A]
+    covariance = inverse(np.sum(W, axis=0))
+    mean = covariance @ np.sum([w @ one for w, one in zip(W, a, strict=True)], axis=0)
+    chi_square = sum(float((one - mean) @ w @ (one - mean)) for w, one in zip(W, a, strict=True))
+    return mean, covariance, chi_square
+
+
+def _agreement(combined: CombinedPsf) -> list[Rule]:
+    """What the shots say about each other."""
+    impossible = combined.chance < IMPOSSIBLE and combined.spread > VISIBLE
+    far = [float(np.linalg.norm(shot.psf.h - combined.psf.h)) for shot in combined.shots]
+    reason = (
+        f"the shots disagree: chi-square is {combined.chi_square:.2f} per degree of freedom, and shot "
+        f"{int(np.argmax(far)) + 1} of {len(far)} lies {combined.spread:.1%} from the mean"
+    )
+    return [
+        Rule(Verdict.REFUSED, impossible, reason, "let nothing move between the shots, and take them again"),
+        Rule(Verdict.DOUBTFUL, combined.chance < UNLIKELY, reason, "keep light and focus as they are, and retake"),
+        Rule(
+            Verdict.DOUBTFUL,
+            combined.centre_px > CENTRE_PX,
+            f"the centre scatters by {combined.centre_px:.2f} pixel from shot to shot",
+            "keep the marks free of reflections and shadows",
+        ),
+    ]
+
+
+def _doubts(found: Sequence[Outcome[PatternPsf]]) -> list[Rule]:
+    """What was doubted of more than half of the shots, in the words of the first of them."""
+    doubtful = [outcome for outcome in found if outcome.verdict is Verdict.DOUBTFUL]
+    used = sum(outcome.value is not None for outcome in found)
+    first = doubtful[0] if doubtful else Outcome(None)
+    return [Rule(Verdict.DOUBTFUL, 2 * len(doubtful) > used, first.reason, first.remedy)]
