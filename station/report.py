@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +11,7 @@ from procedures.pattern_print.sheet import Size
 from procedures.raw import Exposure
 from station import figures
 from station.results import software
+from station.stated import stated
 
 if TYPE_CHECKING:
     from station.compare import Comparison
@@ -139,16 +139,6 @@ def exposure_words(exposure: Exposure) -> str:
         f"{exposure.focal_length_mm:g} mm" if exposure.focal_length_mm else "",
     ]
     return ", ".join(word for word in words if word)
-
-
-def stated(value: float, uncertainty: float) -> str:
-    """A value with its standard uncertainty, which keeps two digits: 0.5782 ± 0.0014."""
-    if not math.isfinite(value):
-        return "—"
-    if not math.isfinite(uncertainty) or uncertainty <= 0:
-        return f"{value:.4g}".replace("-", "−")
-    decimals = max(0, 1 - math.floor(math.log10(uncertainty)))
-    return f"{value:z.{decimals}f} ± {uncertainty:.{decimals}f}".replace("-", "−")
 
 
 def percent(share: float) -> str:

@@ -3,7 +3,8 @@ from __future__ import annotations
 import pytest
 
 from procedures.exposure import Exposure
-from station.report import exposure_words, percent, signed, stated
+from station.report import exposure_words, percent, signed
+from station.stated import stated
 
 
 @pytest.mark.parametrize(
