@@ -32,6 +32,7 @@ class BodySettings:
 
     `bulb`: the exposure is as long as the contact is closed. `pause_s` and `pieces`: the file grows in so many pieces
     with pauses between them. `companion`: a JPEG comes with each RAW. `rename`: it is written as `.part` first.
+    `first_number`: of the first frame, as a body goes on counting when it is switched on again.
     """
 
     exposure_s: float = 0.02
@@ -44,6 +45,7 @@ class BodySettings:
     rename: bool = False
     lose_frames: frozenset[int] = frozenset()
     half_frames: frozenset[int] = frozenset()
+    first_number: int = 1
 
 
 @dataclass
@@ -82,7 +84,7 @@ class CameraBody:
         return None if self._begun_s == NEVER else self._begun_s
 
     def _expose(self, begin_s: float, exposure_s: float) -> None:
-        opening = Opening(begin_s, exposure_s, len(self.openings) + 1)
+        opening = Opening(begin_s, exposure_s, self.settings.first_number + len(self.openings))
         self.openings.append(opening)
         if opening.number not in self.settings.lose_frames:
             self._plan(begin_s + exposure_s + self.settings.readout_s, lambda: self._save(opening))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import singledispatchmethod
+from io import StringIO
 from typing import TextIO
 
 from procedures.plan import Advice, Ask, Fact, Reading
@@ -55,7 +56,7 @@ class Plain:
         try:
             self._tell(event)
         except OSError:  # the reader of the pipe has gone: the answers decide what follows
-            self._write = _Nowhere()
+            self._write = StringIO()
 
     @singledispatchmethod
     def _tell(self, event: object) -> None:
@@ -141,16 +142,6 @@ class Plain:
         if self._advised and ask.question.startswith(self._advised):
             return replace(ask, question=("Tell when it is done." + ask.question.removeprefix(self._advised)))
         return ask
-
-
-class _Nowhere:
-    """Where lines go that nobody reads."""
-
-    def write(self, text: str) -> int:
-        return len(text)
-
-    def flush(self) -> None:
-        pass
 
 
 def question_line(ask: Ask) -> str:
