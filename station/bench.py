@@ -192,23 +192,12 @@ def inspect_raw(path: Path) -> Facts:
     return Facts(told.exposure_s, None if told.iso is None else round(told.iso), told.f_number)
 
 
-def simulated_bench(
-    folder: Path, *, seed: int = 0, faults: bool = False, virtual_time: bool = False, first_frame: int = 1
-) -> Bench:
-    """A bench whose devices are simulated in this process; `bench.simulated` is the truth behind it.
-
-    Parameters
-    ----------
-    folder : receives the camera's files
-    first_frame : number of the first of them; a session that goes on tells its next, as the noise follows from it
-    """
+def simulated_bench(folder: Path, *, seed: int = 0, faults: bool = False, virtual_time: bool = False) -> Bench:
+    """A bench whose devices are simulated in this process; `bench.simulated` is the truth behind it."""
     from simulators.bench import Setup, SimulatedBench, random_trouble
-    from simulators.body import BodySettings
 
     spoilt, mishaps = random_trouble(seed) if faults else ({}, ())
-    body = BodySettings(first_number=first_frame)
-    setup = Setup(seed=seed, body=body, faults=spoilt, mishaps=mishaps, virtual_time=virtual_time)
-    truth = SimulatedBench(folder, setup)
+    truth = SimulatedBench(folder, Setup(seed=seed, faults=spoilt, mishaps=mishaps, virtual_time=virtual_time))
     bench = make_bench(simulated_tables(truth.address, folder), folder=folder, clock=truth.clock)
     bench.simulated, bench._on_close = truth, (truth.close,)
     return bench
