@@ -85,7 +85,7 @@ class Watching:
             taken = self._exposer.take(scan.purpose, self.step)
             scores.append(scan.score(taken.frame, taken.facts))
             self._session.judge(taken.shot, False, "a trial")
-            self._show(taken.frame, Advice(True, scan.purpose))
+            self._show(taken.frame, Advice(True, ""))
             self._talk.hear(CurveSeen(scan.axis, tuple(places[: i + 1]), tuple(scores)))
         if places:
             advice = scan.choose(places, scores)
