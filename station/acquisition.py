@@ -93,10 +93,10 @@ class Run:
         """Carry the plan out from the first step that is not done. Blocks until the end; never raises Stopped."""
         done = self._session.state.done
         self._talk.hear(RunBegan(self.plan, self._session.folder, tuple(done)))
-        for notice in self._session.state.notices:
-            self._talk.hear(Doing(notice))
         try:
-            self._prepare(resumed=bool(done))
+            self._tell_notices()
+            if self._next() is not None:
+                self._prepare(resumed=bool(done))
             while (step := self._next()) is not None:
                 self._carry_out(step)
             ended = RunEnded("finished")
@@ -107,8 +107,15 @@ class Run:
             ended = RunEnded("emergency" if self._talk.emergency.is_set() else "stopped")
         return self._ended(ended)
 
+    def _tell_notices(self) -> None:
+        """What the session has mended, and what will have to be repeated."""
+        for notice in self._session.state.notices:
+            self._talk.hear(Doing(notice))
+        self._session.told()
+
     def _ended(self, ended: RunEnded) -> RunEnded:
         with suppress(ProcedureError):  # a full disk: the run ends all the same
+            self._tell_notices()
             self._session.end(ended.how)
         self._talk.hear(ended)
         return ended
