@@ -286,9 +286,13 @@ class StationApp(App[int]):
             self.push_screen(self._guide, mode=GUIDE)
         self.call_after_refresh(self._guide.begin, "Opening the session and the bench.")
         self._sitting = Sitting(begin, lambda: self._post(self.News()), self.lab.emergency_stop)
-        self.call_after_refresh(
-            self._start, "run", self._sitting.work, ask=self._sitting.ask, halt=self._sitting.halt
-        )  # the guide must be there when the first news come
+        self.call_after_refresh(self._start_run)  # the guide must be there when the first news come
+
+    def _start_run(self) -> None:
+        sitting = self._sitting
+        if sitting is not None:
+            self._start("run", sitting.work, ask=sitting.ask, halt=sitting.halt)
+            self.refresh_frame()
 
     @on(News)
     def _news(self) -> None:

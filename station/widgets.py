@@ -198,7 +198,7 @@ class Readings(Part):
 
 
 def limits_in_words(one: Reading) -> str:
-    """The tolerance: "wanted 0.7 to 0.9", and whether it is kept."""
+    """The tolerance: "wanted 0.7 to 0.9"."""
     if one.low is None and one.high is None:
         return ""
     if one.high is None:
@@ -207,7 +207,7 @@ def limits_in_words(one: Reading) -> str:
         wanted = f"at most {one.high:.4g}"
     else:
         wanted = f"{one.low:.4g} to {one.high:.4g}"
-    return f"wanted {wanted}{'' if one.good else ': not yet'}"
+    return f"wanted {wanted}"
 
 
 class ProgressLine(Part):
@@ -227,12 +227,18 @@ class ProgressLine(Part):
         """Another thing happens; None: nothing does."""
         self._doing, self._since_s = doing, self._clock()
         self.tick()
+        if doing is None:
+            self.update("")
+
+    def hold(self) -> None:
+        """The sentence stays, and time does not count."""
+        if self._doing is not None:
+            self.update(literal(self._doing.say))
+            self._doing = None
 
     def tick(self) -> None:
         """Bring the times up to date."""
-        if self._doing is None:
-            self.update("")
-        else:
+        if self._doing is not None:
             self.update(literal(progress_in_words(self._doing, self._clock() - self._since_s, self.glyphs)))
 
 
@@ -264,14 +270,16 @@ class DeviceBar(Part):
     def show(self, states: Sequence[DeviceState], words: str) -> None:
         """How the devices are; `words` where there are none."""
         stop = literal(" F12 STOP ALL ", "bold reverse")
-        named = [self._entry(one) for one in sorted(states, key=lambda one: one.condition.usable)]
-        self.update(Content("  ").join([stop, *(named or [literal(words)])]))
+        bad = [one for one in states if not one.condition.usable]
+        parts = [literal(f"{self.glyphs.bad} {one.name}: {one.condition.word}.", "bold") for one in bad]
+        parts += self._usable([one for one in states if one.condition.usable])
+        self.update(Content("  ").join([stop, *(parts or [literal(words)])]))
 
-    def _entry(self, one: DeviceState) -> Content:
-        if one.condition.usable:
-            word = f" {one.condition.word}" if self.size.width >= WIDE else ""
-            return literal(f"{self.glyphs.good} {one.name}{word}")
-        return literal(f"{self.glyphs.bad} {one.name}: {one.condition.word}.", "bold")
+    def _usable(self, states: Sequence[DeviceState]) -> list[Content]:
+        if self.size.width >= WIDE:
+            return [literal(f"{self.glyphs.good} {one.name}: {one.condition.word}") for one in states]
+        names = " ".join(one.name for one in states)
+        return [literal(f"{self.glyphs.good} {names}")] if states else []
 
 
 WIDE = 110

@@ -47,7 +47,7 @@ class GuideScreen(StationScreen):
     GuideScreen #curve { height: 10; display: none; }
     GuideScreen.-wide #numbers { width: 40; }
     GuideScreen.-wide #curve { height: 14; }
-    GuideScreen #progress { height: 1; }
+    GuideScreen #progress { height: auto; min-height: 1; max-height: 2; }
     GuideScreen #trouble { height: auto; max-height: 4; display: none; }
     GuideScreen AnswerBox { height: auto; min-height: 2; }
     """
@@ -58,6 +58,7 @@ class GuideScreen(StationScreen):
         self._done: tuple[str, ...] = ()
         self._now: str | None = None
         self._at_rest = False
+        self._doing_last = False
 
     def body(self) -> ComposeResult:
         """Rail, step, progress, what to do next."""
@@ -130,11 +131,13 @@ class GuideScreen(StationScreen):
     @show.register
     def _(self, doing: Doing) -> None:
         self.query_one(ProgressLine).show(doing)
+        self._doing_last = True
         if not self.answers.open:
             self.answers.tell("Nothing to do now: the station is at work.")
 
     @show.register
     def _(self, seen: Glimpse) -> None:
+        self._doing_last = False
         self.query_one(Picture).show(seen.picture)
         self.query_one(Readings).show(seen.advice.readings)
         if not self.answers.open:
@@ -152,6 +155,7 @@ class GuideScreen(StationScreen):
 
     @show.register
     def _(self, trouble: Trouble) -> None:
+        self._doing_last = False
         self.query_one("#trouble", Part).say(f"{self.glyphs.bad} {trouble.reason}. {trouble.remedy}.", "bold")
 
     @show.register
@@ -171,8 +175,13 @@ class GuideScreen(StationScreen):
 
     @show.register
     def _(self, question: Question) -> None:
-        self.query_one(ProgressLine).show(None)
+        progress = self.query_one(ProgressLine)
+        if self._doing_last:  # it was said for this question: where the file to print lies
+            progress.hold()
+        else:
+            progress.show(None)
         self.answers.ask(question.ask)
+        self._doing_last = False
 
     @show.register
     def _(self, ended: RunEnded) -> None:

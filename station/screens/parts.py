@@ -207,7 +207,7 @@ class AnswerBox(Vertical):
         except ValueError as error:
             self.query_one("#wrong", Part).say(str(error))
             return
-        self.tell("")
+        self.tell("One moment.")
         self.post_message(self.Given(fact))
 
 
