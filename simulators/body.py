@@ -9,6 +9,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 from simulators.serial_device import SimClock
@@ -19,7 +20,7 @@ NEVER = float("inf")
 
 @dataclass(frozen=True)
 class Opening:
-    """One opening of the shutter: when light comes in, and how long."""
+    """One opening of the shutter: when light comes in, and how long; the frame's noise follows from its number."""
 
     begin_s: float
     exposure_s: float
@@ -52,6 +53,8 @@ class CameraBody:
 
     Where time passes by itself, the body's later doings run in timers, so that no wire waits for the developing; where
     it jumps, they are events of the clock.
+
+    `next_number` is the next opening's. The files go on counting where those end that lie in the folder already.
     """
 
     world: World
@@ -60,6 +63,7 @@ class CameraBody:
     clock: SimClock
     settings: BodySettings = field(default_factory=BodySettings)
     openings: list[Opening] = field(default_factory=list)
+    next_number: int = 1
     _begun_s: float = NEVER
     _agenda: list[tuple[float, Callable[[], None]]] = field(default_factory=list)
     _lock: threading.Lock = field(default_factory=threading.Lock)
@@ -82,10 +86,12 @@ class CameraBody:
         return None if self._begun_s == NEVER else self._begun_s
 
     def _expose(self, begin_s: float, exposure_s: float) -> None:
-        opening = Opening(begin_s, exposure_s, len(self.openings) + 1)
+        opening = Opening(begin_s, exposure_s, self.next_number)
+        self.next_number += 1
         self.openings.append(opening)
-        if opening.number not in self.settings.lose_frames:
-            self._plan(begin_s + exposure_s + self.settings.readout_s, lambda: self._save(opening))
+        count = len(self.openings)
+        if count not in self.settings.lose_frames:
+            self._plan(begin_s + exposure_s + self.settings.readout_s, lambda: self._save(opening, count))
 
     def _plan(self, moment_s: float, action: Callable[[], None]) -> None:
         real_s = self.clock.real_s(moment_s)
@@ -119,11 +125,17 @@ class CameraBody:
     def settle(self, real_s: float) -> None:
         """Nothing to wait for."""
 
-    def _save(self, opening: Opening) -> None:
+    @cached_property
+    def _files_before(self) -> int:
+        """The number of the last file that an earlier body left in the folder."""
+        numbers = (path.stem.removeprefix("IMG_") for path in self.folder.glob("IMG_*.*"))
+        return max((int(number) for number in numbers if number.isdecimal()), default=0)
+
+    def _save(self, opening: Opening, count: int) -> None:
         data, settings = self.develop(opening), self.settings
-        final = self.folder / f"IMG_{opening.number:04d}.DNG"
+        final = self.folder / f"IMG_{self._files_before + count:04d}.DNG"
         path = final.with_suffix(".part") if settings.rename else final
-        if opening.number in settings.half_frames:
+        if count in settings.half_frames:
             data = data[: len(data) // 2]
         if settings.companion:
             final.with_suffix(".JPG").write_bytes(b"\xff\xd8\xff\xe0 a preview \xff\xd9")

@@ -178,6 +178,7 @@ class SimulatedCamera:
     def photograph(
         self, scene: Scene, rng: np.random.Generator, path: Path | None = None, *, exposure_s: float = 0.02,
         iso: int = 100, bits: int = 16, captured_at: datetime | None = None,
+        light: npt.NDArray[np.floating] | None = None,
     ) -> Photograph:  # fmt: skip
         """Expose once; write a DNG where `path` is given.
 
@@ -185,19 +186,15 @@ class SimulatedCamera:
         ----------
         bits : int
             Width of a number in the file, not less than the sensor's bits.
+        light : (rows, columns), optional
+            What `light` gave for this scene, where many photographs of it are taken.
         """
         focus = self.focused_at(scene)
         projection = self.projection(focus)
-        light = render_frame(
-            Picture.of(scene, projection),
-            lambda placed: self.optics_at(placed, focus) if placed else self.sharp_optics(),
-            (self.sensor.rows, self.sensor.columns),
-            self.sensor.tile,
-            oversampling=self.oversampling or self.sharp_optics().fine_samples(self.sensor.tile.values()),
-        )
-        sensor = self.sensor.at_iso(iso)
         aperture = (NOMINAL_F_NUMBER / self.lens.f_number) ** 2
-        mosaic = sensor.expose(light, self.white_e_per_s * exposure_s * aperture, rng)
+        sensor = self.sensor.at_iso(iso)
+        seen = self.light(scene) if light is None else light
+        mosaic = sensor.expose(seen, self.white_e_per_s * exposure_s * aperture, rng)
         truths = tuple(
             ChartTruth(projection.pinhole() @ one.to_space(), projection, self.optics_at(one, focus))
             for one in scene.charts
@@ -206,6 +203,17 @@ class SimulatedCamera:
             shot = self._noted(exposure_s, iso, focus, captured_at, truths)
             write_dng(path, mosaic, shot, cfa=sensor.cfa, black=sensor.black, white=sensor.white, bits=bits)
         return Photograph(mosaic, sensor, truths, path)
+
+    def light(self, scene: Scene) -> npt.NDArray[np.floating]:
+        """What reaches the photosites, (rows, columns), 1 where a perfect white stands in full light."""
+        focus = self.focused_at(scene)
+        return render_frame(
+            Picture.of(scene, self.projection(focus)),
+            lambda placed: self.optics_at(placed, focus) if placed else self.sharp_optics(),
+            (self.sensor.rows, self.sensor.columns),
+            self.sensor.tile,
+            oversampling=self.oversampling or self.sharp_optics().fine_samples(self.sensor.tile.values()),
+        )
 
     def photograph_chart(
         self, chart: Chart, rng: np.random.Generator, path: Path | None = None, *, s_over_t: float, s: int = 4,

@@ -75,8 +75,8 @@ SETUPS = (
 """The photographs of the demonstration, in their order."""
 
 
-def photograph(setup: Setup, chart: Chart, rng: np.random.Generator, path: Path) -> Photograph:
-    """Expose once and write the DNG."""
+def stage(setup: Setup, chart: Chart) -> tuple[SimulatedCamera, Scene]:
+    """The camera, and what stands before it."""
     sensor = Sensor(setup.rows, setup.columns, full_well_e=60000.0, gain_e_per_dn=3.78)
     camera = SimulatedCamera(LENS, sensor, PITCH_UM, OPTICS, WHITE_E_PER_S)
     placed = camera.place(
@@ -87,5 +87,10 @@ def photograph(setup: Setup, chart: Chart, rng: np.random.Generator, path: Path)
         pitch_deg=setup.pitch_deg,
         roll_deg=setup.roll_deg,
     )
-    scene = Scene((placed,), light=camera.light_on(placed, setup.slope))
+    return camera, Scene((placed,), light=camera.light_on(placed, setup.slope))
+
+
+def photograph(setup: Setup, chart: Chart, rng: np.random.Generator, path: Path) -> Photograph:
+    """Expose once and write the DNG."""
+    camera, scene = stage(setup, chart)
     return camera.photograph(scene, rng, path, exposure_s=EXPOSURE_S, iso=ISO, bits=14)

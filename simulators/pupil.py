@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import RectBivariateSpline
+from scipy.interpolate import CubicSpline, RectBivariateSpline
 
 Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
@@ -82,24 +82,43 @@ def aberrated_otf(sx: Array, sy: Array, wavefront: Wavefront, wavelength_um: flo
     sx, sy = np.broadcast_arrays(sx, sy)
     shift = np.hypot(sx, sy)
     passed = shift < 2
-    t, angle = np.sqrt(1 - shift[passed] / 2), np.arctan2(sy[passed], sx[passed])
-    real, imaginary = _splines(wavefront, wavelength_um)
+    t = np.sqrt(1 - shift[passed] / 2)
     otf = np.zeros(shift.shape, dtype=np.complex128)
+    if wavefront.round:
+        otf[passed] = _profile(wavefront, wavelength_um)(t)
+        return otf
+    angle = np.arctan2(sy[passed], sx[passed])
+    real, imaginary = _splines(wavefront, wavelength_um)
     otf[passed] = real.ev(t, angle) + 1j * imaginary.ev(t, angle)
     return otf
 
 
 @lru_cache(maxsize=64)
+def _profile(wavefront: Wavefront, wavelength_um: float) -> CubicSpline:
+    """The real OTF of a round wavefront over t, shift = 2 (1 - t^2)."""
+    n, quadrature = _fineness(wavefront, wavelength_um)
+    t = np.linspace(0.0, 1.0, 3 * n)
+    return CubicSpline(
+        t, [_overlap(2 * (1 - a * a), np.zeros(1), wavefront, wavelength_um, quadrature)[0].real for a in t]
+    )
+
+
+def _fineness(wavefront: Wavefront, wavelength_um: float) -> tuple[int, tuple[Array, Array]]:
+    """How many nodes a spline needs along t, and the quadrature.
+
+    Measured against 160 nodes and no spline: errors below 4e-6 at 0.2 waves, 2e-5 at 1.1 waves.
+    """
+    waves = float(np.linalg.norm(astuple(wavefront))) / wavelength_um
+    return 48 + int(40 * waves), np.polynomial.legendre.leggauss(20 + int(36 * waves))
+
+
+@lru_cache(maxsize=64)
 def _splines(wavefront: Wavefront, wavelength_um: float) -> tuple[RectBivariateSpline, RectBivariateSpline]:
     """Real and imaginary part over (t, angle), shift = 2 (1 - t^2): in t the function is smooth up to the cutoff."""
-    waves = float(np.linalg.norm(astuple(wavefront))) / wavelength_um
-    # measured against 160 nodes and no spline: errors below 4e-6 at 0.2 waves, 2e-5 at 1.1 waves
-    n = 48 + int(40 * waves)
-    quadrature = np.polynomial.legendre.leggauss(20 + int(36 * waves))
+    n, quadrature = _fineness(wavefront, wavelength_um)
     t = np.linspace(0.0, 1.0, 3 * n)
-    turn = np.arange(n) * np.pi / n if not wavefront.round else np.zeros(1)
+    turn = np.arange(n) * np.pi / n
     half = np.array([_overlap(2 * (1 - a * a), turn, wavefront, wavelength_um, quadrature) for a in t])
-    half = np.broadcast_to(half, (len(t), n))
     # opposite frequencies are conjugate; eight angles more on either side keep the spline's ends out of use
     values = np.concatenate([half[:, -8:], half.conj(), half, half[:, :8].conj()], axis=1)
     angles = np.arange(-n - 8, n + 8) * np.pi / n

@@ -54,7 +54,8 @@ class View:
     """The camera in the world, in front of a chart that hangs in the middle of the stage's travel.
 
     `focus_mm` None focuses on the chart before each exposure; a fixed focus drifts by `focus_drift_mm_per_c`.
-    `mount` None: no chart hangs there. `slope`: how the light changes over it, from its centre to its sides.
+    `mount` None: no chart hangs there. `slope`: how the light changes over it, from its centre to its sides. The noise
+    of a frame follows from the seed of `rng` and the opening's number, however many were taken before it.
     """
 
     world: World
@@ -88,9 +89,14 @@ class View:
         scene = Scene((placed,) if self.mount else (), Wall(centre[2] + 500.0), light)
         focus_mm = self._focus_mm(middle_s, float(centre[2]))
         camera = replace(self.camera, focus_mm=focus_mm, optics=self._optics(centres, focus_mm))
-        taken = camera.photograph(scene, self.rng, path, exposure_s=opening.exposure_s)
+        taken = camera.photograph(scene, self._noise(opening.number), path, exposure_s=opening.exposure_s)
         self.taken.append(taken)
         return taken
+
+    def _noise(self, number: int) -> np.random.Generator:
+        seed = self.rng.bit_generator.seed_seq
+        assert isinstance(seed, np.random.SeedSequence)
+        return np.random.default_rng(np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, number)))
 
     def _light(self, placed: PlacedChart, t_s: float) -> Light:
         return replace(self.camera.light_on(placed, self.slope), level=self.world.lamp(t_s))

@@ -15,6 +15,7 @@ COMMANDS = {
     "psf": ("psf", "psf", "Estimate a point spread function."),
     "restore": ("restore", "restore", "Restore a sharp picture and depth from blurred photographs."),
     "rays": ("rays", "rays", "Remove the noise of a Monte Carlo render."),
+    "batch": ("batch", "batch", "Estimate the PSFs of folders of photographs."),
     "devices": ("devices", "devices", "Show what is configured and what answers."),
     "simulate": ("simulate", "simulate", "Open the simulated bench for other programs."),
     "demo": ("demo", "demo", "Calibrate a simulated camera, start to end."),
@@ -27,8 +28,18 @@ COMMANDS = {
 @click.option("--config", type=click.Path(path_type=Path), help="The bench's devices; station.toml where there is one.")
 @click.option("--sessions", type=click.Path(path_type=Path), default=Path("sessions"), show_default=True)
 @click.option("--seed", type=int, default=0, help="Of the simulated bench.")
+@click.option("--plain", is_flag=True, help="Guide by plain lines on stdin and stdout.")
+@click.option("--plan", help="What --plain guides through.  [default: pattern]")
 @click.pass_context
-def main(ctx: click.Context, simulate: bool, config: Path | None, sessions: Path, seed: int) -> None:
+def main(
+    ctx: click.Context,
+    simulate: bool,
+    config: Path | None,
+    sessions: Path,
+    seed: int,
+    plain: bool,
+    plan: str | None,
+) -> None:
     """Camera calibration station: subpixel point spread functions with error bars.
 
     Without a command it opens the operator's application.
@@ -36,6 +47,10 @@ def main(ctx: click.Context, simulate: bool, config: Path | None, sessions: Path
     # Work runs side by side by planes and frames. BLAS threads beside that wait in turns for each other's cores: four
     # planes took over four times the processor time. Read when numpy is loaded, which no command does before this.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    if ctx.invoked_subcommand is None and plain:
+        from station.cli.guide import run_plain
+
+        run_plain(simulate=simulate, config=config, sessions=sessions, seed=seed, plan=plan)
     if ctx.invoked_subcommand is None:
         from station.cli.app import run_app
 

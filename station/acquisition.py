@@ -232,11 +232,12 @@ class Run:
         self._talk.doing("estimating from all shots that count")
         found = self._talk.attempt(lambda: derive(self._session, self.plan, self._step.name))
         verdicts = {name: outcome.verdict for name, outcome in found.outcomes.items()}
-        self._talk.hear(Result(found.folder, verdicts, found.verdict, found.reason, found.remedy))
+        numbers = {name: one.value.quality.numbers for name, one in found.outcomes.items() if one.value is not None}
+        self._talk.hear(Result(found.folder, verdicts, found.verdict, found.reason, found.remedy, numbers))
 
     @_carry.register
     def _(self, decide: Decide) -> None:
-        if self._talk.choose("verdict", "Accept the result, or take the shots again?", (ACCEPT, RETAKE)) == RETAKE:
+        if self._talk.choose("verdict", "Accept it, or take the shots again?", (ACCEPT, RETAKE)) == RETAKE:
             self._session.reopen(decide.retake)
             raise Reopened
 

@@ -60,21 +60,37 @@ class Calibrated(Generic[T]):
 
 
 def calibrate(
-    frame: RawFrame, chart: Chart, parameters: PatternParameters, limit: Limit = lambda plane: None
+    frame: RawFrame,
+    chart: Chart,
+    parameters: PatternParameters,
+    limit: Limit = lambda plane: None,
+    *,
+    threads: int | None = None,
 ) -> Iterator[Calibrated[PatternPsf]]:
-    """Every plane of a photograph in its order, several at a time; one that is refused does not keep the others."""
+    """Every plane of a photograph in its order; one that is refused does not keep the others.
+
+    Parameters
+    ----------
+    threads : int, optional
+        Planes estimated at a time; by default as many as there are cores.
+    """
 
     def estimate(plane: Plane) -> Calibrated[PatternPsf]:
         start = time.perf_counter()
         outcome = estimate_psf(plane, chart, parameters, limit(plane))
-        record = plane_record(plane.name, outcome, NUMBERS)
+        record = plane_record(plane, outcome, NUMBERS)
         return Calibrated(record, outcome.value, time.perf_counter() - start)
 
-    yield from _side_by_side(estimate, list(frame.planes.values()))
+    yield from _side_by_side(estimate, list(frame.planes.values()), threads)
 
 
 def calibrate_pair(
-    a: RawFrame, b: RawFrame, parameters: TwoPhotoParameters, limit: Limit = lambda plane: None
+    a: RawFrame,
+    b: RawFrame,
+    parameters: TwoPhotoParameters,
+    limit: Limit = lambda plane: None,
+    *,
+    threads: int | None = None,
 ) -> Iterator[Calibrated[TwoPhotoPsf]]:
     """Every plane of two photographs of one wall, in any order, as `calibrate` does.
 
@@ -92,12 +108,12 @@ def calibrate_pair(
     def estimate(plane: Plane) -> Calibrated[TwoPhotoPsf]:
         start = time.perf_counter()
         outcome = _of_pair(a, b, plane.name, parameters, limit(plane))
-        record = plane_record(plane.name, outcome, PAIR_NUMBERS)
+        record = plane_record(plane, outcome, PAIR_NUMBERS)
         if outcome.value is not None:
             record = replace(record, inter_image=outcome.value.inter_image)
         return Calibrated(record, outcome.value, time.perf_counter() - start)
 
-    yield from _side_by_side(estimate, list(a.planes.values()))
+    yield from _side_by_side(estimate, list(a.planes.values()), threads)
 
 
 def _of_pair(
@@ -111,18 +127,20 @@ def _of_pair(
     return estimate_psf_of_pair(a.planes[name], b.planes[name], parameters, diffraction)
 
 
-def _side_by_side(estimate: Callable[[Plane], Calibrated[T]], planes: Sequence[Plane]) -> Iterator[Calibrated[T]]:
-    with ThreadPoolExecutor(min(len(planes), os.cpu_count() or 1)) as pool:
+def _side_by_side(
+    estimate: Callable[[Plane], Calibrated[T]], planes: Sequence[Plane], threads: int | None
+) -> Iterator[Calibrated[T]]:
+    with ThreadPoolExecutor(min(len(planes), threads or os.cpu_count() or 1)) as pool:
         yield from pool.map(estimate, planes)
 
 
-def plane_record(name: str, outcome: Outcome[F], numbers: Sequence[str]) -> PlaneRecord:
+def plane_record(plane: Plane, outcome: Outcome[F], numbers: Sequence[str]) -> PlaneRecord:
     """What is kept of an answer; `numbers` are the names of what it holds beside PSF and quality."""
     found = outcome.value
     if found is None:
-        return PlaneRecord(name, outcome.verdict, outcome.reason, outcome.remedy)
+        return PlaneRecord(plane.name, outcome.verdict, outcome.reason, outcome.remedy, pitch=plane.pitch)
     return PlaneRecord(
-        name,
+        plane.name,
         outcome.verdict,
         outcome.reason,
         outcome.remedy,
@@ -130,6 +148,7 @@ def plane_record(name: str, outcome: Outcome[F], numbers: Sequence[str]) -> Plan
         quality=found.quality,
         numbers={number: getattr(found, number) for number in numbers},
         diagnostics=found.diagnostics,
+        pitch=plane.pitch,
     )
 
 

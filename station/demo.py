@@ -163,7 +163,7 @@ def run_demo(
 
 
 def _page(found: Demonstration) -> str:
-    from station.report import demonstration_page  # here: it draws, and that import is slow
+    from station.demo_page import demonstration_page  # here: it draws, and that import is slow
 
     return demonstration_page(found, summary(found))
 

@@ -14,6 +14,8 @@ from station.calibrate import plane_record
 from station.plans import numbers_of
 from station.results import ResultFolder, write_psf_result
 from station.session import Session
+from station.session_folder import inside
+from station.session_state import State
 
 ORDER = (Verdict.PASS, Verdict.DOUBTFUL, Verdict.REFUSED)
 
@@ -31,24 +33,37 @@ class Derivation:
 
 def derive(session: Session, plan: Plan, step: str) -> Derivation:
     """Estimate from the session's counting photographs, write the result and keep it. Raises ProcedureError."""
-    start_s = session.clock.now_s()
-    shots = session.state.counting()
-    frames = [read_frame(session.original(shot)) for shot in shots]
-    outcomes = estimate_of(plan).estimate(frames, session.state.facts)
-    folder = session.result_folder()
+    start_s, state = session.clock.now_s(), session.state
+    outcomes = compute(session.folder, state, plan, session.result_folder())
+    verdict, reason, remedy = verdict_of_planes(outcomes)
+    duration_s = session.clock.now_s() - start_s
+    numbers = [shot.number for shot in state.counting()]
+    told = {"reason": reason, "remedy": remedy, "duration_s": duration_s}
+    kept = session.keep_result(step=step, shots=numbers, verdict=str(verdict), **told)
+    return Derivation(session.folder / kept.folder, outcomes, verdict, reason, remedy)
+
+
+def compute(folder: Path, state: State, plan: Plan, into: Path) -> Mapping[str, Outcome[Any]]:
+    """Write the result of a session in this state; the same files, bit for bit, whenever it is called.
+
+    Raises
+    ------
+    ProcedureError
+        If a photograph cannot be read, or the result not be written.
+    """
+    shots = state.counting()
+    frames = [read_frame(inside(folder, shot.path)) for shot in shots]
+    outcomes = estimate_of(plan).estimate(frames, state.facts)
     about = {
         "procedure": plan.name,
         "input": [{"path": shot.path, "sha256": shot.sha256} for shot in shots],
-        "parameters": dict(session.state.facts),
+        "parameters": dict(state.facts),
     }
-    records = [plane_record(name, outcome, numbers_of(plan.name)) for name, outcome in outcomes.items()]
-    with ResultFolder(folder) as results:
+    planes, numbers = frames[0].planes if frames else {}, numbers_of(plan.name)
+    records = [plane_record(planes[name], outcome, numbers) for name, outcome in outcomes.items()]
+    with ResultFolder(into) as results:
         write_psf_result(results, records, about)
-    verdict, reason, remedy = verdict_of_planes(outcomes)
-    duration_s = session.clock.now_s() - start_s
-    numbers = [shot.number for shot in shots]
-    session.keep_result(step=step, shots=numbers, verdict=str(verdict), reason=reason, duration_s=duration_s)
-    return Derivation(folder, outcomes, verdict, reason, remedy)
+    return outcomes
 
 
 def verdict_of_planes(outcomes: Mapping[str, Outcome[Any]]) -> tuple[Verdict, str, str]:

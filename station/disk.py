@@ -11,6 +11,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 from procedures.outcome import ProcedureError
 
@@ -55,10 +56,22 @@ class Disk:
 
     def write_all(self, descriptor: int, data: bytes) -> None:
         """Write every byte, then synchronise. Raises OSError."""
+        self._write(descriptor, data)
+        self.sync(descriptor)
+
+    def _write(self, descriptor: int, data: bytes) -> None:
         rest = memoryview(data)
         while rest:
             rest = rest[self.write(descriptor, bytes(rest)) :]
-        self.sync(descriptor)
+
+    def settle(self, path: Path) -> None:
+        """Make a file and its name last that somebody else wrote. Raises OSError."""
+        descriptor = self.open(path, os.O_RDONLY)
+        try:
+            self.sync(descriptor)
+        finally:
+            os.close(descriptor)
+        self.sync_folder(path.parent)
 
     def sync_folder(self, folder: Path) -> None:
         """Make the names in it last; where folders cannot be opened, the system does it by itself. Raises OSError."""
@@ -88,28 +101,29 @@ class Disk:
 
     def copy(self, source: Path, target: Path, sha256: str) -> None:
         """A read-only copy whose bytes, read back from it, have this hash. Raises NotKept, Changed."""
+        try:
+            file = source.open("rb")
+        except OSError as error:
+            raise Changed(f"{source} cannot be read any more: {error.strerror}", "take the shot again") from error
         beside = target.with_name(f".{target.name}.part")
-        with kept(target, beside):
+        with file, kept(target, beside):
             beside.unlink(missing_ok=True)
-            self._pour(source, beside)
+            self._pour(file, beside)
             found = sha256_of(beside)
             if found != sha256:
                 raise Changed(
-                    f"{source} changed after it was taken in: SHA-256 {sha256} was noted, {found} came",
+                    f"{source} is not any more what was exposed: SHA-256 {sha256} was noted, {found} came",
                     "let nothing but the camera's software write there, and take the shot again",
                 )
             beside.chmod(READ_ONLY)
             self.replace(beside, target)
             self.sync_folder(target.parent)
 
-    def _pour(self, source: Path, target: Path) -> None:
+    def _pour(self, file: BinaryIO, target: Path) -> None:
         descriptor = self.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL)
         try:
-            with source.open("rb") as file:
-                while block := file.read(BLOCK):
-                    rest = memoryview(block)
-                    while rest:
-                        rest = rest[self.write(descriptor, bytes(rest)) :]
+            while block := file.read(BLOCK):
+                self._write(descriptor, block)
             self.sync(descriptor)
         finally:
             os.close(descriptor)
@@ -119,6 +133,14 @@ def sha256_of(path: Path) -> str:
     """The hash of a regular file, in hex; a link in its place is not followed. Raises OSError."""
     with os.fdopen(os.open(path, os.O_RDONLY | _NO_FOLLOW | _BINARY), "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def holds(path: Path, sha256: str) -> bool:
+    """Whether it is a file with this hash."""
+    try:
+        return sha256_of(path) == sha256
+    except OSError:
+        return False
 
 
 @contextmanager

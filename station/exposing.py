@@ -75,7 +75,7 @@ class Exposer:
 
     def _kept(self, purpose: str, step: str, tremor: Tremor | None) -> Shot:
         """Expose, and take the file in; a full disk lets the file wait where the camera put it."""
-        self._talk.attempt(lambda: self._session.expect(step, purpose))
+        self._rig.announce(self._talk.attempt(lambda: self._session.expect(step, purpose)))
         kept: dict[str, Any] = {}
 
         def expose() -> Exposure:

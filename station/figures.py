@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import re
 from collections.abc import Mapping, Sequence
@@ -23,6 +24,8 @@ from procedures.pattern_psf.registration import Registration
 from procedures.psf import Psf
 from procedures.quality import Quality, otf
 from procedures.raw import Plane
+from station.exports import Profile
+from station.palette_png import smaller
 
 Array = npt.NDArray[np.float64]
 
@@ -36,6 +39,8 @@ SURROUND_CELLS = 20
 """What is shown around the chart's frame."""
 RESIDUAL_LIMIT = 4.0
 """Residuals are drawn from minus to plus this many standard deviations of the noise."""
+FEWER_COLOURS = matplotlib.colormaps["RdBu_r"].resampled(255)
+"""One colour is left for where there is nothing."""
 STYLE: dict[Any, Any] = {
     "font.size": 8.5,
     "axes.edgecolor": FAINT,
@@ -77,8 +82,13 @@ def svg(figure: Figure, name: str, description: str) -> Markup:
     drawn = re.sub(r'(url\(#|href="#)', rf"\g<1>{name}-", drawn)
     drawn = re.sub(r'(?<= d=")[^"]+', lambda m: re.sub(r"(\.\d\d)\d+", r"\1", m[0]), drawn)
     drawn = re.sub(r' (?:width|height)="[\d.]+pt"', "", drawn, count=2)
+    drawn = re.sub(r"(?<=data:image/png;base64,)[^\"]+", lambda m: _smaller(m[0]), drawn)
     drawn = re.sub(r' xmlns(?::xlink)?="[^"]*"', "", drawn).replace("xlink:href", "href")
     return Markup(drawn.replace("<svg", f'<svg role="img" aria-label="{escape(description)}"', 1))
+
+
+def _smaller(encoded: str) -> str:
+    return base64.b64encode(smaller(base64.b64decode(encoded))).decode()
 
 
 def _figure(
@@ -141,7 +151,7 @@ def residual_figure(plane: str, found: PatternPsf, name: str) -> Markup:
     """What is left of the noise region when the prediction is taken away, in units of the noise."""
     figure, ((axes,),) = _figure(3.2, 3.2, rim_in=(0.42, 0.42, 0.42, 0.1))
     image = _image(
-        axes, found.residual, found.residual_origin, cmap="RdBu_r", vmin=-RESIDUAL_LIMIT, vmax=RESIDUAL_LIMIT
+        axes, found.residual, found.residual_origin, cmap=FEWER_COLOURS, vmin=-RESIDUAL_LIMIT, vmax=RESIDUAL_LIMIT
     )
     _bar(figure, axes, image, (1.03, 0.2, 0.035, 0.6))
     axes.set_xlabel(f"pixels of {plane}; colours in σ of the noise")
@@ -182,7 +192,28 @@ def psf_figure(psf: Psf, truth: Array | None, name: str) -> Markup:
         labels = bar.ax.set_xticklabels([f"{value:.2g}".replace("-", "−") for value in (low, high)])
         for label, end in zip(labels, ("left", "right"), strict=True):
             label.set_horizontalalignment(end)
-    return svg(figure, name, "the point spread function, and its difference from the true one")
+    return svg(figure, name, "the point spread function" + (", less the true one" if truth is not None else ""))
+
+
+def energy_figure(profile: Profile, name: str) -> Markup:
+    """The energy inside circles over their radius, with its 95 % band."""
+    figure, ((axes,),) = _figure(3.2, 2.5, rim_in=(0.55, 0.14, 0.4, 0.08))
+    spread = CONFIDENT * profile.energy_uncertainty
+    axes.fill_between(profile.radius, profile.energy - spread, profile.energy + spread, color=INK, alpha=0.2, lw=0)
+    axes.plot([0, *profile.radius], [0, *profile.energy], color=INK, lw=1.4)
+    axes.set(xlim=(0, float(profile.radius[-1])), ylim=(0, 1.06), xlabel="radius, pixels", ylabel="energy inside")
+    axes.axhline(0.8, color=FAINT, lw=0.5, ls=(0, (1, 2)))
+    return svg(figure, name, "the share of the energy inside circles about the centre, with its 95 % band")
+
+
+def kernel_figure(kernel: Array, name: str) -> Markup:
+    """The kernel between two photographs, its own least to greatest value."""
+    figure, ((axes,),) = _figure(3.2, 2.05, rim_in=(0.28, 0.12, 0.3, 0.1))
+    image = axes.imshow(kernel, interpolation="none", cmap="viridis")
+    axes.set(xticks=[], yticks=[])
+    axes.spines[:].set_visible(False)
+    _bar(figure, axes, image, (1.05, 0.1, 0.05, 0.8))
+    return svg(figure, name, "the kernel between the two photographs")
 
 
 @dataclass(frozen=True)
@@ -222,7 +253,8 @@ def mtf_figure(quality: Quality, truth: Psf | None, name: str) -> Markup:
         axes.set_xticks(np.arange(0, f[-1] + 0.01, 0.5), None if axes is places[-1, 0] else [])
         axes.yaxis.set_label_coords(-0.165, 0.5)
     places[-1, 0].set_xlabel("cycles/pixel")
-    return svg(figure, name, "MTF along rows and columns with its 95 % bands, against the true MTF")
+    against = ", against the true MTF" if truth is not None else ""
+    return svg(figure, name, f"MTF along rows and columns with its 95 % bands{against}")
 
 
 def _true_mtf(truth: Psf | None, fx: Array, fy: Array) -> Array | None:

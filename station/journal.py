@@ -24,8 +24,8 @@ from typing import Any
 from procedures.outcome import ProcedureError
 from station.disk import Disk, not_kept
 
-SUM = b',"sum":"'
-SUM_LENGTH = 64
+BEGIN, SUM, END = b'{"seq":', b',"sum":"', b'"}\n'
+"""How each line begins and ends; inside a text of JSON, its quotes would be escaped."""
 
 
 class Damaged(ProcedureError):
@@ -76,14 +76,15 @@ def parse(data: bytes, first_sum: str, name: str) -> Contents:
         text = data[start : end or len(data)]
         line = _read(text) if end else None
         if line is None:
-            if start + len(text) < len(data):
+            if start + len(text) < len(data) or text.count(BEGIN) > 1:
                 raise _altered(name, len(lines) + 1, "is no line of a journal")
             return Contents(tuple(lines), last, start, text)
-        found, told = _sums(text, last)
-        if found != told or line.seq != len(lines) + 1:
+        body, _, told = text.rpartition(SUM)
+        found = _sum(last, body)
+        if told != found.encode() + END or line.seq != len(lines) + 1:
             raise _altered(name, len(lines) + 1, "is not what was written after the line before it")
         lines.append(line)
-        last, start = told, end
+        last, start = found, end
     return Contents(tuple(lines), last, start)
 
 
@@ -99,19 +100,13 @@ def _read(text: bytes) -> Line | None:
     try:
         entry = json.loads(text)
         seq, at, clock_s, event = (entry.pop(name) for name in ("seq", "at", "clock_s", "event"))
-        total = entry.pop("sum")
+        del entry["sum"]
     except (ValueError, KeyError, AttributeError, TypeError, RecursionError):
         return None
     known = isinstance(seq, int) and isinstance(at, str) and isinstance(clock_s, int | float)
-    if not (known and isinstance(event, str) and isinstance(total, str) and len(total) == SUM_LENGTH):
+    if not (known and isinstance(event, str)):
         return None
     return Line(seq, at, float(clock_s), event, _restored(entry))
-
-
-def _sums(text: bytes, before: str) -> tuple[str, str]:
-    """The sum that the line should have, and the one it tells."""
-    body, _, told = text.rpartition(SUM)
-    return _sum(before, body), told[:SUM_LENGTH].decode("ascii", "replace")
 
 
 def _sum(before: str, body: bytes) -> str:
@@ -124,7 +119,7 @@ class Journal:
     def __init__(self, path: Path, contents: Contents, disk: Disk) -> None:
         self.path = path
         self._disk = disk
-        self._contents = contents
+        self._lines, self._last_sum, self._length = list(contents.lines), contents.last_sum, contents.length
         try:
             self._descriptor = disk.open(path, os.O_RDWR | os.O_APPEND)
         except OSError as error:
@@ -133,15 +128,14 @@ class Journal:
     @property
     def lines(self) -> Sequence[Line]:
         """All lines so far."""
-        return self._contents.lines
+        return self._lines
 
     def append(self, event: str, at: str, clock_s: float, data: Mapping[str, Any]) -> Line:
         """Add a line; what a failed attempt left is cut away first. Raises NotKept: then the line is not there."""
-        contents = self._contents
-        head = {"seq": len(contents.lines) + 1, "at": at, "clock_s": clock_s, "event": event}
+        head = {"seq": len(self._lines) + 1, "at": at, "clock_s": clock_s, "event": event}
         body = json.dumps({**head, **_jsonable(data)}, separators=(",", ":"), allow_nan=False).encode()[:-1]
-        total = _sum(contents.last_sum, body)
-        text = body + SUM + total.encode() + b'"}\n'
+        total = _sum(self._last_sum, body)
+        text = body + SUM + total.encode() + END
         try:
             self._cut()
             self._disk.write_all(self._descriptor, text)
@@ -151,13 +145,14 @@ class Journal:
             raise not_kept(self.path, error) from error
         line = _read(text)
         assert line is not None
-        self._contents = Contents((*contents.lines, line), total, contents.length + len(text))
+        self._lines.append(line)
+        self._last_sum, self._length = total, self._length + len(text)
         return line
 
     def _cut(self) -> None:
         """Take away what stands after the last whole line."""
-        if os.fstat(self._descriptor).st_size != self._contents.length:
-            os.ftruncate(self._descriptor, self._contents.length)
+        if os.fstat(self._descriptor).st_size != self._length:
+            os.ftruncate(self._descriptor, self._length)
             self._disk.sync(self._descriptor)
 
     def close(self) -> None:

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import os
 import platform
+from collections.abc import Mapping
+from functools import cache
 from typing import Any
 
 from station.results import software
 
 
-def machine() -> dict[str, Any]:
-    """Everything that may change the last bits of a result."""
+@cache
+def machine() -> Mapping[str, Any]:
+    """Everything that may change the last bits of a result; the same as long as the program runs."""
     return {
         "software": software(),
         "python": platform.python_version(),

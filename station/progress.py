@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Protocol
 
@@ -36,3 +37,31 @@ def bar(total: int) -> Iterator[Progress]:
             shown.update(task, advance=steps, description=done)
 
         yield advance
+
+
+class Pace:
+    """How fast steps follow each other, and how long the rest will take, by the last steps."""
+
+    LAST = 30
+    """Steps that the rate is measured over."""
+
+    def __init__(self, total: int, clock: Callable[[], float]) -> None:
+        self.total, self.done = total, 0
+        self._clock = clock
+        self._times = deque([clock()], maxlen=self.LAST + 1)
+
+    def step(self) -> str:
+        """One more is done; says the rate and the time left: 5.1/s, 1:12 left."""
+        self.done += 1
+        self._times.append(self._clock())
+        elapsed = self._times[-1] - self._times[0]
+        if elapsed <= 0:
+            return "at once"
+        rate = (len(self._times) - 1) / elapsed
+        left = round((self.total - self.done) / rate)
+        clock = (
+            f"{left // 3600}:{left % 3600 // 60:02d}:{left % 60:02d}"
+            if left >= 3600
+            else f"{left // 60}:{left % 60:02d}"
+        )
+        return f"{rate:.1f}/s, {clock} left" if rate >= 0.95 else f"{1 / rate:.1f} s each, {clock} left"

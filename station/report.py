@@ -1,157 +1,249 @@
-"""Reports as pages: one HTML file each that needs nothing else, no script and no network."""
+"""A calibration's report: one page with the verdict first, then every plane, and all that is needed to believe it.
+
+Whoever calibrates fills a `Report`: a command with the files it read, a session with its bench and its journal too.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
-import jinja2
-
-from procedures.pattern_print.sheet import Size
-from procedures.raw import Exposure
+from procedures.outcome import Quantity
+from procedures.pattern_psf.estimate import PatternPsf
+from procedures.raw import Exposure, Plane, RawFrame
 from station import figures
-from station.results import software
-from station.stated import stated
+from station.calibrate import Calibrated
+from station.exports import radial_profile
+from station.limits import Judged, Judgement
+from station.names import printable
+from station.page import NUMBERS, exposure_words, render
+from station.results import PlaneRecord, quantities, software
 
-if TYPE_CHECKING:
-    from station.compare import Comparison
-    from station.demo import Demonstration, Shot, Summary
-
-SHOWN_PLANE = "G1"
-"""Of which plane photograph and residual are drawn."""
-NUMBERS = (
-    ("mtf50_horizontal", "MTF50 along rows"),
-    ("mtf50_vertical", "MTF50 along columns"),
-    ("mtf_nyquist_radial", "MTF at Nyquist"),
-    ("energy_above_nyquist", "Energy above Nyquist"),
-    ("fwhm_horizontal", "Half maximum along rows"),
-    ("fwhm_vertical", "Half maximum along columns"),
-    ("encircled_energy_80", "Radius of 80 % energy"),
-    ("ellipticity", "Ellipticity"),
-    ("centroid_x", "Centroid x"),
-    ("centroid_y", "Centroid y"),
-    ("strehl", "Strehl ratio with photosite"),
+PAGE = "report.html"
+ORDER = ("pass", "doubtful", "fail", "refused")
+"""Verdicts of planes, the best first."""
+METHODS = {
+    "pattern": "M. Delbracio, P. Musé, A. Almansa: Non-parametric Sub-pixel Local Point Spread Function Estimation. "
+    "Image Processing On Line 2, 2012. doi:10.5201/ipol.2012.admm-nppsf",
+    "two-photo": "M. Delbracio, A. Almansa, P. Musé: Subpixel Point Spread Function Estimation from Two Photographs at "
+    "Different Distances. Image Processing On Line 3, 2013. doi:10.5201/ipol.2013.77",
+}
+"""The publication that each procedure is built on."""
+MORE_NUMBERS = (
+    ("mtf50_radial", "MTF50, mean over directions"),
+    ("mtf_nyquist_horizontal", "MTF at Nyquist along rows"),
+    ("mtf_nyquist_vertical", "MTF at Nyquist along columns"),
+    ("encircled_energy_50", "Radius of 50 % energy"),
+    ("ellipse_angle", "Direction of the long axis"),
 )
-"""The numbers that a page tells of every plane, in their order."""
-DIAGNOSTICS = (
-    ("agreement", "Variance of the noise region that the chart explains", "percent"),
-    ("unexplained", "Neither explained nor noise", "percent"),
-    ("residual_std", "Residual, in units of the noise on the blocks", "plain"),
-    ("whiteness", "Correlation of neighbouring residuals", "plain"),
-    ("relative_uncertainty", "Uncertainty of the PSF over its norm", "percent"),
-    ("support_cut", "Energy outside the support", "percent"),
-    ("marks_rms_px", "Scatter of the marks about the map, in pixels", "plain"),
-    ("moved_px", "Largest correction of the marks' map, in pixels", "plain"),
-    ("outliers", "Samples left out", "percent"),
-    ("contrast", "White less black, of the sensor's scale", "percent"),
-    ("noise", "Noise on white over that", "percent"),
-    ("flatness", "Darkest white over the brightest", "percent"),
-    ("saturated", "Clipped white", "percent"),
-    ("response_curvature", "Curvature of the response", "plain"),
+"""What a report tells beside the numbers of every page."""
+PLAIN = (
+    ("residual_std", "Residual, in standard deviations of the noise"),
+    ("gamma", "Noise amplification γ"),
+    ("gamma_bound", "The least that any chart could have"),
+    ("pixels_per_pattern", "Width of the noise region, in pixels"),
+    ("s_over_t", "Sampling ratio s/t"),
+    ("gain", "Contrast of the far photograph over the near one's"),
+    ("noise", "Noise, of the scale from black to white"),
 )
-"""What the verdict is drawn from: name, words, and how it is written."""
+"""Numbers without uncertainty, and their words."""
 
 
-def demonstration_page(found: Demonstration, summary: Summary) -> str:
-    """The demonstration's report."""
-    return render(
-        "demo.html",
-        found=found,
-        summary=summary,
-        size=Size(300.0),
-        ratios=figures.ratios_figure(_compared(found, lambda one: [one.ratio]), "ratios"),
-        sigmas=figures.sigmas_figure(
-            _compared(found, lambda one: [against.sigmas for against in one.mtf50.values()]), "sigmas"
-        ),
-        places=figures.places_figure(_places(found), "places"),
-        pictures={shot.setup.name: _pictures(shot, f"p{i}") for i, shot in enumerate(found.shots, 1)},
-        numbers=NUMBERS,
-        shown_plane=SHOWN_PLANE,
-        diagnostics=DIAGNOSTICS,
-        colours=figures.PLANE_COLOURS,
-        exposure=exposure_words,
-        software=software(),
-    )
+@dataclass(frozen=True)
+class Fact:
+    """One line of what is told: a condition, a device."""
+
+    name: str
+    words: str
 
 
-def _compared(found: Demonstration, numbers: Callable[[Comparison], Sequence[float]]) -> figures.Rows:
-    """Numbers of every plane that was compared, by photograph."""
-    return [
-        (shot.setup.title, {one.name: numbers(one.comparison) for one in shot.planes if one.comparison is not None})
-        for shot in found.shots
-    ]
+@dataclass(frozen=True)
+class Shot:
+    """One photograph that the result comes from.
+
+    Attributes
+    ----------
+    file, sha256 : str
+    exposure : str
+        What the camera noted, for people.
+    taken : str
+        When, as the camera or the journal has it.
+    note : str
+        What became of it: accepted, retaken and why.
+    """
+
+    file: str
+    sha256: str
+    exposure: str = ""
+    taken: str = ""
+    note: str = ""
 
 
-def _places(found: Demonstration) -> list[Any]:
-    """The charts' outlines in fractions of the frame."""
-    outlines = []
-    for shot in found.shots:
-        for plane in shot.planes[:1]:
-            if plane.calibrated.found is not None:
-                rows, columns = shot.frame.planes[plane.name].samples.shape
-                outlines.append(figures.chart_outline(plane.calibrated.found) / (columns, rows))
-    return outlines
+@dataclass(frozen=True, eq=False)
+class PlaneSheet:
+    """One plane of the report.
+
+    Attributes
+    ----------
+    record : PlaneRecord
+        The result.
+    found : PatternPsf, optional
+        The estimate from a chart, for its marks and its residual; where there are many shots, that of one of them.
+    photograph : Plane, optional
+        The samples it was found in.
+    judged : sequence of Judgement
+        The numbers against the limits that were set.
+    """
+
+    record: PlaneRecord
+    found: PatternPsf | None = None
+    photograph: Plane | None = None
+    judged: Sequence[Judgement] = ()
+
+    @property
+    def verdict(self) -> str:
+        """The worst of the estimate's and the limits' verdicts."""
+        return max([str(self.record.verdict), *(str(one.judged) for one in self.judged)], key=ORDER.index)
+
+    @property
+    def against(self) -> str:
+        """All that speaks against the plane, in sentences."""
+        failed = [one.words for one in self.judged if one.judged is not Judged.PASS]
+        return "; ".join(words for words in (self.record.reason, *failed) if words)
+
+    @property
+    def numbers(self) -> list[tuple[str, Quantity]]:
+        """The numbers with their words, in the order of pages."""
+        known = dict(quantities(self.record))
+        return [(words, known[name]) for name, words in (*NUMBERS, *MORE_NUMBERS) if name in known]
+
+    @property
+    def plain(self) -> list[tuple[str, float]]:
+        """The numbers that have no uncertainty."""
+        return [(words, float(one)) for name, words in PLAIN if isinstance(one := self.record.numbers.get(name), float)]
 
 
-def _pictures(shot: Shot, name: str) -> Mapping[str, Any]:
-    """The figures of one photograph: of its shown plane, and of every plane."""
-    pictures: dict[str, Any] = {"planes": {}}
-    for plane in shot.planes:
-        estimate, against = plane.calibrated.found, plane.comparison
-        if estimate is None or against is None:
-            continue
-        here = f"{name}-{plane.name}"
-        pictures["planes"][plane.name] = {
-            "psf": figures.psf_figure(estimate.psf, against.aligned, f"{here}-psf"),
-            "mtf": figures.mtf_figure(estimate.quality, against.truth, f"{here}-mtf"),
+@dataclass(frozen=True, eq=False)
+class Report:
+    """What a report tells.
+
+    Attributes
+    ----------
+    subject : str
+        What was calibrated: camera and lens, or the photograph.
+    procedure : str
+        "pattern" or "two-photo".
+    conditions, devices : sequence of Fact
+        Light, temperature, distance, operator, ...; the bench, one line for each device.
+    made : str
+        When, where that is known.
+    """
+
+    subject: str
+    procedure: str
+    planes: Sequence[PlaneSheet]
+    shots: Sequence[Shot]
+    parameters: Mapping[str, object]
+    conditions: Sequence[Fact] = ()
+    devices: Sequence[Fact] = ()
+    made: str = ""
+    software: Mapping[str, Any] = field(default_factory=software)
+
+    @property
+    def verdict(self) -> str:
+        """The worst of the planes'."""
+        return max((plane.verdict for plane in self.planes), key=ORDER.index, default="refused")
+
+    @property
+    def headline(self) -> str:
+        """How many planes have which verdict."""
+        verdicts = [plane.verdict for plane in self.planes]
+        words = {"pass": "pass", "doubtful": "doubtful", "fail": "outside the limits", "refused": "refused"}
+        counts = [f"{verdicts.count(one)} {words[one]}" for one in ORDER[1:] if one in verdicts]
+        of = "plane passes" if len(verdicts) == 1 else "planes pass"
+        return ", ".join([f"{verdicts.count('pass')} of {len(verdicts)} {of}", *counts])
+
+
+def calibration_page(report: Report) -> str:
+    """The report as HTML, its pictures inside; everything in it that came from outside is escaped."""
+    sheets = [(sheet, _pictures(sheet, f"p{i}")) for i, sheet in enumerate(report.planes, 1)]
+    return render("calibration.html", report=report, sheets=sheets, method=METHODS.get(report.procedure, ""))
+
+
+def _pictures(sheet: PlaneSheet, name: str) -> Mapping[str, Any]:
+    """The figures of a plane, as far as there is something to draw."""
+    record, pictures = sheet.record, dict[str, Any]()
+    if record.psf is not None:
+        pictures["psf"] = figures.psf_figure(record.psf, None, f"{name}-psf")
+        pictures["energy"] = figures.energy_figure(radial_profile(record.psf), f"{name}-energy")
+    if record.quality is not None:
+        pictures["mtf"] = figures.mtf_figure(record.quality, None, f"{name}-mtf")
+    if record.inter_image is not None:
+        pictures["inter_image"] = figures.kernel_figure(record.inter_image, f"{name}-kernel")
+    if sheet.found is not None and sheet.photograph is not None:
+        pictures["chart"] = {
+            "photograph": figures.photograph_figure(sheet.photograph, sheet.found, f"{name}-photograph"),
+            "residual": figures.residual_figure(record.name, sheet.found, f"{name}-residual"),
+            "diagnostics": sheet.found.diagnostics,
         }
-        if plane.name == SHOWN_PLANE:
-            samples = shot.frame.planes[plane.name]
-            pictures["diagnostics"] = estimate.diagnostics
-            pictures["photograph"] = figures.photograph_figure(samples, estimate, f"{here}-photograph")
-            pictures["residual"] = figures.residual_figure(plane.name, estimate, f"{here}-residual")
     return pictures
 
 
-# --- pages in general --------------------------------------------------------------------------------------------
+# --- of files alone ----------------------------------------------------------------------------------------------
 
 
-def render(template: str, **context: Any) -> str:
-    """A page from a template of this package; what it is given is text and is escaped, unless it is markup."""
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("station"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
+def report_of_files(
+    procedure: str,
+    frames: Sequence[RawFrame],
+    calibrated: Sequence[Calibrated[Any]],
+    parameters: Mapping[str, object],
+    judged: Mapping[str, Sequence[Judgement]] | None = None,
+) -> Report:
+    """The report of a command: what the files themselves tell about camera and conditions.
+
+    Parameters
+    ----------
+    frames : the photographs, the first being the one in which charts were found
+    judged : by the plane's name
+    """
+    exposure = frames[0].exposure
+    return Report(
+        subject=camera_words(exposure) or printable(frames[0].path.name),
+        procedure=procedure,
+        planes=[_sheet(one, frames[0], (judged or {}).get(one.record.name, ())) for one in calibrated],
+        shots=[shot_of(frame) for frame in frames],
+        parameters=parameters,
+        conditions=_conditions(exposure),
     )
-    environment.filters.update(stated=stated, percent=percent, signed=signed, sentence=sentence)
-    return environment.get_template(template).render(context)
 
 
-def exposure_words(exposure: Exposure) -> str:
-    """What the camera noted, for people: f/2.8, 1/50 s, ISO 400, 50 mm."""
-    seconds = exposure.exposure_s
-    words = [
-        f"f/{exposure.f_number:g}" if exposure.f_number else "",
-        "" if not seconds else f"{seconds:g} s" if seconds >= 0.3 else f"1/{round(1 / seconds)} s",
-        f"ISO {exposure.iso:g}" if exposure.iso else "",
-        f"{exposure.focal_length_mm:g} mm" if exposure.focal_length_mm else "",
-    ]
-    return ", ".join(word for word in words if word)
+def _sheet(one: Calibrated[Any], frame: RawFrame, judged: Sequence[Judgement]) -> PlaneSheet:
+    found = one.found if isinstance(one.found, PatternPsf) else None
+    return PlaneSheet(one.record, found, frame.planes[one.record.name], judged)
 
 
-def percent(share: float) -> str:
-    """A share in per cent: 2.14 %, 99.5 %."""
-    decimals = 2 if abs(share) < 0.0995 else 1
-    return f"{100 * share:z.{decimals}f} %".replace("-", "−")
+def shot_of(frame: RawFrame, note: str = "") -> Shot:
+    """A photograph as its file tells of it."""
+    exposure = frame.exposure
+    return Shot(
+        printable(frame.path), frame.sha256, exposure_words(exposure), printable(exposure.captured_at or ""), note
+    )
 
 
-def signed(value: float) -> str:
-    """A difference with its sign: +0.4."""
-    return f"{value:+z.1f}".replace("-", "−")
+def camera_words(exposure: Exposure) -> str:
+    """Camera and lens, as far as the camera noted them."""
+    return ", ".join(printable(one) for one in (exposure.camera, exposure.lens) if one)
 
 
-def sentence(words: str) -> str:
-    """Words as a sentence: a capital first, a full stop last."""
-    return f"{words[:1].upper()}{words[1:]}." if words else ""
+def _conditions(exposure: Exposure) -> list[Fact]:
+    """What the camera noted about the first photograph."""
+    distance = exposure.subject_distance_mm
+    noted = {
+        "Camera": exposure.camera,
+        "Lens": exposure.lens,
+        "Exposure": exposure_words(exposure),
+        "Distance noted by the camera": f"{distance:.0f} mm" if distance else "",
+        "Taken": exposure.captured_at,
+    }
+    return [Fact(name, printable(words)) for name, words in noted.items() if words]

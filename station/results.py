@@ -10,7 +10,7 @@ import os
 import re
 import shutil
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from importlib import metadata
 from pathlib import Path
@@ -20,9 +20,11 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from procedures.outcome import BadParameter, Verdict
+from procedures.outcome import BadParameter, Quantity, Verdict
 from procedures.psf import Psf
 from procedures.quality import Quality
+from station.exports import GAUSSIAN_RADIUS, gaussian_radius, numbers_table, profile_table, psf_fits, psf_tiff
+from station.names import encodable
 from station.pictures import psf_picture
 
 RECORD = "result.json"
@@ -39,6 +41,7 @@ class PlaneRecord:
     Attributes
     ----------
     numbers : what the procedure found beside the PSF, plain: gamma, residual_std, scale, ...
+    pitch : sensor pixels per pixel of the plane
     inter_image : the kernel between two photographs, where the PSF comes from two
     quality : its curves, and the derived numbers with unit and uncertainty
     diagnostics : further numbers for those who look into a verdict
@@ -53,6 +56,7 @@ class PlaneRecord:
     numbers: Mapping[str, float | Sequence[float]] = field(default_factory=dict)
     diagnostics: Mapping[str, float] = field(default_factory=dict)
     inter_image: Array | None = None
+    pitch: int = 1
 
 
 class ResultFolder:
@@ -116,7 +120,9 @@ class ResultFolder:
             os.replace(self.staging / name, self.path / name)
 
 
-_RESULT_FILE = re.compile(r"(psf|covariance|mtf|inter_image)_(R|G1|G2|B|Y)\.(npy|csv|png)")
+_RESULT_FILE = re.compile(
+    r"(psf|covariance|mtf|inter_image|profile)_(R|G1|G2|B|Y)\.(npy|csv|png|fits|tiff)|numbers\.csv|report\.html"
+)
 
 
 def write_psf_result(folder: ResultFolder, planes: Sequence[PlaneRecord], about: Mapping[str, Any]) -> str:
@@ -128,6 +134,8 @@ def write_psf_result(folder: ResultFolder, planes: Sequence[PlaneRecord], about:
     """
     for plane in planes:
         _write_plane(folder, plane)
+    if any(plane.quality is not None for plane in planes):
+        folder.write("numbers.csv", numbers_table((plane.name, *one) for plane in planes for one in quantities(plane)))
     record = {
         "schema": SCHEMA,
         **about,
@@ -154,11 +162,22 @@ def _write_plane(folder: ResultFolder, plane: PlaneRecord) -> None:
     if plane.psf is not None:
         folder.write(f"psf_{plane.name}.npy", _npy(plane.psf.h))
         folder.write(f"covariance_{plane.name}.npy", _npy(plane.psf.covariance))
+        folder.write(f"psf_{plane.name}.fits", psf_fits(plane.psf, plane.name, software()["version"]))
+        folder.write(f"psf_{plane.name}.tiff", psf_tiff(plane.psf))
+        folder.write(f"profile_{plane.name}.csv", profile_table(plane.psf, plane.pitch))
         folder.write(f"psf_{plane.name}.png", psf_picture(plane.psf, f"{plane.name}  {plane.verdict}"))
     if plane.inter_image is not None:
         folder.write(f"inter_image_{plane.name}.npy", _npy(plane.inter_image))
     if plane.quality is not None:
         folder.write(f"mtf_{plane.name}.csv", mtf_table(plane.quality))
+
+
+def quantities(plane: PlaneRecord) -> Iterator[tuple[str, Quantity]]:
+    """The numbers of a plane, and what follows from them for RAW developers; none where it was refused."""
+    numbers = plane.quality.numbers if plane.quality is not None else {}
+    yield from numbers.items()
+    if "mtf50_radial" in numbers:
+        yield GAUSSIAN_RADIUS, gaussian_radius(numbers["mtf50_radial"], plane.pitch)
 
 
 def mtf_table(quality: Quality) -> bytes:
@@ -203,7 +222,9 @@ def _npy(array: Array) -> bytes:
 
 
 def plain(value: Any) -> Any:
-    """The same with plain Python numbers, and null for every number that is not finite."""
+    """The same with plain Python numbers, null for every number that is not finite, and text that can be encoded."""
+    if isinstance(value, str):
+        return encodable(value)
     if isinstance(value, Mapping):
         return {name: plain(part) for name, part in value.items()}
     if isinstance(value, list | tuple):

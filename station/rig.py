@@ -196,6 +196,11 @@ class Rig:
         level = self.light.level() if self.light is not None else None
         return Snapshot(axes, distance_mm, level, silent)
 
+    def announce(self, number: int) -> None:
+        """The next frame is the session's shot of this number: a simulated one has its noise from that."""
+        if self.bench is not None and self.bench.simulated is not None:
+            self.bench.simulated.body.next_number = number
+
     def emergency_stop(self) -> None:
         """Everything stops, now."""
         if self.bench is not None:

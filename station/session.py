@@ -17,11 +17,10 @@ what was announced and not confirmed.
 
 from __future__ import annotations
 
-import os
 import shutil
 import tempfile
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
@@ -31,8 +30,8 @@ from typing import Any, Self
 from drivers.clock import Clock
 from drivers.interfaces import Exposure
 from procedures.plan import Facts
-from station.disk import Disk, NotKept, kept, sha256_of
-from station.journal import Contents, Damaged, Journal, Line, read_journal
+from station.disk import Disk, NotKept, holds, kept, sha256_of
+from station.journal import Contents, Journal, Line
 from station.machine import machine
 from station.session_folder import (
     CONFIG,
@@ -47,10 +46,13 @@ from station.session_folder import (
     check_layout,
     inside,
     original_name,
+    own,
     read_config,
     safe_name,
 )
-from station.session_state import Derived, Shot, State, after, replay
+from station.session_reading import SessionRecord, read_session, sums, verify
+from station.session_recovery import finish_adopting, recover
+from station.session_state import Derived, Shot, State, after
 from station.toml_text import toml_text
 
 __all__ = ["Derived", "Session", "Shot", "State"]
@@ -66,15 +68,16 @@ def utc_now() -> datetime:
 class Session:
     """A session that is open; made by `create` or `open`. Safe from any thread."""
 
-    def __init__(self, folder: Path, contents: Contents, clock: Clock, today: Today, disk: Disk, lock: Lock) -> None:
-        self.folder = folder
+    def __init__(self, record: SessionRecord, clock: Clock, today: Today, disk: Disk, lock: Lock) -> None:
+        self.folder = record.folder
+        self.config = record.config
         self.clock = clock
         self._today = today
         self._disk = disk
         self._lock = lock
         self._guard = threading.RLock()
-        self._journal = Journal(folder / JOURNAL, contents, disk)
-        self._state = replay(contents.lines)
+        self._journal = Journal(self.folder / JOURNAL, record.contents, disk)
+        self._state = record.state
         self._open = True
 
     @property
@@ -114,7 +117,7 @@ class Session:
         disk = disk or Disk()
         began = today()
         head = {"schema": SCHEMA, "plan": plan, "camera": camera, "lens": lens, "began": began.isoformat()}
-        first = Line(1, began.isoformat(), clock.now_s(), "created", {**head, "seed": seed, **machine()})
+        first = Line(1, began.isoformat(), clock.now_s(), "created", {**head, "seed": seed})
         names = (safe_name(camera, "camera"), safe_name(lens, "lens"), safe_name(plan, "plan"))
         with kept(root):
             root.mkdir(parents=True, exist_ok=True)
@@ -128,10 +131,22 @@ class Session:
         return cls.open(folder, clock, today=today, disk=disk)
 
     @classmethod
-    def open(cls, folder: Path, clock: Clock, *, today: Today = utc_now, disk: Disk | None = None) -> Session:
+    def open(
+        cls,
+        folder: Path,
+        clock: Clock,
+        *,
+        today: Today = utc_now,
+        disk: Disk | None = None,
+        without: Collection[int] = (),
+    ) -> Session:
         """The session in a folder, as its journal tells it, with everything finished that a crash left half done.
 
         `state.notices` says what had to be mended and which exposures will have to be repeated.
+
+        Parameters
+        ----------
+        without : numbers of shots whose photographs are lost for good; they count no more
 
         Raises
         ------
@@ -147,15 +162,14 @@ class Session:
         check_layout(folder)
         lock = Lock(folder)
         try:
-            _, first_sum = read_config(folder)
-            contents = read_journal(folder / JOURNAL, first_sum)
-            session = cls(folder, contents, clock, today, disk or Disk(), lock)
+            record = read_session(folder)
+            session = cls(record, clock, today, disk or Disk(), lock)
         except BaseException:
             lock.release()
             raise
         try:
-            verify(folder, session.state)
-            session._recover(contents.torn)
+            verify(folder, session.state, without)
+            recover(session, record.contents.torn, without)
         except BaseException:
             session.close()
             raise
@@ -231,7 +245,7 @@ class Session:
         with self._guard:
             pending = self.state.adopting
             if pending is not None and pending.sha256 != exposure.sha256:
-                self._finish_adopting(pending)
+                finish_adopting(self, pending)
                 pending = None
             if pending is None:
                 number = self.state.next_number
@@ -247,7 +261,7 @@ class Session:
                     snapshot=snapshot,
                 )
             assert self.state.adopting is not None
-            return self._take_in(self.state.adopting)
+            return self.take_in(self.state.adopting, exposure.path)
 
     def judge(self, shot: Shot, counts: bool, reason: str = "") -> Shot:
         """Whether the result is drawn from it. The same photograph never counts twice. Raises NotKept."""
@@ -262,105 +276,71 @@ class Session:
         """Where its photograph is. Raises Damaged if it is not there."""
         return inside(self.folder, shot.path)
 
-    def _take_in(self, shot: Shot) -> Shot:
-        """Copy what was announced, unless it is there, and confirm it."""
+    def take_in(self, shot: Shot, source: Path) -> Shot:
+        """Copy a photograph that was announced, unless it is there, and confirm it. Raises Changed, NotKept."""
         target = self.folder / shot.path
-        if not _holds(target, shot.sha256):
-            self._disk.copy(Path(shot.exposure["path"]), target, shot.sha256)
+        if holds(target, shot.sha256):
+            with kept(target):
+                self._disk.settle(target)
+        else:
+            self._disk.copy(source, target, shot.sha256)
         self.note("adopted", shot=shot.number)
-        self._write_sums()
+        self.write_sums()
         return self.state.shot(shot.number)
 
     # --- results -------------------------------------------------------------------------------------------------
 
     def result_folder(self) -> Path:
-        """Where the next result goes; `keep_result` confirms it."""
-        return self.folder / DERIVED / str(len(self.state.results) + 1)
+        """Where the next result goes; `keep_result` confirms it. Raises Damaged where a link lies there."""
+        return own(self.folder / DERIVED / str(len(self.state.results) + 1))
 
     def keep_result(self, *, step: str, shots: Sequence[int], verdict: str, **about: Any) -> Derived:
-        """Confirm the files in `result_folder()` as the result of a step, drawn from these shots. Raises NotKept."""
+        """Confirm the files in `result_folder()` as the result of a step, drawn from these shots.
+
+        Where the last result still stands and has the same files, it is kept and the new one removed: a step that
+        was interrupted after its result is no second result.
+
+        Raises
+        ------
+        NotKept
+            If the disk does not take it.
+        """
         with self._guard:
-            folder = self.result_folder()
+            folder, standing = self.result_folder(), self.state.standing
             with kept(folder):
                 files = self._synchronised(folder)
+            if standing is not None and (standing.step, standing.files) == (step, files):
+                shutil.rmtree(folder)
+                return standing
             told = {"folder": f"{DERIVED}/{folder.name}", "files": files, "shots": list(shots), "step": step}
             self.note("derived", **told, verdict=verdict, machine=machine(), **about)
-            self._write_sums()
+            self.write_sums()
             return self.state.results[-1]
 
     def _synchronised(self, folder: Path) -> dict[str, str]:
         """The hash of every file in a folder, once it is on the disk."""
         files = {}
         for path in sorted(folder.rglob("*")):
-            if path.is_dir() and not path.is_symlink():
-                self._disk.sync_folder(path)
-                continue
-            descriptor = self._disk.open(path, os.O_RDONLY)
-            try:
-                self._disk.sync(descriptor)
-            finally:
-                os.close(descriptor)
-            files[path.relative_to(folder).as_posix()] = sha256_of(path)
+            if path.is_symlink() or not path.is_dir():
+                self._disk.settle(path)
+                files[path.relative_to(folder).as_posix()] = sha256_of(path)
         self._disk.sync_folder(folder)
         self._disk.sync_folder(folder.parent)
         return files
 
     def wire_folder(self) -> Path:
         """Where this opening of the session keeps what passes on the wires; made now. Raises NotKept."""
-        folder = self.folder / WIRE / f"{sum(line.event == 'opened' for line in self._journal.lines):03d}"
+        number = sum(line.event == "opened" for line in self._journal.lines)
+        folder = own(self.folder / WIRE / f"{number:03d}")
         with kept(folder):
             folder.mkdir(exist_ok=True)
         return folder
-
-    # --- after a crash -------------------------------------------------------------------------------------------
-
-    def _recover(self, torn: bytes) -> None:
-        _sweep(self.folder)
-        self.note("opened", process=os.getpid(), **machine())
-        if torn:
-            self.note("torn", bytes=len(torn), text=torn[:10_000].decode("utf-8", "replace"))
-            self.notice("the last line of the journal was not whole and did not count")
-        if self.state.adopting is not None:
-            self._finish_adopting(self.state.adopting)
-        if self.state.awaited is not None:
-            awaited = self.state.awaited
-            self.note("gave_up", step=awaited.step, purpose=awaited.purpose)
-            self.notice(
-                f"an exposure for {awaited.purpose} ({awaited.step}) was asked for, and its photograph is not in the "
-                "session: it will be taken again"
-            )
-        self._name_strangers()
-        self._write_sums()
 
     def notice(self, say: str) -> None:
         """Something the operator must hear; `state.notices` holds it until the session is opened again."""
         self.note("noticed", say=say)
 
-    def _finish_adopting(self, shot: Shot) -> None:
-        source = Path(shot.exposure["path"])
-        if _holds(self.folder / shot.path, shot.sha256) or _holds(source, shot.sha256):
-            self._take_in(shot)
-            self.notice(f"shot {shot.number} was being taken in when the program ended; now it is")
-            return
-        self.note("gave_up", shot=shot.number)
-        self.notice(
-            f"shot {shot.number} was being taken in when the program ended, and {source} is not there as it was: "
-            "it will be taken again"
-        )
-
-    def _name_strangers(self) -> None:
-        """Files in originals/ that the journal does not speak of are named, once, and left alone."""
-        known = {shot.path for shot in self.state.shots}
-        for path in sorted((self.folder / ORIGINALS).iterdir()):
-            relative = f"{ORIGINALS}/{path.name}"
-            if relative in known:
-                continue
-            digest = sha256_of(path) if path.is_file() and not path.is_symlink() else ""
-            if self.state.strangers.get(relative) != digest:
-                self.note("found", path=relative, sha256=digest)
-                self.notice(f"{path.name!r} lies in {ORIGINALS}/, but the session did not put it there; it is not used")
-
-    def _write_sums(self) -> None:
+    def write_sums(self) -> None:
         """The hashes for `sha256sum --check`; where the disk is full they are written the next time."""
         text = sums(self.folder, self.state)
         path = self.folder / SUMS
@@ -370,30 +350,6 @@ class Session:
             self._disk.write_whole(path, text)
         except (NotKept, OSError):
             return
-
-
-def verify(folder: Path, state: State) -> None:
-    """Every photograph and every file of a result has the hash that the journal tells. Raises Damaged."""
-    wrong = [shot for shot in state.shots if not _holds(folder / shot.path, shot.sha256)]
-    if wrong:
-        names = ", ".join(f"{shot.path} (shot {shot.number}, SHA-256 {shot.sha256})" for shot in wrong)
-        raise Damaged(f"{folder.name}: missing or changed: {names}", "bring these files back from a copy")
-
-
-def sums(folder: Path, state: State) -> bytes:
-    """The hashes of configuration, photographs and results, as `sha256sum` writes them."""
-    entries = {CONFIG: sha256_of(folder / CONFIG)}
-    entries |= {shot.path: shot.sha256 for shot in state.shots}
-    for result in state.results:
-        entries |= {f"{result.folder}/{name}": digest for name, digest in result.files.items()}
-    return "".join(f"{digest}  {name}\n" for name, digest in entries.items()).encode()
-
-
-def _holds(path: Path, sha256: str) -> bool:
-    try:
-        return sha256_of(path) == sha256
-    except OSError:
-        return False
 
 
 def _furnish(folder: Path, config: bytes, first: Line, disk: Disk) -> None:
@@ -422,12 +378,3 @@ def _settle(raw: Path, name: str, disk: Disk) -> Path:
                 disk.sync_folder(folder.parent)
             return folder
     raise NotKept(f"{raw.parent} has 9999 sessions of the name {name}", "name another folder with --sessions")
-
-
-def _sweep(folder: Path) -> None:
-    """Remove what a crash left half-written."""
-    for part in (folder / ORIGINALS).glob(".*.part"):
-        part.unlink()
-    for unfinished in (folder / DERIVED).glob("*/.unfinished-*"):
-        if not unfinished.parent.is_symlink():
-            shutil.rmtree(unfinished, ignore_errors=True)

@@ -17,6 +17,7 @@ from typing import Any
 from procedures.outcome import BadInput, ProcedureError
 from station.disk import kept
 from station.journal import Damaged
+from station.names import printable
 
 CONFIG = "session.toml"
 JOURNAL = "journal.jsonl"
@@ -103,6 +104,13 @@ def inside(folder: Path, relative: str) -> Path:
     return path
 
 
+def own(path: Path) -> Path:
+    """The same path, which must not be a link that leads elsewhere. Raises Damaged."""
+    if path.is_symlink():
+        raise Damaged(f"{path} is a link; a session writes into folders of its own only", "remove the link")
+    return path
+
+
 class Lock:
     """Keeps other programs out of a session; the system takes it away from a program that died.
 
@@ -120,10 +128,10 @@ class Lock:
         try:
             _lock(self._descriptor)
         except OSError as error:
-            owner = os.pread(self._descriptor, 200, 0) if hasattr(os, "pread") else b""
+            owner = os.read(self._descriptor, 200).decode("utf-8", "replace").strip()
             os.close(self._descriptor)
             raise Busy(
-                f"{folder.name} is open in another program ({_printable(owner) or 'which gave no name'})",
+                f"{folder.name} is open in another program ({printable(owner) or 'which gave no name'})",
                 "end that program, or work with another session",
             ) from error
         with contextlib.suppress(OSError):  # the name is for people; a full disk must not keep the session shut
@@ -133,10 +141,6 @@ class Lock:
     def release(self) -> None:
         """Let others in."""
         os.close(self._descriptor)
-
-
-def _printable(data: bytes) -> str:
-    return "".join(c for c in data.decode("utf-8", "replace").strip() if c.isprintable())
 
 
 if sys.platform == "win32":

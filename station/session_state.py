@@ -13,6 +13,7 @@ from station.journal import Damaged, Line
 ORIGINAL = re.compile(r"originals/[A-Za-z0-9][A-Za-z0-9._-]*")
 DERIVED = re.compile(r"derived/[1-9][0-9]{0,5}")
 RETAKEN = "put aside for a retake"
+LOST = "its photograph is lost"
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,7 @@ class Shot:
     reason : why it does not count
     exposure : when it was asked for and received by the bench's clock, settings, shutter times, where it came from
     snapshot : what the devices said of themselves then
+    lost : whether its photograph was given up
     """
 
     number: int
@@ -40,6 +42,7 @@ class Shot:
     reason: str = ""
     exposure: Mapping[str, Any] = field(default_factory=dict)
     snapshot: Mapping[str, Any] = field(default_factory=dict)
+    lost: bool = False
 
 
 @dataclass(frozen=True)
@@ -78,6 +81,7 @@ class State:
     done : names of the finished steps in their order
     step : name of the step that was begun and not finished, "" where there is none
     facts : what was learnt, by name
+    standing : the last result, as long as neither facts nor shots have changed since
     adopting : a shot whose photograph was being taken in, None mostly
     awaited : an exposure that was asked for and has not come, None mostly
     notices : what the operator must hear after a resume: repeated exposures, files found, a torn line
@@ -94,6 +98,7 @@ class State:
     facts: Mapping[str, Fact] = field(default_factory=dict)
     shots: tuple[Shot, ...] = ()
     results: tuple[Derived, ...] = ()
+    standing: Derived | None = None
     adopting: Shot | None = None
     awaited: Awaited | None = None
     notices: tuple[str, ...] = ()
@@ -143,7 +148,11 @@ def _created(line: Line) -> State:
 def after(state: State, line: Line) -> State:
     """The state after one more line; events that are none of a state's business leave it as it is."""
     change = CHANGES.get(line.event)
-    return state if change is None else change(state, line)
+    if change is None:
+        return state
+    changed = change(state, line)
+    untouched = changed.facts is state.facts and changed.counting() == state.counting()
+    return changed if untouched else replace(changed, standing=None)
 
 
 def _opened(state: State, line: Line) -> State:
@@ -200,11 +209,16 @@ def _adopted(state: State, line: Line) -> State:
 
 
 def _judged(state: State, line: Line) -> State:
-    number, counts = line.data["shot"], bool(line.data["counts"])
-    reason = str(line.data["reason"])
-    state.shot(number)
-    shots = (replace(s, counts=counts, reason=reason) if s.number == number else s for s in state.shots)
-    return replace(state, shots=tuple(shots))
+    return _with_shot(state, line, counts=bool(line.data["counts"]), reason=str(line.data["reason"]))
+
+
+def _lost(state: State, line: Line) -> State:
+    return _with_shot(state, line, counts=False, reason=LOST, lost=True)
+
+
+def _with_shot(state: State, line: Line, **change: Any) -> State:
+    old = state.shot(line.data["shot"])
+    return replace(state, shots=tuple(replace(shot, **change) if shot is old else shot for shot in state.shots))
 
 
 def _derived(state: State, line: Line) -> State:
@@ -214,7 +228,8 @@ def _derived(state: State, line: Line) -> State:
         raise ValueError(f"results lie in derived/, not in {folder}")
     told = {name: str(data.pop(name)) for name in ("step", "verdict")}
     files, shots = dict(data.pop("files")), tuple(int(number) for number in data.pop("shots"))
-    return replace(state, results=(*state.results, Derived(folder, files, shots, **told, at=line.at, about=data)))
+    result = Derived(folder, files, shots, **told, at=line.at, about=data)
+    return replace(state, results=(*state.results, result), standing=result)
 
 
 def _found(state: State, line: Line) -> State:
@@ -237,6 +252,7 @@ CHANGES: Mapping[str, Callable[[State, Line], State]] = {
     "adopting": _adopting,
     "adopted": _adopted,
     "judged": _judged,
+    "lost": _lost,
     "derived": _derived,
     "found": _found,
     "ended": _ended,

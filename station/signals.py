@@ -12,10 +12,13 @@ EXIT_DEVICE = 3
 
 
 @contextmanager
-def guarded(emergency_stop: Callable[[], None], ask_to_stop: Callable[[], None]) -> Iterator[None]:
+def guarded(
+    emergency_stop: Callable[[], None], ask_to_stop: Callable[[], None], *, terminated: int = EXIT_DEVICE
+) -> Iterator[None]:
     """Within, SIGTERM and a second Ctrl-C stop the bench and end the program; the first Ctrl-C only asks.
 
-    Must be entered in the main thread, where Python handles signals; `emergency_stop` waits for no lock.
+    Must be entered in the main thread, where Python handles signals; `emergency_stop` waits for no lock. `terminated`
+    is the exit code after SIGTERM.
     """
     asked = False
 
@@ -29,7 +32,7 @@ def guarded(emergency_stop: Callable[[], None], ask_to_stop: Callable[[], None])
 
     def terminate(number: int, frame: FrameType | None) -> None:
         emergency_stop()
-        raise SystemExit(EXIT_DEVICE)
+        raise SystemExit(terminated)
 
     before = signal.signal(signal.SIGINT, interrupt), signal.signal(signal.SIGTERM, terminate)
     try:

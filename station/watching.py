@@ -85,7 +85,7 @@ class Watching:
             taken = self._exposer.take(scan.purpose, self.step)
             scores.append(scan.score(taken.frame, taken.facts))
             self._session.judge(taken.shot, False, "a trial")
-            self._show(taken.frame, Advice(True, scan.purpose))
+            self._show(taken.frame, Advice(True, ""))
             self._talk.hear(CurveSeen(scan.axis, tuple(places[: i + 1]), tuple(scores)))
         if places:
             advice = scan.choose(places, scores)
@@ -112,7 +112,7 @@ class Watching:
     def shoot(self, shoot: Shoot) -> None:
         """Shots until they are enough; those that an interrupted run took are looked at first. Raises Stopped."""
         results: list[Outcomes] = []
-        for shot in self._earlier():
+        for shot in self._earlier(shoot.purpose):
             frame = self._talk.attempt(lambda shot=shot: read_frame(self._session.original(shot)))  # type: ignore[misc]
             self._judge(shoot, Taken(shot, frame, {**self._talk.facts, **shot_facts(shot)}), results)
         for _ in range(shoot.most):
@@ -120,9 +120,10 @@ class Watching:
                 return
             self._judge(shoot, self._exposer.take(shoot.purpose, self.step), results)
 
-    def _earlier(self) -> list[Shot]:
-        """The shots of this step that count, or were not judged before the interruption."""
-        return [shot for shot in self._session.state.shots if shot.step == self.step and shot.counts is not False]
+    def _earlier(self, purpose: str) -> list[Shot]:
+        """The shots of this step and purpose that count, or were not judged before the interruption."""
+        shots = self._session.state.shots
+        return [s for s in shots if (s.step, s.purpose) == (self.step, purpose) and s.counts is not False]
 
     def _enough(self, shoot: Shoot, results: list[Outcomes]) -> bool:
         advice = shoot.enough(results, self._talk.facts)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -63,29 +63,36 @@ def read_planes(image: Path, plane: str | None) -> RawFrame:
     return frame
 
 
-def tell_each(calibrated: Iterable[Calibrated[Any]]) -> list[PlaneRecord]:
-    """The records of the planes, each told as it comes."""
-    records = []
+def tell_each(calibrated: Iterable[Calibrated[Any]]) -> list[Calibrated[Any]]:
+    """The planes, each told as it comes."""
+    found = []
     for one in calibrated:
         _tell(one.record, one.duration_s)
-        records.append(one.record)
-    return records
+        found.append(one)
+    return found
 
 
 def write_result(
-    folder: ResultFolder, planes: Sequence[PlaneRecord], procedure: str, frames: Sequence[RawFrame], **about: Any
+    folder: ResultFolder,
+    found: Sequence[Calibrated[Any]],
+    procedure: str,
+    frames: Sequence[RawFrame],
+    *,
+    parameters: Mapping[str, object],
+    start: float,
 ) -> str:
-    """Write the result of photographs; returns the record's text. `about` has parameters and start."""
+    """Write the result of photographs, and its report; returns the record's text."""
+    from station.report import PAGE, calibration_page, report_of_files
     from station.results import write_psf_result
 
-    start = about.pop("start")
+    folder.write(PAGE, calibration_page(report_of_files(procedure, frames, found, parameters)).encode())
     text = write_psf_result(
         folder,
-        planes,
+        [one.record for one in found],
         {
             "procedure": procedure,
             "input": [{"path": str(frame.path), "sha256": frame.sha256} for frame in frames],
-            **about,
+            "parameters": parameters,
             "duration_s": round(time.perf_counter() - start, 3),
         },
     )
@@ -94,11 +101,11 @@ def write_result(
     return text
 
 
-def finish(planes: Sequence[PlaneRecord], text: str, *, as_json: bool) -> None:
+def finish(found: Sequence[Calibrated[Any]], text: str, *, as_json: bool) -> None:
     """Write the record to stdout where it is wanted, and leave with the code of a refusal if a plane was refused."""
     if as_json:
         click.echo(text, nl=False)
-    if any(record.verdict == "refused" for record in planes):
+    if any(one.record.verdict == "refused" for one in found):
         raise click.exceptions.Exit(REFUSED)
 
 

@@ -85,6 +85,15 @@ def test_a_flat_wavefront_by_quadrature_is_the_closed_form(rng):
     np.testing.assert_allclose(tiny.otf(fx, fy), Optics((CircularPupil(5.6),), 3.76).otf(fx, fy), atol=1e-6)
 
 
+def test_a_round_wavefront_is_the_limit_of_one_that_is_hardly_not_round(rng):
+    # 1e-9 um of coma changes nothing that matters, but takes the other way of reckoning
+    fx, fy = rng.uniform(-0.4, 0.4, (2, 100))
+    for round_ in (Wavefront(defocus_um=0.1), Wavefront(defocus_um=-0.4, spherical_um=0.05)):
+        bent = round_ + Wavefront(coma_x_um=1e-9)
+        otf = Optics((CircularPupil(5.6, round_),), 3.76).otf(fx, fy)
+        np.testing.assert_allclose(otf, Optics((CircularPupil(5.6, bent),), 3.76).otf(fx, fy), atol=2e-5)
+
+
 def test_far_out_of_focus_the_psf_is_the_disc_of_geometry():
     # a sensor 0.4 mm from the focus at f/4 sees a disc of 0.1 mm: its radius' root mean square is 0.05 / sqrt 2 mm
     pitch_um = 10.0

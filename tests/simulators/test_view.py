@@ -40,6 +40,13 @@ def test_its_frames_are_read_back(view, tmp_path):
     np.testing.assert_allclose(frame.planes["G1"].samples, view.taken[0].plane("G1"), atol=1e-6)
 
 
+def test_noise_of_a_frame_follows_from_its_number_alone(world, view):
+    again = View(world, np.random.default_rng(20120323), view.camera)
+    one, two = (view.photograph(Opening(0.0, 0.02, number)).plane("G1") for number in (1, 2))
+    np.testing.assert_array_equal(again.photograph(Opening(0.0, 0.02, 2)).plane("G1"), two)
+    assert np.any(one != two)
+
+
 def test_half_a_frame_is_not_read(view, tmp_path):
     from station.bench import inspect_raw
 

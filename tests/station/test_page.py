@@ -3,8 +3,7 @@ from __future__ import annotations
 import pytest
 
 from procedures.exposure import Exposure
-from station.report import exposure_words, percent, signed
-from station.stated import stated
+from station.page import exposure_words, percent, signed, stated
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,85 @@
+"""A straight line through points with known uncertainties, and whether its slope can be told from none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy import stats
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Line:
+    """y = mean + slope (x - centre), with standard uncertainties.
+
+    Attributes
+    ----------
+    centre : float
+        The weighted mean of x, where slope and mean are uncorrelated.
+    birge : float
+        sqrt(chi^2 / (n - 2)): how many times the scatter about the line is what the uncertainties tell; NaN for two
+        points.
+    p_value : float
+        Probability of a slope at least as far from 0 where there is none.
+    """
+
+    slope: float
+    slope_uncertainty: float
+    mean: float
+    mean_uncertainty: float
+    centre: float
+    birge: float
+    p_value: float
+    n: int
+
+    def at(self, x: Array) -> tuple[Array, Array]:
+        """The line and its standard uncertainty at x, (n,) each."""
+        away = np.asarray(x, dtype=np.float64) - self.centre
+        return self.mean + self.slope * away, np.hypot(self.mean_uncertainty, self.slope_uncertainty * away)
+
+
+def weighted_line(x: Array, y: Array, uncertainty: Array) -> Line:
+    """The line of least weighted squares, weights 1 / uncertainty^2.
+
+    Where the points scatter about it by more than their uncertainties, these are taken as that much too small
+    (Birge): the line's own grow by the ratio, and its significance is drawn from Student's distribution of n - 2
+    degrees; otherwise they stand as they are told, and it is drawn from the normal distribution.
+
+    Parameters
+    ----------
+    x, y, uncertainty : (n,) float64
+        n >= 2; at least two different x; uncertainties above 0.
+
+    Raises
+    ------
+    ValueError
+        If the points determine no line.
+
+    References
+    ----------
+    R. T. Birge, Phys. Rev. 40 (1932) 207; P. R. Bevington, Data Reduction and Error Analysis, chapter 6.
+    """
+    x, y, u = (np.asarray(values, dtype=np.float64) for values in (x, y, uncertainty))
+    if len(np.unique(x)) < 2:
+        raise ValueError(
+            f"a line needs two points at different x; {len(x)} came, over a range of {np.ptp(x) if len(x) else 0:g}"
+        )
+    if not np.all(u > 0):
+        raise ValueError("each point needs an uncertainty above 0")
+    w = u**-2
+    centre = float(np.sum(w * x) / np.sum(w))
+    spread = float(np.sum(w * (x - centre) ** 2))
+    mean = float(np.sum(w * y) / np.sum(w))
+    slope = float(np.sum(w * (x - centre) * y) / spread)
+    freedom = len(x) - 2
+    chi2 = float(np.sum(w * (y - mean - slope * (x - centre)) ** 2))
+    birge = (chi2 / freedom) ** 0.5 if freedom else float("nan")
+    factor = birge if birge > 1 else 1.0
+    slope_uncertainty = factor * spread**-0.5
+    score = abs(slope) / slope_uncertainty
+    tail = stats.t.sf(score, freedom) if birge > 1 else stats.norm.sf(score)
+    mean_uncertainty = factor * float(np.sum(w)) ** -0.5
+    return Line(slope, slope_uncertainty, mean, mean_uncertainty, centre, birge, float(2 * tail), len(x))

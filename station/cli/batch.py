@@ -1,0 +1,170 @@
+"""`station batch`: many photographs without a terminal."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from station.cli.errors import INTERRUPTED
+from station.cli.log import Fact, log, log_json_option, logs_json
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from station.batch import Batch
+    from station.batch_frames import Item
+    from station.batch_item import Row
+    from station.procedure_file import Procedure
+
+SOME_FAILED = 1
+HEADINGS = {
+    "mtf50_horizontal": "MTF50, rows",
+    "mtf50_vertical": "MTF50, columns",
+    "energy_above_nyquist": "above Nyquist",
+    "residual_std": "residual",
+}
+MOST_NAMED = 40
+"""Photographs that are not usable, on the screen; the files name them all."""
+
+
+@click.command("batch")
+@click.argument("folders", metavar="FOLDER...", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--procedure", "file", type=click.Path(path_type=Path), required=True, help="What to do, in TOML.")
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
+@click.option("--jobs", type=click.IntRange(1, 1024), help="Processes at a time.  [default: as many as cores]")
+@click.option("--cluster", metavar="ADDRESS|local", help="Share the work out by Dask (extra `cluster`).")
+@click.option("--reports", is_flag=True, help="Write a page for every photograph too.")
+@click.option("--strict", is_flag=True, help="Count what is doubtful as failed.")
+@click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout in place of the table.")
+@log_json_option
+def batch(
+    folders: tuple[Path, ...],
+    file: Path,
+    out: Path,
+    jobs: int | None,
+    cluster: str | None,
+    reports: bool,
+    strict: bool,
+    as_json: bool,
+) -> None:
+    """Estimate the PSFs of all photographs in FOLDER... and hold them to limits.
+
+    What was done before with the same procedure is not done again. The first Ctrl-C finishes what runs, the second
+    stops at once; what is done is kept.
+    """
+    from station.batch import run_batch
+    from station.batch_item import PASS, Job, finished
+    from station.procedure_file import read_procedure
+    from station.signals import guarded
+    from station.workers import Stop
+
+    procedure = read_procedure(file)
+    items = _items(folders, out, procedure)
+    log("found", f"found {len(items)} {'pairs' if len(items[0].paths) == 2 else 'photographs'}", items=len(items))
+    job, stop = Job(procedure, out, finished(out), reports), Stop()
+    with guarded(lambda: None, lambda: _ask(stop), terminated=INTERRUPTED), _heard(len(items)) as heard:
+        done, text = run_batch(items, job, jobs=jobs or os.cpu_count() or 1, cluster=cluster, stop=stop, heard=heard)
+    if as_json:
+        click.echo(text, nl=False)
+    else:
+        _show(done)
+    log("written", f"wrote {out / 'summary.csv'}", path=str(out / "summary.csv"))
+    if stop.asked:
+        log("interrupted", f"interrupted; {done.undone} were not begun", level="error", undone=done.undone)
+        raise click.exceptions.Exit(INTERRUPTED)
+    if done.failed or (strict and set(done.counts) != {PASS}):
+        raise click.exceptions.Exit(SOME_FAILED)
+
+
+def _items(folders: tuple[Path, ...], out: Path, procedure: Procedure) -> list[Item]:
+    from station.batch_frames import find_frames, in_pairs, singly
+    from station.procedure_file import TWO_PHOTO
+
+    frames = find_frames(folders, out)
+    return in_pairs(frames, procedure.endings) if procedure.name == TWO_PHOTO else singly(frames)
+
+
+def _ask(stop: object) -> None:
+    stop.ask()  # type: ignore[attr-defined]
+    log("stopping", "finishing what runs; Ctrl-C again stops now", level="warning")
+
+
+@contextmanager
+def _heard(total: int) -> Iterator[Callable[[Row], None]]:
+    """Tells every row as it comes, with rate and time left: a bar where a person watches, lines otherwise."""
+    import time
+
+    from station.progress import Pace, bar
+
+    pace = Pace(total, time.monotonic)
+
+    def tell(row: Row) -> None:
+        left = pace.step()
+        level = "info" if row.verdict == "pass" else "warning"
+        words = f"{pace.done} of {total}, {left}: {_sentence(row)}"
+        milliseconds = round(1000 * row.duration_s)
+        facts: dict[str, Fact] = {"file": row.files[0], "verdict": row.verdict, "folder": row.folder}
+        log("item", words, level=level, remedy=row.remedy, reused=row.reused, dur_ms=milliseconds, **facts)
+
+    if sys.stderr.isatty() and not logs_json():
+        with bar(total) as progress:
+            yield lambda row: progress(f"{pace.step()}  {_sentence(row)}")
+    else:
+        yield tell
+
+
+def _sentence(row: Row) -> str:
+    from station.names import printable
+
+    words = f"{printable(' + '.join(row.files))}: {row.verdict}"
+    words += f"; {printable(row.reason)}" if row.reason else ""
+    return f"{words} (done before)" if row.reused else words
+
+
+def _show(done: Batch) -> None:
+    """The planes' statistics, what is wrong with which photograph, and the counts, on stdout."""
+    from rich.console import Console
+
+    console = Console(highlight=False)
+    console.print(_planes(done))
+    if done.failed:
+        console.print(_wrong(done))
+    if len(done.failed) > MOST_NAMED:
+        console.print(f"... and {len(done.failed) - MOST_NAMED} more, in summary.csv", style="dim")
+    counts = ", ".join(f"{count} {verdict}" for verdict, count in done.counts.items())
+    console.print(f"{len(done.rows)} done in {done.duration_s:.1f} s: {counts or 'none'}.")
+
+
+def _planes(done: Batch) -> Table:
+    from rich import box
+    from rich.table import Table
+
+    from station.batch import statistics
+
+    table = Table("plane", *HEADINGS.values(), "verdicts", box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
+    for name, entry in statistics(done.rows).items():
+        medians = [f"{entry[number]['median']:.4f}" if number in entry else "—" for number in HEADINGS]
+        verdicts = ", ".join(f"{count} {verdict}" for verdict, count in entry["verdicts"].items())
+        table.add_row(name, *medians, verdicts)
+    table.caption = "Medians over all photographs."
+    return table
+
+
+def _wrong(done: Batch) -> Table:
+    from rich import box
+    from rich.markup import escape
+    from rich.table import Table
+
+    from station.names import printable
+
+    table = Table("photograph", "verdict", "reason", box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
+    for row in done.failed[:MOST_NAMED]:
+        words = printable(" + ".join(row.files)), printable(row.reason)
+        table.add_row(escape(words[0]), f"[red]{row.verdict}[/]", escape(words[1]))
+    return table

@@ -1,0 +1,119 @@
+"""A session's results once more, from its photographs and its journal alone, compared byte for byte."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from procedures.outcome import BadParameter
+from station.derive import compute
+from station.disk import sha256_of
+from station.machine import machine
+from station.plans import plan_named
+from station.results import RECORD
+from station.session_reading import read_session, verify
+from station.session_state import Derived, State, replay
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One result against what was computed again.
+
+    Attributes
+    ----------
+    result : folder of the result, from the session's
+    same, different, missing, added : names of files, by how the new ones compare to those that the journal tells
+    keys : where the records differ, the entries that do
+    machine : what is another now than when the result was drawn: (what, then, now)
+    """
+
+    result: str
+    same: tuple[str, ...]
+    different: tuple[str, ...]
+    missing: tuple[str, ...]
+    added: tuple[str, ...]
+    keys: tuple[str, ...] = ()
+    machine: tuple[tuple[str, str, str], ...] = ()
+
+    @property
+    def identical(self) -> bool:
+        """Whether every file is the same to the last bit."""
+        return not (self.different or self.missing or self.added)
+
+
+def recompute(folder: Path, numbers: tuple[int, ...] = ()) -> Iterator[Comparison]:
+    """Every result of a session computed again, or those of these numbers.
+
+    Each is computed from what the journal held when it was drawn, into a folder that is removed again. It is compared
+    with the hashes in the journal, so that a result whose files were altered afterwards is told as well.
+
+    Raises
+    ------
+    BadParameter
+        If there is no such result.
+    Damaged
+        If a photograph is not what was taken.
+    """
+    record = read_session(folder)
+    results = record.state.results
+    wanted = numbers or tuple(range(1, len(results) + 1))
+    for number in wanted:
+        if not 1 <= number <= len(results):
+            raise BadParameter(
+                f"{folder.name} has {len(results)} results, and none of number {number}", "choose another"
+            )
+    verify(folder, record.state)
+    lines = record.contents.lines
+    drawn = [i for i, line in enumerate(lines) if line.event == "derived"]
+    for number in wanted:
+        yield _again(folder, results[number - 1], replay(lines[: drawn[number - 1]]))
+
+
+def _again(folder: Path, result: Derived, state: State) -> Comparison:
+    with tempfile.TemporaryDirectory(prefix="station-") as raw:
+        fresh = Path(raw, "result")
+        compute(folder, state, plan_named(state.plan), fresh)
+        found = {path.relative_to(fresh).as_posix(): sha256_of(path) for path in fresh.rglob("*") if path.is_file()}
+        keys = _differing(folder / result.folder / RECORD, fresh / RECORD)
+    on_disk = {name: _hash(folder / result.folder / name) for name in result.files}
+    same = [name for name, digest in found.items() if result.files.get(name) == digest == on_disk.get(name)]
+    return Comparison(
+        result.folder,
+        tuple(sorted(same)),
+        tuple(sorted(name for name in found if name in result.files and name not in same)),
+        tuple(sorted(name for name in result.files if name not in found)),
+        tuple(sorted(name for name in found if name not in result.files)),
+        keys,
+        _other_machine(result.about.get("machine", {})),
+    )
+
+
+def _hash(path: Path) -> str:
+    try:
+        return sha256_of(path)
+    except OSError:
+        return ""
+
+
+def _differing(old: Path, new: Path) -> tuple[str, ...]:
+    """The entries in which two records differ."""
+    try:
+        before, now = (_flat(json.loads(path.read_bytes())) for path in (old, new))
+    except (OSError, ValueError):
+        return ()
+    return tuple(sorted(name for name in before.keys() | now.keys() if before.get(name) != now.get(name)))
+
+
+def _flat(value: Any, name: str = "") -> dict[str, Any]:
+    if isinstance(value, Mapping):
+        return {k: v for key, part in value.items() for k, v in _flat(part, f"{name}.{key}" if name else key).items()}
+    return {name: value}
+
+
+def _other_machine(then: Mapping[str, Any]) -> tuple[tuple[str, str, str], ...]:
+    before, now = _flat(then), _flat(machine())
+    return tuple((k, str(before.get(k)), str(now.get(k))) for k in sorted(before) if before[k] != now.get(k))

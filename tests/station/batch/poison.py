@@ -1,0 +1,16 @@
+"""The work of a batch with a photograph that ends its process."""
+
+from __future__ import annotations
+
+import os
+import signal
+
+from station.batch_frames import Item
+from station.batch_item import Job, Row, work
+
+
+def poisoned(item: Item, job: Job) -> Row:
+    """The work of a batch, but a photograph called poison ends its process."""
+    if item.paths[0].stem == "poison":
+        os.kill(os.getpid(), signal.SIGKILL)
+    return work(item, job)

@@ -1,0 +1,93 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from procedures.outcome import BadInput, BadParameter
+from procedures.pattern import Chart
+from station.limits import Limit
+from station.procedure_file import read_procedure
+
+WHOLE = """
+procedure = "pattern"
+planes = ["G1", "B"]
+coverage = 3
+parameters = { s = 3, k = 13, solver = "nnls" }
+chart = { seed = 5 }
+optics = { pixel_pitch_um = 3.76, f_number = 8 }
+[limits]
+mtf50_horizontal = { min = 0.25 }
+energy_above_nyquist = { max = 0.1, planes = ["G1"] }
+"""
+
+
+def test_file_is_read_as_it_is_written(procedure_file):
+    found = read_procedure(procedure_file(WHOLE))
+    assert (found.name, found.planes) == ("pattern", ("G1", "B"))
+    assert (found.parameters.s, found.parameters.k, found.parameters.solver) == (3, 13, "nnls")
+    assert found.optics == {"pixel_pitch_um": 3.76, "f_number": 8.0}
+    np.testing.assert_array_equal(found.chart.chart.cells, Chart.from_seed(5).cells)
+    assert found.limits == (
+        Limit("mtf50_horizontal", 0.25, math.inf, 3.0),
+        Limit("energy_above_nyquist", -math.inf, 0.1, 3.0, ("G1",)),
+    )
+
+
+@pytest.mark.parametrize(("text", "s", "k"), [("", 4, 17), ('procedure = "two-photo"', 3, 13)])
+def test_what_is_left_out_is_as_in_the_command(procedure_file, text, s, k):
+    found = read_procedure(procedure_file(text))
+    assert (found.parameters.s, found.parameters.k, found.planes, found.limits) == (s, k, (), ())
+
+
+@pytest.mark.parametrize(
+    ("text", "reason", "remedy"),
+    [
+        ("proceedure = 'pattern'", "proceedure is not known", "write procedure"),
+        ("parameters = { solvr = 'ls' }", "parameters.solvr is not known", "write solver"),
+        ("limits = { mtf50_horizontl = { min = 1 } }", "limits.mtf50_horizontl is not known", "write mtf50_horizontal"),
+        ("limits = { gamma = { minimum = 1 } }", "limits.gamma.minimum is not known", "write min"),
+        ("limits = { gamma = { min = 2, max = 1 } }", "limits.gamma.min and max must leave a range", "min below max"),
+        ("limits = { gamma = {} }", "must leave a range", "give min"),
+        ("limits = { gamma = { min = nan } }", "limits.gamma.min must be a number", "correct"),
+        ("procedure = 'patern'", "procedure is 'patern'", "pattern, two-photo"),
+        ("planes = ['G']", "planes has 'G'", "R, G1, G2, B, Y, all"),
+        ("planes = 'G1'", "planes must be a list", "correct"),
+        ("parameters = { k = 16 }", "odd number k", "k = 17"),
+        ("parameters = { s = 2.5 }", "parameters.s must be a whole number; it is '2.5'", "correct"),
+        ("parameters = { s = true }", "parameters.s must be a whole number", "correct"),
+        ("chart = { seed = 1, bits = 'x.pgm' }", "are both given", "one of them"),
+        ("chart = { bits = 'a\\u0000b' }", "chart.bits", "correct"),
+        ("optics = { f_number = 0 }", "optics.f_number must be more than 0", "correct"),
+        ("coverage = -1", "coverage must not be negative", "2"),
+        ("pairs = { near = '_a' }", "pairs is not known", "parameters"),
+        ("procedure = 'two-photo'\npairs = { near = '_a', far = '_a' }", "two different endings", "_near"),
+        ("procedure = 'two-photo'\nchart = { seed = 1 }", "chart is not known", "use one of"),
+        ("a = [", "must be a TOML file", "correct it"),
+        ("'x\\u001b[2J' = 1", "is not known", "use one of"),
+    ],
+)
+def test_what_cannot_be_meant_is_named_with_the_nearest(procedure_file, text, reason, remedy):
+    with pytest.raises(BadParameter) as refused:
+        read_procedure(procedure_file(text.replace("'", '"')))
+    assert reason.replace("'", "") in refused.value.reason.replace("'", "")
+    assert remedy in refused.value.remedy
+    assert refused.value.reason.isprintable()
+
+
+def test_file_that_cannot_be_read_is_named(tmp_path):
+    with pytest.raises(BadParameter, match=r"none\.toml must be a TOML file"):
+        read_procedure(tmp_path / "none.toml")
+
+
+def test_cells_are_looked_for_beside_the_file(procedure_file):
+    with pytest.raises(BadInput, match=r"cells\.pgm cannot be read"):
+        read_procedure(procedure_file('chart = { bits = "cells.pgm" }'))
+
+
+def test_whatever_changes_a_result_changes_the_fingerprint(procedure_file):
+    texts = [WHOLE, "", 'procedure = "two-photo"', "chart = { seed = 2 }", "parameters = { k = 19 }", "planes = ['B']"]
+    texts += ["optics = { f_number = 8 }", "limits = { gamma = { max = 1 } }", "limits = { gamma = { max = 2 } }"]
+    prints = [repr(read_procedure(procedure_file(text)).fingerprint()) for text in texts]
+    assert len(set(prints)) == len(texts)
