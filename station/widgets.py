@@ -189,12 +189,12 @@ class Readings(Part):
         self.update(lines_of(*(line for one in readings for line in self._entry(one))))
         self.display = bool(readings)
 
-    def _entry(self, one: Reading) -> tuple[Content, Content]:
+    def _entry(self, one: Reading) -> tuple[Content, ...]:
         mark = self.glyphs.good if one.good else self.glyphs.bad
-        value = f"{one.value:.4g} {one.unit}".strip()
+        value = f"{one.value:.3g} {one.unit}".strip()
         first = literal(f"{mark} {one.name}: {value}", "" if one.good else "bold")
         limits = limits_in_words(one)
-        return first, literal(f"   {limits}" if limits else "", "dim")
+        return (first, literal(f"   {limits}", "dim")) if limits else (first,)
 
 
 def limits_in_words(one: Reading) -> str:
@@ -206,7 +206,7 @@ def limits_in_words(one: Reading) -> str:
     elif one.low is None:
         wanted = f"at most {one.high:.4g}"
     else:
-        wanted = f"{one.low:.4g} to {one.high:.4g}"
+        wanted = f"{one.low:.3g} to {one.high:.3g}"
     return f"wanted {wanted}"
 
 
