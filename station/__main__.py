@@ -52,7 +52,7 @@ def main(
         from station.cli.guide import run_plain
 
         run_plain(simulate=simulate, config=config, sessions=sessions, seed=seed, plan=plan)
-    if ctx.invoked_subcommand is None:
+    elif ctx.invoked_subcommand is None:
         from station.cli.app import run_app
 
         run_app(simulate=simulate, config=config, sessions=sessions, seed=seed)

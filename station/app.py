@@ -67,6 +67,15 @@ ALARM = "EMERGENCY STOP: everything was halted. Stages must be homed to move aga
 STAY, AFTER_THIS, NOW = range(3)
 
 
+def share_the_lock() -> None:
+    """Let threads take turns every half millisecond.
+
+    A paint gives Python's lock away at every look for input, some fifty times, and waits this long each time to have it
+    back from an estimate. By default it is 5 ms.
+    """
+    sys.setswitchinterval(0.0005)
+
+
 class StationApp(App[int]):
     """The application; its value is the exit code."""
 
@@ -286,9 +295,13 @@ class StationApp(App[int]):
             self.push_screen(self._guide, mode=GUIDE)
         self.call_after_refresh(self._guide.begin, "Opening the session and the bench.")
         self._sitting = Sitting(begin, lambda: self._post(self.News()), self.lab.emergency_stop)
-        self.call_after_refresh(
-            self._start, "run", self._sitting.work, ask=self._sitting.ask, halt=self._sitting.halt
-        )  # the guide must be there when the first news come
+        self.call_after_refresh(self._start_run)  # the guide must be there when the first news come
+
+    def _start_run(self) -> None:
+        sitting = self._sitting
+        if sitting is not None:
+            self._start("run", sitting.work, ask=sitting.ask, halt=sitting.halt)
+            self.refresh_frame()
 
     @on(News)
     def _news(self) -> None:

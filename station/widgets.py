@@ -189,16 +189,16 @@ class Readings(Part):
         self.update(lines_of(*(line for one in readings for line in self._entry(one))))
         self.display = bool(readings)
 
-    def _entry(self, one: Reading) -> tuple[Content, Content]:
+    def _entry(self, one: Reading) -> tuple[Content, ...]:
         mark = self.glyphs.good if one.good else self.glyphs.bad
-        value = f"{one.value:.4g} {one.unit}".strip()
+        value = f"{one.value:.3g} {one.unit}".strip()
         first = literal(f"{mark} {one.name}: {value}", "" if one.good else "bold")
         limits = limits_in_words(one)
-        return first, literal(f"   {limits}" if limits else "", "dim")
+        return (first, literal(f"   {limits}", "dim")) if limits else (first,)
 
 
 def limits_in_words(one: Reading) -> str:
-    """The tolerance: "wanted 0.7 to 0.9", and whether it is kept."""
+    """The tolerance: "wanted 0.7 to 0.9"."""
     if one.low is None and one.high is None:
         return ""
     if one.high is None:
@@ -206,8 +206,8 @@ def limits_in_words(one: Reading) -> str:
     elif one.low is None:
         wanted = f"at most {one.high:.4g}"
     else:
-        wanted = f"{one.low:.4g} to {one.high:.4g}"
-    return f"wanted {wanted}{'' if one.good else ': not yet'}"
+        wanted = f"{one.low:.3g} to {one.high:.3g}"
+    return f"wanted {wanted}"
 
 
 class ProgressLine(Part):
@@ -227,12 +227,18 @@ class ProgressLine(Part):
         """Another thing happens; None: nothing does."""
         self._doing, self._since_s = doing, self._clock()
         self.tick()
+        if doing is None:
+            self.update("")
+
+    def hold(self) -> None:
+        """The sentence stays, and time does not count."""
+        if self._doing is not None:
+            self.update(literal(self._doing.say))
+            self._doing = None
 
     def tick(self) -> None:
         """Bring the times up to date."""
-        if self._doing is None:
-            self.update("")
-        else:
+        if self._doing is not None:
             self.update(literal(progress_in_words(self._doing, self._clock() - self._since_s, self.glyphs)))
 
 
@@ -264,14 +270,16 @@ class DeviceBar(Part):
     def show(self, states: Sequence[DeviceState], words: str) -> None:
         """How the devices are; `words` where there are none."""
         stop = literal(" F12 STOP ALL ", "bold reverse")
-        named = [self._entry(one) for one in sorted(states, key=lambda one: one.condition.usable)]
-        self.update(Content("  ").join([stop, *(named or [literal(words)])]))
+        bad = [one for one in states if not one.condition.usable]
+        parts = [literal(f"{self.glyphs.bad} {one.name}: {one.condition.word}.", "bold") for one in bad]
+        parts += self._usable([one for one in states if one.condition.usable])
+        self.update(Content("  ").join([stop, *(parts or [literal(words)])]))
 
-    def _entry(self, one: DeviceState) -> Content:
-        if one.condition.usable:
-            word = f" {one.condition.word}" if self.size.width >= WIDE else ""
-            return literal(f"{self.glyphs.good} {one.name}{word}")
-        return literal(f"{self.glyphs.bad} {one.name}: {one.condition.word}.", "bold")
+    def _usable(self, states: Sequence[DeviceState]) -> list[Content]:
+        if self.size.width >= WIDE:
+            return [literal(f"{self.glyphs.good} {one.name}: {one.condition.word}") for one in states]
+        names = " ".join(one.name for one in states)
+        return [literal(f"{self.glyphs.good} {names}")] if states else []
 
 
 WIDE = 110

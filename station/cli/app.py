@@ -17,10 +17,11 @@ def run_app(*, simulate: bool, config: Path | None, sessions: Path, seed: int) -
     """Run the application until the operator leaves it; exits with its code. Raises BadParameter without a terminal."""
     if not (sys.stdin.isatty() and sys.stdout.isatty() and sys.stderr.isatty()):
         raise BadParameter("the application needs a terminal", "start it in one, or see the commands: station --help")
-    from station.app import StationApp
+    from station.app import StationApp, share_the_lock
 
     lab = StationLab(sessions=sessions, config=config or _usual_config(), simulate=simulate, seed=seed)
     app = StationApp(lab)
+    share_the_lock()
     try:
         code = app.run()
     finally:

@@ -10,7 +10,7 @@ from textual.app import ComposeResult
 from textual.binding import BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 
-from station.commands import GUIDE, Command, EndRun, GoOn, NewSession, StepBack, bindings
+from station.commands import GUIDE, Command, EndRun, GoOn, NewSession, ShowResults, StepBack, bindings
 from station.desk import Glimpse, Judged, News, Question
 from station.operator import CurveSeen, Doing, RunBegan, RunEnded, StepBegan, StepEnded, Trouble
 from station.plots import Curve, Frame, plot
@@ -25,10 +25,12 @@ if TYPE_CHECKING:
     from station.screens.result_view import Plotted
 
 ENDINGS = {
-    "finished": "Done. Press F4 for the results, F8 for another session.",
-    "stopped": "The run was ended. Press F5 to go on where it stopped, F8 for another session.",
-    "emergency": "Everything was stopped. Look at the bench first; then F5 goes on, homing the stages.",
+    "finished": "Done.",
+    "stopped": "The run was ended. What was taken is kept.",
+    "emergency": "Everything was stopped. Look at the bench first. Going on homes the stages.",
 }
+AFTER_THE_END: dict[str, type[Command]] = {"see the results": ShowResults, "another session": NewSession}
+AFTER_A_STOP: dict[str, type[Command]] = {"go on where it stopped": GoOn, "another session": NewSession}
 
 
 class GuideScreen(StationScreen):
@@ -37,17 +39,17 @@ class GuideScreen(StationScreen):
     COMMANDS_HERE = GUIDE
     BINDINGS: ClassVar[list[BindingType]] = bindings(GUIDE)
     CSS = """
-    GuideScreen #rail { width: 27; padding: 0 1 0 0; height: 100%; }
+    GuideScreen #rail { width: 26; padding: 0 1 0 0; height: 100%; }
     GuideScreen #main { width: 1fr; height: 100%; }
     GuideScreen #middle { height: 1fr; }
     GuideScreen #instruction { height: auto; max-height: 5; margin-bottom: 1; }
     GuideScreen #sight { height: 1fr; }
     GuideScreen #picture { width: 1fr; height: 100%; }
-    GuideScreen #numbers { width: 26; height: 100%; padding-left: 1; }
+    GuideScreen #numbers { width: 28; height: 100%; padding-left: 1; }
     GuideScreen #curve { height: 10; display: none; }
     GuideScreen.-wide #numbers { width: 40; }
     GuideScreen.-wide #curve { height: 14; }
-    GuideScreen #progress { height: 1; }
+    GuideScreen #progress { height: auto; min-height: 1; max-height: 2; }
     GuideScreen #trouble { height: auto; max-height: 4; display: none; }
     GuideScreen AnswerBox { height: auto; min-height: 2; }
     """
@@ -58,6 +60,7 @@ class GuideScreen(StationScreen):
         self._done: tuple[str, ...] = ()
         self._now: str | None = None
         self._at_rest = False
+        self._doing_last = False
 
     def body(self) -> ComposeResult:
         """Rail, step, progress, what to do next."""
@@ -130,11 +133,13 @@ class GuideScreen(StationScreen):
     @show.register
     def _(self, doing: Doing) -> None:
         self.query_one(ProgressLine).show(doing)
+        self._doing_last = True
         if not self.answers.open:
             self.answers.tell("Nothing to do now: the station is at work.")
 
     @show.register
     def _(self, seen: Glimpse) -> None:
+        self._doing_last = False
         self.query_one(Picture).show(seen.picture)
         self.query_one(Readings).show(seen.advice.readings)
         if not self.answers.open:
@@ -152,6 +157,7 @@ class GuideScreen(StationScreen):
 
     @show.register
     def _(self, trouble: Trouble) -> None:
+        self._doing_last = False
         self.query_one("#trouble", Part).say(f"{self.glyphs.bad} {trouble.reason}. {trouble.remedy}.", "bold")
 
     @show.register
@@ -171,8 +177,13 @@ class GuideScreen(StationScreen):
 
     @show.register
     def _(self, question: Question) -> None:
-        self.query_one(ProgressLine).show(None)
+        progress = self.query_one(ProgressLine)
+        if self._doing_last:  # it was said for this question: where the file to print lies
+            progress.hold()
+        else:
+            progress.show(None)
         self.answers.ask(question.ask)
+        self._doing_last = False
 
     @show.register
     def _(self, ended: RunEnded) -> None:
@@ -184,13 +195,13 @@ class GuideScreen(StationScreen):
     def fail(self, problem: Problem) -> None:
         """The run could not begin, or broke off."""
         self.query_one("#trouble", Part).say(f"{self.glyphs.bad} {problem.reason}. {problem.remedy}.", "bold")
-        self.rest("The run broke off. Press F5 to go on with this session, F8 for another one.")
+        self.rest("The run broke off. What was taken is kept.")
 
     def rest(self, sentence: str) -> None:
         """Nothing runs: what can be done next."""
         self._now, self._at_rest = None, True
         self.query_one(ProgressLine).show(None)
-        self.answers.tell(sentence)
+        self.answers.offer(sentence, AFTER_THE_END if self.finished else AFTER_A_STOP)
         self._show_rail()
         self.refresh_frame()
 

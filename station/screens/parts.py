@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, ClassVar
 
 from textual.app import ComposeResult
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from procedures.plan import Ask, Fact
 
 
+SPACE = "\N{NO-BREAK SPACE}"
+"""Between a mark and its line: a long word shall not leave the mark alone."""
 DONE = "done: press Enter"
 
 
@@ -97,8 +99,9 @@ class Choices(Part, can_focus=True):
         shown = []
         for i, line in enumerate(self.lines):
             mark = self.glyphs.now if i == self.at else " " * len(self.glyphs.now)
-            number = f"{i + 1} " if several and i < 9 else ""
-            shown.append(literal(f"{mark} {number}{line}", "bold reverse" if i == self.at and self.has_focus else ""))
+            number = f"{i + 1}{SPACE}" if several and i < 9 else ""
+            style = "bold reverse" if i == self.at and self.has_focus else ""
+            shown.append(literal(f"{mark}{SPACE}{number}{line}", style))
         self.update(lines_of(*shown))
 
     def on_focus(self) -> None:
@@ -141,6 +144,7 @@ class AnswerBox(Vertical):
             self.fact = fact
 
     _ask: Ask | None = None
+    _offers: Sequence[type[Command]] = ()
 
     def compose(self) -> ComposeResult:
         """The sentence, what is wrong with the answer, and both ways to answer."""
@@ -160,7 +164,7 @@ class AnswerBox(Vertical):
 
     def tell(self, sentence: str) -> None:
         """No question: a sentence only."""
-        self._ask = None
+        self._ask, self._offers = None, ()
         self._show(sentence, typed=False, choices=False)
 
     def ask(self, ask: Ask) -> None:
@@ -181,6 +185,14 @@ class AnswerBox(Vertical):
             choices.set_lines(lines, lines.index(str(ask.default)) if str(ask.default) in lines else 0)
             choices.focus()
 
+    def offer(self, sentence: str, offers: Mapping[str, type[Command]]) -> None:
+        """What can be done next: commands, by what they are called here."""
+        self._ask, self._offers = None, list(offers.values())
+        self._show(sentence, typed=False, choices=True)
+        choices = self.query_one(Choices)
+        choices.set_lines([f"{words} ({command.key_name()})" for words, command in offers.items()])
+        choices.focus()
+
     def _show(self, sentence: str, *, typed: bool, choices: bool) -> None:
         self.query_one("#next", Part).update(literal(sentence, "bold"))
         self.query_one("#wrong", Part).say("")
@@ -195,6 +207,9 @@ class AnswerBox(Vertical):
     def on_choices_chosen(self, event: Choices.Chosen) -> None:
         """What was chosen."""
         event.stop()
+        if self._offers:
+            self.screen.post_message(self._offers[event.index]())
+            return
         self._answer(str(event.index + 1) if self._ask and self._ask.kind == "choice" else "")
 
     def _answer(self, text: str) -> None:
@@ -207,7 +222,7 @@ class AnswerBox(Vertical):
         except ValueError as error:
             self.query_one("#wrong", Part).say(str(error))
             return
-        self.tell("")
+        self.tell("One moment.")
         self.post_message(self.Given(fact))
 
 

@@ -15,12 +15,12 @@ from station.widgets import verdict_words
 Plotted = Callable[[int, int, bool], list[str]]
 
 SHOWN = (
-    ("mtf50_horizontal", "MTF50 along rows"),
-    ("mtf50_vertical", "MTF50 along columns"),
+    ("mtf50_horizontal", "MTF50, rows"),
+    ("mtf50_vertical", "MTF50, columns"),
     ("mtf_nyquist_radial", "MTF at Nyquist"),
-    ("fwhm_horizontal", "half maximum along rows"),
-    ("fwhm_vertical", "half maximum along columns"),
-    ("encircled_energy_80", "radius of 80 % energy"),
+    ("fwhm_horizontal", "FWHM, rows"),
+    ("fwhm_vertical", "FWHM, columns"),
+    ("encircled_energy_80", "80 % energy in"),
     ("strehl", "Strehl ratio"),
 )
 COVERAGE = 1.96
@@ -52,7 +52,7 @@ def plane_in_words(plane: ShownPlane, glyphs: Glyphs) -> list[str]:
         if key in plane.numbers:
             one = plane.numbers[key]
             value = stated(one.value, one.uncertainty).replace("±", glyphs.plus_minus)
-            lines.append(f"{words:26} {value} {one.unit}")
+            lines.append(f"{words:14} {value} {one.unit}")
     return lines
 
 
@@ -65,5 +65,5 @@ def changes_in_words(found: Sequence[Change], glyphs: Glyphs) -> list[str]:
             one = by_name[key]
             pair = " | ".join(stated(q.value, q.uncertainty) for q in (one.one, one.other))
             apart = "" if np.isnan(one.sigmas) else f"  apart by {abs(one.sigmas):.1f} sigma"
-            lines.append(f"{words:26} {pair.replace('±', glyphs.plus_minus)} {one.one.unit}{apart}")
+            lines.append(f"{words:14} {pair.replace('±', glyphs.plus_minus)} {one.one.unit}{apart}")
     return lines
