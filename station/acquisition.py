@@ -55,6 +55,7 @@ from station.watching import Watching
 if TYPE_CHECKING:
     from station.bench import Bench
 
+PAGE = "report.html"
 ACCEPT, RETAKE = "accept", "retake"
 
 
@@ -99,7 +100,7 @@ class Run:
                 self._prepare(resumed=bool(done))
             while (step := self._next()) is not None:
                 self._carry_out(step)
-            ended = RunEnded("finished")
+            ended = RunEnded("finished", self._report())
         except ProcedureError as error:
             self._talk.hear(Trouble(error.reason, error.remedy))
             ended = RunEnded("stopped")
@@ -112,6 +113,20 @@ class Run:
         for notice in self._session.state.notices:
             self._talk.hear(Doing(notice))
         self._session.told()
+
+    def _report(self) -> Path | None:
+        """The session's report, drawn when all is done; None where there is no result to draw."""
+        if not self._session.state.results:
+            return None
+        from station.session_report import session_page  # here: it draws, and that import is slow
+
+        path = self._session.folder / PAGE
+        self._talk.hear(Doing("writing the report"))
+        try:
+            self._talk.attempt(lambda: write_whole(path, session_page(self._session.folder).encode()), always=True)
+        except Skipped:
+            return None
+        return path
 
     def _ended(self, ended: RunEnded) -> RunEnded:
         with suppress(ProcedureError):  # a full disk: the run ends all the same
