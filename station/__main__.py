@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 
 import click
 
@@ -22,13 +23,39 @@ COMMANDS = {
 }
 
 
-@click.group(cls=LazyGroup, table=COMMANDS)
+@click.group(cls=LazyGroup, table=COMMANDS, invoke_without_command=True)
 @click.version_option(package_name="calibration-station")
-def main() -> None:
-    """Camera calibration station: subpixel point spread functions with error bars."""
+@click.option("--simulate", is_flag=True, help="Work with the simulated bench.")
+@click.option("--config", type=click.Path(path_type=Path), help="The bench's devices; station.toml where there is one.")
+@click.option("--sessions", type=click.Path(path_type=Path), default=Path("sessions"), show_default=True)
+@click.option("--seed", type=int, default=0, help="Of the simulated bench.")
+@click.option("--plain", is_flag=True, help="Guide by plain lines on stdin and stdout.")
+@click.option("--plan", help="What --plain guides through.  [default: pattern]")
+@click.pass_context
+def main(
+    ctx: click.Context,
+    simulate: bool,
+    config: Path | None,
+    sessions: Path,
+    seed: int,
+    plain: bool,
+    plan: str | None,
+) -> None:
+    """Camera calibration station: subpixel point spread functions with error bars.
+
+    Without a command it opens the operator's application.
+    """
     # Work runs side by side by planes and frames. BLAS threads beside that wait in turns for each other's cores: four
     # planes took over four times the processor time. Read when numpy is loaded, which no command does before this.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    if ctx.invoked_subcommand is None and plain:
+        from station.cli.guide import run_plain
+
+        run_plain(simulate=simulate, config=config, sessions=sessions, seed=seed, plan=plan)
+    elif ctx.invoked_subcommand is None:
+        from station.cli.app import run_app
+
+        run_app(simulate=simulate, config=config, sessions=sessions, seed=seed)
 
 
 if __name__ == "__main__":

@@ -39,6 +39,7 @@ from drivers.interfaces import (
     Shutter,
     Stage,
 )
+from drivers.transcript import Transcript
 from station.device_makers import MAKERS, Parts
 
 AFTER = ("on", "shutter")  # keys that name a device which must be there first
@@ -64,6 +65,7 @@ class Bench:
     drivers: Mapping[str, str]
     clock: Clock
     identities: dict[str, Identity] = field(default_factory=dict)
+    transcripts: Mapping[str, Transcript] = field(default_factory=dict)
     _on_close: Sequence[Callable[[], None]] = ()
     simulated: Any = None
 
@@ -160,14 +162,15 @@ def make_bench(
     """The configured devices, not yet connected; relative folders begin at `folder`. Raises BadConfiguration."""
     clock = clock or SystemClock()
     made: dict[str, Device] = {}
+    transcripts: dict[str, Transcript] = {}
     waiting = dict(tables)
     while waiting:
         ready = [name for name, table in waiting.items() if all(table.get(key) not in waiting for key in AFTER)]
         if not ready:
             raise BadConfiguration(f"devices wait for each other: {', '.join(waiting)}", "correct `on` and `shutter`")
         for name in ready:
-            made[name] = _make(name, waiting.pop(name), Parts(made, folder, clock, inspect_raw, wire_log))
-    return Bench(made, {name: str(tables[name]["driver"]) for name in made}, clock)
+            made[name] = _make(name, waiting.pop(name), Parts(made, folder, clock, inspect_raw, wire_log, transcripts))
+    return Bench(made, {name: str(tables[name]["driver"]) for name in made}, clock, transcripts=transcripts)
 
 
 def _make(name: str, table: Mapping[str, Any], parts: Parts) -> Device:

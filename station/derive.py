@@ -85,7 +85,9 @@ def _write(into: Path, plan: Plan, state: State, records: Sequence[PlaneRecord])
 
 def verdict_of_planes(outcomes: Mapping[str, Outcome[Any]]) -> tuple[Verdict, str, str]:
     """The worst verdict, with the reasons and remedies of the planes that have it."""
-    worst = max((one.verdict for one in outcomes.values()), key=ORDER.index, default=Verdict.REFUSED)
+    if not outcomes:
+        return Verdict.REFUSED, "no shot counts", "take the shots again"
+    worst = max((one.verdict for one in outcomes.values()), key=ORDER.index)
     if worst is Verdict.PASS:
         return worst, "", ""
     found = {name: one for name, one in outcomes.items() if one.verdict is worst}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -29,18 +29,23 @@ from drivers.zaber_protocol import ZaberParser
 
 @dataclass(frozen=True)
 class Parts:
-    """What a maker may use: the devices made so far, folders, the clock, how RAW files are checked."""
+    """What a maker may use: the devices made so far, folders, the clock, how RAW files are checked.
+
+    Every line leaves its transcript in `transcripts`.
+    """
 
     made: Mapping[str, Device]
     folder: Path
     clock: Clock
     inspect: Inspect
     wire_log: Path | None = None
+    transcripts: dict[str, Transcript] = field(default_factory=dict)
 
     def wire(self, name: str, port: str, parser: Callable[[], Parser[Any]], **options: Any) -> SerialTransport[Any]:
         """The line to a device, with its transcript."""
         log = self.wire_log / f"wire-{name}.txt" if self.wire_log else None
-        return SerialTransport(port, parser, clock=self.clock, transcript=Transcript(file=log), **options)
+        self.transcripts[name] = transcript = Transcript(file=log)
+        return SerialTransport(port, parser, clock=self.clock, transcript=transcript, **options)
 
     def link(self, on: str | None, name: str, port: str | None) -> tuple[GrblLink, bool]:
         """The stage's GRBL controller, or one of its own; and whether it is."""

@@ -8,11 +8,11 @@ The terminal application, the plain guide on stdin and stdout, and the scripted 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
-from procedures.outcome import Verdict
+from procedures.outcome import Quantity, Verdict
 from procedures.plan import Advice, Ask, Fact, Plan, Step
 from procedures.raw import Plane
 
@@ -80,13 +80,14 @@ class Trouble:
 
 @dataclass(frozen=True)
 class Result:
-    """The estimate is there: where it lies, the verdict of each plane, and the whole's."""
+    """The estimate is there: where it lies, the verdict of each plane, and the whole's; numbers by plane and name."""
 
     folder: Path
     verdicts: Mapping[str, Verdict]
     verdict: Verdict
     reason: str
     remedy: str
+    numbers: Mapping[str, Mapping[str, Quantity]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import jinja2
@@ -10,6 +9,7 @@ import jinja2
 from procedures.raw import Exposure
 from station.exports import GAUSSIAN_RADIUS
 from station.figures import PLANE_COLOURS
+from station.stated import stated
 
 NUMBERS = (
     ("mtf50_horizontal", "MTF50 along rows"),
@@ -69,16 +69,6 @@ def exposure_words(exposure: Exposure) -> str:
         f"{exposure.focal_length_mm:g} mm" if exposure.focal_length_mm else "",
     ]
     return ", ".join(word for word in words if word)
-
-
-def stated(value: float, uncertainty: float) -> str:
-    """A value with its standard uncertainty, which keeps two digits: 0.5782 ± 0.0014."""
-    if not math.isfinite(value):
-        return "—"
-    if not math.isfinite(uncertainty) or uncertainty <= 0:
-        return f"{value:.4g}".replace("-", "−")
-    decimals = max(0, 1 - math.floor(math.log10(uncertainty)))
-    return f"{value:z.{decimals}f} ± {uncertainty:.{decimals}f}".replace("-", "−")
 
 
 def percent(share: float) -> str:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from functools import singledispatchmethod
+from io import StringIO
 from typing import TextIO
 
+from procedures.outcome import Quantity
 from procedures.plan import Advice, Ask, Fact, Reading
 from station.answers import parse, words
 from station.operator import (
@@ -21,9 +25,12 @@ from station.operator import (
     Stopped,
     Trouble,
 )
+from station.stated import stated
 
+DIGITS = {"°": 1, "%": 0, "m": 2, "mm": 0, "": 2}
+"""Decimals of the numbers told, by their unit."""
 STOPS = ("s", "stop", "q", "quit")
-HELP = "Enter answers with what stands in [brackets]; s stops; Ctrl-C stops after this exposure, twice at once."
+HELP = "Enter takes what stands in [brackets]. s stops. Ctrl-C stops after this exposure, twice: at once."
 ENDS = {
     "finished": "Finished.",
     "stopped": "Stopped. Nothing is lost: `station session resume` goes on from here.",
@@ -40,6 +47,8 @@ class Plain:
         self._shown = ""
         self._advised = ""
         self._done: set[str] = set()
+        self.asking = False
+        """Whether it waits for a line: an interruption then ends the run at once."""
 
     def _line(self, text: str) -> None:
         """One line; the same line twice in a row is told once."""
@@ -55,7 +64,7 @@ class Plain:
         try:
             self._tell(event)
         except OSError:  # the reader of the pipe has gone: the answers decide what follows
-            self._write = _Nowhere()
+            self._write = StringIO()
 
     @singledispatchmethod
     def _tell(self, event: object) -> None:
@@ -92,7 +101,7 @@ class Plain:
     @_tell.register
     def _(self, event: Seen) -> None:
         self._advised = event.advice.say
-        for line in seen_lines(event.advice):
+        for line in seen_lines(event.advice) if event.advice.say else ():
             self._line(line)
 
     @_tell.register
@@ -106,7 +115,9 @@ class Plain:
 
     @_tell.register
     def _(self, event: Result) -> None:
-        self._line(f"   Result: {event.verdict}. " + ", ".join(f"{n} {v}" for n, v in event.verdicts.items()))
+        self._line(f"   Result: {event.verdict}.")
+        for name, verdict in event.verdicts.items():
+            self._line(f"   {plane_words(name, verdict, event.numbers.get(name, {}))}")
         if event.reason:
             self._line(f"   Why: {event.reason}.")
             self._line(f"   What to do: {event.remedy}.")
@@ -125,9 +136,7 @@ class Plain:
         """The answer from the next lines of stdin. Raises Stopped at its end, or when the operator stops."""
         while True:
             self._shown = ""
-            self._write.write(question_line(self._shortened(ask)))
-            self._write.flush()
-            line = self._read.readline()
+            line = self._answer_line(question_line(self._shortened(ask)))
             if not line or line.strip().lower() in STOPS:
                 self._line("" if line else "(end of input)")
                 raise Stopped
@@ -136,28 +145,32 @@ class Plain:
             except ValueError as error:
                 self._line(f"   {error}")
 
+    def _answer_line(self, question: str) -> str:
+        """What stands on the next line of stdin, "" at its end."""
+        with suppress(OSError):
+            self._write.write(question)
+            self._write.flush()
+        self.asking = True
+        try:
+            line = self._read.readline()
+        finally:
+            self.asking = False
+        if not self._read.isatty():  # where nobody typed, the answer is written down
+            self._write.write(line.rstrip("\n") + "\n")
+        return line
+
     def _shortened(self, ask: Ask) -> Ask:
         """The question without what was just advised in the same words."""
         if self._advised and ask.question.startswith(self._advised):
-            return replace(ask, question=("Tell when it is done." + ask.question.removeprefix(self._advised)))
+            return replace(ask, question=("Do that." + ask.question.removeprefix(self._advised)))
         return ask
-
-
-class _Nowhere:
-    """Where lines go that nobody reads."""
-
-    def write(self, text: str) -> int:
-        return len(text)
-
-    def flush(self) -> None:
-        pass
 
 
 def question_line(ask: Ask) -> str:
     """The question with its choices and default, ready for the answer on the same line."""
     choices = f" ({', '.join(f'{i} {choice}' for i, choice in enumerate(ask.choices, 1))})" if ask.choices else ""
     if ask.kind == "confirm":
-        return f">> {ask.question} [Enter] "
+        return f">> {ask.question} [Enter when done] "
     unit = f" in {ask.unit}" if ask.unit and ask.default is None else ""
     default = f" [{words(ask.default, ask.unit)}]" if ask.default is not None else ""
     return f">> {ask.question}{unit}{choices}{default} "
@@ -169,25 +182,37 @@ def seen_lines(advice: Advice) -> list[str]:
     return [f"   {'; '.join(numbers)}"] * bool(numbers) + [f"   {'ok' if advice.good else '->'} {advice.say}"]
 
 
+def plane_words(name: str, verdict: str, numbers: Mapping[str, Quantity]) -> str:
+    """A plane's verdict and its MTF50 along rows and columns: "G1 pass: MTF50 0.412 ± 0.003 by 0.408 ± 0.003"."""
+    told = [numbers[key] for key in ("mtf50_horizontal", "mtf50_vertical") if key in numbers]
+    if not told:
+        return f"{name} {verdict}"
+    return f"{name} {verdict}: MTF50 {' by '.join(stated(q.value, q.uncertainty) for q in told)} {told[0].unit}"
+
+
 def reading_words(reading: Reading) -> str:
     """A number with its unit, and its tolerance where it is outside: "white 31 % (55 to 90 %)"."""
-    unit = f" {reading.unit}" if reading.unit and reading.unit != "°" else reading.unit
-    value = f"{reading.name} {reading.value:.3g}{unit}"
+    value = f"{reading.name} {with_unit(reading.value, reading.unit)}"
     if reading.good:
         return value
     match reading.low, reading.high:
-        case (None, high):
-            return f"{value} (at most {high:g}{unit})"
-        case (low, None):
-            return f"{value} (at least {low:g}{unit})"
-        case (low, high):
-            return f"{value} ({low:g} to {high:g}{unit})"
+        case (None, float(high)):
+            return f"{value} (at most {with_unit(high, reading.unit)})"
+        case (float(low), None):
+            return f"{value} (at least {with_unit(low, reading.unit)})"
+        case _:
+            return f"{value} ({reading.low:g} to {with_unit(reading.high or 0.0, reading.unit)})"
+
+
+def with_unit(value: float, unit: str) -> str:
+    """A number as it is read aloud, with as many digits as its unit asks for: 2.6°, 72 %, 1.55 m."""
+    digits = f"{value:z.{DIGITS[unit]}f}" if unit in DIGITS else f"{value:.3g}"
+    return digits + unit if unit == "°" else f"{digits} {unit}".strip()
 
 
 def curve_line(event: CurveSeen) -> str:
     """The last place of a scan and a bar as long as its score."""
-    best = max((score for score in event.scores if score == score), default=0.0)
     score = event.scores[-1]
     told = f"{score:.3f}" if score == score else "cannot be told"
-    bar = "#" * round(30 * score / best) if score == score and best > 0 else ""
+    bar = "#" * round(40 * min(max(score, 0.0), 1.0)) if score == score else ""
     return f"{event.axis.replace('_', ' ')} {event.places[-1]:8.2f}: {told:>6} {bar}"

@@ -166,10 +166,10 @@ def check_distance(frame: RawFrame, facts: Facts) -> Advice:
         return sighting
     optics = optics_of(plane, facts)
     pose = chart_pose(sighting.H_sensor_pattern, plane.samples.shape, optics)
-    z = pose.centre_mm[2]
-    ratio = parameters_of(facts).s * float(sighting.widths().max()) / CELLS
-    change = (z - optics.focal_length_mm) * (ratio / RATIO - 1)
-    learned = range_facts(z, facts)
+    z, px_per_cell = pose.centre_mm[2], float(sighting.widths().max()) / CELLS
+    ratio = parameters_of(facts).s * px_per_cell
+    change = z * (ratio / RATIO - 1)  # the focus is left alone meanwhile: the size goes with 1 / z
+    learned = range_facts(px_per_cell, optics, facts)
     readings = (
         Reading("s/t", ratio, "", RATIO_LOW, RATIO_HIGH),
         Reading("distance", z / 1000, "m"),
@@ -212,36 +212,40 @@ def aim(
     return Advice(False, say, readings, moves={"x_mm": x, "y_mm": -y}, facts=facts, marks=marks)
 
 
-def range_facts(z_mm: float, facts: Facts) -> dict[str, Fact]:
-    """The pairs of laser reading and distance seen so far, with this one, and the laser's offset from them.
+def range_facts(px_per_cell: float, optics: Optics, facts: Facts) -> dict[str, Fact]:
+    """The laser's offset from the lens, by this look and those before it, and what the next look needs for it.
 
-    The offset is of the laser's housing from the lens: reading = distance (1 + e) + offset. The scale error e, of the
-    focal length mostly, is told once the distances differ by a twentieth.
+    With the focus left alone the image lies F pixels behind the lens, whatever the distance z: px = F cell / z, and
+    the laser reads z + offset. Looks from distances that differ by a twentieth give F cell and the offset as the
+    line's slope and intercept; before that the lens's data do, as if it were focused here.
     """
     if "distance_mm" not in facts:
         return {}
-    pairs = int(number(facts, "range_pairs", 0))
-    known = [(float(facts[f"range_{i}_seen_mm"]), float(facts[f"range_{i}_laser_mm"])) for i in range(1, pairs + 1)]
-    known.append((z_mm, float(facts["distance_mm"])))
-    offset, scale = fit_range(known)
-    i = pairs + 1
-    new: dict[str, Fact] = {"range_pairs": float(i), f"range_{i}_seen_mm": z_mm}
-    new |= {f"range_{i}_laser_mm": float(facts["distance_mm"]), "laser_offset_mm": offset, "laser_scale": scale}
-    return new
+    number_of_looks = int(number(facts, "range_looks", 0.0)) + 1
+    new: dict[str, Fact] = {
+        "range_looks": float(number_of_looks),
+        f"range_{number_of_looks}_cell_px": px_per_cell,
+        f"range_{number_of_looks}_laser_mm": float(facts["distance_mm"]),
+    }
+    known = {**facts, **new}
+    looks = range(1, number_of_looks + 1)
+    pairs = [(number(known, f"range_{i}_cell_px", 1.0), number(known, f"range_{i}_laser_mm", 0.0)) for i in looks]
+    offset = fit_offset_mm(pairs)
+    return new | {"laser_offset_mm": pairs[-1][1] - optics.distance_mm(px_per_cell) if offset is None else offset}
 
 
-def fit_range(pairs: Sequence[tuple[float, float]]) -> tuple[float, float]:
-    """Offset in mm and scale of laser readings over distances; scale 1 where the distances hardly differ."""
-    seen, laser = np.array(pairs).T
-    if np.ptp(seen) < 0.05 * seen.mean():
-        return float(np.mean(laser - seen)), 1.0
-    scale, offset = np.polyfit(seen, laser, 1)
-    return float(offset), float(scale)
+def fit_offset_mm(pairs: Sequence[tuple[float, float]]) -> float | None:
+    """Where laser readings (mm) over pixels per cell would lie for the lens itself; None from hardly one distance."""
+    px, laser = np.array(pairs).T
+    if np.ptp(px) < 0.05 * px.mean():
+        return None
+    _, offset = np.polyfit(1 / px, laser, 1)
+    return float(offset)
 
 
 def range_readings(learned: Facts) -> tuple[Reading, ...]:
     """The laser's offset, where there is a laser."""
-    return (Reading("laser behind the lens", float(learned["laser_offset_mm"]), "mm"),) if learned else ()
+    return (Reading("laser behind lens", float(learned["laser_offset_mm"]), "mm"),) if learned else ()
 
 
 # --- square ------------------------------------------------------------------------------------------------------

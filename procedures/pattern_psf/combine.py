@@ -17,7 +17,7 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import chi2
+from scipy.special import gammaincc
 
 from procedures.numerics.warps import inverse
 from procedures.outcome import Outcome, Rule, Verdict, verdict_of
@@ -115,7 +115,7 @@ def _mean(shots: Sequence[PatternPsf]) -> CombinedPsf:
         psf=psf,
         shots=tuple(shots),
         chi_square=chi_square / freedom if freedom else float("nan"),
-        chance=float(chi2.sf(chi_square, freedom)) if freedom else 1.0,
+        chance=float(gammaincc(freedom / 2, chi_square / 2)) if freedom else 1.0,
         spread=float(np.linalg.norm(h - mean, axis=1).max() / np.linalg.norm(mean)),
         centre_px=float(np.sqrt(np.trace(scatter))) / psf.s,
     )

@@ -132,7 +132,7 @@ def towards_distance(facts: Facts) -> dict[str, float]:
     """Where the rail should go, by lens and laser: nothing without them, and not beyond its travel."""
     if not {"at_z_mm", "distance_mm", "laser_offset_mm"} <= set(facts):
         return {}
-    now_mm = (number(facts, "distance_mm", 0) - number(facts, "laser_offset_mm", 0)) / number(facts, "laser_scale", 1)
+    now_mm = number(facts, "distance_mm", 0) - number(facts, "laser_offset_mm", 0)
     there = number(facts, "at_z_mm", 0) + wanted_distance_mm(facts) - now_mm
     return {"z_mm": float(np.clip(there, number(facts, "low_z_mm", there), number(facts, "high_z_mm", there)))}
 
@@ -240,7 +240,7 @@ def enough(results: Sequence[Outcomes], facts: Facts) -> Advice:
     reached = max(_reached([result[name] for result in results if name in result]) for name in results[0])
     shots = len(results)
     readings = (Reading("MTF50 uncertainty", reached, "cycles/pixel", None, wanted),)
-    say = f"{shots} shots: MTF50 is known to ±{reached:.4f} cycles/pixel; wanted ±{wanted:g}."
+    say = f"Shots: {shots}. MTF50 is known to ±{reached:.4f} cycles/pixel; wanted ±{wanted:g}."
     return Advice(shots >= FEWEST and reached <= wanted, say, readings)
 
 

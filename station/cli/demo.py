@@ -117,7 +117,8 @@ def _table(found: Demonstration, width: int) -> Table:
 
 
 def _cells(plane: Checked, directions: Sequence[str]) -> list[str]:
-    from station.page import percent, stated
+    from station.page import percent
+    from station.stated import stated
 
     verdict = str(plane.calibrated.record.verdict)
     cells = [f"  {plane.name}"]

@@ -52,7 +52,7 @@ HEADING = ("lens", "plan", "plane", "quantity", "sessions", "first", "last", "ch
 
 
 def _row(one: Trend) -> tuple[str, ...]:
-    from station.page import stated
+    from station.stated import stated
 
     ends = [stated(point.value, point.uncertainty) for point in (one.points[0], one.points[-1])]
     slope, chance = "-", "-"

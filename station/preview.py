@@ -1,0 +1,102 @@
+"""Pictures small enough for a terminal: a plane as levels, with the marks found in it, at any number of cells."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.raw import Plane
+
+Levels = npt.NDArray[np.uint8]
+Array = npt.NDArray[np.float64]
+
+MOST = (240, 160)
+"""Columns and rows a thumbnail has at most: two pixels per cell of a large terminal."""
+RAMP = " .:-=+*#%@"
+"""From dark to bright, for terminals without colours."""
+LEAST_WHITE = 0.05
+"""What is shown as white at the darkest: a frame of the lens cap shall not look like a picture."""
+GAMMA = 2.2
+SAMPLES_PER_BLOCK = 3
+"""Samples of a block that its mean is drawn from, per direction: a preview need not read every photosite."""
+
+
+@dataclass(frozen=True, eq=False)
+class Thumbnail:
+    """A picture for a terminal.
+
+    Attributes
+    ----------
+    levels : (rows, columns) uint8
+    marks : points (x, y) as fractions of width and height
+    caption : what it shows, in a few words
+    """
+
+    levels: Levels
+    marks: tuple[tuple[float, float], ...] = ()
+    caption: str = ""
+
+
+def thumbnail(plane: Plane, marks: Sequence[tuple[float, float]] = ()) -> Thumbnail:
+    """A linear plane as it would look, brightest parts white, with marks given in its pixels."""
+    rows, columns = plane.samples.shape
+    block = max(1, -(-columns // MOST[0]), -(-rows // MOST[1]))
+    step = max(1, block // SAMPLES_PER_BLOCK)
+    picked = plane.samples[::step, ::step]
+    small = shrink(picked, max(1, rows // block), max(1, columns // block))
+    white = max(float(np.percentile(small, 99.5)), LEAST_WHITE)
+    levels = np.clip(small / white, 0.0, 1.0) ** (1 / GAMMA) * 255
+    where = tuple(((x + 0.5) / columns, (y + 0.5) / rows) for x, y in marks)
+    return Thumbnail(levels.astype(np.uint8), where, f"plane {plane.name}, {columns} x {rows} pixels")
+
+
+def psf_thumbnail(h: Array, caption: str) -> Thumbnail:
+    """A PSF, its greatest sample white and everything below zero black; the square root lets the tails be seen."""
+    scaled = np.sqrt(np.clip(h / max(float(h.max()), 1e-300), 0.0, 1.0)) * 255
+    return Thumbnail(scaled.astype(np.uint8), caption=caption)
+
+
+def shrink(picture: npt.NDArray[np.floating] | Levels, rows: int, columns: int) -> Array:
+    """The picture on a grid of (rows, columns), each the mean of the block it covers; enlarged by repeating pixels."""
+    return _block_means(_block_means(np.asarray(picture, dtype=np.float64), rows).T, columns).T
+
+
+def _block_means(picture: Array, n: int) -> Array:
+    """Means of n blocks of rows."""
+    starts = np.arange(n) * len(picture) // n
+    ends = np.maximum((np.arange(n) + 1) * len(picture) // n, starts + 1)
+    sums = np.concatenate([np.zeros((1, picture.shape[1])), np.cumsum(picture, axis=0)])
+    return np.asarray((sums[ends] - sums[starts]) / (ends - starts)[:, None], dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """A thumbnail laid out on a terminal: (2 rows, columns) levels, two to a cell, and the cells that hold a mark."""
+
+    levels: Levels
+    marked: frozenset[tuple[int, int]]
+
+
+def lay_out(picture: Thumbnail, width: int, height: int) -> Cells:
+    """The thumbnail at its own proportions, as large as `width` x `height` cells take, which are twice as high as wide.
+
+    `marked` holds (row, column) of cells.
+    """
+    rows, columns = picture.levels.shape
+    scale = min(width / columns, 2 * height / rows)
+    across, down = max(1, round(columns * scale)), max(1, round(rows * scale / 2))
+    levels = shrink(picture.levels, 2 * down, across).astype(np.uint8)
+    inside = [(x, y) for x, y in picture.marks if 0 <= x < 1 and 0 <= y < 1]
+    return Cells(levels, frozenset((int(y * down), int(x * across)) for x, y in inside))
+
+
+def in_letters(cells: Cells) -> list[str]:
+    """The picture in characters from dark to bright, marks as X."""
+    pairs = cells.levels.reshape(-1, 2, cells.levels.shape[1]).mean(axis=1)
+    letters = [[RAMP[int(level * len(RAMP) / 256)] for level in row] for row in pairs]
+    for row, column in cells.marked:
+        letters[row][column] = "X"
+    return ["".join(row) for row in letters]

@@ -1,0 +1,233 @@
+"""The guide: the rail of steps, the step's instruction, the picture and the live numbers, and what to do next."""
+
+from __future__ import annotations
+
+from functools import singledispatchmethod
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from textual.app import ComposeResult
+from textual.binding import BindingType
+from textual.containers import Horizontal, Vertical, VerticalScroll
+
+from station.commands import GUIDE, Command, EndRun, GoOn, NewSession, ShowResults, StepBack, bindings
+from station.desk import Glimpse, Judged, News, Question
+from station.operator import CurveSeen, Doing, RunBegan, RunEnded, StepBegan, StepEnded, Trouble
+from station.plots import Curve, Frame, plot
+from station.preview import psf_thumbnail
+from station.screens.parts import AnswerBox, StationScreen
+from station.screens.result_view import mtf_plot
+from station.widgets import CurveView, Part, Picture, ProgressLine, Rail, Readings, lines_of, literal, verdict_words
+
+if TYPE_CHECKING:
+    from station.glyphs import Glyphs
+    from station.jobs import Problem
+    from station.screens.result_view import Plotted
+
+ENDINGS = {
+    "finished": "Done.",
+    "stopped": "The run was ended. What was taken is kept.",
+    "emergency": "Everything was stopped. Look at the bench first. Going on homes the stages.",
+}
+AFTER_THE_END: dict[str, type[Command]] = {"see the results": ShowResults, "another session": NewSession}
+AFTER_A_STOP: dict[str, type[Command]] = {"go on where it stopped": GoOn, "another session": NewSession}
+
+
+class GuideScreen(StationScreen):
+    """One step at a time."""
+
+    COMMANDS_HERE = GUIDE
+    BINDINGS: ClassVar[list[BindingType]] = bindings(GUIDE)
+    CSS = """
+    GuideScreen #rail { width: 26; padding: 0 1 0 0; height: 100%; }
+    GuideScreen #main { width: 1fr; height: 100%; }
+    GuideScreen #middle { height: 1fr; }
+    GuideScreen #instruction { height: auto; max-height: 5; margin-bottom: 1; }
+    GuideScreen #sight { height: 1fr; }
+    GuideScreen #picture { width: 1fr; height: 100%; }
+    GuideScreen #numbers { width: 28; height: 100%; padding-left: 1; }
+    GuideScreen #curve { height: 10; display: none; }
+    GuideScreen.-wide #numbers { width: 40; }
+    GuideScreen.-wide #curve { height: 14; }
+    GuideScreen #progress { height: auto; min-height: 1; max-height: 2; }
+    GuideScreen #trouble { height: auto; max-height: 4; display: none; }
+    GuideScreen AnswerBox { height: auto; min-height: 2; }
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._began: RunBegan | None = None
+        self._done: tuple[str, ...] = ()
+        self._now: str | None = None
+        self._at_rest = False
+        self._doing_last = False
+
+    def body(self) -> ComposeResult:
+        """Rail, step, progress, what to do next."""
+        with Horizontal(id="middle"):
+            yield Rail(id="rail")
+            with Vertical(id="main"):
+                yield Part(id="instruction")
+                with Horizontal(id="sight"):
+                    yield Picture("no photograph yet", id="picture")
+                    with VerticalScroll(id="numbers", can_focus=False):
+                        yield Readings(id="readings")
+                        yield CurveView(id="curve")
+        yield Part(id="trouble")
+        yield ProgressLine(id="progress")
+        yield AnswerBox(id="answer")
+
+    @property
+    def answers(self) -> AnswerBox:
+        """The box below."""
+        return self.query_one(AnswerBox)
+
+    def can(self, command: type[Command]) -> bool:
+        """A run is gone on with when it rests, stepped back in when there is a step before."""
+        if command is GoOn:
+            return self._at_rest and not self.finished
+        if command is StepBack:
+            return self.step_before is not None
+        return command is not NewSession or self._at_rest
+
+    @property
+    def finished(self) -> bool:
+        """Whether every step is done."""
+        return self._began is not None and len(self._done) == len(self._began.plan.steps)
+
+    @property
+    def step_before(self) -> str | None:
+        """The step that was done last."""
+        return self._done[-1] if self._done else None
+
+    # --- what the run tells
+
+    @singledispatchmethod
+    def show(self, news: News) -> None:
+        """Show what the run tells."""
+        raise TypeError(f"no run tells {news!r}")
+
+    @show.register
+    def _(self, began: RunBegan) -> None:
+        self._began, self._done, self._now, self._at_rest = began, began.done, None, False
+        self.query_one("#trouble", Part).say("")
+        self._show_rail()
+
+    @show.register
+    def _(self, began: StepBegan) -> None:
+        self._now = began.step.name
+        self._done = tuple(name for name in self._done if name != self._now)
+        self.query_one("#trouble", Part).say("")
+        self.query_one(Readings).show(())
+        self._show_curve(None)
+        words = lines_of(literal(began.step.title, "bold"), began.step.instruction)
+        self.query_one("#instruction", Part).update(words)
+        self._show_rail()
+
+    @show.register
+    def _(self, ended: StepEnded) -> None:
+        self._now = None
+        self._done = (*(name for name in self._done if name != ended.step.name), ended.step.name)
+        self._show_rail()
+
+    @show.register
+    def _(self, doing: Doing) -> None:
+        self.query_one(ProgressLine).show(doing)
+        self._doing_last = True
+        if not self.answers.open:
+            self.answers.tell("Nothing to do now: the station is at work.")
+
+    @show.register
+    def _(self, seen: Glimpse) -> None:
+        self._doing_last = False
+        self.query_one(Picture).show(seen.picture)
+        self.query_one(Readings).show(seen.advice.readings)
+        if not self.answers.open:
+            self.answers.tell(seen.advice.say)
+
+    @show.register
+    def _(self, curve: CurveSeen) -> None:
+        x, y = np.array(curve.places, dtype=float), np.array(curve.scores, dtype=float)
+        known = y[np.isfinite(y)]
+        top = float(known.max()) * 1.1 if len(known) else 1.0
+        span = (float(x.min()), float(x.max())) if len(x) > 1 else (float(x[0]) - 1, float(x[0]) + 1)
+        drawn = [Curve(x, y), Curve(x, y, letter="o", points=True)]
+        frame = Frame(span, (0.0, top or 1.0), f"sharpness over {curve.axis}")
+        self._show_curve(lambda width, height, ascii: plot(drawn, frame, width, height, ascii=ascii))
+
+    @show.register
+    def _(self, trouble: Trouble) -> None:
+        self._doing_last = False
+        self.query_one("#trouble", Part).say(f"{self.glyphs.bad} {trouble.reason}. {trouble.remedy}.", "bold")
+
+    @show.register
+    def _(self, judged: Judged) -> None:
+        result = judged.result
+        planes = [f"{name}: {verdict_words(verdict, self.glyphs)}" for name, verdict in result.verdicts.items()]
+        words = [f"Verdict: {verdict_words(result.verdict, self.glyphs)}", "   ".join(planes)]
+        words += [text for text in (result.reason, result.remedy) if text]
+        self.query_one("#instruction", Part).update(lines_of(literal(words[0], "bold"), *words[1:]))
+        self.query_one(Readings).show(())
+        shown = [plane for plane in (judged.shown.planes.values() if judged.shown else ()) if plane.h is not None]
+        if shown and shown[0].h is not None:
+            one = next((plane for plane in shown if plane.name == "G1"), shown[0])
+            assert one.h is not None
+            self.query_one(Picture).show(psf_thumbnail(one.h, f"PSF of plane {one.name}"))
+            self._show_curve(mtf_plot([one]))
+
+    @show.register
+    def _(self, question: Question) -> None:
+        progress = self.query_one(ProgressLine)
+        if self._doing_last:  # it was said for this question: where the file to print lies
+            progress.hold()
+        else:
+            progress.show(None)
+        self.answers.ask(question.ask)
+        self._doing_last = False
+
+    @show.register
+    def _(self, ended: RunEnded) -> None:
+        report = f" The report is {ended.report}." if ended.report else ""
+        self.rest(ENDINGS.get(ended.how, "The run has ended.") + report)
+        if ended.how == "finished":
+            self.app.bell()
+
+    def fail(self, problem: Problem) -> None:
+        """The run could not begin, or broke off."""
+        self.query_one("#trouble", Part).say(f"{self.glyphs.bad} {problem.reason}. {problem.remedy}.", "bold")
+        self.rest("The run broke off. What was taken is kept.")
+
+    def rest(self, sentence: str) -> None:
+        """Nothing runs: what can be done next."""
+        self._now, self._at_rest = None, True
+        self.query_one(ProgressLine).show(None)
+        self.answers.offer(sentence, AFTER_THE_END if self.finished else AFTER_A_STOP)
+        self._show_rail()
+        self.refresh_frame()
+
+    def begin(self, words: str) -> None:
+        """A run is about to begin."""
+        self._at_rest = False
+        self.query_one("#trouble", Part).say("")
+        self.answers.tell(words)
+        self.refresh_frame()
+
+    def ending(self) -> None:
+        """The operator has asked to end the run."""
+        self.answers.tell(f"Ending after this exposure. {EndRun.key_name()} again: end now, stopping every device.")
+
+    # --- parts
+
+    @property
+    def glyphs(self) -> Glyphs:
+        """The application's."""
+        return self.query_one(Rail).glyphs
+
+    def _show_rail(self) -> None:
+        if self._began is not None:
+            self.query_one(Rail).show(self._began.plan, self._done, self._now)
+
+    def _show_curve(self, drawn: Plotted | None) -> None:
+        curve = self.query_one(CurveView)
+        curve.display = drawn is not None
+        curve.show(drawn)
