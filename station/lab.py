@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import tempfile
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -157,14 +157,16 @@ class StationLab:
         )
         return self._run(session, operator)
 
-    def resume(self, folder: Path, operator: Operator, *, back_to: str | None = None) -> Running:
-        """A run that goes on with a session."""
+    def resume(
+        self, folder: Path, operator: Operator, *, back_to: str | None = None, without: Collection[int] = ()
+    ) -> Running:
+        """A run that goes on with a session; `without` gives up shots whose photographs are lost."""
         from drivers.clock import SystemClock
         from station.session import Session
 
         bench = self.open().bench
         self._leave_session()
-        session = Session.open(folder, bench.clock if bench is not None else SystemClock())
+        session = Session.open(folder, bench.clock if bench is not None else SystemClock(), without=without)
         if back_to is not None:
             session.reopen(back_to)
         return self._run(session, operator)

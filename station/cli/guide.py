@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -21,16 +21,28 @@ if TYPE_CHECKING:
 
 
 def run_plain(
-    *, simulate: bool, config: Path | None, sessions: Path, seed: int, plan: str | None, resume: Path | None = None
+    *,
+    simulate: bool,
+    config: Path | None,
+    sessions: Path,
+    seed: int,
+    plan: str | None,
+    resume: Path | None = None,
+    **going_on: Any,
 ) -> None:
-    """Guide the operator through a plan, in a new session or one that goes on; exits with the contract's codes."""
+    """Guide the operator through a plan, in a new session or one that goes on; exits with the contract's codes.
+
+    Parameters
+    ----------
+    resume, going_on : the session that goes on, and how: `back_to`, `without`
+    """
     from station.plans import DEFAULT
 
     lab = StationLab(sessions=sessions, config=config, simulate=simulate, seed=seed)
     lab.virtual_time = True  # a simulated bench's time may jump: nobody watches it move
     operator = Watched(sys.stdin, sys.stdout)
     try:
-        run = lab.resume(resume, operator) if resume else _begin(lab, plan or DEFAULT, operator)
+        run = lab.resume(resume, operator, **going_on) if resume else _begin(lab, plan or DEFAULT, operator)
         with guarded(run.stop_now, lambda: _ask_to_stop(operator, run)):
             ended = run.go()
     except Stopped:
