@@ -28,26 +28,17 @@ import tempfile
 import time
 import traceback
 from collections import Counter
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from errno import ENOSPC
 from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: a process with threads cannot be forked safely
 
-import numpy as np
-
-from procedures.outcome import Outcome, ProcedureError
-from procedures.pattern import Chart
-from procedures.pattern_psf.combine import combine
-from procedures.pattern_psf.estimate import PatternParameters, estimate_psf
-from procedures.plan import Advice, Decide, Estimate, Home, Look, Plan, Shoot, Step
+from procedures.outcome import ProcedureError
 from procedures.raw import read_frame
 from simulators.body import Opening
-from simulators.sensor import Sensor
-from simulators.view import View, bench_camera
-from simulators.world import World
-from station import plans
+from station import plans, session_report
 from station.acquisition import Run
 from station.bench import simulated_bench
 from station.disk import Disk
@@ -58,54 +49,13 @@ from station.scripted import Scripted
 from station.session import Session
 from station.session_reading import read_session, sessions_in, verify
 
-SHOTS = 2
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "station" / "session"))
+from short_plan import ENTRY, SHOTS, estimate, photographs, plan
+
+plans.PLANS |= ENTRY
+session_report.session_page = lambda folder: "no part of this: it takes longer than all the rest"
+
 KINDS = ("time", "before", "half", "after", "frame", "full", "limit")
-CHART, PARAMETERS = Chart.from_seed(), PatternParameters(s=3, k=13)
-NUMBERS = ("gamma", "gamma_bound", "residual_std", "pixels_per_pattern", "s_over_t", "chi_square", "spread")
-
-# --- the plan ----------------------------------------------------------------------------------------------------
-
-
-def _estimate(frames, facts):
-    return {"G1": combine([estimate_psf(frame.planes["G1"], CHART, PARAMETERS) for frame in frames])}
-
-
-def _brightness(frame, facts):
-    """What a shot is looked at for here: an outcome that takes no time."""
-    return {"G1": Outcome(float(frame.planes["G1"].samples.mean()))}
-
-
-def plan() -> Plan:
-    """A calibration that takes as little time as one can."""
-
-    def seen(frame, facts):
-        return Advice(True, "fine", facts={"mean": float(frame.planes["G1"].samples.mean())})
-
-    def fine(frame, facts):
-        return Advice(True, "")
-
-    def enough(results, facts):
-        return Advice(len(results) >= SHOTS, f"{len(results)} of {SHOTS}")
-
-    steps = (
-        Step("mount", "Mount", "", (Home(), Look("look", seen))),
-        Step("shots", "Shots", "", (Shoot("shot", fine, _brightness, enough),)),
-        Step("estimate", "Estimate", "", (Estimate(_estimate),)),
-        Step("verdict", "Verdict", "", (Decide("shots"),)),
-    )
-    return Plan("kills", "A short one", steps)
-
-
-plans.PLANS["kills"] = plans.Entry(__name__, "a short one", NUMBERS)
-
-
-def photographs() -> dict[str, bytes]:
-    """The frames by what they are taken for."""
-    camera = replace(bench_camera(), sensor=Sensor(rows=320, columns=400))
-    view = View(World(), np.random.default_rng(1), camera)
-    names = ["look", *(f"shot {i}" for i in range(SHOTS))]
-    return {name: view.develop(Opening(0.0, 0.02, i)) for i, name in enumerate(names)}
-
 
 # --- faults ------------------------------------------------------------------------------------------------------
 
@@ -199,7 +149,7 @@ def session_in(root: Path, clock: Any, disk: Disk) -> Session:
     """The session in the folder, opened or begun."""
     for folder in sessions_in(root / "sessions"):
         return WatchedSession.open(folder, clock, disk=disk)
-    about = {"plan": "kills", "camera": "Box", "lens": "24 mm", "config": {}}
+    about = {"plan": "short", "camera": "Box", "lens": "24 mm", "config": {}}
     return WatchedSession.create(root / "sessions", **about, clock=clock, seed=1, disk=disk)
 
 
@@ -341,7 +291,7 @@ def main() -> int:
     frames = photographs()
     warm = Path(tempfile.mkdtemp(prefix="kills-"))
     (warm / "frame.dng").write_bytes(frames["look"])
-    _estimate([read_frame(warm / "frame.dng")], {})  # what is compiled now need not be in each process
+    estimate([read_frame(warm / "frame.dng")], {})  # what is compiled now need not be in each process
     reference = warm / "reference"
     finished, duration_s = run(reference, frames, Fault())
     if not finished:
@@ -382,5 +332,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.modules.setdefault("session_kills", sys.modules["__main__"])
     sys.exit(main())
