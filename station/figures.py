@@ -200,7 +200,7 @@ def energy_figure(profile: Profile, name: str) -> Markup:
     figure, ((axes,),) = _figure(3.2, 2.5, rim_in=(0.55, 0.14, 0.4, 0.08))
     spread = CONFIDENT * profile.energy_uncertainty
     axes.fill_between(profile.radius, profile.energy - spread, profile.energy + spread, color=INK, alpha=0.2, lw=0)
-    axes.plot([0, *profile.radius], [0, *profile.energy], color=INK, lw=1.4)
+    axes.plot(profile.radius, profile.energy, color=INK, lw=1.4)
     axes.set(xlim=(0, float(profile.radius[-1])), ylim=(0, 1.06), xlabel="radius, pixels", ylabel="energy inside")
     axes.axhline(0.8, color=FAINT, lw=0.5, ls=(0, (1, 2)))
     return svg(figure, name, "the share of the energy inside circles about the centre, with its 95 % band")
