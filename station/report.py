@@ -23,6 +23,7 @@ from station.results import PlaneRecord, quantities, software
 PAGE = "report.html"
 ORDER = ("pass", "doubtful", "fail", "refused")
 """Verdicts of planes, the best first."""
+WORDS = {"pass": "pass", "doubtful": "doubtful", "fail": "outside the limits", "refused": "refused"}
 METHODS = {
     "pattern": "M. Delbracio, P. Musé, A. Almansa: Non-parametric Sub-pixel Local Point Spread Function Estimation. "
     "Image Processing On Line 2, 2012. doi:10.5201/ipol.2012.admm-nppsf",
@@ -157,12 +158,12 @@ class Report:
 
     @property
     def headline(self) -> str:
-        """How many planes have which verdict."""
+        """How many planes have which verdict; of a single one its verdict."""
         verdicts = [plane.verdict for plane in self.planes]
-        words = {"pass": "pass", "doubtful": "doubtful", "fail": "outside the limits", "refused": "refused"}
-        counts = [f"{verdicts.count(one)} {words[one]}" for one in ORDER[1:] if one in verdicts]
-        of = "plane passes" if len(verdicts) == 1 else "planes pass"
-        return ", ".join([f"{verdicts.count('pass')} of {len(verdicts)} {of}", *counts])
+        if len(verdicts) == 1:
+            return f"{self.planes[0].record.name} {'passes' if verdicts[0] == 'pass' else f'is {WORDS[verdicts[0]]}'}"
+        counts = [f"{verdicts.count(one)} {WORDS[one]}" for one in ORDER[1:] if one in verdicts]
+        return ", ".join([f"{verdicts.count('pass')} of {len(verdicts)} planes pass", *counts])
 
 
 def calibration_page(report: Report) -> str:
