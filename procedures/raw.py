@@ -225,15 +225,19 @@ def _mosaic_planes(path: Path, raw: Any, tags: Tags, names: Sequence[str] | None
 
 def _check_bayer(path: Path, raw: Any) -> None:
     """Raise BadInput unless the file holds a 2 x 2 mosaic of red, green, green and blue."""
-    if raw.raw_type.name != "Flat" or raw.raw_pattern is None:
-        raise BadInput(f"{path} has no mosaic: its colours are already interpolated", _UNDEVELOPED)
     if raw.num_colors == 1:
         raise BadInput(f"{path} comes from a monochrome sensor, without a mosaic", _MONOCHROME)
-    rows, columns = raw.raw_pattern.shape
+    try:
+        pattern = raw.raw_pattern if raw.raw_type.name == "Flat" else None
+    except NotImplementedError as error:  # rawpy knows 2 x 2 and 6 x 6
+        raise BadInput(f"{path} has a mosaic that is not 2 x 2: {error}", _OTHER_CAMERA) from error
+    if pattern is None:
+        raise BadInput(f"{path} has no mosaic: its colours are already interpolated", _UNDEVELOPED)
+    rows, columns = pattern.shape
     if (rows, columns) == (6, 6):
         raise BadInput(f"{path} has the 6 x 6 mosaic of X-Trans; a 2 x 2 Bayer mosaic is required", _OTHER_CAMERA)
-    colours = sorted(raw.color_desc[i : i + 1] for i in raw.raw_pattern.ravel())
-    if (rows, columns) != (2, 2) or colours != [b"B", b"G", b"G", b"R"] or not _has_diagonal_greens(raw.raw_pattern):
+    colours = sorted(raw.color_desc[i : i + 1] for i in pattern.ravel())
+    if (rows, columns) != (2, 2) or colours != [b"B", b"G", b"G", b"R"] or not _has_diagonal_greens(pattern):
         raise BadInput(f"{path} has a {rows} x {columns} mosaic that is not red, green, green, blue", _OTHER_CAMERA)
 
 

@@ -1,0 +1,190 @@
+"""What a guided procedure asks of operator and bench, as data: one plan for the terminal, for batch runs and tests.
+
+A plan is a list of steps, a step a list of requests. Whoever runs a plan (`station.acquisition`) carries the requests
+out in order and keeps what they teach as facts, by name, for the requests that follow. Requests that depend on facts
+hold functions of them; those functions are pure, so that replaying a session asks the same things again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from procedures.outcome import Outcome
+from procedures.raw import RawFrame
+
+Fact = str | float | bool
+Facts = Mapping[str, Fact]
+"""What is known so far: answers of the operator, what checks learned, what the bench said. JSON can hold it."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A live number with what it should be: `low` and `high` are the tolerance, None where there is no limit."""
+
+    name: str
+    value: float
+    unit: str
+    low: float | None = None
+    high: float | None = None
+
+    @property
+    def good(self) -> bool:
+        """Whether it lies within its tolerance; NaN does not."""
+        above = self.low is None or self.value >= self.low
+        below = self.high is None or self.value <= self.high
+        return above and below and self.value == self.value
+
+
+@dataclass(frozen=True)
+class Advice:
+    """What a look at a frame says.
+
+    Attributes
+    ----------
+    good : whether the step may go on
+    say : one sentence: what to do next, or what was found where all is good
+    readings : the live numbers behind it
+    moves : by axis (`z_mm`, `pan_deg`, ...), how far to move from here so that it becomes good; a bench that has
+        these axes moves by itself, otherwise the operator does what `say` says
+    facts : what later requests shall know
+    marks : (n, 2) points (x, y) of the plane to show on the preview
+    """
+
+    good: bool
+    say: str
+    readings: tuple[Reading, ...] = ()
+    moves: Mapping[str, float] = field(default_factory=dict)
+    facts: Facts = field(default_factory=dict)
+    marks: tuple[tuple[float, float], ...] = ()
+
+
+# --- requests ----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Ask:
+    """A question to the operator; the answer becomes the fact `key`.
+
+    `kind` "confirm" is answered by True when it is done, "number" by a float within [low, high] in `unit`, "text" by
+    a line, "choice" by one of `choices`. `default` stands where the answer is usually known.
+    """
+
+    key: str
+    question: str
+    kind: Literal["confirm", "number", "text", "choice"] = "confirm"
+    unit: str = ""
+    default: Fact | None = None
+    low: float | None = None
+    high: float | None = None
+    choices: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Home:
+    """Let every stage of the bench find its reference; nothing where the bench has none."""
+
+
+@dataclass(frozen=True)
+class Go:
+    """Move to the places that the facts tell, by axis; axes that the bench has not are left to the operator."""
+
+    to: Callable[[Facts], Mapping[str, float]]
+    say: Callable[[Facts], str]
+
+
+@dataclass(frozen=True)
+class SetLight:
+    """Set the lamp to a level in [0, 1]; nothing where the bench has none."""
+
+    level: Callable[[Facts], float]
+
+
+@dataclass(frozen=True)
+class Measure:
+    """Ask the rangefinder; the facts become `distance_mm`, its reading. Nothing where the bench has none."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """Expose a trial frame when the rig is still, check it, mend what the check says, and look again until it is good.
+
+    `check(frame, facts)` is pure. After `tries` looks the operator decides: look again, go on with what is, or stop.
+    """
+
+    purpose: str
+    check: Callable[[RawFrame, Facts], Advice]
+    tries: int = 8
+
+
+@dataclass(frozen=True)
+class Scan:
+    """Expose a trial frame at each of several settings of one axis, then go to the best of them.
+
+    `places(facts)` are the settings; `score(frame, facts)` is one number per frame, larger is better, NaN where it
+    cannot be told; `choose(places, scores)` says where to go. Where the bench has not the axis, the operator sets it.
+    """
+
+    purpose: str
+    axis: str
+    places: Callable[[Facts], Sequence[float]]
+    score: Callable[[RawFrame, Facts], float]
+    choose: Callable[[Sequence[float], Sequence[float]], Advice]
+
+
+@dataclass(frozen=True)
+class Shoot:
+    """Take shots that count until they are enough. A shot that `check` refuses is kept, but does not count.
+
+    `enough(results, facts)`: from the outcomes of `estimate` of the shots so far, whether to go on.
+    """
+
+    purpose: str
+    check: Callable[[RawFrame, Facts], Advice]
+    estimate: Callable[[RawFrame, Facts], Mapping[str, Outcome[Any]]]
+    enough: Callable[[Sequence[Mapping[str, Outcome[Any]]], Facts], Advice]
+    most: int = 16
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Draw the result from all shots that count, by plane, and judge it."""
+
+    estimate: Callable[[Sequence[RawFrame], Facts], Mapping[str, Outcome[Any]]]
+
+
+@dataclass(frozen=True)
+class Decide:
+    """Show the verdict and ask the operator: accept, or retake, which goes back to the step named."""
+
+    retake: str
+
+
+Request = Ask | Home | Go | SetLight | Measure | Look | Scan | Shoot | Estimate | Decide
+
+
+@dataclass(frozen=True)
+class Step:
+    """One entry of the guide's rail: a word for it, what it is about in a sentence or two, and its requests."""
+
+    name: str
+    title: str
+    instruction: str
+    requests: tuple[Request, ...]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A guided procedure. `name` is what sessions and procedure files call it."""
+
+    name: str
+    title: str
+    steps: tuple[Step, ...]
+
+    def step(self, name: str) -> Step:
+        """The step of that name. Raises KeyError."""
+        for step in self.steps:
+            if step.name == name:
+                return step
+        raise KeyError(name)

@@ -1,0 +1,116 @@
+"""What a running plan tells whoever sits before it, and what it asks: the one interface of all front ends.
+
+The terminal application, the plain guide on stdin and stdout, and the scripted operators of tests each are an
+`Operator`. A run calls it from its own thread; a front end hands over to its own loop and returns at once from
+`hear`. Questions block the run, never the front end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from procedures.outcome import Verdict
+from procedures.plan import Advice, Ask, Fact, Plan, Step
+from procedures.raw import Plane
+
+
+@dataclass(frozen=True)
+class RunBegan:
+    """A plan starts, or goes on where a session stopped: the names of the steps that are done already."""
+
+    plan: Plan
+    session: Path
+    done: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class StepBegan:
+    """The guide stands at this step now."""
+
+    step: Step
+
+
+@dataclass(frozen=True)
+class StepEnded:
+    """This step is done."""
+
+    step: Step
+
+
+@dataclass(frozen=True)
+class Doing:
+    """What happens now, as a sentence ("homing the rail", "waiting until the rig is still", "exposing").
+
+    `done` of `total` where the work has countable parts, and the seconds it will still take where that is known.
+    """
+
+    say: str
+    done: int = 0
+    total: int = 0
+    left_s: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A frame came and was checked: one plane of it for the preview, and what to do."""
+
+    plane: Plane
+    advice: Advice
+
+
+@dataclass(frozen=True)
+class CurveSeen:
+    """A scan so far: settings of the axis, and their scores (NaN where none could be told)."""
+
+    axis: str
+    places: tuple[float, ...]
+    scores: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Trouble:
+    """Something went wrong and what to do about it; the run goes on as the sentence says."""
+
+    reason: str
+    remedy: str
+
+
+@dataclass(frozen=True)
+class Result:
+    """The estimate is there: where it lies, the verdict of each plane, and the whole's."""
+
+    folder: Path
+    verdicts: Mapping[str, Verdict]
+    verdict: Verdict
+    reason: str
+    remedy: str
+
+
+@dataclass(frozen=True)
+class RunEnded:
+    """The plan is through ("finished"), or ended by the operator ("stopped") or the emergency stop ("emergency")."""
+
+    how: str
+    report: Path | None = None
+
+
+Event = RunBegan | StepBegan | StepEnded | Doing | Seen | CurveSeen | Trouble | Result | RunEnded
+
+
+class Operator(Protocol):
+    """A front end."""
+
+    def hear(self, event: Event) -> None:
+        """Show it. Returns at once; never raises."""
+        ...
+
+    def answer(self, ask: Ask) -> Fact:
+        """The operator's answer, of the kind asked for. Blocks; raises `Stopped` when the operator ends the run."""
+        ...
+
+
+class Stopped(Exception):
+    """The operator asked to stop: after this exposure, or now."""
