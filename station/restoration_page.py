@@ -14,7 +14,7 @@ from procedures.outcome import Outcome
 from procedures.restoration.blur_models import mask_stack, pillbox
 from procedures.restoration.estimate import Restoration, refocused
 from station import figures
-from station.report import render
+from station.page import render
 from station.restoration_results import encoded, levels, picture
 from station.results import software
 
