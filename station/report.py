@@ -52,7 +52,7 @@ PLAIN = (
 
 
 @dataclass(frozen=True)
-class Fact:
+class Line:
     """One line of what is told: a condition, a device."""
 
     name: str
@@ -135,7 +135,7 @@ class Report:
         What was calibrated: camera and lens, or the photograph.
     procedure : str
         "pattern" or "two-photo".
-    conditions, devices : sequence of Fact
+    conditions, devices : sequence of Line
         Light, temperature, distance, operator, ...; the bench, one line for each device.
     made : str
         When, where that is known.
@@ -146,8 +146,8 @@ class Report:
     planes: Sequence[PlaneSheet]
     shots: Sequence[Shot]
     parameters: Mapping[str, object]
-    conditions: Sequence[Fact] = ()
-    devices: Sequence[Fact] = ()
+    conditions: Sequence[Line] = ()
+    devices: Sequence[Line] = ()
     made: str = ""
     software: Mapping[str, Any] = field(default_factory=software)
 
@@ -237,7 +237,7 @@ def camera_words(exposure: Exposure) -> str:
     return ", ".join(printable(one) for one in (exposure.camera, exposure.lens) if one)
 
 
-def _conditions(exposure: Exposure) -> list[Fact]:
+def _conditions(exposure: Exposure) -> list[Line]:
     """What the camera noted about the first photograph."""
     distance = exposure.subject_distance_mm
     noted = {
@@ -247,4 +247,4 @@ def _conditions(exposure: Exposure) -> list[Fact]:
         "Distance noted by the camera": f"{distance:.0f} mm" if distance else "",
         "Taken": exposure.captured_at,
     }
-    return [Fact(name, printable(words)) for name, words in noted.items() if words]
+    return [Line(name, printable(words)) for name, words in noted.items() if words]

@@ -20,7 +20,7 @@ from procedures.pattern_psf.estimate import PatternParameters
 from procedures.raw import read_frame
 from station.calibrate import calibrate
 from station.limits import Limit, judge
-from station.report import Fact, PlaneSheet, Report, Shot, calibration_page, report_of_files
+from station.report import Line, PlaneSheet, Report, Shot, calibration_page, report_of_files
 from station.results import PlaneRecord, quantities
 
 HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(1)>\"' {{ 7*7 }} \x1b[2J"
@@ -93,8 +93,8 @@ def test_whatever_is_told_cannot_break_the_page(report):
         [PlaneSheet(record)],
         [Shot(HOSTILE, HOSTILE, HOSTILE, HOSTILE, HOSTILE)],
         {HOSTILE: HOSTILE},
-        [Fact(HOSTILE, HOSTILE)],
-        [Fact(HOSTILE, HOSTILE)],
+        [Line(HOSTILE, HOSTILE)],
+        [Line(HOSTILE, HOSTILE)],
         made=HOSTILE,
     )
     text = calibration_page(hostile).replace("\x1b", "")
@@ -124,7 +124,7 @@ def test_refused_plane_has_its_reason_and_remedy_and_no_pictures():
 
 def test_session_tells_its_bench_and_its_shots(report):
     shots = (*report.shots, Shot("b.dng", "0" * 64, note="retaken: the rig moved"))
-    told = replace(report, shots=shots, devices=(Fact("stage", "GRBL 1.1h"),), made="2026-01-01 12:00")
+    told = replace(report, shots=shots, devices=(Line("stage", "GRBL 1.1h"),), made="2026-01-01 12:00")
     text = calibration_page(told)
     assert all(words in text for words in ("GRBL 1.1h", "retaken: the rig moved", "2026-01-01 12:00"))
 

@@ -237,3 +237,8 @@ def test_fault_of_the_program_is_named_with_the_way_to_its_traceback(run, estima
     assert "STATION_TRACEBACK=1" in done.stderr
     monkeypatch.setenv("STATION_TRACEBACK", "1")
     assert isinstance(run("psf", "pattern", photograph, "--out", tmp_path).exception, ZeroDivisionError)
+
+
+def test_report_is_left_out_where_it_is_not_wanted(run, estimator, photograph, tmp_path):
+    run("psf", "pattern", photograph, "--no-report", "--out", tmp_path)
+    assert set(files_of("Y")) - set(names_in(tmp_path)) == {"report.html"}
