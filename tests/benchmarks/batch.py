@@ -36,6 +36,8 @@ PROCEDURE = 'procedure = "pattern"\nplanes = ["G1"]\n[limits]\nmtf50_horizontal 
 
 def make_frames(folder: Path, count: int) -> set[str]:
     """Photographs of four scenes with noise of their own, and twelve broken files; returns the names of those."""
+    if folder.exists():  # kept from an earlier run
+        return {path.name for path in folder.iterdir() if "-" in path.name}
     folder.mkdir(parents=True)
     chart, rng = Chart.from_seed(), np.random.default_rng(400)
     scenes = [(*stage(setup, chart),) for setup in SETUPS[:4]]
@@ -44,10 +46,9 @@ def make_frames(folder: Path, count: int) -> set[str]:
         (camera, scene), light = scenes[i % 4], lights[i % 4]
         path = folder / f"frame{i:04d}.dng"
         camera.photograph(scene, rng, path, exposure_s=EXPOSURE_S, iso=ISO, bits=14, light=light)
-    whole = {path.name for path in folder.iterdir()}
     camera, scene = scenes[1]
     spoil(folder, camera, scene, chart, rng, (folder / "frame0000.dng").read_bytes())
-    return {path.name for path in folder.iterdir()} - whole
+    return {path.name for path in folder.iterdir() if "-" in path.name}
 
 
 def spoil(folder: Path, camera, scene: Scene, chart: Chart, rng: np.random.Generator, good: bytes) -> None:  # type: ignore[no-untyped-def]

@@ -191,25 +191,43 @@ def test_hostile_names_write_nothing_outside_and_break_nothing(tmp_path, chart_p
     assert "<script" not in page.read_text()
 
 
-def test_first_interrupt_finishes_what_runs_and_a_later_run_does_the_rest(tmp_path, chart_photograph):
+@pytest.fixture
+def interrupted(tmp_path, chart_photograph):
+    """interrupted(times): a batch of many photographs with one process, and Ctrl-C while it works on them."""
     frame = chart_photograph(tmp_path / "in" / "0.dng")
     for i in range(1, 150):  # different files, one photograph: its last byte is not of the chart
         (tmp_path / "in" / f"{i}.dng").write_bytes(frame.read_bytes()[:-2] + i.to_bytes(2, "little"))
     (tmp_path / "p.toml").write_text(LIMITS)
     words = ["batch", tmp_path / "in", "--procedure", tmp_path / "p.toml", "--out", tmp_path / "out", "--jobs", "1"]
-    command = [sys.executable, "-m", "station", *map(str, words)]
-    process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    while not (tmp_path / "out" / "results.jsonl").exists() or not rows_of(tmp_path / "out"):
-        time.sleep(0.02)
-    process.send_signal(signal.SIGINT)
-    _, told = process.communicate(timeout=60)
-    assert process.returncode == 130, told
-    assert "Ctrl-C again stops now" in told
-    kept = rows_of(tmp_path / "out")
+
+    def run(times):
+        command = [sys.executable, "-m", "station", *map(str, words)]
+        process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        while not (tmp_path / "out" / "results.jsonl").exists() or not rows_of(tmp_path / "out"):
+            time.sleep(0.02)
+        for said in ("finishing", "stopped")[:times]:
+            process.send_signal(signal.SIGINT)
+            lines = []
+            while not lines or said not in lines[-1]:
+                lines.append(process.stderr.readline())
+                assert lines[-1], f"it ended without saying {said}"
+        process.communicate(timeout=60)
+        assert process.returncode == 130
+        return rows_of(tmp_path / "out")
+
+    return run
+
+
+@pytest.mark.parametrize("times", [1, 2])
+def test_interrupted_batch_keeps_what_is_done(interrupted, tmp_path, times):
+    kept = interrupted(times)
     assert 1 <= len(kept) < 150
     assert all(row["verdict"] == "pass" and (tmp_path / "out" / row["folder"] / "result.json").exists() for row in kept)
-    key = json.loads((tmp_path / "out" / "result.json").read_text())
-    assert key["undone"] == 150 - len(kept)
+    if times == 1:
+        assert json.loads((tmp_path / "out" / "result.json").read_text())["undone"] == 150 - len(kept)
+    job = Job(procedure_of(tmp_path, LIMITS), tmp_path / "out", finished(tmp_path / "out"))
+    again = [work(Item((Path(row["files"][0]),)), job) for row in kept]
+    assert all(row.reused for row in again)
 
 
 def test_strict_counts_doubt_as_failure_and_json_is_the_record(tmp_path, chart_photograph):
