@@ -20,7 +20,7 @@ Array = npt.NDArray[np.float64]
 
 FITS_BLOCK = 2880
 FITS_CARD = 80
-STEPS_PER_SAMPLE = 4
+STEPS_PER_SAMPLE = 2
 DIRECTIONS = 32
 GAUSSIAN_RADIUS = "gaussian_radius"
 

@@ -41,6 +41,8 @@ RESIDUAL_LIMIT = 4.0
 """Residuals are drawn from minus to plus this many standard deviations of the noise."""
 FEWER_COLOURS = matplotlib.colormaps["RdBu_r"].resampled(255)
 """One colour is left for where there is nothing."""
+WIDEST_PX = 480
+"""Larger photographs are drawn smaller."""
 STYLE: dict[Any, Any] = {
     "font.size": 8.5,
     "axes.edgecolor": FAINT,
@@ -156,6 +158,22 @@ def residual_figure(plane: str, found: PatternPsf, name: str) -> Markup:
     _bar(figure, axes, image, (1.03, 0.2, 0.035, 0.6))
     axes.set_xlabel(f"pixels of {plane}; colours in σ of the noise")
     return svg(figure, name, f"photograph less prediction in plane {plane}, in standard deviations of the noise")
+
+
+def pair_figure(near: Plane, outline: Array, name: str) -> Markup:
+    """The near photograph of a wall, and the outline (n, 2) of the far one in its pixels."""
+    samples = near.samples
+    step = -(-max(samples.shape) // WIDEST_PX)
+    rows, columns = (n // step * step for n in samples.shape)
+    small = samples[:rows, :columns].reshape(rows // step, step, columns // step, step).mean(axis=(1, 3))
+    figure, ((axes,),) = _figure(3.2, 0.6 + 2.6 * rows / columns, rim_in=(0.42, 0.1, 0.42, 0.1))
+    extent = (-0.5, columns - 0.5, rows - 0.5, -0.5)
+    axes.imshow(small, extent=extent, cmap="gray", vmin=0, vmax=float(np.quantile(small, 0.995)), interpolation="none")
+    axes.plot(*outline.T, color=MARK, lw=1)
+    axes.spines[:].set_visible(False)
+    axes.locator_params(nbins=4)
+    axes.set_xlabel(f"pixels of {near.name}")
+    return svg(figure, name, f"the near photograph in plane {near.name}, with the outline of the far one")
 
 
 def _image(axes: Axes, picture: npt.NDArray[np.floating], origin: tuple[int, int], **colours: Any) -> Any:

@@ -7,11 +7,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
+
+import numpy as np
+import numpy.typing as npt
 
 from procedures.outcome import Quantity
 from procedures.pattern_psf.estimate import PatternPsf
 from procedures.raw import Exposure, Plane, RawFrame
+from procedures.two_photo.estimate import TwoPhotoPsf
 from station import figures
 from station.calibrate import Calibrated
 from station.exports import radial_profile
@@ -20,6 +25,8 @@ from station.names import printable
 from station.page import NUMBERS, exposure_words, render
 from station.results import PlaneRecord, quantities, software
 
+Array = npt.NDArray[np.float64]
+
 PAGE = "report.html"
 ORDER = ("pass", "doubtful", "fail", "refused")
 """Verdicts of planes, the best first."""
@@ -27,8 +34,8 @@ WORDS = {"pass": "pass", "doubtful": "doubtful", "fail": "outside the limits", "
 METHODS = {
     "pattern": "M. Delbracio, P. Musé, A. Almansa: Non-parametric Sub-pixel Local Point Spread Function Estimation. "
     "Image Processing On Line 2, 2012. doi:10.5201/ipol.2012.admm-nppsf",
-    "two-photo": "M. Delbracio, A. Almansa, P. Musé: Subpixel Point Spread Function Estimation from Two Photographs at "
-    "Different Distances. Image Processing On Line 3, 2013. doi:10.5201/ipol.2013.77",
+    "two-photo": "M. Delbracio, A. Almansa, P. Musé: Recovering the Subpixel PSF from Two Photographs at Different "
+    "Distances. Image Processing On Line 3, 2013. doi:10.5201/ipol.2013.77",
 }
 """The publication that each procedure is built on."""
 MORE_NUMBERS = (
@@ -92,7 +99,9 @@ class PlaneSheet:
     found : PatternPsf, optional
         The estimate from a chart, for its marks and its residual; where there are many shots, that of one of them.
     photograph : Plane, optional
-        The samples it was found in.
+        The samples it was found in; of two photographs the near one.
+    outline : (n, 2) float64, optional
+        Of the far photograph in the near one, in its pixels (x, y).
     judged : sequence of Judgement
         The numbers against the limits that were set.
     """
@@ -100,6 +109,7 @@ class PlaneSheet:
     record: PlaneRecord
     found: PatternPsf | None = None
     photograph: Plane | None = None
+    outline: Array | None = None
     judged: Sequence[Judgement] = ()
 
     @property
@@ -188,6 +198,8 @@ def _pictures(sheet: PlaneSheet, name: str) -> Mapping[str, Any]:
             "residual": figures.residual_figure(record.name, sheet.found, f"{name}-residual"),
             "diagnostics": sheet.found.diagnostics,
         }
+    if sheet.outline is not None and sheet.photograph is not None:
+        pictures["pair"] = figures.pair_figure(sheet.photograph, sheet.outline, f"{name}-pair")
     return pictures
 
 
@@ -212,16 +224,30 @@ def report_of_files(
     return Report(
         subject=camera_words(exposure) or printable(frames[0].path.name),
         procedure=procedure,
-        planes=[_sheet(one, frames[0], (judged or {}).get(one.record.name, ())) for one in calibrated],
+        planes=[_sheet(one, frames, (judged or {}).get(one.record.name, ())) for one in calibrated],
         shots=[shot_of(frame) for frame in frames],
         parameters=parameters,
         conditions=_conditions(exposure),
     )
 
 
-def _sheet(one: Calibrated[Any], frame: RawFrame, judged: Sequence[Judgement]) -> PlaneSheet:
-    found = one.found if isinstance(one.found, PatternPsf) else None
-    return PlaneSheet(one.record, found, frame.planes[one.record.name], judged)
+def _sheet(one: Calibrated[Any], frames: Sequence[RawFrame], judged: Sequence[Judgement]) -> PlaneSheet:
+    """A plane with what its figures need: the chart's photograph, or the near one and where the far one lies in it."""
+    name, found = one.record.name, one.found
+    if isinstance(found, PatternPsf):
+        return PlaneSheet(one.record, found, frames[0].planes[name], judged=judged)
+    if isinstance(found, TwoPhotoPsf):
+        near, far = (frames[i].planes[name] for i in ((1, 0) if found.swapped else (0, 1)))
+        return PlaneSheet(one.record, None, near, found.warp.forward(_rim(far)), judged)
+    return PlaneSheet(one.record, judged=judged)
+
+
+def _rim(plane: Plane) -> Array:
+    """A plane's outline, closed, (n, 2), in its pixels (x, y)."""
+    rows, columns = plane.samples.shape
+    corners = np.array([[0, 0], [columns, 0], [columns, rows], [0, rows], [0, 0]]) - 0.5
+    t = np.linspace(0, 1, 17)[:, None]
+    return np.concatenate([a + t * (b - a) for a, b in pairwise(corners)])
 
 
 def shot_of(frame: RawFrame, note: str = "") -> Shot:

@@ -58,3 +58,12 @@ def test_other_parameters_reach_the_estimate(run, near, far, tmp_path):
     done = run("psf", "two-photo", near, far, "-s", 2, "-k", 9, "--solver", "ls", "--out", tmp_path)
     assert done.exit_code == 0, done.output
     assert np.load(tmp_path / "psf_Y.npy", allow_pickle=False).shape == (9, 9)
+
+
+def test_report_shows_the_far_photograph_in_the_near_one(run, near, far, tmp_path):
+    run("psf", "two-photo", far, near, "--out", tmp_path)
+    page = (tmp_path / "report.html").read_text()
+    assert "Y passes</h1>" in page
+    assert page.count("<svg") == 5  # PSF, MTF, energy, kernel, the pair
+    assert "doi:10.5201/ipol.2013.77" in page
+    assert all(path.name in page for path in (near, far))
