@@ -77,13 +77,13 @@ def test_profile_of_a_gaussian_is_the_gaussian():
 
 
 def test_profile_carries_the_uncertainty_of_independent_samples(rng):
-    psf = gaussian(0.8, k=9, sd=1e-3)
-    noisy = [Psf(psf.h + 1e-3 * rng.standard_normal(psf.h.shape), 4, psf.covariance) for _ in range(400)]
+    psf = gaussian(0.8, k=7, sd=1e-3)
+    noisy = [Psf(psf.h + 1e-3 * rng.standard_normal(psf.h.shape), 4, psf.covariance) for _ in range(200)]
     found = [radial_profile(one) for one in noisy]
-    # a standard deviation from 400 draws has an uncertainty of 3.5 %; 4 of them
+    # a standard deviation from 200 draws has an uncertainty of 5 %; 4 of them
     for name in ("energy", "density"):
         scatter = np.std([getattr(one, name) for one in found], axis=0)
-        np.testing.assert_allclose(scatter, getattr(found[0], f"{name}_uncertainty"), rtol=0.14)
+        np.testing.assert_allclose(scatter, getattr(found[0], f"{name}_uncertainty"), rtol=0.2)
 
 
 def test_profile_tells_radii_of_plane_and_sensor():
