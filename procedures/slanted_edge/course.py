@@ -1,4 +1,4 @@
-"""Where an edge runs: each row's centroid of the derivative, a polynomial through them, its order chosen by the data."""
+"""Where an edge runs: each row's centroid of the derivative, a polynomial through them of the order the data ask for."""
 
 from __future__ import annotations
 

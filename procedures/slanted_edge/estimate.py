@@ -20,7 +20,7 @@ from procedures.raw import Plane
 from procedures.slanted_edge.course import Course, find_course
 from procedures.slanted_edge.find import find_edges
 from procedures.slanted_edge.profile import Profile, edge_profile
-from procedures.slanted_edge.resampling import DRAWS, resampled_mtf
+from procedures.slanted_edge.resampling import resampled_mtf
 from procedures.slanted_edge.strip import Line, Roi, Strip, strip_of
 from procedures.slanted_edge.transfer import FREQUENCIES, frequency_at, mtf_of
 from procedures.slanted_edge.trust import check_course, check_samples, judge
@@ -29,7 +29,7 @@ Array = npt.NDArray[np.float64]
 
 WIDENINGS = (3.2, 1.8, 1.0)
 """Windows tried, the widest first."""
-SURE = 0.005
+SURE = 0.008
 """Relative uncertainty of MTF50 up to which a wide window is worth its noise."""
 METHOD = "ISO 12233:2023 e-SFR, four bins to a pixel; uncertainty by drawing rows anew"
 
@@ -52,6 +52,8 @@ class EdgeMtf:
         Direction of the normal, from x towards y, -90 to 90.
     order : int
         Of the polynomial along the edge.
+    course : (n, 2) float64
+        Points (x, y) of the plane along the edge.
     distances, esf : (m,) float64
         Edge spread function by distance in pixels, 0 dark and 1 bright.
     diagnostics : mapping of str to float
@@ -65,6 +67,7 @@ class EdgeMtf:
     numbers: Mapping[str, Quantity]
     normal_deg: float
     order: int
+    course: Array
     distances: Array
     esf: Array
     diagnostics: Mapping[str, float]
@@ -148,6 +151,7 @@ def _result(strip: Strip, course: Course, profile: Profile, mtf: Array, draws: A
         numbers=_numbers(strip, course, profile, mtf, draws),
         normal_deg=normal,
         order=course.order,
+        course=_points(strip, course),
         distances=profile.centres,
         esf=profile.esf,
         diagnostics={
@@ -163,9 +167,14 @@ def _result(strip: Strip, course: Course, profile: Profile, mtf: Array, draws: A
     )
 
 
-def _numbers(
-    strip: Strip, course: Course, profile: Profile, mtf: Array, draws: Array
-) -> dict[str, Quantity]:
+def _points(strip: Strip, course: Course) -> Array:
+    """The edge's course in the plane, (n, 2)."""
+    across, along = course.at(strip.along), np.arange(len(strip.samples))
+    x, y = (along, across) if strip.turned else (across, along)
+    return np.column_stack([x + strip.roi.x, y + strip.roi.y])
+
+
+def _numbers(strip: Strip, course: Course, profile: Profile, mtf: Array, draws: Array) -> dict[str, Quantity]:
     n = profile.samples
     numbers: dict[str, Quantity] = {}
     for level in (50, 20):

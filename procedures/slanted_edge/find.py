@@ -1,4 +1,4 @@
-"""Edges found in a plane: straight segments, longer than blur and noise leave in doubt, with plain areas beside them."""
+"""Edges found in a plane: straight segments, long enough, with plain areas on both sides."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import map_coordinates
 
 from procedures.outcome import Refused
@@ -25,11 +24,13 @@ END_PX = 3.0
 """What is left out at an edge's ends, beside what its slant asks for."""
 LEAST_CONTRAST = 0.02
 """Of the plane's scale."""
+MOST_SEGMENTS = 600
+"""The longest that are looked at: textures have any number."""
 NOISE_LEVELS = 1.5
 """Noise, in 256ths, to which the picture is smoothed before segments are looked for."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Sighting:
     """An edge that was found: its strip, and the line along it."""
 
@@ -38,7 +39,7 @@ class Sighting:
     score: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Segment:
     """A straight segment: its ends (x, y)."""
 
@@ -112,33 +113,35 @@ def _segments(samples: Array32) -> list[_Segment]:
 def _merged(segments: list[_Segment]) -> list[_Segment]:
     """Segments that continue each other joined, the short ones left out."""
     joined: list[_Segment] = []
-    left = list(segments)
+    left = segments[:MOST_SEGMENTS]
     while left:
-        whole, grown = left.pop(0), True
-        while grown:
-            grown = False
-            for other in left:
-                longer = _joined(whole, other)
-                if longer is not None:
-                    whole, grown = longer, True
-                    left.remove(other)
-                    break
+        whole = left.pop(0)
+        while (i := _continuation(whole, left)) is not None:
+            whole = _joined(whole, left.pop(i))
         if whole.length >= LEAST_LENGTH_PX:
             joined.append(whole)
     return joined
 
 
-def _joined(a: _Segment, b: _Segment) -> _Segment | None:
-    """Both as one, where they lie on one line in one direction and all but touch."""
+def _continuation(a: _Segment, others: list[_Segment]) -> int | None:
+    """Which of others lies on the line of a, in its direction, and all but touches it; None if none does."""
+    if not others:
+        return None
+    starts, ends = np.array([b.start for b in others]) - a.start, np.array([b.end for b in others]) - a.start
     along = a.direction
     normal = np.array([-along[1], along[0]])
-    if along @ b.direction < np.cos(np.radians(2)):
-        return None
-    places = np.array([along @ (p - a.start) for p in (a.start, a.end, b.start, b.end)])
-    gap = max(places[2] - places[1], places[0] - places[3])
-    if gap > 10 or max(abs(normal @ (b.start - a.start)), abs(normal @ (b.end - a.start))) > 2:
-        return None
+    length = np.linalg.norm(ends - starts, axis=1)
+    parallel = (ends - starts) @ along > np.cos(np.radians(2)) * length
+    gap = np.maximum(starts @ along - a.length, -(ends @ along))
+    aside = np.maximum(np.abs(starts @ normal), np.abs(ends @ normal))
+    found = np.flatnonzero(parallel & (gap < 10) & (aside < 2))
+    return int(found[0]) if len(found) else None
+
+
+def _joined(a: _Segment, b: _Segment) -> _Segment:
+    """From the first end of both to the last, along a."""
     points = np.array([a.start, a.end, b.start, b.end])
+    places = (points - a.start) @ a.direction
     return _Segment(points[np.argmin(places)], points[np.argmax(places)])
 
 

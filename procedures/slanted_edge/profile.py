@@ -19,13 +19,14 @@ Array = npt.NDArray[np.float64]
 
 BINS = 4
 """Bins to a pixel: ISO 12233:2023."""
-FLAT_WIDTHS, END_WIDTHS = 1.4, 3.0
+FLAT_WIDTHS, END_WIDTHS = 1.2, 2.6
 """Where the window begins to fall, and where it ends, in full widths at half maximum of the line spread function."""
 LEAST_FLAT_PX = 2.0
 LEAST_FAR_PX = 3.0
 """Of the plains there is at least so much to fit them by."""
-LIGHT = 5
-"""Numbers of the plains: dark level, bright level, tail, slope of the light across and along."""
+LIGHT_UNITS: Array = np.array([1, 1, 1, 1 / 20, 1 / 20])
+"""Of the plains' numbers: dark level, bright level, tail, relative slopes of the light across and along, per 20 pixels
+so that all are of one size."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,8 @@ class Profile:
         Of the plains beyond the window, without what differs between neighbours, in samples of the plane.
     tail : float
         a of the approach a/d to the plains.
+    gradient : float
+        Relative change of the light per pixel across the edge, taken out of the values.
     samples : int
         Samples under the window.
     """
@@ -67,6 +70,7 @@ class Profile:
     noise: float
     unevenness: float
     tail: float
+    gradient: float
     samples: int
 
     @property
@@ -115,7 +119,7 @@ def edge_profile(strip: Strip, course: Course, widening: float = 1.0) -> Profile
     first = _binned(value, d, used, end)
     profile = Profile(
         *first, normal, right, flat, end, width, float(light[1] - light[0]), float(light[1]), 0.0, 0.0,
-        float(light[2] / (light[1] - light[0])), int(used.sum()),
+        float(light[2] / (light[1] - light[0])), float(light[3]), int(used.sum()),
     )  # fmt: skip
     for _ in range(2):
         sums, counts = _binned(_moved(value, d, profile), d, used, end)
@@ -141,8 +145,8 @@ def _width(samples: Array, d: Array, reach: float) -> float:
     K = int(reach * BINS)
     bins = np.floor(d * BINS).astype(int) + K
     inside = (bins >= 0) & (bins < 2 * K)
-    count = np.bincount(bins[inside], minlength=2 * K)
-    esf = filled(np.bincount(bins[inside], samples[inside], minlength=2 * K), count.astype(np.float64))
+    count = np.bincount(bins[inside], minlength=2 * K).astype(np.float64)
+    esf = filled(np.bincount(bins[inside], samples[inside], minlength=2 * K), count)
     x = (np.arange(-K, K) + 0.5) / BINS
     dark, bright = np.median(esf[x < -0.5 * reach]), np.median(esf[x > 0.5 * reach])
     smooth = np.convolve(np.pad(esf, 2, mode="edge"), np.ones(5) / 5, mode="valid")
@@ -165,23 +169,22 @@ def _plains(strip: Strip, d: Array, far: npt.NDArray[np.bool_]) -> tuple[Array, 
     """Levels, tail and light's slopes (5,), by least squares over the samples beyond the core, and each row's part."""
     bright = d > 0
     light = np.array([strip.samples[far & ~bright].mean(), strip.samples[far & bright].mean(), 0, 0, 0.0])
-    scale = np.array([1, 1, 1, 1 / 20, 1 / 20])  # slopes per 20 pixels: numbers of one size
     along = np.broadcast_to(strip.along[:, None], d.shape)
     for _ in range(3):
         base = np.where(bright, light[1], light[0])
-        columns = np.stack(
-            [~bright, bright, -1 / np.where(far, d, 1.0), base * d * scale[3], base * along * scale[4]], axis=-1
-        ) * far[..., None]  # fmt: skip
+        slopes = base * d * LIGHT_UNITS[3], base * along * LIGHT_UNITS[4]
+        columns = np.stack([~bright, bright, -1 / np.where(far, d, 1.0), *slopes], axis=-1) * far[..., None]
         normal = np.einsum("nmi,nmj->nij", columns, columns)
         right = np.einsum("nmi,nm->ni", columns, strip.samples)
-        light = solve_light(normal.sum(axis=0), right.sum(axis=0)) * scale
+        light = solve_light(normal.sum(axis=0), right.sum(axis=0))
     return light, normal, right
 
 
 def solve_light(normal: Array, right: Array) -> Array:
     """The plains' numbers (..., 5) of normal equations, held by a little where a narrow strip leaves them open."""
     weight = np.einsum("...ii->...", normal[..., :2, :2])[..., None, None]
-    return np.asarray(np.linalg.solve(normal + 1e-9 * weight * np.eye(LIGHT), right[..., None])[..., 0])
+    held = normal + 1e-9 * weight * np.eye(len(LIGHT_UNITS))
+    return np.asarray(np.linalg.solve(held, right[..., None])[..., 0] * LIGHT_UNITS)
 
 
 def _slope(light: Array, strip: Strip, d: Array) -> Array:
@@ -195,8 +198,11 @@ def _binned(value: Array, d: Array, used: npt.NDArray[np.bool_], end: float) -> 
     inside = used & (bins >= 0) & (bins < 2 * K)
     n = len(value)
     flat = (np.arange(n)[:, None] * 2 * K + bins)[inside]
-    sums, counts = (np.bincount(flat, w, n * 2 * K).reshape(n, 2 * K) for w in (value[inside], np.ones(len(flat))))
-    return sums, counts.astype(np.float64)
+    sums, counts = (
+        np.bincount(flat, weight, n * 2 * K).astype(np.float64).reshape(n, 2 * K)
+        for weight in (value[inside], np.ones(len(flat)))
+    )
+    return sums, counts
 
 
 def _moved(value: Array, d: Array, profile: Profile) -> Array:

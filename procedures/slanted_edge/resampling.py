@@ -33,6 +33,9 @@ def resampled_mtf(profile: Profile, draws: int = DRAWS) -> Array:
         np.tensordot(weight, profile.light_normal, axes=1), np.tensordot(weight, profile.light_right, axes=1)
     )
     tail = light[:, 2] / (light[:, 1] - light[:, 0])
+    # the values were divided by the light that all rows gave: what theirs differs by changes them with the distance
+    level = profile.esf + profile.level / profile.contrast - 1
+    esf = esf - (light[:, 3:4] - profile.gradient) * profile.centres * level
     drawn = mtf_of(esf, tail, profile.flat_px, profile.end_px)
     own = mtf_of(profile.esf, np.asarray(profile.tail), profile.flat_px, profile.end_px)
     m = max(float(np.mean(profile.counts.sum(axis=0)[profile.counts.sum(axis=0) > 0])), 2.0)

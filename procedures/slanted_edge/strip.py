@@ -50,7 +50,8 @@ class Roi:
             raise BadParameter(
                 f"the region must have {LEAST_SIDE} x {LEAST_SIDE} pixels or more; got {self}", "give a larger --roi"
             )
-        return samples[self.y : self.y + self.height, self.x : self.x + self.width].astype(np.float64)
+        part = samples[self.y : self.y + self.height, self.x : self.x + self.width]
+        return np.asarray(part, dtype=np.float64)
 
     def __str__(self) -> str:
         return f"{self.width} x {self.height} pixels at ({self.x}, {self.y})"
@@ -98,7 +99,7 @@ def strip_of(samples: Array32, roi: Roi, *, turned: bool | None = None, reach_px
     if turned is None:
         down, across = (_structure(np.diff(part, axis=axis)) for axis in (0, 1))
         turned = down > across
-    return Strip(part.T.copy() if turned else part, roi, turned, reach_px)
+    return Strip(np.ascontiguousarray(part.T if turned else part), roi, turned, reach_px)
 
 
 def _structure(steps: Array) -> float:
