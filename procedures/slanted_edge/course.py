@@ -1,4 +1,4 @@
-"""Where an edge runs: each row's centroid of the derivative, a polynomial through them of the order the data ask for."""
+"""Where an edge runs: rows' centroids of the derivative, a polynomial through them of the order the data ask for."""
 
 from __future__ import annotations
 

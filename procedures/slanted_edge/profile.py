@@ -146,7 +146,7 @@ def _width(samples: Array, d: Array, reach: float) -> float:
     bins = np.floor(d * BINS).astype(int) + K
     inside = (bins >= 0) & (bins < 2 * K)
     count = np.bincount(bins[inside], minlength=2 * K).astype(np.float64)
-    esf = filled(np.bincount(bins[inside], samples[inside], minlength=2 * K), count)
+    esf = filled(np.bincount(bins[inside], samples[inside], minlength=2 * K).astype(np.float64), count)
     x = (np.arange(-K, K) + 0.5) / BINS
     dark, bright = np.median(esf[x < -0.5 * reach]), np.median(esf[x > 0.5 * reach])
     smooth = np.convolve(np.pad(esf, 2, mode="edge"), np.ones(5) / 5, mode="valid")

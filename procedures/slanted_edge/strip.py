@@ -90,7 +90,7 @@ class Strip:
     def along(self) -> Array:
         """Place along the edge of each row, (n,), 0 in the middle."""
         n = len(self.samples)
-        return np.arange(n) - (n - 1) / 2
+        return np.arange(n, dtype=np.float64) - (n - 1) / 2
 
 
 def strip_of(samples: Array32, roi: Roi, *, turned: bool | None = None, reach_px: float = np.inf) -> Strip:

@@ -36,7 +36,7 @@ def test_region_gives_record_table_and_picture(run, picture, tmp_path):
     assert plane["mtf50"]["unit"] == "cycles/pixel"
     assert plane["angle"]["value"] == pytest.approx(5.5, abs=0.01)
     assert plane["edges"][0]["orientation"] == "near-vertical"
-    table = list(csv.DictReader((tmp_path / "out" / "mtf_Y.csv").open()))
+    table = list(csv.DictReader((tmp_path / "out" / "mtf_Y.csv").read_text().splitlines()))
     assert float(table[0]["mtf"]) == 1
     at_half = next(row for row in table if row["frequency"] == "0.25")
     assert float(at_half["mtf"]) == pytest.approx(0.5, abs=0.002)
