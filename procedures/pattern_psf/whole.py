@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics.kernel_tail import tail_spectrum, tail_sum
+from procedures.numerics.kernel_tail import tail_density, tail_spectrum, tail_sum
 from procedures.outcome import Quantity
 from procedures.psf import Psf
 
@@ -36,6 +36,10 @@ class Tail:
     energy: float
     covariance: Array
     variance: float
+
+    def density_px(self, psf: Psf) -> float:
+        """A of the tail A / r^3 per square pixel, r in pixels, where all light is 1."""
+        return self.energy * tail_density(psf.k) / psf.s / (1 + self.energy * tail_sum(psf.k))
 
 
 def mtf50_along(psf: Psf, tail: Tail, angle_deg: float, n: int) -> Quantity | None:

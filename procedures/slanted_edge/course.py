@@ -98,7 +98,7 @@ def _first_line(strip: Strip, start: Line | None) -> tuple[Line, bool, float]:
     smooth[:, :rim] = smooth[:, -rim:] = 0
     near = np.ones(smooth.shape, dtype=bool)
     if start is not None:
-        near = np.abs(x - start.middle - start.slope * along) < max(0.5 * min(strip.reach_px, x.size), 3)
+        near = np.abs(x - start.middle - start.slope * along) < start.near_px
     total = np.sum(np.where(near, smooth, 0) ** 3)
     signed = smooth if total > 0 else -smooth
     strength = np.where(near, signed, 0)
@@ -107,8 +107,9 @@ def _first_line(strip: Strip, start: Line | None) -> tuple[Line, bool, float]:
         raise Refused("there is no edge in the region: it is of one brightness", NO_EDGE)
     weight = np.maximum(strength - 0.3 * top, 0) ** 2
     line = start or _weighted_line(weight, x, along)
+    reach = start.near_px if start else max(4.0, 0.15 * x.size)
     for _ in range(6):
-        band = np.abs(x - line.middle - line.slope * along) < max(4.0, 0.15 * x.size)
+        band = np.abs(x - line.middle - line.slope * along) < reach
         if not (weight * band).any():
             raise Refused("there is no edge in the region: no line can be laid through its gradients", NO_EDGE)
         line = _weighted_line(weight * band, x, along)
@@ -127,10 +128,11 @@ def _weighted_line(weight: Array, x: Array, along: Array) -> Line:
 def _reach(strip: Strip, line: Line) -> float:
     """How far from the edge the rows' derivative is looked at: twice its full width at half maximum, at least 4."""
     x = np.arange(strip.samples.shape[1]) - line.middle - line.slope * strip.along[:, None]
-    bins = np.floor(2 * x).astype(int)
+    inside = strip.usable & (np.abs(x) < strip.reach_px)
+    bins = np.floor(2 * x[inside]).astype(int)
     bins -= bins.min()
-    count = np.bincount(bins.ravel())
-    profile = np.bincount(bins.ravel(), strip.samples.ravel()) / np.maximum(count, 1)
+    count = np.bincount(bins)
+    profile = np.bincount(bins, strip.samples[inside]) / np.maximum(count, 1)
     steps = np.abs(np.diff(uniform_filter1d(profile, 3)))[:-1]
     wide = np.count_nonzero(steps > 0.5 * steps.max()) / 2
     return float(np.clip(2 * wide, 4, max(strip.samples.shape[1] / 3, 4)))

@@ -158,7 +158,7 @@ def _sighting(samples: Array32, segment: _Segment) -> Sighting | None:
     if reach < LEAST_REACH_PX or length < 16:
         return None
     start, end = segment.start + inset * segment.direction, segment.end - inset * segment.direction
-    strip, line = _strip_along(samples, start, end, reach)
+    strip, line = strip_along(samples, start, end, reach)
     return Sighting(strip, line, contrast * length**0.5)
 
 
@@ -183,7 +183,7 @@ def _plain_px(side: Array, contrast: float) -> float:
     return float(core + wrong[0] - 1) if len(wrong) else float(len(side) - 1)
 
 
-def _strip_along(samples: Array32, start: Array, end: Array, reach: float) -> tuple[Strip, Line]:
+def strip_along(samples: Array32, start: Array, end: Array, reach: float) -> tuple[Strip, Line]:
     """The strip from one point of an edge to another, and the line between them in it."""
     turned = bool(abs(end - start)[0] > abs(end - start)[1])
     # u runs along the edge, v across it

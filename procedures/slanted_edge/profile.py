@@ -50,8 +50,8 @@ class Profile:
         Standard deviation of the samples about the profile, in samples of the plane.
     unevenness : float
         Of the plains beyond the window, without what differs between neighbours, in samples of the plane.
-    tail : float
-        a of the approach a/d to the plains.
+    tail, known_tail : float
+        a of the approach a/d to the plains, and what of it was not fitted.
     gradient : float
         Relative change of the light per pixel across the edge, taken out of the values.
     samples : int
@@ -70,6 +70,7 @@ class Profile:
     noise: float
     unevenness: float
     tail: float
+    known_tail: float
     gradient: float
     samples: int
 
@@ -107,9 +108,9 @@ def filled(sums: Array, counts: Array) -> Array:
 def edge_profile(strip: Strip, course: Course, widening: float = 1.0) -> Profile:
     """The spread function of an edge whose course is known, through a window so many times wider than usual."""
     d = course.distances(strip)
-    inside = np.abs(d) < strip.reach_px
+    inside = (np.abs(d) < strip.reach_px) & strip.usable
     reach = float(min(np.max(d[inside]), -np.min(d[inside])))
-    width = _width(strip.samples, d, reach)
+    width = _width(strip.samples[inside], d[inside], reach)
     flat = min(widening * max(FLAT_WIDTHS * width, LEAST_FLAT_PX), 0.5 * reach)
     end = min(widening * max(END_WIDTHS * width, 2 * LEAST_FLAT_PX), reach - 1)
     far = inside & (np.abs(d) > min((flat + end) / 2, reach - LEAST_FAR_PX))
@@ -119,7 +120,7 @@ def edge_profile(strip: Strip, course: Course, widening: float = 1.0) -> Profile
     first = _binned(value, d, used, end)
     profile = Profile(
         *first, normal, right, flat, end, width, float(light[1] - light[0]), float(light[1]), 0.0, 0.0,
-        float(light[2] / (light[1] - light[0])), float(light[3]), int(used.sum()),
+        float(light[2] / (light[1] - light[0])), strip.tail_px or 0.0, float(light[3]), int(used.sum()),
     )  # fmt: skip
     for _ in range(2):
         sums, counts = _binned(_moved(value, d, profile), d, used, end)
@@ -170,13 +171,17 @@ def _plains(strip: Strip, d: Array, far: npt.NDArray[np.bool_]) -> tuple[Array, 
     bright = d > 0
     light = np.array([strip.samples[far & ~bright].mean(), strip.samples[far & bright].mean(), 0, 0, 0.0])
     along = np.broadcast_to(strip.along[:, None], d.shape)
+    known = 0.0 if strip.tail_px is None else strip.tail_px
+    approach = -1 / np.where(far, d, 1.0)
     for _ in range(3):
         base = np.where(bright, light[1], light[0])
         slopes = base * d * LIGHT_UNITS[3], base * along * LIGHT_UNITS[4]
-        columns = np.stack([~bright, bright, -1 / np.where(far, d, 1.0), *slopes], axis=-1) * far[..., None]
+        free = approach if strip.tail_px is None else np.zeros_like(d)
+        columns = np.stack([~bright, bright, free, *slopes], axis=-1) * far[..., None]
         normal = np.einsum("nmi,nmj->nij", columns, columns)
-        right = np.einsum("nmi,nm->ni", columns, strip.samples)
+        right = np.einsum("nmi,nm->ni", columns, strip.samples - known * (light[1] - light[0]) * approach)
         light = solve_light(normal.sum(axis=0), right.sum(axis=0))
+    light[2] += known * (light[1] - light[0])
     return light, normal, right
 
 

@@ -32,7 +32,7 @@ def resampled_mtf(profile: Profile, draws: int = DRAWS) -> Array:
     light = solve_light(
         np.tensordot(weight, profile.light_normal, axes=1), np.tensordot(weight, profile.light_right, axes=1)
     )
-    tail = light[:, 2] / (light[:, 1] - light[:, 0])
+    tail = profile.known_tail + light[:, 2] / (light[:, 1] - light[:, 0])
     # the values were divided by the light that all rows gave: what theirs differs by changes them with the distance
     level = profile.esf + profile.level / profile.contrast - 1
     esf = esf - (light[:, 3:4] - profile.gradient) * profile.centres * level

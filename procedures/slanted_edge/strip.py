@@ -59,10 +59,11 @@ class Roi:
 
 @dataclass(frozen=True)
 class Line:
-    """A straight line: x = middle + slope t, t along the edge from the strip's centre, in pixels."""
+    """Where an edge is expected: within `near_px` of x = middle + slope t, t along it from the strip's centre."""
 
     middle: float
     slope: float
+    near_px: float = 4.0
 
 
 @dataclass(frozen=True)
@@ -79,12 +80,23 @@ class Strip:
         Whether rows and columns were exchanged: the edge is nearer to horizontal.
     reach_px : float
         Distance from the edge up to which samples belong to its two plains.
+    valid : (n, m) bool or None
+        Which samples show nothing else; None: all of them.
+    tail_px : float or None
+        a of the approach a/d to the plains, where it is known; None: it is fitted.
     """
 
     samples: Array
     roi: Roi
     turned: bool
     reach_px: float = np.inf
+    valid: npt.NDArray[np.bool_] | None = None
+    tail_px: float | None = None
+
+    @property
+    def usable(self) -> npt.NDArray[np.bool_]:
+        """Which samples show the edge or its plains, the reach apart, (n, m)."""
+        return np.ones(self.samples.shape, dtype=np.bool_) if self.valid is None else self.valid
 
     @property
     def along(self) -> Array:
