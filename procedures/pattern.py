@@ -46,6 +46,22 @@ WHITE_BLOCKS = (
 )  # fmt: skip
 
 
+EDGES: npt.NDArray[np.float64] = np.array([[[320, 0], [345, 256]], [[0, 320], [256, 345]]], dtype=np.float64)
+"""The slanted edges of a chart that has them, ends (x, y) in cells, (2, 2, 2): right of the chart, and below it.
+
+They lean by atan(25 / 256) = 5.6 degrees, against each other: a roll that turns one onto an axis leaves the other.
+"""
+EDGE_END = 370
+"""Where the black areas behind the edges end, in x or y; before them all is white, a block and more."""
+
+
+def edge_areas() -> npt.NDArray[np.float64]:
+    """The black areas of the slanted edges, (2, 4, 2): corners (x, y) in cells, clockwise on paper."""
+    (top, bottom), (left, right) = EDGES
+    end = float(EDGE_END)
+    return np.array([[top, (end, top[1]), (end, bottom[1]), bottom], [left, right, (right[0], end), (left[0], end)]])
+
+
 def block_corner(column: int, row: int) -> tuple[float, float]:
     """Pattern coordinates (x, y) of a block's top left corner."""
     return float(BLOCK * (column - 1)), float(BLOCK * (row - 1))
@@ -79,10 +95,13 @@ class Chart:
     ----------
     cells : (256, 256) uint8
         1 = white, 0 = black, [row, column].
+    edges : bool
+        Whether it has the two slanted edges beside it.
     """
 
     cells: Cells
     seed: int | None = None
+    edges: bool = False
 
     def __post_init__(self) -> None:
         if self.cells.shape != (CELLS, CELLS):

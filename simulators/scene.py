@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from procedures.pattern import BLACK_BLOCKS, BLOCK, BLOCKS, CELLS, Chart, block_corner, triangles
+from procedures.pattern import BLACK_BLOCKS, BLOCK, BLOCKS, CELLS, EDGE_END, Chart, block_corner, edge_areas, triangles
 from simulators.projection import Pose, Projection, apply_homography
 from simulators.raster import Segments, outline
 
@@ -94,7 +94,8 @@ class PlacedChart:
 
     def sheet(self) -> Array:
         """Corners of the paper in pattern coordinates, (4, 2)."""
-        low, high = -BLOCK - self.margin_cells, BLOCK * (BLOCKS - 1) + self.margin_cells
+        low = -BLOCK - self.margin_cells
+        high = (EDGE_END if self.chart.edges else BLOCK * (BLOCKS - 1)) + self.margin_cells
         return np.array([[low, low], [high, low], [high, high], [low, high]])
 
 
@@ -165,6 +166,8 @@ def chart_outlines(chart: Chart) -> Segments:
         square = np.array([[x, y], [x + BLOCK, y], [x + BLOCK, y + BLOCK], [x, y + BLOCK]])
         parts.append(_subdivided(outline(square), BLOCK))
     parts.extend(_subdivided(outline(triangle), BLOCK) for triangle in triangles())
+    if chart.edges:
+        parts.extend(_subdivided(outline(area), CELLS) for area in edge_areas())
     starts, ends, weights = (
         np.concatenate([getattr(p, name) for p in parts]) for name in ("starts", "ends", "weights")
     )

@@ -13,6 +13,7 @@ from station.cli.lazy import LazyGroup
 COMMANDS = {
     "pattern": ("pattern", "pattern", "Write the printable noise chart."),
     "psf": ("psf", "psf", "Estimate a point spread function."),
+    "mtf": ("mtf", "mtf", "Measure a modulation transfer function."),
     "restore": ("restore", "restore", "Restore a sharp picture and depth from blurred photographs."),
     "rays": ("rays", "rays", "Remove the noise of a Monte Carlo render."),
     "batch": ("batch", "batch", "Estimate the PSFs of folders of photographs."),

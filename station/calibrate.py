@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Generic, Protocol, TypeVar
 
+from procedures.cross_check.estimate import check_edges
 from procedures.outcome import BadInput, Outcome, Refused, Verdict
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
@@ -79,6 +80,8 @@ def calibrate(
         start = time.perf_counter()
         outcome = estimate_psf(plane, chart, parameters, limit(plane))
         record = plane_record(plane, outcome, NUMBERS)
+        if outcome.value is not None:
+            record = replace(record, edges=check_edges(plane, outcome.value))
         return Calibrated(record, outcome.value, time.perf_counter() - start)
 
     yield from _side_by_side(estimate, list(frame.planes.values()), threads)

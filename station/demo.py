@@ -145,7 +145,7 @@ def run_demo(
         Of the camera's noise.
     """
     start = time.perf_counter()
-    chart, parameters = Source.from_seed(), PatternParameters(s=S)
+    chart, parameters = Source.from_seed().with_edges(), PatternParameters(s=S)
     with ResultFolder(out) as folder:
         folder.write(CHART, encode(Path(CHART), chart, Size(300.0)).data)
         progress(f"printed the chart, {chart.origin}")

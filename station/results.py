@@ -20,6 +20,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
+from procedures.cross_check.estimate import EdgeCheck
 from procedures.outcome import BadParameter, Quantity, Verdict
 from procedures.psf import Psf
 from procedures.quality import Quality
@@ -45,6 +46,7 @@ class PlaneRecord:
     inter_image : the kernel between two photographs, where the PSF comes from two
     quality : its curves, and the derived numbers with unit and uncertainty
     diagnostics : further numbers for those who look into a verdict
+    edges : the chart's slanted edges beside the PSF, where the photograph shows some
     """
 
     name: str
@@ -57,6 +59,7 @@ class PlaneRecord:
     diagnostics: Mapping[str, float] = field(default_factory=dict)
     inter_image: Array | None = None
     pitch: int = 1
+    edges: tuple[EdgeCheck, ...] = ()
 
 
 class ResultFolder:
@@ -121,7 +124,7 @@ class ResultFolder:
 
 
 _RESULT_FILE = re.compile(
-    r"(psf|covariance|mtf|inter_image|profile)_(R|G1|G2|B|Y)\.(npy|csv|png|fits|tiff)|numbers\.csv|report\.html"
+    r"(psf|covariance|mtf|edge|inter_image|profile)_(R|G1|G2|B|Y)\.(npy|csv|png|fits|tiff)|numbers\.csv|report\.html"
 )
 
 
@@ -210,9 +213,23 @@ def _plane_entry(plane: PlaneRecord) -> dict[str, Any]:
     entry.update(plane.numbers)
     if plane.quality is not None:
         entry.update({name: asdict(quantity) for name, quantity in plane.quality.numbers.items()})
+    if plane.edges:
+        entry["edges"] = [_edge_entry(edge) for edge in plane.edges]
     if plane.diagnostics:
         entry["diagnostics"] = dict(plane.diagnostics)
     return entry
+
+
+def _edge_entry(check: EdgeCheck) -> dict[str, Any]:
+    """MTF50 across one printed edge and by the PSF, all light counted in both, and how far they differ."""
+    return {
+        "orientation": check.edge.orientation,
+        "normal_deg": check.edge.normal_deg,
+        "mtf50_edge": asdict(check.by_edge),
+        "mtf50_psf": asdict(check.by_psf),
+        "difference": check.difference,
+        "sigmas": check.sigmas,
+    }
 
 
 def _npy(array: Array) -> bytes:

@@ -58,6 +58,12 @@ def tail_sum(k: int) -> float:
     return 1 + _beyond(k)
 
 
+def tail_density(k: int) -> float:
+    """c of the tail c / r^3 per sample of the s grid, whose sum within the reach is 1; r in samples."""
+    half = tail_border(k)
+    return float(tail_kernel(k)[half, 0] * half**3)
+
+
 def tail_spectrum(fx: Array, fy: Array, k: int) -> Array:
     """Spectrum of the whole tail, without an end, at frequencies (n,) in cycles per sample; `tail_sum` at 0.
 
@@ -77,5 +83,4 @@ def tail_spectrum(fx: Array, fy: Array, k: int) -> Array:
 def _beyond(k: int) -> float:
     """Energy of 1/r^3 beyond the reach over that within: 2 pi / R over the sum."""
     half = tail_border(k)
-    within = float(half**-3.0 / tail_kernel(k)[half, 0])  # the sum of 1/r^3, from the sample at r = R
-    return 2 * np.pi / half / within
+    return 2 * np.pi / half * tail_density(k)

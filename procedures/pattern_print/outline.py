@@ -13,26 +13,31 @@ from math import atan2
 import numpy as np
 import numpy.typing as npt
 
-from procedures.pattern import BLACK_BLOCKS, BLOCK, BLOCKS, Cells, triangles
+from procedures.pattern import BLACK_BLOCKS, BLOCK, BLOCKS, Cells, Chart, edge_areas, triangles
 
 Vertex = tuple[int, int]
 Edge = tuple[Vertex, Vertex]
 Loop = list[Vertex]
 
 
-def outline(cells: Cells) -> list[Loop]:
-    """Closed outlines of all that is black in the chart: cells, blocks and triangles as one shape.
+def outline(chart: Chart) -> list[Loop]:
+    """Closed outlines of all that is black in the chart: cells, blocks and triangles as one shape, then its edges.
 
     Each is a list of (x, y) in cells, whole numbers, without its first point again; black lies to the right of every
     edge, y down, so that the non-zero and the even-odd rule fill the same. Outlines meet in corners, never in edges.
     """
-    edges = set(_square_edges(_black_squares(cells)))
+    edges = set(_square_edges(_black_squares(chart.cells)))
     for start, end in _triangle_edges():
         if (end, start) in edges:
             edges.remove((end, start))
         else:
             edges.add((start, end))
-    return [_without_straight_points(loop) for loop in _chained(edges)]
+    return [_without_straight_points(loop) for loop in _chained(edges)] + _edge_loops(chart)
+
+
+def _edge_loops(chart: Chart) -> list[Loop]:
+    """The black areas of the slanted edges, where the chart has them."""
+    return [[(int(x), int(y)) for x, y in area] for area in edge_areas()] if chart.edges else []
 
 
 def _black_squares(cells: Cells) -> npt.NDArray[np.bool_]:

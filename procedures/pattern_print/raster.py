@@ -10,13 +10,15 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.outcome import BadParameter
-from procedures.pattern import BLACK_BLOCKS, BLOCK, BLOCKS, X_CORNER_BLOCKS, Chart
+from procedures.pattern import BLACK_BLOCKS, BLOCK, BLOCKS, X_CORNER_BLOCKS, Chart, edge_areas
 from procedures.pattern_print.sheet import QUIET_BLOCKS, Size
 from procedures.pattern_print.source import Source
 
 Bitmap = npt.NDArray[np.uint8]
 
 CELL_PIXELS = 8
+EDGE_BLOCKS = 2
+"""White and black beyond the margin, on the right and below, for slanted edges."""
 LARGEST_CELL_PIXELS = 32
 PNG_HEADER = 8 + 25
 """Bytes of a PNG's signature and of its IHDR, after which other chunks may stand."""
@@ -24,6 +26,8 @@ PNG_HEADER = 8 + 25
 
 def bitmap(chart: Chart, cell_pixels: int = CELL_PIXELS) -> Bitmap:
     """The chart in its margin of one block, white 255 and black 0, (384 cell_pixels, 384 cell_pixels).
+
+    With slanted edges there are two blocks more on the right and below.
 
     Raises
     ------
@@ -41,7 +45,23 @@ def bitmap(chart: Chart, cell_pixels: int = CELL_PIXELS) -> Bitmap:
         image[row * block :, column * block :][:block, :block] = 0
     for column, row in X_CORNER_BLOCKS:
         image[row * block :, column * block :][:block, :block] = _x_corner(block)
-    return np.pad(image, QUIET_BLOCKS * block, constant_values=255)
+    beyond = QUIET_BLOCKS + (EDGE_BLOCKS if chart.edges else 0)
+    image = np.pad(image, (QUIET_BLOCKS * block, beyond * block), constant_values=255)
+    return _with_edges(image, cell_pixels) if chart.edges else image
+
+
+def _with_edges(image: Bitmap, cell_pixels: int) -> Bitmap:
+    """The image with the black areas of the slanted edges: pixels whose centres lie in them."""
+    first = BLOCK * (1 + QUIET_BLOCKS)
+    for area in edge_areas():
+        corners = (area + first) * cell_pixels - 0.5
+        (x0, y0), (x1, y1) = np.floor(corners.min(axis=0)).astype(int), np.ceil(corners.max(axis=0)).astype(int) + 1
+        x, y = np.meshgrid(np.arange(x0, x1), np.arange(y0, y1))
+        inside = np.ones(x.shape, dtype=np.bool_)
+        for (ax, ay), (bx, by) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+            inside &= (bx - ax) * (y - ay) - (by - ay) * (x - ax) > 0
+        image[y0:y1, x0:x1][inside] = 0
+    return image
 
 
 def _x_corner(block: int) -> Bitmap:
@@ -62,7 +82,8 @@ def png(image: Bitmap, source: Source, size: Size) -> bytes:
     if not done:
         raise RuntimeError("OpenCV could not write a PNG")
     data = encoded.tobytes()
-    per_metre = round(1000 * image.shape[0] / size.framed_mm)
+    blocks = BLOCKS + 2 * QUIET_BLOCKS + (EDGE_BLOCKS if source.chart.edges else 0)
+    per_metre = round(1000 * image.shape[0] / (blocks * BLOCK * size.cell_mm))
     chunks = _chunk(b"pHYs", struct.pack(">IIB", per_metre, per_metre, 1))
     chunks += _chunk(b"tEXt", b"Description\0" + _words(source, size).encode("latin-1"))
     return data[:PNG_HEADER] + chunks + data[PNG_HEADER:]

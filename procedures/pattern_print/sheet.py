@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 
 from procedures.outcome import BadParameter
-from procedures.pattern import BLOCK, BLOCKS, CELLS
+from procedures.pattern import BLOCK, BLOCKS, CELLS, EDGE_END
 from procedures.pattern_print.caption import PANEL_HEIGHT_MM, PANEL_WIDTH_MM, caption
 from procedures.pattern_print.outline import Loop, outline
 from procedures.pattern_print.panel import Drawing, Panel
@@ -67,6 +67,11 @@ class Size:
         """Width of the chart with its white margin."""
         return self.whole_mm + 2 * self.quiet_mm
 
+    def drawn_mm(self, edges: bool) -> float:
+        """Width of the chart with its white margin, or with the slanted edges on one side of it."""
+        beyond = (EDGE_END - CELLS - BLOCK) * self.cell_mm + EDGE_MM
+        return self.whole_mm + self.quiet_mm + (beyond if edges else self.quiet_mm)
+
     def __str__(self) -> str:
         return (
             f"whole chart {self.whole_mm:.6g} mm (10 × 10 blocks), noise {self.noise_mm:.6g} mm "
@@ -110,9 +115,10 @@ class Sheet:
 
 def lay_out(source: Source, size: Size) -> Sheet:
     """The page of a chart: the smallest A sheet, upright, that holds chart, white margin and caption."""
-    paper, width, height = _paper(size)
-    scale = _type_scale(size, width, height)
-    slack = height - size.framed_mm - PANEL_HEIGHT_MM * scale - EDGE_MM
+    drawn = size.drawn_mm(source.chart.edges)
+    paper, width, height = _paper(size, drawn)
+    scale = _type_scale(size, width, height, drawn)
+    slack = height - drawn - PANEL_HEIGHT_MM * scale - EDGE_MM
     panel = Panel((width - PANEL_WIDTH_MM * scale) / 2, height - EDGE_MM - PANEL_HEIGHT_MM * scale, scale)
     titles = (_capital(source.origin), _capital(f"{size}"))
     return Sheet(
@@ -120,8 +126,8 @@ def lay_out(source: Source, size: Size) -> Sheet:
         width_mm=width,
         height_mm=height,
         size=size,
-        corner_mm=((width - size.whole_mm) / 2, size.quiet_mm + slack / 2),
-        black=outline(source.chart.cells),
+        corner_mm=((width - drawn) / 2 + size.quiet_mm, size.quiet_mm + slack / 2),
+        black=outline(source.chart),
         caption=caption(panel, titles, size.noise_mm),
         title=f"Noise chart, {source.origin}, {size}",
     )
@@ -131,20 +137,20 @@ def _capital(words: str) -> str:
     return words[:1].upper() + words[1:]
 
 
-def _paper(size: Size) -> tuple[str, float, float]:
-    """Name, width and height in mm of the sheet."""
-    width = max(size.framed_mm, PANEL_WIDTH_MM + 2 * EDGE_MM)
-    height = size.framed_mm + PANEL_HEIGHT_MM + EDGE_MM
+def _paper(size: Size, drawn_mm: float) -> tuple[str, float, float]:
+    """Name, width and height in mm of the sheet that holds a square of so many millimetres and the caption."""
+    width = max(drawn_mm, PANEL_WIDTH_MM + 2 * EDGE_MM)
+    height = drawn_mm + PANEL_HEIGHT_MM + EDGE_MM
     for name, paper_width, paper_height in PAPERS_MM:
         if width <= paper_width and height <= paper_height:
             return name, paper_width, paper_height
     # no paper is this large: half the chart's width is enough for the caption
     scale = max(1.0, min(LARGEST_TYPE, size.whole_mm / 2 / PANEL_WIDTH_MM))
-    return "special size", math.ceil(width), math.ceil(size.framed_mm + PANEL_HEIGHT_MM * scale + EDGE_MM)
+    return "special size", math.ceil(width), math.ceil(drawn_mm + PANEL_HEIGHT_MM * scale + EDGE_MM)
 
 
-def _type_scale(size: Size, width: float, height: float) -> float:
+def _type_scale(size: Size, width: float, height: float, drawn_mm: float) -> float:
     """How much larger than on A4 the caption may be: no wider than the chart, and inside the paper."""
-    room = (height - size.framed_mm - EDGE_MM) / PANEL_HEIGHT_MM
+    room = (height - drawn_mm - EDGE_MM) / PANEL_HEIGHT_MM
     across = min(size.whole_mm, width - 2 * EDGE_MM) / PANEL_WIDTH_MM
     return max(1.0, min(LARGEST_TYPE, room, across))

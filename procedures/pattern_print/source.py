@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -28,6 +28,10 @@ class Source:
     def from_seed(cls, seed: int = DEFAULT_SEED) -> Source:
         """The chart of a seed."""
         return cls(Chart.from_seed(seed), f"seed {seed}")
+
+    def with_edges(self) -> Source:
+        """The same chart with two slanted edges beside it."""
+        return replace(self, chart=replace(self.chart, edges=True))
 
     @classmethod
     def from_file(cls, path: Path) -> Source:

@@ -24,7 +24,7 @@ from procedures.pattern_psf.detection import find_chart
 from procedures.pattern_psf.gamma import gamma, gamma_bound
 from procedures.pattern_psf.observation import noise_window, observe
 from procedures.pattern_psf.radiometry import Light, measure_light
-from procedures.pattern_psf.refine import Fit, refine, without_outliers
+from procedures.pattern_psf.refine import GEOMETRY, TAIL, Fit, refine, without_outliers
 from procedures.pattern_psf.registration import (
     Registration,
     block_size_px,
@@ -33,6 +33,7 @@ from procedures.pattern_psf.registration import (
     register_marks,
 )
 from procedures.pattern_psf.trust import Diagnostics, diagnose, judge
+from procedures.pattern_psf.whole import Tail
 from procedures.psf import Psf, Sampling
 from procedures.quality import Diffraction, Quality, assess
 from procedures.raw import Plane
@@ -64,6 +65,8 @@ class PatternPsf:
         Number of samples it was estimated from.
     diffraction : Diffraction or None
         What limits the plane, where it is known.
+    tail : Tail
+        What the support cuts off.
     gamma, gamma_bound : float
         Noise amplification sqrt(sum 1 / sigma_i^2) of the photograph, and the smallest that any chart could have.
     residual_std : float
@@ -86,6 +89,7 @@ class PatternPsf:
     psf: Psf
     n: int
     diffraction: Diffraction | None
+    tail: Tail
     gamma: float
     gamma_bound: float
     residual_std: float
@@ -247,6 +251,7 @@ def _result(fit: Fit, psf: Psf, d: Diagnostics, corners: Array, diffraction: Dif
         psf=psf,
         n=m,
         diffraction=diffraction,
+        tail=_tail(fit),
         gamma=amplification,
         gamma_bound=gamma_bound(m, psf.k**2),
         residual_std=fit.residual_std,
@@ -258,6 +263,23 @@ def _result(fit: Fit, psf: Psf, d: Diagnostics, corners: Array, diffraction: Dif
         residual=residual,
         residual_origin=origin,
     )
+
+
+def _tail(fit: Fit) -> Tail:
+    """The tail's energy beside a PSF of sum 1, with its variance and its covariance with that PSF."""
+    equations, total = fit.equations, float(fit.h.sum())
+    energy = float(fit.light[TAIL]) / total
+    # given h, the nuisance parameters are linear in it: t = (Z'Z)^-1 (Z'r - Z'A h)
+    back = np.linalg.solve(equations.ZZ, np.eye(len(equations.ZZ))[GEOMETRY + TAIL])
+    C = inverse(equations.G)
+    with_h = -C @ (equations.AZ @ back)
+    own = float(back[GEOMETRY + TAIL] - with_h @ (equations.AZ @ back))
+    # both over the sum of h: d(t / S) = dt / S - t / S^2 sum(dh), d(h / S) = (I - h 1' / S) dh / S
+    of_ratio = with_h - energy * C.sum(axis=1)
+    covariance = (of_ratio - fit.h / total * of_ratio.sum()) / total**2
+    variance = (own - 2 * energy * with_h.sum() + energy**2 * C.sum()) / total**2
+    scale = fit.residual_std**2
+    return Tail(energy, covariance * scale, float(variance) * scale)
 
 
 def _residual_picture(fit: Fit) -> tuple[Array, tuple[int, int]]:

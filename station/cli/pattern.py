@@ -18,10 +18,11 @@ import click
 @click.option(
     "--bits", type=click.Path(path_type=Path), metavar="FILE.pgm", help="Cells from a black and white 256x256 image."
 )
+@click.option("--edges", is_flag=True, help="Two slanted edges beside the chart: each calibration is cross-checked.")
 @click.option(
     "--cell-pixels", type=int, default=8, show_default=True, help="Pixels along a cell, for PNG and PGM: 1 to 32."
 )
-def pattern(out: Path, width_mm: float, seed: int | None, bits: Path | None, cell_pixels: int) -> None:
+def pattern(out: Path, width_mm: float, seed: int | None, bits: Path | None, edges: bool, cell_pixels: int) -> None:
     """Write the noise chart to OUT.
 
     PDF and SVG are a page with rulers, advice and distances, to be printed at 100 %; PNG and PGM are the chart alone
@@ -39,6 +40,7 @@ def pattern(out: Path, width_mm: float, seed: int | None, bits: Path | None, cel
     check_ending(out)
     size = Size(width_mm)
     source = Source.from_file(bits) if bits else Source.from_seed(DEFAULT_SEED if seed is None else seed)
+    source = source.with_edges() if edges else source
     encoded = encode(out, source, size, cell_pixels)
     write_whole(out, encoded.data)
     click.echo(f"{out}: {encoded.extent}; {source.origin}; {size}", err=True)

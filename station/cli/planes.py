@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from station.calibrate import Calibrated
     from station.results import PlaneRecord, ResultFolder
 
-_LEVELS = {"pass": "info", "doubtful": "warning", "refused": "error"}
+LEVELS = {"pass": "info", "doubtful": "warning", "refused": "error"}
+"""Of a log line, by verdict."""
 OPTICS = ("pixel_pitch_um", "f_number", "wavelength_nm")
 """Options that describe the diffraction limit."""
 
@@ -118,7 +119,7 @@ def _tell(record: PlaneRecord, duration_s: float) -> None:
     log(
         "plane",
         _sentence(record),
-        level=_LEVELS[verdict],
+        level=LEVELS[verdict],
         remedy=record.remedy,
         plane=record.name,
         verdict=verdict,

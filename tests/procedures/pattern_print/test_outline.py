@@ -12,7 +12,7 @@ from .filling import winding
 
 def test_area_of_the_outlines_is_that_of_all_black_parts(source: Source) -> None:
     area = 0.0
-    for loop in outline(source.chart.cells):
+    for loop in outline(source.chart):
         x, y = np.array(loop).T
         area += (x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
     black_cells = np.count_nonzero(source.chart.cells == 0)
@@ -22,7 +22,7 @@ def test_area_of_the_outlines_is_that_of_all_black_parts(source: Source) -> None
 
 def test_no_edge_is_passed_twice_so_that_no_seam_can_show(source: Source) -> None:
     seen = set()
-    for loop in outline(source.chart.cells):
+    for loop in outline(source.chart):
         for (x0, y0), (x1, y1) in zip(loop, [*loop[1:], loop[0]], strict=True):
             steps = max(abs(x1 - x0), abs(y1 - y0))
             dx, dy = (x1 - x0) // steps, (y1 - y0) // steps
@@ -36,7 +36,7 @@ def test_no_edge_is_passed_twice_so_that_no_seam_can_show(source: Source) -> Non
 def test_non_zero_and_even_odd_rule_fill_the_chart_alike(source: Source) -> None:
     per_cell = 2
     image = bitmap(source.chart, per_cell)
-    inside = winding(outline(source.chart.cells), -64 + 0.5 / per_cell, 1 / per_cell, len(image))
+    inside = winding(outline(source.chart), -64 + 0.5 / per_cell, 1 / per_cell, len(image))
     # pixels whose centre lies on a triangle's side belong to neither
     y, x = np.indices(image.shape) % (per_cell * BLOCK) - (per_cell * BLOCK - 1) / 2
     decided = np.abs(x) != np.abs(y)

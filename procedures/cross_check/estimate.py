@@ -1,0 +1,131 @@
+"""The chart's own slanted edges: MTF50 across them beside that of the PSF, from one frame."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.cross_check.surroundings import without_surroundings
+from procedures.outcome import Quantity
+from procedures.pattern import BLOCK, CELLS, EDGE_END, EDGES
+from procedures.pattern_psf.estimate import PatternPsf
+from procedures.pattern_psf.whole import mtf50_along
+from procedures.raw import Plane
+from procedures.slanted_edge.estimate import EdgeMtf, measure
+from procedures.slanted_edge.find import strip_along
+from procedures.slanted_edge.strip import LEAST_SIDE, Line, Strip
+
+Array = npt.NDArray[np.float64]
+
+CLEAR_PX = 2.5
+"""Pixels that are left out beside everything else that is printed: the PSF reaches over its border."""
+LEAST_CONTRAST = 0.4
+"""Of the chart's: what is fainter is no printed edge, but what lies behind a chart without one."""
+WIDEST_BLOCKS = 1.8
+"""The plains' width, where they are widest."""
+ASIDE_CELLS, ASIDE_PX = 3.0, 3.0
+"""How far from where the chart puts it an edge may be found: what the map is off, out there beyond its marks."""
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeCheck:
+    """One printed edge: MTF50 across it, and of the PSF along its normal, all light counted in both.
+
+    Attributes
+    ----------
+    edge : EdgeMtf
+    by_edge, by_psf : Quantity
+        In cycles per pixel of the plane.
+    """
+
+    edge: EdgeMtf
+    by_edge: Quantity
+    by_psf: Quantity
+
+    @property
+    def difference(self) -> float:
+        """By the PSF less by the edge, over the latter."""
+        return self.by_psf.value / self.by_edge.value - 1
+
+    @property
+    def sigmas(self) -> float:
+        """The difference in its standard errors."""
+        spread = math.hypot(self.by_psf.uncertainty, self.by_edge.uncertainty)
+        return (self.by_psf.value - self.by_edge.value) / spread
+
+
+def check_edges(plane: Plane, found: PatternPsf) -> tuple[EdgeCheck, ...]:
+    """The printed edges that the photograph shows, each beside the PSF; none where the chart has none.
+
+    Whether they were printed is seen in the photograph: at their place there must be the chart's own contrast, in
+    their direction, with white on the chart's side.
+    """
+    found_edges = [edge for i in range(len(EDGES)) if (edge := _measured(plane, found, i)) is not None]
+    pairs = [(edge, mtf50_along(found.psf, found.tail, edge.normal_deg, found.n)) for edge in found_edges]
+    return tuple(EdgeCheck(edge, edge.numbers["mtf50"], by_psf) for edge, by_psf in pairs if by_psf is not None)
+
+
+def _measured(plane: Plane, found: PatternPsf, i: int) -> EdgeMtf | None:
+    """The MTF across one of the chart's edges, None where it is not to be seen or cannot be measured."""
+    placed = _strip(plane, found, i)
+    if placed is None or not _shows_edge(*placed, found):
+        return None
+    strip, line = placed
+    first = measure(strip, line).value
+    if first is None:
+        return None
+    density = found.tail.density_px(found.psf)
+    alone = without_surroundings(plane.samples, strip, first.course, density)
+    # the tail's line spread function is 2 A / d^2, the edge's approach to its plains 2 A / d
+    edge = measure(replace(strip, samples=alone, tail_px=2 * density), line).value
+    if edge is None or "mtf50" not in edge.numbers:
+        return None
+    cells = found.registration.to_pattern(edge.course)
+    across, along = cells[:, i], cells[:, 1 - i]
+    start, end = EDGES[i]
+    expected = start[i] + (end - start)[i] * along / CELLS
+    aside = max(ASIDE_CELLS, ASIDE_PX / _cell_px(found))
+    return edge if np.abs(across - expected).max() < aside else None
+
+
+def _cell_px(found: PatternPsf) -> float:
+    """Side of a cell in pixels of the plane."""
+    return 1 / math.sqrt(abs(np.linalg.det(found.registration.jacobian())))
+
+
+def _strip(plane: Plane, found: PatternPsf, i: int) -> tuple[Strip, Line] | None:
+    """Where the map puts an edge: its strip, all else that is printed masked, and the line; None outside the frame."""
+    registration = found.registration
+    cell_px = _cell_px(found)
+    clear = CLEAR_PX / cell_px
+    start, end = EDGES[i]
+    inset = (end - start) / np.linalg.norm(end - start) * clear
+    ends = registration.to_sensor(np.array([start + inset, end - inset]))
+    limit = np.array(plane.samples.shape[::-1]) - 1
+    if not (np.isfinite(ends).all() and (ends > CLEAR_PX).all() and (ends < limit - CLEAR_PX).all()):
+        return None
+    reach = WIDEST_BLOCKS * BLOCK * cell_px
+    strip, line = strip_along(plane.samples, ends[0], ends[1], reach)
+    if min(strip.samples.shape) < LEAST_SIDE:
+        return None
+    roi = strip.roi
+    x, y = np.meshgrid(roi.x + np.arange(roi.width), roi.y + np.arange(roi.height))
+    cells = registration.to_pattern(np.column_stack([x.ravel(), y.ravel()]).astype(np.float64))
+    across, along = cells[:, i], cells[:, 1 - i]
+    valid = (across > CELLS + BLOCK + clear) & (across < EDGE_END - clear) & (along > clear) & (along < CELLS - clear)
+    shaped = valid.reshape(roi.height, roi.width)
+    near = replace(line, near_px=max(ASIDE_PX, ASIDE_CELLS * cell_px))
+    return replace(strip, valid=shaped.T if strip.turned else shaped, reach_px=reach), near
+
+
+def _shows_edge(strip: Strip, line: Line, found: PatternPsf) -> bool:
+    """Whether there are two levels as far apart as the chart's black and white."""
+    d = np.arange(strip.samples.shape[1]) - line.middle - line.slope * strip.along[:, None]
+    sides = [strip.samples[strip.usable & (d * sign > CLEAR_PX)] for sign in (-1, 1)]
+    if min(map(len, sides)) < LEAST_SIDE**2 / 2:
+        return False
+    contrast = abs(float(np.median(sides[0]) - np.median(sides[1])))
+    return contrast > LEAST_CONTRAST * found.diagnostics["contrast"]

@@ -1,0 +1,186 @@
+"""Where an edge runs: rows' centroids of the derivative, a polynomial through them of the order the data ask for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import gaussian_filter1d, uniform_filter1d
+
+from procedures.outcome import Refused
+from procedures.slanted_edge.strip import Line, Strip
+
+Array = npt.NDArray[np.float64]
+
+HIGHEST_ORDER = 5
+"""Of the polynomial, as in ISO 12233:2023."""
+SMOOTHING_PX = 1.5
+"""Standard deviation of the derivative that sees the edge first."""
+ROUNDS = 4
+NO_EDGE = "give a region with one straight edge between two plain areas that crosses it from side to side"
+
+
+@dataclass(frozen=True)
+class Course:
+    """An edge's course: x = polynomial of the place along it.
+
+    Attributes
+    ----------
+    coefficients : (order + 1,) float64
+        Of t = place / half, highest power first, in pixels.
+    half : float
+        Half the strip's length, in pixels.
+    rising : bool
+        Whether it is brighter at larger x.
+    scatter_px : float
+        Standard deviation of the rows' centroids about it.
+    """
+
+    coefficients: Array
+    half: float
+    rising: bool
+    scatter_px: float
+
+    @property
+    def order(self) -> int:
+        """Of the polynomial."""
+        return len(self.coefficients) - 1
+
+    def at(self, along: Array) -> Array:
+        """x of the edge at places along it."""
+        return np.asarray(np.polyval(self.coefficients, along / self.half))
+
+    def slope(self, along: Array) -> Array:
+        """dx / d(along), at places along it."""
+        return np.asarray(np.polyval(np.polyder(self.coefficients), along / self.half) / self.half)
+
+    @property
+    def mean_slope(self) -> float:
+        """Slope of the chord from end to end."""
+        ends = self.at(np.array([-self.half, self.half]))
+        return float((ends[1] - ends[0]) / (2 * self.half))
+
+    def distances(self, strip: Strip) -> Array:
+        """Distance of every sample from the edge along its normal, positive on the bright side, (n, m)."""
+        along = strip.along
+        x = np.arange(strip.samples.shape[1]) - self.at(along)[:, None]
+        normal = 1 / np.hypot(1, self.slope(along))
+        return np.asarray(x * normal[:, None] * (1 if self.rising else -1))
+
+
+def find_course(strip: Strip, start: Line | None = None) -> Course:
+    """The edge's course in a strip, near a line where one is known.
+
+    Raises
+    ------
+    Refused
+        If there is no edge, or it leaves the strip.
+
+    References
+    ----------
+    ISO 12233:2023, annex D: centroids of the windowed derivative, a polynomial fitted to them, repeated.
+    """
+    line, rising, reach = _first_line(strip, start)
+    half = max((len(strip.samples) - 1) / 2, 1.0)
+    course = Course(np.array([line.slope * half, line.middle]), half, rising, np.inf)
+    for _ in range(ROUNDS):
+        course = _polynomial(strip.along, *_centroids(strip, course, reach), course)
+    _check_inside(strip, course)
+    return course
+
+
+def _first_line(strip: Strip, start: Line | None) -> tuple[Line, bool, float]:
+    """A line along the strongest smoothed derivative, its sign, and the reach that its width asks for."""
+    smooth = gaussian_filter1d(uniform_filter1d(strip.samples, 5, axis=0), SMOOTHING_PX, axis=1, order=1)
+    x, along = np.arange(smooth.shape[1]), strip.along[:, None]
+    rim = int(2 * SMOOTHING_PX)
+    smooth[:, :rim] = smooth[:, -rim:] = 0
+    near = np.ones(smooth.shape, dtype=bool)
+    if start is not None:
+        near = np.abs(x - start.middle - start.slope * along) < start.near_px
+    total = np.sum(np.where(near, smooth, 0) ** 3)
+    signed = smooth if total > 0 else -smooth
+    strength = np.where(near, signed, 0)
+    top = float(np.quantile(strength.max(axis=1), 0.5))
+    if top <= 0:
+        raise Refused("there is no edge in the region: it is of one brightness", NO_EDGE)
+    weight = np.maximum(strength - 0.3 * top, 0) ** 2
+    line = start or _weighted_line(weight, x, along)
+    reach = start.near_px if start else max(4.0, 0.15 * x.size)
+    for _ in range(6):
+        band = np.abs(x - line.middle - line.slope * along) < reach
+        if not (weight * band).any():
+            raise Refused("there is no edge in the region: no line can be laid through its gradients", NO_EDGE)
+        line = _weighted_line(weight * band, x, along)
+    return line, bool(total > 0), _reach(strip, line)
+
+
+def _weighted_line(weight: Array, x: Array, along: Array) -> Line:
+    """x = middle + slope along, by weighted least squares."""
+    total = weight.sum()
+    mean_x, mean_t = float((weight * x).sum() / total), float((weight * along).sum() / total)
+    spread = float((weight * (along - mean_t) ** 2).sum())
+    slope = float((weight * (along - mean_t) * (x - mean_x)).sum()) / spread if spread > 0 else 0.0
+    return Line(mean_x - slope * mean_t, slope)
+
+
+def _reach(strip: Strip, line: Line) -> float:
+    """How far from the edge the rows' derivative is looked at: twice its full width at half maximum, at least 4."""
+    x = np.arange(strip.samples.shape[1]) - line.middle - line.slope * strip.along[:, None]
+    inside = strip.usable & (np.abs(x) < strip.reach_px)
+    bins = np.floor(2 * x[inside]).astype(int)
+    bins -= bins.min()
+    count = np.bincount(bins)
+    profile = np.bincount(bins, strip.samples[inside]) / np.maximum(count, 1)
+    steps = np.abs(np.diff(uniform_filter1d(profile, 3)))[:-1]
+    wide = np.count_nonzero(steps > 0.5 * steps.max()) / 2
+    return float(np.clip(2 * wide, 4, max(strip.samples.shape[1] / 3, 4)))
+
+
+def _centroids(strip: Strip, course: Course, reach: float) -> tuple[Array, npt.NDArray[np.bool_]]:
+    """Of each row the centroid of its derivative under a Tukey window about the course, and whether it has one."""
+    expected = course.at(strip.along)[:, None]
+    steps = np.diff(strip.samples, axis=1) * (1 if course.rising else -1)
+    x = np.arange(steps.shape[1]) + 0.5
+    weight = tukey(x - expected, reach / 2, reach) * steps
+    total = weight.sum(axis=1)
+    seen = (expected[:, 0] > 0) & (expected[:, 0] < strip.samples.shape[1] - 1) & (total > 0)
+    typical = np.median(total[seen]) if seen.any() else 0.0
+    seen &= total > 0.3 * typical
+    return (weight * x).sum(axis=1) / np.where(seen, total, 1), seen
+
+
+def tukey(x: Array, flat: float, end: float) -> Array:
+    """Tapered cosine window: 1 up to |x| = flat, 0 from |x| = end on."""
+    share = np.clip((np.abs(x) - flat) / (end - flat), 0, 1)
+    return np.asarray(0.5 + 0.5 * np.cos(np.pi * share))
+
+
+def _polynomial(along: Array, centroid: Array, seen: npt.NDArray[np.bool_], course: Course) -> Course:
+    """The polynomial through the rows' centroids whose order Schwarz's criterion prefers, outliers left out."""
+    if np.count_nonzero(seen) < HIGHEST_ORDER + 3:
+        raise Refused("there is no edge in the region: too few of its rows show one", NO_EDGE)
+    t, x = along[seen] / course.half, centroid[seen]
+    first = x - np.polyval(np.polyfit(t, x, min(3, HIGHEST_ORDER)), t)
+    kept = np.abs(first) < 4 * 1.4826 * np.median(np.abs(first)) + 1e-3
+    t, x = t[kept], x[kept]
+    best, least = course, np.inf
+    for order in range(1, HIGHEST_ORDER + 1):
+        coefficients = np.polyfit(t, x, order)
+        square = float(np.sum((x - np.polyval(coefficients, t)) ** 2)) + 1e-12
+        criterion = len(x) * np.log(square) + (order + 1) * np.log(len(x))
+        if criterion < least:
+            scatter = float(np.sqrt(square / max(len(x) - order - 1, 1)))
+            best, least = Course(coefficients, course.half, course.rising, scatter), criterion
+    return best
+
+
+def _check_inside(strip: Strip, course: Course) -> None:
+    x = course.at(strip.along)
+    outside = np.mean((x < 2) | (x > strip.samples.shape[1] - 3))
+    if outside > 0:
+        raise Refused(
+            f"the edge must cross the region from side to side; it leaves it along {outside:.0%} of its length",
+            "give a region that the edge crosses, with plain areas on both sides",
+        )

@@ -1,0 +1,219 @@
+"""The edge spread function: samples by their distance from the edge, light and tail fitted, four bins to a pixel.
+
+A lens's spread function falls as 1/r^3, so its line spread function as 1/d^2 and the edge's approach to its plains as
+1/d. That, and the light's slope, is fitted beyond the core: no window can hold the tail, and cut off it would raise
+the whole MTF.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.slanted_edge.course import Course
+from procedures.slanted_edge.strip import Strip
+
+Array = npt.NDArray[np.float64]
+
+BINS = 4
+"""Bins to a pixel: ISO 12233:2023."""
+FLAT_WIDTHS, END_WIDTHS = 1.2, 2.6
+"""Where the window begins to fall, and where it ends, in full widths at half maximum of the line spread function."""
+LEAST_FLAT_PX = 2.0
+LEAST_FAR_PX = 3.0
+"""Of the plains there is at least so much to fit them by."""
+LIGHT_UNITS: Array = np.array([1, 1, 1, 1 / 20, 1 / 20])
+"""Of the plains' numbers: dark level, bright level, tail, relative slopes of the light across and along, per 20 pixels
+so that all are of one size."""
+
+
+@dataclass(frozen=True)
+class Profile:
+    """The samples of an edge by bins, kept apart by row so that rows can be drawn anew.
+
+    Attributes
+    ----------
+    sums, counts : (n, 2 K) float64
+        Of each row the sum of its values in every bin, 0 dark and 1 bright, and their number. The bins' centres are
+        at `centres`, and every value has been moved there along the spread function's own slope.
+    light_normal : (n, 5, 5) float64, light_right : (n, 5) float64
+        Each row's part of the normal equations of the plains.
+    flat_px, end_px : float
+        The window's.
+    width_px : float
+        Full width at half maximum of the line spread function, roughly.
+    contrast, level : float
+        Bright less dark, and bright, in samples of the plane.
+    noise : float
+        Standard deviation of the samples about the profile, in samples of the plane.
+    unevenness : float
+        Of the plains beyond the window, without what differs between neighbours, in samples of the plane.
+    tail, known_tail : float
+        a of the approach a/d to the plains, and what of it was not fitted.
+    gradient : float
+        Relative change of the light per pixel across the edge, taken out of the values.
+    samples : int
+        Samples under the window.
+    """
+
+    sums: Array
+    counts: Array
+    light_normal: Array
+    light_right: Array
+    flat_px: float
+    end_px: float
+    width_px: float
+    contrast: float
+    level: float
+    noise: float
+    unevenness: float
+    tail: float
+    known_tail: float
+    gradient: float
+    samples: int
+
+    @property
+    def centres(self) -> Array:
+        """The bins', in pixels from the edge, (2 K,)."""
+        K = self.sums.shape[1] // 2
+        return (np.arange(-K, K) + 0.5) / BINS
+
+    @property
+    def esf(self) -> Array:
+        """The edge spread function, (2 K,)."""
+        return filled(self.sums.sum(axis=0), self.counts.sum(axis=0))
+
+    @property
+    def empty(self) -> float:
+        """Share of the window's bins that no sample fell into."""
+        inside = np.abs(self.centres) < self.end_px
+        return float(np.mean(self.counts.sum(axis=0)[inside] == 0))
+
+
+def filled(sums: Array, counts: Array) -> Array:
+    """Means of bins (..., b), interpolated where there is nothing in them."""
+    means = np.asarray(sums / np.where(counts > 0, counts, 1))
+    known = np.reshape(counts > 0, (-1, counts.shape[-1])).all(axis=0)
+    if known.all() or not known.any():
+        return means
+    place = np.arange(counts.shape[-1])
+    rows = means.reshape(-1, counts.shape[-1])
+    for row in rows:
+        row[~known] = np.interp(place[~known], place[known], row[known])
+    return rows.reshape(means.shape)
+
+
+def edge_profile(strip: Strip, course: Course, widening: float = 1.0) -> Profile:
+    """The spread function of an edge whose course is known, through a window so many times wider than usual."""
+    d = course.distances(strip)
+    inside = (np.abs(d) < strip.reach_px) & strip.usable
+    reach = float(min(np.max(d[inside]), -np.min(d[inside])))
+    width = _width(strip.samples[inside], d[inside], reach)
+    flat = min(widening * max(FLAT_WIDTHS * width, LEAST_FLAT_PX), 0.5 * reach)
+    end = min(widening * max(END_WIDTHS * width, 2 * LEAST_FLAT_PX), reach - 1)
+    far = inside & (np.abs(d) > min((flat + end) / 2, reach - LEAST_FAR_PX))
+    light, normal, right = _plains(strip, d, far)
+    value = (strip.samples / _slope(light, strip, d) - light[0]) / (light[1] - light[0])
+    used = inside & (np.abs(d) < end + 1)
+    first = _binned(value, d, used, end)
+    profile = Profile(
+        *first, normal, right, flat, end, width, float(light[1] - light[0]), float(light[1]), 0.0, 0.0,
+        float(light[2] / (light[1] - light[0])), strip.tail_px or 0.0, float(light[3]), int(used.sum()),
+    )  # fmt: skip
+    for _ in range(2):
+        sums, counts = _binned(_moved(value, d, profile), d, used, end)
+        profile = replace(profile, sums=sums, counts=counts)
+    left = value - np.interp(d, profile.centres, profile.esf)
+    plain = value - (d > 0) + profile.tail / np.where(far, d, 1.0)
+    return replace(
+        profile,
+        noise=float(np.std(left[used & (np.abs(d) < end)])) * abs(profile.contrast),
+        unevenness=_unevenness(plain, far) * abs(profile.contrast),
+    )
+
+
+def _unevenness(left: Array, far: npt.NDArray[np.bool_]) -> float:
+    """Standard deviation of what neighbours along the edge share: noise, which they do not, adds nothing."""
+    both = far[1:] & far[:-1]
+    shared = float(np.mean(left[1:][both] * left[:-1][both])) if both.any() else 0.0
+    return float(np.sqrt(max(shared, 0.0)))
+
+
+def _width(samples: Array, d: Array, reach: float) -> float:
+    """Full width at half maximum of the line spread function, as a Gaussian's whose quarters lie as far apart."""
+    K = int(reach * BINS)
+    bins = np.floor(d * BINS).astype(int) + K
+    inside = (bins >= 0) & (bins < 2 * K)
+    count = np.bincount(bins[inside], minlength=2 * K).astype(np.float64)
+    esf = filled(np.bincount(bins[inside], samples[inside], minlength=2 * K).astype(np.float64), count)
+    x = (np.arange(-K, K) + 0.5) / BINS
+    dark, bright = np.median(esf[x < -0.5 * reach]), np.median(esf[x > 0.5 * reach])
+    smooth = np.convolve(np.pad(esf, 2, mode="edge"), np.ones(5) / 5, mode="valid")
+    level = (smooth - dark) / (bright - dark) if bright != dark else np.zeros_like(smooth)
+    low, high = _last_below(x, level, 0.25), -_last_below(-x[::-1], 1 - level[::-1], 0.25)
+    # the quartiles of a Gaussian lie 1.349 standard deviations apart; the smoothing's 1.25 pixels add a little
+    return 2.355 * float(np.sqrt(max((max(high - low, 0.0) / 1.349) ** 2 - 0.13, 0.02)))
+
+
+def _last_below(x: Array, level: Array, share: float) -> float:
+    """Where a rising curve is under a share for the last time before it stays above, in its inner half."""
+    below = np.flatnonzero((level < share) & (np.abs(x) < 0.5 * x[-1]))
+    if not len(below):
+        return float(-0.5 * x[-1])
+    i = below[-1]
+    return float(x[i] + (share - level[i]) / max(level[i + 1] - level[i], 1e-9) * (x[i + 1] - x[i]))
+
+
+def _plains(strip: Strip, d: Array, far: npt.NDArray[np.bool_]) -> tuple[Array, Array, Array]:
+    """Levels, tail and light's slopes (5,), by least squares over the samples beyond the core, and each row's part."""
+    bright = d > 0
+    light = np.array([strip.samples[far & ~bright].mean(), strip.samples[far & bright].mean(), 0, 0, 0.0])
+    along = np.broadcast_to(strip.along[:, None], d.shape)
+    known = 0.0 if strip.tail_px is None else strip.tail_px
+    approach = -1 / np.where(far, d, 1.0)
+    for _ in range(3):
+        base = np.where(bright, light[1], light[0])
+        slopes = base * d * LIGHT_UNITS[3], base * along * LIGHT_UNITS[4]
+        free = approach if strip.tail_px is None else np.zeros_like(d)
+        columns = np.stack([~bright, bright, free, *slopes], axis=-1) * far[..., None]
+        normal = np.einsum("nmi,nmj->nij", columns, columns)
+        right = np.einsum("nmi,nm->ni", columns, strip.samples - known * (light[1] - light[0]) * approach)
+        light = solve_light(normal.sum(axis=0), right.sum(axis=0))
+    light[2] += known * (light[1] - light[0])
+    return light, normal, right
+
+
+def solve_light(normal: Array, right: Array) -> Array:
+    """The plains' numbers (..., 5) of normal equations, held by a little where a narrow strip leaves them open."""
+    weight = np.einsum("...ii->...", normal[..., :2, :2])[..., None, None]
+    held = normal + 1e-9 * weight * np.eye(len(LIGHT_UNITS))
+    return np.asarray(np.linalg.solve(held, right[..., None])[..., 0] * LIGHT_UNITS)
+
+
+def _slope(light: Array, strip: Strip, d: Array) -> Array:
+    return np.asarray(1 + light[3] * d + light[4] * strip.along[:, None])
+
+
+def _binned(value: Array, d: Array, used: npt.NDArray[np.bool_], end: float) -> tuple[Array, Array]:
+    """Sums and numbers of the values in each row's bins, (n, 2 K)."""
+    K = int(np.ceil(end * BINS)) + 1
+    bins = np.floor(d * BINS).astype(int) + K
+    inside = used & (bins >= 0) & (bins < 2 * K)
+    n = len(value)
+    flat = (np.arange(n)[:, None] * 2 * K + bins)[inside]
+    sums, counts = (
+        np.bincount(flat, weight, n * 2 * K).astype(np.float64).reshape(n, 2 * K)
+        for weight in (value[inside], np.ones(len(flat)))
+    )
+    return sums, counts
+
+
+def _moved(value: Array, d: Array, profile: Profile) -> Array:
+    """Values moved along the spread function to their bins' centres: so that a bin's mean is a value, no average."""
+    centre = (np.floor(d * BINS) + 0.5) / BINS
+    x = profile.centres
+    between = (x[1:] + x[:-1]) / 2
+    steepness = np.interp((d + centre) / 2, between, np.diff(profile.esf) * BINS)
+    return np.asarray(value + steepness * (centre - d))

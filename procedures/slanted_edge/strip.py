@@ -1,0 +1,119 @@
+"""Where an edge is looked at: a rectangle of a plane, turned so that the edge runs along its rows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.outcome import BadParameter
+
+Array = npt.NDArray[np.float64]
+Array32 = npt.NDArray[np.float32]
+
+LEAST_SIDE = 8
+"""Pixels along a side below which a rectangle holds no edge and its two plains."""
+
+
+@dataclass(frozen=True)
+class Roi:
+    """A rectangle of a plane: its first pixel (x, y), its size, in pixels of the plane."""
+
+    x: int
+    y: int
+    width: int
+    height: int
+
+    @classmethod
+    def whole(cls, samples: Array32) -> Roi:
+        """All of a plane."""
+        rows, columns = samples.shape
+        return cls(0, 0, columns, rows)
+
+    def cut(self, samples: Array32) -> Array:
+        """Its samples, (height, width).
+
+        Raises
+        ------
+        BadParameter
+            If it does not lie in the plane, or is smaller than 8 x 8.
+        """
+        rows, columns = samples.shape
+        inside = self.x >= 0 and self.y >= 0 and self.x + self.width <= columns and self.y + self.height <= rows
+        if not inside:
+            raise BadParameter(
+                f"the region must lie in the plane of {columns} x {rows} pixels; got {self}",
+                "give --roi X,Y,W,H in pixels of the plane: a Bayer plane has half the sensor's columns and rows",
+            )
+        if min(self.width, self.height) < LEAST_SIDE:
+            raise BadParameter(
+                f"the region must have {LEAST_SIDE} x {LEAST_SIDE} pixels or more; got {self}", "give a larger --roi"
+            )
+        part = samples[self.y : self.y + self.height, self.x : self.x + self.width]
+        return np.asarray(part, dtype=np.float64)
+
+    def __str__(self) -> str:
+        return f"{self.width} x {self.height} pixels at ({self.x}, {self.y})"
+
+
+@dataclass(frozen=True)
+class Line:
+    """Where an edge is expected: within `near_px` of x = middle + slope t, t along it from the strip's centre."""
+
+    middle: float
+    slope: float
+    near_px: float = 4.0
+
+
+@dataclass(frozen=True)
+class Strip:
+    """Samples around an edge, the edge running along axis 0.
+
+    Attributes
+    ----------
+    samples : (n, m) float64
+        n pixels along the edge, m across it.
+    roi : Roi
+        Where they lie in the plane.
+    turned : bool
+        Whether rows and columns were exchanged: the edge is nearer to horizontal.
+    reach_px : float
+        Distance from the edge up to which samples belong to its two plains.
+    valid : (n, m) bool or None
+        Which samples show nothing else; None: all of them.
+    tail_px : float or None
+        a of the approach a/d to the plains, where it is known; None: it is fitted.
+    """
+
+    samples: Array
+    roi: Roi
+    turned: bool
+    reach_px: float = np.inf
+    valid: npt.NDArray[np.bool_] | None = None
+    tail_px: float | None = None
+
+    @property
+    def usable(self) -> npt.NDArray[np.bool_]:
+        """Which samples show the edge or its plains, the reach apart, (n, m)."""
+        return np.ones(self.samples.shape, dtype=np.bool_) if self.valid is None else self.valid
+
+    @property
+    def along(self) -> Array:
+        """Place along the edge of each row, (n,), 0 in the middle."""
+        n = len(self.samples)
+        return np.arange(n, dtype=np.float64) - (n - 1) / 2
+
+
+def strip_of(samples: Array32, roi: Roi, *, turned: bool | None = None, reach_px: float = np.inf) -> Strip:
+    """The strip of a rectangle; which way its edge runs is seen from the gradients where `turned` is not given."""
+    part = roi.cut(samples)
+    if turned is None:
+        down, across = (_structure(np.diff(part, axis=axis)) for axis in (0, 1))
+        turned = down > across
+    return Strip(np.ascontiguousarray(part.T if turned else part), roi, turned, reach_px)
+
+
+def _structure(steps: Array) -> float:
+    """How strong steps are that neighbours share: noise, which they do not, adds nothing on average."""
+    return float(np.mean(steps[1:] * steps[:-1]) + np.mean(steps[:, 1:] * steps[:, :-1]))

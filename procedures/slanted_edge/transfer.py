@@ -1,0 +1,58 @@
+"""From the edge spread function to the MTF: differences, a window, the tail beyond it, the Fourier transform."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.slanted_edge.course import tukey
+from procedures.slanted_edge.profile import BINS
+
+Array = npt.NDArray[np.float64]
+Complex = npt.NDArray[np.complex128]
+
+STEP = 0.005
+"""Cycles per pixel between the frequencies at which the MTF is computed."""
+HIGHEST = 1.0
+FREQUENCIES: Array = np.arange(0, HIGHEST + STEP / 2, STEP)
+TAIL_END_PX = 400.0
+
+
+def mtf_of(esf: Array, tail: Array, flat_px: float, end_px: float) -> Array:
+    """Moduli (..., f) at `FREQUENCIES` of edge spread functions (..., b), their tails' a (...) beyond the window.
+
+    The difference of neighbouring bins is the line spread function seen through a box of their distance: sinc takes
+    it away again. ISO 12233:2023, annex D, has the same correction for its derivative.
+    """
+    K = esf.shape[-1] // 2
+    x = (np.arange(-K + 1, K)) / BINS
+    lsf = np.diff(esf, axis=-1) * tukey(x, flat_px, end_px)
+    waves = np.exp(-2j * np.pi * FREQUENCIES[:, None] * x)
+    inside = lsf @ waves.T / np.sinc(FREQUENCIES / BINS)
+    otf = inside + np.asarray(tail)[..., None] * _tail_spectrum(flat_px, end_px)
+    modulus = np.abs(otf)
+    return np.asarray(modulus / modulus[..., :1])
+
+
+@lru_cache(maxsize=8)
+def _tail_spectrum(flat_px: float, end_px: float) -> Array:
+    """Spectrum of 1/d^2 less what the window keeps of it, on both sides, at `FREQUENCIES`."""
+    step = 0.05
+    d = np.arange(flat_px + step / 2, TAIL_END_PX, step)
+    beyond = (1 - tukey(d, flat_px, end_px)) / d**2 * step
+    spectrum = 2 * np.cos(2 * np.pi * FREQUENCIES[:, None] * d) @ beyond
+    spectrum[0] += 2 / TAIL_END_PX
+    spectrum.flags.writeable = False
+    return np.asarray(spectrum)
+
+
+def frequency_at(mtf: Array, level: float) -> Array:
+    """Where moduli (..., f) first fall under a level, in cycles per pixel; NaN where they stay above."""
+    below = mtf < level
+    i = np.argmax(below, axis=-1)
+    high = np.take_along_axis(mtf, np.maximum(i - 1, 0)[..., None], -1)[..., 0]
+    low = np.take_along_axis(mtf, i[..., None], -1)[..., 0]
+    share = (high - level) / np.where(high > low, high - low, 1.0)
+    return np.asarray(np.where(below.any(axis=-1) & (i > 0), (i - 1 + share) * STEP, np.nan))

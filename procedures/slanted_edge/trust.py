@@ -1,0 +1,127 @@
+"""Whether an edge's MTF can be trusted."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from procedures.outcome import Refused, Rule, Verdict, verdict_of
+from procedures.slanted_edge.course import NO_EDGE, Course
+from procedures.slanted_edge.profile import Profile
+from procedures.slanted_edge.strip import Strip
+
+CLIPPED = 0.998
+"""Samples from here on count as saturated."""
+MOST_CLIPPED = 0.01
+LEAST_ROWS = 16
+"""Pixels along an edge: fewer draw no error bar."""
+LEAST_DRIFT_PX = 0.9
+"""What an edge must drift across the pixels' grid to be seen in all phases."""
+MOST_EMPTY = 0.05
+FAINT, NOISY = 0.5, 2.0
+"""Contrast over noise of a pixel under which there is no edge to be seen, and none to be measured."""
+
+
+def check_samples(strip: Strip) -> None:
+    """Refuse what no edge can be measured in: clipped, or too short.
+
+    Raises
+    ------
+    Refused
+        If more than 1 % of the samples are saturated, or the strip has too few rows.
+    """
+    clipped = float(np.mean(strip.samples >= CLIPPED))
+    if clipped > MOST_CLIPPED:
+        raise Refused(
+            f"the edge's bright side must not be clipped; {clipped:.0%} of the region's samples are saturated",
+            "expose less: white at 80 % of the scale is right",
+        )
+    if len(strip.samples) < LEAST_ROWS:
+        raise Refused(
+            f"the edge is too short: it needs {LEAST_ROWS} pixels along it or more, and has {len(strip.samples)}",
+            "give a longer region, or photograph the edge from nearer",
+        )
+
+
+def check_course(strip: Strip, course: Course) -> None:
+    """Refuse an edge that does not run through all phases of the pixels.
+
+    Raises
+    ------
+    Refused
+        If it lies too near the pixels' axes for its length.
+    """
+    n, slope = len(strip.samples), abs(course.mean_slope)
+    if n * slope < LEAST_DRIFT_PX:
+        angle = float(np.degrees(np.arctan(slope)))
+        short = angle > 2.0
+        raise Refused(
+            f"the edge must drift by {LEAST_DRIFT_PX} pixel or more; over {n} pixels at {angle:.2f} degrees it drifts "
+            f"by {n * slope:.2f}: it is too {'short' if short else 'near the axis'}",
+            "give a longer region" if short else "turn the chart or the camera: 5 degrees from an axis are right",
+        )
+
+
+def judge(course: Course, profile: Profile, mtf50: float, uncertainty: float) -> tuple[Verdict, str, str]:
+    """Verdict, reason and remedy of a measured edge: the first refusal, else all doubts together."""
+    return verdict_of(_refusals(course, profile, mtf50, uncertainty) + _doubts(course, profile, mtf50, uncertainty))
+
+
+def _refusals(course: Course, profile: Profile, mtf50: float, uncertainty: float) -> list[Rule]:
+    refused = Verdict.REFUSED
+    clear = abs(profile.contrast) / max(profile.noise, 1e-12)
+    angle = float(np.degrees(np.arctan(abs(course.mean_slope))))
+    near = "the diagonal" if angle > 35 else "the axis" if angle < 10 else "a simple ratio of whole pixels"
+    return [
+        Rule(
+            refused,
+            clear < FAINT or profile.contrast == 0,
+            f"there is no edge in the region: its sides differ by {clear:.2f} of a pixel's noise",
+            NO_EDGE,
+        ),
+        Rule(
+            refused,
+            profile.empty > MOST_EMPTY,
+            f"the edge must run through all phases of the pixels; at {angle:.1f} degrees it leaves "
+            f"{profile.empty:.0%} of them out: it is too near {near}",
+            "turn the chart or the camera: 5 degrees from an axis are right",
+        ),
+        Rule(
+            refused,
+            clear < NOISY or not uncertainty < 0.2 * mtf50,
+            f"the edge is too noisy: its contrast is {clear:.1f} times a pixel's noise, and MTF50 is known to "
+            f"{uncertainty / mtf50 if mtf50 > 0 else np.inf:.0%}",
+            "expose longer, or give a longer edge",
+        ),
+        Rule(
+            refused,
+            profile.unevenness > 0.15 * abs(profile.contrast),
+            f"there is no single edge in the region: the areas beside it vary by "
+            f"{profile.unevenness / max(abs(profile.contrast), 1e-12):.0%} of its contrast",
+            NO_EDGE,
+        ),
+    ]
+
+
+def _doubts(course: Course, profile: Profile, mtf50: float, uncertainty: float) -> list[Rule]:
+    doubtful = Verdict.DOUBTFUL
+    return [
+        Rule(
+            doubtful,
+            uncertainty > 0.05 * mtf50,
+            f"MTF50 is known to {uncertainty / max(mtf50, 1e-12):.1%} only",
+            "expose longer, or give a longer edge",
+        ),
+        Rule(
+            doubtful,
+            profile.unevenness > 0.03 * abs(profile.contrast),
+            f"the areas beside the edge vary by {profile.unevenness / max(abs(profile.contrast), 1e-12):.1%} of its "
+            "contrast",
+            "light it evenly, and keep texture and reflections off it",
+        ),
+        Rule(
+            doubtful,
+            profile.end_px < 2.5 * profile.width_px,
+            f"the plain areas reach {profile.end_px:.1f} pixels, less than the edge's blur asks for",
+            "give a wider region",
+        ),
+    ]

@@ -1,0 +1,75 @@
+"""`station mtf edge`: the MTF of each plane across slanted edges."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from station.cli.errors import REFUSED
+from station.cli.log import log, log_json_option
+from station.cli.planes import LEVELS, read_planes
+
+if TYPE_CHECKING:
+    from station.edges import EdgeRecord
+
+
+def _roi(context: click.Context, option: click.Parameter, words: str | None) -> tuple[int, ...] | None:
+    """The four whole numbers of X,Y,W,H."""
+    if words is None:
+        return None
+    try:
+        numbers = tuple(int(word) for word in words.split(","))
+    except ValueError:
+        numbers = ()
+    if len(numbers) != 4 or min(numbers[2:]) < 1:
+        raise click.BadParameter(f"{words!r} is no X,Y,W,H: first pixel, width, height", context, option)
+    return numbers
+
+
+@click.command("edge")
+@click.argument("image", type=click.Path(path_type=Path))
+@click.option(
+    "--roi", callback=_roi, metavar="X,Y,W,H", help="Where the edge is, in pixels of the plane.  [default: all edges]"
+)
+@click.option("--plane", help="R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]")
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
+@click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout too.")
+@log_json_option
+def mtf_edge(image: Path, roi: tuple[int, ...] | None, plane: str | None, out: Path, as_json: bool) -> None:
+    """Measure the MTF across the slanted edges of IMAGE, each plane by itself and not demosaicked.
+
+    An edge is the straight border of a dark and a bright plain area, some degrees off the axes of the pixels.
+    """
+    start = time.perf_counter()
+    from procedures.slanted_edge.strip import Roi
+    from station.edges import measure_edges, write_edge_result
+    from station.results import ResultFolder
+
+    with ResultFolder(out) as folder:
+        frame = read_planes(image, plane)
+        records = []
+        for record in measure_edges(frame, Roi(*roi) if roi else None):
+            _tell(record)
+            records.append(record)
+        text = write_edge_result(folder, frame, records, {"roi": roi}, start)
+        log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))
+    if as_json:
+        click.echo(text, nl=False)
+    if any(record.verdict == "refused" for record in records):
+        raise click.exceptions.Exit(REFUSED)
+
+
+def _tell(record: EdgeRecord) -> None:
+    verdict = str(record.verdict)
+    parts = [f"{record.name}: {verdict}"] + ([record.reason] if record.reason else [])
+    for edge in record.edges:
+        numbers = edge.numbers
+        if "mtf50" in numbers:
+            parts.append(
+                f"MTF50 {numbers['mtf50'].value:.4f} ± {numbers['mtf50'].uncertainty:.4f} cycles/pixel across the "
+                f"{edge.orientation} edge at {numbers['angle'].value:.2f} degrees"
+            )
+    log("plane", "; ".join(parts), level=LEVELS[verdict], remedy=record.remedy, plane=record.name, verdict=verdict)

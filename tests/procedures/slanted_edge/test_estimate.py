@@ -1,0 +1,172 @@
+"""MTFs across simulated edges against the optics that drew them, error bars against draws, and refusals by name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from procedures.outcome import BadParameter, Outcome, Verdict
+from procedures.raw import read_frame
+from procedures.slanted_edge.estimate import EdgeMtf, estimate_edge, estimate_edges
+from procedures.slanted_edge.strip import Roi
+from simulators.optics import Optics
+from simulators.pupil import Wavefront
+from simulators.scene import Light
+
+from .scenes import edge_light, exposed, gaussian, plane, true_mtf50
+
+
+def whole(samples: np.ndarray) -> Outcome[EdgeMtf]:
+    made = plane(samples)
+    return estimate_edge(made, Roi.whole(made.samples))
+
+
+def value(outcome: Outcome[EdgeMtf]) -> EdgeMtf:
+    assert outcome.value is not None, outcome.reason
+    return outcome.value
+
+
+LENSES = {
+    "Gaussian": (gaussian(0.25), None),
+    "diffraction": (Optics.typical(f_number=8, pitch_um=5.5), 150),
+    "low-pass filter": (Optics.typical(f_number=4, pitch_um=5.0, olpf_px=0.8), 150),
+    "spherical": (
+        Optics.typical(f_number=4, pitch_um=5.0, wavefront=Wavefront(spherical_um=0.06, defocus_um=0.05)), 150,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("lens", LENSES)
+@pytest.mark.parametrize("columns", [30, 60])
+def test_mtf50_of_known_optics_is_found_without_noise(lens: str, columns: int) -> None:
+    # what is left is the tail's shape beyond the window and, for sharp optics, four bins' aliasing; the wide margin
+    # keeps what the simulator's Fourier transform wraps around out of the tail
+    optics, margin = LENSES[lens]
+    found = value(whole(edge_light(optics, columns=columns, margin_px=margin)))
+    assert found.numbers["mtf50"].value == pytest.approx(true_mtf50(optics, 5.5), rel=0.002)
+    assert found.numbers["angle"].value == pytest.approx(5.5, abs=0.01)
+
+
+def test_the_light_s_slope_is_no_blur() -> None:
+    light = Light(1.0, (0.1, 0.05), centre_px=(30.0, 50.0), radius_px=50.0)
+    found = value(whole(edge_light(gaussian(0.25), light=light)))
+    assert found.numbers["mtf50"].value == pytest.approx(0.25, rel=0.002)
+
+
+def test_a_bent_edge_is_followed() -> None:
+    # three pixels of arrow: a straight line through it would see it blurred by one pixel
+    found = value(whole(edge_light(gaussian(0.25), bend=3.0)))
+    assert found.order >= 2
+    assert found.numbers["mtf50"].value == pytest.approx(0.25, rel=0.003)
+
+
+@pytest.mark.parametrize("turns", [0, 1, 2, 3])
+def test_edges_of_every_direction_and_polarity_are_one(turns: int) -> None:
+    samples = edge_light(gaussian(0.2))
+    assert value(whole(np.rot90(samples, turns))).numbers["mtf50"].value == pytest.approx(
+        value(whole(samples)).numbers["mtf50"].value, rel=1e-3
+    )
+
+
+def test_the_normal_points_across_the_edge() -> None:
+    # x grows with y along the edge: the normal of (sin 5.5, cos 5.5) is (cos 5.5, -sin 5.5)
+    samples = edge_light(gaussian(0.2))
+    assert value(whole(samples)).normal_deg == pytest.approx(-5.5, abs=0.02)
+    assert value(whole(samples.T)).normal_deg == pytest.approx(-84.5, abs=0.02)
+    assert value(whole(samples.T[::-1])).normal_deg == pytest.approx(84.5, abs=0.02)
+
+
+def test_error_bars_are_as_large_as_errors(rng: np.random.Generator) -> None:
+    light = edge_light(gaussian(0.25))
+    numbers = []
+    for serial in range(30):
+        made = exposed(light, serial, rng)
+        numbers.append(value(estimate_edge(made, Roi.whole(made.samples))).numbers["mtf50"])
+    z = np.array([(n.value - 0.25) / n.uncertainty for n in numbers])
+    # of 30 draws the mean scatters by 0.18, the standard deviation by 0.13: three of each
+    assert abs(z.mean()) < 0.55
+    assert 0.61 < z.std() < 1.4
+    errors = np.abs(np.array([n.value for n in numbers]) / 0.25 - 1)
+    assert np.quantile(errors, 0.95) < 0.02
+
+
+def test_the_standard_s_sample_edge(shared_data: Path) -> None:
+    made = read_frame(shared_data / "edges" / "Test_edge1_mono.tif").planes["Y"]
+    for outcome in (estimate_edge(made, Roi.whole(made.samples)), estimate_edges(made)[0]):
+        found = value(outcome)
+        assert outcome.verdict is Verdict.PASS
+        assert found.numbers["mtf50"].value == pytest.approx(0.292, abs=0.005)
+        assert found.numbers["angle"].value == pytest.approx(5.5, abs=0.05)
+        assert found.orientation == "near-horizontal"
+
+
+def test_all_edges_of_a_frame_are_found(rng: np.random.Generator) -> None:
+    frame = np.full((260, 300), 0.1)
+    frame[20:120, 30:90] = edge_light(gaussian(0.25))
+    # each on a dark ground of its own: what borders it is axis-parallel
+    frame[150:210, 120:220] = edge_light(gaussian(0.15)).T
+    noisy = frame + 0.005 * rng.standard_normal(frame.shape)
+    found = [value(one) for one in estimate_edges(plane(noisy))]
+    assert [one.turned for one in found] in ([True, False], [False, True])
+    by_turn = {one.turned: one for one in found}
+    assert by_turn[False].numbers["mtf50"].value == pytest.approx(0.25, rel=0.04)
+    assert by_turn[True].numbers["mtf50"].value == pytest.approx(0.15, rel=0.04)
+
+
+# --- refusals ----------------------------------------------------------------------------------------------------
+
+
+def refusal(samples: np.ndarray, words: str) -> None:
+    outcome = whole(samples)
+    assert outcome.verdict is Verdict.REFUSED
+    assert words in outcome.reason
+    assert outcome.remedy
+
+
+def test_nothing_but_noise_is_no_edge(rng: np.random.Generator) -> None:
+    refusal(0.5 + 0.05 * rng.standard_normal((60, 60)), "no edge")
+    refusal(np.full((60, 60), 0.5), "no edge")
+
+
+def test_texture_is_no_edge(rng: np.random.Generator) -> None:
+    refusal(np.kron(rng.random((15, 15)), np.ones((4, 4))), "edge")
+
+
+@pytest.mark.parametrize(("angle", "words"), [(0.2, "near the axis"), (45.0, "near the diagonal")])
+def test_an_edge_that_misses_phases_is_refused(angle: float, words: str) -> None:
+    refusal(edge_light(gaussian(0.25), angle_deg=angle, columns=60, rows=50), words)
+
+
+def test_a_short_edge_is_refused() -> None:
+    refusal(edge_light(gaussian(0.25), rows=12, columns=40), "too short")
+
+
+def test_a_clipped_edge_is_refused() -> None:
+    refusal(np.minimum(edge_light(gaussian(0.25)) * 1.2, 1.0), "saturated")
+
+
+def test_a_noisy_edge_is_refused(rng: np.random.Generator) -> None:
+    light = 0.3 + 0.25 * edge_light(gaussian(0.25))
+    refusal(light + 0.15 * rng.standard_normal(light.shape), "too noisy")
+
+
+@pytest.mark.parametrize("roi", [Roi(-1, 0, 20, 20), Roi(50, 0, 20, 20), Roi(0, 0, 4, 50)])
+def test_a_region_outside_the_plane_is_no_region(roi: Roi) -> None:
+    with pytest.raises(BadParameter, match="region must"):
+        estimate_edge(plane(np.zeros((60, 60))), roi)
+
+
+def test_a_plane_without_edges_says_so(rng: np.random.Generator) -> None:
+    noise = plane(0.5 + 0.01 * rng.standard_normal((120, 120)))
+    (only,) = estimate_edges(noise)
+    assert only.verdict is Verdict.REFUSED
+    assert "no straight edge" in only.reason
+
+
+def test_upright_edges_are_named_for_what_they_are() -> None:
+    samples = np.full((120, 120), 0.1)
+    samples[:, 60:] = 0.9
+    (only,) = estimate_edges(plane(samples))
+    assert "too near the axes" in only.reason

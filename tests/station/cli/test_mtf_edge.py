@@ -1,0 +1,66 @@
+"""`station mtf edge`: its files, its record, and its exit codes."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+
+@pytest.fixture
+def picture(tmp_path):
+    """An edge at 5.5 degrees, blurred by a Gaussian of MTF50 0.25, as a 16 bit PNG."""
+    y, x = np.mgrid[:80, :60]
+    slope = np.tan(np.radians(5.5))
+    d = (x - 29.5 - slope * (y - 39.5)) * np.cos(np.radians(5.5))
+    from scipy.special import ndtr
+
+    sigma = np.sqrt(np.log(2) / 2) / (np.pi * 0.25)
+    path = tmp_path / "edge.png"
+    cv2.imwrite(str(path), np.rint(65535 * (0.1 + 0.7 * ndtr(d / sigma))).astype(np.uint16))
+    return path
+
+
+def test_region_gives_record_table_and_picture(run, picture, tmp_path):
+    done = run("mtf", "edge", picture, "--roi", "5,5,50,70", "--out", tmp_path / "out", "--json")
+    assert done.exit_code == 0, done.output
+    record = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert record["schema"] == "station/mtf/1"
+    assert record["parameters"]["roi"] == [5, 5, 50, 70]
+    plane = record["planes"]["Y"]
+    # point samples: nothing blurs but the Gaussian
+    assert plane["mtf50"]["value"] == pytest.approx(0.25, rel=0.002)
+    assert plane["mtf50"]["unit"] == "cycles/pixel"
+    assert plane["angle"]["value"] == pytest.approx(5.5, abs=0.01)
+    assert plane["edges"][0]["orientation"] == "near-vertical"
+    table = list(csv.DictReader((tmp_path / "out" / "mtf_Y.csv").read_text().splitlines()))
+    assert float(table[0]["mtf"]) == 1
+    at_half = next(row for row in table if row["frequency"] == "0.25")
+    assert float(at_half["mtf"]) == pytest.approx(0.5, abs=0.002)
+    assert (tmp_path / "out" / "edge_Y.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_edges_are_found_where_no_region_is_given(run, picture, tmp_path):
+    done = run("mtf", "edge", picture, "--out", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    plane = json.loads((tmp_path / "out" / "result.json").read_text())["planes"]["Y"]
+    assert len(plane["edges"]) == 1
+    assert plane["mtf50"]["value"] == pytest.approx(0.25, rel=0.005)
+
+
+@pytest.mark.parametrize(("roi", "code"), [("0,0,99,20", 2), ("0,0,x,20", 2), ("1,2,3", 2), ("0,0,12,80", 5)])
+def test_regions_that_hold_no_edge_are_refused(run, picture, tmp_path, roi, code):
+    done = run("mtf", "edge", picture, "--roi", roi, "--out", tmp_path / "out")
+    assert done.exit_code == code
+
+
+def test_refusal_leaves_its_reason_and_no_table(run, picture, tmp_path):
+    run("mtf", "edge", picture, "--out", tmp_path / "out")
+    assert run("mtf", "edge", picture, "--roi", "0,0,12,80", "--out", tmp_path / "out").exit_code == 5
+    plane = json.loads((tmp_path / "out" / "result.json").read_text())["planes"]["Y"]
+    assert plane["verdict"] == "refused"
+    assert "no edge" in plane["reason"]
+    assert [file.name for file in (tmp_path / "out").iterdir()] == ["result.json"]
