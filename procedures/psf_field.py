@@ -5,8 +5,8 @@ from the nodes' PSFs z_i; a model predicts their coefficients from those of the 
 
     h(x) = Q z + A (o + sum_i T_i(x) (B z_i - o)),    P = A B,  Q = I - P,  z = sum_i m_i z_i
 
-It is linear in the nodes' PSFs, so their covariances give that of h(x). How far the model itself may be off is drawn from
-the nodes left out of a fit (`procedures.field.interpolate`), and added.
+It is linear in the nodes' PSFs, so their covariances give that of h(x). How far the model itself may be off is drawn
+from the nodes left out of a fit (`procedures.field.interpolate`), and added.
 """
 
 from __future__ import annotations

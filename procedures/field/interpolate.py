@@ -39,6 +39,32 @@ class Candidate:
     error: float
 
 
+@dataclass(frozen=True)
+class Recipe:
+    """How to build a model from nodes.
+
+    Attributes
+    ----------
+    kind : str
+        "polynomial", "thin plate" or "symmetric lens".
+    setting : float
+        The degree, or the plate's stiffness.
+    axis : (x, y)
+        Of the symmetric lens, in half diagonals from the frame's centre.
+    """
+
+    kind: str
+    setting: float
+    axis: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def name(self) -> str:
+        """For people."""
+        if self.kind == "thin plate":
+            return "thin plate" if self.setting == 0 else "thin plate, stiff"
+        return f"{self.kind}, degree {self.setting:.0f}"
+
+
 @dataclass(frozen=True, eq=False)
 class Interpolation:
     """A field, and how it was chosen.
@@ -46,6 +72,8 @@ class Interpolation:
     Attributes
     ----------
     field : PsfField
+    recipe : Recipe
+        Of its model; with the number of components it is enough to build the field again from its nodes.
     candidates : tuple of Candidate
         All that were tried, the best first.
     axis : Axis or None
@@ -54,6 +82,7 @@ class Interpolation:
     """
 
     field: PsfField
+    recipe: Recipe
     candidates: tuple[Candidate, ...]
     axis: Axis | None
 
@@ -81,8 +110,14 @@ def interpolate(plane: str, shape: tuple[int, int], nodes: Sequence[Node]) -> In
         scores += _symmetric_scores(data, folds, best[1], axis)
     scores.sort(key=lambda one: one[2])
     recipe, r, _ = scores[0]
-    field = _field(plane, shape, nodes, data, recipe, r, folds)
-    return Interpolation(field, tuple(Candidate(recipe.name, r, score) for recipe, r, score in scores), axis)
+    field = _field(plane, shape, nodes, data, recipe, r)
+    return Interpolation(field, recipe, tuple(Candidate(one.name, n, score) for one, n, score in scores), axis)
+
+
+def rebuild(plane: str, shape: tuple[int, int], nodes: Sequence[Node], recipe: Recipe, components: int) -> PsfField:
+    """The field of an earlier choice from its nodes, without choosing again. Raises Refused as `interpolate`."""
+    _check(plane, nodes)
+    return _field(plane, shape, nodes, _Whitened.of(nodes, shape), recipe, components)
 
 
 def _check(plane: str, nodes: Sequence[Node]) -> None:
@@ -159,38 +194,23 @@ def _folds(n: int) -> Iterator[tuple[Indices, Indices]]:
 # --- models as recipes: built again from whichever nodes are kept -------------------------------------------------
 
 
-@dataclass(frozen=True)
-class _Recipe:
-    """How to build a model from nodes: its kind, and degree or stiffness; the axis of the symmetric one."""
-
-    kind: str
-    setting: float
-    axis: tuple[float, float] = (0.0, 0.0)
-
-    @property
-    def name(self) -> str:
-        """For people."""
-        if self.kind == "thin plate":
-            return "thin plate" if self.setting == 0 else "thin plate, stiff"
-        return f"{self.kind}, degree {self.setting:.0f}"
-
-    def build(self, data: _Whitened, kept: Indices, V: Array) -> CoefficientModel:
-        """The model. Raises ValueError where the nodes do not determine it."""
-        places, trust = data.places[kept], data.trust[kept]
-        if self.kind == "polynomial":
-            return Separate(self.name, Polynomial(places, trust, int(self.setting)))
-        if self.kind == "thin plate":
-            return Separate(self.name, ThinPlate(places, trust, self.setting))
-        return AxialSymmetry(places, trust, data.optic(V), int(self.setting), self.axis)
+def _build(recipe: Recipe, data: _Whitened, kept: Indices, V: Array) -> CoefficientModel:
+    """The model of the nodes that are kept. Raises ValueError where they do not determine it."""
+    places, trust = data.places[kept], data.trust[kept]
+    if recipe.kind == "polynomial":
+        return Separate(recipe.name, Polynomial(places, trust, int(recipe.setting)))
+    if recipe.kind == "thin plate":
+        return Separate(recipe.name, ThinPlate(places, trust, recipe.setting))
+    return AxialSymmetry(places, trust, data.optic(V), int(recipe.setting), recipe.axis)
 
 
-_Scores = list[tuple[_Recipe, int, float]]
+_Scores = list[tuple[Recipe, int, float]]
 _Folds = Sequence[tuple[Indices, Indices]]
 
 
 def _separate_scores(data: _Whitened, folds: _Folds) -> _Scores:
     """The error of every polynomial and plate with every number of components."""
-    recipes = [_Recipe("polynomial", d) for d in DEGREES] + [_Recipe("thin plate", v) for v in STIFFNESS]
+    recipes = [Recipe("polynomial", d) for d in DEGREES] + [Recipe("thin plate", v) for v in STIFFNESS]
     counts = [r for r in COUNTS if r <= min(len(kept) for kept, _ in folds) - 1]
     total = {recipe: np.zeros(len(counts)) for recipe in recipes}
     for kept, out in folds:
@@ -200,14 +220,16 @@ def _separate_scores(data: _Whitened, folds: _Folds) -> _Scores:
         all_of_it = trust @ np.sum((data.z[out] - mean) ** 2, axis=1)
         for recipe in list(total):
             try:
-                predicted = recipe.build(data, kept, V).predict(data.places[out], inside)
+                predicted = _build(recipe, data, kept, V).predict(data.places[out], inside)
             except ValueError:
                 del total[recipe]
                 continue
             gained = np.cumsum(trust @ ((outside - predicted) ** 2 - outside**2))
             total[recipe] += all_of_it + gained[np.array(counts) - 1]
     size = data.z.size
-    return [(recipe, r, float(e) / size) for recipe, errors in total.items() for r, e in zip(counts, errors, strict=True)]
+    return [
+        (recipe, r, float(e) / size) for recipe, errors in total.items() for r, e in zip(counts, errors, strict=True)
+    ]
 
 
 def _symmetric_scores(data: _Whitened, folds: _Folds, r: int, axis: Axis) -> _Scores:
@@ -217,19 +239,19 @@ def _symmetric_scores(data: _Whitened, folds: _Folds, r: int, axis: Axis) -> _Sc
     scores: _Scores = []
     for count in sorted({r, min(2 * r, most)}):
         for degree in SYMMETRIC_DEGREES:
-            recipe = _Recipe("symmetric lens", degree, at)
+            recipe = Recipe("symmetric lens", degree, at)
             left = [_left_out(data, fold, recipe, count)[0] for fold in folds]
             error = sum(float(data.trust[out] @ np.sum(e**2, axis=1)) for e, (_, out) in zip(left, folds, strict=True))
             scores.append((recipe, count, error / data.z.size))
     return scores
 
 
-def _left_out(data: _Whitened, fold: tuple[Indices, Indices], recipe: _Recipe, r: int) -> tuple[Array, Array]:
+def _left_out(data: _Whitened, fold: tuple[Indices, Indices], recipe: Recipe, r: int) -> tuple[Array, Array]:
     """Errors (n, k^2) at the nodes left out, in units of noise, and the share (n,) of the others' variance in them."""
     kept, out = fold
     mean, V = data.basis(kept)
     V = V[:r]
-    model = recipe.build(data, kept, V)
+    model = _build(recipe, data, kept, V)
     origin = _origin(data, mean, V)
     predicted = model.predict(data.places[out], data.z[kept] @ V.T - origin) + origin
     error = data.z[out] - mean - (predicted - V @ mean) @ V
@@ -260,15 +282,14 @@ def _field(
     shape: tuple[int, int],
     nodes: Sequence[Node],
     data: _Whitened,
-    recipe: _Recipe,
+    recipe: Recipe,
     r: int,
-    folds: _Folds,
 ) -> PsfField:
     """The field by the chosen recipe, from all nodes."""
     everything = np.arange(len(nodes))
     mean, V = data.basis(everything)
     V = V[:r]
-    lack, rest = _lack(data, folds, recipe, r, V)
+    lack, rest = _lack(data, list(_folds(len(nodes))), recipe, r, V)
     outside = np.eye(data.k**2) - V.T @ V
     return PsfField(
         plane=plane,
@@ -278,13 +299,13 @@ def _field(
         components=V @ data.back,
         analysis=V @ data.to,
         origin=_origin(data, mean, V),
-        model=recipe.build(data, everything, V),
+        model=_build(recipe, data, everything, V),
         lack=lack,
         lack_rest=rest * data.back @ outside @ data.back,
     )
 
 
-def _lack(data: _Whitened, folds: _Folds, recipe: _Recipe, r: int, V: Array) -> tuple[Array, float]:
+def _lack(data: _Whitened, folds: _Folds, recipe: Recipe, r: int, V: Array) -> tuple[Array, float]:
     """Variance of what the model leaves out: of the coefficients (r, r), and of every other direction.
 
     The errors at nodes left out have the noise of the node, that of the others by their share, and what is looked for,

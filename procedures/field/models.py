@@ -35,7 +35,7 @@ class Separate:
 
     def transfer(self, points: Array, r: int) -> Array:
         """(n, r, N, r)."""
-        return np.einsum("ni,ab->naib", self.smoother.weights(points), np.eye(r))
+        return np.asarray(np.einsum("ni,ab->naib", self.smoother.weights(points), np.eye(r)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,8 @@ class Optic:
             v, u = np.mgrid[: self.k, : self.k] - self.k // 2
             rho, theta = np.hypot(u, v).ravel(), np.arctan2(v, u).ravel()
             rings = _rings(rho, 1.001 * rho.max()) * ((rho > 0) | (m == 0))[:, None]
-            kept[m] = tuple(self.analysis @ (rings * f(m * theta)[:, None]) for f in (np.cos, np.sin))  # type: ignore[assignment]
+            cos, sin = (self.analysis @ (rings * f(m * theta)[:, None]) for f in (np.cos, np.sin))
+            kept[m] = (cos, sin)
         return kept[m]
 
 
@@ -164,7 +165,7 @@ def fit_axis(places: Array, trust: Array, optic: Optic, degree: int, values: Arr
     J = np.stack([(residual(best + d) - residual(best - d)) / (2 * step) for d in np.eye(2) * step], axis=1)
     left = residual(best)
     excess = max(float(left @ left) / max(len(left) - _unknowns(optic, degree), 1), 1.0)
-    return Axis(best, excess * np.linalg.inv(J.T @ J + 1e-9 * np.eye(2)))
+    return Axis(best, np.asarray(excess * np.linalg.inv(J.T @ J + 1e-9 * np.eye(2)), dtype=np.float64))
 
 
 def _unknowns(optic: Optic, degree: int) -> int:

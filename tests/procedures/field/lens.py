@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -44,11 +44,13 @@ class FieldCamera:
         return float((x - (columns - 1) / 2) / half), float((y - (rows - 1) / 2) / half)
 
     def position(self, x: float, y: float, plane: str) -> np.ndarray:
-        """Where a chart that green shows at (x, y) appears in another plane: by lateral colour, and by the PSF's shape."""
+        """Where a chart that green shows at (x, y) is seen in another plane: lateral colour, and the PSF's shape."""
         q = np.array(self.field(x, y)) - self.lens.axis
         half = np.hypot(*SHAPE) / 2
         chief = self.lens.lateral_colour * (WAVELENGTHS_UM[plane] - 0.53) * half * q
-        marks = [_uncentred(self.lens, self.field(x, y), WAVELENGTHS_UM[p], self.pitch_um, 0.0)[1] for p in (plane, "G1")]
+        marks = [
+            _uncentred(self.lens, self.field(x, y), WAVELENGTHS_UM[p], self.pitch_um, 0.0)[1] for p in (plane, "G1")
+        ]
         return np.array([x, y]) + chief + marks[0] - marks[1]
 
 
