@@ -158,8 +158,9 @@ class PsfField:
         """Covariance (k^2, k^2) of h(x, y) that comes from the nodes' own."""
         T = self._transfer(x, y)
         rest, cross, inner = self._covariances
-        mixed = np.einsum("ipr,air->pa", cross, T) @ self.components
-        coefficients = np.einsum("air,irq,biq->ab", T, inner, T, optimize=True)
+        mixed = (cross @ T.reshape(len(T), -1).T) @ self.components
+        by_node = T.transpose(1, 0, 2)
+        coefficients = np.sum(by_node @ inner @ by_node.transpose(0, 2, 1), axis=0)
         return np.asarray(rest + mixed + mixed.T + self.components.T @ coefficients @ self.components)
 
     def interpolation(self, x: float, y: float) -> Array:
@@ -168,8 +169,7 @@ class PsfField:
         It is taken for random from node to node: with variance there, and as much as the nodes' share of it brings.
         """
         T = self._transfer(x, y)
-        share = 1 + float(np.sum(T**2)) / max(len(self.components), 1)
-        return np.asarray(share * (self.components.T @ self.lack @ self.components) + self.lack_rest)
+        return (1 + float(np.sum(T**2)) / len(T)) * self._lack_of_components + self.lack_rest
 
     def error(self, points: Array) -> tuple[Array, Array]:
         """Norms (n,) of the errors predicted at points (n, 2): of the noise, and of the interpolation."""
@@ -182,8 +182,12 @@ class PsfField:
         return np.array([node.psf.h.ravel() for node in self.nodes])
 
     @cached_property
+    def _lack_of_components(self) -> Array:
+        return np.asarray(self.components.T @ self.lack @ self.components)
+
+    @cached_property
     def _covariances(self) -> tuple[Array, Array, Array]:
-        """sum m^2 Q C Q^T (k^2, k^2); m_i Q C_i B^T (N, k^2, r); B C_i B^T (N, r, r)."""
+        """sum m^2 Q C Q^T (k^2, k^2); m_i Q C_i B^T side by side (k^2, N r); B C_i B^T (N, r, r)."""
         n, r, size = len(self.nodes), len(self.components), self.k**2
         rest, cross, inner = np.zeros((size, size)), np.zeros((n, size, r)), np.zeros((n, r, r))
         A, B = self.components.T, self.analysis
@@ -193,7 +197,7 @@ class PsfField:
             cross[i] = m * (half - A @ inner[i])
             rest += m * m * node.psf.covariance
         rest = rest - A @ (B @ rest)
-        return rest - (rest @ B.T) @ A.T, cross, inner
+        return rest - (rest @ B.T) @ A.T, cross.transpose(1, 0, 2).reshape(size, n * r), inner
 
     def _transfer(self, x: float, y: float) -> Array:
         """T at one place, (r, N, r)."""

@@ -23,16 +23,16 @@ Array = npt.NDArray[np.float64]
 
 SCHEMA = "station/psf-field/1"
 CONVENTIONS = """\
-Arrays are [row, column]; positions are (x, y) in pixels of the plane, pixel centres at integers, x to the right, y down.
+Arrays are [row, column]; positions are (x, y) in pixels of the plane, pixel centres at integers, x right, y down.
 A PSF has `samples_per_pixel` samples per pixel of its plane along each axis, an odd square of them, of sum 1; the
-photograph is the convolution with it. Its centre sample lies where the chart's marks are seen. Covariances are of the
-samples in the order psf.ravel(), noise of one exposure.
-PLANE/nodes: what was measured. PLANE/anywhere: base + sum of coefficients[i, j, c] components[c] is the PSF at
-(x[j], y[i]); error_noise and error_interpolation are the norms of its errors. PLANE/maps: numbers and their standard
-uncertainties, NaN beyond the nodes. lateral_colour/PLANE: shift against the reference plane, in pixels of the sensor."""
+photograph is the convolution with it. Its centre sample lies where the chart's marks are seen. Covariances are of
+the samples in the order psf.ravel(), of the noise of the photographs.
+PLANE/nodes: what was measured.
+PLANE/anywhere: base + sum over c of coefficients[i, j, c] components[c] is the PSF at (x[j], y[i]).
+PLANE/maps: numbers and their standard uncertainties, NaN beyond the nodes.
+lateral_colour/PLANE: shift against the reference plane, in pixels of the sensor."""
 COLUMNS = 64
 """Places of the rendered field along the frame's longer side."""
-ERROR_COLUMNS = 21
 
 
 def write_field(
@@ -102,12 +102,6 @@ def _write_anywhere(group: h5py.Group, field: PsfField) -> None:
     _put(group, "components", field.components.reshape(-1, k, k), "1")
     _put(group, "coefficients", coefficients, "1")
     _put(group, "inside", field.inside(points).reshape(len(y), len(x)), "whether the nodes enclose the place")
-    x, y = grid(field.shape, ERROR_COLUMNS)
-    points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    _put(group, "error_x", x, "pixel of the plane")
-    _put(group, "error_y", y, "pixel of the plane")
-    for name, norm in zip(("error_noise", "error_interpolation"), field.error(points), strict=True):
-        _put(group, name, norm.reshape(len(y), len(x)), "norm of the error, as that of the PSF")
 
 
 def _write_maps(group: h5py.Group, maps: Iterable[FieldMap]) -> None:
@@ -117,7 +111,8 @@ def _write_maps(group: h5py.Group, maps: Iterable[FieldMap]) -> None:
         _put(entry, "x", one.x, "pixel of the plane")
         _put(entry, "y", one.y, "pixel of the plane")
         _put(entry, "value", one.value, one.unit)
-        _put(entry, "uncertainty", one.uncertainty, one.unit)
+        if one.uncertainty is not None:
+            _put(entry, "uncertainty", one.uncertainty, one.unit)
 
 
 def read_field(path: Path | str) -> dict[str, PsfField]:

@@ -23,9 +23,11 @@ ONE_BY_ONE = 30
 GROUPS = 10
 COUNTS = (1, 2, 3, 4, 6, 8, 12, 16, 24)
 """Numbers of components that are tried."""
-DEGREES = (0, 1, 2, 3, 4)
+DEGREES = (0, 1, 2, 3, 4, 5, 6)
 STIFFNESS = (0.0, 0.03)
 SYMMETRIC_DEGREES = (2, 3, 4)
+MOST_SYMMETRIC = 16
+"""Components of the symmetric lens, at most."""
 FLOOR = 0.05
 """Least variance that noise is taken to have in any direction, of the mean: some directions have none by convention."""
 
@@ -145,7 +147,7 @@ class _Whitened:
     z : (N, k^2), places : (N, 2), trust : (N,)
         Trust is one over the noise's variance, about 1.
     C : (N, k^2, k^2)
-        Covariances.
+        Covariances of h.
     to, back : (k^2, k^2)
         z = to h, h = back z; both symmetric.
     """
@@ -165,18 +167,28 @@ class _Whitened:
         values, vectors = np.linalg.eigh(covariances.mean(axis=0))
         root = np.sqrt(np.maximum(values, FLOOR * values.mean()))
         to, back = (vectors / root) @ vectors.T, (vectors * root) @ vectors.T
-        C = to @ covariances @ to
         psf = nodes[0].psf
-        trust = psf.k**2 / np.trace(C, axis1=1, axis2=2)
+        trust = psf.k**2 / np.einsum("pq,ipq->i", to @ to, covariances)
         z = np.array([node.psf.h.ravel() for node in nodes]) @ to
         places = in_half_diagonals(np.array([node.position for node in nodes]), shape)
-        return cls(z, places, trust, C, to, back, psf.s, psf.k)
+        return cls(z, places, trust, covariances, to, back, psf.s, psf.k)
 
     def basis(self, kept: Indices) -> tuple[Array, Array]:
         """Weighted mean (k^2,) and principal directions (n, k^2), the strongest first, of some nodes."""
-        mean = self.trust[kept] @ self.z[kept] / self.trust[kept].sum()
-        V = np.linalg.svd(np.sqrt(self.trust[kept])[:, None] * (self.z[kept] - mean), full_matrices=False)[2]
-        return mean, V
+        known: dict[bytes, tuple[Array, Array]] = self.__dict__.setdefault("_bases", {})
+        if kept.tobytes() not in known:
+            mean = self.trust[kept] @ self.z[kept] / self.trust[kept].sum()
+            X = np.sqrt(self.trust[kept])[:, None] * (self.z[kept] - mean)
+            values, vectors = np.linalg.eigh(X @ X.T)
+            most = min(len(kept) - 1, COUNTS[-1])
+            strongest = slice(None, -most - 1, -1)
+            known[kept.tobytes()] = mean, (vectors[:, strongest].T @ X) / np.sqrt(values[strongest])[:, None]
+        return known[kept.tobytes()]
+
+    def inner(self, V: Array) -> Array:
+        """Covariances (N, r, r) of the coefficients along directions (r, k^2)."""
+        analysis = V @ self.to
+        return np.asarray(analysis @ self.C @ analysis.T)
 
     def optic(self, V: Array) -> Optic:
         """The components (r, k^2) of these directions, for the symmetric model."""
@@ -237,26 +249,31 @@ def _symmetric_scores(data: _Whitened, folds: _Folds, r: int, axis: Axis) -> _Sc
     most = min(len(kept) for kept, _ in folds) - 1
     at = (float(axis.position[0]), float(axis.position[1]))
     scores: _Scores = []
-    for count in sorted({r, min(2 * r, most)}):
+    for count in sorted({r, min(2 * r, most, MOST_SYMMETRIC)}):
         for degree in SYMMETRIC_DEGREES:
             recipe = Recipe("symmetric lens", degree, at)
-            left = [_left_out(data, fold, recipe, count)[0] for fold in folds]
+            left = [_left_out(data, fold, recipe, count) for fold in folds]
             error = sum(float(data.trust[out] @ np.sum(e**2, axis=1)) for e, (_, out) in zip(left, folds, strict=True))
             scores.append((recipe, count, error / data.z.size))
     return scores
 
 
-def _left_out(data: _Whitened, fold: tuple[Indices, Indices], recipe: Recipe, r: int) -> tuple[Array, Array]:
-    """Errors (n, k^2) at the nodes left out, in units of noise, and the share (n,) of the others' variance in them."""
+def _left_out(data: _Whitened, fold: tuple[Indices, Indices], recipe: Recipe, r: int) -> Array:
+    """Errors (n, k^2) at the nodes left out, in units of noise."""
     kept, out = fold
     mean, V = data.basis(kept)
     V = V[:r]
-    model = _build(recipe, data, kept, V)
     origin = _origin(data, mean, V)
+    model = _build(recipe, data, kept, V)
     predicted = model.predict(data.places[out], data.z[kept] @ V.T - origin) + origin
-    error = data.z[out] - mean - (predicted - V @ mean) @ V
-    share = np.sum(model.transfer(data.places[out], r) ** 2, axis=(1, 2, 3)) / r
-    return error, share
+    return np.asarray(data.z[out] - mean - (predicted - V @ mean) @ V)
+
+
+def _shares(data: _Whitened, fold: tuple[Indices, Indices], recipe: Recipe, r: int) -> Array:
+    """How much of one node's variance comes to those left out through the others, (n,)."""
+    kept, out = fold
+    model = _build(recipe, data, kept, data.basis(kept)[1][:r])
+    return np.asarray(np.sum(model.transfer(data.places[out], r) ** 2, axis=(1, 2, 3)) / r)
 
 
 def _origin(data: _Whitened, mean: Array, V: Array) -> Array:
@@ -311,12 +328,12 @@ def _lack(data: _Whitened, folds: _Folds, recipe: Recipe, r: int, V: Array) -> t
     The errors at nodes left out have the noise of the node, that of the others by their share, and what is looked for,
     once at the node and by the same share through the others.
     """
-    inner = V @ data.C @ V.T
-    noise = np.trace(data.C, axis1=1, axis2=2)
+    inner = data.inner(V)
+    noise = data.k**2 / data.trust
     excess, rest = np.zeros((r, r)), 0.0
     for fold in folds:
         kept, out = fold
-        error, share = _left_out(data, fold, recipe, r)
+        error, share = _left_out(data, fold, recipe, r), _shares(data, fold, recipe, r)
         seen = error @ V.T
         mean_share = 1 / len(kept)
         for i, node in enumerate(out):

@@ -6,7 +6,6 @@ it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,8 +31,10 @@ class FieldMap:
         For programs, for people, and what it counts.
     x : (nx,), y : (ny,) float64
         Places in pixels of the plane.
-    value, uncertainty : (ny, nx) float64
+    value : (ny, nx) float64
         NaN beyond the nodes, and where there is no such number.
+    uncertainty : (ny, nx) float64 or None
+        None where the value is itself an uncertainty.
     """
 
     name: str
@@ -42,41 +43,16 @@ class FieldMap:
     x: Array
     y: Array
     value: Array
-    uncertainty: Array
+    uncertainty: Array | None
 
 
-Number = tuple[float, Array] | None
-"""A number drawn from a PSF and its derivative (k^2,) with respect to the samples; None where it has none."""
-Function = Callable[[Psf, float], Number]
-"""From a PSF and the direction of the radius there, in radians."""
-
-
-def _sagittal(psf: Psf, radius: float) -> Number:
-    return mtf50_along(psf, radius + np.pi / 2)
-
-
-def _meridional(psf: Psf, radius: float) -> Number:
-    return mtf50_along(psf, radius)
-
-
-def _astigmatism(psf: Psf, radius: float) -> Number:
-    sagittal, meridional = _sagittal(psf, radius), _meridional(psf, radius)
-    if sagittal is None or meridional is None:
-        return None
-    return sagittal[0] - meridional[0], sagittal[1] - meridional[1]
-
-
-def _above_nyquist(psf: Psf, radius: float) -> Number:
-    return energy_above_nyquist(psf)
-
-
-FUNCTIONS: Mapping[str, tuple[str, str, Function]] = {
-    "mtf50_sagittal": ("MTF50 of sagittal detail", "cycles/pixel", _sagittal),
-    "mtf50_meridional": ("MTF50 of meridional detail", "cycles/pixel", _meridional),
-    "astigmatism": ("MTF50, sagittal less meridional", "cycles/pixel", _astigmatism),
-    "energy_above_nyquist": ("Energy above Nyquist", "1", _above_nyquist),
-}
-"""Maps of one plane: title, unit, function."""
+MAPS = (
+    ("mtf50_sagittal", "MTF50 of sagittal detail", "cycles/pixel"),
+    ("mtf50_meridional", "MTF50 of meridional detail", "cycles/pixel"),
+    ("astigmatism", "MTF50, sagittal less meridional", "cycles/pixel"),
+    ("energy_above_nyquist", "Energy above Nyquist", "1"),
+)
+"""Maps of numbers drawn from the PSF: name, title, unit."""
 
 
 def grid(shape: tuple[int, int], columns: int = COLUMNS) -> tuple[Array, Array]:
@@ -92,27 +68,44 @@ def radius_direction(shape: tuple[int, int], x: float, y: float) -> float:
     return float(np.arctan2(y - (shape[0] - 1) / 2, x - (shape[1] - 1) / 2))
 
 
+ERRORS = (
+    ("error_noise", "Predicted error of the PSF from noise"),
+    ("error_interpolation", "Predicted error of the PSF from interpolation"),
+)
+"""Maps of the field's own error: its norm over that of the PSF."""
+
+
 def derive(field: PsfField, columns: int = COLUMNS) -> tuple[FieldMap, ...]:
-    """Every map of one plane."""
+    """Every map of one plane, and those of the predicted error last."""
     x, y = grid(field.shape, columns)
-    value, uncertainty = np.full((2, len(FUNCTIONS), len(y), len(x)), np.nan)
+    value, uncertainty = np.full((2, len(MAPS), len(y), len(x)), np.nan)
+    errors = np.full((len(ERRORS), len(y), len(x)), np.nan)
     for row, at_y in enumerate(y):
         for column in np.flatnonzero(field.inside(np.column_stack([x, np.full_like(x, at_y)]))):
-            psf = field.at(x[column], at_y)
+            h = field.samples(np.array([[x[column], at_y]]))[0]
+            parts = field.noise(x[column], at_y), field.interpolation(x[column], at_y)
+            errors[:, row, column] = [np.sqrt(max(np.trace(C), 0.0)) / np.linalg.norm(h) for C in parts]
+            psf = Psf(h, field.s, parts[0] + parts[1])
             numbers = numbers_of(psf, radius_direction(field.shape, x[column], at_y))
             value[:, row, column], uncertainty[:, row, column] = numbers
-    return tuple(
-        FieldMap(name, title, unit, x, y, value[i], uncertainty[i])
-        for i, (name, (title, unit, _)) in enumerate(FUNCTIONS.items())
-    )
+    numbered = zip(MAPS, value, uncertainty, strict=True)
+    maps = [FieldMap(name, title, unit, x, y, v, u) for (name, title, unit), v, u in numbered]
+    told = zip(ERRORS, errors, strict=True)
+    return (*maps, *(FieldMap(name, title, "of the PSF's norm", x, y, v, None) for (name, title), v in told))
 
 
 def numbers_of(psf: Psf, radius: float) -> tuple[Array, Array]:
-    """The numbers of all maps at one place, and their standard uncertainties; NaN where there is none."""
-    value, slopes = np.full(len(FUNCTIONS), np.nan), np.full((len(FUNCTIONS), psf.k**2), np.nan)
-    for i, (_, _, function) in enumerate(FUNCTIONS.values()):
-        number = function(psf, radius)
-        if number is not None:
-            value[i], slopes[i] = number
+    """The numbers of MAPS at one place, and their standard uncertainties; NaN where there is none.
+
+    `radius` is the direction from the frame's centre, in radians.
+    """
+    sagittal, meridional = (mtf50_along(psf, angle) or _none(psf) for angle in (radius + np.pi / 2, radius))
+    astigmatism = sagittal[0] - meridional[0], sagittal[1] - meridional[1]
+    numbers = (sagittal, meridional, astigmatism, energy_above_nyquist(psf))
+    slopes = np.array([slope for _, slope in numbers])
     variance = np.einsum("ij,ij->i", slopes @ psf.covariance, slopes)
-    return value, np.sqrt(np.maximum(variance, 0))
+    return np.array([value for value, _ in numbers]), np.sqrt(np.maximum(variance, 0))
+
+
+def _none(psf: Psf) -> tuple[float, Array]:
+    return np.nan, np.full(psf.k**2, np.nan)

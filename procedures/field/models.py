@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import BSpline
+from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
 
 from procedures.numerics.scattered import Smoother
@@ -105,11 +106,15 @@ class AxialSymmetry:
 
     def predict(self, points: Array, values: Array) -> Array:
         """(n, r)."""
-        return np.asarray(self.design(points) @ (self._solution @ values.ravel()))
+        D, weight, factor = self._normal
+        return np.asarray(self.design(points) @ cho_solve(factor, D.T @ (weight * values.ravel())))
 
     def transfer(self, points: Array, r: int) -> Array:
         """(n, r, N, r)."""
-        return np.asarray((self.design(points) @ self._solution).reshape(len(points), r, -1, r))
+        D, weight, factor = self._normal
+        design = self.design(points)
+        solved = cho_solve(factor, design.reshape(-1, design.shape[2]).T).T
+        return np.asarray((solved @ (D.T * weight)).reshape(len(points), r, -1, r))
 
     def design(self, points: Array) -> Array:
         """What each unknown adds to the coefficients at points (n, 2): (n, r, unknowns)."""
@@ -124,15 +129,14 @@ class AxialSymmetry:
         return np.concatenate(blocks, axis=2)
 
     @cached_property
-    def _solution(self) -> Array:
-        """(unknowns, N r): from the nodes' coefficients to the unknowns."""
+    def _normal(self) -> tuple[Array, Array, tuple[Array, bool]]:
+        """The nodes' design (N r, unknowns), the weight of its rows, and the normal equations factorised."""
         design = self.design(self.places)
-        r = design.shape[1]
-        weight = np.repeat(self.trust, r)
         D = design.reshape(-1, design.shape[2])
+        weight = np.repeat(self.trust, design.shape[1])
         normal = D.T @ (weight[:, None] * D)
         normal[np.diag_indices_from(normal)] += RIDGE * np.trace(normal) / len(normal)
-        return np.asarray(np.linalg.solve(normal, D.T * weight))
+        return D, weight, cho_factor(normal)
 
     def residual(self, values: Array) -> Array:
         """What is left of the nodes' coefficients (N, r), in standard deviations, (N r,)."""
