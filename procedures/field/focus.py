@@ -203,3 +203,12 @@ def _mtf(node: Node, angle: float, frequency: float) -> tuple[float, float]:
     """The MTF of a node along a direction, and its variance."""
     value, slope = mtf_along(node.psf, np.array([frequency]), angle)
     return float(value[0]), float(slope[0] @ node.psf.covariance @ slope[0])
+
+
+def sharpest(bracket: Mapping[float, Sequence[Node]], frequency: float = FREQUENCY) -> float:
+    """The position whose charts have the greatest MTF at one frequency, along rows and columns, on average."""
+
+    def mean_mtf(position: float) -> float:
+        return float(np.mean([_mtf(node, a, frequency)[0] for node in bracket[position] for a in (0.0, np.pi / 2)]))
+
+    return max(bracket, key=mean_mtf)
