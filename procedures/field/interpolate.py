@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.field.models import AxialSymmetry, Axis, Optic, Separate, fit_axis
-from procedures.numerics.scattered import Hull, Polynomial, ThinPlate
+from procedures.numerics.scattered import Polynomial, ThinPlate
 from procedures.outcome import Refused
 from procedures.psf_field import CoefficientModel, Node, PsfField, in_half_diagonals
 
@@ -18,6 +18,8 @@ Indices = npt.NDArray[np.intp]
 
 FEWEST = 6
 """Nodes from which a PSF is interpolated: a quadratic surface has six coefficients."""
+NARROWEST = 0.02
+"""Least root mean square distance of the nodes from a line, in half diagonals."""
 ONE_BY_ONE = 30
 """Up to so many nodes are left out one at a time, more in ten groups."""
 GROUPS = 10
@@ -28,6 +30,8 @@ STIFFNESS = (0.0, 0.03)
 SYMMETRIC_DEGREES = (2, 3, 4)
 MOST_SYMMETRIC = 16
 """Components of the symmetric lens, at most."""
+UNSURE = 0.25
+"""Standard uncertainty of the axis, in half diagonals, from which it is not told."""
 FLOOR = 0.05
 """Least variance that noise is taken to have in any direction, of the mean: some directions have none by convention."""
 
@@ -102,7 +106,7 @@ def interpolate(plane: str, shape: tuple[int, int], nodes: Sequence[Node]) -> In
     Refused
         If there are fewer than six nodes, or they lie on a line.
     """
-    _check(plane, nodes)
+    _check(plane, shape, nodes)
     data = _Whitened.of(nodes, shape)
     folds = list(_folds(len(nodes)))
     scores = _separate_scores(data, folds)
@@ -113,26 +117,30 @@ def interpolate(plane: str, shape: tuple[int, int], nodes: Sequence[Node]) -> In
     scores.sort(key=lambda one: one[2])
     recipe, r, _ = scores[0]
     field = _field(plane, shape, nodes, data, recipe, r)
-    return Interpolation(field, recipe, tuple(Candidate(one.name, n, score) for one, n, score in scores), axis)
+    told = tuple(Candidate(one.name, n, score) for one, n, score in scores)
+    return Interpolation(field, recipe, told, axis)
 
 
 def rebuild(plane: str, shape: tuple[int, int], nodes: Sequence[Node], recipe: Recipe, components: int) -> PsfField:
     """The field of an earlier choice from its nodes, without choosing again. Raises Refused as `interpolate`."""
-    _check(plane, nodes)
+    _check(plane, shape, nodes)
     return _field(plane, shape, nodes, _Whitened.of(nodes, shape), recipe, components)
 
 
-def _check(plane: str, nodes: Sequence[Node]) -> None:
+def _check(plane: str, shape: tuple[int, int], nodes: Sequence[Node]) -> None:
     """Raise Refused for nodes between which nothing can be told."""
     if len(nodes) < FEWEST:
         raise Refused(
             f"the PSF is interpolated from {FEWEST} places of the frame or more; plane {plane} has {len(nodes)}",
             "photograph the chart at more places",
         )
-    try:
-        Hull(np.array([node.position for node in nodes]))
-    except ValueError as error:
-        raise Refused(f"plane {plane}: {error}", "spread the places over the frame") from error
+    places = in_half_diagonals(np.array([node.position for node in nodes]), shape)
+    width = float(np.linalg.svd(places - places.mean(axis=0), compute_uv=False)[-1]) / len(nodes) ** 0.5
+    if width < NARROWEST:
+        raise Refused(
+            f"the places must enclose a part of the frame; those of plane {plane} lie on one line",
+            "spread them over the frame, along both its sides",
+        )
 
 
 # --- data in units of their noise ----------------------------------------------------------------------------------
@@ -158,7 +166,6 @@ class _Whitened:
     C: Array
     to: Array
     back: Array
-    s: int
     k: int
 
     @classmethod
@@ -171,7 +178,7 @@ class _Whitened:
         trust = psf.k**2 / np.einsum("pq,ipq->i", to @ to, covariances)
         z = np.array([node.psf.h.ravel() for node in nodes]) @ to
         places = in_half_diagonals(np.array([node.position for node in nodes]), shape)
-        return cls(z, places, trust, covariances, to, back, psf.s, psf.k)
+        return cls(z, places, trust, covariances, to, back, psf.k)
 
     def basis(self, kept: Indices) -> tuple[Array, Array]:
         """Weighted mean (k^2,) and principal directions (n, k^2), the strongest first, of some nodes."""
@@ -192,7 +199,7 @@ class _Whitened:
 
     def optic(self, V: Array) -> Optic:
         """The components (r, k^2) of these directions, for the symmetric model."""
-        return Optic(V @ self.to, V @ self.back, self.s, self.k)
+        return Optic(V @ self.to, V @ self.back, self.to, self.k)
 
 
 def _folds(n: int) -> Iterator[tuple[Indices, Indices]]:
@@ -283,12 +290,13 @@ def _origin(data: _Whitened, mean: Array, V: Array) -> Array:
 
 
 def _axis(data: _Whitened, r: int) -> Axis | None:
-    """Where the lens's axis is, by the nodes; None where they are too few."""
+    """Where the lens's axis is, by the nodes; None where they are too few, or do not really tell."""
     if len(data.z) < 2 * FEWEST:
         return None
     mean, V = data.basis(np.arange(len(data.z)))
     V = V[: max(r, 2)]
-    return fit_axis(data.places, data.trust, data.optic(V), 4, data.z @ V.T - _origin(data, mean, V))
+    axis = fit_axis(data.places, data.trust, data.optic(V), 4, data.z @ V.T - _origin(data, mean, V))
+    return axis if np.sqrt(np.trace(axis.covariance)) < UNSURE else None
 
 
 # --- the field and its error ----------------------------------------------------------------------------------------

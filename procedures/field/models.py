@@ -17,8 +17,9 @@ Array = npt.NDArray[np.float64]
 
 RINGS = 8
 """Functions of the distance from the PSF's centre that each harmonic is made of."""
-RIDGE = 1e-10
-"""Of the mean diagonal: rings that the components cannot tell apart share what there is."""
+RIDGE = 1e-5
+"""One over the variance that a ring's amplitude is expected to have, in units of the noise: what the components hardly
+show of a ring is not blown up."""
 FARTHEST_CENTRE = 0.7
 """A lens's axis is looked for this far from the frame's centre, in half diagonals."""
 
@@ -41,11 +42,19 @@ class Separate:
 
 @dataclass(frozen=True, eq=False)
 class Optic:
-    """What the symmetric model must know of the components: (r, k^2) of the analysis, of the components' transpose."""
+    """What the symmetric model must know of the components.
+
+    Attributes
+    ----------
+    analysis, components : (r, k^2) float64
+        As in `PsfField`.
+    whiten : (k^2, k^2) float64
+        From samples to units of their noise.
+    """
 
     analysis: Array
     components: Array
-    s: int
+    whiten: Array
     k: int
 
     @cached_property
@@ -61,8 +70,9 @@ class Optic:
             v, u = np.mgrid[: self.k, : self.k] - self.k // 2
             rho, theta = np.hypot(u, v).ravel(), np.arctan2(v, u).ravel()
             rings = _rings(rho, 1.001 * rho.max()) * ((rho > 0) | (m == 0))[:, None]
-            cos, sin = (self.analysis @ (rings * f(m * theta)[:, None]) for f in (np.cos, np.sin))
-            kept[m] = (cos, sin)
+            cos, sin = (rings * f(m * theta)[:, None] for f in (np.cos, np.sin))
+            size = np.linalg.norm(self.whiten @ cos, axis=0)
+            kept[m] = self.analysis @ (cos / size), self.analysis @ (sin / size)
         return kept[m]
 
 
@@ -135,7 +145,7 @@ class AxialSymmetry:
         D = design.reshape(-1, design.shape[2])
         weight = np.repeat(self.trust, design.shape[1])
         normal = D.T @ (weight[:, None] * D)
-        normal[np.diag_indices_from(normal)] += RIDGE * np.trace(normal) / len(normal)
+        normal[np.diag_indices_from(normal)] += RIDGE
         return D, weight, cho_factor(normal)
 
     def residual(self, values: Array) -> Array:

@@ -23,7 +23,7 @@ class Surface:
     values : (N, m) float64, covariances : (N, m, m) float64
         As measured, and of their noise.
     lack : (m,) float64
-        Variance of what the polynomial leaves out, from place to place.
+        Variance of what the polynomial leaves out, from place to place, as much as the values do not exclude.
     """
 
     smoother: Polynomial
@@ -78,7 +78,9 @@ def fit_surface(places: Array, values: Array, covariances: Array, degrees: Seque
     _, degree, left, share = min(fits, key=lambda one: float(one[0]))
     variance = np.diagonal(covariances, axis1=1, axis2=2)
     excess = (left**2 - variance - share[:, None] * variance.mean(axis=0)) / (1 + share)[:, None]
-    return Surface(Polynomial(places, trust, degree), values, covariances, np.maximum(excess.mean(axis=0), 0.0))
+    # one standard error more than the mean: what the places left out do not exclude
+    lack = excess.mean(axis=0) + excess.std(axis=0, ddof=1) / np.sqrt(len(excess))
+    return Surface(Polynomial(places, trust, degree), values, covariances, np.maximum(lack, 0.0))
 
 
 def _tried(
