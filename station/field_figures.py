@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import matplotlib
 import numpy as np
 import numpy.typing as npt
@@ -21,32 +24,59 @@ MOSAIC = 7
 """PSFs along the frame's longer side of the mosaic."""
 NINETY_FIVE = 2.448
 """Radius of the ellipse that holds 95 % of a Gaussian in the plane, in standard deviations."""
+ERRORS = "YlOrBr"
+"""Colours of uncertainties."""
 SIGNED = ("astigmatism", "focus_astigmatism", "lateral_colour_radial", "lateral_colour_tangential")
 """Maps whose zero is the middle of the colours."""
 
 
+@dataclass(frozen=True, eq=False)
+class _Panel:
+    """One picture of a map: its title, the values and their limits, colours, unit."""
+
+    title: str
+    values: Array
+    limits: tuple[float, float]
+    colours: str
+    unit: str
+
+
 def field_map_figure(one: FieldMap, nodes: Array, shape: tuple[int, int], name: str) -> Markup:
     """A map and its standard uncertainty side by side, the nodes as dots."""
-    panels = [(one.title, one.value, _limits(one), "RdBu_r" if one.name in SIGNED else "viridis")]
+    unit = "" if one.unit == "1" else one.unit
+    panels = [_Panel(one.title, one.value, _limits(one), "RdBu_r" if one.name in SIGNED else "viridis", unit)]
     if one.uncertainty is not None:
-        panels.append(("standard uncertainty", one.uncertainty, (0.0, _most(one.uncertainty)), "magma_r"))
-    rows, columns = shape
-    panel = 3.2
-    figure, places = figures._figure(
-        panel * len(panels), panel * 0.72 * min(rows / columns, 1.5) + 0.66, 1, len(panels),
+        panels.append(_Panel("standard uncertainty", one.uncertainty, _from_zero(one.uncertainty), ERRORS, unit))
+    return _panels(panels, one, nodes, shape, name)
+
+
+def errors_figure(maps: Sequence[FieldMap], nodes: Array, shape: tuple[int, int], name: str) -> Markup:
+    """The predicted errors side by side, each in its own scale."""
+    panels = [_Panel(one.title, one.value, _from_zero(one.value), ERRORS, one.unit) for one in maps]
+    return _panels(panels, maps[0], nodes, shape, name)
+
+
+def _panels(panels: Sequence[_Panel], places: FieldMap, nodes: Array, shape: tuple[int, int], name: str) -> Markup:
+    (rows, columns), width = shape, 3.2
+    figure, axes_of = figures._figure(
+        width * len(panels), width * 0.72 * min(rows / columns, 1.5) + 0.66, 1, len(panels),
         rim_in=(0.08, 0.62, 0.26, 0.3), wspace=0.32,
     )  # fmt: skip
-    for axes, (title, values, (low, high), colours) in zip(places[0], panels, strict=True):
-        extent = (one.x[0] - _step(one.x), one.x[-1] + _step(one.x), one.y[-1] + _step(one.y), one.y[0] - _step(one.y))
-        image = axes.imshow(values, cmap=colours, vmin=low, vmax=high, interpolation="none", extent=extent)
+    x, y = places.x, places.y
+    extent = (x[0] - _step(x), x[-1] + _step(x), y[-1] + _step(y), y[0] - _step(y))
+    for axes, panel in zip(axes_of[0], panels, strict=True):
+        low, high = panel.limits
+        image = axes.imshow(
+            panel.values, cmap=panel.colours, vmin=low, vmax=high, interpolation="none", extent=extent
+        )  # fmt: skip
         axes.plot(*nodes.T, ".", color=INK, ms=2)
         axes.add_patch(Rectangle((-0.5, -0.5), columns, rows, fill=False, ec=FAINT, lw=0.8))
         axes.set(xlim=(-1, columns), ylim=(rows, -1), xticks=[], yticks=[])
         axes.spines[:].set_visible(False)
-        axes.set_title(title, fontsize=9)
-        axes.set_xlabel(one.unit)
+        axes.set_title(panel.title, fontsize=9)
+        axes.set_xlabel(panel.unit)
         figures._bar(figure, axes, image, (1.03, 0.05, 0.04, 0.9))
-    return svg(figure, name, f"{one.title}, {one.unit}, over the frame")
+    return svg(figure, name, "; ".join(f"{panel.title} {panel.unit}" for panel in panels) + ", over the frame")
 
 
 def _step(values: Array) -> float:
@@ -57,6 +87,11 @@ def _most(values: Array) -> float:
     return float(np.nanmax(values)) if np.isfinite(values).any() else 1.0
 
 
+def _from_zero(errors: Array) -> tuple[float, float]:
+    """From none to a little over the greatest, so that an even error is no dark picture."""
+    return 0.0, 1.3 * _most(errors)
+
+
 def _limits(one: FieldMap) -> tuple[float, float]:
     """From the least value to the greatest; as far below zero as above it where the sign matters."""
     if not np.isfinite(one.value).any():
@@ -64,8 +99,7 @@ def _limits(one: FieldMap) -> tuple[float, float]:
     if one.name in SIGNED:
         most = _most(np.abs(one.value))
         return -most, most
-    low = 0.0 if one.uncertainty is None else float(np.nanmin(one.value))
-    return low, _most(one.value)
+    return float(np.nanmin(one.value)), _most(one.value)
 
 
 def mosaic_figure(field: PsfField, name: str) -> Markup:
@@ -88,7 +122,7 @@ def mosaic_figure(field: PsfField, name: str) -> Markup:
 def places_figure(field: PsfField, axis: Axis | None, name: str) -> Markup:
     """The frame, its nodes and what they enclose, and the axis of the lens with its 95 % ellipse."""
     rows, columns = field.shape
-    figure, ((axes,),) = figures._figure(3.6, 3.3 * min(rows / columns, 1.5) + 0.4, rim_in=(0.08, 0.08, 0.08, 0.08))
+    figure, ((axes,),) = figures._figure(4.4, 4.1 * min(rows / columns, 1.5) + 0.5, rim_in=(0.08, 0.08, 0.4, 0.08))
     axes.add_patch(Rectangle((-0.5, -0.5), columns, rows, fill=False, ec=FAINT, lw=0.8))
     axes.fill(*field.hull.rim.T, fc=PLANE_COLOURS[field.plane], alpha=0.1, lw=0)
     axes.plot(*field.positions.T, ".", color=PLANE_COLOURS[field.plane], ms=5, label="nodes")
@@ -105,7 +139,7 @@ def places_figure(field: PsfField, axis: Axis | None, name: str) -> Markup:
     axes.set(xlim=(-2, columns + 1), ylim=(rows + 1, -2), xticks=[], yticks=[], aspect="equal")
     axes.spines[:].set_visible(False)
     with matplotlib.rc_context(STYLE):
-        axes.legend(loc="lower left", fontsize=7.5, handletextpad=0.3)
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=3, fontsize=7.5, handletextpad=0.3)
     return svg(figure, name, "the frame, the nodes, and where the lens's axis meets it")
 
 

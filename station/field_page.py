@@ -22,6 +22,10 @@ with h5py.File("field.h5") as file:
 """Five lines that read the PSF at (X, Y) of a plane."""
 
 
+PAIRS = "grid-template-columns: repeat(auto-fit, minmax(min(100%, 480px), 1fr))"
+"""Figures of two panels need more than a third of the page each."""
+
+
 def field_page(found: FieldResult, about: Mapping[str, Any], software: Mapping[str, Any]) -> str:
     """The page."""
     verdicts = [one.record.verdict for one in found.planes]
@@ -33,6 +37,8 @@ def field_page(found: FieldResult, about: Mapping[str, Any], software: Mapping[s
         about=about,
         worst=worst,
         planes=[_plane(one) for one in fitted],
+        shown=next((i for i, one in enumerate(fitted) if one is found.planes[found.reference]), 0),
+        pairs=PAIRS,
         refused=[one.record for one in found.planes if one.interpolation is None],
         colours=[_colour(colour, i) for i, colour in enumerate(found.colours)],
         focus=_focus(found),
@@ -53,15 +59,16 @@ def _plane(one: PlaneField) -> dict[str, Any]:
     if found is None:
         return {}
     field = found.field
-    pictures = [
-        (m, field_figures.field_map_figure(m, field.positions, field.shape, f"{name}-{m.name}")) for m in one.maps
-    ]
+    drawn = [m for m in one.maps if m.uncertainty is not None]
+    errors = [m for m in one.maps if m.uncertainty is None]
+    pictures = [(m, field_figures.field_map_figure(m, field.positions, field.shape, f"{name}-{m.name}")) for m in drawn]
     return {
         "record": one.record,
         "found": found,
         "numbers": one.numbers,
         "error": _medians(one),
         "maps": pictures,
+        "errors": field_figures.errors_figure(errors, field.positions, field.shape, f"{name}-errors"),
         "mosaic": field_figures.mosaic_figure(field, f"{name}-mosaic"),
         "places": field_figures.places_figure(field, found.axis, f"{name}-places"),
     }

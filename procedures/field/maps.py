@@ -69,8 +69,8 @@ def radius_direction(shape: tuple[int, int], x: float, y: float) -> float:
 
 
 ERRORS = (
-    ("error_noise", "Predicted error of the PSF from noise"),
-    ("error_interpolation", "Predicted error of the PSF from interpolation"),
+    ("error_noise", "error from noise"),
+    ("error_interpolation", "error from interpolation"),
 )
 """Maps of the field's own error: its norm over that of the PSF."""
 

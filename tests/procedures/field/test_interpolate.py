@@ -76,15 +76,17 @@ def test_the_axis_of_a_decentred_lens_is_found_within_its_error(camera, covarian
 
 def test_a_symmetric_lens_is_recognised_and_so_is_one_that_is_not(camera, covariance, found):
     assert found.recipe.kind == "symmetric lens"
-    # a flare that grows along x and points along y, whichever side of the frame: no axis explains it
+    # flares across the radius instead of along it, as if the frame were stirred: no lens does that
     y = np.linspace(-1, 1, 17)
-    flare = camera.psf(374.5, 249.5) * np.outer(y - y**3 / 2, np.ones(17))
-    skewed = []
+    centre = camera.psf(374.5, 249.5)
+    flare = centre * np.outer(y - y**3 / 2, np.ones(17))
+    stirred = []
     for node, place in zip(nodes(camera, grid(), covariance, np.random.default_rng(1)), grid(), strict=True):
         noise = node.psf.h - camera.psf(*place)
-        h = camera.psf(374.5, 249.5) + 0.3 * camera.field(*place)[0] * flare + noise
-        skewed.append(replace(node, psf=replace(node.psf, h=h)))
-    assert interpolate("G1", SHAPE, skewed).recipe.kind != "symmetric lens"
+        u, v = camera.field(*place)
+        h = centre + 0.3 * (u * flare - v * flare.T) + noise
+        stirred.append(replace(node, psf=replace(node.psf, h=h)))
+    assert interpolate("G1", SHAPE, stirred).recipe.kind != "symmetric lens"
 
 
 def test_a_field_without_change_is_told_to_be_constant(covariance):
