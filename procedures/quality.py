@@ -130,6 +130,27 @@ def assess(psf: Psf, *, n: int, diffraction: Diffraction | None = None) -> Quali
     )
 
 
+def mtf_along(psf: Psf, f: Array, angle: float) -> tuple[Array, Array]:
+    """|OTF| at frequencies f (n,) along a direction (radians from x towards y), and its derivative (n, k^2)."""
+    return _modulus(psf, _waves(psf, f * np.cos(angle), f * np.sin(angle)))
+
+
+def mtf50_along(psf: Psf, angle: float) -> tuple[float, Array] | None:
+    """MTF50 along a direction in cycles/pixel, and its derivative (k^2,) with respect to the samples; None without."""
+    f = np.linspace(0, psf.s / 2, int(STEPS_PER_CYCLE * psf.s / 2) + 1)
+    return _crossing(f, *mtf_along(psf, f, angle))
+
+
+def energy_above_nyquist(psf: Psf) -> tuple[float, Array]:
+    """Share of |OTF|^2 outside |fx|, |fy| <= 1/2, what noise adds taken away, and its derivative (k^2,)."""
+    S = _nyquist_kernel(psf)
+    noise = _noise_of_energy(psf)
+    through = S @ psf.h @ S
+    inside, whole = float(np.sum(through * psf.h)) - noise[0], float(np.sum(psf.h**2)) - noise[1]
+    derivative = 2 * (inside / whole * psf.h - through) / whole
+    return 1 - inside / whole, derivative.ravel()
+
+
 def _waves(psf: Psf, fx: Array, fy: Array) -> Complex:
     """exp(-2 pi i f.x) for frequencies of any shape (...,) and all samples: (..., k^2)."""
     x = psf.offsets_px
@@ -172,20 +193,29 @@ def _curve_numbers(psf: Psf, f: Array, mtf: Array, slope: Array, name: str, n: i
         "|OTF| at 0.5 cycles/pixel",
         n,
     )
-    below = np.flatnonzero(mtf < 0.5)
-    if len(below):
-        i = below[0]
-        t = (mtf[i - 1] - 0.5) / (mtf[i - 1] - mtf[i])
-        crossing = (1 - t) * slope[i - 1] + t * slope[i]
-        steepness = (mtf[i - 1] - mtf[i]) / (f[i] - f[i - 1])
+    crossing = _crossing(f, mtf, slope)
+    if crossing is not None:
+        value, derivative = crossing
         numbers[f"mtf50_{name}"] = Quantity(
-            float(f[i - 1] + t * (f[i] - f[i - 1])),
+            value,
             "cycles/pixel",
-            float(_uncertainty(psf, crossing[None])[0] / steepness),
+            float(_uncertainty(psf, derivative[None])[0]),
             "first crossing of |OTF| = 0.5",
             n,
         )
     return numbers
+
+
+def _crossing(f: Array, mtf: Array, slope: Array) -> tuple[float, Array] | None:
+    """Where a curve first falls below one half, and the derivative (k^2,) of that; None where it stays above."""
+    below = np.flatnonzero(mtf < 0.5)
+    if not len(below):
+        return None
+    i = below[0]
+    t = (mtf[i - 1] - 0.5) / (mtf[i - 1] - mtf[i])
+    steepness = (mtf[i - 1] - mtf[i]) / (f[i] - f[i - 1])
+    derivative = ((1 - t) * slope[i - 1] + t * slope[i]) / steepness
+    return float(f[i - 1] + t * (f[i] - f[i - 1])), np.asarray(derivative)
 
 
 def _spatial_numbers(psf: Psf, n: int) -> dict[str, Quantity]:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from procedures.pattern import CELLS, Chart
 from simulators.dng import Shot, write_dng
-from simulators.optics import Optics
+from simulators.optics import ColourShift, Optics
 from simulators.projection import Pose, Projection, apply_homography, image_distance_mm
 from simulators.pupil import Wavefront, defocus_um
 from simulators.render import Picture, render_frame
@@ -37,6 +37,13 @@ class Lens:
     spherical_um, coma_um, astigmatism_um, field_curvature_um : float
         Root mean square path differences: the first everywhere, the others at half the frame's diagonal. As in
         Seidel's theory coma grows linearly with the distance from the axis, the last two with its square.
+    axis : (float, float)
+        Where the lens's axis of symmetry meets the sensor, (x, y) from the frame's centre in half diagonals: a
+        decentred lens. Aberrations and lateral colour are about it, distortion stays about the frame's centre.
+    tilt_um : (float, float)
+        A tilted sensor: defocus, as root mean square path difference, per half diagonal along x and y.
+    lateral_colour : float
+        Relative growth of the image per micrometre of wavelength, 1 in green.
     """
 
     focal_length_mm: float = 50.0
@@ -47,12 +54,17 @@ class Lens:
     coma_um: float = 0.0
     astigmatism_um: float = 0.0
     field_curvature_um: float = 0.0
+    axis: tuple[float, float] = (0.0, 0.0)
+    tilt_um: tuple[float, float] = (0.0, 0.0)
+    lateral_colour: float = 0.0
 
     def wavefront(self, x: float, y: float) -> Wavefront:
         """Aberrations at a place in the frame, (x, y) from its centre in half diagonals."""
+        tilt_um = self.tilt_um[0] * x + self.tilt_um[1] * y
+        x, y = x - self.axis[0], y - self.axis[1]
         q2, coma, stretch = x * x + y * y, self.coma_um, self.astigmatism_um
         return Wavefront(
-            defocus_um=self.field_curvature_um * q2,
+            defocus_um=self.field_curvature_um * q2 + tilt_um,
             astigmatism_um=stretch * (x * x - y * y),
             oblique_astigmatism_um=stretch * 2 * x * y,
             coma_y_um=coma * y,
@@ -96,7 +108,7 @@ class Photograph:
     def true_points(self, plane: str, cells: Array, chart: int = 0) -> Array:
         """Where pattern points (n, 2) lie in a plane, in its pixels (x, y), (n, 2)."""
         offset = np.array(self.sensor.planes[plane], dtype=np.float64)
-        return (self.truths[chart].sensor_points(cells) - offset) / self.pitch
+        return (self.truths[chart].sensor_points(cells, plane[0]) - offset) / self.pitch
 
     def pixels_per_pattern(self, plane: str, chart: int = 0) -> float:
         """Side of the noise region in pixels of a plane: the root of its area."""
@@ -196,7 +208,12 @@ class SimulatedCamera:
         seen = self.light(scene) if light is None else light
         mosaic = sensor.expose(seen, self.white_e_per_s * exposure_s * aperture, rng)
         truths = tuple(
-            ChartTruth(projection.pinhole() @ one.to_space(), projection, self.optics_at(one, focus))
+            ChartTruth(
+                projection.pinhole() @ one.to_space(),
+                projection,
+                self.optics_at(one, focus),
+                self.colour_shift_at(one, focus),
+            )
             for one in scene.charts
         )
         if path is not None:
@@ -209,7 +226,7 @@ class SimulatedCamera:
         focus = self.focused_at(scene)
         return render_frame(
             Picture.of(scene, self.projection(focus)),
-            lambda placed: self.optics_at(placed, focus) if placed else self.sharp_optics(),
+            lambda placed: self._drawn_optics(placed, focus),
             (self.sensor.rows, self.sensor.columns),
             self.sensor.tile,
             oversampling=self.oversampling or self.sharp_optics().fine_samples(self.sensor.tile.values()),
@@ -240,12 +257,31 @@ class SimulatedCamera:
 
     def optics_at(self, placed: PlacedChart, focus_mm: float) -> Optics:
         """What blurs a chart: the camera's optics, the lens's aberrations there, and defocus at its centre."""
-        f, projection = self.lens.focal_length_mm, self.projection(focus_mm)
-        x, y, z = placed.pose.centre_mm
+        f, z = self.lens.focal_length_mm, placed.pose.centre_mm[2]
         shift = image_distance_mm(f, focus_mm) - image_distance_mm(f, z)
+        wavefront = self.lens.wavefront(*self._field(placed, focus_mm))
+        return self.sharp_optics().aberrated(wavefront + Wavefront(defocus_um(shift, self.lens.f_number)))
+
+    def colour_shift_at(self, placed: PlacedChart, focus_mm: float) -> ColourShift:
+        """Lateral colour at a chart's centre, taken for that of the whole chart as the aberrations are."""
+        per_um = self.lens.lateral_colour * self.projection(focus_mm).radius_px
+        x, y = (q - c for q, c in zip(self._field(placed, focus_mm), self.lens.axis, strict=True))
+        return ColourShift((per_um * x, per_um * y))
+
+    def _field(self, placed: PlacedChart, focus_mm: float) -> tuple[float, float]:
+        """Where a chart's centre appears, (x, y) from the frame's centre in half diagonals, distortion apart."""
+        projection = self.projection(focus_mm)
+        x, y, z = placed.pose.centre_mm
         reach = projection.principal_px / projection.radius_px / z
-        wavefront = self.lens.wavefront(reach * x, reach * y) + Wavefront(defocus_um(shift, self.lens.f_number))
-        return self.sharp_optics().aberrated(wavefront)
+        return reach * x, reach * y
+
+    def _drawn_optics(self, placed: PlacedChart | None, focus_mm: float) -> Optics:
+        """All that blurs and shifts a chart, or what stands on the wall."""
+        if placed is None:
+            return self.sharp_optics()
+        shift = self.colour_shift_at(placed, focus_mm)
+        optics = self.optics_at(placed, focus_mm)
+        return optics.also(shift) if any(shift.px_per_um) else optics
 
     def sharp_optics(self) -> Optics:
         """What blurs a thing in focus on the axis; `replace(camera, optics=...)` of it adds movement."""

@@ -136,6 +136,29 @@ class Path:
 
 
 @dataclass(frozen=True)
+class ColourShift:
+    """Lateral colour at one place: a shift of the image that grows with the wavelength, none in green.
+
+    `px_per_um` is (x, y) in sensor pixels per micrometre of wavelength.
+    """
+
+    px_per_um: tuple[float, float] = (0.0, 0.0)
+
+    def at(self, wavelength_um: float) -> Array:
+        """The shift (x, y) of a wavelength, in sensor pixels."""
+        return (wavelength_um - WAVELENGTHS_UM["G"]) * np.array(self.px_per_um)
+
+    def otf(self, fx: Array, fy: Array, wavelength_um: float, pitch_um: float) -> Complex:
+        """The shift's phase."""
+        x, y = self.at(wavelength_um)
+        return np.asarray(np.exp(-2j * np.pi * (x * fx + y * fy)), dtype=np.complex128)
+
+    def reach_px(self, wavelength_um: float, pitch_um: float) -> float:
+        """The longer component of the shift."""
+        return float(np.abs(self.at(wavelength_um)).max())
+
+
+@dataclass(frozen=True)
 class Optics:
     """All causes of blur between scene and photosite.
 

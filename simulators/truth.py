@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
-from simulators.optics import Optics
+from simulators.optics import WAVELENGTHS_UM, ColourShift, Optics
 from simulators.projection import Projection, apply_homography
 
 Array = npt.NDArray[np.float64]
@@ -80,15 +80,21 @@ class ChartTruth:
         Pattern coordinates (cells) to sensor pixels, before distortion.
     projection : Projection
         Holds the distortion.
+    optics : Optics
+        What blurs, about the chart's points as its colour shows them.
+    colour_shift : ColourShift
+        Where the lens shows them in another colour than green.
     """
 
     H_sensor_pattern: Array
     projection: Projection
     optics: Optics
+    colour_shift: ColourShift = field(default_factory=ColourShift)
 
-    def sensor_points(self, cells: Array) -> Array:
-        """Pattern points (n, 2) to sensor pixels (x, y), distortion included, (n, 2)."""
-        return self.projection.distort(apply_homography(self.H_sensor_pattern, np.asarray(cells, dtype=np.float64)))
+    def sensor_points(self, cells: Array, colour: str = "G") -> Array:
+        """Pattern points (n, 2) to sensor pixels (x, y) in a colour, distortion included, (n, 2)."""
+        points = apply_homography(self.H_sensor_pattern, np.asarray(cells, dtype=np.float64))
+        return np.asarray(self.projection.distort(points) + self.colour_shift.at(WAVELENGTHS_UM[colour]))
 
     def psf(self, s: int, k: int, *, colour: str = "Y", pitch: int = 1) -> TruePsf:
         """The PSF that an estimate from this chart should find, in one colour."""

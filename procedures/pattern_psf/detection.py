@@ -7,7 +7,7 @@ triangles to tell chart from clutter and one turn from the other seven, the mark
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -92,6 +92,11 @@ class Sighting:
         corners = frame.transform(self.H_sensor_pattern, square)
         out: Array = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
         return out
+
+    def moved(self, x: float, y: float) -> Sighting:
+        """The same chart in a plane where everything appears so many pixels further right and down."""
+        T = np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]])
+        return replace(self, corners=self.corners + np.array([x, y]), H_sensor_pattern=T @ self.H_sensor_pattern)
 
     def cut_marks(self, shape: tuple[int, ...], margin_px: float = 0.0) -> int:
         """How many x-corners lie nearer to the edge of a photograph of this shape (rows, columns), or beyond it."""
@@ -246,12 +251,12 @@ def find_chart(image: npt.NDArray[np.floating]) -> Sighting:
     if len(found) > 1:
         places = ", ".join(f"({x:.0f}, {y:.0f})" for x, y in (s.centre() for s in found))
         raise Refused(f"one chart is needed; got {len(found)}, centred at {places}", "cover or crop away the others")
-    _refuse_unfit(found[0], image.shape)
+    check_usable(found[0], image.shape)
     return found[0]
 
 
-def _refuse_unfit(sighting: Sighting, shape: tuple[int, ...]) -> None:
-    """Raise Refused for a chart that the estimator cannot use."""
+def check_usable(sighting: Sighting, shape: tuple[int, ...]) -> None:
+    """Raise Refused for a chart that the estimator cannot use, in a photograph of this shape; see `find_chart`."""
     if sighting.mirrored:
         raise Refused("the chart is mirrored", "flip the picture left to right, or photograph the chart directly")
     hidden = int(np.count_nonzero(~sighting.visible))

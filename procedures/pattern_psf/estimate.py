@@ -20,7 +20,7 @@ from procedures.numerics.warps import inverse
 from procedures.outcome import Outcome, Refused, Verdict
 from procedures.pattern import BLOCK, CELLS, Chart
 from procedures.pattern_psf.centre import mark_offset_gradient
-from procedures.pattern_psf.detection import find_chart
+from procedures.pattern_psf.detection import Sighting, check_usable, find_chart
 from procedures.pattern_psf.gamma import gamma, gamma_bound
 from procedures.pattern_psf.observation import noise_window, observe
 from procedures.pattern_psf.radiometry import Light, measure_light
@@ -77,6 +77,8 @@ class PatternPsf:
         Sampling ratio; 1 is ideal.
     registration : Registration
         Where every pixel lies on the chart.
+    centre_covariance : (2, 2) float64
+        Of the place (x, y) in the plane, in pixels, where the registration sees the chart's centre.
     diagnostics : mapping of str to float
     marks : (12, 2) float64
         The x-corners as found, (x, y) in pixels, NaN where hidden.
@@ -96,6 +98,7 @@ class PatternPsf:
     pixels_per_pattern: float
     s_over_t: float
     registration: Registration
+    centre_covariance: Array
     diagnostics: Mapping[str, float]
     marks: Array
     residual: Array
@@ -112,6 +115,7 @@ def estimate_psf(
     chart: Chart,
     parameters: PatternParameters | None = None,
     diffraction: Diffraction | None = None,
+    sighting: Sighting | None = None,
 ) -> Outcome[PatternPsf]:
     """The PSF of a plane that shows the chart, or the reason why it has none.
 
@@ -124,6 +128,8 @@ def estimate_psf(
     parameters : PatternParameters, optional
     diffraction : Diffraction, optional
         What limits this plane: where it is given, the Strehl ratio is reported too.
+    sighting : Sighting, optional
+        The chart to use, of several in the photograph (`detection.find_charts`); None: the only one is found.
 
     Returns
     -------
@@ -132,7 +138,7 @@ def estimate_psf(
     """
     parameters = parameters or PatternParameters()
     try:
-        return _estimate(plane, chart, parameters, diffraction)
+        return _estimate(plane, chart, parameters, diffraction, sighting)
     except Refused as refusal:
         return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
     except np.linalg.LinAlgError:
@@ -145,25 +151,33 @@ def estimate_psf(
 
 
 def _estimate(
-    plane: Plane, chart: Chart, parameters: PatternParameters, diffraction: Diffraction | None
+    plane: Plane,
+    chart: Chart,
+    parameters: PatternParameters,
+    diffraction: Diffraction | None,
+    sighting: Sighting | None,
 ) -> Outcome[PatternPsf]:
     """The chain itself; raises Refused."""
     samples, s, k = plane.samples, parameters.s, parameters.k
-    corners, marks_map = _register(samples)
+    corners, marks_map = _register(samples, sighting)
     light = measure_light(samples, marks_map, plane.quantisation)
     _check_light(light, plane.quantisation)
     fit, outliers = _fit(samples, chart, corners, marks_map, light, s, k)
-    psf = _solution(fit, s, k, parameters.solver)
+    psf, centre_covariance = _solution(fit, s, k, parameters.solver)
     diagnostics = diagnose(fit, psf, light, corners, marks_map, outliers, s)
     verdict, reason, remedy = judge(diagnostics, fit)
     if verdict is Verdict.REFUSED:
         return Outcome(None, verdict, reason, remedy)
-    return Outcome(_result(fit, psf, diagnostics, corners, diffraction), verdict, reason, remedy)
+    found = _result(fit, psf, centre_covariance, diagnostics, corners, diffraction)
+    return Outcome(found, verdict, reason, remedy)
 
 
-def _register(samples: npt.NDArray[np.float32]) -> tuple[Array, Registration]:
+def _register(samples: npt.NDArray[np.float32], sighting: Sighting | None) -> tuple[Array, Registration]:
     """The chart's marks to subpixel, and the map they give."""
-    sighting = find_chart(samples)
+    if sighting is None:
+        sighting = find_chart(samples)
+    else:
+        check_usable(sighting, samples.shape)
     block = block_size_px(register_marks(sighting.corners))
     corners = refine_corners(samples, sighting.corners, block)
     registration = register_marks(corners)
@@ -224,8 +238,8 @@ def _fit(
     return fit, 1 - len(kept) / m
 
 
-def _solution(fit: Fit, s: int, k: int, solver: str) -> Psf:
-    """The PSF as asked for, of sum 1, with the covariance of the least-squares solution.
+def _solution(fit: Fit, s: int, k: int, solver: str) -> tuple[Psf, Array]:
+    """The PSF as asked for, of sum 1, with the covariance of the least-squares solution, and of its centre (2, 2).
 
     For "clip" and "nnls" the same covariance is an upper limit: the constraint only takes noise away.
     """
@@ -237,11 +251,19 @@ def _solution(fit: Fit, s: int, k: int, solver: str) -> Psf:
     slope_y, slope_x = np.gradient(image)
     back = np.column_stack([slope_x.ravel(), slope_y.ravel()]) * s
     forth = mark_offset_gradient(image, s, fit.registration.jacobian())
+    centre_covariance = forth @ covariance @ forth.T
     covariance = covariance + back @ (forth @ covariance)
-    return Psf(image, s, covariance + (covariance @ forth.T) @ back.T)
+    return Psf(image, s, covariance + (covariance @ forth.T) @ back.T), centre_covariance
 
 
-def _result(fit: Fit, psf: Psf, d: Diagnostics, corners: Array, diffraction: Diffraction | None) -> PatternPsf:
+def _result(
+    fit: Fit,
+    psf: Psf,
+    centre_covariance: Array,
+    d: Diagnostics,
+    corners: Array,
+    diffraction: Diffraction | None,
+) -> PatternPsf:
     """Everything that is reported, from the final fit."""
     residual, origin = _residual_picture(fit)
     m = len(fit.observation.y)
@@ -258,6 +280,7 @@ def _result(fit: Fit, psf: Psf, d: Diagnostics, corners: Array, diffraction: Dif
         pixels_per_pattern=pixels,
         s_over_t=d.s_over_t,
         registration=fit.registration,
+        centre_covariance=centre_covariance,
         diagnostics=asdict(d),
         marks=corners,
         residual=residual,

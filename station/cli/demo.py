@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import os
-import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from station.cli.errors import REFUSED
-from station.cli.log import log, log_json_option, logs_json
+from station.cli.log import log, log_json_option
+from station.cli.progress import progress as progress_shown
 
 if TYPE_CHECKING:
     from rich.table import Table
 
     from station.demo import Checked, Demonstration, Summary
-    from station.progress import Progress
 
 COLOURS = {"pass": "green", "doubtful": "yellow", "refused": "red"}
 HEADINGS = {"horizontal": "MTF50, rows", "vertical": "MTF50, columns"}
@@ -38,7 +36,7 @@ def demo(out: Path, seed: int, rendered: bool, as_json: bool) -> None:
     """Photograph the chart with a simulated camera, estimate the PSFs from its files, and compare with the truth."""
     from station.demo import run_demo, steps, summary
 
-    with _progress(steps()) as progress:
+    with progress_shown(steps()) as progress:
         found, text = run_demo(out, seed, progress=progress)
     if as_json:
         click.echo(text, nl=False)
@@ -56,7 +54,7 @@ def _render(out: Path, seed: int) -> None:
     from station.rendered import PAGE, RenderPlan, rendered_demo, steps
 
     plan = RenderPlan(seed=seed)
-    with _progress(steps(plan)) as progress:
+    with progress_shown(steps(plan)) as progress:
         scenes, depth, _ = rendered_demo(out, plan, threads=os.cpu_count() or 1, progress=progress)
     for one in scenes:
         before, after = one.psnr_db["rendered"], one.psnr_db["filtered"]
@@ -66,18 +64,6 @@ def _render(out: Path, seed: int) -> None:
         error = depth.figures["w_px"]["rms_error"]
         log("restored", f"{depth.outcome.verdict}: depth restored, w with an error of {error:.3f} samples", error=error)
     log("written", f"wrote {out / PAGE}", path=str(out / PAGE))
-
-
-@contextmanager
-def _progress(total: int) -> Iterator[Progress]:
-    """A bar where a person watches, lines otherwise."""
-    from station.progress import bar
-
-    if sys.stderr.isatty() and not logs_json():
-        with bar(total) as progress:
-            yield progress
-    else:
-        yield lambda done, steps=1: log("step", done)
 
 
 def _show(found: Demonstration, summary: Summary) -> None:

@@ -13,6 +13,7 @@ from station.cli.errors import REFUSED
 from station.cli.log import log, log_json_option
 
 if TYPE_CHECKING:
+    from procedures.pattern_print.source import Source
     from procedures.raw import RawFrame
     from station.calibrate import Calibrated
     from station.results import PlaneRecord, ResultFolder
@@ -53,6 +54,25 @@ def psf_options(s: int, k: int, solver: str) -> Callable[[Command], Command]:
     return add
 
 
+def chart_options(command: Command) -> Command:
+    """The options that tell which chart was printed."""
+    bits = click.option("--bits", type=click.Path(path_type=Path), help="The chart's 256 x 256 cells as a grey image.")
+    seed = click.option(
+        "--seed", type=click.IntRange(0, 2**63 - 1), help="The chart's seed; 1 if neither this nor --bits is given."
+    )
+    return bits(seed(command))
+
+
+def chart_source(bits: Path | None, seed: int | None) -> Source:
+    """The chart that the options tell."""
+    if bits is not None and seed is not None:
+        raise click.UsageError("the chart comes from --bits or from --seed; give one of them")
+    from procedures.pattern import DEFAULT_SEED
+    from procedures.pattern_print.source import Source
+
+    return Source.from_file(bits) if bits else Source.from_seed(DEFAULT_SEED if seed is None else seed)
+
+
 def read_planes(image: Path, plane: str | None) -> RawFrame:
     """The planes asked for, of one photograph; the default one where none is named."""
     from procedures.raw import default_plane, read_frame
@@ -69,7 +89,7 @@ def tell_each(calibrated: Iterable[Calibrated[Any]]) -> list[Calibrated[Any]]:
     """The planes, each told as it comes."""
     found = []
     for one in calibrated:
-        _tell(one.record, one.duration_s)
+        tell_record(one.record, one.duration_s)
         found.append(one)
     return found
 
@@ -114,8 +134,10 @@ def finish(found: Sequence[Calibrated[Any]], text: str, *, as_json: bool) -> Non
         raise click.exceptions.Exit(REFUSED)
 
 
-def _tell(record: PlaneRecord, duration_s: float) -> None:
+def tell_record(record: PlaneRecord, duration_s: float | None = None) -> None:
+    """One line on stderr about a plane."""
     verdict = str(record.verdict)
+    took = {} if duration_s is None else {"dur_ms": round(1000 * duration_s)}
     log(
         "plane",
         _sentence(record),
@@ -123,7 +145,7 @@ def _tell(record: PlaneRecord, duration_s: float) -> None:
         remedy=record.remedy,
         plane=record.name,
         verdict=verdict,
-        dur_ms=round(1000 * duration_s),
+        **took,
     )
 
 

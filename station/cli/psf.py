@@ -10,6 +10,7 @@ from station.cli.lazy import LazyGroup
 PSF_COMMANDS = {
     "pattern": ("psf_pattern", "psf_pattern", "From one photograph of the noise chart."),
     "two-photo": ("psf_two_photo", "psf_two_photo", "From two photographs of a wall at different distances."),
+    "field": ("psf_field", "psf_field", "Over the whole frame, from charts at many places."),
 }
 
 

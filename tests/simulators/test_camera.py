@@ -12,7 +12,8 @@ from procedures.pattern import X_CORNERS, Chart
 from procedures.raw import read_frame
 from simulators.camera import Lens, SimulatedCamera, pixels_at, render_plane
 from simulators.clutter import cover, random_clutter
-from simulators.optics import Optics, PixelAperture
+from simulators.optics import WAVELENGTHS_UM, Optics, PixelAperture
+from simulators.pupil import Wavefront
 from simulators.render import Picture, Region, render_region
 from simulators.scene import Scene, Shape, Wall
 from simulators.sensor import Sensor
@@ -192,3 +193,32 @@ def test_optics_for_another_pitch_are_refused():
 def test_a_lens_cannot_focus_within_its_focal_length():
     with pytest.raises(ValueError, match="focuses beyond its focal length"):
         GREY.projection(40.0)
+
+
+def test_a_decentred_lens_is_free_of_field_aberrations_on_its_own_axis():
+    lens = Lens(coma_um=0.1, astigmatism_um=0.2, field_curvature_um=0.1, axis=(0.1, -0.2))
+    assert lens.wavefront(0.1, -0.2).flat
+    assert not lens.wavefront(0.0, 0.0).flat
+
+
+def test_a_tilted_sensor_defocuses_along_its_slope():
+    lens = Lens(tilt_um=(0.1, -0.3))
+    assert lens.wavefront(0.5, 0.2) == Wavefront(defocus_um=0.5 * 0.1 - 0.2 * 0.3)
+
+
+def test_lateral_colour_moves_the_chart_as_the_truth_says():
+    # magnification such that green and yellow (Y) are exactly one pixel apart in x at the chart: its picture is moved
+    placed = GREY.place(CHART, pixels=70, at=(0.7, 0.5))
+    focus = placed.pose.centre_mm[2]
+    per_um = replace(GREY, lens=Lens(lateral_colour=1.0)).colour_shift_at(placed, focus).px_per_um
+    growth = 1 / per_um[0] / (WAVELENGTHS_UM["Y"] - WAVELENGTHS_UM["G"])
+    camera = replace(GREY, lens=Lens(lateral_colour=growth))
+    plain, moved = (c.photograph(Scene((placed,)), np.random.default_rng(1)) for c in (GREY, camera))
+    step = moved.true_points("Y", X_CORNERS) - plain.true_points("Y", X_CORNERS)
+    np.testing.assert_allclose(step, np.tile([1.0, 0.0], (12, 1)), atol=1e-9)
+    at = plain.true_points("Y", X_CORNERS)
+    (x0, y0), (x1, y1) = at.min(axis=0).astype(int), at.max(axis=0).astype(int)
+    here, there = plain.plane("Y")[y0:y1, x0:x1], moved.plane("Y")[y0:y1, x0 + 1 : x1 + 1]
+    # the photons differ; half the variance of the difference is that of one exposure
+    noise = GREY.photograph(Scene((placed,)), np.random.default_rng(2)).plane("Y")[y0:y1, x0:x1] - here
+    assert np.std(there - here) < 1.1 * np.std(noise) + 1e-3

@@ -9,12 +9,16 @@ import numpy as np
 import pytest
 
 from procedures.outcome import BadParameter, Outcome, Verdict
-from procedures.pattern import Chart
+from procedures.pattern import CELLS, Chart
+from procedures.pattern_psf.detection import find_charts
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
 from procedures.raw import Plane, read_frame
+from simulators.camera import SimulatedCamera
+from simulators.scene import Scene
+from simulators.sensor import Sensor
 
 from .alignment import aligned_error
-from .conftest import CHART, Bench, photograph
+from .conftest import CHART, PITCH_UM, Bench, photograph
 
 CASES = {"front_gauss": 17, "tilted_gauss": 17, "airy_f8": 25}
 
@@ -186,3 +190,26 @@ def test_curved_response_is_told_from_spread_ink(bench: Bench, rng: np.random.Ge
     assert found.diagnostics["ink_spread"] == pytest.approx(0, abs=0.004)
     error, _ = aligned_error(found.psf.h, bench.photograph.true_psf("Y", 4, 17).h)
     assert error < 1.3 * found.diagnostics["relative_uncertainty"]
+
+
+def test_each_of_several_charts_can_be_chosen() -> None:
+    # two charts in a frame: refused where one is needed; each estimated by its sighting, at its own place
+    camera = SimulatedCamera(
+        sensor=Sensor(200, 340, None, bits=16, full_well_e=1.3e5, gain_e_per_dn=2.0, read_noise_e=0),
+        pitch_um=PITCH_UM,
+        white_e_per_s=1e5 / 0.02,
+    )
+    scene = Scene(tuple(camera.place(CHART, pixels=90, at=(x, 0.5), roll_deg=4.0) for x in (0.26, 0.74)))
+    shot = camera.photograph(scene, np.random.default_rng(2))
+    plane = Plane("Y", shot.plane("Y").astype(np.float32), 1 / 65535)
+    assert "one chart is needed" in estimate_psf(plane, CHART).reason
+    sightings = find_charts(plane.samples)
+    assert len(sightings) == 2
+    middle = np.full((1, 2), CELLS / 2)
+    for sighting in sightings:
+        found = value(estimate_psf(plane, CHART, sighting=sighting.moved(0.4, -0.3)))
+        chart = 0 if sighting.centre()[0] < 170 else 1
+        off = found.registration.to_sensor(middle) - shot.true_points("Y", middle, chart)
+        # within four standard deviations, which are a few thousandths of a pixel
+        assert np.all(np.abs(off) < 4 * np.sqrt(np.diag(found.centre_covariance)))
+        assert np.all(np.sqrt(np.diag(found.centre_covariance)) < 0.02)

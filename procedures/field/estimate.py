@@ -1,0 +1,103 @@
+"""From a photograph of one or several charts to nodes: the PSF of every plane at every chart, and where that is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.outcome import Refused, Verdict
+from procedures.pattern import CELLS, Chart
+from procedures.pattern_psf.detection import Sighting, find_charts
+from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
+from procedures.psf_field import Node
+from procedures.raw import Plane, RawFrame
+
+Array = npt.NDArray[np.float64]
+
+MIDDLE: Array = np.full((1, 2), CELLS / 2)
+"""The chart's centre, in cells: the node's place."""
+
+
+@dataclass(frozen=True)
+class Miss:
+    """A chart that gave no node in a plane, or a photograph that gave none at all (plane and place empty)."""
+
+    source: str
+    reason: str
+    remedy: str
+    plane: str = ""
+    place: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class FrameNodes:
+    """What one photograph gives.
+
+    Attributes
+    ----------
+    nodes : mapping of plane to nodes
+    shapes : mapping of plane to (rows, columns)
+    misses : sequence of Miss
+    doubts : number of nodes whose verdict is doubtful
+    """
+
+    nodes: Mapping[str, Sequence[Node]]
+    shapes: Mapping[str, tuple[int, int]]
+    misses: Sequence[Miss]
+    doubts: int
+
+
+def measure_frame(frame: RawFrame, chart: Chart, parameters: PatternParameters) -> FrameNodes:
+    """The nodes of all charts in all planes of a photograph.
+
+    The charts are found in one plane, green where there is one; the others show them in the same places.
+
+    Raises
+    ------
+    Refused
+        If there is no chart in it.
+    """
+    source = frame.path.name
+    guide = frame.planes.get("G1", next(iter(frame.planes.values())))
+    sightings = _in_order(find_charts(guide.samples))
+    if not sightings:
+        raise Refused(
+            f"{source}: no chart in the photograph",
+            "show the whole chart, sharp and evenly lit, its noise region 60 to 300 pixels wide",
+        )
+    nodes: dict[str, list[Node]] = {name: [] for name in frame.planes}
+    misses, doubts = [], 0
+    for plane in frame.planes.values():
+        x, y = ((a - b) / plane.pitch for a, b in zip(guide.origin, plane.origin, strict=True))
+        for number, sighting in enumerate(sightings, 1):
+            outcome = estimate_psf(plane, chart, parameters, sighting=sighting.moved(x, y))
+            doubts += outcome.verdict is Verdict.DOUBTFUL
+            if outcome.value is None:
+                place = "({:.0f}, {:.0f})".format(*sighting.centre())
+                misses.append(Miss(source, outcome.reason, outcome.remedy, plane.name, place))
+            else:
+                nodes[plane.name].append(node_of(outcome.value, plane, source, number))
+    shapes = {name: (plane.samples.shape[0], plane.samples.shape[1]) for name, plane in frame.planes.items()}
+    return FrameNodes(nodes, shapes, misses, doubts)
+
+
+def node_of(found: PatternPsf, plane: Plane, source: str, number: int) -> Node:
+    """The node of an estimate: its place is where the map sees the chart's centre."""
+    position = found.registration.to_sensor(MIDDLE)[0]
+    on_sensor = plane.pitch * position + np.array(plane.origin, dtype=np.float64)
+    return Node(position, found.centre_covariance, on_sensor, found.psf, source, number)
+
+
+def _in_order(sightings: Sequence[Sighting]) -> list[Sighting]:
+    """Row by row: charts whose centres are within half a chart of each other's height are in one row."""
+    left = sorted(sightings, key=lambda one: float(one.centre()[1]))
+    ordered: list[Sighting] = []
+    while left:
+        reach = left[0].centre()[1] + left[0].widths().mean() / 2
+        row = [one for one in left if one.centre()[1] < reach]
+        ordered += sorted(row, key=lambda one: float(one.centre()[0]))
+        left = left[len(row) :]
+    return ordered

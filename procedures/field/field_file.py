@@ -1,0 +1,149 @@
+"""The field in one HDF5 file that explains itself, and back: see `decisions/0001-hdf5.md`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.field.chromatic import LateralColour
+from procedures.field.interpolate import Interpolation, Recipe, rebuild
+from procedures.field.maps import FieldMap, grid
+from procedures.outcome import BadInput
+from procedures.psf import Psf
+from procedures.psf_field import Node, PsfField
+
+if TYPE_CHECKING:
+    import h5py
+
+Array = npt.NDArray[np.float64]
+
+SCHEMA = "station/psf-field/1"
+CONVENTIONS = """\
+Arrays are [row, column]; positions are (x, y) in pixels of the plane, pixel centres at integers, x right, y down.
+A PSF has `samples_per_pixel` samples per pixel of its plane along each axis, an odd square of them, of sum 1; the
+photograph is the convolution with it. Its centre sample lies where the chart's marks are seen. Covariances are of
+the samples in the order psf.ravel(), of the noise of the photographs.
+PLANE/nodes: what was measured.
+PLANE/anywhere: base + sum over c of coefficients[i, j, c] components[c] is the PSF at (x[j], y[i]).
+PLANE/maps: numbers and their standard uncertainties, NaN beyond the nodes.
+lateral_colour/PLANE: shift against the reference plane, in pixels of the sensor."""
+COLUMNS = 64
+"""Places of the rendered field along the frame's longer side."""
+
+
+def write_field(
+    path: Path,
+    fields: Mapping[str, Interpolation],
+    maps: Mapping[str, Sequence[FieldMap]],
+    colours: Sequence[LateralColour],
+    provenance: Mapping[str, str],
+) -> None:
+    """Write fields and maps by plane, lateral colour, and texts that say where all comes from."""
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        file.attrs.update({"schema": SCHEMA, "conventions": CONVENTIONS, **provenance})
+        for name, found in fields.items():
+            plane = file.create_group(name)
+            _write_plane(plane, found)
+            _write_maps(plane.create_group("maps"), maps.get(name, ()))
+        for colour in colours:
+            group = file.create_group(f"lateral_colour/{colour.plane}")
+            group.attrs["reference"] = colour.reference
+            _put(group, "position", colour.positions, "pixel of the plane")
+            _put(group, "shift", colour.shift, "pixel of the sensor")
+            _put(group, "covariance", colour.covariance, "squared pixel of the sensor")
+            _write_maps(group.create_group("maps"), colour.maps())
+
+
+def _put(group: h5py.Group, name: str, values: npt.ArrayLike, unit: str, **options: Any) -> None:
+    group.create_dataset(name, data=np.asarray(values), **options).attrs["unit"] = unit
+
+
+def _write_plane(plane: h5py.Group, found: Interpolation) -> None:
+    field = found.field
+    plane.attrs.update(
+        {
+            "rows": field.shape[0],
+            "columns": field.shape[1],
+            "samples_per_pixel": field.s,
+            "model": field.model.name,
+            "model_kind": found.recipe.kind,
+            "model_setting": found.recipe.setting,
+            "model_axis": np.array(found.recipe.axis),
+            "components": len(field.components),
+        }
+    )
+    nodes = plane.create_group("nodes")
+    _put(nodes, "position", field.positions, "pixel of the plane")
+    _put(nodes, "position_covariance", [n.position_covariance for n in field.nodes], "squared pixel of the plane")
+    _put(nodes, "sensor_position", [n.sensor_position for n in field.nodes], "pixel of the sensor")
+    _put(nodes, "psf", [n.psf.h for n in field.nodes], "1 (sum 1)")
+    # seven digits of an error bar are enough, and half the file
+    _put(nodes, "covariance", np.array([n.psf.covariance for n in field.nodes], dtype=np.float32), "1")
+    nodes.create_dataset("source", data=[n.source.encode() for n in field.nodes])
+    nodes.create_dataset("number", data=[n.number for n in field.nodes])
+    _write_anywhere(plane.create_group("anywhere"), field)
+
+
+def _write_anywhere(group: h5py.Group, field: PsfField) -> None:
+    """The field as base, components and coefficients on a grid: no model is needed to read it."""
+    k = field.k
+    x, y = grid(field.shape, COLUMNS)
+    points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    coefficients = field.coefficients(points).reshape(len(y), len(x), -1)
+    _put(group, "x", x, "pixel of the plane")
+    _put(group, "y", y, "pixel of the plane")
+    _put(group, "base", field.base.reshape(k, k), "1")
+    _put(group, "components", field.components.reshape(-1, k, k), "1")
+    _put(group, "coefficients", coefficients, "1")
+    _put(group, "inside", field.inside(points).reshape(len(y), len(x)), "whether the nodes enclose the place")
+
+
+def _write_maps(group: h5py.Group, maps: Iterable[FieldMap]) -> None:
+    for one in maps:
+        entry = group.create_group(one.name)
+        entry.attrs["title"] = one.title
+        _put(entry, "x", one.x, "pixel of the plane")
+        _put(entry, "y", one.y, "pixel of the plane")
+        _put(entry, "value", one.value, one.unit)
+        if one.uncertainty is not None:
+            _put(entry, "uncertainty", one.uncertainty, one.unit)
+
+
+def read_field(path: Path | str) -> dict[str, PsfField]:
+    """The fields of a file by plane, as they were written but for the covariances' eighth digit.
+
+    Raises
+    ------
+    BadInput
+        If it is no such file.
+    """
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            if file.attrs.get("schema") != SCHEMA:
+                raise BadInput(f"{path} is no PSF field of this version", f"give a file with schema {SCHEMA}")
+            return {name: _read_plane(name, group) for name, group in file.items() if "nodes" in group}
+    except OSError as error:
+        raise BadInput(f"{path} cannot be read as HDF5: {error}", "give the field.h5 of a result") from error
+
+
+def _read_plane(name: str, plane: h5py.Group) -> PsfField:
+    stored = plane["nodes"]
+    s = int(plane.attrs["samples_per_pixel"])
+    columns = ("position", "position_covariance", "sensor_position", "psf", "covariance", "source", "number")
+    rows = zip(*(stored[column][:] for column in columns), strict=True)
+    nodes = [
+        Node(position, spread, on_sensor, Psf(h, s, covariance.astype(np.float64)), source.decode(), int(number))
+        for position, spread, on_sensor, h, covariance, source, number in rows
+    ]
+    x, y = plane.attrs["model_axis"]
+    recipe = Recipe(str(plane.attrs["model_kind"]), float(plane.attrs["model_setting"]), (float(x), float(y)))
+    shape = int(plane.attrs["rows"]), int(plane.attrs["columns"])
+    return rebuild(name, shape, nodes, recipe, int(plane.attrs["components"]))

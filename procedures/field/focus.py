@@ -1,0 +1,214 @@
+"""Best focus over the frame from a bracket: the field's curvature, the sensor's tilt, and astigmatism as a distance.
+
+At every chart the MTF at one frequency is followed through the focus positions; the top of a parabola through its
+logarithm is the best focus there, sagittal and meridional apart. Tops are errors of one chart's noise alone, so a
+quadratic surface through them has a plain covariance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.field.maps import COLUMNS, FieldMap, grid, radius_direction
+from procedures.field.surfaces import Surface, fit_surface
+from procedures.numerics.scattered import Hull
+from procedures.outcome import Quantity, Refused
+from procedures.psf_field import Node, in_half_diagonals
+from procedures.quality import mtf_along
+
+Array = npt.NDArray[np.float64]
+
+FREQUENCY = 0.25
+"""Cycles per pixel at which the MTF is followed."""
+FEWEST_POSITIONS = 3
+FEWEST_PLACES = 7
+"""A quadratic surface has six coefficients."""
+NEAR_TOP = 0.5
+"""The parabola is laid through the positions whose MTF is at least this share of the best."""
+SAME_PLACE = 0.1
+"""Charts of different positions are one place when they are this near, in half diagonals."""
+
+
+@dataclass(frozen=True, eq=False)
+class FocusSurface:
+    """Best focus over the frame, in the unit of the bracket's positions.
+
+    Attributes
+    ----------
+    shape : (int, int)
+    positions : (N, 2) float64
+        Where it was measured, in pixels of the plane.
+    best : (N, 2) float64, variance : (N, 2) float64
+        Sagittal and meridional, as measured.
+    surface : Surface
+        Of both, over places in half diagonals; quadratic.
+    """
+
+    shape: tuple[int, int]
+    positions: Array
+    best: Array
+    variance: Array
+    surface: Surface
+    unit: str
+
+    def numbers(self) -> dict[str, Quantity]:
+        """Tilt and curvature of the mean of sagittal and meridional focus, and of their difference.
+
+        With the place (x, y) in half diagonals from the frame's centre, best focus is z + tilt . (x, y) + a quadratic;
+        the curvature is the quadratic's mean over all directions, at one half diagonal.
+        """
+        c, C = self.surface.coefficients()
+        rows: Mapping[str, tuple[Array, str]] = {
+            "focus_centre": (np.array([1.0, 0, 0, 0, 0, 0]), "best focus at the frame's centre"),
+            "focus_tilt_x": (np.array([0, 1.0, 0, 0, 0, 0]), "slope along x, per half diagonal"),
+            "focus_tilt_y": (np.array([0, 0, 1.0, 0, 0, 0]), "slope along y, per half diagonal"),
+            "field_curvature": (np.array([0, 0, 0, 0.5, 0, 0.5]), "mean quadratic, at one half diagonal"),
+        }
+        numbers = {}
+        for name, (row, method) in rows.items():
+            error = float(np.sqrt(row @ (C[0] + C[1]) @ row) / 2)
+            numbers[name] = Quantity(float(row @ c.mean(axis=1)), self.unit, error, method, len(self.best))
+        row = rows["field_curvature"][0]
+        numbers["astigmatic_difference"] = Quantity(
+            float(row @ (c[:, 0] - c[:, 1])),
+            self.unit,
+            float(np.sqrt(row @ (C[0] + C[1]) @ row)),
+            "sagittal less meridional curvature, at one half diagonal",
+            len(self.best),
+        )
+        return numbers
+
+    def maps(self, columns: int = COLUMNS) -> tuple[FieldMap, ...]:
+        """Sagittal focus, meridional focus, their mean, and their difference."""
+        x, y = grid(self.shape, columns)
+        points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+        inside = Hull(self.positions).holds(points)
+        places = in_half_diagonals(points, self.shape)
+        focus, covariance = self.surface.at(places), self.surface.covariance(places)
+        maps = []
+        for name, title, u in _COMBINATIONS:
+            value = np.where(inside, focus @ u, np.nan).reshape(len(y), len(x))
+            spread = np.where(inside, np.sqrt(np.einsum("a,nab,b->n", u, covariance, u)), np.nan)
+            maps.append(FieldMap(name, title, self.unit, x, y, value, spread.reshape(len(y), len(x))))
+        return tuple(maps)
+
+
+_COMBINATIONS = (
+    ("focus_sagittal", "Best focus of sagittal detail", np.array([1.0, 0.0])),
+    ("focus_meridional", "Best focus of meridional detail", np.array([0.0, 1.0])),
+    ("focus_mean", "Best focus, mean of both", np.array([0.5, 0.5])),
+    ("focus_astigmatism", "Best focus, sagittal less meridional", np.array([1.0, -1.0])),
+)
+
+
+def focus_surface(
+    bracket: Mapping[float, Sequence[Node]], shape: tuple[int, int], *, unit: str = "mm", frequency: float = FREQUENCY
+) -> FocusSurface:
+    """Best focus from nodes at known focus positions.
+
+    Parameters
+    ----------
+    bracket : mapping of focus position to nodes
+        Of one plane; charts at about the same place of the frame belong together.
+
+    Raises
+    ------
+    Refused
+        If there are fewer than three positions, or fewer than seven places with their best focus within the bracket.
+    """
+    if len(bracket) < FEWEST_POSITIONS:
+        raise Refused(
+            f"best focus needs {FEWEST_POSITIONS} focus positions or more; there are {len(bracket)}",
+            "photograph the same charts on both sides of the best focus",
+        )
+    found = []
+    for series in _series(bracket, shape):
+        x, y = np.mean([node.position for _, node in series], axis=0)
+        radius = radius_direction(shape, x, y)
+        tops = [_top(series, angle, frequency) for angle in (radius + np.pi / 2, radius)]
+        if all(top is not None for top in tops):
+            found.append(((x, y), *(top for top in tops if top is not None)))
+    if len(found) < FEWEST_PLACES:
+        raise Refused(
+            f"best focus lies within the bracket at {len(found)} places; {FEWEST_PLACES} are needed",
+            "extend the bracket on both sides, and photograph more charts",
+        )
+    positions = np.array([place for place, _, _ in found])
+    best = np.array([[s[0], m[0]] for _, s, m in found])
+    variance = np.array([[s[1], m[1]] for _, s, m in found])
+    covariances = np.einsum("nm,ma->nma", variance, np.eye(2))
+    surface = fit_surface(in_half_diagonals(positions, shape), best, covariances, (2,))
+    return FocusSurface(shape, positions, best, variance, surface, unit)
+
+
+_Series = list[tuple[float, Node]]
+
+
+def _series(bracket: Mapping[float, Sequence[Node]], shape: tuple[int, int]) -> list[_Series]:
+    """The nodes of each place at all positions, as far as they are there."""
+    positions = sorted(bracket)
+    middle = positions[len(positions) // 2]
+    reach = SAME_PLACE * np.hypot(*shape) / 2
+    found = []
+    for node in bracket[middle]:
+        series: _Series = []
+        for z in positions:
+            near = min(bracket[z], key=lambda one: float(np.linalg.norm(one.position - node.position)), default=None)
+            if near is not None and np.linalg.norm(near.position - node.position) < reach:
+                series.append((z, near))
+        found.append(series)
+    return found
+
+
+def _top(series: _Series, angle: float, frequency: float) -> tuple[float, float] | None:
+    """Position of the greatest MTF along a direction, and its variance; None where it is not within the bracket."""
+    if len(series) < FEWEST_POSITIONS:
+        return None
+    z = np.array([position for position, _ in series])
+    mtf, variance = np.array([_mtf(node, angle, frequency) for _, node in series]).T
+    used = mtf > NEAR_TOP * mtf.max()
+    if np.count_nonzero(used) < FEWEST_POSITIONS:
+        used = np.argsort(-mtf)[:FEWEST_POSITIONS]
+    middle, span = z[used].mean(), np.ptp(z[used])
+    t, weight = (z[used] - middle) / span, mtf[used] / np.sqrt(variance[used])
+    degree = 2 if len(t) < 5 else 4
+    D = t[:, None] ** np.arange(degree + 1)
+    solution = np.linalg.pinv(D * weight[:, None]) * weight
+    c = solution @ np.log(mtf[used])
+    top = _highest(c, float(t.min()), float(t.max()))
+    if top is None:
+        return None
+    powers = np.arange(degree + 1)
+    bend = float(np.sum((powers * (powers - 1) * c)[2:] * top ** (powers[2:] - 2)))
+    slope = np.concatenate([[0.0], powers[1:] * top ** (powers[1:] - 1)])
+    spread = (slope @ solution) ** 2 @ (variance[used] / mtf[used] ** 2) / bend**2
+    return float(middle + span * top), float(span**2 * spread)
+
+
+def _highest(c: Array, low: float, high: float) -> float | None:
+    """Where a polynomial has its greatest value within an interval; None if that is at an end."""
+    roots = np.roots((np.arange(1, len(c)) * c[1:])[::-1])
+    real = roots[np.abs(roots.imag) < 1e-9].real
+    inside = real[(real > low) & (real < high)]
+    values = np.polynomial.polynomial.polyval(np.concatenate([inside, [low, high]]), c)
+    best = int(np.argmax(values))
+    return float(inside[best]) if best < len(inside) else None
+
+
+def _mtf(node: Node, angle: float, frequency: float) -> tuple[float, float]:
+    """The MTF of a node along a direction, and its variance."""
+    value, slope = mtf_along(node.psf, np.array([frequency]), angle)
+    return float(value[0]), float(slope[0] @ node.psf.covariance @ slope[0])
+
+
+def sharpest(bracket: Mapping[float, Sequence[Node]], frequency: float = FREQUENCY) -> float:
+    """The position whose charts have the greatest MTF at one frequency, along rows and columns, on average."""
+
+    def mean_mtf(position: float) -> float:
+        return float(np.mean([_mtf(node, a, frequency)[0] for node in bracket[position] for a in (0.0, np.pi / 2)]))
+
+    return max(bracket, key=mean_mtf)

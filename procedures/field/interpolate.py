@@ -1,0 +1,354 @@
+"""The PSF between the nodes: components, a model of their coefficients, and which model the nodes left out prefer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.field.models import AxialSymmetry, Axis, Optic, Separate, fit_axis
+from procedures.numerics.scattered import Polynomial, ThinPlate
+from procedures.outcome import Refused
+from procedures.psf_field import CoefficientModel, Node, PsfField, in_half_diagonals
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.intp]
+
+FEWEST = 6
+"""Nodes from which a PSF is interpolated: a quadratic surface has six coefficients."""
+NARROWEST = 0.02
+"""Least root mean square distance of the nodes from a line, in half diagonals."""
+ONE_BY_ONE = 30
+"""Up to so many nodes are left out one at a time, more in ten groups."""
+GROUPS = 10
+COUNTS = (1, 2, 3, 4, 6, 8, 12, 16, 24)
+"""Numbers of components that are tried."""
+DEGREES = (0, 1, 2, 3, 4, 5, 6)
+STIFFNESS = (0.0, 0.03)
+SYMMETRIC_DEGREES = (2, 3, 4)
+MOST_SYMMETRIC = 16
+"""Components of the symmetric lens, at most."""
+UNSURE = 0.25
+"""Standard uncertainty of the axis, in half diagonals, from which it is not told."""
+FLOOR = 0.05
+"""Least variance that noise is taken to have in any direction, of the mean: some directions have none by convention."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A way to interpolate, and its error at nodes left out: mean square, in units of the noise (1 is noise alone)."""
+
+    name: str
+    components: int
+    error: float
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How to build a model from nodes.
+
+    Attributes
+    ----------
+    kind : str
+        "polynomial", "thin plate" or "symmetric lens".
+    setting : float
+        The degree, or the plate's stiffness.
+    axis : (x, y)
+        Of the symmetric lens, in half diagonals from the frame's centre.
+    """
+
+    kind: str
+    setting: float
+    axis: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def name(self) -> str:
+        """For people."""
+        if self.kind == "thin plate":
+            return "thin plate" if self.setting == 0 else "thin plate, stiff"
+        return f"{self.kind}, degree {self.setting:.0f}"
+
+
+@dataclass(frozen=True, eq=False)
+class Interpolation:
+    """A field, and how it was chosen.
+
+    Attributes
+    ----------
+    field : PsfField
+    recipe : Recipe
+        Of its model; with the number of components it is enough to build the field again from its nodes.
+    candidates : tuple of Candidate
+        All that were tried, the best first.
+    axis : Axis or None
+        Where the lens's axis of symmetry meets the frame, in half diagonals from its centre; None where the nodes
+        do not tell.
+    """
+
+    field: PsfField
+    recipe: Recipe
+    candidates: tuple[Candidate, ...]
+    axis: Axis | None
+
+
+def interpolate(plane: str, shape: tuple[int, int], nodes: Sequence[Node]) -> Interpolation:
+    """The PSF over the frame from its nodes, by the model that predicts nodes left out best.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Rows and columns of the plane.
+
+    Raises
+    ------
+    Refused
+        If there are fewer than six nodes, or they lie on a line.
+    """
+    _check(plane, shape, nodes)
+    data = _Whitened.of(nodes, shape)
+    folds = list(_folds(len(nodes)))
+    scores = _separate_scores(data, folds)
+    best = min(scores, key=lambda one: one[2])
+    axis = _axis(data, best[1])
+    if axis is not None:
+        scores += _symmetric_scores(data, folds, best[1], axis)
+    scores.sort(key=lambda one: one[2])
+    recipe, r, _ = scores[0]
+    field = _field(plane, shape, nodes, data, recipe, r)
+    told = tuple(Candidate(one.name, n, score) for one, n, score in scores)
+    return Interpolation(field, recipe, told, axis)
+
+
+def rebuild(plane: str, shape: tuple[int, int], nodes: Sequence[Node], recipe: Recipe, components: int) -> PsfField:
+    """The field of an earlier choice from its nodes, without choosing again. Raises Refused as `interpolate`."""
+    _check(plane, shape, nodes)
+    return _field(plane, shape, nodes, _Whitened.of(nodes, shape), recipe, components)
+
+
+def _check(plane: str, shape: tuple[int, int], nodes: Sequence[Node]) -> None:
+    """Raise Refused for nodes between which nothing can be told."""
+    if len(nodes) < FEWEST:
+        raise Refused(
+            f"the PSF is interpolated from {FEWEST} places of the frame or more; plane {plane} has {len(nodes)}",
+            "photograph the chart at more places",
+        )
+    places = in_half_diagonals(np.array([node.position for node in nodes]), shape)
+    width = float(np.linalg.svd(places - places.mean(axis=0), compute_uv=False)[-1]) / len(nodes) ** 0.5
+    if width < NARROWEST:
+        raise Refused(
+            f"the places must enclose a part of the frame; those of plane {plane} lie on one line",
+            "spread them over the frame, along both its sides",
+        )
+
+
+# --- data in units of their noise ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Whitened:
+    """The nodes' PSFs z in coordinates where the mean noise is 1 in every direction.
+
+    Attributes
+    ----------
+    z : (N, k^2), places : (N, 2), trust : (N,)
+        Trust is one over the noise's variance, about 1.
+    C : (N, k^2, k^2)
+        Covariances of h.
+    to, back : (k^2, k^2)
+        z = to h, h = back z; both symmetric.
+    """
+
+    z: Array
+    places: Array
+    trust: Array
+    C: Array
+    to: Array
+    back: Array
+    k: int
+
+    @classmethod
+    def of(cls, nodes: Sequence[Node], shape: tuple[int, int]) -> _Whitened:
+        covariances = np.array([node.psf.covariance for node in nodes])
+        values, vectors = np.linalg.eigh(covariances.mean(axis=0))
+        root = np.sqrt(np.maximum(values, FLOOR * values.mean()))
+        to, back = (vectors / root) @ vectors.T, (vectors * root) @ vectors.T
+        psf = nodes[0].psf
+        trust = psf.k**2 / np.einsum("pq,ipq->i", to @ to, covariances)
+        z = np.array([node.psf.h.ravel() for node in nodes]) @ to
+        places = in_half_diagonals(np.array([node.position for node in nodes]), shape)
+        return cls(z, places, trust, covariances, to, back, psf.k)
+
+    def basis(self, kept: Indices) -> tuple[Array, Array]:
+        """Weighted mean (k^2,) and principal directions (n, k^2), the strongest first, of some nodes."""
+        known: dict[bytes, tuple[Array, Array]] = self.__dict__.setdefault("_bases", {})
+        if kept.tobytes() not in known:
+            mean = self.trust[kept] @ self.z[kept] / self.trust[kept].sum()
+            X = np.sqrt(self.trust[kept])[:, None] * (self.z[kept] - mean)
+            values, vectors = np.linalg.eigh(X @ X.T)
+            most = min(len(kept) - 1, COUNTS[-1])
+            strongest = slice(None, -most - 1, -1)
+            known[kept.tobytes()] = mean, (vectors[:, strongest].T @ X) / np.sqrt(values[strongest])[:, None]
+        return known[kept.tobytes()]
+
+    def inner(self, V: Array) -> Array:
+        """Covariances (N, r, r) of the coefficients along directions (r, k^2)."""
+        analysis = V @ self.to
+        return np.asarray(analysis @ self.C @ analysis.T)
+
+    def optic(self, V: Array) -> Optic:
+        """The components (r, k^2) of these directions, for the symmetric model."""
+        return Optic(V @ self.to, V @ self.back, self.to, self.k)
+
+
+def _folds(n: int) -> Iterator[tuple[Indices, Indices]]:
+    """(kept, left out), so that every node is left out once."""
+    groups = n if n <= ONE_BY_ONE else GROUPS
+    numbers = np.arange(n)
+    for g in range(groups):
+        yield numbers[numbers % groups != g], numbers[numbers % groups == g]
+
+
+# --- models as recipes: built again from whichever nodes are kept -------------------------------------------------
+
+
+def _build(recipe: Recipe, data: _Whitened, kept: Indices, V: Array) -> CoefficientModel:
+    """The model of the nodes that are kept. Raises ValueError where they do not determine it."""
+    places, trust = data.places[kept], data.trust[kept]
+    if recipe.kind == "polynomial":
+        return Separate(recipe.name, Polynomial(places, trust, int(recipe.setting)))
+    if recipe.kind == "thin plate":
+        return Separate(recipe.name, ThinPlate(places, trust, recipe.setting))
+    return AxialSymmetry(places, trust, data.optic(V), int(recipe.setting), recipe.axis)
+
+
+_Scores = list[tuple[Recipe, int, float]]
+_Folds = Sequence[tuple[Indices, Indices]]
+
+
+def _separate_scores(data: _Whitened, folds: _Folds) -> _Scores:
+    """The error of every polynomial and plate with every number of components."""
+    recipes = [Recipe("polynomial", d) for d in DEGREES] + [Recipe("thin plate", v) for v in STIFFNESS]
+    counts = [r for r in COUNTS if r <= min(len(kept) for kept, _ in folds) - 1]
+    total = {recipe: np.zeros(len(counts)) for recipe in recipes}
+    for kept, out in folds:
+        mean, V = data.basis(kept)
+        inside, outside = (data.z[kept] - mean) @ V.T, (data.z[out] - mean) @ V.T
+        trust = data.trust[out]
+        all_of_it = trust @ np.sum((data.z[out] - mean) ** 2, axis=1)
+        for recipe in list(total):
+            try:
+                predicted = _build(recipe, data, kept, V).predict(data.places[out], inside)
+            except ValueError:
+                del total[recipe]
+                continue
+            gained = np.cumsum(trust @ ((outside - predicted) ** 2 - outside**2))
+            total[recipe] += all_of_it + gained[np.array(counts) - 1]
+    size = data.z.size
+    return [
+        (recipe, r, float(e) / size) for recipe, errors in total.items() for r, e in zip(counts, errors, strict=True)
+    ]
+
+
+def _symmetric_scores(data: _Whitened, folds: _Folds, r: int, axis: Axis) -> _Scores:
+    """The error of the symmetric lens, with as many components as served the others best, and with twice as many."""
+    most = min(len(kept) for kept, _ in folds) - 1
+    at = (float(axis.position[0]), float(axis.position[1]))
+    scores: _Scores = []
+    for count in sorted({r, min(2 * r, most, MOST_SYMMETRIC)}):
+        for degree in SYMMETRIC_DEGREES:
+            recipe = Recipe("symmetric lens", degree, at)
+            left = [_left_out(data, fold, recipe, count) for fold in folds]
+            error = sum(float(data.trust[out] @ np.sum(e**2, axis=1)) for e, (_, out) in zip(left, folds, strict=True))
+            scores.append((recipe, count, error / data.z.size))
+    return scores
+
+
+def _left_out(data: _Whitened, fold: tuple[Indices, Indices], recipe: Recipe, r: int) -> Array:
+    """Errors (n, k^2) at the nodes left out, in units of noise."""
+    kept, out = fold
+    mean, V = data.basis(kept)
+    V = V[:r]
+    origin = _origin(data, mean, V)
+    model = _build(recipe, data, kept, V)
+    predicted = model.predict(data.places[out], data.z[kept] @ V.T - origin) + origin
+    return np.asarray(data.z[out] - mean - (predicted - V @ mean) @ V)
+
+
+def _shares(data: _Whitened, fold: tuple[Indices, Indices], recipe: Recipe, r: int) -> Array:
+    """How much of one node's variance comes to those left out through the others, (n,)."""
+    kept, out = fold
+    model = _build(recipe, data, kept, data.basis(kept)[1][:r])
+    return np.asarray(np.sum(model.transfer(data.places[out], r) ** 2, axis=(1, 2, 3)) / r)
+
+
+def _origin(data: _Whitened, mean: Array, V: Array) -> Array:
+    """Coefficients (r,) of the mean made symmetric about its centre: what a lens shows on its axis, about."""
+    h = data.back @ mean
+    return np.asarray(V @ data.to @ (h + h[::-1]) / 2)
+
+
+def _axis(data: _Whitened, r: int) -> Axis | None:
+    """Where the lens's axis is, by the nodes; None where they are too few, or do not really tell."""
+    if len(data.z) < 2 * FEWEST:
+        return None
+    mean, V = data.basis(np.arange(len(data.z)))
+    V = V[: max(r, 2)]
+    axis = fit_axis(data.places, data.trust, data.optic(V), 4, data.z @ V.T - _origin(data, mean, V))
+    return axis if np.sqrt(np.trace(axis.covariance)) < UNSURE else None
+
+
+# --- the field and its error ----------------------------------------------------------------------------------------
+
+
+def _field(
+    plane: str,
+    shape: tuple[int, int],
+    nodes: Sequence[Node],
+    data: _Whitened,
+    recipe: Recipe,
+    r: int,
+) -> PsfField:
+    """The field by the chosen recipe, from all nodes."""
+    everything = np.arange(len(nodes))
+    mean, V = data.basis(everything)
+    V = V[:r]
+    lack, rest = _lack(data, list(_folds(len(nodes))), recipe, r, V)
+    outside = np.eye(data.k**2) - V.T @ V
+    return PsfField(
+        plane=plane,
+        shape=shape,
+        nodes=tuple(nodes),
+        share=data.trust / data.trust.sum(),
+        components=V @ data.back,
+        analysis=V @ data.to,
+        origin=_origin(data, mean, V),
+        model=_build(recipe, data, everything, V),
+        lack=lack,
+        lack_rest=rest * data.back @ outside @ data.back,
+    )
+
+
+def _lack(data: _Whitened, folds: _Folds, recipe: Recipe, r: int, V: Array) -> tuple[Array, float]:
+    """Variance of what the model leaves out: of the coefficients (r, r), and of every other direction.
+
+    The errors at nodes left out have the noise of the node, that of the others by their share, and what is looked for,
+    once at the node and by the same share through the others.
+    """
+    inner = data.inner(V)
+    noise = data.k**2 / data.trust
+    excess, rest = np.zeros((r, r)), 0.0
+    for fold in folds:
+        kept, out = fold
+        error, share = _left_out(data, fold, recipe, r), _shares(data, fold, recipe, r)
+        seen = error @ V.T
+        mean_share = 1 / len(kept)
+        for i, node in enumerate(out):
+            beyond = np.outer(seen[i], seen[i]) - inner[node] - share[i] * inner[kept].mean(axis=0)
+            excess += beyond / (1 + share[i])
+            expected = (noise[node] - np.trace(inner[node])) * (1 + mean_share)
+            beyond_rest = float(error[i] @ error[i] - seen[i] @ seen[i]) - expected
+            rest += beyond_rest / (1 + mean_share) / (data.k**2 - r)
+    values, vectors = np.linalg.eigh(excess / len(data.z))
+    return (vectors * np.maximum(values, 0)) @ vectors.T, max(rest / len(data.z), 0.0)

@@ -1,0 +1,111 @@
+"""Maps over the frame, drawn from a PSF field: each value with its standard uncertainty.
+
+Sagittal and meridional are about the frame's centre: meridional detail repeats along the radius, sagittal detail across
+it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.psf import Psf
+from procedures.psf_field import PsfField
+from procedures.quality import energy_above_nyquist, mtf50_along
+
+Array = npt.NDArray[np.float64]
+
+COLUMNS = 21
+"""Places of a map along the frame's longer side."""
+
+
+@dataclass(frozen=True, eq=False)
+class FieldMap:
+    """A number over the frame.
+
+    Attributes
+    ----------
+    name, title, unit : str
+        For programs, for people, and what it counts.
+    x : (nx,), y : (ny,) float64
+        Places in pixels of the plane.
+    value : (ny, nx) float64
+        NaN beyond the nodes, and where there is no such number.
+    uncertainty : (ny, nx) float64 or None
+        None where the value is itself an uncertainty.
+    """
+
+    name: str
+    title: str
+    unit: str
+    x: Array
+    y: Array
+    value: Array
+    uncertainty: Array | None
+
+
+MAPS = (
+    ("mtf50_sagittal", "MTF50 of sagittal detail", "cycles/pixel"),
+    ("mtf50_meridional", "MTF50 of meridional detail", "cycles/pixel"),
+    ("astigmatism", "MTF50, sagittal less meridional", "cycles/pixel"),
+    ("energy_above_nyquist", "Energy above Nyquist", "1"),
+)
+"""Maps of numbers drawn from the PSF: name, title, unit."""
+
+
+def grid(shape: tuple[int, int], columns: int = COLUMNS) -> tuple[Array, Array]:
+    """x (nx,) and y (ny,) of places equally spaced over a plane of that shape, its rim left out by half a step."""
+    step = max(shape) / columns
+    rows, columns = (max(round(size / step), 1) for size in shape)
+    x, y = ((np.arange(n) + 0.5) * size / n - 0.5 for n, size in ((columns, shape[1]), (rows, shape[0])))
+    return x, y
+
+
+def radius_direction(shape: tuple[int, int], x: float, y: float) -> float:
+    """Direction from the frame's centre to a place of the plane, radians from x towards y."""
+    return float(np.arctan2(y - (shape[0] - 1) / 2, x - (shape[1] - 1) / 2))
+
+
+ERRORS = (
+    ("error_noise", "error from noise"),
+    ("error_interpolation", "error from interpolation"),
+)
+"""Maps of the field's own error: its norm over that of the PSF."""
+
+
+def derive(field: PsfField, columns: int = COLUMNS) -> tuple[FieldMap, ...]:
+    """Every map of one plane, and those of the predicted error last."""
+    x, y = grid(field.shape, columns)
+    value, uncertainty = np.full((2, len(MAPS), len(y), len(x)), np.nan)
+    errors = np.full((len(ERRORS), len(y), len(x)), np.nan)
+    for row, at_y in enumerate(y):
+        for column in np.flatnonzero(field.inside(np.column_stack([x, np.full_like(x, at_y)]))):
+            h = field.samples(np.array([[x[column], at_y]]))[0]
+            parts = field.noise(x[column], at_y), field.interpolation(x[column], at_y)
+            errors[:, row, column] = [np.sqrt(max(np.trace(C), 0.0)) / np.linalg.norm(h) for C in parts]
+            psf = Psf(h, field.s, parts[0] + parts[1])
+            numbers = numbers_of(psf, radius_direction(field.shape, x[column], at_y))
+            value[:, row, column], uncertainty[:, row, column] = numbers
+    numbered = zip(MAPS, value, uncertainty, strict=True)
+    maps = [FieldMap(name, title, unit, x, y, v, u) for (name, title, unit), v, u in numbered]
+    told = zip(ERRORS, errors, strict=True)
+    return (*maps, *(FieldMap(name, title, "of the PSF's norm", x, y, v, None) for (name, title), v in told))
+
+
+def numbers_of(psf: Psf, radius: float) -> tuple[Array, Array]:
+    """The numbers of MAPS at one place, and their standard uncertainties; NaN where there is none.
+
+    `radius` is the direction from the frame's centre, in radians.
+    """
+    sagittal, meridional = (mtf50_along(psf, angle) or _none(psf) for angle in (radius + np.pi / 2, radius))
+    astigmatism = sagittal[0] - meridional[0], sagittal[1] - meridional[1]
+    numbers = (sagittal, meridional, astigmatism, energy_above_nyquist(psf))
+    slopes = np.array([slope for _, slope in numbers])
+    variance = np.einsum("ij,ij->i", slopes @ psf.covariance, slopes)
+    return np.array([value for value, _ in numbers]), np.sqrt(np.maximum(variance, 0))
+
+
+def _none(psf: Psf) -> tuple[float, Array]:
+    return np.nan, np.full(psf.k**2, np.nan)

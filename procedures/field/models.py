@@ -1,0 +1,188 @@
+"""How the coefficients of a PSF field may depend on the place: each for itself, or all by the lens's symmetry."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import BSpline
+from scipy.linalg import cho_factor, cho_solve
+from scipy.optimize import minimize
+
+from procedures.numerics.scattered import Smoother
+
+Array = npt.NDArray[np.float64]
+
+RINGS = 8
+"""Functions of the distance from the PSF's centre that each harmonic is made of."""
+RIDGE = 1e-5
+"""One over the variance that a ring's amplitude is expected to have, in units of the noise: what the components hardly
+show of a ring is not blown up."""
+FARTHEST_CENTRE = 0.7
+"""A lens's axis is looked for this far from the frame's centre, in half diagonals."""
+
+
+@dataclass(frozen=True, eq=False)
+class Separate:
+    """Every coefficient by the same smoother."""
+
+    name: str
+    smoother: Smoother
+
+    def predict(self, points: Array, values: Array) -> Array:
+        """(n, r)."""
+        return np.asarray(self.smoother.weights(points) @ values)
+
+    def transfer(self, points: Array, r: int) -> Array:
+        """(n, r, N, r)."""
+        return np.asarray(np.einsum("ni,ab->naib", self.smoother.weights(points), np.eye(r)))
+
+
+@dataclass(frozen=True, eq=False)
+class Optic:
+    """What the symmetric model must know of the components.
+
+    Attributes
+    ----------
+    analysis, components : (r, k^2) float64
+        As in `PsfField`.
+    whiten : (k^2, k^2) float64
+        From samples to units of their noise.
+    """
+
+    analysis: Array
+    components: Array
+    whiten: Array
+    k: int
+
+    @cached_property
+    def even(self) -> Array:
+        """(r, r): a combination of components, made symmetric about its centre, analysed again."""
+        both = (self.components + self.components[:, ::-1]) / 2
+        return np.asarray(self.analysis @ both.T)
+
+    def harmonics(self, m: int) -> tuple[Array, Array]:
+        """Rings times cos(m theta), and times sin(m theta), analysed: (r, RINGS) each."""
+        kept: dict[int, tuple[Array, Array]] = self.__dict__.setdefault("_kept", {})
+        if m not in kept:
+            v, u = np.mgrid[: self.k, : self.k] - self.k // 2
+            rho, theta = np.hypot(u, v).ravel(), np.arctan2(v, u).ravel()
+            rings = _rings(rho, 1.001 * rho.max()) * ((rho > 0) | (m == 0))[:, None]
+            cos, sin = (rings * f(m * theta)[:, None] for f in (np.cos, np.sin))
+            size = np.linalg.norm(self.whiten @ cos, axis=0)
+            kept[m] = self.analysis @ (cos / size), self.analysis @ (sin / size)
+        return kept[m]
+
+
+def _rings(rho: Array, end: float) -> Array:
+    """Cubic B-splines over [0, end], (n, RINGS)."""
+    knots = np.concatenate([np.zeros(3), np.linspace(0.0, end, RINGS - 2), np.full(3, end)])
+    return np.asarray(BSpline.design_matrix(rho, knots, 3).toarray())
+
+
+@dataclass(frozen=True, eq=False)
+class AxialSymmetry:
+    """A lens that is symmetric about an axis: every PSF turns with the direction to where the axis meets the frame.
+
+    h(x; s) = b(s) + sum over j <= degree and m = j, j - 2, ... >= 0 of r^j f_jm(|s|) cos(m (angle of s - angle of x)),
+    r and the angle of x about the axis: the smooth functions with the symmetry of equation (4.20). b, the PSF on the
+    axis, is free but for b(-s) = b(s): it holds what turns with the sensor and not with the lens (photosites, low-pass
+    filter).
+
+    Attributes
+    ----------
+    places : (N, 2) float64, trust : (N,) float64
+        As in `numerics.scattered`.
+    axis : (x, y)
+        Where the axis meets the frame, as the places.
+
+    References
+    ----------
+    Sorel's thesis, 2007, section 4.4, equation (4.20).
+    """
+
+    places: Array
+    trust: Array
+    optic: Optic
+    degree: int
+    axis: tuple[float, float]
+
+    @property
+    def name(self) -> str:
+        """With degree and axis."""
+        return f"symmetric lens, degree {self.degree}"
+
+    def predict(self, points: Array, values: Array) -> Array:
+        """(n, r)."""
+        D, weight, factor = self._normal
+        return np.asarray(self.design(points) @ cho_solve(factor, D.T @ (weight * values.ravel())))
+
+    def transfer(self, points: Array, r: int) -> Array:
+        """(n, r, N, r)."""
+        D, weight, factor = self._normal
+        design = self.design(points)
+        solved = cho_solve(factor, design.reshape(-1, design.shape[2]).T).T
+        return np.asarray((solved @ (D.T * weight)).reshape(len(points), r, -1, r))
+
+    def design(self, points: Array) -> Array:
+        """What each unknown adds to the coefficients at points (n, 2): (n, r, unknowns)."""
+        offset = np.asarray(points) - np.array(self.axis)
+        radius, angle = np.hypot(*offset.T), np.arctan2(offset[:, 1], offset[:, 0])
+        blocks = [np.broadcast_to(self.optic.even, (len(offset), *self.optic.even.shape))]
+        for j in range(1, self.degree + 1):
+            for m in range(j, -1, -2):
+                cos, sin = self.optic.harmonics(m)
+                turned = np.cos(m * angle)[:, None, None] * cos + np.sin(m * angle)[:, None, None] * sin
+                blocks.append((radius**j)[:, None, None] * turned)
+        return np.concatenate(blocks, axis=2)
+
+    @cached_property
+    def _normal(self) -> tuple[Array, Array, tuple[Array, bool]]:
+        """The nodes' design (N r, unknowns), the weight of its rows, and the normal equations factorised."""
+        design = self.design(self.places)
+        D = design.reshape(-1, design.shape[2])
+        weight = np.repeat(self.trust, design.shape[1])
+        normal = D.T @ (weight[:, None] * D)
+        normal[np.diag_indices_from(normal)] += RIDGE
+        return D, weight, cho_factor(normal)
+
+    def residual(self, values: Array) -> Array:
+        """What is left of the nodes' coefficients (N, r), in standard deviations, (N r,)."""
+        left = values - self.predict(self.places, values)
+        return np.asarray((np.sqrt(self.trust)[:, None] * left).ravel())
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Where a lens's axis of symmetry meets the frame, in half diagonals from its centre, and the covariance."""
+
+    position: Array
+    covariance: Array
+
+
+def fit_axis(places: Array, trust: Array, optic: Optic, degree: int, values: Array) -> Axis:
+    """The axis about which the nodes' coefficients (N, r) are most symmetric; `trust` is one over their variance."""
+
+    def residual(axis: Array) -> Array:
+        return AxialSymmetry(places, trust, optic, degree, (float(axis[0]), float(axis[1]))).residual(values)
+
+    def badness(axis: Array) -> float:
+        beyond = max(float(np.hypot(*axis)) - FARTHEST_CENTRE, 0.0)
+        return float(np.sum(residual(axis) ** 2)) * (1 + beyond)
+
+    simplex = np.array([[0.0, 0.0], [0.15, 0.0], [0.0, 0.15]])
+    options = {"initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-2, "maxfev": 80}
+    best = np.asarray(minimize(badness, np.zeros(2), method="Nelder-Mead", options=options).x)
+    step = 0.01
+    J = np.stack([(residual(best + d) - residual(best - d)) / (2 * step) for d in np.eye(2) * step], axis=1)
+    left = residual(best)
+    excess = max(float(left @ left) / max(len(left) - _unknowns(optic, degree), 1), 1.0)
+    return Axis(best, np.asarray(excess * np.linalg.inv(J.T @ J + 1e-9 * np.eye(2)), dtype=np.float64))
+
+
+def _unknowns(optic: Optic, degree: int) -> int:
+    """Numbers that the nodes determine: no harmonic can have more than there are components."""
+    r = len(optic.analysis)
+    return r + sum(min(r, RINGS) for j in range(1, degree + 1) for _ in range(j, -1, -2)) // 2

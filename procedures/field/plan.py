@@ -1,0 +1,115 @@
+"""Where in the frame to measure, in order, and how a rig brings a chart there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import scipy.linalg
+
+from procedures.numerics.scattered import monomials
+from procedures.outcome import BadParameter
+
+Array = npt.NDArray[np.float64]
+
+MARGIN = 0.12
+"""How near to the frame's sides the chart's centre comes, in fractions of the frame."""
+CANDIDATES = 25
+"""Places along the longer side from which the chosen ones are taken."""
+
+
+@dataclass(frozen=True)
+class Location:
+    """Where a chart's centre shall be, in fractions of the frame's width and height from the top left."""
+
+    x: float
+    y: float
+
+    def in_pixels(self, shape: tuple[int, int]) -> tuple[float, float]:
+        """(x, y) in pixels of a plane with that many rows and columns."""
+        return self.x * shape[1] - 0.5, self.y * shape[0] - 0.5
+
+
+def grid_locations(columns: int, rows: int, margin: float = MARGIN) -> list[Location]:
+    """A grid, row by row, every other row from right to left: the shortest way for a rig.
+
+    Raises
+    ------
+    BadParameter
+        If there is no column or row, or the margin leaves nothing of the frame.
+    """
+    if columns < 1 or rows < 1 or not 0 <= margin < 0.5:
+        raise BadParameter(
+            f"a grid needs columns, rows and a margin below one half; got {columns} x {rows}, margin {margin}",
+            "choose for example 5 x 5 and 0.12",
+        )
+    x, y = (np.linspace(margin, 1 - margin, n) if n > 1 else np.array([0.5]) for n in (columns, rows))
+    return [Location(float(a), float(b)) for i, b in enumerate(y) for a in (x if i % 2 == 0 else x[::-1])]
+
+
+def chosen_locations(n: int, aspect: float = 1.5, margin: float = MARGIN) -> list[Location]:
+    """The n places that determine a smooth surface best, in an order with short ways.
+
+    They are the pivots of the QR decomposition of the monomials over a fine grid (approximate Fekete points), of the
+    highest degree that n determine.
+
+    Parameters
+    ----------
+    aspect : float
+        Width over height of the frame.
+
+    References
+    ----------
+    Sommariva, Vianello, Computing approximate Fekete points by QR factorizations of Vandermonde matrices, 2009.
+    """
+    if n < 3:
+        raise BadParameter(f"a surface needs three places or more; got {n}", "choose 6 or more")
+    columns, rows = CANDIDATES, max(round(CANDIDATES / aspect), 3)
+    x, y = np.meshgrid(np.linspace(-1, 1, columns), np.linspace(-1, 1, rows))
+    candidates = np.column_stack([x.ravel(), y.ravel()])
+    degree = 0
+    while (degree + 2) * (degree + 3) // 2 <= n:
+        degree += 1
+    chosen: list[int] = []
+    while len(chosen) < n:  # what the highest degree leaves is filled by further rounds on what is not taken
+        left = np.setdiff1d(np.arange(len(candidates)), chosen)
+        V = monomials(candidates[left], degree)
+        pivots = scipy.linalg.qr(V.T, mode="r", pivoting=True)[1][: V.shape[1]]
+        chosen += left[pivots].tolist()[: n - len(chosen)]
+    places = 0.5 + candidates[chosen] * (0.5 - margin)
+    return [Location(float(a), float(b)) for a, b in _short_way(places)]
+
+
+def _short_way(places: Array) -> Array:
+    """The places in bands from top to bottom, every other band from right to left."""
+    bands = max(round(np.sqrt(len(places))), 1)
+    order = np.array_split(np.argsort(places[:, 1], kind="stable"), bands)
+    ways = [part[np.argsort(places[part, 0])][:: 1 if i % 2 == 0 else -1] for i, part in enumerate(order)]
+    return np.asarray(places[np.concatenate(ways)])
+
+
+def pan_tilt_deg(location: Location, shape: tuple[int, int], principal_px: float) -> tuple[float, float]:
+    """Pan and tilt that bring a chart from the axis to a place in the frame.
+
+    A camera that is panned (about its vertical), then tilted (about its horizontal, both right-handed with x to the
+    right, y down) sees the axis's point in the direction R^-1 (0, 0, 1), R = R_y(pan) R_x(tilt).
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Rows and columns of the sensor or of a plane.
+    principal_px : float
+        Distance of the lens's image from the sensor in the same pixels: focal length over pitch.
+    """
+    x, y = location.in_pixels(shape)
+    ray = np.array([x - (shape[1] - 1) / 2, y - (shape[0] - 1) / 2, principal_px])
+    ray /= np.linalg.norm(ray)
+    return float(np.degrees(-np.arcsin(ray[0]))), float(np.degrees(np.arctan2(ray[1], ray[2])))
+
+
+def rail_mm(location: Location, shape: tuple[int, int], principal_px: float, distance_mm: float) -> tuple[float, float]:
+    """How far the camera moves to the right and down so that a chart on the axis appears at a place in the frame."""
+    x, y = location.in_pixels(shape)
+    scale = distance_mm / principal_px
+    return -(x - (shape[1] - 1) / 2) * scale, -(y - (shape[0] - 1) / 2) * scale

@@ -1,0 +1,156 @@
+"""Values known at scattered places of the plane, at any other: linear smoothers, each a matrix of weights.
+
+What is predicted is `weights(points) @ values`, so its variance follows from that of the values; weights add to 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import Delaunay, QhullError
+
+Array = npt.NDArray[np.float64]
+
+
+class Smoother(Protocol):
+    """A way to predict from values at N places."""
+
+    def weights(self, points: Array) -> Array:
+        """(n, N): row j predicts at points[j]."""
+        ...
+
+
+def monomials(points: Array, degree: int) -> Array:
+    """All x^a y^b with a + b <= degree at points (n, 2), lowest degree first: (n, (degree + 1)(degree + 2) / 2)."""
+    x, y = np.asarray(points, dtype=np.float64).T
+    return np.stack([x ** (d - b) * y**b for d in range(degree + 1) for b in range(d + 1)], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Polynomial:
+    """Weighted least squares by a polynomial of total degree `degree`.
+
+    Attributes
+    ----------
+    places : (N, 2) float64
+        Best within [-1, 1], for the monomials' condition.
+    trust : (N,) float64
+        One over the variance of each value, in any unit.
+
+    Raises
+    ------
+    ValueError
+        If the places cannot tell the coefficients apart.
+    """
+
+    places: Array
+    trust: Array
+    degree: int
+
+    def __post_init__(self) -> None:
+        design = monomials(self.places, self.degree)
+        if len(design) < design.shape[1] or np.linalg.matrix_rank(design, tol=1e-6 * len(design)) < design.shape[1]:
+            raise ValueError(f"{len(design)} places do not determine a polynomial of degree {self.degree}")
+
+    def weights(self, points: Array) -> Array:
+        """(n, N)."""
+        root = np.sqrt(self.trust)
+        solution = np.linalg.pinv(monomials(self.places, self.degree) * root[:, None]) * root
+        return np.asarray(monomials(points, self.degree) @ solution)
+
+
+@dataclass(frozen=True, eq=False)
+class ThinPlate:
+    """The thin-plate spline with a linear part; passes through the values where `stiffness` is 0.
+
+    Attributes
+    ----------
+    places : (N, 2) float64, trust : (N,) float64
+        As in `Polynomial`; at least three places, not on a line.
+    stiffness : float
+        What is minimised is mean trust (value - prediction)^2 + stiffness times the bending energy.
+
+    References
+    ----------
+    Wahba, Spline Models for Observational Data, 1990, section 2.4.
+    """
+
+    places: Array
+    trust: Array
+    stiffness: float = 0.0
+
+    def weights(self, points: Array) -> Array:
+        """(n, N)."""
+        n = len(self.places)
+        linear = monomials(self.places, 1)
+        system = np.zeros((n + 3, n + 3))
+        relative = self.trust / self.trust.mean()
+        system[:n, :n] = _bending(self.places, self.places) + self.stiffness * n * np.diag(1 / relative)
+        system[:n, n:], system[n:, :n] = linear, linear.T
+        solution = np.linalg.solve(system, np.vstack([np.eye(n), np.zeros((3, n))]))
+        return np.asarray(np.hstack([_bending(points, self.places), monomials(points, 1)]) @ solution)
+
+
+def _bending(a: Array, b: Array) -> Array:
+    """r^2 log r between points (n, 2) and (m, 2), the Green's function of bending but for its factor: (n, m)."""
+    r2 = np.sum((np.asarray(a)[:, None] - np.asarray(b)) ** 2, axis=2)
+    return np.asarray(r2 * np.log(np.maximum(r2, 1e-300)) / 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Hull:
+    """The convex hull of places (N, 2).
+
+    Raises
+    ------
+    ValueError
+        If they lie on a line.
+    """
+
+    places: Array
+
+    def __post_init__(self) -> None:
+        try:
+            triangles = Delaunay(self.places)
+        except (QhullError, ValueError) as error:
+            raise ValueError("the places lie on one line, or are fewer than three: they enclose nothing") from error
+        object.__setattr__(self, "_triangles", triangles)
+        object.__setattr__(self, "_rim", self.places[_ring(triangles.convex_hull, self.places)])
+
+    @property
+    def rim(self) -> Array:
+        """Its corners in order around, (m, 2)."""
+        rim: Array = self.__dict__["_rim"]
+        return rim
+
+    def holds(self, points: Array) -> npt.NDArray[np.bool_]:
+        """Which of the points (n, 2) lie in it; its rim does, within rounding."""
+        near = self.nearest(points)
+        size = float(np.ptp(self.places, axis=0).max())
+        inside: npt.NDArray[np.bool_] = np.linalg.norm(near - points, axis=1) <= 1e-9 * size
+        return inside
+
+    def nearest(self, points: Array) -> Array:
+        """The points (n, 2), and for those outside the nearest of the hull."""
+        points = np.array(points, dtype=np.float64)
+        outside = np.flatnonzero(self.__dict__["_triangles"].find_simplex(points) < 0)
+        if not len(outside):
+            return points
+        a, b = self.rim, np.roll(self.rim, -1, axis=0)
+        out = points[outside][:, None]
+        along = np.sum((out - a) * (b - a), axis=2) / np.sum((b - a) ** 2, axis=1)
+        feet = a + np.clip(along, 0, 1)[..., None] * (b - a)
+        best = np.argmin(np.linalg.norm(feet - out, axis=2), axis=1)
+        points[outside] = feet[np.arange(len(outside)), best]
+        return points
+
+
+def _ring(edges: npt.NDArray[np.integer], places: Array) -> npt.NDArray[np.intp]:
+    """The hull's corners in order around, from its edges."""
+    corners = np.unique(edges)
+    offset = places[corners] - places[corners].mean(axis=0)
+    ring: npt.NDArray[np.intp] = corners[np.argsort(np.arctan2(offset[:, 1], offset[:, 0]))]
+    return ring

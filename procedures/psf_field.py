@@ -1,0 +1,215 @@
+"""The PSF over the whole frame: measured at nodes, told with its error anywhere, applied to images.
+
+Every sample of the PSF is a smooth function of the place. What varies is described by a few components, A a(x), found
+from the nodes' PSFs z_i; a model predicts their coefficients from those of the nodes, B z_i, and the rest is the mean:
+
+    h(x) = Q z + A (o + sum_i T_i(x) (B z_i - o)),    P = A B,  Q = I - P,  z = sum_i m_i z_i
+
+It is linear in the nodes' PSFs, so their covariances give that of h(x). How far the model itself may be off is drawn
+from the nodes left out of a fit (`procedures.field.interpolate`), and added.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.numerics.scattered import Hull
+from procedures.psf import Psf
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Node:
+    """One measured PSF and where in the frame it was measured.
+
+    Attributes
+    ----------
+    position : (2,) float64
+        (x, y) in pixels of the plane where the PSF's centre lies.
+    position_covariance : (2, 2) float64
+        Of that, in squared pixels of the plane.
+    sensor_position : (2,) float64
+        The same place in pixels of the sensor.
+    source : str
+        The photograph it comes from.
+    number : int
+        Of the chart in that photograph: the planes' nodes of one chart have the same source and number.
+    """
+
+    position: Array
+    position_covariance: Array
+    sensor_position: Array
+    psf: Psf
+    source: str = ""
+    number: int = 0
+
+
+class CoefficientModel(Protocol):
+    """Predicts r coefficients at points from those of N nodes, linearly; points are in half diagonals."""
+
+    @property
+    def name(self) -> str:
+        """What it is, for people."""
+        ...
+
+    def predict(self, points: Array, values: Array) -> Array:
+        """Coefficients (n, r) at points (n, 2), from the nodes' (N, r)."""
+        ...
+
+    def transfer(self, points: Array, r: int) -> Array:
+        """The same as weights (n, r, N, r)."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class PsfField:
+    """The PSF of one plane as a function of the place in its frame; h, A, B and so on as above.
+
+    Attributes
+    ----------
+    plane : str
+    shape : (int, int)
+        Rows and columns of the plane.
+    nodes : tuple of Node
+    share : (N,) float64
+        What each node counts in the mean, m; of sum 1.
+    components : (r, k^2) float64, analysis : (r, k^2) float64
+        A^T and B.
+    origin : (r,) float64
+        The coefficients o that the model's predictions are about.
+    model : CoefficientModel
+    lack : (r, r) float64
+        Variance of what the model leaves out of the coefficients.
+    lack_rest : (k^2, k^2) float64
+        Variance of what varies over the frame and is in none of the components.
+    """
+
+    plane: str
+    shape: tuple[int, int]
+    nodes: tuple[Node, ...]
+    share: Array
+    components: Array
+    analysis: Array
+    origin: Array
+    model: CoefficientModel
+    lack: Array
+    lack_rest: Array
+
+    @property
+    def s(self) -> int:
+        """Samples per pixel of the plane."""
+        return self.nodes[0].psf.s
+
+    @property
+    def k(self) -> int:
+        """Samples along one side."""
+        return self.nodes[0].psf.k
+
+    @cached_property
+    def positions(self) -> Array:
+        """Where the nodes lie, (N, 2), in pixels of the plane."""
+        return np.array([node.position for node in self.nodes])
+
+    @cached_property
+    def hull(self) -> Hull:
+        """What the nodes enclose: beyond it the PSF is that of the nearest place inside."""
+        return Hull(self.positions)
+
+    @cached_property
+    def base(self) -> Array:
+        """What does not vary, Q z, (k^2,)."""
+        mean = self.share @ self._samples
+        return np.asarray(mean - (self.analysis @ mean) @ self.components)
+
+    @cached_property
+    def coefficients_at_nodes(self) -> Array:
+        """B z_i, (N, r)."""
+        return np.asarray(self._samples @ self.analysis.T)
+
+    def inside(self, points: Array) -> npt.NDArray[np.bool_]:
+        """Which points (n, 2) of the plane the nodes enclose."""
+        return self.hull.holds(np.asarray(points, dtype=np.float64))
+
+    def coefficients(self, points: Array) -> Array:
+        """What the components are multiplied by at points (n, 2) of the plane, (n, r)."""
+        values = self.coefficients_at_nodes - self.origin
+        return np.asarray(self.model.predict(self._placed(points), values) + self.origin)
+
+    def samples(self, points: Array) -> Array:
+        """The PSFs at points (n, 2) of the plane, (n, k, k), without their errors."""
+        h = self.base + self.coefficients(points) @ self.components
+        return np.asarray(h.reshape(-1, self.k, self.k))
+
+    def at(self, x: float, y: float) -> Psf:
+        """The PSF at a place of the plane, with the covariance of its error: noise and interpolation.
+
+        Beyond the nodes (`inside`) it is that of the nearest place among them, and its true error may be larger.
+        """
+        point = np.array([[x, y]], dtype=np.float64)
+        return Psf(self.samples(point)[0], self.s, self.noise(x, y) + self.interpolation(x, y))
+
+    def noise(self, x: float, y: float) -> Array:
+        """Covariance (k^2, k^2) of h(x, y) that comes from the nodes' own."""
+        T = self._transfer(x, y)
+        rest, cross, inner = self._covariances
+        mixed = (cross @ T.reshape(len(T), -1).T) @ self.components
+        by_node = T.transpose(1, 0, 2)
+        coefficients = np.sum(by_node @ inner @ by_node.transpose(0, 2, 1), axis=0)
+        return np.asarray(rest + mixed + mixed.T + self.components.T @ coefficients @ self.components)
+
+    def interpolation(self, x: float, y: float) -> Array:
+        """Covariance (k^2, k^2) of what the model leaves out.
+
+        It is taken for random from node to node: with variance there, and as much as the nodes' share of it brings.
+        """
+        T = self._transfer(x, y)
+        return (1 + float(np.sum(T**2)) / len(T)) * self._lack_of_components + self.lack_rest
+
+    def error(self, points: Array) -> tuple[Array, Array]:
+        """Norms (n,) of the errors predicted at points (n, 2): of the noise, and of the interpolation."""
+        noise = [np.sqrt(max(np.trace(self.noise(x, y)), 0.0)) for x, y in points]
+        lack = [np.sqrt(max(np.trace(self.interpolation(x, y)), 0.0)) for x, y in points]
+        return np.array(noise), np.array(lack)
+
+    @cached_property
+    def _samples(self) -> Array:
+        return np.array([node.psf.h.ravel() for node in self.nodes])
+
+    @cached_property
+    def _lack_of_components(self) -> Array:
+        return np.asarray(self.components.T @ self.lack @ self.components)
+
+    @cached_property
+    def _covariances(self) -> tuple[Array, Array, Array]:
+        """sum m^2 Q C Q^T (k^2, k^2); m_i Q C_i B^T side by side (k^2, N r); B C_i B^T (N, r, r)."""
+        n, r, size = len(self.nodes), len(self.components), self.k**2
+        rest, cross, inner = np.zeros((size, size)), np.zeros((n, size, r)), np.zeros((n, r, r))
+        A, B = self.components.T, self.analysis
+        for i, (node, m) in enumerate(zip(self.nodes, self.share, strict=True)):
+            half = node.psf.covariance @ B.T
+            inner[i] = B @ half
+            cross[i] = m * (half - A @ inner[i])
+            rest += m * m * node.psf.covariance
+        rest = rest - A @ (B @ rest)
+        return rest - (rest @ B.T) @ A.T, cross.transpose(1, 0, 2).reshape(size, n * r), inner
+
+    def _transfer(self, x: float, y: float) -> Array:
+        """T at one place, (r, N, r)."""
+        point = np.array([[x, y]], dtype=np.float64)
+        return np.asarray(self.model.transfer(self._placed(point), len(self.components))[0])
+
+    def _placed(self, points: Array) -> Array:
+        """Points of the plane, the nearest among the nodes for those beyond, as the model takes them."""
+        return in_half_diagonals(self.hull.nearest(np.asarray(points, dtype=np.float64)), self.shape)
+
+
+def in_half_diagonals(points: Array, shape: tuple[int, int]) -> Array:
+    """Points (n, 2) of a plane of that shape, from the frame's centre in half its diagonal."""
+    rows, columns = shape
+    return np.asarray((points - np.array([columns - 1, rows - 1]) / 2) / (np.hypot(rows, columns) / 2))

@@ -1,0 +1,85 @@
+"""Blur that differs over the frame, and its adjoint: a sum of ordinary convolutions of the weighted image."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+from scipy.signal import oaconvolve
+
+from procedures.outcome import BadParameter
+from procedures.psf_field import PsfField
+
+Array = npt.NDArray[np.float64]
+CHUNK = 1 << 16
+"""Samples whose coefficients are predicted at a time."""
+
+
+@dataclass(frozen=True, eq=False)
+class SpaceVariantBlur:
+    """The light of every point of an image spread by the PSF of its own place; dark beyond the image.
+
+    With h(x) = base + sum_c a_c(x) A_c, a point's light u(x) h(x) gives base * u + sum_c A_c * (a_c u).
+
+    Attributes
+    ----------
+    field : PsfField
+    samples_per_px : int
+        Of the image, per pixel of the plane: 1 to the field's s. Its first sample lies on the plane's first pixel.
+    """
+
+    field: PsfField
+    samples_per_px: int = 1
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.samples_per_px <= self.field.s:
+            raise BadParameter(
+                f"the image may have 1 to {self.field.s} samples per pixel; got {self.samples_per_px}",
+                f"resample the image, or estimate the PSF with s = {self.samples_per_px}",
+            )
+
+    def blur(self, image: Array) -> Array:
+        """The image (rows, columns), blurred; of the same shape."""
+        image = np.asarray(image, dtype=np.float64)
+        out = oaconvolve(image, self._kernels[0], mode="same")
+        for kernel, coefficient in zip(self._kernels[1:], self._maps(image.shape), strict=True):
+            out += oaconvolve(coefficient * image, kernel, mode="same")
+        return np.asarray(out)
+
+    def blur_adjoint(self, image: Array) -> Array:
+        """The adjoint of `blur`: sum v blur(u) = sum u blur_adjoint(v) for all images u, v of one shape."""
+        image = np.asarray(image, dtype=np.float64)
+        out = oaconvolve(image, self._kernels[0][::-1, ::-1], mode="same")
+        for kernel, coefficient in zip(self._kernels[1:], self._maps(image.shape), strict=True):
+            out += coefficient * oaconvolve(image, kernel[::-1, ::-1], mode="same")
+        return np.asarray(out)
+
+    def kernel(self, h: Array) -> Array:
+        """A PSF (k, k) on the image's grid, what that grid cannot show filtered out; its sum is kept."""
+        ratio, half = self.samples_per_px / self.field.s, self.field.k // 2
+        if ratio == 1:
+            return h
+        reach = int(np.ceil(half * ratio)) + 2
+        taps = np.sinc(np.arange(-reach, reach + 1)[:, None] - np.arange(-half, half + 1) * ratio)
+        taps /= taps.sum(axis=0)
+        return np.asarray(taps @ h @ taps.T)
+
+    @cached_property
+    def _kernels(self) -> list[Array]:
+        k = self.field.k
+        return [self.kernel(h.reshape(k, k)) for h in (self.field.base, *self.field.components)]
+
+    def _maps(self, shape: tuple[int, ...]) -> Iterator[Array]:
+        """The coefficients' maps (rows, columns), one component after the other; kept for the next image."""
+        kept: dict[tuple[int, ...], Array] = self.__dict__.setdefault("_kept", {})
+        if shape not in kept:
+            kept.clear()
+            rows, columns = shape
+            y, x = np.divmod(np.arange(rows * columns), columns)
+            points = np.column_stack([x, y]) / self.samples_per_px
+            parts = [self.field.coefficients(points[i : i + CHUNK]) for i in range(0, len(points), CHUNK)]
+            kept[shape] = np.concatenate(parts).T.reshape(-1, rows, columns)
+        yield from kept[shape]

@@ -1,0 +1,70 @@
+"""`station psf field`: the PSF of each plane over the whole frame, from photographs of charts at many places."""
+
+from __future__ import annotations
+
+import time
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import click
+
+from station.cli.log import log
+from station.cli.planes import OPTICS, chart_options, chart_source, finish, psf_options, tell_record
+from station.cli.progress import progress
+
+FAILED_ITEMS = 1
+
+
+@click.command("field")
+@click.argument("folder", type=click.Path(path_type=Path))
+@chart_options
+@click.option(
+    "--focus", type=click.Path(path_type=Path), help="A CSV table: photograph's name, focus position in mm (a bracket)."
+)
+@psf_options(s=4, k=17, solver="ls")
+def psf_field(
+    folder: Path,
+    bits: Path | None,
+    seed: int | None,
+    focus: Path | None,
+    plane: str | None,
+    out: Path,
+    as_json: bool,
+    **options: Any,
+) -> None:
+    """Estimate the PSF over the frame from FOLDER: photographs of one or several charts each, or a session.
+
+    All planes are estimated unless --plane names one.
+    """
+    start = time.perf_counter()
+    source = chart_source(bits, seed)
+    from procedures.pattern_psf.estimate import PatternParameters
+    from station.calibrate import diffraction_limit
+    from station.field import conclude, measure
+    from station.field_input import focus_positions, photographs
+    from station.field_results import write_field_result
+    from station.results import ResultFolder
+
+    optics = {name: options.pop(name) for name in OPTICS}
+    parameters = PatternParameters(**options)
+    paths = photographs(folder)
+    positions = focus_positions(focus) if focus else None
+    names = None if plane in (None, "all") else [str(plane)]
+    with ResultFolder(out) as results, progress(len(paths)) as told:
+        measured = measure(paths, names, source.chart, parameters, told)
+        for miss in measured.misses:
+            log(
+                "missed", f"{miss.source} {miss.plane} {miss.place}: {miss.reason}", level="warning", remedy=miss.remedy
+            )
+        exposure = measured.exposures[0].exposure if measured.exposures else None
+        limit = partial(diffraction_limit, exposure, **optics) if exposure else (lambda plane: None)
+        found = conclude(measured, positions, limit)
+        given = {**options, "chart": source.origin, **{k: v for k, v in optics.items() if v is not None}}
+        text = write_field_result(results, found, parameters=given, start=start)
+    for one in found.planes:
+        tell_record(one.record)
+    log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))
+    finish([one.record for one in found.planes], text, as_json=as_json)
+    if measured.failed:
+        raise click.exceptions.Exit(FAILED_ITEMS)

@@ -1,0 +1,42 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from procedures.pattern import Chart
+from procedures.pattern_psf.estimate import estimate_psf
+from procedures.raw import Plane
+from simulators.camera import Lens, SimulatedCamera
+from simulators.optics import Optics
+from simulators.scene import Scene
+from simulators.sensor import Sensor
+
+from .lens import FieldCamera, grid, nodes
+
+SEED = 20260314
+
+
+@pytest.fixture(scope="session")
+def covariance() -> np.ndarray:
+    """Of the PSF that one photograph of a chart 100 pixels wide gives, noise 0.5 % of white: nuisances included."""
+    white_e = 5e4
+    sensor = Sensor(170, 170, None, bits=16, full_well_e=1.3 * white_e, gain_e_per_dn=1.3 * white_e / 65000)
+    optics = Optics.typical(f_number=2.8, pitch_um=11.88, fill=0.5, gaussian_px=0.2)
+    camera = SimulatedCamera(Lens(f_number=2.8), sensor, 11.88, optics, white_e_per_s=white_e / 4 / 0.02)
+    chart = Chart.from_seed()
+    scene = Scene((camera.place(chart, pixels=102.4, roll_deg=3.0),))
+    samples = camera.photograph(scene, np.random.default_rng(1)).plane("Y").astype(np.float32)
+    found = estimate_psf(Plane("Y", samples, 1 / 65535), chart).value
+    assert found is not None
+    return found.psf.covariance
+
+
+@pytest.fixture(scope="session")
+def camera() -> FieldCamera:
+    return FieldCamera()
+
+
+@pytest.fixture(scope="session")
+def measured(camera, covariance):
+    """25 nodes of the green plane."""
+    return nodes(camera, grid(), covariance, np.random.default_rng(SEED))

@@ -1,0 +1,77 @@
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from procedures.field import field_file
+from procedures.field.chromatic import lateral_colour
+from procedures.field.interpolate import interpolate
+from procedures.field.maps import derive
+from procedures.outcome import BadInput
+
+from .lens import SHAPE, grid, nodes
+
+DOCUMENT = Path(field_file.__file__).parent / "decisions" / "0001-hdf5.md"
+
+
+@pytest.fixture(scope="module")
+def found(measured):
+    return interpolate("G1", SHAPE, measured)
+
+
+@pytest.fixture(scope="module")
+def written(camera, covariance, measured, found, tmp_path_factory):
+    path = tmp_path_factory.mktemp("field") / "field.h5"
+    red = nodes(camera, grid(), covariance, np.random.default_rng(2), "R")
+    colour = lateral_colour("R", red, "G1", measured, SHAPE, 2)
+    maps = derive(found.field, 5)
+    field_file.write_field(path, {"G1": found}, {"G1": maps}, [colour], {"input": "[]", "software": "1"})
+    return path
+
+
+def test_a_field_that_was_read_is_the_one_that_was_written(written, found):
+    field = field_file.read_field(written)["G1"]
+    for x, y in ((120.0, 400.0), (374.5, 249.5)):
+        np.testing.assert_allclose(field.at(x, y).h, found.field.at(x, y).h, atol=1e-6)
+        expected = found.field.at(x, y).covariance
+        # covariances are kept in seven digits
+        np.testing.assert_allclose(field.at(x, y).covariance, expected, atol=1e-5 * np.abs(expected).max())
+    assert field.nodes[3].number == found.field.nodes[3].number
+
+
+def test_the_five_lines_of_the_document_read_the_psf(written, camera, found, monkeypatch):
+    code = re.search(r"```python\n(.*?)```", DOCUMENT.read_text(), re.S)[1]
+    assert len([line for line in code.splitlines() if line]) == 5
+    monkeypatch.chdir(written.parent)
+    names: dict = {}
+    exec(code, names)
+    # the nearest place of the grid, half a step of 12 pixels away at most
+    near = found.field.samples(np.array([[names["x"], names["y"]]]))[0]
+    assert np.linalg.norm(names["psf"] - near) < 0.02 * np.linalg.norm(near)
+
+
+def test_every_array_has_its_unit_and_the_file_its_conventions(written):
+    with h5py.File(written) as file:
+        assert file.attrs["schema"] == "station/psf-field/1"
+        assert "pixel centres at integers" in file.attrs["conventions"]
+        without = []
+        file.visititems(
+            lambda name, item: (
+                without.append(name) if isinstance(item, h5py.Dataset) and "unit" not in item.attrs else None
+            )
+        )
+    assert {name.split("/")[-1] for name in without} == {"source", "number"}
+
+
+def test_other_files_are_named(tmp_path):
+    (tmp_path / "a.h5").write_bytes(b"no HDF5")
+    with pytest.raises(BadInput, match="cannot be read as HDF5"):
+        field_file.read_field(tmp_path / "a.h5")
+    with h5py.File(tmp_path / "b.h5", "w") as file:
+        file.attrs["schema"] = "other"
+    with pytest.raises(BadInput, match="no PSF field"):
+        field_file.read_field(tmp_path / "b.h5")

@@ -1,0 +1,89 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from procedures.field.focus import FREQUENCY, focus_surface, sharpest
+from procedures.field.maps import radius_direction
+from procedures.outcome import Refused
+from procedures.psf import Psf
+from procedures.quality import mtf_along
+
+from .lens import LENS, SHAPE, FieldCamera, K, S, grid, nodes
+
+POSITIONS = np.linspace(-0.24, 0.24, 5)  # micrometres of defocus
+TILTED = FieldCamera(replace(LENS, tilt_um=(0.06, -0.04)))
+
+
+def drawn_bracket(covariance, seed):
+    rng = np.random.default_rng(seed)
+    return {float(z): nodes(TILTED, grid(), covariance, rng, defocus_um=float(z)) for z in POSITIONS}
+
+
+@pytest.fixture(scope="module")
+def bracket(covariance):
+    return drawn_bracket(covariance, 11)
+
+
+@pytest.fixture(scope="module")
+def surface(bracket):
+    return focus_surface(bracket, SHAPE, unit="um")
+
+
+@lru_cache
+def true_focus(x, y, angle):
+    """Where the MTF really is greatest."""
+    z = np.linspace(-0.27, 0.27, 19)
+    no_error = np.zeros((K * K, K * K))
+    psfs = [Psf(TILTED.psf(x, y, defocus_um=float(d)), S, no_error) for d in z]
+    mtf = np.array([mtf_along(psf, np.array([FREQUENCY]), angle)[0][0] for psf in psfs])
+    i = int(np.argmax(mtf))
+    a, b, _ = np.polyfit(z[i - 2 : i + 3], mtf[i - 2 : i + 3], 2)
+    return -b / (2 * a)
+
+
+def test_best_focus_is_within_its_band_over_the_field(covariance):
+    # a quadratic surface has six numbers, so that a map is off as a whole: three draws
+    inside = []
+    for seed in range(3):
+        maps = {one.name: one for one in focus_surface(drawn_bracket(covariance, seed), SHAPE).maps(5)}
+        sagittal, meridional = maps["focus_sagittal"], maps["focus_meridional"]
+        for j, k in np.argwhere(np.isfinite(sagittal.value)):
+            x, y = float(sagittal.x[k]), float(sagittal.y[j])
+            radius = radius_direction(SHAPE, x, y)
+            for one, angle in ((sagittal, radius + np.pi / 2), (meridional, radius)):
+                inside.append(abs(one.value[j, k] - true_focus(x, y, angle)) < 1.96 * one.uncertainty[j, k])
+    assert np.mean(inside) >= 0.9
+
+
+def test_tilt_and_curvature_are_those_of_the_lens(surface):
+    # W = tilt . q + curvature |q - a|^2: focus is where the added defocus takes that away; 4 sigma, and 3 % because
+    # coma and the two astigmatic halves bend the quadratic a little
+    numbers = surface.numbers()
+    lens = TILTED.lens
+    for i, name in enumerate(("focus_tilt_x", "focus_tilt_y")):
+        expected = -(lens.tilt_um[i] - 2 * lens.field_curvature_um * lens.axis[i])
+        assert numbers[name].value == pytest.approx(expected, abs=4 * numbers[name].uncertainty + 0.003)
+    bend = numbers["field_curvature"]
+    assert bend.value == pytest.approx(-lens.field_curvature_um, abs=4 * bend.uncertainty + 0.003)
+    assert bend.uncertainty < 0.01
+
+
+def test_the_sharpest_position_of_a_bracket_is_the_middle_one(bracket):
+    assert sharpest(bracket) == pytest.approx(0.0)
+
+
+def test_two_positions_tell_no_focus(bracket):
+    two = {z: bracket[z] for z in list(bracket)[:2]}
+    with pytest.raises(Refused, match="3 focus positions or more; there are 2"):
+        focus_surface(two, SHAPE)
+
+
+def test_a_bracket_on_one_side_of_the_focus_is_refused(covariance):
+    rng = np.random.default_rng(1)
+    beyond = {z: nodes(TILTED, grid(), covariance, rng, defocus_um=z) for z in (0.3, 0.36, 0.42)}
+    with pytest.raises(Refused, match="extend the bracket"):
+        focus_surface(beyond, SHAPE)

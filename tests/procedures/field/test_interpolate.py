@@ -1,0 +1,117 @@
+"""The PSF between the nodes, against a lens with coma, astigmatism, field curvature, decentring and lateral colour."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from procedures.field.interpolate import interpolate, rebuild
+from procedures.outcome import Refused
+
+from .conftest import SEED
+from .lens import SHAPE, FieldCamera, grid, nodes
+
+
+@pytest.fixture(scope="module")
+def found(measured):
+    return interpolate("G1", SHAPE, measured)
+
+
+@pytest.fixture(scope="module")
+def places():
+    return np.random.default_rng(7).uniform([95, 65], [655, 435], (30, 2))
+
+
+def test_the_psf_between_the_nodes_is_as_good_as_at_them(camera, measured, found, places):
+    # the bound is 1.5; smoothing over 25 nodes leaves less than the error of one
+    at_nodes = [np.linalg.norm(n.psf.h - camera.psf(*p)) for n, p in zip(measured, grid(), strict=True)]
+    between = [np.linalg.norm(found.field.at(*p).h - camera.psf(*p)) for p in places]
+    assert np.mean(between) < np.mean(at_nodes)
+    assert np.max(between) < 1.5 * np.mean(at_nodes)
+
+
+def test_the_predicted_error_is_that_met(camera, found, places):
+    noise, lack = found.field.error(places)
+    met = [np.linalg.norm(found.field.at(*p).h - camera.psf(*p)) for p in places]
+    # what the model leaves out is taken from nodes left out, whose neighbours are farther: up to twice too much
+    assert 0.45 < np.mean(met) / np.mean(np.hypot(noise, lack)) < 1.1
+
+
+def test_the_noise_of_a_place_is_that_of_repeated_measurements(camera, covariance, found):
+    # with the model kept, 40 draws give a variance to sqrt(2 / 40) = 22 % (one sigma); the trace averages many
+    # directions, so that 10 % is beyond three
+    rng = np.random.default_rng(3)
+    count = len(found.field.components)
+    base = [n.psf.h for n in nodes(camera, grid(), 0 * covariance, rng, centre_px=0.0)]
+    drawn = []
+    values, vectors = np.linalg.eigh(covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0))
+    for _ in range(40):
+        noisy = []
+        for node, h in zip(found.field.nodes, base, strict=True):
+            noise = (root @ rng.standard_normal(len(root))).reshape(h.shape)
+            noisy.append(replace(node, psf=replace(node.psf, h=h + noise)))
+        field = replace(found.field, nodes=tuple(noisy))
+        drawn.append(field.samples(np.array([[200.0, 330.0]]))[0].ravel())
+    spread = np.sum(np.var(drawn, axis=0, ddof=1))
+    assert spread == pytest.approx(np.trace(found.field.noise(200.0, 330.0)), rel=0.1)
+    assert count > 2
+
+
+def test_every_psf_has_sum_1(found, places):
+    # the noise drawn for the nodes adds to 1e-7
+    np.testing.assert_allclose(found.field.samples(places).sum(axis=(1, 2)), 1, atol=1e-6)
+
+
+def test_the_axis_of_a_decentred_lens_is_found_within_its_error(camera, covariance):
+    off = []
+    for seed in range(3):
+        axis = interpolate("G1", SHAPE, nodes(camera, grid(), covariance, np.random.default_rng(seed))).axis
+        off.append((axis.position - camera.lens.axis) / np.sqrt(np.diag(axis.covariance)))
+        assert np.sqrt(np.diag(axis.covariance)).max() < 0.02
+    assert np.abs(off).max() < 3.5
+
+
+def test_a_symmetric_lens_is_recognised_and_so_is_one_that_is_not(camera, covariance, found):
+    assert found.recipe.kind == "symmetric lens"
+    # flares across the radius instead of along it, as if the frame were stirred: no lens does that
+    y = np.linspace(-1, 1, 17)
+    centre = camera.psf(374.5, 249.5)
+    flare = centre * np.outer(y - y**3 / 2, np.ones(17))
+    stirred = []
+    for node, place in zip(nodes(camera, grid(), covariance, np.random.default_rng(1)), grid(), strict=True):
+        noise = node.psf.h - camera.psf(*place)
+        u, v = camera.field(*place)
+        h = centre + 0.3 * (u * flare - v * flare.T) + noise
+        stirred.append(replace(node, psf=replace(node.psf, h=h)))
+    assert interpolate("G1", SHAPE, stirred).recipe.kind != "symmetric lens"
+
+
+def test_a_field_without_change_is_told_to_be_constant(covariance):
+    flat = FieldCamera(replace(FieldCamera().lens, coma_um=0.0, astigmatism_um=0.0, field_curvature_um=0.0))
+    field = interpolate("G1", SHAPE, nodes(flat, grid(), covariance, np.random.default_rng(SEED))).field
+    errors = [np.linalg.norm(field.at(x, y).h - flat.psf(300, 200)) for x, y in grid(3, 3, 0.2)]
+    # the mean of 25 nodes: a fifth of the error of one, and what the choice of a model adds
+    assert np.mean(errors) < 0.45 * np.sqrt(np.trace(covariance))
+
+
+def test_beyond_the_nodes_the_psf_is_that_of_the_nearest_place(found):
+    assert not found.field.inside(np.array([[2.0, 250.0]]))[0]
+    near = found.field.hull.nearest(np.array([[2.0, 250.0]]))[0]
+    assert near[0] == pytest.approx(grid()[0, 0], abs=0.1)
+    np.testing.assert_allclose(found.field.at(2.0, 250.0).h, found.field.at(*near).h, atol=1e-12)
+
+
+@pytest.mark.parametrize(("chosen", "words"), [(slice(5), "from 6 places"), (slice(0, None, 5), "one line")])
+def test_too_few_nodes_and_nodes_on_a_line_are_refused(camera, covariance, chosen, words):
+    tall = nodes(camera, grid(5, 7), covariance, np.random.default_rng(1))
+    with pytest.raises(Refused, match=words):
+        interpolate("G1", SHAPE, tall[chosen])
+
+
+def test_a_recipe_builds_the_same_field_again(found, places):
+    again = rebuild("G1", SHAPE, found.field.nodes, found.recipe, len(found.field.components))
+    np.testing.assert_allclose(again.samples(places), found.field.samples(places), atol=1e-12)
+    np.testing.assert_allclose(again.at(300, 200).covariance, found.field.at(300, 200).covariance, atol=1e-14)

@@ -1,0 +1,85 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from procedures.field.chromatic import lateral_colour
+from procedures.field.interpolate import interpolate
+from procedures.field.maps import MAPS, derive, grid, numbers_of, radius_direction
+from procedures.outcome import Refused
+from procedures.psf import Psf
+
+from .conftest import SEED
+from .lens import SHAPE, K, S, nodes
+from .lens import grid as node_grid
+
+COLUMNS = 13
+
+
+@pytest.fixture(scope="module")
+def maps(measured):
+    return derive(interpolate("G1", SHAPE, measured).field, COLUMNS)
+
+
+@pytest.mark.parametrize("number", range(len(MAPS)))
+def test_the_truth_is_in_the_95_percent_band_over_the_field(camera, maps, number):
+    one = maps[number]
+    off = []
+    for j, k in np.argwhere(np.isfinite(one.value)):
+        x, y = float(one.x[k]), float(one.y[j])
+        true = Psf(camera.psf(x, y), S, np.zeros((K * K, K * K)))
+        value, _ = numbers_of(true, radius_direction(SHAPE, x, y))
+        off.append((one.value[j, k] - value[number]) / one.uncertainty[j, k])
+    assert len(off) > 40
+    assert np.mean(np.abs(off) < 1.96) >= 0.9
+    assert np.std(off) > 0.4  # nor is the band so wide that it says nothing
+
+
+def test_maps_end_where_the_nodes_end(maps):
+    for one in maps:
+        assert np.isnan(one.value[0, 0])
+        assert np.isfinite(one.value[len(one.y) // 2, len(one.x) // 2])
+
+
+def test_directions_are_meridional_along_the_radius_and_sagittal_across(covariance):
+    # wide along x: to the right of the centre detail along the radius is lost, below it detail across the radius
+    x = (np.arange(K) - K // 2) / S
+    h = np.exp(-((x / 0.9) ** 2) - (x[:, None] / 0.5) ** 2)
+    psf = Psf(h / h.sum(), S, covariance)
+    right, _ = numbers_of(psf, radius_direction(SHAPE, 700.0, 249.5))
+    below, _ = numbers_of(psf, radius_direction(SHAPE, 374.5, 480.0))
+    assert right[0] > right[1]
+    assert below[0] < below[1]
+    assert right[2] == pytest.approx(right[0] - right[1])
+    np.testing.assert_allclose(right[:2], below[1::-1], rtol=1e-6)
+
+
+def test_places_of_a_map_are_centred_on_the_frame():
+    x, y = grid((500, 750), 15)
+    assert (len(x), len(y)) == (15, 10)
+    assert x[0] + x[-1] == pytest.approx(749)
+    assert y[0] + y[-1] == pytest.approx(499)
+
+
+def test_lateral_colour_holds_the_truth(camera, covariance):
+    # the surface has few degrees of freedom, so that a whole map is off together: five draws, 95 % +- 5 %
+    inside = []
+    for seed in range(5):
+        rng = np.random.default_rng(SEED + seed)
+        green, red = (nodes(camera, node_grid(), covariance, rng, plane) for plane in ("G1", "R"))
+        found = lateral_colour("R", red, "G1", green, SHAPE, 2)
+        radial, tangential = found.maps(COLUMNS)
+        for j, k in np.argwhere(np.isfinite(radial.value)):
+            x, y = float(radial.x[k]), float(radial.y[j])
+            shift = 2 * (camera.position(x, y, "R") - camera.position(x, y, "G1"))
+            turn = radius_direction(SHAPE, x, y)
+            for one, angle in ((radial, turn), (tangential, turn + np.pi / 2)):
+                off = one.value[j, k] - shift @ [np.cos(angle), np.sin(angle)]
+                inside.append(abs(off) < 1.96 * one.uncertainty[j, k])
+    assert np.mean(inside) >= 0.9
+
+
+def test_charts_that_only_one_plane_shows_do_not_count(camera, covariance, measured):
+    red = nodes(camera, node_grid(), covariance, np.random.default_rng(1), "R")
+    with pytest.raises(Refused, match="measured in both planes; R and G1 have 5"):
+        lateral_colour("R", red[:5], "G1", measured, SHAPE, 2)

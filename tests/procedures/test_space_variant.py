@@ -1,0 +1,106 @@
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy.signal import convolve2d
+
+from procedures.field.models import Separate
+from procedures.numerics.scattered import Polynomial
+from procedures.outcome import BadParameter
+from procedures.psf import Psf
+from procedures.psf_field import Node, PsfField, in_half_diagonals
+from procedures.space_variant import SpaceVariantBlur
+
+S, K, SHAPE = 2, 7, (40, 56)
+
+
+def gaussian(width_x: float, width_y: float) -> np.ndarray:
+    x = (np.arange(K) - K // 2) / S
+    h = np.exp(-((x / width_x) ** 2) - (x[:, None] / width_y) ** 2)
+    return h / h.sum()
+
+
+def field_of(psfs: list[np.ndarray], places: np.ndarray, r: int) -> PsfField:
+    """A field that is linear between nodes, by its definition and not by a fit."""
+    nodes = tuple(Node(p, np.eye(2), p, Psf(h, S, np.eye(K * K) * 1e-8)) for h, p in zip(psfs, places, strict=True))
+    z = np.array([h.ravel() for h in psfs])
+    V = np.linalg.svd(z - z.mean(axis=0), full_matrices=False)[2][:r]
+    smoother = Polynomial(in_half_diagonals(places, SHAPE), np.ones(len(places)), 1)
+    n = len(places)
+    return PsfField(
+        "Y", SHAPE, nodes, np.full(n, 1 / n), V, V, np.zeros(r), Separate("linear", smoother), np.zeros((r, r)),
+        np.zeros((K * K, K * K)),
+    )  # fmt: skip
+
+
+@pytest.fixture
+def places() -> np.ndarray:
+    return np.array([(x, y) for y in (0.0, 39.0) for x in (0.0, 28.0, 55.0)])
+
+
+@pytest.fixture
+def varying(places) -> PsfField:
+    return field_of([gaussian(0.5 + 0.01 * x, 0.6 + 0.01 * y) for x, y in places], places, 3)
+
+
+@dataclass
+class Pair:
+    u: np.ndarray
+    v: np.ndarray
+
+
+@pytest.mark.parametrize("samples_per_px", [1, 2])
+def test_the_adjoint_is_the_adjoint(varying, rng, samples_per_px):
+    operator = SpaceVariantBlur(varying, samples_per_px)
+    for shape in ((40, 56), (23, 31)):
+        u, v = rng.standard_normal((2, *shape))
+        forth, back = np.sum(v * operator.blur(u)), np.sum(u * operator.blur_adjoint(v))
+        # rounding of sums of some thousand products
+        assert abs(forth - back) < 1e-12 * np.linalg.norm(u) * np.linalg.norm(v)
+
+
+def test_a_constant_field_is_a_convolution(places, rng):
+    h = gaussian(0.7, 0.5)
+    psfs = [h + 1e-3 * (i - 2.5) * (gaussian(0.6, 0.6) - h) for i in range(6)]
+    field = field_of(psfs, places, 1)
+    constant = PsfField(**{**vars_of(field), "components": 0 * field.components})
+    u = rng.random((30, 41))
+    blurred = SpaceVariantBlur(constant, S).blur(u)
+    np.testing.assert_allclose(blurred, convolve2d(u, np.mean(psfs, axis=0), mode="same"), atol=1e-12)
+
+
+def vars_of(field: PsfField) -> dict:
+    return {name: getattr(field, name) for name in PsfField.__dataclass_fields__}
+
+
+def test_a_point_becomes_the_psf_of_its_place(varying):
+    operator = SpaceVariantBlur(varying, S)
+    for row, column in ((20, 30), (60, 90)):
+        u = np.zeros((80, 112))
+        u[row, column] = 1.0
+        seen = operator.blur(u)[row - K // 2 : row + K // 2 + 1, column - K // 2 : column + K // 2 + 1]
+        expected = varying.samples(np.array([[column / S, row / S]]))[0]
+        np.testing.assert_allclose(seen, expected, atol=1e-12)
+
+
+def test_light_is_kept(varying):
+    u = np.zeros((40, 56))
+    u[15:25, 20:30] = 1.0
+    assert SpaceVariantBlur(varying).blur(u).sum() == pytest.approx(u.sum(), rel=1e-9)
+
+
+def test_on_coarser_grids_what_the_grid_shows_is_blurred_alike(varying):
+    # a wave below the coarse grid's Nyquist frequency, in the middle of the image: blurred on both grids
+    fine_x, coarse_x = np.arange(112) / 2, np.arange(56.0)
+    wave = np.cos(2 * np.pi * 0.11 * fine_x)[None] * np.ones((80, 1))
+    fine = SpaceVariantBlur(varying, 2).blur(wave)[::2, ::2]
+    coarse = SpaceVariantBlur(varying, 1).blur(np.cos(2 * np.pi * 0.11 * coarse_x)[None] * np.ones((40, 1)))
+    # the sinc's ends, two samples beyond the support
+    np.testing.assert_allclose(coarse[10:-10, 10:-10], fine[10:-10, 10:-10], atol=0.03)
+
+
+def test_images_finer_than_the_psf_are_refused(varying):
+    with pytest.raises(BadParameter, match="1 to 2 samples per pixel; got 3"):
+        SpaceVariantBlur(varying, 3)

@@ -1,0 +1,108 @@
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from procedures.field.field_file import read_field
+from procedures.pattern import CELLS, Chart
+from simulators.camera import SimulatedCamera
+from simulators.scene import Scene
+from simulators.sensor import Sensor
+
+CHART = Chart.from_seed()
+WHITE_E = 4e5
+SENSOR = Sensor(280, 310, None, bits=16, full_well_e=1.3 * WHITE_E, gain_e_per_dn=1.3 * WHITE_E / 65000)
+CAMERA = SimulatedCamera(sensor=SENSOR, pitch_um=7.5, white_e_per_s=WHITE_E / 0.02, oversampling=5)
+PLACES = [(x, y) for y in (0.25, 0.75) for x in (0.18, 0.5, 0.82)]
+
+
+def write_pgm(path, samples):
+    data = np.clip(np.rint(samples * 65535), 0, 65535).astype(">u2")
+    path.write_bytes(b"P5\n%d %d\n65535\n" % data.shape[::-1] + data.tobytes())
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """One frame with six charts, one without any, and a file that is no picture."""
+    folder = tmp_path_factory.mktemp("frames")
+    scene = Scene(tuple(CAMERA.place(CHART, pixels=66, at=at, roll_deg=2.0) for at in PLACES))
+    shot = CAMERA.photograph(scene, np.random.default_rng(4))
+    write_pgm(folder / "charts.pgm", shot.plane("Y"))
+    write_pgm(folder / "empty.pgm", np.full((280, 310), 0.4))
+    (folder / "torn.dng").write_bytes(b"II*\0")
+    return folder, shot
+
+
+@pytest.fixture(scope="module")
+def done(folder, tmp_path_factory):
+    from click.testing import CliRunner
+
+    from station.__main__ import main
+
+    out = tmp_path_factory.mktemp("out")
+    words = ["psf", "field", str(folder[0]), "--out", str(out), "-k", "13", "--json"]
+    return CliRunner().invoke(main, words, prog_name="station"), out
+
+
+def test_a_frame_that_fails_is_named_and_the_rest_goes_on(done):
+    result, out = done
+    assert result.exit_code == 1, result.output
+    told = json.loads((out / "result.json").read_text())["field"]
+    assert told["failed"] == ["empty.pgm", "torn.dng"]
+    assert "no chart" in told["misses"][0]["reason"]
+    assert "empty.pgm" in result.stderr
+
+
+def test_the_record_has_the_form_of_every_psf_result(done):
+    result, out = done
+    record = json.loads(result.stdout)
+    assert record["schema"] == "station/psf/1"
+    assert record["procedure"] == "field"
+    assert record["planes"]["Y"]["verdict"] in ("pass", "doubtful")
+    assert np.load(out / "psf_Y.npy", allow_pickle=False).shape == (13, 13)
+    assert {"unit", "value", "uncertainty"} <= set(record["field"]["planes"]["Y"]["mtf50_sagittal_median"])
+
+
+def test_the_file_holds_all_charts_at_their_places(folder, done):
+    field = read_field(done[1] / "field.h5")["Y"]
+    middle = np.full((1, 2), CELLS / 2)
+    true = np.array([folder[1].true_points("Y", middle, i)[0] for i in range(len(PLACES))])
+    # the centre of a chart is known to a few thousandths of a pixel
+    np.testing.assert_allclose(field.positions, true, atol=0.02)
+    # the lens is the same everywhere: between the nodes as at them
+    psf = field.at(150.0, 140.0)
+    truth = folder[1].true_psf("Y", 4, 13).h
+    assert np.linalg.norm(psf.h - truth) < 3 * np.sqrt(np.trace(psf.covariance)) + 0.02 * np.linalg.norm(truth)
+
+
+def test_the_page_stands_alone_and_shows_every_map(done):
+    page = (done[1] / "report.html").read_text()
+    for words in (
+        "MTF50 of sagittal detail",
+        "MTF50 of meridional detail",
+        "Energy above Nyquist",
+        "empty.pgm",
+        "h5py",
+    ):
+        assert words in page
+    assert "<script" not in page
+    assert 'src="http' not in page
+
+
+def test_too_few_charts_are_refused(tmp_path, run):
+    placed = CAMERA.place(CHART, pixels=66)
+    shot = CAMERA.photograph(Scene((placed,)), np.random.default_rng(4))
+    write_pgm(tmp_path / "one.pgm", shot.plane("Y"))
+    result = run("psf", "field", tmp_path, "--out", tmp_path / "out", "-k", "13")
+    assert result.exit_code == 5
+    assert "6 places of the frame or more; plane Y has 1" in result.stderr
+    assert not (tmp_path / "out" / "psf_Y.npy").exists()
+
+
+def test_a_folder_without_charts_is_refused(tmp_path, run):
+    write_pgm(tmp_path / "flat.pgm", np.full((120, 160), 0.5))
+    result = run("psf", "field", tmp_path, "--out", tmp_path / "out")
+    assert result.exit_code == 5
+    assert "none of 1 photographs" in result.stderr
