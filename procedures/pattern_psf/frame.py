@@ -83,6 +83,12 @@ def ring() -> npt.NDArray[np.bool_]:
 
 
 @cache
+def turned_frames() -> npt.NDArray[np.float32]:
+    """The expected frame seen through each of the symmetries, (8, SIDE, SIDE)."""
+    return np.stack([seen for _, seen in symmetries()])
+
+
+@cache
 def symmetries() -> tuple[tuple[Array, Picture], ...]:
     """The square's eight maps g of cells onto cells, each with the expected frame seen through it."""
     maps = []
@@ -112,29 +118,30 @@ def rectify(image: Picture, H_image_cells: Array) -> Picture:
     )
 
 
-def agreement(rectified: Picture, frame: Picture, where: npt.NDArray[np.bool_]) -> float:
-    """Correlation of a rectified picture with a frame, light allowed to vary linearly over it; 0 to 1.
+def agreements(rectified: Picture, frames: npt.NDArray[np.float32], where: npt.NDArray[np.bool_]) -> Array:
+    """Correlations (n,) of a rectified picture with frames (n, SIDE, SIDE), light varying linearly over it; 0 to 1.
 
-    With T the frame, the picture is fitted by a(x, y) + b(x, y) T, a and b linear; the correlation is the root of
-    the share of the variance around a alone that b T explains, 0 where b would be negative.
+    With T a frame, the picture is fitted by a(x, y) + b(x, y) T, a and b linear; the correlation is the root of the
+    share of the variance around a alone that b T explains, 0 where b would be negative.
     """
-    where = where & np.isfinite(rectified)
-    rows, columns = np.nonzero(where)
+    rows, columns = np.nonzero(where & np.isfinite(rectified))
     if len(rows) < ring().sum() / 3:
-        return 0.0
-    values = rectified[where].astype(np.float64)
-    x, y = columns / SIDE - 0.5, rows / SIDE - 0.5
-    light = np.column_stack([np.ones_like(x), x, y])
-    t = frame[where].astype(np.float64)
-    design = np.column_stack([light, light * t[:, None]])
-    normal, right = design.T @ design, design.T @ values
-    both = np.linalg.solve(normal + 1e-9 * np.eye(6), right)
-    only = np.linalg.solve(normal[:3, :3], right[:3])
+        return np.zeros(len(frames))
+    values = rectified[rows, columns].astype(np.float64)
+    light = np.column_stack([np.ones(len(rows)), columns / SIDE - 0.5, rows / SIDE - 0.5])
+    pairs = (light[:, :, None] * light[:, None]).reshape(len(rows), 9)
+    t = frames[:, rows, columns].astype(np.float64)
+    alone, cross, square = (m.reshape(-1, 3, 3) for m in (pairs.sum(axis=0), t @ pairs, t**2 @ pairs))
+    alone = np.broadcast_to(alone, cross.shape)
+    normal = np.block([[alone, cross], [cross, square]])
+    right = np.column_stack([np.broadcast_to(values @ light, (len(t), 3)), (t * values) @ light])
+    both = np.linalg.solve(normal + 1e-9 * np.eye(6), right[..., None])[..., 0]
     total = values @ values
-    unexplained, around_light = total - both @ right, total - only @ right[:3]
-    if both[3] <= 0 or around_light <= 1e-12 * total:
-        return 0.0
-    return float(np.sqrt(np.clip(1 - unexplained / around_light, 0.0, 1.0)))
+    unexplained = total - np.sum(both * right, axis=1)
+    around_light = total - right[0, :3] @ np.linalg.solve(alone[0], right[0, :3])
+    if around_light <= 1e-12 * total:
+        return np.zeros(len(frames))
+    return np.asarray(np.where(both[:, 3] > 0, np.sqrt(np.clip(1 - unexplained / around_light, 0.0, 1.0)), 0.0))
 
 
 @cache

@@ -26,6 +26,8 @@ COLLINEAR = 0.15
 """Greatest distance of a third x-corner from where two put it, in steps: perspective, distortion."""
 BETWEEN = 0.2
 """No like saddle lies this close to the middle of two neighbouring x-corners, in steps: it would in a finer lattice."""
+BOTH_WAYS = 0.3
+"""Slope under which a line is looked at from both of its ends: more than COLLINEAR can turn a step."""
 MOST_TRIPLES = 20_000
 BIN = 12.0
 """Side of the bins in which saddles are looked up, in pixels."""
@@ -94,7 +96,7 @@ def _is_free(field: Field, i: int, j: int) -> bool:
 
 @compiled
 def _triples(field: Field) -> Indices:
-    """Triples (n, 3) of like saddles, equally spaced on a line, each line once."""
+    """Triples (n, 3) of like saddles, equally spaced on a line, a line once or in both directions."""
     out = np.empty((1024, 3), np.int64)
     count = 0
     for i in range(len(field.points)):
@@ -102,11 +104,13 @@ def _triples(field: Field) -> Indices:
         top, bottom, first, last = bins_within(field, place, MAX_STEP)
         for row in range(top, bottom + 1):
             for j in range(field.starts[row * field.columns + first], field.starts[row * field.columns + last + 1]):
-                if not _is_step(field, i, j):
-                    continue
                 step = field.points[j] - place
+                # one of a line's two directions, or both where it is nearly level: the second step may turn a little
+                backwards = step.imag < -BOTH_WAYS * abs(step.real)
+                if backwards or not _is_step(field, i, j):
+                    continue
                 k = nearest(field, field.points[j] + step, COLLINEAR * abs(step), j, SAME_AXIS, SAME_STRENGTH)
-                if k > i and _is_step(field, j, k) and _is_free(field, i, j) and _is_free(field, j, k):
+                if k >= 0 and _is_step(field, j, k) and _is_free(field, i, j) and _is_free(field, j, k):
                     if count == len(out):
                         out = np.concatenate((out, out))
                     out[count] = i, j, k
