@@ -31,6 +31,8 @@ BLUR = 0.1 * PIXELS
 """Blur of the expected frame: that of a typical photograph; agreement hardly depends on it."""
 SCREEN_SAMPLES = 4
 """Samples of a block along one side when candidates are screened."""
+SCREENED_AT_ONCE = 128
+"""Candidates whose samples stay in the processor's cache together."""
 Array = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.float32]
 
@@ -161,17 +163,24 @@ def screen(image: Picture, layouts: Layouts) -> Array:
     A coarse and fast `agreement`: a few samples per block, light only added; where a layout has no x-corner,
     something hides the frame and nothing is compared.
     """
-    if not len(layouts.maps):
-        return np.zeros((0, len(symmetries())))
+    parts = range(0, len(layouts.maps), SCREENED_AT_ONCE)
+    scores = [_screen_part(image, layouts.maps[i : i + SCREENED_AT_ONCE], layouts.hits[i : i + SCREENED_AT_ONCE])
+              for i in parts]  # fmt: skip
+    return np.concatenate([np.zeros((0, len(symmetries()))), *scores])
+
+
+def _screen_part(image: Picture, maps: Array, hits: npt.NDArray[np.bool_]) -> Array:
+    """`screen` of maps (n, 3, 3) with hits (n, 12)."""
     cells, frames = _screen_samples()
-    q = layouts.maps @ np.column_stack([cells, np.ones(len(cells))]).T
+    q = maps @ np.column_stack([cells, np.ones(len(cells))]).T
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         x, y = (q[:, :2] / q[:, 2:]).astype(np.float32).transpose(1, 0, 2)
     values = np.asarray(cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), dtype=np.float64)
     near = np.abs(cells[:, None] - RIM_CELLS).max(axis=2) < BLOCK
-    weights = 1.0 - (~layouts.hits).astype(np.float64) @ near.T.astype(np.float64)
+    weights = 1.0 - (~hits).astype(np.float64) @ near.T.astype(np.float64)
     light = np.column_stack([np.ones(len(cells)), cells / CELLS - 0.5])
-    normal = np.einsum("nk,ka,kb->nab", weights, light, light)
+    pairs = (light[:, :, None] * light[:, None]).reshape(len(cells), 9)
+    normal = (weights @ pairs).reshape(-1, 3, 3)
     values -= np.linalg.solve(normal, ((weights * values) @ light)[..., None])[..., 0] @ light.T
     centred = frames - light @ np.linalg.lstsq(light, frames, rcond=None)[0]
     norms = np.sqrt((weights * values**2).sum(axis=1, keepdims=True) * (weights @ centred**2))
