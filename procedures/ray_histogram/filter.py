@@ -156,15 +156,16 @@ def fuse_scale(
     similar = np.empty((rows, columns), np.float32)
     fused = np.empty((rows, columns, stack.planes.shape[1]), np.float32)
 
-    def fuse_rows(top: int) -> None:
-        found = similar[top : top + height]
+    def fuse_rows(top: int, end: int) -> None:
+        found = similar[top:end]
         band = np.empty((stack.planes.shape[1], *found.shape), np.float32)
         fuse_band(stack, candidates, half, rules, top, band, found)
-        fused[top : top + height] = np.moveaxis(band, 0, -1)
+        fused[top:end] = np.moveaxis(band, 0, -1)
 
     height = max(4, min(BAND_ROWS, BAND_FLOATS // (len(candidates) * columns)))
     with ThreadPoolExecutor(threads) as pool:
-        for _ in pool.map(fuse_rows, range(0, rows, height)):
+        rims = np.linspace(0, rows, -(-rows // height) + 1).astype(int).tolist()  # bands of one size for all threads
+        for _ in pool.map(fuse_rows, rims[:-1], rims[1:]):
             pass
     return Fused(fused, similar)
 

@@ -291,3 +291,19 @@ def fuse_band(
     found = fit_patches(stack, candidates, rules, first, weights, fit)
     aggregate(stack.planes, candidates, weights, fit, top, rules.patch, fused)
     similar[:] = found[top - first : top - first + height]
+
+
+@vectorised
+def blend(pictures: Floats, indices: Ints, weights: Floats, blended: Floats) -> None:
+    """Every new row of pictures (n, rows, channels) as weighted sum of old ones: blended (n, new rows, channels).
+
+    Indices and weights are (new rows, k).
+    """
+    blended[:] = 0.0
+    for p in range(blended.shape[0]):
+        for i in range(blended.shape[1]):
+            row = blended[p, i]
+            for k in range(indices.shape[1]):
+                w, old = weights[i, k], pictures[p, indices[i, k]]
+                for b in range(row.shape[0]):
+                    row[b] += w * old[b]
