@@ -69,8 +69,9 @@ def filter_film(
     check_scales(frames[0].count.shape, parameters)
     results = []
     for s in range(parameters.scales):
+        # coarser scales may leave a pixel alone: the finest sees to it that none keeps its noise
         level = frames if s == 0 else [downsample(frame, s) for frame in frames]
-        rules = parameters if s == 0 else _without_least(parameters)
+        rules = parameters if s == 0 else replace(parameters, at_least=0, ease=0.0)
         results.append(fuse_scale(level[0], rules, neighbours=level[1:], threads=threads))
     picture = results[0].picture
     if parameters.scales > 1:
@@ -179,8 +180,3 @@ def _mirrored(indices: npt.NDArray[np.int64], weights: npt.NDArray[np.float64], 
     mirrored = indices % (2 * n)
     mirrored = np.where(mirrored < n, mirrored, 2 * n - 1 - mirrored)
     return _Blend(mirrored, np.broadcast_to(weights, indices.shape).astype(np.float32))
-
-
-def _without_least(parameters: FilterParameters) -> FilterParameters:
-    """Coarser scales may leave a pixel alone: the finest sees to it that none keeps its noise."""
-    return replace(parameters, at_least=0)
