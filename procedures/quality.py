@@ -18,11 +18,12 @@ from procedures.psf import Psf
 
 Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
+Indices = npt.NDArray[np.intp]
 
 STEPS_PER_CYCLE = 50
 """Frequencies of the curves per cycle/pixel."""
 DIRECTIONS = 16
-"""Directions of the radial mean over half a turn."""
+"""Directions of the radial mean over half a turn, an even number."""
 
 
 @dataclass(frozen=True)
@@ -169,12 +170,18 @@ def _modulus(psf: Psf, waves: Complex) -> tuple[Array, Array]:
 
 def _radial_mean(psf: Psf, f: Array) -> tuple[Array, Array]:
     """Mean of |OTF| over directions (n,), and its derivative (n, k^2)."""
-    mean, slope = np.zeros(len(f)), np.zeros((len(f), psf.k**2))
-    for angle in np.pi * np.arange(DIRECTIONS) / DIRECTIONS:
-        m, d = _modulus(psf, _waves(psf, f * np.cos(angle), f * np.sin(angle)))
-        mean += m / DIRECTIONS
-        slope += d / DIRECTIONS
-    return mean, slope
+    direction = np.arange(DIRECTIONS)
+    step = np.exp(-2j * np.pi / psf.s * f[:, None] * np.cos(np.pi * direction / DIRECTIONS))
+    powers = np.cumprod(np.broadcast_to(step[..., None], (*step.shape, psf.k // 2)), axis=2)
+    ex = np.concatenate([powers[..., ::-1].conj(), np.ones((*step.shape, 1)), powers], axis=2)  # (n, directions, k)
+    ey = ex[:, np.abs(DIRECTIONS // 2 - direction)]  # the sine of a direction is the cosine of another
+    value = np.sum((ey.reshape(-1, psf.k) @ psf.h).reshape(ex.shape) * ex, axis=2)
+    modulus = np.abs(value)
+    turned = (np.conj(value) / np.maximum(modulus, 1e-12))[..., None] * ey
+    # the real part of the sum over directions of turned[y] ex[x], as one product of real matrices
+    left, right = np.concatenate([turned.real, -turned.imag], axis=1), np.concatenate([ex.real, ex.imag], axis=1)
+    slope = left.transpose(0, 2, 1) @ right / DIRECTIONS
+    return modulus.mean(axis=1), slope.reshape(len(f), -1)
 
 
 def _uncertainty(psf: Psf, slope: Array) -> Array:
@@ -224,27 +231,30 @@ def _spatial_numbers(psf: Psf, n: int) -> dict[str, Quantity]:
     row = np.ravel_multi_index((middle, np.arange(psf.k)), psf.h.shape)
     column = np.ravel_multi_index((np.arange(psf.k), middle), psf.h.shape)
     weight = _moment_weight(psf)
-    everything = np.arange(psf.k**2)
     noise = _noise_of_energy(psf)
-    pieces: list[tuple[str, Callable[[Array], Array], npt.NDArray[np.intp], str, str]] = [
-        ("centroid_x", lambda h: _centroid(psf, h, 0), everything, "pixel", "first moment, from the PSF's centre"),
-        ("centroid_y", lambda h: _centroid(psf, h, 1), everything, "pixel", "first moment, from the PSF's centre"),
-        ("fwhm_horizontal", lambda h: _widths(h, psf.s), row, "pixel", "section through the centre"),
-        ("fwhm_vertical", lambda h: _widths(h, psf.s), column, "pixel", "section through the centre"),
-        ("energy_above_nyquist", lambda h: _energy_above_nyquist(psf, h, noise), everything, "1", "share of |OTF|^2"),
-        ("encircled_energy_50", lambda h: _encircling_radius(psf, h, 0.5), everything, "pixel", "radius of 50 %"),
-        ("encircled_energy_80", lambda h: _encircling_radius(psf, h, 0.8), everything, "pixel", "radius of 80 %"),
-        ("ellipticity", lambda h: _ellipse(psf, h, weight)[0], everything, "1", "1 - b/a of weighted second moments"),
-        ("ellipse_angle", lambda h: _ellipse(psf, h, weight)[1], everything, "degree", "major axis, from x towards y"),
-    ]
-    probes = {id(used): _Probe.of(psf, used) for used in (everything, row, column)}
+    probes = {"all": _Probe.of(psf, np.arange(psf.k**2)), "row": _Probe.of(psf, row), "column": _Probe.of(psf, column)}
+    pieces: list[tuple[str, Callable[[Array], Array], tuple[tuple[str, str, str], ...]]] = [
+        ("all", lambda h: _centroids(psf, h), (
+            ("centroid_x", "pixel", "first moment, from the PSF's centre"),
+            ("centroid_y", "pixel", "first moment, from the PSF's centre"))),
+        ("row", lambda h: _widths(h, psf.s)[:, None], (("fwhm_horizontal", "pixel", "section through the centre"),)),
+        ("column", lambda h: _widths(h, psf.s)[:, None], (("fwhm_vertical", "pixel", "section through the centre"),)),
+        ("all", lambda h: _energy_above_nyquist(psf, h, noise)[:, None], (
+            ("energy_above_nyquist", "1", "share of |OTF|^2"),)),
+        ("all", lambda h: _encircling_radii(psf, h, (0.5, 0.8)), (
+            ("encircled_energy_50", "pixel", "radius of 50 %"), ("encircled_energy_80", "pixel", "radius of 80 %"))),
+        ("all", lambda h: _ellipse(psf, h, weight), (
+            ("ellipticity", "1", "1 - b/a of weighted second moments"),
+            ("ellipse_angle", "degree", "major axis, from x towards y"))),
+    ]  # fmt: skip
     numbers = {}
-    for name, function, used, unit, method in pieces:
-        probe = probes[id(used)]
-        value = float(function(probe.h[None])[0])
-        uncertainty = probe.uncertainty(function, 180.0 if unit == "degree" else np.inf)
-        if np.isfinite(value) and np.isfinite(uncertainty):
-            numbers[name] = Quantity(value, unit, uncertainty, method, n)
+    for used, function, described in pieces:
+        values = function(probes[used].h[None])[0]
+        periods = np.array([180.0 if unit == "degree" else np.inf for _, unit, _ in described])
+        uncertainties = probes[used].uncertainties(function, periods)
+        for (name, unit, method), value, uncertainty in zip(described, values, uncertainties, strict=True):
+            if np.isfinite(value) and np.isfinite(uncertainty):
+                numbers[name] = Quantity(float(value), unit, float(uncertainty), method, n)
     return numbers
 
 
@@ -264,19 +274,22 @@ class _Probe:
         steps = 0.1 * np.sqrt(np.maximum(np.diag(C), 1e-30))
         return cls(h, C, steps, h + np.diag(steps), h - np.diag(steps))
 
-    def uncertainty(self, function: Callable[[Array], Array], period: float) -> float:
-        """Standard uncertainty of a function of the samples, by their covariance; angles differ modulo a period."""
+    def uncertainties(self, function: Callable[[Array], Array], periods: Array) -> Array:
+        """Standard uncertainties (q,) of functions of the samples, (b, m) to (b, q), by their covariance.
+
+        Values with a finite period, angles, differ modulo that.
+        """
         change = function(self.above) - function(self.below)
-        if np.isfinite(period):
-            change = (change + period / 2) % period - period / 2
-        gradient = change / (2 * self.steps)
-        return float(np.sqrt(np.maximum(gradient @ self.C @ gradient, 0)))
+        turns = np.where(np.isfinite(periods), periods, 1.0)
+        change = np.where(np.isfinite(periods), (change + turns / 2) % turns - turns / 2, change)
+        gradient = change.T / (2 * self.steps)
+        return np.asarray(np.sqrt(np.maximum(np.sum((gradient @ self.C) * gradient, axis=1), 0)))
 
 
-def _centroid(psf: Psf, h: Array, axis: int) -> Array:
-    """Centroids along x (axis 0) or y (axis 1) of PSFs (b, k^2), in pixels."""
-    offsets = np.tile(psf.offsets_px, psf.k) if axis == 0 else np.repeat(psf.offsets_px, psf.k)
-    return np.asarray(h @ offsets / h.sum(axis=1))
+def _centroids(psf: Psf, h: Array) -> Array:
+    """Centroids (b, 2) along x and y of PSFs (b, k^2), in pixels."""
+    x = psf.offsets_px
+    return np.asarray(h @ np.column_stack([np.tile(x, psf.k), np.repeat(x, psf.k)]) / h.sum(axis=1, keepdims=True))
 
 
 def _widths(profiles: Array, s: int) -> Array:
@@ -285,21 +298,22 @@ def _widths(profiles: Array, s: int) -> Array:
     k = profiles.shape[1]
     t = np.arange((k - 1) * fine + 1) / fine
     values = profiles @ np.sinc(t[:, None] - np.arange(k)).T
-    return np.array([_width(v) for v in values]) / (fine * s)
+    peak = values.argmax(axis=1)[:, None]
+    below = values < np.take_along_axis(values, peak, 1) / 2
+    at = np.arange(values.shape[1])
+    right, left = below & (at > peak), below & (at < peak)
+    there = right.any(axis=1) & left.any(axis=1)
+    high, low = right.argmax(axis=1), values.shape[1] - 1 - left[:, ::-1].argmax(axis=1)
+    width = _crossing(values, peak, high, high - 1) - _crossing(values, peak, low, np.minimum(low + 1, at[-1]))
+    return np.asarray(np.where(there, width, np.nan) / (fine * s))
 
 
-def _width(values: Array) -> float:
-    """Full width at half maximum of a sampled section, in samples."""
-    peak = int(np.argmax(values))
-    half = values[peak] / 2
-    right = np.flatnonzero(values[peak:] < half)
-    left = np.flatnonzero(values[: peak + 1][::-1] < half)
-    if not len(right) or not len(left):
-        return float("nan")
-    i, j = peak + right[0], peak - left[0]
-    high = i - 1 + (values[i - 1] - half) / (values[i - 1] - values[i])
-    low = j + 1 - (values[j + 1] - half) / (values[j + 1] - values[j])
-    return float(high - low)
+def _crossing(values: Array, peak: Indices, outer: Indices, inner: Indices) -> Array:
+    """Where sections (b, n) fall to half of their value at `peak` (b, 1), between two samples (b,) of each."""
+    rows = np.arange(len(values))
+    half, beyond, before = values[rows, peak[:, 0]] / 2, values[rows, outer], values[rows, inner]
+    with np.errstate(divide="ignore", invalid="ignore"):  # where there is no crossing
+        return np.asarray(inner + (outer - inner) * (before - half) / (before - beyond))
 
 
 def _nyquist_kernel(psf: Psf) -> Array:
@@ -319,23 +333,27 @@ def _energy_above_nyquist(psf: Psf, h: Array, noise: tuple[float, float]) -> Arr
     """Share of the integral of |OTF|^2 outside |fx|, |fy| <= 1/2 of PSFs (b, k^2), what noise adds taken away."""
     S = _nyquist_kernel(psf)
     images = h.reshape(-1, psf.k, psf.k)
-    inside = np.sum((S @ images @ S) * images, axis=(1, 2)) - noise[0]
+    # S X S . X = X S . (X' S)', each for all X as one product
+    along, across = (np.reshape(x, (-1, psf.k)) @ S for x in (images, images.transpose(0, 2, 1)))
+    inside = np.einsum("bij,bji->b", along.reshape(images.shape), across.reshape(images.shape)) - noise[0]
     whole = np.sum(images**2, axis=(1, 2)) - noise[1]
     return np.asarray(np.where(whole > 0, 1 - inside / whole, np.nan))
 
 
-def _encircling_radius(psf: Psf, h: Array, share: float) -> Array:
-    """Radii (b,) about the marks' centre within which the given share of the energy of PSFs (b, k^2) lies."""
+def _encircling_radii(psf: Psf, h: Array, shares: tuple[float, ...]) -> Array:
+    """Radii (b, q) about the marks' centre within which shares (q,) of the energy of PSFs (b, k^2) lie."""
     x = psf.offsets_px
     r = np.hypot(x, x[:, None]).ravel()
     radii = np.arange(1, 4 * psf.k + 1) / (8 * psf.s)
     # a sample's energy enters linearly while the circle crosses its square
     inside = (h @ np.clip((radii - r[:, None]) * psf.s + 0.5, 0, 1)) / h.sum(axis=1, keepdims=True)
-    i = np.argmax(inside >= share, axis=1)
-    rows = np.arange(len(h))
-    before, after = inside[rows, i - 1], inside[rows, i]
-    radius = radii[i - 1] + (share - before) / np.where(i > 0, after - before, np.nan) * (radii[i] - radii[i - 1])
-    return np.asarray(np.where(i > 0, radius, np.nan))
+    rows, found = np.arange(len(h)), []
+    for share in shares:
+        i = np.argmax(inside >= share, axis=1)
+        before, after = inside[rows, i - 1], inside[rows, i]
+        radius = radii[i - 1] + (share - before) / np.where(i > 0, after - before, np.nan) * (radii[i] - radii[i - 1])
+        found.append(np.where(i > 0, radius, np.nan))
+    return np.column_stack(found)
 
 
 def _moment_weight(psf: Psf) -> Array:
@@ -347,18 +365,18 @@ def _moment_weight(psf: Psf) -> Array:
     return np.asarray(np.exp(-(x**2 + (x**2)[:, None]) / (2 * sigma**2)).ravel())
 
 
-def _ellipse(psf: Psf, h: Array, weight: Array) -> tuple[Array, Array]:
-    """Ellipticity 1 - b/a and angle (degrees, x towards y) of the weighted second moments of PSFs (b, k^2)."""
+def _ellipse(psf: Psf, h: Array, weight: Array) -> Array:
+    """(b, 2): ellipticity 1 - b/a and angle (degrees, x towards y) of the weighted second moments of PSFs (b, k^2)."""
     x = np.tile(psf.offsets_px, psf.k)
     y = np.repeat(psf.offsets_px, psf.k)
     w = weight * h
-    w = w / w.sum(axis=1, keepdims=True)
-    cx, cy = w @ x, w @ y
-    xx, xy, yy = w @ (x * x) - cx * cx, w @ (x * y) - cx * cy, w @ (y * y) - cy * cy
+    moments = w @ np.column_stack([x, y, x * x, x * y, y * y]) / w.sum(axis=1, keepdims=True)
+    cx, cy, xx, xy, yy = moments.T
+    xx, xy, yy = xx - cx * cx, xy - cx * cy, yy - cy * cy
     spread = np.hypot((xx - yy) / 2, xy)
     minor, major = (xx + yy) / 2 - spread, (xx + yy) / 2 + spread
     flat = 1 - np.sqrt(np.where(minor > 0, minor, np.nan) / major)
-    return flat, np.degrees(np.arctan2(2 * xy, xx - yy) / 2)
+    return np.column_stack([flat, np.degrees(np.arctan2(2 * xy, xx - yy) / 2)])
 
 
 def _strehl(psf: Psf, diffraction: Diffraction, n: int) -> Quantity:

@@ -23,6 +23,21 @@ def cholesky_solve(G: Array, b: Array) -> Array:
     return np.asarray(scipy.linalg.cho_solve(factor, b, check_finite=False))
 
 
+def cholesky_inverse(G: Array) -> Array:
+    """The inverse of a symmetric positive definite matrix.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If G is not positive definite.
+    """
+    factor, _ = scipy.linalg.cho_factor(G, lower=True, check_finite=False)
+    half, failed = scipy.linalg.lapack.dpotri(factor, lower=True)
+    if failed:
+        raise np.linalg.LinAlgError("the matrix is singular")
+    return np.asarray(np.tril(half) + np.tril(half, -1).T)
+
+
 def non_negative_least_squares(G: Array, b: Array, *, max_exchanges: int = 200) -> Array:
     """Minimise x'G x / 2 - b'x subject to x >= 0, by block principal pivoting.
 

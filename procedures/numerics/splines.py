@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache
+from dataclasses import dataclass
 from typing import Any
 
 import numba
@@ -11,85 +11,114 @@ import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
+from procedures.numerics.compiled import vectorised
+
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
+Complex64 = npt.NDArray[np.complex64]
+Footprint = Callable[[Array], npt.NDArray[np.inexact[Any]]]
 
 
-def cell_image_spline(cells: npt.NDArray[np.floating], per_cell: int, J: Array, band: float) -> Array32:
-    """Spline coefficients of a piecewise constant image, its spectrum cut to a square of the *target's* frequencies.
+@dataclass(frozen=True)
+class CellSpectra:
+    """Spectra of a lattice of cells and of the steps between them, each (n, n) complex64.
 
-    The image is one period of (n, n) unit cells; its spectrum is the cells' own, repeated, times the cell's
-    footprint sinc(f_x) sinc(f_y): no raster, hence no discretisation of the edges. Of it the frequencies f stay
-    whose image J'f, with J the derivative of cells with respect to target coordinates, lies in [-band, band]^2.
-
-    Parameters
+    Attributes
     ----------
-    cells : (n, n) floating
-        Values of the cells, [row, column].
+    cells : of the cells' values
+    left, upper : of the heights of the steps at each cell's left and upper edge
+    """
+
+    cells: Complex64
+    left: Complex64
+    upper: Complex64
+
+    @classmethod
+    def of(cls, cells: npt.NDArray[np.floating]) -> CellSpectra:
+        """From the values of the cells (n, n), [row, column]: one period of an image."""
+        left = np.abs(cells - np.roll(cells, 1, axis=1))
+        upper = np.abs(cells - np.roll(cells, 1, axis=0))
+        return cls(*(np.asarray(scipy.fft.fft2(x.astype(np.float32))) for x in (cells, left, upper)))
+
+
+@dataclass(frozen=True)
+class Band:
+    """The frequencies f of a lattice whose image J'f lies in [-limit, limit]^2: those that a target's grid holds.
+
+    Attributes
+    ----------
+    n : int
+        Cells along one side of the lattice.
     per_cell : int
-        Grid points per cell; the grid's points lie at (i + 1/2) / per_cell cells.
+        Points of the splines' grid per cell, at (i + 1/2) / per_cell cells.
     J : (2, 2) float64
         d(cells x, y) / d(target x, y).
-    band : float
-        Largest frequency kept along each target axis, in cycles per unit of the target.
+    limit : float
+        In cycles per unit of the target.
+    """
+
+    n: int
+    per_cell: int
+    J: Array
+    limit: float
+
+    def spline(self, parts: list[tuple[Complex64, Footprint, Footprint]]) -> Array32:
+        """Coefficients of the sum of lattices, by their spectra, with footprints, by their spectra along y and x."""
+        size = self.n * self.per_cell
+        reach = self.limit * np.abs(np.linalg.inv(self.J)).sum(axis=0) * self.n
+        last_x, last_y = min(int(reach[0]), size // 2), min(int(reach[1]), (size - 1) // 2)
+        fx, fy = np.arange(last_x + 1) / self.n, np.arange(-last_y, last_y + 1) / self.n
+        along_y, along_x = _to_spline(fy, self.per_cell), _to_spline(fx, self.per_cell) * self.per_cell**2
+        cut = np.zeros((size, len(fx)), dtype=np.complex64)
+        for spectrum, footprint_y, footprint_x in parts:
+            filter_y, filter_x = footprint_y(fy) * along_y, footprint_x(fx) * along_x
+            _add_band(cut, spectrum, filter_y.astype(np.complex64), filter_x.astype(np.complex64), self.J, self.limit)
+        # columns beyond the band are zero and stay out of the first transform
+        return np.asarray(scipy.fft.irfft(scipy.fft.ifft(cut, axis=0, overwrite_x=True), size, axis=1))
+
+
+@vectorised
+def _add_band(
+    cut: Complex64, spectrum: Complex64, filter_y: Complex64, filter_x: Complex64, J: Array, limit: float
+) -> None:
+    """Add a lattice's spectrum (n, n), repeated and filtered, inside the band; the filters' frequencies are centred
+    along y and begin with zero along x."""
+    n, last = len(spectrum), len(filter_y) // 2
+    bound = limit * n
+    for i in range(len(filter_y)):
+        ky = i - last
+        row, line, along_y = cut[ky], spectrum[ky % n], filter_y[i]
+        for kx in range(len(filter_x)):
+            if abs(J[0, 0] * kx + J[1, 0] * ky) <= bound and abs(J[0, 1] * kx + J[1, 1] * ky) <= bound:
+                row[kx] += line[kx % n] * along_y * filter_x[kx]
+
+
+def cell_image_spline(spectra: CellSpectra, band: Band) -> Array32:
+    """Spline coefficients of a piecewise constant image, cut to a band.
+
+    The spectrum is the cells' own, repeated, times the cell's footprint sinc(f_x) sinc(f_y): no raster, hence no
+    discretisation of the edges.
 
     Returns
     -------
     (n per_cell, n per_cell) float32
         Coefficients for `read_spline`.
     """
-    return _band_limited([(cells, np.sinc, np.sinc)], per_cell, J, band)
+    return band.spline([(spectra.cells, np.sinc, np.sinc)])
 
 
-def outline_spline(cells: npt.NDArray[np.floating], per_cell: int, J: Array, band: float) -> Array32:
+def outline_spline(spectra: CellSpectra, band: Band) -> Array32:
     """Spline coefficients of the cells' outlines: lines of the steps' heights where neighbours differ.
 
     Added with a factor d to the cells' own image they move every edge by d cells from its darker to its brighter
     side, to first order. Parameters and result as in `cell_image_spline`.
     """
-    left = np.abs(cells - np.roll(cells, 1, axis=1))
-    upper = np.abs(cells - np.roll(cells, 1, axis=0))
-    return _band_limited([(left, np.sinc, _line), (upper, _line, np.sinc)], per_cell, J, band)
-
-
-@lru_cache(maxsize=12)
-def _spectrum(lattice: bytes, n: int) -> npt.NDArray[np.complex64]:
-    """Spectrum of a lattice (n, n) of float32; kept, since one chart serves every plane of every photograph."""
-    return np.asarray(scipy.fft.fft2(np.frombuffer(lattice, dtype=np.float32).reshape(n, n)))
+    return band.spline([(spectra.left, np.sinc, _line), (spectra.upper, _line, np.sinc)])
 
 
 def _line(f: Array) -> npt.NDArray[np.complex128]:
     """Spectrum of a line at a cell's lower edge, from the cell's centre."""
     return np.asarray(np.exp(1j * np.pi * f))
-
-
-def _band_limited(
-    parts: list[tuple[npt.NDArray[np.floating], Callable[[Array], Any], Callable[[Array], Any]]],
-    per_cell: int,
-    J: Array,
-    band: float,
-) -> Array32:
-    """Spline coefficients of sums of lattices (n, n) with footprints, given by their spectra along y and x."""
-    n = len(parts[0][0])
-    size = n * per_cell
-    index_y = np.fft.fftfreq(size, 1 / size).astype(int)
-    index_x = np.arange(size // 2 + 1)
-    # rows and columns that the band touches at all
-    reach_x, reach_y = band * np.abs(np.linalg.inv(J)).sum(axis=0) * n
-    rows, columns = np.abs(index_y) <= reach_y, index_x <= reach_x
-    ky, kx = index_y[rows], index_x[columns]
-    fy, fx = ky / n, kx / n
-    inside = (np.abs(J[0, 0] * fx + J[1, 0] * fy[:, None]) <= band) & (
-        np.abs(J[0, 1] * fx + J[1, 1] * fy[:, None]) <= band
-    )
-    block = np.zeros((len(ky), len(kx)), dtype=np.complex64)
-    for lattice, footprint_y, footprint_x in parts:
-        spectrum = _spectrum(np.asarray(lattice, dtype=np.float32).tobytes(), n)
-        filter_y, filter_x = footprint_y(fy) * _to_spline(fy, per_cell), footprint_x(fx) * _to_spline(fx, per_cell)
-        block += spectrum[ky % n][:, kx % n] * np.outer(filter_y, filter_x).astype(np.complex64)
-    cut = np.zeros((size, len(index_x)), dtype=np.complex64)
-    cut[np.ix_(rows, columns)] = block * inside
-    return np.asarray(scipy.fft.irfft2(cut, (size, size), overwrite_x=True) * np.float32(per_cell**2))
 
 
 def _to_spline(f: Array, per_cell: int) -> npt.NDArray[np.complex128]:

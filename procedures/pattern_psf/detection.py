@@ -181,8 +181,8 @@ def _jacobian(H: Array) -> Array:
 def _sure_score(rectified: Image, visible: npt.NDArray[np.bool_]) -> float:
     """Agreement where nothing hides the frame; 0 unless it is clearly better than for any other turn."""
     where = frame.ring() & ~frame.around_marks(~visible)
-    scores = [frame.agreement(rectified, seen, where) for _, seen in frame.symmetries()]
-    return scores[0] if scores[0] - max(scores[1:]) > MARGIN else 0.0
+    scores = frame.agreements(rectified, frame.turned_frames(), where)
+    return float(scores[0]) if scores[0] - scores[1:].max() > MARGIN else 0.0
 
 
 def find_charts(image: npt.NDArray[np.floating]) -> list[Sighting]:

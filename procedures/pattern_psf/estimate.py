@@ -15,8 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numerics.normal_equations import normalised
-from procedures.numerics.solvers import solve_constrained
-from procedures.numerics.warps import inverse
+from procedures.numerics.solvers import cholesky_inverse, solve_constrained
 from procedures.outcome import Outcome, Refused, Verdict
 from procedures.pattern import BLOCK, CELLS, Chart
 from procedures.pattern_psf.centre import mark_offset_gradient
@@ -244,7 +243,7 @@ def _solution(fit: Fit, s: int, k: int, solver: str) -> tuple[Psf, Array]:
     For "clip" and "nnls" the same covariance is an upper limit: the constraint only takes noise away.
     """
     h = fit.h if solver == "ls" else solve_constrained(fit.equations.G, fit.equations.G @ fit.h, solver)
-    covariance = inverse(fit.equations.G) * fit.residual_std**2
+    covariance = cholesky_inverse(fit.equations.G) * fit.residual_std**2
     h, covariance = normalised(h, covariance)
     # the centre follows the PSF: an error of h that shifts it shifts the map back
     image = h.reshape(k, k)

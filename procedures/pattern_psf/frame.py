@@ -31,6 +31,8 @@ BLUR = 0.1 * PIXELS
 """Blur of the expected frame: that of a typical photograph; agreement hardly depends on it."""
 SCREEN_SAMPLES = 4
 """Samples of a block along one side when candidates are screened."""
+SCREENED_AT_ONCE = 128
+"""Candidates whose samples stay in the processor's cache together."""
 Array = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.float32]
 
@@ -83,6 +85,12 @@ def ring() -> npt.NDArray[np.bool_]:
 
 
 @cache
+def turned_frames() -> npt.NDArray[np.float32]:
+    """The expected frame seen through each of the symmetries, (8, SIDE, SIDE)."""
+    return np.stack([seen for _, seen in symmetries()])
+
+
+@cache
 def symmetries() -> tuple[tuple[Array, Picture], ...]:
     """The square's eight maps g of cells onto cells, each with the expected frame seen through it."""
     maps = []
@@ -112,29 +120,30 @@ def rectify(image: Picture, H_image_cells: Array) -> Picture:
     )
 
 
-def agreement(rectified: Picture, frame: Picture, where: npt.NDArray[np.bool_]) -> float:
-    """Correlation of a rectified picture with a frame, light allowed to vary linearly over it; 0 to 1.
+def agreements(rectified: Picture, frames: npt.NDArray[np.float32], where: npt.NDArray[np.bool_]) -> Array:
+    """Correlations (n,) of a rectified picture with frames (n, SIDE, SIDE), light varying linearly over it; 0 to 1.
 
-    With T the frame, the picture is fitted by a(x, y) + b(x, y) T, a and b linear; the correlation is the root of
-    the share of the variance around a alone that b T explains, 0 where b would be negative.
+    With T a frame, the picture is fitted by a(x, y) + b(x, y) T, a and b linear; the correlation is the root of the
+    share of the variance around a alone that b T explains, 0 where b would be negative.
     """
-    where = where & np.isfinite(rectified)
-    rows, columns = np.nonzero(where)
+    rows, columns = np.nonzero(where & np.isfinite(rectified))
     if len(rows) < ring().sum() / 3:
-        return 0.0
-    values = rectified[where].astype(np.float64)
-    x, y = columns / SIDE - 0.5, rows / SIDE - 0.5
-    light = np.column_stack([np.ones_like(x), x, y])
-    t = frame[where].astype(np.float64)
-    design = np.column_stack([light, light * t[:, None]])
-    normal, right = design.T @ design, design.T @ values
-    both = np.linalg.solve(normal + 1e-9 * np.eye(6), right)
-    only = np.linalg.solve(normal[:3, :3], right[:3])
+        return np.zeros(len(frames))
+    values = rectified[rows, columns].astype(np.float64)
+    light = np.column_stack([np.ones(len(rows)), columns / SIDE - 0.5, rows / SIDE - 0.5])
+    pairs = (light[:, :, None] * light[:, None]).reshape(len(rows), 9)
+    t = frames[:, rows, columns].astype(np.float64)
+    alone, cross, square = (m.reshape(-1, 3, 3) for m in (pairs.sum(axis=0), t @ pairs, t**2 @ pairs))
+    alone = np.broadcast_to(alone, cross.shape)
+    normal = np.block([[alone, cross], [cross, square]])
+    right = np.column_stack([np.broadcast_to(values @ light, (len(t), 3)), (t * values) @ light])
+    both = np.linalg.solve(normal + 1e-9 * np.eye(6), right[..., None])[..., 0]
     total = values @ values
-    unexplained, around_light = total - both @ right, total - only @ right[:3]
-    if both[3] <= 0 or around_light <= 1e-12 * total:
-        return 0.0
-    return float(np.sqrt(np.clip(1 - unexplained / around_light, 0.0, 1.0)))
+    unexplained = total - np.sum(both * right, axis=1)
+    around_light = total - right[0, :3] @ np.linalg.solve(alone[0], right[0, :3])
+    if around_light <= 1e-12 * total:
+        return np.zeros(len(frames))
+    return np.asarray(np.where(both[:, 3] > 0, np.sqrt(np.clip(1 - unexplained / around_light, 0.0, 1.0)), 0.0))
 
 
 @cache
@@ -154,17 +163,24 @@ def screen(image: Picture, layouts: Layouts) -> Array:
     A coarse and fast `agreement`: a few samples per block, light only added; where a layout has no x-corner,
     something hides the frame and nothing is compared.
     """
-    if not len(layouts.maps):
-        return np.zeros((0, len(symmetries())))
+    parts = range(0, len(layouts.maps), SCREENED_AT_ONCE)
+    scores = [_screen_part(image, layouts.maps[i : i + SCREENED_AT_ONCE], layouts.hits[i : i + SCREENED_AT_ONCE])
+              for i in parts]  # fmt: skip
+    return np.concatenate([np.zeros((0, len(symmetries()))), *scores])
+
+
+def _screen_part(image: Picture, maps: Array, hits: npt.NDArray[np.bool_]) -> Array:
+    """`screen` of maps (n, 3, 3) with hits (n, 12)."""
     cells, frames = _screen_samples()
-    q = layouts.maps @ np.column_stack([cells, np.ones(len(cells))]).T
+    q = maps @ np.column_stack([cells, np.ones(len(cells))]).T
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         x, y = (q[:, :2] / q[:, 2:]).astype(np.float32).transpose(1, 0, 2)
     values = np.asarray(cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), dtype=np.float64)
     near = np.abs(cells[:, None] - RIM_CELLS).max(axis=2) < BLOCK
-    weights = 1.0 - (~layouts.hits).astype(np.float64) @ near.T.astype(np.float64)
+    weights = 1.0 - (~hits).astype(np.float64) @ near.T.astype(np.float64)
     light = np.column_stack([np.ones(len(cells)), cells / CELLS - 0.5])
-    normal = np.einsum("nk,ka,kb->nab", weights, light, light)
+    pairs = (light[:, :, None] * light[:, None]).reshape(len(cells), 9)
+    normal = (weights @ pairs).reshape(-1, 3, 3)
     values -= np.linalg.solve(normal, ((weights * values) @ light)[..., None])[..., 0] @ light.T
     centred = frames - light @ np.linalg.lstsq(light, frames, rcond=None)[0]
     norms = np.sqrt((weights * values**2).sum(axis=1, keepdims=True) * (weights @ centred**2))

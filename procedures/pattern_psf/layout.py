@@ -10,10 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
+from procedures.numerics.compiled import compiled
 from procedures.pattern import BLOCK
 from procedures.pattern_psf.marks import SAME_AXIS, Saddles
+from procedures.pattern_psf.neighbours import Field, alike, all_nearest, bins_within, field_of, nearest
 
 MIN_STEP, MAX_STEP = 16.5, 38.0
 """Lattice steps looked for at one level of the pyramid, in its pixels (three blocks of the chart)."""
@@ -25,7 +26,11 @@ COLLINEAR = 0.15
 """Greatest distance of a third x-corner from where two put it, in steps: perspective, distortion."""
 BETWEEN = 0.2
 """No like saddle lies this close to the middle of two neighbouring x-corners, in steps: it would in a finer lattice."""
+BOTH_WAYS = 0.3
+"""Slope under which a line is looked at from both of its ends: more than COLLINEAR can turn a step."""
 MOST_TRIPLES = 20_000
+BIN = 12.0
+"""Side of the bins in which saddles are looked up, in pixels."""
 SQUARE = 0.3
 """The same from where a side puts a neighbouring one, supposing a square: tilt."""
 AFFINE = 0.25
@@ -48,7 +53,7 @@ RIM_CELLS = RIM * 3 * BLOCK - BLOCK / 2
 H_LATTICE_CELLS = np.array([[1, 0, BLOCK / 2], [0, 1, BLOCK / 2], [0, 0, 3 * BLOCK]]) / (3 * BLOCK)
 Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
-Indices = npt.NDArray[np.intp]
+Indices = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -69,95 +74,100 @@ class Layouts:
     hits: npt.NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
-class _Field:
-    """Saddles with an index of their places."""
-
-    saddles: Saddles
-    tree: cKDTree
-
-    def alike(self, i: Indices, j: Indices) -> npt.NDArray[np.bool_]:
-        """Whether two saddles could be x-corners of one chart."""
-        a, b = self.saddles.strengths[i], self.saddles.strengths[j]
-        cosine = (self.saddles.axes[i] * self.saddles.axes[j].conj()).real
-        alike: npt.NDArray[np.bool_] = (cosine > SAME_AXIS) & (a < SAME_STRENGTH * b) & (b < SAME_STRENGTH * a)
-        return alike
-
-    def nearest(self, targets: Complex, reach: Array, like: Indices) -> Indices:
-        """For (n, m) targets the nearest saddle within (n,) reach that is like the n-th given one; -1 for none."""
-        flat = np.column_stack([targets.real.ravel(), targets.imag.ravel()])
-        distance, index = self.tree.query(flat, k=3, distance_upper_bound=reach.max(initial=0.0))
-        shape = (*targets.shape, 3)
-        known = np.minimum(index, len(self.saddles.points) - 1).reshape(shape)
-        fits = distance.reshape(shape) <= reach[:, None, None]
-        fits &= self.alike(known, np.broadcast_to(like[:, None, None], shape))
-        first = np.argmax(fits, axis=-1)[..., None]
-        return np.where(fits.any(axis=-1), np.take_along_axis(known, first, -1)[..., 0], -1)
+@compiled
+def _is_step(field: Field, i: int, j: int) -> bool:
+    """Whether two like saddles lie one lattice step apart, along their axis or across it."""
+    d = field.points[j] - field.points[i]
+    square = d.real * d.real + d.imag * d.imag
+    if square <= MIN_STEP * MIN_STEP or square >= MAX_STEP * MAX_STEP:
+        return False
+    if not alike(field, i, j, SAME_AXIS, SAME_STRENGTH):
+        return False
+    axis = field.axes[i] + field.axes[j]
+    return bool(abs((d * d * axis.conjugate()).real) > ALONG_AXIS * square * abs(axis))
 
 
-def _pairs(field: _Field) -> tuple[Indices, Indices]:
-    """Pairs of like saddles one lattice step apart, each in both directions."""
-    pairs = field.tree.query_pairs(MAX_STEP, output_type="ndarray")
-    points, axes = field.saddles.points, field.saddles.axes
-    d = points[pairs[:, 1]] - points[pairs[:, 0]]
-    far = np.abs(d) > MIN_STEP
-    pairs, d = pairs[far], d[far]
-    axis = axes[pairs[:, 0]] + axes[pairs[:, 1]]
-    along = np.abs((d * d * axis.conj()).real) > ALONG_AXIS * np.abs(d) ** 2 * np.abs(axis)
-    i, j = pairs[along].T
-    keep = field.alike(i, j)
-    i, j = i[keep], j[keep]
-    middle, length = (points[i] + points[j]) / 2, np.abs(points[i] - points[j])
-    free = field.nearest(middle[:, None], BETWEEN * length, i)[:, 0] < 0
-    return np.r_[i[free], j[free]], np.r_[j[free], i[free]]
+@compiled
+def _is_free(field: Field, i: int, j: int) -> bool:
+    """Whether no like saddle lies in the middle of two."""
+    a, b = field.points[i], field.points[j]
+    return nearest(field, (a + b) / 2, BETWEEN * abs(a - b), i, SAME_AXIS, SAME_STRENGTH) < 0
 
 
-def _triples(field: _Field) -> Indices:
-    """Triples of like saddles, equally spaced on a line, (n, 3), at most MOST_TRIPLES."""
-    i, j = _pairs(field)
-    points, count = field.saddles.points, len(field.saddles.points)
-    step = points[j] - points[i]
-    k = field.nearest((points[j] + step)[:, None], COLLINEAR * np.abs(step), j)[:, 0]
-    keep = (k >= 0) & (i < k) & np.isin(j * count + k, i * count + j)
-    triples = np.column_stack([i, j, k])[keep]
+@compiled
+def _triples(field: Field) -> Indices:
+    """Triples (n, 3) of like saddles, equally spaced on a line, a line once or in both directions."""
+    out = np.empty((1024, 3), np.int64)
+    count = 0
+    for i in range(len(field.points)):
+        place = field.points[i]
+        top, bottom, first, last = bins_within(field, place, MAX_STEP)
+        for row in range(top, bottom + 1):
+            for j in range(field.starts[row * field.columns + first], field.starts[row * field.columns + last + 1]):
+                step = field.points[j] - place
+                # one of a line's two directions, or both where it is nearly level: the second step may turn a little
+                backwards = step.imag < -BOTH_WAYS * abs(step.real)
+                if backwards or not _is_step(field, i, j):
+                    continue
+                k = nearest(field, field.points[j] + step, COLLINEAR * abs(step), j, SAME_AXIS, SAME_STRENGTH)
+                if k >= 0 and _is_step(field, j, k) and _is_free(field, i, j) and _is_free(field, j, k):
+                    if count == len(out):
+                        out = np.concatenate((out, out))
+                    out[count] = i, j, k
+                    count += 1
+    return out[:count].copy()
+
+
+def _strongest(field: Field, triples: Indices) -> Indices:
+    """At most MOST_TRIPLES of the triples."""
     if len(triples) <= MOST_TRIPLES:
         return triples
-    strengths = field.saddles.strengths[triples].min(axis=1)
+    strengths = field.merits[triples].min(axis=1)
     return triples[np.argpartition(-strengths, MOST_TRIPLES)[:MOST_TRIPLES]]
 
 
-def _rim_index(s: int, t: int) -> int:
-    return int(np.flatnonzero(np.all([s, t] == RIM, axis=1))[0])
-
-
-def _sides(field: _Field, triples: Indices, side: int, first: int) -> Indices:
-    """Hypotheses that triples start at s = `first` of the side t = 0, the chart lying to one `side` of it.
+@compiled
+def _sides(field: Field, triples: Indices) -> Indices:
+    """Hypotheses that triples start at s = 0 or 1 of the side t = 0, the chart lying to one side of it or the other.
 
     Gives the hits (n, 12) in the order of RIM, -1 where none, for those that find two of the five nearest others,
     one of them off the side, and not both of the inner neighbours, which only a lattice of saddles has.
     """
-    points = field.saddles.points
-    u = (points[triples[:, 2]] - points[triples[:, 0]]) / 2
-    v = 1j * side * u
-    origin = points[triples[:, 0]] - first * u
-    inside = np.column_stack([origin + s * u + v for s in (1, 2)])
-    open_ = (field.nearest(inside, COLLINEAR * np.abs(u), triples[:, 1]) < 0).any(axis=1)
-    triples, origin, u, v = triples[open_], origin[open_], u[open_], v[open_]
-    others = [(3 - 3 * first, 0), (0, 1), (3, 1), (0, 2), (3, 2)]
-    targets = np.column_stack([origin + s * u + t * v for s, t in others])
-    found = field.nearest(targets, SQUARE * np.abs(u), triples[:, 1])
-    hits = np.full((len(triples), len(RIM)), -1)
-    hits[:, [_rim_index(first + n, 0) for n in range(3)]] = triples
-    hits[:, [_rim_index(s, t) for s, t in others]] = found
-    off_side = (found[:, 1:] >= 0).any(axis=1)
-    enough: Indices = hits[off_side & ((found >= 0).sum(axis=1) >= 2)]
-    return enough
+    out = np.empty((4 * len(triples), 12), np.int64)
+    count = 0
+    for n in range(len(triples)):
+        i, j, k = triples[n]
+        u = (field.points[k] - field.points[i]) / 2
+        reach, near = COLLINEAR * abs(u), SQUARE * abs(u)
+        for which in range(4):
+            first, v = which % 2, u * (1j if which < 2 else -1j)
+            origin = field.points[i] - first * u
+            if (
+                nearest(field, origin + u + v, reach, j, SAME_AXIS, SAME_STRENGTH) >= 0
+                and nearest(field, origin + 2 * u + v, reach, j, SAME_AXIS, SAME_STRENGTH) >= 0
+            ):
+                continue
+            hits = out[count]
+            hits[:] = -1
+            found = 0
+            for t in range(1, 3):
+                for s in range(0, 4, 3):
+                    place = 4 + 2 * (t - 1) + s // 3  # of (s, t) in RIM
+                    hits[place] = nearest(field, origin + s * u + t * v, near, j, SAME_AXIS, SAME_STRENGTH)
+                    found += hits[place] >= 0
+            if found == 0:
+                continue
+            hits[3 - 3 * first] = nearest(field, origin + (3 - 3 * first) * u, near, j, SAME_AXIS, SAME_STRENGTH)
+            found += hits[3 - 3 * first] >= 0
+            hits[first], hits[first + 1], hits[first + 2] = i, j, k
+            count += found >= 2
+    return out[:count].copy()
 
 
-def _normalised(field: _Field, hits: Indices) -> tuple[Complex, Complex, Array]:
+def _normalised(field: Field, hits: Indices) -> tuple[Complex, Complex, Array]:
     """Hits about their mean in units of their spread, (n, 12), 0 where none; the means and the spreads, (n, 1)."""
     there = hits >= 0
-    z = np.where(there, field.saddles.points[hits], 0)
+    z = np.where(there, field.points[hits], 0)
     count = there.sum(axis=1, keepdims=True)
     mean = z.sum(axis=1, keepdims=True) / count
     z = np.where(there, z - mean, 0)
@@ -165,7 +175,7 @@ def _normalised(field: _Field, hits: Indices) -> tuple[Complex, Complex, Array]:
     return z / spread, mean, spread
 
 
-def _affine(field: _Field, hits: Indices) -> Array:
+def _affine(field: Field, hits: Indices) -> Array:
     """Affine maps fitted to hits, from lattice to pixels, (n, 3, 3)."""
     z, mean, spread = _normalised(field, hits)
     design = np.column_stack([RIM, np.ones(len(RIM))])
@@ -177,7 +187,7 @@ def _affine(field: _Field, hits: Indices) -> Array:
     return np.stack([c.real, c.imag, bottom], axis=1)
 
 
-def _projective(field: _Field, hits: Indices) -> Array:
+def _projective(field: Field, hits: Indices) -> Array:
     """Homographies fitted to hits, from lattice to pixels, (n, 3, 3); the fit is linear, from the middle out."""
     z, mean, spread = _normalised(field, hits)
     p = np.column_stack([RIM - 1.5, np.ones(len(RIM))])
@@ -207,7 +217,7 @@ def _mapped(maps: Array, lattice: Array) -> Complex:
     return out
 
 
-def _gather(field: _Field, hits: Indices, maps: Array, reach: float) -> Indices:
+def _gather(field: Field, hits: Indices, maps: Array, reach: float) -> Indices:
     """The hits nearest to mapped lattices, `reach` in steps, of those that keep enough and are empty inside."""
     predicted, inner = _mapped(maps, RIM), _mapped(maps, INSIDE)
     step = np.abs(predicted[:, 3] - predicted[:, 0]) / 3
@@ -219,19 +229,21 @@ def _gather(field: _Field, hits: Indices, maps: Array, reach: float) -> Indices:
         & np.isfinite(inner).all(axis=1)
     )
     predicted, inner, step, like = predicted[good], inner[good], step[good], like[good]
-    lattice = (field.nearest(inner, PROJECTIVE * step, like) >= 0).sum(axis=1) >= MOST_INSIDE
+    lattice = (all_nearest(field, inner, PROJECTIVE * step, like, SAME_AXIS, SAME_STRENGTH) >= 0).sum(
+        axis=1
+    ) >= MOST_INSIDE
     predicted, step, like = predicted[~lattice], step[~lattice], like[~lattice]
-    found = field.nearest(predicted, reach * step, like)
+    found = all_nearest(field, predicted, reach * step, like, SAME_AXIS, SAME_STRENGTH)
     enough: Indices = found[(found >= 0).sum(axis=1) >= MIN_HITS]
     return enough
 
 
-def _distinct(field: _Field, hits: Indices) -> Indices:
+def _distinct(field: Field, hits: Indices) -> Indices:
     """One of each set of saddles, those with the most hits and the strongest first, at most MOST."""
     _, first = np.unique(np.sort(hits, axis=1), axis=0, return_index=True)
     hits = hits[first]
     count = (hits >= 0).sum(axis=1)
-    strengths = np.where(hits >= 0, np.log2(field.saddles.strengths)[hits], 0).sum(axis=1) / np.maximum(count, 1)
+    strengths = np.where(hits >= 0, np.log2(field.merits)[hits], 0).sum(axis=1) / np.maximum(count, 1)
     return hits[np.argsort(-count - HITS_PER_OCTAVE * strengths, kind="stable")[:MOST]]
 
 
@@ -245,9 +257,8 @@ def find_layouts(saddles: Saddles) -> Layouts:
     """
     if len(saddles.points) < MIN_HITS:
         return Layouts(np.zeros((0, 3, 3)), np.zeros((0, len(RIM)), dtype=np.bool_))
-    field = _Field(saddles, cKDTree(np.column_stack([saddles.points.real, saddles.points.imag])))
-    triples = _triples(field)
-    hits = np.concatenate([_sides(field, triples, side, first) for side in (1, -1) for first in (0, 1)])
+    field, _ = field_of(saddles.points, saddles.axes, saddles.strengths, BIN)
+    hits = _sides(field, _strongest(field, _triples(field)))
     hits = _distinct(field, _gather(field, hits, _affine(field, hits), AFFINE))
     hits = _distinct(field, _gather(field, hits, _projective(field, hits), PROJECTIVE))
     return Layouts(_projective(field, hits) @ H_LATTICE_CELLS, hits >= 0)

@@ -6,19 +6,18 @@ saddles of one small scale at each level of a pyramid are enough.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
+
+from procedures.pattern_psf.curvature import best_of_tiles, ring_purity, saddles
+from procedures.pattern_psf.neighbours import field_of, unrivalled
 
 SCALE = 1.25
 """Standard deviation of the Gaussian whose second derivatives are taken, in pixels of the level."""
 KERNEL_RADIUS = 4
-SEPARATION = 1
-"""Saddles closer than this (Chebyshev, pixels of the level) are one."""
 ISOTROPY = 0.9
 """Greatest mean curvature of a saddle, relative to its curvature difference: 0 for an ideal x-corner, 1 for an edge."""
 ABOVE_NOISE = 4.0
@@ -28,7 +27,6 @@ QUIET_TILE = 16
 QUIET = 0.01
 """The quiet share of the places, of QUIET_TILE pixels square, where noise is measured."""
 RING_RADIUS = 2.0
-RING_SAMPLES = 8
 OFF_CENTRE = 0.8
 """Share of the first harmonic that is excused: that of a ring whose centre is a fraction of a pixel off the saddle."""
 PURITY = 0.62
@@ -45,13 +43,12 @@ CROWDING = 400
 of neighbours grow as that. Textures yield hundreds of thousands, a chart twelve."""
 IMPURE = 4
 """How many times as many are kept before they are looked at closer."""
-STRIP_PIXELS = 200_000
-"""Pixels worked on at a time, so that the intermediate maps stay in the processor's cache."""
 NOISE_BANDS = 128
 """Rows from one band in which noise is measured to the next."""
 Picture = npt.NDArray[np.float32]
 Complex = npt.NDArray[np.complex128]
-Indices = npt.NDArray[np.intp]
+Indices = npt.NDArray[np.int64]
+Merits = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -77,8 +74,8 @@ class Saddles:
         return Saddles(self.points[chosen], self.axes[chosen], self.strengths[chosen])
 
 
-def _kernels() -> tuple[Picture, Picture, Picture]:
-    """Sampled Gaussian and its first two derivatives, with exact moments 0, 1 and 2."""
+def _kernels() -> Picture:
+    """Sampled Gaussian and its first two derivatives, with exact moments 0, 1 and 2, from the middle on, (3, 5)."""
     x = np.arange(-KERNEL_RADIUS, KERNEL_RADIUS + 1, dtype=np.float64)
     g = np.exp(-0.5 * (x / SCALE) ** 2)
     g /= g.sum()
@@ -86,45 +83,7 @@ def _kernels() -> tuple[Picture, Picture, Picture]:
     first /= first @ x
     second = (x**2 - g @ x**2) * g
     second *= 2 / (second @ x**2)
-    return g.astype(np.float32), first.astype(np.float32), second.astype(np.float32)
-
-
-@dataclass(frozen=True)
-class _Strip:
-    """Local maxima of saddle strength in a strip: flat indices, (Lxx - Lyy) / 2 and Lxy there."""
-
-    index: Indices
-    half: Picture
-    xy: Picture
-
-
-def _strip_saddles(strip: Picture, weakest: float) -> _Strip:
-    g, d, dd = _kernels()
-    xx = cv2.sepFilter2D(strip, cv2.CV_32F, dd, g)
-    yy = cv2.sepFilter2D(strip, cv2.CV_32F, g, dd)
-    xy = np.asarray(cv2.sepFilter2D(strip, cv2.CV_32F, d, d), dtype=np.float32)
-    mean, half = (xx + yy) * np.float32(0.5), (xx - yy) * np.float32(0.5)
-    squared = half * half + xy * xy
-    mean *= mean
-    determinant = squared - mean
-    size = 2 * SEPARATION + 1
-    peaks = determinant >= cv2.dilate(determinant, np.ones((size, size), np.uint8))
-    peaks &= mean < np.float32(ISOTROPY**2) * squared
-    peaks &= squared > np.float32(weakest**2)
-    index = np.flatnonzero(peaks)
-    return _Strip(index, half.ravel()[index], xy.ravel()[index])
-
-
-def _strips(image: Picture, weakest: float) -> Iterator[_Strip]:
-    """The saddles of a picture stronger than the weakest, strip by strip; indices are those of the whole, flattened."""
-    pad = KERNEL_RADIUS + SEPARATION
-    rows, columns = image.shape
-    height = max(STRIP_PIXELS // columns, 4 * pad)
-    for top in range(0, rows, height):
-        first, last = max(top - pad, 0), min(top + height + pad, rows)
-        strip = _strip_saddles(image[first:last], weakest)
-        own = slice(*np.searchsorted(strip.index, [(top - first) * columns, (top - first + height) * columns]))
-        yield _Strip(strip.index[own] + first * columns, strip.half[own], strip.xy[own])
+    return np.array([g, first, second], dtype=np.float32)[:, KERNEL_RADIUS:]
 
 
 def _noise(image: Picture) -> float:
@@ -145,50 +104,10 @@ def _noise(image: Picture) -> float:
 
 def _noise_gain() -> float:
     """Root mean square strength that white noise of unit standard deviation has."""
-    g, d, dd = (k.astype(np.float64) for k in _kernels())
+    right = _kernels().astype(np.float64)
+    g, d, dd = (np.concatenate([sign * k[:0:-1], k]) for k, sign in zip(right, (1, -1, 1), strict=True))
     half = (np.outer(dd, g) - np.outer(g, dd)) / 2
     return float(np.sqrt((half**2).sum() + (np.outer(d, d) ** 2).sum()))
-
-
-def _purity(image: Picture, points: Complex) -> npt.NDArray[np.float64]:
-    """Share of the second harmonic in the variance on a ring around each point."""
-    turns = np.exp(2j * np.pi * np.arange(RING_SAMPLES) / RING_SAMPLES)
-    purity = np.empty(len(points))
-    for begin in range(0, len(points), 1 << 14):  # remap takes no maps of more than 2^15 rows
-        part = slice(begin, begin + (1 << 14))
-        ring = points[part, None] + RING_RADIUS * turns
-        around = cv2.remap(image, ring.real.astype(np.float32), ring.imag.astype(np.float32), cv2.INTER_LINEAR,
-                           borderMode=cv2.BORDER_REPLICATE)  # fmt: skip
-        deviation = around - around.mean(axis=1, keepdims=True)
-        first, second = (np.abs(deviation @ turns.conj() ** n) ** 2 * (2 / RING_SAMPLES) for n in (1, 2))
-        rest = (deviation**2).sum(axis=1) - OFF_CENTRE * first
-        purity[part] = second / np.maximum(rest, np.finfo(np.float32).tiny)
-    return purity
-
-
-def _best_of_tiles(points: Complex, merit: npt.NDArray[np.float64], most: int) -> Indices:
-    """Indices of the points of most merit, as many from every tile as make `most` in all."""
-    if len(points) <= most:
-        return np.arange(len(points))
-    columns = int(points.real.max() // TILE) + 1
-    tiles = points.imag // TILE * columns + points.real // TILE
-    order = np.argsort(tiles - merit / (1.001 * merit.max()))  # merit is the fraction, so one key sorts by both
-    starts = np.flatnonzero(np.diff(tiles[order], prepend=-1) != 0)
-    rank = np.arange(len(order)) - np.repeat(starts, np.diff(starts, append=len(order)))
-    each = np.partition(rank, most)[most]
-    chosen: Indices = order[rank <= each]
-    return chosen
-
-
-def _unrivalled(saddles: Saddles, merit: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
-    """Which saddles have none of more merit and like axis within RIVAL pixels."""
-    tree = cKDTree(np.column_stack([saddles.points.real, saddles.points.imag]))
-    i, j = tree.query_pairs(RIVAL, output_type="ndarray").T
-    rivals = (saddles.axes[i] * saddles.axes[j].conj()).real > SAME_AXIS
-    i, j = i[rivals], j[rivals]
-    alone = np.ones(len(merit), dtype=np.bool_)
-    alone[np.where(merit[i] < merit[j], i, j)] = False
-    return alone
 
 
 def find_saddles(image: Picture) -> Saddles:
@@ -202,15 +121,19 @@ def find_saddles(image: Picture) -> Saddles:
     image : (rows, columns) float32
         Grey levels; any positive scale gives the same points.
     """
-    strips = list(_strips(image, ABOVE_NOISE * _noise_gain() * _noise(image)))
-    index, half, xy = (np.concatenate([getattr(s, name) for s in strips]) for name in ("index", "half", "xy"))
-    points = index % image.shape[1] + 1j * (index // image.shape[1])
-    z = half + 1j * xy.astype(np.float64)
-    found = Saddles(points, -z / np.abs(z), np.abs(z))
     most = int(min(MOST, np.sqrt(CROWDING * image.size)))
-    found = found.take(_best_of_tiles(found.points, found.strengths, IMPURE * most))
-    purity = _purity(image, found.points)
-    found, purity = found.take(purity > PURITY), purity[purity > PURITY]
-    keep = _best_of_tiles(found.points, found.strengths * purity**2, most)
-    found, purity = found.take(keep), purity[keep]
-    return found.take(_unrivalled(found, found.strengths * purity**2))
+    weakest = ABOVE_NOISE * _noise_gain() * _noise(image)
+    index, half, xy = saddles(image, _kernels(), ISOTROPY, weakest)
+    z = np.asarray(-half - 1j * xy, dtype=np.complex128)
+    kept = best_of_tiles(index, image.shape, np.abs(z), TILE, IMPURE * most)
+    index, z = index[kept], z[kept]
+    purity = ring_purity(image, index, RING_RADIUS, OFF_CENTRE)
+    merits = np.abs(z) * np.where(purity > PURITY, purity, 0) ** 2
+    kept = best_of_tiles(index, image.shape, merits, TILE, most)
+    kept = kept[merits[kept] > 0]
+    strengths = np.abs(z[kept])
+    found = Saddles(index[kept] % image.shape[1] + 1j * (index[kept] // image.shape[1]), z[kept] / strengths, strengths)
+    if not len(kept):
+        return found
+    field, order = field_of(found.points, found.axes, merits[kept], RIVAL)
+    return found.take(order[unrivalled(field, RIVAL, SAME_AXIS)])

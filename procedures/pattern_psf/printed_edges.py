@@ -11,12 +11,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 import numpy.typing as npt
 import scipy.linalg
-import scipy.sparse
 
+from procedures.numerics.compiled import vectorised
 from procedures.numerics.warps import inverse
 from procedures.pattern import BLOCK, CELLS
 from procedures.pattern_psf.registration import Registration
@@ -36,24 +35,56 @@ CORE = 0.03
 
 
 @dataclass(frozen=True)
+class EdgeColumns:
+    """The matrix C (m, 514) of the samples' change with the lines' offsets: a few lines of each direction per sample.
+
+    Attributes
+    ----------
+    vertical, horizontal : (m, w) float32
+        The values of the lines around each sample.
+    first_vertical, first_horizontal : (m,) int32
+        The first of those lines.
+    """
+
+    vertical: Array32
+    first_vertical: Indices
+    horizontal: Array32
+    first_horizontal: Indices
+
+    def seen(self, offsets: Array) -> Array:
+        """C offsets, (m,)."""
+        parts = (self.vertical, self.first_vertical, self.horizontal, self.first_horizontal)
+        return np.asarray(_seen(*parts, offsets.astype(np.float32)), dtype=np.float64)
+
+    def back(self, samples: Array) -> Array:
+        """C' samples, (514,)."""
+        parts = (self.vertical, self.first_vertical, self.horizontal, self.first_horizontal)
+        return np.asarray(_back(*parts, samples.astype(np.float32)), dtype=np.float64)
+
+    def gram(self) -> Array:
+        """C'C, (514, 514)."""
+        half = _gram(self.vertical, self.first_vertical, self.horizontal, self.first_horizontal)
+        return np.asarray(half + np.tril(half, -1).T, dtype=np.float64)
+
+
+@dataclass(frozen=True)
 class Edges:
     """How the samples change with the offsets of the 514 lines of edges, in cells.
 
     Attributes
     ----------
-    C : (m, 514) sparse float32
-        From `edge_columns`.
+    C : EdgeColumns
     CC : (514, 514) float64
         C'C.
     """
 
-    C: scipy.sparse.csr_array
+    C: EdgeColumns
     CC: Array
 
     @classmethod
-    def of(cls, columns: scipy.sparse.csr_array) -> Edges:
+    def of(cls, columns: EdgeColumns) -> Edges:
         """From the columns."""
-        return cls(columns, (columns.T @ columns).toarray().astype(np.float64))
+        return cls(columns, columns.gram())
 
     def widths(self, left: Array) -> tuple[float, float]:
         """Root mean square tau of the offsets, in cells, and of the noise, from the residual without offsets (m,).
@@ -61,7 +92,7 @@ class Edges:
         The residual's mean square is sigma^2 + tau^2 tr(C'C) / m, that of C'left sigma^2 tr(C'C) + tau^2 tr((C'C)^2).
         What the PSF has already made of the offsets is small, and only makes tau smaller.
         """
-        back, trace, m = self.C.T @ left, float(np.trace(self.CC)), len(left)
+        back, trace, m = self.C.back(left), float(np.trace(self.CC)), len(left)
         mean_square = float(left @ left) / m
         square = (float(back @ back) - mean_square * trace) / (float(np.sum(self.CC**2)) - trace**2 / m)
         rms = float(np.sqrt(max(square, LEAST_RMS**2)))
@@ -72,14 +103,15 @@ class Edges:
 
         `rms` is the width of their prior, in cells, `noise` the standard deviation of the residual beside them.
         """
-        ridge = (noise / rms) ** 2
-        factor = scipy.linalg.cho_factor(self.CC + ridge * np.eye(2 * LINES), lower=True, check_finite=False)
-        return lambda left: np.asarray(scipy.linalg.cho_solve(factor, self.C.T @ left, check_finite=False))
+        penalised = self.CC.copy()
+        penalised[np.diag_indices(len(penalised))] += (noise / rms) ** 2
+        factor = scipy.linalg.cho_factor(penalised, lower=True, overwrite_a=True, check_finite=False)
+        return lambda left: np.asarray(scipy.linalg.cho_solve(factor, self.C.back(left), check_finite=False))
 
 
 def edge_columns(
     whole: Array32, registration: Registration, points: Array, h: Array, s: int, weight: Array
-) -> scipy.sparse.csr_array:
+) -> EdgeColumns:
     """Change of the samples when a line of edges moves by one cell: vertical lines first, then horizontal ones.
 
     Each cell's piece of a line acts as light at its middle, in pieces of at most half a pixel.
@@ -96,27 +128,22 @@ def edge_columns(
     s : int
     weight : (m,) float64
         Factor of each row.
-
-    Returns
-    -------
-    (m, 514) sparse float32
     """
     cells, J, scale_of_rows = registration.to_pattern(points), registration.jacobian(), weight.astype(np.float32)
     inner = slice(BLOCK, BLOCK + CELLS)
     along_x, along_y = whole[inner, BLOCK - 1 : BLOCK + CELLS + 1], whole[BLOCK - 1 : BLOCK + CELLS + 1, inner]
-    right = np.ascontiguousarray(along_x[:, :-1] - along_x[:, 1:])
-    lower = np.ascontiguousarray((along_y[:-1] - along_y[1:]).T)
+    right = np.ascontiguousarray((along_x[:, :-1] - along_x[:, 1:]).T)
+    lower = np.ascontiguousarray(along_y[:-1] - along_y[1:])
     pixels = inverse(J)
     fine = _interpolated(h) * np.float32(s * s * abs(np.linalg.det(pixels)))
     reach = np.abs(J).sum(axis=1) * (_core_radius(h) + 1) / s
     pieces = int(np.ceil(np.sqrt(abs(np.linalg.det(pixels))) / 0.5))
     scale = pixels * (s * FINE)
-    parts = [
-        _lines(cells, right, fine, scale, reach, pieces, scale_of_rows),
-        # a horizontal line is a vertical one of the transposed chart
-        _lines(*_transposed(cells, lower, fine, scale, reach), pieces, scale_of_rows),
-    ]
-    return scipy.sparse.hstack([_sparse(*part, len(cells)) for part in parts], format="csr")
+    # a horizontal line is a vertical one of the transposed chart
+    return EdgeColumns(
+        *_lines(cells, right, fine, scale, reach, pieces, scale_of_rows),
+        *_lines(*_transposed(cells, lower, fine, scale, reach), pieces, scale_of_rows),
+    )
 
 
 def _transposed(
@@ -142,25 +169,64 @@ def _interpolated(h: Array) -> Array32:
     return np.asarray(S @ h @ S.T, dtype=np.float32)
 
 
-def _sparse(values: Array32, first: Indices, m: int) -> scipy.sparse.csr_array:
-    """Rows of equal length that begin at their own line, as a sparse matrix (m, 257)."""
-    width = values.shape[1]
-    columns = first[:, None] + np.arange(width, dtype=np.int32)
-    inside = columns < LINES
-    ends = np.concatenate([[0], np.cumsum(inside.sum(axis=1))])
-    return scipy.sparse.csr_array((values[inside], columns[inside], ends), shape=(m, LINES))
+@vectorised
+def _seen(
+    vertical: Array32, first_vertical: Indices, horizontal: Array32, first_horizontal: Indices, offsets: Array32
+) -> Array32:
+    out = np.empty(len(vertical), np.float32)
+    for p in range(len(vertical)):
+        total = np.float32(0)
+        for a in range(min(vertical.shape[1], LINES - first_vertical[p])):
+            total += vertical[p, a] * offsets[first_vertical[p] + a]
+        for a in range(min(horizontal.shape[1], LINES - first_horizontal[p])):
+            total += horizontal[p, a] * offsets[LINES + first_horizontal[p] + a]
+        out[p] = total
+    return out
 
 
-@numba.njit(cache=True, nogil=True, fastmath=True)
+@vectorised
+def _back(
+    vertical: Array32, first_vertical: Indices, horizontal: Array32, first_horizontal: Indices, samples: Array32
+) -> Array32:
+    out = np.zeros(2 * LINES, np.float32)
+    for p in range(len(vertical)):
+        for a in range(min(vertical.shape[1], LINES - first_vertical[p])):
+            out[first_vertical[p] + a] += vertical[p, a] * samples[p]
+        for a in range(min(horizontal.shape[1], LINES - first_horizontal[p])):
+            out[LINES + first_horizontal[p] + a] += horizontal[p, a] * samples[p]
+    return out
+
+
+@vectorised
+def _gram(vertical: Array32, first_vertical: Indices, horizontal: Array32, first_horizontal: Indices) -> Array32:
+    """Lower half of C'C."""
+    G = np.zeros((2 * LINES, 2 * LINES), np.float32)
+    for p in range(len(vertical)):
+        i, j = first_vertical[p], LINES + first_horizontal[p]
+        across, down = min(vertical.shape[1], LINES - i), min(horizontal.shape[1], 2 * LINES - j)
+        for a in range(across):
+            value, row = vertical[p, a], G[i + a]
+            for b in range(a + 1):
+                row[i + b] += value * vertical[p, b]
+        for a in range(down):
+            value, row = horizontal[p, a], G[j + a]
+            for b in range(across):
+                row[i + b] += value * vertical[p, b]
+            for b in range(a + 1):
+                row[j + b] += value * horizontal[p, b]
+    return G
+
+
+@vectorised
 def _lines(
     cells: Array, steps: Array32, fine: Array32, scale: Array, reach: Array, pieces: int, weight: Array32
-) -> tuple[Array32, Indices]:  # pragma: no cover - compiled
+) -> tuple[Array32, Indices]:
     """Values (m, width) of the vertical lines around each sample, and the first line of each (m,).
 
-    `steps` (256, 257) is the step of the chart at each cell's left edge, `scale` takes cells to samples of `fine`.
+    `steps` (257, 256) is the step of the chart over each line, cell by cell, `scale` takes cells to samples of `fine`.
     """
     m = len(cells)
-    n = steps.shape[0]
+    n = steps.shape[1]
     middle = fine.shape[0] // 2
     last = fine.shape[0]
     width = 2 * int(np.ceil(reach[0])) + 1
@@ -175,11 +241,11 @@ def _lines(
             # the line's points in samples of `fine`, rounded by the half that is added
             x = scale[0, 0] * (u - j) + scale[0, 1] * (v - i0 - 0.5 / pieces) + middle + 0.5
             y = scale[1, 0] * (u - j) + scale[1, 1] * (v - i0 - 0.5 / pieces) + middle + 0.5
-            total = np.float32(0)
+            total, line = np.float32(0), steps[j]
             for i in range(i0, i1):
                 for _ in range(pieces):
                     if x >= 0 and y >= 0 and x < last and y < last:
-                        total += steps[i, j] * fine[int(y), int(x)]
+                        total += line[i] * fine[int(y), int(x)]
                     x -= scale[0, 1] / pieces
                     y -= scale[1, 1] / pieces
             values[p, j - j0] = total * weight[p] / pieces

@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics.splines import cell_image_spline, outline_spline, read_spline
+from procedures.numerics.splines import Band, CellSpectra, cell_image_spline, outline_spline, read_spline
 from procedures.pattern import BLACK_BLOCKS, BLOCK, BLOCKS, CELLS, X_CORNER_BLOCKS, Chart
 from procedures.pattern_psf.registration import Registration
 
@@ -124,5 +124,12 @@ def band_limited_chart(chart: Chart, registration: Registration, s: int) -> Rast
     largest = (s / 2) * np.abs(np.linalg.inv(J)).sum(axis=0).max()
     # a cubic spline of 3.2 points per period errs by under 1 % at the very edge of the band, 1e-4 in its middle
     per_cell = max(2, int(np.ceil(3.2 * largest)))
-    cells = whole_chart(chart) - np.float32(0.5)
-    return Raster(cell_image_spline(cells, per_cell, J, s / 2), outline_spline(cells, per_cell, J, s / 2), per_cell, s)
+    spectra, band = _spectra(chart.cells.tobytes()), Band(BLOCKS * BLOCK, per_cell, J, s / 2)
+    return Raster(cell_image_spline(spectra, band), outline_spline(spectra, band), per_cell, s)
+
+
+@lru_cache(maxsize=4)
+def _spectra(cells: bytes) -> CellSpectra:
+    """Spectra of a chart's cells about their mean; kept, since one chart serves every plane of every photograph."""
+    chart = Chart(np.frombuffer(cells, dtype=np.uint8).reshape(CELLS, CELLS))
+    return CellSpectra.of(whole_chart(chart) - np.float32(0.5))

@@ -227,7 +227,7 @@ def _fine_step(fit: Fit, model: _Model) -> Fit:
     estimator, moved = edges.estimator(rms, noise), np.zeros(len(found.residual))
     for _ in range(SWEEPS):  # edges and PSF have little in common: the sweeps close in by a factor of ten each
         offsets = estimator(found.residual + moved)
-        moved = edges.C @ offsets
+        moved = edges.C.seen(offsets)
         shifted = replace(start, prediction=start.prediction + moved / start.observation.weight)
         found = _advanced(shifted, A, Z, eliminate(parts.with_right_side(A, weighted, shifted.residual)))
     return replace(found, edges=offsets, edge_rms=rms)

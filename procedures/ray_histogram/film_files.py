@@ -29,7 +29,10 @@ def read_film(path: Path, picture: Path | None = None) -> Film:
     path : Path
         `.npz`, or `.exr` with channels `Bin_0000` to `Bin_0060`: 20 bins of each colour, then the count.
     picture : Path, optional
-        The OpenEXR with the picture's R, G and B, where `path` does not have them itself.
+        The OpenEXR with the picture's R, G and B, where `path` does not have them itself. The published renderer
+        writes two files: histograms in single precision, and the picture in half precision with alpha and, where
+        it rendered a part of the frame, that part's data window. Files of that layout written by the package
+        OpenEXR are read; one written by the renderer itself has not been at hand.
 
     Raises
     ------
@@ -112,6 +115,11 @@ def _read_exr(path: Path, picture: Path | None) -> Film:
     missing = [name for name in names if name not in channels]
     if missing:
         raise BadInput(f"{path} has no channel {missing[0]}", f"give histograms as {names[0]} to {names[-1]}")
+    more = sorted(name for name in channels if name.startswith("Bin_") and name not in names)
+    if more:
+        raise BadInput(
+            f"{path} has channels up to {more[-1]}: other than {BINS} bins per colour", f"render with {BINS} bins"
+        )
     colours = channels if picture is None else _exr_channels(picture)
     if not {"R", "G", "B"} <= set(colours):
         raise BadInput(f"{picture or path} has no channels R, G and B", "give the OpenEXR of the picture beside it")

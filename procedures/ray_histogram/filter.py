@@ -48,6 +48,9 @@ class FilterParameters:
         Fit a plane through the similar patches instead of their mean.
     trust : float
         Patch estimates weigh as their number of similar patches to this power.
+    ease : float
+        Where few patches are similar at the finest scale, kappa is raised by this share of it per sample, at most to
+        twice itself.
     coarse : float
         Share of the low frequencies taken from the next coarser scale; the rest is the finer scale's own.
     """
@@ -61,6 +64,7 @@ class FilterParameters:
     softness: float = 0.3
     trend: bool = True
     trust: float = 0.25
+    ease: float = 0.005
     coarse: float = 0.8
 
     def __post_init__(self) -> None:
@@ -70,6 +74,7 @@ class FilterParameters:
         _require(self.patch >= 0, f"a patch of half size {self.patch}", "choose 0 or more")
         _require(self.at_least >= 0, f"at least {self.at_least} similar patches", "choose 0 or more")
         _require(self.least_count >= 0, f"a least count of {self.least_count}", "choose 0 or more")
+        _require(self.ease >= 0, f"ease = {self.ease}", "choose 0 or more")
         _require(0 <= self.softness <= 1, f"softness = {self.softness}", "choose it between 0 and 1")
         _require(0 <= self.coarse <= 1, f"coarse = {self.coarse}", "choose it between 0 and 1")
 
@@ -79,7 +84,7 @@ def _require(holds: bool, came: str, remedy: str) -> None:
         raise BadParameter(came, remedy)
 
 
-PAPER = FilterParameters(least_count=1.0, softness=0.0, trend=False, trust=0.0, coarse=1.0)
+PAPER = FilterParameters(least_count=1.0, softness=0.0, trend=False, trust=0.0, ease=0.0, coarse=1.0)
 """The filter as Algorithms 1 and 2 state it."""
 
 
@@ -151,20 +156,21 @@ def fuse_scale(
     )
     candidates, half = search_block(parameters.search, len(frames))
     p = parameters
-    rules = Rules(p.patch, p.kappa, p.softness, p.at_least, p.least_count, p.trend, p.trust)
+    rules = Rules(p.patch, p.kappa, p.softness, p.at_least, p.least_count, p.trend, p.trust, p.ease)
     rows, columns = frame.count.shape
     similar = np.empty((rows, columns), np.float32)
     fused = np.empty((rows, columns, stack.planes.shape[1]), np.float32)
 
-    def fuse_rows(top: int) -> None:
-        found = similar[top : top + height]
+    def fuse_rows(top: int, end: int) -> None:
+        found = similar[top:end]
         band = np.empty((stack.planes.shape[1], *found.shape), np.float32)
         fuse_band(stack, candidates, half, rules, top, band, found)
-        fused[top : top + height] = np.moveaxis(band, 0, -1)
+        fused[top:end] = np.moveaxis(band, 0, -1)
 
     height = max(4, min(BAND_ROWS, BAND_FLOATS // (len(candidates) * columns)))
     with ThreadPoolExecutor(threads) as pool:
-        for _ in pool.map(fuse_rows, range(0, rows, height)):
+        rims = np.linspace(0, rows, -(-rows // height) + 1).astype(int).tolist()  # bands of one size for all threads
+        for _ in pool.map(fuse_rows, rims[:-1], rims[1:]):
             pass
     return Fused(fused, similar)
 

@@ -21,6 +21,10 @@ FAR = np.float32(1e30)
 """Ratio of a pair that cannot be compared: outside the picture, or without a bin that speaks."""
 RIDGE = np.float32(0.5)
 """Variance of position, pixel^2, added before the trend is fitted: two patches in a row fix no slope across it."""
+FEW = np.float32(15.0)
+"""Similar patches below which the threshold is eased, the more the fewer they are."""
+MOST_EASE = np.float32(1.0)
+"""Greatest part of the threshold that is added to it."""
 LEAST_FOR_TREND = np.float32(5.0)
 """Similar patches below which no trend is fitted: a plane has three unknowns."""
 
@@ -44,6 +48,7 @@ class Rules(NamedTuple):
     least_count: float
     trend: bool
     trust: float
+    ease: float
 
 
 @vectorised
@@ -150,10 +155,12 @@ def nearest(ratios: Floats, i: int, c: int, k: int) -> np.float32:
 
 
 @vectorised
-def weigh(ratios: Floats, rules: Rules) -> None:
+def weigh(ratios: Floats, counts: Floats, rules: Rules) -> None:
     """Ratios become weights in [0, 1], in place: 1 well below kappa, 0 well above, a ramp of `softness` between.
 
-    Where fewer than `at_least` other patches count, the nearest ones count half.
+    Where few patches are similar, kappa is raised by `ease` per sample in `counts` (rows, columns): chi-square sees
+    ever smaller differences as samples grow, along a slope of light sooner than the trend fitted there goes wrong.
+    Where fewer than `at_least` other patches are similar, the nearest ones count half.
     """
     candidates, rows, columns = ratios.shape
     top = np.float32(rules.kappa * (1 + rules.softness))
@@ -163,17 +170,19 @@ def weigh(ratios: Floats, rules: Rules) -> None:
         for i in range(rows):
             for c in range(columns):
                 similar[i, c] += ratios[j, i, c] < top
-    limits = np.zeros((rows, columns), np.float32)
+    limits, eased = np.zeros((rows, columns), np.float32), np.empty((rows, columns), np.float32)
+    one, none, half = np.float32(1.0), np.float32(0.0), np.float32(0.5)
     for i in range(rows):
         for c in range(columns):
             if similar[i, c] < rules.at_least:
                 limits[i, c] = nearest(ratios, i, c, rules.at_least)
-    half = np.float32(0.5)
+            ease = min(MOST_EASE, np.float32(rules.ease) * counts[i, c])
+            eased[i, c] = one / (one + ease * max(none, one - similar[i, c] / FEW))
     for j in range(candidates):
         for i in range(rows):
             for c in range(columns):
                 ratio = ratios[j, i, c]
-                weight = min(np.float32(1.0), max(np.float32(0.0), (top - ratio) * slope))
+                weight = min(one, max(none, (top - ratio * eased[i, c]) * slope))
                 ratios[j, i, c] = max(weight, half) if ratio <= limits[i, c] else weight
 
 
@@ -286,8 +295,24 @@ def fuse_band(
     last = min(rows, top + height + rules.patch)
     weights = np.empty((candidates.shape[0], last - first, columns), np.float32)
     band_ratios(stack, candidates, half, rules, first, weights)
-    weigh(weights, rules)
+    weigh(weights, stack.counts[0, first:last], rules)
     fit = np.zeros((3, last - first, columns), np.float32)
     found = fit_patches(stack, candidates, rules, first, weights, fit)
     aggregate(stack.planes, candidates, weights, fit, top, rules.patch, fused)
     similar[:] = found[top - first : top - first + height]
+
+
+@vectorised
+def blend(pictures: Floats, indices: Ints, weights: Floats, blended: Floats) -> None:
+    """Every new row of pictures (n, rows, channels) as weighted sum of old ones: blended (n, new rows, channels).
+
+    Indices and weights are (new rows, k).
+    """
+    blended[:] = 0.0
+    for p in range(blended.shape[0]):
+        for i in range(blended.shape[1]):
+            row = blended[p, i]
+            for k in range(indices.shape[1]):
+                w, old = weights[i, k], pictures[p, indices[i, k]]
+                for b in range(row.shape[0]):
+                    row[b] += w * old[b]

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
+import cv2
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage, sparse
 
 from procedures.outcome import BadInput
 from procedures.ray_histogram.film import Film
 from procedures.ray_histogram.filter import FilterParameters, Samples, fuse_scale
+from procedures.ray_histogram.kernels import blend
 
 Floats = npt.NDArray[np.float32]
 
@@ -67,8 +69,9 @@ def filter_film(
     check_scales(frames[0].count.shape, parameters)
     results = []
     for s in range(parameters.scales):
+        # coarser scales may leave a pixel alone: the finest sees to it that none keeps its noise
         level = frames if s == 0 else [downsample(frame, s) for frame in frames]
-        rules = parameters if s == 0 else _without_least(parameters)
+        rules = parameters if s == 0 else replace(parameters, at_least=0, ease=0.0)
         results.append(fuse_scale(level[0], rules, neighbours=level[1:], threads=threads))
     picture = results[0].picture
     if parameters.scales > 1:
@@ -122,8 +125,8 @@ def within_range(picture: Floats, noisy: Floats) -> Floats:
 
     Low frequencies that are exchanged at the edge of something far brighter overshoot by more than what is there.
     """
-    size = (RANGE_SIDE, RANGE_SIDE, 1)
-    return np.clip(picture, ndimage.minimum_filter(noisy, size), ndimage.maximum_filter(noisy, size))
+    around = np.ones((RANGE_SIDE, RANGE_SIDE), np.uint8)
+    return np.clip(picture, cv2.erode(noisy, around), cv2.dilate(noisy, around))
 
 
 def gaussian_downsample(picture: Floats, s: int) -> Floats:
@@ -136,43 +139,44 @@ def bicubic_upsample(picture: Floats, size: tuple[int, ...]) -> Floats:
     return _along_both(picture, *(_bicubic_rows(n) for n in size))
 
 
-def _along_both(picture: Floats, along_rows: sparse.csr_array, along_columns: sparse.csr_array) -> Floats:
+class _Blend(NamedTuple):
+    """What new rows are made of: indices and weights (new rows, k) of the old ones."""
+
+    indices: npt.NDArray[np.int64]
+    weights: Floats
+
+
+def _along_both(picture: Floats, along_rows: _Blend, along_columns: _Blend) -> Floats:
     rows, columns, channels = picture.shape
-    narrow = (along_rows @ picture.reshape(rows, -1)).reshape(-1, columns, channels)
-    turned = np.ascontiguousarray(narrow.transpose(1, 0, 2))
-    small = (along_columns @ turned.reshape(columns, -1)).reshape(-1, len(narrow), channels)
-    return np.ascontiguousarray(small.transpose(1, 0, 2), np.float32)
+    narrow = np.empty((1, len(along_rows.indices), columns * channels), np.float32)
+    blend(np.ascontiguousarray(picture, np.float32).reshape(1, rows, -1), *along_rows, narrow)
+    small = np.empty((narrow.shape[1], len(along_columns.indices), channels), np.float32)
+    blend(narrow.reshape(-1, columns, channels), *along_columns, small)
+    return small
 
 
-def _gaussian_rows(n: int, s: int) -> sparse.csr_array:
-    """Weights (ceil(n / 2^s), n), rows of sum 1; the picture is mirrored at its borders."""
+def _gaussian_rows(n: int, s: int) -> _Blend:
+    """To ceil(n / 2^s) rows, their weights of sum 1; the picture is mirrored at its borders."""
     sigma = SIGMA * np.sqrt(4.0**s - 1.0)
     reach = int(np.ceil(4 * sigma))
     offsets = np.arange(-reach, reach + 1)
     weights = np.exp(-(offsets**2) / (2 * sigma**2))
-    return _rows_of_weights(np.arange(0, n, 2**s)[:, None] + offsets, weights / weights.sum(), n)
+    return _mirrored(np.arange(0, n, 2**s)[:, None] + offsets, weights / weights.sum(), n)
 
 
-def _bicubic_rows(n: int) -> sparse.csr_array:
-    """Weights (n, ceil(n / 2)), rows of sum 1."""
+def _bicubic_rows(n: int) -> _Blend:
+    """From ceil(n / 2) to n rows, their weights of sum 1."""
     before = np.arange(n) // 2
     t = np.arange(n) / 2 - before
     near, far = np.stack([t, 1 - t]), np.stack([1 + t, 2 - t])
     inside = (1.5 * near - 2.5) * near**2 + 1
     outside = ((-0.5 * far + 2.5) * far - 4) * far + 2
     weights = np.stack([outside[0], inside[0], inside[1], outside[1]], axis=1)
-    return _rows_of_weights(before[:, None] + np.arange(-1, 3), weights, -(-n // 2))
+    return _mirrored(before[:, None] + np.arange(-1, 3), weights, -(-n // 2))
 
 
-def _rows_of_weights(indices: npt.NDArray[np.int64], weights: npt.NDArray[np.float64], n: int) -> sparse.csr_array:
-    """Sparse rows with these weights at these indices (rows, k); indices beyond the n columns are mirrored."""
+def _mirrored(indices: npt.NDArray[np.int64], weights: npt.NDArray[np.float64], n: int) -> _Blend:
+    """The same where indices (rows, k) beyond the n old rows are mirrored at the rim."""
     mirrored = indices % (2 * n)
     mirrored = np.where(mirrored < n, mirrored, 2 * n - 1 - mirrored)
-    rows = np.repeat(np.arange(len(indices)), indices.shape[1])
-    values = np.broadcast_to(weights, indices.shape).astype(np.float32).ravel()
-    return sparse.coo_array((values, (rows, mirrored.ravel())), shape=(len(indices), n)).tocsr()
-
-
-def _without_least(parameters: FilterParameters) -> FilterParameters:
-    """Coarser scales may leave a pixel alone: the finest sees to it that none keeps its noise."""
-    return replace(parameters, at_least=0)
+    return _Blend(mirrored, np.broadcast_to(weights, indices.shape).astype(np.float32))

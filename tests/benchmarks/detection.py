@@ -9,6 +9,8 @@ import sys
 import time
 from collections.abc import Callable
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import cv2
 import numpy as np
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procedures.numerics.kernel_tail import tail_border, tail_kernel, tail_spectrum, tail_sum
+from procedures.numerics.kernel_tail import tail_border, tail_column, tail_kernel, tail_spectrum, tail_sum
 
 K = 9
 
@@ -34,3 +34,17 @@ def test_spectrum_is_that_of_the_long_kernel(long_tail: np.ndarray, fx: float, f
 
 def test_spectrum_starts_at_the_sum() -> None:
     assert tail_spectrum(np.zeros(1), np.zeros(1), K)[0] == pytest.approx(tail_sum(K))
+
+
+def test_column_is_the_convolution(rng: np.random.Generator) -> None:
+    s, border = 3, tail_border(K)
+    u = rng.standard_normal((s * 9 + 1 + 2 * border, s * 12 + 1 + 2 * border)).astype(np.float32)
+    seen = np.array([np.sum(tail_kernel(K)[::-1, ::-1] * part) for part in patches(u, s, 2 * border + 1)])
+    rows, columns = (grid.ravel() for grid in np.mgrid[:10, :13])
+    # single precision
+    assert np.allclose(tail_column(u, rows, columns, s, K), seen, atol=1e-5)
+
+
+def patches(u: np.ndarray, s: int, size: int) -> np.ndarray:
+    """The squares of a picture around every s-th sample that has a whole one, row by row."""
+    return np.lib.stride_tricks.sliding_window_view(u, (size, size))[::s, ::s].reshape(-1, size, size)

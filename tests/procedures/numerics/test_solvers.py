@@ -6,7 +6,7 @@ import scipy.optimize
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procedures.numerics.solvers import cholesky_solve, non_negative_least_squares, solve_constrained
+from procedures.numerics.solvers import cholesky_inverse, cholesky_solve, non_negative_least_squares, solve_constrained
 
 
 @given(st.integers(0, 10_000), st.integers(2, 30))
@@ -47,3 +47,9 @@ def test_solvers_differ_only_in_what_is_negative(rng: np.random.Generator) -> No
 def test_unknown_solver_is_refused() -> None:
     with pytest.raises(ValueError, match="ls, clip, nnls; got 'svd'"):
         solve_constrained(np.eye(2), np.ones(2), "svd")
+
+
+def test_inverse_is_the_inverse(rng: np.random.Generator) -> None:
+    A = rng.standard_normal((60, 25))
+    # rounding times a condition under a hundred
+    assert np.allclose(cholesky_inverse(A.T @ A) @ (A.T @ A), np.eye(25), atol=1e-11)

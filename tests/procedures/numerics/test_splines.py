@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procedures.numerics.splines import cell_image_spline, outline_spline, photograph_spline, read_spline
+from procedures.numerics.splines import (
+    Band,
+    CellSpectra,
+    cell_image_spline,
+    outline_spline,
+    photograph_spline,
+    read_spline,
+)
 
 N = 32
 PLAIN = (np.zeros(2), 1.0, np.zeros((2, 9)))
@@ -36,7 +43,7 @@ def fourier_series(cells: np.ndarray, x: np.ndarray, y: np.ndarray, band: float,
 @pytest.mark.parametrize("band", [0.4, 0.9])
 def test_reads_the_partial_fourier_series_of_the_cells(rng: np.random.Generator, band: float) -> None:
     cells = rng.integers(0, 2, (N, N)).astype(np.float64)
-    coefficients = cell_image_spline(cells, 8, np.eye(2), band + 0.1 / N)
+    coefficients = cell_image_spline(CellSpectra.of(cells), Band(N, 8, np.eye(2), band + 0.1 / N))
     x = np.arange(5.03, 25, 0.37)
     exact = fourier_series(cells, x, x, band)
     # a cubic spline of 8 points per cell errs by (band / 8)^4 of what it carries near the band's edge
@@ -44,7 +51,7 @@ def test_reads_the_partial_fourier_series_of_the_cells(rng: np.random.Generator,
 
 
 def test_constant_cells_stay_constant() -> None:
-    coefficients = cell_image_spline(np.full((N, N), 0.3), 3, np.eye(2), 0.5)
+    coefficients = cell_image_spline(CellSpectra.of(np.full((N, N), 0.3)), Band(N, 3, np.eye(2), 0.5))
     assert np.abs(coefficients - 0.3).max() < 1e-6  # float32
 
 
@@ -53,7 +60,7 @@ def test_band_is_cut_along_the_axes_of_the_target() -> None:
     J = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
     impulse = np.zeros((N, N))
     impulse[N // 2, N // 2] = 1
-    spectrum = np.abs(np.fft.fft2(cell_image_spline(impulse, 4, J, 0.4)))
+    spectrum = np.abs(np.fft.fft2(cell_image_spline(CellSpectra.of(impulse), Band(N, 4, J, 0.4))))
     f = np.fft.fftfreq(4 * N, 0.25)
     along_target = np.stack([J[0, 0] * f + J[1, 0] * f[:, None], J[0, 1] * f + J[1, 1] * f[:, None]])
     outside = (np.abs(along_target) > 0.4).any(axis=0)
@@ -65,13 +72,13 @@ def test_outlines_are_the_change_when_every_edge_moves(rng: np.random.Generator)
     # a cell of 1 on 0 grown by d on all sides gains its perimeter times d: 4 d for a lone cell
     cells = np.zeros((N, N))
     cells[10, 12] = 1
-    outline = outline_spline(cells, 4, np.eye(2), 0.9)
+    outline = outline_spline(CellSpectra.of(cells), Band(N, 4, np.eye(2), 0.9))
     assert outline.sum() / 4**2 == pytest.approx(4, rel=1e-5)
 
 
 def test_map_shifts_what_is_read(rng: np.random.Generator) -> None:
     cells = rng.random((N, N))
-    coefficients = cell_image_spline(cells, 4, np.eye(2), 0.4)
+    coefficients = cell_image_spline(CellSpectra.of(cells), Band(N, 4, np.eye(2), 0.4))
     x = np.arange(8.0, 20, 0.5)
     displacement = np.zeros((2, 9))
     displacement[0, 0], displacement[1, 4] = 0.02, 0.001  # 0.02 x right, 0.001 y^2 down

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -19,7 +21,7 @@ def columns(bench: Bench):
     window = noise_window(registration, samples.shape)
     o = observe(samples, registration, measure_light(samples, registration, 1e-5), window, margin_px=4)
     h = bench.photograph.true_psf("Y", 4, 17).h
-    C = edge_columns(whole_chart(CHART), registration, o.points, h, 4, np.ones(len(o.y)))
+    C = partial(edge_columns, whole_chart(CHART), registration, o.points, h, 4)
     return registration, o, h, C
 
 
@@ -36,15 +38,15 @@ def test_moving_all_lines_moves_the_chart(bench: Bench, columns) -> None:
     ]
     expected = (pictures[0] - pictures[1]) / 0.04
     # light at the pieces' middles, and a PSF cut at 3 % of its peak: good to some per cent
-    assert np.linalg.norm(C @ every - expected) < 0.1 * np.linalg.norm(expected)
+    assert np.linalg.norm(C(np.ones(len(o.y))).seen(every) - expected) < 0.1 * np.linalg.norm(expected)
 
 
 def test_offsets_come_back(columns, rng: np.random.Generator) -> None:
     _, o, _, C = columns
     truth = 0.03 * rng.standard_normal(2 * LINES)
     noise = 0.004
-    v = (C @ truth + noise * rng.standard_normal(len(o.y))) / noise
-    edges = Edges.of(C / noise)
+    v = (C(np.ones(len(o.y))).seen(truth) + noise * rng.standard_normal(len(o.y))) / noise
+    edges = Edges.of(C(np.full(len(o.y), 1 / noise)))
     rms, left = edges.widths(v)
     # 514 offsets give their own width to 1 / sqrt(1028) = 3 %, the cells' random signs a few per cent more
     assert rms == pytest.approx(0.03, rel=0.15)
@@ -54,4 +56,14 @@ def test_offsets_come_back(columns, rng: np.random.Generator) -> None:
 
 def test_noise_alone_has_no_offsets(columns, rng: np.random.Generator) -> None:
     _, o, _, C = columns
-    assert Edges.of(C / 0.004).widths(rng.standard_normal(len(o.y)))[0] < 0.006
+    assert Edges.of(C(np.full(len(o.y), 1 / 0.004))).widths(rng.standard_normal(len(o.y)))[0] < 0.006
+
+
+def test_products_are_those_of_one_matrix(columns, rng: np.random.Generator) -> None:
+    _, o, _, C = columns
+    edges = C(np.ones(len(o.y)))
+    C_whole = np.column_stack([edges.seen(line) for line in np.eye(2 * LINES)])
+    samples, scale = rng.standard_normal(len(o.y)), np.abs(C_whole).sum(axis=0).max()
+    # single precision
+    assert np.allclose(edges.back(samples), C_whole.T @ samples, atol=1e-5 * scale)
+    assert np.allclose(edges.gram(), C_whole.T @ C_whole, atol=1e-5 * scale)

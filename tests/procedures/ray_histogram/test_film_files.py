@@ -30,23 +30,46 @@ def test_raw_samples_are_made_into_a_film(rng, tmp_path):
     assert film.dropped.sum() == 1
 
 
-def test_the_published_renderers_openexr_is_read(flat_film, tmp_path):
+@pytest.fixture
+def rendered(flat_film, tmp_path):
+    """The two files of the published renderer: 61 float channels, and the picture in half precision with alpha."""
     openexr = pytest.importorskip("OpenEXR", reason="reading OpenEXR is an extra")
     rows, columns = flat_film.count.shape
     bins = np.dstack([flat_film.histogram.reshape(rows, columns, 60), flat_film.count]).astype(np.float32)
     histograms = {f"Bin_{i:04d}": np.ascontiguousarray(bins[..., i]) for i in range(61)}
-    picture = {name: np.ascontiguousarray(flat_film.mean[..., i], np.float32) for i, name in enumerate("RGB")}
-    for name, channels in (("h.exr", histograms), ("p.exr", picture)):
-        with openexr.File({"type": openexr.scanlineimage}, channels) as file:
+    picture = {name: np.ascontiguousarray(flat_film.mean[..., i], np.float16) for i, name in enumerate("RGB")}
+    picture["A"] = np.ones((rows, columns), np.float16)
+    frame = {"type": openexr.scanlineimage, "compression": openexr.ZIP_COMPRESSION}
+    part = {  # the renderer's picture may be a part of its frame
+        "dataWindow": (np.array([40, 30], np.int32), np.array([39 + columns, 29 + rows], np.int32)),
+        "displayWindow": (np.array([0, 0], np.int32), np.array([639, 479], np.int32)),
+    }
+
+    def write(name, channels, header):
+        with openexr.File(header, channels) as file:
             file.write(str(tmp_path / name))
-    film = read_film(tmp_path / "h.exr", tmp_path / "p.exr").checked()
+        return tmp_path / name
+
+    write("h.exr", histograms, frame)
+    write("p.exr", picture, frame | part)
+    write("more.exr", histograms | {"Bin_0061": np.zeros((rows, columns), np.float32)}, frame)
+    return tmp_path
+
+
+def test_the_published_renderers_openexr_is_read(flat_film, rendered):
+    film = read_film(rendered / "h.exr", rendered / "p.exr").checked()
     np.testing.assert_array_equal(film.histogram, flat_film.histogram)
     np.testing.assert_array_equal(film.count, flat_film.count)
-    np.testing.assert_allclose(film.mean, flat_film.mean, rtol=1e-6)
-    with pytest.raises(BadInput, match="no channels R, G and B"):
-        read_film(tmp_path / "h.exr")
-    with pytest.raises(BadInput, match="no channel Bin_0000"):
-        read_film(tmp_path / "p.exr")
+    np.testing.assert_allclose(film.mean, flat_film.mean, rtol=2**-10)  # half precision
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [("h.exr", "no channels R, G and B"), ("p.exr", "no channel Bin_0000"), ("more.exr", "up to Bin_0061")],
+)
+def test_openexr_of_another_layout_is_refused(rendered, name, says):
+    with pytest.raises(BadInput, match=says):
+        read_film(rendered / name)
 
 
 @pytest.mark.parametrize(
