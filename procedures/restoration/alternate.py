@@ -18,7 +18,7 @@ from procedures.restoration.forward import Array, Blur
 from procedures.restoration.newton import Weights, joint_step
 from procedures.restoration.priors import roughness, steps_allowed, total_variation
 from procedures.restoration.scheme import Schedule, Scheme
-from procedures.restoration.segments import Labels, segments
+from procedures.restoration.segments import Labels, mended, segments
 from procedures.restoration.steps import layers_of, place_steps
 
 # of the half range of depth jumps between neighbours that a first depth is taken to mean
@@ -135,20 +135,19 @@ def one_round(problem: Problem, state: State) -> State:
 
 def _placed(problem: Problem, state: State, what: str, weights: Weights) -> tuple[Array, Array, Labels]:
     """Picture, depth and segments with the depth steps put in their place, from afar or from near."""
-    reach, doubt = {"far": (problem.reach, problem.reach - 1), "near": (5, 2), "nearer": (3, 1)}[what]
+    far = what.startswith("far")
+    reach, doubt = (problem.reach, problem.reach - 1) if far else {"near": (5, 2), "nearer": (3, 1)}[what]
     labels = segments(state.w, JUMP, doubt, state.labels)
-    layers = layers_of(state.w, labels, reach, doubt, JUMP)
-    soft = max(weights.picture, 1e-3 if what == "far" else 1e-5)
-    return place_steps(problem.data, problem.other, state.u, state.w, labels, layers, soft)
+    w = mended(state.w, labels, doubt, JUMP) if far else state.w
+    layers = layers_of(w, labels, reach, doubt, JUMP, 2 if what == "far, between" else 1)
+    soft = max(weights.picture, 1e-3 if far else 1e-5)
+    return place_steps(problem.data, problem.other, state.u, w, labels, layers, soft)
 
 
 def _steps_due(n: int, total: int) -> str:
     """Which placing of depth steps opens round n: from afar at first, then twice from near."""
-    return (
-        {0: "far", round(0.15 * total): "far", round(0.3 * total): "near", round(0.55 * total): "nearer"}.get(n, "")
-        if total > 1
-        else ""
-    )
+    late = {round(0.3 * total): "near", round(0.55 * total): "nearer"}
+    return {**late, 0: "far", 1: "far, between", 2: "far", 3: "far"}.get(n, "") if total > 1 else ""
 
 
 def _noise(problem: Problem, residual: float) -> float:

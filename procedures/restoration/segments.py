@@ -111,9 +111,15 @@ def continued(w: Array, known: Array, sigma: float) -> Array:
     return np.asarray(mw + (yy * xw - xy * yw) / det * (x - mx) + (xx * yw - xy * xw) / det * (y - my))
 
 
+def mended(w: Array, labels: Labels, doubt: int, jump: float) -> Array:
+    """w without blemishes: where it leaves its segment's surface by more than `jump`, the surface."""
+    own = surfaces(w, labels, 0, doubt).own
+    return np.where(np.abs(w - own) > jump, own, w).astype(w.dtype)
+
+
 @dataclass(frozen=True)
 class Surfaces:
-    """Every pixel's own surface, and that of the nearest other segment: w and label; where one is within reach."""
+    """Every pixel's own surface, and that of another segment near it: w and label; where one is within reach."""
 
     own: Array
     other: Array
@@ -121,12 +127,15 @@ class Surfaces:
     near: NDArray[np.bool_]
 
 
-def surfaces(w: Array, labels: Labels, reach: int, doubt: int) -> Surfaces:
-    """Surfaces within `reach` pixels of another segment, from depths farther than `doubt` pixels from any border."""
+def surfaces(w: Array, labels: Labels, reach: int, doubt: int, rank: int = 1) -> Surfaces:
+    """Surfaces within `reach` pixels of another segment, from depths farther than `doubt` pixels from any border.
+
+    rank : 1 for the nearest other segment, 2 for the second nearest.
+    """
     w = np.asarray(w, dtype=np.float64)
     border = distance_transform_edt(~_borders(labels))
-    own, other = w.copy(), w.copy()
-    nearest, other_label = np.full(w.shape, np.inf), np.zeros(w.shape, np.int32)
+    own = w.copy()
+    others = [(np.full(w.shape, np.inf), w.copy(), np.zeros(w.shape, np.int32)) for _ in range(rank)]
     sigma = 1.5 + 0.7 * max(reach, doubt)
     wide = int(3.5 * sigma) + 1
     for k, box in enumerate(find_objects(labels), start=1):
@@ -134,16 +143,26 @@ def surfaces(w: Array, labels: Labels, reach: int, doubt: int) -> Surfaces:
             continue
         box = tuple(slice(max(0, s.start - wide), s.stop + wide) for s in box)
         mine = labels[box] == k
-        sure = mine & (border[box] > min(doubt, 0.7 * float(border[box][mine].max())))
+        sure = mine & (border[box] >= min(doubt, 0.7 * float(border[box][mine].max())))
         surface = continued(w[box], sure.astype(np.float64), sigma)
         surface = np.clip(surface, w[box][sure].min() - 0.3, w[box][sure].max() + 0.3)
         own[box] = np.where(mine, surface, own[box])
-        distance = distance_transform_edt(~mine)
-        closer = ~mine & (distance < nearest[box]) & (distance <= reach)
-        nearest[box] = np.where(closer, distance, nearest[box])
-        other[box] = np.where(closer, surface, other[box])
-        other_label[box] = np.where(closer, k, other_label[box])
-    return Surfaces(own, other, other_label, np.isfinite(nearest))
+        if reach:
+            distance = np.where(mine, np.inf, distance_transform_edt(~mine))
+            _insert([[a[box] for a in other] for other in others], distance, surface, k)
+    distance, other, other_label = others[-1]
+    return Surfaces(own, other, other_label, distance <= reach)
+
+
+def _insert(others: list[list[Array]], distance: Array, surface: Array, k: int) -> None:
+    """Put a segment where it belongs among the nearest ones of each pixel, in place."""
+    coming = [distance, surface, np.full(distance.shape, k, np.int32)]
+    for other in others:
+        closer = coming[0] < other[0]
+        for n, array in enumerate(other):
+            leaving = np.where(closer, array, coming[n])
+            array[...] = np.where(closer, coming[n], array)
+            coming[n] = leaving
 
 
 def _borders(labels: Labels) -> NDArray[np.bool_]:

@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter, maximum_filter, median_filter
 
-from procedures.restoration.cost import DataTerm, conjugate_gradients, restored_change
+from procedures.restoration.cost import DataTerm, conjugate_gradients
 from procedures.restoration.forward import Array
 from procedures.restoration.newton import PICTURE_CURVATURE
 from procedures.restoration.priors import diffuse
 from procedures.restoration.segments import Labels, surfaces
 
 SHARE_CURVATURE = 0.05
-SHARE_WEIGHT = 1e-3
+SHARE_WEIGHT = 1e-4
 
 
 @dataclass(frozen=True)
@@ -36,12 +36,13 @@ class Layers:
     low_label: Labels
 
 
-def layers_of(w: Array, labels: Labels, reach: int, doubt: int, jump: float) -> Layers:
+def layers_of(w: Array, labels: Labels, reach: int, doubt: int, jump: float, rank: int = 1) -> Layers:
     """Layers within `reach` of every border between segments: the pixel's own surface and its neighbour's.
 
-    Depths within `doubt` pixels of a border are not believed.
+    Depths within `doubt` pixels of a border are not believed. rank : 1 for the nearest neighbour, 2 for the next, which
+    may be what lies between two others.
     """
-    found = surfaces(w, labels, reach, doubt)
+    found = surfaces(w, labels, reach, doubt, rank)
     rises = found.own > found.other
     # beyond the band as at its edge, so that nothing outside pulls at the share
     nearest = distance_transform_edt(~found.near, return_distances=False, return_indices=True)
@@ -129,38 +130,14 @@ def place_steps(
     labels: Labels,
     layers: Layers,
     weight: float,
-    rounds: int = 6,
-    iterations: int = 10,
+    rounds: int = 4,
+    iterations: int = 40,
 ) -> tuple[Array, Array, Labels]:
-    """Picture, depth and segments with the steps moved where that explains the photographs better, and left elsewhere.
-
-    Both labellings restore their own picture first; each neighbourhood then keeps the one with less residual.
-    """
+    """Picture, depth and segments with the steps moved to where they explain the photographs best."""
     if not layers.band.any():
         return u, w, labels
     sharper, b = shared(high, low, u, layers, weight, rounds, iterations)
     border = median_filter(b, 3) > 0.5
     moved = np.where(layers.band, np.where(border, layers.high, layers.low), w).astype(w.dtype)
-    around = surroundings(layers.band, high.R)
-    before, wrong_before = _explained(high, u, w, weight, iterations, around)
-    after, wrong_after = _explained(high, sharper, moved, weight, iterations, around)
-    window = 2 * high.R + 1
-    better = gaussian_filter(wrong_before - wrong_after, window / 3) > 0
     relabelled = np.where(border, layers.high_label, layers.low_label)
-    return (
-        np.where(better, after, before),
-        np.where(better, moved, w),
-        np.where(better & layers.band, relabelled, labels),
-    )
-
-
-def _explained(
-    data: DataTerm, u: Array, w: Array, weight: float, iterations: int, around: NDArray[np.bool_]
-) -> tuple[Array, Array]:
-    """The picture restored at w around the band, and the squared residual of every pixel on the extended grid."""
-    data.focus(w)
-    e = data.residual(u)
-    data.focus(w, around)
-    u = u + restored_change(data, u, e, weight, iterations, around.astype(u.dtype))
-    data.focus(w)
-    return u, np.pad((data.residual(u) ** 2).sum(axis=(0, 1)), data.R)
+    return sharper, moved, np.where(layers.band, relabelled, labels).astype(np.int32)

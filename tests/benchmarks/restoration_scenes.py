@@ -103,9 +103,7 @@ def stacks_of(kind: str) -> list[MaskStack]:
     return [mask_stack(s, MAX_W, ratio=r, R=8) for s, r in zip(shapes, (1.0, ratio), strict=True)]
 
 
-def scene(
-    blur: str, depth: str, noise_db: float | None, seed: int = 1, shape: tuple[int, int] = (200, 240)
-) -> Scene:
+def scene(blur: str, depth: str, noise_db: float | None, seed: int = 1, shape: tuple[int, int] = (200, 240)) -> Scene:
     """One pair. noise_db : noise below the photographs' standard deviation; None is clean but for 16 bits."""
     rng = np.random.default_rng(seed)
     stacks = stacks_of(blur)
