@@ -18,7 +18,8 @@ from procedures.restoration.forward import Array, Blur
 from procedures.restoration.newton import Weights, joint_step
 from procedures.restoration.priors import roughness, steps_allowed, total_variation
 from procedures.restoration.scheme import Schedule, Scheme
-from procedures.restoration.steps import layers_afar, layers_near, place_steps
+from procedures.restoration.segments import Labels, mended, segments
+from procedures.restoration.steps import layers_of, place_steps
 
 # of the half range of depth jumps between neighbours that a first depth is taken to mean
 JUMP = 0.35
@@ -50,6 +51,7 @@ class State:
     w: Array
     sigma: float
     history: tuple[Round, ...] = ()
+    labels: Labels | None = None
 
 
 @dataclass(frozen=True)
@@ -119,31 +121,33 @@ def one_round(problem: Problem, state: State) -> State:
     start = time.perf_counter()
     weights = problem.schedule.at(state.n, state.sigma)
     what = _steps_due(state.n, problem.scheme.rounds)
-    u, w = state.u, state.w
-    if what:
-        layers = (
-            layers_afar(w, problem.reach, JUMP) if what == "far" else layers_near(w, 4 if what == "near" else 3, JUMP)
-        )
-        soft = max(weights.picture, 1e-3 if what == "far" else 1e-5)
-        u, w = place_steps(problem.data, problem.other, u, w, layers, soft)
+    u, w, labels = _placed(problem, state, what, weights) if what else (state.u, state.w, state.labels)
     iterations = problem.scheme.picture + problem.scheme.depth
-    u, w = joint_step(problem.data, u, w, weights, iterations, _diffusion(problem, u))
+    u, w = joint_step(problem.data, u, w, weights, iterations, _diffusion(problem, u), labels)
     final = problem.schedule.final(state.sigma)
     value, residual = cost(problem, u, w, final)
     done = Round(
         state.n, f"steps {what} + joint" if what else "joint", value, residual,
         float(np.abs(w - state.w).mean()), time.perf_counter() - start, weights,
     )  # fmt: skip
-    return State(state.n + 1, u, w, _noise(problem, residual), (*state.history, done))
+    return State(state.n + 1, u, w, _noise(problem, residual), (*state.history, done), labels)
+
+
+def _placed(problem: Problem, state: State, what: str, weights: Weights) -> tuple[Array, Array, Labels]:
+    """Picture, depth and segments with the depth steps put in their place, from afar or from near."""
+    far = what.startswith("far")
+    reach, doubt = (problem.reach, problem.reach - 1) if far else {"near": (5, 2), "nearer": (3, 1)}[what]
+    labels = segments(state.w, JUMP, doubt, state.labels)
+    w = mended(state.w, labels, doubt, JUMP) if far else state.w
+    layers = layers_of(w, labels, reach, doubt, JUMP, 2 if what == "far, between" else 1)
+    soft = max(weights.picture, 1e-3 if far else 1e-5)
+    return place_steps(problem.data, problem.other, state.u, w, labels, layers, soft)
 
 
 def _steps_due(n: int, total: int) -> str:
     """Which placing of depth steps opens round n: from afar at first, then twice from near."""
-    return (
-        {0: "far", round(0.15 * total): "far", round(0.3 * total): "near", round(0.55 * total): "nearer"}.get(n, "")
-        if total > 1
-        else ""
-    )
+    late = {round(0.3 * total): "near", round(0.55 * total): "nearer"}
+    return {**late, 0: "far", 1: "far, between", 2: "far", 3: "far"}.get(n, "") if total > 1 else ""
 
 
 def _noise(problem: Problem, residual: float) -> float:

@@ -126,6 +126,7 @@ def cost_volume(
     window: int,
     *,
     whiten: bool = True,
+    even: float = 0.0,
     floor: float = 1e-3,
 ) -> F32:
     """How wrong each level is at each pixel, (H, W, L), summed over pairs of photographs and channels.
@@ -133,8 +134,11 @@ def cost_volume(
     Whitened, each difference z1 * h2 - z2 * h1 is divided by the root of its noise's spectrum
     sigma1^2 |H2|^2 + sigma2^2 |H1|^2, so at the true level its square averages 1 whatever the masks; otherwise the
     expected noise is subtracted as in (8.1). `floor` keeps frequencies that neither photograph passes from shouting.
+    `even` widens the window of smaller masks by this part of what they reach less: beside a depth step they would
+    else win by not having seen it.
     """
     H, W = z.shape[2:]
+    windows = _windows(stacks, levels, window, even)
     margin = 3 * stacks[0].R
     spectra, shape = _extended(z, margin)
     volume = np.zeros((H, W, len(levels)), np.float32)
@@ -151,8 +155,15 @@ def cost_volume(
             if not whiten:
                 norms = [float(np.sum(s.at(float(w)) ** 2)) for s in stacks]
                 square -= len(d) * (sigmas[b] ** 2 * norms[a] + sigmas[a] ** 2 * norms[b])
-            volume[..., n] += np.abs(uniform_filter(square, window)) if not whiten else uniform_filter(square, window)
+            mean = uniform_filter(square, windows[n])
+            volume[..., n] += mean if whiten else np.abs(mean)
     return volume
+
+
+def _windows(stacks: list[MaskStack], levels: Array, window: int, even: float) -> list[int]:
+    """Side of each level's window."""
+    reach = [sum(int(s.supports()[min(int(w / s.step) + 1, len(s.masks) - 1)]) for s in stacks) for w in levels]
+    return [window + 2 * round(even * (reach[-1] - r) / 2) for r in reach]
 
 
 def least_level(cost: F32, levels: Array) -> Array:
@@ -191,8 +202,9 @@ class Matching:
     """
 
     window: int = 5
-    cap: float = 10.0
-    small: float = 1.0
+    even: float = 0.5
+    cap: float = 3.0
+    small: float = 4.0
     large: float = 12.0
     median: int = 7
     step: float = 0.15
@@ -207,7 +219,7 @@ def matched(
     """
     m = matching or Matching()
     levels = levels_of(stacks, least, m.step)
-    volume = cost_volume(z, stacks, sigmas, levels, m.window) / (z.shape[1] * len(z) * (len(z) - 1) // 2)
+    volume = cost_volume(z, stacks, sigmas, levels, m.window, even=m.even) / (z.shape[1] * len(z) * (len(z) - 1) // 2)
     confidence = confidence_of(volume)
     volume = (m.cap * (1 - np.exp(-volume / m.cap))).astype(np.float32)
     volume *= _inside(z.shape[2:], stacks[0].R)[..., None]

@@ -13,6 +13,7 @@ import numpy as np
 from procedures.restoration.cost import DataTerm, conjugate_gradients
 from procedures.restoration.forward import Array
 from procedures.restoration.priors import diffuse, steps_allowed
+from procedures.restoration.segments import Labels, joined
 
 # curvature of the data term per pixel: pillboxes and paths of 3 to 11 pixels lie around it
 PICTURE_CURVATURE = 0.3
@@ -38,6 +39,7 @@ def joint_step(
     weights: Weights,
     iterations: int,
     diffusion: tuple[Array | float, Array | float] = (1.0, 1.0),
+    labels: Labels | None = None,
     longest: float = 0.3,
 ) -> tuple[Array, Array]:
     """Picture and depth after one Gauss-Newton step, its equations solved by conjugate gradients.
@@ -47,6 +49,8 @@ def joint_step(
     """
     data.focus(w)
     edges = steps_allowed(w, weights.step)
+    if labels is not None:
+        edges = (edges[0] * joined(labels)[0], edges[1] * joined(labels)[1])
 
     def smooth(x: Array, y: Array) -> Array:
         return np.concatenate([weights.picture * diffuse(x, *diffusion), weights.depth * diffuse(y[None], *edges)])

@@ -12,98 +12,56 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt, gaussian_filter, maximum_filter, median_filter, minimum_filter
+from scipy.ndimage import distance_transform_edt, gaussian_filter, maximum_filter, median_filter
 
-from procedures.restoration.cost import DataTerm, conjugate_gradients, restored_change
+from procedures.restoration.cost import DataTerm, conjugate_gradients
 from procedures.restoration.forward import Array
 from procedures.restoration.newton import PICTURE_CURVATURE
 from procedures.restoration.priors import diffuse
+from procedures.restoration.segments import Labels, surfaces
 
 SHARE_CURVATURE = 0.05
-SHARE_WEIGHT = 1e-3
+SHARE_WEIGHT = 1e-4
 
 
 @dataclass(frozen=True)
 class Layers:
-    """Depth of both layers and where they compete: high, low (H', W'), band bool, share of the high layer."""
+    """Depth of both layers and where they compete: high, low (H', W'), band bool, share of the high layer, segments."""
 
     high: Array
     low: Array
     band: NDArray[np.bool_]
     share: Array
+    high_label: Labels
+    low_label: Labels
 
 
-def _span(w: Array, size: int) -> Array:
-    return np.asarray(maximum_filter(w, size) - minimum_filter(w, size))
+def layers_of(w: Array, labels: Labels, reach: int, doubt: int, jump: float, rank: int = 1) -> Layers:
+    """Layers within `reach` of every border between segments: the pixel's own surface and its neighbour's.
 
-
-def continued(w: Array, known: Array, sigma: float) -> Array:
-    """w continued from where `known` is 1: at each pixel, the plane that fits the known depths around it best.
-
-    Gaussian window of `sigma` pixels; the slope is damped, so far from any known depth it is a mean.
+    Depths within `doubt` pixels of a border are not believed. rank : 1 for the nearest neighbour, 2 for the next, which
+    may be what lies between two others.
     """
-
-    def mean(a: Array) -> Array:
-        return np.asarray(gaussian_filter(a, sigma, truncate=3.5, mode="nearest"))
-
-    y, x = np.indices(w.shape).astype(w.dtype)
-    m = mean(known) + 1e-12
-    mx, my, mw = mean(known * x) / m, mean(known * y) / m, mean(known * w) / m
-    xx = mean(known * x * x) / m - mx**2 + sigma / 4
-    yy = mean(known * y * y) / m - my**2 + sigma / 4
-    xy = mean(known * x * y) / m - mx * my
-    xw, yw = mean(known * x * w) / m - mx * mw, mean(known * y * w) / m - my * mw
-    det = xx * yy - xy**2
-    return np.asarray(mw + (yy * xw - xy * yw) / det * (x - mx) + (xx * yw - xy * xw) / det * (y - my))
-
-
-def _upper_side(w: Array, jumps: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Whether each pixel lies on the upper side of the jump nearest to it.
-
-    Decided beside the jump and carried outwards, as farther out the lower side may have risen above the upper one.
-    """
-    beside = maximum_filter(jumps, 5) & ~jumps
-    middle = (maximum_filter(w, 7) + minimum_filter(w, 7)) / 2
-    nearest = distance_transform_edt(~beside, return_distances=False, return_indices=True)
-    return np.asarray((w > middle)[tuple(nearest)])
-
-
-def layers_afar(w: Array, reach: int, jump: float) -> Layers:
-    """Layers of a rough depth map: nothing within `reach` of a jump is believed but its two sides farther out."""
-    w = w.astype(np.float64)
-    jumps = _span(w, 3) > jump
-    if not jumps.any():
-        return _no_layers(w)
-    up = _upper_side(w, jumps)
-    far = ~maximum_filter(jumps, 2 * reach - 3)
-    wide = 4 * reach + 1
-    highest, lowest = maximum_filter(w, wide), minimum_filter(w, wide)
-    high = np.clip(continued(w, (far & up).astype(float), 0.8 * reach), lowest, highest + jump)
-    low = np.clip(continued(w, (far & ~up).astype(float), 0.8 * reach), lowest - jump, highest)
-    band = maximum_filter(jumps, 2 * reach - 1) & (high - low > jump / 2)
+    found = surfaces(w, labels, reach, doubt, rank)
+    rises = found.own > found.other
+    # beyond the band as at its edge, so that nothing outside pulls at the share
+    nearest = distance_transform_edt(~found.near, return_distances=False, return_indices=True)
+    up = rises[tuple(nearest)] if found.near.any() else rises
+    high, low = np.where(rises, found.own, found.other), np.where(rises, found.other, found.own)
+    band = found.near & (high - low > jump / 2)
+    if not band.any():
+        return _no_layers(w, labels)
     # undecided where the rough map decided wrongly: a share that begins at 0 or 1 is slow to leave it
-    share = gaussian_filter(up.astype(float), reach / 3)
-    return Layers(np.where(band, high, w), np.where(band, low, w), band, np.where(band, share, 0.0))
+    share = gaussian_filter(np.where(up, 1.0, 0.0), reach / 3 if doubt > 4 else 1.0)
+    share = np.where(band, share, up)
+    return Layers(
+        np.where(band, high, w), np.where(band, low, w), band, share,
+        np.where(rises, labels, found.other_label), np.where(rises, found.other_label, labels),
+    )  # fmt: skip
 
 
-def layers_near(w: Array, reach: int, jump: float) -> Layers:
-    """Layers of a good depth map: each side keeps its depth up to the jump, the other side is continued over it."""
-    w = w.astype(np.float64)
-    jumps = _span(w, 3) > jump
-    if not jumps.any():
-        return _no_layers(w)
-    wide = 2 * reach + 3
-    up = w > (maximum_filter(w, wide) + minimum_filter(w, wide)) / 2
-    sigma = 2 + reach / 3
-    high = np.where(up & ~jumps, w, continued(w, (up & ~jumps).astype(float), sigma))
-    low = np.where(~up & ~jumps, w, continued(w, (~up & ~jumps).astype(float), sigma))
-    band = maximum_filter(jumps, 2 * reach + 1) & (high - low > jump / 2)
-    share = gaussian_filter(up.astype(float), 1.0)
-    return Layers(np.where(band, high, w), np.where(band, low, w), band, np.where(band, share, 0.0))
-
-
-def _no_layers(w: Array) -> Layers:
-    return Layers(w, w, np.zeros(w.shape, bool), np.zeros_like(w))
+def _no_layers(w: Array, labels: Labels) -> Layers:
+    return Layers(w, w, np.zeros(w.shape, bool), np.zeros_like(w), labels, labels)
 
 
 def shared(
@@ -119,7 +77,7 @@ def shared(
     for _ in range(rounds):
         e = _unexplained(high, low, u, layers, b)
         x = _share_step(high, low, (u, b, band, around.astype(u.dtype)), e, weight, iterations)
-        b = np.where(layers.band, np.clip(b + np.clip(x[-1], -0.3, 0.3), 0, 1), 0).astype(u.dtype)
+        b = np.where(layers.band, np.clip(b + np.clip(x[-1], -0.3, 0.3), 0, 1), b).astype(u.dtype)
         u = u + x[:-1]
     return u, b
 
@@ -135,6 +93,7 @@ def _unexplained(high: DataTerm, low: DataTerm, u: Array, layers: Layers, b: Arr
     above, below = layers.high.astype(u.dtype), layers.low.astype(u.dtype)
     low.focus(below)
     high.focus(above, layers.band)
+    b = b * layers.band
     e = high.z * high.trust - high.blur(u * b) - low.blur(u * (1 - b))
     high.focus(above, around)
     low.focus(below, around)
@@ -148,7 +107,7 @@ def _share_step(
     u, b, band, around = at
 
     def smooth(v: Array, share: Array) -> Array:
-        return np.concatenate([around * weight * diffuse(v), (SHARE_WEIGHT * band * diffuse(share * band))[None]])
+        return np.concatenate([around * weight * diffuse(v), (SHARE_WEIGHT * band * diffuse(share))[None]])
 
     def gradients(e: Array) -> Array:
         above, below = high.blur_adjoint(e), low.blur_adjoint(e)
@@ -156,7 +115,7 @@ def _share_step(
 
     def apply(x: Array) -> Array:
         du, db = x[:-1], x[-1] * band
-        return gradients(high.blur(du * b + u * db) + low.blur(du * (1 - b) - u * db)) + smooth(x[:-1], x[-1])
+        return gradients(high.blur(du * b + u * db) + low.blur(du * (1 - b) - u * db)) + smooth(x[:-1], db)
 
     divide = np.full((len(u) + 1, *b.shape), PICTURE_CURVATURE, u.dtype)
     divide[-1] = SHARE_CURVATURE * (u**2).sum(axis=0) + 4 * SHARE_WEIGHT
@@ -168,35 +127,17 @@ def place_steps(
     low: DataTerm,
     u: Array,
     w: Array,
+    labels: Labels,
     layers: Layers,
     weight: float,
-    rounds: int = 6,
-    iterations: int = 10,
-) -> tuple[Array, Array]:
-    """Picture and depth with the steps moved where that explains the photographs better, and left elsewhere.
-
-    Both labellings restore their own picture first; each neighbourhood then keeps the one with less residual.
-    """
+    rounds: int = 4,
+    iterations: int = 40,
+) -> tuple[Array, Array, Labels]:
+    """Picture, depth and segments with the steps moved to where they explain the photographs best."""
     if not layers.band.any():
-        return u, w
+        return u, w, labels
     sharper, b = shared(high, low, u, layers, weight, rounds, iterations)
     border = median_filter(b, 3) > 0.5
     moved = np.where(layers.band, np.where(border, layers.high, layers.low), w).astype(w.dtype)
-    around = surroundings(layers.band, high.R)
-    before, wrong_before = _explained(high, u, w, weight, iterations, around)
-    after, wrong_after = _explained(high, sharper, moved, weight, iterations, around)
-    window = 2 * high.R + 1
-    better = gaussian_filter(wrong_before - wrong_after, window / 3) > 0
-    return np.where(better, after, before), np.where(better, moved, w)
-
-
-def _explained(
-    data: DataTerm, u: Array, w: Array, weight: float, iterations: int, around: NDArray[np.bool_]
-) -> tuple[Array, Array]:
-    """The picture restored at w around the band, and the squared residual of every pixel on the extended grid."""
-    data.focus(w)
-    e = data.residual(u)
-    data.focus(w, around)
-    u = u + restored_change(data, u, e, weight, iterations, around.astype(u.dtype))
-    data.focus(w)
-    return u, np.pad((data.residual(u) ** 2).sum(axis=(0, 1)), data.R)
+    relabelled = np.where(border, layers.high_label, layers.low_label)
+    return sharper, moved, np.where(layers.band, relabelled, labels).astype(np.int32)

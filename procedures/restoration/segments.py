@@ -1,0 +1,174 @@
+"""A depth map cut along its jumps into segments, each of one surface that can be continued beyond its own border."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import (
+    distance_transform_edt,
+    find_objects,
+    gaussian_filter,
+    label,
+    maximum_filter,
+    minimum_filter,
+    watershed_ift,
+)
+
+from procedures.restoration.forward import Array
+
+Labels = NDArray[np.int32]
+
+# distances from the nearest jump at which parts that hang together are taken as one: first the broad ones, so that a gap
+# in a line of jumps does not join what lies on its two sides
+CLEAR = (14, 9, 6, 4, 3)
+# fewer clear pixels are a blemish of the surface around them
+LEAST_PIXELS = 40
+
+
+def span(w: Array, size: int = 3) -> Array:
+    """Greatest minus least w of every neighbourhood."""
+    return np.asarray(maximum_filter(w, size) - minimum_filter(w, size))
+
+
+def segments(w: Array, jump: float, doubt: int, known: Labels | None = None) -> Labels:
+    """Segments 1, 2, ... of a depth map, (H, W): parts that differ by `jump` where they meet.
+
+    Cut at jumps, at the borders of segments already `known`, and at necks between them; then parts whose surfaces meet
+    are joined again. doubt : pixels about a cut whose depth is not believed.
+    """
+    steep = span(w)
+    cuts = steep > jump
+    if known is not None:
+        cuts |= _borders(known)
+        steep = np.where(_borders(known), np.maximum(steep, jump), steep)
+    markers = _markers(np.asarray(distance_transform_edt(~cuts)))
+    if markers.max() == 0:
+        return np.ones(w.shape, np.int32)
+    height = (steep * (60000 / max(float(steep.max()), 1e-6))).astype(np.uint16)
+    labels = np.asarray(watershed_ift(height, markers), dtype=np.int32)
+    # what floods along a cut from its far end belongs to the side it lies on
+    nearest = distance_transform_edt(cuts, return_distances=False, return_indices=True)
+    return _merged(w, labels[tuple(nearest)], jump / 2, doubt)
+
+
+def _markers(distance: Array) -> Labels:
+    """Numbered cores of the parts: at every distance from the cuts, those that contain no core yet."""
+    markers = np.zeros(distance.shape, np.int32)
+    for clear in CLEAR:
+        parts, n = label(distance > clear)
+        taken = np.zeros(n + 1, bool)
+        taken[np.unique(parts[markers > 0])] = True
+        new = (np.bincount(parts.ravel(), minlength=n + 1) >= LEAST_PIXELS) & ~taken
+        new[0] = False
+        number = np.where(new, np.cumsum(new) + markers.max(), 0).astype(np.int32)
+        markers += number[parts]
+    return markers
+
+
+def _merged(w: Array, labels: Labels, least: float, doubt: int) -> Labels:
+    """Labels with those parts joined whose surfaces differ by less than `least` along three quarters of their border."""
+    own = surfaces(w, labels, 0, doubt).own
+    across = _meetings(labels, own)
+    group = np.arange(labels.max() + 1)
+    for (a, b), differences in across.items():
+        if np.percentile(differences, 75) < least:
+            group[group == group[b]] = group[a]
+    return np.unique(group[labels], return_inverse=True)[1].reshape(labels.shape).astype(np.int32) + 1
+
+
+def _meetings(labels: Labels, own: Array) -> dict[tuple[int, int], Array]:
+    """For every two labels that meet, the difference of their surfaces along the border."""
+    found: dict[tuple[int, int], list[Array]] = {}
+    for before, after in ((np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])):
+        a, b, d = labels[before], labels[after], np.abs(own[before] - own[after])
+        meet = a != b
+        pairs = np.stack([np.minimum(a, b)[meet], np.maximum(a, b)[meet]])
+        kinds, which = np.unique(pairs, axis=1, return_inverse=True)
+        for k, (i, j) in enumerate(kinds.T):
+            found.setdefault((int(i), int(j)), []).append(d[meet][which.ravel() == k])
+    return {pair: np.concatenate(parts) for pair, parts in found.items()}
+
+
+def continued(w: Array, known: Array, sigma: float) -> Array:
+    """w continued from where `known` is 1: at each pixel, the plane that fits the known depths around it best.
+
+    Gaussian window of `sigma` pixels; the slope is damped, so far from any known depth it is a mean.
+    """
+
+    def mean(a: Array) -> Array:
+        return np.asarray(gaussian_filter(a, sigma, truncate=3.5, mode="nearest"))
+
+    y, x = np.indices(w.shape).astype(w.dtype)
+    m = mean(known) + 1e-12
+    mx, my, mw = mean(known * x) / m, mean(known * y) / m, mean(known * w) / m
+    xx = mean(known * x * x) / m - mx**2 + sigma / 4
+    yy = mean(known * y * y) / m - my**2 + sigma / 4
+    xy = mean(known * x * y) / m - mx * my
+    xw, yw = mean(known * x * w) / m - mx * mw, mean(known * y * w) / m - my * mw
+    det = xx * yy - xy**2
+    return np.asarray(mw + (yy * xw - xy * yw) / det * (x - mx) + (xx * yw - xy * xw) / det * (y - my))
+
+
+def mended(w: Array, labels: Labels, doubt: int, jump: float) -> Array:
+    """w without blemishes: where it leaves its segment's surface by more than `jump`, the surface."""
+    own = surfaces(w, labels, 0, doubt).own
+    return np.where(np.abs(w - own) > jump, own, w).astype(w.dtype)
+
+
+@dataclass(frozen=True)
+class Surfaces:
+    """Every pixel's own surface, and that of another segment near it: w and label; where one is within reach."""
+
+    own: Array
+    other: Array
+    other_label: Labels
+    near: NDArray[np.bool_]
+
+
+def surfaces(w: Array, labels: Labels, reach: int, doubt: int, rank: int = 1) -> Surfaces:
+    """Surfaces within `reach` pixels of another segment, from depths farther than `doubt` pixels from any border.
+
+    rank : 1 for the nearest other segment, 2 for the second nearest.
+    """
+    w = np.asarray(w, dtype=np.float64)
+    border = distance_transform_edt(~_borders(labels))
+    own = w.copy()
+    others = [(np.full(w.shape, np.inf), w.copy(), np.zeros(w.shape, np.int32)) for _ in range(rank)]
+    sigma = 1.5 + 0.7 * max(reach, doubt)
+    wide = int(3.5 * sigma) + 1
+    for k, box in enumerate(find_objects(labels), start=1):
+        if box is None:
+            continue
+        box = tuple(slice(max(0, s.start - wide), s.stop + wide) for s in box)
+        mine = labels[box] == k
+        sure = mine & (border[box] >= min(doubt, 0.7 * float(border[box][mine].max())))
+        surface = continued(w[box], sure.astype(np.float64), sigma)
+        surface = np.clip(surface, w[box][sure].min() - 0.3, w[box][sure].max() + 0.3)
+        own[box] = np.where(mine, surface, own[box])
+        if reach:
+            distance = np.where(mine, np.inf, distance_transform_edt(~mine))
+            _insert([[a[box] for a in other] for other in others], distance, surface, k)
+    distance, other, other_label = others[-1]
+    return Surfaces(own, other, other_label, distance <= reach)
+
+
+def _insert(others: list[list[Array]], distance: Array, surface: Array, k: int) -> None:
+    """Put a segment where it belongs among the nearest ones of each pixel, in place."""
+    coming = [distance, surface, np.full(distance.shape, k, np.int32)]
+    for other in others:
+        closer = coming[0] < other[0]
+        for n, array in enumerate(other):
+            leaving = np.where(closer, array, coming[n])
+            array[...] = np.where(closer, coming[n], array)
+            coming[n] = leaving
+
+
+def _borders(labels: Labels) -> NDArray[np.bool_]:
+    return np.asarray(maximum_filter(labels, 3) != minimum_filter(labels, 3))
+
+
+def joined(labels: Labels) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Whether neighbours down and across belong to one segment: (H - 1, W), (H, W - 1)."""
+    return labels[1:] == labels[:-1], labels[:, 1:] == labels[:, :-1]
