@@ -47,13 +47,14 @@ class Help(Dialog):
         with Vertical(), VerticalScroll():
             yield Part(id="introduction")
             yield Part(id="help-keys")
-            yield Part("Escape closes this; the arrows scroll it.")
         self._lines = keys
 
     def on_mount(self) -> None:
         """Fill it in."""
         paragraphs = INTRODUCTION.split("\n")
-        self.query_one("#introduction", Part).update(lines_of(literal("Help", "bold"), *paragraphs, ""))
+        self.query_one("#introduction", Part).update(
+            lines_of(literal("Help: Escape closes this, the arrows scroll it", "bold"), *paragraphs, "")
+        )
         self.query_one("#help-keys", Part).update(lines_of(*self._lines, ""))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import singledispatchmethod
 from typing import TYPE_CHECKING, ClassVar
 
@@ -188,20 +189,21 @@ class GuideScreen(StationScreen):
     @show.register
     def _(self, ended: RunEnded) -> None:
         report = f" The report is {ended.report}." if ended.report else ""
-        self.rest(ENDINGS.get(ended.how, "The run has ended.") + report)
-        if ended.how == "finished":
+        finished = ended.how == "finished"
+        self.rest(ENDINGS.get(ended.how, "The run has ended.") + report, AFTER_THE_END if finished else AFTER_A_STOP)
+        if finished:
             self.app.bell()
 
     def fail(self, problem: Problem) -> None:
         """The run could not begin, or broke off."""
         self.query_one("#trouble", Part).say(f"{self.glyphs.bad} {problem.reason}. {problem.remedy}.", "bold")
-        self.rest("The run broke off. What was taken is kept.")
+        self.rest("The run broke off. What was taken is kept.", AFTER_A_STOP)
 
-    def rest(self, sentence: str) -> None:
+    def rest(self, sentence: str, offers: Mapping[str, type[Command]]) -> None:
         """Nothing runs: what can be done next."""
         self._now, self._at_rest = None, True
         self.query_one(ProgressLine).show(None)
-        self.answers.offer(sentence, AFTER_THE_END if self.finished else AFTER_A_STOP)
+        self.answers.offer(sentence, offers)
         self._show_rail()
         self.refresh_frame()
 
