@@ -170,6 +170,11 @@ class AnswerBox(Vertical):
         """Whether a question waits."""
         return self._ask is not None
 
+    @property
+    def question(self) -> str:
+        """The question that waits; empty where none does."""
+        return self._ask.question if self._ask is not None else ""
+
     def tell(self, sentence: str) -> None:
         """No question: a sentence only."""
         self._ask, self._offers = None, ()

@@ -30,13 +30,18 @@ class Driver:
         strips = self.app.screen._compositor.render_strips()
         return "\n".join("".join(segment.text for segment in strip).rstrip() for strip in strips)
 
+    @property
+    def words(self) -> str:
+        """The screen's words, as if its lines had not been broken."""
+        return " ".join(self.text.split())
+
     async def press(self, *keys: str) -> None:
         await self.pilot.press(*keys)
 
     async def until(self, what: str | Callable[[], object]) -> None:
         """Wait until a text is on the screen, or something holds."""
         end = time.monotonic() + PATIENCE_S
-        while not (what in self.text if isinstance(what, str) else what()):
+        while not (what in self.text or what in self.words if isinstance(what, str) else what()):
             assert time.monotonic() < end, f"waited in vain for {what}; the screen is\n{self.text}"
             await self.pilot.pause(0.01)
 
