@@ -16,6 +16,7 @@ COMMANDS = {
     "restore": ("restore", "restore", "Restore a sharp picture and depth from blurred photographs."),
     "rays": ("rays", "rays", "Remove the noise of a Monte Carlo render."),
     "batch": ("batch", "batch", "Estimate the PSFs of folders of photographs."),
+    "session": ("session", "session", "List, resume, recompute and compare sessions."),
     "devices": ("devices", "devices", "Show what is configured and what answers."),
     "simulate": ("simulate", "simulate", "Open the simulated bench for other programs."),
     "demo": ("demo", "demo", "Calibrate a simulated camera, start to end."),

@@ -7,6 +7,7 @@ becomes a sentence and a question: try again, skip, or stop.
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import asdict
 from functools import singledispatchmethod
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -54,6 +55,7 @@ from station.watching import Watching
 if TYPE_CHECKING:
     from station.bench import Bench
 
+PAGE = "report.html"
 ACCEPT, RETAKE = "accept", "retake"
 
 
@@ -92,13 +94,13 @@ class Run:
         """Carry the plan out from the first step that is not done. Blocks until the end; never raises Stopped."""
         done = self._session.state.done
         self._talk.hear(RunBegan(self.plan, self._session.folder, tuple(done)))
-        for notice in self._session.state.notices:
-            self._talk.hear(Doing(notice))
         try:
-            self._prepare(resumed=bool(done))
+            self._tell_notices()
+            if self._next() is not None:
+                self._prepare(resumed=bool(done))
             while (step := self._next()) is not None:
                 self._carry_out(step)
-            ended = RunEnded("finished")
+            ended = RunEnded("finished", self._report())
         except ProcedureError as error:
             self._talk.hear(Trouble(error.reason, error.remedy))
             ended = RunEnded("stopped")
@@ -106,8 +108,29 @@ class Run:
             ended = RunEnded("emergency" if self._talk.emergency.is_set() else "stopped")
         return self._ended(ended)
 
+    def _tell_notices(self) -> None:
+        """What the session has mended, and what will have to be repeated."""
+        for notice in self._session.state.notices:
+            self._talk.hear(Doing(notice))
+        self._session.told()
+
+    def _report(self) -> Path | None:
+        """The session's report, drawn when all is done; None where there is no result to draw."""
+        if not self._session.state.results:
+            return None
+        from station.session_report import session_page  # here: it draws, and that import is slow
+
+        path = self._session.folder / PAGE
+        self._talk.hear(Doing("writing the report"))
+        try:
+            self._talk.attempt(lambda: write_whole(path, session_page(self._session.folder).encode()), always=True)
+        except Skipped:
+            return None
+        return path
+
     def _ended(self, ended: RunEnded) -> RunEnded:
         with suppress(ProcedureError):  # a full disk: the run ends all the same
+            self._tell_notices()
             self._session.end(ended.how)
         self._talk.hear(ended)
         return ended
@@ -122,6 +145,9 @@ class Run:
                 self._talk.attempt(lambda name=name: self._rig.connect(name))  # type: ignore[misc]
             except Skipped:
                 self._rig.left_out.add(name)
+        if self._rig.bench is not None:
+            told = {name: asdict(identity) for name, identity in self._rig.bench.identities.items()}
+            self._talk.attempt(lambda: self._session.note("devices", devices=told))
         if resumed:
             self._restore()
 
@@ -156,7 +182,8 @@ class Run:
         try:
             self._carry(request)
         except Skipped:
-            self._talk.hear(Trouble("this was skipped", "the run goes on with what is known"))
+            self._rig.leave_out_lost()
+            self._talk.hear(Doing("skipped; the run goes on with what is known"))
 
     # --- requests
 
@@ -180,7 +207,7 @@ class Run:
 
     @_carry.register
     def _(self, home: Home) -> None:
-        if self._rig.stages():
+        if self._rig.movers():
             self._talk.doing("homing: keep clear of everything that moves")
             self._talk.attempt(self._rig.home, self._rig.mend)
             self._moved()
@@ -191,8 +218,7 @@ class Run:
         places, say = go.to(facts), go.say(facts)
         if not say:
             return
-        moves = {name: place - float(facts[AT + name]) for name, place in places.items() if AT + name in facts}
-        obstacle = self._talk.attempt(lambda: self._rig.obstacle(moves), self._rig.mend)
+        obstacle = self._rig.obstacle(places)
         if obstacle is None:
             self._talk.doing(say)
             self._talk.attempt(lambda: self._rig.go_to(places), self._rig.mend)
@@ -203,17 +229,14 @@ class Run:
     @_carry.register
     def _(self, light: SetLight) -> None:
         level = light.level(self._talk.facts)
-        if self._rig.light is not None:
-            self._talk.attempt(lambda: self._rig.set_light(level), self._rig.mend)
+        if self._talk.attempt(lambda: self._rig.set_light(level), self._rig.mend):
             self._talk.learn({LIGHT_LEVEL: level})
 
     @_carry.register
     def _(self, measure: Measure) -> None:
-        laser = self._rig.rangefinder
-        if laser is not None:
-            self._talk.doing("measuring the distance")
-            reading = self._talk.attempt(laser.measure, self._rig.mend)
-            self._talk.learn({DISTANCE: reading.distance_mm})
+        distance_mm = self._talk.attempt(self._rig.measure_mm, self._rig.mend)
+        if distance_mm is not None:
+            self._talk.learn({DISTANCE: distance_mm})
 
     @_carry.register
     def _(self, look: Look) -> None:
@@ -246,8 +269,8 @@ class Run:
     def _watching(self) -> Watching:
         """What looks through the camera: the bench's, or the operator's own."""
         if self._watch is None:
-            camera: Photographer | None = self._rig.camera
-            if camera is None:
+            camera: Photographer = self._rig
+            if not self._rig.has_camera:
                 folder = Path(str(self._talk.ask(FOLDER)))
                 self._talk.learn({FOLDER.key: str(folder)})
                 camera = self._talk.attempt(lambda: HandCamera(folder, self._talk.ask, self._clock))

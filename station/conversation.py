@@ -82,13 +82,10 @@ class Conversation:
 
     def ask(self, ask: Ask) -> Fact:
         """The answer. What is known under its key is the default. Raises Stopped."""
-        self.check()
         default = self.facts.get(ask.key)
         if default is None and self._hands is not None:
             default = self._hands.knows(ask.key)
-        answer = self._operator.answer(ask if default is None else replace(ask, default=default))
-        self.check()
-        return answer
+        return self._operator.answer(ask if default is None else replace(ask, default=default))
 
     def confirmed(self, ask: Ask) -> bool:
         """Whether the operator has done it; simulated hands then have."""
@@ -118,8 +115,14 @@ class Conversation:
 
     # --- trouble
 
-    def attempt(self, work: Callable[[], T], mend: Callable[[Exception], None] = lambda error: None) -> T:
+    def attempt(
+        self, work: Callable[[], T], mend: Callable[[Exception], None] = lambda error: None, *, always: bool = False
+    ) -> T:
         """What the work gives. Where it fails the operator decides; before it is tried again, it is mended.
+
+        Parameters
+        ----------
+        always : do it even where the operator has asked to stop: what was begun must be kept
 
         Raises
         ------
@@ -130,7 +133,8 @@ class Conversation:
         """
         failure: Exception | None = None
         while True:
-            self.check()
+            if not always:
+                self.check()
             try:
                 if failure is not None:
                     mend(failure)
@@ -139,11 +143,12 @@ class Conversation:
                 self.emergency.set()
                 raise Stopped from error
             except (DeviceError, ProcedureError) as error:
+                if not always:
+                    self.check()  # what fails because everything was stopped is no trouble
                 failure = error
                 self._trouble(error)
 
     def _trouble(self, error: DeviceError | ProcedureError) -> None:
-        self.check()  # what fails because everything was stopped is no trouble
         self.hear(Trouble(error.reason, error.remedy))
         answer = self.choose("trouble", "What now?", (AGAIN, SKIP, STOP))
         if answer == SKIP:

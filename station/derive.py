@@ -9,10 +9,11 @@ from typing import Any
 
 from procedures.outcome import Outcome, Verdict
 from procedures.plan import Estimate, Plan
-from procedures.raw import read_frame
+from procedures.raw import RawFrame, read_frame
 from station.calibrate import plane_record
+from station.machine import same_bits
 from station.plans import numbers_of
-from station.results import ResultFolder, write_psf_result
+from station.results import PlaneRecord, ResultFolder, write_psf_result
 from station.session import Session
 from station.session_folder import inside
 from station.session_state import State
@@ -34,7 +35,7 @@ class Derivation:
 def derive(session: Session, plan: Plan, step: str) -> Derivation:
     """Estimate from the session's counting photographs, write the result and keep it. Raises ProcedureError."""
     start_s, state = session.clock.now_s(), session.state
-    outcomes = compute(session.folder, state, plan, session.result_folder())
+    outcomes = compute(session.folder, state, plan, session.result_folder()).outcomes
     verdict, reason, remedy = verdict_of_planes(outcomes)
     duration_s = session.clock.now_s() - start_s
     numbers = [shot.number for shot in state.counting()]
@@ -43,8 +44,17 @@ def derive(session: Session, plan: Plan, step: str) -> Derivation:
     return Derivation(session.folder / kept.folder, outcomes, verdict, reason, remedy)
 
 
-def compute(folder: Path, state: State, plan: Plan, into: Path) -> Mapping[str, Outcome[Any]]:
-    """Write the result of a session in this state; the same files, bit for bit, whenever it is called.
+@dataclass(frozen=True, eq=False)
+class Computed:
+    """A result with all that it comes from: photographs, what was found by plane, what is recorded of it."""
+
+    frames: Sequence[RawFrame]
+    outcomes: Mapping[str, Outcome[Any]]
+    records: Sequence[PlaneRecord]
+
+
+def compute(folder: Path, state: State, plan: Plan, into: Path | None = None) -> Computed:
+    """The result of a session in this state, written into a folder; the same files, bit for bit, at every call.
 
     Raises
     ------
@@ -53,22 +63,31 @@ def compute(folder: Path, state: State, plan: Plan, into: Path) -> Mapping[str, 
     """
     shots = state.counting()
     frames = [read_frame(inside(folder, shot.path)) for shot in shots]
-    outcomes = estimate_of(plan).estimate(frames, state.facts)
+    with same_bits():
+        outcomes = estimate_of(plan).estimate(frames, state.facts)
+        numbers = numbers_of(plan.name)
+        records = [plane_record(frames[0].planes[name], outcome, numbers) for name, outcome in outcomes.items()]
+        if into is not None:
+            _write(into, plan, state, records)
+    return Computed(frames, outcomes, records)
+
+
+def _write(into: Path, plan: Plan, state: State, records: Sequence[PlaneRecord]) -> None:
+    """The files of a result; when it was drawn and how long that took is in the journal, not in them."""
     about = {
         "procedure": plan.name,
-        "input": [{"path": shot.path, "sha256": shot.sha256} for shot in shots],
+        "input": [{"path": shot.path, "sha256": shot.sha256} for shot in state.counting()],
         "parameters": dict(state.facts),
     }
-    planes, numbers = frames[0].planes if frames else {}, numbers_of(plan.name)
-    records = [plane_record(planes[name], outcome, numbers) for name, outcome in outcomes.items()]
     with ResultFolder(into) as results:
         write_psf_result(results, records, about)
-    return outcomes
 
 
 def verdict_of_planes(outcomes: Mapping[str, Outcome[Any]]) -> tuple[Verdict, str, str]:
     """The worst verdict, with the reasons and remedies of the planes that have it."""
-    worst = max((one.verdict for one in outcomes.values()), key=ORDER.index, default=Verdict.REFUSED)
+    if not outcomes:
+        return Verdict.REFUSED, "no shot counts", "take the shots again"
+    worst = max((one.verdict for one in outcomes.values()), key=ORDER.index)
     if worst is Verdict.PASS:
         return worst, "", ""
     found = {name: one for name, one in outcomes.items() if one.verdict is worst}

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
-from drivers.errors import DeviceError
+from drivers.errors import DeviceError, EmergencyStopped
 from drivers.interfaces import Exposure
 from procedures.plan import Facts
 from procedures.raw import RawFrame, read_frame
@@ -66,7 +67,7 @@ class Exposer:
         self._talk.doing("waiting until the rig is still")
         try:
             return self.settling.wait()
-        except Unrest:
+        except (Unrest, EmergencyStopped):
             raise
         except DeviceError as error:
             self.settling.imu = None
@@ -75,12 +76,19 @@ class Exposer:
 
     def _kept(self, purpose: str, step: str, tremor: Tremor | None) -> Shot:
         """Expose, and take the file in; a full disk lets the file wait where the camera put it."""
-        self._rig.announce(self._talk.attempt(lambda: self._session.expect(step, purpose)))
+        number = self._talk.attempt(lambda: self._session.expect(step, purpose))
         kept: dict[str, Any] = {}
 
         def expose() -> Exposure:
-            kept.update(record(self._rig.snapshot(), tremor))
+            known = set(self._rig.silent)
+            snapshot = self._rig.snapshot()
+            for name in set(snapshot.silent) - known:
+                self._talk.hear(
+                    Trouble(f"the {name} does not tell: {snapshot.silent[name]}", "look after it; the run goes on")
+                )
+            kept.update(record(snapshot, tremor))
             self._talk.doing("exposing")
+            self._rig.announce(number)
             return self._camera.expose()
 
         try:
@@ -88,7 +96,8 @@ class Exposer:
         except (Skipped, Stopped):
             self._session.note("gave_up", step=step, purpose=purpose)
             raise
-        return self._talk.attempt(lambda: self._session.adopt(exposure, step=step, purpose=purpose, snapshot=kept))
+        adopt = partial(self._session.adopt, exposure, step=step, purpose=purpose, snapshot=kept)
+        return self._talk.attempt(adopt, always=True)
 
 
 def record(snapshot: Snapshot, tremor: Tremor | None) -> dict[str, Any]:

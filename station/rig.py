@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, cast
 
-from drivers.errors import Alarm, DeviceError, EmergencyStopped, NotHomed, OutsideTravel, WasReset
-from drivers.interfaces import Camera, Imu, Light, Rangefinder, Stage
+from drivers.errors import Alarm, DeviceError, EmergencyStopped, LineLost, NoAnswer, NotHomed, WasReset
+from drivers.interfaces import Exposure, Imu, Travel
 from procedures.plan import Fact
 
 if TYPE_CHECKING:
     from station.bench import Bench
 
 POSITION_LOST = (Alarm, WasReset, NotHomed, EmergencyStopped)
+LINE_TROUBLE = (NoAnswer, LineLost, Alarm, WasReset)
 NOT_THERE = ("not connected", "the folder is gone")
 AT = "at_"
 """Before an axis' name: the fact where it is."""
@@ -59,7 +61,10 @@ class Rig:
     def __init__(self, bench: Bench | None) -> None:
         self.bench = bench
         self.left_out: set[str] = set()
-        self._level: float | None = None
+        self.silent: dict[str, str] = {}
+        """What did not answer when it was last asked how it is, and why; not asked again before something is mended."""
+        self._places: dict[str, float] = {}
+        self._failed = ""
 
     def names(self) -> tuple[str, ...]:
         """Of the devices in use."""
@@ -68,30 +73,28 @@ class Rig:
     def _device(self, name: str) -> Any:
         return self.bench.devices[name] if self.bench and name in self.names() else None
 
-    def stages(self) -> Iterable[Stage]:
-        """All that moves."""
-        devices = (self._device(name) for name in self.names())
-        return [cast(Stage, device) for device in devices if hasattr(device, "move_to")]
+    @contextmanager
+    def _using(self, name: str) -> Iterator[Any]:
+        """A device; that it failed is remembered for mending."""
+        try:
+            yield self._device(name)
+        except DeviceError:
+            self._failed = name
+            raise
+
+    def movers(self) -> tuple[str, ...]:
+        """Names of all that moves."""
+        return tuple(name for name in self.names() if hasattr(self._device(name), "move_to"))
 
     @property
     def imu(self) -> Imu | None:
-        """The IMU on the camera, if there is one; so the others."""
+        """The IMU on the camera, if there is one."""
         return cast("Imu | None", self._device("imu"))
 
     @property
-    def camera(self) -> Camera | None:
-        """What photographs."""
-        return cast("Camera | None", self._device("camera"))
-
-    @property
-    def rangefinder(self) -> Rangefinder | None:
-        """The laser."""
-        return cast("Rangefinder | None", self._device("rangefinder"))
-
-    @property
-    def light(self) -> Light | None:
-        """The lamp."""
-        return cast("Light | None", self._device("light"))
+    def has_camera(self) -> bool:
+        """Whether the bench photographs by itself."""
+        return self._device("camera") is not None
 
     # --- connecting and mending
 
@@ -105,96 +108,129 @@ class Rig:
         assert self.bench is not None
         self.bench.identities[name] = self._device(name).connect()
 
+    def _lost(self) -> list[str]:
+        """Stages that do not know where they are."""
+        return [name for name in self.movers() if not self._device(name).condition().usable]
+
+    def leave_out_lost(self) -> None:
+        """Do without the stages that do not know where they are."""
+        self.left_out.update(self._lost())
+
     def mend(self, error: Exception) -> None:
-        """What can be done before trying again: connect what was lost, home what lost its position."""
-        for name in self.unconnected():
-            self._device(name).close()
-            self.connect(name)
-        if isinstance(error, POSITION_LOST):
-            self.home()
+        """What can be done before trying again: connect what fell silent, home what lost its position, and go back."""
+        self.silent.clear()
+        again = set(self.unconnected())
+        if isinstance(error, LINE_TROUBLE):
+            again |= {"camera", "shutter"} if self._failed == "camera" else {self._failed}
+        for name in self.names():
+            if name in again:
+                self._device(name).close()
+                self.connect(name)
+        lost = self._lost() or ([self._failed] if isinstance(error, POSITION_LOST) else [])
+        for name in set(lost) & set(self.movers()):
+            with self._using(name) as stage:
+                stage.home()
+                own = {axis: self._places[axis] for axis in stage.travel() if axis in self._places}
+                if own:
+                    stage.move_to(**own)
 
     # --- moving
 
     def home(self) -> None:
         """Every stage finds its reference. Raises DeviceError."""
-        for stage in self.stages():
-            stage.home()
+        for name in self.movers():
+            with self._using(name) as stage:
+                stage.home()
+        self._places = self.positions()
 
-    def _travels(self) -> dict[str, tuple[Stage, float, float]]:
-        return {
-            name: (stage, travel.low, travel.high) for stage in self.stages() for name, travel in stage.travel().items()
-        }
+    def _travels(self) -> dict[str, tuple[str, Travel]]:
+        """By axis: whose it is, and how far it goes."""
+        return {axis: (name, travel) for name in self.movers() for axis, travel in self._device(name).travel().items()}
 
     def axes(self) -> tuple[str, ...]:
         """Names of what can be moved."""
         return tuple(self._travels())
 
-    def obstacle(self, moves: Mapping[str, float]) -> str | None:
-        """Why the bench cannot make these moves by itself: "" where it has not the axes, else what is in the way."""
+    def obstacle(self, places: Mapping[str, float]) -> str | None:
+        """Why the bench cannot go there by itself: "" where it has not the axes, else what is in the way."""
         travels = self._travels()
-        if not moves or not all(name in travels for name in moves):
+        if not places or not all(axis in travels for axis in places):
             return ""
-        here = self.positions()
-        for name, change in moves.items():
-            _, low, high = travels[name]
-            if not low <= here[name] + change <= high:
-                return f"{name} goes from {low:g} to {high:g} and stands at {here[name]:.1f}"
+        for axis, place in places.items():
+            travel = travels[axis][1]
+            if not travel.holds(place):
+                return f"{axis} goes from {travel.low:g} to {travel.high:g}, and {place:.0f} would be needed"
         return None
+
+    def target(self, moves: Mapping[str, float]) -> dict[str, float]:
+        """Where these moves from here lead; axes that the bench has not are where they are at 0. Raises DeviceError."""
+        here = self.positions() if any(axis in self.axes() for axis in moves) else {}
+        return {axis: here.get(axis, 0.0) + change for axis, change in moves.items()}
 
     def positions(self) -> dict[str, float]:
         """Where the axes are now. Raises DeviceError."""
-        return {name: value for stage in self.stages() for name, value in stage.position().items()}
+        found: dict[str, float] = {}
+        for name in self.movers():
+            with self._using(name) as stage:
+                found |= stage.position()
+        return found
 
     def axis_facts(self) -> dict[str, float]:
         """Where each axis is, and the ends of its travel, as facts. Raises DeviceError."""
         facts = {AT + name: value for name, value in self.positions().items()}
-        for name, (_, low, high) in self._travels().items():
-            facts |= {f"low_{name}": low, f"high_{name}": high}
+        for axis, (_, travel) in self._travels().items():
+            facts |= {f"low_{axis}": travel.low, f"high_{axis}": travel.high}
         return facts
-
-    def move_by(self, moves: Mapping[str, float]) -> None:
-        """Move from here. Raises DeviceError."""
-        here = self.positions()
-        self.go_to({name: here[name] + change for name, change in moves.items()})
 
     def go_to(self, places: Mapping[str, float]) -> None:
         """Move to places; axes that the bench has not are left out. Raises DeviceError."""
-        for stage in self.stages():
-            own = {name: places[name] for name in stage.travel() if name in places}
-            for name, place in own.items():
-                if not stage.travel()[name].holds(place):
-                    travel = stage.travel()[name]
-                    raise OutsideTravel(
-                        f"{name} goes from {travel.low:g} to {travel.high:g}; {place:.1f} was asked for",
-                        "move the rail or the chart, and look again",
-                    )
-            if own:
-                stage.move_to(**own)
+        for name in self.movers():
+            with self._using(name) as stage:
+                own = {axis: places[axis] for axis in stage.travel() if axis in places}
+                if own:
+                    stage.move_to(**own)
+                    self._places |= own
 
-    def set_light(self, level: float) -> None:
-        """Set the lamp, if there is one. Raises DeviceError."""
-        if self.light is not None:
-            self.light.set_level(level)
+    # --- light, laser, camera
+
+    def set_light(self, level: float) -> bool:
+        """Set the lamp; whether there is one. Raises DeviceError."""
+        with self._using("light") as light:
+            if light is not None:
+                light.set_level(level)
+            return light is not None
+
+    def measure_mm(self) -> float | None:
+        """The rangefinder's reading, None where there is none. Raises DeviceError."""
+        with self._using("rangefinder") as laser:
+            return None if laser is None else float(laser.measure().distance_mm)
+
+    def expose(self) -> Exposure:
+        """One photograph by the bench's camera. Raises DeviceError."""
+        with self._using("camera") as camera:
+            exposure: Exposure = camera.expose()
+            return exposure
 
     # --- what is so now
 
     def snapshot(self) -> Snapshot:
-        """What every device says now; one that fails is named and left out."""
+        """What every device says now; one that fails is named, and left out until something is mended."""
         axes: dict[str, float] = {}
-        silent: dict[str, str] = {}
-        for stage in self.stages():
-            try:
-                axes |= stage.position()
-            except DeviceError as error:
-                silent[stage.address] = error.reason
         distance_mm = None
-        if self.rangefinder is not None:
+        for name in self.names():
+            device = self._device(name)
+            if name in self.silent:
+                continue
             try:
-                distance_mm = self.rangefinder.measure().distance_mm
+                if hasattr(device, "move_to"):
+                    axes |= device.position()
+                elif name == "rangefinder":
+                    distance_mm = self.measure_mm()
             except DeviceError as error:
-                silent["rangefinder"] = error.reason
-        level = self.light.level() if self.light is not None else None
-        return Snapshot(axes, distance_mm, level, silent)
+                self.silent[name] = error.reason
+        lamp = self._device("light")
+        level = lamp.level() if lamp is not None else None
+        return Snapshot(axes, distance_mm, level, dict(self.silent))
 
     def announce(self, number: int) -> None:
         """The next frame is the session's shot of this number: a simulated one has its noise from that."""

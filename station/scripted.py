@@ -34,14 +34,18 @@ class Scripted:
         self.heard.append(event)
         self.listen(event)
 
+    def count(self, key: str) -> int:
+        """How often this was asked."""
+        return sum(ask.key == key for ask in self.asked)
+
     def answer(self, ask: Ask) -> Fact:
         """What is written down for it. Raises Stopped where nothing is and there is no default."""
         self.asked.append(ask)
+        if ask.key == TROUBLE and self.count(TROUBLE) > self.patience:
+            raise Stopped
         if ask.key in self.answers:
             given = self.answers[ask.key]
             return given(ask) if callable(given) else given
-        if ask.key == TROUBLE and sum(one.key == TROUBLE for one in self.asked) > self.patience:
-            raise Stopped
         if ask.default is not None:
             return ask.default
         if ask.kind == "confirm":

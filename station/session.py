@@ -337,8 +337,13 @@ class Session:
         return folder
 
     def notice(self, say: str) -> None:
-        """Something the operator must hear; `state.notices` holds it until the session is opened again."""
+        """Something the operator must hear; `state.notices` holds it until `told`. Raises NotKept."""
         self.note("noticed", say=say)
+
+    def told(self) -> None:
+        """The operator has heard all notices. Raises NotKept."""
+        if self.state.notices:
+            self.note("told")
 
     def write_sums(self) -> None:
         """The hashes for `sha256sum --check`; where the disk is full they are written the next time."""

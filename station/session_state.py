@@ -84,7 +84,7 @@ class State:
     standing : the last result, as long as neither facts nor shots have changed since
     adopting : a shot whose photograph was being taken in, None mostly
     awaited : an exposure that was asked for and has not come, None mostly
-    notices : what the operator must hear after a resume: repeated exposures, files found, a torn line
+    notices : what the operator must hear and was not told yet: repeated exposures, files found, a torn line
     ended : how the plan ended, None while it has not
     """
 
@@ -155,7 +155,7 @@ def after(state: State, line: Line) -> State:
     return changed if untouched else replace(changed, standing=None)
 
 
-def _opened(state: State, line: Line) -> State:
+def _told(state: State, line: Line) -> State:
     return replace(state, notices=())
 
 
@@ -241,7 +241,7 @@ def _ended(state: State, line: Line) -> State:
 
 
 CHANGES: Mapping[str, Callable[[State, Line], State]] = {
-    "opened": _opened,
+    "told": _told,
     "noticed": _noticed,
     "learned": _learned,
     "step_began": _step_began,

@@ -49,7 +49,7 @@ class Watching:
 
     def _look_once(self, look: Look) -> bool:
         taken = self._exposer.take(look.purpose, self.step)
-        advice = look.check(taken.frame, taken.facts)
+        advice = self._talk.attempt(lambda: look.check(taken.frame, taken.facts))
         self._session.judge(taken.shot, False, "a trial" if advice.good else advice.say)
         self._show(taken.frame, advice)
         self._talk.learn(advice.facts)
@@ -63,14 +63,18 @@ class Watching:
 
     def _follow(self, advice: Advice) -> None:
         """Do what the advice says: by the bench where it can, else by hand."""
-        obstacle = self._talk.attempt(lambda: self._rig.obstacle(advice.moves), self._rig.mend)
+        target = self._talk.attempt(lambda: self._rig.target(advice.moves), self._rig.mend)
+        obstacle = self._rig.obstacle(target)
         if obstacle is None:
-            self._talk.doing("moving: keep clear")
-            self._talk.attempt(lambda: self._rig.move_by(advice.moves), self._rig.mend)
-            self.moved()
+            self._go_to(target)
         else:
             self._talk.by_hand(advice, obstacle)
             self._exposer.settling.moved()
+
+    def _go_to(self, places: Mapping[str, float]) -> None:
+        self._talk.doing("moving: keep clear")
+        self._talk.attempt(lambda: self._rig.go_to(places), self._rig.mend)
+        self.moved()
 
     # --- scan an axis
 
@@ -79,11 +83,11 @@ class Watching:
         places = [float(place) for place in scan.places(self._talk.facts)]
         here, scores = self._here(scan.axis), []
         for i, place in enumerate(places):
-            self._shift(scan, place - here)
+            self._set(scan, place, here)
             here = place
             self._talk.doing(scan.purpose, i + 1, len(places))
             taken = self._exposer.take(scan.purpose, self.step)
-            scores.append(scan.score(taken.frame, taken.facts))
+            scores.append(self._talk.attempt(lambda t=taken: scan.score(t.frame, t.facts)))  # type: ignore[misc]
             self._session.judge(taken.shot, False, "a trial")
             self._show(taken.frame, Advice(True, ""))
             self._talk.hear(CurveSeen(scan.axis, tuple(places[: i + 1]), tuple(scores)))
@@ -91,20 +95,18 @@ class Watching:
             advice = scan.choose(places, scores)
             self._talk.learn(advice.facts)
             self._talk.doing(advice.say)
-            self._shift(scan, advice.moves.get(scan.axis, 0.0))
+            self._set(scan, here + advice.moves.get(scan.axis, 0.0), here)
 
     def _here(self, axis: str) -> float:
         """Where the axis is; 0 for one that is set by hand."""
         return float(self._talk.facts.get(AT + axis, 0.0)) if axis in self._rig.axes() else 0.0
 
-    def _shift(self, scan: Scan, change: float) -> None:
-        if change == 0.0:
-            return
+    def _set(self, scan: Scan, place: float, here: float) -> None:
+        """Bring the axis to a place: by the bench, or by hand from where it is."""
         if scan.axis in self._rig.axes():
-            self._talk.attempt(lambda: self._rig.move_by({scan.axis: change}), self._rig.mend)
-            self.moved()
-        else:
-            self._talk.by_hand(Advice(False, scan.say(change), by_hand={scan.axis: change}))
+            self._go_to({scan.axis: place})
+        elif place != here:
+            self._talk.by_hand(Advice(False, scan.say(place - here), by_hand={scan.axis: place - here}))
             self._exposer.settling.moved()
 
     # --- shots that count
@@ -119,6 +121,8 @@ class Watching:
             if results and self._enough(shoot, results):
                 return
             self._judge(shoot, self._exposer.take(shoot.purpose, self.step), results)
+        if not (results and self._enough(shoot, results)):
+            self._talk.doing(f"{shoot.most} shots were taken: going on with those that count")
 
     def _earlier(self, purpose: str) -> list[Shot]:
         """The shots of this step and purpose that count, or were not judged before the interruption."""
@@ -133,9 +137,9 @@ class Watching:
 
     def _judge(self, shoot: Shoot, taken: Taken, results: list[Outcomes]) -> None:
         """Whether the shot counts, and why not; what it gives is added to the results."""
-        advice = shoot.check(taken.frame, taken.facts)
+        advice = self._talk.attempt(lambda: shoot.check(taken.frame, taken.facts))
         if advice.good:
-            found = shoot.estimate(taken.frame, taken.facts)
+            found = self._talk.attempt(lambda: shoot.estimate(taken.frame, taken.facts))
             refused = [one for one in found.values() if one.verdict is Verdict.REFUSED]
             if len(refused) < len(found):
                 results.append(found)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from station.cli.columns import columns
 from station.cli.log import log, log_json_option
 
 if TYPE_CHECKING:
@@ -81,7 +82,4 @@ def table(rows: list[Row]) -> str:
         told = entry(row)
         words = [str(told[key] or "-") for key in ("model", "firmware", "serial", "state", "remedy")]
         cells.append([row.name, row.driver, *(words if row.error is None else ["-", "-", "-", "absent", "see below"])])
-    widths = [max(len(line[i]) for line in cells) for i in range(len(cells[0]))]
-    return "\n".join(
-        "  ".join(word.ljust(width) for word, width in zip(line, widths, strict=True)).rstrip() for line in cells
-    )
+    return columns(cells)

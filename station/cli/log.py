@@ -10,6 +10,8 @@ from typing import Any
 
 import click
 
+from station.names import printable
+
 Fact = str | float | int | None
 
 _LOG_JSON = "station.log_json"
@@ -50,9 +52,9 @@ def log(event: str, sentence: str, *, level: str = "info", remedy: str = "", **f
         told = {"message": sentence, **({"remedy": remedy} if remedy else {})}
         click.echo(json.dumps({**entry, **told, **_finite(facts)}, allow_nan=False), err=True)
         return
-    click.echo(sentence if level == "info" else f"{level}: {sentence}", err=True)
+    click.echo(printable(sentence if level == "info" else f"{level}: {sentence}"), err=True)
     if remedy:
-        click.echo(f"  what to do: {remedy}", err=True)
+        click.echo(printable(f"  what to do: {remedy}"), err=True)
 
 
 def _finite(facts: dict[str, Fact]) -> dict[str, Fact]:

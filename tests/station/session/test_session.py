@@ -134,6 +134,9 @@ def test_exposure_without_a_photograph_is_told_to_whoever_resumes(session):
         (notice,) = reopened.state.notices
         assert "an exposure for frame (shots)" in notice
     with again(reopened) as reopened:
+        assert reopened.state.notices == (notice,)
+        reopened.told()
+    with again(reopened) as reopened:
         assert reopened.state.notices == ()
 
 
@@ -173,6 +176,7 @@ def test_strange_file_among_the_photographs_is_named_once_and_not_used(session):
     with again(session) as reopened:
         assert "'holiday.jpg' lies in originals/" in reopened.state.notices[0]
         assert reopened.state.shots == ()
+        reopened.told()
     with again(reopened) as reopened:
         assert reopened.state.notices == ()
 

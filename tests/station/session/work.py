@@ -66,6 +66,7 @@ class Work:
         session = self._session(disk)
         try:
             self.notices += session.state.notices
+            session.told()
             self.steps(session)
         finally:
             session.close()

@@ -1,0 +1,79 @@
+"""`station session show`: one session, checked."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from station.cli.columns import columns
+from station.cli.log import log, log_json_option
+from station.cli.session import find_session, session_argument
+
+if TYPE_CHECKING:
+    from station.session_reading import SessionRecord
+    from station.session_state import Shot
+
+
+@click.command("show")
+@session_argument
+@click.option("--check/--no-check", default=True, help="Hash the photographs.  [default: check]")
+@click.option("--json", "as_json", is_flag=True, help="Write what the journal says as JSON to stdout.")
+@log_json_option
+def session_show(name: str, root: Path, check: bool, as_json: bool) -> None:
+    """Show what SESSION, a folder or a name in --sessions, holds."""
+    from station.session_reading import read_session, verify
+
+    record = read_session(find_session(name, root))
+    click.echo(json.dumps(_plain(record), indent=1) if as_json else _words(record))
+    if record.contents.torn:
+        log("torn", "the journal's last line is not whole and does not count", level="warning")
+    if check:
+        verify(record.folder, record.state)
+        count = sum(not shot.lost for shot in record.state.shots)
+        log("checked", f"all {count} photographs are as they were taken", photographs=count)
+
+
+def _plain(record: SessionRecord) -> dict[str, Any]:
+    from station.results import plain
+
+    return {"schema": "station/session/1", "folder": str(record.folder), "state": plain(asdict(record.state))}
+
+
+def _words(record: SessionRecord) -> str:
+    state = record.state
+    about = [
+        ("session", record.folder.name),
+        ("camera", state.camera),
+        ("lens", state.lens),
+        ("plan", state.plan),
+        ("begun", state.began[:19].replace("T", " ") + " UTC"),
+        ("steps done", ", ".join(state.done) or "none"),
+        ("ended", state.ended or "open"),
+    ]
+    parts = [columns(about)]
+    if state.facts:
+        parts.append(columns([("fact", "value"), *((name, _value(fact)) for name, fact in state.facts.items())]))
+    if state.shots:
+        parts.append(columns([SHOT_HEADING, *(_shot_row(shot) for shot in state.shots)]))
+    if state.results:
+        rows = [
+            (one.folder, one.step, " ".join(map(str, one.shots)), one.verdict, one.at[:16]) for one in state.results
+        ]
+        parts.append(columns([("result", "step", "from shots", "verdict", "at"), *rows]))
+    return "\n\n".join(parts)
+
+
+SHOT_HEADING = ("shot", "file", "step", "purpose", "counts", "why not")
+
+
+def _shot_row(shot: Shot) -> tuple[str, ...]:
+    counts = {True: "yes", False: "no", None: "not judged"}[shot.counts]
+    return str(shot.number), shot.path, shot.step, shot.purpose, counts, shot.reason
+
+
+def _value(fact: object) -> str:
+    return f"{fact:g}" if isinstance(fact, float) else str(fact)

@@ -1,0 +1,89 @@
+"""`station session trend`: whether a camera drifts."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from station.cli.columns import columns
+from station.cli.log import log, log_json_option
+from station.cli.session import sessions_option
+from station.cli.session_list import chosen, filter_options
+
+if TYPE_CHECKING:
+    from station.trend import Trend
+
+
+@click.command("trend")
+@click.argument("camera")
+@sessions_option
+@filter_options
+@click.option("--quantity", "quantities", multiple=True, help="By default mtf50_horizontal and mtf50_vertical.")
+@click.option("--out", type=click.Path(path_type=Path), help="Draw it into this file, .svg or .png.")
+@click.option("--json", "as_json", is_flag=True, help="Write points and lines as JSON to stdout.")
+@log_json_option
+def session_trend(
+    camera: str, root: Path, quantities: tuple[str, ...], out: Path | None, as_json: bool, **wanted: Any
+) -> None:
+    """How the numbers of CAMERA, as its sessions call it, change over time."""
+    from station.index import Index
+    from station.names import encodable
+    from station.trend import QUANTITIES, trends
+
+    with Index(root) as index:
+        found = trends(index.measured(chosen(camera=encodable(camera), **wanted), quantities or QUANTITIES))
+        known = index.names("cameras")
+    if as_json:
+        click.echo(json.dumps(_plain(camera, found), indent=1))
+    elif found:
+        click.echo(columns([HEADING, *(_row(one) for one in found)]))
+    else:
+        log(
+            "trend", f"no session of {camera} has such a number; cameras: {', '.join(known) or 'none'}", level="warning"
+        )
+    if out is not None:
+        _draw(camera, found, out)
+
+
+HEADING = ("lens", "plan", "plane", "quantity", "sessions", "first", "last", "change per year", "by chance", "finding")
+
+
+def _row(one: Trend) -> tuple[str, ...]:
+    from station.stated import stated
+
+    ends = [stated(point.value, point.uncertainty) for point in (one.points[0], one.points[-1])]
+    slope, chance = "-", "-"
+    if one.line is not None:
+        slope, chance = stated(one.line.slope, one.line.slope_uncertainty), f"{one.line.p_value:.2g}"
+    return one.lens, one.plan, one.plane, one.quantity, str(len(one.points)), *ends, slope, chance, one.finding
+
+
+def _draw(camera: str, found: list[Trend], out: Path) -> None:
+    from station.files import write_whole
+    from station.trend_figure import trend_picture
+
+    write_whole(out, trend_picture(camera, found, out))
+    log("written", f"wrote {out}", path=str(out))
+
+
+def _plain(camera: str, found: list[Trend]) -> dict[str, Any]:
+    from dataclasses import asdict
+
+    from station.results import plain
+
+    def entry(one: Trend) -> dict[str, Any]:
+        line = None if one.line is None else asdict(one.line)
+        points = [
+            {"session": p.folder.name, "began": p.began, "value": p.value, "uncertainty": p.uncertainty}
+            for p in one.points
+        ]
+        names = ("lens", "plan", "plane", "quantity", "unit", "drifts", "finding")
+        return {**{name: getattr(one, name) for name in names}, "points": points, "line": line}
+
+    told: dict[str, Any] = plain(
+        {"schema": "station/trend/1", "camera": camera, "trends": [entry(one) for one in found]}
+    )
+    return told

@@ -1,0 +1,36 @@
+"""Whatever goes wrong on a bench, a run ends in order, and the session keeps every photograph that was taken in."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+
+import pytest
+
+from simulators.bench import random_trouble
+from station.acquisition import Run
+from station.operator import Trouble
+from station.scripted import Scripted
+from station.session import Session
+
+from . import benches
+
+SEEDS = [int(os.environ["STATION_SCENARIO"])] if "STATION_SCENARIO" in os.environ else range(12)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_random_trouble_ends_in_order(tmp_path, seed):
+    faults, mishaps = random_trouble(seed)
+    operator = Scripted({"trouble": lambda ask: "try again" if operator.count("trouble") % 4 else "skip"})
+    with benches.quick_bench(tmp_path, faults=faults, mishaps=mishaps, seed=seed) as bench:
+        with benches.new_session(tmp_path, bench) as session:
+            ended = Run(benches.short_plan(), bench, session, operator).go()
+            assert ended.how in ("finished", "stopped")
+            shots = session.state.shots
+            folder = session.folder
+        assert all(event.reason and event.remedy for event in operator.heard if isinstance(event, Trouble))
+        for shot in shots:
+            assert hashlib.sha256((folder / shot.path).read_bytes()).hexdigest() == shot.sha256
+            assert shot.counts is not None or ended.how == "stopped"
+        with Session.open(folder, bench.clock) as again:
+            assert again.state.shots == shots
