@@ -11,8 +11,10 @@ from hypothesis import strategies as st
 
 from procedures.raw import Plane
 from station.glyphs import ASCII, UNICODE, glyphs_for, visible
+from station.operator import Doing
 from station.plots import GUTTER, Curve, Frame, plot
 from station.preview import Thumbnail, in_letters, lay_out, shrink, thumbnail
+from station.widgets import left_of, progress_in_words
 
 SIDES = st.integers(1, 40)
 
@@ -114,3 +116,15 @@ def test_no_character_steers_the_terminal(text):
 )
 def test_limited_terminals_get_plain_letters(environ, encoding, glyphs):
     assert glyphs_for(environ, encoding) is glyphs
+
+
+def test_the_time_left_follows_from_the_parts_done():
+    began, now = Doing("estimating", 0, 8), Doing("estimating", 2, 8)
+    assert left_of(began, began, 0.0) is None
+    assert left_of(began, now, 10.0) == pytest.approx(30.0)
+    assert "about 25 s left" in progress_in_words(now, 5.0, 30.0, UNICODE)
+    assert "2 of 8" in progress_in_words(now, 5.0, None, UNICODE)
+
+
+def test_time_that_is_told_is_counted_down():
+    assert "about 1 min 10 s left" in progress_in_words(Doing("homing", left_s=75.0), 5.0, 75.0, UNICODE)
