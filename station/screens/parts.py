@@ -29,6 +29,13 @@ class StationScreen(Screen[None]):
 
     COMMANDS_HERE: ClassVar[tuple[type[Command], ...]] = ()
 
+    class Ready(Message):
+        """Its parts are there: it can be told what to show."""
+
+        def __init__(self, screen: StationScreen) -> None:
+            super().__init__()
+            self.screen = screen
+
     def body(self) -> ComposeResult:
         """What is between title and devices."""
         raise NotImplementedError
@@ -43,6 +50,7 @@ class StationScreen(Screen[None]):
     def on_mount(self) -> None:
         """Show what the application knows already."""
         self.refresh_frame()
+        self.post_message(self.Ready(self))
 
     def on_screen_resume(self) -> None:
         """Show what has changed while another screen was shown."""
@@ -161,6 +169,11 @@ class AnswerBox(Vertical):
     def open(self) -> bool:
         """Whether a question waits."""
         return self._ask is not None
+
+    @property
+    def question(self) -> str:
+        """The question that waits; empty where none does."""
+        return self._ask.question if self._ask is not None else ""
 
     def tell(self, sentence: str) -> None:
         """No question: a sentence only."""
