@@ -99,6 +99,7 @@ class StationLab:
         self.sessions = sessions
         self.names = ("simulated camera", "simulated lens") if simulate else ("camera", "lens")
         self._config, self._simulate, self._seed = config, simulate, seed
+        self._tables: Mapping[str, Any] = {}
         self._opening = threading.Lock()
         self._bench: Bench | None = None
         self._opened: Opened | None = None
@@ -120,7 +121,8 @@ class StationLab:
             self._scratch = tempfile.TemporaryDirectory(prefix="station-", ignore_cleanup_errors=True)
             return simulated_bench(Path(self._scratch.name), seed=self._seed, virtual_time=self.virtual_time)
         if self._config is not None:
-            return make_bench(read_config(self._config), folder=self._config.resolve().parent)
+            self._tables = read_config(self._config)
+            return make_bench(self._tables, folder=self._config.resolve().parent)
         return None
 
     virtual_time = False
@@ -172,7 +174,9 @@ class StationLab:
         return self._run(session, operator)
 
     def _settings(self, bench: Bench | None) -> dict[str, Any]:
-        return {"simulate": self._simulate, "drivers": dict(bench.drivers) if bench is not None else {}}
+        """What a session freezes: how its bench was configured."""
+        drivers = dict(bench.drivers) if bench is not None else {}
+        return {"simulate": self._simulate, "drivers": drivers, "devices": self._tables}
 
     def _run(self, session: Session, operator: Operator) -> Running:
         from station.acquisition import Run
