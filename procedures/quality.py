@@ -304,11 +304,11 @@ def _widths(profiles: Array, s: int) -> Array:
     right, left = below & (at > peak), below & (at < peak)
     there = right.any(axis=1) & left.any(axis=1)
     high, low = right.argmax(axis=1), values.shape[1] - 1 - left[:, ::-1].argmax(axis=1)
-    width = _crossing(values, peak, high, high - 1) - _crossing(values, peak, low, np.minimum(low + 1, at[-1]))
+    width = _half_way(values, peak, high, high - 1) - _half_way(values, peak, low, np.minimum(low + 1, at[-1]))
     return np.asarray(np.where(there, width, np.nan) / (fine * s))
 
 
-def _crossing(values: Array, peak: Indices, outer: Indices, inner: Indices) -> Array:
+def _half_way(values: Array, peak: Indices, outer: Indices, inner: Indices) -> Array:
     """Where sections (b, n) fall to half of their value at `peak` (b, 1), between two samples (b,) of each."""
     rows = np.arange(len(values))
     half, beyond, before = values[rows, peak[:, 0]] / 2, values[rows, outer], values[rows, inner]

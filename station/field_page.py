@@ -10,7 +10,7 @@ import numpy as np
 from procedures.outcome import Verdict
 from station import field_figures
 from station.field import FieldResult, PlaneField
-from station.report import render
+from station.page import render
 
 READER = """\
 import h5py, numpy as np

@@ -293,7 +293,7 @@ def _tail(fit: Fit) -> Tail:
     energy = float(fit.light[TAIL]) / total
     # given h, the nuisance parameters are linear in it: t = (Z'Z)^-1 (Z'r - Z'A h)
     back = np.linalg.solve(equations.ZZ, np.eye(len(equations.ZZ))[GEOMETRY + TAIL])
-    C = inverse(equations.G)
+    C = cholesky_inverse(equations.G)
     with_h = -C @ (equations.AZ @ back)
     own = float(back[GEOMETRY + TAIL] - with_h @ (equations.AZ @ back))
     # both over the sum of h: d(t / S) = dt / S - t / S^2 sum(dh), d(h / S) = (I - h 1' / S) dh / S

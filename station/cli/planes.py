@@ -126,11 +126,11 @@ def write_result(
     return text
 
 
-def finish(found: Sequence[Calibrated[Any]], text: str, *, as_json: bool) -> None:
+def finish(records: Sequence[PlaneRecord], text: str, *, as_json: bool) -> None:
     """Write the record to stdout where it is wanted, and leave with the code of a refusal if a plane was refused."""
     if as_json:
         click.echo(text, nl=False)
-    if any(one.record.verdict == "refused" for one in found):
+    if any(record.verdict == "refused" for record in records):
         raise click.exceptions.Exit(REFUSED)
 
 

@@ -50,4 +50,4 @@ def psf_pattern(
         planes = tell_each(calibrate(frame, source.chart, parameters, limit))
         given = {**options, "chart": source.origin, **{k: v for k, v in optics.items() if v is not None}}
         text = write_result(folder, planes, "pattern", [frame], parameters=given, report=report, start=start)
-    finish(planes, text, as_json=as_json)
+    finish([one.record for one in planes], text, as_json=as_json)

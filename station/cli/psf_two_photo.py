@@ -31,4 +31,4 @@ def psf_two_photo(a: Path, b: Path, plane: str | None, out: Path, report: bool, 
         planes = tell_each(calibrate_pair(first, second, parameters, limit))
         given = {**options, **{k: v for k, v in optics.items() if v is not None}}
         text = write_result(folder, planes, "two-photo", [first, second], parameters=given, report=report, start=start)
-    finish(planes, text, as_json=as_json)
+    finish([one.record for one in planes], text, as_json=as_json)
