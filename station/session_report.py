@@ -18,7 +18,6 @@ from station.report import Line, PlaneSheet, Report, Shot, calibration_page
 from station.session_reading import SessionRecord, read_session, verify
 from station.session_state import State, replay
 
-
 UNITS = {"_m_s2": "m/s²", "_rad_s": "rad/s", "_mm": "mm", "_deg": "°", "_um": "µm", "_s": "s"}
 
 
