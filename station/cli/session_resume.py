@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from station.cli.errors import INTERRUPTED
 from station.cli.log import log_json_option
 from station.cli.session import find_session, session_argument
 
@@ -20,7 +19,6 @@ if TYPE_CHECKING:
     from station.session import Session
 
 CONFIG = Path("station.toml")
-EMERGENCY = 3
 
 
 @click.command("resume")
@@ -38,11 +36,10 @@ def session_resume(
     """Go on with SESSION at the first step that is not done; stages home again first."""
     from drivers.clock import SystemClock
     from station.acquisition import Run
-    from station.plain import Plain
+    from station.cli.guide import Watched, conduct
     from station.plans import plan_named
     from station.session import Session
     from station.session_reading import read_session
-    from station.signals import guarded
 
     record = read_session(folder := find_session(name, root))
     plan = plan_named(record.state.plan)
@@ -53,11 +50,9 @@ def session_resume(
         session = stack.enter_context(Session.open(folder, clock, without=without))
         if back_to is not None:
             _reopen(session, plan, back_to)
-        run = Run(plan, bench, session, Plain(sys.stdin, sys.stdout))
-        with guarded(run.stop_now, run.ask_to_stop):
-            ended = run.go()
-    if ended.how != "finished":
-        raise click.exceptions.Exit(EMERGENCY if ended.how == "emergency" else INTERRUPTED)
+        operator = Watched(sys.stdin, sys.stdout)
+        code = conduct(Run(plan, bench, session, operator), operator)
+    raise click.exceptions.Exit(code)
 
 
 def _reopen(session: Session, plan: Plan, name: str) -> None:
