@@ -52,7 +52,7 @@ from procedures.raw import RawFrame
 CHART = "chart.pdf"
 FEWEST, MOST = 3, 16
 """Shots: fewer cannot be tested for agreement."""
-WANTED = 0.003
+WANTED = 0.002
 """Standard uncertainty of MTF50 to reach in every plane, in cycles/pixel."""
 RING = (-2.0, -1.0, 0.0, 1.0, 2.0)
 """Small turns of the focus ring, from where autofocus or the eye put it; positive towards infinity."""
