@@ -75,9 +75,12 @@ def _give_up_awaited(session: Session) -> None:
 def _name_unfinished(session: Session) -> None:
     """A step that was begun and not finished begins anew: shots that count are used, trials are taken anew."""
     step = session.state.step
-    trials = sum(shot.step == step and shot.counts is False and not shot.lost for shot in session.state.shots)
-    say = f"the step {step} was not finished and begins again; its {trials} trial photographs are kept, and repeated"
-    if step and trials and say not in session.state.notices:
+    others = [shot for shot in session.state.shots if shot.step == step and not shot.counts and not shot.lost]
+    say = (
+        f"the step {step} was not finished and begins again; of its {len(others)} photographs that do not count so far, "
+        "trials will be taken again"
+    )
+    if step and others and say not in session.state.notices:
         session.notice(say)
 
 

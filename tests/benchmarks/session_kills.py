@@ -256,7 +256,7 @@ def complaints(root: Path, reference: Path) -> list[str]:
     exposed = sum(line[0] == "exposed" for line in log)
     said = {line[1] for line in log if line[0] == "heard"}
     noticed = [line for line in read_session(folder).contents.lines if line.event == "noticed"]
-    again = [line for line in noticed if "taken again" in line.data["say"]]
+    again = [line for line in noticed if "it will be taken again" in line.data["say"]]
     if exposed > len(state.shots) + len(again):
         found.append(f"{exposed} exposures, {len(state.shots)} shots, and only {len(again)} said to be repeated")
     if any(line.data["say"] not in said for line in again):

@@ -145,7 +145,7 @@ def test_trials_of_a_step_that_was_not_finished_are_said_to_be_repeated(session,
     session.judge(take(session, camera, step="focus"), False, "a trial")
     with again(session) as reopened:
         (notice,) = reopened.state.notices
-        assert "the step focus was not finished and begins again; its 1 trial" in notice
+        assert "the step focus was not finished and begins again; of its 1 photographs" in notice
         reopened.begin_step("focus")
         reopened.finish_step("focus")
         reopened.told()
