@@ -77,8 +77,8 @@ def _name_unfinished(session: Session) -> None:
     step = session.state.step
     others = [shot for shot in session.state.shots if shot.step == step and not shot.counts and not shot.lost]
     say = (
-        f"the step {step} was not finished and begins again; of its {len(others)} photographs that do not count so far, "
-        "trials will be taken again"
+        f"the step {step} was not finished and begins again; of its {len(others)} photographs that do not count so "
+        "far, trials will be taken again"
     )
     if step and others and say not in session.state.notices:
         session.notice(say)
