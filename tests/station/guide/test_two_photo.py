@@ -10,6 +10,7 @@ import numpy as np
 from drivers.clock import SystemClock
 from station.acquisition import Run
 from station.operator import Result, Seen
+from station.plans import plan_named
 from station.scripted import Scripted
 from station.session import Session
 from station.settling import Patience
