@@ -11,7 +11,7 @@ from procedures.plan import Advice, Look, Scan, Shoot
 from procedures.raw import RawFrame, read_frame
 from station.conversation import STOP, Conversation
 from station.exposing import Exposer, Taken, shot_facts
-from station.operator import CurveSeen, Seen, Stopped
+from station.operator import CurveSeen, Doing, Seen, Stopped
 from station.rig import AT, Rig
 from station.session import Session, Shot
 
@@ -147,6 +147,7 @@ class Watching:
         """Whether the shot counts, and why not; what it gives is added to the results."""
         advice = self._talk.attempt(lambda: shoot.check(taken.frame, taken.facts))
         if advice.good:
+            self._talk.hear(Doing(f"estimating from shot {taken.shot.number}", len(results), shoot.most))
             found = self._talk.attempt(lambda: shoot.estimate(taken.frame, taken.facts))
             refused = [one for one in found.values() if one.verdict is Verdict.REFUSED]
             if len(refused) < len(found):
