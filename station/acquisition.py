@@ -132,6 +132,8 @@ class Run:
         with suppress(ProcedureError):  # a full disk: the run ends all the same
             self._tell_notices()
             self._session.end(ended.how)
+        if self._rig.bench is not None:
+            self._rig.bench.log_wires(None)
         self._talk.hear(ended)
         return ended
 
@@ -139,6 +141,8 @@ class Run:
 
     def _prepare(self, *, resumed: bool) -> None:
         """Connect everything; after an interruption, bring the axes and the lamp back to where they were."""
+        if self._rig.bench is not None:
+            self._rig.bench.log_wires(self._session.wire_folder())
         for name in self._rig.unconnected():
             self._talk.doing(f"connecting the {name}")
             try:
