@@ -256,8 +256,13 @@ class Run:
 
     @_carry.register
     def _(self, estimate: Estimate) -> None:
-        self._talk.doing("estimating from all shots that count")
-        found = self._talk.attempt(lambda: derive(self._session, self.plan, self._step.name))
+        say = "estimating from all shots that count"
+        self._talk.doing(say)
+
+        def told(done: int, total: int) -> None:
+            self._talk.hear(Doing(say, done, total))
+
+        found = self._talk.attempt(lambda: derive(self._session, self.plan, self._step.name, told))
         verdicts = {name: outcome.verdict for name, outcome in found.outcomes.items()}
         numbers = {name: one.value.quality.numbers for name, one in found.outcomes.items() if one.value is not None}
         self._talk.hear(Result(found.folder, verdicts, found.verdict, found.reason, found.remedy, numbers))

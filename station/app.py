@@ -193,6 +193,8 @@ class StationApp(App[int]):
 
     @on(Ended)
     def _ended(self, message: Ended) -> None:
+        if not self.is_running:  # the screens are being taken down
+            return
         finished = message.finished
         handle = {
             "load": self._loaded,
@@ -290,17 +292,22 @@ class StationApp(App[int]):
         from station.screens.guide import GuideScreen
 
         self._wanted, self._alarm = None, ""
+        self._sitting = Sitting(begin, lambda: self._post(self.News()), self.lab.emergency_stop)
         if self._guide is None:
             self._guide = GuideScreen()
             self.push_screen(self._guide, mode=GUIDE)
-        self.call_after_refresh(self._guide.begin, "Opening the session and the bench.")
-        self._sitting = Sitting(begin, lambda: self._post(self.News()), self.lab.emergency_stop)
-        self.call_after_refresh(self._start_run)  # the guide must be there when the first news come
+        else:
+            self._start_run()
+
+    @on(StationScreen.Ready)
+    def _screen_is_ready(self, message: StationScreen.Ready) -> None:
+        if message.screen is self._guide:
+            self._start_run()
 
     def _start_run(self) -> None:
-        sitting = self._sitting
-        if sitting is not None:
-            self._start("run", sitting.work, ask=sitting.ask, halt=sitting.halt)
+        if self._sitting is not None and self._guide is not None:
+            self._guide.begin("Opening the session and the bench.")
+            self._start("run", self._sitting.work, ask=self._sitting.ask, halt=self._sitting.halt)
             self.refresh_frame()
 
     @on(News)
@@ -317,6 +324,8 @@ class StationApp(App[int]):
         from station.desk import Question
         from station.operator import RunBegan
 
+        if not self.is_running:
+            return
         self._drain_is_due, self._shown_s = False, time.monotonic()
         guide, sitting = self._guide, self._sitting
         for news in sitting.desk.take() if sitting is not None and guide is not None else ():
@@ -469,7 +478,8 @@ class StationApp(App[int]):
 
     def refresh_frame(self) -> None:
         """Bring the screen that is shown up to date."""
-        self.front.refresh_frame()
+        if self.is_running:
+            self.front.refresh_frame()
 
     def fill_frame(self, shown: StationScreen) -> None:
         """Title, devices and keys of a screen as they are now."""

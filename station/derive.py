@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,10 +32,32 @@ class Derivation:
     remedy: str
 
 
-def derive(session: Session, plan: Plan, step: str) -> Derivation:
+Counted = Callable[[int, int], None]
+
+
+def uncounted(done: int, total: int) -> None:
+    """Nobody counts."""
+
+
+class Told(Sequence[RawFrame]):
+    """Frames that tell when an estimate turns to the next one: how far it is, without the estimate's doing."""
+
+    def __init__(self, frames: Sequence[RawFrame], progress: Counted) -> None:
+        self._frames, self._progress = frames, progress
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    def __getitem__(self, index: Any) -> Any:
+        if isinstance(index, int) and 0 <= index < len(self):
+            self._progress(index, len(self))
+        return self._frames[index]
+
+
+def derive(session: Session, plan: Plan, step: str, progress: Counted = uncounted) -> Derivation:
     """Estimate from the session's counting photographs, write the result and keep it. Raises ProcedureError."""
     start_s, state = session.clock.now_s(), session.state
-    outcomes = compute(session.folder, state, plan, session.result_folder()).outcomes
+    outcomes = compute(session.folder, state, plan, session.result_folder(), progress).outcomes
     verdict, reason, remedy = verdict_of_planes(outcomes)
     duration_s = session.clock.now_s() - start_s
     numbers = [shot.number for shot in state.counting()]
@@ -53,8 +75,12 @@ class Computed:
     records: Sequence[PlaneRecord]
 
 
-def compute(folder: Path, state: State, plan: Plan, into: Path | None = None) -> Computed:
+def compute(
+    folder: Path, state: State, plan: Plan, into: Path | None = None, progress: Counted = uncounted
+) -> Computed:
     """The result of a session in this state, written into a folder; the same files, bit for bit, at every call.
+
+    `progress` hears of every photograph that an estimate begins with, and of how many there are.
 
     Raises
     ------
@@ -64,7 +90,7 @@ def compute(folder: Path, state: State, plan: Plan, into: Path | None = None) ->
     shots = state.counting()
     frames = [read_frame(inside(folder, shot.path)) for shot in shots]
     with same_bits():
-        outcomes = estimate_of(plan).estimate(frames, state.facts)
+        outcomes = estimate_of(plan).estimate(Told(frames, progress), state.facts)
         numbers = numbers_of(plan.name)
         records = [plane_record(frames[0].planes[name], outcome, numbers) for name, outcome in outcomes.items()]
         if into is not None:

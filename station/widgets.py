@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 GREYS = 32
 """Levels told apart in half blocks; runs of one level are one segment."""
+PLAIN = Style()  # Textual's filter for NO_COLOR wants a style on every segment
 MARK = Style(color="black", bgcolor="yellow", bold=True)
 BAR = 16
 """Cells of the progress bar."""
@@ -94,7 +95,7 @@ class Drawn(Widget):
 
     def render_line(self, y: int) -> Strip:
         """One of the lines."""
-        strip = self._strips[y] if y < len(self._strips) else Strip.blank(self.size.width)
+        strip = self._strips[y] if y < len(self._strips) else _text_strip("")
         return strip.adjust_cell_length(self.size.width, self.rich_style).apply_style(Style(bgcolor=None))
 
 
@@ -152,7 +153,7 @@ class CurveView(Drawn):
 
 
 def _text_strip(text: str) -> Strip:
-    return Strip([Segment(text)])
+    return Strip([Segment(text, PLAIN)])
 
 
 # --- the guide's parts -------------------------------------------------------------------------------------------
@@ -218,6 +219,7 @@ class ProgressLine(Part):
         self._clock = clock
         self._doing: Doing | None = None
         self._since_s = 0.0
+        self._first: tuple[Doing, float] | None = None
 
     def on_mount(self) -> None:
         """Tick: a sentence that stands still looks like a program that does."""
@@ -225,7 +227,10 @@ class ProgressLine(Part):
 
     def show(self, doing: Doing | None) -> None:
         """Another thing happens; None: nothing does."""
-        self._doing, self._since_s = doing, self._clock()
+        now_s = self._clock()
+        if doing is not None and (self._first is None or self._first[0].say != doing.say):
+            self._first = doing, now_s
+        self._doing, self._since_s = doing, now_s
         self.tick()
         if doing is None:
             self.update("")
@@ -238,18 +243,29 @@ class ProgressLine(Part):
 
     def tick(self) -> None:
         """Bring the times up to date."""
-        if self._doing is not None:
-            self.update(literal(progress_in_words(self._doing, self._clock() - self._since_s, self.glyphs)))
+        if self._doing is not None and self._first is not None:
+            first, began_s = self._first
+            elapsed_s = self._clock() - self._since_s
+            left_s = left_of(first, self._doing, self._since_s - began_s)
+            self.update(literal(progress_in_words(self._doing, elapsed_s, left_s, self.glyphs)))
 
 
-def progress_in_words(doing: Doing, elapsed_s: float, glyphs: Glyphs) -> str:
+def left_of(first: Doing, doing: Doing, took_s: float) -> float | None:
+    """The time that the rest takes if it goes on as from `first` to `doing`; None where that cannot be told."""
+    parts = doing.done - first.done
+    if doing.left_s is not None or parts <= 0 or doing.total <= 0:
+        return doing.left_s
+    return took_s / parts * (doing.total - doing.done)
+
+
+def progress_in_words(doing: Doing, elapsed_s: float, left_s: float | None, glyphs: Glyphs) -> str:
     """A bar where parts are counted, the sentence, and the times."""
     words = [doing.say]
     if doing.total > 0:
         filled = min(BAR, doing.done * BAR // doing.total)
         words = [glyphs.full * filled + glyphs.empty * (BAR - filled), f"{doing.done} of {doing.total}", doing.say]
-    if doing.left_s is not None:
-        words.append(f"about {seconds_in_words(max(0.0, doing.left_s - elapsed_s))} left")
+    if left_s is not None:
+        words.append(f"about {seconds_in_words(max(0.0, left_s - elapsed_s))} left")
     elif elapsed_s >= 2:
         words.append(f"for {seconds_in_words(elapsed_s)}")
     return "  ".join(words)

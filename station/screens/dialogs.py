@@ -14,6 +14,7 @@ from station.commands import Command
 from station.screens.parts import Choices
 from station.widgets import Part, lines_of, literal
 
+HEAD = "Help: Escape closes this, the arrows scroll it"
 INTRODUCTION = """\
 The guide (F2) leads from the printed chart to the report, one step at a time. At the bottom it always says what to do \
 next; Enter says that it is done. The rail on the left shows which steps are done, which one is now, which are to do.
@@ -47,13 +48,12 @@ class Help(Dialog):
         with Vertical(), VerticalScroll():
             yield Part(id="introduction")
             yield Part(id="help-keys")
-            yield Part("Escape closes this; the arrows scroll it.")
         self._lines = keys
 
     def on_mount(self) -> None:
         """Fill it in."""
         paragraphs = INTRODUCTION.split("\n")
-        self.query_one("#introduction", Part).update(lines_of(literal("Help", "bold"), *paragraphs, ""))
+        self.query_one("#introduction", Part).update(lines_of(literal(HEAD, "bold"), *paragraphs, ""))
         self.query_one("#help-keys", Part).update(lines_of(*self._lines, ""))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import singledispatchmethod
 from typing import TYPE_CHECKING, ClassVar
 
@@ -29,6 +30,8 @@ ENDINGS = {
     "stopped": "The run was ended. What was taken is kept.",
     "emergency": "Everything was stopped. Look at the bench first. Going on homes the stages.",
 }
+MARGIN = 0.2
+"""Above and below a curve, as a share of its height."""
 AFTER_THE_END: dict[str, type[Command]] = {"see the results": ShowResults, "another session": NewSession}
 AFTER_A_STOP: dict[str, type[Command]] = {"go on where it stopped": GoOn, "another session": NewSession}
 
@@ -61,6 +64,7 @@ class GuideScreen(StationScreen):
         self._now: str | None = None
         self._at_rest = False
         self._doing_last = False
+        self._verdict: tuple[str, ...] = ()
 
     def body(self) -> ComposeResult:
         """Rail, step, progress, what to do next."""
@@ -118,10 +122,11 @@ class GuideScreen(StationScreen):
         self._now = began.step.name
         self._done = tuple(name for name in self._done if name != self._now)
         self.query_one("#trouble", Part).say("")
-        self.query_one(Readings).show(())
-        self._show_curve(None)
-        words = lines_of(literal(began.step.title, "bold"), began.step.instruction)
-        self.query_one("#instruction", Part).update(words)
+        words = (literal(began.step.title, "bold"), began.step.instruction)
+        self.query_one("#instruction", Part).update(lines_of(*words, *self._verdict))
+        if not self._verdict:
+            self.query_one(Readings).show(())
+            self._show_curve(None)
         self._show_rail()
 
     @show.register
@@ -139,7 +144,7 @@ class GuideScreen(StationScreen):
 
     @show.register
     def _(self, seen: Glimpse) -> None:
-        self._doing_last = False
+        self._doing_last, self._verdict = False, ()
         self.query_one(Picture).show(seen.picture)
         self.query_one(Readings).show(seen.advice.readings)
         if not self.answers.open:
@@ -149,10 +154,11 @@ class GuideScreen(StationScreen):
     def _(self, curve: CurveSeen) -> None:
         x, y = np.array(curve.places, dtype=float), np.array(curve.scores, dtype=float)
         known = y[np.isfinite(y)]
-        top = float(known.max()) * 1.1 if len(known) else 1.0
+        low, top = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
+        room = MARGIN * (top - low) or MARGIN
         span = (float(x.min()), float(x.max())) if len(x) > 1 else (float(x[0]) - 1, float(x[0]) + 1)
         drawn = [Curve(x, y), Curve(x, y, letter="o", points=True)]
-        frame = Frame(span, (0.0, top or 1.0), f"sharpness over {curve.axis}")
+        frame = Frame(span, (low - room, top + room), f"sharpness over {curve.axis}")
         self._show_curve(lambda width, height, ascii: plot(drawn, frame, width, height, ascii=ascii))
 
     @show.register
@@ -164,9 +170,9 @@ class GuideScreen(StationScreen):
     def _(self, judged: Judged) -> None:
         result = judged.result
         planes = [f"{name}: {verdict_words(verdict, self.glyphs)}" for name, verdict in result.verdicts.items()]
-        words = [f"Verdict: {verdict_words(result.verdict, self.glyphs)}", "   ".join(planes)]
-        words += [text for text in (result.reason, result.remedy) if text]
-        self.query_one("#instruction", Part).update(lines_of(literal(words[0], "bold"), *words[1:]))
+        words = [f"{verdict_words(result.verdict, self.glyphs)}   {'   '.join(planes)}", result.reason, result.remedy]
+        self._verdict = tuple(text for text in words if text)
+        self.query_one("#instruction", Part).update(lines_of(literal("Result", "bold"), *self._verdict))
         self.query_one(Readings).show(())
         shown = [plane for plane in (judged.shown.planes.values() if judged.shown else ()) if plane.h is not None]
         if shown and shown[0].h is not None:
@@ -188,20 +194,21 @@ class GuideScreen(StationScreen):
     @show.register
     def _(self, ended: RunEnded) -> None:
         report = f" The report is {ended.report}." if ended.report else ""
-        self.rest(ENDINGS.get(ended.how, "The run has ended.") + report)
-        if ended.how == "finished":
+        finished = ended.how == "finished"
+        self.rest(ENDINGS.get(ended.how, "The run has ended.") + report, AFTER_THE_END if finished else AFTER_A_STOP)
+        if finished:
             self.app.bell()
 
     def fail(self, problem: Problem) -> None:
         """The run could not begin, or broke off."""
         self.query_one("#trouble", Part).say(f"{self.glyphs.bad} {problem.reason}. {problem.remedy}.", "bold")
-        self.rest("The run broke off. What was taken is kept.")
+        self.rest("The run broke off. What was taken is kept.", AFTER_A_STOP)
 
-    def rest(self, sentence: str) -> None:
+    def rest(self, sentence: str, offers: Mapping[str, type[Command]]) -> None:
         """Nothing runs: what can be done next."""
         self._now, self._at_rest = None, True
         self.query_one(ProgressLine).show(None)
-        self.answers.offer(sentence, AFTER_THE_END if self.finished else AFTER_A_STOP)
+        self.answers.offer(sentence, offers)
         self._show_rail()
         self.refresh_frame()
 

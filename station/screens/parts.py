@@ -29,6 +29,13 @@ class StationScreen(Screen[None]):
 
     COMMANDS_HERE: ClassVar[tuple[type[Command], ...]] = ()
 
+    class Ready(Message):
+        """Its parts are there: it can be told what to show."""
+
+        def __init__(self, screen: StationScreen) -> None:
+            super().__init__()
+            self.screen = screen
+
     def body(self) -> ComposeResult:
         """What is between title and devices."""
         raise NotImplementedError
@@ -43,6 +50,7 @@ class StationScreen(Screen[None]):
     def on_mount(self) -> None:
         """Show what the application knows already."""
         self.refresh_frame()
+        self.post_message(self.Ready(self))
 
     def on_screen_resume(self) -> None:
         """Show what has changed while another screen was shown."""
@@ -73,6 +81,13 @@ class Choices(Part, can_focus=True):
         def __init__(self, choices: Choices, index: int) -> None:
             super().__init__()
             self.choices, self.index = choices, index
+
+    class Beyond(Message):
+        """An arrow was pressed at the end of the list: by how much it would have led beyond."""
+
+        def __init__(self, by: int) -> None:
+            super().__init__()
+            self.by = by
 
     class Moved(Message):
         """Another one is chosen, and not taken yet."""
@@ -117,8 +132,7 @@ class Choices(Part, can_focus=True):
         before, self.at = self.at, min(max(self.at + by, 0), max(len(self.lines) - 1, 0))
         self._show()
         self.scroll_visible(animate=False)
-        if self.at != before:
-            self.post_message(self.Moved(self.at))
+        self.post_message(self.Moved(self.at) if self.at != before else self.Beyond(by))
 
     def action_take(self) -> None:
         """The one that is chosen."""
@@ -161,6 +175,11 @@ class AnswerBox(Vertical):
     def open(self) -> bool:
         """Whether a question waits."""
         return self._ask is not None
+
+    @property
+    def question(self) -> str:
+        """The question that waits; empty where none does."""
+        return self._ask.question if self._ask is not None else ""
 
     def tell(self, sentence: str) -> None:
         """No question: a sentence only."""

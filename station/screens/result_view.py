@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from procedures.outcome import Quantity
 from station.glyphs import Glyphs
 from station.plots import Curve, Frame, plot
 from station.shown_result import Change, ShownPlane
@@ -52,7 +53,7 @@ def plane_in_words(plane: ShownPlane, glyphs: Glyphs) -> list[str]:
         if key in plane.numbers:
             one = plane.numbers[key]
             value = stated(one.value, one.uncertainty).replace("±", glyphs.plus_minus)
-            lines.append(f"{words:14} {value} {one.unit}")
+            lines.append(f"{words:14} {value} {_unit(one)}")
     return lines
 
 
@@ -65,5 +66,9 @@ def changes_in_words(found: Sequence[Change], glyphs: Glyphs) -> list[str]:
             one = by_name[key]
             pair = " | ".join(stated(q.value, q.uncertainty) for q in (one.one, one.other))
             apart = "" if np.isnan(one.sigmas) else f"  apart by {abs(one.sigmas):.1f} sigma"
-            lines.append(f"{words:14} {pair.replace('±', glyphs.plus_minus)} {one.one.unit}{apart}")
+            lines.append(f"{words:14} {pair.replace('±', glyphs.plus_minus)} {_unit(one.one)}{apart}")
     return lines
+
+
+def _unit(one: Quantity) -> str:
+    return "" if one.unit == "1" else one.unit

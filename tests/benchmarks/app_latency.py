@@ -192,9 +192,8 @@ def main() -> None:
         photographs, told, how = sys.argv[2:]
         child(Path(photographs), Path(told), how == "busy")
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else ROOT.parent / "shared" / "data")
-    print(
-        f"Python {platform.python_version()}, {platform.machine()}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}"
-    )
+    machine = f"{platform.machine()}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}"
+    print(f"Python {platform.python_version()}, {machine}")
     starts()
     for busy in (False, True):
         keys(folder / "pattern_photo", busy)

@@ -76,7 +76,8 @@ class FakeRun:
 
     def __init__(self, script: Script, operator: Desk, folder: Path, done: tuple[str, ...]) -> None:
         self.script, self.operator, self.folder, self.done = script, operator, folder, done
-        self.asked, self.halted = threading.Event(), threading.Event()
+        self.asked, self.halted, self.may_end = threading.Event(), threading.Event(), threading.Event()
+        self.answers: list[Any] = []
 
     def go(self) -> RunEnded:
         self.operator.hear(RunBegan(PLAN, self.folder, self.done))
@@ -157,3 +158,9 @@ class FakeLab:
 
 def doing(say: str) -> Doing:
     return Doing(say, 2, 5, 12.0)
+
+
+def chosen_step(run: FakeRun, *tells: Any) -> RunEnded:
+    """A run of one step."""
+    run.answers = run.step("print", *tells)
+    return RunEnded("finished")

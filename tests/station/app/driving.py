@@ -1,0 +1,69 @@
+"""Driving the application with keys, and its screen as plain text."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import time
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+
+from textual.pilot import Pilot
+
+from station.app import StationApp
+
+SCREENS = Path(__file__).parent / "screens"
+WRITE = "STATION_WRITE_SCREENS"
+"""Where this is set in the environment, the stored screens are written instead of compared."""
+PATIENCE_S = 20.0
+
+
+class Driver:
+    """An application, its keys and its screen."""
+
+    def __init__(self, app: StationApp, pilot: Pilot[int]) -> None:
+        self.app, self.pilot = app, pilot
+
+    @property
+    def text(self) -> str:
+        """The screen as lines of plain text."""
+        strips = self.app.screen._compositor.render_strips()
+        return "\n".join("".join(segment.text for segment in strip).rstrip() for strip in strips)
+
+    @property
+    def words(self) -> str:
+        """The screen's words, as if its lines had not been broken."""
+        return " ".join(self.text.split())
+
+    async def press(self, *keys: str) -> None:
+        await self.pilot.press(*keys)
+
+    async def until(self, what: str | Callable[[], object]) -> None:
+        """Wait until a text is on the screen, or something holds."""
+        end = time.monotonic() + PATIENCE_S
+        while not (what in self.text or what in self.words if isinstance(what, str) else what()):
+            assert time.monotonic() < end, f"waited in vain for {what}; the screen is\n{self.text}"
+            await self.pilot.pause(0.01)
+
+    async def begin(self) -> None:
+        """From the first screen into a run, by Enter alone."""
+        await self.until("press Enter to begin")
+        await self.press("enter", "enter", "enter")
+
+    async def looks_like(self, name: str) -> None:
+        """Compare with the stored screen, once the application is idle."""
+        await self.pilot.pause(0.1)
+        stored = SCREENS / f"{name}.txt"
+        if os.environ.get(WRITE):
+            stored.write_text(self.text + "\n", encoding="utf-8")
+        assert self.text + "\n" == stored.read_text(encoding="utf-8")
+
+
+def drive(app: StationApp, use: Callable[[Driver], Awaitable[None]], size: tuple[int, int] = (80, 24)) -> None:
+    """Run the application in a terminal of that size and do something with it."""
+
+    async def run() -> None:
+        async with app.run_test(size=size, notifications=True) as pilot:
+            await use(Driver(app, pilot))
+
+    asyncio.run(run())

@@ -1,0 +1,142 @@
+"""What holds on every screen: the emergency stop, help, commands by name, strings that mean harm."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import pytest
+
+from procedures.plan import Ask
+from station.app import StationApp
+from station.commands import BENCH, BY_NAME, EVERYWHERE, GUIDE, RESULTS
+from station.lab import Kept
+from station.operator import Doing, RunEnded
+
+from .driving import Driver, drive
+from .fakes import FakeLab, FakeRun, chosen_step
+
+ASK = Ask("width", "How wide?", "number", default=1.0)
+HOSTILE = "[bold red]x[/] \x1b[31mred\x1b[0m \u202egpj.exe \x07 [@click=app.quit]q[/]"
+
+
+@pytest.mark.parametrize("screen", ["guide", "f1", "f3", "f4", "ctrl+p", "ctrl+q"])
+@pytest.mark.parametrize("stop", ["f12", "ctrl+x"])
+def test_the_emergency_stop_is_heard_everywhere(tmp_path, screen, stop):
+    lab = FakeLab(tmp_path, lambda run: chosen_step(run, ASK))
+
+    async def use(driver: Driver) -> None:
+        await driver.begin()
+        await driver.until("How wide?")
+        if screen != "guide":
+            await driver.press(screen)
+        await driver.press(stop)
+        await driver.until(lambda: lab.stage.stops)
+        await driver.until(lambda: driver.app.running("run") is None)
+
+    drive(StationApp(lab), use)
+
+
+def test_the_stop_waits_for_no_one(tmp_path):
+    lab, held = FakeLab(tmp_path, lambda run: chosen_step(run, ASK)), threading.Event()
+    lab.stage.move_to = lambda **target: held.wait(20)  # type: ignore[method-assign]
+
+    async def use(driver: Driver) -> None:
+        await driver.until("press Enter to begin")
+        await driver.press("f3", "right", "right", "f12")
+        await driver.until(lambda: lab.stage.stops)
+        await driver.until("EMERGENCY STOP")
+        held.set()
+
+    drive(StationApp(lab), use)
+
+
+@pytest.mark.parametrize("screen", ["f2", "f3", "f4"])
+def test_help_and_palette_tell_of_every_command_of_the_screen(tmp_path, screen):
+    async def use(driver: Driver) -> None:
+        await driver.until("press Enter to begin")
+        await driver.press(*(() if screen == "f2" else (screen,)))
+        offered = driver.app.offered()
+        assert offered
+        await driver.press("f1")
+        await driver.until("Escape closes this")
+        await driver.press("escape", "ctrl+p")
+        await driver.until("Search for commands")
+        await driver.press(*"show help", "enter", "enter")
+        await driver.until("The guide (F2) leads")
+
+    drive(StationApp(FakeLab(tmp_path, lambda run: RunEnded("finished"))), use)
+
+
+def test_every_command_says_what_it_does_and_no_key_is_taken_twice():
+    for place in (GUIDE, BENCH, RESULTS):
+        commands = (*place, *EVERYWHERE)
+        keys = [key for command in commands for key in command.keys.split(",")]
+        assert len(keys) == len(set(keys))
+    assert all(command.help().endswith((".", "away.")) and command.title() for command in BY_NAME.values())
+
+
+def test_hostile_strings_show_as_text(tmp_path):
+    kept = Kept(tmp_path / HOSTILE.replace("/", ""), "pattern", HOSTILE, HOSTILE, HOSTILE, (), HOSTILE)
+
+    def script(run: FakeRun) -> RunEnded:
+        return chosen_step(run, Doing(HOSTILE), Ask("k", HOSTILE, "choice", choices=(HOSTILE, "b")))
+
+    async def use(driver: Driver) -> None:
+        await driver.until("[bold red]x[/] \\x1b[31mred")
+        await driver.press("enter", "enter", "enter")
+        await driver.until("\\u202egpj.exe \\x07")
+        assert "[@click=app.quit]q[/]" in driver.text
+        assert not set(driver.text) & {"\x1b", "\x07", "\u202e"}
+
+    lab = FakeLab(tmp_path, script, [kept])
+    lab.names = (HOSTILE, HOSTILE)
+    drive(StationApp(lab), use, (160, 40))
+
+
+def test_leaving_asks_first_when_a_run_goes(tmp_path):
+    lab = FakeLab(tmp_path, lambda run: chosen_step(run, ASK))
+
+    async def use(driver: Driver) -> None:
+        await driver.begin()
+        await driver.until("How wide?")
+        await driver.press("ctrl+q")
+        await driver.until("Something is running")
+        await driver.press("enter")
+        assert driver.app.running("run")
+        await driver.press("ctrl+q")
+        await driver.until("quit after this exposure")
+        await driver.press("2")
+        await driver.until(lambda: driver.app.return_value == 0)
+
+    drive(StationApp(lab), use)
+
+
+def test_the_first_paint_needs_neither_numpy_nor_bench(tmp_path):
+    """Start to first screen: what is slow to load is loaded after it."""
+    import subprocess
+    import sys
+
+    code = "import sys, station.app, station.cli.app; print([m for m in ('numpy', 'numba', 'cv2') if m in sys.modules])"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip() == "[]"
+
+
+def test_the_loop_goes_on_while_a_run_computes(tmp_path):
+    """Keys are answered while a run holds a processor: the run's thread is not the loop's."""
+    end = threading.Event()
+
+    def busy(run: FakeRun) -> RunEnded:
+        run.operator.hear(Doing("computing"))
+        stop = time.monotonic() + 20
+        while not end.is_set() and time.monotonic() < stop:
+            sum(range(1000))
+        return RunEnded("finished")
+
+    async def use(driver: Driver) -> None:
+        await driver.begin()
+        await driver.until("computing")
+        await driver.press("f3")
+        await driver.until("Move by hand")
+        end.set()
+
+    drive(StationApp(FakeLab(tmp_path, busy)), use)

@@ -1,0 +1,272 @@
+"""The guide, driven by keys, with runs that are scripts."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from drivers.errors import MoveFailed
+from procedures.plan import Ask
+from station.app import StationApp
+from station.glyphs import ASCII, UNICODE
+from station.lab import Kept
+from station.operator import CurveSeen, Doing, RunEnded, Stopped, Trouble
+
+from .driving import Driver, drive
+from .fakes import STEPS, FakeLab, FakeRun, chosen_step, doing, seen
+
+WIDTH = Ask("width", "How wide is the chart?", "number", unit="mm", low=50, high=2000, default=300.0)
+MOVED = Ask("moved", "Move the camera back 0.42 m.")
+VERDICT = Ask("verdict", "Accept the result?", "choice", default="accept", choices=("accept", "retake"))
+BOTH = pytest.mark.parametrize("size", [(80, 24), (120, 40)], ids=["80x24", "120x40"])
+
+
+def whole(run: FakeRun) -> RunEnded:
+    run.answers = [
+        *run.step("print", WIDTH),
+        *run.step("distance", seen(), MOVED),
+        *run.step("focus", CurveSeen("z_mm", (0.0, 1.0, 2.0), (0.2, 0.5, 0.3)), VERDICT),
+        *run.step("shots"),
+    ]
+    return RunEnded("finished", Path("sessions/one/report.html"))
+
+
+@BOTH
+def test_enter_alone_leads_from_the_first_screen_to_the_report(tmp_path, size):
+    lab = FakeLab(tmp_path, whole)
+
+    async def use(driver: Driver) -> None:
+        await driver.begin()
+        for question in (WIDTH.question, MOVED.question, VERDICT.question):
+            await driver.until(question)
+            await driver.press("enter")
+        await driver.until("sessions/one/report.html")
+        await driver.press("enter")
+        await driver.until("There is no result yet")
+
+    drive(StationApp(lab), use, size)
+    assert lab.begun == [("pattern", "my camera", "my lens")]
+    assert lab.runs[0].answers == [300.0, True, "accept"]
+
+
+@BOTH
+@pytest.mark.parametrize("glyphs", [UNICODE, ASCII], ids=["unicode", "ascii"])
+def test_the_screen_shows_steps_numbers_picture_devices_and_what_to_do(tmp_path, size, glyphs):
+    async def use(driver: Driver) -> None:
+        await driver.begin()
+        await driver.until(WIDTH.question)
+        await driver.press("enter")
+        await driver.until(MOVED.question)
+        await driver.looks_like(f"guide-{size[0]}-{'ascii' if glyphs.ascii else 'unicode'}")
+
+    drive(StationApp(FakeLab(tmp_path, whole), glyphs), use, size)
+
+
+def test_the_guide_works_without_colours(tmp_path, monkeypatch):
+    monkeypatch.setenv("NO_COLOR", "1")
+
+    async def use(driver: Driver) -> None:
+        await driver.begin()
+        for question in (WIDTH.question, MOVED.question, VERDICT.question):
+            await driver.until(question)
+            await driver.press("enter")
+        await driver.until("report.html")
+        await driver.press("enter")
+        await driver.until("There is no result yet")
+
+    app = StationApp(FakeLab(tmp_path, whole))
+    assert app.glyphs is ASCII
+    drive(app, use)
+
+
+def test_an_ascii_screen_has_nothing_but_ascii(tmp_path):
+    async def use(driver: Driver) -> None:
+        await driver.begin()
+        await driver.until(WIDTH.question)
+        await driver.press("enter")
+        await driver.until(MOVED.question)
+        await driver.press("enter")
+        await driver.until(VERDICT.question)
+        assert driver.text.replace("\N{NO-BREAK SPACE}", " ").isascii(), driver.text
+
+    drive(StationApp(FakeLab(tmp_path, whole), ASCII), use)
+
+
+def test_a_number_outside_its_limits_is_asked_for_again(tmp_path):
+    lab = FakeLab(tmp_path, whole)
+
+    async def use(driver: Driver) -> None:
+        await driver.begin()
+        await driver.until(WIDTH.question)
+        await driver.press("end", *["backspace"] * 3, "7", "enter")
+        await driver.until("between 50 and 2000 mm")
+        await driver.press("backspace", *"200", "enter")
+        await driver.until(MOVED.question)
+
+    drive(StationApp(lab), use)
+
+
+def test_a_choice_is_taken_by_its_number(tmp_path):
+    lab = FakeLab(tmp_path, lambda run: chosen_step(run, VERDICT))
+
+    async def use(driver: Driver) -> None:
+        await driver.begin()
+        await driver.until("2\N{NO-BREAK SPACE}retake")
+        await driver.press("2")
+        await driver.until(lambda: lab.runs[0].answers)
+
+    drive(StationApp(lab), use)
+    assert lab.runs[0].answers == ["retake"]
+
+
+def test_trouble_says_what_happened_and_what_to_do(tmp_path):
+    trouble = Trouble("the stage did not answer", "check its cable")
+    ask = Ask("trouble", "What now?", "choice", default="try again", choices=("try again", "skip", "stop"))
+
+    async def use(driver: Driver) -> None:
+        await driver.begin()
+        await driver.until("the stage did not answer. check its cable.")
+        await driver.until("try again")
+
+    drive(StationApp(FakeLab(tmp_path, lambda run: run.step("print", trouble, ask) and RunEnded("finished"))), use)
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (MoveFailed("z_mm stands at 3 mm, was sent to 9", "free the rail"), "z_mm stands at 3 mm"),
+        (ZeroDivisionError("division by zero"), "ZeroDivisionError"),
+    ],
+)
+def test_what_breaks_a_run_is_a_sentence(tmp_path, error, words):
+    def broken(run: FakeRun) -> RunEnded:
+        raise error
+
+    async def use(driver: Driver) -> None:
+        await driver.begin()
+        await driver.until(words)
+        await driver.until("What was taken is kept")
+        assert "Traceback" not in driver.text
+
+    drive(StationApp(FakeLab(tmp_path, broken)), use)
+
+
+def patient(run: FakeRun) -> RunEnded:
+    """Exposes until it is asked to stop, then ends the exposure it is at when told to."""
+    run.step("print", doing("exposing"))
+    run.asked.wait(20)
+    run.may_end.wait(20)
+    raise Stopped
+
+
+def test_work_is_ended_after_this_exposure_then_gone_on_with(tmp_path):
+    lab = FakeLab(tmp_path, patient)
+
+    async def use(driver: Driver) -> None:
+        await driver.begin()
+        await driver.until("2 of 5")
+        await driver.until("about 1")  # seconds left of 12
+        await driver.press("ctrl+c")
+        await driver.until("Ending after this exposure")
+        assert not lab.runs[0].halted.is_set()
+        lab.runs[0].may_end.set()
+        await driver.until("go on where it stopped")
+        await driver.press("enter")
+        await driver.until(lambda: len(lab.runs) == 2)
+        lab.runs[1].may_end.set()
+        await driver.press("ctrl+c")
+        await driver.until("go on where it stopped")
+
+    drive(StationApp(lab), use)
+    assert lab.begun[1] == (tmp_path / "one", None)
+    assert lab.stage.stops == 0
+
+
+def test_pressed_twice_it_ends_now(tmp_path):
+    lab = FakeLab(tmp_path, patient)
+
+    async def use(driver: Driver) -> None:
+        await driver.begin()
+        await driver.until("exposing")
+        await driver.press("ctrl+c", "ctrl+c")
+        await driver.until(lambda: lab.runs[0].halted.is_set() and lab.stage.stops)
+        lab.runs[0].may_end.set()
+        await driver.until("Everything was stopped")
+
+    drive(StationApp(lab), use)
+
+
+def test_ending_at_a_question_ends_at_once(tmp_path):
+    async def use(driver: Driver) -> None:
+        await driver.begin()
+        await driver.until(WIDTH.question)
+        await driver.press("ctrl+c")
+        await driver.until("go on where it stopped")
+
+    drive(StationApp(FakeLab(tmp_path, whole)), use)
+
+
+def test_stepping_back_opens_the_step_before_again(tmp_path):
+    lab = FakeLab(tmp_path, whole)
+
+    async def use(driver: Driver) -> None:
+        await driver.begin()
+        await driver.until(WIDTH.question)
+        await driver.press("enter")
+        await driver.until(MOVED.question)
+        await driver.press("f6")
+        await driver.until(lambda: len(lab.runs) == 2)
+
+    drive(StationApp(lab), use)
+    assert lab.begun[1] == (tmp_path / "one", "print")
+
+
+def test_an_old_session_is_gone_on_with_from_the_first_screen(tmp_path):
+    kept = Kept(tmp_path / "old", "pattern", "D90", "50 mm", "2026-03-14T09:26:53", ("print", "distance"), None)
+    lab = FakeLab(tmp_path, whole, [replace(kept, folder=tmp_path / "new", ended="finished"), kept])
+
+    async def use(driver: Driver) -> None:
+        await driver.until("2 steps done")
+        await driver.until("50 mm")  # camera and lens of the last session are proposed
+        await driver.press("down", "down", "down", "enter")
+        await driver.until(lambda: lab.begun)
+
+    drive(StationApp(lab), use)
+    assert lab.begun == [(tmp_path / "old", None)]
+
+
+def test_a_question_is_heard_of_on_the_other_screens(tmp_path):
+    go = threading.Event()
+
+    def late(run: FakeRun) -> RunEnded:
+        go.wait(20)
+        return chosen_step(run, WIDTH)
+
+    async def use(driver: Driver) -> None:
+        await driver.begin()
+        await driver.until("Opening the session")
+        await driver.press("f3")
+        await driver.until("Move by hand")
+        go.set()
+        await driver.until("The guide (F2) asks")
+        await driver.press("f2", "enter")
+        await driver.until("another session")
+
+    drive(StationApp(FakeLab(tmp_path, late)), use)
+
+
+def test_a_run_that_tells_faster_than_can_be_shown_loses_no_step(tmp_path):
+    def hasty(run: FakeRun) -> RunEnded:
+        for name in STEPS:
+            run.step(name, *(Doing(f"frame {i}", i, 300) for i in range(300)), seen(True))
+        return RunEnded("finished")
+
+    async def use(driver: Driver) -> None:
+        await driver.begin()
+        await driver.until("another session")
+        assert driver.text.count("done") == len(STEPS)
+
+    drive(StationApp(FakeLab(tmp_path, hasty)), use)

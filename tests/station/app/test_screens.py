@@ -1,0 +1,163 @@
+"""The bench and the results, driven by keys."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.errors import OutsideTravel
+from procedures.outcome import Verdict
+from procedures.psf import Psf
+from procedures.quality import assess
+from station.app import StationApp
+from station.operator import RunEnded
+from station.results import PlaneRecord, ResultFolder, write_psf_result
+
+from .driving import Driver, drive
+from .fakes import FakeLab, FakeRun
+
+
+def nothing(run: FakeRun) -> RunEnded:
+    return RunEnded("finished")
+
+
+def bench_app(folder: Path) -> tuple[FakeLab, StationApp]:
+    lab = FakeLab(folder, nothing)
+    return lab, StationApp(lab)
+
+
+# --- bench -------------------------------------------------------------------------------------------------------
+
+
+def test_devices_are_shown_with_what_to_do(tmp_path):
+    lab, app = bench_app(tmp_path)
+    lab.wire.record(1.5, ">", b"$H\n\x1b[31m")
+
+    async def use(driver: Driver) -> None:
+        await driver.until("press Enter to begin")
+        await driver.press("f3")
+        await driver.until("not homed. home it")
+        await driver.until(r"> b'$H\n\x1b[31m'")
+        await driver.looks_like("bench-80")
+
+    drive(app, use)
+
+
+def test_a_stage_is_homed_and_moved_by_hand(tmp_path):
+    lab, app = bench_app(tmp_path)
+
+    async def use(driver: Driver) -> None:
+        await driver.until("press Enter to begin")
+        await driver.press("f3")
+        await driver.until("not homed. home it")
+        await driver.press("h")
+        await driver.until("found its reference")
+        await driver.press("right_square_bracket", "right")
+        await driver.until("z_mm is at 10.000 mm")
+        await driver.press("left_square_bracket", "left")
+        await driver.until("z_mm is at 9.000 mm")
+
+    drive(app, use)
+    assert lab.stage.place == {"z_mm": 9.0}
+
+
+def test_a_device_that_refuses_is_a_sentence(tmp_path):
+    lab, app = bench_app(tmp_path)
+    lab.stage.wrong = OutsideTravel("z_mm 501 lies beyond 0 to 500", "stay inside")
+
+    async def use(driver: Driver) -> None:
+        await driver.until("press Enter to begin")
+        await driver.press("f3", "right")
+        await driver.until("z_mm 501 lies beyond 0 to 500. stay inside.")
+
+    drive(app, use)
+
+
+def test_a_lamp_that_is_not_there_is_a_sentence(tmp_path):
+    _, app = bench_app(tmp_path)
+
+    async def use(driver: Driver) -> None:
+        await driver.until("press Enter to begin")
+        await driver.press("f3", "b")
+        await driver.until("no device is called light")
+
+    drive(app, use)
+
+
+# --- results -----------------------------------------------------------------------------------------------------
+
+
+def gaussian(width_px: float, k: int = 17, s: int = 4) -> Psf:
+    x = (np.arange(k) - k // 2) / s
+    h = np.exp(-(x[:, None] ** 2 + x**2) / (2 * width_px**2))
+    h /= h.sum()
+    return Psf(h, s, np.eye(k * k) * 1e-8)
+
+
+def write_result(sessions: Path, name: str, width_px: float) -> Path:
+    psf = gaussian(width_px)
+    good = PlaneRecord("G1", Verdict.PASS, psf=psf, quality=assess(psf, n=9000))
+    bad = PlaneRecord("R", Verdict.REFUSED, "too dark", "light the chart")
+    folder = sessions / name / "derived" / "1"
+    with ResultFolder(folder) as result:
+        write_psf_result(result, [bad, good], {"procedure": "pattern"})
+    return folder
+
+
+@pytest.mark.parametrize("size", [(80, 24), (120, 40)], ids=["80x24", "120x40"])
+def test_a_result_shows_verdict_numbers_picture_and_curve(tmp_path, size):
+    write_result(tmp_path, "2026-03-14-d90", 0.5)
+
+    async def use(driver: Driver) -> None:
+        await driver.until("press Enter to begin")
+        await driver.press("f4")
+        await driver.until("Plane G1: ✓ PASS")
+        assert "MTF50, rows" in driver.text
+        assert "cycles/pixel" in driver.text
+        await driver.looks_like(f"results-{size[0]}")
+        await driver.press("p")
+        await driver.until("Plane R: ✗ REFUSED")
+        assert "too dark" in driver.text
+        assert "light the chart" in driver.text
+
+    drive(StationApp(FakeLab(tmp_path, nothing)), use, size)
+
+
+def test_two_results_are_compared(tmp_path):
+    write_result(tmp_path, "a", 0.5)
+    write_result(tmp_path, "b", 0.6)
+
+    async def use(driver: Driver) -> None:
+        await driver.until("press Enter to begin")
+        await driver.press("f4")
+        await driver.until("Plane G1")
+        await driver.press("c", "down")
+        await driver.until("apart by")
+        await driver.press("c")
+        await driver.until("Plane G1: ✓ PASS")
+
+    drive(StationApp(FakeLab(tmp_path, nothing)), use)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda folder: (folder / "result.json").write_text("{"),
+        lambda folder: (folder / "result.json").write_text(json.dumps({"planes": {"../../x": {}}})),
+        lambda folder: (folder / "psf_G1.npy").write_bytes(b"\x93NUMPY"),
+        lambda folder: (folder / "mtf_G1.csv").write_text("frequency,radial\n1,x\n"),
+    ],
+    ids=["record", "plane's name", "psf", "table"],
+)
+def test_a_damaged_result_is_a_sentence(tmp_path, damage):
+    damage(write_result(tmp_path, "a", 0.5))
+
+    async def use(driver: Driver) -> None:
+        await driver.until("press Enter to begin")
+        await driver.press("f4")
+        await driver.until("recompute the session")
+
+    drive(StationApp(FakeLab(tmp_path, nothing)), use)
