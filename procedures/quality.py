@@ -24,6 +24,8 @@ STEPS_PER_CYCLE = 50
 """Frequencies of the curves per cycle/pixel."""
 DIRECTIONS = 16
 """Directions of the radial mean over half a turn, an even number."""
+WAVELENGTHS_NM = {"R": 600.0, "G": 530.0, "B": 460.0, "Y": 550.0}
+"""Where a plane of usual colour filters is most sensitive."""
 
 
 @dataclass(frozen=True)

@@ -193,6 +193,8 @@ class StationApp(App[int]):
 
     @on(Ended)
     def _ended(self, message: Ended) -> None:
+        if not self.is_running:  # the screens are being taken down
+            return
         finished = message.finished
         handle = {
             "load": self._loaded,
@@ -322,6 +324,8 @@ class StationApp(App[int]):
         from station.desk import Question
         from station.operator import RunBegan
 
+        if not self.is_running:
+            return
         self._drain_is_due, self._shown_s = False, time.monotonic()
         guide, sitting = self._guide, self._sitting
         for news in sitting.desk.take() if sitting is not None and guide is not None else ():
@@ -474,7 +478,8 @@ class StationApp(App[int]):
 
     def refresh_frame(self) -> None:
         """Bring the screen that is shown up to date."""
-        self.front.refresh_frame()
+        if self.is_running:
+            self.front.refresh_frame()
 
     def fill_frame(self, shown: StationScreen) -> None:
         """Title, devices and keys of a screen as they are now."""

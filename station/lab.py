@@ -206,11 +206,7 @@ class StationLab:
 
 
 def _kept(folder: Path) -> Kept:
-    from station.journal import read_journal
-    from station.session_folder import JOURNAL, check_layout, read_config
-    from station.session_state import replay
+    from station.session_reading import read_session
 
-    check_layout(folder)
-    _, first_sum = read_config(folder)
-    state = replay(read_journal(folder / JOURNAL, first_sum).lines)
-    return Kept(folder, state.plan, state.camera, state.lens, state.began, tuple(state.done), state.ended)
+    state = read_session(folder).state
+    return Kept(folder, state.plan, state.camera, state.lens, state.began, state.done, state.ended)

@@ -24,6 +24,11 @@ PLANS = {
         "the PSF from a printed noise chart",
         ("gamma", "gamma_bound", "residual_std", "pixels_per_pattern", "s_over_t", "chi_square", "spread"),
     ),
+    "two-photo": Entry(
+        "procedures.two_photo.guide",
+        "the PSF from two photographs of a textured wall",
+        ("scale", "gain", "noise", "residual_std"),
+    ),
 }
 DEFAULT = "pattern"
 

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
+Cells = npt.NDArray[np.int64]
 
 GUTTER = 5
 """Columns left of the curves, for the numbers of the vertical axis."""
@@ -112,12 +113,18 @@ def _trace(canvas: _Canvas, x: Array, y: Array, frame: Frame, *, letter: str, ev
         before = row
 
 
-def _columns(canvas: _Canvas, x: Array, frame: Frame) -> npt.NDArray[np.int64]:
+def _columns(canvas: _Canvas, x: Array, frame: Frame) -> Cells:
     low, high = frame.x
-    return np.asarray(np.rint((x - low) / ((high - low) or 1.0) * (canvas.dots.shape[1] - 1)), dtype=np.int64)
+    return _placed((x - low) / ((high - low) or 1.0), canvas.dots.shape[1])
 
 
-def _rows(canvas: _Canvas, y: Array, frame: Frame) -> npt.NDArray[np.int64]:
+def _rows(canvas: _Canvas, y: Array, frame: Frame) -> Cells:
     low, high = frame.y
-    last = canvas.dots.shape[0] - 1
-    return np.asarray(np.clip(np.rint((high - y) / ((high - low) or 1.0) * last), -1, last + 1), dtype=np.int64)
+    with np.errstate(over="ignore"):
+        return _placed((high - y) / ((high - low) or 1.0), canvas.dots.shape[0])
+
+
+def _placed(share: Array, n: int) -> Cells:
+    """Shares of an axis as dots; what lies beyond an end is one dot beyond it."""
+    near = np.clip(share, -1.0, 2.0)
+    return np.asarray(np.clip(np.rint(near * (n - 1)), -1, n), dtype=np.int64)

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 GREYS = 32
 """Levels told apart in half blocks; runs of one level are one segment."""
+PLAIN = Style()  # Textual's filter for NO_COLOR wants a style on every segment
 MARK = Style(color="black", bgcolor="yellow", bold=True)
 BAR = 16
 """Cells of the progress bar."""
@@ -94,7 +95,7 @@ class Drawn(Widget):
 
     def render_line(self, y: int) -> Strip:
         """One of the lines."""
-        strip = self._strips[y] if y < len(self._strips) else Strip.blank(self.size.width)
+        strip = self._strips[y] if y < len(self._strips) else _text_strip("")
         return strip.adjust_cell_length(self.size.width, self.rich_style).apply_style(Style(bgcolor=None))
 
 
@@ -152,7 +153,7 @@ class CurveView(Drawn):
 
 
 def _text_strip(text: str) -> Strip:
-    return Strip([Segment(text)])
+    return Strip([Segment(text, PLAIN)])
 
 
 # --- the guide's parts -------------------------------------------------------------------------------------------

@@ -19,7 +19,7 @@ def run_app(*, simulate: bool, config: Path | None, sessions: Path, seed: int) -
         raise BadParameter("the application needs a terminal", "start it in one, or see the commands: station --help")
     from station.app import StationApp, share_the_lock
 
-    lab = StationLab(sessions=sessions, config=config or _usual_config(), simulate=simulate, seed=seed)
+    lab = StationLab(sessions=sessions, config=config or usual_config(), simulate=simulate, seed=seed)
     app = StationApp(lab)
     share_the_lock()
     try:
@@ -31,5 +31,6 @@ def run_app(*, simulate: bool, config: Path | None, sessions: Path, seed: int) -
     raise click.exceptions.Exit(code if code is not None else app.return_code or 0)
 
 
-def _usual_config() -> Path | None:
+def usual_config() -> Path | None:
+    """station.toml, where there is one."""
     return CONFIG if CONFIG.is_file() else None

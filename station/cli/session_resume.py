@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import click
 
 from station.cli.log import log_json_option
 from station.cli.session import find_session, session_argument
-
-CONFIG = Path("station.toml")
 
 
 @click.command("resume")
@@ -25,22 +24,24 @@ def session_resume(
     name: str, root: Path, config: Path | None, simulate: bool, without: tuple[int, ...], back_to: str | None
 ) -> None:
     """Go on with SESSION at the first step that is not done; stages home again first."""
-    from station.cli.guide import run_plain
+    from station.cli.app import usual_config
+    from station.cli.guide import Watched, conduct
+    from station.lab import StationLab
     from station.session_reading import read_session
 
     record = read_session(folder := find_session(name, root))
     if back_to is not None:
         _check_step(record.state.plan, back_to)
-    run_plain(
-        simulate=simulate or record.config.get("config", {}).get("simulate") is True,
-        config=config or (CONFIG if CONFIG.is_file() else None),
-        sessions=folder.parent,
-        seed=record.state.seed,
-        plan=None,
-        resume=folder,
-        back_to=back_to,
-        without=without,
-    )
+    simulated = simulate or record.config.get("config", {}).get("simulate") is True
+    seed = record.state.seed
+    lab = StationLab(sessions=folder.parent, config=config or usual_config(), simulate=simulated, seed=seed)
+    lab.virtual_time = True  # a simulated bench's time may jump: nobody watches it move
+    operator = Watched(sys.stdin, sys.stdout)
+    try:
+        code = conduct(lab.resume(folder, operator, back_to=back_to, without=without), operator)
+    finally:
+        lab.close()
+    raise click.exceptions.Exit(code)
 
 
 def _check_step(plan: str, name: str) -> None:

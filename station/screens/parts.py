@@ -82,6 +82,13 @@ class Choices(Part, can_focus=True):
             super().__init__()
             self.choices, self.index = choices, index
 
+    class Beyond(Message):
+        """An arrow was pressed at the end of the list: by how much it would have led beyond."""
+
+        def __init__(self, by: int) -> None:
+            super().__init__()
+            self.by = by
+
     class Moved(Message):
         """Another one is chosen, and not taken yet."""
 
@@ -125,8 +132,7 @@ class Choices(Part, can_focus=True):
         before, self.at = self.at, min(max(self.at + by, 0), max(len(self.lines) - 1, 0))
         self._show()
         self.scroll_visible(animate=False)
-        if self.at != before:
-            self.post_message(self.Moved(self.at))
+        self.post_message(self.Moved(self.at) if self.at != before else self.Beyond(by))
 
     def action_take(self) -> None:
         """The one that is chosen."""

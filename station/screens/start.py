@@ -89,12 +89,30 @@ class StartScreen(StationScreen):
     def show_kept(self, kept: Sequence[Kept]) -> None:
         """The sessions; those that are not finished first."""
         self._kept = sorted(kept, key=lambda one: one.ended == "finished")
+        if kept:
+            self._propose(kept[0].camera, kept[0].lens)
         self.query_one("#old").display = bool(self._kept)
         self.query_one("#kept", Choices).set_lines([kept_in_words(one) for one in self._kept])
+
+    def _propose(self, *names: str) -> None:
+        """Camera and lens of the last session, unless something else was typed."""
+        for part, usual, last in zip(("camera", "lens"), self._names, names, strict=True):
+            box = self.query_one(f"#{part}", Input)
+            if box.value == usual:
+                box.value = last
+                box.action_select_all()
+        self._names = (names[0], names[1])
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
         """To the next line."""
         self.focus_next()
+
+    def on_choices_beyond(self, event: Choices.Beyond) -> None:
+        """To the line below or above."""
+        if event.by > 0:
+            self.focus_next()
+        else:
+            self.focus_previous()
 
     def on_choices_chosen(self, event: Choices.Chosen) -> None:
         """Begin, or go on."""
@@ -107,6 +125,6 @@ class StartScreen(StationScreen):
 
 def kept_in_words(one: Kept) -> str:
     """A session on one line: when, what, how far."""
-    steps = f"{len(one.done)} steps done"
+    steps = f"{len(one.done)} step{'s' * (len(one.done) != 1)} done"
     state = "finished" if one.ended == "finished" else f"{steps}, {one.ended}" if one.ended else steps
     return f"{one.began[:16].replace('T', ' ')}  {one.camera}, {one.lens}, {one.plan}: {state}"

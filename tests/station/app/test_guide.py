@@ -65,6 +65,23 @@ def test_the_screen_shows_steps_numbers_picture_devices_and_what_to_do(tmp_path,
     drive(StationApp(FakeLab(tmp_path, whole), glyphs), use, size)
 
 
+def test_the_guide_works_without_colours(tmp_path, monkeypatch):
+    monkeypatch.setenv("NO_COLOR", "1")
+
+    async def use(driver: Driver) -> None:
+        await driver.begin()
+        for question in (WIDTH.question, MOVED.question, VERDICT.question):
+            await driver.until(question)
+            await driver.press("enter")
+        await driver.until("report.html")
+        await driver.press("enter")
+        await driver.until("There is no result yet")
+
+    app = StationApp(FakeLab(tmp_path, whole))
+    assert app.glyphs is ASCII
+    drive(app, use)
+
+
 def test_an_ascii_screen_has_nothing_but_ascii(tmp_path):
     async def use(driver: Driver) -> None:
         await driver.begin()
@@ -213,7 +230,8 @@ def test_an_old_session_is_gone_on_with_from_the_first_screen(tmp_path):
 
     async def use(driver: Driver) -> None:
         await driver.until("2 steps done")
-        await driver.press("tab", "tab", "tab", "enter")
+        await driver.until("50 mm")  # camera and lens of the last session are proposed
+        await driver.press("down", "down", "down", "enter")
         await driver.until(lambda: lab.begun)
 
     drive(StationApp(lab), use)
