@@ -83,12 +83,7 @@ class StationApp(App[int]):
     BINDINGS: ClassVar[list[BindingType]] = bindings(EVERYWHERE)
     DEFAULT_MODE = GUIDE
     HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (110, "-wide")]  # noqa: RUF012 - Textual declares it so
-    CSS = """
-    #title { height: 1; text-style: bold; background: $panel; }
-    #devices { height: auto; max-height: 2; }
-    #keys { height: 1; }
-    ToastRack { dock: top; align: right top; margin: 1 0; }
-    """
+    CSS_PATH = "app.tcss"
 
     class News(Message):
         """Something lies on the desk."""
@@ -136,7 +131,6 @@ class StationApp(App[int]):
 
     def on_mount(self) -> None:
         """Paint first; numpy, bench and sessions come after."""
-        self.theme = "textual-dark"
         self.call_after_refresh(self._load)
 
     def _load(self) -> None:
