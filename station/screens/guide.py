@@ -41,21 +41,6 @@ class GuideScreen(StationScreen):
 
     COMMANDS_HERE = GUIDE
     BINDINGS: ClassVar[list[BindingType]] = bindings(GUIDE)
-    CSS = """
-    GuideScreen #rail { width: 26; padding: 0 1 0 0; height: 100%; }
-    GuideScreen #main { width: 1fr; height: 100%; }
-    GuideScreen #middle { height: 1fr; }
-    GuideScreen #instruction { height: auto; max-height: 5; margin-bottom: 1; }
-    GuideScreen #sight { height: 1fr; }
-    GuideScreen #picture { width: 1fr; height: 100%; }
-    GuideScreen #numbers { width: 28; height: 100%; padding-left: 1; }
-    GuideScreen #curve { height: 10; display: none; }
-    GuideScreen.-wide #numbers { width: 40; }
-    GuideScreen.-wide #curve { height: 14; }
-    GuideScreen #progress { height: auto; min-height: 1; max-height: 2; }
-    GuideScreen #trouble { height: auto; max-height: 4; display: none; }
-    GuideScreen AnswerBox { height: auto; min-height: 2; }
-    """
 
     def __init__(self) -> None:
         super().__init__()
