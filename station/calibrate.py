@@ -13,6 +13,7 @@ from procedures.cross_check.estimate import check_edges
 from procedures.outcome import BadInput, Outcome, Refused, Verdict
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
+from procedures.physics.estimate import check_known, estimate_physics
 from procedures.psf import Psf
 from procedures.quality import Diffraction, Quality
 from procedures.raw import Exposure, Plane, RawFrame
@@ -61,9 +62,25 @@ class Calibrated(Generic[T]):
 
 
 def calibrate(
-    frame: RawFrame, chart: Chart, parameters: PatternParameters, limit: Limit = lambda plane: None
+    frame: RawFrame,
+    chart: Chart,
+    parameters: PatternParameters,
+    limit: Limit = lambda plane: None,
+    *,
+    physics: bool = False,
 ) -> Iterator[Calibrated[PatternPsf]]:
-    """Every plane of a photograph in its order, several at a time; one that is refused does not keep the others."""
+    """Every plane of a photograph in its order, several at a time; one that is refused does not keep the others.
+
+    With `physics` a model of sensor and lens is fitted to every PSF.
+
+    Raises
+    ------
+    BadParameter
+        If it is, and the diffraction limit of a plane is not known.
+    """
+    if physics:
+        for plane in frame.planes.values():
+            check_known(limit(plane))
 
     def estimate(plane: Plane) -> Calibrated[PatternPsf]:
         start = time.perf_counter()
@@ -71,6 +88,8 @@ def calibrate(
         record = plane_record(plane.name, outcome, NUMBERS)
         if outcome.value is not None:
             record = replace(record, edges=check_edges(plane, outcome.value))
+            if physics:
+                record = replace(record, physics=estimate_physics(outcome.value.psf, limit(plane), plane.pitch))
         return Calibrated(record, outcome.value, time.perf_counter() - start)
 
     yield from _side_by_side(estimate, list(frame.planes.values()))

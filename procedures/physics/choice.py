@@ -8,8 +8,8 @@ from dataclasses import replace
 from procedures.physics.fit import Fit, Whitened, fit_parts, start_near
 from procedures.physics.sensor import Aperture, LowPass, Parts
 
-ABERRATIONS: tuple[tuple[int, ...], ...] = ((), (0,), (0, 7), tuple(range(8)))
-"""None, defocus, also spherical, all."""
+ABERRATIONS: tuple[tuple[int, ...], ...] = ((), (0,), (7,), (0, 7), tuple(range(8)))
+"""None, defocus, spherical, both, all."""
 
 
 def choose(data: Whitened) -> tuple[Fit, list[Fit]]:
@@ -25,7 +25,7 @@ def choose(data: Whitened) -> tuple[Fit, list[Fit]]:
         for parts in candidates:
             if parts not in tried:
                 tried[parts] = fit_parts(data, parts, start_near(tried[near], parts) if near else None)
-        scale = _scale(tried.values())
+        scale = scale_of(tried.values())
         return min(candidates, key=lambda parts: tried[parts].criterion(scale))
 
     parts = best_of(Parts(low_pass=filter_) for filter_ in LowPass)
@@ -34,12 +34,14 @@ def choose(data: Whitened) -> tuple[Fit, list[Fit]]:
     parts = best_of([square, *(replace(square, aperture=shape) for shape in Aperture)], near=square)
     if parts.aperture is not Aperture.SQUARE:
         parts = best_of((replace(parts, low_pass=filter_) for filter_ in LowPass), near=parts)
-    parts = best_of((replace(parts, aberrations=some) for some in ABERRATIONS), near=parts)
-    scale = _scale(tried.values())
+    # diffusion is tried again: a little defocus can stand for it, and all aberrations together always can
+    lenses = [replace(parts, aberrations=some) for some in ABERRATIONS]
+    parts = best_of((replace(one, diffusion=wanders) for one in lenses for wanders in (False, True)), near=parts)
+    scale = scale_of(tried.values())
     order = sorted(tried.values(), key=lambda fit: fit.criterion(scale))
     return tried[parts], order
 
 
-def _scale(fits: Iterable[Fit]) -> float:
+def scale_of(fits: Iterable[Fit]) -> float:
     """What the best model leaves over its freedoms, 1 at least: where no model is perfect, differences count less."""
     return max(1.0, min(fit.chi2 / fit.freedom for fit in fits))

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.outcome import BadParameter, Outcome, Quantity, Rule, Verdict, verdict_of
-from procedures.physics.choice import choose
+from procedures.physics.choice import choose, scale_of
 from procedures.physics.fit import Fit, Whitened
 from procedures.physics.model import Grid, names_of
 from procedures.physics.pupil import TERMS
@@ -21,6 +21,8 @@ Array = npt.NDArray[np.float64]
 
 METHOD = "generalised least squares by the PSF's covariance"
 STEP = 1e-4
+ALIKE = 2.0
+"""Difference of the criterion up to which two models are equally good: odds of e."""
 SENSOR_UNITS = {"side": "pixel", "separation": "pixel", "diffusion": "pixel", "notch": "1"}
 EVEN = ("defocus", "astigmatism", "astigmatism_oblique", "spherical")
 """Aberrations whose common sign one PSF does not tell: that of the largest is taken for positive."""
@@ -38,7 +40,7 @@ class Physics:
         Of an L-shaped aperture: direction of the missing corner, from x towards y, y down.
     numbers : mapping of str to Quantity
         side, notch, separation, diffusion (in sensor pixels), fill_factor; aberrations, wavefront_rms and its part in
-        nanometres; strehl of the lens alone; shift_x, shift_y in pixels of the plane.
+        nanometres; strehl_lens, of the lens alone.
     chi_square, freedom : float, int
     remaining : float
         Chi-square over that of no model at all: the share of the PSF, weighed by its noise, left unexplained.
@@ -76,31 +78,44 @@ def estimate_physics(psf: Psf, diffraction: Diffraction | None, pitch: int) -> O
     BadParameter
         If aperture or pitch are not known: without them diffraction and defocus cannot be told apart.
     """
+    data = Whitened.of(Grid(psf, check_known(diffraction), pitch))
+    fit, tried = choose(data)
+    verdict, reason, remedy = verdict_of(_doubts(fit, tried))
+    return Outcome(_physics(data, fit, tried), verdict, reason, remedy)
+
+
+def check_known(diffraction: Diffraction | None) -> Diffraction:
+    """The diffraction limit itself. Raises BadParameter where it is not known."""
     if diffraction is None:
         raise BadParameter(
             "the physics of a PSF needs the sensor's pitch and the f-number; one of them is not known",
             "give --pixel-pitch-um and --f-number",
         )
-    data = Whitened.of(Grid(psf, diffraction, pitch))
-    fit, tried = choose(data)
-    verdict, reason, remedy = verdict_of(_doubts(fit, data))
-    return Outcome(_physics(data, fit, tried), verdict, reason, remedy)
+    return diffraction
 
 
-def _doubts(fit: Fit, data: Whitened) -> list[Rule]:
+def _doubts(fit: Fit, tried: list[Fit]) -> list[Rule]:
     ratio = fit.chi2 / fit.freedom
+    scale = scale_of(tried)
+    rivals = [one for one in tried if one.parts != fit.parts and one.criterion(scale) - fit.criterion(scale) < ALIKE]
     return [
         Rule(
             Verdict.DOUBTFUL,
             ratio > 2,
             f"the best model leaves {ratio:.1f} times what noise would",
             "check --f-number, --pixel-pitch-um and --wavelength-nm; other causes of blur are not in the model",
-        )
+        ),
+        Rule(
+            Verdict.DOUBTFUL,
+            bool(rivals),
+            f"this PSF does not tell two models apart: {_words(fit)}; {_words(rivals[0]) if rivals else ''}",
+            "compare with other planes and apertures: aberrations change with them, the sensor's parts do not",
+        ),
     ]
 
 
 def _physics(data: Whitened, fit: Fit, tried: list[Fit]) -> Physics:
-    scale = max(1.0, min(one.chi2 / one.freedom for one in tried))
+    scale = scale_of(tried)
     least = fit.criterion(scale)
     prediction, _ = data.grid.model(fit.parts, fit.p)
     nothing = float(np.sum((data.W @ data.grid.psf.h.ravel()) ** 2))
@@ -120,7 +135,8 @@ def _physics(data: Whitened, fit: Fit, tried: list[Fit]) -> Physics:
 
 def _words(fit: Fit) -> str:
     """A model in words."""
-    lens = f"{len(fit.parts.aberrations)} aberrations" if fit.parts.aberrations else "no aberrations"
+    free = [TERMS[i].replace("_", " ") for i in fit.parts.aberrations]
+    lens = "all aberrations" if len(free) == len(TERMS) else " and ".join(free) or "no aberrations"
     charge = ", diffusion" if fit.parts.diffusion else ""
     return f"{fit.parts.aperture}, low-pass filter: {fit.parts.low_pass}{charge}, {lens}"
 
@@ -132,7 +148,9 @@ def _numbers(data: Whitened, fit: Fit) -> dict[str, Quantity]:
     spread = np.sqrt(np.maximum(np.diag(fit.covariance), 0))
     numbers: dict[str, Quantity] = {}
     for name, value, uncertainty in zip(names, fit.p, spread, strict=True):
-        unit = "wave rms" if name in TERMS else SENSOR_UNITS.get(name, "pixel of the plane")
+        if name in ("shift_x", "shift_y"):  # the centre is a convention of the marks
+            continue
+        unit = "wave rms" if name in TERMS else SENSOR_UNITS[name]
         signed = sign * value if name in EVEN else value
         numbers[name] = Quantity(float(signed), unit, float(uncertainty), METHOD, n)
 

@@ -67,7 +67,7 @@ class Grid:
         shift = np.exp(-2j * np.pi * (fx * p[0] + fy * p[1]))
         values, waves = p[2 : 2 + count], np.zeros(len(TERMS))
         waves[list(parts.aberrations)] = p[2 + count :]
-        lens, lens_slopes = self.pupil.otf_and_slopes(waves)
+        lens, lens_slopes = self.pupil.otf_and_slopes(waves, parts.aberrations)
         sensor = sensor_otf(parts, values, fx / self.pitch, fy / self.pitch)
         otf = shift * sensor * lens
         slopes = [-2j * np.pi * fx * otf, -2j * np.pi * fy * otf]
@@ -75,7 +75,7 @@ class Grid:
             step = SMALL * np.eye(count)[i]
             above, below = (sensor_otf(parts, values + e, fx / self.pitch, fy / self.pitch) for e in (step, -step))
             slopes.append(shift * lens * (above - below) / (2 * SMALL))
-        slopes += [shift * sensor * lens_slopes[term] for term in parts.aberrations]
+        slopes += [shift * sensor * one for one in lens_slopes]
         h, J = self.samples(otf), self.samples(np.stack(slopes)).T
         total = h.sum()
         h = h / total

@@ -16,8 +16,8 @@ TERMS = (
     "defocus", "astigmatism_oblique", "astigmatism", "coma_y", "coma_x", "trefoil_y", "trefoil_x", "spherical",
 )  # fmt: skip
 """Noll's polynomials 4 to 11, of unit root mean square over the pupil."""
-LEAST_ACROSS = 72
-"""Samples across the pupil: the discs' overlap is then right to 1e-3 of its peak."""
+LEAST_ACROSS = 48
+"""Samples across the pupil: the discs' overlap is then right to 2e-3 of its peak."""
 SUBSAMPLES = 8
 
 
@@ -42,16 +42,16 @@ class Pupil:
         amplitude, size = self._amplitude(waves)
         return self._correlated(np.abs(amplitude) ** 2, size)
 
-    def otf_and_slopes(self, waves: Array) -> tuple[Complex, Complex]:
-        """The same, and its derivatives with the aberrations, (8, 2 h + 1, 2 h + 1)."""
+    def otf_and_slopes(self, waves: Array, terms: tuple[int, ...]) -> tuple[Complex, list[Complex]]:
+        """The same, and its derivatives with some of the aberrations, (2 h + 1, 2 h + 1) each."""
         amplitude, size = self._amplitude(waves)
         disc, zernikes = self._sampled()
         phase = disc * np.exp(2j * np.pi * np.tensordot(waves, zernikes, axes=1))
         slopes = []
-        for zernike in zernikes:
+        for zernike in zernikes[list(terms)]:
             change = scipy.fft.fft2(2j * np.pi * zernike * phase, (size, size))
             slopes.append(self._correlated(2 * np.real(np.conj(amplitude) * change), size))
-        return self._correlated(np.abs(amplitude) ** 2, size), np.stack(slopes)
+        return self._correlated(np.abs(amplitude) ** 2, size), slopes
 
     def strehl(self, waves: Array) -> float:
         """Peak of the spread function over that without aberrations, piston and tilt free."""

@@ -80,7 +80,8 @@ def sensor_otf(parts: Parts, values: Array, fx: Array, fy: Array) -> Complex:
         otf = otf * np.cos(np.pi * d * fx)
     if parts.low_pass in (LowPass.TWO_ALONG_Y, LowPass.FOUR):
         otf = otf * np.cos(np.pi * d * fy)
-    return otf * np.exp(-2 * np.pi**2 * given.get("diffusion", 0.0) ** 2 * (fx * fx + fy * fy))
+    charge = np.exp(-2 * np.pi**2 * given.get("diffusion", 0.0) ** 2 * (fx * fx + fy * fy))
+    return np.asarray(otf * charge, dtype=np.complex128)
 
 
 def aperture_otf(aperture: Aperture, side: float, notch: float, fx: Array, fy: Array) -> Complex:
@@ -93,6 +94,6 @@ def aperture_otf(aperture: Aperture, side: float, notch: float, fx: Array, fy: A
     if direction is None:
         return np.asarray(whole / side**2)
     n = notch * side
-    x, y = (np.sign(f(np.radians(direction))) * (side - n) / 2 for f in (np.cos, np.sin))
+    x, y = (float(np.sign(f(np.radians(direction)))) * (side - n) / 2 for f in (np.cos, np.sin))
     corner = n**2 * np.sinc(fx * n) * np.sinc(fy * n) * np.exp(-2j * np.pi * (fx * x + fy * y))
     return np.asarray((whole - corner) / (side**2 - n**2))

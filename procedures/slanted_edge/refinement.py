@@ -58,8 +58,8 @@ def _settled(strip: Strip, profile: Profile, course: Course) -> tuple[Course, fl
     square = float(np.sum(left[core] ** 2)) + 1e-12
     # the chord's slope is that of the odd powers
     odd = np.arange(p)[::-1] % 2
-    variance = odd @ covariance @ odd * square / max(n - p, 1)
-    course = replace(course, slope_uncertainty=float(np.sqrt(max(variance, 0))) / course.half)
+    variance = float(odd @ covariance @ odd) * square / max(n - p, 1)
+    course = replace(course, slope_uncertainty=max(variance, 0.0) ** 0.5 / course.half)
     return course, n * np.log(square) + p * np.log(n)
 
 

@@ -21,11 +21,15 @@ if TYPE_CHECKING:
 @click.option(
     "--seed", type=click.IntRange(0, 2**63 - 1), help="The chart's seed; 1 if neither this nor --bits is given."
 )
+@click.option(
+    "--physics", is_flag=True, help="Also explain the PSF by photosites, low-pass filter, diffraction and aberrations."
+)
 @psf_options(s=4, k=17, solver="ls")
 def psf_pattern(
     image: Path,
     bits: Path | None,
     seed: int | None,
+    physics: bool,
     plane: str | None,
     out: Path,
     as_json: bool,
@@ -45,8 +49,13 @@ def psf_pattern(
         source = _chart(bits, seed)
         frame = read_planes(image, plane)
         limit = partial(diffraction_limit, frame.exposure, **optics)
-        planes = tell_each(calibrate(frame, source.chart, parameters, limit))
-        given = {**options, "chart": source.origin, **{k: v for k, v in optics.items() if v is not None}}
+        planes = tell_each(calibrate(frame, source.chart, parameters, limit, physics=physics))
+        given = {
+            **options,
+            "physics": physics,
+            "chart": source.origin,
+            **{k: v for k, v in optics.items() if v is not None},
+        }
         text = write_result(folder, planes, "pattern", [frame], parameters=given, start=start)
     finish(planes, text, as_json=as_json)
 

@@ -92,7 +92,7 @@ def both(count: int) -> None:
     chart, found, refused = replace(Chart.from_seed(), edges=True), [], 0
     for seed in range(count):
         rng = np.random.default_rng(seed)
-        yaw, pitch, roll = rng.uniform(-6, 6, 2).tolist() + [rng.uniform(-3, 3)]
+        yaw, pitch, roll = rng.uniform(-1, 1, 3) * (6, 6, 3)
         placed = camera.place(chart, pixels=110, at=(0.43, 0.43), yaw_deg=yaw, pitch_deg=pitch, roll_deg=roll)
         scene = Scene((placed,), light=camera.light_on(placed, (0.03, 0.02)))
         plane = Plane("Y", camera.photograph(scene, rng).plane("Y").astype(np.float32), 1 / 15000)

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from procedures.outcome import BadParameter, Outcome, Verdict
+from procedures.pattern import Chart
+from procedures.pattern_psf.estimate import estimate_psf
 from procedures.physics.estimate import Physics, estimate_physics
 from procedures.physics.fit import Whitened, fit_parts
 from procedures.physics.model import Grid, names_of
@@ -13,10 +15,20 @@ from procedures.physics.pupil import TERMS, Pupil
 from procedures.physics.sensor import Aperture, LowPass, Parts, aperture_otf
 from procedures.psf import Psf
 from procedures.quality import Diffraction
+from procedures.raw import Plane
+from simulators.camera import Lens, SimulatedCamera
 from simulators.optics import (
-    WAVELENGTHS_UM, CircularPupil, FourSpots, GaussianBlur, LShapedAperture, Optics, PixelAperture,
+    WAVELENGTHS_UM,
+    CircularPupil,
+    FourSpots,
+    GaussianBlur,
+    LShapedAperture,
+    Optics,
+    PixelAperture,
 )  # fmt: skip
 from simulators.pupil import Wavefront, aberrated_otf, circular_otf
+from simulators.scene import Scene
+from simulators.sensor import Sensor
 from simulators.truth import true_psf
 
 S, K = 4, 17
@@ -114,13 +126,13 @@ def test_error_bars_are_as_large_as_errors(rng: np.random.Generator) -> None:
     optics = camera(PixelAperture(0.9, 0.9), wavefront=WAVEFRONT)
     parts, start, z = Parts(), None, []
     true = np.array([0.9, *(v / WAVELENGTHS_UM["G"] for v in (0.05, 0.02, 0.03, -0.02, 0.04, 0, 0, 0.03))])
-    for _ in range(12):
+    for _ in range(8):
         psf, diffraction = measured(optics, "G", 0.02, rng)
         fit = fit_parts(Whitened.of(Grid(psf, diffraction, 2)), parts, start)
         start = fit.p
         z.append((fit.p[2:] - true) / np.sqrt(np.diag(fit.covariance))[2:])
-    # 108 numbers, some of them correlated: their spread is known to a tenth
-    assert np.std(z) == pytest.approx(1, abs=0.3)
+    # 72 numbers, some of them correlated: their spread is known to an eighth
+    assert np.std(z) == pytest.approx(1, abs=0.35)
 
 
 def test_a_perfect_lens_has_no_aberrations(rng: np.random.Generator) -> None:
@@ -134,15 +146,33 @@ def test_a_perfect_lens_has_no_aberrations(rng: np.random.Generator) -> None:
 def test_l_shaped_photosites_are_turned_between_green_and_red(rng: np.random.Generator) -> None:
     # figure 3.7 of Delbracio's thesis: red and blue transfer functions look like green's turned by 90 degrees
     optics = camera(LShapedAperture(0.98, 0.55, quarter_turns=1), wavefront=Wavefront(defocus_um=0.02))
-    corners = {}
-    for colour in "RG":
-        psf, diffraction = measured(optics, colour, 0.005, rng)
-        found = value(estimate_physics(psf, diffraction, 2))
-        assert found.missing_corner_deg is not None
-        corners[colour] = found.missing_corner_deg
-        assert found.numbers["notch"].value == pytest.approx(0.55, abs=0.05)
-    assert corners["G"] == 135
-    assert (corners["R"] - corners["G"]) % 360 == 90
+    psf, diffraction = measured(optics, "G", 0.005, rng)
+    green = value(estimate_physics(psf, diffraction, 2))
+    assert green.missing_corner_deg == 135
+    assert green.numbers["notch"].value == pytest.approx(0.55, abs=0.05)
+    psf, diffraction = measured(optics, "R", 0.005, rng)
+    data = Whitened.of(Grid(psf, diffraction, 2))
+    fits = [fit_parts(data, Parts(shape, aberrations=(0,))) for shape in Aperture]
+    best = min(fits, key=lambda one: one.criterion())
+    assert best.parts.aperture.missing_corner_deg == green.missing_corner_deg + 90
+    # the next best, turned by half a turn, has the same modulus but not the phase
+    assert sorted(one.chi2 for one in fits)[1] > best.chi2 + 100
+
+
+def test_a_photograph_of_the_chart_tells_the_sensor_s_parts(rng: np.random.Generator) -> None:
+    # the whole way: render, noise, estimate with its true covariance, and take apart
+    optics = Optics((CircularPupil(4.0), PixelAperture(0.9, 0.9), FourSpots(0.8)), 7.5)
+    sensor = Sensor(150, 150, None, bits=14, full_well_e=5e4, gain_e_per_dn=3.2)
+    photographer = SimulatedCamera(Lens(f_number=4.0), sensor, 7.5, optics, white_e_per_s=4e4 / 0.02 * (4.0 / 5.6) ** 2)
+    placed = photographer.place(Chart.from_seed(), pixels=100, yaw_deg=3.0, roll_deg=2.0)
+    shot = photographer.photograph(Scene((placed,)), rng)
+    psf = estimate_psf(Plane("Y", shot.plane("Y").astype(np.float32), 1 / 15000), Chart.from_seed()).value
+    assert psf is not None
+    found = value(estimate_physics(psf.psf, Diffraction(4.0, 7.5, 550.0), 1))
+    assert (found.aperture, found.low_pass) == ("square", "four spots")
+    for name, true in {"side": 0.9, "separation": 0.8}.items():
+        assert abs(found.numbers[name].value - true) < 4 * found.numbers[name].uncertainty + 0.005
+    assert found.chi_square / found.freedom == pytest.approx(1, abs=0.4)
 
 
 def test_what_is_not_in_the_model_is_told(rng: np.random.Generator) -> None:
