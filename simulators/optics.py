@@ -80,6 +80,43 @@ class PixelAperture:
 
 
 @dataclass(frozen=True)
+class LShapedAperture:
+    """A photosite whose electronics take one corner: an upright bar and a shorter one beside it.
+
+    Attributes
+    ----------
+    side : float
+        Of the square without the missing corner, in sensor pixels.
+    notch : float
+        Side of the missing corner over that.
+    quarter_turns : int
+        How far green photosites are turned from missing their corner at +x +y, from x towards y.
+    others : int
+        How much further red and blue ones are.
+    """
+
+    side: float = 0.95
+    notch: float = 0.5
+    quarter_turns: int = 0
+    others: int = 1
+
+    def otf(self, fx: Array, fy: Array, wavelength_um: float, pitch_um: float) -> Complex:
+        """Mean of two bars, each at its place, by its area."""
+        turns = self.quarter_turns + (self.others if wavelength_um in (WAVELENGTHS_UM["R"], WAVELENGTHS_UM["B"]) else 0)
+        for _ in range(turns % 4):
+            fx, fy = fy, -fx
+        a, n = self.side, self.side * self.notch
+        upright = (a - n) * a * np.sinc(fx * (a - n)) * np.sinc(fy * a) * np.exp(np.pi * 1j * fx * n)
+        beside = n * (a - n) * np.sinc(fx * n) * np.sinc(fy * (a - n))
+        whole = upright + beside * np.exp(-np.pi * 1j * (fx * (a - n) - fy * n))
+        return np.asarray(whole / (a * a - n * n), dtype=np.complex128)
+
+    def reach_px(self, wavelength_um: float, pitch_um: float) -> float:
+        """Half the square's side."""
+        return self.side / 2
+
+
+@dataclass(frozen=True)
 class FourSpots:
     """A birefringent low-pass filter: four spots on a square of this side, in sensor pixels."""
 

@@ -13,6 +13,7 @@ from procedures.cross_check.estimate import check_edges
 from procedures.outcome import BadInput, Outcome, Refused, Verdict
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
+from procedures.physics.estimate import check_known, estimate_physics
 from procedures.psf import Psf
 from procedures.quality import WAVELENGTHS_NM, Diffraction, Quality
 from procedures.raw import Exposure, Plane, RawFrame
@@ -65,6 +66,7 @@ def calibrate(
     limit: Limit = lambda plane: None,
     *,
     threads: int | None = None,
+    physics: bool = False,
 ) -> Iterator[Calibrated[PatternPsf]]:
     """Every plane of a photograph in its order; one that is refused does not keep the others.
 
@@ -72,7 +74,17 @@ def calibrate(
     ----------
     threads : int, optional
         Planes estimated at a time; by default as many as there are cores.
+    physics : bool
+        Whether a model of sensor and lens is fitted to every PSF.
+
+    Raises
+    ------
+    BadParameter
+        If it is, and the diffraction limit of a plane is not known.
     """
+    if physics:
+        for plane in frame.planes.values():
+            check_known(limit(plane))
 
     def estimate(plane: Plane) -> Calibrated[PatternPsf]:
         start = time.perf_counter()
@@ -80,6 +92,8 @@ def calibrate(
         record = plane_record(plane, outcome, NUMBERS)
         if outcome.value is not None:
             record = replace(record, edges=check_edges(plane, outcome.value))
+            if physics:
+                record = replace(record, physics=estimate_physics(outcome.value.psf, limit(plane), plane.pitch))
         return Calibrated(record, outcome.value, time.perf_counter() - start)
 
     yield from _side_by_side(estimate, list(frame.planes.values()), threads)

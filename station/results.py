@@ -22,7 +22,8 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.cross_check.estimate import EdgeCheck
-from procedures.outcome import BadParameter, Quantity, Verdict
+from procedures.outcome import BadParameter, Outcome, Quantity, Verdict
+from procedures.physics.estimate import Physics
 from procedures.psf import Psf
 from procedures.quality import Quality
 from station.exports import GAUSSIAN_RADIUS, gaussian_radius, numbers_table, profile_table, psf_fits, psf_tiff
@@ -31,6 +32,8 @@ from station.pictures import psf_picture
 
 RECORD = "result.json"
 SCHEMA = "station/psf/1"
+CANDIDATES = 5
+"""Physical models told of, the best first."""
 PACKAGES = ("numpy", "scipy", "numba", "opencv-contrib-python-headless", "rawpy")
 
 Array = npt.NDArray[np.float64]
@@ -48,6 +51,7 @@ class PlaneRecord:
     quality : its curves, and the derived numbers with unit and uncertainty
     diagnostics : further numbers for those who look into a verdict
     edges : the chart's slanted edges beside the PSF, where the photograph shows some
+    physics : the model of sensor and lens that explains the PSF, where one was asked for
     """
 
     name: str
@@ -61,6 +65,7 @@ class PlaneRecord:
     inter_image: Array | None = None
     pitch: int = 1
     edges: tuple[EdgeCheck, ...] = ()
+    physics: Outcome[Physics] | None = None
 
 
 class ResultFolder:
@@ -217,6 +222,8 @@ def _plane_entry(plane: PlaneRecord) -> dict[str, Any]:
         entry.update({name: asdict(quantity) for name, quantity in plane.quality.numbers.items()})
     if plane.edges:
         entry["edges"] = [_edge_entry(edge) for edge in plane.edges]
+    if plane.physics is not None:
+        entry["physics"] = _physics_entry(plane.physics)
     if plane.diagnostics:
         entry["diagnostics"] = dict(plane.diagnostics)
     return entry
@@ -232,6 +239,18 @@ def _edge_entry(check: EdgeCheck) -> dict[str, Any]:
         "difference": check.difference,
         "sigmas": check.sigmas,
     }
+
+
+def _physics_entry(outcome: Outcome[Physics]) -> dict[str, Any]:
+    """The parts of the best model, their sizes, what they leave unexplained, and the next best models."""
+    entry: dict[str, Any] = {"verdict": str(outcome.verdict), "reason": outcome.reason, "remedy": outcome.remedy}
+    if (found := outcome.value) is not None:
+        entry |= {"aperture": found.aperture, "missing_corner_deg": found.missing_corner_deg}
+        entry |= {"low_pass_filter": found.low_pass, "chi_square": found.chi_square, "freedom": found.freedom}
+        entry |= {"chi_square_share": found.remaining}
+        entry |= {name: asdict(number) for name, number in found.numbers.items()}
+        entry["candidates"] = [{"model": words, "criterion": more} for words, more in found.candidates[:CANDIDATES]]
+    return entry
 
 
 def _npy(array: Array) -> bytes:

@@ -1,4 +1,4 @@
-"""What else is printed around an edge, seen through the PSF's far tail: it lies on the edge's plains and is no part of it.
+"""What else is printed around an edge, seen through the PSF's far tail: light on its plains that is not its own.
 
 A slanted edge is meant to lie between two endless plains. On the chart the frame stands before it, and its black area
 ends: some thousandths of the contrast, which a window would take for a tail of the edge's own.

@@ -1,4 +1,4 @@
-"""Where an edge runs: rows' centroids of the derivative, a polynomial through them of the order the data ask for."""
+"""Where an edge runs: rows' centroids of the derivative, a polynomial through them; `refinement` brings it to rest."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ from procedures.slanted_edge.strip import Line, Strip
 
 Array = npt.NDArray[np.float64]
 
-HIGHEST_ORDER = 5
-"""Of the polynomial, as in ISO 12233:2023."""
+CENTROID_ORDER = 2
+"""Of the polynomial through the centroids. They err with the edge's phase on the pixels, by some hundredths of a pixel
+where the picture is sharp; over a short drift a higher order would follow that wave."""
 SMOOTHING_PX = 1.5
 """Standard deviation of the derivative that sees the edge first."""
 ROUNDS = 4
@@ -33,14 +34,14 @@ class Course:
         Half the strip's length, in pixels.
     rising : bool
         Whether it is brighter at larger x.
-    scatter_px : float
-        Standard deviation of the rows' centroids about it.
+    slope_uncertainty : float
+        Of the chord's slope.
     """
 
     coefficients: Array
     half: float
     rising: bool
-    scatter_px: float
+    slope_uncertainty: float = np.inf
 
     @property
     def order(self) -> int:
@@ -83,7 +84,7 @@ def find_course(strip: Strip, start: Line | None = None) -> Course:
     """
     line, rising, reach = _first_line(strip, start)
     half = max((len(strip.samples) - 1) / 2, 1.0)
-    course = Course(np.array([line.slope * half, line.middle]), half, rising, np.inf)
+    course = Course(np.array([line.slope * half, line.middle]), half, rising)
     for _ in range(ROUNDS):
         course = _polynomial(strip.along, *_centroids(strip, course, reach), course)
     _check_inside(strip, course)
@@ -159,20 +160,19 @@ def tukey(x: Array, flat: float, end: float) -> Array:
 
 def _polynomial(along: Array, centroid: Array, seen: npt.NDArray[np.bool_], course: Course) -> Course:
     """The polynomial through the rows' centroids whose order Schwarz's criterion prefers, outliers left out."""
-    if np.count_nonzero(seen) < HIGHEST_ORDER + 3:
+    if np.count_nonzero(seen) < CENTROID_ORDER + 3:
         raise Refused("there is no edge in the region: too few of its rows show one", NO_EDGE)
     t, x = along[seen] / course.half, centroid[seen]
-    first = x - np.polyval(np.polyfit(t, x, min(3, HIGHEST_ORDER)), t)
+    first = x - np.polyval(np.polyfit(t, x, CENTROID_ORDER), t)
     kept = np.abs(first) < 4 * 1.4826 * np.median(np.abs(first)) + 1e-3
     t, x = t[kept], x[kept]
     best, least = course, np.inf
-    for order in range(1, HIGHEST_ORDER + 1):
+    for order in range(1, CENTROID_ORDER + 1):
         coefficients = np.polyfit(t, x, order)
         square = float(np.sum((x - np.polyval(coefficients, t)) ** 2)) + 1e-12
         criterion = len(x) * np.log(square) + (order + 1) * np.log(len(x))
         if criterion < least:
-            scatter = float(np.sqrt(square / max(len(x) - order - 1, 1)))
-            best, least = Course(coefficients, course.half, course.rising, scatter), criterion
+            best, least = Course(coefficients, course.half, course.rising), criterion
     return best
 
 

@@ -20,6 +20,7 @@ from procedures.raw import Plane
 from procedures.slanted_edge.course import Course, find_course
 from procedures.slanted_edge.find import find_edges
 from procedures.slanted_edge.profile import Profile, edge_profile
+from procedures.slanted_edge.refinement import refine_course
 from procedures.slanted_edge.resampling import resampled_mtf
 from procedures.slanted_edge.strip import Line, Roi, Strip, strip_of
 from procedures.slanted_edge.transfer import FREQUENCIES, frequency_at, mtf_of
@@ -104,7 +105,7 @@ def measure(strip: Strip, line: Line | None = None) -> Outcome[EdgeMtf]:
     """The MTF across the edge of a strip, near a line where one is known; refused outcomes have no value."""
     try:
         check_samples(strip)
-        course = find_course(strip, line)
+        course = refine_course(strip, find_course(strip, line))
         check_course(strip, course)
     except Refused as refusal:
         return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
@@ -159,7 +160,6 @@ def _result(strip: Strip, course: Course, profile: Profile, mtf: Array, draws: A
             "noise": profile.noise,
             "unevenness": profile.unevenness,
             "empty_bins": profile.empty,
-            "scatter_px": course.scatter_px,
             "window_px": profile.end_px,
             "width_px": profile.width_px,
             "tail_px": profile.tail,
@@ -185,8 +185,7 @@ def _numbers(strip: Strip, course: Course, profile: Profile, mtf: Array, draws: 
     nyquist = int(np.searchsorted(FREQUENCIES, 0.5))
     numbers["mtf_nyquist"] = Quantity(float(mtf[nyquist]), "1", float(np.std(draws[:, nyquist])), METHOD, n)
     rows = len(strip.samples)
-    slope_noise = course.scatter_px / (np.std(strip.along) * rows**0.5)
     angle = float(np.degrees(np.arctan(abs(course.mean_slope))))
-    spread = float(np.degrees(slope_noise / (1 + course.mean_slope**2)))
+    spread = float(np.degrees(course.slope_uncertainty / (1 + course.mean_slope**2)))
     numbers["angle"] = Quantity(angle, "degree", spread, f"chord from end to end, order {course.order}", rows)
     return numbers

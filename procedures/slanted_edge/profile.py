@@ -44,16 +44,15 @@ class Profile:
         The window's.
     width_px : float
         Full width at half maximum of the line spread function, roughly.
-    contrast, level : float
-        Bright less dark, and bright, in samples of the plane.
+    light : (5,) float64
+        Dark and bright level, in samples of the plane; of the approach a/d to them, a times their difference; relative
+        slopes per pixel, across and along the edge, taken out of the values.
     noise : float
         Standard deviation of the samples about the profile, in samples of the plane.
     unevenness : float
         Of the plains beyond the window, without what differs between neighbours, in samples of the plane.
-    tail, known_tail : float
-        a of the approach a/d to the plains, and what of it was not fitted.
-    gradient : float
-        Relative change of the light per pixel across the edge, taken out of the values.
+    known_tail : float
+        a as far as it was not fitted.
     samples : int
         Samples under the window.
     """
@@ -65,14 +64,21 @@ class Profile:
     flat_px: float
     end_px: float
     width_px: float
-    contrast: float
-    level: float
+    light: Array
     noise: float
     unevenness: float
-    tail: float
     known_tail: float
-    gradient: float
     samples: int
+
+    @property
+    def contrast(self) -> float:
+        """Bright less dark, in samples of the plane."""
+        return float(self.light[1] - self.light[0])
+
+    @property
+    def tail(self) -> float:
+        """a of the approach a/d to the plains, in pixels."""
+        return float(self.light[2]) / self.contrast
 
     @property
     def centres(self) -> Array:
@@ -115,23 +121,43 @@ def edge_profile(strip: Strip, course: Course, widening: float = 1.0) -> Profile
     end = min(widening * max(END_WIDTHS * width, 2 * LEAST_FLAT_PX), reach - 1)
     far = inside & (np.abs(d) > min((flat + end) / 2, reach - LEAST_FAR_PX))
     light, normal, right = _plains(strip, d, far)
-    value = (strip.samples / _slope(light, strip, d) - light[0]) / (light[1] - light[0])
+    value = values_of(light, strip, d)
     used = inside & (np.abs(d) < end + 1)
-    first = _binned(value, d, used, end)
-    profile = Profile(
-        *first, normal, right, flat, end, width, float(light[1] - light[0]), float(light[1]), 0.0, 0.0,
-        float(light[2] / (light[1] - light[0])), strip.tail_px or 0.0, float(light[3]), int(used.sum()),
-    )  # fmt: skip
-    for _ in range(2):
-        sums, counts = _binned(_moved(value, d, profile), d, used, end)
-        profile = replace(profile, sums=sums, counts=counts)
-    left = value - np.interp(d, profile.centres, profile.esf)
+    known = strip.tail_px or 0.0
+    empty = np.zeros((len(value), 2 * (int(np.ceil(end * BINS)) + 1)))
+    profile = Profile(empty, empty, normal, right, flat, end, width, light, 0.0, 0.0, known, int(used.sum()))
+    profile, left = rebinned(profile, value, d, used)
     plain = value - (d > 0) + profile.tail / np.where(far, d, 1.0)
     return replace(
         profile,
         noise=float(np.std(left[used & (np.abs(d) < end)])) * abs(profile.contrast),
         unevenness=_unevenness(plain, far) * abs(profile.contrast),
     )
+
+
+def values_of(light: Array, strip: Strip, d: Array) -> Array:
+    """The samples without the light's slopes, 0 dark and 1 bright, (n, m)."""
+    slope = 1 + light[3] * d + light[4] * strip.along[:, None]
+    return np.asarray((strip.samples / slope - light[0]) / (light[1] - light[0]))
+
+
+def rebinned(profile: Profile, value: Array, d: Array, used: npt.NDArray[np.bool_]) -> tuple[Profile, Array]:
+    """The profile of values at distances, and what is left of each value (n, m), which has no mean in any bin."""
+    K = profile.sums.shape[1] // 2
+    sums, counts = _binned(value, d, used, K)
+    profile = replace(profile, sums=sums, counts=counts)
+    for _ in range(2):
+        moved = _moved(value, d, profile)
+        sums, counts = _binned(moved, d, used, K)
+        profile = replace(profile, sums=sums, counts=counts)
+    bins = np.clip(np.floor(d * BINS).astype(int) + K, 0, 2 * K - 1)
+    return profile, moved - profile.esf[bins]
+
+
+def steepness(profile: Profile, d: Array) -> Array:
+    """Slope of the edge spread function at distances, per pixel, of d's shape."""
+    x = profile.centres
+    return np.asarray(np.interp(d, (x[1:] + x[:-1]) / 2, np.diff(profile.esf) * BINS))
 
 
 def _unevenness(left: Array, far: npt.NDArray[np.bool_]) -> float:
@@ -192,13 +218,8 @@ def solve_light(normal: Array, right: Array) -> Array:
     return np.asarray(np.linalg.solve(held, right[..., None])[..., 0] * LIGHT_UNITS)
 
 
-def _slope(light: Array, strip: Strip, d: Array) -> Array:
-    return np.asarray(1 + light[3] * d + light[4] * strip.along[:, None])
-
-
-def _binned(value: Array, d: Array, used: npt.NDArray[np.bool_], end: float) -> tuple[Array, Array]:
+def _binned(value: Array, d: Array, used: npt.NDArray[np.bool_], K: int) -> tuple[Array, Array]:
     """Sums and numbers of the values in each row's bins, (n, 2 K)."""
-    K = int(np.ceil(end * BINS)) + 1
     bins = np.floor(d * BINS).astype(int) + K
     inside = used & (bins >= 0) & (bins < 2 * K)
     n = len(value)
@@ -213,7 +234,4 @@ def _binned(value: Array, d: Array, used: npt.NDArray[np.bool_], end: float) -> 
 def _moved(value: Array, d: Array, profile: Profile) -> Array:
     """Values moved along the spread function to their bins' centres: so that a bin's mean is a value, no average."""
     centre = (np.floor(d * BINS) + 0.5) / BINS
-    x = profile.centres
-    between = (x[1:] + x[:-1]) / 2
-    steepness = np.interp((d + centre) / 2, between, np.diff(profile.esf) * BINS)
-    return np.asarray(value + steepness * (centre - d))
+    return np.asarray(value + steepness(profile, (d + centre) / 2) * (centre - d))

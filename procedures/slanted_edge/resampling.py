@@ -34,8 +34,8 @@ def resampled_mtf(profile: Profile, draws: int = DRAWS) -> Array:
     )
     tail = profile.known_tail + light[:, 2] / (light[:, 1] - light[:, 0])
     # the values were divided by the light that all rows gave: what theirs differs by changes them with the distance
-    level = profile.esf + profile.level / profile.contrast - 1
-    esf = esf - (light[:, 3:4] - profile.gradient) * profile.centres * level
+    level = profile.esf + profile.light[0] / profile.contrast
+    esf = esf - (light[:, 3:4] - profile.light[3]) * profile.centres * level
     drawn = mtf_of(esf, tail, profile.flat_px, profile.end_px)
     own = mtf_of(profile.esf, np.asarray(profile.tail), profile.flat_px, profile.end_px)
     m = max(float(np.mean(profile.counts.sum(axis=0)[profile.counts.sum(axis=0) > 0])), 2.0)

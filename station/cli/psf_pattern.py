@@ -24,11 +24,15 @@ from station.cli.planes import (
 @click.command("pattern")
 @click.argument("image", type=click.Path(path_type=Path))
 @chart_options
+@click.option(
+    "--physics", is_flag=True, help="Also explain the PSF by photosites, low-pass filter, diffraction and aberrations."
+)
 @psf_options(s=4, k=17, solver="ls")
 def psf_pattern(
     image: Path,
     bits: Path | None,
     seed: int | None,
+    physics: bool,
     plane: str | None,
     out: Path,
     report: bool,
@@ -47,7 +51,8 @@ def psf_pattern(
         source = chart_source(bits, seed)
         frame = read_planes(image, plane)
         limit = partial(diffraction_limit, frame.exposure, **optics)
-        planes = tell_each(calibrate(frame, source.chart, parameters, limit))
-        given = {**options, "chart": source.origin, **{k: v for k, v in optics.items() if v is not None}}
+        planes = tell_each(calibrate(frame, source.chart, parameters, limit, physics=physics))
+        known = {name: value for name, value in optics.items() if value is not None}
+        given = {**options, "physics": physics, "chart": source.origin, **known}
         text = write_result(folder, planes, "pattern", [frame], parameters=given, report=report, start=start)
     finish([one.record for one in planes], text, as_json=as_json)

@@ -54,7 +54,7 @@ def test_the_usual_chart_with_edges_fits_on_the_same_paper(source: Source) -> No
     assert all(below < text.y - text.size for text in sheet.caption.texts)
 
 
-def test_every_format_is_written(source: Source, tmp_path) -> None:  # type: ignore[no-untyped-def]
-    for ending in ("pdf", "svg", "png", "pgm"):
+def test_pages_and_pixels_are_written(source: Source, tmp_path) -> None:  # type: ignore[no-untyped-def]
+    for ending in ("svg", "png"):
         path = tmp_path / f"chart.{ending}"
         assert encode(path, source.with_edges(), Size(300.0), 2).data != encode(path, source, Size(300.0), 2).data

@@ -81,13 +81,13 @@ def test_the_normal_points_across_the_edge() -> None:
 def test_error_bars_are_as_large_as_errors(rng: np.random.Generator) -> None:
     light = edge_light(gaussian(0.25))
     numbers = []
-    for serial in range(30):
+    for serial in range(24):
         made = exposed(light, serial, rng)
         numbers.append(value(estimate_edge(made, Roi.whole(made.samples))).numbers["mtf50"])
     z = np.array([(n.value - 0.25) / n.uncertainty for n in numbers])
-    # of 30 draws the mean scatters by 0.18, the standard deviation by 0.13: three of each
-    assert abs(z.mean()) < 0.55
-    assert 0.61 < z.std() < 1.4
+    # of 24 draws the mean scatters by 0.2, the standard deviation by 0.14: three of each
+    assert abs(z.mean()) < 0.6
+    assert 0.57 < z.std() < 1.43
     errors = np.abs(np.array([n.value for n in numbers]) / 0.25 - 1)
     assert np.quantile(errors, 0.95) < 0.02
 

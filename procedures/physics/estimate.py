@@ -1,0 +1,184 @@
+"""What a measured PSF says about sensor and lens: parts, their sizes with uncertainties, wavefront and Strehl ratio."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.outcome import BadParameter, Outcome, Quantity, Rule, Verdict, verdict_of
+from procedures.physics.choice import choose, scale_of
+from procedures.physics.fit import Fit, Whitened
+from procedures.physics.model import Grid, names_of
+from procedures.physics.pupil import TERMS
+from procedures.physics.sensor import Aperture
+from procedures.psf import Psf
+from procedures.quality import Diffraction
+
+Array = npt.NDArray[np.float64]
+
+METHOD = "generalised least squares by the PSF's covariance"
+STEP = 1e-4
+ALIKE = 2.0
+"""Difference of the criterion up to which two models are equally good: odds of e."""
+SENSOR_UNITS = {"side": "pixel", "separation": "pixel", "diffusion": "pixel", "notch": "1"}
+EVEN = ("defocus", "astigmatism", "astigmatism_oblique", "spherical")
+"""Aberrations whose common sign one PSF does not tell: that of the largest is taken for positive."""
+
+
+@dataclass(frozen=True)
+class Physics:
+    """The physical model of a PSF.
+
+    Attributes
+    ----------
+    aperture, low_pass : str
+        The photosite's shape and the low-pass filter.
+    missing_corner_deg : int or None
+        Of an L-shaped aperture: direction of the missing corner, from x towards y, y down.
+    numbers : mapping of str to Quantity
+        side, notch, separation, diffusion (in sensor pixels), fill_factor; aberrations, wavefront_rms and its part in
+        nanometres; strehl_lens, of the lens alone.
+    chi_square, freedom : float, int
+    remaining : float
+        Chi-square over that of no model at all: the share of the PSF, weighed by its noise, left unexplained.
+    prediction : (k, k) float64
+        The model's PSF.
+    candidates : tuple of (str, float)
+        The models tried, and by how much their criterion is over the best one's.
+    """
+
+    aperture: str
+    low_pass: str
+    missing_corner_deg: int | None
+    numbers: Mapping[str, Quantity]
+    chi_square: float
+    freedom: int
+    remaining: float
+    prediction: Array
+    candidates: tuple[tuple[str, float], ...]
+
+
+def estimate_physics(psf: Psf, diffraction: Diffraction | None, pitch: int) -> Outcome[Physics]:
+    """The physical model that explains a measured PSF best.
+
+    Parameters
+    ----------
+    psf : Psf
+        With its full covariance.
+    diffraction : Diffraction or None
+        Aperture, pitch of the plane's pixels, wavelength.
+    pitch : int
+        Sensor pixels per pixel of the plane.
+
+    Raises
+    ------
+    BadParameter
+        If aperture or pitch are not known: without them diffraction and defocus cannot be told apart.
+    """
+    data = Whitened.of(Grid(psf, check_known(diffraction), pitch))
+    fit, tried = choose(data)
+    verdict, reason, remedy = verdict_of(_doubts(fit, tried))
+    return Outcome(_physics(data, fit, tried), verdict, reason, remedy)
+
+
+def check_known(diffraction: Diffraction | None) -> Diffraction:
+    """The diffraction limit itself. Raises BadParameter where it is not known."""
+    if diffraction is None:
+        raise BadParameter(
+            "the physics of a PSF needs the sensor's pitch and the f-number; one of them is not known",
+            "give --pixel-pitch-um and --f-number",
+        )
+    return diffraction
+
+
+def _doubts(fit: Fit, tried: list[Fit]) -> list[Rule]:
+    ratio = fit.chi2 / fit.freedom
+    scale = scale_of(tried)
+    rivals = [one for one in tried if one.parts != fit.parts and one.criterion(scale) - fit.criterion(scale) < ALIKE]
+    return [
+        Rule(
+            Verdict.DOUBTFUL,
+            ratio > 2,
+            f"the best model leaves {ratio:.1f} times what noise would",
+            "check --f-number, --pixel-pitch-um and --wavelength-nm; other causes of blur are not in the model",
+        ),
+        Rule(
+            Verdict.DOUBTFUL,
+            bool(rivals),
+            f"this PSF does not tell two models apart: {_words(fit)}; {_words(rivals[0]) if rivals else ''}",
+            "compare with other planes and apertures: aberrations change with them, the sensor's parts do not",
+        ),
+    ]
+
+
+def _physics(data: Whitened, fit: Fit, tried: list[Fit]) -> Physics:
+    scale = scale_of(tried)
+    least = fit.criterion(scale)
+    prediction, _ = data.grid.model(fit.parts, fit.p)
+    nothing = float(np.sum((data.W @ data.grid.psf.h.ravel()) ** 2))
+    k = data.grid.psf.k
+    return Physics(
+        aperture=str(fit.parts.aperture),
+        low_pass=str(fit.parts.low_pass),
+        missing_corner_deg=fit.parts.aperture.missing_corner_deg,
+        numbers=_numbers(data, fit),
+        chi_square=fit.chi2,
+        freedom=fit.freedom,
+        remaining=fit.chi2 / nothing,
+        prediction=prediction.reshape(k, k),
+        candidates=tuple((_words(one), one.criterion(scale) - least) for one in tried),
+    )
+
+
+def _words(fit: Fit) -> str:
+    """A model in words."""
+    free = [TERMS[i].replace("_", " ") for i in fit.parts.aberrations]
+    lens = "all aberrations" if len(free) == len(TERMS) else " and ".join(free) or "no aberrations"
+    charge = ", diffusion" if fit.parts.diffusion else ""
+    return f"{fit.parts.aperture}, low-pass filter: {fit.parts.low_pass}{charge}, {lens}"
+
+
+def _numbers(data: Whitened, fit: Fit) -> dict[str, Quantity]:
+    """The parameters and what follows from them, each with its uncertainty."""
+    names, n = names_of(fit.parts), data.rank
+    sign = _sign(fit, names)
+    spread = np.sqrt(np.maximum(np.diag(fit.covariance), 0))
+    numbers: dict[str, Quantity] = {}
+    for name, value, uncertainty in zip(names, fit.p, spread, strict=True):
+        if name in ("shift_x", "shift_y"):  # the centre is a convention of the marks
+            continue
+        unit = "wave rms" if name in TERMS else SENSOR_UNITS[name]
+        signed = sign * value if name in EVEN else value
+        numbers[name] = Quantity(float(signed), unit, float(uncertainty), METHOD, n)
+
+    def derived(name: str, unit: str, function: Callable[[Array], float]) -> None:
+        gradient = np.array(
+            [(function(fit.p + e) - function(fit.p - e)) / (2 * STEP) for e in STEP * np.eye(len(fit.p))]
+        )
+        variance = float(gradient @ fit.covariance @ gradient)
+        numbers[name] = Quantity(function(fit.p), unit, max(variance, 0.0) ** 0.5, METHOD, n)
+
+    place = {name: i for i, name in enumerate(names)}
+    notch = place.get("notch") if fit.parts.aperture is not Aperture.SQUARE else None
+    derived("fill_factor", "1", lambda p: float(p[place["side"]] ** 2 * (1 - (p[notch] ** 2 if notch else 0.0))))
+    count, pupil = 2 + len(fit.parts.names), data.grid.pupil
+    derived("wavefront_rms", "wave", lambda p: float(np.linalg.norm(p[count:])))
+    nm = data.grid.diffraction.wavelength_nm
+    derived("wavefront_rms_nm", "nm", lambda p: nm * float(np.linalg.norm(p[count:])))
+
+    def strehl(p: Array) -> float:
+        waves = np.zeros(len(TERMS))
+        waves[list(fit.parts.aberrations)] = p[count:]
+        return pupil.strehl(waves)
+
+    derived("strehl_lens", "1", strehl)
+    return numbers
+
+
+def _sign(fit: Fit, names: tuple[str, ...]) -> float:
+    """What the even aberrations are multiplied by, so that the largest is positive."""
+    even = [value for name, value in zip(names, fit.p, strict=True) if name in EVEN]
+    return -1.0 if even and max(even, key=abs) < 0 else 1.0

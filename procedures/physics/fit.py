@@ -1,0 +1,111 @@
+"""Parameters of a model by generalised least squares: every sample weighs as the PSF's covariance says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import least_squares
+
+from procedures.physics.model import Grid, bounds_of, names_of, start_of
+from procedures.physics.sensor import Parts
+
+Array = npt.NDArray[np.float64]
+
+RANK = 1e-9
+"""Share of the covariance's largest eigenvalue under which a direction has no noise of its own.
+
+A PSF of sum 1 has one such direction, and where its centre was fixed there may be two more: there its value is a
+convention, and says nothing about a model."""
+STARTS = ((0.06, 0.03), (0.06, -0.03))
+"""Waves of defocus and spherical aberration from which fits begin; one sign of both together cannot be told from the
+other, so there are two."""
+
+
+@dataclass(frozen=True, eq=False)
+class Whitened:
+    """A PSF turned so that its noise is white: W (r, k^2) with W C W' = 1, r the covariance's rank."""
+
+    grid: Grid
+    W: Array
+
+    @classmethod
+    def of(cls, grid: Grid) -> Whitened:
+        """By the eigenvectors of its covariance."""
+        values, vectors = np.linalg.eigh((grid.psf.covariance + grid.psf.covariance.T) / 2)
+        kept = values > RANK * values[-1]
+        return cls(grid, (vectors[:, kept] / np.sqrt(values[kept])).T)
+
+    @property
+    def rank(self) -> int:
+        """Numbers that the PSF gives to compare with a model."""
+        return len(self.W)
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A model's parameters.
+
+    Attributes
+    ----------
+    p : (n,) float64
+        In the order of `model.names_of`.
+    covariance : (n, n) float64
+        Enlarged by the share of chi-square over its freedoms, where that is over 1.
+    chi2 : float
+    freedom : int
+    """
+
+    parts: Parts
+    p: Array
+    covariance: Array
+    chi2: float
+    freedom: int
+
+    def criterion(self, scale: float = 1.0) -> float:
+        """Schwarz's information criterion, smaller is better, where chi-square counts in units of `scale`."""
+        return self.chi2 / scale + len(self.p) * float(np.log(self.freedom + len(self.p)))
+
+
+def fit_parts(data: Whitened, parts: Parts, start: Array | None = None) -> Fit:
+    """The best parameters of a model, from one start or from `STARTS`."""
+    starts = (
+        [start] if start is not None else [start_of(parts, *pair) for pair in STARTS[: 2 if parts.aberrations else 1]]
+    )
+    low, high = bounds_of(parts)
+    found = [_descend(data, parts, np.clip(one, low + 1e-6, high - 1e-6), (low, high)) for one in starts]
+    return min(found, key=lambda one: one.chi2)
+
+
+def start_near(fit: Fit, parts: Parts) -> Array:
+    """Where a fit of other parts begins: at the values of a fit that has most of them."""
+    known = dict(zip(names_of(fit.parts), fit.p, strict=True))
+    fresh = start_of(parts, *STARTS[0])
+    return np.array([known.get(name, value) for name, value in zip(names_of(parts), fresh, strict=True)])
+
+
+def _descend(data: Whitened, parts: Parts, start: Array, bounds: tuple[Array, Array]) -> Fit:
+    cache: dict[bytes, tuple[Array, Array]] = {}
+
+    def evaluated(p: Array) -> tuple[Array, Array]:
+        key = p.tobytes()
+        if key not in cache:
+            cache.clear()
+            cache[key] = data.grid.model(parts, p)
+        return cache[key]
+
+    measured = data.grid.psf.h.ravel()
+    done = least_squares(
+        lambda p: data.W @ (evaluated(p)[0] - measured),
+        start,
+        jac=lambda p: data.W @ evaluated(p)[1],
+        bounds=bounds,
+        xtol=1e-6,
+        ftol=1e-6,
+        gtol=1e-6,
+        max_nfev=30,
+    )
+    chi2, freedom = 2 * float(done.cost), data.rank - len(start)
+    covariance = np.linalg.pinv(done.jac.T @ done.jac, rcond=1e-12) * max(chi2 / freedom, 1.0)
+    return Fit(parts, np.asarray(done.x, dtype=np.float64), covariance, chi2, freedom)

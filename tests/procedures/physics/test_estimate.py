@@ -1,0 +1,190 @@
+"""Parts of simulated cameras found again in their PSFs; the simulator's optics and the model share no mathematics."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from procedures.outcome import BadParameter, Outcome, Verdict
+from procedures.pattern import Chart
+from procedures.pattern_psf.estimate import estimate_psf
+from procedures.physics.estimate import Physics, estimate_physics
+from procedures.physics.fit import Whitened, fit_parts
+from procedures.physics.model import Grid, names_of
+from procedures.physics.pupil import TERMS, Pupil
+from procedures.physics.sensor import Aperture, LowPass, Parts, aperture_otf
+from procedures.psf import Psf
+from procedures.quality import Diffraction
+from procedures.raw import Plane
+from simulators.camera import Lens, SimulatedCamera
+from simulators.optics import (
+    WAVELENGTHS_UM,
+    CircularPupil,
+    FourSpots,
+    GaussianBlur,
+    LShapedAperture,
+    Optics,
+    PixelAperture,
+)  # fmt: skip
+from simulators.pupil import Wavefront, aberrated_otf, circular_otf
+from simulators.scene import Scene
+from simulators.sensor import Sensor
+from simulators.truth import true_psf
+
+S, K = 4, 17
+PITCH_UM, F_NUMBER = 5.0, 5.6
+WAVEFRONT = Wavefront(
+    defocus_um=0.05,
+    astigmatism_um=0.03,
+    oblique_astigmatism_um=0.02,
+    coma_y_um=-0.02,
+    coma_x_um=0.04,
+    spherical_um=0.03,
+)
+
+
+def camera(*sensor: PixelAperture | FourSpots | LShapedAperture | GaussianBlur, wavefront: Wavefront) -> Optics:
+    return Optics((CircularPupil(F_NUMBER, wavefront), *sensor), PITCH_UM)
+
+
+def measured(optics: Optics, colour: str, relative: float, rng: np.random.Generator) -> tuple[Psf, Diffraction]:
+    """A Bayer plane's PSF with noise of a relative L2 size, white but for its sum of 1."""
+    true = true_psf(optics, S, K, colour=colour, pitch=2).h
+    sigma = relative * float(np.linalg.norm(true)) / K
+    covariance = sigma**2 * (np.eye(K * K) - 1 / K**2)
+    noise = sigma * rng.standard_normal(K * K)
+    h = true + (noise - noise.mean()).reshape(K, K)
+    return Psf(h, S, covariance), Diffraction(F_NUMBER, 2 * PITCH_UM, 1000 * WAVELENGTHS_UM[colour])
+
+
+def value(outcome: Outcome[Physics]) -> Physics:
+    assert outcome.value is not None
+    return outcome.value
+
+
+def test_the_pupil_s_otf_is_that_of_another_mathematics() -> None:
+    # quadrature over the overlap there, Fourier transforms of a sampled disc here: right to the disc's rim
+    f, scale = np.arange(-32, 33) / 16, 2 * 0.55 * 5.6 / 7.5
+    pupil = Pupil(2 / scale, 1 / 16, 2.0)
+    flat = circular_otf(np.minimum(scale * np.hypot(f, f[:, None]), 2))
+    np.testing.assert_allclose(pupil.otf(np.zeros(8)), flat, atol=2e-3)
+    w = WAVEFRONT
+    terms = (w.defocus_um, w.oblique_astigmatism_um, w.astigmatism_um, w.coma_y_um, w.coma_x_um, 0, 0, w.spherical_um)
+    aberrated = aberrated_otf(scale * f[None, :], scale * f[:, None], w, 0.55)
+    np.testing.assert_allclose(pupil.otf(np.array(terms) / 0.55), aberrated, atol=2e-3)
+
+
+def test_strehl_follows_marechal_for_small_wavefronts() -> None:
+    # 1 - (2 pi sigma)^2 to fourth order
+    waves = 0.02 * np.eye(8)[[0, 3]]
+    for one in waves:
+        assert Pupil(2.0, 1 / 16, 2.0).strehl(one) == pytest.approx(1 - (2 * np.pi * 0.02) ** 2, abs=4e-4)
+
+
+@pytest.mark.parametrize("turns", range(4))
+def test_l_shaped_apertures_are_those_of_the_simulator_turned(turns: int) -> None:
+    f = np.linspace(-1.5, 1.5, 13)
+    fx, fy = f[None, :], f[:, None]
+    simulated = LShapedAperture(0.9, 0.4, quarter_turns=turns).otf(fx, fy, WAVELENGTHS_UM["G"], 5.0)
+    shape = [Aperture.L_45, Aperture.L_135, Aperture.L_225, Aperture.L_315][turns]
+    # the bars' common square is centred on the pixel in both
+    np.testing.assert_allclose(aperture_otf(shape, 0.9, 0.4, fx, fy), simulated, atol=1e-12)
+
+
+def test_model_slopes_are_its_differences(rng: np.random.Generator) -> None:
+    psf, diffraction = measured(camera(PixelAperture(), wavefront=WAVEFRONT), "G", 0.01, rng)
+    grid, parts = Grid(psf, diffraction, 2), Parts(Aperture.L_135, LowPass.FOUR, diffusion=True)
+    p = np.concatenate([[0.1, -0.05, 0.9, 0.4, 0.7, 0.2], rng.uniform(-0.1, 0.1, len(TERMS))])
+    _, J = grid.model(parts, p)
+    for i, name in enumerate(names_of(parts)):
+        step = 1e-5 * np.eye(len(p))[i]
+        difference = (grid.model(parts, p + step)[0] - grid.model(parts, p - step)[0]) / 2e-5
+        np.testing.assert_allclose(J[:, i], difference, atol=1e-5 * np.abs(difference).max(), err_msg=name)
+
+
+def test_a_camera_of_many_parts_is_taken_apart(rng: np.random.Generator) -> None:
+    optics = camera(PixelAperture(0.95, 0.95), FourSpots(0.8), wavefront=WAVEFRONT)
+    psf, diffraction = measured(optics, "G", 0.01, rng)
+    outcome = estimate_physics(psf, diffraction, 2)
+    found = value(outcome)
+    assert outcome.verdict is Verdict.PASS
+    assert (found.aperture, found.low_pass) == ("square", "four spots")
+    waves = 1 / WAVELENGTHS_UM["G"]
+    true = {"side": 0.95, "separation": 0.8, "fill_factor": 0.95**2, "defocus": 0.05 * waves, "coma_x": 0.04 * waves}
+    true |= {"astigmatism": 0.03 * waves, "coma_y": -0.02 * waves, "trefoil_x": 0.0, "spherical": 0.03 * waves}
+    rms = float(np.linalg.norm([0.05, 0.03, 0.02, 0.02, 0.04, 0.03])) * waves
+    for name, expected in {**true, "wavefront_rms": rms}.items():
+        number = found.numbers[name]
+        # four standard deviations, and 1 % of a wave or pixel for the grids
+        assert abs(number.value - expected) < 4 * number.uncertainty + 0.002, name
+    # nothing is left but noise, of variance 2 / freedom
+    assert found.chi_square / found.freedom == pytest.approx(1, abs=0.3)
+    assert found.remaining < 0.001
+
+
+def test_error_bars_are_as_large_as_errors(rng: np.random.Generator) -> None:
+    optics = camera(PixelAperture(0.9, 0.9), wavefront=WAVEFRONT)
+    parts, start, z = Parts(), None, []
+    true = np.array([0.9, *(v / WAVELENGTHS_UM["G"] for v in (0.05, 0.02, 0.03, -0.02, 0.04, 0, 0, 0.03))])
+    for _ in range(8):
+        psf, diffraction = measured(optics, "G", 0.02, rng)
+        fit = fit_parts(Whitened.of(Grid(psf, diffraction, 2)), parts, start)
+        start = fit.p
+        z.append((fit.p[2:] - true) / np.sqrt(np.diag(fit.covariance))[2:])
+    # 72 numbers, some of them correlated: their spread is known to an eighth
+    assert np.std(z) == pytest.approx(1, abs=0.35)
+
+
+def test_a_perfect_lens_has_no_aberrations(rng: np.random.Generator) -> None:
+    psf, diffraction = measured(camera(PixelAperture(0.9, 0.9), wavefront=Wavefront()), "G", 0.01, rng)
+    found = value(estimate_physics(psf, diffraction, 2))
+    assert (found.aperture, found.low_pass) == ("square", "none")
+    assert found.numbers["strehl_lens"].value > 0.99
+    assert found.numbers["side"].value == pytest.approx(0.9, abs=0.01)
+
+
+def test_l_shaped_photosites_are_turned_between_green_and_red(rng: np.random.Generator) -> None:
+    # figure 3.7 of Delbracio's thesis: red and blue transfer functions look like green's turned by 90 degrees
+    optics = camera(LShapedAperture(0.98, 0.55, quarter_turns=1), wavefront=Wavefront(defocus_um=0.02))
+    psf, diffraction = measured(optics, "G", 0.005, rng)
+    green = value(estimate_physics(psf, diffraction, 2))
+    assert green.missing_corner_deg == 135
+    assert green.numbers["notch"].value == pytest.approx(0.55, abs=0.05)
+    psf, diffraction = measured(optics, "R", 0.005, rng)
+    data = Whitened.of(Grid(psf, diffraction, 2))
+    fits = [fit_parts(data, Parts(shape, aberrations=(0,))) for shape in Aperture]
+    best = min(fits, key=lambda one: one.criterion())
+    assert best.parts.aperture.missing_corner_deg == green.missing_corner_deg + 90
+    # the next best, turned by half a turn, has the same modulus but not the phase
+    assert sorted(one.chi2 for one in fits)[1] > best.chi2 + 100
+
+
+def test_a_photograph_of_the_chart_tells_the_sensor_s_parts(rng: np.random.Generator) -> None:
+    # the whole way: render, noise, estimate with its true covariance, and take apart
+    optics = Optics((CircularPupil(4.0), PixelAperture(0.9, 0.9), FourSpots(0.8)), 7.5)
+    sensor = Sensor(150, 150, None, bits=14, full_well_e=5e4, gain_e_per_dn=3.2)
+    photographer = SimulatedCamera(Lens(f_number=4.0), sensor, 7.5, optics, white_e_per_s=4e4 / 0.02 * (4.0 / 5.6) ** 2)
+    placed = photographer.place(Chart.from_seed(), pixels=100, yaw_deg=3.0, roll_deg=2.0)
+    shot = photographer.photograph(Scene((placed,)), rng)
+    psf = estimate_psf(Plane("Y", shot.plane("Y").astype(np.float32), 1 / 15000), Chart.from_seed()).value
+    assert psf is not None
+    found = value(estimate_physics(psf.psf, Diffraction(4.0, 7.5, 550.0), 1))
+    assert (found.aperture, found.low_pass) == ("square", "four spots")
+    for name, true in {"side": 0.9, "separation": 0.8}.items():
+        assert abs(found.numbers[name].value - true) < 4 * found.numbers[name].uncertainty + 0.005
+    assert found.chi_square / found.freedom == pytest.approx(1, abs=0.4)
+
+
+def test_what_is_not_in_the_model_is_told(rng: np.random.Generator) -> None:
+    # a Gaussian twice as long as wide is none of the parts
+    optics = camera(PixelAperture(), GaussianBlur(1.6, 0.4, 30.0), wavefront=Wavefront())
+    psf, diffraction = measured(optics, "G", 0.003, rng)
+    outcome = estimate_physics(psf, diffraction, 2)
+    assert outcome.verdict is Verdict.DOUBTFUL
+    assert "best model leaves" in outcome.reason
+
+
+def test_without_pitch_or_aperture_there_is_no_physics(rng: np.random.Generator) -> None:
+    psf, _ = measured(camera(PixelAperture(), wavefront=Wavefront()), "G", 0.01, rng)
+    with pytest.raises(BadParameter, match="pitch and the f-number"):
+        estimate_physics(psf, None, 2)
