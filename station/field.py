@@ -40,8 +40,11 @@ class Measured:
     Attributes
     ----------
     frames : list of (path, SHA-256)
-        That were read.
-    planes : mapping of name to a plane of the first photograph, without its samples' meaning: pitch and shape
+        That gave nodes.
+    planes : mapping of name to Plane
+        Of the first photograph: pitch, origin and shape; its samples are not kept.
+    exposures : list of RawFrame
+        What the camera noted, without samples.
     nodes : mapping of plane to nodes
     misses : what gave no node, and why
     failed : names of the photographs that gave none at all
@@ -245,7 +248,15 @@ def _rules(found: Interpolation, maps: Sequence[FieldMap]) -> list[Rule]:
     by_name = {one.name: one for one in maps}
     error = float(np.nanmedian(by_name["error_interpolation"].value))
     enclosed = float(np.isfinite(by_name["error_noise"].value).mean())
+    rows, columns = found.field.shape
+    centred = bool(found.field.inside(np.array([[(columns - 1) / 2, (rows - 1) / 2]]))[0])
     return [
+        Rule(
+            Verdict.DOUBTFUL,
+            not centred,
+            "the frame's centre lies beyond the nodes: its PSF is that of the nearest place among them",
+            "photograph the chart on all sides of the centre",
+        ),
         Rule(
             Verdict.DOUBTFUL,
             error > LARGE_ERROR,
