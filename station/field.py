@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from procedures.field.chromatic import LateralColour, lateral_colour
-from procedures.field.estimate import FrameNodes, Miss, measure_frame
+from procedures.field.estimate import Each, FrameNodes, Miss, measure_frame
 from procedures.field.focus import FocusSurface, focus_surface, sharpest
 from procedures.field.interpolate import Interpolation, interpolate
 from procedures.field.maps import FieldMap, derive
@@ -113,21 +113,26 @@ Answer = tuple[RawFrame, FrameNodes] | ProcedureError
 def _side_by_side(
     paths: Sequence[Path], names: Sequence[str] | None, chart: Chart, parameters: PatternParameters
 ) -> Iterator[Answer]:
-    """Answers in the order of the photographs. Threads: nearly all the time goes into code that lets others run."""
+    """Answers in the order of the photographs. Threads: nearly all the time goes into code that lets others run.
 
-    def one(path: Path) -> Answer:
-        try:
-            frame = read_frame(path, names)
-            nodes = measure_frame(frame, chart, parameters)
-            return _without_samples(frame), nodes
-        except ProcedureError as error:
-            return error
+    Where there are fewer photographs than cores, their charts are shared out instead.
+    """
+    cores = os.cpu_count() or 1
+    with ThreadPoolExecutor(min(len(paths), cores)) as frames, ThreadPoolExecutor(cores) as charts:
+        each: Each = charts.map if len(paths) < cores else map
 
-    with ThreadPoolExecutor(min(len(paths), os.cpu_count() or 1)) as pool:
+        def one(path: Path) -> Answer:
+            try:
+                frame = read_frame(path, names)
+                return _without_samples(frame), measure_frame(frame, chart, parameters, each)
+            except ProcedureError as error:
+                return error
+
         try:
-            yield from pool.map(one, paths)
+            yield from frames.map(one, paths)
         finally:
-            pool.shutdown(cancel_futures=True)
+            frames.shutdown(cancel_futures=True)
+            charts.shutdown(cancel_futures=True)
 
 
 def _without_samples(frame: RawFrame) -> RawFrame:
