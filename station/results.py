@@ -116,7 +116,7 @@ class ResultFolder:
             os.replace(self.staging / name, self.path / name)
 
 
-_RESULT_FILE = re.compile(r"(psf|covariance|mtf|inter_image)_(R|G1|G2|B|Y)\.(npy|csv|png)")
+_RESULT_FILE = re.compile(r"(psf|covariance|mtf|inter_image)_(R|G1|G2|B|Y)\.(npy|csv|png)|field\.h5")
 
 
 def write_psf_result(folder: ResultFolder, planes: Sequence[PlaneRecord], about: Mapping[str, Any]) -> str:
