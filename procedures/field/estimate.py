@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from procedures.outcome import Outcome, Refused, Verdict
 from procedures.pattern import CELLS, Chart
+from procedures.pattern_psf.centre import mark_offset
 from procedures.pattern_psf.detection import Sighting, find_charts
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
 from procedures.psf_field import Node
@@ -105,8 +106,9 @@ def measure_frame(frame: RawFrame, chart: Chart, parameters: PatternParameters, 
 
 
 def node_of(found: PatternPsf, plane: Plane, source: str, number: int) -> Node:
-    """The node of an estimate: its place is where the map sees the chart's centre."""
-    position = found.registration.to_sensor(MIDDLE)[0]
+    """The node of an estimate: its place is where a mark at the chart's centre is seen."""
+    offset = mark_offset(found.psf.h, found.psf.s, found.registration.jacobian())
+    position = found.registration.to_sensor(MIDDLE)[0] + offset
     on_sensor = plane.pitch * position + np.array(plane.origin, dtype=np.float64)
     return Node(position, found.centre_covariance, on_sensor, found.psf, source, number)
 
