@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from procedures.field.chromatic import LateralColour, lateral_colour
-from procedures.field.estimate import FrameNodes, Miss, measure_frame
+from procedures.field.estimate import Each, FrameNodes, Miss, measure_frame
 from procedures.field.focus import FocusSurface, focus_surface, sharpest
 from procedures.field.interpolate import Interpolation, interpolate
 from procedures.field.maps import FieldMap, derive
@@ -40,8 +40,11 @@ class Measured:
     Attributes
     ----------
     frames : list of (path, SHA-256)
-        That were read.
-    planes : mapping of name to a plane of the first photograph, without its samples' meaning: pitch and shape
+        That gave nodes.
+    planes : mapping of name to Plane
+        Of the first photograph: pitch, origin and shape; its samples are not kept.
+    exposures : list of RawFrame
+        What the camera noted, without samples.
     nodes : mapping of plane to nodes
     misses : what gave no node, and why
     failed : names of the photographs that gave none at all
@@ -110,21 +113,26 @@ Answer = tuple[RawFrame, FrameNodes] | ProcedureError
 def _side_by_side(
     paths: Sequence[Path], names: Sequence[str] | None, chart: Chart, parameters: PatternParameters
 ) -> Iterator[Answer]:
-    """Answers in the order of the photographs. Threads: nearly all the time goes into code that lets others run."""
+    """Answers in the order of the photographs. Threads: nearly all the time goes into code that lets others run.
 
-    def one(path: Path) -> Answer:
-        try:
-            frame = read_frame(path, names)
-            nodes = measure_frame(frame, chart, parameters)
-            return _without_samples(frame), nodes
-        except ProcedureError as error:
-            return error
+    Where there are fewer photographs than cores, their charts are shared out instead.
+    """
+    cores = os.cpu_count() or 1
+    with ThreadPoolExecutor(min(len(paths), cores)) as frames, ThreadPoolExecutor(cores) as charts:
+        each: Each = charts.map if len(paths) < cores else map
 
-    with ThreadPoolExecutor(min(len(paths), os.cpu_count() or 1)) as pool:
+        def one(path: Path) -> Answer:
+            try:
+                frame = read_frame(path, names)
+                return _without_samples(frame), measure_frame(frame, chart, parameters, each)
+            except ProcedureError as error:
+                return error
+
         try:
-            yield from pool.map(one, paths)
+            yield from frames.map(one, paths)
         finally:
-            pool.shutdown(cancel_futures=True)
+            frames.shutdown(cancel_futures=True)
+            charts.shutdown(cancel_futures=True)
 
 
 def _without_samples(frame: RawFrame) -> RawFrame:
@@ -245,7 +253,15 @@ def _rules(found: Interpolation, maps: Sequence[FieldMap]) -> list[Rule]:
     by_name = {one.name: one for one in maps}
     error = float(np.nanmedian(by_name["error_interpolation"].value))
     enclosed = float(np.isfinite(by_name["error_noise"].value).mean())
+    rows, columns = found.field.shape
+    centred = bool(found.field.inside(np.array([[(columns - 1) / 2, (rows - 1) / 2]]))[0])
     return [
+        Rule(
+            Verdict.DOUBTFUL,
+            not centred,
+            "the frame's centre lies beyond the nodes: its PSF is that of the nearest place among them",
+            "photograph the chart on all sides of the centre",
+        ),
         Rule(
             Verdict.DOUBTFUL,
             error > LARGE_ERROR,

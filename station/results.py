@@ -130,7 +130,7 @@ class ResultFolder:
 
 
 _RESULT_FILE = re.compile(
-    r"(psf|covariance|mtf|edge|inter_image|profile)_(R|G1|G2|B|Y)\.(npy|csv|png|fits|tiff)|numbers\.csv|report\.html"
+    r"(psf|covariance|mtf|edge|inter_image|profile)_(R|G1|G2|B|Y)\.(npy|csv|png|fits|tiff)|numbers\.csv|report\.html|field\.h5"
 )
 
 

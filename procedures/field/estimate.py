@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from procedures.outcome import Refused, Verdict
+from procedures.outcome import Outcome, Refused, Verdict
 from procedures.pattern import CELLS, Chart
+from procedures.pattern_psf.centre import mark_offset
 from procedures.pattern_psf.detection import Sighting, find_charts
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
 from procedures.psf_field import Node
@@ -50,10 +52,27 @@ class FrameNodes:
     doubts: int
 
 
-def measure_frame(frame: RawFrame, chart: Chart, parameters: PatternParameters) -> FrameNodes:
+Job = tuple[Plane, int, Sighting]
+Estimated = Outcome[PatternPsf]
+
+
+class Each(Protocol):
+    """Does something to each of some things and gives the answers in order, as `map` does: here or side by side."""
+
+    def __call__(self, function: Callable[[Job], Estimated], jobs: Sequence[Job], /) -> Iterable[Estimated]:
+        """The answers."""
+        ...
+
+
+def measure_frame(frame: RawFrame, chart: Chart, parameters: PatternParameters, each: Each = map) -> FrameNodes:
     """The nodes of all charts in all planes of a photograph.
 
     The charts are found in one plane, green where there is one; the others show them in the same places.
+
+    Parameters
+    ----------
+    each : Each
+        How the charts are gone through; `map` takes one after the other.
 
     Raises
     ------
@@ -68,25 +87,28 @@ def measure_frame(frame: RawFrame, chart: Chart, parameters: PatternParameters) 
             f"{source}: no chart in the photograph",
             "show the whole chart, sharp and evenly lit, its noise region 60 to 300 pixels wide",
         )
-    nodes: dict[str, list[Node]] = {name: [] for name in frame.planes}
-    misses, doubts = [], 0
+    jobs: list[Job] = []
     for plane in frame.planes.values():
         x, y = ((a - b) / plane.pitch for a, b in zip(guide.origin, plane.origin, strict=True))
-        for number, sighting in enumerate(sightings, 1):
-            outcome = estimate_psf(plane, chart, parameters, sighting=sighting.moved(x, y))
-            doubts += outcome.verdict is Verdict.DOUBTFUL
-            if outcome.value is None:
-                place = "({:.0f}, {:.0f})".format(*sighting.centre())
-                misses.append(Miss(source, outcome.reason, outcome.remedy, plane.name, place))
-            else:
-                nodes[plane.name].append(node_of(outcome.value, plane, source, number))
+        jobs += [(plane, number, sighting.moved(x, y)) for number, sighting in enumerate(sightings, 1)]
+    outcomes = each(lambda job: estimate_psf(job[0], chart, parameters, sighting=job[2]), jobs)
+    nodes: dict[str, list[Node]] = {name: [] for name in frame.planes}
+    misses, doubts = [], 0
+    for (plane, number, sighting), outcome in zip(jobs, outcomes, strict=True):
+        doubts += outcome.verdict is Verdict.DOUBTFUL
+        if outcome.value is None:
+            place = "({:.0f}, {:.0f})".format(*sighting.centre())
+            misses.append(Miss(source, outcome.reason, outcome.remedy, plane.name, place))
+        else:
+            nodes[plane.name].append(node_of(outcome.value, plane, source, number))
     shapes = {name: (plane.samples.shape[0], plane.samples.shape[1]) for name, plane in frame.planes.items()}
     return FrameNodes(nodes, shapes, misses, doubts)
 
 
 def node_of(found: PatternPsf, plane: Plane, source: str, number: int) -> Node:
-    """The node of an estimate: its place is where the map sees the chart's centre."""
-    position = found.registration.to_sensor(MIDDLE)[0]
+    """The node of an estimate: its place is where a mark at the chart's centre is seen."""
+    offset = mark_offset(found.psf.h, found.psf.s, found.registration.jacobian())
+    position = found.registration.to_sensor(MIDDLE)[0] + offset
     on_sensor = plane.pitch * position + np.array(plane.origin, dtype=np.float64)
     return Node(position, found.centre_covariance, on_sensor, found.psf, source, number)
 

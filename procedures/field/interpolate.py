@@ -7,8 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
-from procedures.field.models import AxialSymmetry, Axis, Optic, Separate, fit_axis
+from procedures.field.models import AxialSymmetry, Axis, Separate, fit_axis
+from procedures.field.whitening import MOST, Whitened
 from procedures.numerics.scattered import Polynomial, ThinPlate
 from procedures.outcome import Refused
 from procedures.psf_field import CoefficientModel, Node, PsfField, in_half_diagonals
@@ -18,12 +22,14 @@ Indices = npt.NDArray[np.intp]
 
 FEWEST = 6
 """Nodes from which a PSF is interpolated: a quadratic surface has six coefficients."""
+SAME_PLACE = 0.02
+"""Nodes nearer than this, in half diagonals, are one place."""
 NARROWEST = 0.02
 """Least root mean square distance of the nodes from a line, in half diagonals."""
 ONE_BY_ONE = 30
 """Up to so many nodes are left out one at a time, more in ten groups."""
 GROUPS = 10
-COUNTS = (1, 2, 3, 4, 6, 8, 12, 16, 24)
+COUNTS = (1, 2, 3, 4, 6, 8, 12, 16, MOST)
 """Numbers of components that are tried."""
 DEGREES = (0, 1, 2, 3, 4, 5, 6)
 STIFFNESS = (0.0, 0.03)
@@ -32,8 +38,6 @@ MOST_SYMMETRIC = 16
 """Components of the symmetric lens, at most."""
 UNSURE = 0.25
 """Standard uncertainty of the axis, in half diagonals, from which it is not told."""
-FLOOR = 0.05
-"""Least variance that noise is taken to have in any direction, of the mean: some directions have none by convention."""
 
 
 @dataclass(frozen=True)
@@ -107,8 +111,8 @@ def interpolate(plane: str, shape: tuple[int, int], nodes: Sequence[Node]) -> In
         If there are fewer than six nodes, or they lie on a line.
     """
     _check(plane, shape, nodes)
-    data = _Whitened.of(nodes, shape)
-    folds = list(_folds(len(nodes)))
+    data = Whitened.of(nodes, shape)
+    folds = list(_folds(data.places))
     scores = _separate_scores(data, folds)
     best = min(scores, key=lambda one: one[2])
     axis = _axis(data, best[1])
@@ -124,17 +128,18 @@ def interpolate(plane: str, shape: tuple[int, int], nodes: Sequence[Node]) -> In
 def rebuild(plane: str, shape: tuple[int, int], nodes: Sequence[Node], recipe: Recipe, components: int) -> PsfField:
     """The field of an earlier choice from its nodes, without choosing again. Raises Refused as `interpolate`."""
     _check(plane, shape, nodes)
-    return _field(plane, shape, nodes, _Whitened.of(nodes, shape), recipe, components)
+    return _field(plane, shape, nodes, Whitened.of(nodes, shape), recipe, components)
 
 
 def _check(plane: str, shape: tuple[int, int], nodes: Sequence[Node]) -> None:
     """Raise Refused for nodes between which nothing can be told."""
-    if len(nodes) < FEWEST:
+    places = in_half_diagonals(np.array([node.position for node in nodes]).reshape(-1, 2), shape)
+    count = int(_places_apart(places).max(initial=-1)) + 1
+    if count < FEWEST:
         raise Refused(
-            f"the PSF is interpolated from {FEWEST} places of the frame or more; plane {plane} has {len(nodes)}",
+            f"the PSF is interpolated from {FEWEST} places of the frame or more; plane {plane} has {count}",
             "photograph the chart at more places",
         )
-    places = in_half_diagonals(np.array([node.position for node in nodes]), shape)
     width = float(np.linalg.svd(places - places.mean(axis=0), compute_uv=False)[-1]) / len(nodes) ** 0.5
     if width < NARROWEST:
         raise Refused(
@@ -143,77 +148,27 @@ def _check(plane: str, shape: tuple[int, int], nodes: Sequence[Node]) -> None:
         )
 
 
-# --- data in units of their noise ----------------------------------------------------------------------------------
+def _places_apart(places: Array) -> Indices:
+    """Number of the place of each node, (N,): nodes that hardly lie apart are one place, measured again."""
+    pairs = cKDTree(places).query_pairs(SAME_PLACE, output_type="ndarray") if len(places) else np.zeros((0, 2), int)
+    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(places), len(places)))
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.intp)
 
 
-@dataclass(frozen=True, eq=False)
-class _Whitened:
-    """The nodes' PSFs z in coordinates where the mean noise is 1 in every direction.
-
-    Attributes
-    ----------
-    z : (N, k^2), places : (N, 2), trust : (N,)
-        Trust is one over the noise's variance, about 1.
-    C : (N, k^2, k^2)
-        Covariances of h.
-    to, back : (k^2, k^2)
-        z = to h, h = back z; both symmetric.
-    """
-
-    z: Array
-    places: Array
-    trust: Array
-    C: Array
-    to: Array
-    back: Array
-    k: int
-
-    @classmethod
-    def of(cls, nodes: Sequence[Node], shape: tuple[int, int]) -> _Whitened:
-        covariances = np.array([node.psf.covariance for node in nodes])
-        values, vectors = np.linalg.eigh(covariances.mean(axis=0))
-        root = np.sqrt(np.maximum(values, FLOOR * values.mean()))
-        to, back = (vectors / root) @ vectors.T, (vectors * root) @ vectors.T
-        psf = nodes[0].psf
-        trust = psf.k**2 / np.einsum("pq,ipq->i", to @ to, covariances)
-        z = np.array([node.psf.h.ravel() for node in nodes]) @ to
-        places = in_half_diagonals(np.array([node.position for node in nodes]), shape)
-        return cls(z, places, trust, covariances, to, back, psf.k)
-
-    def basis(self, kept: Indices) -> tuple[Array, Array]:
-        """Weighted mean (k^2,) and principal directions (n, k^2), the strongest first, of some nodes."""
-        known: dict[bytes, tuple[Array, Array]] = self.__dict__.setdefault("_bases", {})
-        if kept.tobytes() not in known:
-            mean = self.trust[kept] @ self.z[kept] / self.trust[kept].sum()
-            X = np.sqrt(self.trust[kept])[:, None] * (self.z[kept] - mean)
-            values, vectors = np.linalg.eigh(X @ X.T)
-            most = min(len(kept) - 1, COUNTS[-1])
-            strongest = slice(None, -most - 1, -1)
-            known[kept.tobytes()] = mean, (vectors[:, strongest].T @ X) / np.sqrt(values[strongest])[:, None]
-        return known[kept.tobytes()]
-
-    def inner(self, V: Array) -> Array:
-        """Covariances (N, r, r) of the coefficients along directions (r, k^2)."""
-        analysis = V @ self.to
-        return np.asarray(analysis @ self.C @ analysis.T)
-
-    def optic(self, V: Array) -> Optic:
-        """The components (r, k^2) of these directions, for the symmetric model."""
-        return Optic(V @ self.to, V @ self.back, self.to, self.k)
-
-
-def _folds(n: int) -> Iterator[tuple[Indices, Indices]]:
-    """(kept, left out), so that every node is left out once."""
-    groups = n if n <= ONE_BY_ONE else GROUPS
-    numbers = np.arange(n)
+def _folds(places: Array) -> Iterator[tuple[Indices, Indices]]:
+    """(kept, left out), so that every node is left out once, and with it whatever was measured at its place."""
+    number = _places_apart(places)
+    count = int(number.max()) + 1
+    groups = count if count <= ONE_BY_ONE else GROUPS
     for g in range(groups):
-        yield numbers[numbers % groups != g], numbers[numbers % groups == g]
+        out = number % groups == g
+        yield np.flatnonzero(~out), np.flatnonzero(out)
 
 
 # --- models as recipes: built again from whichever nodes are kept -------------------------------------------------
 
 
-def _build(recipe: Recipe, data: _Whitened, kept: Indices, V: Array) -> CoefficientModel:
+def _build(recipe: Recipe, data: Whitened, kept: Indices, V: Array) -> CoefficientModel:
     """The model of the nodes that are kept. Raises ValueError where they do not determine it."""
     places, trust = data.places[kept], data.trust[kept]
     if recipe.kind == "polynomial":
@@ -227,7 +182,7 @@ _Scores = list[tuple[Recipe, int, float]]
 _Folds = Sequence[tuple[Indices, Indices]]
 
 
-def _separate_scores(data: _Whitened, folds: _Folds) -> _Scores:
+def _separate_scores(data: Whitened, folds: _Folds) -> _Scores:
     """The error of every polynomial and plate with every number of components."""
     recipes = [Recipe("polynomial", d) for d in DEGREES] + [Recipe("thin plate", v) for v in STIFFNESS]
     counts = [r for r in COUNTS if r <= min(len(kept) for kept, _ in folds) - 1]
@@ -251,7 +206,7 @@ def _separate_scores(data: _Whitened, folds: _Folds) -> _Scores:
     ]
 
 
-def _symmetric_scores(data: _Whitened, folds: _Folds, r: int, axis: Axis) -> _Scores:
+def _symmetric_scores(data: Whitened, folds: _Folds, r: int, axis: Axis) -> _Scores:
     """The error of the symmetric lens, with as many components as served the others best, and with twice as many."""
     most = min(len(kept) for kept, _ in folds) - 1
     at = (float(axis.position[0]), float(axis.position[1]))
@@ -265,7 +220,7 @@ def _symmetric_scores(data: _Whitened, folds: _Folds, r: int, axis: Axis) -> _Sc
     return scores
 
 
-def _left_out(data: _Whitened, fold: tuple[Indices, Indices], recipe: Recipe, r: int) -> Array:
+def _left_out(data: Whitened, fold: tuple[Indices, Indices], recipe: Recipe, r: int) -> Array:
     """Errors (n, k^2) at the nodes left out, in units of noise."""
     kept, out = fold
     mean, V = data.basis(kept)
@@ -276,20 +231,20 @@ def _left_out(data: _Whitened, fold: tuple[Indices, Indices], recipe: Recipe, r:
     return np.asarray(data.z[out] - mean - (predicted - V @ mean) @ V)
 
 
-def _shares(data: _Whitened, fold: tuple[Indices, Indices], recipe: Recipe, r: int) -> Array:
+def _shares(data: Whitened, fold: tuple[Indices, Indices], recipe: Recipe, r: int) -> Array:
     """How much of one node's variance comes to those left out through the others, (n,)."""
     kept, out = fold
     model = _build(recipe, data, kept, data.basis(kept)[1][:r])
     return np.asarray(np.sum(model.transfer(data.places[out], r) ** 2, axis=(1, 2, 3)) / r)
 
 
-def _origin(data: _Whitened, mean: Array, V: Array) -> Array:
+def _origin(data: Whitened, mean: Array, V: Array) -> Array:
     """Coefficients (r,) of the mean made symmetric about its centre: what a lens shows on its axis, about."""
     h = data.back @ mean
     return np.asarray(V @ data.to @ (h + h[::-1]) / 2)
 
 
-def _axis(data: _Whitened, r: int) -> Axis | None:
+def _axis(data: Whitened, r: int) -> Axis | None:
     """Where the lens's axis is, by the nodes; None where they are too few, or do not really tell."""
     if len(data.z) < 2 * FEWEST:
         return None
@@ -306,7 +261,7 @@ def _field(
     plane: str,
     shape: tuple[int, int],
     nodes: Sequence[Node],
-    data: _Whitened,
+    data: Whitened,
     recipe: Recipe,
     r: int,
 ) -> PsfField:
@@ -314,7 +269,7 @@ def _field(
     everything = np.arange(len(nodes))
     mean, V = data.basis(everything)
     V = V[:r]
-    lack, rest = _lack(data, list(_folds(len(nodes))), recipe, r, V)
+    lack, rest = _lack(data, list(_folds(data.places)), recipe, r, V)
     outside = np.eye(data.k**2) - V.T @ V
     return PsfField(
         plane=plane,
@@ -330,7 +285,7 @@ def _field(
     )
 
 
-def _lack(data: _Whitened, folds: _Folds, recipe: Recipe, r: int, V: Array) -> tuple[Array, float]:
+def _lack(data: Whitened, folds: _Folds, recipe: Recipe, r: int, V: Array) -> tuple[Array, float]:
     """Variance of what the model leaves out: of the coefficients (r, r), and of every other direction.
 
     The errors at nodes left out have the noise of the node, that of the others by their share, and what is looked for,

@@ -77,7 +77,8 @@ class PatternPsf:
     registration : Registration
         Where every pixel lies on the chart.
     centre_covariance : (2, 2) float64
-        Of the place (x, y) in the plane, in pixels, where the registration sees the chart's centre.
+        Of the place (x, y) in the plane, in pixels, where a mark at the chart's centre would be seen: where the
+        registration has it, plus the `mark_offset` of the PSF, which the last step leaves at its noise.
     diagnostics : mapping of str to float
     marks : (12, 2) float64
         The x-corners as found, (x, y) in pixels, NaN where hidden.
@@ -250,9 +251,27 @@ def _solution(fit: Fit, s: int, k: int, solver: str) -> tuple[Psf, Array]:
     slope_y, slope_x = np.gradient(image)
     back = np.column_stack([slope_x.ravel(), slope_y.ravel()]) * s
     forth = mark_offset_gradient(image, s, fit.registration.jacobian())
-    centre_covariance = forth @ covariance @ forth.T
+    centre_covariance = _centre_covariance(fit, covariance, forth)
     covariance = covariance + back @ (forth @ covariance)
     return Psf(image, s, covariance + (covariance @ forth.T) @ back.T), centre_covariance
+
+
+def _centre_covariance(fit: Fit, covariance: Array, forth: Array) -> Array:
+    """Covariance (2, 2), in squared pixels, of the place where the chart's centre is seen.
+
+    An error of h moves where the marks are seen, by `forth`, and brings errors of the displacement with it; the
+    displacement's own come on top. Those count from the samples' mean, which stays in place, to the chart's centre.
+    """
+    o, equations = fit.observation, fit.equations
+    if len(equations.ZZ) < GEOMETRY:  # other cells than the chart's: nothing was refined, and the result is refused
+        return np.full((2, 2), np.nan)
+    middle = fit.registration.to_sensor(np.full((1, 2), CELLS / 2))
+    monomials = fit.registration.monomials(middle)[0] - o.cubics.mean(axis=0)
+    displaced = np.kron(np.eye(2), monomials)
+    with_h = np.linalg.solve(equations.ZZ, equations.AZ.T)[:GEOMETRY] * fit.h.sum()
+    own = inverse(equations.ZZ)[:GEOMETRY, :GEOMETRY] * fit.residual_std**2
+    moved = forth + displaced @ with_h
+    return np.asarray(moved @ covariance @ moved.T + displaced @ own @ displaced.T)
 
 
 def _result(

@@ -36,7 +36,7 @@ def surface(bracket):
 @lru_cache
 def true_focus(x, y, angle):
     """Where the MTF really is greatest."""
-    z = np.linspace(-0.27, 0.27, 19)
+    z = np.linspace(-0.27, 0.27, 13)
     no_error = np.zeros((K * K, K * K))
     psfs = [Psf(TILTED.psf(x, y, defocus_um=float(d)), S, no_error) for d in z]
     mtf = np.array([mtf_along(psf, np.array([FREQUENCY]), angle)[0][0] for psf in psfs])

@@ -115,3 +115,14 @@ def test_a_recipe_builds_the_same_field_again(found, places):
     again = rebuild("G1", SHAPE, found.field.nodes, found.recipe, len(found.field.components))
     np.testing.assert_allclose(again.samples(places), found.field.samples(places), atol=1e-12)
     np.testing.assert_allclose(again.at(300, 200).covariance, found.field.at(300, 200).covariance, atol=1e-14)
+
+
+def test_places_measured_twice_are_left_out_together(camera, covariance, found):
+    # or each would be predicted by its own repetition, and the model that passes through the nodes would win
+    rng = np.random.default_rng(2)
+    twice = nodes(camera, grid(), covariance, rng) + nodes(camera, grid(), covariance, rng)
+    again = interpolate("G1", SHAPE, twice)
+    assert again.recipe.kind == found.recipe.kind
+    assert np.trace(again.field.noise(300, 200)) < 0.7 * np.trace(found.field.noise(300, 200))
+    with pytest.raises(Refused, match="plane G1 has 3"):
+        interpolate("G1", SHAPE, twice[:3] + twice[25:28])

@@ -10,6 +10,7 @@ import pytest
 
 from procedures.outcome import BadParameter, Outcome, Verdict
 from procedures.pattern import CELLS, Chart
+from procedures.pattern_psf.centre import mark_offset
 from procedures.pattern_psf.detection import find_charts
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
 from procedures.raw import Plane, read_frame
@@ -209,7 +210,20 @@ def test_each_of_several_charts_can_be_chosen() -> None:
     for sighting in sightings:
         found = value(estimate_psf(plane, CHART, sighting=sighting.moved(0.4, -0.3)))
         chart = 0 if sighting.centre()[0] < 170 else 1
-        off = found.registration.to_sensor(middle) - shot.true_points("Y", middle, chart)
+        off = centre_seen(found) - shot.true_points("Y", middle, chart)[0]
         # within four standard deviations, which are a few thousandths of a pixel
         assert np.all(np.abs(off) < 4 * np.sqrt(np.diag(found.centre_covariance)))
         assert np.all(np.sqrt(np.diag(found.centre_covariance)) < 0.02)
+
+
+def centre_seen(found: PatternPsf) -> np.ndarray:
+    """Where a mark at the chart's centre is seen, (x, y)."""
+    offset = mark_offset(found.psf.h, found.psf.s, found.registration.jacobian())
+    return np.asarray(found.registration.to_sensor(np.full((1, 2), CELLS / 2))[0] + offset)
+
+
+def test_the_centres_error_bar_is_that_of_repeated_photographs(bench: Bench, rng: np.random.Generator) -> None:
+    # a variance from 8 draws of two coordinates: 14 degrees of freedom, one sigma is 38 %
+    found = [value(estimate_psf(bench.plane(0.004, rng), CHART)) for _ in range(8)]
+    spread = np.var([centre_seen(one) for one in found], axis=0, ddof=1).sum()
+    assert 0.3 < spread / np.mean([np.trace(one.centre_covariance) for one in found]) < 2.3

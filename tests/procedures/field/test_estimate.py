@@ -1,0 +1,69 @@
+"""Charts of one frame become nodes, in every plane where that plane shows them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from procedures.field.estimate import measure_frame
+from procedures.outcome import Refused
+from procedures.pattern import CELLS, Chart
+from procedures.pattern_psf.estimate import PatternParameters
+from procedures.raw import Plane, RawFrame, read_frame
+from simulators.camera import Lens, SimulatedCamera
+from simulators.scene import Scene, Shape
+from simulators.sensor import Sensor
+
+CHART = Chart.from_seed()
+MIDDLE = np.full((1, 2), CELLS / 2)
+PARAMETERS = PatternParameters(4, 13)
+
+
+@pytest.fixture(scope="module")
+def shot(tmp_path_factory):
+    """Three charts in a Bayer frame; one is hidden at four marks."""
+    camera = SimulatedCamera(
+        Lens(lateral_colour=0.02), Sensor(220, 640, full_well_e=6e4, gain_e_per_dn=3.8), 5.94, white_e_per_s=8e5
+    )
+    cover = Shape(((-40.0, -40.0), (300.0, -40.0), (300.0, 4.0), (-40.0, 4.0)), 0.3)
+    placed = [camera.place(CHART, pixels=66, at=(x, 0.5), roll_deg=2.0) for x in (0.82, 0.5, 0.18)]
+    placed[1] = type(placed[1])(**{**vars(placed[1]), "covers": (cover,)})
+    path = tmp_path_factory.mktemp("frame") / "three.dng"
+    return camera.photograph(Scene(tuple(placed)), np.random.default_rng(3), path)
+
+
+@pytest.fixture(scope="module")
+def found(shot):
+    return measure_frame(read_frame(shot.path), CHART, PARAMETERS)
+
+
+def test_nodes_lie_where_each_plane_shows_the_charts(shot, found):
+    for plane, nodes in found.nodes.items():
+        assert [node.number for node in nodes] == [1, 3]  # from left to right; the middle one is hidden
+        for node, chart in zip(nodes, (2, 0), strict=True):
+            off = node.position - shot.true_points(plane, MIDDLE, chart)[0]
+            assert np.all(np.abs(off) < 4 * np.sqrt(np.diag(node.position_covariance)) + 1e-3)
+
+
+def test_lateral_colour_is_the_difference_of_the_planes_places(shot, found):
+    # one half diagonal is 338 sensor pixels: at 205 of them from the axis red is 0.07 * 0.02 * 205 = 0.29 farther out
+    for number, (red, green) in enumerate(zip(found.nodes["R"], found.nodes["G1"], strict=True)):
+        shift = red.sensor_position - green.sensor_position
+        error = 2 * np.sqrt(red.position_covariance[0, 0] + green.position_covariance[0, 0])
+        expected = shot.truths[2 - 2 * number].colour_shift.at(0.6)
+        assert abs(expected[0]) > 0.25
+        np.testing.assert_allclose(shift, expected, atol=4 * error + 2e-3)
+
+
+def test_a_chart_that_gives_nothing_is_named_with_its_place(found):
+    assert {miss.plane for miss in found.misses} <= {"R", "G1", "G2", "B"}
+    assert all("hidden" in miss.reason and miss.source == "three.dng" for miss in found.misses)
+    assert all(miss.place.startswith("(1") for miss in found.misses)  # in the middle of 320 pixels
+
+
+def test_a_frame_without_charts_is_refused():
+    plane = Plane("Y", np.full((120, 160), 0.5, dtype=np.float32), 1 / 65535)
+    with pytest.raises(Refused, match=r"flat\.pgm: no chart"):
+        measure_frame(RawFrame(Path("flat.pgm"), "", {"Y": plane}, None), CHART, PARAMETERS)
