@@ -205,8 +205,8 @@ def _spatial_numbers(psf: Psf, n: int) -> dict[str, Quantity]:
     probes = {"all": _Probe.of(psf, np.arange(psf.k**2)), "row": _Probe.of(psf, row), "column": _Probe.of(psf, column)}
     pieces: list[tuple[str, Callable[[Array], Array], tuple[tuple[str, str, str], ...]]] = [
         ("all", lambda h: _centroids(psf, h), (
-            ("centroid_x", "pixel", "first moment, from the marks' centre"),
-            ("centroid_y", "pixel", "first moment, from the marks' centre"))),
+            ("centroid_x", "pixel", "first moment, from the PSF's centre"),
+            ("centroid_y", "pixel", "first moment, from the PSF's centre"))),
         ("row", lambda h: _widths(h, psf.s)[:, None], (("fwhm_horizontal", "pixel", "section through the centre"),)),
         ("column", lambda h: _widths(h, psf.s)[:, None], (("fwhm_vertical", "pixel", "section through the centre"),)),
         ("all", lambda h: _energy_above_nyquist(psf, h, noise)[:, None], (

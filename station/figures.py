@@ -307,3 +307,34 @@ def _draw_rows(axes: Axes, rows: Rows) -> None:
     axes.set_yticks(range(len(rows)), [f"{number}  {title}" for number, (title, _) in enumerate(rows, 1)])
     axes.tick_params(left=False)
     axes.spines["left"].set_visible(False)
+
+
+# --- maps over the frame -----------------------------------------------------------------------------------------
+
+
+def map_figure(
+    values: npt.NDArray[np.floating[Any]], unit: str, name: str, *, colours: str, limits: tuple[float, float]
+) -> Markup:
+    """A map over the frame, (rows, columns), with its scale."""
+    rows, columns = values.shape
+    figure, ((axes,),) = _figure(3.6, 2.95 * min(rows / columns, 1.5) + 0.3, rim_in=(0.05, 0.6, 0.25, 0.05))
+    image = axes.imshow(values, cmap=colours, vmin=limits[0], vmax=limits[1], interpolation="none")
+    axes.set(xticks=[], yticks=[])
+    axes.spines[:].set_visible(False)
+    axes.set_xlabel(unit)
+    _bar(figure, axes, image, (1.03, 0.1, 0.04, 0.8))
+    return svg(figure, name, f"{unit}, over the frame")
+
+
+def course_figure(n: Sequence[int], cost: Sequence[float], residual: Sequence[float], name: str) -> Markup:
+    """Cost and residual (grey levels of 255) after each round of a restoration."""
+    figure, ((left,),) = _figure(3.6, 3.0, rim_in=(0.6, 0.6, 0.42, 0.1))
+    left.semilogy(n, cost, color=ALONG["horizontal"], lw=1.4)
+    left.set(xlabel="round")
+    left.set_ylabel("cost (6.1)", color=ALONG["horizontal"])
+    with matplotlib.rc_context(STYLE):
+        right = left.twinx()
+    right.plot(n, residual, color=ALONG["vertical"], lw=1.4, ls="--")
+    right.set_ylabel("residual, levels of 255 (dashed)", color=ALONG["vertical"])
+    right.set_ylim(0, None)
+    return svg(figure, name, "cost and residual after each round")
