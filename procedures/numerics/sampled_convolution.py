@@ -50,11 +50,13 @@ def convolve_at(
     """A raster convolved with h (k, k), at pixels only: (m,) float32. Arguments as in `sample_convolution`."""
     m, k = len(rows), h.shape[0]
     out = np.empty(m, np.float32)
+    turned = np.ascontiguousarray(h[::-1, ::-1])  # both are then read forwards
     for p in range(m):
         top, left = s * rows[p], s * columns[p]
         total = np.float32(0)
         for i in range(k):
+            line = raster[top + i]
             for j in range(k):
-                total += h[i, j] * raster[top + k - 1 - i, left + k - 1 - j]
+                total += turned[i, j] * line[left + j]
         out[p] = total
     return out

@@ -72,6 +72,13 @@ def _peaks(above: Picture, here: Picture, below: Picture, fit: npt.NDArray[np.bo
 
 
 @compiled
+def _clear(row: Picture) -> None:
+    """No strength anywhere."""
+    for j in range(len(row)):
+        row[j] = -np.inf
+
+
+@compiled
 def saddles(image: Picture, kernels: Picture, flatter: float, weakest: float) -> tuple[Indices, Picture, Picture]:
     """Local extrema of saddle strength, row by row: flat indices, (Lxx - Lyy) / 2 and Lxy there.
 
@@ -88,9 +95,13 @@ def saddles(image: Picture, kernels: Picture, flatter: float, weakest: float) ->
     rows, n = image.shape
     g, d, dd = kernels[0], kernels[1], kernels[2]
     v = np.empty((3, n + 8), np.float32)
-    determinant = np.full((3, n + 2), np.float32(-np.inf))
+    determinant = np.empty((3, n + 2), np.float32)
+    for m in range(3):
+        _clear(determinant[m])
     half, xy, fit = np.empty((2, n), np.float32), np.empty((2, n), np.float32), np.empty((2, n), np.bool_)
-    index, halves, crosses = np.empty(1024, np.int64), np.empty(1024, np.float32), np.empty(1024, np.float32)
+    # memory that is not written to is not taken; extrema side by side are equal to the last bit, a quarter is plenty
+    most = image.size // 4
+    index, halves, crosses = np.empty(most, np.int64), np.empty(most, np.float32), np.empty(most, np.float32)
     count = 0
     for y in range(rows + 1):
         new, old = y % 2, 1 - y % 2
@@ -98,16 +109,15 @@ def saddles(image: Picture, kernels: Picture, flatter: float, weakest: float) ->
             _down(image, y, g, d, dd, v)
             _across(v, g, d, dd, flatter, weakest, determinant[y % 3, 1:-1], half[new], xy[new], fit[new])
         else:
-            determinant[y % 3] = np.float32(-np.inf)
+            _clear(determinant[y % 3])
         if y == 0:
             continue
         _peaks(determinant[(y - 2) % 3], determinant[(y - 1) % 3], determinant[y % 3], fit[old])
-        for j in np.flatnonzero(fit[old]):
-            if count == len(index):
-                index, halves, crosses = np.append(index, index), np.append(halves, halves), np.append(crosses, crosses)
-            index[count], halves[count], crosses[count] = (y - 1) * n + j, half[old, j], xy[old, j]
-            count += 1
-    return index[:count].copy(), halves[:count].copy(), crosses[:count].copy()
+        for j in range(n):
+            if fit[old, j] and count < most:
+                index[count], halves[count], crosses[count] = (y - 1) * n + j, half[old, j], xy[old, j]
+                count += 1
+    return index[:count], halves[:count], crosses[:count]
 
 
 @compiled
@@ -124,11 +134,12 @@ def ring_purity(image: Picture, index: Indices, radius: float, off_centre: float
         Share of the first harmonic that is taken away from the variance.
     """
     rows, columns = image.shape
-    angle = np.arange(8) * (np.pi / 4)
-    dx, dy = radius * np.cos(angle), radius * np.sin(angle)
-    x0, y0 = np.floor(dx), np.floor(dy)
-    fx, fy = (dx - x0).astype(np.float32), (dy - y0).astype(np.float32)
-    left, upper = x0.astype(np.int64), y0.astype(np.int64)
+    left, upper = np.empty(8, np.int64), np.empty(8, np.int64)
+    fx, fy = np.empty(8, np.float32), np.empty(8, np.float32)
+    for t in range(8):
+        dx, dy = radius * np.cos(t * np.pi / 4), radius * np.sin(t * np.pi / 4)
+        left[t], upper[t] = np.int64(np.floor(dx)), np.int64(np.floor(dy))
+        fx[t], fy[t] = dx - left[t], dy - upper[t]
     r = np.float32(np.sqrt(0.5))
     purity = np.empty(len(index), np.float32)
     v = np.empty(8, np.float32)
@@ -160,16 +171,19 @@ def best_of_tiles(index: Indices, shape: tuple[int, int], merits: Array, side: i
     """Which pixels (n,), flattened, have the most merit, as many from every tile as make `most` in all or just more."""
     across = (shape[1] - 1) // side + 1
     starts = np.zeros(((shape[0] - 1) // side + 1) * across + 1, np.int64)
-    tiles = np.empty(len(index), np.int64)
+    tiles, crowds = np.empty(len(index), np.int64), np.zeros(side * side + 1, np.int64)
     for n in range(len(index)):
-        row, column = index[n] // shape[1], index[n] % shape[1]
-        tiles[n] = row // side * across + column // side
+        tiles[n] = index[n] // shape[1] // side * across + index[n] % shape[1] // side
         starts[tiles[n] + 1] += 1
-    each, kept, crowds = 0, 0, np.bincount(starts[1:])
+    for tile in range(len(starts) - 1):
+        crowds[starts[tile + 1]] += 1
+    each, kept, more = 0, 0, len(starts) - 1
     while kept < min(most, len(index)):
-        kept += crowds[each + 1 :].sum()
+        more -= crowds[each]  # tiles that have another
+        kept += more
         each += 1
-    starts[1:] = np.cumsum(np.minimum(starts[1:], each))
+    for tile in range(len(starts) - 1):
+        starts[tile + 1] = starts[tile] + min(starts[tile + 1], each)
     # a tile's best so far, the least of them first
     best, held = np.empty(starts[-1], np.int64), np.zeros(len(starts) - 1, np.int64)
     for n in range(len(index)):

@@ -95,6 +95,16 @@ def _is_free(field: Field, i: int, j: int) -> bool:
 
 
 @compiled
+def _longer(triples: Indices) -> Indices:
+    """The same with as many free rows after them."""
+    out = np.empty((2 * len(triples), 3), np.int64)
+    for n in range(len(triples)):
+        for m in range(3):
+            out[n, m] = triples[n, m]
+    return out
+
+
+@compiled
 def _triples(field: Field) -> Indices:
     """Triples (n, 3) of like saddles, equally spaced on a line, a line once or in both directions."""
     out = np.empty((1024, 3), np.int64)
@@ -112,10 +122,10 @@ def _triples(field: Field) -> Indices:
                 k = nearest(field, field.points[j] + step, COLLINEAR * abs(step), j, SAME_AXIS, SAME_STRENGTH)
                 if k >= 0 and _is_step(field, j, k) and _is_free(field, i, j) and _is_free(field, j, k):
                     if count == len(out):
-                        out = np.concatenate((out, out))
-                    out[count] = i, j, k
+                        out = _longer(out)
+                    out[count, 0], out[count, 1], out[count, 2] = i, j, k
                     count += 1
-    return out[:count].copy()
+    return out[:count]
 
 
 def _strongest(field: Field, triples: Indices) -> Indices:
@@ -136,7 +146,7 @@ def _sides(field: Field, triples: Indices) -> Indices:
     out = np.empty((4 * len(triples), 12), np.int64)
     count = 0
     for n in range(len(triples)):
-        i, j, k = triples[n]
+        i, j, k = triples[n, 0], triples[n, 1], triples[n, 2]
         u = (field.points[k] - field.points[i]) / 2
         reach, near = COLLINEAR * abs(u), SQUARE * abs(u)
         for which in range(4):
@@ -148,7 +158,8 @@ def _sides(field: Field, triples: Indices) -> Indices:
             ):
                 continue
             hits = out[count]
-            hits[:] = -1
+            for m in range(12):
+                hits[m] = -1
             found = 0
             for t in range(1, 3):
                 for s in range(0, 4, 3):
@@ -161,7 +172,7 @@ def _sides(field: Field, triples: Indices) -> Indices:
             found += hits[3 - 3 * first] >= 0
             hits[first], hits[first + 1], hits[first + 2] = i, j, k
             count += found >= 2
-    return out[:count].copy()
+    return out[:count]
 
 
 def _normalised(field: Field, hits: Indices) -> tuple[Complex, Complex, Array]:

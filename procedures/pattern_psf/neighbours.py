@@ -63,8 +63,11 @@ def _sorted_into_bins(
     for n in range(len(points)):
         bins[n] = np.int64((points[n].imag - top) / side) * columns + np.int64((points[n].real - left) / side)
         starts[bins[n] + 1] += 1
-    starts = np.cumsum(starts)
-    order, following = np.empty(len(points), np.int64), starts.copy()
+    following = np.empty(len(starts), np.int64)
+    for b in range(len(starts)):
+        starts[b] += starts[b - 1] if b > 0 else 0
+        following[b] = starts[b]
+    order = np.empty(len(points), np.int64)
     for n in range(len(points)):
         order[following[bins[n]]] = n
         following[bins[n]] += 1
@@ -122,9 +125,9 @@ def all_nearest(
 @compiled
 def unrivalled(field: Field, radius: float, same_axis: float) -> npt.NDArray[np.bool_]:
     """Which saddles have none of more merit and like axis within a radius; of equal ones the last."""
-    alone = np.ones(len(field.points), np.bool_)
+    alone = np.empty(len(field.points), np.bool_)
     for i in range(len(field.points)):
-        place = field.points[i]
+        place, alone[i] = field.points[i], True
         top, bottom, first, last = bins_within(field, place, radius)
         for row in range(top, bottom + 1):
             for j in range(field.starts[row * field.columns + first], field.starts[row * field.columns + last + 1]):

@@ -103,10 +103,15 @@ class Edges:
 
         `rms` is the width of their prior, in cells, `noise` the standard deviation of the residual beside them.
         """
-        penalised = self.CC.copy()
-        penalised[np.diag_indices(len(penalised))] += (noise / rms) ** 2
+        penalised = self.CC.astype(np.float32)  # the prior makes it well conditioned
+        penalised[np.diag_indices(len(penalised))] += np.float32((noise / rms) ** 2)
         factor = scipy.linalg.cho_factor(penalised, lower=True, overwrite_a=True, check_finite=False)
-        return lambda left: np.asarray(scipy.linalg.cho_solve(factor, self.C.back(left), check_finite=False))
+
+        def offsets(left: Array) -> Array:
+            back = self.C.back(left).astype(np.float32)
+            return np.asarray(scipy.linalg.cho_solve(factor, back, check_finite=False), dtype=np.float64)
+
+        return offsets
 
 
 def edge_columns(

@@ -23,7 +23,7 @@ RIDGE = np.float32(0.5)
 """Variance of position, pixel^2, added before the trend is fitted: two patches in a row fix no slope across it."""
 FEW = np.float32(15.0)
 """Similar patches below which the threshold is eased, the more the fewer they are."""
-MOST_EASE = np.float32(1.0)
+MOST_EASE = np.float32(0.7)
 """Greatest part of the threshold that is added to it."""
 LEAST_FOR_TREND = np.float32(5.0)
 """Similar patches below which no trend is fitted: a plane has three unknowns."""

@@ -72,6 +72,25 @@ def test_shared_work_gives_what_the_algorithm_as_printed_gives(light, rng):
     assert np.isfinite(found).all()
 
 
+def test_threshold_is_eased_only_where_few_are_similar(light):
+    y, x = np.mgrid[:24, :24] - 11.5
+    frame = samples_of(film_of_samples(light(0.2 + np.exp(-(x**2 + y**2) / 18), 400)))
+    strict, eased = (fuse_scale(frame, replace(FilterParameters(), ease=ease)).similar for ease in (0.0, 0.005))
+    # chi-square per bin of patches this different spreads over a factor: three quarters above the threshold reach more
+    few = strict < 10
+    assert (eased[few] > strict[few] + 1).mean() > 0.5
+    # half weights count in part: 15 candidates under the threshold weigh 15 at most
+    np.testing.assert_array_equal(eased[strict > 16], strict[strict > 16])
+
+
+def test_easing_leaves_edges_alone(light):
+    edge = np.where(np.arange(30) < 15, 0.2, 0.6)[None, :].repeat(24, 0)
+    frame = samples_of(film_of_samples(light(edge, 400)))
+    strict, eased = (fuse_scale(frame, replace(FilterParameters(), ease=ease)).picture for ease in (0.0, 0.005))
+    # the other side is hundreds of thresholds away; a little noise is shared more
+    assert np.std(eased - edge[..., None]) < 1.02 * np.std(strict - edge[..., None])
+
+
 def test_pixels_of_different_nature_never_share(light):
     levels = np.where(np.arange(30) < 15, 0.05, 2.0)[None, :].repeat(24, 0)
     film = film_of_samples(light(levels, 128))
