@@ -1,4 +1,4 @@
-"""Scenes for restoration that no parameter was chosen on: discs, lines, dots and grain before slopes, bumps and steps."""
+"""Scenes for restoration on which no parameter was chosen: discs, lines, dots, grain; slopes, bumps and steps."""
 
 from __future__ import annotations
 
