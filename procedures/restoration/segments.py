@@ -113,12 +113,13 @@ def continued(w: Array, known: Array, sigma: float) -> Array:
 
 
 def mended(w: Array, labels: Labels, doubt: int, jump: float) -> Array:
-    """w without blemishes: small parts cut out by jumps, which leave their segment's surface by more than `jump`."""
+    """w without blemishes: small parts cut out by jumps that leave the surface around them by more than `jump`."""
     parts, n = label(span(w) <= jump)
     small = np.bincount(parts.ravel(), minlength=n + 1) < BLEMISH_PIXELS
     small[0] = True
-    own = surfaces(w, labels, 0, doubt).own
-    return np.where(small[parts] & (np.abs(w - own) > jump), own, w).astype(w.dtype)
+    around = surfaces(w, np.where(small[parts], 0, labels), 3 * doubt, doubt)
+    wrong = small[parts] & around.near & (np.abs(w - around.other) > jump)
+    return np.where(wrong, around.other, w).astype(w.dtype)
 
 
 @dataclass(frozen=True)
