@@ -51,10 +51,8 @@ def compare(case: Scene, thesis: bool) -> None:
     )
     if thesis:
         u, w_descent = descent(case.z, case.stacks, ours.start.w, Scheme(), 1e-4)
-        picture = case.error(u[0])
-        print(
-            f"{'  published descent':24s} {picture:37.2f} = {picture / known:4.2f} x   w {case.w_error(w_descent):.3f} px"
-        )
+        picture, w = case.error(u[0]), case.w_error(w_descent)
+        print(f"  published descent {picture:38.2f} = {picture / known:4.2f} x   w {w:.3f} px", flush=True)
 
 
 def main() -> None:

@@ -66,17 +66,9 @@ def test_restoration_nears_the_known_depth(vibrating, problem, restored, first):
 
 
 def test_rounds_can_be_stopped_and_resumed(problem, first):
-    straight = None
-    for straight in alternate.rounds(problem, alternate.begin(problem, first)):
-        if straight.n == 2:
-            break
-    stopped = next(alternate.rounds(problem, alternate.begin(problem, first)))
-    resumed = None
-    for resumed in alternate.rounds(problem, stopped):
-        if resumed.n == 2:
-            break
-    assert straight is not None
-    assert resumed is not None
+    running = alternate.rounds(problem, alternate.begin(problem, first))
+    stopped, straight = next(running), next(running)
+    resumed = next(alternate.rounds(problem, stopped))
     # the kernels' parallel sums are of a fixed order, so the same numbers come out
     np.testing.assert_allclose(resumed.w, straight.w, atol=1e-4)
 
