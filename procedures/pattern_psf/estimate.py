@@ -269,7 +269,7 @@ def _centre_covariance(fit: Fit, covariance: Array, forth: Array) -> Array:
     monomials = fit.registration.monomials(middle)[0] - o.cubics.mean(axis=0)
     displaced = np.kron(np.eye(2), monomials)
     with_h = np.linalg.solve(equations.ZZ, equations.AZ.T)[:GEOMETRY] * fit.h.sum()
-    own = inverse(equations.ZZ)[:GEOMETRY, :GEOMETRY] * fit.residual_std**2
+    own = cholesky_inverse(equations.ZZ)[:GEOMETRY, :GEOMETRY] * fit.residual_std**2
     moved = forth + displaced @ with_h
     return np.asarray(moved @ covariance @ moved.T + displaced @ own @ displaced.T)
 

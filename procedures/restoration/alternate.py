@@ -16,9 +16,9 @@ import numpy as np
 from procedures.restoration.cost import DataTerm, restore_picture
 from procedures.restoration.forward import Array, Blur
 from procedures.restoration.newton import Weights, joint_step
-from procedures.restoration.priors import roughness, steps_allowed, total_variation
-from procedures.restoration.scheme import Schedule, Scheme
-from procedures.restoration.segments import Labels, mended, segments
+from procedures.restoration.priors import depth_variation, roughness, steps_allowed, total_variation
+from procedures.restoration.scheme import DEPTH_SLOPE, Schedule, Scheme
+from procedures.restoration.segments import Labels, joined, mended, segments
 from procedures.restoration.steps import layers_of, place_steps
 
 # of the half range of depth jumps between neighbours that a first depth is taken to mean
@@ -68,6 +68,7 @@ class Problem:
     sigma: float
     reach: int
     total_variation: bool = False
+    depth_variation: bool = False
 
 
 def problem_of(
@@ -95,9 +96,8 @@ def cost(problem: Problem, u: Array, w: Array, weights: Weights) -> tuple[float,
     """Cost (6.1) and the robust root mean square residual of a pair; the data term is left focused on w."""
     problem.data.focus(w)
     e = problem.data.residual(u)
-    prior = weights.picture * roughness(u, *_diffusion(problem, u)) + weights.depth * roughness(
-        w, *steps_allowed(w, weights.step)
-    )
+    prior = weights.picture * roughness(u, *_diffusion(problem, u))
+    prior += weights.depth * roughness(w, *_edges(problem, w, weights, None))
     return 0.5 * float(np.sum(e**2)) + prior, float(np.median(np.abs(e)) / 0.6745)
 
 
@@ -108,6 +108,15 @@ def _diffusion(problem: Problem, u: Array) -> tuple[Array | float, Array | float
     down, across = total_variation(u, LEAST_GRADIENT)
     scale = np.sqrt(problem.schedule.sharpness) / 2
     return down * u.dtype.type(scale), across * u.dtype.type(scale)
+
+
+def _edges(problem: Problem, w: Array, weights: Weights, labels: Labels | None) -> tuple[Array, Array]:
+    """The depth prior's weights: none between segments; within them less where w is steep."""
+    down, across = depth_variation(w, DEPTH_SLOPE) if problem.depth_variation else steps_allowed(w, weights.step)
+    if labels is None:
+        return down, across
+    same_down, same_across = joined(labels)
+    return down * same_down, across * same_across
 
 
 def rounds(problem: Problem, state: State) -> Iterator[State]:
@@ -123,7 +132,9 @@ def one_round(problem: Problem, state: State) -> State:
     what = _steps_due(state.n, problem.scheme.rounds)
     u, w, labels = _placed(problem, state, what, weights) if what else (state.u, state.w, state.labels)
     iterations = problem.scheme.picture + problem.scheme.depth
-    u, w = joint_step(problem.data, u, w, weights, iterations, _diffusion(problem, u), labels)
+    u, w = joint_step(
+        problem.data, u, w, weights, iterations, _diffusion(problem, u), _edges(problem, w, weights, labels)
+    )
     final = problem.schedule.final(state.sigma)
     value, residual = cost(problem, u, w, final)
     done = Round(
@@ -147,7 +158,7 @@ def _placed(problem: Problem, state: State, what: str, weights: Weights) -> tupl
 def _steps_due(n: int, total: int) -> str:
     """Which placing of depth steps opens round n: from afar at first, then twice from near."""
     late = {round(0.3 * total): "near", round(0.55 * total): "nearer"}
-    return {**late, 0: "far", 1: "far, between", 2: "far", 3: "far"}.get(n, "") if total > 1 else ""
+    return {**late, 0: "far", 1: "far, between", 2: "far"}.get(n, "") if total > 1 else ""
 
 
 def _noise(problem: Problem, residual: float) -> float:

@@ -42,8 +42,10 @@ CROSS = 100.0
 GAIN = 1.12
 
 
-def prototype_shapes(parts: Array, largest: int, rounds: int = 24) -> Prototypes:
+def prototype_shapes(parts: Array, largest: int, rounds: int = 24, first: Array | None = None) -> Prototypes:
     """Masks of a flat part (2, H, W) seen in both photographs, support found up to half-size `largest`.
+
+    first : masks to begin from (2, K, K), as `recorded.recorded_masks` finds them; their support is kept.
 
     Raises
     ------
@@ -54,7 +56,7 @@ def prototype_shapes(parts: Array, largest: int, rounds: int = 24) -> Prototypes
     """
     if len(parts) != 2:
         raise BadInput(f"unknown motion is estimated from two photographs, got {len(parts)}", "give the first two")
-    R = support(parts, largest)
+    R = support(parts, largest) if first is None else int(first.shape[1] // 2)
     if min(parts.shape[1:]) < 16 * R:
         raise BadInput(
             f"masks of half-size {R} need a flat part of {16 * R} pixels each way, "
@@ -62,7 +64,7 @@ def prototype_shapes(parts: Array, largest: int, rounds: int = 24) -> Prototypes
             "mark a larger one",
         )
     relation = cross_relation(parts, R)
-    masks = _first_masks(parts, R)
+    masks = _first_masks(parts, R) if first is None else first
     u = np.pad(parts.mean(axis=0), R, mode="edge")
     for n in range(rounds):
         # first only what is surely an edge, so that the masks become sharp before the picture is detailed

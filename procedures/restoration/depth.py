@@ -202,10 +202,10 @@ class Matching:
     """
 
     window: int = 5
-    even: float = 0.5
-    cap: float = 3.0
-    small: float = 4.0
-    large: float = 12.0
+    even: float = 0.25
+    cap: float = 4.0
+    small: float = 1.0
+    large: float = 24.0
     median: int = 7
     step: float = 0.15
 

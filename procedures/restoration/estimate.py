@@ -30,7 +30,7 @@ class RestorationParameters:
 
     image_weight, depth_weight : lambda_u and lambda_w of (6.1), photographs in [0, 1], w in pixels; None takes them
     from the noise. depth_start : "matched" (whitened Algorithm III over the whole frame), "blur" (Algorithm III),
-    "symmetric" (Algorithm II). total_variation : of the picture, instead of Tikhonov.
+    "symmetric" (Algorithm II). total_variation, depth_total_variation : of picture and w, instead of quadratic priors.
     """
 
     scheme: Scheme = field(default_factory=Scheme)
@@ -38,6 +38,7 @@ class RestorationParameters:
     depth_weight: float | None = None
     depth_start: str = "matched"
     total_variation: bool = False
+    depth_total_variation: bool = False
     dtype: type[np.floating[Any]] = np.float32
 
     def __post_init__(self) -> None:
@@ -126,7 +127,9 @@ def restore(
     start = first_depth(z, stacks, sigma, p.depth_start)
     schedule = Schedule(p.scheme.rounds, SHARPNESS, p.image_weight, p.depth_weight)
     data, other = alternate.problem_of(z, stacks, trust, p.dtype)
-    problem = alternate.Problem(data, other, p.scheme, schedule, sigma, reach_of(start.w, stacks), p.total_variation)
+    problem = alternate.Problem(
+        data, other, p.scheme, schedule, sigma, reach_of(start.w, stacks), p.total_variation, p.depth_total_variation
+    )
     state = alternate.run(problem, alternate.begin(problem, start.w), progress)
     return judge(_restoration(data, state, start, trust))
 

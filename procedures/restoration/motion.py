@@ -64,27 +64,45 @@ def velocity_field(x: float, y: float, depth_m: float | Array, T: Array, Omega: 
     return np.stack([across, down], axis=1)
 
 
-def curve(motion: Motion, x: float, y: float, depth_m: float, steps: int = 512) -> Array:
-    """Apparent curve drawn by the point (x, y) of depth l at the middle of the exposure, (steps, 2), focal lengths.
+@dataclass(frozen=True)
+class Exposure:
+    """One exposure within a record of the camera's motion: from, until, and when the depth map is right, seconds.
 
-    The point moves while it is drawn, so the velocity is taken where it is: midpoint rule from the middle both ways.
+    The depth map belongs to one time for all photographs. Curves that begin there contain the displacement between the
+    photographs, pixel by pixel, so that the depth map need not be carried into each of them.
+    """
+
+    start_s: float
+    end_s: float
+    reference_s: float
+
+
+def curve(
+    motion: Motion, x: float, y: float, depth_m: float, steps: int = 512, exposure: Exposure | None = None
+) -> Array:
+    """Apparent curve drawn by the point (x, y) of depth l at the time of reference, (n, 2), focal lengths.
+
+    The point moves while it is drawn, so the velocity is taken where it is: midpoint rule from the reference both ways.
+    Without `exposure` the whole record is the exposure and its middle the reference.
     """
     times = np.linspace(motion.time_s[0], motion.time_s[-1], steps)
     T = np.stack([np.interp(times, motion.time_s, motion.translation_m_s[:, k]) for k in range(3)], axis=1)
     Omega = np.stack([np.interp(times, motion.time_s, motion.rotation_rad_s[:, k]) for k in range(3)], axis=1)
     places = np.empty((steps, 2))
-    middle = steps // 2
+    begin = steps // 2 if exposure is None else int(np.argmin(np.abs(times - exposure.reference_s)))
     dt = times[1] - times[0]
     for direction in (1, -1):
         at, depth = np.array([x, y]), depth_m
-        places[middle] = at
-        for k in range(middle + direction, steps if direction > 0 else -1, direction):
+        places[begin] = at
+        for k in range(begin + direction, steps if direction > 0 else -1, direction):
             t, o = (T[k] + T[k - direction]) / 2, (Omega[k] + Omega[k - direction]) / 2
             half = at + direction * dt / 2 * velocity_field(at[0], at[1], depth, t[None], o[None])[0]
             at = at + direction * dt * velocity_field(half[0], half[1], depth, t[None], o[None])[0]
             depth = depth - direction * dt * t[2]
             places[k] = at
-    return places
+    if exposure is None:
+        return places
+    return places[(times >= exposure.start_s) & (times <= exposure.end_s)]
 
 
 def path_mask(path_px: Array, R: int, *, softness_px: float = 0.3) -> Array:
@@ -113,19 +131,25 @@ def path_mask(path_px: Array, R: int, *, softness_px: float = 0.3) -> Array:
 
 
 def motion_stack(
-    motion: Motion, focal_px: float, at_px: tuple[float, float], max_inverse_m: float, R: int, levels: int = 40
+    motion: Motion,
+    focal_px: float,
+    at_px: tuple[float, float],
+    max_inverse_m: float,
+    R: int,
+    levels: int = 40,
+    exposure: Exposure | None = None,
 ) -> MaskStack:
     """Masks of one position of the frame for inverse depths 0 to `max_inverse_m`, 1/m, as a stack (section 6.7).
 
     The stack's w is the inverse depth in 1/m; at_px : position from the principal point, pixels. Make one for each node
-    of a grid and give them to `FieldBlur`.
+    of a grid and give them to `FieldBlur`; one `exposure` for each photograph, all of one reference.
     """
     step = max_inverse_m / levels
     x, y = at_px[0] / focal_px, at_px[1] / focal_px
     masks = []
     for k in range(levels + 2):
         depth = 1 / (k * step) if k else 1e9
-        path = (curve(motion, x, y, depth) - (x, y)) * focal_px
+        path = (curve(motion, x, y, depth, exposure=exposure) - (x, y)) * focal_px
         masks.append(path_mask(path, R))
     return MaskStack(np.stack(masks), step)
 

@@ -12,8 +12,7 @@ import numpy as np
 
 from procedures.restoration.cost import DataTerm, conjugate_gradients
 from procedures.restoration.forward import Array
-from procedures.restoration.priors import diffuse, steps_allowed
-from procedures.restoration.segments import Labels, joined
+from procedures.restoration.priors import diffuse
 
 # curvature of the data term per pixel: pillboxes and paths of 3 to 11 pixels lie around it
 PICTURE_CURVATURE = 0.3
@@ -39,18 +38,16 @@ def joint_step(
     weights: Weights,
     iterations: int,
     diffusion: tuple[Array | float, Array | float] = (1.0, 1.0),
-    labels: Labels | None = None,
+    edges: tuple[Array | float, Array | float] = (1.0, 1.0),
     longest: float = 0.3,
 ) -> tuple[Array, Array]:
     """Picture and depth after one Gauss-Newton step, its equations solved by conjugate gradients.
 
+    `diffusion` and `edges` are the priors' weights on differences of picture and depth.
     u : (C, H + 2R, W + 2R); w : (H + 2R, W + 2R), pixels; longest : change of w in one step, pixels, beyond which the
     linearised masks say nothing.
     """
     data.focus(w)
-    edges = steps_allowed(w, weights.step)
-    if labels is not None:
-        edges = (edges[0] * joined(labels)[0], edges[1] * joined(labels)[1])
 
     def smooth(x: Array, y: Array) -> Array:
         return np.concatenate([weights.picture * diffuse(x, *diffusion), weights.depth * diffuse(y[None], *edges)])

@@ -53,6 +53,12 @@ def _centred(squares: Array, *, down: bool) -> Array:
     return np.asarray((middle[:, 1:] + middle[:, :-1]) / 2)
 
 
+def depth_variation(w: Array, slope: float) -> tuple[Array, Array]:
+    """Weights of the total variation of w by lagged diffusivity: 1 up to the usual `slope`, then slope / |grad w|."""
+    down, across = total_variation(w[None], slope)
+    return down * w.dtype.type(slope), across * w.dtype.type(slope)
+
+
 def steps_allowed(w: Array, step: float) -> tuple[Array, Array]:
     """Weights that let go where w changes by more than `step` between neighbours.
 

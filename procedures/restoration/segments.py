@@ -20,11 +20,12 @@ from procedures.restoration.forward import Array
 
 Labels = NDArray[np.int32]
 
-# distances from the nearest jump at which parts that hang together are taken as one: first the broad ones, so that a gap
+# distances from the nearest jump at which parts that hang together are one: first the broad ones, so that a gap
 # in a line of jumps does not join what lies on its two sides
 CLEAR = (14, 9, 6, 4, 3)
 # fewer clear pixels are a blemish of the surface around them
 LEAST_PIXELS = 40
+BLEMISH_PIXELS = 400
 
 
 def span(w: Array, size: int = 3) -> Array:
@@ -68,7 +69,7 @@ def _markers(distance: Array) -> Labels:
 
 
 def _merged(w: Array, labels: Labels, least: float, doubt: int) -> Labels:
-    """Labels with those parts joined whose surfaces differ by less than `least` along three quarters of their border."""
+    """Labels with the parts joined whose surfaces differ by less than `least` along three quarters of their border."""
     own = surfaces(w, labels, 0, doubt).own
     across = _meetings(labels, own)
     group = np.arange(labels.max() + 1)
@@ -112,9 +113,13 @@ def continued(w: Array, known: Array, sigma: float) -> Array:
 
 
 def mended(w: Array, labels: Labels, doubt: int, jump: float) -> Array:
-    """w without blemishes: where it leaves its segment's surface by more than `jump`, the surface."""
-    own = surfaces(w, labels, 0, doubt).own
-    return np.where(np.abs(w - own) > jump, own, w).astype(w.dtype)
+    """w without blemishes: small parts cut out by jumps that leave the surface around them by more than `jump`."""
+    parts, n = label(span(w) <= jump)
+    small = np.bincount(parts.ravel(), minlength=n + 1) < BLEMISH_PIXELS
+    small[0] = True
+    around = surfaces(w, np.where(small[parts], 0, labels), 3 * doubt, doubt)
+    wrong = small[parts] & around.near & (np.abs(w - around.other) > jump)
+    return np.where(wrong, around.other, w).astype(w.dtype)
 
 
 @dataclass(frozen=True)

@@ -69,7 +69,16 @@ class _Shapes(click.Command):
     "--depth-start", type=click.Choice(["matched", "symmetric", "blur"]), default="matched", show_default=True
 )
 @click.option("--total-variation", is_flag=True, help="Picture prior by total variation instead of Tikhonov.")
+@click.option("--depth-total-variation", is_flag=True, help="Prior of w by total variation.")
 @click.option("--prototype-region", metavar="X,Y,W,H", help="Flat part from which unknown motion shapes are estimated.")
+@click.option(
+    "--recorded-path",
+    "paths",
+    multiple=True,
+    metavar="FILE",
+    help="Path of the rig during each exposure, two columns x y at equal times: begins the search of its shape.",
+)
+@click.option("--fix-path", is_flag=True, help="Take the recorded paths as they are; find their size and place only.")
 @click.option("--plane", help="R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
 @click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout too.")
@@ -81,6 +90,8 @@ def restore(
     ratios: tuple[float, ...],
     max_w: float,
     prototype_region: str | None,
+    paths: tuple[str, ...],
+    fix_path: bool,
     plane: str | None,
     out: Path,
     as_json: bool,
@@ -90,6 +101,8 @@ def restore(
     start = time.perf_counter()
     if len(images) < 2:
         raise click.UsageError(f"restoration needs two photographs or more, got {len(images)}")
+    if (paths or fix_path) and (prototype_region is None or len(paths) != 2):
+        raise click.UsageError("--recorded-path needs --prototype-region, and one path for each of two photographs")
     from procedures.restoration.checks import check_max_w
     from procedures.restoration.estimate import restore as restored
     from station.restoration_page import restoration_page
@@ -100,7 +113,11 @@ def restore(
     parameters = _parameters(options)
     with ResultFolder(out) as folder:
         frames, photographs = _photographs(images, plane)
-        stacks, described = _stacks(blur, shapes, ratios, max_w, len(images), photographs, prototype_region)
+        known = None
+        if prototype_region is not None:
+            known = _prototypes(photographs, prototype_region, max_w, paths, fix_path)
+        stacks, described = _stacks(blur, shapes, ratios, max_w, photographs, known)
+        described |= {"prototype_region": prototype_region, "recorded_path": list(paths), "fix_path": fix_path}
         outcome = restored(photographs, stacks, parameters, _tell)
         about = {
             "procedure": "restore",
@@ -141,27 +158,24 @@ def _stacks(
     shapes: tuple[str, ...],
     ratios: tuple[float, ...],
     max_w: float,
-    count: int,
     photographs: list[Array],
-    region: str | None,
+    known: list[NDArray[np.float64]] | None,
 ) -> tuple[list[MaskStack], dict[str, Any]]:
-    """Masks of every photograph, and what the record says of them."""
+    """Masks of every photograph, and what the record says of them. known : shapes found in the photographs."""
     import numpy as np
 
     from procedures.restoration.blur_models import mask_stack
     from procedures.restoration.checks import check_extent
 
+    count = len(photographs)
     each = (1.0, *ratios, *([ratios[-1] if ratios else 1.0] * count))[:count]
-    if region is not None:
-        arrays, max_w = _prototypes(photographs, region, max_w)
-    else:
-        if len(shapes) not in (1, count):
-            raise click.UsageError(f"--shape takes one shape, or one for each of {count} images; got {len(shapes)}")
-        arrays = [_shape(name, blur) for name in (shapes if len(shapes) == count else shapes * count)]
+    if known is None and len(shapes) not in (1, count):
+        raise click.UsageError(f"--shape takes one shape, or one for each of {count} images; got {len(shapes)}")
+    arrays = known or [_shape(name, blur) for name in (shapes if len(shapes) == count else shapes * count)]
     R = int(np.ceil(max_w * max(each) + 0.5))
     check_extent(R, (photographs[0].shape[1], photographs[0].shape[2]))
     stacks = [mask_stack(shape, max_w, ratio=ratio, R=R) for shape, ratio in zip(arrays, each, strict=True)]
-    return stacks, {"shape": list(shapes), "ratio": list(each[1:]), "prototype_region": region}
+    return stacks, {"shape": list(shapes), "ratio": list(each[1:])}
 
 
 def _shape(name: str, blur: str) -> NDArray[np.float64]:
@@ -174,24 +188,30 @@ def _shape(name: str, blur: str) -> NDArray[np.float64]:
     return blur_models.read_shape(Path(name))
 
 
-def _prototypes(photographs: list[Array], region: str, max_w: float) -> tuple[list[NDArray[np.float64]], float]:
-    """Shapes of unknown motion from a flat part of the scene, and the range of w about it."""
+def _prototypes(
+    photographs: list[Array], region: str, max_w: float, paths: tuple[str, ...], fixed: bool
+) -> list[NDArray[np.float64]]:
+    """Shapes of unknown motion from a flat part of the scene, begun from or fixed by recorded paths of the rig."""
     import numpy as np
 
     from procedures.restoration.blind import prototype_shapes
+    from procedures.restoration.recorded import read_path, recorded_masks, recorded_shapes
 
     try:
         x, y, width, height = (int(part) for part in region.split(","))
     except ValueError as error:
         raise click.UsageError(f"--prototype-region is X,Y,W,H in pixels, got {region!r}") from error
     parts = np.stack([p[:, y : y + height, x : x + width].mean(axis=0) for p in photographs])
-    found = prototype_shapes(parts, int(np.ceil(max_w)))
-    log(
-        "prototypes",
-        f"motion of half-width {found.half_width:.1f} pixels in the flat part",
-        half_width=found.half_width,
-    )
-    return list(found.shapes), max_w
+    largest = int(np.ceil(max_w))
+    # the scene is drawn along minus the rig's path
+    drawn = [-read_path(Path(name)) for name in paths]
+    if fixed:
+        shapes, half = recorded_shapes(parts, drawn, largest)
+    else:
+        found = prototype_shapes(parts, largest, first=recorded_masks(parts, drawn, largest) if drawn else None)
+        shapes, half = found.shapes, found.half_width
+    log("prototypes", f"motion of half-width {half:.1f} pixels in the flat part", half_width=half)
+    return list(shapes)
 
 
 def _tell(done: Round) -> None:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from restoration_baseline import descent
 
 from procedures.raw import read_frame
 from procedures.restoration import alternate, depth
@@ -74,6 +75,7 @@ def single_photograph(case: Case) -> dict[str, Array]:
     try:
         from skimage.restoration import richardson_lucy, wiener
     except ImportError:
+        print("  scikit-image is not installed: Wiener and Richardson-Lucy are left out")
         return {}
     z, mask = case.z[0, 0], case.stacks[0].at(float(np.median(case.w)))
     return {
@@ -92,6 +94,7 @@ def compare(case: Case, known: float | None) -> None:
     second = depth.algorithm_2(case.z, case.stacks, float(sigmas[0])).w
     third = depth.algorithm_3(case.z, case.stacks, sigmas).w
     broad = case.masks([gaussian(), gaussian()])
+    published = descent(case.z, case.stacks, third, Scheme(), 1e-4)
     rows: dict[str, tuple[Array, Array | None]] = {
         "blurred photograph": (case.z[0, 0], None),
         **{name: (u, None) for name, u in single_photograph(case).items()},
@@ -99,6 +102,7 @@ def compare(case: Case, known: float | None) -> None:
         "Algorithm II directly": (at_depth(case, second), second),
         "Algorithm III directly": (at_depth(case, third), third),
         "whitened, matched start directly": (at_depth(case, ours.start.w), ours.start.w),
+        "Algorithm I as published, from III": (published[0][0], published[1]),
         "true depth, Gaussian masks": (at_depth(case, case.w, broad), None),
         "true depth, true masks": (at_depth(case, case.w), case.w),
         f"this station ({seconds:.0f} s)": (np.asarray(ours.sharp[0]), ours.w),

@@ -1,4 +1,4 @@
-"""Scenes for restoration that no parameter was chosen on: discs, lines, dots and grain before slopes, bumps and steps."""
+"""Scenes for restoration on which no parameter was chosen: discs, lines, dots, grain; slopes, bumps and steps."""
 
 from __future__ import annotations
 
@@ -56,10 +56,15 @@ def picture(shape: tuple[int, int], rng: np.random.Generator) -> Array:
 
 
 def depths(shape: tuple[int, int], kind: str) -> Array:
-    """w in pixels: "square" (a near square before a slope with a bump) or "leaf" (a slanted leaf and a disc)."""
+    """w in pixels: "square" (a near square before a slope with a bump), "leaf" (a slanted leaf and a disc), "wall".
+
+    The wall is flat but for its right third, where it bends away and a near square stands before it.
+    """
     H, W = shape
-    y, x = np.mgrid[0:H, 0:W] / (H - 1.0, W - 1.0)[0]
-    x = np.mgrid[0:H, 0:W][1] / (W - 1.0)
+    y, x = np.mgrid[0:H, 0:W]
+    y, x = y / (H - 1.0), x / (W - 1.0)
+    if kind == "wall":
+        return 3.0 - 2.4 * np.clip(x - 0.7, 0, 1) + 0.9 * ((x > 0.8) & (y > 0.5))
     if kind == "square":
         w = 1.6 + 3.2 * np.clip((x - 0.1) / 0.75, 0, 1)
         bump = 1 - ((x - 0.55) * W / H) ** 2 / 0.04 - (y - 0.3) ** 2 / 0.04

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procedures.restoration import alternate, depth, steps
+from procedures.restoration import alternate, depth, segments, steps
 from procedures.restoration.cost import conjugate_gradients, restore_picture
 from procedures.restoration.newton import Weights, joint_step
 from procedures.restoration.scheme import Schedule, Scheme
@@ -66,17 +66,9 @@ def test_restoration_nears_the_known_depth(vibrating, problem, restored, first):
 
 
 def test_rounds_can_be_stopped_and_resumed(problem, first):
-    straight = None
-    for straight in alternate.rounds(problem, alternate.begin(problem, first)):
-        if straight.n == 2:
-            break
-    stopped = next(alternate.rounds(problem, alternate.begin(problem, first)))
-    resumed = None
-    for resumed in alternate.rounds(problem, stopped):
-        if resumed.n == 2:
-            break
-    assert straight is not None
-    assert resumed is not None
+    running = alternate.rounds(problem, alternate.begin(problem, first))
+    stopped, straight = next(running), next(running)
+    resumed = next(alternate.rounds(problem, stopped))
     # the kernels' parallel sums are of a fixed order, so the same numbers come out
     np.testing.assert_allclose(resumed.w, straight.w, atol=1e-4)
 
@@ -93,25 +85,19 @@ def test_steps_move_to_where_the_photographs_put_them(vibrating, problem):
     displaced[:, 4:] = vibrating.w[:, :-4]  # the vertical edge four pixels to the right
     w = displaced.astype(np.float32)
     state = alternate.begin(problem, w[R:-R, R:-R])
-    layers = steps.layers_afar(state.w, 10, 0.35)
-    _, moved = steps.place_steps(problem.data, problem.other, state.u, state.w, layers, 1e-3)
+    labels = segments.segments(state.w, 0.35, 9)
+    layers = steps.layers_of(state.w, labels, 10, 9, 0.35)
+    _, moved, relabelled = steps.place_steps(problem.data, problem.other, state.u, state.w, labels, layers, 1e-3)
 
     def wrong(w):
         return np.mean(np.abs(w - vibrating.w)[R:-R, R:-R] > 0.4)
 
     assert wrong(moved) < 0.4 * wrong(state.w)
-
-
-def test_depths_are_continued_as_planes():
-    y, x = np.mgrid[0:40, 0:40]
-    w = 2 + 0.02 * x - 0.01 * y
-    known = (x < 20).astype(float)
-    found = steps.continued(w, known, 5.0)
-    # damped slopes: exact in the middle of what is known, some per cent low ten pixels outside
-    np.testing.assert_allclose(found[15:25, 5:24], w[15:25, 5:24], atol=0.06)
+    assert set(np.unique(relabelled)) <= set(np.unique(labels))
 
 
 def test_without_jumps_there_are_no_layers():
-    w = np.full((20, 20), 2.0)
-    assert not steps.layers_afar(w, 5, 0.35).band.any()
-    assert not steps.layers_near(w, 3, 0.35).band.any()
+    w = np.full((40, 40), 2.0)
+    labels = segments.segments(w, 0.35, 3)
+    assert labels.max() == 1
+    assert not steps.layers_of(w, labels, 5, 3, 0.35).band.any()

@@ -80,3 +80,27 @@ def test_a_record_that_is_none_is_refused():
         m.Motion(T[:1], STILL[:1], STILL[:1])
     with pytest.raises(BadInput, match="increase"):
         m.Motion(T[::-1], STILL, STILL)
+
+
+def test_a_later_exposure_is_drawn_where_it_has_gone():
+    # steady sideways motion, depth known at the start: a second exposure begins its displacement over the depth away
+    velocity = np.tile([0.02, 0.0, 0.0], (200, 1))
+    record = m.Motion(T, velocity, STILL)
+    later = m.Exposure(0.06, 0.08, reference_s=0.0)
+    drawn = m.curve(record, 0.1, 0.05, 2.0, exposure=later)
+    # 512 instants: the ends are placed to one of them
+    instant = 0.02 * (T[-1] / 511) / 2
+    assert drawn[0, 0] == pytest.approx(0.1 - 0.02 * 0.06 / 2, abs=instant)
+    assert drawn[-1, 0] == pytest.approx(0.1 - 0.02 * 0.08 / 2, abs=instant)
+
+
+def test_masks_of_all_exposures_share_one_depth_map():
+    # near points have moved farther between the exposures: the second stack carries the disparity, in the first's frame
+    velocity = np.tile([0.02, 0.0, 0.0], (200, 1))
+    stack = m.motion_stack(
+        m.Motion(T, velocity, STILL), 800.0, (0.0, 0.0), 2.0, 6, levels=8, exposure=m.Exposure(0.06, 0.08, 0.0)
+    )
+    x = np.arange(-6, 7)
+    for inverse_depth in (0.5, 1.5):
+        centroid = (stack.at(inverse_depth) * x).sum()
+        assert centroid == pytest.approx(-800 * 0.02 * 0.07 * inverse_depth, abs=0.05)

@@ -72,3 +72,11 @@ def test_weights_fall_to_what_the_noise_asks_and_no_further():
 def test_weights_given_are_the_last_ones():
     schedule = Schedule(20, 0.006, picture=2e-3, depth=0.5)
     assert (schedule.at(19, 1e-4).picture, schedule.at(19, 1e-4).depth) == (2e-3, 0.5)
+
+
+def test_total_variation_of_depth_is_quadratic_up_to_the_usual_slope():
+    x = np.mgrid[0:20, 0:30][1]
+    gentle, steep = (priors.depth_variation(slope * x, 0.014)[1] for slope in (0.01, 0.14))
+    np.testing.assert_allclose(gentle, 1)
+    # |d|^2 / |d|: ten times the slope weighs a tenth
+    np.testing.assert_allclose(steep[1:-1], 0.1)

@@ -145,3 +145,21 @@ def test_the_report_shows_every_picture_and_needs_no_network(done):
     assert page.count("<svg ") == 4
     assert "http" not in page.replace("http://www.w3.org", "")
     assert "<script" not in page
+
+
+def test_a_recorded_path_fixes_the_shape(photographs, tmp_path):
+    t = np.linspace(0, 2 * np.pi, 200)
+    for n in (1, 2):
+        np.savetxt(tmp_path / f"path{n}.txt", 1e-4 * np.stack([np.cos(n * t), np.sin(t)], axis=1))
+    arguments = ["--blur", "motion", "--prototype-region", "0,0,60,96", "--scheme", "1x(2+2)", "--max-w", "3"]
+    paths = ["--recorded-path", tmp_path / "path1.txt", "--recorded-path", tmp_path / "path2.txt", "--fix-path"]
+    result = run(*photographs[0], *arguments, *paths, "--depth-total-variation", "--out", tmp_path / "o")
+    assert result.exit_code == 0, result.stderr
+    assert json.loads((tmp_path / "o" / "result.json").read_text())["parameters"]["fix_path"] is True
+
+
+def test_one_recorded_path_is_a_usage_error(photographs, tmp_path):
+    arguments = ["--blur", "motion", "--prototype-region", "0,0,60,96", "--recorded-path", tmp_path / "p.txt"]
+    result = run(*photographs[0], *arguments, "--out", tmp_path / "o")
+    assert result.exit_code == 2
+    assert "one path for each" in result.stderr

@@ -1,0 +1,74 @@
+"""Restoration on scenes on which no parameter was chosen, against the same restoration told the true depth.
+
+`python tests/benchmarks/restoration_holdout.py [--noise 40] [--blur KIND] [--depth KIND] [--descent]`
+
+`--noise clean`, 40 or 20 dB; KIND of blur: vibration, uniform, coma, pillbox; of depth: square, leaf. `--descent` also
+runs Algorithm I as published, from the same start.
+"""
+
+from __future__ import annotations
+
+import argparse
+import platform
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+from restoration_baseline import descent
+from restoration_scenes import Scene, scene
+
+from procedures.restoration import alternate
+from procedures.restoration.cost import restore_picture
+from procedures.restoration.estimate import SHARPNESS, RestorationParameters, noise_of, restore
+from procedures.restoration.scheme import Schedule, Scheme
+
+Array = NDArray[np.floating]
+BLURS, DEPTHS = ("vibration", "uniform", "coma", "pillbox"), ("square", "leaf")
+
+
+def at_true_depth(case: Scene) -> Array:
+    """The picture (H, W) at the true depth: what knowing it would give."""
+    data, other = alternate.problem_of(case.z, case.stacks, np.ones((2, 1, *case.w.shape)), np.float32)
+    sigma = noise_of(case.z, case.stacks)
+    problem = alternate.Problem(data, other, Scheme(), Schedule(20, SHARPNESS), sigma, 12)
+    state = alternate.begin(problem, case.w)
+    u = restore_picture(data, state.u, max(sigma**2 / SHARPNESS, 1e-6), 150)
+    return np.asarray(u[0, data.R : -data.R, data.R : -data.R])
+
+
+def compare(case: Scene, thesis: bool) -> None:
+    """Print one line, two with the published descent."""
+    known = case.error(at_true_depth(case))
+    start = time.process_time()
+    ours = restore(list(case.z), case.stacks, RestorationParameters()).value
+    seconds = time.process_time() - start
+    assert ours is not None
+    picture, w, first = case.error(ours.sharp[0]), case.w_error(ours.w), case.w_error(ours.start.w)
+    print(
+        f"{case.name:24s} known depth {known:5.2f}   restored {picture:5.2f} = {picture / known:4.2f} x"
+        f"   w {w:.3f} px (start {first:.3f})   {seconds:.0f} s of processor",
+        flush=True,
+    )
+    if thesis:
+        u, w_descent = descent(case.z, case.stacks, ours.start.w, Scheme(), 1e-4)
+        picture, w = case.error(u[0]), case.w_error(w_descent)
+        print(f"  published descent {picture:38.2f} = {picture / known:4.2f} x   w {w:.3f} px", flush=True)
+
+
+def main() -> None:
+    """Print the environment and a line for each case."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--noise", nargs="*", default=["clean", "40", "20"])
+    parser.add_argument("--blur", nargs="*", default=BLURS, choices=BLURS)
+    parser.add_argument("--depth", nargs="*", default=DEPTHS, choices=DEPTHS)
+    parser.add_argument("--descent", action="store_true")
+    asked = parser.parse_args()
+    print(f"Python {platform.python_version()}, {platform.machine()}")
+    for noise in asked.noise:
+        for blur in asked.blur:
+            for depth in asked.depth:
+                compare(scene(blur, depth, None if noise == "clean" else float(noise)), asked.descent)
+
+
+if __name__ == "__main__":
+    main()
