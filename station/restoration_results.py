@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Mapping
-from dataclasses import asdict
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from procedures.outcome import Outcome
+from procedures.raw import RawFrame
 from procedures.restoration.estimate import Restoration
-from station.results import RECORD, ResultFolder, plain, software
+from procedures.restoration.guide import shown
+from station.results import RECORD, ResultFolder, plain, software, write_record
 
 SCHEMA = "station/restore/1"
 Array = npt.NDArray[np.floating[Any]]
@@ -53,6 +55,22 @@ def write_restoration(
     folder.write(RECORD, text.encode())
     folder.publish()
     return text
+
+
+def write_result(
+    folder: ResultFolder, outcomes: Mapping[str, Outcome[Any]], frames: Sequence[RawFrame], about: Mapping[str, Any]
+) -> str:
+    """The result of a guided restoration: the files of `write_restoration`, or the record of its refusal."""
+    from station.restoration_page import restoration_page  # here: it imports this module
+
+    (outcome,) = outcomes.values()
+    if outcome.value is None:
+        told = {"verdict": str(outcome.verdict), "reason": outcome.reason, "remedy": outcome.remedy}
+        return write_record(folder, {"schema": SCHEMA, **about, **told, "software": software()})
+    timeless = replace(outcome.value, history=tuple(replace(r, seconds=0.0) for r in outcome.value.history))
+    outcome = replace(outcome, value=timeless)  # the files are the same whenever they are computed
+    photographs = [shown(frame).samples.astype(np.float64)[None] for frame in (frames[0], frames[len(frames) - 1])]
+    return write_restoration(folder, outcome, about, restoration_page(outcome, photographs, about))
 
 
 def picture(sharp: Array) -> Array:

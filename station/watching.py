@@ -128,7 +128,7 @@ class Watching:
         for _ in range(shoot.most):
             if results and self._enough(shoot, results):
                 return
-            self._judge(shoot, self._exposer.take(shoot.purpose, self.step), results)
+            self._judge(shoot, self._exposer.take(shoot.purpose, self.step, moving=shoot.record_motion), results)
         if not (results and self._enough(shoot, results)):
             self._talk.doing(f"{shoot.most} shots were taken: going on with those that count")
 
@@ -154,6 +154,8 @@ class Watching:
                 results.append(found)
             else:
                 advice = Advice(False, f"{refused[0].reason}: {refused[0].remedy}")
+        if advice.good:
+            self._talk.learn(advice.facts)
         self._session.judge(taken.shot, advice.good, "" if advice.good else advice.say)
         self._show(taken.frame, advice)
         if not advice.good:
