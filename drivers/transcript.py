@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import threading
 from collections import deque
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
@@ -22,20 +24,45 @@ class Passage:
 
 
 class Transcript:
-    """The last `length` passages, and all of them in `file` if given."""
+    """The last `length` passages, and all of them in `file` if given.
+
+    A file that cannot be written, on a full disk, gets no more: no wire waits for it or fails by it.
+    """
 
     def __init__(self, length: int = 1000, file: Path | None = None) -> None:
         self._ring: deque[tuple[float, str, bytes]] = deque(maxlen=length)
         self._path = file
         self._file: TextIO | None = None
+        self._waiting: deque[tuple[float, str, bytes]] = deque()
+        self._lock = threading.Lock()
+
+    def write_to(self, path: Path | None) -> None:
+        """From now on, write to this file, or to none."""
+        self.close()
+        self._path = path
 
     def record(self, time_s: float, way: str, data: bytes) -> None:
-        """Note bytes that passed; safe from any thread."""
-        self._ring.append((time_s, way, data))
+        """Note bytes that passed; from any thread, and waiting for none: whoever writes already takes it along."""
+        entry = (time_s, way, data)
+        self._ring.append(entry)
         if self._path is not None:
-            if self._file is None:
-                self._file = self._path.open("a", encoding="utf-8")
-            self._file.write(Passage(time_s, way, data).line() + "\n")
+            self._waiting.append(entry)
+            if self._lock.acquire(blocking=False):
+                try:
+                    self._write()
+                finally:
+                    self._lock.release()
+
+    def _write(self) -> None:
+        """Bring the file up to date."""
+        try:
+            while self._waiting and self._path is not None:
+                if self._file is None:
+                    self._file = self._path.open("a", encoding="utf-8", buffering=1)  # lines outlive the program
+                self._file.write(Passage(*self._waiting.popleft()).line() + "\n")
+        except OSError:
+            self._path = None
+            self._waiting.clear()
 
     def last(self, n: int = 1000) -> list[Passage]:
         """The newest `n` passages, oldest first."""
@@ -43,6 +70,8 @@ class Transcript:
 
     def close(self) -> None:
         """Bring the file up to date and close it until more passes; the ring stays readable."""
-        if self._file is not None:
-            self._file.close()
-            self._file = None
+        with self._lock, suppress(OSError):
+            self._write()
+            if self._file is not None:
+                file, self._file = self._file, None
+                file.close()

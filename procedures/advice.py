@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from procedures.plan import Advice, Fact, Facts, Reading
-from procedures.raw import Exposure, Plane, RawFrame
+from procedures.raw import Exposure, Plane
 
 WHITE, DARKEST, BRIGHTEST = 0.8, 0.55, 0.9
 """Where white should lie on the sensor's scale, and between which it is good."""
@@ -37,11 +37,6 @@ def time_words(seconds: float) -> str:
     return f"{seconds:g} s" if seconds >= 0.29 else f"1/{round(1 / seconds)} s"
 
 
-def brightest(frame: RawFrame, levels: dict[str, float]) -> str:
-    """The plane whose white is nearest to the end of the scale."""
-    return max(levels, key=lambda name: levels[name])
-
-
 def paper_level(plane: Plane) -> tuple[float, float]:
     """Level of the brightest tile of the frame, and the share of it that is clipped: for want of a chart."""
     rows, columns = plane.samples.shape
@@ -52,26 +47,27 @@ def paper_level(plane: Plane) -> tuple[float, float]:
     return float(np.median(tile)), float(np.mean(tile >= CLIPPED))
 
 
-def exposure_advice(level: float, clipped: float, exposure: Exposure) -> Advice:
+def exposure_advice(level: float, clipped: float, exposure: Exposure, subject: str = "White") -> Advice:
     """How to expose so that white lies at 80 % of the scale.
 
     Parameters
     ----------
     level : of white in the brightest plane, 1 at saturation
     clipped : share of its samples at saturation
+    subject : what is to lie there
     """
     readings = (
-        Reading("white", 100 * level, "%", 100 * DARKEST, 100 * BRIGHTEST),
+        Reading(subject.lower(), 100 * level, "%", 100 * DARKEST, 100 * BRIGHTEST),
         Reading("clipped", 100 * clipped, "%", None, 100 * MOST_CLIPPED),
     )
     if clipped > MOST_CLIPPED:
-        return _change(-1.0, "White is clipped", exposure, readings)
+        return _change(-1.0, f"{subject} is clipped", exposure, readings)
     if level > BRIGHTEST or level < DARKEST:
         word = "too bright" if level > BRIGHTEST else "too dark"
         change = math.log2(WHITE / max(level, 1e-3))
-        return _change(change, f"White is {word}, at {100 * level:.0f} % of the scale", exposure, readings)
+        return _change(change, f"{subject} is {word}, at {100 * level:.0f} % of the scale", exposure, readings)
     if exposure.iso is not None and exposure.iso > 1.5 * BASE_ISO:
-        return _lower_iso(level, exposure, readings)
+        return _lower_iso(level, exposure, readings, subject)
     return Advice(
         True, f"White is at {100 * level:.0f} % of the scale; nothing is clipped.", readings, facts=_noted(exposure)
     )
@@ -91,12 +87,12 @@ def _change(stops: float, found: str, exposure: Exposure, readings: tuple[Readin
     return Advice(False, say, readings, by_hand={"exposure_ev": math.log2(proposed / seconds)})
 
 
-def _lower_iso(level: float, exposure: Exposure, readings: tuple[Reading, ...]) -> Advice:
+def _lower_iso(level: float, exposure: Exposure, readings: tuple[Reading, ...], subject: str) -> Advice:
     """Advice to set the base ISO, where the exposure does not get too long by it."""
     assert exposure.iso is not None
     factor = exposure.iso / BASE_ISO
     if exposure.exposure_s is None or exposure.exposure_s * factor > LONGEST_S:
-        say = f"White is at {100 * level:.0f} % of the scale; at ISO {exposure.iso:g} more shots will be needed."
+        say = f"{subject} is at {100 * level:.0f} % of the scale; at ISO {exposure.iso:g} more shots will be needed."
         return Advice(True, say, readings, facts=_noted(exposure))
     seconds = exposure.exposure_s * factor * WHITE / level
     proposed = min(nominal_times_s(), key=lambda t: abs(math.log2(t / seconds)))

@@ -155,7 +155,8 @@ class Scan:
 class Shoot:
     """Take shots that count until they are enough. A shot that `check` refuses is kept, but does not count.
 
-    `enough(results, facts)`: from the outcomes of `estimate` of the shots so far, whether to go on.
+    `enough(results, facts)`: from the outcomes of `estimate` of the shots so far, whether to go on. `record_motion`:
+    the IMU is recorded during each exposure, which is not waited for until the rig is still.
     """
 
     purpose: str
@@ -163,6 +164,7 @@ class Shoot:
     estimate: Callable[[RawFrame, Facts], Mapping[str, Outcome[Any]]]
     enough: Callable[[Sequence[Mapping[str, Outcome[Any]]], Facts], Advice]
     most: int = 16
+    record_motion: bool = False
 
 
 @dataclass(frozen=True)

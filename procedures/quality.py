@@ -23,6 +23,8 @@ STEPS_PER_CYCLE = 50
 """Frequencies of the curves per cycle/pixel."""
 DIRECTIONS = 16
 """Directions of the radial mean over half a turn."""
+WAVELENGTHS_NM = {"R": 600.0, "G": 530.0, "B": 460.0, "Y": 550.0}
+"""Where a plane of usual colour filters is most sensitive."""
 
 
 @dataclass(frozen=True)
@@ -197,8 +199,8 @@ def _spatial_numbers(psf: Psf, n: int) -> dict[str, Quantity]:
     everything = np.arange(psf.k**2)
     noise = _noise_of_energy(psf)
     pieces: list[tuple[str, Callable[[Array], Array], npt.NDArray[np.intp], str, str]] = [
-        ("centroid_x", lambda h: _centroid(psf, h, 0), everything, "pixel", "first moment, from the marks' centre"),
-        ("centroid_y", lambda h: _centroid(psf, h, 1), everything, "pixel", "first moment, from the marks' centre"),
+        ("centroid_x", lambda h: _centroid(psf, h, 0), everything, "pixel", "first moment, from the PSF's centre"),
+        ("centroid_y", lambda h: _centroid(psf, h, 1), everything, "pixel", "first moment, from the PSF's centre"),
         ("fwhm_horizontal", lambda h: _widths(h, psf.s), row, "pixel", "section through the centre"),
         ("fwhm_vertical", lambda h: _widths(h, psf.s), column, "pixel", "section through the centre"),
         ("energy_above_nyquist", lambda h: _energy_above_nyquist(psf, h, noise), everything, "1", "share of |OTF|^2"),

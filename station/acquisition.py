@@ -120,6 +120,9 @@ class Run:
             return None
         from station.session_report import session_page  # here: it draws, and that import is slow
 
+        drawn = self._session.folder / self._session.state.results[-1].folder / PAGE
+        if drawn.is_file():
+            return drawn
         path = self._session.folder / PAGE
         self._talk.hear(Doing("writing the report"))
         try:
@@ -132,6 +135,8 @@ class Run:
         with suppress(ProcedureError):  # a full disk: the run ends all the same
             self._tell_notices()
             self._session.end(ended.how)
+        if self._rig.bench is not None:
+            self._rig.bench.log_wires(None)
         self._talk.hear(ended)
         return ended
 
@@ -139,6 +144,8 @@ class Run:
 
     def _prepare(self, *, resumed: bool) -> None:
         """Connect everything; after an interruption, bring the axes and the lamp back to where they were."""
+        if self._rig.bench is not None:
+            self._rig.bench.log_wires(self._session.wire_folder())
         for name in self._rig.unconnected():
             self._talk.doing(f"connecting the {name}")
             try:
@@ -260,7 +267,8 @@ class Run:
 
         found = self._talk.attempt(lambda: derive(self._session, self.plan, self._step.name, told))
         verdicts = {name: outcome.verdict for name, outcome in found.outcomes.items()}
-        numbers = {name: one.value.quality.numbers for name, one in found.outcomes.items() if one.value is not None}
+        qualities = {name: getattr(one.value, "quality", None) for name, one in found.outcomes.items()}
+        numbers = {name: quality.numbers for name, quality in qualities.items() if quality is not None}
         self._talk.hear(Result(found.folder, verdicts, found.verdict, found.reason, found.remedy, numbers))
 
     @_carry.register

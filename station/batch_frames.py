@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from procedures.outcome import BadParameter
+from procedures.outcome import BadInput, BadParameter
 from station.names import encodable, printable
 
 RAW_SUFFIXES = frozenset(
@@ -51,6 +51,8 @@ def find_frames(folders: Sequence[Path], out: Path) -> list[Path]:
     ------
     BadParameter
         If one of the folders does not exist, or there is no photograph in all of them.
+    BadInput
+        If a folder cannot be read.
     """
     found: dict[Path, Path] = {}
     for folder in folders:
@@ -66,13 +68,18 @@ def find_frames(folders: Sequence[Path], out: Path) -> list[Path]:
 
 
 def _below(folder: Path, out: Path) -> Iterator[Path]:
-    for root, folders, files in os.walk(folder):
+    for root, folders, files in os.walk(folder, onerror=_unreadable):
         here = Path(root)
         folders[:] = sorted(name for name in folders if not name.startswith(".") and (here / name).resolve() != out)
         for name in sorted(files):
             # a pipe or a device among them would be waited for without end
             if Path(name).suffix.lower() in RAW_SUFFIXES | GREY_SUFFIXES and (here / name).is_file():
                 yield here / name
+
+
+def _unreadable(error: OSError) -> None:
+    reason = f"{printable(error.filename)} cannot be read: {error.strerror}"
+    raise BadInput(reason, "check its permissions, or name the folders beside it") from error
 
 
 def singly(frames: Sequence[Path]) -> list[Item]:

@@ -127,6 +127,11 @@ class Bench:
         """The lamp."""
         return cast(Light, self._find("light"))
 
+    def log_wires(self, folder: Path | None) -> None:
+        """From now on, write what passes on each wire into a file of its own in this folder; into none where None."""
+        for name, transcript in self.transcripts.items():
+            transcript.write_to(folder / f"wire-{name}.txt" if folder else None)
+
     def emergency_stop(self) -> None:
         """Stop everything; stages first, from any thread, any number of times."""
         movers = [device for device in self.devices.values() if hasattr(device, "move_to")]

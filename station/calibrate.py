@@ -6,14 +6,14 @@ import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
 from procedures.outcome import BadInput, Outcome, Refused, Verdict
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
 from procedures.psf import Psf
-from procedures.quality import Diffraction, Quality
+from procedures.quality import WAVELENGTHS_NM, Diffraction, Quality
 from procedures.raw import Exposure, Plane, RawFrame
 from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf
 from procedures.two_photo.estimate import estimate_psf as estimate_psf_of_pair
@@ -24,8 +24,6 @@ NUMBERS = ("gamma", "gamma_bound", "residual_std", "pixels_per_pattern", "s_over
 """What a record takes from an estimate beside its PSF."""
 PAIR_NUMBERS = ("scale", "gain", "noise", "residual_std")
 """The same of two photographs."""
-WAVELENGTHS_NM = {"R": 600.0, "G": 530.0, "B": 460.0, "Y": 550.0}
-"""Where a plane of usual colour filters is most sensitive."""
 
 
 class Found(Protocol):
@@ -109,8 +107,6 @@ def calibrate_pair(
         start = time.perf_counter()
         outcome = _of_pair(a, b, plane.name, parameters, limit(plane))
         record = plane_record(plane, outcome, PAIR_NUMBERS)
-        if outcome.value is not None:
-            record = replace(record, inter_image=outcome.value.inter_image)
         return Calibrated(record, outcome.value, time.perf_counter() - start)
 
     yield from _side_by_side(estimate, list(a.planes.values()), threads)
@@ -148,6 +144,7 @@ def plane_record(plane: Plane, outcome: Outcome[F], numbers: Sequence[str]) -> P
         quality=found.quality,
         numbers={number: getattr(found, number) for number in numbers},
         diagnostics=found.diagnostics,
+        inter_image=getattr(found, "inter_image", None),
         pitch=plane.pitch,
     )
 

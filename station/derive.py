@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,7 @@ from procedures.plan import Estimate, Plan
 from procedures.raw import RawFrame, read_frame
 from station.calibrate import plane_record
 from station.machine import same_bits
-from station.plans import numbers_of
+from station.plans import numbers_of, writer_of
 from station.results import PlaneRecord, ResultFolder, write_psf_result
 from station.session import Session
 from station.session_folder import inside
@@ -91,22 +92,25 @@ def compute(
     frames = [read_frame(inside(folder, shot.path)) for shot in shots]
     with same_bits():
         outcomes = estimate_of(plan).estimate(Told(frames, progress), state.facts)
-        numbers = numbers_of(plan.name)
-        records = [plane_record(frames[0].planes[name], outcome, numbers) for name, outcome in outcomes.items()]
-        if into is not None:
-            _write(into, plan, state, records)
+        numbers, writer = numbers_of(plan.name), writer_of(plan.name)
+        found = {} if writer else outcomes
+        records = [plane_record(frames[0].planes[name], outcome, numbers) for name, outcome in found.items()]
+        if into is not None and writer:
+            with ResultFolder(into) as results:
+                importlib.import_module(writer).write_result(results, outcomes, frames, _about(plan, state))
+        elif into is not None:
+            with ResultFolder(into) as results:
+                write_psf_result(results, records, _about(plan, state))
     return Computed(frames, outcomes, records)
 
 
-def _write(into: Path, plan: Plan, state: State, records: Sequence[PlaneRecord]) -> None:
-    """The files of a result; when it was drawn and how long that took is in the journal, not in them."""
-    about = {
+def _about(plan: Plan, state: State) -> dict[str, Any]:
+    """What a record says besides its numbers; when it was drawn and how long that took is in the journal."""
+    return {
         "procedure": plan.name,
         "input": [{"path": shot.path, "sha256": shot.sha256} for shot in state.counting()],
         "parameters": dict(state.facts),
     }
-    with ResultFolder(into) as results:
-        write_psf_result(results, records, about)
 
 
 def verdict_of_planes(outcomes: Mapping[str, Outcome[Any]]) -> tuple[Verdict, str, str]:

@@ -20,7 +20,8 @@ Array = npt.NDArray[np.float64]
 
 FITS_BLOCK = 2880
 FITS_CARD = 80
-RINGS_PER_SAMPLE = 2
+STEPS_PER_SAMPLE = 2
+DIRECTIONS = 32
 GAUSSIAN_RADIUS = "gaussian_radius"
 
 
@@ -82,11 +83,11 @@ class Profile:
     Attributes
     ----------
     radius : (n,) float64
-        Outer radii of the rings, in pixels of the plane.
+        In pixels of the plane, from 0.
     density, density_uncertainty : (n,) float64
-        Energy per square pixel within each ring.
+        Energy per square pixel on each circle.
     energy, energy_uncertainty : (n,) float64
-        Share of the energy inside each radius.
+        Share of the energy inside each circle.
     """
 
     radius: Array
@@ -97,15 +98,27 @@ class Profile:
 
 
 def radial_profile(psf: Psf) -> Profile:
-    """The profile out to where circles touch the support's sides; a ring has a sample as far as it covers it."""
+    """The profile out to where circles touch the support's sides.
+
+    The density is that of the band-limited PSF between its samples; a sample's energy enters while the circle crosses
+    its square, as in the encircled energy of `procedures.quality`.
+    """
+    radius = np.arange(STEPS_PER_SAMPLE * (psf.k // 2) + 1) / (STEPS_PER_SAMPLE * psf.s)
     x = psf.offsets_px
-    r = np.hypot(x, x[:, None]).ravel()
-    edges = np.arange(RINGS_PER_SAMPLE * (psf.k // 2) + RINGS_PER_SAMPLE // 2 + 1) / (RINGS_PER_SAMPLE * psf.s)
-    inside = np.clip((edges[1:, None] - r) * psf.s + 0.5, 0, 1)
-    rings = np.diff(inside, axis=0, prepend=0.0)
-    rings *= psf.s**2 / np.maximum(rings.sum(axis=1, keepdims=True), 1e-12)
+    distance = np.hypot(x, x[:, None]).ravel()
+    inside = np.clip((radius[:, None] - distance) * psf.s + 0.5, 0, 1) * (radius[:, None] > 0)
+    on = np.mean(
+        [_interpolation(psf, radius, angle) for angle in np.arange(DIRECTIONS) * 2 * np.pi / DIRECTIONS], axis=0
+    )
     h = psf.h.ravel()
-    return Profile(edges[1:], rings @ h, _sigma(psf, rings), inside @ h, _sigma(psf, inside))
+    return Profile(radius, on @ h, _sigma(psf, on), inside @ h, _sigma(psf, inside))
+
+
+def _interpolation(psf: Psf, radius: Array, angle: float) -> Array:
+    """Weights (n, k^2) that give the PSF's density at (n,) radii in one direction: sinc interpolation times s^2."""
+    along = [np.sinc((radius[:, None] * turn - psf.offsets_px) * psf.s) for turn in (np.sin(angle), np.cos(angle))]
+    weights: Array = (along[0][:, :, None] * along[1][:, None, :]).reshape(len(radius), -1)
+    return weights * psf.s**2
 
 
 def _sigma(psf: Psf, weights: Array) -> Array:

@@ -7,7 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
 from drivers.errors import DeviceError, EmergencyStopped
-from drivers.interfaces import Exposure
+from drivers.interfaces import Exposure, ImuBlock
 from procedures.plan import Facts
 from procedures.raw import RawFrame, read_frame
 from station.conversation import Conversation, Skipped
@@ -18,6 +18,13 @@ from station.settling import Patience, Settling, Tremor, Unrest
 if TYPE_CHECKING:
     from drivers.clock import Clock
     from station.session import Session, Shot
+
+
+MOTION_HZ = 200.0
+MOTION_RIM_S = 0.2
+"""What is kept of the IMU's record before and after the exposure: lag of the shutter, and comparison of clocks."""
+LONGEST_OPEN_S = 2.0
+"""Exposure that is allowed for where none was asked for."""
 
 
 class Photographer(Protocol):
@@ -55,10 +62,10 @@ class Exposer:
         self._talk = talk
         self.settling = Settling(rig.imu, clock, patience)
 
-    def take(self, purpose: str, step: str) -> Taken:
-        """One photograph. Raises Skipped, Stopped."""
-        tremor = self._talk.attempt(self._still, self._rig.mend)
-        shot = self._kept(purpose, step, tremor)
+    def take(self, purpose: str, step: str, *, moving: bool = False) -> Taken:
+        """One photograph: when the rig is still, or with the IMU recorded while it moves. Raises Skipped, Stopped."""
+        tremor = None if moving else self._talk.attempt(self._still, self._rig.mend)
+        shot = self._kept(purpose, step, tremor, moving=moving)
         frame = self._talk.attempt(lambda: read_frame(self._session.original(shot)))
         return Taken(shot, frame, {**self._talk.facts, **shot_facts(shot)})
 
@@ -74,7 +81,7 @@ class Exposer:
             self._talk.hear(Trouble(error.reason, f"going on without the IMU; {error.remedy}"))
             return self.settling.wait()
 
-    def _kept(self, purpose: str, step: str, tremor: Tremor | None) -> Shot:
+    def _kept(self, purpose: str, step: str, tremor: Tremor | None, *, moving: bool) -> Shot:
         """Expose, and take the file in; a full disk lets the file wait where the camera put it."""
         number = self._talk.attempt(lambda: self._session.expect(step, purpose))
         kept: dict[str, Any] = {}
@@ -89,7 +96,11 @@ class Exposer:
             kept.update(record(snapshot, tremor))
             self._talk.doing("exposing")
             self._rig.announce(number)
-            return self._camera.expose()
+            if not moving:
+                return self._camera.expose()
+            exposure, block = self._felt()
+            kept.update(motion_record(exposure, block))
+            return exposure
 
         try:
             exposure = self._talk.attempt(expose, self._rig.mend)
@@ -98,6 +109,46 @@ class Exposer:
             raise
         adopt = partial(self._session.adopt, exposure, step=step, purpose=purpose, snapshot=kept)
         return self._talk.attempt(adopt, always=True)
+
+    def _felt(self) -> tuple[Exposure, ImuBlock | None]:
+        """One photograph, and what the IMU felt meanwhile; None where there is none, or it fails."""
+        imu = self._rig.imu
+        try:
+            if imu is not None:
+                imu.start(MOTION_HZ)
+        except EmergencyStopped:
+            raise
+        except DeviceError as error:
+            self._talk.hear(Trouble(error.reason, f"going on without the IMU; {error.remedy}"))
+            imu = None
+        exposure = self._camera.expose()
+        if imu is None:
+            return exposure, None
+        try:
+            block = imu.read_block(0.0)
+            imu.stop()
+        except DeviceError as error:  # the photograph is there: it must be kept
+            self._talk.hear(Trouble(error.reason, f"the motion is not known; {error.remedy}"))
+            return exposure, None
+        return exposure, block
+
+
+def motion_record(exposure: Exposure, block: ImuBlock | None) -> dict[str, Any]:
+    """What the session keeps of the IMU: its samples about the time the shutter was open, by the host's clock."""
+    if block is None or not len(block.host_s):
+        return {}
+    shutter, open_s = exposure.shutter, exposure.settings.exposure_s or LONGEST_OPEN_S
+    begin_s = shutter.closed_s - MOTION_RIM_S if shutter else -float("inf")
+    end_s = shutter.closed_s + open_s + 2 * MOTION_RIM_S if shutter else float("inf")
+    inside = (block.host_s >= begin_s) & (block.host_s <= end_s)
+    return {
+        "motion": {
+            "host_s": [round(float(t), 6) for t in block.host_s[inside]],
+            "acceleration_m_s2": [[round(float(v), 5) for v in row] for row in block.acceleration_m_s2[inside]],
+            "rotation_rad_s": [[round(float(v), 6) for v in row] for row in block.rotation_rad_s[inside]],
+            "lost": block.lost,
+        }
+    }
 
 
 def record(snapshot: Snapshot, tremor: Tremor | None) -> dict[str, Any]:

@@ -41,6 +41,8 @@ RESIDUAL_LIMIT = 4.0
 """Residuals are drawn from minus to plus this many standard deviations of the noise."""
 FEWER_COLOURS = matplotlib.colormaps["RdBu_r"].resampled(255)
 """One colour is left for where there is nothing."""
+WIDEST_PX = 480
+"""Larger photographs are drawn smaller."""
 STYLE: dict[Any, Any] = {
     "font.size": 8.5,
     "axes.edgecolor": FAINT,
@@ -158,6 +160,22 @@ def residual_figure(plane: str, found: PatternPsf, name: str) -> Markup:
     return svg(figure, name, f"photograph less prediction in plane {plane}, in standard deviations of the noise")
 
 
+def pair_figure(near: Plane, outline: Array, name: str) -> Markup:
+    """The near photograph of a wall, and the outline (n, 2) of the far one in its pixels."""
+    samples = near.samples
+    step = -(-max(samples.shape) // WIDEST_PX)
+    rows, columns = (n // step * step for n in samples.shape)
+    small = samples[:rows, :columns].reshape(rows // step, step, columns // step, step).mean(axis=(1, 3))
+    figure, ((axes,),) = _figure(3.2, 0.6 + 2.6 * rows / columns, rim_in=(0.42, 0.1, 0.42, 0.1))
+    extent = (-0.5, columns - 0.5, rows - 0.5, -0.5)
+    axes.imshow(small, extent=extent, cmap="gray", vmin=0, vmax=float(np.quantile(small, 0.995)), interpolation="none")
+    axes.plot(*outline.T, color=MARK, lw=1)
+    axes.spines[:].set_visible(False)
+    axes.locator_params(nbins=4)
+    axes.set_xlabel(f"pixels of {near.name}")
+    return svg(figure, name, f"the near photograph in plane {near.name}, with the outline of the far one")
+
+
 def _image(axes: Axes, picture: npt.NDArray[np.floating], origin: tuple[int, int], **colours: Any) -> Any:
     """A picture whose first pixel is the plane's pixel `origin` (x, y), every pixel a square."""
     (rows, columns), (x, y) = picture.shape, origin
@@ -200,7 +218,7 @@ def energy_figure(profile: Profile, name: str) -> Markup:
     figure, ((axes,),) = _figure(3.2, 2.5, rim_in=(0.55, 0.14, 0.4, 0.08))
     spread = CONFIDENT * profile.energy_uncertainty
     axes.fill_between(profile.radius, profile.energy - spread, profile.energy + spread, color=INK, alpha=0.2, lw=0)
-    axes.plot([0, *profile.radius], [0, *profile.energy], color=INK, lw=1.4)
+    axes.plot(profile.radius, profile.energy, color=INK, lw=1.4)
     axes.set(xlim=(0, float(profile.radius[-1])), ylim=(0, 1.06), xlabel="radius, pixels", ylabel="energy inside")
     axes.axhline(0.8, color=FAINT, lw=0.5, ls=(0, (1, 2)))
     return svg(figure, name, "the share of the energy inside circles about the centre, with its 95 % band")
@@ -339,3 +357,34 @@ def _draw_rows(axes: Axes, rows: Rows) -> None:
     axes.set_yticks(range(len(rows)), [f"{number}  {title}" for number, (title, _) in enumerate(rows, 1)])
     axes.tick_params(left=False)
     axes.spines["left"].set_visible(False)
+
+
+# --- maps over the frame -----------------------------------------------------------------------------------------
+
+
+def map_figure(
+    values: npt.NDArray[np.floating[Any]], unit: str, name: str, *, colours: str, limits: tuple[float, float]
+) -> Markup:
+    """A map over the frame, (rows, columns), with its scale."""
+    rows, columns = values.shape
+    figure, ((axes,),) = _figure(3.6, 2.95 * min(rows / columns, 1.5) + 0.3, rim_in=(0.05, 0.6, 0.25, 0.05))
+    image = axes.imshow(values, cmap=colours, vmin=limits[0], vmax=limits[1], interpolation="none")
+    axes.set(xticks=[], yticks=[])
+    axes.spines[:].set_visible(False)
+    axes.set_xlabel(unit)
+    _bar(figure, axes, image, (1.03, 0.1, 0.04, 0.8))
+    return svg(figure, name, f"{unit}, over the frame")
+
+
+def course_figure(n: Sequence[int], cost: Sequence[float], residual: Sequence[float], name: str) -> Markup:
+    """Cost and residual (grey levels of 255) after each round of a restoration."""
+    figure, ((left,),) = _figure(3.6, 3.0, rim_in=(0.6, 0.6, 0.42, 0.1))
+    left.semilogy(n, cost, color=ALONG["horizontal"], lw=1.4)
+    left.set(xlabel="round")
+    left.set_ylabel("cost (6.1)", color=ALONG["horizontal"])
+    with matplotlib.rc_context(STYLE):
+        right = left.twinx()
+    right.plot(n, residual, color=ALONG["vertical"], lw=1.4, ls="--")
+    right.set_ylabel("residual, levels of 255 (dashed)", color=ALONG["vertical"])
+    right.set_ylim(0, None)
+    return svg(figure, name, "cost and residual after each round")

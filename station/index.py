@@ -86,10 +86,6 @@ class Measured:
     unit: str
     uncertainty: float
 
-    def series(self) -> tuple[str, str, str, str, str]:
-        """What it may be compared over time with: the same lens, plan, plane, quantity and unit."""
-        return self.lens, self.plan, self.plane, self.quantity, self.unit
-
 
 @dataclass(frozen=True)
 class Filter:

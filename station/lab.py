@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import tempfile
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -99,6 +99,7 @@ class StationLab:
         self.sessions = sessions
         self.names = ("simulated camera", "simulated lens") if simulate else ("camera", "lens")
         self._config, self._simulate, self._seed = config, simulate, seed
+        self._tables: Mapping[str, Any] = {}
         self._opening = threading.Lock()
         self._bench: Bench | None = None
         self._opened: Opened | None = None
@@ -120,7 +121,8 @@ class StationLab:
             self._scratch = tempfile.TemporaryDirectory(prefix="station-", ignore_cleanup_errors=True)
             return simulated_bench(Path(self._scratch.name), seed=self._seed, virtual_time=self.virtual_time)
         if self._config is not None:
-            return make_bench(read_config(self._config), folder=self._config.resolve().parent)
+            self._tables = read_config(self._config)
+            return make_bench(self._tables, folder=self._config.resolve().parent)
         return None
 
     virtual_time = False
@@ -157,20 +159,24 @@ class StationLab:
         )
         return self._run(session, operator)
 
-    def resume(self, folder: Path, operator: Operator, *, back_to: str | None = None) -> Running:
-        """A run that goes on with a session."""
+    def resume(
+        self, folder: Path, operator: Operator, *, back_to: str | None = None, without: Collection[int] = ()
+    ) -> Running:
+        """A run that goes on with a session; `without` gives up shots whose photographs are lost."""
         from drivers.clock import SystemClock
         from station.session import Session
 
         bench = self.open().bench
         self._leave_session()
-        session = Session.open(folder, bench.clock if bench is not None else SystemClock())
+        session = Session.open(folder, bench.clock if bench is not None else SystemClock(), without=without)
         if back_to is not None:
             session.reopen(back_to)
         return self._run(session, operator)
 
     def _settings(self, bench: Bench | None) -> dict[str, Any]:
-        return {"simulate": self._simulate, "drivers": dict(bench.drivers) if bench is not None else {}}
+        """What a session freezes: how its bench was configured."""
+        drivers = dict(bench.drivers) if bench is not None else {}
+        return {"simulate": self._simulate, "drivers": drivers, "devices": self._tables}
 
     def _run(self, session: Session, operator: Operator) -> Running:
         from station.acquisition import Run
@@ -200,11 +206,7 @@ class StationLab:
 
 
 def _kept(folder: Path) -> Kept:
-    from station.journal import read_journal
-    from station.session_folder import JOURNAL, check_layout, read_config
-    from station.session_state import replay
+    from station.session_reading import read_session
 
-    check_layout(folder)
-    _, first_sum = read_config(folder)
-    state = replay(read_journal(folder / JOURNAL, first_sum).lines)
-    return Kept(folder, state.plan, state.camera, state.lens, state.began, tuple(state.done), state.ended)
+    state = read_session(folder).state
+    return Kept(folder, state.plan, state.camera, state.lens, state.began, state.done, state.ended)

@@ -107,9 +107,10 @@ def _words(limit: Limit, judged: Judged, value: float | None, uncertainty: float
     bounds = [f"{sign} {bound:g}" for sign, bound in (("≥", limit.least), ("≤", limit.most)) if math.isfinite(bound)]
     wanted = f"{limit.number} {' and '.join(bounds)}"
     if value is None:
-        return f"{wanted} is wanted; the PSF has no such number"
+        return f"the limit {wanted} cannot be judged: the PSF has no such number"
     got = f"{value:.4g} ± {uncertainty:.2g}" if uncertainty else f"{value:.4g}"
     if judged is Judged.PASS:
-        return f"{wanted}: {got}"
-    near = f", within {limit.coverage:g} uncertainties of the limit" if judged is Judged.DOUBTFUL else ""
-    return f"{wanted} is wanted; it is {got}{near}"
+        return f"{wanted} is met: {got}"
+    if judged is Judged.FAIL:
+        return f"the limit {wanted} is missed: {got}"
+    return f"the limit {wanted} is not surely met: {got} is within {limit.coverage:g} uncertainties of it"

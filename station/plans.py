@@ -11,11 +11,16 @@ from procedures.plan import Plan
 
 @dataclass(frozen=True)
 class Entry:
-    """A plan: where it is, what it is in a few words, and what its records take beside PSF and quality."""
+    """A plan: where it is, what it is in a few words, and what its records take beside PSF and quality.
+
+    A plan without a PSF names the module under `station` whose `write_result(folder, outcomes, frames, about)` writes
+    its result.
+    """
 
     module: str
     title: str
-    numbers: tuple[str, ...]
+    numbers: tuple[str, ...] = ()
+    writer: str = ""
 
 
 PLANS = {
@@ -23,6 +28,16 @@ PLANS = {
         "procedures.pattern_psf.guide",
         "the PSF from a printed noise chart",
         ("gamma", "gamma_bound", "residual_std", "pixels_per_pattern", "s_over_t", "chi_square", "spread"),
+    ),
+    "two-photo": Entry(
+        "procedures.two_photo.guide",
+        "the PSF from two photographs of a textured wall",
+        ("scale", "gain", "noise", "residual_std"),
+    ),
+    "restoration": Entry(
+        "procedures.restoration.guide",
+        "picture and depth from two blurred photographs",
+        writer="station.restoration_results",
     ),
 }
 DEFAULT = "pattern"
@@ -38,6 +53,11 @@ def plan_named(name: str) -> Plan:
     """The plan of that name, imported now. Raises BadParameter."""
     plan: Plan = importlib.import_module(_entry(name).module).plan()
     return plan
+
+
+def writer_of(name: str) -> str:
+    """The module that writes a plan's result, "" where that is a PSF. Raises BadParameter."""
+    return _entry(name).writer
 
 
 def numbers_of(name: str) -> tuple[str, ...]:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -12,7 +15,7 @@ from typing import Any
 from procedures.outcome import BadParameter
 from station.derive import compute
 from station.disk import sha256_of
-from station.machine import machine
+from station.machine import KERNELS, machine
 from station.plans import plan_named
 from station.results import RECORD
 from station.session_reading import read_session, verify
@@ -28,6 +31,7 @@ class Comparison:
     result : folder of the result, from the session's
     same, different, missing, added : names of files, by how the new ones compare to those that the journal tells
     keys : where the records differ, the entries that do
+    kernels : the processors' family whose kernels of linear algebra gave the same bits, where this one's own did not
     machine : what is another now than when the result was drawn: (what, then, now)
     """
 
@@ -38,6 +42,7 @@ class Comparison:
     added: tuple[str, ...]
     keys: tuple[str, ...] = ()
     machine: tuple[tuple[str, str, str], ...] = ()
+    kernels: str = ""
 
     @property
     def identical(self) -> bool:
@@ -49,7 +54,8 @@ def recompute(folder: Path, numbers: tuple[int, ...] = ()) -> Iterator[Compariso
     """Every result of a session computed again, or those of these numbers.
 
     Each is computed from what the journal held when it was drawn, into a folder that is removed again. It is compared
-    with the hashes in the journal, so that a result whose files were altered afterwards is told as well.
+    with the hashes in the journal, so that a result whose files were altered afterwards is told as well. Where it was
+    drawn on another family of processors, it is computed once more as that one would, as far as this one can.
 
     Raises
     ------
@@ -70,7 +76,36 @@ def recompute(folder: Path, numbers: tuple[int, ...] = ()) -> Iterator[Compariso
     lines = record.contents.lines
     drawn = [i for i, line in enumerate(lines) if line.event == "derived"]
     for number in wanted:
-        yield _again(folder, results[number - 1], replay(lines[: drawn[number - 1]]))
+        found = _again(folder, results[number - 1], replay(lines[: drawn[number - 1]]))
+        then = kernels_of(results[number - 1].about.get("machine", {}))
+        if not found.identical and then and then != kernels_of(machine()) and KERNELS not in os.environ:
+            found = _as_then(folder, number, then) or found
+        yield found
+
+
+def kernels_of(computer: Mapping[str, Any]) -> str:
+    """The family of processors whose kernels OpenBLAS used; "" where that is not one."""
+    libraries = str(computer.get("blas", "")).split(", ")
+    families = {words[2] for one in libraries if (words := one.split())[:1] == ["openblas"] and len(words) == 3}
+    return families.pop() if len(families) == 1 else ""
+
+
+def _as_then(folder: Path, number: int, kernels: str) -> Comparison | None:
+    """The comparison by a process whose OpenBLAS computes as that family would; None where it is not the same."""
+    words = [sys.executable, "-m", "station", "session", "recompute", str(folder.absolute())]
+    environment = {**os.environ, KERNELS: kernels}
+    done = subprocess.run(
+        [*words, "--result", str(number), "--json"], env=environment, capture_output=True, check=False
+    )
+    if done.returncode != 0:
+        return None
+    (told,) = json.loads(done.stdout)["results"]
+    del told["identical"]
+    return Comparison(**{**{name: _tuples(value) for name, value in told.items()}, "kernels": kernels})
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(_tuples(part) for part in value) if isinstance(value, list) else value
 
 
 def _again(folder: Path, result: Derived, state: State) -> Comparison:

@@ -7,11 +7,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
+
+import numpy as np
+import numpy.typing as npt
 
 from procedures.outcome import Quantity
 from procedures.pattern_psf.estimate import PatternPsf
 from procedures.raw import Exposure, Plane, RawFrame
+from procedures.two_photo.estimate import TwoPhotoPsf
 from station import figures
 from station.calibrate import Calibrated
 from station.exports import radial_profile
@@ -20,14 +25,17 @@ from station.names import printable
 from station.page import NUMBERS, exposure_words, render
 from station.results import PlaneRecord, quantities, software
 
+Array = npt.NDArray[np.float64]
+
 PAGE = "report.html"
 ORDER = ("pass", "doubtful", "fail", "refused")
 """Verdicts of planes, the best first."""
+WORDS = {"pass": "pass", "doubtful": "doubtful", "fail": "outside the limits", "refused": "refused"}
 METHODS = {
     "pattern": "M. Delbracio, P. Musé, A. Almansa: Non-parametric Sub-pixel Local Point Spread Function Estimation. "
     "Image Processing On Line 2, 2012. doi:10.5201/ipol.2012.admm-nppsf",
-    "two-photo": "M. Delbracio, A. Almansa, P. Musé: Subpixel Point Spread Function Estimation from Two Photographs at "
-    "Different Distances. Image Processing On Line 3, 2013. doi:10.5201/ipol.2013.77",
+    "two-photo": "M. Delbracio, A. Almansa, P. Musé: Recovering the Subpixel PSF from Two Photographs at Different "
+    "Distances. Image Processing On Line 3, 2013. doi:10.5201/ipol.2013.77",
 }
 """The publication that each procedure is built on."""
 MORE_NUMBERS = (
@@ -51,7 +59,7 @@ PLAIN = (
 
 
 @dataclass(frozen=True)
-class Fact:
+class Line:
     """One line of what is told: a condition, a device."""
 
     name: str
@@ -91,7 +99,9 @@ class PlaneSheet:
     found : PatternPsf, optional
         The estimate from a chart, for its marks and its residual; where there are many shots, that of one of them.
     photograph : Plane, optional
-        The samples it was found in.
+        The samples it was found in; of two photographs the near one.
+    outline : (n, 2) float64, optional
+        Of the far photograph in the near one, in its pixels (x, y).
     judged : sequence of Judgement
         The numbers against the limits that were set.
     """
@@ -99,6 +109,7 @@ class PlaneSheet:
     record: PlaneRecord
     found: PatternPsf | None = None
     photograph: Plane | None = None
+    outline: Array | None = None
     judged: Sequence[Judgement] = ()
 
     @property
@@ -134,7 +145,7 @@ class Report:
         What was calibrated: camera and lens, or the photograph.
     procedure : str
         "pattern" or "two-photo".
-    conditions, devices : sequence of Fact
+    conditions, devices : sequence of Line
         Light, temperature, distance, operator, ...; the bench, one line for each device.
     made : str
         When, where that is known.
@@ -145,8 +156,8 @@ class Report:
     planes: Sequence[PlaneSheet]
     shots: Sequence[Shot]
     parameters: Mapping[str, object]
-    conditions: Sequence[Fact] = ()
-    devices: Sequence[Fact] = ()
+    conditions: Sequence[Line] = ()
+    devices: Sequence[Line] = ()
     made: str = ""
     software: Mapping[str, Any] = field(default_factory=software)
 
@@ -157,12 +168,12 @@ class Report:
 
     @property
     def headline(self) -> str:
-        """How many planes have which verdict."""
+        """How many planes have which verdict; of a single one its verdict."""
         verdicts = [plane.verdict for plane in self.planes]
-        words = {"pass": "pass", "doubtful": "doubtful", "fail": "outside the limits", "refused": "refused"}
-        counts = [f"{verdicts.count(one)} {words[one]}" for one in ORDER[1:] if one in verdicts]
-        of = "plane passes" if len(verdicts) == 1 else "planes pass"
-        return ", ".join([f"{verdicts.count('pass')} of {len(verdicts)} {of}", *counts])
+        if len(verdicts) == 1:
+            return f"{self.planes[0].record.name} {'passes' if verdicts[0] == 'pass' else f'is {WORDS[verdicts[0]]}'}"
+        counts = [f"{verdicts.count(one)} {WORDS[one]}" for one in ORDER[1:] if one in verdicts]
+        return ", ".join([f"{verdicts.count('pass')} of {len(verdicts)} planes pass", *counts])
 
 
 def calibration_page(report: Report) -> str:
@@ -187,6 +198,8 @@ def _pictures(sheet: PlaneSheet, name: str) -> Mapping[str, Any]:
             "residual": figures.residual_figure(record.name, sheet.found, f"{name}-residual"),
             "diagnostics": sheet.found.diagnostics,
         }
+    if sheet.outline is not None and sheet.photograph is not None:
+        pictures["pair"] = figures.pair_figure(sheet.photograph, sheet.outline, f"{name}-pair")
     return pictures
 
 
@@ -211,16 +224,30 @@ def report_of_files(
     return Report(
         subject=camera_words(exposure) or printable(frames[0].path.name),
         procedure=procedure,
-        planes=[_sheet(one, frames[0], (judged or {}).get(one.record.name, ())) for one in calibrated],
+        planes=[_sheet(one, frames, (judged or {}).get(one.record.name, ())) for one in calibrated],
         shots=[shot_of(frame) for frame in frames],
         parameters=parameters,
         conditions=_conditions(exposure),
     )
 
 
-def _sheet(one: Calibrated[Any], frame: RawFrame, judged: Sequence[Judgement]) -> PlaneSheet:
-    found = one.found if isinstance(one.found, PatternPsf) else None
-    return PlaneSheet(one.record, found, frame.planes[one.record.name], judged)
+def _sheet(one: Calibrated[Any], frames: Sequence[RawFrame], judged: Sequence[Judgement]) -> PlaneSheet:
+    """A plane with what its figures need: the chart's photograph, or the near one and where the far one lies in it."""
+    name, found = one.record.name, one.found
+    if isinstance(found, PatternPsf):
+        return PlaneSheet(one.record, found, frames[0].planes[name], judged=judged)
+    if isinstance(found, TwoPhotoPsf):
+        near, far = (frames[i].planes[name] for i in ((1, 0) if found.swapped else (0, 1)))
+        return PlaneSheet(one.record, None, near, found.warp.forward(_rim(far)), judged)
+    return PlaneSheet(one.record, judged=judged)
+
+
+def _rim(plane: Plane) -> Array:
+    """A plane's outline, closed, (n, 2), in its pixels (x, y)."""
+    rows, columns = plane.samples.shape
+    corners = np.array([[0, 0], [columns, 0], [columns, rows], [0, rows], [0, 0]]) - 0.5
+    t = np.linspace(0, 1, 17)[:, None]
+    return np.concatenate([a + t * (b - a) for a, b in pairwise(corners)])
 
 
 def shot_of(frame: RawFrame, note: str = "") -> Shot:
@@ -236,7 +263,7 @@ def camera_words(exposure: Exposure) -> str:
     return ", ".join(printable(one) for one in (exposure.camera, exposure.lens) if one)
 
 
-def _conditions(exposure: Exposure) -> list[Fact]:
+def _conditions(exposure: Exposure) -> list[Line]:
     """What the camera noted about the first photograph."""
     distance = exposure.subject_distance_mm
     noted = {
@@ -246,4 +273,4 @@ def _conditions(exposure: Exposure) -> list[Fact]:
         "Distance noted by the camera": f"{distance:.0f} mm" if distance else "",
         "Taken": exposure.captured_at,
     }
-    return [Fact(name, printable(words)) for name, words in noted.items() if words]
+    return [Line(name, printable(words)) for name, words in noted.items() if words]

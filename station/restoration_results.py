@@ -5,26 +5,28 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from procedures.outcome import Outcome
+from procedures.raw import RawFrame
 from procedures.restoration.estimate import Restoration
-from station.results import RECORD, ResultFolder, plain, software
+from procedures.restoration.guide import shown
+from station.results import RECORD, ResultFolder, plain, software, write_record
 
 SCHEMA = "station/restore/1"
 Array = npt.NDArray[np.floating[Any]]
 
 
 def write_restoration(
-    folder: ResultFolder, outcome: Outcome[Restoration], photographs: Sequence[Array], about: Mapping[str, Any]
+    folder: ResultFolder, outcome: Outcome[Restoration], about: Mapping[str, Any], page: bytes
 ) -> str:
     """Stage and publish every file; returns the record's text.
 
-    about : procedure, input, parameters, duration_s
+    about : procedure, input, parameters, duration_s; page : the report
     """
     found = outcome.value
     if found is None:
@@ -34,7 +36,7 @@ def write_restoration(
     folder.write("w.npy", _npy(found.w))
     folder.write("w_std.npy", _npy(found.w_std))
     folder.write("depth.png", encoded(".png", coloured(found.w)))
-    folder.write("figures.png", encoded(".png", figures(found, photographs[0])))
+    folder.write("report.html", page)
     record = {
         "schema": SCHEMA,
         **about,
@@ -53,6 +55,22 @@ def write_restoration(
     folder.write(RECORD, text.encode())
     folder.publish()
     return text
+
+
+def write_result(
+    folder: ResultFolder, outcomes: Mapping[str, Outcome[Any]], frames: Sequence[RawFrame], about: Mapping[str, Any]
+) -> str:
+    """The result of a guided restoration: the files of `write_restoration`, or the record of its refusal."""
+    from station.restoration_page import restoration_page  # here: it imports this module
+
+    (outcome,) = outcomes.values()
+    if outcome.value is None:
+        told = {"verdict": str(outcome.verdict), "reason": outcome.reason, "remedy": outcome.remedy}
+        return write_record(folder, {"schema": SCHEMA, **about, **told, "software": software()})
+    timeless = replace(outcome.value, history=tuple(replace(r, seconds=0.0) for r in outcome.value.history))
+    outcome = replace(outcome, value=timeless)  # the files are the same whenever they are computed
+    photographs = [shown(frame).samples.astype(np.float64)[None] for frame in (frames[0], frames[len(frames) - 1])]
+    return write_restoration(folder, outcome, about, restoration_page(outcome, photographs, about))
 
 
 def picture(sharp: Array) -> Array:
@@ -75,19 +93,6 @@ def coloured(w: Array) -> npt.NDArray[np.uint8]:
     return np.asarray(
         cv2.applyColorMap(levels(w, float(w.min()), float(w.max())), cv2.COLORMAP_VIRIDIS), dtype=np.uint8
     )
-
-
-def figures(found: Restoration, before: Array) -> npt.NDArray[np.uint8]:
-    """Before, after; depth, residual (five times, grey is none): four panels, two by two."""
-    rows = found.w.shape[0]
-    white = float(np.percentile(before, 99.5))
-    views = [levels(picture(image), 0, white) for image in (before, found.sharp)]
-    scale = 6 * max(found.diagnostics.noise, 1e-4)
-    residual = levels(found.residual[0].mean(axis=0), -scale, scale)
-    panels = [v if v.ndim == 3 else np.repeat(v[..., None], 3, axis=2) for v in (*views, coloured(found.w), residual)]
-    gap = np.full((rows, 4, 3), 255, np.uint8)
-    above, below = (np.concatenate([panels[n], gap, panels[n + 1]], axis=1) for n in (0, 2))
-    return np.concatenate([above, np.full((4, above.shape[1], 3), 255, np.uint8), below], axis=0)
 
 
 def encoded(kind: str, image: npt.NDArray[Any]) -> bytes:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, cast
 
 from drivers.errors import Alarm, DeviceError, EmergencyStopped, LineLost, NoAnswer, NotHomed, WasReset
-from drivers.interfaces import Exposure, Imu, Travel
+from drivers.interfaces import CameraSettings, Exposure, Imu, Travel
 from procedures.plan import Fact
 
 if TYPE_CHECKING:
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 POSITION_LOST = (Alarm, WasReset, NotHomed, EmergencyStopped)
 LINE_TROUBLE = (NoAnswer, LineLost, Alarm, WasReset)
 NOT_THERE = ("not connected", "the folder is gone")
+SETTABLE = ("gphoto",)
+"""Drivers whose camera takes its settings from here; others are set by hand."""
 AT = "at_"
 """Before an axis' name: the fact where it is."""
 LIGHT_LEVEL = "light_level"
@@ -204,6 +206,16 @@ class Rig:
         """The rangefinder's reading, None where there is none. Raises DeviceError."""
         with self._using("rangefinder") as laser:
             return None if laser is None else float(laser.measure().distance_mm)
+
+    @property
+    def sets_exposure(self) -> bool:
+        """Whether the camera's exposure time is set through its cable."""
+        return self.has_camera and self.bench is not None and self.bench.drivers.get("camera") in SETTABLE
+
+    def set_exposure(self, exposure_s: float) -> None:
+        """Set the exposure time. Raises DeviceError."""
+        with self._using("camera") as camera:
+            camera.configure(CameraSettings(exposure_s=exposure_s))
 
     def expose(self) -> Exposure:
         """One photograph by the bench's camera. Raises DeviceError."""

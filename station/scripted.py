@@ -9,7 +9,9 @@ from procedures.plan import Ask, Fact
 from station.operator import Event, Stopped
 
 Answer = Fact | Callable[[Ask], Fact]
-TROUBLE = "trouble"
+TROUBLE, LOOK = "trouble", "look"
+LOOKS = 3
+"""So often it looks on where a check is not content; then it goes on with what is."""
 
 
 @dataclass
@@ -43,6 +45,8 @@ class Scripted:
         self.asked.append(ask)
         if ask.key == TROUBLE and self.count(TROUBLE) > self.patience:
             raise Stopped
+        if ask.key == LOOK and LOOK not in self.answers and self.count(LOOK) > LOOKS:
+            return ask.choices[1]
         if ask.key in self.answers:
             given = self.answers[ask.key]
             return given(ask) if callable(given) else given

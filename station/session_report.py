@@ -14,9 +14,11 @@ from station.derive import Computed, compute
 from station.names import printable
 from station.page import exposure_words
 from station.plans import plan_named
-from station.report import Fact, PlaneSheet, Report, Shot, calibration_page
+from station.report import Line, PlaneSheet, Report, Shot, calibration_page
 from station.session_reading import SessionRecord, read_session, verify
 from station.session_state import State, replay
+
+UNITS = {"_m_s2": "m/s²", "_rad_s": "rad/s", "_mm": "mm", "_deg": "°", "_um": "µm", "_s": "s"}
 
 
 def session_page(folder: Path) -> str:
@@ -51,7 +53,7 @@ def _report(record: SessionRecord, state: State, computed: Computed) -> Report:
         shots=list(_shots(record.state, {frame.sha256: frame for frame in computed.frames})),
         parameters={name: printable(value) for name, value in state.facts.items()},
         conditions=list(_conditions(state)),
-        devices=[Fact(name, words) for name, words in _devices(record)],
+        devices=[Line(name, words) for name, words in _devices(record)],
         made=last.at[:16].replace("T", " ") + " UTC",
         software=last.about["machine"]["software"],
     )
@@ -74,7 +76,7 @@ def _shots(state: State, frames: Mapping[str, RawFrame]) -> Iterator[Shot]:
         yield Shot(shot.path, shot.sha256, words, taken, note)
 
 
-def _conditions(state: State) -> Iterator[Fact]:
+def _conditions(state: State) -> Iterator[Line]:
     """What the devices said when the counting shots were taken, from the least to the greatest."""
     told: dict[str, list[float]] = {}
     for shot in state.counting():
@@ -83,7 +85,16 @@ def _conditions(state: State) -> Iterator[Fact]:
                 told.setdefault(name, []).append(float(value))
     for name, values in sorted(told.items()):
         low, high = f"{min(values):.5g}", f"{max(values):.5g}"
-        yield Fact(printable(name), low if low == high else f"{low} to {high}")
+        words, unit = _unit_of(printable(name))
+        yield Line(words, f"{low if low == high else f'{low} to {high}'} {unit}".rstrip())
+
+
+def _unit_of(name: str) -> tuple[str, str]:
+    """A name that carries its unit, in words: z_mm is z in mm."""
+    for ending, unit in UNITS.items():
+        if name.endswith(ending):
+            return name.removesuffix(ending).replace("_", " "), unit
+    return name.replace("_", " "), ""
 
 
 def _devices(record: SessionRecord) -> Iterator[tuple[str, str]]:

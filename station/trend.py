@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numerics.weighted_line import Line, weighted_line
+from procedures.raw import GREY_PLANE, MOSAIC_PLANES
 from station.index import Measured
 
 Array = npt.NDArray[np.float64]
@@ -75,9 +76,15 @@ def years_between(before: str, after: str) -> float:
 
 def trends(measured: Sequence[Measured]) -> list[Trend]:
     """A trend for every lens, plan, plane and quantity; refused planes have no numbers and are left out."""
-    key = Measured.series
-    groups = itertools.groupby(sorted(measured, key=key), key)
+    groups = itertools.groupby(sorted(measured, key=_series), _series)
     return [_trend(tuple(points)) for _, points in groups]
+
+
+def _series(one: Measured) -> tuple[str, str, str, int, str, str]:
+    """What may be compared over time; in the order of lists, planes as in the mosaic."""
+    planes = (*MOSAIC_PLANES, GREY_PLANE)
+    place = planes.index(one.plane) if one.plane in planes else len(planes)
+    return one.lens, one.plan, one.quantity, place, one.plane, one.unit
 
 
 def _trend(points: tuple[Measured, ...]) -> Trend:

@@ -70,4 +70,4 @@ def _draw(axes: Axes, several: Sequence[Trend], origin: str) -> None:
                 x, y - CONFIDENT * uncertainty, y + CONFIDENT * uncertainty, color=colour, alpha=0.12, lw=0
             )
     axes.set_ylabel(several[0].unit)
-    axes.legend(fontsize=7)
+    axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5))

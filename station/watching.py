@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from procedures.advice import time_words
 from procedures.outcome import Outcome, Verdict
 from procedures.plan import Advice, Look, Scan, Shoot
 from procedures.raw import RawFrame, read_frame
@@ -14,6 +15,7 @@ from station.operator import CurveSeen, Doing, Seen, Stopped
 from station.rig import AT, Rig
 from station.session import Session, Shot
 
+EXPOSURE = "exposure_ev"
 LOOK_AGAIN, GO_ON = "look again", "go on"
 PREVIEW = ("G1", "Y")
 """Of which plane a preview is shown."""
@@ -54,15 +56,21 @@ class Watching:
         self._show(taken.frame, advice)
         self._talk.learn(advice.facts)
         if not advice.good:
-            self._follow(advice)
+            self._follow(advice, taken.frame)
         return advice.good
 
     def _show(self, frame: RawFrame, advice: Advice) -> None:
         name = next((name for name in PREVIEW if name in frame.planes), next(iter(frame.planes)))
         self._talk.hear(Seen(frame.planes[name], advice))
 
-    def _follow(self, advice: Advice) -> None:
-        """Do what the advice says: by the bench where it can, else by hand."""
+    def _follow(self, advice: Advice, frame: RawFrame) -> None:
+        """Do what the advice says: by the bench or the camera's cable where they can, else by hand."""
+        exposure_s = frame.exposure.exposure_s
+        if set(advice.by_hand) == {EXPOSURE} and exposure_s is not None and self._rig.sets_exposure:
+            wanted_s = exposure_s * 2 ** advice.by_hand[EXPOSURE]
+            self._talk.doing(f"setting the exposure time to {time_words(wanted_s)}")
+            self._talk.attempt(lambda: self._rig.set_exposure(wanted_s), self._rig.mend)
+            return
         target = self._talk.attempt(lambda: self._rig.target(advice.moves), self._rig.mend)
         obstacle = self._rig.obstacle(target)
         if obstacle is None:
@@ -120,7 +128,7 @@ class Watching:
         for _ in range(shoot.most):
             if results and self._enough(shoot, results):
                 return
-            self._judge(shoot, self._exposer.take(shoot.purpose, self.step), results)
+            self._judge(shoot, self._exposer.take(shoot.purpose, self.step, moving=shoot.record_motion), results)
         if not (results and self._enough(shoot, results)):
             self._talk.doing(f"{shoot.most} shots were taken: going on with those that count")
 
@@ -146,7 +154,9 @@ class Watching:
                 results.append(found)
             else:
                 advice = Advice(False, f"{refused[0].reason}: {refused[0].remedy}")
+        if advice.good:
+            self._talk.learn(advice.facts)
         self._session.judge(taken.shot, advice.good, "" if advice.good else advice.say)
         self._show(taken.frame, advice)
         if not advice.good:
-            self._follow(advice)
+            self._follow(advice, taken.frame)

@@ -47,12 +47,13 @@ from procedures.plan import (
     Shoot,
     Step,
 )
-from procedures.raw import RawFrame
+from procedures.quality import WAVELENGTHS_NM, Diffraction
+from procedures.raw import Plane, RawFrame
 
 CHART = "chart.pdf"
 FEWEST, MOST = 3, 16
 """Shots: fewer cannot be tested for agreement."""
-WANTED = 0.003
+WANTED = 0.002
 """Standard uncertainty of MTF50 to reach in every plane, in cycles/pixel."""
 RING = (-2.0, -1.0, 0.0, 1.0, 2.0)
 """Small turns of the focus ring, from where autofocus or the eye put it; positive towards infinity."""
@@ -222,7 +223,16 @@ FOCUS = (
 def estimate_shot(frame: RawFrame, facts: Facts) -> Outcomes:
     """The PSF of every plane of one shot."""
     chart, parameters = known_chart(facts), parameters_of(facts)
-    return {name: estimate_psf(plane, chart, parameters) for name, plane in frame.planes.items()}
+    planes = frame.planes.items()
+    return {name: estimate_psf(plane, chart, parameters, diffraction(plane, facts)) for name, plane in planes}
+
+
+def diffraction(plane: Plane, facts: Facts) -> Diffraction | None:
+    """What limits the plane, where aperture and pixels are known."""
+    if not {"f_number", "pixel_pitch_um"} <= set(facts):
+        return None
+    pitch_um = number(facts, "pixel_pitch_um", 1.0) * plane.pitch
+    return Diffraction(number(facts, "f_number", 1.0), pitch_um, WAVELENGTHS_NM[plane.name[0]])
 
 
 def uncertainty(found: Outcome[Any]) -> float:

@@ -26,10 +26,10 @@ def sharpness_ratio(near: Array32, far: Array32, noise: float) -> float:
     noise : float
         Standard deviation of a pixel's noise: its flat spectrum is taken off.
     """
-    return float(_fineness(near, noise) / _fineness(far, noise))
+    return fineness(near, noise) / fineness(far, noise)
 
 
-def _fineness(photograph: Array32, noise: float) -> float:
+def fineness(photograph: Array32, noise: float) -> float:
     """Amplitude of the high band over that of the low one, noise taken off."""
     power = _spectrum(photograph) - noise**2
     f = np.hypot(np.fft.fftfreq(PATCH)[:, None], np.fft.rfftfreq(PATCH))

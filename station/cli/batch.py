@@ -60,15 +60,18 @@ def batch(
     """
     from station.batch import run_batch
     from station.batch_item import PASS, Job, finished
-    from station.procedure_file import read_procedure
+    from station.procedure_file import PATTERN, read_procedure
     from station.signals import guarded
     from station.workers import Stop
 
+    if cluster is not None:  # its workers may stand in other folders
+        folders, out = tuple(folder.absolute() for folder in folders), out.absolute()
     procedure = read_procedure(file)
     items = _items(folders, out, procedure)
-    log("found", f"found {len(items)} {'pairs' if len(items[0].paths) == 2 else 'photographs'}", items=len(items))
+    what = "photographs" if procedure.name == PATTERN else "pairs"
+    log("found", f"found {len(items)} {what}", items=len(items))
     job, stop = Job(procedure, out, finished(out), reports), Stop()
-    with guarded(lambda: None, lambda: _ask(stop), terminated=INTERRUPTED), _heard(len(items)) as heard:
+    with guarded(lambda: None, lambda: _ask(stop), terminated=INTERRUPTED), _heard(len(items)) as heard, _stopped(out):
         done, text = run_batch(items, job, jobs=jobs or os.cpu_count() or 1, cluster=cluster, stop=stop, heard=heard)
     if as_json:
         click.echo(text, nl=False)
@@ -93,6 +96,15 @@ def _items(folders: tuple[Path, ...], out: Path, procedure: Procedure) -> list[I
 def _ask(stop: object) -> None:
     stop.ask()  # type: ignore[attr-defined]
     log("stopping", "finishing what runs; Ctrl-C again stops now", level="warning")
+
+
+@contextmanager
+def _stopped(out: Path) -> Iterator[None]:
+    try:
+        yield
+    except KeyboardInterrupt as error:
+        log("interrupted", f"stopped; what was done is kept in {out}, and is not done again", level="error")
+        raise click.exceptions.Exit(INTERRUPTED) from error
 
 
 @contextmanager

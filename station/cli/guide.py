@@ -10,6 +10,7 @@ import click
 
 from procedures.outcome import BadParameter
 from procedures.plan import Ask
+from station.cli.app import usual_config
 from station.cli.errors import INTERRUPTED, REFUSED
 from station.lab import StationLab
 from station.operator import Event, Result, RunEnded, Stopped
@@ -20,24 +21,26 @@ if TYPE_CHECKING:
     from station.lab import Running
 
 
-def run_plain(
-    *, simulate: bool, config: Path | None, sessions: Path, seed: int, plan: str | None, resume: Path | None = None
-) -> None:
-    """Guide the operator through a plan, in a new session or one that goes on; exits with the contract's codes."""
+def run_plain(*, simulate: bool, config: Path | None, sessions: Path, seed: int, plan: str | None) -> None:
+    """Guide the operator through a plan in a new session; exits with the contract's codes."""
     from station.plans import DEFAULT
 
-    lab = StationLab(sessions=sessions, config=config, simulate=simulate, seed=seed)
+    lab = StationLab(sessions=sessions, config=config or usual_config(), simulate=simulate, seed=seed)
     lab.virtual_time = True  # a simulated bench's time may jump: nobody watches it move
     operator = Watched(sys.stdin, sys.stdout)
     try:
-        run = lab.resume(resume, operator) if resume else _begin(lab, plan or DEFAULT, operator)
-        with guarded(run.stop_now, lambda: _ask_to_stop(operator, run)):
-            ended = run.go()
+        code = conduct(_begin(lab, plan or DEFAULT, operator), operator)
     except Stopped:
-        ended = RunEnded("stopped")
+        code = INTERRUPTED
     finally:
         lab.close()
-    raise click.exceptions.Exit(exit_code(ended, operator.result))
+    raise click.exceptions.Exit(code)
+
+
+def conduct(run: Running, operator: Watched) -> int:
+    """Carry a run out, with Ctrl-C and SIGTERM as its stops; what the program is to return."""
+    with guarded(run.stop_now, lambda: _ask_to_stop(operator, run)):
+        return exit_code(run.go(), operator.result)
 
 
 def _begin(lab: StationLab, plan: str, operator: Plain) -> Running:
@@ -76,4 +79,4 @@ def exit_code(ended: RunEnded, result: Result | None) -> int:
         return EXIT_DEVICE
     if ended.how == "stopped":
         return INTERRUPTED
-    return REFUSED if result is None or result.verdict == "refused" else 0
+    return REFUSED if result is not None and result.verdict == "refused" else 0

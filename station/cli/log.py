@@ -52,9 +52,10 @@ def log(event: str, sentence: str, *, level: str = "info", remedy: str = "", **f
         told = {"message": sentence, **({"remedy": remedy} if remedy else {})}
         click.echo(json.dumps({**entry, **told, **_finite(facts)}, allow_nan=False), err=True)
         return
-    click.echo(printable(sentence if level == "info" else f"{level}: {sentence}"), err=True)
+    shown = printable(sentence)  # a file's name in it may hold what a terminal obeys
+    click.echo(shown if level == "info" else f"{level}: {shown}", err=True)
     if remedy:
-        click.echo(printable(f"  what to do: {remedy}"), err=True)
+        click.echo(f"  what to do: {printable(remedy)}", err=True)
 
 
 def _finite(facts: dict[str, Fact]) -> dict[str, Fact]:

@@ -39,6 +39,7 @@ def psf_options(s: int, k: int, solver: str) -> Callable[[Command], Command]:
         click.option("--wavelength-nm", type=click.FloatRange(min=100), help="[default: R 600, G 530, B 460, Y 550]"),
         click.option("--plane", help="R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]"),
         click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results."),
+        click.option("--report/--no-report", default=True, show_default=True, help="Write a page for people too."),
         click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout too."),
         log_json_option,
     ]
@@ -79,13 +80,16 @@ def write_result(
     frames: Sequence[RawFrame],
     *,
     parameters: Mapping[str, object],
+    report: bool,
     start: float,
 ) -> str:
-    """Write the result of photographs, and its report; returns the record's text."""
-    from station.report import PAGE, calibration_page, report_of_files
+    """Write the result of photographs, and its report where it is wanted; returns the record's text."""
     from station.results import write_psf_result
 
-    folder.write(PAGE, calibration_page(report_of_files(procedure, frames, found, parameters)).encode())
+    if report:
+        from station.report import PAGE, calibration_page, report_of_files  # it draws: that import is slow
+
+        folder.write(PAGE, calibration_page(report_of_files(procedure, frames, found, parameters)).encode())
     text = write_psf_result(
         folder,
         [one.record for one in found],

@@ -28,6 +28,7 @@ def psf_pattern(
     seed: int | None,
     plane: str | None,
     out: Path,
+    report: bool,
     as_json: bool,
     **options: Any,
 ) -> None:
@@ -47,7 +48,7 @@ def psf_pattern(
         limit = partial(diffraction_limit, frame.exposure, **optics)
         planes = tell_each(calibrate(frame, source.chart, parameters, limit))
         given = {**options, "chart": source.origin, **{k: v for k, v in optics.items() if v is not None}}
-        text = write_result(folder, planes, "pattern", [frame], parameters=given, start=start)
+        text = write_result(folder, planes, "pattern", [frame], parameters=given, report=report, start=start)
     finish(planes, text, as_json=as_json)
 
 

@@ -16,7 +16,7 @@ from station.cli.planes import OPTICS, finish, psf_options, read_planes, tell_ea
 @click.argument("a", type=click.Path(path_type=Path))
 @click.argument("b", type=click.Path(path_type=Path))
 @psf_options(s=3, k=13, solver="nnls")
-def psf_two_photo(a: Path, b: Path, plane: str | None, out: Path, as_json: bool, **options: Any) -> None:
+def psf_two_photo(a: Path, b: Path, plane: str | None, out: Path, report: bool, as_json: bool, **options: Any) -> None:
     """Estimate the PSF from A and B, photographs of one textured wall at distances more than s times apart."""
     start = time.perf_counter()
     from procedures.two_photo.estimate import TwoPhotoParameters
@@ -30,5 +30,5 @@ def psf_two_photo(a: Path, b: Path, plane: str | None, out: Path, as_json: bool,
         limit = partial(diffraction_limit, first.exposure, **optics)
         planes = tell_each(calibrate_pair(first, second, parameters, limit))
         given = {**options, **{k: v for k, v in optics.items() if v is not None}}
-        text = write_result(folder, planes, "two-photo", [first, second], parameters=given, start=start)
+        text = write_result(folder, planes, "two-photo", [first, second], parameters=given, report=report, start=start)
     finish(planes, text, as_json=as_json)

@@ -92,6 +92,7 @@ def restore(
         raise click.UsageError(f"restoration needs two photographs or more, got {len(images)}")
     from procedures.restoration.checks import check_max_w
     from procedures.restoration.estimate import restore as restored
+    from station.restoration_page import restoration_page
     from station.restoration_results import write_restoration
     from station.results import ResultFolder
 
@@ -107,7 +108,7 @@ def restore(
             "parameters": {"blur": blur, **described, "max_w": max_w, "planes": list(frames[0].planes), **options},
             "duration_s": round(time.perf_counter() - start, 3),
         }
-        text = write_restoration(folder, outcome, photographs, about)
+        text = write_restoration(folder, outcome, about, restoration_page(outcome, photographs, about))
     level = _LEVELS.get(str(outcome.verdict), "error")
     log("restored", f"{outcome.verdict}: {outcome.reason or 'picture and depth restored'}", level=level)
     log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))

@@ -43,7 +43,8 @@ def session_recompute(name: str, root: Path, numbers: tuple[int, ...], as_json: 
 
 def _tell(one: Comparison) -> None:
     if one.identical:
-        log("recomputed", f"{one.result}: identical, {len(one.same)} files", result=one.result, identical=1)
+        how = f", computed with the kernels of {one.kernels}, as then" if one.kernels else ""
+        log("recomputed", f"{one.result}: identical, {len(one.same)} files{how}", result=one.result, identical=1)
         return
     told = {"differ": one.different, "are missing now": one.missing, "are new": one.added}
     words = [f"{', '.join(names)} {what}" for what, names in told.items() if names]

@@ -3,24 +3,12 @@
 from __future__ import annotations
 
 import sys
-import tempfile
-from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-from station.cli.errors import INTERRUPTED
 from station.cli.log import log_json_option
 from station.cli.session import find_session, session_argument
-
-if TYPE_CHECKING:
-    from procedures.plan import Plan
-    from station.bench import Bench
-    from station.session import Session
-
-CONFIG = Path("station.toml")
-EMERGENCY = 3
 
 
 @click.command("resume")
@@ -36,52 +24,31 @@ def session_resume(
     name: str, root: Path, config: Path | None, simulate: bool, without: tuple[int, ...], back_to: str | None
 ) -> None:
     """Go on with SESSION at the first step that is not done; stages home again first."""
-    from drivers.clock import SystemClock
-    from station.acquisition import Run
-    from station.plain import Plain
-    from station.plans import plan_named
-    from station.session import Session
+    from station.cli.app import usual_config
+    from station.cli.guide import Watched, conduct
+    from station.lab import StationLab
     from station.session_reading import read_session
-    from station.signals import guarded
 
     record = read_session(folder := find_session(name, root))
-    plan = plan_named(record.state.plan)
-    with ExitStack() as stack:
-        simulated = simulate or record.config.get("config", {}).get("simulate") is True
-        bench = _bench(stack, config, simulated, record.state.seed)
-        clock = bench.clock if bench is not None else SystemClock()
-        session = stack.enter_context(Session.open(folder, clock, without=without))
-        if back_to is not None:
-            _reopen(session, plan, back_to)
-        run = Run(plan, bench, session, Plain(sys.stdin, sys.stdout))
-        with guarded(run.stop_now, run.ask_to_stop):
-            ended = run.go()
-    if ended.how != "finished":
-        raise click.exceptions.Exit(EMERGENCY if ended.how == "emergency" else INTERRUPTED)
+    if back_to is not None:
+        _check_step(record.state.plan, back_to)
+    simulated = simulate or record.config.get("config", {}).get("simulate") is True
+    seed = record.state.seed
+    lab = StationLab(sessions=folder.parent, config=config or usual_config(), simulate=simulated, seed=seed)
+    lab.virtual_time = True  # a simulated bench's time may jump: nobody watches it move
+    operator = Watched(sys.stdin, sys.stdout)
+    try:
+        code = conduct(lab.resume(folder, operator, back_to=back_to, without=without), operator)
+    finally:
+        lab.close()
+    raise click.exceptions.Exit(code)
 
 
-def _reopen(session: Session, plan: Plan, name: str) -> None:
-    """Go back to a step. Raises BadParameter where the plan has none of that name."""
+def _check_step(plan: str, name: str) -> None:
+    """Raises BadParameter where the plan has no step of that name."""
     from procedures.outcome import BadParameter
+    from station.plans import plan_named
 
-    names = [step.name for step in plan.steps]
+    names = [step.name for step in plan_named(plan).steps]
     if name not in names:
-        raise BadParameter(f"the plan {plan.name} has no step {name!r}", f"choose one of {', '.join(names)}")
-    session.reopen(name)
-
-
-def _bench(stack: ExitStack, config: Path | None, simulate: bool, seed: int) -> Bench | None:
-    """The bench that is configured, the simulated one, or none: then the operator does everything by hand."""
-    from station.bench import make_bench, read_config, simulated_bench
-
-    if simulate:
-        folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="station-", ignore_cleanup_errors=True))
-        bench = simulated_bench(Path(folder), seed=seed)
-    elif config is not None or CONFIG.is_file():
-        config = config or CONFIG
-        bench = make_bench(read_config(config), folder=config.resolve().parent)
-    else:
-        return None
-    stack.callback(bench.close)
-    bench.rows()
-    return bench
+        raise BadParameter(f"the plan {plan} has no step {name!r}", f"choose one of {', '.join(names)}")

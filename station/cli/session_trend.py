@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,6 +13,8 @@ from station.cli.columns import columns
 from station.cli.log import log, log_json_option
 from station.cli.session import sessions_option
 from station.cli.session_list import chosen, filter_options
+from station.names import printable
+from station.stated import stated
 
 if TYPE_CHECKING:
     from station.trend import Trend
@@ -39,7 +42,7 @@ def session_trend(
     if as_json:
         click.echo(json.dumps(_plain(camera, found), indent=1))
     elif found:
-        click.echo(columns([HEADING, *(_row(one) for one in found)]))
+        click.echo(_table(found))
     else:
         log(
             "trend", f"no session of {camera} has such a number; cameras: {', '.join(known) or 'none'}", level="warning"
@@ -48,17 +51,31 @@ def session_trend(
         _draw(camera, found, out)
 
 
-HEADING = ("lens", "plan", "plane", "quantity", "sessions", "first", "last", "change per year", "by chance", "finding")
+HEADING = ("plane", "quantity", "sessions", "last", "change per year", "by chance", "finding")
+
+
+LEAST_CHANCE = 1e-3
+"""Smaller ones are told as smaller."""
+
+
+def _table(found: list[Trend]) -> str:
+    """A part for each lens and plan."""
+    parts = []
+    for (lens, plan), several in itertools.groupby(found, lambda one: (one.lens, one.plan)):
+        rows = list(several)
+        units = ", ".join(sorted({one.unit for one in rows}))
+        title = printable(f"{lens}, plan {plan}, in {units}")
+        parts.append(f"{title}\n{columns([HEADING, *(_row(one) for one in rows)])}")
+    return "\n\n".join(parts)
 
 
 def _row(one: Trend) -> tuple[str, ...]:
-    from station.stated import stated
-
-    ends = [stated(point.value, point.uncertainty) for point in (one.points[0], one.points[-1])]
+    last = stated(one.points[-1].value, one.points[-1].uncertainty)
     slope, chance = "-", "-"
     if one.line is not None:
-        slope, chance = stated(one.line.slope, one.line.slope_uncertainty), f"{one.line.p_value:.2g}"
-    return one.lens, one.plan, one.plane, one.quantity, str(len(one.points)), *ends, slope, chance, one.finding
+        slope = stated(one.line.slope, one.line.slope_uncertainty)
+        chance = f"{one.line.p_value:.2g}" if one.line.p_value >= LEAST_CHANCE else f"< {LEAST_CHANCE:g}"
+    return one.plane, one.quantity, str(len(one.points)), last, slope, chance, one.finding
 
 
 def _draw(camera: str, found: list[Trend], out: Path) -> None:

@@ -36,6 +36,8 @@ PROCEDURE = 'procedure = "pattern"\nplanes = ["G1"]\n[limits]\nmtf50_horizontal 
 
 def make_frames(folder: Path, count: int) -> set[str]:
     """Photographs of four scenes with noise of their own, and twelve broken files; returns the names of those."""
+    if folder.exists():  # kept from an earlier run
+        return {path.name for path in folder.iterdir() if "-" in path.name}
     folder.mkdir(parents=True)
     chart, rng = Chart.from_seed(), np.random.default_rng(400)
     scenes = [(*stage(setup, chart),) for setup in SETUPS[:4]]
@@ -44,10 +46,9 @@ def make_frames(folder: Path, count: int) -> set[str]:
         (camera, scene), light = scenes[i % 4], lights[i % 4]
         path = folder / f"frame{i:04d}.dng"
         camera.photograph(scene, rng, path, exposure_s=EXPOSURE_S, iso=ISO, bits=14, light=light)
-    whole = {path.name for path in folder.iterdir()}
     camera, scene = scenes[1]
     spoil(folder, camera, scene, chart, rng, (folder / "frame0000.dng").read_bytes())
-    return {path.name for path in folder.iterdir()} - whole
+    return {path.name for path in folder.iterdir() if "-" in path.name}
 
 
 def spoil(folder: Path, camera, scene: Scene, chart: Chart, rng: np.random.Generator, good: bytes) -> None:  # type: ignore[no-untyped-def]
@@ -127,12 +128,12 @@ class Watch(threading.Thread):
         )
 
 
-def run(folder: Path, out: Path, *words: str, kill_after: int | None = None) -> tuple[float, Watch]:
-    """One batch as a user would start it; wall time in seconds."""
+def run(folder: Path, out: Path, *words: str, kill_after: int | None = None) -> tuple[float, float, Watch]:
+    """One batch as a user would start it; wall time and processor time in seconds."""
     procedure = out.parent / "procedure.toml"
     procedure.write_text(PROCEDURE)
     command = [sys.executable, "-m", "station", "batch", str(folder), "--procedure", str(procedure), "--out", str(out)]
-    start = time.perf_counter()
+    start, before = time.perf_counter(), processor_s()
     with (out.parent / f"{out.name}.log").open("w") as log:
         process = subprocess.Popen([*command, *words], cwd=ROOT, stdout=log, stderr=log, text=True)
         watch = Watch(process, out, kill_after)
@@ -140,7 +141,13 @@ def run(folder: Path, out: Path, *words: str, kill_after: int | None = None) -> 
         process.wait()
     took = time.perf_counter() - start
     watch.join()
-    return took, watch
+    return took, processor_s() - before, watch
+
+
+def processor_s() -> float:
+    """Processor time of all processes that were started here and have ended."""
+    used = os.times()
+    return used.children_user + used.children_system
 
 
 def rows(out: Path) -> list[dict[str, object]]:
@@ -177,18 +184,20 @@ def main() -> None:
 def measure(root: Path, broken: set[str], count: int) -> None:
     """One process, two, the cluster, and the cluster and the pool with a killed worker."""
     frames, third = root / "frames", count // 3
-    one, watch = run(frames, root / "one", "--jobs", "1")
-    print(f"one process   {one:6.1f} s  {watch.told()}; {check(root / 'one', broken, count)}")
-    two, watch = run(frames, root / "two", "--jobs", "2")
-    print(f"two processes {two:6.1f} s  {watch.told()}; {one / two:.2f} x faster (bound {BOUND_RATIO})")
-    again, _ = run(frames, root / "two", "--jobs", "2")
-    print(f"  again       {again:6.1f} s  nothing is done twice")
-    took, watch = run(frames, root / "killed", "--jobs", "2", kill_after=third)
+    one, cpu, watch = run(frames, root / "one", "--jobs", "1")
+    print(f"one process   {one:6.1f} s, processor {cpu:6.1f} s; {watch.told()}; {check(root / 'one', broken, count)}")
+    two, cpu, watch = run(frames, root / "two", "--jobs", "2")
+    print(
+        f"two processes {two:6.1f} s, processor {cpu:6.1f} s; {watch.told()}; {one / two:.2f} x faster ({BOUND_RATIO})"
+    )
+    again, cpu, _ = run(frames, root / "two", "--jobs", "2")
+    print(f"  again       {again:6.1f} s, processor {cpu:6.1f} s: nothing is done twice")
+    took, cpu, watch = run(frames, root / "killed", "--jobs", "2", kill_after=third)
     same = rows(root / "killed") == rows(root / "one") == rows(root / "two")
-    print(f"one killed    {took:6.1f} s  process {watch.killed} killed; same results: {same}")
-    took, watch = run(frames, root / "dask", "--jobs", "2", "--cluster", "local", kill_after=third)
+    print(f"one killed    {took:6.1f} s, processor {cpu:6.1f} s; process {watch.killed} killed; same results: {same}")
+    took, cpu, watch = run(frames, root / "dask", "--jobs", "2", "--cluster", "local", kill_after=third)
     same = rows(root / "dask") == rows(root / "one")
-    print(f"Dask, killed  {took:6.1f} s  {watch.told()}; process {watch.killed} killed; same results: {same}")
+    print(f"Dask, killed  {took:6.1f} s, processor {cpu:6.1f} s; {watch.told()}; killed {watch.killed}; same: {same}")
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 
 import pytest
@@ -62,6 +63,24 @@ def test_the_transcript_is_written_to_its_file(tmp_path):
     assert len(transcript.last()) == 2
     lines = (tmp_path / "wire.txt").read_text().splitlines()
     assert [line.split()[0] for line in lines] == [f"{i}.000000" for i in range(5)]
+
+
+def test_transcript_goes_on_in_another_file_and_no_wire_fails_by_a_file(tmp_path):
+    transcript = Transcript()
+    for place in (tmp_path / "one.txt", tmp_path / "two.txt", tmp_path / "none" / "three.txt", None):
+        transcript.write_to(place)
+        transcript.record(1.0, "<", b"x")
+        assert place is None or place.parent.name == "none" or len(place.read_text().splitlines()) == 1
+    assert len(transcript.last()) == 4
+
+
+def test_transcript_of_many_threads_is_whole(tmp_path):
+    transcript = Transcript(file=tmp_path / "wire.txt")
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(lambda i: transcript.record(float(i), ">", b"x" * 50), range(2000)))
+    transcript.close()
+    lines = (tmp_path / "wire.txt").read_text().splitlines()
+    assert sorted(float(line.split()[0]) for line in lines) == list(map(float, range(2000)))
 
 
 def test_a_deadline_without_reply_is_an_error_that_says_what_to_do(loop):

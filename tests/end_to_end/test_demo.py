@@ -37,11 +37,12 @@ def planes(demonstration):
 def test_everything_of_the_contract_is_there(demonstration):
     out = demonstration.out
     assert {path.name for path in out.iterdir()} == {"chart.pdf", "photographs", "results", "result.json", "index.html"}
+    exports = ("psf_{}.fits", "psf_{}.tiff", "profile_{}.csv")
     assert (out / "chart.pdf").read_bytes().startswith(b"%PDF-")
     for setup in SETUPS:
         found = {path.name for path in (out / "results" / setup.name).iterdir()}
-        kinds = ("psf_{}.npy", "covariance_{}.npy", "mtf_{}.csv", "psf_{}.png")
-        assert found == {kind.format(plane) for kind in kinds for plane in PLANES} | {"result.json"}
+        kinds = ("psf_{}.npy", "covariance_{}.npy", "mtf_{}.csv", "psf_{}.png", *exports)
+        assert found == {kind.format(plane) for kind in kinds for plane in PLANES} | {"numbers.csv", "result.json"}
         assert np.load(out / "results" / setup.name / "psf_G1.npy").sum() == pytest.approx(1)
 
 

@@ -61,7 +61,7 @@ def test_number_without_uncertainty_has_no_guard_band():
 def test_number_that_the_psf_has_not_is_doubtful_and_said():
     judged = one(Limit("gain", least=1.0))
     assert (judged.judged, judged.value) == ("doubtful", None)
-    assert judged.words == "gain ≥ 1 is wanted; the PSF has no such number"
+    assert judged.words == "the limit gain ≥ 1 cannot be judged: the PSF has no such number"
 
 
 @pytest.mark.parametrize("uncertainty", [np.inf, np.nan])

@@ -136,3 +136,12 @@ def test_unknown_motion_comes_from_a_flat_part(photographs, tmp_path):
     result = run(*photographs[0], *arguments, "--out", tmp_path / "o")
     assert result.exit_code == 0, result.stderr
     assert json.loads((tmp_path / "o" / "result.json").read_text())["parameters"]["prototype_region"] == "0,0,60,96"
+
+
+def test_the_report_shows_every_picture_and_needs_no_network(done):
+    page = (done[1] / "report.html").read_text(encoding="utf-8")
+    # two photographs, the restored one, and it refocused at three depths; depth, its spread, residual, course
+    assert page.count('<img src="data:image/png;base64,') == 6
+    assert page.count("<svg ") == 4
+    assert "http" not in page.replace("http://www.w3.org", "")
+    assert "<script" not in page

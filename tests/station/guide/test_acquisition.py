@@ -109,6 +109,21 @@ def test_what_the_bench_cannot_is_asked_of_the_operator(bench, session, moves, w
     assert session.state.facts[f"hand_{name}"] == change
 
 
+def test_a_camera_that_takes_its_settings_through_its_cable_is_not_set_by_hand(bench, session):
+    looks, wanted = [], []
+
+    def dark(frame, facts):
+        looks.append(1)
+        return Advice(len(looks) > 1, "Expose longer.", by_hand={"exposure_ev": 1.0})
+
+    bench.drivers = {**bench.drivers, "camera": "gphoto"}
+    bench.devices["camera"].configure = wanted.append
+    operator = Scripted()
+    Run(benches.short_plan(look=Look("trial", dark)), bench, session, operator).go()
+    assert [settings.exposure_s for settings in wanted] == [pytest.approx(0.04)]
+    assert "by_hand" not in [ask.key for ask in operator.asked]
+
+
 def test_after_some_looks_the_operator_decides(bench, session):
     never = Look("trial", lambda frame, facts: Advice(False, "Not yet."), tries=2)
     answers = iter(["look again", "go on"])

@@ -1,0 +1,267 @@
+"""The plan of the two-photograph PSF: which wall, which two distances, focus at either, the same light."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import cv2
+import numpy as np
+
+from procedures.advice import changed_settings, exposure_advice
+from procedures.outcome import BadInput, Outcome, Refused, Verdict
+from procedures.plan import (
+    Advice,
+    Ask,
+    Decide,
+    Estimate,
+    Facts,
+    Go,
+    Home,
+    Look,
+    Plan,
+    Reading,
+    Scan,
+    SetLight,
+    Shoot,
+    Step,
+)
+from procedures.raw import Plane, RawFrame
+from procedures.two_photo.estimate import TwoPhotoParameters, estimate_psf
+from procedures.two_photo.near_noise import noise_at_most
+from procedures.two_photo.sharpness import fineness
+from procedures.two_photo.trust import check_settings
+
+SHOWN = ("G1", "Y")
+"""The plane that texture and focus are told from."""
+LEAST_RATIO, RATIO, MOST_RATIO = 2.2, 4.0, 8.0
+"""Of the two distances: below, no subpixel PSF is determined; above, too little of the wall is common to both."""
+MARGIN = 1.05
+"""By how much the ratio must exceed the samples per pixel."""
+TEXTURE = 5.0
+"""Contrast of the wall's detail over the noise, at least."""
+DETAIL_PX = 8.0
+"""What varies more slowly than this is light, not detail."""
+SAME_LIGHT = 0.25
+"""Change of the wall's level between the distances that is still the same light."""
+FRAMES = 2
+"""Photographs at either distance; their mean is used."""
+RING = (-2.0, -1.0, 0.0, 1.0, 2.0)
+"""Small turns of the focus ring, from where autofocus or the eye put it; positive towards infinity."""
+Outcomes = Mapping[str, Outcome[Any]]
+
+
+def plan() -> Plan:
+    """The guided calibration with a textured wall."""
+    return Plan(
+        "two-photo",
+        "PSF from two photographs of a wall",
+        (
+            Step("wall", "Wall", "Find a flat wall with detail of all sizes, and plan two distances.", WALL),
+            Step("near", "Near", "Photograph the wall from nearby.", (*focus("near"), *shoot("near"))),
+            Step("far", "Far", "Move back, focus again, change nothing else.", (*FAR, *focus("far"), *shoot("far"))),
+            Step("estimate", "Estimate", "Estimate every plane's PSF from both.", (Estimate(estimate),)),
+            Step("verdict", "Verdict", "Accept the result, or take the photographs again.", (Decide("near"),)),
+        ),
+    )
+
+
+# --- wall and distances ------------------------------------------------------------------------------------------
+
+
+def ratio_of(facts: Facts) -> float:
+    """Far over near distance."""
+    return float(facts.get("ratio", RATIO))
+
+
+def samples_per_pixel(facts: Facts) -> int:
+    """The s that the distances allow: thesis, remark 5, wants lambda over s."""
+    allowed = int(np.floor(ratio_of(facts) / MARGIN))
+    return int(facts.get("s", min(max(allowed, 2), TwoPhotoParameters().s)))
+
+
+def to_near(facts: Facts) -> dict[str, float]:
+    """The rail's near end."""
+    return {"z_mm": float(facts["low_z_mm"])} if "low_z_mm" in facts else {}
+
+
+def to_far(facts: Facts) -> dict[str, float]:
+    """As many times as far, along the rail."""
+    if "at_z_mm" not in facts:
+        return {}
+    return {"z_mm": float(facts["at_z_mm"]) + (ratio_of(facts) - 1) * float(facts["near_mm"])}
+
+
+def say_far(facts: Facts) -> str:
+    """Where to go, in metres."""
+    far_m = ratio_of(facts) * float(facts["near_mm"]) / 1000
+    return f"Move the camera straight back, to {far_m:.2f} m from the wall. Leave zoom, aperture and exposure alone."
+
+
+WALL = (
+    Home(),
+    Go(to_near, lambda facts: "going to the near end of the rail" if to_near(facts) else ""),
+    SetLight(lambda facts: 1.0),
+    Ask("wall", "Choose a flat wall with fine and coarse detail: rough plaster, concrete, brick. No glass, no relief."),
+    Ask("tripod", "Put the camera on a tripod, square to the wall, the stabiliser off, in steady light."),
+    Ask("camera_set", "Set the camera: RAW, manual exposure, ISO 100, the aperture that is to be calibrated."),
+    Ask("near_mm", "How far is the wall from the lens?", "number", "mm", low=50.0, high=1e5),
+    Ask(
+        "ratio",
+        "How many times as far shall the second photograph be?",
+        "number",
+        "",
+        RATIO,
+        low=LEAST_RATIO,
+        high=MOST_RATIO,
+    ),
+)
+
+FAR = (Go(to_far, say_far),)
+
+# --- checks ------------------------------------------------------------------------------------------------------
+
+
+def shown(frame: RawFrame) -> Plane:
+    """The plane that texture and focus are told from."""
+    return next((frame.planes[name] for name in SHOWN if name in frame.planes), next(iter(frame.planes.values())))
+
+
+def middle(samples: np.ndarray[Any, np.dtype[np.float32]], part: float) -> np.ndarray[Any, np.dtype[np.float32]]:
+    """The middle of a photograph, `part` of its sides."""
+    rows, columns = (max(round(n * part), 1) for n in samples.shape)
+    top, left = (samples.shape[0] - rows) // 2, (samples.shape[1] - columns) // 2
+    return samples[top : top + rows, left : left + columns]
+
+
+def texture(plane: Plane) -> float:
+    """Contrast of what varies within a few pixels, over the noise."""
+    samples = plane.samples
+    detail = samples - cv2.GaussianBlur(samples, (0, 0), DETAIL_PX)
+    noise = max(noise_at_most(samples), plane.quantisation / np.sqrt(12))
+    return float(detail.std() / noise)
+
+
+def check_near(frame: RawFrame, facts: Facts) -> Advice:
+    """The wall well exposed, with detail that stands clear of the noise."""
+    levels = {name: float(np.percentile(one.samples, 99.5)) for name, one in frame.planes.items()}
+    clipped = max(float(np.mean(one.samples >= 0.998)) for one in frame.planes.values())
+    advice = exposure_advice(max(levels.values()), clipped, frame.exposure, "The brightest")
+    plane = shown(frame)
+    told = Reading("texture", texture(plane), "× noise", TEXTURE, None)
+    readings = (*advice.readings, told)
+    if not advice.good:
+        return replace(advice, readings=readings)
+    if not told.good:
+        say = f"The wall's detail is only {told.value:.1f} times the noise: choose a rougher wall."
+        return Advice(False, say, readings, by_hand={"rougher_wall": 1.0})
+    return replace(advice, readings=readings, facts={**advice.facts, "near_level": float(np.mean(plane.samples))})
+
+
+def check_far(frame: RawFrame, facts: Facts) -> Advice:
+    """The same wall in the same light, with the same settings."""
+    changed = changed_settings(frame.exposure, facts)
+    if changed:
+        return Advice(False, f"Set the camera back: {changed}.", by_hand={"settings": 1.0})
+    clipped = max(float(np.mean(one.samples >= 0.998)) for one in frame.planes.values())
+    near = float(facts.get("near_level", np.nan))
+    # what the near photograph showed is the middle of this one
+    change = float(np.mean(middle(shown(frame).samples, 1 / ratio_of(facts)))) / near - 1
+    readings = (
+        Reading("light", 100 * change, "%", -100 * SAME_LIGHT, 100 * SAME_LIGHT),
+        Reading("clipped", 100 * clipped, "%", None, 1.0),
+    )
+    if not readings[0].good:
+        more = "brighter" if change > 0 else "darker"
+        say = (
+            f"The wall is {abs(change):.0%} {more} than from nearby: bring back the light, and keep your shadow off it."
+        )
+        return Advice(False, say, readings, by_hand={"light": -change})
+    if not readings[1].good:
+        return Advice(False, f"{clipped:.1%} is clipped: keep bright things out of the frame.", readings)
+    return Advice(True, "The light is the same.", readings)
+
+
+CHECKS = {"near": check_near, "far": check_far}
+
+# --- focus and shots ---------------------------------------------------------------------------------------------
+
+
+def sharpness(frame: RawFrame, facts: Facts) -> float:
+    """Fine over coarse contrast of the frame's middle: a wall's own cancels, as all places see the same wall."""
+    plane = shown(frame)
+    return fineness(middle(plane.samples, 0.5), noise_at_most(plane.samples))
+
+
+def ring_places(facts: Facts) -> Sequence[float]:
+    """Turns of the focus ring, if the operator brackets the focus."""
+    return RING if facts.get("focus_by", "ring") == "ring" else ()
+
+
+def say_ring(change: float) -> str:
+    """What to do with the focus ring."""
+    steps = "one small step" if abs(change) == 1 else f"{abs(change):g} small steps"
+    return f"Turn the focus ring {steps} towards {'infinity' if change > 0 else 'near'}."
+
+
+def choose_focus(places: Sequence[float], scores: Sequence[float]) -> Advice:
+    """The sharpest of the bracket."""
+    known = np.asarray(scores, dtype=np.float64)
+    if not np.isfinite(known).any():
+        return Advice(False, "No place of the bracket can be told: focus by eye.", moves={"focus_steps": -places[-1]})
+    best = float(places[int(np.nanargmax(known))])
+    return Advice(True, f"Sharpest at {best:+g} steps.", moves={"focus_steps": best - places[-1]})
+
+
+def focus(place: str) -> tuple[Any, ...]:
+    """Focus at one of the distances."""
+    return (
+        Ask(f"focused_{place}", "Focus on the wall, then switch autofocus off."),
+        Look("light", CHECKS[place]),
+        Ask("focus_by", "How will you bracket the focus?", "choice", default="ring", choices=("ring", "skip")),
+        Scan("focus", "focus_steps", ring_places, sharpness, choose_focus, say_ring),
+    )
+
+
+def shoot(place: str) -> tuple[Any, ...]:
+    """The photographs that count, at one of the distances."""
+
+    def estimate_one(frame: RawFrame, facts: Facts) -> Outcomes:
+        return {name: Outcome(float(np.mean(one.samples))) for name, one in frame.planes.items()}
+
+    def enough(results: Sequence[Outcomes], facts: Facts) -> Advice:
+        say = f"Photographs from {'nearby' if place == 'near' else 'afar'}: {len(results)} of {FRAMES}."
+        return Advice(len(results) >= FRAMES, say, facts={f"{place}_frames": float(len(results))})
+
+    return (Shoot(place, CHECKS[place], estimate_one, enough, most=8),)
+
+
+# --- estimate ----------------------------------------------------------------------------------------------------
+
+
+def estimate(frames: Sequence[RawFrame], facts: Facts) -> Outcomes:
+    """Every plane's PSF from the mean of the near and the mean of the far photographs."""
+    count = int(float(facts.get("near_frames", FRAMES)))
+    near, far = frames[:count], frames[count:]
+    if not near or not far:
+        raise BadInput("photographs from both distances are needed", "take them again, from the near ones on")
+    parameters = TwoPhotoParameters(s=samples_per_pixel(facts))
+    return {name: _of_plane(name, near, far, parameters) for name in near[0].planes}
+
+
+def _of_plane(
+    name: str, near: Sequence[RawFrame], far: Sequence[RawFrame], parameters: TwoPhotoParameters
+) -> Outcome[Any]:
+    try:
+        check_settings(near[0].exposure, far[0].exposure)
+    except Refused as refusal:
+        return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
+    return estimate_psf(mean_plane(name, near), mean_plane(name, far), parameters)
+
+
+def mean_plane(name: str, frames: Sequence[RawFrame]) -> Plane:
+    """The mean of one plane over photographs of one scene by a camera that stood still."""
+    planes = [frame.planes[name] for frame in frames]
+    mean = np.mean([plane.samples for plane in planes], axis=0, dtype=np.float64)
+    return replace(planes[0], samples=np.asarray(mean, dtype=np.float32))

@@ -1,0 +1,335 @@
+"""Kills simulated sessions at random moments and resumes them: nothing may be lost, and the result must be the same.
+
+    python tests/benchmarks/session_kills.py [--kills 500] [--seed 1]
+
+Each session is a run of a small plan on the simulated bench (homing, a look, two shots that count, the estimate) in a
+process of its own, which is killed (SIGKILL) or gets a full disk until it may go to its end. Then its files are held
+against those of a session that nothing disturbed.
+
+- `time`: killed after a random time.
+- `before`, `half`, `after`: killed at a random write, synchronisation or rename: before it, half way, after it.
+- `frame`: killed when the camera has written half a frame.
+- `full`: from a random operation on the disk takes half a write and no more; after some failures, there is room again.
+- `limit`: no file may grow beyond a random size; the system refuses the rest of the write.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import random
+import resource
+import shutil
+import signal
+import sys
+import tempfile
+import time
+import traceback
+from collections import Counter
+from dataclasses import dataclass, field
+from errno import ENOSPC
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: a process with threads cannot be forked safely
+
+from procedures.outcome import ProcedureError
+from procedures.raw import read_frame
+from simulators.body import Opening
+from station import plans, session_report
+from station.acquisition import Run
+from station.bench import simulated_bench
+from station.disk import Disk
+from station.operator import Doing
+from station.recompute import recompute
+from station.results import RECORD
+from station.scripted import Scripted
+from station.session import Session
+from station.session_reading import read_session, sessions_in, verify
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "station" / "session"))
+from short_plan import ENTRY, SHOTS, estimate, photographs, plan
+
+plans.PLANS |= ENTRY
+session_report.session_page = lambda folder: "no part of this: it takes longer than all the rest"
+
+KINDS = ("time", "before", "half", "after", "frame", "full", "limit")
+
+# --- faults ------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What goes wrong in one process: `at` is a time in s, an operation, a frame, or a size in bytes."""
+
+    kind: str = ""
+    at: float = 0.0
+    failures: int = 0
+
+
+def die() -> None:
+    """No process survives this."""
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+@dataclass
+class FaultyDisk(Disk):
+    """The disk on which it happens. It counts its operations for whoever chooses one."""
+
+    fault: Fault = field(default_factory=Fault)
+    count: int = 0
+
+    def write(self, descriptor: int, data: bytes) -> int:
+        if self._now("half"):
+            super().write(descriptor, data[: len(data) // 2])
+            die()
+        if self._full():
+            super().write(descriptor, data[: len(data) // 2])
+            raise OSError(ENOSPC, os.strerror(ENOSPC))
+        taken = super().write(descriptor, data)
+        return self._done(taken)
+
+    def sync(self, descriptor: int) -> None:
+        self._now("half")
+        super().sync(descriptor)
+        self._done(None)
+
+    def replace(self, source: Path, target: Path) -> None:
+        self._now("half")
+        super().replace(source, target)
+        self._done(None)
+
+    def _now(self, kind: str) -> bool:
+        self.count += 1
+        if self.count == self.fault.at and self.fault.kind == "before":
+            die()
+        return self.count == self.fault.at and self.fault.kind == kind
+
+    def _full(self) -> bool:
+        return self.fault.kind == "full" and 0 <= self.count - self.fault.at < self.fault.failures
+
+    def _done(self, value: Any) -> Any:
+        if self.count == self.fault.at and self.fault.kind == "after":
+            die()
+        return value
+
+
+# --- one process -------------------------------------------------------------------------------------------------
+
+
+class Log:
+    """What a process did and was told, outside the session; whole lines survive it."""
+
+    def __init__(self, path: Path) -> None:
+        self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+
+    def write(self, *words: object) -> None:
+        os.write(self._file, (json.dumps(words) + "\n").encode())
+
+    def heard(self, event: object) -> None:
+        """What the operator is told."""
+        if isinstance(event, Doing):
+            self.write("heard", event.say)
+
+
+class WatchedSession(Session):
+    """A session that logs which photographs it has told to be kept."""
+
+    log: Log
+
+    def adopt(self, *args: Any, **kwargs: Any) -> Any:
+        shot = super().adopt(*args, **kwargs)
+        self.log.write("kept", shot.number, shot.sha256)
+        return shot
+
+
+def session_in(root: Path, clock: Any, disk: Disk) -> Session:
+    """The session in the folder, opened or begun."""
+    for folder in sessions_in(root / "sessions"):
+        return WatchedSession.open(folder, clock, disk=disk)
+    about = {"plan": "short", "camera": "Box", "lens": "24 mm", "config": {}}
+    return WatchedSession.create(root / "sessions", **about, clock=clock, seed=1, disk=disk)
+
+
+def develop(session: Session, frames: dict[str, bytes], fault: Fault, folder: Path, log: Log) -> Any:
+    """What the camera sees depends on what is photographed, not on how often."""
+
+    def developed(opening: Opening) -> bytes:
+        awaited = session.state.awaited
+        assert awaited is not None
+        good = [s for s in session.state.shots if s.purpose == awaited.purpose and s.counts is not False]
+        name = "look" if awaited.purpose == "look" else f"shot {len(good)}"
+        log.write("exposed", name)
+        if fault.kind == "frame" and opening.number == fault.at:
+            (folder / f"IMG_{9000 + opening.number}.DNG").write_bytes(frames[name][: len(frames[name]) // 2])
+            die()
+        return frames[name]
+
+    return developed
+
+
+def work(root: Path, frames: dict[str, bytes], fault: Fault) -> None:
+    """Begin or resume, and run to the end unless something happens."""
+    log = WatchedSession.log = Log(root / "log.jsonl")
+    if fault.kind == "limit":
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (int(fault.at), resource.RLIM_INFINITY))
+    incoming = root / "incoming"
+    incoming.mkdir(exist_ok=True)
+    bench = simulated_bench(incoming, seed=1, virtual_time=True)
+    disk = FaultyDisk(fault)
+    with session_in(root, bench.clock, disk) as session:
+        bench.simulated.body.develop = develop(session, frames, fault, incoming, log)
+        ended = Run(plan(), bench, session, Scripted(listen=log.heard, patience=4)).go()
+    log.write("ended", ended.how, disk.count)
+
+
+def run(root: Path, frames: dict[str, bytes], fault: Fault) -> tuple[bool, float]:
+    """One process in this folder: whether it came to its end by itself, and how long it took.
+
+    A full disk must end in a sentence, not in an error that nobody foresaw.
+    """
+    root.mkdir(parents=True, exist_ok=True)
+    start = time.perf_counter()
+    child = os.fork()
+    if child == 0:
+        code = 1
+        try:
+            with open(root / "stderr.txt", "a") as errors:
+                os.dup2(errors.fileno(), 2)
+                work(root, frames, fault)
+            code = 0
+        except ProcedureError as error:
+            traceback.print_exception(error)
+            code = 0
+        except BaseException as error:
+            traceback.print_exception(error)
+        finally:
+            sys.stderr.flush()
+            os._exit(code)
+    if fault.kind == "time":
+        time.sleep(fault.at)
+        os.kill(child, signal.SIGKILL)
+    _, status = os.waitpid(child, 0)
+    if fault.kind == "full" and status != 0:
+        raise SystemExit(f"a full disk ended a session without a sentence: see {root / 'stderr.txt'}")
+    whole = status == 0 and any(line[:2] == ["ended", "finished"] for line in logged(root))
+    return whole, time.perf_counter() - start
+
+
+def logged(root: Path) -> list[list[Any]]:
+    """What the processes logged."""
+    path = root / "log.jsonl"
+    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+
+
+# --- what must be so ---------------------------------------------------------------------------------------------
+
+
+def results(folder: Path) -> dict[str, bytes]:
+    """Every file under derived/; in the record, the photographs' names give way to their hashes.
+
+    A trial that had to be repeated is one more file, and those after it have the next numbers.
+    """
+    found = {str(p.relative_to(folder)): p.read_bytes() for p in (folder / "derived").rglob("*") if p.is_file()}
+    for name in found:
+        if name.endswith(RECORD):
+            for one in json.loads(found[name])["input"]:
+                found[name] = found[name].replace(one["path"].encode(), one["sha256"].encode())
+    return found
+
+
+def complaints(root: Path, reference: Path) -> list[str]:
+    """All that is not as it must be in a session that came to its end."""
+    (folder,) = sessions_in(root / "sessions")
+    (whole,) = sessions_in(reference / "sessions")
+    found, state, log = [], read_session(folder).state, logged(root)
+    verify(folder, state)
+    kept = {shot.number: shot.sha256 for shot in state.shots}
+    for _, number, digest in (line for line in log if line[0] == "kept"):
+        if kept.get(number) != digest:
+            found.append(f"shot {number} was kept and is lost")
+    if results(folder) != results(whole):
+        found.append("the result differs")
+    exposed = sum(line[0] == "exposed" for line in log)
+    said = {line[1] for line in log if line[0] == "heard" and "taken again" in line[1]}
+    noticed = [line for line in read_session(folder).contents.lines if line.event == "noticed"]
+    again = [line for line in noticed if "taken again" in line.data["say"]]
+    if exposed > len(state.shots) + len(again):
+        found.append(f"{exposed} exposures, {len(state.shots)} shots, and only {len(again)} said to be repeated")
+    if any(line.data["say"] not in said for line in again):
+        found.append("a repetition was noted and never told")
+    counting = [shot.sha256 for shot in state.counting()]
+    if len(set(counting)) != SHOTS or len(counting) != SHOTS:
+        found.append(f"{len(counting)} shots count, {len(set(counting))} of them different")
+    return found
+
+
+# --- all of them -------------------------------------------------------------------------------------------------
+
+
+def chosen(rng: random.Random, duration_s: float, operations: int, size: int) -> Fault:
+    """A fault at random."""
+    kind = rng.choice(KINDS)
+    at = {
+        "time": rng.uniform(0, 1.1 * duration_s),
+        "frame": rng.randint(1, SHOTS + 1),
+        "limit": rng.choice((rng.randint(0, 30_000), rng.randint(0, size))),
+    }.get(kind, rng.randint(1, operations))
+    return Fault(kind, at, rng.randint(1, 30))
+
+
+def main() -> int:
+    """Kill, resume, compare; the exit code is 0 where nothing was lost and nothing differs."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--kills", type=int, default=500)
+    parser.add_argument("--seed", type=int, default=1)
+    options = parser.parse_args()
+    start, rng = time.perf_counter(), random.Random(options.seed)
+    frames = photographs()
+    warm = Path(tempfile.mkdtemp(prefix="kills-"))
+    (warm / "frame.dng").write_bytes(frames["look"])
+    estimate([read_frame(warm / "frame.dng")], {})  # what is compiled now need not be in each process
+    reference = warm / "reference"
+    finished, duration_s = run(reference, frames, Fault())
+    if not finished:
+        print((reference / "stderr.txt").read_text(), logged(reference))
+        return 1
+    operations = logged(reference)[-1][2]
+    print(f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}")
+    print(f"undisturbed: {duration_s:.2f} s, {operations} operations on the disk", flush=True)
+    faults: Counter[str] = Counter()
+    sessions, wrong, weathered = 0, 0, 0
+    while sum(faults.values()) < options.kills:
+        root = warm / f"{sessions:04d}"
+        sessions += 1
+        for _ in range(rng.randint(1, 4)):
+            fault = chosen(rng, duration_s, operations, 1.2 * len(frames["look"]))
+            whole, _ = run(root, frames, fault)
+            if whole:
+                weathered += fault.kind in ("full", "limit")
+                break
+            faults[fault.kind] += 1
+        if not whole:
+            whole, _ = run(root, frames, Fault())
+        found = complaints(root, reference) if whole else ["it did not come to its end: see stderr.txt"]
+        if found:
+            wrong += 1
+            print(f"{root}: {'; '.join(found)}", flush=True)
+        else:
+            shutil.rmtree(root)
+    (folder,) = sessions_in(reference / "sessions")
+    same = all(one.identical for one in recompute(folder))
+    told = ", ".join(f"{kind} {faults[kind]}" for kind in KINDS)
+    print(f"{sum(faults.values())} interruptions ({told}) in {sessions} sessions, {time.perf_counter() - start:.0f} s")
+    print(f"{weathered} more ran with a limit, or until the disk had room again, to their end")
+    print(f"{wrong} sessions with something lost, repeated in silence, or different; recomputed: {same}")
+    if not wrong:
+        shutil.rmtree(warm)
+    return 0 if not wrong and same else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,107 @@
+"""A calibration from the empty room to the report, by an operator who says yes to everything."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from procedures.outcome import Verdict
+from procedures.plan import Ask
+from procedures.raw import read_frame
+from station.acquisition import Run
+from station.bench import simulated_bench
+from station.compare import compare
+from station.derive import compute
+from station.operator import CurveSeen, Result, RunBegan, StepEnded
+from station.plans import plan_named
+from station.scripted import Scripted
+from station.session import Session
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    """One run, stopped before its shots and gone on with on another bench, as after a power cut."""
+    root = tmp_path_factory.mktemp("guide")
+    plan = plan_named("pattern")
+    told = SimpleNamespace(plan=plan, heard=[], asked=[], ends=[])
+    folder = None
+    for stop_at in ("wanted_mtf50", None):
+        incoming = root / f"incoming-{stop_at}"
+        incoming.mkdir()
+        bench = simulated_bench(incoming, seed=3, virtual_time=True)
+        if folder is None:
+            session = Session.create(root, plan="pattern", camera="C", lens="L", config={}, clock=bench.clock, seed=3)
+            folder = session.folder
+        else:
+            session = Session.open(folder, bench.clock)
+        operator = Scripted()
+        run = Run(plan, bench, session, operator)
+
+        def stop(ask: Ask, run=run):
+            run.ask_to_stop()
+            return ask.default
+
+        operator.answers = {} if stop_at is None else {stop_at: stop}
+        told.ends.append(run.go())
+        told.heard += operator.heard
+        told.asked += operator.asked
+        told.view, told.world = bench.simulated.view, bench.simulated.world
+        told.state = session.state
+        session.close()
+        bench.close()
+    told.folder = folder
+    return told
+
+
+def test_it_goes_through_and_ends_with_a_report(done):
+    assert [end.how for end in done.ends] == ["stopped", "finished"]
+    assert done.state.done == tuple(step.name for step in done.plan.steps)
+    assert done.ends[1].report.read_text().startswith("<!doctype html>")
+    assert [e.done for e in done.heard if isinstance(e, RunBegan)] == [
+        (),
+        ("print", "mount", "distance", "square", "focus"),
+    ]
+    assert len([e for e in done.heard if isinstance(e, StepEnded)]) == len(done.plan.steps)
+
+
+def test_what_was_wrong_in_the_room_was_told_and_mended(done):
+    asked = " ".join(ask.question for ask in done.asked if ask.key == "by_hand")
+    assert "set the exposure time from 1/160 s to 1/50 s" in asked
+    assert "light that side more" in asked
+    assert "Turn the chart counter-clockwise by 6." in asked
+    assert "focus ring" in asked
+    assert abs(done.view.mount.roll_deg) < 1
+    # yaw and pitch were mended by going around the chart
+    assert done.state.facts["at_pan_deg"] == pytest.approx(done.view.mount.yaw_deg, abs=1.5)
+    assert done.state.facts["at_tilt_deg"] == pytest.approx(done.view.mount.pitch_deg, abs=1.5)
+    assert done.state.facts["laser_offset_mm"] == pytest.approx(120.0, abs=15)
+
+
+def test_the_sharpest_focus_of_the_bracket_was_chosen(done):
+    curve = [event for event in done.heard if isinstance(event, CurveSeen)][-1]
+    assert len(curve.scores) == 5
+    assert done.state.facts["focus_mtf50"] == max(curve.scores)
+
+
+def test_the_psf_is_the_camera_s(done):
+    (result,) = (event for event in done.heard if isinstance(event, Result))
+    assert result.verdict is Verdict.PASS
+    found = compute(done.folder, done.state, done.plan).outcomes["G1"].value
+    assert found.chance > 1e-4
+    true = done.view.taken[-1].true_psf("G1", 4, 17)
+    # error over expected error: 1 where the error bars are true; the norm of 289 correlated values scatters by a third
+    assert compare(found.shots[0], true.h, true.floor).ratio < 1.6
+    mtf50 = found.quality.numbers["mtf50_horizontal"]
+    one = found.shots[0].quality.numbers["mtf50_horizontal"]
+    assert mtf50.uncertainty < one.uncertainty
+    assert max(q.uncertainty for q in (mtf50, found.quality.numbers["mtf50_vertical"])) <= 0.002
+
+
+def test_every_photograph_is_in_the_session_with_what_the_devices_said(done):
+    assert len(done.state.counting()) >= 3
+    for shot in done.state.shots:
+        assert read_frame(done.folder / shot.path, ["G1"]).sha256 == shot.sha256
+        assert {"z_mm", "pan_deg"} <= set(shot.snapshot["axes"])
+        assert "acceleration_m_s2" in shot.snapshot
+    assert all(shot.counts is not None for shot in done.state.shots)

@@ -1,0 +1,17 @@
+"""Sessions killed at random moments lose nothing; the benchmark of that name does it 500 times."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_killed_sessions_lose_nothing_and_come_to_the_same_result():
+    script = ROOT / "tests" / "benchmarks" / "session_kills.py"
+    words = [sys.executable, script, "--kills", "15", "--seed", "20120323"]
+    done = subprocess.run(words, cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr

@@ -1,0 +1,70 @@
+"""`station --plain` as a program: pipes, the end of input, Ctrl-C, exit codes."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+from click.testing import CliRunner
+
+from procedures.outcome import Verdict
+from station.__main__ import main
+from station.cli.guide import exit_code
+from station.operator import Result, RunEnded
+
+
+def result(verdict):
+    return Result("out", {}, verdict, "", "")
+
+
+@pytest.mark.parametrize(
+    ("how", "found", "code"),
+    [
+        ("finished", result(Verdict.PASS), 0),
+        ("finished", result(Verdict.DOUBTFUL), 0),
+        ("finished", result(Verdict.REFUSED), 5),
+        ("stopped", None, 130),
+        ("emergency", None, 3),
+    ],
+)
+def test_exit_codes_are_the_contract_s(how, found, code):
+    assert exit_code(RunEnded(how), found) == code
+
+
+def test_the_end_of_input_stops_politely_and_keeps_the_session(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(main, ["--plain", "--simulate"], input="D90\n50/1.8\n", prog_name="station")
+    assert done.exit_code == 130
+    assert "Stopped. Nothing is lost" in done.stdout
+    (folder,) = os.listdir("sessions")
+    assert "d90-50-1-8" in folder
+
+
+def test_an_unknown_plan_is_named(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(main, ["--plain", "--simulate", "--plan", "x"], prog_name="station")
+    assert done.exit_code == 2
+    assert "no plan 'x'" in done.stderr
+    assert not os.path.exists("sessions")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="sends SIGINT")
+def test_ctrl_c_at_a_question_stops_at_once(tmp_path):
+    program = subprocess.Popen(
+        [sys.executable, "-m", "station", "--plain", "--simulate", "--sessions", str(tmp_path / "kept")],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )  # fmt: skip
+    assert program.stdin is not None
+    assert program.stdout is not None
+    program.stdin.write("D90\n50\n")
+    program.stdin.flush()
+    seen = ""
+    while ">> How wide" not in seen:
+        seen += program.stdout.read(1)
+    program.send_signal(signal.SIGINT)
+    rest, _ = program.communicate(timeout=60)
+    assert program.returncode == 130
+    assert "Stopped. Nothing is lost" in rest

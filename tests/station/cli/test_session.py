@@ -1,0 +1,166 @@
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from station.session import Session
+
+from ..session.test_index import make
+from ..session.work import FixedClock
+
+HOSTILE = "\x1b[31mRED\x1b[0m\n\u202e../../x"
+
+
+@pytest.fixture
+def root(tmp_path):
+    root = tmp_path / "sessions"
+    for day, mtf50 in ((10, 0.300), (12, 0.290), (14, 0.281)):
+        make(root, mtf50=mtf50, day=day)
+    make(root, camera="Other", day=15)
+    return root
+
+
+@pytest.fixture
+def session(run, root):
+    """Run `station session ...` on these sessions."""
+    return lambda *words: run("session", words[0], *words[1:], "--sessions", root)
+
+
+def test_list_shows_the_newest_first_and_filters(session):
+    lines = session("list", "--camera", "Box", "--since", "2026-03-12").stdout.splitlines()
+    assert [line.split()[0] for line in lines] == [
+        "session",
+        "2026-03-14-box-50-mm-pattern",
+        "2026-03-12-box-50-mm-pattern",
+    ]
+
+
+def test_list_as_json_has_every_field(session):
+    told = json.loads(session("list", "--json").stdout)
+    assert len(told["sessions"]) == 4
+    assert told["sessions"][-1] | {"folder": ""} == {
+        "folder": "", "camera": "Box", "lens": "50 mm", "plan": "pattern", "began": "2026-03-10T09:26:53+00:00",
+        "ended": "finished", "shots": 0, "counting": 0, "verdict": "pass", "damage": "",
+    }  # fmt: skip
+
+
+def test_date_that_is_none_is_refused(session):
+    done = session("list", "--since", "yesterday")
+    assert done.exit_code == 2
+    assert "--since needs a date" in done.stderr
+
+
+def test_no_session_is_said_and_no_error(run, tmp_path):
+    done = run("session", "list", "--sessions", tmp_path / "none")
+    assert done.exit_code == 0
+    assert "no session" in done.stderr
+
+
+@pytest.mark.parametrize(
+    "words", [["list"], ["list", "--json"], ["trend", HOSTILE], ["trend", HOSTILE, "--json"], ["show"]]
+)
+def test_terminal_gets_no_control_characters_whatever_a_camera_is_called(run, tmp_path, words):
+    folder = make(tmp_path, camera=HOSTILE, lens=HOSTILE, mtf50=0.3)
+    with Session.open(folder, FixedClock()) as session:
+        session.learn({HOSTILE: HOSTILE})
+        session.note("noticed", say=HOSTILE)
+    name = [folder.name] if words == ["show"] else []
+    done = run("session", *words, *name, "--sessions", tmp_path)
+    assert done.exit_code == 0, done.stderr
+    for line in (done.stdout + done.stderr).splitlines():
+        assert line.isprintable(), ascii(line)
+    if "--json" in words:
+        json.loads(done.stdout)
+
+
+def test_damaged_session_is_named_without_its_escapes(run, tmp_path):
+    folder = make(tmp_path)
+    (folder / "session.toml").write_text('camera = "\x1b[31m')
+    done = run("session", "list", "--sessions", tmp_path)
+    assert "damaged" in done.stdout
+    assert "\x1b" not in done.stdout + done.stderr
+    assert run("session", "show", folder).exit_code == 4
+
+
+def test_show_takes_a_path_or_a_name(run, session, root):
+    name = "2026-03-10-box-50-mm-pattern"
+    assert session("show", name).stdout == run("session", "show", root / name).stdout
+    state = json.loads(session("show", name, "--json").stdout)["state"]
+    assert state["results"][0]["verdict"] == "pass"
+
+
+def test_show_finds_a_photograph_that_is_not_there(session, root):
+    from ..session.work import Camera
+
+    (folder,) = root.glob("*other*")
+    with Session.open(folder, FixedClock()) as opened:
+        shot = opened.adopt(Camera(root.parent / "incoming").expose("x"), step="s", purpose="p", snapshot={})
+        opened.original(shot).unlink()
+    done = session("show", folder.name)
+    assert done.exit_code == 4
+    assert "missing or changed" in done.stderr
+    assert session("show", folder.name, "--no-check").exit_code == 0
+
+
+def test_trend_says_what_falls_and_by_how_much(session, tmp_path):
+    done = session("trend", "Box", "--json", "--out", tmp_path / "trend.svg")
+    (trend,) = json.loads(done.stdout)["trends"]
+    # 0.019 in four days; each uncertain by 0.002
+    assert trend["line"]["slope"] == pytest.approx(-0.019 / 4 * 365.25, rel=1e-3)
+    assert trend["finding"] == "falls"
+    assert "falls" in session("trend", "Box").stdout
+    assert (tmp_path / "trend.svg").read_text().lstrip().startswith("<?xml")
+
+
+def test_trend_of_an_unknown_camera_names_the_known_ones(session):
+    done = session("trend", "Bx")
+    assert done.exit_code == 0
+    assert "cameras: Box, Other" in done.stderr
+
+
+@pytest.mark.parametrize("name", ["trend.jpg", "trend"])
+def test_trend_in_another_format_is_refused(session, tmp_path, name):
+    done = session("trend", "Box", "--out", tmp_path / name)
+    assert done.exit_code == 2
+    assert "svg or png" in done.stderr
+
+
+def test_picture_of_a_hostile_camera_runs_nothing(run, tmp_path):
+    camera = "<script>alert(1)</script> $\\frac{1}{0}$"
+    make(tmp_path, camera=camera, mtf50=0.3)
+    done = run("session", "trend", camera, "--sessions", tmp_path, "--out", tmp_path / "trend.svg")
+    assert done.exit_code == 0, done.stderr
+    assert "<script" not in (tmp_path / "trend.svg").read_text()
+
+
+def test_index_is_rebuilt_by_command(session, root):
+    (root / ".index.sqlite").write_bytes(b"x")
+    assert "4 sessions, 2 cameras, 1 lenses" in session("index", "--rebuild").stderr
+
+
+def test_session_that_is_none_is_refused(session):
+    for command in ("show", "recompute", "report", "resume"):
+        done = session(command, "nothing")
+        assert done.exit_code == 4, command
+        assert "no session" in done.stderr
+
+
+def test_resume_of_a_step_that_the_plan_has_not_names_its_steps(session):
+    done = session("resume", "2026-03-10-box-50-mm-pattern", "--back-to", "nowhere")
+    assert done.exit_code == 2
+    assert "shots" in done.stderr
+
+
+def test_resume_of_an_unknown_plan_names_the_plans(run, tmp_path):
+    folder = make(tmp_path, plan="../../evil")
+    done = run("session", "resume", folder, "--back-to", "x")
+    assert done.exit_code == 2
+    assert "no plan" in done.stderr
+
+
+def test_report_of_a_session_without_a_result_says_what_to_do(session, root):
+    (folder,) = root.glob("*other*")
+    done = session("report", folder.name)
+    assert done.exit_code == 5
+    assert "resume" in done.stderr
