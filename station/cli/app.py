@@ -28,7 +28,7 @@ PATIENCE_S = 3.0
 def run_app(*, simulate: bool, config: Path | None, sessions: Path, seed: int) -> None:
     """Run the application until the operator leaves it; exits with its code. Raises BadParameter without a terminal."""
     if not (sys.stdin.isatty() and sys.stdout.isatty() and sys.stderr.isatty()):
-        raise BadParameter("the application needs a terminal", "start it in one, or see the commands: station --help")
+        raise BadParameter("the application needs a terminal", "start it in one, or use station --plain")
     from station.app import StationApp, share_the_lock
 
     lab = StationLab(sessions=sessions, config=config or usual_config(), simulate=simulate, seed=seed)

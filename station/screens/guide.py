@@ -89,6 +89,11 @@ class GuideScreen(StationScreen):
         """The step that was done last."""
         return self._done[-1] if self._done else None
 
+    def _before(self, name: str) -> tuple[str, ...]:
+        """The steps that are done before this one: those after it are to be done again."""
+        steps = [step.name for step in self._began.plan.steps] if self._began is not None else []
+        return tuple(one for one in self._done if one in steps[: steps.index(name)]) if name in steps else self._done
+
     # --- what the run tells
 
     @singledispatchmethod
@@ -105,7 +110,7 @@ class GuideScreen(StationScreen):
     @show.register
     def _(self, began: StepBegan) -> None:
         self._now = began.step.name
-        self._done = tuple(name for name in self._done if name != self._now)
+        self._done = self._before(began.step.name)
         self.query_one("#trouble", Part).say("")
         words = (literal(began.step.title, "bold"), began.step.instruction)
         self.query_one("#instruction", Part).update(lines_of(*words, *self._verdict))
