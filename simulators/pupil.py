@@ -77,16 +77,17 @@ def circular_otf(shift: Array) -> Array:
     return otf
 
 
-def aberrated_otf(sx: Array, sy: Array, wavefront: Wavefront, wavelength_um: float) -> Complex:
-    """Autocorrelation of the aberrated pupil at shifts (sx, sy) in pupil radii, broadcast."""
+def aberrated_otf(sx: Array, sy: Array, wavefront: Wavefront, wavelength_um: float) -> Array | Complex:
+    """Autocorrelation of the aberrated pupil at shifts (sx, sy) in pupil radii, broadcast; real for a round one."""
     sx, sy = np.broadcast_arrays(sx, sy)
     shift = np.hypot(sx, sy)
     passed = shift < 2
     t = np.sqrt(1 - shift[passed] / 2)
-    otf = np.zeros(shift.shape, dtype=np.complex128)
     if wavefront.round:
-        otf[passed] = _profile(wavefront, wavelength_um)(t)
-        return otf
+        profile = np.zeros(shift.shape)
+        profile[passed] = _profile(wavefront, wavelength_um)(t)
+        return profile
+    otf = np.zeros(shift.shape, dtype=np.complex128)
     angle = np.arctan2(sy[passed], sx[passed])
     real, imaginary = _splines(wavefront, wavelength_um)
     otf[passed] = real.ev(t, angle) + 1j * imaginary.ev(t, angle)

@@ -143,6 +143,7 @@ class Rig:
         for name in self.movers():
             with self._using(name) as stage:
                 stage.home()
+        self.silent.clear()
         self._places = self.positions()
 
     def _travels(self) -> dict[str, tuple[str, Travel]]:
@@ -170,11 +171,11 @@ class Rig:
         return {axis: here.get(axis, 0.0) + change for axis, change in moves.items()}
 
     def positions(self) -> dict[str, float]:
-        """Where the axes are now. Raises DeviceError."""
+        """Where the axes are now. Raises DeviceError, also where a stage only believes to know."""
         found: dict[str, float] = {}
         for name in self.movers():
             with self._using(name) as stage:
-                found |= stage.position()
+                found |= _sure_position(stage)
         return found
 
     def axis_facts(self) -> dict[str, float]:
@@ -235,7 +236,7 @@ class Rig:
                 continue
             try:
                 if hasattr(device, "move_to"):
-                    axes |= device.position()
+                    axes |= _sure_position(device)
                 elif name == "rangefinder":
                     distance_mm = self.measure_mm()
             except DeviceError as error:
@@ -253,3 +254,11 @@ class Rig:
         """Everything stops, now."""
         if self.bench is not None:
             self.bench.emergency_stop()
+
+
+def _sure_position(stage: Any) -> dict[str, float]:
+    """Where a stage is; one that was reset still tells numbers, but not where it is. Raises DeviceError."""
+    told = stage.condition()
+    if not told.usable:
+        raise NotHomed(told.word, told.remedy)
+    return dict(stage.position())
