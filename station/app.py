@@ -5,9 +5,7 @@ Whatever blocks (wires, disks, numpy) runs in threads of ours and comes back as 
 
 from __future__ import annotations
 
-import asyncio
 import os
-import signal
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -46,6 +44,7 @@ from station.jobs import DeviceState, Finished, Job, Problem, Watcher, at_once, 
 from station.screens.dialogs import Choose, Help
 from station.screens.parts import AnswerBox, StationScreen
 from station.screens.start import StartScreen
+from station.signals import EXIT_DEVICE
 from station.widgets import DeviceBar, KeyLine, Part, literal
 
 if TYPE_CHECKING:
@@ -59,7 +58,6 @@ if TYPE_CHECKING:
 
 SHOW_EVERY_S = 0.08
 """What runs tell is shown at most so often: 12 times a second is as much as an eye or an ssh line wants."""
-EXIT_EMERGENCY = 3
 PATIENCE_S = 5.0
 """How long the program waits for a run to end after an emergency stop, before it leaves all the same."""
 GUIDE, BENCH, RESULTS = "guide", "bench", "results"
@@ -85,15 +83,13 @@ class StationApp(App[int]):
     BINDINGS: ClassVar[list[BindingType]] = bindings(EVERYWHERE)
     DEFAULT_MODE = GUIDE
     HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (110, "-wide")]  # noqa: RUF012 - Textual declares it so
-    CSS = """
-    #title { height: 1; text-style: bold; background: $panel; }
-    #devices { height: auto; max-height: 2; }
-    #keys { height: 1; }
-    ToastRack { dock: top; align: right top; margin: 1 0; }
-    """
+    CSS_PATH = "app.tcss"
 
     class News(Message):
         """Something lies on the desk."""
+
+    class Terminated(Message):
+        """The system ends the program, or its terminal is gone."""
 
     class Ended(Message):
         """A job came to its end."""
@@ -135,19 +131,24 @@ class StationApp(App[int]):
 
     def on_mount(self) -> None:
         """Paint first; numpy, bench and sessions come after."""
-        self.theme = "textual-dark"
         self.call_after_refresh(self._load)
-        loop = asyncio.get_running_loop()
-        for name in ("SIGTERM", "SIGHUP"):
-            with suppress(AttributeError, NotImplementedError, RuntimeError, ValueError):
-                loop.add_signal_handler(getattr(signal, name), self._terminated)
 
     def _load(self) -> None:
         self._start("load", lambda: _load(self.lab))
 
+    @on(Terminated)
     def _terminated(self) -> None:
-        self.stop_everything()
-        self.exit(EXIT_EMERGENCY)
+        self.exit(EXIT_DEVICE)
+
+    def terminate(self) -> None:
+        """Stop the bench and leave; from any thread."""
+        self._halt()
+        self._post(self.Terminated())
+
+    def finish(self, timeout_s: float) -> None:
+        """Wait for the run to end, once the application has: it writes its last line."""
+        for job in list(self._jobs.values()):
+            job.wait(timeout_s)
 
     def _fatal_error(self) -> None:
         """A fault of the program: one sentence for the operator, the traceback for whoever asks for it."""
@@ -372,12 +373,15 @@ class StationApp(App[int]):
 
     def stop_everything(self) -> None:
         """Stop the bench at once, in a thread of its own, and whatever runs."""
-        at_once(self.lab.emergency_stop)
-        if self._sitting is not None and self.running("run"):
-            at_once(self._sitting.halt)
+        self._halt()
         self._alarm = ALARM
         self.bell()
         self.refresh_frame()
+
+    def _halt(self) -> None:
+        at_once(self.lab.emergency_stop)
+        if self._sitting is not None and self.running("run"):
+            at_once(self._sitting.halt)
 
     # --- commands ------------------------------------------------------------------------------------------------
 
@@ -457,7 +461,7 @@ class StationApp(App[int]):
             self._afterwards = lambda: self.exit(0)
             if how == NOW:
                 self.stop_everything()
-                self.set_timer(PATIENCE_S, lambda: self.exit(EXIT_EMERGENCY))
+                self.set_timer(PATIENCE_S, lambda: self.exit(EXIT_DEVICE))
             self._end_run_then_go_on()
 
     # --- the frame of every screen ---------------------------------------------------------------------------------

@@ -2,33 +2,65 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
+import time
 from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING
 
 import click
 
 from procedures.outcome import BadParameter
+from station.jobs import at_once
 from station.lab import StationLab
+from station.signals import EXIT_DEVICE
+
+if TYPE_CHECKING:
+    from station.app import StationApp
 
 CONFIG = Path("station.toml")
+PATIENCE_S = 3.0
+"""How long the application may take to leave, and a run to write its last line."""
 
 
 def run_app(*, simulate: bool, config: Path | None, sessions: Path, seed: int) -> None:
     """Run the application until the operator leaves it; exits with its code. Raises BadParameter without a terminal."""
     if not (sys.stdin.isatty() and sys.stdout.isatty() and sys.stderr.isatty()):
-        raise BadParameter("the application needs a terminal", "start it in one, or see the commands: station --help")
+        raise BadParameter("the application needs a terminal", "start it in one, or use station --plain")
     from station.app import StationApp, share_the_lock
 
     lab = StationLab(sessions=sessions, config=config or usual_config(), simulate=simulate, seed=seed)
     app = StationApp(lab)
     share_the_lock()
+    _end_with_the_terminal(app, lab)
     try:
         code = app.run()
     finally:
         if app.return_code != 0:
             lab.emergency_stop()  # whatever ended it may have left something moving
+        app.finish(PATIENCE_S)
         lab.close()
     raise click.exceptions.Exit(code if code is not None else app.return_code or 0)
+
+
+def _end_with_the_terminal(app: StationApp, lab: StationLab) -> None:
+    """SIGTERM, and SIGHUP of a terminal or an ssh line that is gone: stop the bench, then leave, whatever hangs."""
+
+    def end() -> None:
+        app.terminate()
+        time.sleep(PATIENCE_S)  # it leaves by itself, unless it waits for a terminal that takes nothing any more
+        app.finish(PATIENCE_S)
+        lab.close()
+        os._exit(EXIT_DEVICE)
+
+    def hear(number: int, frame: FrameType | None) -> None:
+        at_once(end)
+
+    for name in ("SIGTERM", "SIGHUP"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), hear)
 
 
 def usual_config() -> Path | None:

@@ -62,13 +62,6 @@ class BenchScreen(StationScreen):
 
     COMMANDS_HERE = BENCH
     BINDINGS: ClassVar[list[BindingType]] = bindings(BENCH)
-    CSS = """
-    BenchScreen #rows { height: auto; max-height: 50%; }
-    BenchScreen #hand { height: 1fr; margin-top: 1; }
-    BenchScreen #axes { width: 42; height: 100%; }
-    BenchScreen #wire { width: 1fr; height: 100%; padding-left: 1; }
-    BenchScreen #said { height: auto; max-height: 3; }
-    """
 
     def __init__(self) -> None:
         super().__init__()

@@ -27,12 +27,6 @@ class Dialog(ModalScreen[int | None]):
     """A box over the screen; Escape closes it."""
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "dismiss(None)", show=False)]
-    CSS = """
-    Dialog { align: center middle; }
-    Dialog > Vertical { width: 90%; max-width: 100; height: auto; max-height: 90%; padding: 1 2; background: $surface; }
-    Dialog VerticalScroll { height: auto; max-height: 100%; }
-    Dialog Choices { margin-top: 1; }
-    """
 
 
 class Help(Dialog):

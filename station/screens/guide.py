@@ -41,21 +41,6 @@ class GuideScreen(StationScreen):
 
     COMMANDS_HERE = GUIDE
     BINDINGS: ClassVar[list[BindingType]] = bindings(GUIDE)
-    CSS = """
-    GuideScreen #rail { width: 26; padding: 0 1 0 0; height: 100%; }
-    GuideScreen #main { width: 1fr; height: 100%; }
-    GuideScreen #middle { height: 1fr; }
-    GuideScreen #instruction { height: auto; max-height: 5; margin-bottom: 1; }
-    GuideScreen #sight { height: 1fr; }
-    GuideScreen #picture { width: 1fr; height: 100%; }
-    GuideScreen #numbers { width: 28; height: 100%; padding-left: 1; }
-    GuideScreen #curve { height: 10; display: none; }
-    GuideScreen.-wide #numbers { width: 40; }
-    GuideScreen.-wide #curve { height: 14; }
-    GuideScreen #progress { height: auto; min-height: 1; max-height: 2; }
-    GuideScreen #trouble { height: auto; max-height: 4; display: none; }
-    GuideScreen AnswerBox { height: auto; min-height: 2; }
-    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -104,6 +89,11 @@ class GuideScreen(StationScreen):
         """The step that was done last."""
         return self._done[-1] if self._done else None
 
+    def _before(self, name: str) -> tuple[str, ...]:
+        """The steps that are done before this one: those after it are to be done again."""
+        steps = [step.name for step in self._began.plan.steps] if self._began is not None else []
+        return tuple(one for one in self._done if one in steps[: steps.index(name)]) if name in steps else self._done
+
     # --- what the run tells
 
     @singledispatchmethod
@@ -120,7 +110,7 @@ class GuideScreen(StationScreen):
     @show.register
     def _(self, began: StepBegan) -> None:
         self._now = began.step.name
-        self._done = tuple(name for name in self._done if name != self._now)
+        self._done = self._before(began.step.name)
         self.query_one("#trouble", Part).say("")
         words = (literal(began.step.title, "bold"), began.step.instruction)
         self.query_one("#instruction", Part).update(lines_of(*words, *self._verdict))

@@ -54,18 +54,6 @@ class ResultsScreen(StationScreen):
 
     COMMANDS_HERE = RESULTS
     BINDINGS: ClassVar[list[BindingType]] = bindings(RESULTS)
-    CSS = """
-    ResultsScreen #middle { height: 1fr; }
-    ResultsScreen #list { width: 28; height: 100%; padding-right: 1; }
-    ResultsScreen.-wide #list { width: 44; }
-    ResultsScreen #found { height: auto; }
-    ResultsScreen #shown { width: 1fr; height: 100%; }
-    ResultsScreen #pictures { height: 1fr; min-height: 7; }
-    ResultsScreen Picture { width: 20; height: 100%; margin-right: 1; }
-    ResultsScreen.-wide Picture { width: 32; }
-    ResultsScreen CurveView { width: 1fr; height: 100%; }
-    ResultsScreen #numbers { height: auto; max-height: 12; }
-    """
 
     def __init__(self, sessions: Path) -> None:
         super().__init__()

@@ -31,12 +31,6 @@ class StartScreen(StationScreen):
         Binding("up", "app.focus_previous", show=False),
     ]
 
-    CSS = """
-    StartScreen #form { padding: 0 2; height: 1fr; }
-    StartScreen .label { margin-top: 1; }
-    StartScreen Choices { height: auto; }
-    """
-
     class Begin(Message):
         """A new session is wanted."""
 

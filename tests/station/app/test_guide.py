@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from drivers.errors import MoveFailed
+from drivers.errors import BadConfiguration, MoveFailed
 from procedures.plan import Ask
 from station.app import StationApp
 from station.glyphs import ASCII, UNICODE
-from station.lab import Kept
+from station.lab import Kept, Opened
 from station.operator import CurveSeen, Doing, RunEnded, Stopped, Trouble
 
 from .driving import Driver, drive
@@ -207,6 +207,39 @@ def test_ending_at_a_question_ends_at_once(tmp_path):
         await driver.until("go on where it stopped")
 
     drive(StationApp(FakeLab(tmp_path, whole)), use)
+
+
+def test_taking_the_shots_again_shows_what_is_to_do_again(tmp_path):
+    def again(run: FakeRun) -> RunEnded:
+        for name in STEPS:
+            run.step(name)
+        run.step("focus", WIDTH)
+        return RunEnded("finished")
+
+    async def use(driver: Driver) -> None:
+        await driver.begin()
+        await driver.until(WIDTH.question)
+        assert driver.text.count("done") == 2
+        assert driver.text.count("to do") == 1
+
+    drive(StationApp(FakeLab(tmp_path, again)), use)
+
+
+def test_a_bench_that_cannot_be_opened_is_a_sentence(tmp_path):
+    lab = FakeLab(tmp_path, whole)
+
+    def missing() -> Opened:
+        raise BadConfiguration("there is no station.toml", "write one, or use --simulate")
+
+    lab.open = missing  # type: ignore[method-assign]
+
+    async def use(driver: Driver) -> None:
+        await driver.until("there is no station.toml")
+        await driver.until("the bench could not be opened")
+        await driver.press("f3")
+        await driver.until("No bench is configured")
+
+    drive(StationApp(lab), use, (120, 40))
 
 
 def test_stepping_back_opens_the_step_before_again(tmp_path):

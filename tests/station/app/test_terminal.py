@@ -1,0 +1,96 @@
+"""The program before a real terminal: a pseudo-terminal that is typed into, closed, or never there."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import pty
+import select
+import signal
+import struct
+import subprocess
+import sys
+import termios
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[3]
+PATIENCE_S = 60.0
+
+
+class Terminal:
+    """`station --simulate` in a terminal of 80 x 24."""
+
+    def __init__(self, folder: Path) -> None:
+        self.master, slave = pty.openpty()
+        fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
+        environ = {**os.environ, "TERM": "xterm-256color", "PYTHONPATH": str(ROOT)}
+        self.program = subprocess.Popen(
+            [sys.executable, "-m", "station", "--simulate", "--sessions", str(folder)],
+            stdin=slave, stdout=slave, stderr=slave, env=environ, start_new_session=True,
+            preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+        )  # fmt: skip
+        os.close(slave)
+        self.open = True
+
+    def wait_for(self, text: str) -> None:
+        seen, end = b"", time.monotonic() + PATIENCE_S
+        while text.encode() not in seen:
+            assert time.monotonic() < end, f"waited in vain for {text}"
+            if select.select([self.master], [], [], 1.0)[0]:
+                seen += os.read(self.master, 65536)
+
+    def press(self, keys: bytes) -> None:
+        os.write(self.master, keys)
+
+    def hang_up(self) -> None:
+        if self.open:
+            os.close(self.master)
+            self.open = False
+
+
+@pytest.fixture
+def terminal(tmp_path: Path) -> Iterator[Terminal]:
+    one = Terminal(tmp_path / "sessions")
+    yield one
+    one.program.kill()
+    one.program.wait()
+    one.hang_up()
+
+
+def test_it_is_painted_and_left_by_a_key(terminal):
+    terminal.wait_for("press Enter to begin")
+    terminal.press(b"\x11")
+    terminal.wait_for("\x1b[?1049l")  # the shell's screen is back
+    assert terminal.program.wait(PATIENCE_S) == 0
+
+
+def test_a_terminal_that_is_gone_ends_the_program_and_its_run(terminal, tmp_path):
+    terminal.wait_for("head: the stage")
+    for _ in range(3):
+        terminal.press(b"\r")
+        time.sleep(0.2)
+    terminal.wait_for("How wide")
+    terminal.hang_up()
+    assert terminal.program.wait(PATIENCE_S) == 3
+    (journal,) = (tmp_path / "sessions").glob("*/journal.jsonl")
+    assert '"ended"' in journal.read_text().splitlines()[-1]
+
+
+def test_the_systems_end_leaves_the_terminal_as_it_was(terminal):
+    terminal.wait_for("press Enter to begin")
+    terminal.program.send_signal(signal.SIGTERM)
+    terminal.wait_for("\x1b[?1049l")
+    assert terminal.program.wait(PATIENCE_S) == 3
+
+
+def test_without_a_terminal_it_says_so(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-m", "station", "--sessions", str(tmp_path)], stdin=subprocess.DEVNULL, capture_output=True,
+        text=True, env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert "needs a terminal" in done.stderr
