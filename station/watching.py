@@ -147,7 +147,7 @@ class Watching:
         """Whether the shot counts, and why not; what it gives is added to the results."""
         advice = self._talk.attempt(lambda: shoot.check(taken.frame, taken.facts))
         if advice.good:
-            self._talk.hear(Doing(f"estimating from shot {taken.shot.number}", len(results), shoot.most))
+            self._talk.hear(Doing(f"estimating from shot {taken.shot.number}"))
             found = self._talk.attempt(lambda: shoot.estimate(taken.frame, taken.facts))
             refused = [one for one in found.values() if one.verdict is Verdict.REFUSED]
             if len(refused) < len(found):

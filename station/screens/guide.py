@@ -158,6 +158,7 @@ class GuideScreen(StationScreen):
 
     @show.register
     def _(self, judged: Judged) -> None:
+        self._doing_last = False
         result = judged.result
         planes = [f"{name}: {verdict_words(verdict, self.glyphs)}" for name, verdict in result.verdicts.items()]
         words = [f"{verdict_words(result.verdict, self.glyphs)}   {'   '.join(planes)}", result.reason, result.remedy]
