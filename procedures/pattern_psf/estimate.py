@@ -24,7 +24,7 @@ from procedures.pattern_psf.detection import Sighting, check_usable, find_chart
 from procedures.pattern_psf.gamma import gamma, gamma_bound
 from procedures.pattern_psf.observation import noise_window, observe
 from procedures.pattern_psf.radiometry import Light, measure_light
-from procedures.pattern_psf.refine import Fit, refine, without_outliers
+from procedures.pattern_psf.refine import GEOMETRY, Fit, refine, without_outliers
 from procedures.pattern_psf.registration import (
     Registration,
     block_size_px,
@@ -262,7 +262,7 @@ def _centre_covariance(fit: Fit, covariance: Array, forth: Array) -> Array:
     o, equations = fit.observation, fit.equations
     middle = fit.registration.to_sensor(np.full((1, 2), CELLS / 2))
     monomials = fit.registration.monomials(middle)[0] - o.cubics.mean(axis=0)
-    displaced, n = np.kron(np.eye(2), monomials), 2 * len(monomials)
+    displaced, n = np.kron(np.eye(2), monomials), GEOMETRY
     if len(equations.ZZ) < n:  # other cells than the chart's: nothing was refined, and the result is refused
         return np.full((2, 2), np.nan)
     with_h = np.linalg.solve(equations.ZZ, equations.AZ.T)[:n] * fit.h.sum()
