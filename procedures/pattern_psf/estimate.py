@@ -260,13 +260,13 @@ def _centre_covariance(fit: Fit, covariance: Array, forth: Array) -> Array:
     displacement's own come on top. Those count from the samples' mean, which stays in place, to the chart's centre.
     """
     o, equations = fit.observation, fit.equations
+    if len(equations.ZZ) < GEOMETRY:  # other cells than the chart's: nothing was refined, and the result is refused
+        return np.full((2, 2), np.nan)
     middle = fit.registration.to_sensor(np.full((1, 2), CELLS / 2))
     monomials = fit.registration.monomials(middle)[0] - o.cubics.mean(axis=0)
-    displaced, n = np.kron(np.eye(2), monomials), GEOMETRY
-    if len(equations.ZZ) < n:  # other cells than the chart's: nothing was refined, and the result is refused
-        return np.full((2, 2), np.nan)
-    with_h = np.linalg.solve(equations.ZZ, equations.AZ.T)[:n] * fit.h.sum()
-    own = np.linalg.inv(equations.ZZ)[:n, :n] * fit.residual_std**2
+    displaced = np.kron(np.eye(2), monomials)
+    with_h = np.linalg.solve(equations.ZZ, equations.AZ.T)[:GEOMETRY] * fit.h.sum()
+    own = inverse(equations.ZZ)[:GEOMETRY, :GEOMETRY] * fit.residual_std**2
     moved = forth + displaced @ with_h
     return np.asarray(moved @ covariance @ moved.T + displaced @ own @ displaced.T)
 
