@@ -18,8 +18,8 @@ from procedures.psf import Psf
 Array = npt.NDArray[np.float64]
 
 SHAPE = 0.06
-"""Relative uncertainty of the tail's energy beyond its noise: no true tail is quite 1 / r^3. On a simulated lens at f/5.6
-without noise the energy came out 5 % too large."""
+"""Relative uncertainty of the tail's energy beyond its noise: no true tail is quite 1 / r^3. On a simulated lens at
+f/5.6 without noise the energy came out 5 % too large."""
 STEP = 0.005
 """Cycles per pixel between the frequencies among which MTF50 is interpolated."""
 
