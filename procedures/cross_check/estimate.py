@@ -24,6 +24,8 @@ CLEAR_PX = 2.5
 """Pixels that are left out beside everything else that is printed: the PSF reaches over its border."""
 LEAST_CONTRAST = 0.4
 """Of the chart's: what is fainter is no printed edge, but what lies behind a chart without one."""
+MORE = 0.1
+"""By what share the tail is enlarged to see what hangs on it."""
 WIDEST_BLOCKS = 1.8
 """The plains' width, where they are widest."""
 ASIDE_CELLS, ASIDE_PX = 3.0, 3.0
@@ -81,14 +83,25 @@ def _measured(plane: Plane, found: PatternPsf, i: int) -> EdgeMtf | None:
     alone = without_surroundings(plane.samples, strip, first.course, density)
     # the tail's line spread function is 2 A / d^2, the edge's approach to its plains 2 A / d
     edge = measure(replace(strip, samples=alone, tail_px=2 * density), line).value
-    if edge is None or "mtf50" not in edge.numbers:
+    other = measure(replace(strip, samples=alone, tail_px=2 * density * (1 + MORE)), line).value
+    if edge is None or "mtf50" not in edge.numbers or other is None or "mtf50" not in other.numbers:
         return None
+    edge = _with_tail_uncertainty(edge, other, found)
     cells = found.registration.to_pattern(edge.course)
     across, along = cells[:, i], cells[:, 1 - i]
     start, end = EDGES[i]
     expected = start[i] + (end - start)[i] * along / CELLS
     aside = max(ASIDE_CELLS, ASIDE_PX / _cell_px(found))
     return edge if np.abs(across - expected).max() < aside else None
+
+
+def _with_tail_uncertainty(edge: EdgeMtf, other: EdgeMtf, found: PatternPsf) -> EdgeMtf:
+    """The edge's MTF50 with what the tail's uncertainty adds to its own; `other` had a tail larger by `MORE`."""
+    own = edge.numbers["mtf50"]
+    slope = (other.numbers["mtf50"].value - own.value) / MORE
+    of_tail = slope * min(found.tail.relative_uncertainty, 1.0)
+    whole = replace(own, uncertainty=math.hypot(own.uncertainty, of_tail))
+    return replace(edge, numbers={**edge.numbers, "mtf50": whole})
 
 
 def _cell_px(found: PatternPsf) -> float:

@@ -17,6 +17,9 @@ from procedures.psf import Psf
 
 Array = npt.NDArray[np.float64]
 
+SHAPE = 0.06
+"""Relative uncertainty of the tail's energy beyond its noise: no true tail is quite 1 / r^3. On a simulated lens at
+f/5.6 without noise the energy came out 5 % too large."""
 STEP = 0.005
 """Cycles per pixel between the frequencies among which MTF50 is interpolated."""
 
@@ -36,6 +39,12 @@ class Tail:
     energy: float
     covariance: Array
     variance: float
+
+    @property
+    def relative_uncertainty(self) -> float:
+        """Of its energy, noise and shape together; infinite where there is no tail."""
+        noise = self.variance**0.5 / abs(self.energy) if self.energy else np.inf
+        return float(np.hypot(noise, SHAPE))
 
     def density_px(self, psf: Psf) -> float:
         """A of the tail A / r^3 per square pixel, r in pixels, where all light is 1."""
@@ -65,7 +74,11 @@ def mtf50_along(psf: Psf, tail: Tail, angle_deg: float, n: int) -> Quantity | No
     of_tail = (np.real(phase * beyond) - mtf * whole)[[i - 1, i]] / light
     share = np.array([1 - t, t])
     h, e = share @ of_h, float(share @ of_tail)
-    variance = h @ psf.covariance @ h + 2 * e * float(h @ tail.covariance) + e * e * tail.variance
+    variance = (
+        h @ psf.covariance @ h
+        + 2 * e * float(h @ tail.covariance)
+        + e * e * (tail.variance + (SHAPE * tail.energy) ** 2)
+    )
     steepness = (mtf[i - 1] - mtf[i]) / STEP
     return Quantity(
         float((i - 1 + t) * STEP),

@@ -21,7 +21,7 @@ from procedures.slanted_edge.course import Course, find_course
 from procedures.slanted_edge.find import find_edges
 from procedures.slanted_edge.profile import Profile, edge_profile
 from procedures.slanted_edge.refinement import refine_course
-from procedures.slanted_edge.resampling import resampled_mtf
+from procedures.slanted_edge.resampling import expected_noise, resampled_mtf
 from procedures.slanted_edge.strip import Line, Roi, Strip, strip_of
 from procedures.slanted_edge.transfer import FREQUENCIES, frequency_at, mtf_of
 from procedures.slanted_edge.trust import check_course, check_samples, judge
@@ -109,7 +109,8 @@ def measure(strip: Strip, line: Line | None = None) -> Outcome[EdgeMtf]:
         check_course(strip, course)
     except Refused as refusal:
         return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
-    profile, mtf, draws = _through_windows(strip, course)
+    profile, mtf = _through_windows(strip, course)
+    draws = resampled_mtf(profile)
     mtf50 = float(frequency_at(mtf, 0.5))
     uncertainty = float(np.nanstd(frequency_at(draws, 0.5))) if np.isfinite(mtf50) else np.inf
     verdict, reason, remedy = judge(course, profile, mtf50, uncertainty)
@@ -118,8 +119,8 @@ def measure(strip: Strip, line: Line | None = None) -> Outcome[EdgeMtf]:
     return Outcome(_result(strip, course, profile, mtf, draws), verdict, reason, remedy)
 
 
-def _through_windows(strip: Strip, course: Course) -> tuple[Profile, Array, Array]:
-    """Profile, MTF and MTFs drawn anew through the widest window that the noise allows.
+def _through_windows(strip: Strip, course: Course) -> tuple[Profile, Array]:
+    """Profile and MTF through the widest window that the noise allows.
 
     A wide window holds most of what a lens throws far, a narrow one lets least noise through. Which it is depends on
     the noise alone, not on the answer: a choice by the answers made the error 1.4 times as large.
@@ -127,15 +128,13 @@ def _through_windows(strip: Strip, course: Course) -> tuple[Profile, Array, Arra
     end = np.inf
     for widening in WIDENINGS:
         profile = edge_profile(strip, course, widening)
-        last = widening == WIDENINGS[-1]
-        if profile.end_px > end / 1.2 and not last:
+        if profile.end_px > end / 1.2 and widening != WIDENINGS[-1]:
             continue
         end = profile.end_px
         mtf = mtf_of(profile.esf, np.asarray(profile.tail), profile.flat_px, profile.end_px)
-        draws = resampled_mtf(profile)
-        if np.nanstd(frequency_at(draws, 0.5)) < SURE * frequency_at(mtf, 0.5):
+        if expected_noise(profile, float(frequency_at(mtf, 0.5))) < SURE:
             break
-    return profile, mtf, draws
+    return profile, mtf
 
 
 def _result(strip: Strip, course: Course, profile: Profile, mtf: Array, draws: Array) -> EdgeMtf:

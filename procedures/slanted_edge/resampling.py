@@ -9,12 +9,13 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from procedures.slanted_edge.profile import Profile, filled, solve_light
+from procedures.slanted_edge.course import tukey
+from procedures.slanted_edge.profile import BINS, Profile, filled, solve_light
 from procedures.slanted_edge.transfer import mtf_of
 
 Array = npt.NDArray[np.float64]
 
-DRAWS = 200
+DRAWS = 300
 SEED = 12233
 
 
@@ -40,3 +41,15 @@ def resampled_mtf(profile: Profile, draws: int = DRAWS) -> Array:
     own = mtf_of(profile.esf, np.asarray(profile.tail), profile.flat_px, profile.end_px)
     m = max(float(np.mean(profile.counts.sum(axis=0)[profile.counts.sum(axis=0) > 0])), 2.0)
     return np.asarray(own + (drawn - own) * np.sqrt((m + 1) / (m - 1)))
+
+
+def expected_noise(profile: Profile, mtf50: float) -> float:
+    """Relative uncertainty of MTF50 to expect of this noise through this window, before rows are drawn; NaN stays.
+
+    Differences of bins of noise s have the spectrum 2 pi f s / BINS times the window's norm; half of its power is
+    along the transfer function, which falls by some 0.65 for a relative step of frequency where it is one half.
+    """
+    counts = profile.counts.sum(axis=0)
+    bin_noise = profile.noise / abs(profile.contrast) / np.sqrt(max(float(counts[counts > 0].mean()), 1.0))
+    window = float(np.linalg.norm(tukey(profile.centres, profile.flat_px, profile.end_px)))
+    return float(2 * np.pi * mtf50 / BINS * bin_noise * window / (2**0.5 * 0.65))

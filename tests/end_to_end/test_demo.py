@@ -70,6 +70,17 @@ def test_true_mtf50_lies_within_the_uncertainties(demonstration):
     assert np.mean(np.abs(off) < 2.5) >= 0.95
 
 
+def test_printed_edges_check_the_psf_where_the_lens_blurs_alike(demonstration):
+    # in the middle of the frame the PSF is the same over chart and edges
+    for setup in SETUPS[:2]:
+        record = json.loads((demonstration.out / "results" / setup.name / "result.json").read_text())
+        checks = [check for plane in record["planes"].values() for check in plane["edges"]]
+        assert len(checks) == 2 * len(PLANES)
+        assert abs(np.mean([check["difference"] for check in checks])) < 0.01
+        assert max(abs(check["sigmas"]) for check in checks) < 3.5
+    assert "MTF50 across the near-vertical edge" in (demonstration.out / "index.html").read_text()
+
+
 def test_centres_are_where_the_marks_are_seen(demonstration):
     assert max(np.hypot(*plane["centre_px"]) for plane in planes(demonstration)) < 0.03
 

@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
-from procedures.outcome import BadParameter, Verdict
+from procedures.outcome import BadParameter, Outcome, Quantity, Verdict
+from procedures.physics.estimate import Physics
 from procedures.psf import Psf
 from station.pictures import psf_picture
 from station.results import PlaneRecord, ResultFolder, write_psf_result
@@ -23,6 +24,19 @@ def delta(k, row, column):
     h = np.zeros((k, k))
     h[row, column] = 1.0
     return h
+
+
+def test_physics_of_a_psf_stands_in_its_plane(tmp_path):
+    h = delta(3, 1, 1)
+    number = Quantity(0.95, "pixel", 0.01, "known", 9)
+    physics = Physics("square", "four spots", None, {"side": number}, 250.0, 240, 0.001, h, (("square", 0.0),))
+    record = PlaneRecord("G1", Verdict.PASS, psf=psf_of(h), physics=Outcome(physics, Verdict.DOUBTFUL, "why", "what"))
+    with ResultFolder(tmp_path) as folder:
+        told = json.loads(write_psf_result(folder, [record], {}))["planes"]["G1"]["physics"]
+    assert (told["verdict"], told["reason"], told["remedy"]) == ("doubtful", "why", "what")
+    assert (told["aperture"], told["low_pass_filter"], told["missing_corner_deg"]) == ("square", "four spots", None)
+    assert told["side"]["value"] == 0.95
+    assert told["candidates"] == [{"model": "square", "criterion": 0.0}]
 
 
 def test_nothing_is_visible_before_it_is_published(tmp_path):

@@ -49,6 +49,13 @@ def test_files_of_the_contract_are_written(run, estimator, photograph, bits, tmp
     assert float(rows[-1].split(",")[0]) == 2  # s/2 cycles/pixel
 
 
+def test_physics_needs_pitch_and_aperture(run, estimator, photograph, tmp_path):
+    done = run("psf", "pattern", photograph, "--physics", "--out", tmp_path / "out")
+    assert done.exit_code == 2
+    assert "--pixel-pitch-um" in done.output
+    assert not estimator.asked
+
+
 def test_record_follows_the_schema(run, estimator, photograph, bits, tmp_path):
     run("psf", "pattern", photograph, "--bits", bits, "--solver", "nnls", "--out", tmp_path)
     record = json.loads((tmp_path / "result.json").read_text())
