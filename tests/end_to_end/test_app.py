@@ -39,7 +39,7 @@ async def from_start_to_result(app: StationApp) -> GuideScreen:
         while time.monotonic() < end:
             await pilot.pause(0.02)
             guide = next((one for one in app.screen_stack if isinstance(one, GuideScreen)), None)
-            if guide is not None and guide.finished:
+            if guide is not None and guide.finished and app.running("run") is None:
                 break
             if guide is not None and guide.answers.open:
                 await answer(app, pilot, guide)
@@ -59,3 +59,4 @@ def test_keys_lead_from_the_first_screen_to_an_accepted_result(tmp_path):
     assert {plane["verdict"] for plane in record["planes"].values()} == {"pass"}
     (kept,) = lab.kept()
     assert kept.ended == "finished"
+    assert (kept.folder / "report.html").is_file()
