@@ -13,7 +13,6 @@ from functools import partial
 
 import numpy as np
 from scipy.linalg import eigh
-from scipy.ndimage import map_coordinates
 from scipy.optimize import nnls
 from scipy.signal import fftconvolve
 
@@ -197,8 +196,11 @@ def reach(masks: Array) -> float:
 
 
 def as_shape(mask: Array, half_width: float, size: int = 257) -> Array:
-    """The mask as a shape on [-1, 1], its half-width at 1: what (5.3) stretches to every other depth."""
+    """The mask as a shape on [-1, 1], its half-width at 1: what (5.3) stretches to every other depth.
+
+    Even over every pixel, so that the mask itself comes back where the shape is stretched to it; interpolated, it would
+    be blurred by a pixel once more.
+    """
     R = mask.shape[0] // 2
-    at = np.linspace(-1, 1, size) * half_width + R
-    shape = map_coordinates(mask, np.meshgrid(at, at, indexing="ij"), order=1)
-    return np.asarray(np.clip(shape, 0, None))
+    at = np.clip(np.floor(np.linspace(-1, 1, size) * half_width + R + 0.5), 0, 2 * R).astype(int)
+    return np.asarray(np.clip(mask[np.ix_(at, at)], 0, None))

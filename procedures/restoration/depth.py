@@ -177,11 +177,13 @@ def least_level(cost: F32, levels: Array) -> Array:
 
 def confidence_of(cost: F32, apart: int = 3) -> Array:
     """1 - least cost / least cost at least `apart` levels from it: near 0 where the texture decides nothing."""
-    best = cost.argmin(axis=2)[..., None]
-    low = np.take_along_axis(cost, best, axis=2)[..., 0]
-    far = np.abs(np.arange(cost.shape[2]) - best) >= apart
-    second = np.where(far, cost, np.inf).min(axis=2)
-    return np.asarray(np.clip(1 - low / np.maximum(second, 1e-20), 0, 1), dtype=np.float64)
+    found = np.empty(cost.shape[:2])
+    levels = np.arange(cost.shape[2])
+    for y, row in enumerate(cost):  # row by row: a second volume of a large photograph would not fit beside the first
+        best = row.argmin(axis=1)[:, None]
+        second = np.where(np.abs(levels - best) >= apart, row, np.inf).min(axis=1)
+        found[y] = 1 - np.take_along_axis(row, best, axis=1)[:, 0] / np.maximum(second, 1e-20)
+    return np.clip(found, 0, 1)
 
 
 def algorithm_3(
@@ -219,9 +221,13 @@ def matched(
     """
     m = matching or Matching()
     levels = levels_of(stacks, least, m.step)
-    volume = cost_volume(z, stacks, sigmas, levels, m.window, even=m.even) / (z.shape[1] * len(z) * (len(z) - 1) // 2)
+    volume = cost_volume(z, stacks, sigmas, levels, m.window, even=m.even)
+    volume /= z.shape[1] * len(z) * (len(z) - 1) // 2
     confidence = confidence_of(volume)
-    volume = (m.cap * (1 - np.exp(-volume / m.cap))).astype(np.float32)
+    # in place: cap (1 - exp(-cost / cap))
+    volume /= -m.cap
+    np.expm1(volume, out=volume)
+    volume *= -m.cap
     volume *= _inside(z.shape[2:], stacks[0].R)[..., None]
     w = least_level(semi_global(volume, m.small, m.large), levels)
     return DepthStart(np.asarray(median_filter(w, m.median)), confidence)

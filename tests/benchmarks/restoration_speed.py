@@ -1,12 +1,13 @@
 """Speed of restoration: one space-variant convolution against the machine's own peak and a NumPy loop; a whole scheme.
 
-`python tests/benchmarks/restoration_speed.py [--scheme]`
+`python tests/benchmarks/restoration_speed.py [--scheme] [--memory MEGAPIXELS]`
 """
 
 from __future__ import annotations
 
 import os
 import platform
+import resource
 import sys
 import time
 from collections.abc import Callable
@@ -19,6 +20,7 @@ from scipy.ndimage import gaussian_filter
 from procedures.restoration.blur_models import mask_stack, path_shape
 from procedures.restoration.estimate import RestorationParameters, restore
 from procedures.restoration.forward import Blur
+from procedures.restoration.scheme import Scheme
 
 SHAPE = (650, 730)
 RUNS = 5
@@ -98,6 +100,8 @@ def main() -> None:
     print(f"  NumPy loop over mask entries {slow:.2f} s: {slow / seconds:.0f} x   bound 50 x")
     if "--scheme" in sys.argv:
         scheme(stacks)
+    if "--memory" in sys.argv:
+        memory(stacks, float(sys.argv[sys.argv.index("--memory") + 1]))
 
 
 def scheme(stacks: list) -> None:  # type: ignore[type-arg]
@@ -117,6 +121,25 @@ def scheme(stacks: list) -> None:  # type: ignore[type-arg]
     found = restore(photographs, stacks, RestorationParameters())
     seconds = time.perf_counter() - start
     print(f"restore {SHAPE[1]}x{SHAPE[0]}, 20x(8+10)+5x20: {seconds:.1f} s, {found.verdict}   bound 90 s on two cores")
+
+
+def memory(stacks: list, megapixels: float) -> None:  # type: ignore[type-arg]
+    """Peak memory of a colour pair, one round of the scheme: all arrays of the longer ones are those of this one."""
+    side = int(np.sqrt(megapixels * 1e6))
+    rng = np.random.default_rng(2)
+    R = stacks[0].R
+    u = 0.5 + 0.2 * np.sign(gaussian_filter(rng.standard_normal((side + 2 * R, side + 2 * R)), 4)).astype(np.float32)
+    w = np.full(u.shape, 4.0, np.float32)
+    w[side // 2 :] = 5.0
+    photographs = []
+    for stack in stacks:
+        blur = Blur(stack, (side, side), np.float32)
+        blur.focus(w)
+        grey = blur.blur(u) + 0.0015 * rng.standard_normal((side, side)).astype(np.float32)
+        photographs.append(np.stack([grey, 0.8 * grey, 0.6 * grey]))
+    restore(photographs, stacks, RestorationParameters(scheme=Scheme(2, 2, 2, 1, 2)))
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+    print(f"colour pair of {megapixels:g} megapixels: peak {peak:.2f} GiB   bound 4 GiB at 4 megapixels")
 
 
 if __name__ == "__main__":

@@ -54,7 +54,8 @@ def test_the_support_is_found(flat, found):
 
 def test_shapes_stretch_back_to_the_masks(found):
     again = mask(found.shapes[0], found.half_width, len(found.masks[0]) // 2 + 1)
-    assert likeness(again, found.masks[0]) > 0.9  # read linearly twice
+    # eleven samples per pixel, the shape's own samples fall a few hundredths of a pixel beside them
+    assert likeness(again, found.masks[0]) > 0.998
 
 
 def test_true_masks_satisfy_the_cross_relation(flat):
