@@ -168,6 +168,30 @@ class Shoot:
 
 
 @dataclass(frozen=True)
+class Stop:
+    """One place of a tour: its name, which its shots bear as their purpose; how to get there; whether a shot counts.
+
+    What `check` advises against a shot is followed before the next try.
+    """
+
+    name: str
+    go: Go
+    check: Callable[[RawFrame, Facts], Advice]
+
+
+@dataclass(frozen=True)
+class Tour:
+    """One shot that counts at each of several places. A place that has one already is not visited again.
+
+    `stops` is a function of what was known before the tour, so that an interrupted one goes on with the same places.
+    After `tries` shots that do not count the operator decides: leave the place out, try again, or stop.
+    """
+
+    stops: Callable[[Facts], Sequence[Stop]]
+    tries: int = 4
+
+
+@dataclass(frozen=True)
 class Estimate:
     """Draw the result from all shots that count, by plane, and judge it."""
 
@@ -181,7 +205,7 @@ class Decide:
     retake: str
 
 
-Request = Ask | Give | Home | Go | SetLight | Measure | Look | Scan | Shoot | Estimate | Decide
+Request = Ask | Give | Home | Go | SetLight | Measure | Look | Scan | Shoot | Tour | Estimate | Decide
 
 
 @dataclass(frozen=True)

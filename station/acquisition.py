@@ -30,6 +30,7 @@ from procedures.plan import (
     SetLight,
     Shoot,
     Step,
+    Tour,
 )
 from station.conversation import Conversation, Skipped
 from station.derive import derive
@@ -256,6 +257,10 @@ class Run:
     @_carry.register
     def _(self, shoot: Shoot) -> None:
         self._watching().shoot(shoot)
+
+    @_carry.register
+    def _(self, tour: Tour) -> None:
+        self._watching().tour(tour, self._carry)
 
     @_carry.register
     def _(self, estimate: Estimate) -> None:

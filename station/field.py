@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -82,9 +82,6 @@ class FieldResult:
     focus_refusal: str = ""
 
 
-Read = Callable[[Path], RawFrame]
-
-
 def measure(
     paths: Sequence[Path], names: Sequence[str] | None, chart: Chart, parameters: PatternParameters,
     told: Progress = silent,
@@ -104,6 +101,21 @@ def measure(
         else:
             _gather(found, *answer)
         told(path.name)
+    return found
+
+
+def measure_frames(frames: Iterable[RawFrame], chart: Chart, parameters: PatternParameters) -> Measured:
+    """The nodes of photographs that are read one after the other; their charts are shared out among the cores."""
+    found = Measured()
+    with ThreadPoolExecutor(os.cpu_count() or 1) as charts:
+        for frame in frames:
+            try:
+                nodes = measure_frame(frame, chart, parameters, charts.map)
+            except Refused as refusal:
+                found.misses.append(Miss(frame.path.name, refusal.reason, refusal.remedy))
+                found.failed.append(frame.path.name)
+            else:
+                _gather(found, _without_samples(frame), nodes)
     return found
 
 

@@ -3,23 +3,13 @@
 from __future__ import annotations
 
 import csv
-import json
 import math
-from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
 
 from procedures.outcome import BadInput, BadParameter
-
-JOURNAL = "journal.jsonl"
-ORIGINALS = "originals"
-SUFFIXES = frozenset(
-    f".{name}"
-    for name in (
-        *("3fr", "arw", "cr2", "cr3", "crw", "dng", "erf", "fff", "iiq", "k25", "kdc", "mef", "mos", "mrw", "nef"),
-        *("nrw", "orf", "pef", "raf", "raw", "rw2", "rwl", "sr2", "srf", "srw", "x3f", "pgm", "png", "tif", "tiff"),
-    )
-)
+from station.batch_frames import GREY_SUFFIXES, RAW_SUFFIXES
+from station.session_folder import ORIGINALS, inside, is_session
+from station.session_reading import read_session
 
 
 def photographs(folder: Path) -> list[Path]:
@@ -32,43 +22,24 @@ def photographs(folder: Path) -> list[Path]:
     """
     if not folder.is_dir():
         raise BadParameter(f"there is no folder {folder}", "name the folder of the photographs, or a session's")
-    journal = folder / JOURNAL
-    if journal.is_file():
-        found = _accepted(folder, journal)
-    else:
-        place = folder / ORIGINALS if (folder / ORIGINALS).is_dir() else folder
-        found = sorted(path for path in place.iterdir() if path.suffix.lower() in SUFFIXES and path.is_file())
-        found = [path for path in found if not path.name.startswith(".")]
+    session = is_session(folder)
+    found = _accepted(folder) if session else _plain(folder)
     if not found:
-        what = "accepted photographs" if journal.is_file() else "photographs"
+        what = "accepted photographs" if session else "photographs"
         raise BadParameter(f"there are no {what} in {folder}", "name a folder that holds RAW, PGM, PNG or TIFF files")
     return found
 
 
-def _accepted(folder: Path, journal: Path) -> list[Path]:
-    """The photographs of a session that count, in the order of their shots: a line tells a shot's path or judges it."""
-    paths: dict[int, str] = {}
-    counts: dict[int, bool] = {}
-    for line in _lines(journal):
-        shot = line.get("shot")
-        if not isinstance(shot, int):
-            continue
-        if isinstance(line.get("path"), str):
-            paths[shot] = line["path"]
-        if isinstance(line.get("counts"), bool):
-            counts[shot] = line["counts"]
-    return [folder / path for shot, path in sorted(paths.items()) if counts.get(shot)]
+def _accepted(folder: Path) -> list[Path]:
+    """The photographs of a session that count, in the order of their shots."""
+    return [inside(folder, shot.path) for shot in read_session(folder).state.counting()]
 
 
-def _lines(journal: Path) -> Iterator[Mapping[str, Any]]:
-    """The journal's entries; a last line that is not whole was being written when the power went."""
-    for text in journal.read_text(encoding="utf-8", errors="replace").splitlines():
-        try:
-            entry = json.loads(text)
-        except ValueError:
-            continue
-        if isinstance(entry, dict):
-            yield entry
+def _plain(folder: Path) -> list[Path]:
+    """The photographs that lie in the folder itself, or in its `originals`, by name."""
+    place = folder / ORIGINALS if (folder / ORIGINALS).is_dir() else folder
+    found = (path for path in place.iterdir() if path.suffix.lower() in RAW_SUFFIXES | GREY_SUFFIXES)
+    return sorted(path for path in found if path.is_file() and not path.name.startswith("."))
 
 
 def focus_positions(table: Path) -> dict[str, float]:

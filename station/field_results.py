@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -12,9 +12,11 @@ import numpy as np
 from procedures.field.chromatic import LateralColour
 from procedures.field.field_file import write_field
 from procedures.field.maps import FieldMap
+from procedures.outcome import Outcome
+from procedures.raw import RawFrame
 from station.field import FieldResult, PlaneField
 from station.field_page import field_page
-from station.results import ResultFolder, json_text, software, write_psf_result
+from station.results import PlaneRecord, ResultFolder, json_text, software, write_psf_result
 
 FILE, PAGE = "field.h5", "report.html"
 CANDIDATES_TOLD = 8
@@ -22,11 +24,32 @@ CANDIDATES_TOLD = 8
 
 def write_field_result(folder: ResultFolder, found: FieldResult, *, parameters: Mapping[str, Any], start: float) -> str:
     """Write all files; returns the record's text."""
+    about = {
+        "procedure": "field",
+        "input": [{"path": str(path), "sha256": sha256} for path, sha256 in found.measured.frames],
+        "parameters": dict(parameters),
+    }
+    return _write(folder, found, about, lambda: {"duration_s": round(time.perf_counter() - start, 3)})
+
+
+def write_result(
+    folder: ResultFolder, outcomes: Mapping[str, Outcome[Any]], frames: Sequence[RawFrame], about: Mapping[str, Any]
+) -> str:
+    """The result of a guided field: the same files, or the record of its refusal."""
+    found = next((one.value.field for one in outcomes.values() if one.value is not None), None)
+    if found is None:
+        refused = [PlaneRecord(name, one.verdict, one.reason, one.remedy) for name, one in outcomes.items()]
+        return write_psf_result(folder, refused, about)
+    return _write(folder, found, about, dict)
+
+
+def _write(
+    folder: ResultFolder, found: FieldResult, source: Mapping[str, Any], duration: Callable[[], Mapping[str, Any]]
+) -> str:
+    """All files; `source` tells procedure, input and parameters."""
     measured = found.measured
     about: dict[str, Any] = {
-        "procedure": "field",
-        "input": [{"path": str(path), "sha256": sha256} for path, sha256 in measured.frames],
-        "parameters": dict(parameters),
+        **source,
         "field": {
             "file": FILE,
             "frames": len(measured.frames),
@@ -42,7 +65,7 @@ def write_field_result(folder: ResultFolder, found: FieldResult, *, parameters: 
     if fitted:
         maps = {one.record.name: _maps(found, one) for one in found.planes}
         write_field(folder.staging / FILE, fitted, maps, found.colours, _provenance(about))
-    about["duration_s"] = round(time.perf_counter() - start, 3)
+    about |= duration()
     folder.write(PAGE, field_page(found, about, software()).encode())
     return write_psf_result(folder, [one.record for one in found.planes], about)
 

@@ -34,6 +34,11 @@ PLANS = {
         "the PSF from two photographs of a textured wall",
         ("scale", "gain", "noise", "residual_std"),
     ),
+    "field": Entry(
+        "station.field_guide",
+        "the PSF over the whole frame, from the chart at many places",
+        writer="station.field_results",
+    ),
     "restoration": Entry(
         "procedures.restoration.guide",
         "picture and depth from two blurred photographs",

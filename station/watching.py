@@ -1,15 +1,15 @@
-"""What a run does with photographs: look and mend until it is good, scan an axis, take shots until they are enough."""
+"""What a run does with photographs: look and mend until it is good, scan an axis, take shots that count."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from procedures.advice import time_words
 from procedures.outcome import Outcome, Verdict
-from procedures.plan import Advice, Look, Scan, Shoot
+from procedures.plan import Advice, Go, Look, Scan, Shoot, Stop, Tour
 from procedures.raw import RawFrame, read_frame
-from station.conversation import STOP, Conversation
+from station.conversation import AGAIN, STOP, Conversation, Skipped
 from station.exposing import Exposer, Taken, shot_facts
 from station.operator import CurveSeen, Doing, Seen, Stopped
 from station.rig import AT, Rig
@@ -17,6 +17,7 @@ from station.session import Session, Shot
 
 EXPOSURE = "exposure_ev"
 LOOK_AGAIN, GO_ON = "look again", "go on"
+LEAVE_OUT = "leave it out"
 PREVIEW = ("G1", "Y")
 """Of which plane a preview is shown."""
 Outcomes = Mapping[str, Outcome[Any]]
@@ -123,8 +124,7 @@ class Watching:
         """Shots until they are enough; those that an interrupted run took are looked at first. Raises Stopped."""
         results: list[Outcomes] = []
         for shot in self._earlier(shoot.purpose):
-            frame = self._talk.attempt(lambda shot=shot: read_frame(self._session.original(shot)))  # type: ignore[misc]
-            self._judge(shoot, Taken(shot, frame, {**self._talk.facts, **shot_facts(shot)}), results)
+            self._judge(shoot, self._read_again(shot), results)
         for _ in range(shoot.most):
             if results and self._enough(shoot, results):
                 return
@@ -136,6 +136,11 @@ class Watching:
         """The shots of this step and purpose that count, or were not judged before the interruption."""
         shots = self._session.state.shots
         return [s for s in shots if (s.step, s.purpose) == (self.step, purpose) and s.counts is not False]
+
+    def _read_again(self, shot: Shot) -> Taken:
+        """A photograph that an interrupted run took."""
+        frame = self._talk.attempt(lambda: read_frame(self._session.original(shot)))
+        return Taken(shot, frame, {**self._talk.facts, **shot_facts(shot)})
 
     def _enough(self, shoot: Shoot, results: list[Outcomes]) -> bool:
         advice = shoot.enough(results, self._talk.facts)
@@ -154,9 +159,64 @@ class Watching:
                 results.append(found)
             else:
                 advice = Advice(False, f"{refused[0].reason}: {refused[0].remedy}")
+        self._keep(taken, advice)
+        if not advice.good:
+            self._follow(advice, taken.frame)
+
+    def _keep(self, taken: Taken, advice: Advice) -> None:
+        """Whether the shot counts, for the session and the operator."""
         if advice.good:
             self._talk.learn(advice.facts)
         self._session.judge(taken.shot, advice.good, "" if advice.good else advice.say)
         self._show(taken.frame, advice)
-        if not advice.good:
-            self._follow(advice, taken.frame)
+
+    # --- one shot at each of several places
+
+    def tour(self, tour: Tour, go: Callable[[Go], None]) -> None:
+        """A shot that counts at each place where none was taken yet; `go` moves there. Raises Stopped."""
+        stops = tour.stops(self._talk.facts)
+        for number, stop in enumerate(stops, 1):
+            if self._visited(stop):
+                continue
+            self._talk.doing(stop.name, number, len(stops))
+            reason = self._visit(stop, tour.tries, go)
+            if reason:
+                self._session.note("left_out", step=self.step, place=stop.name, reason=reason)
+                self._talk.hear(Doing(f"{stop.name} is left out: {reason}"))
+
+    def _visited(self, stop: Stop) -> bool:
+        """Whether a shot of this place counts; one that was not judged before an interruption is judged now."""
+        for shot in self._earlier(stop.name):
+            if shot.counts is None:
+                taken = self._read_again(shot)
+                self._keep(taken, self._checked(stop, taken))
+        return any(shot.counts for shot in self._earlier(stop.name))
+
+    def _checked(self, stop: Stop, taken: Taken) -> Advice:
+        return self._talk.attempt(lambda: stop.check(taken.frame, taken.facts))
+
+    def _visit(self, stop: Stop, tries: int, go: Callable[[Go], None]) -> str:
+        """Go there and try until a shot counts: "", or why the place is left out."""
+        try:
+            go(stop.go)
+            while True:
+                for _ in range(tries):
+                    taken = self._exposer.take(stop.name, self.step)
+                    advice = self._checked(stop, taken)
+                    self._keep(taken, advice)
+                    if advice.good:
+                        return ""
+                    self._follow(advice, taken.frame)
+                if not self._goes_on_trying(stop, tries):
+                    return advice.say
+        except Skipped:
+            self._rig.leave_out_lost()
+            return "the operator skipped it"
+
+    def _goes_on_trying(self, stop: Stop, tries: int) -> bool:
+        """What the operator decides about a place where no shot counts. Raises Stopped."""
+        question = f"{stop.name}: {tries} shots do not count. Leave this place out, or try again?"
+        answer = self._talk.choose("place", question, (LEAVE_OUT, AGAIN, STOP))
+        if answer == STOP:
+            raise Stopped
+        return answer == AGAIN

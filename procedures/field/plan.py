@@ -89,11 +89,11 @@ def _short_way(places: Array) -> Array:
     return np.asarray(places[np.concatenate(ways)])
 
 
-def pan_tilt_deg(location: Location, shape: tuple[int, int], principal_px: float) -> tuple[float, float]:
-    """Pan and tilt that bring a chart from the axis to a place in the frame.
+AHEAD: Array = np.array([0.0, 0.0, 1.0])
 
-    A camera that is panned (about its vertical), then tilted (about its horizontal, both right-handed with x to the
-    right, y down) sees the axis's point in the direction R^-1 (0, 0, 1), R = R_y(pan) R_x(tilt).
+
+def ray(location: Location, shape: tuple[int, int], principal_px: float) -> Array:
+    """The direction, of length 1, in which the camera sees a place of its frame: x right, y down, z ahead.
 
     Parameters
     ----------
@@ -103,9 +103,38 @@ def pan_tilt_deg(location: Location, shape: tuple[int, int], principal_px: float
         Distance of the lens's image from the sensor in the same pixels: focal length over pitch.
     """
     x, y = location.in_pixels(shape)
-    ray = np.array([x - (shape[1] - 1) / 2, y - (shape[0] - 1) / 2, principal_px])
-    ray /= np.linalg.norm(ray)
-    return float(np.degrees(-np.arcsin(ray[0]))), float(np.degrees(np.arctan2(ray[1], ray[2])))
+    seen = np.array([x - (shape[1] - 1) / 2, y - (shape[0] - 1) / 2, principal_px])
+    return np.asarray(seen / np.linalg.norm(seen))
+
+
+def direction(seen: Array, pan_deg: float, tilt_deg: float) -> Array:
+    """Where a ray of the camera points for the head, R_y(pan) R_x(tilt) of it: both right-handed, y down."""
+    (cp, sp), (ct, st) = ((np.cos(a), np.sin(a)) for a in np.radians([pan_deg, tilt_deg]))
+    R_y = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
+    R_x = np.array([[1, 0, 0], [0, ct, -st], [0, st, ct]])
+    return np.asarray(R_y @ R_x @ seen)
+
+
+def pan_tilt_deg(
+    location: Location, shape: tuple[int, int], principal_px: float, towards: Array = AHEAD
+) -> tuple[float, float]:
+    """Pan and tilt with which the chart appears at a place in the frame.
+
+    A camera that is panned (about its vertical), then tilted (about its horizontal) sees the direction d as the ray
+    t = R^-1 d. Turned back by the tilt, t keeps its x; turned by the pan, d keeps its y: R_x(tilt) t = R_y(pan)^-1 d
+    is two equations, in x for the pan and in y for the tilt.
+
+    Parameters
+    ----------
+    shape, principal_px
+        As in `ray`.
+    towards : (3,) float64
+        The direction of the chart's centre, in the axes of a head at rest.
+    """
+    t, d = ray(location, shape, principal_px), towards / np.linalg.norm(towards)
+    pan = np.arctan2(d[0], d[2]) - np.arcsin(t[0] / np.hypot(d[0], d[2]))
+    tilt = np.arctan2(t[1], t[2]) - np.arcsin(d[1] / np.hypot(t[1], t[2]))
+    return float(np.degrees(pan)), float(np.degrees(tilt))
 
 
 def rail_mm(location: Location, shape: tuple[int, int], principal_px: float, distance_mm: float) -> tuple[float, float]:
