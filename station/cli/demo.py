@@ -30,10 +30,13 @@ WIDE = 100
 )
 @click.option("--seed", type=click.IntRange(0, 2**63 - 1), default=1, show_default=True, help="Of the camera's noise.")
 @click.option("--rendered", is_flag=True, help="Also trace light through scenes in depth, filter and photograph them.")
+@click.option("--guided", is_flag=True, help="Go through the guide on the simulated bench, into a session in --out.")
 @click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout in place of the table.")
 @log_json_option
-def demo(out: Path, seed: int, rendered: bool, as_json: bool) -> None:
+def demo(out: Path, seed: int, rendered: bool, guided: bool, as_json: bool) -> None:
     """Photograph the chart with a simulated camera, estimate the PSFs from its files, and compare with the truth."""
+    if guided:
+        raise click.exceptions.Exit(_guide(out, seed, as_json=as_json))
     from station.demo import run_demo, steps, summary
 
     with progress_shown(steps()) as progress:
@@ -47,6 +50,23 @@ def demo(out: Path, seed: int, rendered: bool, as_json: bool) -> None:
         _render(out / "rendered", seed)
     if found.refused:
         raise click.exceptions.Exit(REFUSED)
+
+
+def _guide(out: Path, seed: int, *, as_json: bool) -> int:
+    """A whole session by a scripted operator; what the program is to return."""
+    from station.cli.guide import exit_code
+    from station.guided_demo import run_guided
+    from station.results import RECORD
+
+    def tell(sentence: str, remedy: str) -> None:
+        log("step", sentence, level="warning" if remedy else "info", remedy=remedy)
+
+    ended, result = run_guided(out, seed, tell)
+    if as_json and result is not None:
+        click.echo((result.folder / RECORD).read_text(encoding="utf-8"), nl=False)
+    if ended.report is not None:
+        log("written", f"wrote {ended.report}", path=str(ended.report))
+    return exit_code(ended, result)
 
 
 def _render(out: Path, seed: int) -> None:

@@ -1,11 +1,14 @@
 from __future__ import annotations
 
-import json
+import hashlib
 
 import pytest
 
+from drivers.clock import SystemClock
+from drivers.interfaces import CameraSettings, Exposure
 from procedures.outcome import BadInput, BadParameter
 from station.field_input import focus_positions, photographs
+from station.session import Session
 
 
 def names(paths):
@@ -19,20 +22,28 @@ def test_photographs_of_a_folder_come_by_name_and_other_files_do_not(tmp_path):
     assert names(photographs(tmp_path)) == ["a.pgm", "b.DNG", "c.tiff"]
 
 
+def photographed(session, number, counts) -> None:
+    path = session.folder.parent / f"{number}.dng"
+    path.write_bytes(bytes([number]) * 9)
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    session.expect("tour", "place")
+    exposure = Exposure(path, digest, 9, CameraSettings(0.02, 100), 1.0, 2.0)
+    shot = session.adopt(exposure, step="tour", purpose="place", snapshot={})
+    if counts is not None:
+        session.judge(shot, counts)
+
+
 def test_of_a_session_those_that_count(tmp_path):
-    lines = [
-        {"seq": 1, "event": "created", "plan": "field"},
-        {"seq": 2, "event": "adopting", "shot": 1, "path": "originals/0001.dng"},
-        {"seq": 3, "event": "judged", "shot": 1, "counts": True},
-        {"seq": 4, "event": "adopting", "shot": 2, "path": "originals/0002.dng"},
-        {"seq": 5, "event": "judged", "shot": 2, "counts": True},
-        {"seq": 6, "event": "adopting", "shot": 3, "path": "originals/0003.dng"},
-        {"seq": 7, "event": "judged", "shot": 1, "counts": False},
-    ]
-    text = "".join(json.dumps(line) + "\n" for line in lines)
+    about = {"plan": "field", "camera": "C", "lens": "L", "config": {}}
+    with Session.create(tmp_path, **about, clock=SystemClock()) as session:
+        session.begin_step("tour")
+        for number, counts in enumerate((False, True, None, True), 1):
+            photographed(session, number, counts)
+        kept = [session.folder / shot.path for shot in session.state.shots]
     # the last line was being written when the power went
-    (tmp_path / "journal.jsonl").write_text(text + '{"seq":8,"event":"jud')
-    assert photographs(tmp_path) == [tmp_path / "originals" / "0002.dng"]
+    with (session.folder / "journal.jsonl").open("a") as journal:
+        journal.write('{"seq":99,"event":"jud')
+    assert photographs(session.folder) == [kept[1], kept[3]]
 
 
 def test_of_a_folder_with_originals_those(tmp_path):

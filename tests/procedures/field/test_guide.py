@@ -1,0 +1,117 @@
+"""Where the tour of a field brings the chart: projected by the bench's geometry, written independently of the plan."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from procedures.field.guide import BASE, NEAR, bring, locations, plan, say_place, stops, to_place
+from procedures.field.plan import MARGIN, Location, pan_tilt_deg
+
+ROWS, COLUMNS, F_PX, AWAY_MM = 240, 320, 2050.0, 1900.0
+FACTS = {
+    "tour_rows": float(ROWS),
+    "tour_columns": float(COLUMNS),
+    "tour_principal_px": F_PX,
+    "tour_distance_mm": AWAY_MM,
+    "tour_half_x": 0.165,
+    "tour_half_y": 0.22,
+}
+parts = st.floats(0.1, 0.9)
+angles = st.floats(-15.0, 15.0)
+
+
+def seen(chart_mm, pan_deg=0.0, tilt_deg=0.0, x_mm=0.0, y_mm=0.0, z_mm=0.0):
+    """Where the camera sees a point: stages move it right, up and back, the head turns it."""
+    offset = np.asarray(chart_mm) + np.array([-x_mm, y_mm, z_mm])
+    ray = Rotation.from_euler("YX", [pan_deg, tilt_deg], degrees=True).inv().apply(offset)
+    x, y = F_PX * ray[:2] / ray[2]
+    return Location((x + COLUMNS / 2) / COLUMNS, (y + ROWS / 2) / ROWS), ray[2]
+
+
+def from_base(chart_mm, base):
+    at, _ = seen(chart_mm, **base)
+    return {**FACTS, "tour_x": at.x, "tour_y": at.y, **{BASE + name: place for name, place in base.items()}}
+
+
+@settings(max_examples=50, deadline=None)
+@given(parts, parts, angles, angles)
+def test_head_brings_the_chart_to_its_place_from_wherever_it_looks(x, y, pan, tilt):
+    chart = Rotation.from_euler("YX", [pan, tilt], degrees=True).apply([15.0, -20.0, AWAY_MM])
+    base = {"pan_deg": pan, "tilt_deg": tilt}
+    facts = from_base(chart, base)
+    there, _ = seen(chart, **to_place(Location(x, y), facts))
+    assert (there.x, there.y) == pytest.approx((x, y), abs=1e-9)
+
+
+@settings(max_examples=50, deadline=None)
+@given(parts, parts)
+def test_rail_behind_the_head_keeps_the_distance_along_the_axis(x, y):
+    base = {"pan_deg": 0.0, "tilt_deg": 0.0, "z_mm": 700.0}
+    chart = np.array([0.0, 0.0, AWAY_MM - 700.0])
+    places = to_place(Location(x, y), from_base(chart, base))
+    there, depth_mm = seen(chart, **places)
+    assert (there.x, there.y) == pytest.approx((x, y), abs=1e-9)
+    assert depth_mm == pytest.approx(AWAY_MM, rel=1e-9)
+
+
+def test_the_rail_does_not_go_beyond_its_travel():
+    base = {"pan_deg": 0.0, "tilt_deg": 0.0, "z_mm": 700.0}
+    facts = from_base([0, 0, AWAY_MM - 700.0], base) | {"low_z_mm": 0.0, "high_z_mm": 700.5}
+    assert to_place(Location(0.1, 0.1), facts)["z_mm"] == 700.5
+
+
+@settings(max_examples=50, deadline=None)
+@given(parts, parts)
+def test_cross_slides_do_where_there_is_no_head(x, y):
+    chart, base = np.array([42.0, 3.0, AWAY_MM]), {"x_mm": 30.0, "y_mm": -10.0}
+    places = to_place(Location(x, y), from_base(chart, base))
+    there, _ = seen(chart, **places)
+    assert (there.x, there.y) == pytest.approx((x, y), abs=1e-9)
+
+
+def test_without_any_axes_the_operator_is_told_where_the_chart_shall_be():
+    assert to_place(Location(0.2, 0.7), FACTS) == {}
+    assert bring(Location(0.5, 0.5), Location(0.2, 0.7), {"z_mm": 3.0}, FACTS) == {}
+    assert say_place(Location(0.2, 0.7), FACTS) == (
+        "Turn the camera, and leave the chart, until the chart's middle is 20 % from the left and 70 % from the top "
+        "of the frame."
+    )
+
+
+@pytest.mark.parametrize("count", [6, 9, 25, 100])
+def test_all_of_the_sheet_stays_in_the_frame_at_every_place(count):
+    # the check lets the chart lie NEAR its place
+    points = np.array([(one.x, one.y) for one in locations({**FACTS, "places": float(count)})])
+    assert len(np.unique(points.round(9), axis=0)) == count
+    half = np.array([FACTS["tour_half_x"], FACTS["tour_half_y"]])
+    assert np.all(points - half >= NEAR - 1e-12)
+    assert np.all(points + half <= 1 - NEAR + 1e-12)
+
+
+def test_a_small_chart_goes_as_near_to_the_sides_as_charts_of_a_field_do():
+    facts = {**FACTS, "tour_half_x": 0.02, "tour_half_y": 0.03, "places": 25.0}
+    points = np.array([(one.x, one.y) for one in locations(facts)])
+    assert points.min() == pytest.approx(MARGIN)
+
+
+def test_the_same_facts_give_the_same_tour():
+    first, second = (stops({**FACTS, "places": 9.0}) for _ in range(2))
+    assert [stop.name for stop in first] == [stop.name for stop in second]
+    assert [stop.go.to(FACTS | {BASE + "x_mm": 0.0, BASE + "y_mm": 0.0}) for stop in first] == [
+        stop.go.to(FACTS | {BASE + "x_mm": 0.0, BASE + "y_mm": 0.0}) for stop in second
+    ]
+
+
+def test_the_plan_begins_as_the_pattern_s_and_retakes_the_tour():
+    steps = plan(lambda frames, facts: {}).steps
+    assert [step.name for step in steps][-4:] == ["places", "tour", "estimate", "verdict"]
+    assert steps[-1].requests[0].retake == "tour"
+
+
+def test_the_head_at_rest_is_the_special_case():
+    location, shape = Location(0.2, 0.7), (ROWS, COLUMNS)
+    assert pan_tilt_deg(location, shape, F_PX) == pan_tilt_deg(location, shape, F_PX, np.array([0.0, 0.0, 2.0]))

@@ -1,0 +1,57 @@
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from station import plans
+from station.guided_demo import Teller
+from station.operator import Doing, Result, StepBegan, Trouble
+from station.session_reading import read_session
+
+
+@pytest.fixture
+def printed_only(monkeypatch):
+    """The pattern's plan up to the print, which needs no photographs."""
+    whole = plans.plan_named("pattern")
+    monkeypatch.setattr(plans, "plan_named", lambda name: replace(whole, steps=whole.steps[:1]))
+
+
+def test_the_guide_is_gone_through_without_a_terminal_into_a_session(run, printed_only, tmp_path):
+    done = run("demo", "--guided", "--out", tmp_path / "out", "--log-json")
+    assert done.exit_code == 0, done.output
+    (folder,) = (tmp_path / "out").iterdir()
+    state = read_session(folder).state
+    assert (state.plan, state.ended, state.done) == ("pattern", "finished", ("print",))
+    assert (folder / "chart.pdf").read_bytes().startswith(b"%PDF-")
+    lines = [json.loads(line) for line in done.stderr.splitlines()]
+    assert all(line["event"] == "step" for line in lines)
+    assert any(str(folder / "chart.pdf") in line["message"] for line in lines)
+
+
+def test_what_is_done_again_is_told_once_in_a_step():
+    told = []
+    teller = Teller(lambda sentence, remedy: told.append((sentence, remedy)))
+    step = plans.plan_named("pattern").steps[0]
+    for event in (
+        Doing("exposing"),
+        Doing("exposing"),
+        StepBegan(step),
+        Doing("exposing"),
+        Trouble("no", "plug it in"),
+    ):
+        teller.hear(event)
+    assert told == [
+        ("  exposing", ""),
+        (f"{step.title}: {step.instruction}", ""),
+        ("  exposing", ""),
+        ("no", "plug it in"),
+    ]
+
+
+def test_the_result_is_kept():
+    teller = Teller(lambda sentence, remedy: None)
+    teller.hear(found := Result(Path("out"), {}, "pass", "", ""))
+    assert teller.result is found
