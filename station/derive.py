@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,25 @@ Counted = Callable[[int, int], None]
 
 def uncounted(done: int, total: int) -> None:
     """Nobody counts."""
+
+
+MEMORY = 500e6
+"""Bytes of photographs kept in memory; planes of float32 take some four times the file's bytes."""
+
+
+class Frames(Sequence[RawFrame]):
+    """Photographs that are read when they are asked for; as many stay in memory as have room there."""
+
+    def __init__(self, paths: Sequence[Path]) -> None:
+        self._paths = paths
+        largest = max((path.stat().st_size for path in paths), default=1)
+        self._read = lru_cache(max(1, int(MEMORY / (4 * largest))))(read_frame)
+
+    def __len__(self) -> int:
+        return len(self._paths)
+
+    def __getitem__(self, index: Any) -> Any:
+        return Frames(self._paths[index]) if isinstance(index, slice) else self._read(self._paths[index])
 
 
 class Told(Sequence[RawFrame]):
@@ -89,7 +109,7 @@ def compute(
         If a photograph cannot be read, or the result not be written.
     """
     shots = state.counting()
-    frames = [read_frame(inside(folder, shot.path)) for shot in shots]
+    frames = Frames([inside(folder, shot.path) for shot in shots])
     with same_bits():
         outcomes = estimate_of(plan).estimate(Told(frames, progress), state.facts)
         numbers, writer = numbers_of(plan.name), writer_of(plan.name)

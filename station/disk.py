@@ -8,12 +8,16 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
 from procedures.outcome import ProcedureError
+
+if sys.platform == "darwin":
+    import fcntl
 
 BLOCK = 1 << 20
 READ_ONLY = 0o444
@@ -46,7 +50,10 @@ class Disk:
 
     def sync(self, descriptor: int) -> None:
         """Wait until the file is on the disk."""
-        os.fsync(descriptor)
+        if sys.platform == "darwin":  # whose fsync leaves it in the drive's own memory
+            fcntl.fcntl(descriptor, fcntl.F_FULLFSYNC)
+        else:
+            os.fsync(descriptor)
 
     def replace(self, source: Path, target: Path) -> None:
         """Rename, over a file that may be there."""

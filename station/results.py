@@ -12,6 +12,7 @@ import shutil
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 from types import TracebackType
@@ -198,6 +199,7 @@ def software() -> dict[str, Any]:
     return {"version": _version("calibration-station"), "packages": {name: _version(name) for name in PACKAGES}}
 
 
+@cache
 def _version(distribution: str) -> str | None:
     try:
         return metadata.version(distribution)

@@ -42,6 +42,7 @@ def recover(session: Session, torn: bytes, without: Collection[int] = ()) -> Non
     if session.state.adopting is not None:
         finish_adopting(session, session.state.adopting)
     _give_up_awaited(session)
+    _name_unfinished(session)
     _name_strangers(session)
     session.write_sums()
 
@@ -69,6 +70,18 @@ def _give_up_awaited(session: Session) -> None:
         f"an exposure for {awaited.purpose} ({awaited.step}) was asked for, and its photograph is not in the session: "
         "it will be taken again"
     )
+
+
+def _name_unfinished(session: Session) -> None:
+    """A step that was begun and not finished begins anew: shots that count are used, trials are taken anew."""
+    step = session.state.step
+    others = [shot for shot in session.state.shots if shot.step == step and not shot.counts and not shot.lost]
+    say = (
+        f"the step {step} was not finished and begins again; of its {len(others)} photographs that do not count so "
+        "far, trials will be taken again"
+    )
+    if step and others and say not in session.state.notices:
+        session.notice(say)
 
 
 def _name_strangers(session: Session) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 from procedures.outcome import Refused
 from procedures.pattern_psf.combine import CombinedPsf
 from procedures.pattern_psf.estimate import PatternPsf
-from procedures.raw import RawFrame
+from procedures.raw import Exposure
 from station.derive import Computed, compute
 from station.names import printable
 from station.page import exposure_words
@@ -50,7 +50,7 @@ def _report(record: SessionRecord, state: State, computed: Computed) -> Report:
             PlaneSheet(one, _one_shot(computed.outcomes[one.name].value), computed.frames[0].planes[one.name])
             for one in computed.records
         ],
-        shots=list(_shots(record.state, {frame.sha256: frame for frame in computed.frames})),
+        shots=list(_shots(record.state, {frame.sha256: frame.exposure for frame in computed.frames})),
         parameters={name: printable(value) for name, value in state.facts.items()},
         conditions=list(_conditions(state)),
         devices=[Line(name, words) for name, words in _devices(record)],
@@ -66,12 +66,12 @@ def _one_shot(found: Any) -> PatternPsf | None:
     return found if isinstance(found, PatternPsf) else None
 
 
-def _shots(state: State, frames: Mapping[str, RawFrame]) -> Iterator[Shot]:
+def _shots(state: State, noted: Mapping[str, Exposure]) -> Iterator[Shot]:
     """The photographs that the result comes from, then those that do not count, with the reason."""
     for shot in sorted(state.shots, key=lambda shot: not shot.counts):
-        frame = frames.get(shot.sha256) if shot.counts else None
-        words = exposure_words(frame.exposure) if frame else ""
-        taken = printable(frame.exposure.captured_at or "") if frame else ""
+        exposure = noted.get(shot.sha256) if shot.counts else None
+        words = exposure_words(exposure) if exposure else ""
+        taken = printable(exposure.captured_at or "") if exposure else ""
         note = "" if shot.counts else printable(f"{shot.purpose}: does not count, {shot.reason or 'it was not judged'}")
         yield Shot(shot.path, shot.sha256, words, taken, note)
 

@@ -36,6 +36,7 @@ def chosen(since: str | None, **others: str | None) -> Filter:
     """The filter of these options. Raises BadParameter where `since` is no date."""
     from procedures.outcome import BadParameter
     from station.index import Filter
+    from station.names import encodable
 
     if since is not None:
         try:
@@ -43,7 +44,8 @@ def chosen(since: str | None, **others: str | None) -> Filter:
         except ValueError as error:
             raise BadParameter(f"--since needs a date, not {since!r}", "write it as 2026-03-14") from error
         since = (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).astimezone(UTC).isoformat()
-    return Filter(since=since, **others)
+    wanted = {name: None if value is None else encodable(value) for name, value in others.items()}
+    return Filter(since=since, **wanted)
 
 
 @click.command("list")

@@ -41,6 +41,9 @@ def session_recompute(name: str, root: Path, numbers: tuple[int, ...], as_json: 
         raise click.exceptions.Exit(DIFFERENT)
 
 
+SAME_MACHINE = "versions and processor are the same: the program itself has changed since, or the result was altered"
+
+
 def _tell(one: Comparison) -> None:
     if one.identical:
         how = f", computed with the kernels of {one.kernels}, as then" if one.kernels else ""
@@ -49,5 +52,5 @@ def _tell(one: Comparison) -> None:
     told = {"differ": one.different, "are missing now": one.missing, "are new": one.added}
     words = [f"{', '.join(names)} {what}" for what, names in told.items() if names]
     words += [f"in the record: {', '.join(one.keys[:8])}"] if one.keys else []
-    remedy = "; ".join(f"{what} was {then}, is {now}" for what, then, now in one.machine)
+    remedy = "; ".join(f"{what} was {then}, is {now}" for what, then, now in one.machine) or SAME_MACHINE
     log("recomputed", f"{one.result}: {'; '.join(words)}", level="error", remedy=remedy, result=one.result, identical=0)

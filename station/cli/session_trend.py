@@ -33,11 +33,10 @@ def session_trend(
 ) -> None:
     """How the numbers of CAMERA, as its sessions call it, change over time."""
     from station.index import Index
-    from station.names import encodable
     from station.trend import QUANTITIES, trends
 
     with Index(root) as index:
-        found = trends(index.measured(chosen(camera=encodable(camera), **wanted), quantities or QUANTITIES))
+        found = trends(index.measured(chosen(camera=camera, **wanted), quantities or QUANTITIES))
         known = index.names("cameras")
     if as_json:
         click.echo(json.dumps(_plain(camera, found), indent=1))

@@ -254,13 +254,15 @@ def complaints(root: Path, reference: Path) -> list[str]:
     if results(folder) != results(whole):
         found.append("the result differs")
     exposed = sum(line[0] == "exposed" for line in log)
-    said = {line[1] for line in log if line[0] == "heard" and "taken again" in line[1]}
+    said = {line[1] for line in log if line[0] == "heard"}
     noticed = [line for line in read_session(folder).contents.lines if line.event == "noticed"]
-    again = [line for line in noticed if "taken again" in line.data["say"]]
+    again = [line for line in noticed if "it will be taken again" in line.data["say"]]
     if exposed > len(state.shots) + len(again):
         found.append(f"{exposed} exposures, {len(state.shots)} shots, and only {len(again)} said to be repeated")
     if any(line.data["say"] not in said for line in again):
         found.append("a repetition was noted and never told")
+    if sum(shot.purpose == "look" for shot in state.shots) > 1 and not any("begins again" in one for one in said):
+        found.append("the look was repeated in silence")
     counting = [shot.sha256 for shot in state.counting()]
     if len(set(counting)) != SHOTS or len(counting) != SHOTS:
         found.append(f"{len(counting)} shots count, {len(set(counting))} of them different")

@@ -7,9 +7,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[2]
 
 
+@pytest.mark.slow
 def test_killed_sessions_lose_nothing_and_come_to_the_same_result():
     script = ROOT / "tests" / "benchmarks" / "session_kills.py"
     words = [sys.executable, script, "--kills", "15", "--seed", "20120323"]

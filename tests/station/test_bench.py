@@ -44,6 +44,20 @@ def test_a_whole_measurement_through_interfaces_alone(bench):
     assert bench.rangefinder.measure().distance_mm == pytest.approx(800 + 750 + 120, abs=4.0)
 
 
+def test_what_passes_on_each_wire_goes_into_a_file_until_it_is_told_otherwise(bench, tmp_path):
+    folder = tmp_path / "wire"
+    folder.mkdir()
+    bench.log_wires(folder)
+    bench.connect()
+    bench.light.set_level(1.0)
+    bench.log_wires(None)
+    size = (folder / "wire-light.txt").stat().st_size
+    assert size > 0
+    assert (folder / "wire-stage.txt").stat().st_size > 0
+    bench.light.set_level(0.5)
+    assert (folder / "wire-light.txt").stat().st_size == size
+
+
 def test_every_loose_cable_is_named_at_once(bench, tmp_path):
     tables = simulated_tables(bench.simulated.address, tmp_path)
     tables["stage"]["port"] = "/dev/nowhere"

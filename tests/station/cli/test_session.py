@@ -45,6 +45,10 @@ def test_list_as_json_has_every_field(session):
     }  # fmt: skip
 
 
+def test_camera_that_is_no_text_is_a_camera_that_is_not_there(session):
+    assert "no session" in session("list", "--camera", "a\udcff").stderr
+
+
 def test_date_that_is_none_is_refused(session):
     done = session("list", "--since", "yesterday")
     assert done.exit_code == 2

@@ -11,9 +11,9 @@ from threadpoolctl import threadpool_limits
 from procedures.outcome import BadParameter
 from station import plans
 from station.__main__ import main
-from station.derive import derive
+from station.derive import Frames, derive
 from station.journal import Damaged
-from station.recompute import recompute
+from station.recompute import kernels_of, recompute
 from station.session import Session
 
 from .short_plan import ENTRY, SHOTS, photographs, plan
@@ -59,6 +59,34 @@ def test_each_result_comes_from_what_was_known_when_it_was_drawn(folder):
     records = [json.loads((folder / f"derived/{i}/result.json").read_text()) for i in (1, 2)]
     assert [record["parameters"]["mean"] for record in records] == [0.25, 0.5]
     assert [len(record["input"]) for record in records] == [SHOTS, SHOTS - 1]
+
+
+@pytest.mark.parametrize(
+    ("blas", "family"),
+    [
+        ("openblas 0.3.30 SkylakeX, openblas 0.3.31 SkylakeX", "SkylakeX"),
+        ("openblas 0.3.30 SkylakeX, openblas 0.3.31 Haswell", ""),
+        ("mkl 2024.0", ""),
+        ("", ""),
+    ],
+)
+def test_family_of_processors_is_known_where_all_libraries_agree(blas, family):
+    assert kernels_of({"blas": blas}) == family
+
+
+def test_photographs_are_read_when_asked_for_and_kept_as_far_as_there_is_room(folder, monkeypatch):
+    paths, read = sorted((folder / "originals").iterdir()), []
+    monkeypatch.setattr("station.derive.read_frame", lambda path: read.append(path) or path)
+    assert list(Frames(paths)) == list(Frames(paths)[:1]) + list(Frames(paths)[1:])
+    roomy = Frames(paths)
+    read.clear()
+    assert list(roomy) + list(roomy) == paths * 2
+    assert read == paths
+    monkeypatch.setattr("station.derive.MEMORY", 0)
+    cramped = Frames(paths)
+    read.clear()
+    assert list(cramped) + list(cramped) == paths * 2
+    assert read == paths * 2
 
 
 def test_result_that_is_not_there_is_named(folder):

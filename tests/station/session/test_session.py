@@ -76,7 +76,7 @@ def test_photograph_is_kept_read_only_and_stays_where_the_camera_put_it(session,
 def test_coreutils_check_its_hashes(finished):
     done = subprocess.run(["sha256sum", "--check", "SHA256SUMS"], cwd=finished.folder, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert len(done.stdout.splitlines()) == 1 + 4 + 2  # configuration, photographs, files of the result
+    assert len(done.stdout.splitlines()) == 1 + 3 + 2  # configuration, photographs, files of the result
 
 
 def test_opened_again_it_is_what_it_was(session, camera):
@@ -135,6 +135,19 @@ def test_exposure_without_a_photograph_is_told_to_whoever_resumes(session):
         assert "an exposure for frame (shots)" in notice
     with again(reopened) as reopened:
         assert reopened.state.notices == (notice,)
+        reopened.told()
+    with again(reopened) as reopened:
+        assert reopened.state.notices == ()
+
+
+def test_trials_of_a_step_that_was_not_finished_are_said_to_be_repeated(session, camera):
+    session.begin_step("focus")
+    session.judge(take(session, camera, step="focus"), False, "a trial")
+    with again(session) as reopened:
+        (notice,) = reopened.state.notices
+        assert "the step focus was not finished and begins again; of its 1 photographs" in notice
+        reopened.begin_step("focus")
+        reopened.finish_step("focus")
         reopened.told()
     with again(reopened) as reopened:
         assert reopened.state.notices == ()

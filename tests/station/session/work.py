@@ -12,7 +12,7 @@ from station.results import ResultFolder, write_record
 from station.session import Session
 from station.session_folder import is_session
 
-COUNTING = 3
+COUNTING = 2
 
 
 class FixedClock:
