@@ -20,8 +20,10 @@ FILE, PAGE = "field.h5", "report.html"
 CANDIDATES_TOLD = 8
 
 
-def write_field_result(folder: ResultFolder, found: FieldResult, *, parameters: Mapping[str, Any], start: float) -> str:
-    """Write all files; returns the record's text."""
+def write_field_result(
+    folder: ResultFolder, found: FieldResult, *, parameters: Mapping[str, Any], start: float, report: bool = True
+) -> str:
+    """Write all files, and the page where it is wanted; returns the record's text."""
     measured = found.measured
     about: dict[str, Any] = {
         "procedure": "field",
@@ -43,7 +45,8 @@ def write_field_result(folder: ResultFolder, found: FieldResult, *, parameters: 
         maps = {one.record.name: _maps(found, one) for one in found.planes}
         write_field(folder.staging / FILE, fitted, maps, found.colours, _provenance(about))
     about["duration_s"] = round(time.perf_counter() - start, 3)
-    folder.write(PAGE, field_page(found, about, software()).encode())
+    if report:
+        folder.write(PAGE, field_page(found, about, software()).encode())
     return write_psf_result(folder, [one.record for one in found.planes], about)
 
 
