@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -22,14 +22,16 @@ FILE, PAGE = "field.h5", "report.html"
 CANDIDATES_TOLD = 8
 
 
-def write_field_result(folder: ResultFolder, found: FieldResult, *, parameters: Mapping[str, Any], start: float) -> str:
-    """Write all files; returns the record's text."""
+def write_field_result(
+    folder: ResultFolder, found: FieldResult, *, parameters: Mapping[str, Any], start: float, report: bool = True
+) -> str:
+    """Write all files, and the page where it is wanted; returns the record's text."""
     about = {
         "procedure": "field",
         "input": [{"path": str(path), "sha256": sha256} for path, sha256 in found.measured.frames],
         "parameters": dict(parameters),
     }
-    return _write(folder, found, about, lambda: {"duration_s": round(time.perf_counter() - start, 3)})
+    return _write(folder, found, about, start, report=report)
 
 
 def write_result(
@@ -40,13 +42,18 @@ def write_result(
     if found is None:
         refused = [PlaneRecord(name, one.verdict, one.reason, one.remedy) for name, one in outcomes.items()]
         return write_psf_result(folder, refused, about)
-    return _write(folder, found, about, dict)
+    return _write(folder, found, about)
 
 
 def _write(
-    folder: ResultFolder, found: FieldResult, source: Mapping[str, Any], duration: Callable[[], Mapping[str, Any]]
+    folder: ResultFolder,
+    found: FieldResult,
+    source: Mapping[str, Any],
+    start: float | None = None,
+    *,
+    report: bool = True,
 ) -> str:
-    """All files; `source` tells procedure, input and parameters."""
+    """All files; `source` tells procedure, input and parameters, `start` when it began where that is to be told."""
     measured = found.measured
     about: dict[str, Any] = {
         **source,
@@ -65,8 +72,10 @@ def _write(
     if fitted:
         maps = {one.record.name: _maps(found, one) for one in found.planes}
         write_field(folder.staging / FILE, fitted, maps, found.colours, _provenance(about))
-    about |= duration()
-    folder.write(PAGE, field_page(found, about, software()).encode())
+    if start is not None:
+        about["duration_s"] = round(time.perf_counter() - start, 3)
+    if report:
+        folder.write(PAGE, field_page(found, about, software()).encode())
     return write_psf_result(folder, [one.record for one in found.planes], about)
 
 

@@ -24,6 +24,7 @@ from procedures.pattern_psf.registration import Registration
 from procedures.psf import Psf
 from procedures.quality import Quality, otf
 from procedures.raw import Plane
+from procedures.two_photo.diagnostics import CLEAR
 from station.exports import Profile
 from station.palette_png import smaller
 
@@ -261,6 +262,7 @@ def mtf_figure(quality: Quality, truth: Psf | None, name: str) -> Markup:
             (true,) = places[0, 0].plot(f, curve.true, color=INK, lw=0.8, ls=(0, (3, 2)))
             true.set_label("true" if curve is curves["vertical"] else None)
     _finish_mtf(places[0, 0])
+    _draw_undetermined(places[0, 0], f, np.maximum(*(curve.uncertainty for curve in curves.values())))
     if truth is not None:
         for direction, curve in curves.items():
             _draw_difference(places[1, 0], f, curve, direction)
@@ -283,6 +285,15 @@ def _draw_mtf(axes: Axes, f: Array, curve: _Curve, direction: str) -> None:
     spread = CONFIDENT * curve.uncertainty
     axes.fill_between(f, curve.value - spread, curve.value + spread, color=ALONG[direction], alpha=0.25, lw=0)
     axes.plot(f, curve.value, color=ALONG[direction], lw=1.4, label=direction)
+
+
+def _draw_undetermined(axes: Axes, f: Array, uncertainty: Array) -> None:
+    """Hatches the frequencies that the photographs do not determine."""
+    unclear = uncertainty > CLEAR
+    if unclear.any():
+        axes.fill_between(f, 0, 1, unclear, step="mid", fc="none", ec=FAINT, hatch="////", lw=0, label="not determined")
+        with matplotlib.rc_context(STYLE):
+            axes.legend(loc="upper right", bbox_to_anchor=(1, 0.94), handlelength=1.4)
 
 
 def _finish_mtf(axes: Axes) -> None:

@@ -30,6 +30,7 @@ def psf_field(
     focus: Path | None,
     plane: str | None,
     out: Path,
+    report: bool,
     as_json: bool,
     **options: Any,
 ) -> None:
@@ -61,7 +62,7 @@ def psf_field(
         limit = partial(diffraction_limit, exposure, **optics) if exposure else (lambda plane: None)
         found = conclude(measured, positions, limit)
         given = {**options, "chart": source.origin, **{k: v for k, v in optics.items() if v is not None}}
-        text = write_field_result(results, found, parameters=given, start=start)
+        text = write_field_result(results, found, parameters=given, report=report, start=start)
     for one in found.planes:
         tell_record(one.record)
     log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))

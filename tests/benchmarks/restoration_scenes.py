@@ -1,4 +1,4 @@
-"""Scenes for restoration on which no parameter was chosen: discs, lines, dots, grain; slopes, bumps and steps."""
+"""Scenes for restoration beside the shared pairs: discs, lines, dots, grain; slopes, bumps and steps."""
 
 from __future__ import annotations
 

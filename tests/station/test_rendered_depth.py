@@ -12,7 +12,7 @@ from station.__main__ import main
 from station.rendered import RenderPlan, rendered_demo, steps
 from station.rendered_depth import NAME, RATIO
 
-SMALL = RenderPlan(columns=144, samples=8, converged=8, scenes=())
+SMALL = RenderPlan(columns=144, samples=32, converged=32, scenes=())
 
 
 @pytest.fixture(scope="module")

@@ -11,14 +11,16 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import html5lib
+import numpy as np
 import pytest
 
 from procedures.exposure import Exposure
-from procedures.outcome import Verdict
+from procedures.outcome import Outcome, Quantity, Verdict
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.raw import read_frame
 from station.calibrate import calibrate
+from station.figures import mtf_figure
 from station.limits import Limit, judge
 from station.report import Line, PlaneSheet, Report, Shot, calibration_page, report_of_files
 from station.results import PlaneRecord, quantities
@@ -192,3 +194,32 @@ def test_browser_shows_every_picture_and_nothing_runs_over(shown, which):
     assert len(seen["rasters"]) >= 2 * 3
     assert all(250 < width < seen["width"] and height > 150 for width, height in seen["pictures"])
     assert all(width > 3 and height > 3 for width, height in seen["rasters"])
+
+
+def test_frequencies_that_are_not_determined_are_marked(report):
+    quality = report.planes[0].record.quality
+    assert "not determined" not in str(mtf_figure(quality, None, "clear"))
+    rising = np.linspace(0, 0.3, len(quality.frequencies))
+    unclear = replace(quality, mtf_horizontal_uncertainty=rising)
+    assert "not determined" in str(mtf_figure(unclear, None, "unclear"))
+
+
+def test_edges_and_physics_stand_beside_the_numbers(report):
+    quantity = Quantity(0.3, "cycles/pixel", 0.003, "test", 100)
+    edge = SimpleNamespace(
+        edge=SimpleNamespace(orientation="near-vertical"), by_edge=quantity, by_psf=quantity, sigmas=0.0
+    )
+    physics = SimpleNamespace(
+        aperture="L-shaped",
+        low_pass="none",
+        missing_corner_deg=45,
+        numbers={"wavefront_rms": Quantity(0.05, "wave", 0.002, "test", 100)},
+        remaining=0.001,
+        chi_square=290.0,
+        freedom=280,
+    )
+    record = replace(report.planes[0].record, edges=(edge,), physics=Outcome(physics, Verdict.DOUBTFUL, "two", "more"))
+    page = calibration_page(replace(report, planes=[replace(report.planes[0], record=record)]))
+    text = " ".join("".join(strictly(page).itertext()).split())
+    for words in ("MTF50 across the near-vertical edge", "0.3000 ± 0.0030", "its corner missing at 45°", "1.04"):
+        assert words in text

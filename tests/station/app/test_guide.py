@@ -52,8 +52,7 @@ def test_enter_alone_leads_from_the_first_screen_to_the_report(tmp_path, size):
     assert lab.runs[0].answers == [300.0, True, "accept"]
 
 
-@BOTH
-@pytest.mark.parametrize("glyphs", [UNICODE, ASCII], ids=["unicode", "ascii"])
+@pytest.mark.parametrize(("size", "glyphs"), [((80, 24), UNICODE), ((120, 40), UNICODE), ((80, 24), ASCII)], ids=str)
 def test_the_screen_shows_steps_numbers_picture_devices_and_what_to_do(tmp_path, size, glyphs):
     async def use(driver: Driver) -> None:
         await driver.begin()
