@@ -104,6 +104,7 @@ def test_the_field_s_nodes_are_the_lens_s(done):
         assert np.linalg.norm(node.psf.h - true.h) < 1.6 * expected
 
 
+@pytest.mark.slow
 def test_it_ends_with_a_report_and_can_be_computed_again(done):
     assert done.ends[1].report.read_text().startswith("<!doctype html>")
     (again,) = recompute(done.folder)
