@@ -52,7 +52,7 @@ def chosen_locations(n: int, aspect: float = 1.5, margin: float = MARGIN) -> lis
     """The n places that determine a smooth surface best, in an order with short ways.
 
     They are the pivots of the QR decomposition of the monomials over a fine grid (approximate Fekete points), of the
-    highest degree that n determine.
+    highest degree that n determine; what n exceeds these by goes where the largest gaps are.
 
     Parameters
     ----------
@@ -71,12 +71,12 @@ def chosen_locations(n: int, aspect: float = 1.5, margin: float = MARGIN) -> lis
     degree = 0
     while (degree + 2) * (degree + 3) // 2 <= n:
         degree += 1
-    chosen: list[int] = []
-    while len(chosen) < n:  # what the highest degree leaves is filled by further rounds on what is not taken
-        left = np.setdiff1d(np.arange(len(candidates)), chosen)
-        V = monomials(candidates[left], degree)
-        pivots = scipy.linalg.qr(V.T, mode="r", pivoting=True)[1][: V.shape[1]]
-        chosen += left[pivots].tolist()[: n - len(chosen)]
+    V = monomials(candidates, degree)
+    pivots = scipy.linalg.qr(V.T, mode="r", pivoting=True)[1][: V.shape[1]]
+    chosen: list[int] = pivots.tolist()
+    while len(chosen) < n:
+        apart = (candidates[:, None] - candidates[chosen]) * [aspect, 1.0]
+        chosen.append(int(np.argmax(np.hypot(*apart.T).min(axis=0))))
     places = 0.5 + candidates[chosen] * (0.5 - margin)
     return [Location(float(a), float(b)) for a, b in _short_way(places)]
 

@@ -33,6 +33,14 @@ def test_chosen_places_are_as_many_as_asked_and_determine_a_surface(n):
     assert np.linalg.cond(design) < 10
 
 
+@pytest.mark.parametrize("n", [7, 9, 14, 25])
+def test_no_two_chosen_places_are_nearly_the_same(n):
+    # a square's n places are 1 / sqrt(n) apart on average; nearer than half of that, two tell little more than one
+    points = (as_points(chosen_locations(n)) - 0.12) / 0.76
+    apart = np.hypot(*(points[:, None] - points).T) + np.eye(n)
+    assert apart.min() > 0.5 / np.sqrt(n)
+
+
 def test_fifteen_chosen_places_fix_a_quartic_better_than_a_grid():
     # the determinant of the normal equations is what they are chosen by
     def information(locations):
