@@ -1,4 +1,7 @@
-"""A session's report: its last result, drawn again from the photographs, with bench and journal beside it."""
+"""A session's report: its last result, drawn again from the photographs, with bench and journal beside it.
+
+A plan that writes its results its own way has drawn their page with them: that is its report.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +16,12 @@ from procedures.raw import Exposure
 from station.derive import Computed, compute
 from station.names import printable
 from station.page import exposure_words
-from station.plans import plan_named
+from station.plans import plan_named, writer_of
 from station.report import Line, PlaneSheet, Report, Shot, calibration_page
 from station.session_reading import SessionRecord, read_session, verify
 from station.session_state import State, replay
 
+PAGE = "report.html"
 UNITS = {"_m_s2": "m/s²", "_rad_s": "rad/s", "_mm": "mm", "_deg": "°", "_um": "µm", "_s": "s"}
 
 
@@ -35,6 +39,9 @@ def session_page(folder: Path) -> str:
     if not record.state.results:
         raise Refused(f"{folder.name} has no result yet", "go on with it: station session resume")
     verify(folder, record.state)
+    own = folder / record.state.results[-1].folder / PAGE
+    if writer_of(record.state.plan) and own.is_file():
+        return own.read_text(encoding="utf-8")
     drawn = max(i for i, line in enumerate(record.contents.lines) if line.event == "derived")
     state = replay(record.contents.lines[:drawn])
     computed = compute(folder, state, plan_named(state.plan))

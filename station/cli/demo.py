@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from station.demo import Checked, Demonstration, Summary
+    from station.operator import Result
 
 COLOURS = {"pass": "green", "doubtful": "yellow", "refused": "red"}
 HEADINGS = {"horizontal": "MTF50, rows", "vertical": "MTF50, columns"}
@@ -64,9 +65,24 @@ def _guide(out: Path, seed: int, *, as_json: bool) -> int:
     ended, result = run_guided(out, seed, tell)
     if as_json and result is not None:
         click.echo((result.folder / RECORD).read_text(encoding="utf-8"), nl=False)
+    elif result is not None:
+        click.echo("\n".join(plane_lines(result)))
     if ended.report is not None:
         log("written", f"wrote {ended.report}", path=str(ended.report))
     return exit_code(ended, result)
+
+
+def plane_lines(result: Result) -> list[str]:
+    """Each plane's verdict, with its MTF50 where there is one."""
+    from station.stated import stated
+
+    lines = []
+    for plane, verdict in result.verdicts.items():
+        numbers = result.numbers.get(plane, {})
+        told = {heading: numbers.get(f"mtf50_{way}") for way, heading in HEADINGS.items()}
+        parts = [f"{heading} {stated(one.value, one.uncertainty)} {one.unit}" for heading, one in told.items() if one]
+        lines.append("; ".join([f"{plane}: {verdict}", *parts]))
+    return lines
 
 
 def _render(out: Path, seed: int) -> None:

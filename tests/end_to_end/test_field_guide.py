@@ -21,6 +21,7 @@ from station.plans import plan_named
 from station.recompute import recompute
 from station.scripted import Scripted
 from station.session import Session
+from station.session_report import session_page
 
 
 def as_left(bench) -> dict:
@@ -104,9 +105,14 @@ def test_the_field_s_nodes_are_the_lens_s(done):
         assert np.linalg.norm(node.psf.h - true.h) < 1.6 * expected
 
 
+def test_it_ends_with_a_report_of_the_field(done):
+    page = done.ends[1].report.read_text()
+    assert page.startswith("<!doctype html>")
+    assert session_page(done.folder) == page
+
+
 @pytest.mark.slow
-def test_it_ends_with_a_report_and_can_be_computed_again(done):
-    assert done.ends[1].report.read_text().startswith("<!doctype html>")
+def test_it_can_be_computed_again_to_the_last_bit(done):
     (again,) = recompute(done.folder)
     assert again.identical, again
 

@@ -6,7 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from procedures.outcome import Quantity, Verdict
 from station import plans
+from station.cli.demo import plane_lines
 from station.guided_demo import Teller
 from station.operator import Doing, Result, StepBegan, Trouble
 from station.session_reading import read_session
@@ -55,3 +57,10 @@ def test_the_result_is_kept():
     teller = Teller(lambda sentence, remedy: None)
     teller.hear(found := Result(Path("out"), {}, "pass", "", ""))
     assert teller.result is found
+
+
+def test_each_plane_is_one_line():
+    quantity = Quantity(0.5782, "cycles/pixel", 0.0014, "MTF50", 9)
+    numbers = {"G1": {"mtf50_horizontal": quantity}}
+    found = Result(Path("out"), {"G1": Verdict.PASS, "B": Verdict.REFUSED}, Verdict.REFUSED, "dark", "", numbers)
+    assert plane_lines(found) == ["G1: pass; MTF50, rows 0.5782 ± 0.0014 cycles/pixel", "B: refused"]

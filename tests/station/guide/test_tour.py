@@ -66,6 +66,16 @@ def test_what_the_check_advises_is_followed_before_the_next_try(bench, session):
     assert not operator.asked
 
 
+def test_without_axes_the_operator_is_told_where_to(bench, session):
+    go = Go(lambda facts: {}, lambda facts: "Turn the camera to the left.")
+    stops = [Stop("left", go, lambda frame, facts: Advice(True, "good"))]
+    plan = Plan("short", "A tour", (Step("tour", "Tour", "Go.", (Tour(lambda facts: stops),)),))
+    operator = Scripted()
+    Run(plan, bench, session, operator).go()
+    assert [ask.question for ask in operator.asked] == ["Turn the camera to the left."]
+    assert shots(session) == [("left", True)]
+
+
 def test_a_place_where_no_shot_counts_is_left_out_with_its_reason(bench, session):
     operator = Scripted()
     plan = tour_plan(lambda name, facts: Advice(name != "middle", "glare"))
