@@ -13,7 +13,6 @@ from procedures.cross_check.estimate import check_edges
 from procedures.outcome import BadInput, Outcome, Refused, Verdict
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
-from procedures.physics.estimate import check_known, estimate_physics
 from procedures.psf import Psf
 from procedures.quality import WAVELENGTHS_NM, Diffraction, Quality
 from procedures.raw import Exposure, Plane, RawFrame
@@ -83,6 +82,8 @@ def calibrate(
         If it is, and the diffraction limit of a plane is not known.
     """
     if physics:
+        from procedures.physics.estimate import check_known, estimate_physics  # it optimises: that import is slow
+
         for plane in frame.planes.values():
             check_known(limit(plane))
 

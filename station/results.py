@@ -16,19 +16,21 @@ from functools import cache
 from importlib import metadata
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from procedures.cross_check.estimate import EdgeCheck
 from procedures.outcome import BadParameter, Outcome, Quantity, Verdict
-from procedures.physics.estimate import Physics
 from procedures.psf import Psf
 from procedures.quality import Quality
 from station.exports import GAUSSIAN_RADIUS, gaussian_radius, numbers_table, profile_table, psf_fits, psf_tiff
 from station.names import encodable
 from station.pictures import psf_picture
+
+if TYPE_CHECKING:
+    from procedures.physics.estimate import Physics
 
 RECORD = "result.json"
 SCHEMA = "station/psf/1"

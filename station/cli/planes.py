@@ -26,8 +26,11 @@ OPTICS = ("pixel_pitch_um", "f_number", "wavelength_nm")
 Command = Callable[..., Any]
 
 
-def psf_options(s: int, k: int, solver: str) -> Callable[[Command], Command]:
-    """The options of every PSF command, with a procedure's own defaults."""
+def psf_options(s: int, k: int, solver: str, *, report: bool = False) -> Callable[[Command], Command]:
+    """The options of every PSF command, with a procedure's own defaults.
+
+    A page takes as long to draw as its planes to be estimated, so it is written where it is asked for.
+    """
     options: list[Callable[[Command], Command]] = [
         click.option("-s", "s", type=int, default=s, show_default=True, help="PSF samples per pixel of the plane."),
         click.option("-k", "k", type=int, default=k, show_default=True, help="PSF samples along one side, odd."),
@@ -41,7 +44,9 @@ def psf_options(s: int, k: int, solver: str) -> Callable[[Command], Command]:
         click.option("--wavelength-nm", type=click.FloatRange(min=100), help="[default: R 600, G 530, B 460, Y 550]"),
         click.option("--plane", help="R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]"),
         click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results."),
-        click.option("--report/--no-report", default=True, show_default=True, help="Write a page for people too."),
+        click.option(
+            "--report/--no-report", default=report, show_default=True, help="Write report.html too, for people."
+        ),
         click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout too."),
         log_json_option,
     ]

@@ -22,7 +22,7 @@ FAILED_ITEMS = 1
 @click.option(
     "--focus", type=click.Path(path_type=Path), help="A CSV table: photograph's name, focus position in mm (a bracket)."
 )
-@psf_options(s=4, k=17, solver="ls")
+@psf_options(s=4, k=17, solver="ls", report=True)
 def psf_field(
     folder: Path,
     bits: Path | None,

@@ -53,7 +53,7 @@ def test_photograph_without_a_chart_is_exit_5(shared_data, tmp_path):
     done = station("psf", "pattern", shared_data / "edges" / "Test_edge1_mono.tif", "--out", tmp_path)
     assert done.returncode == 5, done.stderr
     assert "what to do: " in done.stderr
-    assert {path.name for path in tmp_path.iterdir()} == {"report.html", "result.json"}
+    assert {path.name for path in tmp_path.iterdir()} == {"result.json"}
 
 
 def test_wrong_cells_are_exit_5(shared_data, tmp_path):

@@ -32,7 +32,7 @@ def files_of(*planes):
     kinds = ("psf", "npy"), ("covariance", "npy"), ("mtf", "csv"), ("psf", "png")
     more = ("psf", "fits"), ("psf", "tiff"), ("profile", "csv")
     of_planes = [f"{kind}_{plane}.{suffix}" for plane in planes for kind, suffix in (*kinds, *more)]
-    return sorted([*of_planes, "numbers.csv", "report.html", "result.json"])
+    return sorted([*of_planes, "numbers.csv", "result.json"])
 
 
 def test_files_of_the_contract_are_written(run, estimator, photograph, bits, tmp_path):
@@ -164,7 +164,7 @@ def test_files_of_a_plane_refused_now_do_not_stay(run, estimator, raw_file, tmp_
     estimator.answers["G1"] = refused
     done = run("psf", "pattern", raw_file, "--out", tmp_path)
     assert done.exit_code == 5
-    assert names_in(tmp_path) == ["notes.txt", "report.html", "result.json"]
+    assert names_in(tmp_path) == ["notes.txt", "result.json"]
 
 
 def test_older_result_stays_whole_when_the_new_photograph_cannot_be_read(run, estimator, photograph, tmp_path):
@@ -246,6 +246,6 @@ def test_fault_of_the_program_is_named_with_the_way_to_its_traceback(run, estima
     assert isinstance(run("psf", "pattern", photograph, "--out", tmp_path).exception, ZeroDivisionError)
 
 
-def test_report_is_left_out_where_it_is_not_wanted(run, estimator, photograph, tmp_path):
-    run("psf", "pattern", photograph, "--no-report", "--out", tmp_path)
-    assert set(files_of("Y")) - set(names_in(tmp_path)) == {"report.html"}
+def test_report_is_written_where_it_is_wanted(run, estimator, photograph, tmp_path):
+    run("psf", "pattern", photograph, "--report", "--out", tmp_path)
+    assert set(names_in(tmp_path)) - set(files_of("Y")) == {"report.html"}

@@ -20,7 +20,7 @@ def test_files_and_record_follow_the_contract(run, near, far, tmp_path):
     done = run("psf", "two-photo", far, near, "--out", tmp_path)
     assert done.exit_code == 0, done.output
     kinds = ("covariance_Y.npy", "inter_image_Y.npy", "mtf_Y.csv", "psf_Y.npy", "psf_Y.png", "result.json")
-    more = ("numbers.csv", "profile_Y.csv", "psf_Y.fits", "psf_Y.tiff", "report.html")
+    more = ("numbers.csv", "profile_Y.csv", "psf_Y.fits", "psf_Y.tiff")
     assert {path.name for path in tmp_path.iterdir()} == {*kinds, *more}
     h, kernel = (np.load(tmp_path / f"{name}_Y.npy", allow_pickle=False) for name in ("psf", "inter_image"))
     assert (h.dtype, h.shape, kernel.shape) == (np.float64, (13, 13), (13, 13))
@@ -40,7 +40,7 @@ def test_a_refusal_keeps_no_psf_and_says_what_to_do(run, near, tmp_path):
     out = tmp_path / "out"
     done = run("psf", "two-photo", near, near, "--out", out)
     assert done.exit_code == 5
-    assert sorted(path.name for path in out.iterdir()) == ["report.html", "result.json"]
+    assert sorted(path.name for path in out.iterdir()) == ["result.json"]
     plane = json.loads((out / "result.json").read_text())["planes"]["Y"]
     assert plane["verdict"] == "refused"
     assert "times the near one's distance" in plane["reason"]
@@ -61,7 +61,7 @@ def test_other_parameters_reach_the_estimate(run, near, far, tmp_path):
 
 
 def test_report_shows_the_far_photograph_in_the_near_one(run, near, far, tmp_path):
-    run("psf", "two-photo", far, near, "--out", tmp_path)
+    run("psf", "two-photo", far, near, "--report", "--out", tmp_path)
     page = (tmp_path / "report.html").read_text()
     assert "Y passes</h1>" in page
     assert page.count("<svg") == 5  # PSF, MTF, energy, kernel, the pair
