@@ -27,6 +27,7 @@ from simulators.mishaps import Fate, Mishap, random_faults, random_mishaps
 from simulators.ports import PtyPort, TcpPort
 from simulators.serial_device import Cable, SerialDevice, SimClock, plug, unplug
 from simulators.shutter import RtsLine, StrigBox
+from simulators.subjects import SUBJECTS
 from simulators.view import View
 from simulators.world import Room, World
 from simulators.zaber import ZaberChain
@@ -67,6 +68,7 @@ class SimulatedBench:
         root = np.random.default_rng(setup.seed)
         sensing, picture = root.spawn(2)
         self.view = View(self.world, picture)
+        self.subject = "chart"
         develop = setup.develop or self.view.develop
         self.body = CameraBody(self.world, folder, develop, self.clock, replace(setup.body))
         self.clock.attach(self.body)
@@ -99,6 +101,12 @@ class SimulatedBench:
     def hands(self) -> Hands:
         """A person at this bench, who begins with an empty room; without him the chart hangs straight and in focus."""
         return Hands(self, self._seed)
+
+    def show(self, subject: str) -> None:
+        """Stand before "chart" or "wall"; a person who had begun with another subject begins again."""
+        if subject != self.subject:
+            self.__dict__.pop("hands", None)
+            self.subject, self.view.sheets = subject, SUBJECTS[subject](np.random.default_rng(self._seed)).sheets
 
     def _relay(self, on: bool, now_s: float) -> None:
         if on:
