@@ -256,7 +256,7 @@ class SimulatedCamera:
         return scene.charts[0].pose.centre_mm[2] if scene.charts else scene.wall.distance_mm
 
     def optics_at(self, placed: Placed, focus_mm: float) -> Optics:
-        """What blurs a chart or another flat thing: the camera's optics, the lens's aberrations there, and defocus at its centre."""
+        """What blurs a flat thing: the camera's optics, the lens's aberrations there, and defocus at its centre."""
         f, z = self.lens.focal_length_mm, placed.pose.centre_mm[2]
         shift = image_distance_mm(f, focus_mm) - image_distance_mm(f, z)
         wavefront = self.lens.wavefront(*self._field(placed, focus_mm))

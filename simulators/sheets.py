@@ -67,7 +67,12 @@ class PlacedSheet:
 
 
 def leaves(
-    shape: tuple[int, int], rng: np.random.Generator, *, largest: float, background: float = 0.4, per_leaf: float = 300.0
+    shape: tuple[int, int],
+    rng: np.random.Generator,
+    *,
+    largest: float,
+    background: float = 0.4,
+    per_leaf: float = 300.0,
 ) -> Frame:
     """Discs over discs whose number falls with the cube of their size: detail of all sizes, (rows, columns) float32.
 
@@ -120,7 +125,9 @@ def draw(
     return np.maximum(frame, 0.0)
 
 
-def _laid_over(spectra: Sequence[tuple[Spectrum, Spectrum | None]], transfers: Sequence[Spectrum], wide: tuple[int, ...]) -> Frame:
+def _laid_over(
+    spectra: Sequence[tuple[Spectrum, Spectrum | None]], transfers: Sequence[Spectrum], wide: tuple[int, ...]
+) -> Frame:
     light = np.zeros(wide, np.float32)
     for (picture, cover), transfer in zip(spectra, transfers, strict=True):
         if cover is not None:

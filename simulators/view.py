@@ -1,4 +1,4 @@
-"""What the bench's camera photographs: the chart, or sheets, from where it is, blurred by the path it took meanwhile."""
+"""What the bench's camera photographs: chart or sheets from where it is, blurred by the path it took meanwhile."""
 
 from __future__ import annotations
 
@@ -64,8 +64,9 @@ class View:
 
     `focus_mm` None focuses on the chart before each exposure; a fixed focus drifts by `focus_drift_mm_per_c`.
     `mount` None: nothing hangs there. `sheets`: what hangs there in place of the chart, from the back to the front, in
-    light that does not change over them; a photograph's truths are theirs, in texels. `slope`: how the light changes over it, from its centre to its sides. The noise
-    of a frame follows from the seed of `rng` and the opening's number, however many were taken before it.
+    light that does not change over them; a photograph's truths are theirs, in texels. `slope`: how the light changes
+    over the chart, from its centre to its sides. The noise of a frame follows from the seed of `rng` and the opening's
+    number, however many were taken before it.
     """
 
     world: World
