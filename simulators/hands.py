@@ -17,6 +17,7 @@ from simulators.view import Mount
 
 if TYPE_CHECKING:
     from simulators.bench import SimulatedBench
+    from simulators.world import Drive
 
 Known = str | float | bool
 HAND = "hand_"
@@ -27,13 +28,26 @@ STEP_DIOPTRES = 0.03
 """A small turn of the focus ring."""
 EXACT = ("exposure_ev",)
 """What has clicks."""
+RIM_PX, MAX_W = 8, 5.0
+"""Of the marked part of a scene from the frame's side; of the widest blur as it is guessed, both in plane pixels."""
 TAPE_MM = 5.0
 """A distance is read off a tape to this."""
 SQUARE_DEG = 0.4
 """How square to a wall a camera is put by eye."""
 SLOPPY = 0.04
 """Hands do what they are asked to this share of it."""
-SET_UP = ("printed", "mounted", "wall", "focused", "refocused", "focused_near", "focused_far")
+SET_UP = (
+    "printed",
+    "mounted",
+    "wall",
+    "scene",
+    "focused",
+    "refocused",
+    "focused_near",
+    "focused_far",
+    "first_moves",
+    "second",
+)
 """The questions by whose keys something is done, in their order."""
 
 
@@ -85,8 +99,22 @@ class Hands:
             "pixel_pitch_um": camera.pitch_um,
             "near_mm": round(self._bench.world.distance_mm(self._bench.clock.now_s()) / TAPE_MM) * TAPE_MM,
             "ratio": self._person.ratio,
+            **(self._of_depth() if self._bench.motions else {}),
         }
         return known.get(key)
+
+    def _of_depth(self) -> dict[str, Known]:
+        """What is seen of a scene in depth and its rig: where the nearest sheet is, and how far its details smear."""
+        camera = self._bench.view.camera
+        rows, columns = (size // camera.plane_pitch_px for size in (camera.sensor.rows, camera.sensor.columns))
+        f_number = camera.lens.f_number
+        return {
+            "blur_by": "motions",
+            "region": f"{RIM_PX},{RIM_PX},{columns // 2 - RIM_PX},{rows - 2 * RIM_PX}",
+            "max_w": MAX_W,
+            "first_f_number": f_number,
+            "second_f_number": f_number,
+        }
 
     # --- what a person does
 
@@ -98,8 +126,12 @@ class Hands:
                 view.cell_mm = float(facts.get("chart_width_mm", self._person.width_mm)) / 320 * self._person.printer
             case "mounted":
                 view.mount = self._mount()
-            case "wall":
+            case "wall" | "scene":
                 view.mount = self._before_wall()
+            case "first":
+                self._shake(())
+            case "first_moves" | "second" if self._bench.motions:
+                self._shake(self._bench.motions[key == "second"])
             case "focused" | "refocused" | "focused_near" | "focused_far":
                 distance_mm = self._bench.world.distance_mm(self._bench.clock.now_s())
                 error = self._rng(key).uniform(-EYES_DIOPTRES, EYES_DIOPTRES)
@@ -121,6 +153,9 @@ class Hands:
                 self.do(key, facts)
         self._asked = {n.removeprefix(HAND): float(v) for n, v in facts.items() if n.startswith(HAND)}
         self._apply()
+
+    def _shake(self, drives: tuple[Drive, ...]) -> None:
+        self._bench.world.drive(drives, self._bench.clock.now_s())
 
     def _before_wall(self) -> Mount:
         """The wall's middle before the camera where it is, seen squarely as far as the eye can tell."""
