@@ -18,7 +18,7 @@ LARGEST_MM = 40.0
 """Radius of the wall's largest leaves; the smallest are below a pixel from the near end of the rail."""
 
 
-SHAKE_HZ, SHAKE_MM = 12.7, 2.5
+SHAKE_HZ, SHAKE_MM = 10.0, 2.5
 MOTIONS = (
     (Drive("x_mm", SHAKE_MM, SHAKE_HZ), Drive("y_mm", 0.5 * SHAKE_MM, 2 * SHAKE_HZ, 0.6)),
     (Drive("y_mm", SHAKE_MM, SHAKE_HZ), Drive("x_mm", 0.5 * SHAKE_MM, 2 * SHAKE_HZ, 1.1)),
@@ -48,13 +48,14 @@ def wall(rng: np.random.Generator) -> Subject:
 
 def depth(rng: np.random.Generator) -> Subject:
     """Three walls of leaves, one behind the other, before a rig that shakes: the nearest on the left, a round one."""
-    back = Sheet(leaves((900, 1200), rng, largest=120.0), 0.6, behind_mm=1050.0)
-    middle, front = (Sheet(leaves((900, 1200), rng, largest=120.0), size) for size in (0.45, 0.35))
+    back, middle, front = (
+        Sheet(leaves((900, 1200), rng, largest=120.0, per_leaf=80.0), texel_mm) for texel_mm in (0.6, 0.45, 0.35)
+    )
     x, y = (np.arange(n) - (n - 1) / 2 for n in (1200, 900))
     disc = np.hypot(0.45 * x - 60.0, 0.45 * y[:, None] + 40.0) < 45.0
     left = np.broadcast_to(0.35 * x < 10.0, (900, 1200))
     sheets = (
-        back,
+        replace(back, behind_mm=1050.0),
         replace(middle, cover=_cover(disc), behind_mm=350.0),
         replace(front, cover=_cover(left), behind_mm=-150.0),
     )
