@@ -220,11 +220,15 @@ class Step:
 
 @dataclass(frozen=True)
 class Plan:
-    """A guided procedure. `name` is what sessions and procedure files call it."""
+    """A guided procedure. `name` is what sessions and procedure files call it.
+
+    `subject` is what it photographs, "chart", "wall" or "depth": a simulated bench stands before that.
+    """
 
     name: str
     title: str
     steps: tuple[Step, ...]
+    subject: str = "chart"
 
     def step(self, name: str) -> Step:
         """The step of that name. Raises KeyError."""

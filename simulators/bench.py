@@ -27,8 +27,9 @@ from simulators.mishaps import Fate, Mishap, random_faults, random_mishaps
 from simulators.ports import PtyPort, TcpPort
 from simulators.serial_device import Cable, SerialDevice, SimClock, plug, unplug
 from simulators.shutter import RtsLine, StrigBox
+from simulators.subjects import SUBJECTS
 from simulators.view import View
-from simulators.world import Room, World
+from simulators.world import Drive, Room, World
 from simulators.zaber import ZaberChain
 
 _numbers = itertools.count(1)
@@ -67,6 +68,9 @@ class SimulatedBench:
         root = np.random.default_rng(setup.seed)
         sensing, picture = root.spawn(2)
         self.view = View(self.world, picture)
+        self.subject = "chart"
+        self.motions: tuple[tuple[Drive, ...], ...] = ()
+        self._room = setup.room
         develop = setup.develop or self.view.develop
         self.body = CameraBody(self.world, folder, develop, self.clock, replace(setup.body))
         self.clock.attach(self.body)
@@ -99,6 +103,17 @@ class SimulatedBench:
     def hands(self) -> Hands:
         """A person at this bench, who begins with an empty room; without him the chart hangs straight and in focus."""
         return Hands(self, self._seed)
+
+    def show(self, subject: str) -> None:
+        """Stand before "chart", "wall" or "depth"; a person who had begun with another subject begins again."""
+        if subject == self.subject:
+            return
+        self.__dict__.pop("hands", None)
+        shown = SUBJECTS[subject](np.random.default_rng(self._seed))
+        self.subject, self.view.sheets, self.motions = subject, shown.sheets, shown.motions
+        lens = replace(self.view.camera.lens, f_number=shown.f_number)
+        self.view.camera = replace(self.view.camera, lens=lens)
+        self.world.room = replace(self._room, arm_mm=float("inf")) if shown.motions else self._room
 
     def _relay(self, on: bool, now_s: float) -> None:
         if on:

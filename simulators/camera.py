@@ -14,7 +14,7 @@ import numpy.typing as npt
 from procedures.pattern import CELLS, Chart
 from simulators.dng import Shot, write_dng
 from simulators.optics import ColourShift, Optics
-from simulators.projection import Pose, Projection, apply_homography, image_distance_mm
+from simulators.projection import Placed, Pose, Projection, apply_homography, image_distance_mm
 from simulators.pupil import Wavefront, defocus_um
 from simulators.render import Picture, render_frame
 from simulators.scene import Light, PlacedChart, Scene
@@ -255,8 +255,8 @@ class SimulatedCamera:
             return self.focus_mm
         return scene.charts[0].pose.centre_mm[2] if scene.charts else scene.wall.distance_mm
 
-    def optics_at(self, placed: PlacedChart, focus_mm: float) -> Optics:
-        """What blurs a chart: the camera's optics, the lens's aberrations there, and defocus at its centre."""
+    def optics_at(self, placed: Placed, focus_mm: float) -> Optics:
+        """What blurs a flat thing: the camera's optics, the lens's aberrations there, and defocus at its centre."""
         f, z = self.lens.focal_length_mm, placed.pose.centre_mm[2]
         shift = image_distance_mm(f, focus_mm) - image_distance_mm(f, z)
         wavefront = self.lens.wavefront(*self._field(placed, focus_mm))
@@ -268,7 +268,7 @@ class SimulatedCamera:
         x, y = (q - c for q, c in zip(self._field(placed, focus_mm), self.lens.axis, strict=True))
         return ColourShift((per_um * x, per_um * y))
 
-    def _field(self, placed: PlacedChart, focus_mm: float) -> tuple[float, float]:
+    def _field(self, placed: Placed, focus_mm: float) -> tuple[float, float]:
         """Where a chart's centre appears, (x, y) from the frame's centre in half diagonals, distortion apart."""
         projection = self.projection(focus_mm)
         x, y, z = placed.pose.centre_mm

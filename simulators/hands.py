@@ -17,6 +17,7 @@ from simulators.view import Mount
 
 if TYPE_CHECKING:
     from simulators.bench import SimulatedBench
+    from simulators.world import Drive
 
 Known = str | float | bool
 HAND = "hand_"
@@ -27,18 +28,41 @@ STEP_DIOPTRES = 0.03
 """A small turn of the focus ring."""
 EXACT = ("exposure_ev",)
 """What has clicks."""
+RIM_PX, MAX_W = 8, 5.0
+"""Of the marked part of a scene from the frame's side; of the widest blur as it is guessed, both in plane pixels."""
+TAPE_MM = 5.0
+"""A distance is read off a tape to this."""
+SQUARE_DEG = 0.4
+"""How square to a wall a camera is put by eye."""
 SLOPPY = 0.04
 """Hands do what they are asked to this share of it."""
+SET_UP = (
+    "printed",
+    "mounted",
+    "wall",
+    "scene",
+    "focused",
+    "refocused",
+    "focused_near",
+    "focused_far",
+    "first_moves",
+    "second",
+)
+"""The questions by whose keys something is done, in their order."""
 
 
 @dataclass(frozen=True)
 class Person:
-    """How somebody leaves things who was not told numbers: the chart, the lamp, the dial; and what the printer does."""
+    """How somebody leaves things who was not told numbers: the chart, the lamp, the dial; and what the printer does.
+
+    `ratio` is that of the distances from a wall, as the rail allows it.
+    """
 
     width_mm: float = 96.0
     printer: float = 0.994
     mount: Mount = field(default_factory=lambda: Mount(14.0, -9.0, yaw_deg=2.6, pitch_deg=-1.9, roll_deg=6.4))
     exposure_s: float = 1 / 160
+    ratio: float = 2.8
     slope: tuple[float, float] = (-0.13, 0.04)
 
 
@@ -73,8 +97,24 @@ class Hands:
             "ruler_mm": ruler,
             "focal_length_mm": camera.lens.focal_length_mm,
             "pixel_pitch_um": camera.pitch_um,
+            "near_mm": round(self._bench.world.distance_mm(self._bench.clock.now_s()) / TAPE_MM) * TAPE_MM,
+            "ratio": self._person.ratio,
+            **(self._of_depth() if self._bench.motions else {}),
         }
         return known.get(key)
+
+    def _of_depth(self) -> dict[str, Known]:
+        """What is seen of a scene in depth and its rig: where the nearest sheet is, and how far its details smear."""
+        camera = self._bench.view.camera
+        rows, columns = (size // camera.plane_pitch_px for size in (camera.sensor.rows, camera.sensor.columns))
+        f_number = camera.lens.f_number
+        return {
+            "blur_by": "motions",
+            "region": f"{RIM_PX},{RIM_PX},{columns // 2 - RIM_PX},{rows - 2 * RIM_PX}",
+            "max_w": MAX_W,
+            "first_f_number": f_number,
+            "second_f_number": f_number,
+        }
 
     # --- what a person does
 
@@ -86,7 +126,13 @@ class Hands:
                 view.cell_mm = float(facts.get("chart_width_mm", self._person.width_mm)) / 320 * self._person.printer
             case "mounted":
                 view.mount = self._mount()
-            case "focused" | "refocused":
+            case "wall" | "scene":
+                view.mount = self._before_wall()
+            case "first":
+                self._shake(())
+            case "first_moves" | "second" if self._bench.motions:
+                self._shake(self._bench.motions[key == "second"])
+            case "focused" | "refocused" | "focused_near" | "focused_far":
                 distance_mm = self._bench.world.distance_mm(self._bench.clock.now_s())
                 error = self._rng(key).uniform(-EYES_DIOPTRES, EYES_DIOPTRES)
                 self._dioptres = 1000 / distance_mm + float(error)
@@ -102,11 +148,22 @@ class Hands:
 
     def take_up(self, facts: Mapping[str, Known]) -> None:
         """The bench as the facts of an earlier run tell that it was left, the axes being there already."""
-        for key in ("printed", "mounted", "focused", "refocused"):
+        for key in SET_UP:
             if facts.get(key):
                 self.do(key, facts)
         self._asked = {n.removeprefix(HAND): float(v) for n, v in facts.items() if n.startswith(HAND)}
         self._apply()
+
+    def _shake(self, drives: tuple[Drive, ...]) -> None:
+        self._bench.world.drive(drives, self._bench.clock.now_s())
+
+    def _before_wall(self) -> Mount:
+        """The wall's middle before the camera where it is, seen squarely as far as the eye can tell."""
+        world, rng = self._bench.world, self._rng("wall")
+        pose = world.pose(np.array([self._bench.clock.now_s()]))
+        x_mm, y_mm = (sum(world.room.travel[name]) / 2 for name in ("x_mm", "y_mm"))
+        yaw, pitch, roll = (float(angle) for angle in rng.normal(0.0, SQUARE_DEG, 3))
+        return Mount(float(pose.x_mm[0]) - x_mm, y_mm - float(pose.y_mm[0]), yaw, pitch, roll)
 
     def _mount(self) -> Mount:
         hung, asked = self._person.mount, self._asked
@@ -122,7 +179,7 @@ class Hands:
 
     def _apply(self) -> None:
         view, body = self._bench.view, self._bench.body
-        if view.mount is not None:
+        if view.mount is not None and not view.sheets:
             view.mount = self._mount()
         body.settings.exposure_s = _nearest_third(self._person.exposure_s * 2 ** self._asked.get("exposure_ev", 0.0))
         view.slope = (0.0, 0.0) if self._asked.get("even_light") else self._person.slope

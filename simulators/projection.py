@@ -7,6 +7,7 @@ pixels (x, y) with pixel centres at integers.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -45,6 +46,15 @@ class Pose:
     def plane_to_space(self) -> Array:
         """Points (x_mm, y_mm, 1) of the thing's plane, from its centre, to space in mm, (3, 3)."""
         return np.column_stack([self.axes[:, 0], self.axes[:, 1], self.centre_mm])
+
+
+class Placed(Protocol):
+    """Anything flat that stands in space."""
+
+    @property
+    def pose(self) -> Pose:
+        """Of its centre and its plane."""
+        ...
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What the bench's camera photographs: the chart from where the camera is, blurred by the path it took meanwhile."""
+"""What the bench's camera photographs: chart or sheets from where it is, blurred by the path it took meanwhile."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ from simulators.optics import Optics, Path
 from simulators.projection import Pose as ChartPose
 from simulators.scene import Light, PlacedChart, Scene, Wall
 from simulators.sensor import Sensor
+from simulators.sheets import PlacedSheet, Sheet, draw
+from simulators.truth import ChartTruth
 from simulators.world import Array, Pose, World
 
 INSTANTS_PER_S = 480  # of an exposure: modes up to 60 Hz are met eight times a period
@@ -49,13 +51,22 @@ class Mount:
         return Rotation.from_euler("ZYX", [self.roll_deg, self.yaw_deg, self.pitch_deg], degrees=True)
 
 
+def mean_pose(centres: Array, turns: Rotation) -> ChartPose:
+    """Of a flat thing, from its centre and turn at each instant of an exposure."""
+    x, y, z = (float(value) for value in centres.mean(axis=0))
+    roll, yaw, pitch = (float(angle) for angle in turns.mean().as_euler("ZYX", degrees=True))
+    return ChartPose((x, y, z), yaw, pitch, roll)
+
+
 @dataclass
 class View:
-    """The camera in the world, in front of a chart that hangs in the middle of the stage's travel.
+    """The camera in the world, in front of a chart, or of sheets, in the middle of the stage's travel.
 
     `focus_mm` None focuses on the chart before each exposure; a fixed focus drifts by `focus_drift_mm_per_c`.
-    `mount` None: no chart hangs there. `slope`: how the light changes over it, from its centre to its sides. The noise
-    of a frame follows from the seed of `rng` and the opening's number, however many were taken before it.
+    `mount` None: nothing hangs there. `sheets`: what hangs there in place of the chart, from the back to the front, in
+    light that does not change over them; a photograph's truths are theirs, in texels. `slope`: how the light changes
+    over the chart, from its centre to its sides. The noise of a frame follows from the seed of `rng` and the opening's
+    number, however many were taken before it.
     """
 
     world: World
@@ -67,31 +78,52 @@ class View:
     focus_drift_mm_per_c: float = -1.5
     mount: Mount | None = field(default_factory=Mount)
     slope: tuple[float, float] = (0.0, 0.0)
+    sheets: tuple[Sheet, ...] = ()
     taken: list[Photograph] = field(default_factory=list)
 
-    def chart_seen(self, pose: Pose) -> tuple[Array, Rotation]:
-        """The chart's centre in the camera's frame at each instant, (n, 3) mm, and its turn."""
+    def chart_seen(self, pose: Pose, behind_mm: float = 0.0) -> tuple[Array, Rotation]:
+        """The chart's centre in the camera's frame at each instant, (n, 3) mm, and its turn; or what hangs behind."""
         mount = self.mount or Mount()
         middle = {name: (low + high) / 2 for name, (low, high) in self.world.room.travel.items()}
         right, down = middle["x_mm"] - pose.x_mm + mount.right_mm, pose.y_mm - middle["y_mm"] + mount.down_mm
-        offset = np.column_stack([right, down, pose.z_mm])
+        offset = np.column_stack([right, down, pose.z_mm + behind_mm])
         turned = Rotation.from_euler("YX", np.column_stack([pose.pan_deg, pose.tilt_deg]), degrees=True).inv()
         return np.asarray(turned.apply(offset)), turned * mount.turn()
 
     def photograph(self, opening: Opening, path: FilePath | None = None) -> Photograph:
         """Expose once; the path of the chart's centre over the sensor becomes part of the blur."""
+        taken = self._of_sheets(opening, path) if self.sheets and self.mount else self._of_chart(opening, path)
+        self.taken.append(taken)
+        return taken
+
+    def _of_chart(self, opening: Opening, path: FilePath | None) -> Photograph:
         centres, turns = self.chart_seen(self.world.pose(instants(opening)))
         centre = centres.mean(axis=0)
-        roll, yaw, pitch = turns.mean().as_euler("ZYX", degrees=True)
-        placed = PlacedChart(self.chart, ChartPose((centre[0], centre[1], centre[2]), yaw, pitch, roll), self.cell_mm)
+        placed = PlacedChart(self.chart, mean_pose(centres, turns), self.cell_mm)
         middle_s = opening.begin_s + opening.exposure_s / 2
         light = Light(self.world.lamp(middle_s)) if self.mount is None else self._light(placed, middle_s)
         scene = Scene((placed,) if self.mount else (), Wall(centre[2] + 500.0), light)
         focus_mm = self._focus_mm(middle_s, float(centre[2]))
         camera = replace(self.camera, focus_mm=focus_mm, optics=self._optics(centres, focus_mm))
-        taken = camera.photograph(scene, self._noise(opening.number), path, exposure_s=opening.exposure_s)
-        self.taken.append(taken)
-        return taken
+        return camera.photograph(scene, self._noise(opening.number), path, exposure_s=opening.exposure_s)
+
+    def _of_sheets(self, opening: Opening, path: FilePath | None) -> Photograph:
+        pose, middle_s = self.world.pose(instants(opening)), opening.begin_s + opening.exposure_s / 2
+        camera = replace(self.camera, focus_mm=self._focus_mm(middle_s, float(pose.z_mm.mean())))
+        placed = [self._placed(sheet, pose, camera) for sheet in self.sheets]
+        sensor, projection = camera.sensor, camera.projection(camera.focused_at(Scene()))
+        light = self.world.lamp(middle_s) * draw(placed, projection, (sensor.rows, sensor.columns), sensor.tile)
+        rng = self._noise(opening.number)
+        taken = camera.photograph(Scene(), rng, path, exposure_s=opening.exposure_s, light=light)
+        truths = (ChartTruth(projection.pinhole() @ one.to_space(), projection, one.optics) for one in placed)
+        return replace(taken, truths=tuple(truths))
+
+    def _placed(self, sheet: Sheet, pose: Pose, camera: SimulatedCamera) -> PlacedSheet:
+        """Where a sheet is in the mean, and its blur: by the optics, its distance from the focus, and its path."""
+        centres, turns = self.chart_seen(pose, sheet.behind_mm)
+        focus_mm = camera.focused_at(Scene())
+        placed = PlacedSheet(sheet, mean_pose(centres, turns), self._optics(centres, focus_mm))
+        return replace(placed, optics=replace(camera, optics=placed.optics).optics_at(placed, focus_mm))
 
     def _noise(self, number: int) -> np.random.Generator:
         seed = self.rng.bit_generator.seed_seq

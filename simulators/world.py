@@ -36,6 +36,22 @@ class Pose:
 
 
 @dataclass(frozen=True)
+class Drive:
+    """What a shaker does to an axis: amplitude cos(2 pi frequency t + phase), in the axis' unit."""
+
+    axis: str
+    amplitude: float
+    frequency_hz: float
+    phase: float = 0.0
+
+    def response(self, t_s: Array) -> tuple[Array, Array]:
+        """Displacement and acceleration at (n,) times."""
+        w = 2 * math.pi * self.frequency_hz
+        x = self.amplitude * np.cos(w * t_s + self.phase)
+        return x, -w * w * x
+
+
+@dataclass(frozen=True)
 class Room:
     """What the world is like: geometry, temperature, shaking."""
 
@@ -78,6 +94,7 @@ class World:
         self.axes = {name: Axis(low, high, middle[name]) for name, (low, high) in self.room.travel.items()}
         self._kicks: list[Shock] = []
         self._lamp_s, self._lamp = [-math.inf], [1.0]
+        self._driven: list[tuple[float, tuple[Drive, ...]]] = [(-math.inf, ())]
         self._lock = threading.Lock()
 
     # --- temperature and light
@@ -107,6 +124,11 @@ class World:
         with self._lock:
             self._kicks.append((now_s, self.room.shock_mm_s, 0.0))
 
+    def drive(self, drives: tuple[Drive, ...], now_s: float) -> None:
+        """Let a shaker move the camera so from now on; none stops it."""
+        with self._lock:
+            self._driven.append((now_s, drives))
+
     def _shocks(self, name: str, since_s: float, until_s: float) -> tuple[list[Shock], float]:
         """What shook an axis in that span, and the acceleration that had lasted before it."""
         if name == "shock_mm":
@@ -123,7 +145,16 @@ class World:
             if shocks or steady:
                 x, a = mode.response(shocks, t_s, steady)
                 found[mode.axis] = (found[mode.axis][0] + x, found[mode.axis][1] + a)
+        self._add_driven(found, t_s)
         return found
+
+    def _add_driven(self, found: dict[str, tuple[Array, Array]], t_s: Array) -> None:
+        ends = [since for since, _ in self._driven[1:]] + [math.inf]
+        for (since, drives), until in zip(self._driven, ends, strict=True):
+            live = (t_s >= since) & (t_s < until)
+            for one in drives if live.any() else ():
+                x, a = one.response(t_s)
+                found[one.axis] = (found[one.axis][0] + live * x, found[one.axis][1] + live * a)
 
     # --- where the camera is
 

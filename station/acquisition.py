@@ -75,6 +75,8 @@ class Run:
         self._patience = patience
         self._rig = Rig(bench)
         self._clock = bench.clock if bench else SystemClock()
+        if bench and bench.simulated:
+            bench.simulated.show(plan.subject)
         hands = bench.simulated.hands if bench and bench.simulated else None
         self._talk = Conversation(operator, session, hands)
         self._step = plan.steps[0]

@@ -63,6 +63,7 @@ def plan() -> Plan:
             Step("estimate", "Restore", "Restore picture and depth from both.", (Estimate(estimate),)),
             Step("verdict", "Verdict", "Accept the result, or take both again.", (Decide("first"),)),
         ),
+        subject="depth",
     )  # fmt: skip
 
 
@@ -77,7 +78,8 @@ SCENE = (
     Ask("region", "Where is a flat part of one distance? x,y,width,height in pixels, or auto.", "text", default="auto"),
 )  # fmt: skip
 FIRST = Ask("first", "Set the first aperture; or make the rig ready for its first motion.")
-SECOND = Ask("second", "Set the second aperture and as much more or less time; or make the second motion ready.")
+MOVES = Ask("first_moves", "Set the rig in its first motion, if that is what blurs; otherwise touch nothing.")
+SECOND = Ask("second", "Set the second aperture and as much more or less time; or set the rig in its second motion.")
 
 # --- checks ------------------------------------------------------------------------------------------------------
 
@@ -153,7 +155,8 @@ def shots(which: str, ask: Ask) -> tuple[Any, ...]:
     def enough(results: Sequence[Outcomes], facts: Facts) -> Advice:
         return Advice(bool(results), f"The {which} photograph is taken.")
 
-    look = (Look("light", check_first),) if which == "first" else ()
+    # the light is judged while the rig is still
+    look = (Look("light", check_first), MOVES) if which == "first" else ()
     return (ask, *look, Shoot(which, CHECKS[which], estimate_one, enough, most=8, record_motion=True))
 
 

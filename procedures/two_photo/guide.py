@@ -64,6 +64,7 @@ def plan() -> Plan:
             Step("estimate", "Estimate", "Estimate every plane's PSF from both.", (Estimate(estimate),)),
             Step("verdict", "Verdict", "Accept the result, or take the photographs again.", (Decide("near"),)),
         ),
+        subject="wall",
     )
 
 
@@ -82,8 +83,9 @@ def samples_per_pixel(facts: Facts) -> int:
 
 
 def to_near(facts: Facts) -> dict[str, float]:
-    """The rail's near end."""
-    return {"z_mm": float(facts["low_z_mm"])} if "low_z_mm" in facts else {}
+    """The rail's near end, with the head looking along the rail."""
+    straight = {name: 0.0 for name in ("pan_deg", "tilt_deg") if f"at_{name}" in facts}
+    return {"z_mm": float(facts["low_z_mm"]), **straight} if "low_z_mm" in facts else straight
 
 
 def to_far(facts: Facts) -> dict[str, float]:

@@ -9,6 +9,7 @@ Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
 
 PATCH = 64
+"""Side of the patches; a photograph that is smaller is one patch along that axis."""
 LOW, HIGH = (0.06, 0.12), (0.27, 0.36)
 """Two bands of frequencies, in cycles per pixel of the photograph."""
 
@@ -31,18 +32,19 @@ def sharpness_ratio(near: Array32, far: Array32, noise: float) -> float:
 
 def fineness(photograph: Array32, noise: float) -> float:
     """Amplitude of the high band over that of the low one, noise taken off."""
-    power = _spectrum(photograph) - noise**2
-    f = np.hypot(np.fft.fftfreq(PATCH)[:, None], np.fft.rfftfreq(PATCH))
+    rows, columns = (min(n, PATCH) for n in photograph.shape)
+    power = _spectrum(photograph, rows, columns) - noise**2
+    f = np.hypot(np.fft.fftfreq(rows)[:, None], np.fft.rfftfreq(columns))
     low, high = (float(power[(f >= start) & (f < end)].mean()) for start, end in (LOW, HIGH))
     floor = 1e-3 * noise**2  # nothing but noise must not become a negative power
     return float(np.sqrt(max(high, floor) / max(low, floor, 1e-12)))
 
 
-def _spectrum(photograph: Array32) -> Array:
-    """Power per pixel of a photograph, the mean over windowed patches spread over it: PATCH x (PATCH / 2 + 1)."""
-    window = np.outer(np.hanning(PATCH), np.hanning(PATCH)).astype(np.float32)
-    rows, columns = (_starts(n) for n in photograph.shape)
-    patches = np.stack([photograph[i : i + PATCH, j : j + PATCH] for i in rows for j in columns])
+def _spectrum(photograph: Array32, rows: int, columns: int) -> Array:
+    """Power per pixel of a photograph, the mean over windowed patches spread over it: rows x (columns // 2 + 1)."""
+    window = np.outer(np.hanning(rows), np.hanning(columns)).astype(np.float32)
+    tops, lefts = (_starts(n) for n in photograph.shape)
+    patches = np.stack([photograph[i : i + rows, j : j + columns] for i in tops for j in lefts])
     patches = (patches - patches.mean(axis=(1, 2), keepdims=True)) * window
     return np.asarray((np.abs(np.fft.rfft2(patches)) ** 2).mean(axis=0) / np.sum(window**2), dtype=np.float64)
 

@@ -22,6 +22,7 @@ from procedures.two_photo.guide import (
     sharpness,
     to_far,
 )
+from procedures.two_photo.sharpness import fineness
 
 from .wall import TEXELS, gaussian, leaves, photograph, samples_of
 
@@ -123,3 +124,10 @@ def test_enough_is_two_photographs_from_either_place(wall):
     one = near.estimate(frame(wall[0][0]), FACTS)
     assert not near.enough([one], FACTS).good
     assert near.enough([one, one], FACTS).facts == {"near_frames": 2.0}
+
+
+def test_a_photograph_smaller_than_a_patch_is_as_fine_as_a_large_one(rng):
+    noise = rng.normal(0, 1, (400, 400)).astype(np.float32)
+    # white: as much power in both bands, whatever the size; 40 x 52 has some hundred frequencies in a band
+    assert fineness(noise, 0.0) == pytest.approx(1.0, abs=0.05)
+    assert fineness(noise[:40, :52], 0.0) == pytest.approx(1.0, abs=0.3)
