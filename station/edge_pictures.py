@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from procedures.raw import Plane
 from procedures.slanted_edge.estimate import EdgeMtf
-from station.figures import CONFIDENT, FAINT, INK, MARK, STYLE
+from station.drawing import CONFIDENT, FAINT, INK, MARK, STYLE
 
 SHOWN = 6
 """Edges drawn; a result's record and table have all."""

@@ -15,8 +15,7 @@ from procedures.field.chromatic import LateralColour
 from procedures.field.maps import FieldMap
 from procedures.field.models import Axis
 from procedures.psf_field import PsfField
-from station import figures
-from station.figures import FAINT, INK, MARK, PLANE_COLOURS, STYLE, svg
+from station.drawing import FAINT, INK, MARK, PLANE_COLOURS, STYLE, axes_grid, colour_bar, svg
 
 Array = npt.NDArray[np.float64]
 
@@ -58,7 +57,7 @@ def errors_figure(maps: Sequence[FieldMap], nodes: Array, shape: tuple[int, int]
 
 def _panels(panels: Sequence[_Panel], places: FieldMap, nodes: Array, shape: tuple[int, int], name: str) -> Markup:
     (rows, columns), width = shape, 3.2
-    figure, axes_of = figures._figure(
+    figure, axes_of = axes_grid(
         width * len(panels), width * 0.72 * min(rows / columns, 1.5) + 0.66, 1, len(panels),
         rim_in=(0.08, 0.62, 0.26, 0.3), wspace=0.32,
     )  # fmt: skip
@@ -75,7 +74,7 @@ def _panels(panels: Sequence[_Panel], places: FieldMap, nodes: Array, shape: tup
         axes.spines[:].set_visible(False)
         axes.set_title(panel.title, fontsize=9)
         axes.set_xlabel(panel.unit)
-        figures._bar(figure, axes, image, (1.03, 0.05, 0.04, 0.9))
+        colour_bar(figure, axes, image, (1.03, 0.05, 0.04, 0.9))
     return svg(figure, name, "; ".join(f"{panel.title} {panel.unit}" for panel in panels) + ", over the frame")
 
 
@@ -111,7 +110,7 @@ def mosaic_figure(field: PsfField, name: str) -> Markup:
     tiles = np.pad(field.samples(points), ((0, 0), (0, 1), (0, 1)), constant_values=np.nan)
     side = field.k + 1
     picture = tiles.reshape(rows, MOSAIC, side, side).transpose(0, 2, 1, 3).reshape(rows * side, MOSAIC * side)
-    figure, ((axes,),) = figures._figure(6.0, 6.0 * rows / MOSAIC + 0.1, rim_in=(0.05, 0.05, 0.05, 0.05))
+    figure, ((axes,),) = axes_grid(6.0, 6.0 * rows / MOSAIC + 0.1, rim_in=(0.05, 0.05, 0.05, 0.05))
     # the root shows the faint flare that tells coma from blur
     axes.imshow(np.sqrt(np.maximum(picture, 0))[:-1, :-1], cmap="viridis", interpolation="none")
     axes.set(xticks=[], yticks=[])
@@ -122,7 +121,7 @@ def mosaic_figure(field: PsfField, name: str) -> Markup:
 def places_figure(field: PsfField, axis: Axis | None, name: str) -> Markup:
     """The frame, its nodes and what they enclose, and the axis of the lens with its 95 % ellipse."""
     rows, columns = field.shape
-    figure, ((axes,),) = figures._figure(4.4, 4.1 * min(rows / columns, 1.5) + 0.5, rim_in=(0.08, 0.08, 0.4, 0.08))
+    figure, ((axes,),) = axes_grid(4.4, 4.1 * min(rows / columns, 1.5) + 0.5, rim_in=(0.08, 0.08, 0.4, 0.08))
     axes.add_patch(Rectangle((-0.5, -0.5), columns, rows, fill=False, ec=FAINT, lw=0.8))
     axes.fill(*field.hull.rim.T, fc=PLANE_COLOURS[field.plane], alpha=0.1, lw=0)
     axes.plot(*field.positions.T, ".", color=PLANE_COLOURS[field.plane], ms=5, label="nodes")
@@ -146,7 +145,7 @@ def places_figure(field: PsfField, axis: Axis | None, name: str) -> Markup:
 def colour_figure(colour: LateralColour, name: str) -> Markup:
     """Lateral colour as arrows at the charts: measured, with the fitted surface's beside them."""
     rows, columns = colour.shape
-    figure, ((axes,),) = figures._figure(3.6, 3.3 * min(rows / columns, 1.5) + 0.5, rim_in=(0.08, 0.08, 0.25, 0.08))
+    figure, ((axes,),) = axes_grid(3.6, 3.3 * min(rows / columns, 1.5) + 0.5, rim_in=(0.08, 0.08, 0.25, 0.08))
     axes.add_patch(Rectangle((-0.5, -0.5), columns, rows, fill=False, ec=FAINT, lw=0.8))
     fitted, _ = colour.at(colour.positions)
     longest = float(np.linalg.norm(colour.shift, axis=1).max())

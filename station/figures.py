@@ -1,10 +1,7 @@
-"""The report's figures, as SVG that stands inside a page: the same bytes for the same numbers."""
+"""The figures of a PSF's report."""
 
 from __future__ import annotations
 
-import base64
-import io
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,9 +9,8 @@ from typing import Any
 import matplotlib
 import numpy as np
 import numpy.typing as npt
-from markupsafe import Markup, escape
+from markupsafe import Markup
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
@@ -25,17 +21,22 @@ from procedures.psf import Psf
 from procedures.quality import Quality, otf
 from procedures.raw import Plane
 from procedures.two_photo.diagnostics import CLEAR
+from station.drawing import (
+    ALONG,
+    CONFIDENT,
+    FAINT,
+    INK,
+    MARK,
+    PLANE_COLOURS,
+    STYLE,
+    axes_grid,
+    colour_bar,
+    svg,
+)
 from station.exports import Profile
-from station.palette_png import smaller
 
 Array = npt.NDArray[np.float64]
 
-INK, FAINT = "#2b3036", "#9aa3ad"
-ALONG = {"horizontal": "#1f5fa8", "vertical": "#c4541a"}
-PLANE_COLOURS = {"R": "#c0392b", "G1": "#1e8449", "G2": "#7dbb42", "B": "#2e6fbf", "Y": "#444444"}
-MARK = "#ff8c1a"
-CONFIDENT = 1.96
-"""Standard uncertainties on either side that hold 95 %."""
 SURROUND_CELLS = 20
 """What is shown around the chart's frame."""
 RESIDUAL_LIMIT = 4.0
@@ -44,79 +45,6 @@ FEWER_COLOURS = matplotlib.colormaps["RdBu_r"].resampled(255)
 """One colour is left for where there is nothing."""
 WIDEST_PX = 480
 """Larger photographs are drawn smaller."""
-STYLE: dict[Any, Any] = {
-    "font.size": 8.5,
-    "axes.edgecolor": FAINT,
-    "axes.labelcolor": INK,
-    "axes.linewidth": 0.7,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.titlesize": 9,
-    "axes.titlecolor": INK,
-    "xtick.color": INK,
-    "ytick.color": INK,
-    "xtick.major.width": 0.7,
-    "ytick.major.width": 0.7,
-    "legend.frameon": False,
-    "image.composite_image": False,
-    "svg.fonttype": "none",
-}
-
-
-def svg(figure: Figure, name: str, description: str) -> Markup:
-    """A figure as an SVG element as wide as its place, its parts named so that no other figure's are mistaken for them.
-
-    Parameters
-    ----------
-    name : str
-        Unique in the page.
-    description : str
-        What it shows, for those who do not see it.
-    """
-    text = io.StringIO()
-    nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
-    with matplotlib.rc_context({**STYLE, "svg.hashsalt": name}):
-        figure.savefig(text, format="svg", metadata=nothing, transparent=True)
-    drawn = text.getvalue()
-    drawn = drawn[drawn.index("<svg") :]
-    drawn = re.sub(r"<metadata>.*?</metadata>", "", drawn, flags=re.S)
-    used = set(re.findall(r'(?:url\(#|href="#)([^)"]+)', drawn))
-    drawn = re.sub(r' id="([^"]+)"', lambda m: f' id="{name}-{m[1]}"' if m[1] in used else "", drawn)
-    drawn = re.sub(r'(url\(#|href="#)', rf"\g<1>{name}-", drawn)
-    drawn = re.sub(r'(?<= d=")[^"]+', lambda m: re.sub(r"(\.\d\d)\d+", r"\1", m[0]), drawn)
-    drawn = re.sub(r' (?:width|height)="[\d.]+pt"', "", drawn, count=2)
-    drawn = re.sub(r"(?<=data:image/png;base64,)[^\"]+", lambda m: _smaller(m[0]), drawn)
-    drawn = re.sub(r' xmlns(?::xlink)?="[^"]*"', "", drawn).replace("xlink:href", "href")
-    return Markup(drawn.replace("<svg", f'<svg role="img" aria-label="{escape(description)}"', 1))
-
-
-def _smaller(encoded: str) -> str:
-    return base64.b64encode(smaller(base64.b64decode(encoded))).decode()
-
-
-def _figure(
-    width_in: float, height_in: float, rows: int = 1, columns: int = 1, *, rim_in: Sequence[float], **grid: Any
-) -> tuple[Figure, Any]:
-    """A figure and its axes, with a rim (left, right, bottom, top) for labels.
-
-    The rim is told because finding it out takes matplotlib as long as drawing.
-    """
-    left, right, bottom, top = rim_in
-    place = {"left": left / width_in, "right": 1 - right / width_in}
-    place |= {"bottom": bottom / height_in, "top": 1 - top / height_in}
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(width_in, height_in))
-        return figure, figure.subplots(rows, columns, gridspec_kw={**place, **grid}, squeeze=False)
-
-
-def _bar(figure: Figure, axes: Axes, image: Any, place: tuple[float, float, float, float], **options: Any) -> Any:
-    """A colour bar at a place (x, y, width, height) in fractions of the axes."""
-    with matplotlib.rc_context(STYLE):
-        bar = figure.colorbar(image, cax=axes.inset_axes(place), **options)
-    bar.outline.set_visible(False)
-    bar.ax.tick_params(length=0)
-    return bar
-
 
 # --- the photograph ----------------------------------------------------------------------------------------------
 
@@ -136,7 +64,7 @@ def chart_outline(found: PatternPsf) -> Array:
 
 def photograph_figure(plane: Plane, found: PatternPsf, name: str) -> Markup:
     """The chart as photographed, with the marks that were found and the outline of the noise."""
-    figure, ((axes,),) = _figure(3.2, 3.2, rim_in=(0.42, 0.1, 0.42, 0.1))
+    figure, ((axes,),) = axes_grid(3.2, 3.2, rim_in=(0.42, 0.1, 0.42, 0.1))
     around = _square(found.registration, -BLOCK - SURROUND_CELLS, BLOCK * (BLOCKS - 1) + SURROUND_CELLS)
     limit = np.array(plane.samples.shape[::-1])
     (x0, y0), (x1, y1) = (
@@ -152,11 +80,11 @@ def photograph_figure(plane: Plane, found: PatternPsf, name: str) -> Markup:
 
 def residual_figure(plane: str, found: PatternPsf, name: str) -> Markup:
     """What is left of the noise region when the prediction is taken away, in units of the noise."""
-    figure, ((axes,),) = _figure(3.2, 3.2, rim_in=(0.42, 0.42, 0.42, 0.1))
+    figure, ((axes,),) = axes_grid(3.2, 3.2, rim_in=(0.42, 0.42, 0.42, 0.1))
     image = _image(
         axes, found.residual, found.residual_origin, cmap=FEWER_COLOURS, vmin=-RESIDUAL_LIMIT, vmax=RESIDUAL_LIMIT
     )
-    _bar(figure, axes, image, (1.03, 0.2, 0.035, 0.6))
+    colour_bar(figure, axes, image, (1.03, 0.2, 0.035, 0.6))
     axes.set_xlabel(f"pixels of {plane}; colours in σ of the noise")
     return svg(figure, name, f"photograph less prediction in plane {plane}, in standard deviations of the noise")
 
@@ -167,7 +95,7 @@ def pair_figure(near: Plane, outline: Array, name: str) -> Markup:
     step = -(-max(samples.shape) // WIDEST_PX)
     rows, columns = (n // step * step for n in samples.shape)
     small = samples[:rows, :columns].reshape(rows // step, step, columns // step, step).mean(axis=(1, 3))
-    figure, ((axes,),) = _figure(3.2, 0.6 + 2.6 * rows / columns, rim_in=(0.42, 0.1, 0.42, 0.1))
+    figure, ((axes,),) = axes_grid(3.2, 0.6 + 2.6 * rows / columns, rim_in=(0.42, 0.1, 0.42, 0.1))
     extent = (-0.5, columns - 0.5, rows - 0.5, -0.5)
     axes.imshow(small, extent=extent, cmap="gray", vmin=0, vmax=float(np.quantile(small, 0.995)), interpolation="none")
     axes.plot(*outline.T, color=MARK, lw=1)
@@ -197,7 +125,7 @@ def psf_figure(psf: Psf, truth: Array | None, name: str) -> Markup:
         difference = psf.h - truth
         limit = float(np.abs(difference).max())
         pictures.append(("less the truth", difference, "RdBu_r", (-limit, limit)))
-    figure, places = _figure(3.2, 2.05, 1, len(pictures), rim_in=(0.28, 0.12, 0.58, 0.22), wspace=0.24)
+    figure, places = axes_grid(3.2, 2.05, 1, len(pictures), rim_in=(0.28, 0.12, 0.58, 0.22), wspace=0.24)
     reach = (psf.k / 2) / psf.s
     for axes, (title, picture, colours, (low, high)) in zip(places[0], pictures, strict=True):
         image = axes.imshow(
@@ -207,7 +135,7 @@ def psf_figure(psf: Psf, truth: Array | None, name: str) -> Markup:
         axes.set_title(title, fontsize=9)
         axes.set_xticks((-2, 0, 2) if reach >= 2 else (-1, 0, 1))
         axes.set_yticks(axes.get_xticks())
-        bar = _bar(figure, axes, image, (0, -0.27, 1, 0.045), orientation="horizontal", ticks=(low, high))
+        bar = colour_bar(figure, axes, image, (0, -0.27, 1, 0.045), orientation="horizontal", ticks=(low, high))
         labels = bar.ax.set_xticklabels([f"{value:.2g}".replace("-", "−") for value in (low, high)])
         for label, end in zip(labels, ("left", "right"), strict=True):
             label.set_horizontalalignment(end)
@@ -216,7 +144,7 @@ def psf_figure(psf: Psf, truth: Array | None, name: str) -> Markup:
 
 def energy_figure(profile: Profile, name: str) -> Markup:
     """The energy inside circles over their radius, with its 95 % band."""
-    figure, ((axes,),) = _figure(3.2, 2.5, rim_in=(0.55, 0.14, 0.4, 0.08))
+    figure, ((axes,),) = axes_grid(3.2, 2.5, rim_in=(0.55, 0.14, 0.4, 0.08))
     spread = CONFIDENT * profile.energy_uncertainty
     axes.fill_between(profile.radius, profile.energy - spread, profile.energy + spread, color=INK, alpha=0.2, lw=0)
     axes.plot(profile.radius, profile.energy, color=INK, lw=1.4)
@@ -227,11 +155,11 @@ def energy_figure(profile: Profile, name: str) -> Markup:
 
 def kernel_figure(kernel: Array, name: str) -> Markup:
     """The kernel between two photographs, its own least to greatest value."""
-    figure, ((axes,),) = _figure(3.2, 2.05, rim_in=(0.28, 0.12, 0.3, 0.1))
+    figure, ((axes,),) = axes_grid(3.2, 2.05, rim_in=(0.28, 0.12, 0.3, 0.1))
     image = axes.imshow(kernel, interpolation="none", cmap="viridis")
     axes.set(xticks=[], yticks=[])
     axes.spines[:].set_visible(False)
-    _bar(figure, axes, image, (1.05, 0.1, 0.05, 0.8))
+    colour_bar(figure, axes, image, (1.05, 0.1, 0.05, 0.8))
     return svg(figure, name, "the kernel between the two photographs")
 
 
@@ -252,7 +180,7 @@ def mtf_figure(quality: Quality, truth: Psf | None, name: str) -> Markup:
         "vertical": _Curve(quality.mtf_vertical, quality.mtf_vertical_uncertainty, _true_mtf(truth, 0 * f, f)),
     }
     rows = 1 if truth is None else 2
-    figure, places = _figure(
+    figure, places = axes_grid(
         3.2, 1.4 + 1.1 * rows, rows, 1, rim_in=(0.55, 0.14, 0.4, 0.08), height_ratios=[2.1, 1][:rows], hspace=0.12
     )
     for direction, curve in curves.items():
@@ -319,7 +247,7 @@ def _draw_difference(axes: Axes, f: Array, curve: _Curve, direction: str) -> Non
 
 def places_figure(outlines: Sequence[Array], name: str) -> Markup:
     """Where the charts stood, the frames drawn over each other: outlines (n, 2) in fractions of the frame."""
-    figure, ((axes,),) = _figure(3.4, 2.5, rim_in=(0.05, 0.05, 0.1, 0.1))
+    figure, ((axes,),) = axes_grid(3.4, 2.5, rim_in=(0.05, 0.05, 0.1, 0.1))
     axes.add_patch(Rectangle((0, 0), 1, 1, fill=False, ec=FAINT, lw=0.8))
     for number, outline in enumerate(outlines, 1):
         axes.fill(*outline.T, fc=MARK, alpha=0.12, lw=0)
@@ -337,7 +265,7 @@ Rows = Sequence[tuple[str, Mapping[str, Sequence[float]]]]
 
 def ratios_figure(rows: Rows, name: str) -> Markup:
     """Every plane's error over the error expected."""
-    figure, ((axes,),) = _figure(3.4, 2.5, rim_in=(1.42, 0.1, 0.42, 0.05))
+    figure, ((axes,),) = axes_grid(3.4, 2.5, rim_in=(1.42, 0.1, 0.42, 0.05))
     _draw_rows(axes, rows)
     axes.set(xlim=(0, 2), xlabel="error / expected")
     axes.axvline(1, color=INK, lw=0.8, ls=(0, (3, 2)), zorder=0)
@@ -349,7 +277,7 @@ def ratios_figure(rows: Rows, name: str) -> Markup:
 
 def sigmas_figure(rows: Rows, name: str) -> Markup:
     """Every plane's MTF50, measured less true, in standard uncertainties: along rows a dot, along columns a diamond."""
-    figure, ((axes,),) = _figure(3.4, 2.5, rim_in=(1.42, 0.1, 0.42, 0.05))
+    figure, ((axes,),) = axes_grid(3.4, 2.5, rim_in=(1.42, 0.1, 0.42, 0.05))
     _draw_rows(axes, rows)
     axes.axvspan(-CONFIDENT, CONFIDENT, color=FAINT, alpha=0.2, lw=0, zorder=0)
     axes.axvline(0, color=INK, lw=0.8, ls=(0, (3, 2)), zorder=0)
@@ -378,18 +306,18 @@ def map_figure(
 ) -> Markup:
     """A map over the frame, (rows, columns), with its scale."""
     rows, columns = values.shape
-    figure, ((axes,),) = _figure(3.6, 2.95 * min(rows / columns, 1.5) + 0.3, rim_in=(0.05, 0.6, 0.25, 0.05))
+    figure, ((axes,),) = axes_grid(3.6, 2.95 * min(rows / columns, 1.5) + 0.3, rim_in=(0.05, 0.6, 0.25, 0.05))
     image = axes.imshow(values, cmap=colours, vmin=limits[0], vmax=limits[1], interpolation="none")
     axes.set(xticks=[], yticks=[])
     axes.spines[:].set_visible(False)
     axes.set_xlabel(unit)
-    _bar(figure, axes, image, (1.03, 0.1, 0.04, 0.8))
+    colour_bar(figure, axes, image, (1.03, 0.1, 0.04, 0.8))
     return svg(figure, name, f"{unit}, over the frame")
 
 
 def course_figure(n: Sequence[int], cost: Sequence[float], residual: Sequence[float], name: str) -> Markup:
     """Cost and residual (grey levels of 255) after each round of a restoration."""
-    figure, ((left,),) = _figure(3.6, 3.0, rim_in=(0.6, 0.6, 0.42, 0.1))
+    figure, ((left,),) = axes_grid(3.6, 3.0, rim_in=(0.6, 0.6, 0.42, 0.1))
     left.semilogy(n, cost, color=ALONG["horizontal"], lw=1.4)
     left.set(xlabel="round")
     left.set_ylabel("cost (6.1)", color=ALONG["horizontal"])

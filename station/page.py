@@ -7,8 +7,8 @@ from typing import Any
 import jinja2
 
 from procedures.raw import Exposure
+from station.drawing import PLANE_COLOURS
 from station.exports import GAUSSIAN_RADIUS
-from station.figures import PLANE_COLOURS
 from station.stated import stated
 
 NUMBERS = (

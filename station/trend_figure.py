@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from procedures.outcome import BadParameter
-from station.figures import CONFIDENT, INK, PLANE_COLOURS, STYLE
+from station.drawing import CONFIDENT, INK, PLANE_COLOURS, STYLE
 from station.names import printable
 from station.trend import Trend, years_between
 
