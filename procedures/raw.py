@@ -70,14 +70,30 @@ class Plane:
     bad_pixels: npt.NDArray[np.intp] = field(default_factory=_no_pixels)
 
 
+@dataclass(frozen=True, eq=False)
+class Felt:
+    """What an inertial unit on the camera felt about an exposure, its x to the right, its y up.
+
+    time_s : (n,) from the opening of the shutter on; acceleration_m_s2, rotation_rad_s : (n, 3), gravity included.
+    """
+
+    time_s: npt.NDArray[np.float64]
+    acceleration_m_s2: npt.NDArray[np.float64]
+    rotation_rad_s: npt.NDArray[np.float64]
+
+
 @dataclass(frozen=True)
 class RawFrame:
-    """A photograph as read: its planes by name, in the order R, G1, G2, B, and where it came from."""
+    """A photograph as read: its planes by name, in the order R, G1, G2, B, and where it came from.
+
+    `felt` is the motion meanwhile, where a session recorded it.
+    """
 
     path: Path
     sha256: str
     planes: Mapping[str, Plane]
     exposure: Exposure
+    felt: Felt | None = None
 
 
 def read_frame(path: Path | str, names: Sequence[str] | None = None) -> RawFrame:

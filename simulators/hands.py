@@ -28,7 +28,7 @@ STEP_DIOPTRES = 0.03
 """A small turn of the focus ring."""
 EXACT = ("exposure_ev",)
 """What has clicks."""
-RIM_PX, MAX_W = 8, 5.0
+RIM_PX, MAX_W = 8, 4.0
 """Of the marked part of a scene from the frame's side; of the widest blur as it is guessed, both in plane pixels."""
 TAPE_MM = 5.0
 """A distance is read off a tape to this."""

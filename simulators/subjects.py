@@ -18,7 +18,7 @@ LARGEST_MM = 40.0
 """Radius of the wall's largest leaves; the smallest are below a pixel from the near end of the rail."""
 
 
-SHAKE_HZ, SHAKE_MM = 10.0, 2.5
+SHAKE_HZ, SHAKE_MM = 10.0, 1.9
 MOTIONS = (
     (Drive("x_mm", SHAKE_MM, SHAKE_HZ), Drive("y_mm", 0.5 * SHAKE_MM, 2 * SHAKE_HZ, 0.6)),
     (Drive("y_mm", SHAKE_MM, SHAKE_HZ), Drive("x_mm", 0.5 * SHAKE_MM, 2 * SHAKE_HZ, 1.1)),

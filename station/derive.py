@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from procedures.outcome import Outcome, Verdict
 from procedures.plan import Estimate, Plan
-from procedures.raw import RawFrame, read_frame
+from procedures.raw import Felt, RawFrame, read_frame
 from station.calibrate import plane_record
 from station.machine import same_bits
 from station.plans import numbers_of, writer_of
 from station.results import PlaneRecord, ResultFolder, write_psf_result
 from station.session import Session
 from station.session_folder import inside
-from station.session_state import State
+from station.session_state import Shot, State
 
 ORDER = (Verdict.PASS, Verdict.DOUBTFUL, Verdict.REFUSED)
 
@@ -48,8 +50,8 @@ MEMORY = 500e6
 class Frames(Sequence[RawFrame]):
     """Photographs that are read when they are asked for; as many stay in memory as have room there."""
 
-    def __init__(self, paths: Sequence[Path]) -> None:
-        self._paths = paths
+    def __init__(self, paths: Sequence[Path], felt: Sequence[Felt | None]) -> None:
+        self._paths, self._felt = paths, felt
         largest = max((path.stat().st_size for path in paths), default=1)
         self._read = lru_cache(max(1, int(MEMORY / (4 * largest))))(read_frame)
 
@@ -57,7 +59,20 @@ class Frames(Sequence[RawFrame]):
         return len(self._paths)
 
     def __getitem__(self, index: Any) -> Any:
-        return Frames(self._paths[index]) if isinstance(index, slice) else self._read(self._paths[index])
+        if isinstance(index, slice):
+            return Frames(self._paths[index], self._felt[index])
+        return replace(self._read(self._paths[index]), felt=self._felt[index])
+
+
+def felt_during(shot: Shot) -> Felt | None:
+    """The motion recorded with a photograph; None where it was not, or not when the shutter opened."""
+    motion, shutter = shot.snapshot.get("motion"), shot.exposure.get("shutter")
+    if not motion or not shutter or shutter.get("flash_s") is None:
+        return None
+    times, acceleration, rotation = (
+        np.array(motion[key], dtype=np.float64) for key in ("host_s", "acceleration_m_s2", "rotation_rad_s")
+    )
+    return Felt(times - float(shutter["flash_s"]), acceleration, rotation)
 
 
 class Told(Sequence[RawFrame]):
@@ -109,7 +124,7 @@ def compute(
         If a photograph cannot be read, or the result not be written.
     """
     shots = state.counting()
-    frames = Frames([inside(folder, shot.path) for shot in shots])
+    frames = Frames([inside(folder, shot.path) for shot in shots], [felt_during(shot) for shot in shots])
     with same_bits():
         outcomes = estimate_of(plan).estimate(Told(frames, progress), state.facts)
         numbers, writer = numbers_of(plan.name), writer_of(plan.name)

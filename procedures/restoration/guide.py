@@ -31,6 +31,7 @@ from procedures.restoration.blur_models import mask_stack, pillbox
 from procedures.restoration.checks import check_extent, check_max_w
 from procedures.restoration.estimate import RestorationParameters, restore
 from procedures.restoration.forward import MaskStack
+from procedures.restoration.motion import from_imu, path_mask, planar_path
 from procedures.restoration.scheme import Scheme
 
 Array = npt.NDArray[np.float64]
@@ -47,6 +48,11 @@ SAME_LIGHT = 0.1
 TEXTURE = 5.0
 """Contrast of the scene's detail over the noise, at least."""
 DETAIL_PX = 8.0
+LEAST_PATH_M = 2e-5
+PATH_STEP = 0.25
+"""Pixels of w between the masks of a recorded path."""
+FLIPPED = np.array([1.0, -1.0, -1.0])
+"""From an inertial unit's axes, y up, to those of the picture, y down."""
 CANDIDATES = 4
 """Parts of the picture that are tried as the one of a single depth, where none was marked."""
 
@@ -69,7 +75,7 @@ def plan() -> Plan:
 
 SCENE = (
     Ask("blur_by", "What will blur the two photographs?", "choice", default=APERTURES, choices=(APERTURES, MOTIONS)),
-    Ask("scene", "Set up a scene that stands still and has detail everywhere. Fix the camera to its rig."),
+    Ask("scene", "Set up a scene that stands still, detailed everywhere. Fix the camera to its rig, the IMU y up."),
     SetLight(lambda facts: 1.0),
     Ask("focused", "Focus nearer than anything in the scene, then switch autofocus off."),
     Ask("max_w", "How far does the widest blur reach?", "number", "pixels", MAX_W, low=1.0, high=40.0),
@@ -172,17 +178,42 @@ def estimate(frames: Sequence[RawFrame], facts: Facts) -> Outcomes:
     pictures[1] *= pictures[0].mean() / pictures[1].mean()
     try:
         parameters = RestorationParameters(scheme=Scheme.parse(str(facts["scheme"])) if "scheme" in facts else Scheme())
-        return {PICTURE: restore([*pictures], masks(pictures, facts), parameters)}
+        paths = [path for path in (rig_path(frame) for frame in (first, last)) if path is not None]
+        return {PICTURE: restore([*pictures], masks(pictures, facts, paths), parameters)}
     except (Refused, BadParameter) as error:
         return {PICTURE: Outcome(None, Verdict.REFUSED, error.reason, error.remedy)}
 
 
-def masks(pictures: Sequence[Array], facts: Facts) -> list[MaskStack]:
-    """The blur of each photograph as a function of one w. Raises Refused, BadParameter."""
+def rig_path(frame: RawFrame) -> Array | None:
+    """The path of a camera that shifts and does not turn during an exposure, (n, 2) metres in image directions.
+
+    None where the motion is not recorded from before the opening of the shutter until after its closing, or was lost.
+    """
+    felt, open_s = frame.felt, frame.exposure.exposure_s
+    if felt is None or open_s is None or len(felt.time_s) < 2 or felt.time_s[0] > 0 or felt.time_s[-1] < open_s:
+        return None
+    # the unit's x is to the right and its y up, the picture's y down; the whole record tells drift better than a part
+    motion = from_imu(felt.time_s, felt.acceleration_m_s2 * FLIPPED, felt.rotation_rad_s * FLIPPED)
+    path = planar_path(motion)
+    times = np.linspace(motion.time_s[0], motion.time_s[-1], len(path))
+    # an error of the acceleration's or the velocity's mean is a parabola or a line; a rig that shakes has neither
+    drift = np.polynomial.polynomial.polyval(times, np.polynomial.polynomial.polyfit(times, path, 2)).T
+    return np.asarray((path - drift)[(times >= 0) & (times <= open_s)])
+
+
+def masks(pictures: Sequence[Array], facts: Facts, paths: Sequence[Array] = ()) -> list[MaskStack]:
+    """The blur of each photograph as a function of one w. Raises Refused, BadParameter.
+
+    paths : of both exposures, (n, 2), where they are recorded
+    """
     max_w = float(facts.get("max_w", MAX_W))
     check_max_w(max_w)
     shape = (int(pictures[0].shape[1]), int(pictures[0].shape[2]))
     if facts.get("blur_by", APERTURES) == MOTIONS:
+        if len(paths) == len(pictures):
+            stacks = recorded_stacks(paths, max_w)
+            check_extent(stacks[0].R, shape)
+            return stacks
         R = int(np.ceil(max_w + 0.5))
         check_extent(R, shape)
         shapes = motion_shapes(pictures, str(facts.get("region", "auto")), int(np.ceil(max_w)))
@@ -198,6 +229,19 @@ def blur_ratio(facts: Facts) -> float:
     if not {"first_f_number", "second_f_number"} <= set(facts):
         raise BadParameter("the two f-numbers must be known", "tell them in the step `scene`")
     return float(facts["first_f_number"]) / float(facts["second_f_number"])
+
+
+def recorded_stacks(paths: Sequence[Array], max_w: float) -> list[MaskStack]:
+    """Masks of recorded paths (n, 2) about where the rig rests, of which w is the half-width in pixels. Raises Refused.
+
+    Source: (5.2), (5.3): a rig that does not turn draws the same path at every depth, as large as the inverse depth.
+    """
+    half = max(float(np.abs(path).max()) for path in paths)
+    if half < LEAST_PATH_M:
+        raise Refused("the rig must move during the exposures; it stood still", "set it in motion, then expose")
+    levels, R = int(np.ceil(max_w / PATH_STEP)) + 2, int(np.ceil(max_w)) + 3
+    scales = np.arange(levels) * PATH_STEP / half
+    return [MaskStack(np.stack([path_mask(path * one, R) for one in scales]), PATH_STEP) for path in paths]
 
 
 def motion_shapes(pictures: Sequence[Array], region: str, largest: int) -> Sequence[Array]:
