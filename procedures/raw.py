@@ -26,7 +26,7 @@ from procedures.tiff_tags import (
     mosaic_tags,
 )
 
-__all__ = ["GREY_PLANE", "MOSAIC_PLANES", "Exposure", "Plane", "RawFrame", "default_plane", "read_frame"]
+__all__ = ["GREY_PLANE", "MOSAIC_PLANES", "Exposure", "Felt", "Plane", "RawFrame", "default_plane", "read_frame"]
 
 MOSAIC_PLANES = ("R", "G1", "G2", "B")
 """The planes of a 2 x 2 mosaic; G1 lies on the red rows."""

@@ -50,8 +50,8 @@ MEMORY = 500e6
 class Frames(Sequence[RawFrame]):
     """Photographs that are read when they are asked for; as many stay in memory as have room there."""
 
-    def __init__(self, paths: Sequence[Path], felt: Sequence[Felt | None]) -> None:
-        self._paths, self._felt = paths, felt
+    def __init__(self, paths: Sequence[Path], felt: Sequence[Felt | None] = ()) -> None:
+        self._paths, self._felt = paths, felt or (None,) * len(paths)
         largest = max((path.stat().st_size for path in paths), default=1)
         self._read = lru_cache(max(1, int(MEMORY / (4 * largest))))(read_frame)
 
@@ -61,7 +61,8 @@ class Frames(Sequence[RawFrame]):
     def __getitem__(self, index: Any) -> Any:
         if isinstance(index, slice):
             return Frames(self._paths[index], self._felt[index])
-        return replace(self._read(self._paths[index]), felt=self._felt[index])
+        frame, felt = self._read(self._paths[index]), self._felt[index]
+        return frame if felt is None else replace(frame, felt=felt)
 
 
 def felt_during(shot: Shot) -> Felt | None:

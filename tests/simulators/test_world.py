@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from simulators.motion import travel_line
-from simulators.world import GRAVITY_M_S2, World
+from simulators.world import GRAVITY_M_S2, Drive, World
 
 
 @pytest.fixture
@@ -46,3 +46,15 @@ def test_a_warm_rail_is_longer(world):
     near = world.distance_mm(0.0)
     grown = (world.distance_mm(7200.0) - near) / world.axes["z_mm"].position(0.0)
     assert grown == pytest.approx(23e-6 * (world.temperature_c(7200.0) - world.temperature_c(0.0)), rel=1e-9)
+
+
+def test_a_shaker_moves_the_camera_from_when_to_when_it_runs():
+    world = World()
+    rest_mm = world.pose(np.zeros(1)).x_mm[0]
+    world.drive((Drive("x_mm", 2.0, 10.0),), 1.0)
+    world.drive((), 3.0)
+    t_s = np.array([0.9, 1.0, 1.05, 1.5, 3.1])
+    # cos(20 pi t): crests at whole tenths of a second, troughs half a period later
+    np.testing.assert_allclose(world.pose(t_s).x_mm - rest_mm, [0, 2, -2, 2, 0], atol=1e-9)
+    force, _ = world.feel(t_s)
+    np.testing.assert_allclose(force[:, 0], np.array([0, -2, 2, -2, 0]) * 1e-3 * (20 * np.pi) ** 2, atol=1e-6)

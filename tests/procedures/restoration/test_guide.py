@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from procedures.exposure import Exposure
-from procedures.outcome import BadInput, BadParameter, Verdict
+from procedures.outcome import BadInput, BadParameter, Refused, Verdict
 from procedures.plan import Shoot
-from procedures.raw import Plane, RawFrame
+from procedures.raw import Felt, Plane, RawFrame
 from procedures.restoration.guide import (
     aperture_ratio,
     blur_ratio,
@@ -20,6 +21,8 @@ from procedures.restoration.guide import (
     marked,
     parts,
     plan,
+    recorded_stacks,
+    rig_path,
 )
 
 from .conftest import scene
@@ -96,3 +99,33 @@ def test_one_photograph_is_not_enough(pair):
 def test_the_imu_is_recorded_during_both():
     shoots = [request for step in plan().steps for request in step.requests if isinstance(request, Shoot)]
     assert [(shoot.purpose, shoot.record_motion) for shoot in shoots] == [("first", True), ("second", True)]
+
+
+def test_the_rig_s_path_is_the_record_s_less_its_drift():
+    t = np.arange(-0.2, 0.6, 0.005)
+    w = 2 * np.pi * 10.0
+    position = np.column_stack([2e-3 * np.cos(w * t), 1e-3 * np.sin(2 * w * t), 0 * t])
+    acceleration = position * [-(w**2), -4 * w**2, 0] + [0.3, 9.8, -0.2]  # gravity, and a unit that is not level
+    felt = Felt(t, acceleration, np.zeros((len(t), 3)))
+    frame = RawFrame(Path("a"), "", {}, Exposure(exposure_s=0.2), felt)
+    path = rig_path(frame)
+    times = np.linspace(0, 0.2, len(path))
+    # the scene moves against the rig, and y of a picture is down; trapezoids and chords of ten samples a period
+    # lose up to a seventh of the faster one
+    expected = np.column_stack([-2e-3 * np.cos(w * times), 1e-3 * np.sin(2 * w * times)])
+    np.testing.assert_allclose(path, expected, atol=0.15e-3)
+    assert rig_path(replace(frame, felt=None)) is None
+    assert rig_path(replace(frame, exposure=Exposure(exposure_s=0.7))) is None  # it goes on after the record
+
+
+def test_masks_of_a_recorded_path_grow_with_w():
+    t = np.linspace(0, 2 * np.pi, 400)
+    paths = [1e-3 * np.column_stack([np.cos(t), 0.5 * np.sin(2 * t)]), 1e-3 * np.column_stack([0 * t, np.sin(t)])]
+    across, along = recorded_stacks(paths, 4.0)
+    x = np.arange(-across.R, across.R + 1)
+    for w in (1.0, 2.5, 4.0):
+        # a cosine's variance is half its amplitude's square; sharing between pixels and softness add 1/3 at most
+        spread = [float((stack.at(w) * offset**2).sum()) for stack, offset in ((across, x), (along, x[:, None]))]
+        np.testing.assert_allclose(spread, w**2 / 2, atol=0.35)
+    with pytest.raises(Refused, match="must move"):
+        recorded_stacks([0 * one for one in paths], 4.0)
