@@ -67,8 +67,16 @@ class StationApp(WorkingApp):
     def __init__(self, lab: Lab, glyphs: Glyphs | None = None) -> None:
         super().__init__(lab, glyphs)
         self.add_mode(GUIDE, lambda: StartScreen(*lab.names))
-        self.add_mode(BENCH, _bench_screen)
-        self.add_mode(RESULTS, lambda: _results_screen(lab.sessions))
+        self.add_mode(BENCH, lambda: self._styled(_bench_screen()))
+        self.add_mode(RESULTS, lambda: self._styled(_results_screen(lab.sessions)))
+
+    def _styled(self, screen: Screen[Any]) -> Screen[Any]:
+        """A screen whose styles count as up to date, as they are: nothing has changed the stylesheet.
+
+        Textual would read all of it again when a mode is first shown, and hold the loop for a tenth of a second.
+        """
+        screen._css_update_count = self._css_update_count
+        return screen
 
     # --- commands ------------------------------------------------------------------------------------------------
 

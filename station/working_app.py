@@ -5,6 +5,7 @@ Whatever blocks (wires, disks, numpy) runs in threads of ours and comes back as 
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 import time
@@ -166,6 +167,8 @@ class WorkingApp(App[int]):
         self.refresh_frame()
 
     def _loaded(self, finished: Finished) -> None:
+        # what is loaded stays: looking through it for garbage would hold the loop for a tenth of a second, now and then
+        gc.freeze()
         if finished.problem is not None:
             self._complain(finished.problem)
             return
