@@ -49,7 +49,7 @@ def write_film(film: Film, path: Path) -> None:
         arrays["variance"] = film.variance
     beside = path.with_name(path.name + ".part")
     with beside.open("wb") as file:
-        np.savez_compressed(file, allow_pickle=False, **arrays)
+        np.savez_compressed(file, **arrays)  # numbers only; older NumPy takes `allow_pickle` for one more array
     os.replace(beside, path)
 
 
