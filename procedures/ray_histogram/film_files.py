@@ -44,7 +44,12 @@ def read_film(path: Path, picture: Path | None = None) -> Film:
 
 def write_film(film: Film, path: Path) -> None:
     """Keep the film as npz; the file appears whole or not at all."""
-    arrays: Arrays = {"image": film.mean, "hist": film.histogram, "nsamples": film.count, "dropped": film.dropped}
+    arrays: dict[str, Any] = {
+        "image": film.mean,
+        "hist": film.histogram,
+        "nsamples": film.count,
+        "dropped": film.dropped,
+    }
     if film.variance is not None:
         arrays["variance"] = film.variance
     beside = path.with_name(path.name + ".part")
