@@ -15,6 +15,7 @@ from scipy.ndimage import map_coordinates
 from scipy.signal import fftconvolve
 
 from procedures.outcome import BadInput, BadParameter
+from procedures.restoration.fields import MaskField
 from procedures.restoration.forward import MaskStack
 
 Array = NDArray[np.float64]
@@ -174,10 +175,10 @@ def rotated(shape: Array, angle_rad: float) -> Array:
 
 
 def symmetric_field(
-    radial: list[Array], grid: tuple[int, int], max_w: float, ratio: float = 1.0
-) -> list[list[MaskStack]]:
+    radial: list[Array], grid: tuple[int, int], max_w: float, ratio: float = 1.0, R: int = 0
+) -> MaskField:
     """Stacks on a grid over the frame from shapes at equal heights, centre to corner, measured along +x (4.20)."""
-    need = int(np.ceil(ratio * max_w + 0.5))
+    need = R or int(np.ceil(ratio * max_w + 0.5))
     rows, columns = np.linspace(-1, 1, grid[0]), np.linspace(-1, 1, grid[1])
 
     def at(y: float, x: float) -> MaskStack:
@@ -186,4 +187,4 @@ def symmetric_field(
         shape = (k + 1 - height) * radial[k] + (height - k) * radial[k + 1]
         return mask_stack(rotated(shape, float(np.arctan2(y, x))), max_w, ratio=ratio, R=need)
 
-    return [[at(float(y), float(x)) for x in columns] for y in rows]
+    return MaskField(tuple(tuple(at(float(y), float(x)) for x in columns) for y in rows))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import combinations
 
 import cv2
@@ -9,7 +10,8 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from procedures.outcome import BadInput, BadParameter, Refused
-from procedures.restoration.forward import Array, MaskStack
+from procedures.restoration.fields import Masks, alike
+from procedures.restoration.forward import Array
 
 SATURATED = 0.99
 MOST_SATURATED = 0.2
@@ -40,21 +42,21 @@ def check_photographs(photographs: list[Array]) -> Array:
     return np.stack(photographs)
 
 
-def check_blurs(stacks: list[MaskStack], shape: tuple[int, int]) -> None:
+def check_blurs(stacks: Sequence[Masks], shape: tuple[int, int]) -> None:
     """Refuse blurs that cannot tell depths apart, or masks that leave nothing of the photograph.
 
     Raises
     ------
     BadParameter
-        If all photographs have the same masks, or the masks are too large for the photographs.
+        If all photographs have the same masks, fields of them are on different grids, or they are too large for the
+        photographs.
     """
-    first = stacks[0]
-    if all(s is first or np.allclose(s.masks, first.masks, atol=1e-9) for s in stacks[1:]):
+    if alike(stacks):
         raise BadParameter(
             "ratio 1 with equal shapes blurs all photographs alike, which tells nothing of depth",
             "give the ratio of the apertures, or the shape of each motion",
         )
-    check_extent(first.R, shape)
+    check_extent(stacks[0].R, shape)
 
 
 def check_extent(R: int, shape: tuple[int, int]) -> None:

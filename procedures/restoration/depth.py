@@ -6,6 +6,7 @@ differences whitened and its labels matched over the whole frame. Each comes wit
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.fft import irfft2, next_fast_len, rfft2
 from scipy.ndimage import convolve1d, median_filter, uniform_filter
 
+from procedures.restoration.fields import Masks, over_frame
 from procedures.restoration.forward import Array, MaskStack
 from procedures.restoration.matching import semi_global
 
@@ -68,7 +70,7 @@ def variance(stack: MaskStack, direction: str = "both") -> Array:
 
 def algorithm_2(
     z: Array,
-    stacks: list[MaskStack],
+    stacks: Sequence[Masks],
     sigma: float,
     *,
     N: int = 6,
@@ -87,18 +89,24 @@ def algorithm_2(
         numerator += uniform_filter(difference * curvature, window)
         power += uniform_filter(curvature**2, window)
     found = numerator / np.maximum(power, 1e-20)
-    relation = np.maximum.accumulate(variance(stacks[1], direction) - variance(stacks[0], direction))
-    relation = relation + 1e-9 * np.arange(len(relation))
-    w = np.interp(found, relation, np.arange(len(relation)) * stacks[0].step)
+    w = _width(found, stacks, direction)
     value, second = polynomial_filters(N)
     noise = sigma**2 * 2 * np.sum(value**2) * np.sum(second**2)
     return DepthStart(np.asarray(median_filter(w, median)), power / (power + 10 * noise + 1e-20))
 
 
+@over_frame
+def _width(found: Array, stacks: Sequence[MaskStack], direction: str) -> Array:
+    """w at which two masks' variances differ so much."""
+    relation = np.maximum.accumulate(variance(stacks[1], direction) - variance(stacks[0], direction))
+    relation = relation + 1e-9 * np.arange(len(relation))
+    return np.asarray(np.interp(found, relation, np.arange(len(relation)) * stacks[0].step))
+
+
 # ---- Algorithm III
 
 
-def levels_of(stacks: list[MaskStack], least: float, step: float = 0.15) -> Array:
+def levels_of(stacks: Sequence[Masks], least: float, step: float = 0.15) -> Array:
     """Values of w to try, pixels."""
     return np.arange(least, min(s.max_w for s in stacks) - 0.05, step)
 
@@ -118,9 +126,10 @@ def _extended(z: Array, margin: int) -> tuple[Array, tuple[int, int]]:
     return np.asarray(rfft2(np.pad(z, ((0, 0), (0, 0), *pads), mode="reflect"))), shape
 
 
+@over_frame
 def cost_volume(
     z: Array,
-    stacks: list[MaskStack],
+    stacks: Sequence[MaskStack],
     sigmas: Array,
     levels: Array,
     window: int,
@@ -160,7 +169,7 @@ def cost_volume(
     return volume
 
 
-def _windows(stacks: list[MaskStack], levels: Array, window: int, even: float) -> list[int]:
+def _windows(stacks: Sequence[MaskStack], levels: Array, window: int, even: float) -> list[int]:
     """Side of each level's window."""
     reach = [sum(int(s.supports()[min(int(w / s.step) + 1, len(s.masks) - 1)]) for s in stacks) for w in levels]
     return [window + 2 * round(even * (reach[-1] - r) / 2) for r in reach]
@@ -187,7 +196,7 @@ def confidence_of(cost: F32, apart: int = 3) -> Array:
 
 
 def algorithm_3(
-    z: Array, stacks: list[MaskStack], sigmas: Array, *, least: float = 0.3, window: int = 9, median: int = 13
+    z: Array, stacks: Sequence[Masks], sigmas: Array, *, least: float = 0.3, window: int = 9, median: int = 13
 ) -> DepthStart:
     """Depth from blur (8.1): least noise-compensated difference over the levels, then a median."""
     levels = levels_of(stacks, least)
@@ -213,7 +222,7 @@ class Matching:
 
 
 def matched(
-    z: Array, stacks: list[MaskStack], sigmas: Array, *, least: float = 0.3, matching: Matching | None = None
+    z: Array, stacks: Sequence[Masks], sigmas: Array, *, least: float = 0.3, matching: Matching | None = None
 ) -> DepthStart:
     """The default start: whitened Algorithm III, its labels matched over the whole frame.
 

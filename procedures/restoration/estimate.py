@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,7 +12,8 @@ from scipy.ndimage import uniform_filter
 from procedures.outcome import BadParameter, Outcome, Verdict
 from procedures.restoration import alternate, checks, depth
 from procedures.restoration.cost import DataTerm
-from procedures.restoration.forward import Array, Blur, MaskStack
+from procedures.restoration.fields import MaskField, Masks
+from procedures.restoration.forward import Array, MaskStack
 from procedures.restoration.scheme import Schedule, Scheme
 
 # noise of the restored picture beyond which ringing hides its detail, white = 1
@@ -80,7 +81,7 @@ class Restoration:
     diagnostics: Diagnostics
 
 
-def noise_of(z: Array, stacks: list[MaskStack]) -> float:
+def noise_of(z: Array, stacks: Sequence[Masks]) -> float:
     """Standard deviation of the photographs' noise, from what no common picture explains at any depth.
 
     Whitened differences (8.1) of two photographs have unit variance at the true depth; over the levels the least
@@ -91,7 +92,7 @@ def noise_of(z: Array, stacks: list[MaskStack]) -> float:
     return max(1.3 * float(np.sqrt(np.percentile(least, 25))), 1e-5)
 
 
-def first_depth(z: Array, stacks: list[MaskStack], sigma: float, start: str) -> depth.DepthStart:
+def first_depth(z: Array, stacks: Sequence[Masks], sigma: float, start: str) -> depth.DepthStart:
     """The depth to begin with, by the algorithm named."""
     sigmas = np.full(len(z), max(sigma, LEAST_START_SIGMA))
     if start == "symmetric":
@@ -103,13 +104,14 @@ def first_depth(z: Array, stacks: list[MaskStack], sigma: float, start: str) -> 
 
 def restore(
     photographs: list[Array],
-    stacks: list[MaskStack],
+    stacks: Sequence[Masks],
     parameters: RestorationParameters | None = None,
     progress: Callable[[alternate.Round], None] | None = None,
 ) -> Outcome[Restoration]:
     """The sharp picture and the depth map, with a verdict.
 
-    photographs : P arrays (C, H, W), linear, white = 1; stacks : the masks of each as functions of one w.
+    photographs : P arrays (C, H, W), linear, white = 1; stacks : the masks of each as functions of one w,
+    the same over the frame or a field of them.
 
     Raises
     ------
@@ -126,7 +128,8 @@ def restore(
     checks.check_registered(z, stacks[0].R)
     start = first_depth(z, stacks, sigma, p.depth_start)
     schedule = Schedule(p.scheme.rounds, SHARPNESS, p.image_weight, p.depth_weight)
-    data, other = alternate.problem_of(z, stacks, trust, p.dtype)
+    fields = [MaskField.of(one) for one in stacks]
+    data, other = alternate.problem_of(z, fields, trust, p.dtype, MaskField.blur)
     problem = alternate.Problem(
         data, other, p.scheme, schedule, sigma, reach_of(start.w, stacks), p.total_variation, p.depth_total_variation
     )
@@ -134,10 +137,10 @@ def restore(
     return judge(_restoration(data, state, start, trust))
 
 
-def reach_of(w: Array, stacks: list[MaskStack]) -> int:
+def reach_of(w: Array, stacks: Sequence[Masks]) -> int:
     """Pixels about a depth step where windowed matching mixes both sides: both masks' half-widths and the window."""
     w75 = float(np.percentile(w, 75))
-    widths = [s.supports()[min(int(w75 / s.step) + 1, len(s.masks) - 1)] for s in stacks]
+    widths = [wide[min(int(w75 / s.step) + 1, len(wide) - 1)] for s, wide in ((s, s.supports()) for s in stacks)]
     return int(sum(sorted(widths)[-2:])) + 5
 
 
@@ -212,9 +215,9 @@ def judge(result: Restoration) -> Outcome[Restoration]:
     return Outcome(result)
 
 
-def refocused(result: Restoration, stack: MaskStack, focus_w: float, strength: float = 1.0) -> Array:
+def refocused(result: Restoration, stack: Masks, focus_w: float, strength: float = 1.0) -> Array:
     """The sharp picture with another depth of focus, (C, H, W): sharp at w = `focus_w`, blurred by distance from it."""
     R = stack.R
-    blur = Blur(stack, (result.w.shape[0], result.w.shape[1]), np.float64)
+    blur = MaskField.of(stack).blur((result.w.shape[0], result.w.shape[1]), np.float64)
     blur.focus(np.pad(np.abs(result.w - focus_w) * strength, R, mode="edge"))
     return blur.blur(np.pad(result.sharp, ((0, 0), (R, R), (R, R)), mode="edge").astype(np.float64))

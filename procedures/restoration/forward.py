@@ -158,10 +158,10 @@ class FieldBlur:
     def __init__(
         self, stacks: list[list[MaskStack]], shape: tuple[int, int], dtype: type[np.floating[Any]] = np.float64
     ) -> None:
-        self.stack, self.shape, self.dtype = stacks[0][0], shape, dtype
+        self.stack, self.shape, self.dtype = stacks[len(stacks) // 2][len(stacks[0]) // 2], shape, dtype
         R = self.stack.R
         self.extended = (shape[0] + 2 * R, shape[1] + 2 * R)
-        rows, columns = _hats(len(stacks), self.extended[0]), _hats(len(stacks[0]), self.extended[1])
+        rows, columns = hats(len(stacks), self.extended[0]), hats(len(stacks[0]), self.extended[1])
         self._nodes = [
             self._node(stack, row, column)
             for line, row in zip(stacks, rows, strict=True)
@@ -218,7 +218,7 @@ class FieldBlur:
         return du, dw
 
 
-def _hats(n: int, size: int) -> Array:
+def hats(n: int, size: int) -> Array:
     """Linear interpolation weights of n equidistant nodes over `size` samples, (n, size)."""
     if n == 1:
         return np.ones((1, size))

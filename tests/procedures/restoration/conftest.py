@@ -7,7 +7,8 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from procedures.restoration.blur_models import mask_stack, path_shape, pillbox
-from procedures.restoration.forward import Array, Blur, MaskStack
+from procedures.restoration.fields import MaskField, Masks
+from procedures.restoration.forward import Array, MaskStack
 
 
 def vibration(seed: int) -> Array:
@@ -28,7 +29,7 @@ class Scene:
     sharp: Array
     w: Array
     z: Array
-    stacks: list[MaskStack]
+    stacks: list[Masks]
 
     @property
     def R(self) -> int:
@@ -44,7 +45,7 @@ class Scene:
         return float(np.sqrt(np.mean((w - self.w[R:-R, R:-R])[rim:-rim, rim:-rim] ** 2)))
 
 
-def scene(stacks: list[MaskStack], shape: tuple[int, int], noise_db: float, seed: int = 3) -> Scene:
+def scene(stacks: list[Masks], shape: tuple[int, int], noise_db: float, seed: int = 3) -> Scene:
     """Dots, lines and grain before a slope and a near square; noise so many dB below the photographs' variance."""
     rng = np.random.default_rng(seed)
     R = stacks[0].R
@@ -57,7 +58,7 @@ def scene(stacks: list[MaskStack], shape: tuple[int, int], noise_db: float, seed
     w = np.where((y > H * 0.55) & (x > W * 0.5), w + 1.0, w)
     z = []
     for stack in stacks:
-        blur = Blur(stack, shape)
+        blur = MaskField.of(stack).blur(shape, np.float64)
         blur.focus(w)
         clean = blur.blur(sharp)
         z.append(clean + rng.standard_normal(clean.shape) * clean.std() * 10 ** (-noise_db / 20))

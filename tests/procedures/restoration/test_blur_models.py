@@ -79,10 +79,10 @@ def test_defocus_and_motion_add_their_variances():
 def test_an_axially_symmetric_lens_turns_its_shape_around_the_frame():
     coma = np.where(SHAPES["pillbox"] > 0, 1 + models._axes()[0], 0.0)
     field = models.symmetric_field([SHAPES["pillbox"], coma], (3, 3), 3.0)
-    right, left = field[1][2].at(3.0), field[1][0].at(3.0)
+    right, left = field.stacks[1][2].at(3.0), field.stacks[1][0].at(3.0)
     np.testing.assert_allclose(left, right[:, ::-1], atol=2e-3)  # bilinear turning of the shape
     assert moments(right)[0] > 0.1
-    assert moments(field[1][1].at(3.0))[0] == pytest.approx(0, abs=0.02)
+    assert moments(field.middle.at(3.0))[0] == pytest.approx(0, abs=0.02)
 
 
 @pytest.mark.parametrize(
