@@ -7,7 +7,7 @@ cubic convolution and so fine that what the optics pass is in the samples.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -15,7 +15,7 @@ import numpy.typing as npt
 from scipy import fft
 
 from simulators.optics import Optics
-from simulators.projection import Pose, Projection
+from simulators.projection import Pose, Projection, apply_homography
 
 Array = npt.NDArray[np.float64]
 Frame = npt.NDArray[np.float32]
@@ -125,6 +125,72 @@ def draw(
     return np.maximum(frame, 0.0)
 
 
+def draw_moving(
+    sheets: Sequence[PlacedSheet],
+    poses: Sequence[Sequence[Pose]],
+    projection: Projection,
+    shape: tuple[int, int],
+    colours: Mapping[tuple[int, int], str],
+) -> Frame:
+    """Light on a frame as `draw` has it, from sheets that move against the camera: the mean of all instants.
+
+    Each sheet is blurred where `sheets` place it, then seen from where it is at each instant, and hides what it hides
+    then.
+
+    Parameters
+    ----------
+    poses : at equally spaced instants, of each sheet
+    """
+    n, period = OVERSAMPLING, 1 + max(x for x, _ in colours)
+    # from sensor pixels at an instant to those where the sheet was drawn
+    ways = [
+        [_drawn(one, projection) @ np.linalg.inv(_drawn(replace(one, pose=pose), projection))
+         for one, pose in zip(sheets, instant, strict=True)]
+        for instant in poses
+    ]  # fmt: skip
+    margin = 2 * -(-(max(one.optics.margin_px() for one in sheets) + _farthest(ways, shape)) // 2)
+    wide = tuple(n * fft.next_fast_len(size + 2 * margin, real=True) for size in shape)
+    to_fine = np.array([[n, 0, n * margin], [0, n, n * margin], [0, 0, 1.0]])
+    spectra = [_spectra(one, projection, margin, wide) for one in sheets]
+    frame = np.empty(shape, np.float32)
+    for colour in sorted(set(colours.values())):
+        layers = [_layer(one, _transfer(placed.optics, colour, wide), wide)
+                  for one, placed in zip(spectra, sheets, strict=True)]  # fmt: skip
+        for x, y in (place for place, its in colours.items() if its == colour):
+            part = frame[y::period, x::period]
+            from_part = np.array([[period, 0, x], [0, period, y], [0, 0, 1.0]])
+            instants = ([to_fine @ M @ from_part for M in way] for way in ways)
+            part[:] = sum(_seen(layers, maps, part.shape) for maps in instants) / len(ways)
+    return np.maximum(frame, 0.0)
+
+
+def _drawn(placed: PlacedSheet, projection: Projection) -> Array:
+    """A sheet's texels to sensor pixels, (3, 3)."""
+    return projection.pinhole() @ placed.to_space()
+
+
+def _farthest(ways: Sequence[Sequence[Array]], shape: tuple[int, int]) -> int:
+    """Pixels that the frame's corners move, at most."""
+    corners = np.array([[x, y] for x in (0, shape[1] - 1) for y in (0, shape[0] - 1)], dtype=np.float64)
+    moved = (np.abs(apply_homography(M, corners) - corners).max() for way in ways for M in way)
+    return int(np.ceil(max(moved)))
+
+
+def _layer(spectra: tuple[Spectrum, Spectrum | None], transfer: Spectrum, wide: tuple[int, ...]) -> list[Frame]:
+    """A sheet's picture, and its cover if it has one, as the optics leave them."""
+    return [np.asarray(fft.irfft2(one * transfer, wide), np.float32) for one in spectra if one is not None]
+
+
+def _seen(layers: Sequence[Sequence[Frame]], maps: Sequence[Array], shape: tuple[int, ...]) -> Frame:
+    """Layers over each other, each read through its map from pixels to fine samples."""
+    light = np.zeros(shape, np.float32)
+    for layer, M in zip(layers, maps, strict=True):
+        flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
+        picture, *cover = (cv2.warpPerspective(one, M, shape[::-1], flags=flags) for one in layer)
+        light = np.asarray(light * (1 - cover[0]) + picture if cover else picture, np.float32)
+    return light
+
+
 def _laid_over(
     spectra: Sequence[tuple[Spectrum, Spectrum | None]], transfers: Sequence[Spectrum], wide: tuple[int, ...]
 ) -> Frame:
@@ -143,7 +209,7 @@ def _spectra(
 ) -> tuple[Spectrum, Spectrum | None]:
     """Of a sheet's picture where it covers, and of its cover, on fine samples."""
     to_sensor = np.array([[1 / OVERSAMPLING, 0, -margin], [0, 1 / OVERSAMPLING, -margin], [0, 0, 1]])
-    M = np.linalg.inv(projection.pinhole() @ placed.to_space()) @ to_sensor
+    M = np.linalg.inv(_drawn(placed, projection)) @ to_sensor
 
     def read(texels: Frame, border: int) -> Frame:
         flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path as FilePath
 
@@ -14,15 +15,17 @@ from simulators.body import Opening
 from simulators.camera import Lens, Photograph, SimulatedCamera
 from simulators.optics import Optics, Path
 from simulators.projection import Pose as ChartPose
+from simulators.projection import Projection
 from simulators.scene import Light, PlacedChart, Scene, Wall
 from simulators.sensor import Sensor
-from simulators.sheets import PlacedSheet, Sheet, draw
+from simulators.sheets import Frame, PlacedSheet, Sheet, draw, draw_moving
 from simulators.truth import ChartTruth
 from simulators.world import Array, Pose, World
 
 INSTANTS_PER_S = 480  # of an exposure: modes up to 60 Hz are met eight times a period
 FEWEST, MOST = 8, 96
 NEGLIGIBLE_PX = 0.01
+NEGLIGIBLE_DEG = 0.05
 
 
 def bench_camera() -> SimulatedCamera:
@@ -58,6 +61,11 @@ def mean_pose(centres: Array, turns: Rotation) -> ChartPose:
     return ChartPose((x, y, z), yaw, pitch, roll)
 
 
+def turning(pose: Pose) -> bool:
+    """Whether a camera turns so much that no one path tells how the whole frame is blurred."""
+    return max(float(np.ptp(angle)) for angle in (pose.pan_deg, pose.tilt_deg, pose.roll_deg)) > NEGLIGIBLE_DEG
+
+
 @dataclass
 class View:
     """The camera in the world, in front of a chart, or of sheets, in the middle of the stage's travel.
@@ -87,7 +95,7 @@ class View:
         middle = {name: (low + high) / 2 for name, (low, high) in self.world.room.travel.items()}
         right, down = middle["x_mm"] - pose.x_mm + mount.right_mm, pose.y_mm - middle["y_mm"] + mount.down_mm
         offset = np.column_stack([right, down, pose.z_mm + behind_mm])
-        turned = Rotation.from_euler("YX", np.column_stack([pose.pan_deg, pose.tilt_deg]), degrees=True).inv()
+        turned = pose.turn.inv()
         return np.asarray(turned.apply(offset)), turned * mount.turn()
 
     def photograph(self, opening: Opening, path: FilePath | None = None) -> Photograph:
@@ -112,18 +120,34 @@ class View:
         camera = replace(self.camera, focus_mm=self._focus_mm(middle_s, float(pose.z_mm.mean())))
         placed = [self._placed(sheet, pose, camera) for sheet in self.sheets]
         sensor, projection = camera.sensor, camera.projection(camera.focused_at(Scene()))
-        light = self.world.lamp(middle_s) * draw(placed, projection, (sensor.rows, sensor.columns), sensor.tile)
+        seen = self._drawn(placed, pose, projection, (sensor.rows, sensor.columns), sensor.tile)
+        light = self.world.lamp(middle_s) * seen
         rng = self._noise(opening.number)
         taken = camera.photograph(Scene(), rng, path, exposure_s=opening.exposure_s, light=light)
         truths = (ChartTruth(projection.pinhole() @ one.to_space(), projection, one.optics) for one in placed)
         return replace(taken, truths=tuple(truths))
 
     def _placed(self, sheet: Sheet, pose: Pose, camera: SimulatedCamera) -> PlacedSheet:
-        """Where a sheet is in the mean, and its blur: by the optics, its distance from the focus, and its path."""
+        """Where a sheet is in the mean, and its blur: by the optics, its distance from the focus, and its path.
+
+        Where the camera turns, the path is another everywhere: it is drawn instant by instant.
+        """
         centres, turns = self.chart_seen(pose, sheet.behind_mm)
         focus_mm = camera.focused_at(Scene())
-        placed = PlacedSheet(sheet, mean_pose(centres, turns), self._optics(centres, focus_mm))
+        path = centres.mean(axis=0)[None] if turning(pose) else centres
+        placed = PlacedSheet(sheet, mean_pose(centres, turns), self._optics(path, focus_mm))
         return replace(placed, optics=replace(camera, optics=placed.optics).optics_at(placed, focus_mm))
+
+    def _drawn(
+        self, placed: Sequence[PlacedSheet], pose: Pose, projection: Projection, shape: tuple[int, int],
+        tile: Mapping[tuple[int, int], str],
+    ) -> Frame:  # fmt: skip
+        if not turning(pose):
+            return draw(placed, projection, shape, tile)
+        ways = [self.chart_seen(pose, one.sheet.behind_mm) for one in placed]
+        instants = [[mean_pose(centres[k : k + 1], turns[k : k + 1]) for centres, turns in ways]
+                    for k in range(pose.x_mm.size)]  # fmt: skip
+        return draw_moving(placed, instants, projection, shape, tile)
 
     def _noise(self, number: int) -> np.random.Generator:
         seed = self.rng.bit_generator.seed_seq

@@ -14,18 +14,22 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from simulators.motion import Axis, Mode, Shock
 
 Array = NDArray[np.float64]
 GRAVITY_M_S2 = 9.80665
+UNIT = np.array([1.0, -1.0, -1.0])
+"""From a picture's axes, y down and z ahead, to an inertial unit's, y up and z back, or the other way."""
 
 
 @dataclass(frozen=True)
 class Pose:
     """The camera's place in front of the chart at each of (n,) times, thermal drift and vibration included.
 
-    x right, y up, z away from the chart from its plane; pan and tilt as yaw and pitch of the optical axis.
+    x right, y up, z away from the chart from its plane; pan and tilt as yaw and pitch of the optical axis, to the right
+    and up; roll about it, clockwise as the camera sees.
     """
 
     x_mm: Array
@@ -33,11 +37,17 @@ class Pose:
     z_mm: Array
     pan_deg: Array
     tilt_deg: Array
+    roll_deg: Array
+
+    @property
+    def turn(self) -> Rotation:
+        """The camera's x right, y down and z ahead in those of one that looks straight at the chart."""
+        return Rotation.from_euler("YXZ", np.column_stack([self.pan_deg, self.tilt_deg, self.roll_deg]), degrees=True)
 
 
 @dataclass(frozen=True)
 class Drive:
-    """What a shaker does to an axis: amplitude cos(2 pi frequency t + phase), in the axis' unit."""
+    """What a shaker does to an axis, or to roll_deg: amplitude cos(2 pi frequency t + phase), in the axis' unit."""
 
     axis: str
     amplitude: float
@@ -138,7 +148,7 @@ class World:
 
     def sway(self, t_s: Array) -> dict[str, tuple[Array, Array]]:
         """Displacement and acceleration of each shaken axis, per (n,) times, in its unit."""
-        found = {name: (np.zeros_like(t_s), np.zeros_like(t_s)) for name in (*self.axes, "shock_mm")}
+        found = {name: (np.zeros_like(t_s), np.zeros_like(t_s)) for name in (*self.axes, "shock_mm", "roll_deg")}
         first_s, last_s = float(t_s.min()), float(t_s.max())
         for mode in self.room.modes:
             shocks, steady = self._shocks(mode.axis, first_s - mode.lasts_s(), last_s)
@@ -172,6 +182,7 @@ class World:
             z_mm=self.room.near_mm + place["z_mm"] * (1 + self.room.expansion_per_c * warm) + sway["z_mm"],
             pan_deg=place["pan_deg"] + sway["pan_deg"] + turned * sway["x_mm"],
             tilt_deg=place["tilt_deg"] + sway["tilt_deg"] + turned * (sway["y_mm"] + sway["shock_mm"]),
+            roll_deg=sway["roll_deg"],
         )
 
     def distance_mm(self, t_s: float) -> float:
@@ -179,7 +190,10 @@ class World:
         return float(self.pose(np.array([t_s])).z_mm[0])
 
     def feel(self, t_s: Array) -> tuple[Array, Array]:
-        """What an ideal IMU on the camera feels: (n, 3) specific force in m/s^2, (n, 3) rotation rate in rad/s."""
+        """What an ideal IMU on the camera feels: (n, 3) specific force in m/s^2, (n, 3) rotation rate in rad/s.
+
+        Its x is the camera's to the right, its y up, its z back.
+        """
         n, h = t_s.size, 2e-4
         moments = np.concatenate([t_s, t_s - h, t_s + h])
         sway = self.sway(moments)
@@ -188,8 +202,6 @@ class World:
             driven = np.array([self.axes[name].acceleration(t) for t in t_s.tolist()])
             force[:, column] = (driven + sway[name][1][:n]) / 1000
         force[:, 1] += sway["shock_mm"][1][:n] / 1000 + GRAVITY_M_S2
-        pose = self._pose(moments, {name: x for name, (x, _) in sway.items()})
-        yaw, pitch = (
-            np.radians(angle[2 * n :] - angle[n : 2 * n]) / (2 * h) for angle in (pose.pan_deg, pose.tilt_deg)
-        )
-        return force, np.column_stack([pitch, yaw, np.zeros(n)])
+        turn = self._pose(moments, {name: x for name, (x, _) in sway.items()}).turn
+        rate = (turn[n : 2 * n].inv() * turn[2 * n :]).as_rotvec() / (2 * h)
+        return turn[:n].inv().apply(force * UNIT) * UNIT, rate * UNIT

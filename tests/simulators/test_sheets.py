@@ -7,7 +7,7 @@ import pytest
 
 from simulators.optics import Optics, Path
 from simulators.projection import Pose, Projection
-from simulators.sheets import PlacedSheet, Sheet, draw, leaves
+from simulators.sheets import PlacedSheet, Sheet, draw, draw_moving, leaves
 
 SHAPE = (48, 80)
 GREY = {(0, 0): "Y"}
@@ -69,3 +69,28 @@ def test_leaves_are_as_rough_from_nearby_as_from_afar(rng):
     fine, far = (np.mean(np.abs(np.diff(one, axis=1))) for one in (picture, coarse))
     # dead leaves are scale invariant but for the finest, which the picture's own smoothing takes
     assert 0.3 < fine / far < 1.0
+
+
+def test_a_sheet_that_stands_still_while_it_moves_is_drawn_as_it_is():
+    rng = np.random.default_rng(2)
+    cover = np.zeros((400, 640), np.float32)
+    cover[:, :320] = 1.0
+    back, front = (
+        at(4000.0, Sheet(leaves((400, 640), rng, largest=30.0), 0.5)),
+        at(3500.0, Sheet(leaves((400, 640), rng, largest=30.0), 0.5, cover=cover)),
+    )
+    moving = draw_moving([back, front], [[back.pose, front.pose]] * 2, PROJECTION, SHAPE, GREY)
+    # cubic reading at whole samples gives them back
+    np.testing.assert_allclose(moving, draw([back, front], PROJECTION, SHAPE, GREY), atol=1e-4)
+
+
+def test_a_sheet_that_shifts_is_blurred_as_by_the_path():
+    rng = np.random.default_rng(3)
+    sheet = Sheet(leaves((400, 640), rng, largest=30.0), 0.5)
+    t = np.linspace(0, 2 * np.pi, 40, endpoint=False)
+    way = [Pose((2.0 * np.cos(a), 1.0 * np.sin(a), 4000.0)) for a in t]
+    moving = draw_moving([at(4000.0, sheet)], [[pose] for pose in way], PROJECTION, SHAPE, GREY)
+    # the sheet's image moves by principal / distance = 1 pixel per mm
+    path = Path(tuple((2.0 * float(np.cos(a)), float(np.sin(a))) for a in t))
+    blurred = draw([at(4000.0, sheet, OPTICS.also(path))], PROJECTION, SHAPE, GREY)
+    np.testing.assert_allclose(moving, blurred, atol=2e-3)

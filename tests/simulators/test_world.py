@@ -57,4 +57,23 @@ def test_a_shaker_moves_the_camera_from_when_to_when_it_runs():
     # cos(20 pi t): crests at whole tenths of a second, troughs half a period later
     np.testing.assert_allclose(world.pose(t_s).x_mm - rest_mm, [0, 2, -2, 2, 0], atol=1e-9)
     force, _ = world.feel(t_s)
-    np.testing.assert_allclose(force[:, 0], np.array([0, -2, 2, -2, 0]) * 1e-3 * (20 * np.pi) ** 2, atol=1e-6)
+    # the sway turns the head by 2 / 400, which takes the square of that, halved, from the force along its x
+    np.testing.assert_allclose(force[:, 0], np.array([0, -2, 2, -2, 0]) * 1e-3 * (20 * np.pi) ** 2, rtol=1.3e-5)
+
+
+def test_gravity_is_felt_along_the_unit_as_it_is_turned():
+    world = World()
+    world.drive((Drive("roll_deg", 2.0, 5.0),), 0.0)
+    force, rate = world.feel(np.array([0.0, 0.05]))
+    # rolled clockwise, the unit's x points down: it feels less of what holds it up
+    np.testing.assert_allclose(force[0], GRAVITY_M_S2 * np.array([-np.sin(np.radians(2)), np.cos(np.radians(2)), 0]))
+    # a quarter of a period later it turns fastest, back: anticlockwise, which is positive about the axis to the back
+    np.testing.assert_allclose(rate[1], [0, 0, np.radians(2.0) * 2 * np.pi * 5], rtol=1e-5, atol=1e-9)
+
+
+def test_a_camera_that_looks_to_the_right_turns_negative_about_its_upward_axis():
+    world = World()
+    world.drive((Drive("pan_deg", 1.0, 5.0, -np.pi / 2), Drive("tilt_deg", 1.0, 5.0, -np.pi / 2)), 0.0)
+    _, rate = world.feel(np.array([1.0]))
+    fastest = np.radians(1.0) * 2 * np.pi * 5
+    np.testing.assert_allclose(rate[0], [fastest, -fastest, 0], rtol=1e-4, atol=1e-4)
