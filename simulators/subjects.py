@@ -19,19 +19,28 @@ LARGEST_MM = 40.0
 
 
 SHAKE_HZ, SHAKE_MM = 10.0, 1.9
+ROLL_DEG, PAN_DEG = 0.5, 0.06
 MOTIONS = (
-    (Drive("x_mm", SHAKE_MM, SHAKE_HZ), Drive("y_mm", 0.5 * SHAKE_MM, 2 * SHAKE_HZ, 0.6)),
-    (Drive("y_mm", SHAKE_MM, SHAKE_HZ), Drive("x_mm", 0.5 * SHAKE_MM, 2 * SHAKE_HZ, 1.1)),
+    (
+        *(Drive("x_mm", SHAKE_MM, SHAKE_HZ), Drive("y_mm", 0.5 * SHAKE_MM, 2 * SHAKE_HZ, 0.6)),
+        *(Drive("roll_deg", ROLL_DEG, SHAKE_HZ, 0.4), Drive("pan_deg", PAN_DEG, SHAKE_HZ, 2.0)),
+        Drive("tilt_deg", PAN_DEG, 2 * SHAKE_HZ, 1.0),
+    ),
+    (
+        *(Drive("y_mm", SHAKE_MM, SHAKE_HZ), Drive("x_mm", 0.5 * SHAKE_MM, 2 * SHAKE_HZ, 1.1)),
+        *(Drive("roll_deg", ROLL_DEG, SHAKE_HZ, 2.4), Drive("pan_deg", PAN_DEG, 2 * SHAKE_HZ, 0.3)),
+        Drive("tilt_deg", PAN_DEG, SHAKE_HZ, 1.7),
+    ),
 )
-"""Two loops, one along x and one along y: twice around in the exposure that the lamp asks for."""
+"""Two loops, one along x and one along y, while the rig nods and rolls: twice around in the lamp's exposure."""
 
 
 @dataclass(frozen=True)
 class Subject:
     """Sheets from the back to the front; none: the chart.
 
-    `f_number`: the lens is stopped down to it. `motions`: what the rig's shaker can do; such a rig moves the camera
-    along its axes and does not turn it.
+    `f_number`: the lens is stopped down to it. `motions`: what the rig's shaker can do; only that turns the camera of
+    such a rig, along which it otherwise shifts.
     """
 
     sheets: tuple[Sheet, ...] = ()

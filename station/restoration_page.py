@@ -46,7 +46,8 @@ def restoration_page(outcome: Outcome[Restoration], photographs: Sequence[Array]
         outcome=outcome,
         about=about,
         diagnostics=found.diagnostics,
-        w=(float(found.w.min()), float(found.w.max())),
+        w=tuple(float(one) * found.unit.per_pixel for one in (found.w.min(), found.w.max())),
+        unit=found.unit.name,
         before=[shown(image) for image in photographs],
         after=shown(found.sharp),
         refocused=[(where, shown(image)) for where, image in _refocused(found)],
@@ -65,13 +66,19 @@ def _maps(found: Restoration) -> dict[str, Markup]:
     """Depth, its standard deviation, and what is left of photograph 1."""
     limit = figures.RESIDUAL_LIMIT
     left_over = found.residual[0].mean(axis=0) / max(found.diagnostics.noise, 1e-9)
-    w = _small(found.w)
+    unit = found.unit
+    name = "pixels" if unit.name == "pixel" else unit.name
+    w = _small(found.w * unit.per_pixel)
     return {
         "depth": figures.map_figure(
-            w, "w in pixels", "depth", colours="viridis", limits=(float(w.min()), float(w.max()))
+            w, f"w in {name}", "depth", colours="viridis", limits=(float(w.min()), float(w.max()))
         ),
         "spread": figures.map_figure(
-            _small(found.w_std), "standard deviation of w in pixels", "spread", colours="magma", limits=(0.0, SPREAD_PX)
+            _small(found.w_std * unit.per_pixel),
+            f"standard deviation of w in {name}",
+            "spread",
+            colours="magma",
+            limits=(0.0, SPREAD_PX * unit.per_pixel),
         ),
         "residual": figures.map_figure(
             _small(left_over),

@@ -33,8 +33,9 @@ def write_restoration(
         raise ValueError("a restoration without a value has no files")
     folder.write("sharp.tiff", encoded(".tiff", picture(found.sharp).astype(np.float32)))
     folder.write("sharp.png", encoded(".png", levels(picture(found.sharp), 0, 1)))
-    folder.write("w.npy", _npy(found.w))
-    folder.write("w_std.npy", _npy(found.w_std))
+    unit = found.unit
+    folder.write("w.npy", _npy(found.w * unit.per_pixel))
+    folder.write("w_std.npy", _npy(found.w_std * unit.per_pixel))
     folder.write("depth.png", encoded(".png", coloured(found.w)))
     folder.write("report.html", page)
     record = {
@@ -43,7 +44,12 @@ def write_restoration(
         "verdict": str(outcome.verdict),
         "reason": outcome.reason,
         "remedy": outcome.remedy,
-        "w": {"least": float(found.w.min()), "greatest": float(found.w.max()), "unit": "pixel"},
+        "w": {
+            "least": float(found.w.min()) * unit.per_pixel,
+            "greatest": float(found.w.max()) * unit.per_pixel,
+            "unit": unit.name,
+            "per_pixel": unit.per_pixel,
+        },
         "diagnostics": asdict(found.diagnostics),
         "iterations": [
             {"n": r.n, "what": r.what, "cost": r.cost, "residual": r.residual, "change": r.change, "seconds": r.seconds}

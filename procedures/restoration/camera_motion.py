@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 from procedures.outcome import BadInput, BadParameter, Refused
 from procedures.raw import Felt
 from procedures.restoration.checks import check_extent
+from procedures.restoration.estimate import Unit
 from procedures.restoration.fields import MaskField, positions
 from procedures.restoration.forward import MaskStack
 from procedures.restoration.motion import path_mask
@@ -38,6 +39,7 @@ NODE_PX = 1.0
 EVEN_PX = 0.1
 MOST_NODES = 9
 LEAST_W = 0.5
+LEAST_PATH_M = 2e-5
 
 
 @dataclass(frozen=True)
@@ -54,11 +56,6 @@ class Poses:
     def planar_path(self) -> Array:
         """The path that the scene draws in a picture if turns and approach are left out, (n, 2), metres: (5.3)."""
         return -self.position_m[:, :2]
-
-    @property
-    def shifting(self) -> Poses:
-        """The same camera if it did not turn."""
-        return Poses(self.position_m, np.zeros_like(self.turn_rad))
 
 
 def poses_of(felt: Felt, exposure_s: float) -> Poses:
@@ -100,7 +97,7 @@ def check_record(felt: Felt, exposure_s: float) -> Array:
         raise BadInput("times of the record must increase", "sort it, drop repeated samples")
     if t[0] > 0 or t[-1] < exposure_s:
         raise BadInput(
-            f"the record lasts from {t[0]:.3f} s to {t[-1]:.3f} s and must cover the exposure, 0 s to {exposure_s:.3f} s",
+            f"the record is from {t[0]:.3f} s to {t[-1]:.3f} s and must cover the exposure, 0 s to {exposure_s:.3f} s",
             "begin it before the shutter opens, end it after the shutter closes; time 0 is the opening",
         )
     return t
@@ -127,12 +124,30 @@ def drawn(poses: Poses, x: float, y: float, inverse_m: Array) -> Array:
     return np.asarray(seen[..., :2] / seen[..., 2:] - (x, y))
 
 
+def planar_stacks(paths: Sequence[Array], max_w: float) -> list[MaskStack]:
+    """Masks of recorded paths (n, 2) about where the rig rests, of which w is the half-width in pixels. Raises Refused.
+
+    Source: (5.2), (5.3): a rig that does not turn draws the same path at every depth, as large as the inverse depth.
+    """
+    half = max(float(np.abs(path).max()) for path in paths)
+    if half < LEAST_PATH_M:
+        raise Refused("the rig must move during the exposures; it stood still", "set it in motion, then expose")
+    levels, R = int(np.ceil(max_w / LEVEL_PX)) + 2, int(np.ceil(max_w)) + 3
+    scales = np.arange(levels) * LEVEL_PX / half
+    return [MaskStack(np.stack([path_mask(path * one, R) for one in scales]), LEVEL_PX) for path in paths]
+
+
 @dataclass(frozen=True)
 class MotionBlur:
     """The masks of each photograph, and how many pixels of w one unit of inverse depth, 1/m, is."""
 
     fields: tuple[MaskField, ...]
     px_per_inverse_m: float
+
+    @property
+    def unit(self) -> Unit:
+        """What w is told in."""
+        return Unit("1/m", 1 / self.px_per_inverse_m)
 
 
 def motion_blur(
@@ -155,13 +170,12 @@ def motion_blur(
             f"focal length and greatest inverse depth must be positive, got {focal_px} pixels and {max_inverse_m} 1/m",
             "give the focal length in pixels, and 1 / the least distance in metres",
         )
+    per_inverse = px_per_inverse_m(exposures, focal_px, shape)
     curves = _over_frame(exposures, focal_px, shape, np.array([0.0, max_inverse_m]))
-    per_inverse = float(np.abs(curves[..., 1, :, :] - curves[..., 0, :, :]).max()) / max_inverse_m
     if per_inverse * max_inverse_m < LEAST_W:
         raise Refused(
-            f"the rig's shifts reach {per_inverse * max_inverse_m:.2f} pixels at the least distance, too little to tell "
-            "depth by",
-            "shake the rig along the picture, or come nearer",
+            f"the rig's shifts reach {per_inverse * max_inverse_m:.2f} pixels at the least distance: no depth shows",
+            "set the rig in motion along the picture, or come nearer",
         )
     R = int(np.ceil(np.abs(curves).max() * 1.05)) + 3
     check_extent(R, shape)
@@ -171,12 +185,21 @@ def motion_blur(
 
     def stack(poses: Poses, row: float, column: float) -> MaskStack:
         x, y = ((at - (size - 1) / 2) / focal_px for at, size in ((column, shape[1]), (row, shape[0])))
-        paths = drawn(poses, x, y, levels / per_inverse) * focal_px
+        paths = drawn(poses, x, y, np.asarray(levels / per_inverse, np.float64)) * focal_px
         return MaskStack(np.stack([path_mask(path, R) for path in paths]), LEVEL_PX)
 
     return MotionBlur(
         tuple(MaskField(tuple(tuple(stack(p, y, x) for x in columns) for y in rows)) for p in exposures), per_inverse
     )
+
+
+def px_per_inverse_m(exposures: Sequence[Poses], focal_px: float, shape: tuple[int, int]) -> float:
+    """Pixels that shifts move a point of the scene at most, for each 1/m of inverse depth. Raises Refused if none."""
+    curves = _over_frame(exposures, focal_px, shape, np.array([0.0, 1.0]))
+    found = float(np.abs(curves[..., 1, :, :] - curves[..., 0, :, :]).max())
+    if found < LEAST_PATH_M * focal_px:
+        raise Refused("the rig must move along the picture during the exposures", "set it in motion, then expose")
+    return found
 
 
 def _over_frame(exposures: Sequence[Poses], focal_px: float, shape: tuple[int, int], inverse_m: Array) -> Array:

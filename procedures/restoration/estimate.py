@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -69,8 +69,19 @@ class Diagnostics:
 
 
 @dataclass(frozen=True)
+class Unit:
+    """What w is told in: its name, and how much of it a pixel is."""
+
+    name: str = "pixel"
+    per_pixel: float = 1.0
+
+
+@dataclass(frozen=True)
 class Restoration:
-    """Sharp picture (C, H, W), w (H, W) pixels and its least standard deviation, residuals (P, C, H, W), history."""
+    """Sharp picture (C, H, W), w (H, W) pixels and its least standard deviation, residuals (P, C, H, W), history.
+
+    unit : what w is told in to people and files.
+    """
 
     sharp: Array
     w: Array
@@ -79,6 +90,7 @@ class Restoration:
     start: depth.DepthStart
     history: tuple[alternate.Round, ...]
     diagnostics: Diagnostics
+    unit: Unit = field(default_factory=Unit)
 
 
 def noise_of(z: Array, stacks: Sequence[Masks]) -> float:
@@ -213,6 +225,11 @@ def judge(result: Restoration) -> Outcome[Restoration]:
         if wrong:
             return Outcome(result, Verdict.DOUBTFUL, reason, remedy)
     return Outcome(result)
+
+
+def told_in(unit: Unit, outcome: Outcome[Restoration]) -> Outcome[Restoration]:
+    """The same, with w told in that unit."""
+    return outcome if outcome.value is None else replace(outcome, value=replace(outcome.value, unit=unit))
 
 
 def refocused(result: Restoration, stack: Masks, focus_w: float, strength: float = 1.0) -> Array:

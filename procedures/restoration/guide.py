@@ -28,10 +28,10 @@ from procedures.plan import (
 from procedures.raw import Plane, RawFrame
 from procedures.restoration.blind import prototype_shapes
 from procedures.restoration.blur_models import mask_stack, pillbox
+from procedures.restoration.camera_motion import Poses, motion_blur, planar_stacks, poses_of, px_per_inverse_m
 from procedures.restoration.checks import check_extent, check_max_w
-from procedures.restoration.estimate import RestorationParameters, restore
-from procedures.restoration.forward import MaskStack
-from procedures.restoration.motion import from_imu, path_mask, planar_path
+from procedures.restoration.estimate import RestorationParameters, Unit, restore, told_in
+from procedures.restoration.fields import Masks
 from procedures.restoration.scheme import Scheme
 
 Array = npt.NDArray[np.float64]
@@ -48,11 +48,6 @@ SAME_LIGHT = 0.1
 TEXTURE = 5.0
 """Contrast of the scene's detail over the noise, at least."""
 DETAIL_PX = 8.0
-LEAST_PATH_M = 2e-5
-PATH_STEP = 0.25
-"""Pixels of w between the masks of a recorded path."""
-FLIPPED = np.array([1.0, -1.0, -1.0])
-"""From an inertial unit's axes, y up, to those of the picture, y down."""
 CANDIDATES = 4
 """Parts of the picture that are tried as the one of a single depth, where none was marked."""
 
@@ -81,6 +76,7 @@ SCENE = (
     Ask("max_w", "How far does the widest blur reach?", "number", "pixels", MAX_W, low=1.0, high=40.0),
     Ask("first_f_number", "Which f-number has the first photograph?", "number", "", 8.0, low=0.5, high=64.0),
     Ask("second_f_number", "And the second one?", "number", "", 4.0, low=0.5, high=64.0),
+    Ask("pixel_pitch_um", "How far apart are the pixels? 0: the rig does not turn.", "number", "µm", 0.0, low=0.0),
     Ask("region", "Where is a flat part of one distance? x,y,width,height in pixels, or auto.", "text", default="auto"),
 )  # fmt: skip
 FIRST = Ask("first", "Set the first aperture; or make the rig ready for its first motion.")
@@ -178,50 +174,68 @@ def estimate(frames: Sequence[RawFrame], facts: Facts) -> Outcomes:
     pictures[1] *= pictures[0].mean() / pictures[1].mean()
     try:
         parameters = RestorationParameters(scheme=Scheme.parse(str(facts["scheme"])) if "scheme" in facts else Scheme())
-        paths = [path for path in (rig_path(frame) for frame in (first, last)) if path is not None]
-        return {PICTURE: restore([*pictures], masks(pictures, facts, paths), parameters)}
+        exposures = [poses for poses in (rig_poses(frame) for frame in (first, last)) if poses is not None]
+        blurs, unit = masks(pictures, facts, exposures, focal_px(first, facts))
+        return {PICTURE: told_in(unit, restore([*pictures], blurs, parameters))}
     except (Refused, BadParameter) as error:
         return {PICTURE: Outcome(None, Verdict.REFUSED, error.reason, error.remedy)}
 
 
-def rig_path(frame: RawFrame) -> Array | None:
-    """The path of a camera that shifts and does not turn during an exposure, (n, 2) metres in image directions.
-
-    None where the motion is not recorded from before the opening of the shutter until after its closing, or was lost.
-    """
-    felt, open_s = frame.felt, frame.exposure.exposure_s
-    if felt is None or open_s is None or len(felt.time_s) < 2 or felt.time_s[0] > 0 or felt.time_s[-1] < open_s:
+def rig_poses(frame: RawFrame) -> Poses | None:
+    """Where the camera was during an exposure, about where its rig rests; None where no record tells."""
+    open_s = frame.exposure.exposure_s
+    if frame.felt is None or open_s is None:
         return None
-    # the unit's x is to the right and its y up, the picture's y down; the whole record tells drift better than a part
-    motion = from_imu(felt.time_s, felt.acceleration_m_s2 * FLIPPED, felt.rotation_rad_s * FLIPPED)
-    path = planar_path(motion)
-    times = np.linspace(motion.time_s[0], motion.time_s[-1], len(path))
-    # an error of the acceleration's or the velocity's mean is a parabola or a line; a rig that shakes has neither
-    drift = np.polynomial.polynomial.polyval(times, np.polynomial.polynomial.polyfit(times, path, 2)).T
-    return np.asarray((path - drift)[(times >= 0) & (times <= open_s)])
+    try:
+        return poses_of(frame.felt, open_s)
+    except BadInput:
+        return None
 
 
-def masks(pictures: Sequence[Array], facts: Facts, paths: Sequence[Array] = ()) -> list[MaskStack]:
-    """The blur of each photograph as a function of one w. Raises Refused, BadParameter.
+def focal_px(frame: RawFrame, facts: Facts) -> float:
+    """The image's distance behind the lens in pixels of the plane that is restored; 0 where it is not known."""
+    told = frame.exposure
+    focal_mm, pitch_um = told.focal_length_mm, float(facts.get("pixel_pitch_um", 0.0))
+    if not focal_mm or pitch_um <= 0:
+        return 0.0
+    # focused nearer, the image lies farther behind the lens (4.1)
+    nearer = 1 - focal_mm / told.subject_distance_mm if told.subject_distance_mm else 1.0
+    return focal_mm / max(nearer, 0.5) / (pitch_um * 1e-3 * shown(frame).pitch)
 
-    paths : of both exposures, (n, 2), where they are recorded
+
+def masks(
+    pictures: Sequence[Array], facts: Facts, exposures: Sequence[Poses] = (), focal: float = 0.0
+) -> tuple[Sequence[Masks], Unit]:
+    """The blur of each photograph as a function of one w, and what w is told in. Raises Refused, BadParameter.
+
+    exposures : both recorded ones, where they are; focal : length in pixels, 0 for a rig that is taken not to turn.
     """
     max_w = float(facts.get("max_w", MAX_W))
     check_max_w(max_w)
     shape = (int(pictures[0].shape[1]), int(pictures[0].shape[2]))
     if facts.get("blur_by", APERTURES) == MOTIONS:
-        if len(paths) == len(pictures):
-            stacks = recorded_stacks(paths, max_w)
-            check_extent(stacks[0].R, shape)
-            return stacks
+        if len(exposures) == len(pictures):
+            return recorded_masks(exposures, focal, shape, max_w)
         R = int(np.ceil(max_w + 0.5))
         check_extent(R, shape)
         shapes = motion_shapes(pictures, str(facts.get("region", "auto")), int(np.ceil(max_w)))
-        return [mask_stack(one, max_w, R=R) for one in shapes]
+        return [mask_stack(one, max_w, R=R) for one in shapes], Unit()
     ratio = blur_ratio(facts)
     R = int(np.ceil(max_w * max(1.0, ratio) + 0.5))
     check_extent(R, shape)
-    return [mask_stack(pillbox(), max_w, ratio=one, R=R) for one in (1.0, ratio)]
+    return [mask_stack(pillbox(), max_w, ratio=one, R=R) for one in (1.0, ratio)], Unit()
+
+
+def recorded_masks(
+    exposures: Sequence[Poses], focal: float, shape: tuple[int, int], max_w: float
+) -> tuple[Sequence[Masks], Unit]:
+    """Masks of recorded motion, and what w is told in: inverse depth where the focal length is known."""
+    if not focal:
+        stacks = planar_stacks([one.planar_path for one in exposures], max_w)
+        check_extent(stacks[0].R, shape)
+        return stacks, Unit()
+    blur = motion_blur(exposures, focal, shape, max_w / px_per_inverse_m(exposures, focal, shape))
+    return blur.fields, blur.unit
 
 
 def blur_ratio(facts: Facts) -> float:
@@ -229,19 +243,6 @@ def blur_ratio(facts: Facts) -> float:
     if not {"first_f_number", "second_f_number"} <= set(facts):
         raise BadParameter("the two f-numbers must be known", "tell them in the step `scene`")
     return float(facts["first_f_number"]) / float(facts["second_f_number"])
-
-
-def recorded_stacks(paths: Sequence[Array], max_w: float) -> list[MaskStack]:
-    """Masks of recorded paths (n, 2) about where the rig rests, of which w is the half-width in pixels. Raises Refused.
-
-    Source: (5.2), (5.3): a rig that does not turn draws the same path at every depth, as large as the inverse depth.
-    """
-    half = max(float(np.abs(path).max()) for path in paths)
-    if half < LEAST_PATH_M:
-        raise Refused("the rig must move during the exposures; it stood still", "set it in motion, then expose")
-    levels, R = int(np.ceil(max_w / PATH_STEP)) + 2, int(np.ceil(max_w)) + 3
-    scales = np.arange(levels) * PATH_STEP / half
-    return [MaskStack(np.stack([path_mask(path * one, R) for one in scales]), PATH_STEP) for path in paths]
 
 
 def motion_shapes(pictures: Sequence[Array], region: str, largest: int) -> Sequence[Array]:
