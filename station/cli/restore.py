@@ -3,40 +3,42 @@
 from __future__ import annotations
 
 import time
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from station.cli.log import log, log_json_option
+from station.cli.restore_blur import BlurOptions
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from procedures.raw import RawFrame
     from procedures.restoration.alternate import Round
-    from procedures.restoration.forward import Array, MaskStack
+    from procedures.restoration.forward import Array
 
 _LEVELS = {"pass": "info", "doubtful": "warning"}
 
 
-class _Shapes(click.Command):
-    """Lets `--shape` take one value, or two and more as `--shape FILE1 FILE2` before the next option."""
+_ONE_EACH = ("--shape", "--imu")
+
+
+class _OneEach(click.Command):
+    """Lets `--shape` and `--imu` take one value, or two and more as `--shape FILE1 FILE2` before the next option."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Repeat `--shape` before each further file that follows it."""
+        """Repeat the option before each further file that follows it."""
         spelled: list[str] = []
-        files = 0
+        files, option = 0, ""
         photographs = sum(1 for _ in self._leading(args))
         for arg in args:
-            if arg == "--shape":
-                files = 1
+            if arg in _ONE_EACH:
+                files, option = 1, arg
             elif arg.startswith("-"):
                 files = 0
             elif files and (files == 1 or files <= max(photographs, 2)):
                 if files > 1:
-                    spelled.append("--shape")
+                    spelled.append(option)
                 files += 1
             spelled.append(arg)
         return super().parse_args(ctx, spelled)
@@ -50,10 +52,18 @@ class _Shapes(click.Command):
         return args
 
 
-@click.command("restore", cls=_Shapes)
+@click.command("restore", cls=_OneEach)
 @click.argument("images", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--blur", "blur", type=click.Choice(["defocus", "motion"]), required=True, help="What blurred them.")
-@click.option("--shape", "shapes", multiple=True, help="pillbox, gaussian, or text arrays: one, or one for each image.")
+@click.option(
+    "--shape",
+    "shapes",
+    multiple=True,
+    help="pillbox, gaussian, text arrays, psf_P.npy or field.h5 of a result: one, or one for each image.",
+)
+@click.option(
+    "--samples-per-pixel", type=click.IntRange(1), help="The shapes are PSFs sampled so, not shapes on [-1, 1]."
+)
 @click.option(
     "--ratio", "ratios", type=float, multiple=True, help="w of photograph 2 (3, ...) over w of 1.  [default: 1]"
 )
@@ -79,50 +89,44 @@ class _Shapes(click.Command):
     help="Path of the rig during each exposure, two columns x y at equal times: begins the search of its shape.",
 )
 @click.option("--fix-path", is_flag=True, help="Take the recorded paths as they are; find their size and place only.")
+@click.option(
+    "--imu",
+    "imu",
+    multiple=True,
+    metavar="FILE",
+    help="Record of each exposure, CSV: t_s,ax,ay,az,wx,wy,wz; s since the shutter opened, m/s², rad/s; x right, y up.",
+)
+@click.option("--focal-px", type=float, help="Focal length in pixels of the plane, for --imu.")
+@click.option("--max-inverse-depth", type=float, help="1 / the least distance in the scene, 1/m, for --imu.")
+@click.option("--exposure-s", type=float, multiple=True, help="Exposure time, for --imu.  [default: as the files tell]")
 @click.option("--plane", help="R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
 @click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout too.")
 @log_json_option
-def restore(
-    images: tuple[Path, ...],
-    blur: str,
-    shapes: tuple[str, ...],
-    ratios: tuple[float, ...],
-    max_w: float,
-    prototype_region: str | None,
-    paths: tuple[str, ...],
-    fix_path: bool,
-    plane: str | None,
-    out: Path,
-    as_json: bool,
-    **options: Any,
-) -> None:
+def restore(images: tuple[Path, ...], plane: str | None, out: Path, as_json: bool, **options: Any) -> None:
     """Restore the sharp picture and the depth map from IMAGES, two or more photographs of one scene."""
     start = time.perf_counter()
     if len(images) < 2:
         raise click.UsageError(f"restoration needs two photographs or more, got {len(images)}")
-    if (paths or fix_path) and (prototype_region is None or len(paths) != 2):
-        raise click.UsageError("--recorded-path needs --prototype-region, and one path for each of two photographs")
+    blur = BlurOptions(**{one.name: options.pop(one.name) for one in fields(BlurOptions)})
+    blur.check(len(images))
     from procedures.restoration.checks import check_max_w
     from procedures.restoration.estimate import restore as restored
+    from procedures.restoration.estimate import told_in
     from station.restoration_page import restoration_page
     from station.restoration_results import write_restoration
     from station.results import ResultFolder
 
-    check_max_w(max_w)
+    check_max_w(blur.max_w)
     parameters = _parameters(options)
     with ResultFolder(out) as folder:
         frames, photographs = _photographs(images, plane)
-        known = None
-        if prototype_region is not None:
-            known = _prototypes(photographs, prototype_region, max_w, paths, fix_path)
-        stacks, described = _stacks(blur, shapes, ratios, max_w, photographs, known)
-        described |= {"prototype_region": prototype_region, "recorded_path": list(paths), "fix_path": fix_path}
-        outcome = restored(photographs, stacks, parameters, _tell)
+        source = blur.read(frames, photographs)
+        outcome = told_in(source.unit, restored(photographs, source.masks, parameters, _tell))
         about = {
             "procedure": "restore",
             "input": [{"path": str(i), "sha256": f.sha256} for i, f in zip(images, frames, strict=True)],
-            "parameters": {"blur": blur, **described, "max_w": max_w, "planes": list(frames[0].planes), **options},
+            "parameters": {**blur.told, **source.told, "planes": list(frames[0].planes), **options},
             "duration_s": round(time.perf_counter() - start, 3),
         }
         text = write_restoration(folder, outcome, about, restoration_page(outcome, photographs, about))
@@ -151,67 +155,6 @@ def _photographs(images: tuple[Path, ...], plane: str | None) -> tuple[list[RawF
     for image, frame in zip(images, frames, strict=True):
         log("read", f"read {image}: {', '.join(frame.planes)}", path=str(image), sha256=frame.sha256)
     return frames, [np.stack([p.samples.astype(np.float64) for p in f.planes.values()]) for f in frames]
-
-
-def _stacks(
-    blur: str,
-    shapes: tuple[str, ...],
-    ratios: tuple[float, ...],
-    max_w: float,
-    photographs: list[Array],
-    known: list[NDArray[np.float64]] | None,
-) -> tuple[list[MaskStack], dict[str, Any]]:
-    """Masks of every photograph, and what the record says of them. known : shapes found in the photographs."""
-    import numpy as np
-
-    from procedures.restoration.blur_models import mask_stack
-    from procedures.restoration.checks import check_extent
-
-    count = len(photographs)
-    each = (1.0, *ratios, *([ratios[-1] if ratios else 1.0] * count))[:count]
-    if known is None and len(shapes) not in (1, count):
-        raise click.UsageError(f"--shape takes one shape, or one for each of {count} images; got {len(shapes)}")
-    arrays = known or [_shape(name, blur) for name in (shapes if len(shapes) == count else shapes * count)]
-    R = int(np.ceil(max_w * max(each) + 0.5))
-    check_extent(R, (photographs[0].shape[1], photographs[0].shape[2]))
-    stacks = [mask_stack(shape, max_w, ratio=ratio, R=R) for shape, ratio in zip(arrays, each, strict=True)]
-    return stacks, {"shape": list(shapes), "ratio": list(each[1:])}
-
-
-def _shape(name: str, blur: str) -> NDArray[np.float64]:
-    from procedures.restoration import blur_models
-
-    if blur == "defocus" and name == "pillbox":
-        return blur_models.pillbox()
-    if blur == "defocus" and name == "gaussian":
-        return blur_models.gaussian()
-    return blur_models.read_shape(Path(name))
-
-
-def _prototypes(
-    photographs: list[Array], region: str, max_w: float, paths: tuple[str, ...], fixed: bool
-) -> list[NDArray[np.float64]]:
-    """Shapes of unknown motion from a flat part of the scene, begun from or fixed by recorded paths of the rig."""
-    import numpy as np
-
-    from procedures.restoration.blind import prototype_shapes
-    from procedures.restoration.recorded import read_path, recorded_masks, recorded_shapes
-
-    try:
-        x, y, width, height = (int(part) for part in region.split(","))
-    except ValueError as error:
-        raise click.UsageError(f"--prototype-region is X,Y,W,H in pixels, got {region!r}") from error
-    parts = np.stack([p[:, y : y + height, x : x + width].mean(axis=0) for p in photographs])
-    largest = int(np.ceil(max_w))
-    # the scene is drawn along minus the rig's path
-    drawn = [-read_path(Path(name)) for name in paths]
-    if fixed:
-        shapes, half = recorded_shapes(parts, drawn, largest)
-    else:
-        found = prototype_shapes(parts, largest, first=recorded_masks(parts, drawn, largest) if drawn else None)
-        shapes, half = found.shapes, found.half_width
-    log("prototypes", f"motion of half-width {half:.1f} pixels in the flat part", half_width=half)
-    return list(shapes)
 
 
 def _tell(done: Round) -> None:

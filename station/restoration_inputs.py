@@ -1,0 +1,199 @@
+"""What blurred the photographs of a restoration, from files: shapes, measured PSFs and fields, records of an IMU."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.outcome import BadInput, BadParameter
+from procedures.raw import Felt
+from procedures.restoration import blur_models
+from procedures.restoration.camera_motion import motion_blur, poses_of
+from procedures.restoration.checks import check_extent
+from procedures.restoration.estimate import Unit
+from procedures.restoration.fields import Masks
+from procedures.restoration.measured import MeasuredShape, measured_field, measured_shape
+
+Array = npt.NDArray[np.float64]
+Size = tuple[int, int]
+
+COLUMNS = ("t_s", "ax", "ay", "az", "wx", "wy", "wz")
+"""Of an IMU's record: seconds from the opening of the shutter; m/s^2 with gravity and rad/s, x right, y up, z back."""
+FIELD_SUFFIXES = (".h5", ".hdf5")
+
+
+@dataclass(frozen=True)
+class BlurInput:
+    """Masks of each photograph, what their w is told in, and what the record says of them."""
+
+    masks: Sequence[Masks]
+    unit: Unit = field(default_factory=Unit)
+    told: dict[str, Any] = field(default_factory=dict)
+
+
+# --- records of an IMU -------------------------------------------------------------------------------------------
+
+
+def read_imu(path: Path) -> Felt:
+    """An IMU's record from a CSV file with the columns `COLUMNS`, named in its first row; `#` begins a comment.
+
+    Raises
+    ------
+    BadInput
+        If it cannot be read, a column lacks, or a row does not hold numbers.
+    """
+    try:
+        with open(path, newline="", encoding="utf-8-sig") as file:
+            rows = [(n, row) for n, row in enumerate(csv.reader(file), start=1) if _counts(row)]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise BadInput(f"{path} cannot be read: {error}", f"give a CSV file of {','.join(COLUMNS)}") from error
+    names = [name.strip() for name in rows[0][1]] if rows else []
+    lacking = [name for name in COLUMNS if name not in names]
+    if lacking:
+        raise BadInput(f"{path} has no column {', '.join(lacking)}", f"name them in its first row: {','.join(COLUMNS)}")
+    at = [names.index(name) for name in COLUMNS]
+    values = np.array([_numbers(path, n, row, at) for n, row in rows[1:]]).reshape(-1, len(COLUMNS))
+    return Felt(values[:, 0], values[:, 1:4], values[:, 4:])
+
+
+def _counts(row: list[str]) -> bool:
+    return any(cell.strip() for cell in row) and not row[0].lstrip().startswith("#")
+
+
+def _numbers(path: Path, n: int, row: list[str], at: list[int]) -> list[float]:
+    try:
+        return [float(row[k]) for k in at]
+    except (ValueError, IndexError) as error:
+        raise BadInput(
+            f"{path}, row {n}: {len(at)} numbers are needed; got {','.join(row)!r}", "drop the row, or export again"
+        ) from error
+
+
+def imu_table(felt: Felt) -> bytes:
+    """A record as `read_imu` takes it."""
+    rows = np.column_stack([felt.time_s, felt.acceleration_m_s2, felt.rotation_rad_s])
+    lines = [",".join(COLUMNS), *(",".join(f"{value:.7g}" for value in row) for row in rows)]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def from_imu_records(
+    files: Sequence[Path],
+    exposures_s: Sequence[float | None],
+    focal_px: float,
+    max_inverse_m: float,
+    shape: Size,
+) -> BlurInput:
+    """Masks over the frame from the records of all exposures; w is the inverse depth.
+
+    exposures_s : of each photograph; None where neither camera nor operator told
+    """
+    if any(one is None for one in exposures_s):
+        raise BadParameter("the photographs do not tell their exposure time", "give --exposure-s")
+    poses = [poses_of(read_imu(file), float(one or 0)) for file, one in zip(files, exposures_s, strict=True)]
+    blur = motion_blur(poses, focal_px, shape, max_inverse_m)
+    told = {"imu": [str(one) for one in files], "exposure_s": list(exposures_s), "focal_px": focal_px}
+    told |= {"max_inverse_depth": max_inverse_m, "nodes": list(blur.fields[0].grid), "half_size": blur.fields[0].R}
+    return BlurInput(blur.fields, blur.unit, told)
+
+
+# --- shapes ------------------------------------------------------------------------------------------------------
+
+
+def from_shapes(
+    names: Sequence[str],
+    ratios: Sequence[float],
+    max_w: float,
+    shape: Size,
+    *,
+    blur: str = "defocus",
+    plane: str = "Y",
+    samples_per_px: int | None = None,
+) -> BlurInput:
+    """Masks from one shape for each photograph: a model's name, a shape file, or a measured PSF or field.
+
+    ratios : w of each photograph over the first's; none: 1, but of measured ones their half-widths' ratio.
+    samples_per_px : a text file is a measured PSF sampled so, not a shape on [-1, 1].
+    """
+    return from_arrays([_shape(name, blur, plane, shape, samples_per_px) for name in names], ratios, max_w, shape)
+
+
+def from_arrays(
+    found: Sequence[Array | MeasuredShape], ratios: Sequence[float], max_w: float, shape: Size
+) -> BlurInput:
+    """Masks from one shape for each photograph, as it is at hand."""
+    each = list(ratios) or [_ratio(found[0], one) for one in found]
+    R = int(np.ceil(max_w * max(each) + 0.5))
+    check_extent(R, shape)
+    masks: list[Masks] = [
+        one.masks(max_w, R, ratio)
+        if isinstance(one, MeasuredShape)
+        else blur_models.mask_stack(one, max_w, ratio=ratio, R=R)
+        for one, ratio in zip(found, each, strict=True)
+    ]
+    measured = [one for one in found if isinstance(one, MeasuredShape)]
+    told: dict[str, Any] = {"ratio": list(each[1:])}
+    if measured:
+        told |= {"shape_half_width_px": [one.half_width_px for one in measured]}
+        told |= {"shape_negative_light": [one.cut for one in measured]}
+    return BlurInput(masks, told=told)
+
+
+def _ratio(first: Array | MeasuredShape, other: Array | MeasuredShape) -> float:
+    if isinstance(first, MeasuredShape) and isinstance(other, MeasuredShape):
+        return other.half_width_px / first.half_width_px
+    return 1.0
+
+
+def _shape(name: str, blur: str, plane: str, shape: Size, samples_per_px: int | None) -> Array | MeasuredShape:
+    if blur == "defocus" and name == "pillbox":
+        return blur_models.pillbox()
+    if blur == "defocus" and name == "gaussian":
+        return blur_models.gaussian()
+    path = Path(name)
+    if path.suffix.lower() in FIELD_SUFFIXES:
+        return measured_field(_field(path, plane), shape)
+    if path.suffix.lower() == ".npy":
+        return measured_shape(_array(path), samples_per_px or _samples_beside(path))
+    if samples_per_px is not None:
+        return measured_shape(_text(path), samples_per_px)
+    return blur_models.read_shape(path)
+
+
+def _field(path: Path, plane: str) -> Any:
+    from procedures.field.field_file import read_field
+
+    fields = read_field(path)
+    if plane not in fields:
+        raise BadInput(f"{path} has the planes {', '.join(fields)}, not {plane}", "restore one of these: --plane")
+    return fields[plane]
+
+
+def _array(path: Path) -> Array:
+    try:
+        return np.asarray(np.load(path, allow_pickle=False), dtype=np.float64)
+    except (OSError, ValueError) as error:
+        raise BadInput(f"PSF file {path} cannot be read: {error}", "give a psf_P.npy of a result") from error
+
+
+def _text(path: Path) -> Array:
+    try:
+        return np.loadtxt(path, dtype=np.float64, ndmin=2)
+    except (OSError, ValueError) as error:
+        raise BadInput(f"PSF file {path} cannot be read: {error}", "give a text array of numbers") from error
+
+
+def _samples_beside(path: Path) -> int:
+    """Samples per pixel of a result's PSF, from the record in its folder. Raises BadParameter if there is none."""
+    try:
+        return int(json.loads((path.parent / "result.json").read_text(encoding="utf-8"))["parameters"]["s"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise BadParameter(
+            f"{path} has no result.json beside it that tells its samples per pixel", "give --samples-per-pixel"
+        ) from error
