@@ -67,12 +67,16 @@ def write_result(
     folder: ResultFolder, outcomes: Mapping[str, Outcome[Any]], frames: Sequence[RawFrame], about: Mapping[str, Any]
 ) -> str:
     """The result of a guided restoration: the files of `write_restoration`, or the record of its refusal."""
+    from station.restoration_inputs import imu_table
     from station.restoration_page import restoration_page  # here: it imports this module
 
     (outcome,) = outcomes.values()
     if outcome.value is None:
         told = {"verdict": str(outcome.verdict), "reason": outcome.reason, "remedy": outcome.remedy}
         return write_record(folder, {"schema": SCHEMA, **about, **told, "software": software()})
+    for n, frame in enumerate((frames[0], frames[len(frames) - 1]), start=1):
+        if frame.felt is not None:
+            folder.write(f"imu_{n}.csv", imu_table(frame.felt))
     timeless = replace(outcome.value, history=tuple(replace(r, seconds=0.0) for r in outcome.value.history))
     outcome = replace(outcome, value=timeless)  # the files are the same whenever they are computed
     photographs = [shown(frame).samples.astype(np.float64)[None] for frame in (frames[0], frames[len(frames) - 1])]

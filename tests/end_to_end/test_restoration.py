@@ -19,6 +19,7 @@ from station.bench import simulated_bench
 from station.derive import Frames, felt_during
 from station.operator import Result
 from station.plans import plan_named
+from station.restoration_inputs import read_imu
 from station.scripted import Scripted
 from station.session import Session
 
@@ -54,6 +55,7 @@ def test_it_goes_through_by_itself_and_the_verdict_is_good(done):
     assert done.ended.how == "finished"
     assert done.result.verdict in (Verdict.PASS, Verdict.DOUBTFUL), done.result.reason
     assert [shot.purpose for shot in done.state.counting()] == ["first", "second"]
+    assert len(read_imu(done.result.folder / "imu_2.csv").time_s) > 50
     # the IMU felt the shaker: 1.9 mm at 10 Hz are 7.5 m/s^2 along the axis that it drives most
     for shot, axis in zip(done.state.counting(), (0, 1), strict=True):
         felt = np.array(shot.snapshot["motion"]["acceleration_m_s2"])[:, axis]

@@ -1,0 +1,202 @@
+"""`station restore` told of the blur by an IMU's records, by a measured PSF, and by a field of them."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from procedures.raw import Felt, read_frame
+from procedures.restoration.blur_models import mask_stack, pillbox
+from procedures.restoration.forward import Blur
+from simulators.bench import Setup, SimulatedBench
+from simulators.body import Opening
+from simulators.sensor import Sensor
+from simulators.view import Mount
+from station.__main__ import main
+from station.restoration_inputs import imu_table, read_imu
+
+OPEN_S = 0.2
+QUICK = ["--scheme", "1x(4+4)+1x8"]
+
+
+def run(*arguments):
+    return CliRunner().invoke(main, ["restore", *map(str, arguments)])
+
+
+@pytest.fixture(scope="module")
+def shaken(tmp_path_factory):
+    """Photographs of a rig that shifts and turns, what its IMU felt, the still one's, and the lens' focal length."""
+    folder = tmp_path_factory.mktemp("shaken")
+    bench = SimulatedBench(folder, Setup(seed=3, virtual_time=True))
+    bench.show("depth")
+    view, world, rng = bench.view, bench.world, np.random.default_rng(5)
+    view.camera, view.mount = replace(view.camera, sensor=Sensor(rows=168, columns=224)), Mount()
+    still = view.photograph(Opening(0.5, OPEN_S, 1)).plane("G1")
+    for n, drives in enumerate(bench.motions, start=1):
+        world.drive(drives, 2.0 * n)
+        opening = Opening(2.0 * n + 0.5, OPEN_S, 1 + n)
+        view.photograph(opening, folder / f"{n}.dng")
+        t = np.arange(-0.25, 0.55, 0.005)
+        force, rate = world.feel(opening.begin_s + t)
+        force, rate = force + rng.normal(0, 0.02, force.shape), rate + rng.normal(0, 0.001, rate.shape)
+        (folder / f"{n}.csv").write_bytes(imu_table(Felt(t, force + 0.05, rate + 0.002)))
+    focal_px = view.camera.projection(view.focus_mm or world.distance_mm(0.5)).principal_px / 2
+    bench.close()
+    return folder, still, focal_px
+
+
+@pytest.fixture(scope="module")
+def by_imu(shaken, tmp_path_factory):
+    folder, _, focal_px = shaken
+    out = tmp_path_factory.mktemp("out") / "restored"
+    records = ["--imu", folder / "1.csv", folder / "2.csv", "--focal-px", focal_px, "--max-inverse-depth", 0.9]
+    result = run(folder / "1.dng", folder / "2.dng", "--blur", "motion", *records, *QUICK, "--out", out)
+    assert result.exit_code == 0, result.output
+    return out
+
+
+def error(picture, still, rim=10):
+    """RMSE of grey levels of 255, levelled, the rim left out."""
+    inside = np.s_[rim:-rim, rim:-rim]
+    return 255 * np.std((picture * still.mean() / picture.mean() - still)[inside]) / np.percentile(still, 99)
+
+
+def test_a_rig_that_turned_is_restored_from_its_records(by_imu, shaken):
+    folder, still, _ = shaken
+    sharp = cv2.imread(str(by_imu / "sharp.tiff"), cv2.IMREAD_UNCHANGED)
+    blurred = read_frame(folder / "1.dng", ["G1"]).planes["G1"].samples
+    assert error(sharp, still) < 0.4 * error(blurred, still)
+
+
+def test_the_record_tells_depth_in_inverse_metres(by_imu):
+    record = json.loads((by_imu / "result.json").read_text())
+    assert record["w"]["unit"] == "1/m"
+    w = np.load(by_imu / "w.npy")
+    # the near sheet hangs 1.4 m away; see `tests/end_to_end/test_restoration.py` for all of them
+    assert np.median(w[10:-10, 10:40]) == pytest.approx(1 / 1.4, rel=0.1)
+    assert record["w"]["greatest"] == pytest.approx(float(w.max()), rel=1e-5)
+    assert record["parameters"]["exposure_s"] == [OPEN_S, OPEN_S]
+    assert min(record["parameters"]["nodes"]) > 1
+    assert "inverse depth, 1/m" in (by_imu / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_record_is_read_as_it_is_written(tmp_path):
+    rng = np.random.default_rng(1)
+    felt = Felt(np.arange(20) / 200, rng.normal(size=(20, 3)), rng.normal(size=(20, 3)))
+    (tmp_path / "a.csv").write_bytes(b"# of a rig\n" + imu_table(felt))
+    found = read_imu(tmp_path / "a.csv")
+    np.testing.assert_allclose(found.time_s, felt.time_s, rtol=1e-6)
+    np.testing.assert_allclose(found.rotation_rad_s, felt.rotation_rad_s, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("t_s,ax,ay,az,wx,wy\n0,1,2,3,4,5\n", "no column wz"),
+        ("t_s,ax,ay,az,wx,wy,wz\n0,1,2,3,4,5,fast\n", "row 2: 7 numbers"),
+        ("t_s,ax,ay,az,wx,wy,wz\n0,1,2,3,4,5\n", "row 2: 7 numbers"),
+        ("t_s,ax,ay,az,wx,wy,wz\n0,1,2,3,4,5,6\n", "16 samples"),
+        ("", "no column t_s"),
+    ],
+)
+def test_a_record_that_is_none_exits_4(shaken, tmp_path, text, complaint):
+    folder, _, focal_px = shaken
+    (tmp_path / "bad.csv").write_text(text)
+    records = ["--imu", tmp_path / "bad.csv", folder / "2.csv", "--focal-px", focal_px, "--max-inverse-depth", 0.9]
+    result = run(folder / "1.dng", folder / "2.dng", "--blur", "motion", *records, "--out", tmp_path / "o")
+    assert result.exit_code == 4
+    assert complaint in result.stderr
+    assert not (tmp_path / "o").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        (["--focal-px", "500"], "go with --imu"),
+        (["--imu", "a.csv", "b.csv"], "--focal-px and --max-inverse-depth"),
+        (["--imu", "a.csv", "--focal-px", "500", "--max-inverse-depth", "1"], "one record for each"),
+        (["--imu", "a.csv", "b.csv", "--shape", "c.txt"], "without --shape"),
+    ],
+)
+def test_options_that_do_not_go_with_each_other_exit_2(shaken, tmp_path, change, complaint):
+    folder, *_ = shaken
+    result = run(folder / "1.dng", folder / "2.dng", "--blur", "motion", *change, "--out", tmp_path / "o")
+    assert result.exit_code == 2
+    assert complaint in result.stderr
+
+
+# --- measured PSFs -----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def defocused(tmp_path_factory):
+    """Photographs at two apertures, and the lens' PSF as a result keeps it, s = 3, noise in it, measured at w = 3."""
+    folder = tmp_path_factory.mktemp("defocused")
+    rng = np.random.default_rng(4)
+    coarse = np.kron(rng.uniform(0.1, 0.9, (20, 24)), np.ones((6, 6)))[:116, :136]
+    for n, ratio in enumerate((1.0, 1.25), start=1):
+        blur = Blur(mask_stack(pillbox(), 4.2, ratio=ratio, R=6), (104, 124))
+        blur.focus(np.where(np.arange(136) < 68, 2.4, 3.4) * np.ones((116, 1)))
+        image = blur.blur(coarse) + rng.normal(0, 0.002, (104, 124))
+        cv2.imwrite(str(folder / f"{n}.png"), np.clip(image * 65535, 0, 65535).astype(np.uint16))
+    x, y = np.meshgrid(*[(np.arange(25) - 12) / 3] * 2)
+    h = (np.hypot(x, y) <= 3.0) + rng.normal(0, 0.01, (25, 25))
+    np.save(folder / "psf_Y.npy", h / h.sum())
+    np.savetxt(folder / "psf.txt", h / h.sum())
+    (folder / "result.json").write_text(json.dumps({"parameters": {"s": 3, "k": 25}}))
+    return folder
+
+
+@pytest.mark.parametrize("shape", [["psf_Y.npy"], ["psf.txt", "--samples-per-pixel", "3"]])
+def test_a_measured_psf_is_a_shape(defocused, tmp_path, shape):
+    given = [defocused / shape[0], *shape[1:], "--ratio", 1.25, "--max-w", 4.2, "--scheme", "1x(4+4)+1x6"]
+    result = run(
+        defocused / "1.png", defocused / "2.png", "--blur", "defocus", "--shape", *given, "--out", tmp_path / "o"
+    )
+    assert result.exit_code == 0, result.stderr
+    told = json.loads((tmp_path / "o" / "result.json").read_text())["parameters"]
+    # a sample is a third of a pixel wide, and noise takes the rim
+    assert told["shape_half_width_px"][0] == pytest.approx(3.0, abs=0.35)
+    assert 0 < told["shape_negative_light"][0] < 0.1
+    w = np.load(tmp_path / "o" / "w.npy")
+    scale = told["shape_half_width_px"][0] / 3.0
+    assert np.median(w[15:-15, 15:50]) == pytest.approx(2.4 * scale, abs=0.3)
+    assert np.median(w[15:-15, 74:-15]) == pytest.approx(3.4 * scale, abs=0.3)
+
+
+def test_a_psf_without_its_samples_is_refused(defocused, tmp_path):
+    images = [defocused / "1.png", defocused / "2.png", "--blur", "defocus", "--ratio", 1.25, "--out", tmp_path / "o"]
+    (tmp_path / "psf_Y.npy").write_bytes((defocused / "psf_Y.npy").read_bytes())
+    result = run(*images, "--shape", tmp_path / "psf_Y.npy")
+    assert result.exit_code == 2
+    assert "--samples-per-pixel" in result.stderr
+    result = run(*images, "--shape", defocused / "psf.txt")
+    assert result.exit_code == 4
+    assert "not negative" in result.stderr
+
+
+def test_a_field_is_asked_for_the_plane_and_the_frame(defocused, tmp_path):
+    from procedures.field.field_file import write_field
+    from procedures.field.interpolate import interpolate
+    from procedures.psf import Psf
+    from procedures.psf_field import Node
+
+    h = np.load(defocused / "psf_Y.npy")[4:-4, 4:-4]
+    nodes = []
+    for x, y in np.random.default_rng(2).uniform(0, 100, (12, 2)):
+        where = np.array([x, y])
+        nodes.append(Node(where, 1e-4 * np.eye(2), where, Psf(h / h.sum(), 3, 1e-8 * np.eye(h.size)), "a", len(nodes)))
+    write_field(tmp_path / "field.h5", {"Y": interpolate("Y", (104, 124), nodes)}, {}, [], {})
+    images = [defocused / "1.png", defocused / "2.png", "--blur", "defocus", "--shape", tmp_path / "field.h5"]
+    result = run(*images, "--ratio", 1.25, "--max-w", 2.0, "--scheme", "1x(1+1)+1x1", "--out", tmp_path / "o")
+    assert result.exit_code == 0, result.stderr
+    small = cv2.imread(str(defocused / "1.png"), cv2.IMREAD_UNCHANGED)[:80]
+    cv2.imwrite(str(tmp_path / "small.png"), small)
+    cropped = run(tmp_path / "small.png", defocused / "2.png", *images[2:], "--out", tmp_path / "p")
+    assert cropped.exit_code == 4
+    assert "of a plane of 124 x 104" in cropped.stderr
