@@ -137,11 +137,9 @@ def from_arrays(
         else blur_models.mask_stack(one, max_w, ratio=ratio, R=R)
         for one, ratio in zip(found, each, strict=True)
     ]
-    measured = [one for one in found if isinstance(one, MeasuredShape)]
     told: dict[str, Any] = {"ratio": list(each[1:])}
-    if measured:
-        told |= {"shape_half_width_px": [one.half_width_px for one in measured]}
-        told |= {"shape_negative_light": [one.cut for one in measured]}
+    if measured := [one for one in found if isinstance(one, MeasuredShape)]:
+        told["measured"] = [{"half_width_px": one.half_width_px, "negative_light": one.cut} for one in measured]
     return BlurInput(masks, told=told)
 
 

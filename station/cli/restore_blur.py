@@ -82,7 +82,7 @@ class BlurOptions:
         if self.prototype_region is not None:
             found = _prototypes(photographs, self.prototype_region, self.max_w, self.paths, self.fix_path)
             return from_arrays(found, each, self.max_w, size)
-        found = from_shapes(
+        masks = from_shapes(
             self._repeated(self.shapes, count),
             each,
             self.max_w,
@@ -91,12 +91,10 @@ class BlurOptions:
             plane=next(iter(frames[0].planes)),
             samples_per_px=self.samples_per_pixel,
         )
-        for half, cut in zip(*(found.told.get(f"shape_{name}", ()) for name in ("half_width_px", "negative_light"))):
-            sentence = (
-                f"measured shape of half-width {half:.2f} pixels; {cut:.1%} of its light was negative, set to zero"
-            )
-            log("shape", sentence, half_width_px=half, negative_light=cut)
-        return found
+        for one in masks.told.get("measured", ()):
+            half, cut = one["half_width_px"], one["negative_light"]
+            log("shape", f"measured half-width {half:.2f} pixels; {cut:.1%} negative light left out", **one)
+        return masks
 
     @staticmethod
     def _repeated(given: tuple[Any, ...], count: int) -> list[Any]:

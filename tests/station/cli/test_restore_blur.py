@@ -161,10 +161,10 @@ def test_a_measured_psf_is_a_shape(defocused, tmp_path, shape):
     assert result.exit_code == 0, result.stderr
     told = json.loads((tmp_path / "o" / "result.json").read_text())["parameters"]
     # a sample is a third of a pixel wide, and noise takes the rim
-    assert told["shape_half_width_px"][0] == pytest.approx(3.0, abs=0.35)
-    assert 0 < told["shape_negative_light"][0] < 0.1
+    assert told["measured"][0]["half_width_px"] == pytest.approx(3.0, abs=0.35)
+    assert 0 < told["measured"][0]["negative_light"] < 0.1
     w = np.load(tmp_path / "o" / "w.npy")
-    scale = told["shape_half_width_px"][0] / 3.0
+    scale = told["measured"][0]["half_width_px"] / 3.0
     assert np.median(w[15:-15, 15:50]) == pytest.approx(2.4 * scale, abs=0.3)
     assert np.median(w[15:-15, 74:-15]) == pytest.approx(3.4 * scale, abs=0.3)
 
