@@ -19,7 +19,7 @@ from procedures.restoration.camera_motion import motion_blur, poses_of
 from procedures.restoration.checks import check_extent
 from procedures.restoration.estimate import Unit
 from procedures.restoration.fields import Masks
-from procedures.restoration.measured import MeasuredShape, measured_field, measured_shape
+from procedures.restoration.psf_shapes import MeasuredShape, measured_field, measured_shape
 
 Array = npt.NDArray[np.float64]
 Size = tuple[int, int]

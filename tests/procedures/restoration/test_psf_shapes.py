@@ -8,7 +8,7 @@ import pytest
 from procedures.outcome import BadInput
 from procedures.restoration.blur_models import mask_stack, pillbox
 from procedures.restoration.estimate import RestorationParameters, restore
-from procedures.restoration.measured import measured_field, measured_shape, without_noise
+from procedures.restoration.psf_shapes import measured_field, measured_shape, without_noise
 from procedures.restoration.scheme import Scheme
 
 from .lens import SHAPE, WIDE, lens_field, photographs, spot
