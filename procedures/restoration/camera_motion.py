@@ -34,10 +34,10 @@ MOST_TURN = 0.15
 INSTANTS = 512
 LEVEL_PX = 0.25
 """Pixels of w between masks."""
-NODE_PX = 1.0
+NODE_PX = 0.5
 """Pixels by which the paths of neighbouring nodes may differ: masks are blended between them."""
 EVEN_PX = 0.1
-MOST_NODES = 9
+MOST_NODES = 12
 LEAST_W = 0.5
 LEAST_PATH_M = 2e-5
 
