@@ -46,6 +46,7 @@ def restoration_page(outcome: Outcome[Restoration], photographs: Sequence[Array]
         outcome=outcome,
         about=about,
         diagnostics=found.diagnostics,
+        shifts=found.shifts[1:].tolist() if found.shifts.any() else [],
         w=(float(found.w.min()), float(found.w.max())),
         before=[shown(image) for image in photographs],
         after=shown(found.sharp),

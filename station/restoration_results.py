@@ -44,6 +44,7 @@ def write_restoration(
         "reason": outcome.reason,
         "remedy": outcome.remedy,
         "w": {"least": float(found.w.min()), "greatest": float(found.w.max()), "unit": "pixel"},
+        "shift": {"x_y": found.shifts.tolist(), "unit": "pixel"},
         "diagnostics": asdict(found.diagnostics),
         "iterations": [
             {"n": r.n, "what": r.what, "cost": r.cost, "residual": r.residual, "change": r.change, "seconds": r.seconds}

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from procedures.raw import RawFrame
     from procedures.restoration.alternate import Round
-    from procedures.restoration.forward import Array, MaskStack
+    from procedures.restoration.forward import Array
 
 _LEVELS = {"pass": "info", "doubtful": "warning"}
 
@@ -55,10 +55,16 @@ class _Shapes(click.Command):
 @click.option("--blur", "blur", type=click.Choice(["defocus", "motion"]), required=True, help="What blurred them.")
 @click.option("--shape", "shapes", multiple=True, help="pillbox, gaussian, or text arrays: one, or one for each image.")
 @click.option(
-    "--ratio", "ratios", type=float, multiple=True, help="w of photograph 2 (3, ...) over w of 1.  [default: 1]"
+    "--ratio",
+    "ratios",
+    type=float,
+    multiple=True,
+    help="w of photograph 2 (3, ...) over w of 1.  [default: 1, or the ratio of measured kernels' sizes]",
 )
 @click.option(
-    "--max-w", type=float, default=8.0, show_default=True, help="Largest half-width of blur, pixels of image 1."
+    "--max-w",
+    type=float,
+    help="Largest half-width of blur, pixels of image 1.  [default: 8, or a measured kernel's and one]",
 )
 @click.option("--image-weight", type=float, help="lambda_u.  [default: from the noise]")
 @click.option("--depth-weight", type=float, help="lambda_w.  [default: from the noise]")
@@ -88,7 +94,7 @@ def restore(
     blur: str,
     shapes: tuple[str, ...],
     ratios: tuple[float, ...],
-    max_w: float,
+    max_w: float | None,
     prototype_region: str | None,
     paths: tuple[str, ...],
     fix_path: bool,
@@ -105,20 +111,24 @@ def restore(
         raise click.UsageError("--recorded-path needs --prototype-region, and one path for each of two photographs")
     from procedures.restoration.checks import check_max_w
     from procedures.restoration.estimate import restore as restored
+    from procedures.restoration.measured import DEFAULT_MAX_W, default_max_w, stacks_of
     from station.restoration_page import restoration_page
     from station.restoration_results import write_restoration
     from station.results import ResultFolder
 
-    check_max_w(max_w)
+    if max_w is not None:
+        check_max_w(max_w)
     parameters = _parameters(options)
     with ResultFolder(out) as folder:
         frames, photographs = _photographs(images, plane)
-        known = None
-        if prototype_region is not None:
-            known = _prototypes(photographs, prototype_region, max_w, paths, fix_path)
-        stacks, described = _stacks(blur, shapes, ratios, max_w, photographs, known)
-        described |= {"prototype_region": prototype_region, "recorded_path": list(paths), "fix_path": fix_path}
+        known = _known(blur, shapes, len(images)) if prototype_region is None else None
+        known = known or _prototypes(photographs, str(prototype_region), max_w or DEFAULT_MAX_W, paths, fix_path)
+        max_w = max_w or default_max_w(known)
+        each = _ratios(ratios, known, max_w, photographs)
+        stacks = stacks_of(known, each, max_w, photographs[0].shape[1:])
         outcome = restored(photographs, stacks, parameters, _tell)
+        described = {"shape": list(shapes), "ratio": list(each[1:]), "prototype_region": prototype_region}
+        described |= {"recorded_path": list(paths), "fix_path": fix_path}
         about = {
             "procedure": "restore",
             "input": [{"path": str(i), "sha256": f.sha256} for i, f in zip(images, frames, strict=True)],
@@ -145,37 +155,36 @@ def _photographs(images: tuple[Path, ...], plane: str | None) -> tuple[list[RawF
     import numpy as np
 
     from procedures.raw import default_plane, read_frame
+    from procedures.restoration.checks import check_photographs
 
     chosen = plane or default_plane(images[0])
     frames = [read_frame(image, None if chosen == "all" else [chosen]) for image in images]
     for image, frame in zip(images, frames, strict=True):
         log("read", f"read {image}: {', '.join(frame.planes)}", path=str(image), sha256=frame.sha256)
-    return frames, [np.stack([p.samples.astype(np.float64) for p in f.planes.values()]) for f in frames]
+    photographs: list[Array] = [np.stack([p.samples.astype(np.float64) for p in f.planes.values()]) for f in frames]
+    check_photographs(photographs)
+    return frames, photographs
 
 
-def _stacks(
-    blur: str,
-    shapes: tuple[str, ...],
-    ratios: tuple[float, ...],
-    max_w: float,
-    photographs: list[Array],
-    known: list[NDArray[np.float64]] | None,
-) -> tuple[list[MaskStack], dict[str, Any]]:
-    """Masks of every photograph, and what the record says of them. known : shapes found in the photographs."""
-    import numpy as np
+def _known(blur: str, shapes: tuple[str, ...], count: int) -> list[NDArray[np.float64]]:
+    """The shape named for every photograph."""
+    if len(shapes) not in (1, count):
+        raise click.UsageError(f"--shape takes one shape, or one for each of {count} images; got {len(shapes)}")
+    return [_shape(name, blur) for name in (shapes if len(shapes) == count else shapes * count)]
 
-    from procedures.restoration.blur_models import mask_stack
-    from procedures.restoration.checks import check_extent
+
+def _ratios(
+    given: tuple[float, ...], shapes: list[NDArray[np.float64]], max_w: float, photographs: list[Array]
+) -> tuple[float, ...]:
+    """w of every photograph over w of the first."""
+    from procedures.restoration.measured import fitting_ratios
 
     count = len(photographs)
-    each = (1.0, *ratios, *([ratios[-1] if ratios else 1.0] * count))[:count]
-    if known is None and len(shapes) not in (1, count):
-        raise click.UsageError(f"--shape takes one shape, or one for each of {count} images; got {len(shapes)}")
-    arrays = known or [_shape(name, blur) for name in (shapes if len(shapes) == count else shapes * count)]
-    R = int(np.ceil(max_w * max(each) + 0.5))
-    check_extent(R, (photographs[0].shape[1], photographs[0].shape[2]))
-    stacks = [mask_stack(shape, max_w, ratio=ratio, R=R) for shape, ratio in zip(arrays, each, strict=True)]
-    return stacks, {"shape": list(shapes), "ratio": list(each[1:])}
+    if len(given) >= count:
+        raise click.UsageError(f"--ratio is for images after the first, here {count - 1}; got {len(given)} values")
+    if not given:
+        return fitting_ratios(photographs, shapes, max_w)
+    return (1.0, *given, *([given[-1]] * count))[:count]
 
 
 def _shape(name: str, blur: str) -> NDArray[np.float64]:
@@ -185,6 +194,8 @@ def _shape(name: str, blur: str) -> NDArray[np.float64]:
         return blur_models.pillbox()
     if blur == "defocus" and name == "gaussian":
         return blur_models.gaussian()
+    if blur == "motion" and name in ("pillbox", "gaussian"):
+        raise click.UsageError(f"--shape {name} is a blur of --blur defocus; --blur motion takes text arrays")
     return blur_models.read_shape(Path(name))
 
 
@@ -201,6 +212,9 @@ def _prototypes(
         x, y, width, height = (int(part) for part in region.split(","))
     except ValueError as error:
         raise click.UsageError(f"--prototype-region is X,Y,W,H in pixels, got {region!r}") from error
+    H, W = photographs[0].shape[1:]
+    if not (0 <= x < x + width <= W and 0 <= y < y + height <= H):
+        raise click.UsageError(f"--prototype-region {region} is not within photographs of {W} x {H}")
     parts = np.stack([p[:, y : y + height, x : x + width].mean(axis=0) for p in photographs])
     largest = int(np.ceil(max_w))
     # the scene is drawn along minus the rig's path
