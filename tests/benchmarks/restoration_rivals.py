@@ -1,8 +1,8 @@
 """Restoration against its rivals on the same photographs: RMSE in grey levels of 255, rim of 16 left out.
 
 `python tests/benchmarks/restoration_rivals.py FOLDER [CASE ...] [--descent]`, FOLDER as shared data's
-synthetic/restoration. Rivals get the parameters, and where they take one depth the depth, that bring them nearest to the
-truth; the station finds its own. `--descent` also runs Algorithm I as published. Wiener and Richardson-Lucy need
+synthetic/restoration. Rivals get the parameters, and where they take one depth the depth, that bring them nearest to
+the truth; the station finds its own. `--descent` also runs Algorithm I as published. Wiener and Richardson-Lucy need
 scikit-image.
 """
 
