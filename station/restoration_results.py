@@ -45,6 +45,7 @@ def write_restoration(
         "remedy": outcome.remedy,
         "w": {"least": float(found.w.min()), "greatest": float(found.w.max()), "unit": "pixel"},
         "shift": {"x_y": found.shifts.tolist(), "unit": "pixel"},
+        "light": found.light.tolist(),
         "diagnostics": asdict(found.diagnostics),
         "iterations": [
             {"n": r.n, "what": r.what, "cost": r.cost, "residual": r.residual, "change": r.change, "seconds": r.seconds}

@@ -23,8 +23,8 @@ STARTS = ("matched", "blur", "symmetric")
 LEAST_START_SIGMA = 1.4e-3
 # what is left over rounding of 8 bits alone is no disagreement
 LEAST_NOISE = 1.2e-3
-# residual over the photographs' own noise: 0.2 to 1.0 with true masks, 2.4 and more with wrong ones
-MOST_RESIDUAL = 2.0
+# residual over the photographs' own noise: 0.2 to 1.0 with true masks, 1.7 and more with wrong ones
+MOST_RESIDUAL = 1.5
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,8 @@ class Diagnostics:
 class Restoration:
     """Sharp picture (C, H, W), w (H, W) pixels and its least standard deviation, residuals (P, C, H, W), history.
 
-    shifts : (P, 2) x, y of each photograph against the first beyond what its masks contain, pixels, taken up.
+    shifts : (P, 2) x, y of each photograph against the first beyond what its masks contain, pixels; light : (P,) over
+    the first's; both taken up.
     """
 
     sharp: Array
@@ -86,6 +87,7 @@ class Restoration:
     history: tuple[alternate.Round, ...]
     diagnostics: Diagnostics
     shifts: Array
+    light: Array
 
 
 def own_noise(z: Array) -> float:
@@ -144,7 +146,8 @@ def restore(
     saturated = float((trust == 0).mean())
     checks.check_texture(z, own_noise(z))
     checks.check_registered(z, stacks[0].R)
-    z, trust, shifts = register.registered(z, trust, stacks)
+    brought = register.registered(z, trust, stacks)
+    z, trust = brought.z, brought.trust
     sigma = noise_of(z, stacks)
     start = first_depth(z, stacks, sigma, p.depth_start)
     schedule = Schedule(p.scheme.rounds, sharpness_of(z, stacks, start.w, sigma), p.image_weight, p.depth_weight)
@@ -153,7 +156,7 @@ def restore(
         data, other, p.scheme, schedule, sigma, reach_of(start.w, stacks), p.total_variation, p.depth_total_variation
     )
     state = alternate.run(problem, alternate.begin(problem, start.w), progress)
-    return judge(_restoration(data, state, start, shifts, saturated))
+    return judge(_restoration(data, state, start, brought, saturated))
 
 
 def reach_of(w: Array, stacks: list[MaskStack]) -> int:
@@ -164,7 +167,7 @@ def reach_of(w: Array, stacks: list[MaskStack]) -> int:
 
 
 def _restoration(
-    data: DataTerm, state: alternate.State, start: depth.DepthStart, shifts: Array, saturated: float
+    data: DataTerm, state: alternate.State, start: depth.DepthStart, brought: register.Registered, saturated: float
 ) -> Restoration:
     R, inside = data.R, (slice(data.R, -data.R), slice(data.R, -data.R))
     data.focus(state.w)
@@ -181,7 +184,7 @@ def _restoration(
         at_limit=float((w > limit - 0.2).mean()),
     )
     sharp = state.u[:, R:-R, R:-R]
-    return Restoration(sharp, w, spread, residual, start, state.history, diagnostics, shifts)
+    return Restoration(sharp, w, spread, residual, start, state.history, diagnostics, brought.shifts, brought.light)
 
 
 def _over_noise(residual: Array, data: DataTerm) -> float:

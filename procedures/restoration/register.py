@@ -1,4 +1,4 @@
-"""The shift between photographs that their masks do not contain, found through the masks and taken up.
+"""Shift and light between photographs that their masks do not contain, found through the masks and taken up.
 
 At the true depth w and shift d, z1 * h2 moved by d equals z2 * h1, however unlike the masks are: the shift is sought
 where this relation, its noise made white, fails least. That is one correlation for every depth, in tiles, each of which
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.fft import irfft2, next_fast_len, rfft2
 from scipy.ndimage import gaussian_filter
 from scipy.ndimage import shift as moved
+from scipy.signal import fftconvolve
 
 from procedures.restoration.checks import check_shift
 from procedures.restoration.forward import Array, MaskStack
@@ -22,6 +23,9 @@ LEVEL_STEP = 0.3
 MOST_TILES = 16
 # part of what the relation leaves that a shift must take away to be believed
 LEAST_GAIN = 0.04
+# difference of light from which it is taken up, and beyond which the photographs are not of one scene
+LEAST_LIGHT, MOST_LIGHT = 0.01, 0.3
+LIGHT_LEVELS, LIGHT_PART = 9, 512
 
 
 @dataclass(frozen=True)
@@ -91,8 +95,21 @@ def _valley(line: NDArray[np.floating], k: np.intp) -> tuple[float, float]:
     return at, at**2 * float(bend) / 2
 
 
-def registered(z: Array, trust: Array, stacks: list[MaskStack]) -> tuple[Array, Array, Array]:
-    """Photographs and trust with every shift against the first taken up, and the shifts (P, 2), x, y, pixels.
+@dataclass(frozen=True)
+class Registered:
+    """Photographs (P, C, H, W) and trust (P, 1, H, W) brought to the first, and what was taken up.
+
+    shifts : (P, 2) x, y against the first, pixels; light : (P,) over the first's.
+    """
+
+    z: Array
+    trust: Array
+    shifts: Array
+    light: Array
+
+
+def registered(z: Array, trust: Array, stacks: list[MaskStack]) -> Registered:
+    """Photographs with every shift and difference of light against the first taken up.
 
     z : (P, C, H, W); trust : (P, 1, H, W).
 
@@ -101,19 +118,39 @@ def registered(z: Array, trust: Array, stacks: list[MaskStack]) -> tuple[Array, 
     Refused
         If a photograph is shifted by more than the masks can hold.
     """
-    z, trust, shifts = z.copy(), trust.copy(), np.zeros((len(z), 2))
-    R = stacks[0].R
+    z, trust = z.copy(), trust.copy()
+    shifts, light = np.zeros((len(z), 2)), np.ones(len(z))
     for n in range(1, len(z)):
         pair = [stacks[0], stacks[n]]
         found = displacement(z[[0, n]], pair)
-        if not found.believed:
-            continue
-        check_shift(n + 1, found.x, found.y, R)
-        # the tiles saw other parts of the scene; what they miss for that is seen once they are in place
-        rest = displacement(np.stack([z[0], taken_up(z[n], trust[n], found.x, found.y)[0]]), pair)
-        shifts[n] = found.x + rest.x, found.y + rest.y
-        z[n], trust[n] = taken_up(z[n], trust[n], *shifts[n])
-    return z, trust, shifts
+        if found.believed:
+            check_shift(n + 1, found.x, found.y, pair[0].R)
+            # the tiles saw other parts of the scene; what they miss for that is seen once they are in place
+            rest = displacement(np.stack([z[0], taken_up(z[n], trust[n], found.x, found.y)[0]]), pair)
+            shifts[n] = found.x + rest.x, found.y + rest.y
+            z[n], trust[n] = taken_up(z[n], trust[n], *shifts[n])
+        more = relative_light(z[[0, n]], pair)
+        if LEAST_LIGHT < abs(more - 1) < MOST_LIGHT:
+            light[n] = more
+            z[n] /= more
+    return Registered(z, trust, shifts, light)
+
+
+def relative_light(z: Array, stacks: list[MaskStack]) -> float:
+    """Light of photograph z[1] over that of z[0]: factor between z1 * h2 and z2 * h1 at the depth that suits best."""
+    H, W = z.shape[2:]
+    y, x = max(0, (H - LIGHT_PART) // 2), max(0, (W - LIGHT_PART) // 2)
+    one, two = z.mean(axis=1)[:, y : y + LIGHT_PART, x : x + LIGHT_PART]
+    best, least = 1.0, np.inf
+    largest = min(s.max_w for s in stacks)
+    for w in np.linspace(largest / LIGHT_LEVELS, largest, LIGHT_LEVELS):
+        h1, h2 = (s.at(float(w)) for s in stacks)
+        a, b = fftconvolve(one, h2, mode="valid"), fftconvolve(two, h1, mode="valid")
+        factor = float(np.vdot(a, b) / max(np.vdot(a, a), 1e-30))
+        left = float(np.mean((b - factor * a) ** 2))
+        if left < least:
+            best, least = factor, left
+    return best
 
 
 def taken_up(photograph: Array, trust: Array, x: float, y: float) -> tuple[Array, Array]:
