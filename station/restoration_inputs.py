@@ -19,9 +19,11 @@ from procedures.restoration.camera_motion import motion_blur, poses_of
 from procedures.restoration.checks import check_extent
 from procedures.restoration.estimate import Unit
 from procedures.restoration.fields import Masks
+from procedures.restoration.measured import default_max_w, fitting_ratios, stacks_of
 from procedures.restoration.psf_shapes import MeasuredShape, measured_field, measured_shape
 
 Array = npt.NDArray[np.float64]
+Pictures = npt.NDArray[np.floating[Any]]
 Size = tuple[int, int]
 
 COLUMNS = ("t_s", "ax", "ay", "az", "wx", "wy", "wz")
@@ -109,37 +111,46 @@ def from_imu_records(
 def from_shapes(
     names: Sequence[str],
     ratios: Sequence[float],
-    max_w: float,
-    shape: Size,
+    max_w: float | None,
+    photographs: Sequence[Pictures],
     *,
-    blur: str = "defocus",
     plane: str = "Y",
     samples_per_px: int | None = None,
 ) -> BlurInput:
     """Masks from one shape for each photograph: a model's name, a shape file, or a measured PSF or field.
 
     ratios : w of each photograph over the first's; none: 1, but of measured ones their half-widths' ratio.
-    samples_per_px : a text file is a measured PSF sampled so, not a shape on [-1, 1].
+    photographs : (C, H, W) each; samples_per_px : a text file is a measured PSF sampled so, not a shape on [-1, 1].
     """
-    return from_arrays([_shape(name, blur, plane, shape, samples_per_px) for name in names], ratios, max_w, shape)
+    shape = (photographs[0].shape[1], photographs[0].shape[2])
+    return from_arrays([_shape(name, plane, shape, samples_per_px) for name in names], ratios, max_w, photographs)
 
 
 def from_arrays(
-    found: Sequence[Array | MeasuredShape], ratios: Sequence[float], max_w: float, shape: Size
+    found: Sequence[Array | MeasuredShape],
+    ratios: Sequence[float],
+    max_w: float | None,
+    photographs: Sequence[Pictures],
 ) -> BlurInput:
     """Masks from one shape for each photograph, as it is at hand."""
-    each = list(ratios) or [_ratio(found[0], one) for one in found]
-    R = int(np.ceil(max_w * max(each) + 0.5))
+    drawn = [one for one in found if not isinstance(one, MeasuredShape)]
+    measured = [one for one in found if isinstance(one, MeasuredShape)]
+    widest = max_w or max([default_max_w(drawn), *(one.half_width_px + 1 for one in measured)])
+    shape = (photographs[0].shape[1], photographs[0].shape[2])
+    if not measured:
+        each = tuple(ratios) or fitting_ratios(photographs, drawn, widest)
+        return BlurInput(stacks_of(drawn, each, widest, shape), told={"ratio": list(each[1:]), "max_w": widest})
+    each = tuple(ratios) or tuple(_ratio(found[0], one) for one in found)
+    R = int(np.ceil(widest * max(each) + 0.5))
     check_extent(R, shape)
     masks: list[Masks] = [
-        one.masks(max_w, R, ratio)
+        one.masks(widest, R, ratio)
         if isinstance(one, MeasuredShape)
-        else blur_models.mask_stack(one, max_w, ratio=ratio, R=R)
+        else blur_models.mask_stack(one, widest, ratio=ratio, R=R)
         for one, ratio in zip(found, each, strict=True)
     ]
-    told: dict[str, Any] = {"ratio": list(each[1:])}
-    if measured := [one for one in found if isinstance(one, MeasuredShape)]:
-        told["measured"] = [{"half_width_px": one.half_width_px, "negative_light": one.cut} for one in measured]
+    told: dict[str, Any] = {"ratio": list(each[1:]), "max_w": widest}
+    told["measured"] = [{"half_width_px": one.half_width_px, "negative_light": one.cut} for one in measured]
     return BlurInput(masks, told=told)
 
 
@@ -149,10 +160,10 @@ def _ratio(first: Array | MeasuredShape, other: Array | MeasuredShape) -> float:
     return 1.0
 
 
-def _shape(name: str, blur: str, plane: str, shape: Size, samples_per_px: int | None) -> Array | MeasuredShape:
-    if blur == "defocus" and name == "pillbox":
+def _shape(name: str, plane: str, shape: Size, samples_per_px: int | None) -> Array | MeasuredShape:
+    if name == "pillbox":
         return blur_models.pillbox()
-    if blur == "defocus" and name == "gaussian":
+    if name == "gaussian":
         return blur_models.gaussian()
     path = Path(name)
     if path.suffix.lower() in FIELD_SUFFIXES:

@@ -48,6 +48,7 @@ def restoration_page(outcome: Outcome[Restoration], photographs: Sequence[Array]
         diagnostics=found.diagnostics,
         w=tuple(float(one) * found.unit.per_pixel for one in (found.w.min(), found.w.max())),
         unit=found.unit.name,
+        shifts=found.shifts[1:].tolist() if found.shifts.any() else [],
         before=[shown(image) for image in photographs],
         after=shown(found.sharp),
         refocused=[(where, shown(image)) for where, image in _refocused(found)],

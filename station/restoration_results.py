@@ -50,6 +50,8 @@ def write_restoration(
             "unit": unit.name,
             "per_pixel": unit.per_pixel,
         },
+        "shift": {"x_y": found.shifts.tolist(), "unit": "pixel"},
+        "light": found.light.tolist(),
         "diagnostics": asdict(found.diagnostics),
         "iterations": [
             {"n": r.n, "what": r.what, "cost": r.cost, "residual": r.residual, "change": r.change, "seconds": r.seconds}

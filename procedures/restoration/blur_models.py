@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 # samples of a shape made here, and samples of it per pixel of a mask, each way
 SHAPE_SIZE = 257
 SAMPLES = 11
+# samples of a shape this far apart, pixels, are interpolated and taken as cells; in between, blended
+FINE, COARSE = 0.25, 0.5
 # masks at steps of 1/20 pixel: interpolating between them errs by less than 0.1 % of the mask's change per pixel
 STEP = 0.05
 
@@ -97,11 +99,20 @@ def read_shape(path: Path) -> Array:
     BadInput
         If it cannot be read, is not an odd square, or has negative or no content.
     """
+    remedy = "give a text array of numbers, a row per line"
     try:
-        shape = np.loadtxt(path, dtype=np.float64, ndmin=2)
-    except (OSError, ValueError) as error:
-        raise BadInput(f"shape file {path} cannot be read: {error}", "give a text array of numbers") from error
-    return check_shape(shape, str(path))
+        rows = [line.split("#")[0].split() for line in path.read_text(encoding="utf-8").splitlines()]
+        shape = [[float(number) for number in row] for row in rows if row]
+    except OSError as error:
+        raise BadInput(f"shape file {path} cannot be read: {error.strerror}", remedy) from error
+    except ValueError as error:
+        told = "it is not text" if isinstance(error, UnicodeDecodeError) else error
+        raise BadInput(f"shape file {path} cannot be read: {told}", remedy) from error
+    widths = {len(row) for row in shape}
+    if len(widths) != 1:
+        found = "is empty" if not widths else f"has rows of {min(widths)} to {max(widths)} numbers"
+        raise BadInput(f"shape file {path} {found}", remedy)
+    return check_shape(np.array(shape), str(path))
 
 
 def check_shape(shape: NDArray[np.floating[Any]], name: str = "shape") -> Array:
@@ -123,19 +134,47 @@ def check_shape(shape: NDArray[np.floating[Any]], name: str = "shape") -> Array:
 
 
 def mask(shape: Array, w: float, R: int) -> Array:
-    """The mask of half-width w, (2R + 1, 2R + 1), sum 1: the stretched shape, summed over each pixel (4.12)."""
+    """The mask of half-width w, (2R + 1, 2R + 1), sum 1: the stretched shape, summed over each pixel (4.12).
+
+    Between fine samples the shape is linear. Samples half a pixel apart and more are cells of even light, as a kernel
+    measured with the sensor's own pixels has them: at w = (n - 1) / 2 it comes back as it was measured.
+    """
+    pitch = 2 * w / (len(shape) - 1)
+    coarse = float(np.clip((pitch - FINE) / (COARSE - FINE), 0, 1))
+    out = np.zeros((2 * R + 1, 2 * R + 1))
+    if w > 0 and coarse < 1:
+        out += (1 - coarse) * _unit(_interpolated(shape, w, R))
+    if coarse > 0:
+        out += coarse * _unit(_cells(shape, pitch, R))
+    return _unit(out)
+
+
+def _interpolated(shape: Array, w: float, R: int) -> Array:
+    """The stretched shape, linear between its samples, summed over each pixel."""
     offsets = (np.arange((2 * R + 1) * SAMPLES) + 0.5) / SAMPLES - R - 0.5
     half = (len(shape) - 1) / 2
-    out = np.zeros((2 * R + 1, 2 * R + 1))
-    if w > 0:
-        near = np.abs(offsets) <= w * (1 + 1 / half)
-        at = (offsets[near] / w + 1) * half
-        fine = np.zeros((offsets.size, offsets.size))
-        fine[np.ix_(near, near)] = map_coordinates(shape, np.meshgrid(at, at, indexing="ij"), order=1)
-        out = fine.reshape(2 * R + 1, SAMPLES, 2 * R + 1, SAMPLES).sum(axis=(1, 3))
-    if out.sum() <= 0:  # too small a blur for any sample of the shape: it is sharp
-        out[R, R] = 1
-    return np.asarray(out / out.sum())
+    near = np.abs(offsets) <= w * (1 + 1 / half)
+    at = (offsets[near] / w + 1) * half
+    fine = np.zeros((offsets.size, offsets.size))
+    fine[np.ix_(near, near)] = map_coordinates(shape, np.meshgrid(at, at, indexing="ij"), order=1)
+    return np.asarray(fine.reshape(2 * R + 1, SAMPLES, 2 * R + 1, SAMPLES).sum(axis=(1, 3)))
+
+
+def _cells(shape: Array, pitch: float, R: int) -> Array:
+    """The shape's samples as squares of `pitch` pixels, each pixel's share of them."""
+    edges = np.arange(2 * R + 2) - R - 0.5
+    centres = (np.arange(len(shape)) - len(shape) // 2) * pitch
+    shares = np.diff(np.clip((edges[:, None] - centres) / pitch + 0.5, 0, 1), axis=0)
+    return np.asarray(shares @ shape @ shares.T)
+
+
+def _unit(mask: Array) -> Array:
+    """The mask with sum 1."""
+    total = mask.sum()
+    if total <= 0:  # too small a blur for any sample of the shape: it is sharp
+        mask = np.zeros_like(mask)
+        mask[len(mask) // 2, len(mask) // 2] = total = 1
+    return np.asarray(mask / total)
 
 
 def mask_stack(shape: Array, max_w: float, *, ratio: float = 1.0, offset: float = 0.0, R: int = 0) -> MaskStack:
@@ -144,7 +183,7 @@ def mask_stack(shape: Array, max_w: float, *, ratio: float = 1.0, offset: float 
     R : half-size of the masks; 0 takes the least that holds the largest.
     """
     widest = ratio * max_w + offset
-    if ratio <= 0 or max_w <= 0 or widest <= 0:
+    if not (0 < ratio < np.inf and max_w > 0 and widest > 0):
         raise BadParameter(f"ratio {ratio} and max w {max_w} must be positive", "give w in pixels, ratio as a number")
     need = int(np.ceil(widest + 0.5))
     if R and need > R:

@@ -100,7 +100,7 @@ def check_texture(z: Array, sigma: float) -> None:
     smooth = gaussian_filter(z, (0, 0, 1, 1))
     texture = float((smooth - gaussian_filter(z, (0, 0, 5, 5))).std())
     # a Gaussian of sigma 1 leaves 0.28 of white noise
-    if texture < max(0.6 * sigma, 5e-4):
+    if texture < max(0.4 * sigma, 5e-4):
         raise Refused(
             f"the photographs show no texture: {texture:.2g} of white where noise is {sigma:.2g}",
             "put structure into the scene, or light it from the side",
@@ -121,10 +121,22 @@ def check_registered(z: Array, R: int) -> None:
     for n, other in enumerate(soft[1:], start=2):
         (dx, dy), response = cv2.phaseCorrelate(soft[0] - soft[0].mean(), other - other.mean(), window)
         if response > 0.05 and np.hypot(dx, dy) > 2 * R:
-            raise Refused(
-                f"photograph {n} is shifted by ({dx:.0f}, {dy:.0f}) pixels, more than the masks' {R}",
-                "register the photographs first, or raise --max-w",
-            )
+            check_shift(n, dx, dy, R)
+
+
+def check_shift(n: int, dx: float, dy: float, R: int) -> None:
+    """Refuse a shift of photograph `n` that is larger than masks of half-size R.
+
+    Raises
+    ------
+    Refused
+        If it is.
+    """
+    if max(abs(dx), abs(dy)) > R:
+        raise Refused(
+            f"photograph {n} is shifted by ({dx:.0f}, {dy:.0f}) pixels, more than the masks' {R}",
+            "register the photographs first, or raise --max-w",
+        )
 
 
 def check_max_w(max_w: float) -> None:

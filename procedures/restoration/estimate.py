@@ -7,22 +7,25 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import uniform_filter
+from scipy.ndimage import convolve1d, uniform_filter
 
 from procedures.outcome import BadParameter, Outcome, Verdict
-from procedures.restoration import alternate, checks, depth
+from procedures.restoration import alternate, checks, depth, register
 from procedures.restoration.cost import DataTerm
-from procedures.restoration.fields import MaskField, Masks
+from procedures.restoration.fields import MaskField, Masks, one_grid
 from procedures.restoration.forward import Array, MaskStack
 from procedures.restoration.scheme import Schedule, Scheme
+from procedures.restoration.sharpness import sharpness_of
 
 # noise of the restored picture beyond which ringing hides its detail, white = 1
 MOST_NOISE = 0.06
 STARTS = ("matched", "blur", "symmetric")
 # level differences of the matching's steps, taken as noise: below this the first costs say nothing more
 LEAST_START_SIGMA = 1.4e-3
-# mean squared difference of neighbours in sharp photographs of textured scenes, white = 1; validated on held-out scenes
-SHARPNESS = 6.3e-3
+# what is left over rounding of 8 bits alone is no disagreement
+LEAST_NOISE = 1.2e-3
+# residual over the photographs' own noise: 0.2 to 1.0 with true masks, 1.7 and more with wrong ones
+MOST_RESIDUAL = 1.5
 
 
 @dataclass(frozen=True)
@@ -55,7 +58,8 @@ class RestorationParameters:
 class Diagnostics:
     """What a restoration says of itself.
 
-    noise : standard deviation, white = 1; residual_over_noise : robust; undetermined : part of the frame whose w is
+    noise : standard deviation, white = 1; residual_over_noise : root mean square of what is left over, over the
+    photographs' own noise; undetermined : part of the frame whose w is
     uncertain by more than half a pixel at best; noise_gain : of the restoration at the median w; saturated, at_limit :
     parts of the frame saturated, and at the end of the range of w.
     """
@@ -80,6 +84,8 @@ class Unit:
 class Restoration:
     """Sharp picture (C, H, W), w (H, W) pixels and its least standard deviation, residuals (P, C, H, W), history.
 
+    shifts : (P, 2) x, y of each photograph against the first beyond what its masks contain, pixels; light : (P,) over
+    the first's; both taken up.
     unit : what w is told in to people and files.
     """
 
@@ -90,7 +96,21 @@ class Restoration:
     start: depth.DepthStart
     history: tuple[alternate.Round, ...]
     diagnostics: Diagnostics
+    shifts: Array
+    light: Array
     unit: Unit = field(default_factory=Unit)
+
+
+def own_noise(z: Array) -> float:
+    """Greatest standard deviation of any photograph's noise, told from the photograph alone: an upper bound.
+
+    Second differences along both axes (Immerkaer 1996) see little of a blurred picture; their upper quartile is taken,
+    as dark ground may be clipped.
+    """
+    bend = np.array([1.0, -2.0, 1.0])
+    rough = np.abs(convolve1d(convolve1d(z, bend, axis=-2), bend, axis=-1)) / 6
+    quartile = np.percentile(rough.reshape(len(z), -1), 75, axis=1)
+    return float(quartile.max() / 1.150)
 
 
 def noise_of(z: Array, stacks: Sequence[Masks]) -> float:
@@ -135,18 +155,21 @@ def restore(
     shape = (z.shape[2], z.shape[3])
     checks.check_blurs(stacks, shape)
     trust = checks.trust_of(z)
-    sigma = noise_of(z, stacks)
-    checks.check_texture(z, sigma)
+    saturated = float((trust == 0).mean())
+    checks.check_texture(z, own_noise(z))
     checks.check_registered(z, stacks[0].R)
+    brought = register.registered(z, trust, stacks)
+    z, trust = brought.z, brought.trust
+    sigma = noise_of(z, stacks)
     start = first_depth(z, stacks, sigma, p.depth_start)
-    schedule = Schedule(p.scheme.rounds, SHARPNESS, p.image_weight, p.depth_weight)
-    fields = [MaskField.of(one) for one in stacks]
+    fields = one_grid(stacks)
+    schedule = Schedule(p.scheme.rounds, sharpness_of(z, fields, start.w, sigma), p.image_weight, p.depth_weight)
     data, other = alternate.problem_of(z, fields, trust, p.dtype, MaskField.blur)
     problem = alternate.Problem(
         data, other, p.scheme, schedule, sigma, reach_of(start.w, stacks), p.total_variation, p.depth_total_variation
     )
     state = alternate.run(problem, alternate.begin(problem, start.w), progress)
-    return judge(_restoration(data, state, start, trust))
+    return judge(_restoration(data, state, start, brought, saturated))
 
 
 def reach_of(w: Array, stacks: Sequence[Masks]) -> int:
@@ -156,7 +179,9 @@ def reach_of(w: Array, stacks: Sequence[Masks]) -> int:
     return int(sum(sorted(widths)[-2:])) + 5
 
 
-def _restoration(data: DataTerm, state: alternate.State, start: depth.DepthStart, trust: Array) -> Restoration:
+def _restoration(
+    data: DataTerm, state: alternate.State, start: depth.DepthStart, brought: register.Registered, saturated: float
+) -> Restoration:
     R, inside = data.R, (slice(data.R, -data.R), slice(data.R, -data.R))
     data.focus(state.w)
     residual = data.residual(state.u)
@@ -165,14 +190,21 @@ def _restoration(data: DataTerm, state: alternate.State, start: depth.DepthStart
     limit = min(b.stack.max_w for b in data.blurs)
     diagnostics = Diagnostics(
         noise=state.sigma,
-        residual_over_noise=float(np.median(np.abs(residual)) / 0.6745 / state.sigma),
+        residual_over_noise=_over_noise(residual, data),
         undetermined=float((spread > 0.5).mean()),
         noise_gain=noise_gain([b.stack for b in data.blurs], float(np.median(w)), state.history[-1].weights.picture),
-        saturated=float((trust == 0).mean()),
+        saturated=saturated,
         at_limit=float((w > limit - 0.2).mean()),
     )
     sharp = state.u[:, R:-R, R:-R]
-    return Restoration(sharp, w, spread, residual, start, state.history, diagnostics)
+    return Restoration(sharp, w, spread, residual, start, state.history, diagnostics, brought.shifts, brought.light)
+
+
+def _over_noise(residual: Array, data: DataTerm) -> float:
+    """Root mean square residual, where the photographs are trusted, over their own noise."""
+    trusted = data.trust.mean() * residual.size
+    rms = np.sqrt(np.sum(residual.astype(np.float64) ** 2) / max(trusted, 1.0))
+    return float(rms / max(own_noise(data.z), LEAST_NOISE))
 
 
 def w_uncertainty(data: DataTerm, u: Array, w: Array, sigma: float, window: int = 7) -> Array:
@@ -205,7 +237,7 @@ def judge(result: Restoration) -> Outcome[Restoration]:
     doubts = [
         (d.at_limit > 0.05, f"w reaches the end of its range in {d.at_limit:.0%} of the frame", "raise --max-w"),
         (
-            d.residual_over_noise > 3,
+            d.residual_over_noise > MOST_RESIDUAL,
             f"the residual is {d.residual_over_noise:.1f} times the noise: the shape or ratio is not the true one",
             "measure the shape again, or check that nothing moved between the photographs",
         ),

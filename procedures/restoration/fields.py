@@ -81,6 +81,15 @@ class MaskField:
         """Half-size of the square outside which the masks of each level are zero everywhere in the frame."""
         return np.asarray(np.max([one.supports() for one in self.nodes], axis=0), dtype=np.int32)
 
+    def at(self, w: float) -> Array:
+        """The mask of one w in the middle of the frame: what stands for all places in figures of the whole."""
+        return self.middle.at(w)
+
+    def near(self, row: float, column: float) -> MaskStack:
+        """The stack nearest to a place of the frame, told in parts of its height and width."""
+        i, j = (round(part * (n - 1)) for part, n in zip((row, column), self.grid, strict=True))
+        return self.stacks[i][j]
+
     def spread(self, grid: tuple[int, int]) -> MaskField:
         """The same on a larger grid, where it does not vary.
 

@@ -59,8 +59,8 @@ DEPTH_SLOPE = 0.014
 class Schedule:
     """Weights from round to round, never below what the noise asks for.
 
-    picture, depth : final weights if given, else from the noise. sharpness : mean squared difference of neighbouring
-    pixels expected of the sharp picture, grey values squared.
+    picture, depth : final weights if given, else from the noise. sharpness : mean squared differences of
+    neighbours, down and across together, expected of the sharp picture, grey values squared.
     """
 
     rounds: int

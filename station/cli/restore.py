@@ -65,10 +65,16 @@ class _OneEach(click.Command):
     "--samples-per-pixel", type=click.IntRange(1), help="The shapes are PSFs sampled so, not shapes on [-1, 1]."
 )
 @click.option(
-    "--ratio", "ratios", type=float, multiple=True, help="w of photograph 2 (3, ...) over w of 1.  [default: 1]"
+    "--ratio",
+    "ratios",
+    type=float,
+    multiple=True,
+    help="w of photograph 2 (3, ...) over w of 1.  [default: 1, or the ratio of measured kernels' sizes]",
 )
 @click.option(
-    "--max-w", type=float, default=8.0, show_default=True, help="Largest half-width of blur, pixels of image 1."
+    "--max-w",
+    type=float,
+    help="Largest half-width of blur, pixels of image 1.  [default: 8, or a measured kernel's and one]",
 )
 @click.option("--image-weight", type=float, help="lambda_u.  [default: from the noise]")
 @click.option("--depth-weight", type=float, help="lambda_w.  [default: from the noise]")
@@ -117,7 +123,8 @@ def restore(images: tuple[Path, ...], plane: str | None, out: Path, as_json: boo
     from station.restoration_results import write_restoration
     from station.results import ResultFolder
 
-    check_max_w(blur.max_w)
+    if blur.max_w is not None:
+        check_max_w(blur.max_w)
     parameters = _parameters(options)
     with ResultFolder(out) as folder:
         frames, photographs = _photographs(images, plane)
@@ -149,12 +156,15 @@ def _photographs(images: tuple[Path, ...], plane: str | None) -> tuple[list[RawF
     import numpy as np
 
     from procedures.raw import default_plane, read_frame
+    from procedures.restoration.checks import check_photographs
 
     chosen = plane or default_plane(images[0])
     frames = [read_frame(image, None if chosen == "all" else [chosen]) for image in images]
     for image, frame in zip(images, frames, strict=True):
         log("read", f"read {image}: {', '.join(frame.planes)}", path=str(image), sha256=frame.sha256)
-    return frames, [np.stack([p.samples.astype(np.float64) for p in f.planes.values()]) for f in frames]
+    photographs: list[Array] = [np.stack([p.samples.astype(np.float64) for p in f.planes.values()]) for f in frames]
+    check_photographs(photographs)
+    return frames, photographs
 
 
 def _tell(done: Round) -> None:

@@ -27,7 +27,7 @@ class BlurOptions:
     shapes: tuple[str, ...]
     samples_per_pixel: int | None
     ratios: tuple[float, ...]
-    max_w: float
+    max_w: float | None
     prototype_region: str | None
     paths: tuple[str, ...]
     fix_path: bool
@@ -44,10 +44,21 @@ class BlurOptions:
             self._check_imu(images)
         elif (self.focal_px, self.max_inverse_depth, self.exposure_s) != (None, None, ()):
             raise click.UsageError("--focal-px, --max-inverse-depth and --exposure-s go with --imu")
-        elif self.prototype_region is None and len(self.shapes) not in (1, images):
+        elif self.prototype_region is None:
+            self._check_shapes(images)
+        if len(self.ratios) >= images:
+            raise click.UsageError(
+                f"--ratio is for images after the first, here {images - 1}; got {len(self.ratios)} values"
+            )
+
+    def _check_shapes(self, images: int) -> None:
+        if len(self.shapes) not in (1, images):
             raise click.UsageError(
                 f"--shape takes one shape, or one for each of {images} images; got {len(self.shapes)}"
             )
+        for name in self.shapes:
+            if self.blur == "motion" and name in ("pillbox", "gaussian"):
+                raise click.UsageError(f"--shape {name} is a blur of --blur defocus; --blur motion takes text arrays")
 
     def _check_imu(self, images: int) -> None:
         if self.blur != "motion" or self.shapes or self.ratios or self.prototype_region:
@@ -62,7 +73,7 @@ class BlurOptions:
     @property
     def told(self) -> dict[str, Any]:
         """What the record says of the options that are there for every blur."""
-        names = ("blur", "max_w", "prototype_region", "fix_path")
+        names = ("blur", "prototype_region", "fix_path")
         return {
             **{name: getattr(self, name) for name in names},
             "shape": list(self.shapes),
@@ -71,6 +82,7 @@ class BlurOptions:
 
     def read(self, frames: list[RawFrame], photographs: list[Array]) -> BlurInput:
         """The masks of every photograph."""
+        from procedures.restoration.measured import DEFAULT_MAX_W
         from station.restoration_inputs import from_arrays, from_imu_records, from_shapes
 
         count, size = len(frames), (photographs[0].shape[1], photographs[0].shape[2])
@@ -80,14 +92,14 @@ class BlurOptions:
             files = [Path(one) for one in self.imu]
             return from_imu_records(files, exposures, self.focal_px or 0.0, self.max_inverse_depth or 0.0, size)
         if self.prototype_region is not None:
-            found = _prototypes(photographs, self.prototype_region, self.max_w, self.paths, self.fix_path)
-            return from_arrays(found, each, self.max_w, size)
+            largest = self.max_w or DEFAULT_MAX_W
+            found = _prototypes(photographs, self.prototype_region, largest, self.paths, self.fix_path)
+            return from_arrays(found, each, self.max_w, photographs)
         masks = from_shapes(
             self._repeated(self.shapes, count),
             each,
             self.max_w,
-            size,
-            blur=self.blur,
+            photographs,
             plane=next(iter(frames[0].planes)),
             samples_per_px=self.samples_per_pixel,
         )
@@ -115,6 +127,9 @@ def _prototypes(
         x, y, width, height = (int(part) for part in region.split(","))
     except ValueError as error:
         raise click.UsageError(f"--prototype-region is X,Y,W,H in pixels, got {region!r}") from error
+    H, W = photographs[0].shape[1:]
+    if not (0 <= x < x + width <= W and 0 <= y < y + height <= H):
+        raise click.UsageError(f"--prototype-region {region} is not within photographs of {W} x {H}")
     parts = np.stack([p[:, y : y + height, x : x + width].mean(axis=0) for p in photographs])
     largest = int(np.ceil(max_w))
     # the scene is drawn along minus the rig's path

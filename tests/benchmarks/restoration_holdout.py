@@ -20,8 +20,9 @@ from restoration_scenes import Scene, scene
 
 from procedures.restoration import alternate
 from procedures.restoration.cost import restore_picture
-from procedures.restoration.estimate import SHARPNESS, RestorationParameters, noise_of, restore
+from procedures.restoration.estimate import RestorationParameters, noise_of, restore
 from procedures.restoration.scheme import Schedule, Scheme
+from procedures.restoration.sharpness import sharpness_of
 
 Array = NDArray[np.floating]
 BLURS, DEPTHS = ("vibration", "uniform", "coma", "pillbox"), ("square", "leaf")
@@ -31,9 +32,10 @@ def at_true_depth(case: Scene) -> Array:
     """The picture (H, W) at the true depth: what knowing it would give."""
     data, other = alternate.problem_of(case.z, case.stacks, np.ones((2, 1, *case.w.shape)), np.float32)
     sigma = noise_of(case.z, case.stacks)
-    problem = alternate.Problem(data, other, Scheme(), Schedule(20, SHARPNESS), sigma, 12)
+    sharpness = sharpness_of(case.z, case.stacks, case.w, sigma)
+    problem = alternate.Problem(data, other, Scheme(), Schedule(20, sharpness), sigma, 12)
     state = alternate.begin(problem, case.w)
-    u = restore_picture(data, state.u, max(sigma**2 / SHARPNESS, 1e-6), 150)
+    u = restore_picture(data, state.u, max(sigma**2 / sharpness, 1e-6), 150)
     return np.asarray(u[0, data.R : -data.R, data.R : -data.R])
 
 

@@ -1,0 +1,64 @@
+"""Kernels measured in the sensor's own pixels: how large they are when nobody says, and the masks of given shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procedures.outcome import BadParameter
+from procedures.restoration.blur_models import mask_stack
+from procedures.restoration.checks import check_extent
+from procedures.restoration.estimate import noise_of
+from procedures.restoration.forward import Array, MaskStack
+
+Shapes = Sequence[NDArray[np.float64]]
+
+MEASURED = 40
+"""Shapes of fewer samples a side may be kernels with one sample a pixel; drawn shapes have hundreds."""
+DEFAULT_MAX_W = 8.0
+BEYOND = 0.3
+"""How far masks are made beyond the largest w, pixels: w at the end of its range is told from w beyond."""
+
+
+def default_max_w(shapes: Shapes) -> float:
+    """The largest w to look for when none is given: a pixel more than the measured kernels' half-width, or 8 pixels."""
+    return max([DEFAULT_MAX_W, *((len(s) - 1) / 2 + 1 for s in shapes if len(s) < MEASURED)])
+
+
+def size_ratios(shapes: Shapes) -> tuple[float, ...]:
+    """w of every photograph over w of the first, if the shapes are kernels with one sample a pixel; else all 1."""
+    if any(len(s) >= MEASURED for s in shapes):
+        return (1.0,) * len(shapes)
+    return tuple((len(s) - 1) / (len(shapes[0]) - 1) for s in shapes)
+
+
+def stacks_of(shapes: Shapes, ratios: Sequence[float], max_w: float, frame: tuple[int, int]) -> list[MaskStack]:
+    """Masks of every photograph, for w of the first from 0 to a little beyond `max_w`. frame : (H, W).
+
+    Raises
+    ------
+    BadParameter
+        If a ratio is no positive number, or the masks are too large for the photographs.
+    """
+    for ratio in ratios:
+        if not 0 < ratio < np.inf:
+            raise BadParameter(f"a ratio of w must be positive, got {ratio:g}", "give w of that photograph over w of 1")
+    widest = max_w + BEYOND
+    R = int(np.ceil(widest * max(ratios) + 0.5))
+    check_extent(R, frame)
+    return [mask_stack(shape, widest, ratio=ratio, R=R) for shape, ratio in zip(shapes, ratios, strict=True)]
+
+
+def fitting_ratios(photographs: Sequence[Array], shapes: Shapes, max_w: float) -> tuple[float, ...]:
+    """The ratios when none is given: 1, or as the kernels' sizes where that explains the photographs better.
+
+    photographs : (C, H, W) each. Raises as `stacks_of`.
+    """
+    even, sized = (1.0,) * len(shapes), size_ratios(shapes)
+    frame = (photographs[0].shape[1], photographs[0].shape[2])
+    if sized == even:
+        return even
+    z = np.stack(photographs)
+    return min((even, sized), key=lambda ratios: noise_of(z, stacks_of(shapes, ratios, max_w, frame)))
