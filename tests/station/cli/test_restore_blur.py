@@ -195,8 +195,9 @@ def test_a_field_is_asked_for_the_plane_and_the_frame(defocused, tmp_path):
     images = [defocused / "1.png", defocused / "2.png", "--blur", "defocus", "--shape", tmp_path / "field.h5"]
     result = run(*images, "--ratio", 1.25, "--max-w", 2.0, "--scheme", "1x(1+1)+1x1", "--out", tmp_path / "o")
     assert result.exit_code == 0, result.stderr
-    small = cv2.imread(str(defocused / "1.png"), cv2.IMREAD_UNCHANGED)[:80]
-    cv2.imwrite(str(tmp_path / "small.png"), small)
-    cropped = run(tmp_path / "small.png", defocused / "2.png", *images[2:], "--out", tmp_path / "p")
+    small = [tmp_path / "1.png", tmp_path / "2.png"]
+    for one in small:
+        cv2.imwrite(str(one), cv2.imread(str(defocused / one.name), cv2.IMREAD_UNCHANGED)[:80])
+    cropped = run(*small, *images[2:], "--out", tmp_path / "p")
     assert cropped.exit_code == 4
     assert "of a plane of 124 x 104" in cropped.stderr
