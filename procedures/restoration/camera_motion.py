@@ -62,7 +62,8 @@ def poses_of(felt: Felt, exposure_s: float) -> Poses:
     """Poses during an exposure, from a record that goes beyond it both ways.
 
     Gravity is turned with the rig and taken off as the mean; what is left of the unit's zero errors is a line in the
-    turns and a parabola in the positions, neither of which a rig that shakes does.
+    turns and a parabola in the positions, neither of which a rig that shakes does. The unit is taken to sit at the
+    lens: one that sits beside it feels the turns as shifts of its own.
 
     Raises
     ------

@@ -181,9 +181,9 @@ class FieldBlur:
 
     def focus(self, w: Array, active: NDArray[np.bool_] | None = None) -> None:
         """Take w, pixels, as the depth from now on, of the `active` pixels."""
-        for node, _, y, x in self._nodes:
-            at = self._around(y, x)
-            node.focus(w[at], None if active is None else active[at])
+        for node, window, y, x in self._nodes:
+            at, counts = self._around(y, x), window > 0
+            node.focus(w[at], counts if active is None else counts & active[at])
 
     def blur(self, u: Array) -> Array:
         """Space-variant convolution (3.1) with masks of position and depth."""

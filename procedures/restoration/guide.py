@@ -215,7 +215,7 @@ def masks(
     shape = (int(pictures[0].shape[1]), int(pictures[0].shape[2]))
     if facts.get("blur_by", APERTURES) == MOTIONS:
         if len(exposures) == len(pictures):
-            return recorded_masks(exposures, focal, shape, max_w)
+            return rig_masks(exposures, focal, shape, max_w)
         R = int(np.ceil(max_w + 0.5))
         check_extent(R, shape)
         shapes = motion_shapes(pictures, str(facts.get("region", "auto")), int(np.ceil(max_w)))
@@ -226,7 +226,7 @@ def masks(
     return [mask_stack(pillbox(), max_w, ratio=one, R=R) for one in (1.0, ratio)], Unit()
 
 
-def recorded_masks(
+def rig_masks(
     exposures: Sequence[Poses], focal: float, shape: tuple[int, int], max_w: float
 ) -> tuple[Sequence[Masks], Unit]:
     """Masks of recorded motion, and what w is told in: inverse depth where the focal length is known."""
