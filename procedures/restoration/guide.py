@@ -27,10 +27,11 @@ from procedures.plan import (
 )
 from procedures.raw import Plane, RawFrame
 from procedures.restoration.blind import prototype_shapes
-from procedures.restoration.blur_models import mask_stack, pillbox
+from procedures.restoration.blur_models import pillbox
 from procedures.restoration.checks import check_extent, check_max_w
 from procedures.restoration.estimate import RestorationParameters, restore
 from procedures.restoration.forward import MaskStack
+from procedures.restoration.measured import reach_of_masks, stacks_of
 from procedures.restoration.motion import from_imu, path_mask, planar_path
 from procedures.restoration.scheme import Scheme
 
@@ -214,14 +215,10 @@ def masks(pictures: Sequence[Array], facts: Facts, paths: Sequence[Array] = ()) 
             stacks = recorded_stacks(paths, max_w)
             check_extent(stacks[0].R, shape)
             return stacks
-        R = int(np.ceil(max_w + 0.5))
-        check_extent(R, shape)
+        check_extent(reach_of_masks(max_w), shape)
         shapes = motion_shapes(pictures, str(facts.get("region", "auto")), int(np.ceil(max_w)))
-        return [mask_stack(one, max_w, R=R) for one in shapes]
-    ratio = blur_ratio(facts)
-    R = int(np.ceil(max_w * max(1.0, ratio) + 0.5))
-    check_extent(R, shape)
-    return [mask_stack(pillbox(), max_w, ratio=one, R=R) for one in (1.0, ratio)]
+        return stacks_of(shapes, (1.0,) * len(shapes), max_w, shape)
+    return stacks_of([pillbox()] * 2, (1.0, blur_ratio(facts)), max_w, shape)
 
 
 def blur_ratio(facts: Facts) -> float:

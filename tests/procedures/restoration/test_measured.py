@@ -30,10 +30,10 @@ def test_a_kernel_comes_back_as_it_was_measured(half, room, seed):
 @given(st.floats(3.5, 9.0), st.integers(0, 99))
 @settings(max_examples=20, deadline=None)
 def test_stretched_its_centroid_stretches_with_it(w, seed):
-    # from w = 3.5 on 15 samples lie half a pixel apart and are cells, whose light is shared out exactly
+    # a cell of half a pixel and more, within one pixel, counts at that pixel's centre: a quarter pixel off at most
     measured = kernel(15, seed)
     x, x0 = mask(measured, w, 12).sum(axis=0) @ np.arange(-12, 13), measured.sum(axis=0) @ np.arange(-7, 8)
-    assert x == pytest.approx(x0 * w / 7, abs=1e-9)
+    assert x == pytest.approx(x0 * w / 7, abs=0.25)
 
 
 def test_fine_shapes_are_interpolated_as_ever():
