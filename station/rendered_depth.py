@@ -18,9 +18,10 @@ import numpy.typing as npt
 from procedures.outcome import Outcome
 from procedures.raw import read_frame
 from procedures.ray_histogram.multiscale import filter_film
-from procedures.restoration.blur_models import mask_stack, pillbox
+from procedures.restoration.blur_models import pillbox
 from procedures.restoration.camera import CameraSetting
 from procedures.restoration.estimate import Restoration, RestorationParameters, restore
+from procedures.restoration.measured import stacks_of
 from simulators.dng import Shot
 from simulators.optics import Optics
 from simulators.ray_scenes import leaves_in_depth
@@ -138,7 +139,7 @@ def restored_depth(
         _photograph(picture, plan, f_number, folder.staging / name)
     files = [folder.staging / name for name in names]
     first, second = (read_frame(file, [PLANE]).planes[PLANE].samples.astype(np.float64) for file in files)
-    stacks = [mask_stack(pillbox(), plan.max_w, ratio=ratio, R=_reach(plan)) for ratio in (1.0, RATIO)]
+    stacks = stacks_of([pillbox()] * 2, (1.0, RATIO), plan.max_w, first.shape)
     outcome = restore([first[None], second[None]], stacks, plan.parameters)
     sha256 = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in files}
     result = RestoredDepth(plan, (first, second), outcome, _seen(sharp, plan), true_w(plan), sha256)

@@ -134,7 +134,7 @@ def check_shift(n: int, dx: float, dy: float, R: int) -> None:
     """
     if max(abs(dx), abs(dy)) > R:
         raise Refused(
-            f"photograph {n} is shifted by ({dx:.0f}, {dy:.0f}) pixels, more than the masks' {R}",
+            f"photograph {n} is shifted by ({round(dx)}, {round(dy)}) pixels, more than the masks' {R}",
             "register the photographs first, or raise --max-w",
         )
 

@@ -27,11 +27,12 @@ from procedures.plan import (
 )
 from procedures.raw import Plane, RawFrame
 from procedures.restoration.blind import prototype_shapes
-from procedures.restoration.blur_models import mask_stack, pillbox
+from procedures.restoration.blur_models import pillbox
 from procedures.restoration.camera_motion import Poses, motion_blur, planar_stacks, poses_of, px_per_inverse_m
 from procedures.restoration.checks import check_extent, check_max_w
 from procedures.restoration.estimate import RestorationParameters, Unit, restore, told_in
 from procedures.restoration.fields import Masks
+from procedures.restoration.measured import reach_of_masks, stacks_of
 from procedures.restoration.scheme import Scheme
 
 Array = npt.NDArray[np.float64]
@@ -216,14 +217,10 @@ def masks(
     if facts.get("blur_by", APERTURES) == MOTIONS:
         if len(exposures) == len(pictures):
             return rig_masks(exposures, focal, shape, max_w)
-        R = int(np.ceil(max_w + 0.5))
-        check_extent(R, shape)
+        check_extent(reach_of_masks(max_w), shape)
         shapes = motion_shapes(pictures, str(facts.get("region", "auto")), int(np.ceil(max_w)))
-        return [mask_stack(one, max_w, R=R) for one in shapes], Unit()
-    ratio = blur_ratio(facts)
-    R = int(np.ceil(max_w * max(1.0, ratio) + 0.5))
-    check_extent(R, shape)
-    return [mask_stack(pillbox(), max_w, ratio=one, R=R) for one in (1.0, ratio)], Unit()
+        return stacks_of(shapes, (1.0,) * len(shapes), max_w, shape), Unit()
+    return stacks_of([pillbox()] * 2, (1.0, blur_ratio(facts)), max_w, shape), Unit()
 
 
 def rig_masks(

@@ -45,10 +45,14 @@ def stacks_of(shapes: Shapes, ratios: Sequence[float], max_w: float, frame: tupl
     for ratio in ratios:
         if not 0 < ratio < np.inf:
             raise BadParameter(f"a ratio of w must be positive, got {ratio:g}", "give w of that photograph over w of 1")
-    widest = max_w + BEYOND
-    R = int(np.ceil(widest * max(ratios) + 0.5))
+    R = reach_of_masks(max_w, max(ratios))
     check_extent(R, frame)
-    return [mask_stack(shape, widest, ratio=ratio, R=R) for shape, ratio in zip(shapes, ratios, strict=True)]
+    return [mask_stack(shape, max_w + BEYOND, ratio=ratio, R=R) for shape, ratio in zip(shapes, ratios, strict=True)]
+
+
+def reach_of_masks(max_w: float, ratio: float = 1.0) -> int:
+    """Half-size of the masks that hold every blur up to a little beyond `max_w`, pixels."""
+    return int(np.ceil((max_w + BEYOND) * max(ratio, 1.0) + 0.5))
 
 
 def fitting_ratios(photographs: Sequence[Array], shapes: Shapes, max_w: float) -> tuple[float, ...]:

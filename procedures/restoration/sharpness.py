@@ -7,16 +7,19 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.fft import next_fast_len, rfft2
 from scipy.ndimage import gaussian_filter
+from scipy.optimize import minimize
 
 from procedures.restoration.fields import Masks
 from procedures.restoration.forward import Array
 
-# values tried, white = 1 squared: from a smooth sky to black on white
-LEAST, GREATEST, TRIED = 1e-6, 0.3, 60
-# real pictures and drawn ones have this part, within a factor of 1.5, of what a spectrum that falls as 1 / L suggests
-PART = 0.55
-# noise tried, of the estimate: too little would make sharpness of it
-NOISES = np.geomspace(0.5, 2.0, 9)
+# bounds, white = 1 squared: from a smooth sky to black on white
+LEAST, GREATEST = 1e-6, 0.3
+# real pictures and drawn ones have this part, within a factor of two, of what a spectrum that falls as 1 / L suggests
+PART = 0.6
+# noise is fitted too, within this factor of its estimate: too little would make sharpness of it
+NOISE_FACTOR = 2.0
+# the middle of large photographs stands for all
+LARGEST_PART = 512
 # depths whose masks stand for all, as percentiles of w
 STANDING = (10, 30, 50, 70, 90)
 
@@ -28,22 +31,31 @@ def sharpness_of(z: Array, stacks: Sequence[Masks], w: Array, sigma: float) -> f
     |H(f)|^2 S / L(f) + sigma^2, |H|^2 the mean over the depths that occur. S is the most likely one for all the
     photographs' periodograms (Whittle 1953). z : (P, C, H, W); w : (H, W) pixels; sigma : noise, white = 1.
     """
-    shape = tuple(next_fast_len(n, True) for n in z.shape[2:])
+    z = _middle(z)
+    shape = (next_fast_len(z.shape[2], True), next_fast_len(z.shape[3], True))
     fy, fx = np.fft.fftfreq(shape[0])[:, None], np.fft.rfftfreq(shape[1])[None, :]
     laplacian = 4 - 2 * np.cos(2 * np.pi * fy) - 2 * np.cos(2 * np.pi * fx)
     # what is wider than some ten pixels is light and shade, which no photograph has lost
     counted = laplacian > 0.3
     depths = np.percentile(w, STANDING)
-    values = np.geomspace(LEAST, GREATEST, TRIED)
-    unlikely = np.zeros((TRIED, len(NOISES)))
-    for photograph, stack in zip(z, stacks, strict=True):
-        passed = np.mean([np.abs(rfft2(stack.at(float(d)), shape)) ** 2 for d in depths], axis=0)
-        power = _periodogram(photograph, shape)[counted]
-        ratio = (passed / np.maximum(laplacian, 1e-12))[counted]
-        for k, n in np.ndindex(unlikely.shape):
-            expected = values[k] * ratio + (NOISES[n] * sigma) ** 2
-            unlikely[k, n] += np.sum(np.log(expected) + power / expected)
-    return PART * float(values[np.unravel_index(unlikely.argmin(), unlikely.shape)[0]])
+    power = np.stack([_periodogram(photograph, shape)[counted] for photograph in z])
+    passed = np.stack([np.mean([np.abs(rfft2(s.at(float(d)), shape)) ** 2 for d in depths], axis=0) for s in stacks])
+    ratio = passed[:, counted] / laplacian[counted]
+
+    def unlikely(logarithms: Array) -> float:
+        value, noise = np.exp(logarithms)
+        expected = value * ratio + noise**2
+        return float(np.mean(np.log(expected) + power / expected))
+
+    limits = [(LEAST, GREATEST), (sigma / NOISE_FACTOR, sigma * NOISE_FACTOR)]
+    start, bounds = np.log([5e-3, sigma]), np.log(limits)
+    found = minimize(unlikely, start, method="Nelder-Mead", bounds=bounds, options={"xatol": 0.01, "fatol": 1e-9})
+    return PART * float(np.exp(found.x[0]))
+
+
+def _middle(z: Array) -> Array:
+    y, x = (max(0, (n - LARGEST_PART) // 2) for n in z.shape[2:])
+    return z[:, :, y : y + LARGEST_PART, x : x + LARGEST_PART]
 
 
 def _periodogram(photograph: Array, shape: tuple[int, ...]) -> Array:

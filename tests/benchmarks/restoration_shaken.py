@@ -21,7 +21,7 @@ class Conditions:
 
     noise : standard deviation, white = 1; bits : of the file; moved : shift of the second photograph that its kernel
     does not contain, x, y, pixels; measured : noise of the known kernels, of their greatest value; exposure : factor of
-    light, highlights saturate; padded : kernels given in one common size.
+    light, highlights saturate; padded : kernels given in one common size; light : of the second photograph.
     """
 
     noise: float = 0.005
@@ -30,6 +30,7 @@ class Conditions:
     measured: float = 0.0
     exposure: float = 1.0
     padded: bool = False
+    light: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -103,11 +104,11 @@ def shaken(
     u = c.exposure * u[top : top + shape[0] + 2 * margin, left : left + shape[1] + 2 * margin]
     true = [tremor(size, seed) for size, seed in zip(sizes, seeds, strict=True)]
     z = []
-    for kernel, (dx, dy) in zip(true, ((0.0, 0.0), c.moved), strict=True):
+    for kernel, (dx, dy), light in zip(true, ((0.0, 0.0), c.moved), (1.0, c.light), strict=True):
         seen = shift(u, (dy, dx), order=3, mode="nearest")
         clean = fftconvolve(seen, kernel, mode="same")[margin:-margin, margin:-margin]
         white = 2**c.bits - 1
-        z.append(np.round(np.clip(clean + c.noise * rng.standard_normal(shape), 0, 1) * white) / white)
+        z.append(np.round(np.clip(light * clean + c.noise * rng.standard_normal(shape), 0, 1) * white) / white)
     known = [np.clip(k + c.measured * k.max() * rng.standard_normal(k.shape), 0, None) for k in true]
     if c.padded:
         known = [np.pad(k, (max(sizes) - len(k)) // 2) for k in known]

@@ -10,6 +10,7 @@ from procedures.restoration.estimate import (
     RestorationParameters,
     noise_gain,
     noise_of,
+    own_noise,
     reach_of,
     refocused,
     restore,
@@ -37,6 +38,27 @@ def test_the_noise_is_found(vibrating):
     assert 0.5 * true < noise_of(vibrating.z, vibrating.stacks) < 3 * true
 
 
+def test_a_photograph_tells_its_own_noise():
+    rng = np.random.default_rng(4)
+    scene = gaussian_filter(rng.standard_normal((120, 120)), 4)
+    scene /= 4 * scene.std()
+    z = np.clip(scene + 0.01 * rng.standard_normal((2, 1, 120, 120)), 0, None)
+    # half of the ground is clipped at black; the upper quartile then stands below the noise, by less than a third
+    assert own_noise(z) == pytest.approx(0.01, rel=0.33)
+    assert own_noise(0.5 + 0 * z + 0.01 * rng.standard_normal(z.shape)) == pytest.approx(0.01, rel=0.05)
+
+
+def test_what_is_left_over_is_near_the_noise(outcome):
+    assert outcome.value.diagnostics.residual_over_noise < 1
+
+
+def test_photographs_of_two_scenes_are_doubted(vibrating):
+    pair = [vibrating.z[0], vibrating.z[1][:, ::-1, ::-1]]
+    told = restore(pair, vibrating.stacks, QUICK)
+    assert told.verdict == Verdict.DOUBTFUL
+    assert told.value.diagnostics.residual_over_noise > 3
+
+
 def test_uncertainty_of_depth_is_what_noise_allows(outcome):
     spread = outcome.value.w_std
     assert spread.shape == outcome.value.w.shape
@@ -55,6 +77,7 @@ def test_refocusing_leaves_the_chosen_depth_sharp(outcome, vibrating):
 def test_a_wrong_ratio_is_doubted(vibrating, vibration_stacks):
     swapped = restore(list(vibrating.z), vibration_stacks[::-1], QUICK)
     assert swapped.verdict == Verdict.DOUBTFUL
+    assert "times the noise" in swapped.reason
     assert swapped.remedy
 
 

@@ -1,0 +1,118 @@
+"""What `station restore` refuses: exit code, what was required and came, what to do, and no folder left behind."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from station.__main__ import main
+
+QUICK = ["--scheme", "1x(1+1)", "--max-w", "5.2"]
+
+
+@pytest.fixture(scope="module")
+def folder(shared_data, tmp_path_factory):
+    """A corner of the vibrating pair as 1.pgm and 2.pgm, and what a hand may do wrong with it."""
+    source, made = shared_data / "synthetic" / "restoration", tmp_path_factory.mktemp("refused")
+    whole = [cv2.imread(str(source / f"vibration_40dB_{n}.pgm"), cv2.IMREAD_UNCHANGED) for n in (1, 2)]
+    corner = np.s_[100:200, 180:300]
+    rng = np.random.default_rng(0)
+    level = [np.full((100, 120), grey, np.uint16) for grey in (30000, 31000)]
+    images = {
+        "first": whole[0][corner],
+        "second": whole[1][corner],
+        "smaller": whole[1][100:190, 180:300],
+        "far": whole[1][100:200, 150:270],
+        "near": whole[1][100:200, 188:308],
+        "white": np.where(whole[1] > 30000, 65535, whole[1])[corner].astype(np.uint16),
+        "level1": level[0],
+        "level2": level[1],
+        "noise1": (level[0] + 60 * rng.standard_normal((100, 120))).astype(np.uint16),
+        "noise2": (level[0] + 60 * rng.standard_normal((100, 120))).astype(np.uint16),
+    }
+    for name, image in images.items():
+        cv2.imwrite(str(made / f"{name}.pgm"), image)
+    for n in (1, 2):
+        (made / f"shape{n}.txt").write_text((source / f"vibration_shape{n}.txt").read_text())
+    return made
+
+
+def refused(folder, tmp_path, arguments):
+    """Exit code and standard error; nothing may be left in the folder of results."""
+    names = {p.stem: str(p) for p in folder.iterdir()}
+    result = CliRunner().invoke(main, ["restore", *(names.get(a, a) for a in arguments), "--out", str(tmp_path / "o")])
+    assert not (tmp_path / "o").exists(), result.stderr
+    return result.exit_code, result.stderr
+
+
+@pytest.mark.parametrize(
+    ("one", "two", "code", "complaint", "remedy"),
+    [
+        ("first", "smaller", 4, "differ in size: 120 x 100, 120 x 90", "cropped alike"),
+        ("first", "first", 4, "1 and 2 are identical", "different motion or aperture"),
+        ("first", "far", 5, "shifted by (29, 1) pixels, more than the masks' 6", "register the photographs"),
+        ("first", "near", 5, "shifted by (-8, 0) pixels, more than the masks' 6", "register the photographs"),
+        ("first", "white", 5, "63% of a photograph is saturated; at most 20%", "expose less"),
+        ("level1", "level2", 5, "no texture", "structure"),
+        ("noise1", "noise2", 5, "no texture", "structure"),
+        ("first", "absent.pgm", 4, "no file absent.pgm", "check the path"),
+        ("first", "shape1", 4, "text file, not a photograph", "RAW"),
+    ],
+)
+def test_photographs(folder, tmp_path, one, two, code, complaint, remedy):
+    found = refused(folder, tmp_path, [one, two, "--blur", "motion", "--shape", "shape1", "shape2", *QUICK])
+    assert found[0] == code
+    assert complaint in found[1]
+    assert remedy in found[1]
+
+
+SHAPES = {
+    "3 3 1\n1 2 1\n": (4, "odd square of at least 3 x 3, got 2 x 3", "resample"),
+    "1 1 1 1\n" * 4: (4, "odd square of at least 3 x 3, got 4 x 4", "resample"),
+    "1": (4, "odd square of at least 3 x 3, got 1 x 1", "resample"),
+    "0 1 0\n1 -2 1\n0 1 0\n": (4, "not negative, its least value is -2", "clip its noise"),
+    "0 1 0\n1 nan 1\n0 1 0\n": (4, "must be finite", "clip its noise"),
+    "0 0 0\n0 0 0\n0 0 0\n": (4, "is empty", "shape of a blur"),
+    "": (4, "is empty", "text array of numbers"),
+    "1 2 3\n1 2\n1 2 3\n": (4, "rows of 2 to 3 numbers", "a row per line"),
+    "hello world\n": (4, "could not convert string to float: 'hello'", "text array of numbers"),
+    "\x00\xff": (4, "it is not text", "text array of numbers"),
+}
+
+
+@pytest.mark.parametrize("text", SHAPES)
+def test_shape_files(folder, tmp_path, text):
+    (tmp_path / "shape.txt").write_bytes(text.encode("latin-1"))
+    arguments = ["first", "second", "--blur", "motion", "--shape", str(tmp_path / "shape.txt"), "shape2", *QUICK]
+    code, said = refused(folder, tmp_path, arguments)
+    assert code == SHAPES[text][0]
+    assert all(part in said for part in SHAPES[text][1:])
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "complaint"),
+    [
+        (["defocus", "--shape", "pillbox"], 2, "ratio 1 with equal shapes"),
+        (["defocus", "--shape", "pillbox", "--ratio", "1"], 2, "ratio 1 with equal shapes"),
+        (["motion", "--shape", "shape1"], 2, "ratio 1 with equal shapes"),
+        (["motion", "--shape", "shape1", "shape1"], 2, "ratio 1 with equal shapes"),
+        (["motion", "--shape", "absent.txt", "shape2"], 4, "absent.txt cannot be read: No such file"),
+        (["motion", "--shape", "pillbox", "--ratio", "1.2"], 2, "pillbox is a blur of --blur defocus"),
+        (["motion"], 2, "one shape, or one for each of 2 images; got 0"),
+        (["defocus", "--shape", "pillbox", "--ratio", "0"], 2, "ratio of w must be positive, got 0"),
+        (["defocus", "--shape", "pillbox", "--ratio", "-1.2"], 2, "ratio of w must be positive, got -1.2"),
+        (["defocus", "--shape", "pillbox", "--ratio", "nan"], 2, "ratio of w must be positive, got nan"),
+        (["defocus", "--shape", "pillbox", "--ratio", "1e9"], 2, "too large for photographs of 120 x 100"),
+        (["defocus", "--shape", "pillbox", "--ratio", "1.2", "--ratio", "1.3"], 2, "here 1; got 2 values"),
+        (["defocus", "--shape", "pillbox", "--ratio", "1.2", "--max-w", "nan"], 2, "between 0.5 and 40 pixels"),
+        (["defocus", "--shape", "pillbox", "--ratio", "1.2", "--max-w", "30"], 2, "half-size 37 pixels are too large"),
+        (["motion", "--prototype-region", "90,60,60,60"], 2, "not within photographs of 120 x 100"),
+        (["motion", "--prototype-region", "-5,0,60,60"], 2, "not within photographs of 120 x 100"),
+    ],
+)
+def test_blurs_and_ranges(folder, tmp_path, options, code, complaint):
+    found = refused(folder, tmp_path, ["first", "second", "--scheme", "1x(1+1)", "--blur", *options])
+    assert found[0] == code
+    assert complaint in found[1]
