@@ -67,35 +67,43 @@ def _extent(held: NDArray[np.bool_], R: int) -> tuple[NDArray[np.int64], NDArray
 
 @numba.njit(parallel=True, cache=True)
 def spread(
-    a: Array, b: Array, level: NDArray[np.int32], pairs: Pairs, bands: NDArray[np.int64], margin: int, out: Array
-) -> None:
-    """Sum over pixels of a * masks[level] + b * masks[level + 1], each placed at its pixel.
+    x: Array, u: Array, dw: Array, rate: Any, level: NDArray[np.int32], f: Array, pairs: Pairs,
+    bands: NDArray[np.int64], drawn: Array, out: Array,
+) -> None:  # fmt: skip
+    """The photograph `out` (H, W) of x and of u's change with w: x * h + rate u dw * (mask[level + 1] - mask[level]).
 
-    a, b, level : (H + 2R, W + 2R), pixels of negative level take no part; bands : limits of the rows of `out` that are
-    worked on at once; out : flat, (H, W + 2R + 2 margin), whose columns from margin + R on are the photograph's;
-    margin : at least half of the widest pair.
+    h = (1 - f) mask[level] + f mask[level + 1]. x, u, dw, level, f : (H + 2R, W + 2R), pixels of negative level take no
+    part; bands : limits of the rows of `out` that are worked on at once; drawn : flat, (H, W + 2R + the widest pair's
+    width), to work in.
     """
     for n in numba.prange(bands.size - 1):
-        _spread_band(a, b, level, pairs, bands[n], bands[n + 1], margin, out)
+        _spread_band(x, u, dw, rate, level, f, pairs, bands[n], bands[n + 1], drawn, out)
 
 
 @numba.njit(fastmath=True, cache=True)
 def _spread_band(
-    a: Array, b: Array, level: NDArray[np.int32], pairs: Pairs, top: int, bottom: int, margin: int, out: Array
-) -> None:
+    x: Array, u: Array, dw: Array, rate: Any, level: NDArray[np.int32], f: Array, pairs: Pairs, top: int, bottom: int,
+    drawn: Array, out: Array,
+) -> None:  # fmt: skip
     values, start, width, firsts, lasts = pairs
     rows, columns = level.shape
-    stride = columns + 2 * margin
-    R = (rows - out.size // stride) // 2
-    zero = a.dtype.type(0)
-    out[top * stride : bottom * stride] = 0
+    R = (rows - out.shape[0]) // 2
+    stride = drawn.size // out.shape[0]
+    margin = (stride - columns) // 2
+    zero = x.dtype.type(0)
+    drawn[top * stride : bottom * stride] = 0
     for i in range(top, bottom + 2 * R, 2):
         below = min(i + 1, rows - 1)
         for j in range(columns):
             k = level[i, j]
             m = level[below, j] if i < below else np.int32(-1)
-            p, q = (a[i, j], b[i, j]) if k >= 0 else (zero, zero)
-            s, t = (a[below, j], b[below, j]) if m >= 0 else (zero, zero)
+            p, q, s, t = zero, zero, zero, zero
+            if k >= 0:
+                q = x[i, j] * f[i, j] + rate * u[i, j] * dw[i, j]
+                p = x[i, j] - q
+            if m >= 0:
+                t = x[below, j] * f[below, j] + rate * u[below, j] * dw[below, j]
+                s = x[below, j] - t
             k, m = k if k >= 0 else m, m if m >= 0 else k
             if k < 0:
                 continue
@@ -109,10 +117,13 @@ def _spread_band(
                 row = first + w // 2
                 at = (i - R + first) * stride + margin + j - w // 2
                 upper, lower = start[one] + 2 * w * (row + 1), start[two] + 2 * w * row
-                _draw(out, at, stride, last - first + 1, values, upper, lower, w, p0, q0, p1, q1)
+                _draw(drawn, at, stride, last - first + 1, values, upper, lower, w, p0, q0, p1, q1)
                 if not apart:
                     break
                 one, two, p0, q0, p1, q1, apart = m, m, zero, zero, s, t, False
+    for i in range(top, bottom):
+        for j in range(out.shape[1]):
+            out[i, j] = drawn[i * stride + margin + R + j]
 
 
 @numba.njit(inline="always")
@@ -138,29 +149,33 @@ def _draw(
 
 @numba.njit(parallel=True, cache=True)
 def gather(
-    e: Array, level: NDArray[np.int32], pairs: Pairs, bands: NDArray[np.int64], margin: int, low: Array, high: Array
-) -> None:
-    """Products of the errors around each pixel with its two neighbouring masks: the adjoint of `spread`.
+    e: Array, level: NDArray[np.int32], f: Array, pairs: Pairs, bands: NDArray[np.int64], u: Array, rate: Any,
+    dx: Array, dw: Array,
+) -> None:  # fmt: skip
+    """Add the adjoint of `spread` to dx and dw: products of the errors around each pixel with its masks.
 
-    e : flat, (H + 4R + 1, W + 2R + 2 margin), zero outside the photograph, which begins at (2R, margin + R); bands :
-    limits of the rows of pixels that are worked on at once; level, low, high : (H + 2R, W + 2R).
+    e : (H + 4R + 1, W + 2R + the widest pair's width), zero outside the photograph, which begins 2R rows down and R
+    columns and half that width across; bands : limits of the rows of pixels that are worked on at once; the others :
+    (H + 2R, W + 2R).
     """
     for n in numba.prange(bands.size - 1):
-        _gather_band(e, level, pairs, bands[n], bands[n + 1], margin, low, high)
+        _gather_band(e, level, f, pairs, bands[n], bands[n + 1], u, rate, dx, dw)
 
 
 @numba.njit(fastmath=True, cache=True)
 def _gather_band(
-    e: Array, level: NDArray[np.int32], pairs: Pairs, top: int, bottom: int, margin: int, low: Array, high: Array
-) -> None:
+    e: Array, level: NDArray[np.int32], f: Array, pairs: Pairs, top: int, bottom: int, u: Array, rate: Any,
+    dx: Array, dw: Array,
+) -> None:  # fmt: skip
     values, start, width, firsts, lasts = pairs
     rows, columns = level.shape
-    stride = columns + 2 * margin
-    R = (e.size // stride - 1 - rows) // 2
+    stride = e.shape[1]
+    margin = (stride - columns) // 2
+    R = (e.shape[0] - 1 - rows) // 2
+    errors = e.ravel()
     for i in range(top, bottom, 2):
         below = min(i + 1, bottom - 1)
         for j in range(columns):
-            low[i, j] = high[i, j] = low[below, j] = high[below, j] = 0
             k = level[i, j]
             m = level[below, j] if i < below else np.int32(-1)
             one, two = k if k >= 0 else m, m if m >= 0 else k
@@ -176,11 +191,13 @@ def _gather_band(
                 row = first + w // 2
                 at = (i + R + first) * stride + margin + j - w // 2
                 upper, lower = start[one] + 2 * w * (row + 1), start[two] + 2 * w * row
-                p, q, s, t = _see(e, at, stride, last - first + 1, values, upper, lower, w)
+                p, q, s, t = _see(errors, at, stride, last - first + 1, values, upper, lower, w)
                 if one == k:
-                    low[i, j], high[i, j] = p, q
+                    dx[i, j] += p + f[i, j] * (q - p)
+                    dw[i, j] += rate * u[i, j] * (q - p)
                 if two == m:
-                    low[below, j], high[below, j] = s, t
+                    dx[below, j] += s + f[below, j] * (t - s)
+                    dw[below, j] += rate * u[below, j] * (t - s)
                 if not apart:
                     break
                 one, two, apart = m, m, False

@@ -106,20 +106,32 @@ def _share_step(
     """Change of picture and share (C + 1, H', W') that the errors e ask for. at : u, share, band, surroundings."""
     u, b, band, around = at
 
-    def smooth(v: Array, share: Array) -> Array:
-        return np.concatenate([around * weight * diffuse(v), (SHARE_WEIGHT * band * diffuse(share))[None]])
+    def add_smoothing(out: Array, v: Array, share: Array, sign: int) -> Array:
+        out[:-1] += around * (u.dtype.type(sign * weight) * diffuse(v))
+        out[-1] += band * (u.dtype.type(sign * SHARE_WEIGHT) * diffuse(share))
+        return out
 
     def gradients(e: Array) -> Array:
-        above, below = high.blur_adjoint(e), low.blur_adjoint(e)
-        return np.concatenate([b * above + (1 - b) * below, (band * (u * (above - below)).sum(axis=0))[None]])
+        below, out = low.blur_adjoint(e), np.empty((len(u) + 1, *b.shape), u.dtype)
+        apart = high.blur_adjoint(e)
+        apart -= below
+        np.einsum("chw,chw->hw", u, apart, out=out[-1])
+        out[-1] *= band
+        apart *= b
+        np.add(apart, below, out=out[:-1])
+        return out
 
     def apply(x: Array) -> Array:
         du, db = x[:-1], x[-1] * band
-        return gradients(high.blur(du * b + u * db) + low.blur(du * (1 - b) - u * db)) + smooth(x[:-1], db)
+        above = du * b
+        above += u * db
+        e = high.blur(above)
+        e += low.blur(du - above)
+        return add_smoothing(gradients(e), du, db, 1)
 
     divide = np.full((len(u) + 1, *b.shape), PICTURE_CURVATURE, u.dtype)
     divide[-1] = SHARE_CURVATURE * (u**2).sum(axis=0) + 4 * SHARE_WEIGHT
-    return conjugate_gradients(apply, gradients(e) - smooth(u, b), iterations, divide)
+    return conjugate_gradients(apply, add_smoothing(gradients(e), u, b, -1), iterations, divide)
 
 
 def place_steps(
