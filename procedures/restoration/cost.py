@@ -29,6 +29,10 @@ class DataTerm:
         self.extended: tuple[int, int] = blurs[0].extended
         self._all_trusted = bool((trust == 1).all())
 
+    def windowed(self, y: slice, x: slice) -> DataTerm:
+        """The term of a part of the photographs, not focused yet."""
+        return DataTerm(self.z[..., y, x], [blur.windowed(y, x) for blur in self.blurs], self.trust[..., y, x])
+
     def _weighted(self, e: Array) -> Array:
         return e if self._all_trusted else e * self.trust
 

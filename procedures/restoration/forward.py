@@ -6,6 +6,7 @@ every photographed pixel sees all that reached it and nothing is invented beyond
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procedures.restoration.kernels import gather, pairs_of, spread
+from procedures.restoration.passes import MOST_THREADS
 
 Array = NDArray[np.floating[Any]]
 
-MOST_THREADS = numba.get_num_threads()
 WORK_PER_THREAD = 20_000_000
 """Pairs of products of a mask's entry and a pixel that occupy a thread for some milliseconds."""
 
@@ -78,6 +79,10 @@ class Blur:
         left = R + widest // 2
         self._photograph = self._errors[2 * R : 2 * R + shape[0], left : left + shape[1]]
         self.focus(np.zeros(self.extended, dtype))
+
+    def windowed(self, y: slice, x: slice) -> Blur:
+        """The blur of a part of the photograph, not focused yet."""
+        return Blur(self.stack, (y.stop - y.start, x.stop - x.start), self.dtype)
 
     def focus(self, w: Array, active: NDArray[np.bool_] | None = None) -> None:
         """Take w, pixels, as the depth from now on; values outside the stack are clipped to it.
@@ -154,15 +159,28 @@ class FieldBlur:
     def __init__(
         self, stacks: list[list[MaskStack]], shape: tuple[int, int], dtype: type[np.floating[Any]] = np.float64
     ) -> None:
-        self.stack, self.shape, self.dtype = stacks[0][0], shape, dtype
+        self.stack, self.dtype, self._stacks = stacks[0][0], dtype, stacks
         R = self.stack.R
-        self.extended = (shape[0] + 2 * R, shape[1] + 2 * R)
-        rows, columns = _hats(len(stacks), self.extended[0]), _hats(len(stacks[0]), self.extended[1])
+        self._lay(_hats(len(stacks), shape[0] + 2 * R), _hats(len(stacks[0]), shape[1] + 2 * R))
+
+    def _lay(self, rows: Array, columns: Array) -> None:
+        """Take the weights of each row and each column of nodes, (n, H + 2R) and (m, W + 2R)."""
+        R = self.stack.R
+        self.extended = (rows.shape[1], columns.shape[1])
+        self.shape = (self.extended[0] - 2 * R, self.extended[1] - 2 * R)
+        self._rows, self._columns = rows, columns
         self._nodes = [
             self._node(stack, row, column)
-            for line, row in zip(stacks, rows, strict=True)
+            for line, row in zip(self._stacks, rows, strict=True)
             for stack, column in zip(line, columns, strict=True)
+            if row.any() and column.any()
         ]
+
+    def windowed(self, y: slice, x: slice) -> FieldBlur:
+        """The blur of a part of the photograph, not focused yet."""
+        R, part = self.stack.R, copy(self)
+        part._lay(self._rows[:, y.start : y.stop + 2 * R], self._columns[:, x.start : x.stop + 2 * R])
+        return part
 
     def _node(self, stack: MaskStack, row: Array, column: Array) -> tuple[Blur, Array, slice, slice]:
         R = stack.R

@@ -8,7 +8,8 @@ Gauss-Newton over (u, b) finds the border, and b > 1/2 is the new labelling.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,8 @@ from procedures.restoration.segments import Labels, surfaces
 
 SHARE_CURVATURE = 0.05
 SHARE_WEIGHT = 1e-4
+# of the frame: a larger part is not cut out
+WORTH_CUTTING = 0.7
 
 
 @dataclass(frozen=True)
@@ -80,6 +83,30 @@ def shared(
         b = np.where(layers.band, np.clip(b + np.clip(x[-1], -0.3, 0.3), 0, 1), b).astype(u.dtype)
         u = u + x[:-1]
     return u, b
+
+
+def _shared_in_window(
+    high: DataTerm, low: DataTerm, u: Array, layers: Layers, weight: float, rounds: int, iterations: int
+) -> tuple[Array, Array]:
+    """`shared`, of that part of the frame alone which the band's surroundings reach, where that is less."""
+    shape = high.z.shape[2:]
+    around = surroundings(layers.band, high.R)
+    y, x = (_seen(np.any(around, axis=1 - n), high.R, shape[n]) for n in (0, 1))
+    if (y.stop - y.start) * (x.stop - x.start) > WORTH_CUTTING * shape[0] * shape[1]:
+        return shared(high, low, u, layers, weight, rounds, iterations)
+    at = (slice(y.start, y.stop + 2 * high.R), slice(x.start, x.stop + 2 * high.R))
+    part = Layers(*(getattr(layers, field.name)[at] for field in fields(layers)))
+    sharper, share = u.copy(), layers.share.astype(u.dtype)
+    sharper[:, *at], share[at] = shared(
+        high.windowed(y, x), low.windowed(y, x), np.ascontiguousarray(u[:, *at]), part, weight, rounds, iterations
+    )
+    return sharper, share
+
+
+def _seen(rows: Any, R: int, size: int) -> slice:
+    """Rows of the photograph that the extended rows marked can reach."""
+    inside = np.flatnonzero(rows)
+    return slice(max(0, int(inside[0]) - 2 * R), min(size, int(inside[-1]) + 1))
 
 
 def surroundings(band: NDArray[np.bool_], R: int) -> NDArray[np.bool_]:
@@ -148,7 +175,7 @@ def place_steps(
     """Picture, depth and segments with the steps moved to where they explain the photographs best."""
     if not layers.band.any():
         return u, w, labels
-    sharper, b = shared(high, low, u, layers, weight, rounds, iterations)
+    sharper, b = _shared_in_window(high, low, u, layers, weight, rounds, iterations)
     border = median_filter(b, 3) > 0.5
     moved = np.where(layers.band, np.where(border, layers.high, layers.low), w).astype(w.dtype)
     relabelled = np.where(border, layers.high_label, layers.low_label)
