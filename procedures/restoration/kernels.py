@@ -13,7 +13,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from procedures.restoration.lanes import LANES, filled, load, multiply_add, store, total
+from procedures.restoration.lanes import LANES, entry, filled, load, multiply_add, store, total
 
 Array = NDArray[np.floating[Any]]
 
@@ -91,32 +91,32 @@ def _spread_band(
     stride = drawn.size // out.shape[0]
     margin = (stride - columns) // 2
     zero = x.dtype.type(0)
+    xs, us, dws, fs, levels = x.ravel(), u.ravel(), dw.ravel(), f.ravel(), level.ravel()
     drawn[top * stride : bottom * stride] = 0
     for i in range(top, bottom + 2 * R, 2):
         below = min(i + 1, rows - 1)
         for j in range(columns):
-            k = level[i, j]
-            m = level[below, j] if i < below else np.int32(-1)
+            one_at, two_at = i * columns + j, below * columns + j
+            k = int(entry(levels, one_at))
+            m = int(entry(levels, two_at)) if i < below else -1
             p, q, s, t = zero, zero, zero, zero
             if k >= 0:
-                q = x[i, j] * f[i, j] + rate * u[i, j] * dw[i, j]
-                p = x[i, j] - q
+                p, q = _shares(xs, fs, us, dws, rate, one_at)
             if m >= 0:
-                t = x[below, j] * f[below, j] + rate * u[below, j] * dw[below, j]
-                s = x[below, j] - t
+                s, t = _shares(xs, fs, us, dws, rate, two_at)
             k, m = k if k >= 0 else m, m if m >= 0 else k
             if k < 0:
                 continue
             # pairs of different widths are not laid out alike: each is drawn together with itself times zero
-            apart = width[k] != width[m]
+            apart = entry(width, k) != entry(width, m)
             one, two, p0, q0, p1, q1 = (k, k, p, q, zero, zero) if apart else (k, m, p, q, s, t)
             while True:
-                w = width[one]
-                first = max(top - i + R, min(firsts[one], 1 + firsts[two]))
-                last = min(bottom - 1 - i + R, max(lasts[one], 1 + lasts[two]))
+                w = entry(width, one)
+                first = max(top - i + R, min(entry(firsts, one), 1 + entry(firsts, two)))
+                last = min(bottom - 1 - i + R, max(entry(lasts, one), 1 + entry(lasts, two)))
                 row = first + w // 2
                 at = (i - R + first) * stride + margin + j - w // 2
-                upper, lower = start[one] + 2 * w * (row + 1), start[two] + 2 * w * row
+                upper, lower = entry(start, one) + 2 * w * (row + 1), entry(start, two) + 2 * w * row
                 _draw(drawn, at, stride, last - first + 1, values, upper, lower, w, p0, q0, p1, q1)
                 if not apart:
                     break
@@ -124,6 +124,13 @@ def _spread_band(
     for i in range(top, bottom):
         for j in range(out.shape[1]):
             out[i, j] = drawn[i * stride + margin + R + j]
+
+
+@numba.njit(inline="always")
+def _shares(x: Array, f: Array, u: Array, dw: Array, rate: Any, at: int) -> tuple[Any, Any]:
+    """What a pixel spreads over its lower and its upper mask."""
+    upper = entry(x, at) * entry(f, at) + rate * entry(u, at) * entry(dw, at)
+    return entry(x, at) - upper, upper
 
 
 @numba.njit(inline="always")
@@ -172,25 +179,25 @@ def _gather_band(
     stride = e.shape[1]
     margin = (stride - columns) // 2
     R = (e.shape[0] - 1 - rows) // 2
-    errors = e.ravel()
+    errors, levels = e.ravel(), level.ravel()
     for i in range(top, bottom, 2):
         below = min(i + 1, bottom - 1)
         for j in range(columns):
-            k = level[i, j]
-            m = level[below, j] if i < below else np.int32(-1)
+            k = int(entry(levels, i * columns + j))
+            m = int(entry(levels, below * columns + j)) if i < below else -1
             one, two = k if k >= 0 else m, m if m >= 0 else k
             if one < 0:
                 continue
-            apart = width[one] != width[two]
+            apart = entry(width, one) != entry(width, two)
             if apart:
                 two = one
             while True:
-                w = width[one]
-                first = min(firsts[one], 1 + firsts[two])
-                last = max(lasts[one], 1 + lasts[two])
+                w = entry(width, one)
+                first = min(entry(firsts, one), 1 + entry(firsts, two))
+                last = max(entry(lasts, one), 1 + entry(lasts, two))
                 row = first + w // 2
                 at = (i + R + first) * stride + margin + j - w // 2
-                upper, lower = start[one] + 2 * w * (row + 1), start[two] + 2 * w * row
+                upper, lower = entry(start, one) + 2 * w * (row + 1), entry(start, two) + 2 * w * row
                 p, q, s, t = _see(errors, at, stride, last - first + 1, values, upper, lower, w)
                 if one == k:
                     dx[i, j] += p + f[i, j] * (q - p)
