@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from procedures.restoration.kernels import gather, pairs_of, spread
-from procedures.restoration.passes import MOST_THREADS
+from procedures.restoration.passes import MOST_THREADS, in_bands
 
 Array = NDArray[np.floating[Any]]
 
@@ -102,21 +102,19 @@ class Blur:
     def _spread(self, x: Array, u: Array, dw: Array | None, rate: float) -> Array:
         """Photographs of x (..., H + 2R, W + 2R) at this depth, and of u as it changes with w."""
         out = np.empty((*x.shape[:-2], *self.shape), self.dtype)
-        numba.set_num_threads(self._rows.size - 1)
+        at = (self.level, self.f, self._pairs, self._drawn)
         for n in np.ndindex(x.shape[:-2]):
-            change = x[n] if dw is None else dw
-            spread(
-                x[n], u[n], change, self.dtype(rate), self.level, self.f, self._pairs, self._rows, self._drawn, out[n]
-            )
+            coefficients = (x[n], u[n], x[n] if dw is None else dw, self.dtype(rate))
+            in_bands(partial(spread, *coefficients, *at, out[n]), self._rows)
         return out
 
     def _gather(self, e: Array, u: Array, rate: float, dx: Array, dw: Array | None) -> None:
         """Add the adjoint of `_spread` to dx, and to dw if given."""
-        numba.set_num_threads(self._bands.size - 1)
+        at = (self._errors, self.level, self.f, self._pairs)
         for n in np.ndindex(e.shape[:-2]):
             self._photograph[:] = e[n]
-            change = dx[n] if dw is None else dw
-            gather(self._errors, self.level, self.f, self._pairs, self._bands, u[n], self.dtype(rate), dx[n], change)
+            to = (dx[n], dx[n] if dw is None else dw)
+            in_bands(partial(gather, *at, u[n], self.dtype(rate), *to), self._bands)
 
     def blur(self, u: Array) -> Array:
         """Space-variant convolution u *v h(w), (..., H, W): equation (3.1)."""

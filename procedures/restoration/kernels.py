@@ -2,7 +2,7 @@
 
 Each takes two neighbouring masks per pixel, which serves the interpolated mask, its adjoint and its derivative alike,
 and takes two pixels at a time, one below the other: a row of the photograph is then loaded and stored once for four
-rows of masks. No pixel allocates, mask rows are whole vectors, and bands are independent of each other.
+rows of masks. No pixel allocates, mask rows are whole vectors, and bands of rows are independent of each other.
 """
 
 from __future__ import annotations
@@ -65,26 +65,16 @@ def _extent(held: NDArray[np.bool_], R: int) -> tuple[NDArray[np.int64], NDArray
     return np.where(any_held, first, 0), np.where(any_held, last, 0)
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(fastmath=True, cache=True, nogil=True)
 def spread(
-    x: Array, u: Array, dw: Array, rate: Any, level: NDArray[np.int32], f: Array, pairs: Pairs,
-    bands: NDArray[np.int64], drawn: Array, out: Array,
+    x: Array, u: Array, dw: Array, rate: Any, level: NDArray[np.int32], f: Array, pairs: Pairs, drawn: Array,
+    out: Array, top: int, bottom: int,
 ) -> None:  # fmt: skip
     """The photograph `out` (H, W) of x and of u's change with w: x * h + rate u dw * (mask[level + 1] - mask[level]).
 
     h = (1 - f) mask[level] + f mask[level + 1]. x, u, dw, level, f : (H + 2R, W + 2R), pixels of negative level take no
-    part; bands : limits of the rows of `out` that are worked on at once; drawn : flat, (H, W + 2R + the widest pair's
-    width), to work in.
+    part; drawn : flat, (H, W + 2R + the widest pair's width), to work in; top, bottom : the rows of `out` to draw.
     """
-    for n in numba.prange(bands.size - 1):
-        _spread_band(x, u, dw, rate, level, f, pairs, bands[n], bands[n + 1], drawn, out)
-
-
-@numba.njit(fastmath=True, cache=True)
-def _spread_band(
-    x: Array, u: Array, dw: Array, rate: Any, level: NDArray[np.int32], f: Array, pairs: Pairs, top: int, bottom: int,
-    drawn: Array, out: Array,
-) -> None:  # fmt: skip
     values, start, width, firsts, lasts = pairs
     rows, columns = level.shape
     R = (rows - out.shape[0]) // 2
@@ -154,26 +144,16 @@ def _draw(
             two += 2 * width
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(fastmath=True, cache=True, nogil=True)
 def gather(
-    e: Array, level: NDArray[np.int32], f: Array, pairs: Pairs, bands: NDArray[np.int64], u: Array, rate: Any,
-    dx: Array, dw: Array,
+    e: Array, level: NDArray[np.int32], f: Array, pairs: Pairs, u: Array, rate: Any, dx: Array, dw: Array,
+    top: int, bottom: int,
 ) -> None:  # fmt: skip
     """Add the adjoint of `spread` to dx and dw: products of the errors around each pixel with its masks.
 
     e : (H + 4R + 1, W + 2R + the widest pair's width), zero outside the photograph, which begins 2R rows down and R
-    columns and half that width across; bands : limits of the rows of pixels that are worked on at once; the others :
-    (H + 2R, W + 2R).
+    columns and half that width across; the others : (H + 2R, W + 2R), of which rows top to bottom are visited.
     """
-    for n in numba.prange(bands.size - 1):
-        _gather_band(e, level, f, pairs, bands[n], bands[n + 1], u, rate, dx, dw)
-
-
-@numba.njit(fastmath=True, cache=True)
-def _gather_band(
-    e: Array, level: NDArray[np.int32], f: Array, pairs: Pairs, top: int, bottom: int, u: Array, rate: Any,
-    dx: Array, dw: Array,
-) -> None:  # fmt: skip
     values, start, width, firsts, lasts = pairs
     rows, columns = level.shape
     stride = e.shape[1]

@@ -18,7 +18,6 @@ def test_a_window_of_gaussian_weight(rng, sigma):
 
 
 def test_conjugate_gradients_move_in_place(rng):
-    # more numbers than one block, and not a multiple of it
     x, r, p, q = rng.standard_normal((4, 3, 101, 97))
     moved, left, turned = x + 0.3 * p, r - 0.3 * q, -0.7 * p + q
     advance(x, r, p, q, 0.3)
