@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procedures.restoration.forward import Array, Blur, FieldBlur
-from procedures.restoration.priors import diffuse
+from procedures.restoration.passes import add_diffusion, advance, turn
 
 AnyBlur = Blur | FieldBlur
 
@@ -27,6 +27,14 @@ class DataTerm:
         self.z, self.blurs, self.trust = z, blurs, trust
         self.R = blurs[0].stack.R
         self.extended: tuple[int, int] = blurs[0].extended
+        self._all_trusted = bool((trust == 1).all())
+
+    def windowed(self, y: slice, x: slice) -> DataTerm:
+        """The term of a part of the photographs, not focused yet."""
+        return DataTerm(self.z[..., y, x], [blur.windowed(y, x) for blur in self.blurs], self.trust[..., y, x])
+
+    def _weighted(self, e: Array) -> Array:
+        return e if self._all_trusted else e * self.trust
 
     def focus(self, w: Array, active: NDArray[np.bool_] | None = None) -> None:
         """Take w as the depth of every photograph; only `active` pixels send and receive, if given."""
@@ -35,27 +43,28 @@ class DataTerm:
 
     def blur(self, u: Array) -> Array:
         """Photographs of u, weighted, (P, C, H, W)."""
-        return np.stack([blur.blur(u) for blur in self.blurs]) * self.trust
+        return self._weighted(np.stack([blur.blur(u) for blur in self.blurs]))
 
     def blur_adjoint(self, e: Array) -> Array:
         """Gradient over u of <e, weighted photographs of u>, (C, H + 2R, W + 2R)."""
-        return np.asarray(sum(blur.blur_adjoint(a) for blur, a in zip(self.blurs, e * self.trust, strict=True)))
+        out = np.zeros((*e.shape[1:-2], *self.extended), e.dtype)
+        for blur, a in zip(self.blurs, self._weighted(e), strict=True):
+            blur.blur_adjoint(a, out)
+        return out
 
     def residual(self, u: Array) -> Array:
         """Weighted photographs minus their prediction, (P, C, H, W)."""
-        return self.z * self.trust - self.blur(u)
+        return self._weighted(self.z) - self.blur(u)
 
     def change(self, u: Array, x: Array) -> Array:
         """Change of the weighted photographs for x = (du..., dw) stacked, (C + 1, H + 2R, W + 2R)."""
-        return np.stack([blur.change(u, x[:-1], x[-1]) for blur in self.blurs]) * self.trust
+        return self._weighted(np.stack([blur.change(u, x[:-1], x[-1]) for blur in self.blurs]))
 
     def change_adjoint(self, u: Array, e: Array) -> Array:
         """Adjoint of `change`, (C + 1, H + 2R, W + 2R)."""
         out = np.zeros((len(u) + 1, *self.extended), u.dtype)
-        for blur, a in zip(self.blurs, e * self.trust, strict=True):
-            du, dw = blur.change_adjoint(u, a)
-            out[:-1] += du
-            out[-1] += dw
+        for blur, a in zip(self.blurs, self._weighted(e), strict=True):
+            blur.change_adjoint(u, a, (out[:-1], out[-1]))
         return out
 
 
@@ -71,9 +80,10 @@ def conjugate_gradients(
 
     apply : x -> A x, symmetric, positive; divide : diagonal preconditioner.
     """
-    x = np.zeros_like(gradient)
+    x = np.zeros(gradient.shape, gradient.dtype)
     r = gradient.copy()
-    y = r / divide
+    plain = np.ndim(divide) == 0 and divide == 1
+    y = r if plain else r / divide
     p = y.copy()
     size = inner(r, y)
     for _ in range(iterations):
@@ -83,31 +93,12 @@ def conjugate_gradients(
         bend = inner(p, q)
         if bend <= 0:
             break
-        x += (size / bend) * p
-        r -= (size / bend) * q
-        y = r / divide
+        advance(x, r, p, q, size / bend)
+        if not plain:
+            np.divide(r, divide, out=y)
         before, size = size, inner(r, y)
-        p *= size / before
-        p += y
+        turn(p, y, size / before)
     return x
-
-
-def restored_change(
-    data: DataTerm,
-    u: Array,
-    e: Array,
-    weight: float,
-    iterations: int,
-    around: Array | float = 1.0,
-    diffusion: tuple[Array | float, Array | float] = (1.0, 1.0),
-) -> Array:
-    """Change of the picture that lowers the cost of errors e, by conjugate gradients; zero where `around` is zero."""
-
-    def apply(x: Array) -> Array:
-        return data.blur_adjoint(data.blur(x)) + around * (weight * diffuse(x, *diffusion))
-
-    gradient = around * (data.blur_adjoint(e) - weight * diffuse(u, *diffusion))
-    return conjugate_gradients(apply, gradient, iterations)
 
 
 def restore_picture(
@@ -121,4 +112,12 @@ def restore_picture(
 
     `diffusion` are the picture prior's weights on differences.
     """
-    return u + restored_change(data, u, data.residual(u), weight, iterations, 1.0, diffusion)
+
+    def apply(x: Array) -> Array:
+        out = data.blur_adjoint(data.blur(x))
+        add_diffusion(out, x, weight, *diffusion)
+        return out
+
+    downhill = data.blur_adjoint(data.residual(u))
+    add_diffusion(downhill, u, -weight, *diffusion)
+    return u + conjugate_gradients(apply, downhill, iterations)

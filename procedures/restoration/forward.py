@@ -6,18 +6,19 @@ every photographed pixel sees all that reached it and nothing is invented beyond
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from procedures.restoration.kernels import gather, pairs_of, spread
+from procedures.restoration.passes import MOST_THREADS, in_bands
 
 Array = NDArray[np.floating[Any]]
 
-MOST_THREADS = numba.get_num_threads()
 WORK_PER_THREAD = 20_000_000
 """Pairs of products of a mask's entry and a pixel that occupy a thread for some milliseconds."""
 
@@ -70,15 +71,18 @@ class Blur:
         self.stack, self.shape, self.dtype = stack, shape, dtype
         self._pairs = pairs_of(stack.masks, dtype)
         self._work = self._pairs.width * (self._pairs.last - self._pairs.first + 1)
-        self._margin = int(self._pairs.width.max()) // 2
-        R = stack.R
+        R, widest = stack.R, int(self._pairs.width.max())
         self.extended = (shape[0] + 2 * R, shape[1] + 2 * R)
-        self._stride = self.extended[1] + 2 * self._margin
-        self._out = np.zeros((shape[0], self._stride), dtype)
+        self._drawn = np.zeros(shape[0] * (self.extended[1] + widest), dtype)
         # pixels are taken two by two, and the second may lie below the last
-        self._errors = np.zeros((shape[0] + 4 * R + 1, self._stride), dtype)
-        self._low, self._high = np.empty(self.extended, dtype), np.empty(self.extended, dtype)
+        self._errors = np.zeros((shape[0] + 4 * R + 1, self.extended[1] + widest), dtype)
+        left = R + widest // 2
+        self._photograph = self._errors[2 * R : 2 * R + shape[0], left : left + shape[1]]
         self.focus(np.zeros(self.extended, dtype))
+
+    def windowed(self, y: slice, x: slice) -> Blur:
+        """The blur of a part of the photograph, not focused yet."""
+        return Blur(self.stack, (y.stop - y.start, x.stop - x.start), self.dtype)
 
     def focus(self, w: Array, active: NDArray[np.bool_] | None = None) -> None:
         """Take w, pixels, as the depth from now on; values outside the stack are clipped to it.
@@ -95,53 +99,48 @@ class Blur:
         R = self.stack.R
         self._bands, self._rows = _bands(work, threads), _bands(work[R : R + self.shape[0]], threads)
 
-    def _spread(self, a: Array, b: Array) -> Array:
-        """Photographs of coefficients (..., H + 2R, W + 2R) over the two neighbouring masks."""
-        inside = slice(self._margin + self.stack.R, self._margin + self.stack.R + self.shape[1])
-        out = np.empty((*a.shape[:-2], *self.shape), self.dtype)
-        numba.set_num_threads(self._rows.size - 1)
-        for n in np.ndindex(a.shape[:-2]):
-            spread(a[n], b[n], self.level, self._pairs, self._rows, self._margin, self._out.ravel())
-            out[n] = self._out[:, inside]
+    def _spread(self, x: Array, u: Array, dw: Array | None, rate: float) -> Array:
+        """Photographs of x (..., H + 2R, W + 2R) at this depth, and of u as it changes with w."""
+        out = np.empty((*x.shape[:-2], *self.shape), self.dtype)
+        at = (self.level, self.f, self._pairs, self._drawn)
+        for n in np.ndindex(x.shape[:-2]):
+            coefficients = (x[n], u[n], x[n] if dw is None else dw, self.dtype(rate))
+            in_bands(partial(spread, *coefficients, *at, out[n]), self._rows)
         return out
 
-    def _gather(self, e: Array) -> tuple[Array, Array]:
-        """Products of the errors (..., H, W) with the lower mask, and with the masks' difference."""
-        R, left = self.stack.R, self._margin + self.stack.R
-        low = np.empty((*e.shape[:-2], *self.extended), self.dtype)
-        slope = np.empty_like(low)
-        numba.set_num_threads(self._bands.size - 1)
+    def _gather(self, e: Array, u: Array, rate: float, dx: Array, dw: Array | None) -> None:
+        """Add the adjoint of `_spread` to dx, and to dw if given."""
+        at = (self._errors, self.level, self.f, self._pairs)
         for n in np.ndindex(e.shape[:-2]):
-            self._errors[2 * R : 2 * R + self.shape[0], left : left + self.shape[1]] = e[n]
-            gather(self._errors.ravel(), self.level, self._pairs, self._bands, self._margin, self._low, self._high)
-            low[n] = self._low
-            np.subtract(self._high, self._low, out=slope[n])
-        return low, slope
+            self._photograph[:] = e[n]
+            to = (dx[n], dx[n] if dw is None else dw)
+            in_bands(partial(gather, *at, u[n], self.dtype(rate), *to), self._bands)
 
     def blur(self, u: Array) -> Array:
         """Space-variant convolution u *v h(w), (..., H, W): equation (3.1)."""
-        upper = u * self.f
-        return self._spread(u - upper, upper)
+        u = np.ascontiguousarray(u, self.dtype)
+        return self._spread(u, u, None, 0.0)
 
-    def blur_adjoint(self, e: Array) -> Array:
-        """Space-variant correlation of e with h(w), (..., H + 2R, W + 2R): equation (3.2)."""
-        low, slope = self._gather(e)
-        slope *= self.f
-        low += slope
-        return low
+    def blur_adjoint(self, e: Array, into: Array | None = None) -> Array:
+        """Space-variant correlation of e with h(w), (..., H + 2R, W + 2R): equation (3.2); added to `into` if given."""
+        out = np.zeros((*e.shape[:-2], *self.extended), self.dtype) if into is None else into
+        self._gather(e, out, 0.0, out, None)
+        return out
 
     def change(self, u: Array, du: Array, dw: Array) -> Array:
         """First-order change of the photograph when u and w change by du and dw, (..., H, W)."""
-        upper = du * self.f + u * (dw / self.dtype(self.stack.step))
-        return self._spread(du - upper, upper)
+        u, du, dw = (np.ascontiguousarray(x, self.dtype) for x in (u, du, dw))
+        return self._spread(du, u, dw, 1 / self.stack.step)
 
-    def change_adjoint(self, u: Array, e: Array) -> tuple[Array, Array]:
-        """Gradients of <e, change> with respect to du (6.6) and dw, summed over channels (6.7)."""
-        low, slope = self._gather(e)
-        dw = (u * slope).reshape(-1, *self.extended).sum(axis=0) / self.dtype(self.stack.step)
-        slope *= self.f
-        low += slope
-        return low, dw
+    def change_adjoint(self, u: Array, e: Array, into: tuple[Array, Array] | None = None) -> tuple[Array, Array]:
+        """Gradients of <e, change> with respect to du (6.6) and dw, summed over channels (6.7).
+
+        They are added to `into` if given.
+        """
+        u = np.ascontiguousarray(u, self.dtype)
+        du, dw = (np.zeros_like(u), np.zeros(self.extended, self.dtype)) if into is None else into
+        self._gather(e, u, 1 / self.stack.step, du, dw)
+        return du, dw
 
 
 class FieldBlur:
@@ -158,15 +157,28 @@ class FieldBlur:
     def __init__(
         self, stacks: list[list[MaskStack]], shape: tuple[int, int], dtype: type[np.floating[Any]] = np.float64
     ) -> None:
-        self.stack, self.shape, self.dtype = stacks[len(stacks) // 2][len(stacks[0]) // 2], shape, dtype
+        self.stack, self.dtype, self._stacks = stacks[len(stacks) // 2][len(stacks[0]) // 2], dtype, stacks
         R = self.stack.R
-        self.extended = (shape[0] + 2 * R, shape[1] + 2 * R)
-        rows, columns = hats(len(stacks), self.extended[0]), hats(len(stacks[0]), self.extended[1])
+        self._lay(hats(len(stacks), shape[0] + 2 * R), hats(len(stacks[0]), shape[1] + 2 * R))
+
+    def _lay(self, rows: Array, columns: Array) -> None:
+        """Take the weights of each row and each column of nodes, (n, H + 2R) and (m, W + 2R)."""
+        R = self.stack.R
+        self.extended = (rows.shape[1], columns.shape[1])
+        self.shape = (self.extended[0] - 2 * R, self.extended[1] - 2 * R)
+        self._rows, self._columns = rows, columns
         self._nodes = [
             self._node(stack, row, column)
-            for line, row in zip(stacks, rows, strict=True)
+            for line, row in zip(self._stacks, rows, strict=True)
             for stack, column in zip(line, columns, strict=True)
+            if row.any() and column.any()
         ]
+
+    def windowed(self, y: slice, x: slice) -> FieldBlur:
+        """The blur of a part of the photograph, not focused yet."""
+        R, part = self.stack.R, copy(self)
+        part._lay(self._rows[:, y.start : y.stop + 2 * R], self._columns[:, x.start : x.stop + 2 * R])
+        return part
 
     def _node(self, stack: MaskStack, row: Array, column: Array) -> tuple[Blur, Array, slice, slice]:
         R = stack.R
@@ -192,9 +204,9 @@ class FieldBlur:
             out[..., y, x] += node.blur(window * u[self._around(y, x)])
         return out
 
-    def blur_adjoint(self, e: Array) -> Array:
-        """Space-variant correlation (3.2), the adjoint of `blur`."""
-        out = np.zeros((*e.shape[:-2], *self.extended), self.dtype)
+    def blur_adjoint(self, e: Array, into: Array | None = None) -> Array:
+        """Space-variant correlation (3.2), the adjoint of `blur`, added to `into` if given."""
+        out = np.zeros((*e.shape[:-2], *self.extended), self.dtype) if into is None else into
         for node, window, y, x in self._nodes:
             out[self._around(y, x)] += window * node.blur_adjoint(e[..., y, x])
         return out
@@ -207,9 +219,9 @@ class FieldBlur:
             out[..., y, x] += node.change(window * u[at], window * du[at], dw[at])
         return out
 
-    def change_adjoint(self, u: Array, e: Array) -> tuple[Array, Array]:
-        """Gradients of <e, change> with respect to du and dw."""
-        du, dw = np.zeros_like(u), np.zeros(self.extended, self.dtype)
+    def change_adjoint(self, u: Array, e: Array, into: tuple[Array, Array] | None = None) -> tuple[Array, Array]:
+        """Gradients of <e, change> with respect to du and dw, added to `into` if given."""
+        du, dw = (np.zeros_like(u), np.zeros(self.extended, self.dtype)) if into is None else into
         for node, window, y, x in self._nodes:
             at = self._around(y, x)
             a, b = node.change_adjoint(window * u[at], e[..., y, x])

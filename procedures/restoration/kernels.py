@@ -2,7 +2,7 @@
 
 Each takes two neighbouring masks per pixel, which serves the interpolated mask, its adjoint and its derivative alike,
 and takes two pixels at a time, one below the other: a row of the photograph is then loaded and stored once for four
-rows of masks. No pixel allocates, mask rows are whole vectors, and bands are independent of each other.
+rows of masks. No pixel allocates, mask rows are whole vectors, and bands of rows are independent of each other.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from procedures.restoration.lanes import LANES, filled, load, multiply_add, store, total
+from procedures.restoration.lanes import LANES, entry, filled, load, multiply_add, store, total
 
 Array = NDArray[np.floating[Any]]
 
@@ -65,54 +65,62 @@ def _extent(held: NDArray[np.bool_], R: int) -> tuple[NDArray[np.int64], NDArray
     return np.where(any_held, first, 0), np.where(any_held, last, 0)
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(fastmath=True, cache=True, nogil=True)
 def spread(
-    a: Array, b: Array, level: NDArray[np.int32], pairs: Pairs, bands: NDArray[np.int64], margin: int, out: Array
-) -> None:
-    """Sum over pixels of a * masks[level] + b * masks[level + 1], each placed at its pixel.
+    x: Array, u: Array, dw: Array, rate: Any, level: NDArray[np.int32], f: Array, pairs: Pairs, drawn: Array,
+    out: Array, top: int, bottom: int,
+) -> None:  # fmt: skip
+    """The photograph `out` (H, W) of x and of u's change with w: x * h + rate u dw * (mask[level + 1] - mask[level]).
 
-    a, b, level : (H + 2R, W + 2R), pixels of negative level take no part; bands : limits of the rows of `out` that are
-    worked on at once; out : flat, (H, W + 2R + 2 margin), whose columns from margin + R on are the photograph's;
-    margin : at least half of the widest pair.
+    h = (1 - f) mask[level] + f mask[level + 1]. x, u, dw, level, f : (H + 2R, W + 2R), pixels of negative level take no
+    part; drawn : flat, (H, W + 2R + the widest pair's width), to work in; top, bottom : the rows of `out` to draw.
     """
-    for n in numba.prange(bands.size - 1):
-        _spread_band(a, b, level, pairs, bands[n], bands[n + 1], margin, out)
-
-
-@numba.njit(fastmath=True, cache=True)
-def _spread_band(
-    a: Array, b: Array, level: NDArray[np.int32], pairs: Pairs, top: int, bottom: int, margin: int, out: Array
-) -> None:
     values, start, width, firsts, lasts = pairs
     rows, columns = level.shape
-    stride = columns + 2 * margin
-    R = (rows - out.size // stride) // 2
-    zero = a.dtype.type(0)
-    out[top * stride : bottom * stride] = 0
+    R = (rows - out.shape[0]) // 2
+    stride = drawn.size // out.shape[0]
+    margin = (stride - columns) // 2
+    zero = x.dtype.type(0)
+    xs, us, dws, fs, levels = x.ravel(), u.ravel(), dw.ravel(), f.ravel(), level.ravel()
+    drawn[top * stride : bottom * stride] = 0
     for i in range(top, bottom + 2 * R, 2):
         below = min(i + 1, rows - 1)
         for j in range(columns):
-            k = level[i, j]
-            m = level[below, j] if i < below else np.int32(-1)
-            p, q = (a[i, j], b[i, j]) if k >= 0 else (zero, zero)
-            s, t = (a[below, j], b[below, j]) if m >= 0 else (zero, zero)
+            one_at, two_at = i * columns + j, below * columns + j
+            k = int(entry(levels, one_at))
+            m = int(entry(levels, two_at)) if i < below else -1
+            p, q, s, t = zero, zero, zero, zero
+            if k >= 0:
+                p, q = _shares(xs, fs, us, dws, rate, one_at)
+            if m >= 0:
+                s, t = _shares(xs, fs, us, dws, rate, two_at)
             k, m = k if k >= 0 else m, m if m >= 0 else k
             if k < 0:
                 continue
             # pairs of different widths are not laid out alike: each is drawn together with itself times zero
-            apart = width[k] != width[m]
+            apart = entry(width, k) != entry(width, m)
             one, two, p0, q0, p1, q1 = (k, k, p, q, zero, zero) if apart else (k, m, p, q, s, t)
             while True:
-                w = width[one]
-                first = max(top - i + R, min(firsts[one], 1 + firsts[two]))
-                last = min(bottom - 1 - i + R, max(lasts[one], 1 + lasts[two]))
+                w = entry(width, one)
+                first = max(top - i + R, min(entry(firsts, one), 1 + entry(firsts, two)))
+                last = min(bottom - 1 - i + R, max(entry(lasts, one), 1 + entry(lasts, two)))
                 row = first + w // 2
                 at = (i - R + first) * stride + margin + j - w // 2
-                upper, lower = start[one] + 2 * w * (row + 1), start[two] + 2 * w * row
-                _draw(out, at, stride, last - first + 1, values, upper, lower, w, p0, q0, p1, q1)
+                upper, lower = entry(start, one) + 2 * w * (row + 1), entry(start, two) + 2 * w * row
+                _draw(drawn, at, stride, last - first + 1, values, upper, lower, w, p0, q0, p1, q1)
                 if not apart:
                     break
                 one, two, p0, q0, p1, q1, apart = m, m, zero, zero, s, t, False
+    for i in range(top, bottom):
+        for j in range(out.shape[1]):
+            out[i, j] = drawn[i * stride + margin + R + j]
+
+
+@numba.njit(inline="always")
+def _shares(x: Array, f: Array, u: Array, dw: Array, rate: Any, at: int) -> tuple[Any, Any]:
+    """What a pixel spreads over its lower and its upper mask."""
+    upper = entry(x, at) * entry(f, at) + rate * entry(u, at) * entry(dw, at)
+    return entry(x, at) - upper, upper
 
 
 @numba.njit(inline="always")
@@ -136,51 +144,47 @@ def _draw(
             two += 2 * width
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(fastmath=True, cache=True, nogil=True)
 def gather(
-    e: Array, level: NDArray[np.int32], pairs: Pairs, bands: NDArray[np.int64], margin: int, low: Array, high: Array
-) -> None:
-    """Products of the errors around each pixel with its two neighbouring masks: the adjoint of `spread`.
+    e: Array, level: NDArray[np.int32], f: Array, pairs: Pairs, u: Array, rate: Any, dx: Array, dw: Array,
+    top: int, bottom: int,
+) -> None:  # fmt: skip
+    """Add the adjoint of `spread` to dx and dw: products of the errors around each pixel with its masks.
 
-    e : flat, (H + 4R + 1, W + 2R + 2 margin), zero outside the photograph, which begins at (2R, margin + R); bands :
-    limits of the rows of pixels that are worked on at once; level, low, high : (H + 2R, W + 2R).
+    e : (H + 4R + 1, W + 2R + the widest pair's width), zero outside the photograph, which begins 2R rows down and R
+    columns and half that width across; the others : (H + 2R, W + 2R), of which rows top to bottom are visited.
     """
-    for n in numba.prange(bands.size - 1):
-        _gather_band(e, level, pairs, bands[n], bands[n + 1], margin, low, high)
-
-
-@numba.njit(fastmath=True, cache=True)
-def _gather_band(
-    e: Array, level: NDArray[np.int32], pairs: Pairs, top: int, bottom: int, margin: int, low: Array, high: Array
-) -> None:
     values, start, width, firsts, lasts = pairs
     rows, columns = level.shape
-    stride = columns + 2 * margin
-    R = (e.size // stride - 1 - rows) // 2
+    stride = e.shape[1]
+    margin = (stride - columns) // 2
+    R = (e.shape[0] - 1 - rows) // 2
+    errors, levels = e.ravel(), level.ravel()
     for i in range(top, bottom, 2):
         below = min(i + 1, bottom - 1)
         for j in range(columns):
-            low[i, j] = high[i, j] = low[below, j] = high[below, j] = 0
-            k = level[i, j]
-            m = level[below, j] if i < below else np.int32(-1)
+            k = int(entry(levels, i * columns + j))
+            m = int(entry(levels, below * columns + j)) if i < below else -1
             one, two = k if k >= 0 else m, m if m >= 0 else k
             if one < 0:
                 continue
-            apart = width[one] != width[two]
+            apart = entry(width, one) != entry(width, two)
             if apart:
                 two = one
             while True:
-                w = width[one]
-                first = min(firsts[one], 1 + firsts[two])
-                last = max(lasts[one], 1 + lasts[two])
+                w = entry(width, one)
+                first = min(entry(firsts, one), 1 + entry(firsts, two))
+                last = max(entry(lasts, one), 1 + entry(lasts, two))
                 row = first + w // 2
                 at = (i + R + first) * stride + margin + j - w // 2
-                upper, lower = start[one] + 2 * w * (row + 1), start[two] + 2 * w * row
-                p, q, s, t = _see(e, at, stride, last - first + 1, values, upper, lower, w)
+                upper, lower = entry(start, one) + 2 * w * (row + 1), entry(start, two) + 2 * w * row
+                p, q, s, t = _see(errors, at, stride, last - first + 1, values, upper, lower, w)
                 if one == k:
-                    low[i, j], high[i, j] = p, q
+                    dx[i, j] += p + f[i, j] * (q - p)
+                    dw[i, j] += rate * u[i, j] * (q - p)
                 if two == m:
-                    low[below, j], high[below, j] = s, t
+                    dx[below, j] += s + f[below, j] * (t - s)
+                    dw[below, j] += rate * u[below, j] * (t - s)
                 if not apart:
                     break
                 one, two, apart = m, m, False

@@ -12,7 +12,7 @@ import numpy as np
 
 from procedures.restoration.cost import DataTerm, conjugate_gradients
 from procedures.restoration.forward import Array
-from procedures.restoration.priors import diffuse
+from procedures.restoration.passes import add_diffusion
 
 # curvature of the data term per pixel: pillboxes and paths of 3 to 11 pixels lie around it
 PICTURE_CURVATURE = 0.3
@@ -49,13 +49,15 @@ def joint_step(
     """
     data.focus(w)
 
-    def smooth(x: Array, y: Array) -> Array:
-        return np.concatenate([weights.picture * diffuse(x, *diffusion), weights.depth * diffuse(y[None], *edges)])
+    def add_smoothing(out: Array, x: Array, y: Array, sign: int) -> Array:
+        add_diffusion(out[:-1], x, sign * weights.picture, *diffusion)
+        add_diffusion(out[-1], y, sign * weights.depth, *edges)
+        return out
 
     def apply(x: Array) -> Array:
-        return data.change_adjoint(u, data.change(u, x)) + smooth(x[:-1], x[-1])
+        return add_smoothing(data.change_adjoint(u, data.change(u, x)), x[:-1], x[-1], 1)
 
-    gradient = data.change_adjoint(u, data.residual(u)) - smooth(u, w)
+    gradient = add_smoothing(data.change_adjoint(u, data.residual(u)), u, w, -1)
     divide = np.empty_like(gradient)
     divide[:-1] = PICTURE_CURVATURE
     divide[-1] = DEPTH_CURVATURE * (u**2).sum(axis=0) + 4 * weights.depth

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from procedures.restoration.forward import Array
+from procedures.restoration.passes import add_diffusion
 
 
 def differences(x: Array) -> tuple[Array, Array]:
@@ -14,13 +15,8 @@ def differences(x: Array) -> tuple[Array, Array]:
 
 def diffuse(x: Array, down: Array | float = 1.0, across: Array | float = 1.0) -> Array:
     """Gradient of half the weighted sum of squared differences: -div(g grad x) of (6.3)."""
-    out = np.zeros_like(x)
-    d = np.diff(x, axis=-2) * down
-    out[..., :-1, :] -= d
-    out[..., 1:, :] += d
-    d = np.diff(x, axis=-1) * across
-    out[..., :, :-1] -= d
-    out[..., :, 1:] += d
+    out = np.zeros(x.shape, x.dtype)
+    add_diffusion(out, np.ascontiguousarray(x), 1.0, down, across)
     return out
 
 
@@ -64,5 +60,6 @@ def steps_allowed(w: Array, step: float) -> tuple[Array, Array]:
 
     1 / (1 + (d / step)^4): slopes are smoothed as a quadratic prior would, depth steps are left where they are.
     """
-    down, across = differences(w)
-    return 1 / (1 + (down / step) ** 4), 1 / (1 + (across / step) ** 4)
+    # squared twice: NumPy takes a hundred times as long for fourth powers of negative numbers
+    down, across = (np.square(np.square(d / step)) for d in differences(w))
+    return 1 / (1 + down), 1 / (1 + across)

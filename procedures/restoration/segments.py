@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from scipy.ndimage import (
     distance_transform_edt,
     find_objects,
-    gaussian_filter,
     label,
     maximum_filter,
     minimum_filter,
@@ -17,6 +16,7 @@ from scipy.ndimage import (
 )
 
 from procedures.restoration.forward import Array
+from procedures.restoration.passes import gaussian
 
 Labels = NDArray[np.int32]
 
@@ -99,7 +99,7 @@ def continued(w: Array, known: Array, sigma: float) -> Array:
     """
 
     def mean(a: Array) -> Array:
-        return np.asarray(gaussian_filter(a, sigma, truncate=3.5, mode="nearest"))
+        return gaussian(a, sigma, truncate=3.5)
 
     y, x = np.indices(w.shape).astype(w.dtype)
     m = mean(known) + 1e-12

@@ -8,7 +8,8 @@ Gauss-Newton over (u, b) finds the border, and b > 1/2 is the new labelling.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,8 @@ from procedures.restoration.segments import Labels, surfaces
 
 SHARE_CURVATURE = 0.05
 SHARE_WEIGHT = 1e-4
+# of the frame: a larger part is not cut out
+WORTH_CUTTING = 0.7
 
 
 @dataclass(frozen=True)
@@ -82,6 +85,30 @@ def shared(
     return u, b
 
 
+def _shared_in_window(
+    high: DataTerm, low: DataTerm, u: Array, layers: Layers, weight: float, rounds: int, iterations: int
+) -> tuple[Array, Array]:
+    """`shared`, of that part of the frame alone which the band's surroundings reach, where that is less."""
+    shape = high.z.shape[2:]
+    around = surroundings(layers.band, high.R)
+    y, x = (_seen(np.any(around, axis=1 - n), high.R, shape[n]) for n in (0, 1))
+    if (y.stop - y.start) * (x.stop - x.start) > WORTH_CUTTING * shape[0] * shape[1]:
+        return shared(high, low, u, layers, weight, rounds, iterations)
+    at = (slice(y.start, y.stop + 2 * high.R), slice(x.start, x.stop + 2 * high.R))
+    part = Layers(*(getattr(layers, field.name)[at] for field in fields(layers)))
+    sharper, share = u.copy(), layers.share.astype(u.dtype)
+    sharper[:, *at], share[at] = shared(
+        high.windowed(y, x), low.windowed(y, x), np.ascontiguousarray(u[:, *at]), part, weight, rounds, iterations
+    )
+    return sharper, share
+
+
+def _seen(rows: Any, R: int, size: int) -> slice:
+    """Rows of the photograph that the extended rows marked can reach."""
+    inside = np.flatnonzero(rows)
+    return slice(max(0, int(inside[0]) - 2 * R), min(size, int(inside[-1]) + 1))
+
+
 def surroundings(band: NDArray[np.bool_], R: int) -> NDArray[np.bool_]:
     """The pixels whose light can mix with the band's."""
     return np.asarray(maximum_filter(band, 4 * R + 1))
@@ -106,20 +133,32 @@ def _share_step(
     """Change of picture and share (C + 1, H', W') that the errors e ask for. at : u, share, band, surroundings."""
     u, b, band, around = at
 
-    def smooth(v: Array, share: Array) -> Array:
-        return np.concatenate([around * weight * diffuse(v), (SHARE_WEIGHT * band * diffuse(share))[None]])
+    def add_smoothing(out: Array, v: Array, share: Array, sign: int) -> Array:
+        out[:-1] += around * (u.dtype.type(sign * weight) * diffuse(v))
+        out[-1] += band * (u.dtype.type(sign * SHARE_WEIGHT) * diffuse(share))
+        return out
 
     def gradients(e: Array) -> Array:
-        above, below = high.blur_adjoint(e), low.blur_adjoint(e)
-        return np.concatenate([b * above + (1 - b) * below, (band * (u * (above - below)).sum(axis=0))[None]])
+        below, out = low.blur_adjoint(e), np.empty((len(u) + 1, *b.shape), u.dtype)
+        apart = high.blur_adjoint(e)
+        apart -= below
+        np.einsum("chw,chw->hw", u, apart, out=out[-1])
+        out[-1] *= band
+        apart *= b
+        np.add(apart, below, out=out[:-1])
+        return out
 
     def apply(x: Array) -> Array:
         du, db = x[:-1], x[-1] * band
-        return gradients(high.blur(du * b + u * db) + low.blur(du * (1 - b) - u * db)) + smooth(x[:-1], db)
+        above = du * b
+        above += u * db
+        e = high.blur(above)
+        e += low.blur(du - above)
+        return add_smoothing(gradients(e), du, db, 1)
 
     divide = np.full((len(u) + 1, *b.shape), PICTURE_CURVATURE, u.dtype)
     divide[-1] = SHARE_CURVATURE * (u**2).sum(axis=0) + 4 * SHARE_WEIGHT
-    return conjugate_gradients(apply, gradients(e) - smooth(u, b), iterations, divide)
+    return conjugate_gradients(apply, add_smoothing(gradients(e), u, b, -1), iterations, divide)
 
 
 def place_steps(
@@ -136,7 +175,7 @@ def place_steps(
     """Picture, depth and segments with the steps moved to where they explain the photographs best."""
     if not layers.band.any():
         return u, w, labels
-    sharper, b = shared(high, low, u, layers, weight, rounds, iterations)
+    sharper, b = _shared_in_window(high, low, u, layers, weight, rounds, iterations)
     border = median_filter(b, 3) > 0.5
     moved = np.where(layers.band, np.where(border, layers.high, layers.low), w).astype(w.dtype)
     relabelled = np.where(border, layers.high_label, layers.low_label)

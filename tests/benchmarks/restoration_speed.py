@@ -23,19 +23,20 @@ from procedures.restoration.forward import Blur
 from procedures.restoration.scheme import Scheme
 
 SHAPE = (650, 730)
-RUNS = 5
 Array = NDArray[np.float32]
 
 
-def best_of(work: Callable[[], object], runs: int = RUNS) -> float:
-    """Shortest wall time, seconds, after one run for compilation."""
+def best_of(*works: Callable[[], object], runs: int) -> list[float]:
+    """Shortest wall time of each, seconds: taken in turn, so that all of them meet the machine's quiet moments."""
+    for work in works:
+        work()  # compiled here
+    return np.min([[_seconds(work) for work in works] for _ in range(runs)], axis=0).tolist()
+
+
+def _seconds(work: Callable[[], object]) -> float:
+    start = time.perf_counter()
     work()
-    times = []
-    for _ in range(runs):
-        start = time.perf_counter()
-        work()
-        times.append(time.perf_counter() - start)
-    return min(times)
+    return time.perf_counter() - start
 
 
 @numba.njit(parallel=True, fastmath=True)
@@ -50,11 +51,11 @@ def _peak(low: Array, high: Array, out: Array, rounds: int) -> None:
                 row[t] += p * a[t] + p * b[t]
 
 
-def peak_per_s() -> float:
-    """Multiply-adds a second of the convolution's access pattern at its best."""
-    threads, width, rounds = numba.get_num_threads(), 1024, 20000
+def peak_work() -> tuple[Callable[[], object], int]:
+    """The convolution's access pattern at its best for about as long, and how many multiply-adds that is."""
+    threads, width, rounds = numba.get_num_threads(), 1024, 100000
     low, high, out = (np.zeros((threads, width), np.float32) for _ in range(3))
-    return 2 * threads * width * rounds / best_of(lambda: _peak(low, high, out, rounds))
+    return lambda: _peak(low, high, out, rounds), 2 * threads * width * rounds
 
 
 def numpy_loop(u: Array, w: Array, masks: Array, step: float, R: int) -> Array:
@@ -89,16 +90,18 @@ def main() -> None:
     u = rng.random(blur.extended).astype(np.float32)
     w = (7 - 5 * np.mgrid[0 : blur.extended[0], 0 : blur.extended[1]][1] / blur.extended[1]).astype(np.float32)
     blur.focus(w)
-    seconds = best_of(lambda: blur.blur(u))
     supports = stacks[0].supports()[blur.level + 1].astype(float)
     work = 2 * float(np.sum((2 * supports + 1) ** 2))
-    peak = peak_per_s()
-    print(f"blur {SHAPE[1]}x{SHAPE[0]}, masks to 17x17: {1000 * seconds:.1f} ms, {work / seconds / 1e9:.1f} G madd/s")
-    print(f"  peak of the access pattern {peak / 1e9:.1f} G madd/s: ratio {work / seconds / peak:.2f}   bound 0.33")
-    adjoint = best_of(lambda: blur.blur_adjoint(u[: SHAPE[0], : SHAPE[1]]))
-    print(f"  adjoint {1000 * adjoint:.1f} ms")
-    masks = stacks[0].masks.astype(np.float32)
-    slow = best_of(lambda: numpy_loop(u, w, masks, stacks[0].step, 8), 1)
+    peak, peak_madds = peak_work()
+    errors, masks = np.ascontiguousarray(u[: SHAPE[0], : SHAPE[1]]), stacks[0].masks.astype(np.float32)
+    seconds, adjoint, at_peak = best_of(lambda: blur.blur(u), lambda: blur.blur_adjoint(errors), peak, runs=60)
+    rate = peak_madds / at_peak
+    print(f"{numba.get_num_threads()} threads, blur {SHAPE[1]}x{SHAPE[0]}, masks to 17x17")
+    print(f"  peak of the access pattern {rate / 1e9:.1f} G madd/s")
+    for name, took in (("blur", seconds), ("adjoint", adjoint)):
+        reached = work / took
+        print(f"  {name} {1000 * took:.1f} ms, {reached / 1e9:.1f} G madd/s: {reached / rate:.2f} of it   bound 0.33")
+    slow, seconds = best_of(lambda: numpy_loop(u, w, masks, stacks[0].step, 8), lambda: blur.blur(u), runs=5)
     print(f"  NumPy loop over mask entries {slow:.2f} s: {slow / seconds:.0f} x   bound 50 x")
     if "--scheme" in sys.argv:
         scheme(stacks)

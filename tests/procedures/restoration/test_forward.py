@@ -76,6 +76,16 @@ def test_a_field_of_equal_stacks_is_one_stack(vibration_stacks, rng):
     np.testing.assert_allclose(field.blur(u), one.blur(u), atol=1e-12)
 
 
+def test_a_window_is_photographed_as_it_is_in_the_whole(blur, depths, rng):
+    y, x, R = slice(3, 21), slice(9, 45), blur.stack.R
+    around = np.s_[y.start : y.stop + 2 * R, x.start : x.stop + 2 * R]
+    u = rng.standard_normal(blur.extended)
+    blur.focus(depths)
+    part = blur.windowed(y, x)
+    part.focus(depths[around])
+    np.testing.assert_allclose(part.blur(u[around]), blur.blur(u)[y, x], atol=1e-12)
+
+
 def test_light_is_kept(vibration_stacks):
     # every mask has sum 1, so a uniform scene is photographed as it is, at any one depth
     blur = Blur(vibration_stacks[1], SHAPE)

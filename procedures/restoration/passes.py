@@ -1,0 +1,128 @@
+"""Single passes over whole arrays, where NumPy would take one for every operation in them; threads for large work."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from itertools import pairwise
+from threading import Thread
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.floating[Any]]
+
+MOST_THREADS = numba.get_num_threads()
+# a second thread is worth its waking from some milliseconds of work on
+NUMBERS_PER_THREAD = 20_000_000
+
+
+def in_bands(work: Callable[[int, int], object], limits: Iterable[int]) -> None:
+    """Do work(top, bottom) between all neighbouring limits, each in a thread of its own; `work` must let others run."""
+    first, *others = pairwise(int(limit) for limit in limits)
+    threads = [Thread(target=work, args=band) for band in others]
+    for thread in threads:
+        thread.start()
+    work(*first)
+    for thread in threads:
+        thread.join()
+
+
+def advance(x: Array, r: Array, p: Array, q: Array, step: float) -> None:
+    """x + step p and r - step q, in place; contiguous arrays of one shape."""
+    _advance(x.ravel(), r.ravel(), p.ravel(), q.ravel(), x.dtype.type(step))
+
+
+def turn(p: Array, y: Array, part: float) -> None:
+    """part p + y in place of p."""
+    _turn(p.ravel(), y.ravel(), p.dtype.type(part))
+
+
+def add_diffusion(
+    out: Array, x: Array, weight: float = 1.0, down: Array | float = 1.0, across: Array | float = 1.0
+) -> None:
+    """Add weight times the gradient of half the weighted sum of x's squared differences, -div(g grad x) of (6.3).
+
+    out, x : (..., H, W), contiguous; down, across : weights of differences, (H - 1, W) and (H, W - 1), or of all.
+    """
+    flat = (-1, *x.shape[-2:])
+    g, h = _rows(down, x.shape[-1], x.dtype), _rows(across, x.shape[-1] - 1, x.dtype)
+    _add_diffusion(out.reshape(flat), x.reshape(flat), x.dtype.type(weight), g, h)
+
+
+def gaussian(a: Array, sigma: float, truncate: float) -> Array:
+    """a (H, W) under a Gaussian window of `sigma` pixels cut at `truncate` sigma, continued evenly beyond the frame."""
+    reach = int(truncate * sigma + 0.5)
+    half = np.exp(-0.5 * (np.arange(reach + 1) / sigma) ** 2)
+    half = (half / (2 * half.sum() - 1)).astype(a.dtype)
+    a, down, across = np.ascontiguousarray(a), np.empty(a.shape, a.dtype), np.empty(a.shape, a.dtype)
+    limits = np.linspace(0, len(a), 1 + int(np.clip(a.size * reach // NUMBERS_PER_THREAD, 1, MOST_THREADS)))
+    in_bands(lambda top, bottom: _window_down(a, half, down, top, bottom), limits)
+    in_bands(lambda top, bottom: _window_across(down, half, across, top, bottom), limits)
+    return across
+
+
+def _rows(weights: Array | float, width: int, dtype: Any) -> Array:
+    """Weights as rows; one row stands for all of them."""
+    return np.full((1, width), weights, dtype) if np.ndim(weights) == 0 else np.ascontiguousarray(weights, dtype)
+
+
+@numba.njit(fastmath=True, cache=True, nogil=True)
+def _advance(x: Array, r: Array, p: Array, q: Array, step: Any) -> None:
+    for n in range(x.size):
+        x[n] += step * p[n]
+        r[n] -= step * q[n]
+
+
+@numba.njit(fastmath=True, cache=True, nogil=True)
+def _turn(p: Array, y: Array, part: Any) -> None:
+    for n in range(p.size):
+        p[n] = part * p[n] + y[n]
+
+
+@numba.njit(fastmath=True, cache=True, nogil=True)
+def _add_diffusion(out: Array, x: Array, weight: Any, down: Array, across: Array) -> None:
+    channels, height, width = x.shape
+    for c in range(channels):
+        for i in range(height):
+            row, to = x[c, i], out[c, i]
+            for k in (i - 1, i + 1):
+                if 0 <= k < height:
+                    other, g = x[c, k], down[min(min(i, k), down.shape[0] - 1)]
+                    for j in range(width):
+                        to[j] += weight * g[j] * (row[j] - other[j])
+            g = across[min(i, across.shape[0] - 1)]
+            for j in range(width - 1):
+                to[j] += weight * g[j] * (row[j] - row[j + 1])
+            for j in range(1, width):
+                to[j] += weight * g[j - 1] * (row[j] - row[j - 1])
+
+
+@numba.njit(fastmath=True, cache=True, nogil=True)
+def _window_down(a: Array, half: Array, out: Array, top: int, bottom: int) -> None:
+    height, width = a.shape
+    for i in range(top, bottom):
+        row = out[i]
+        for j in range(width):
+            row[j] = half[0] * a[i, j]
+        for t in range(1, half.size):
+            part, above, below = half[t], a[max(i - t, 0)], a[min(i + t, height - 1)]
+            for j in range(width):
+                row[j] += part * (above[j] + below[j])
+
+
+@numba.njit(fastmath=True, cache=True, nogil=True)
+def _window_across(a: Array, half: Array, out: Array, top: int, bottom: int) -> None:
+    width = a.shape[1]
+    reach = half.size - 1
+    wide = np.empty(width + 2 * reach, a.dtype)
+    for i in range(top, bottom):
+        wide[:reach], wide[reach : reach + width], wide[reach + width :] = a[i, 0], a[i], a[i, -1]
+        row = out[i]
+        for j in range(width):
+            row[j] = half[0] * wide[reach + j]
+        for t in range(1, half.size):
+            part, left, right = half[t], wide[reach - t : reach - t + width], wide[reach + t : reach + t + width]
+            for j in range(width):
+                row[j] += part * (left[j] + right[j])
