@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import gaussian_filter
 
 from procedures.outcome import BadInput
@@ -40,19 +39,6 @@ class Motion:
             raise BadInput(f"motion needs two samples or more, three components each; got {n}", "record the exposure")
         if not (np.diff(self.time_s) > 0).all():
             raise BadInput("times of the motion must increase", "sort the record, drop repeated samples")
-
-
-def from_imu(time_s: Array, acceleration_m_s2: Array, rotation_rad_s: Array) -> Motion:
-    """Motion from an inertial unit at rest on average: gravity and drift removed with the means (section 6.7).
-
-    acceleration_m_s2 : (n, 3) measured, gravity included; over a short exposure of a vibrating rig the mean
-    acceleration is gravity, and the mean velocity zero.
-    """
-    exposure_s = time_s[-1] - time_s[0]
-    free = acceleration_m_s2 - np.trapezoid(acceleration_m_s2, time_s, axis=0) / exposure_s
-    velocity = cumulative_trapezoid(free, time_s, axis=0, initial=0)
-    mean = np.trapezoid(velocity, time_s, axis=0) / exposure_s
-    return Motion(np.asarray(time_s, float), velocity - mean, np.asarray(rotation_rad_s, float))
 
 
 def velocity_field(x: float, y: float, depth_m: float | Array, T: Array, Omega: Array) -> Array:
@@ -152,14 +138,3 @@ def motion_stack(
         path = (curve(motion, x, y, depth, exposure=exposure) - (x, y)) * focal_px
         masks.append(path_mask(path, R))
     return MaskStack(np.stack(masks), step)
-
-
-def planar_path(motion: Motion, steps: int = 2048) -> Array:
-    """Path of the rig in its plane, (steps, 2) metres, about its mean: the prototype's shape of (5.3).
-
-    A point of the scene is drawn along minus this path, scaled by the inverse depth.
-    """
-    times = np.linspace(motion.time_s[0], motion.time_s[-1], steps)
-    path = cumulative_trapezoid(motion.translation_m_s[:, :2], motion.time_s, axis=0, initial=0)
-    even = np.stack([np.interp(times, motion.time_s, path[:, k]) for k in (0, 1)], axis=1)
-    return np.asarray(-(even - even.mean(axis=0)))

@@ -131,3 +131,9 @@ def test_motion_that_tells_nothing_is_refused(poses):
         c.motion_blur([poses], 0.0, SHAPE, 1.0)
     with pytest.raises(BadParameter, match="too large"):
         c.motion_blur([poses], FOCAL, SHAPE, 40.0)
+
+
+def test_a_unit_at_rest_feels_gravity_and_no_motion():
+    t = np.arange(-0.1, 0.4, 0.005)
+    still = c.poses_of(Felt(t, np.tile([0.3, 9.8, -0.2], (len(t), 1)), np.zeros((len(t), 3))), OPEN_S)
+    assert np.abs(still.position_m).max() < 1e-12

@@ -37,24 +37,6 @@ def test_moving_ahead_scales_the_image():
     np.testing.assert_allclose(drawn[-1] * depth, [0.4, 0.2], rtol=1e-3)
 
 
-def test_an_imu_at_rest_sees_no_motion():
-    found = m.from_imu(T, np.tile([0.0, 9.81, 0.0], (200, 1)), STILL)
-    assert np.abs(found.translation_m_s).max() < 1e-12
-
-
-def test_a_vibration_comes_back_from_its_acceleration():
-    # whole periods of 2 mm at 50 Hz: x = A cos, a = -A w^2 cos; trapezoids of 40 samples a period err by (w dt)^2 / 12
-    omega = 2 * np.pi * 50
-    time = np.linspace(0, 0.1, 201)
-    a = np.zeros((201, 3))
-    a[:, 0] = -0.002 * omega**2 * np.cos(omega * time)
-    a[:, 1] = 9.81
-    path = m.planar_path(m.from_imu(time, a, np.zeros((201, 3))))
-    expected = 0.002 * np.cos(omega * np.linspace(0, 0.1, 2048))
-    assert np.abs(path[:, 0] + expected).max() < 0.03 * 0.002
-    assert np.abs(path[:, 1]).max() < 1e-4
-
-
 def test_masks_of_a_path_keep_light_and_its_mean():
     path = np.stack([np.linspace(-2.5, 3.0, 500), np.zeros(500)], axis=1)
     mask = m.path_mask(path, 5)
