@@ -7,11 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from procedures.outcome import BadParameter
+from procedures.outcome import BadParameter, Refused
 from procedures.restoration.blur_models import mask_stack
 from procedures.restoration.checks import check_extent
 from procedures.restoration.estimate import noise_of
 from procedures.restoration.forward import Array, MaskStack
+from procedures.restoration.register import registered
 
 Shapes = Sequence[NDArray[np.float64]]
 
@@ -65,4 +66,13 @@ def fitting_ratios(photographs: Sequence[Array], shapes: Shapes, max_w: float) -
     if sized == even:
         return even
     z = np.stack(photographs)
-    return min((even, sized), key=lambda ratios: noise_of(z, stacks_of(shapes, ratios, max_w, frame)))
+    return min((even, sized), key=lambda ratios: _disagreement(z, stacks_of(shapes, ratios, max_w, frame)))
+
+
+def _disagreement(z: Array, stacks: list[MaskStack]) -> float:
+    """What the photographs (P, C, H, W), brought into one place, disagree by; infinite if they cannot be brought."""
+    try:
+        brought = registered(z, np.ones((len(z), 1, *z.shape[2:])), stacks)
+    except Refused:
+        return float(np.inf)
+    return noise_of(brought.z, stacks)

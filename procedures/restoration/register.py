@@ -25,6 +25,8 @@ LEVEL_STEP = 0.3
 MOST_TILES = 16
 # part of what the relation leaves that a shift must take away to be believed
 LEAST_GAIN = 0.04
+# pixels; less may be what levels of depth 0.3 pixels apart leave where blurs lie beside their middle
+LEAST_SHIFT = 0.2
 # difference of light from which it is taken up, and beyond which the photographs are not of one scene
 LEAST_LIGHT, MOST_LIGHT = 0.01, 0.3
 LIGHT_LEVELS, LIGHT_PART = 9, 512
@@ -41,7 +43,7 @@ class Displacement:
     @property
     def believed(self) -> bool:
         """Whether the photographs ask for it."""
-        return self.gain > LEAST_GAIN
+        return self.gain > LEAST_GAIN and bool(np.hypot(self.x, self.y) > LEAST_SHIFT)
 
 
 def displacement(z: Array, stacks: Sequence[Masks]) -> Displacement:

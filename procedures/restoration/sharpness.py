@@ -14,8 +14,8 @@ from procedures.restoration.forward import Array
 
 # bounds, white = 1 squared: from a smooth sky to black on white
 LEAST, GREATEST = 1e-6, 0.3
-# real pictures and drawn ones have this part, within a factor of two, of what a spectrum that falls as 1 / L suggests
-PART = 0.6
+# of what a spectrum that falls as 1 / L suggests, this part suits pictures of known truth: they fall off faster
+PART = 0.4
 # noise is fitted too, within this factor of its estimate: too little would make sharpness of it
 NOISE_FACTOR = 2.0
 # the middle of large photographs stands for all

@@ -112,4 +112,4 @@ def shaken(
     known = [np.clip(k + c.measured * k.max() * rng.standard_normal(k.shape), 0, None) for k in true]
     if c.padded:
         known = [np.pad(k, (max(sizes) - len(k)) // 2) for k in known]
-    return Shaken(z, [k / k.sum() for k in known], true, u[margin:-margin, margin:-margin])
+    return Shaken(z, [k / k.sum() for k in known], true, np.clip(u[margin:-margin, margin:-margin], 0, 1))

@@ -1,0 +1,81 @@
+"""`station restore` with kernels measured in pixels, on two photographs of a flat scene as a camera saves them."""
+
+from __future__ import annotations
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy.ndimage import gaussian_filter
+from scipy.signal import fftconvolve
+
+from station.__main__ import main
+
+SIZE, RIM, SHIFT = 96, 8, 2
+
+
+def walk(size, seed):
+    """A kernel of camera shake: a smooth walk of uneven speed."""
+    rng = np.random.default_rng(seed)
+    path = gaussian_filter(rng.standard_normal((2, 600)).cumsum(axis=1), (0, 25))
+    path -= (path.max(axis=1, keepdims=True) + path.min(axis=1, keepdims=True)) / 2
+    places = np.rint(path / np.abs(path).max() * (size - 1) / 2 + size // 2).astype(int)
+    kernel = np.zeros((size, size))
+    np.add.at(kernel, (places[1], places[0]), 1)
+    return kernel / kernel.sum()
+
+
+@pytest.fixture(scope="module")
+def shaken(tmp_path_factory):
+    """The command's result, its folder, the truth, and the photographs: 8 bits, the second one shifted."""
+    made = tmp_path_factory.mktemp("shaken")
+    rng = np.random.default_rng(11)
+    n = SIZE + 40
+    truth = 0.5 + 0.2 * np.sign(gaussian_filter(rng.standard_normal((n, n)), 3)) + 0.04 * rng.standard_normal((n, n))
+    z = []
+    for k, size in enumerate((9, 11)):
+        kernel = walk(size, k)
+        clean = fftconvolve(truth, kernel, mode="same")[20:-20, 20 - SHIFT * k : n - 20 - SHIFT * k]
+        z.append(np.clip(clean + 0.004 * rng.standard_normal(clean.shape), 0, 1))
+        np.savetxt(made / f"kernel{k}.txt", kernel)
+        cv2.imwrite(str(made / f"{k}.png"), np.rint(255 * z[k]).astype(np.uint8))
+    files = [str(made / name) for name in ("0.png", "1.png", "kernel0.txt", "kernel1.txt")]
+    options = ["--blur", "motion", "--shape", *files[2:], "--scheme", "2x(6+8)+1x15", "--out", str(made / "out")]
+    result = CliRunner().invoke(main, ["restore", *files[:2], *options])
+    return result, made / "out", truth[20:-20, 20:-20], z
+
+
+def error(u, truth):
+    return float(np.sqrt(np.mean((u - truth)[RIM:-RIM, RIM:-RIM] ** 2)))
+
+
+def test_neither_range_nor_ratio_need_be_told(shaken):
+    result, out, _, _ = shaken
+    assert result.exit_code == 0, result.output
+    record = json.loads((out / "result.json").read_text())
+    assert record["verdict"] == "pass", record["reason"]
+    assert record["parameters"]["ratio"] == [pytest.approx(10 / 8)]
+    assert record["parameters"]["max_w"] == 8
+
+
+def test_the_picture_gains_3_db_on_the_better_photograph(shaken):
+    _, out, truth, z = shaken
+    sharp = cv2.imread(str(out / "sharp.tiff"), cv2.IMREAD_UNCHANGED)
+    moved = [z[0], np.roll(z[1], -SHIFT, axis=1)]
+    assert error(sharp, truth) < min(error(one, truth) for one in moved) / 10 ** (3 / 20)
+
+
+def test_depth_is_flat_and_the_kernels_own(shaken):
+    w = np.load(shaken[1] / "w.npy")[RIM:-RIM, RIM:-RIM]
+    assert np.median(w) == pytest.approx(4.0, abs=0.1)
+    assert w.std() < 0.2
+
+
+def test_the_shift_is_recorded(shaken):
+    record = json.loads((shaken[1] / "result.json").read_text())
+    assert record["shift"]["unit"] == "pixel"
+    assert record["shift"]["x_y"][1] == pytest.approx((SHIFT, 0), abs=0.1)
+    page = (shaken[1] / "report.html").read_text(encoding="utf-8")
+    assert "shift of photograph 2 that its blur does not contain" in page
