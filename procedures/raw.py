@@ -22,6 +22,7 @@ from procedures.tiff_tags import (
     BLACK_DELTA_ROWS,
     BLACK_LEVEL,
     BLACK_REPEAT,
+    CFA_PATTERN,
     Tags,
     mosaic_tags,
 )
@@ -223,7 +224,7 @@ def _libraw(rawpy: Any) -> str:
 
 
 def _mosaic_planes(path: Path, raw: Any, tags: Tags, names: Sequence[str] | None) -> dict[str, Plane]:
-    _check_bayer(path, raw)
+    _check_bayer(path, raw, tags)
     _check_names(names, MOSAIC_PLANES, path)
     size = raw.sizes
     visible = raw.raw_image_visible
@@ -239,9 +240,10 @@ def _mosaic_planes(path: Path, raw: Any, tags: Tags, names: Sequence[str] | None
     return planes
 
 
-def _check_bayer(path: Path, raw: Any) -> None:
+def _check_bayer(path: Path, raw: Any, tags: Tags) -> None:
     """Raise BadInput unless the file holds a 2 x 2 mosaic of red, green, green and blue."""
-    if raw.num_colors == 1:
+    # LibRaw answers anything for a DNG without a pattern of colours
+    if raw.num_colors == 1 or (tags and CFA_PATTERN not in tags):
         raise BadInput(f"{path} comes from a monochrome sensor, without a mosaic", _MONOCHROME)
     try:
         pattern = raw.raw_pattern if raw.raw_type.name == "Flat" else None
