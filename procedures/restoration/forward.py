@@ -231,9 +231,9 @@ class FieldBlur:
 
 
 def _bands(work: NDArray[np.int64], n: int) -> NDArray[np.int64]:
-    """Limits of n bands of rows of about equal work, 0 .. rows."""
+    """Limits of n bands of rows of about equal work, 0 .. rows; even, so that the same rows are taken two by two."""
     done = np.concatenate([[0], np.cumsum(work)])
-    limits = np.searchsorted(done, np.arange(1, n) / n * done[-1])
+    limits = np.searchsorted(done, np.arange(1, n) / n * done[-1]) // 2 * 2
     return np.concatenate([[0], limits, [len(work)]]).astype(np.int64)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import fftconvolve
 
+from procedures.restoration import forward
 from procedures.restoration.blur_models import mask_stack, pillbox, uniform_motion
 from procedures.restoration.forward import Blur, FieldBlur, MaskStack
 
@@ -84,6 +85,18 @@ def test_a_window_is_photographed_as_it_is_in_the_whole(blur, depths, rng):
     part = blur.windowed(y, x)
     part.focus(depths[around])
     np.testing.assert_allclose(part.blur(u[around]), blur.blur(u)[y, x], atol=1e-12)
+
+
+def test_photographs_do_not_depend_on_the_number_of_threads(vibration_stacks, rng, monkeypatch):
+    monkeypatch.setattr(forward, "WORK_PER_THREAD", 1)
+    blur, found = Blur(vibration_stacks[0], SHAPE), []
+    w, u, e = rng.uniform(0.3, 4.2, blur.extended), rng.standard_normal(blur.extended), rng.standard_normal(SHAPE)
+    for threads in (1, 3):
+        monkeypatch.setattr(forward, "MOST_THREADS", threads)
+        blur.focus(w)
+        found.append((blur.blur(u), blur.blur_adjoint(e)))
+    for one, three in zip(*found, strict=True):
+        np.testing.assert_array_equal(one, three)
 
 
 def test_light_is_kept(vibration_stacks):
