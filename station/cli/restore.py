@@ -138,7 +138,8 @@ def restore(images: tuple[Path, ...], plane: str | None, out: Path, as_json: boo
         }
         text = write_restoration(folder, outcome, about, restoration_page(outcome, photographs, about))
     level = _LEVELS.get(str(outcome.verdict), "error")
-    log("restored", f"{outcome.verdict}: {outcome.reason or 'picture and depth restored'}", level=level)
+    told = outcome.reason or "picture and depth restored"
+    log("restored", f"{outcome.verdict}: {told}", level=level, remedy=outcome.remedy)
     log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))
     if as_json:
         click.echo(text, nl=False)

@@ -79,3 +79,24 @@ def test_the_shift_is_recorded(shaken):
     assert record["shift"]["x_y"][1] == pytest.approx((SHIFT, 0), abs=0.1)
     page = (shaken[1] / "report.html").read_text(encoding="utf-8")
     assert "shift of photograph 2 that its blur does not contain" in page
+
+
+def test_kernels_larger_than_the_range_are_doubted_and_told_what_to_do(shaken, tmp_path):
+    made = shaken[1].parent
+    files = [str(made / name) for name in ("0.png", "1.png", "kernel0.txt", "kernel1.txt")]
+    options = [
+        "--blur",
+        "motion",
+        "--shape",
+        *files[2:],
+        "--ratio",
+        "1.25",
+        "--max-w",
+        "2.5",
+        "--scheme",
+        "1x(2+2)+1x4",
+    ]
+    result = CliRunner().invoke(main, ["restore", *files[:2], *options, "--out", str(tmp_path / "out")])
+    assert result.exit_code == 0, result.output
+    assert "warning: doubtful: " in result.stderr
+    assert "what to do: " in result.stderr
