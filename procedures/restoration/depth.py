@@ -18,7 +18,7 @@ from scipy.ndimage import convolve1d, median_filter, uniform_filter
 from procedures.restoration.fields import Masks, over_frame
 from procedures.restoration.forward import Array, MaskStack
 from procedures.restoration.matching import semi_global
-from procedures.restoration.passes import MOST_THREADS
+from procedures.restoration.passes import most_threads
 
 F32 = NDArray[np.float32]
 
@@ -116,7 +116,7 @@ def _spectra(stack: MaskStack, w: float, shape: tuple[int, int]) -> Array:
     k = np.zeros(shape)
     size = 2 * stack.R + 1
     k[:size, :size] = stack.at(w)
-    return np.asarray(rfft2(np.roll(k, (-stack.R, -stack.R), (0, 1)), workers=MOST_THREADS))
+    return np.asarray(rfft2(np.roll(k, (-stack.R, -stack.R), (0, 1)), workers=most_threads()))
 
 
 def _extended(z: Array, margin: int) -> tuple[Array, tuple[int, int]]:
@@ -124,7 +124,7 @@ def _extended(z: Array, margin: int) -> tuple[Array, tuple[int, int]]:
     H, W = z.shape[2:]
     shape = (next_fast_len(H + 2 * margin, True), next_fast_len(W + 2 * margin, True))
     pads = [(margin, shape[k] - (H, W)[k] - margin) for k in (0, 1)]
-    return np.asarray(rfft2(np.pad(z, ((0, 0), (0, 0), *pads), mode="reflect"), workers=MOST_THREADS)), shape
+    return np.asarray(rfft2(np.pad(z, ((0, 0), (0, 0), *pads), mode="reflect"), workers=most_threads())), shape
 
 
 @over_frame
@@ -159,7 +159,7 @@ def cost_volume(
                 np.abs(masks[a]) ** 2 + floor / 2
             )
             scale = np.sqrt(noise) if whiten else 1.0
-            d = irfft2((spectra[a] * masks[b] - spectra[b] * masks[a]) / scale, shape, workers=MOST_THREADS)
+            d = irfft2((spectra[a] * masks[b] - spectra[b] * masks[a]) / scale, shape, workers=most_threads())
             d = d[:, margin : margin + H, margin : margin + W]
             square = (d**2).sum(axis=0)
             if not whiten:

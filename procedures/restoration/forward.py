@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procedures.restoration.kernels import gather, pairs_of, spread
-from procedures.restoration.passes import MOST_THREADS, in_bands
+from procedures.restoration.passes import in_bands, most_threads
 
 Array = NDArray[np.floating[Any]]
 
@@ -95,7 +95,7 @@ class Blur:
         if active is not None:
             self.level[~active] = -1
         work = np.where(self.level < 0, 0, self._work[self.level]).sum(axis=1)
-        threads = int(np.clip(work.sum() // WORK_PER_THREAD, 1, MOST_THREADS))
+        threads = int(np.clip(work.sum() // WORK_PER_THREAD, 1, most_threads()))
         R = self.stack.R
         self._bands, self._rows = _bands(work, threads), _bands(work[R : R + self.shape[0]], threads)
 

@@ -15,7 +15,7 @@ from numba.extending import intrinsic, models, register_model
 from numba.np.arrayobj import make_array
 
 LANES = 16
-"""Numbers in a vector: two of AVX, one of AVX-512; 8 took a third longer where masks are 9 to 15 wide."""
+"""Numbers in a vector: two of AVX, one of AVX-512; 8 took 14 to 40 % longer where masks are 9 to 13 wide."""
 
 _INDEX = ir.IntType(32)
 

@@ -13,9 +13,13 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.floating[Any]]
 
-MOST_THREADS = numba.get_num_threads()
 # a second thread is worth its waking from some milliseconds of work on
 NUMBERS_PER_THREAD = 20_000_000
+
+
+def most_threads() -> int:
+    """Threads that the calling thread may use: numba's own number, which workers beside others set to one."""
+    return int(numba.get_num_threads())
 
 
 def in_bands(work: Callable[[int, int], object], limits: Iterable[int]) -> None:
@@ -57,7 +61,7 @@ def gaussian(a: Array, sigma: float, truncate: float) -> Array:
     half = np.exp(-0.5 * (np.arange(reach + 1) / sigma) ** 2)
     half = (half / (2 * half.sum() - 1)).astype(a.dtype)
     a, down, across = np.ascontiguousarray(a), np.empty(a.shape, a.dtype), np.empty(a.shape, a.dtype)
-    limits = np.linspace(0, len(a), 1 + int(np.clip(a.size * reach // NUMBERS_PER_THREAD, 1, MOST_THREADS)))
+    limits = np.linspace(0, len(a), 1 + int(np.clip(a.size * reach // NUMBERS_PER_THREAD, 1, most_threads())))
     in_bands(lambda top, bottom: _window_down(a, half, down, top, bottom), limits)
     in_bands(lambda top, bottom: _window_across(down, half, across, top, bottom), limits)
     return across

@@ -92,7 +92,7 @@ def test_photographs_do_not_depend_on_the_number_of_threads(vibration_stacks, rn
     blur, found = Blur(vibration_stacks[0], SHAPE), []
     w, u, e = rng.uniform(0.3, 4.2, blur.extended), rng.standard_normal(blur.extended), rng.standard_normal(SHAPE)
     for threads in (1, 3):
-        monkeypatch.setattr(forward, "MOST_THREADS", threads)
+        monkeypatch.setattr(forward, "most_threads", lambda n=threads: n)
         blur.focus(w)
         found.append((blur.blur(u), blur.blur_adjoint(e)))
     for one, three in zip(*found, strict=True):
