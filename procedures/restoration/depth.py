@@ -195,6 +195,10 @@ def algorithm_3(
     return DepthStart(np.asarray(median_filter(levels[cost.argmin(axis=2)], median)), confidence_of(cost))
 
 
+# per cent of the frame on each side that does not tell what depths the scene spans
+OUTLYING = 0.5
+
+
 @dataclass(frozen=True)
 class Matching:
     """Semi-global matching of the whitened costs, which are chi-squares near 1 per channel at the truth.
@@ -220,7 +224,18 @@ def matched(
     Near the frame the differences contain what lies outside, so they count little there.
     """
     m = matching or Matching()
+    # over what the scene spans only: how a level's window and cost compare with others' depends on the largest
+    rough, _ = _matched_at(z, stacks, sigmas, levels_of(stacks, least, 2 * m.step), m)
     levels = levels_of(stacks, least, m.step)
+    low, high = np.percentile(rough, (OUTLYING, 100 - OUTLYING))
+    found, confidence = _matched_at(
+        z, stacks, sigmas, levels[(levels > low - 4 * m.step) & (levels < high + 4 * m.step)], m
+    )
+    return DepthStart(np.asarray(median_filter(found, m.median)), confidence)
+
+
+def _matched_at(z: Array, stacks: list[MaskStack], sigmas: Array, levels: Array, m: Matching) -> tuple[Array, Array]:
+    """w (H, W) of the levels given that match the whole frame at least cost, and its confidence."""
     volume = cost_volume(z, stacks, sigmas, levels, m.window, even=m.even)
     volume /= z.shape[1] * len(z) * (len(z) - 1) // 2
     confidence = confidence_of(volume)
@@ -229,8 +244,7 @@ def matched(
     np.expm1(volume, out=volume)
     volume *= -m.cap
     volume *= _inside(z.shape[2:], stacks[0].R)[..., None]
-    w = least_level(semi_global(volume, m.small, m.large), levels)
-    return DepthStart(np.asarray(median_filter(w, m.median)), confidence)
+    return least_level(semi_global(volume, m.small, m.large), levels), confidence
 
 
 def _inside(shape: tuple[int, ...], R: int) -> F32:
