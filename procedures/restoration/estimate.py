@@ -12,6 +12,7 @@ from scipy.ndimage import uniform_filter
 from procedures.outcome import BadParameter, Outcome, Verdict
 from procedures.restoration import alternate, checks, depth
 from procedures.restoration.cost import DataTerm
+from procedures.restoration.evidence import noise_gain
 from procedures.restoration.forward import Array, Blur, MaskStack
 from procedures.restoration.scheme import Schedule, Scheme
 
@@ -20,8 +21,6 @@ MOST_NOISE = 0.06
 STARTS = ("matched", "blur", "symmetric")
 # level differences of the matching's steps, taken as noise: below this the first costs say nothing more
 LEAST_START_SIGMA = 1.4e-3
-# mean squared difference of neighbours in sharp photographs of textured scenes, white = 1; validated on held-out scenes
-SHARPNESS = 6.3e-3
 
 
 @dataclass(frozen=True)
@@ -125,7 +124,7 @@ def restore(
     checks.check_texture(z, sigma)
     checks.check_registered(z, stacks[0].R)
     start = first_depth(z, stacks, sigma, p.depth_start)
-    schedule = Schedule(p.scheme.rounds, SHARPNESS, p.image_weight, p.depth_weight)
+    schedule = Schedule(p.scheme.rounds, p.image_weight, p.depth_weight)
     data, other = alternate.problem_of(z, stacks, trust, p.dtype)
     problem = alternate.Problem(
         data, other, p.scheme, schedule, sigma, reach_of(start.w, stacks), p.total_variation, p.depth_total_variation
@@ -145,12 +144,12 @@ def _restoration(data: DataTerm, state: alternate.State, start: depth.DepthStart
     R, inside = data.R, (slice(data.R, -data.R), slice(data.R, -data.R))
     data.focus(state.w)
     residual = data.residual(state.u)
-    spread = w_uncertainty(data, state.u, state.w, state.sigma)[inside]
+    spread = w_uncertainty(data, state.u, state.w, state.known.sigma)[inside]
     w = state.w[inside]
     limit = min(b.stack.max_w for b in data.blurs)
     diagnostics = Diagnostics(
-        noise=state.sigma,
-        residual_over_noise=float(np.median(np.abs(residual)) / 0.6745 / state.sigma),
+        noise=state.known.sigma,
+        residual_over_noise=float(np.median(np.abs(residual)) / 0.6745 / state.known.sigma),
         undetermined=float((spread > 0.5).mean()),
         noise_gain=noise_gain([b.stack for b in data.blurs], float(np.median(w)), state.history[-1].weights.picture),
         saturated=float((trust == 0).mean()),
@@ -173,15 +172,6 @@ def w_uncertainty(data: DataTerm, u: Array, w: Array, sigma: float, window: int 
     data.focus(w)
     power = uniform_filter((change**2).sum(axis=(0, 1)), window) * window**2
     return np.asarray(np.pad(sigma / np.sqrt(np.maximum(power, 1e-20)), data.R, mode="edge"))
-
-
-def noise_gain(stacks: list[MaskStack], w: float, weight: float) -> float:
-    """How much the restoration at one w amplifies white noise, standard deviation over standard deviation."""
-    size = 64
-    f = np.fft.fftfreq(size)
-    laplacian = 4 - 2 * np.cos(2 * np.pi * f)[:, None] - 2 * np.cos(2 * np.pi * f)[None, :]
-    power = sum(np.abs(np.fft.fft2(s.at(w), (size, size))) ** 2 for s in stacks)
-    return float(np.sqrt(np.mean(power / (power + weight * laplacian + 1e-12) ** 2)))
 
 
 def judge(result: Restoration) -> Outcome[Restoration]:

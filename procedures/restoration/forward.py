@@ -97,6 +97,7 @@ class Blur:
 
     def _spread(self, a: Array, b: Array) -> Array:
         """Photographs of coefficients (..., H + 2R, W + 2R) over the two neighbouring masks."""
+        a, b = np.asarray(a, self.dtype), np.asarray(b, self.dtype)
         inside = slice(self._margin + self.stack.R, self._margin + self.stack.R + self.shape[1])
         out = np.empty((*a.shape[:-2], *self.shape), self.dtype)
         numba.set_num_threads(self._rows.size - 1)
