@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from procedures.restoration.cost import DataTerm, restore_picture
 from procedures.restoration.evidence import moments
@@ -22,9 +23,6 @@ from procedures.restoration.scheme import DEPTH_SLOPE, Schedule, Scheme, Statist
 from procedures.restoration.segments import Labels, joined, mended, segments
 from procedures.restoration.steps import layers_of, place_steps
 
-import os
-BETW=[int(x) for x in os.environ.get("BETW","1").split(",")]
-FAR=float(os.environ.get("FAR",.4)); NEAR1=float(os.environ.get("NEAR1",.5)); NEAR2=float(os.environ.get("NEAR2",.65)); SOFT=float(os.environ.get("SOFT",1e-3))
 # of the half range of depth jumps between neighbours that a first depth is taken to mean
 JUMP = 0.35
 # gradient below which total variation is taken as quadratic (6.10), grey values of 1
@@ -62,7 +60,8 @@ class State:
 class Problem:
     """Photographs with their blurs, twice (two depths at once are needed at steps), and how to solve.
 
-    reach : pixels about a depth step within which the first depth is not believed.
+    reach : pixels about a depth step within which the first depth is not believed; misfit : (H', W'), where it did not
+    fit the photographs.
     """
 
     data: DataTerm
@@ -71,6 +70,7 @@ class Problem:
     schedule: Schedule
     sigma: float
     reach: int
+    misfit: NDArray[np.bool_]
     total_variation: bool = False
     depth_variation: bool = False
 
@@ -156,17 +156,16 @@ def _placed(problem: Problem, state: State, what: str, weights: Weights) -> tupl
     labels = segments(state.w, JUMP, doubt, state.labels)
     w = mended(state.w, labels, doubt, JUMP) if far else state.w
     layers = layers_of(w, labels, reach, doubt, JUMP, 2 if what == "far, between" else 1)
-    soft = max(weights.picture, SOFT if far else 1e-5)
-    return place_steps(problem.data, problem.other, state.u, w, labels, layers, soft, 4, 20 if far else 40)
+    # from afar a step is looked for only where the first depth did not fit
+    layers = replace(layers, band=layers.band & problem.misfit) if far else layers
+    soft = max(weights.picture, 1e-3 if far else 1e-5)
+    return place_steps(problem.data, problem.other, state.u, w, labels, layers, soft)
 
 
 def _steps_due(n: int, total: int) -> str:
-    """Which placing of depth steps opens round n: from afar over the first rounds, then twice from near."""
-    if total == 1:
-        return ""
-    far = round(FAR * total)
-    late = {round(NEAR1 * total): "near", round(NEAR2 * total): "nearer"}
-    return late.get(n, "" if n >= far else "far, between" if n in BETW else "far")
+    """Which placing of depth steps opens round n: from afar at first, then twice from near."""
+    late = {round(0.3 * total): "near", round(0.55 * total): "nearer"}
+    return {**late, 0: "far", 1: "far, between", 2: "far"}.get(n, "") if total > 1 else ""
 
 
 def _statistics(problem: Problem, u: Array, w: Array, weights: Weights, residual: float) -> Statistics:

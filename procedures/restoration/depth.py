@@ -22,10 +22,14 @@ F32 = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class DepthStart:
-    """A first depth: w (H, W) pixels, and its confidence in [0, 1]."""
+    """A first depth: w (H, W) pixels, its confidence in [0, 1], and where the photographs agree with it.
+
+    Beside a depth step the window sees both sides and no depth fits: there w is not to be trusted. Algorithms II and III do not say.
+    """
 
     w: Array
     confidence: Array
+    trusted: NDArray[np.bool_]
 
 
 # ---- Algorithm II
@@ -92,7 +96,8 @@ def algorithm_2(
     w = np.interp(found, relation, np.arange(len(relation)) * stacks[0].step)
     value, second = polynomial_filters(N)
     noise = sigma**2 * 2 * np.sum(value**2) * np.sum(second**2)
-    return DepthStart(np.asarray(median_filter(w, median)), power / (power + 10 * noise + 1e-20))
+    confidence = power / (power + 10 * noise + 1e-20)
+    return DepthStart(np.asarray(median_filter(w, median)), confidence, np.zeros(w.shape, bool))
 
 
 # ---- Algorithm III
@@ -192,7 +197,8 @@ def algorithm_3(
     """Depth from blur (8.1): least noise-compensated difference over the levels, then a median."""
     levels = levels_of(stacks, least)
     cost = cost_volume(z, stacks, sigmas, levels, window, whiten=False)
-    return DepthStart(np.asarray(median_filter(levels[cost.argmin(axis=2)], median)), confidence_of(cost))
+    w = np.asarray(median_filter(levels[cost.argmin(axis=2)], median))
+    return DepthStart(w, confidence_of(cost), np.zeros(w.shape, bool))
 
 
 # per cent of the frame on each side that does not tell what depths the scene spans
@@ -204,7 +210,8 @@ class Matching:
     """Semi-global matching of the whitened costs, which are chi-squares near 1 per channel at the truth.
 
     window : side of their mean, pixels; cap : cost at which a level is simply wrong; small, large : penalties of a
-    change by one level and by more; median : side of the last smoothing; step : of the levels, pixels.
+    change by one level and by more; median : side of the last smoothing; step : of the levels,
+    pixels; fits : cost up to which a level explains the photographs.
     """
 
     window: int = 5
@@ -214,6 +221,7 @@ class Matching:
     large: float = 24.0
     median: int = 7
     step: float = 0.15
+    fits: float = 3.0
 
 
 def matched(
@@ -225,17 +233,14 @@ def matched(
     """
     m = matching or Matching()
     # over what the scene spans only: how a level's window and cost compare with others' depends on the largest
-    rough, _ = _matched_at(z, stacks, sigmas, levels_of(stacks, least, 2 * m.step), m)
+    rough = _matched_at(z, stacks, sigmas, levels_of(stacks, least, 2 * m.step), m).w
     levels = levels_of(stacks, least, m.step)
     low, high = np.percentile(rough, (OUTLYING, 100 - OUTLYING))
-    found, confidence = _matched_at(
-        z, stacks, sigmas, levels[(levels > low - 4 * m.step) & (levels < high + 4 * m.step)], m
-    )
-    return DepthStart(np.asarray(median_filter(found, m.median)), confidence)
+    return _matched_at(z, stacks, sigmas, levels[(levels > low - 4 * m.step) & (levels < high + 4 * m.step)], m)
 
 
-def _matched_at(z: Array, stacks: list[MaskStack], sigmas: Array, levels: Array, m: Matching) -> tuple[Array, Array]:
-    """w (H, W) of the levels given that match the whole frame at least cost, and its confidence."""
+def _matched_at(z: Array, stacks: list[MaskStack], sigmas: Array, levels: Array, m: Matching) -> DepthStart:
+    """The levels given that match the whole frame at least cost."""
     volume = cost_volume(z, stacks, sigmas, levels, m.window, even=m.even)
     volume /= z.shape[1] * len(z) * (len(z) - 1) // 2
     confidence = confidence_of(volume)
@@ -243,8 +248,11 @@ def _matched_at(z: Array, stacks: list[MaskStack], sigmas: Array, levels: Array,
     volume /= -m.cap
     np.expm1(volume, out=volume)
     volume *= -m.cap
-    volume *= _inside(z.shape[2:], stacks[0].R)[..., None]
-    return least_level(semi_global(volume, m.small, m.large), levels), confidence
+    volume *= (inside := _inside(z.shape[2:], stacks[0].R))[..., None]
+    w = np.asarray(median_filter(least_level(semi_global(volume, m.small, m.large), levels), m.median))
+    nearest = np.clip(np.rint((w - levels[0]) / (levels[1] - levels[0])), 0, len(levels) - 1).astype(np.int64)
+    cost = np.take_along_axis(volume, nearest[..., None], axis=2)[..., 0] / inside
+    return DepthStart(w, confidence, cost < m.cap * (1 - np.exp(-m.fits / m.cap)))
 
 
 def _inside(shape: tuple[int, ...], R: int) -> F32:

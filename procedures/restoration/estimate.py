@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import uniform_filter
+from numpy.typing import NDArray
+from scipy.ndimage import binary_erosion, uniform_filter
 
 from procedures.outcome import BadParameter, Outcome, Verdict
 from procedures.restoration import alternate, checks, depth
@@ -127,7 +128,15 @@ def restore(
     schedule = Schedule(p.scheme.rounds, p.image_weight, p.depth_weight)
     data, other = alternate.problem_of(z, stacks, trust, p.dtype)
     problem = alternate.Problem(
-        data, other, p.scheme, schedule, sigma, reach_of(start.w, stacks), p.total_variation, p.depth_total_variation
+        data,
+        other,
+        p.scheme,
+        schedule,
+        sigma,
+        reach_of(start.w, stacks),
+        misfit_of(start.trusted, data.R),
+        p.total_variation,
+        p.depth_total_variation,
     )
     state = alternate.run(problem, alternate.begin(problem, start.w), progress)
     return judge(_restoration(data, state, start, trust))
@@ -138,6 +147,11 @@ def reach_of(w: Array, stacks: list[MaskStack]) -> int:
     w75 = float(np.percentile(w, 75))
     widths = [s.supports()[min(int(w75 / s.step) + 1, len(s.masks) - 1)] for s in stacks]
     return int(sum(sorted(widths)[-2:])) + 5
+
+
+def misfit_of(trusted: NDArray[np.bool_], R: int) -> NDArray[np.bool_]:
+    """Where a first depth is not trusted, and two pixels around, on the extended frame."""
+    return np.asarray(~binary_erosion(np.pad(trusted, R), iterations=2, border_value=1))
 
 
 def _restoration(data: DataTerm, state: alternate.State, start: depth.DepthStart, trust: Array) -> Restoration:

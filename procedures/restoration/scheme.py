@@ -51,6 +51,9 @@ def _plain(found: re.Match[str]) -> str:
 FIRST_PICTURE = 3e-4
 FIRST_DEPTH = 0.03
 HELD = 0.25
+# At the true depth 1 to 3 times sigma^2 / G restore alike within some per cent; where w errs by some hundredths of a
+# pixel, more is better.
+CAUTION = 3.0
 # what w usually changes by between neighbouring pixels away from depth steps
 DEPTH_SLOPE = 0.014
 
@@ -67,8 +70,8 @@ class Statistics:
 class Schedule:
     """Weights from round to round, never below what noise and contrast ask for.
 
-    picture, depth : final weights if given, else the ratio of noise and prior variance: sigma^2 / G, and sigma^2 over
-    the usual slope of w squared.
+    picture, depth : final weights if given, else the ratio of noise and prior variance: sigma^2 / G times `CAUTION`,
+    and sigma^2 over the usual slope of w squared.
     """
 
     rounds: int
@@ -76,8 +79,8 @@ class Schedule:
     depth: float | None = None
 
     def final(self, known: Statistics) -> Weights:
-        """Weights of the maximum a posteriori."""
-        picture = self.picture if self.picture is not None else known.sigma**2 / known.contrast
+        """Weights of the last rounds."""
+        picture = self.picture if self.picture is not None else CAUTION * known.sigma**2 / known.contrast
         return Weights(picture, self.depth if self.depth is not None else known.sigma**2 / DEPTH_SLOPE**2)
 
     def at(self, n: int, known: Statistics) -> Weights:

@@ -126,7 +126,7 @@ def _halved(w: Array, known: Array, sigma: float) -> Array:
     half = (w.shape[1] // 2, w.shape[0] // 2)
     k = cv2.resize(known, half, interpolation=cv2.INTER_AREA)
     v = cv2.resize(known * w, half, interpolation=cv2.INTER_AREA) / np.maximum(k, 1e-12)
-    small = continued(v, k, sigma)
+    small = continued(np.asarray(v, w.dtype), np.asarray(k, w.dtype), sigma)
     return np.asarray(cv2.resize(small, w.shape[::-1], interpolation=cv2.INTER_LINEAR), dtype=w.dtype)
 
 
