@@ -12,12 +12,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from procedures.restoration.cost import DataTerm, restore_picture
+from procedures.restoration.evidence import fitted_by_depth, moments
 from procedures.restoration.forward import Array, Blur
 from procedures.restoration.newton import Weights, joint_step
 from procedures.restoration.priors import depth_variation, roughness, steps_allowed, total_variation
-from procedures.restoration.scheme import DEPTH_SLOPE, Schedule, Scheme
+from procedures.restoration.scheme import DEPTH_SLOPE, Schedule, Scheme, Statistics
 from procedures.restoration.segments import Labels, joined, mended, segments
 from procedures.restoration.steps import layers_of, place_steps
 
@@ -25,8 +27,8 @@ from procedures.restoration.steps import layers_of, place_steps
 JUMP = 0.35
 # gradient below which total variation is taken as quadratic (6.10), grey values of 1
 LEAST_GRADIENT = 0.005
-# residual of a pair fitted to two photographs, as a part of their noise
-FITTED = 0.55
+# mean squared gradient of textured scenes, white = 1: what is believed until one is restored
+CONTRAST = 0.013
 
 
 @dataclass(frozen=True)
@@ -44,12 +46,12 @@ class Round:
 
 @dataclass(frozen=True)
 class State:
-    """Where the rounds stand: n done, picture (C, H', W'), depth (H', W'), noise estimate, history."""
+    """Where the rounds stand: n done, picture (C, H', W'), depth (H', W'), noise and contrast, history."""
 
     n: int
     u: Array
     w: Array
-    sigma: float
+    known: Statistics
     history: tuple[Round, ...] = ()
     labels: Labels | None = None
 
@@ -58,7 +60,8 @@ class State:
 class Problem:
     """Photographs with their blurs, twice (two depths at once are needed at steps), and how to solve.
 
-    reach : pixels about a depth step within which the first depth is not believed.
+    reach : pixels about a depth step within which the first depth is not believed; misfit : (H', W'), where it did not
+    fit the photographs, if that is known.
     """
 
     data: DataTerm
@@ -69,6 +72,7 @@ class Problem:
     reach: int
     total_variation: bool = False
     depth_variation: bool = False
+    misfit: NDArray[np.bool_] | None = None
 
 
 def problem_of(
@@ -88,8 +92,9 @@ def begin(problem: Problem, w: Array) -> State:
     mean = (data.z * data.trust).sum(axis=0) / np.maximum(data.trust.sum(axis=0), 1e-6)
     u = np.pad(mean, ((0, 0), (R, R), (R, R)), mode="edge").astype(dtype)
     data.focus(wide)
-    weight = max(1e-3, problem.schedule.final(problem.sigma).picture)
-    return State(0, restore_picture(data, u, weight, 15), wide, problem.sigma)
+    known = Statistics(problem.sigma, CONTRAST)
+    weight = max(1e-3, problem.schedule.final(known).picture)
+    return State(0, restore_picture(data, u, weight, 15), wide, known)
 
 
 def cost(problem: Problem, u: Array, w: Array, weights: Weights) -> tuple[float, float]:
@@ -106,7 +111,7 @@ def _diffusion(problem: Problem, u: Array) -> tuple[Array | float, Array | float
     if not problem.total_variation:
         return 1.0, 1.0
     down, across = total_variation(u, LEAST_GRADIENT)
-    scale = np.sqrt(problem.schedule.sharpness) / 2
+    scale = np.sqrt(CONTRAST) / 3
     return down * u.dtype.type(scale), across * u.dtype.type(scale)
 
 
@@ -128,20 +133,20 @@ def rounds(problem: Problem, state: State) -> Iterator[State]:
 def one_round(problem: Problem, state: State) -> State:
     """The state after one more round: steps placed if it is their turn, then a joint Gauss-Newton step."""
     start = time.perf_counter()
-    weights = problem.schedule.at(state.n, state.sigma)
+    weights = problem.schedule.at(state.n, state.known)
     what = _steps_due(state.n, problem.scheme.rounds)
     u, w, labels = _placed(problem, state, what, weights) if what else (state.u, state.w, state.labels)
     iterations = problem.scheme.picture + problem.scheme.depth
     u, w = joint_step(
         problem.data, u, w, weights, iterations, _diffusion(problem, u), _edges(problem, w, weights, labels)
     )
-    final = problem.schedule.final(state.sigma)
+    final = problem.schedule.final(state.known)
     value, residual = cost(problem, u, w, final)
     done = Round(
         state.n, f"steps {what} + joint" if what else "joint", value, residual,
         float(np.abs(w - state.w).mean()), time.perf_counter() - start, weights,
     )  # fmt: skip
-    return State(state.n + 1, u, w, _noise(problem, residual), (*state.history, done), labels)
+    return State(state.n + 1, u, w, _statistics(problem, u, w, weights, residual), (*state.history, done), labels)
 
 
 def _placed(problem: Problem, state: State, what: str, weights: Weights) -> tuple[Array, Array, Labels]:
@@ -150,7 +155,9 @@ def _placed(problem: Problem, state: State, what: str, weights: Weights) -> tupl
     reach, doubt = (problem.reach, problem.reach - 1) if far else {"near": (5, 2), "nearer": (3, 1)}[what]
     labels = segments(state.w, JUMP, doubt, state.labels)
     w = mended(state.w, labels, doubt, JUMP) if far else state.w
-    layers = layers_of(w, labels, reach, doubt, JUMP, 2 if what == "far, between" else 1)
+    # from afar a step is looked for only where the first depth did not fit
+    where = problem.misfit if far else None
+    layers = layers_of(w, labels, reach, doubt, JUMP, 2 if what == "far, between" else 1, where)
     soft = max(weights.picture, 1e-3 if far else 1e-5)
     return place_steps(problem.data, problem.other, state.u, w, labels, layers, soft)
 
@@ -161,15 +168,19 @@ def _steps_due(n: int, total: int) -> str:
     return {**late, 0: "far", 1: "far, between", 2: "far"}.get(n, "") if total > 1 else ""
 
 
-def _noise(problem: Problem, residual: float) -> float:
-    """Noise consistent with the residual, never above the first estimate: what a fit leaves is `FITTED` of it."""
-    return float(np.clip(residual / FITTED, 1e-5, problem.sigma))
+def _statistics(problem: Problem, u: Array, w: Array, weights: Weights, residual: float) -> Statistics:
+    """Noise and contrast that residual and picture of a round suggest; the noise at most half above the first."""
+    R, stacks = problem.data.R, [blur.stack for blur in problem.data.blurs]
+    gradient = 2 * roughness(u[:, R:-R, R:-R]) / u[:, R:-R, R:-R].size
+    fitted = fitted_by_depth(problem.data, u, weights.depth)
+    noise, contrast = moments(stacks, float(np.median(w)), weights.picture, residual**2, gradient, fitted)
+    return Statistics(min(float(np.sqrt(noise)), 1.5 * problem.sigma), contrast)
 
 
 def finish(problem: Problem, state: State) -> State:
     """The picture alone, at the depth found, with the final weight: N_TV times N_u iterations."""
     start = time.perf_counter()
-    weights = problem.schedule.final(state.sigma)
+    weights = problem.schedule.final(state.known)
     problem.data.focus(state.w)
     u = state.u
     for _ in range(problem.scheme.final_rounds):
@@ -187,7 +198,7 @@ def run(problem: Problem, state: State, progress: Callable[[Round], None] | None
         if progress:
             progress(now.history[-1])
         # costs compare under one noise estimate only; the rounds lower it, so compare under today's
-        value = cost(problem, now.u, now.w, problem.schedule.final(now.sigma))[0]
+        value = cost(problem, now.u, now.w, problem.schedule.final(now.known))[0]
         if value <= least * 1.05:
             best, least = now, min(value, least)
     done = finish(problem, replace(best, history=last.history))

@@ -25,10 +25,15 @@ F32 = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class DepthStart:
-    """A first depth: w (H, W) pixels, and its confidence in [0, 1]."""
+    """A first depth: w (H, W) pixels, its confidence in [0, 1], and where the photographs agree with it.
+
+    Beside a depth step the window sees both sides and no depth fits: there w is not to be trusted. Algorithms II
+    and III do not say.
+    """
 
     w: Array
     confidence: Array
+    trusted: NDArray[np.bool_]
 
 
 # ---- Algorithm II
@@ -93,7 +98,8 @@ def algorithm_2(
     w = _width(found, stacks, direction)
     value, second = polynomial_filters(N)
     noise = sigma**2 * 2 * np.sum(value**2) * np.sum(second**2)
-    return DepthStart(np.asarray(median_filter(w, median)), power / (power + 10 * noise + 1e-20))
+    confidence = power / (power + 10 * noise + 1e-20)
+    return DepthStart(np.asarray(median_filter(w, median)), confidence, np.zeros(w.shape, bool))
 
 
 @over_frame
@@ -202,7 +208,12 @@ def algorithm_3(
     """Depth from blur (8.1): least noise-compensated difference over the levels, then a median."""
     levels = levels_of(stacks, least)
     cost = cost_volume(z, stacks, sigmas, levels, window, whiten=False)
-    return DepthStart(np.asarray(median_filter(levels[cost.argmin(axis=2)], median)), confidence_of(cost))
+    w = np.asarray(median_filter(levels[cost.argmin(axis=2)], median))
+    return DepthStart(w, confidence_of(cost), np.zeros(w.shape, bool))
+
+
+# per cent of the frame on each side that does not tell what depths the scene spans
+OUTLYING = 0.5
 
 
 @dataclass(frozen=True)
@@ -210,7 +221,8 @@ class Matching:
     """Semi-global matching of the whitened costs, which are chi-squares near 1 per channel at the truth.
 
     window : side of their mean, pixels; cap : cost at which a level is simply wrong; small, large : penalties of a
-    change by one level and by more; median : side of the last smoothing; step : of the levels, pixels.
+    change by one level and by more; median : side of the last smoothing; step : of the levels,
+    pixels; fits : cost up to which a level explains the photographs.
     """
 
     window: int = 5
@@ -220,6 +232,7 @@ class Matching:
     large: float = 24.0
     median: int = 7
     step: float = 0.15
+    fits: float = 3.0
 
 
 def matched(
@@ -230,7 +243,15 @@ def matched(
     Near the frame the differences contain what lies outside, so they count little there.
     """
     m = matching or Matching()
+    # over what the scene spans only: how a level's window and cost compare with others' depends on the largest
+    rough = _matched_at(z, stacks, sigmas, levels_of(stacks, least, 2 * m.step), m).w
     levels = levels_of(stacks, least, m.step)
+    low, high = np.percentile(rough, (OUTLYING, 100 - OUTLYING))
+    return _matched_at(z, stacks, sigmas, levels[(levels > low - 4 * m.step) & (levels < high + 4 * m.step)], m)
+
+
+def _matched_at(z: Array, stacks: Sequence[Masks], sigmas: Array, levels: Array, m: Matching) -> DepthStart:
+    """The levels given that match the whole frame at least cost."""
     volume = cost_volume(z, stacks, sigmas, levels, m.window, even=m.even)
     volume /= z.shape[1] * len(z) * (len(z) - 1) // 2
     confidence = confidence_of(volume)
@@ -238,9 +259,11 @@ def matched(
     volume /= -m.cap
     np.expm1(volume, out=volume)
     volume *= -m.cap
-    volume *= _inside(z.shape[2:], stacks[0].R)[..., None]
-    w = least_level(semi_global(volume, m.small, m.large), levels)
-    return DepthStart(np.asarray(median_filter(w, m.median)), confidence)
+    volume *= (inside := _inside(z.shape[2:], stacks[0].R))[..., None]
+    w = np.asarray(median_filter(least_level(semi_global(volume, m.small, m.large), levels), m.median))
+    nearest = np.clip(np.rint((w - levels[0]) / (levels[1] - levels[0])), 0, len(levels) - 1).astype(np.int64)
+    cost = np.take_along_axis(volume, nearest[..., None], axis=2)[..., 0] / inside
+    return DepthStart(w, confidence, cost < m.cap * (1 - np.exp(-m.fits / m.cap)))
 
 
 def _inside(shape: tuple[int, ...], R: int) -> F32:

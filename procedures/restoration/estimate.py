@@ -7,15 +7,16 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import convolve1d, uniform_filter
+from numpy.typing import NDArray
+from scipy.ndimage import binary_erosion, convolve1d, uniform_filter
 
 from procedures.outcome import BadParameter, Outcome, Verdict
 from procedures.restoration import alternate, checks, depth, register
 from procedures.restoration.cost import DataTerm
+from procedures.restoration.evidence import noise_gain
 from procedures.restoration.fields import MaskField, Masks, one_grid
-from procedures.restoration.forward import Array, MaskStack
+from procedures.restoration.forward import Array
 from procedures.restoration.scheme import Schedule, Scheme
-from procedures.restoration.sharpness import sharpness_of
 
 # noise of the restored picture beyond which ringing hides its detail, white = 1
 MOST_NOISE = 0.06
@@ -163,10 +164,18 @@ def restore(
     sigma = noise_of(z, stacks)
     start = first_depth(z, stacks, sigma, p.depth_start)
     fields = one_grid(stacks)
-    schedule = Schedule(p.scheme.rounds, sharpness_of(z, fields, start.w, sigma), p.image_weight, p.depth_weight)
+    schedule = Schedule(p.scheme.rounds, p.image_weight, p.depth_weight)
     data, other = alternate.problem_of(z, fields, trust, p.dtype, MaskField.blur)
     problem = alternate.Problem(
-        data, other, p.scheme, schedule, sigma, reach_of(start.w, stacks), p.total_variation, p.depth_total_variation
+        data,
+        other,
+        p.scheme,
+        schedule,
+        sigma,
+        reach_of(start.w, stacks),
+        p.total_variation,
+        p.depth_total_variation,
+        misfit_of(start.trusted, data.R),
     )
     state = alternate.run(problem, alternate.begin(problem, start.w), progress)
     return judge(_restoration(data, state, start, brought, saturated))
@@ -179,17 +188,22 @@ def reach_of(w: Array, stacks: Sequence[Masks]) -> int:
     return int(sum(sorted(widths)[-2:])) + 5
 
 
+def misfit_of(trusted: NDArray[np.bool_], R: int) -> NDArray[np.bool_]:
+    """Where a first depth is not trusted, and two pixels around, on the extended frame."""
+    return np.asarray(~binary_erosion(np.pad(trusted, R), iterations=2, border_value=1))
+
+
 def _restoration(
     data: DataTerm, state: alternate.State, start: depth.DepthStart, brought: register.Registered, saturated: float
 ) -> Restoration:
     R, inside = data.R, (slice(data.R, -data.R), slice(data.R, -data.R))
     data.focus(state.w)
     residual = data.residual(state.u)
-    spread = w_uncertainty(data, state.u, state.w, state.sigma)[inside]
+    spread = w_uncertainty(data, state.u, state.w, state.known.sigma)[inside]
     w = state.w[inside]
     limit = min(b.stack.max_w for b in data.blurs)
     diagnostics = Diagnostics(
-        noise=state.sigma,
+        noise=state.known.sigma,
         residual_over_noise=_over_noise(residual, data),
         undetermined=float((spread > 0.5).mean()),
         noise_gain=noise_gain([b.stack for b in data.blurs], float(np.median(w)), state.history[-1].weights.picture),
@@ -220,15 +234,6 @@ def w_uncertainty(data: DataTerm, u: Array, w: Array, sigma: float, window: int 
     data.focus(w)
     power = uniform_filter((change**2).sum(axis=(0, 1)), window) * window**2
     return np.asarray(np.pad(sigma / np.sqrt(np.maximum(power, 1e-20)), data.R, mode="edge"))
-
-
-def noise_gain(stacks: list[MaskStack], w: float, weight: float) -> float:
-    """How much the restoration at one w amplifies white noise, standard deviation over standard deviation."""
-    size = 64
-    f = np.fft.fftfreq(size)
-    laplacian = 4 - 2 * np.cos(2 * np.pi * f)[:, None] - 2 * np.cos(2 * np.pi * f)[None, :]
-    power = sum(np.abs(np.fft.fft2(s.at(w), (size, size))) ** 2 for s in stacks)
-    return float(np.sqrt(np.mean(power / (power + weight * laplacian + 1e-12) ** 2)))
 
 
 def judge(result: Restoration) -> Outcome[Restoration]:

@@ -51,33 +51,43 @@ def _plain(found: re.Match[str]) -> str:
 FIRST_PICTURE = 3e-4
 FIRST_DEPTH = 0.03
 HELD = 0.25
+# At the true depth 1 to 3 times sigma^2 / G restore alike within some per cent; where w errs by some hundredths of a
+# pixel, more is better.
+CAUTION = 3.0
 # what w usually changes by between neighbouring pixels away from depth steps
 DEPTH_SLOPE = 0.014
 
 
 @dataclass(frozen=True)
-class Schedule:
-    """Weights from round to round, never below what the noise asks for.
+class Statistics:
+    """What the weights are made of: noise sigma, and the mean squared gradient G of the sharp picture, white = 1."""
 
-    picture, depth : final weights if given, else from the noise. sharpness : mean squared differences of
-    neighbours, down and across together, expected of the sharp picture, grey values squared.
+    sigma: float
+    contrast: float
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """Weights from round to round, never below what noise and contrast ask for.
+
+    picture, depth : final weights if given, else the ratio of noise and prior variance: sigma^2 / G times `CAUTION`,
+    and sigma^2 over the usual slope of w squared.
     """
 
     rounds: int
-    sharpness: float
     picture: float | None = None
     depth: float | None = None
 
-    def final(self, sigma: float) -> Weights:
-        """Weights that make the priors' and the noise's log-likelihoods comparable: sigma^2 / variance."""
-        picture = self.picture if self.picture is not None else sigma**2 / self.sharpness
-        return Weights(picture, self.depth if self.depth is not None else sigma**2 / DEPTH_SLOPE**2)
+    def final(self, known: Statistics) -> Weights:
+        """Weights of the last rounds."""
+        picture = self.picture if self.picture is not None else CAUTION * known.sigma**2 / known.contrast
+        return Weights(picture, self.depth if self.depth is not None else known.sigma**2 / DEPTH_SLOPE**2)
 
-    def at(self, n: int, sigma: float) -> Weights:
-        """Weights of round n = 0, 1, ... for a noise of `sigma`."""
+    def at(self, n: int, known: Statistics) -> Weights:
+        """Weights of round n = 0, 1, ..."""
         held = int(HELD * self.rounds)
         t = max(0, n - held) / max(1, self.rounds - 1 - held)
-        least = self.final(sigma)
+        least = self.final(known)
         return Weights(
             max(least.picture, FIRST_PICTURE * (1e-7 / FIRST_PICTURE) ** t),
             max(least.depth, FIRST_DEPTH * (1e-5 / FIRST_DEPTH) ** t),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import (
@@ -19,6 +20,7 @@ from procedures.restoration.forward import Array
 from procedures.restoration.passes import gaussian
 
 Labels = NDArray[np.int32]
+Mask = NDArray[np.bool_]
 
 # distances from the nearest jump at which parts that hang together are one: first the broad ones, so that a gap
 # in a line of jumps does not join what lies on its two sides
@@ -26,6 +28,8 @@ CLEAR = (14, 9, 6, 4, 3)
 # fewer clear pixels are a blemish of the surface around them
 LEAST_PIXELS = 40
 BLEMISH_PIXELS = 400
+# part of a window that has to be known for its plane to be believed
+SCARCE = 0.03
 
 
 def span(w: Array, size: int = 3) -> Array:
@@ -95,21 +99,36 @@ def _meetings(labels: Labels, own: Array) -> dict[tuple[int, int], Array]:
 def continued(w: Array, known: Array, sigma: float) -> Array:
     """w continued from where `known` is 1: at each pixel, the plane that fits the known depths around it best.
 
-    Gaussian window of `sigma` pixels; the slope is damped, so far from any known depth it is a mean.
+    Gaussian window of `sigma` pixels, twice as wide and wider where it holds nearly nothing known. The slope is damped,
+    so far from any known depth it is a mean.
     """
 
     def mean(a: Array) -> Array:
         return gaussian(a, sigma, truncate=3.5)
 
     y, x = np.indices(w.shape).astype(w.dtype)
-    m = mean(known) + 1e-12
+    mass = mean(known)
+    m = mass + 1e-12
     mx, my, mw = mean(known * x) / m, mean(known * y) / m, mean(known * w) / m
     xx = mean(known * x * x) / m - mx**2 + sigma / 4
     yy = mean(known * y * y) / m - my**2 + sigma / 4
     xy = mean(known * x * y) / m - mx * my
     xw, yw = mean(known * x * w) / m - mx * mw, mean(known * y * w) / m - my * mw
     det = xx * yy - xy**2
-    return np.asarray(mw + (yy * xw - xy * yw) / det * (x - mx) + (xx * yw - xy * xw) / det * (y - my))
+    found = mw + (yy * xw - xy * yw) / det * (x - mx) + (xx * yw - xy * xw) / det * (y - my)
+    if mass.min() > SCARCE or min(w.shape) < 4 * sigma:
+        return np.asarray(found)
+    wider = _halved(w, known, sigma)
+    return np.asarray(wider + mass / (mass + SCARCE) * (found - wider))
+
+
+def _halved(w: Array, known: Array, sigma: float) -> Array:
+    """The same from a picture of half the size, in which the window is twice as wide."""
+    half = (w.shape[1] // 2, w.shape[0] // 2)
+    k = cv2.resize(known, half, interpolation=cv2.INTER_AREA)
+    v = cv2.resize(known * w, half, interpolation=cv2.INTER_AREA) / np.maximum(k, 1e-12)
+    small = continued(np.asarray(v, w.dtype), np.asarray(k, w.dtype), sigma)
+    return np.asarray(cv2.resize(small, w.shape[::-1], interpolation=cv2.INTER_LINEAR), dtype=w.dtype)
 
 
 def mended(w: Array, labels: Labels, doubt: int, jump: float) -> Array:

@@ -19,7 +19,7 @@ from procedures.restoration.cost import DataTerm, conjugate_gradients
 from procedures.restoration.forward import Array
 from procedures.restoration.newton import PICTURE_CURVATURE
 from procedures.restoration.priors import diffuse
-from procedures.restoration.segments import Labels, surfaces
+from procedures.restoration.segments import Labels, Mask, surfaces
 
 SHARE_CURVATURE = 0.05
 SHARE_WEIGHT = 1e-4
@@ -39,11 +39,13 @@ class Layers:
     low_label: Labels
 
 
-def layers_of(w: Array, labels: Labels, reach: int, doubt: int, jump: float, rank: int = 1) -> Layers:
+def layers_of(
+    w: Array, labels: Labels, reach: int, doubt: int, jump: float, rank: int = 1, where: Mask | None = None
+) -> Layers:
     """Layers within `reach` of every border between segments: the pixel's own surface and its neighbour's.
 
     Depths within `doubt` pixels of a border are not believed. rank : 1 for the nearest neighbour, 2 for the next, which
-    may be what lies between two others.
+    may be what lies between two others; where : pixels that may compete at all.
     """
     found = surfaces(w, labels, reach, doubt, rank)
     rises = found.own > found.other
@@ -52,6 +54,8 @@ def layers_of(w: Array, labels: Labels, reach: int, doubt: int, jump: float, ran
     up = rises[tuple(nearest)] if found.near.any() else rises
     high, low = np.where(rises, found.own, found.other), np.where(rises, found.other, found.own)
     band = found.near & (high - low > jump / 2)
+    if where is not None:
+        band &= where
     if not band.any():
         return _no_layers(w, labels)
     # undecided where the rough map decided wrongly: a share that begins at 0 or 1 is slow to leave it

@@ -22,21 +22,20 @@ from procedures.restoration import alternate
 from procedures.restoration.cost import restore_picture
 from procedures.restoration.estimate import RestorationParameters, noise_of, restore
 from procedures.restoration.scheme import Schedule, Scheme
-from procedures.restoration.sharpness import sharpness_of
 
 Array = NDArray[np.floating]
 BLURS, DEPTHS = ("vibration", "uniform", "coma", "pillbox"), ("square", "leaf")
 
 
 def at_true_depth(case: Scene) -> Array:
-    """The picture (H, W) at the true depth: what knowing it would give."""
+    """The picture (H, W) at the true depth with the best of several weights: what knowing both would give."""
     data, other = alternate.problem_of(case.z, case.stacks, np.ones((2, 1, *case.w.shape)), np.float32)
     sigma = noise_of(case.z, case.stacks)
-    sharpness = sharpness_of(case.z, case.stacks, case.w, sigma)
-    problem = alternate.Problem(data, other, Scheme(), Schedule(20, sharpness), sigma, 12)
+    problem = alternate.Problem(data, other, Scheme(), Schedule(20), sigma, 12)
     state = alternate.begin(problem, case.w)
-    u = restore_picture(data, state.u, max(sigma**2 / sharpness, 1e-6), 150)
-    return np.asarray(u[0, data.R : -data.R, data.R : -data.R])
+    R, least = data.R, max(sigma**2 / alternate.CONTRAST, 1e-7)
+    found = [restore_picture(data, state.u, factor * least, 150)[0, R:-R, R:-R] for factor in (0.3, 1.0, 3.0)]
+    return np.asarray(min(found, key=case.error))
 
 
 def compare(case: Scene, thesis: bool) -> None:

@@ -25,7 +25,6 @@ from procedures.restoration.cost import restore_picture
 from procedures.restoration.estimate import RestorationParameters, noise_of, restore
 from procedures.restoration.forward import MaskStack
 from procedures.restoration.scheme import Scheme
-from procedures.restoration.sharpness import sharpness_of
 
 Array = NDArray[np.float64]
 # grids on which rivals are tuned: depths as percentiles of the true w, Wiener's balance, iterations
@@ -76,7 +75,7 @@ def at_depth(case: Case, *depths: Array, stacks: list[MaskStack] | None = None) 
     data, _ = alternate.problem_of(case.z, stacks, np.ones((2, 1, *case.w.shape)), np.float32)
     R, found = data.R, []
     for w in depths:
-        least = max(sigma**2 / sharpness_of(case.z, stacks, w, sigma), 1e-6)
+        least = max(sigma**2 / alternate.CONTRAST, 1e-6)
         data.focus(np.pad(w, R, mode="edge").astype(np.float32))
         u = np.pad(case.z.mean(axis=0), ((0, 0), (R, R), (R, R)), mode="edge").astype(np.float32)
         for weight in (100 * least, 10 * least, least):

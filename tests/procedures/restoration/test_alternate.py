@@ -16,7 +16,7 @@ def problem(vibrating):
     trust = np.ones((2, 1, *vibrating.z.shape[2:]))
     data, other = alternate.problem_of(vibrating.z, vibrating.stacks, trust, np.float32)
     scheme = Scheme(8, 6, 6, 2, 10)
-    return alternate.Problem(data, other, scheme, Schedule(8, 6e-3), 0.0015, 12)
+    return alternate.Problem(data, other, scheme, Schedule(8), 0.0015, 12)
 
 
 @pytest.fixture(scope="module")
