@@ -13,13 +13,13 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from procedures.restoration.kernels import VECTOR, gather, spread
+from procedures.restoration.kernels import gather, pairs_of, spread
 
 Array = NDArray[np.floating[Any]]
 
 MOST_THREADS = numba.get_num_threads()
-WORK_PER_THREAD = 10_000_000
-"""Products of a mask's entry and a pixel that occupy a thread for a few milliseconds."""
+WORK_PER_THREAD = 20_000_000
+"""Pairs of products of a mask's entry and a pixel that occupy a thread for some milliseconds."""
 
 
 @dataclass(frozen=True)
@@ -55,11 +55,6 @@ class MaskStack:
         ring = np.maximum(distance[:, None], distance[None, :])
         return np.maximum.accumulate([int(np.max(ring * (mask != 0))) for mask in self.masks]).astype(np.int32)
 
-    def padded(self, dtype: type[np.floating[Any]]) -> Array:
-        """Masks whose rows are padded with zeros to whole vectors."""
-        size = self.masks.shape[2]
-        return np.pad(self.masks, ((0, 0), (0, 0), (0, -size % VECTOR))).astype(dtype)
-
 
 class Blur:
     """One photograph's masks, focused on a depth map, ready to act on any number of channels.
@@ -73,14 +68,15 @@ class Blur:
 
     def __init__(self, stack: MaskStack, shape: tuple[int, int], dtype: type[np.floating[Any]] = np.float64) -> None:
         self.stack, self.shape, self.dtype = stack, shape, dtype
-        self.masks, self.radius = stack.padded(dtype), stack.supports()
+        self._pairs = pairs_of(stack.masks, dtype)
+        self._work = self._pairs.width * (self._pairs.last - self._pairs.first + 1)
+        self._margin = int(self._pairs.width.max()) // 2
         R = stack.R
         self.extended = (shape[0] + 2 * R, shape[1] + 2 * R)
-        self._out = np.zeros((shape[0], shape[1] + 4 * R + VECTOR), dtype)
-        self._errors = np.zeros((shape[0] + 4 * R, shape[1] + 4 * R + VECTOR), dtype)
-        # a second thread is worth its waking from some milliseconds of work on
-        work = self.extended[0] * self.extended[1] * int(np.median((2 * self.radius + 1) ** 2))
-        self._threads = min(MOST_THREADS, max(1, work // WORK_PER_THREAD))
+        self._stride = self.extended[1] + 2 * self._margin
+        self._out = np.zeros((shape[0], self._stride), dtype)
+        # pixels are taken two by two, and the second may lie below the last
+        self._errors = np.zeros((shape[0] + 4 * R + 1, self._stride), dtype)
         self._low, self._high = np.empty(self.extended, dtype), np.empty(self.extended, dtype)
         self.focus(np.zeros(self.extended, dtype))
 
@@ -90,30 +86,34 @@ class Blur:
         Pixels that are not `active` neither send nor receive until the next call.
         """
         scaled = np.clip(w, 0, self.stack.max_w) / self.stack.step
-        self.level = np.minimum(scaled.astype(np.int32), len(self.masks) - 2)
+        self.level = np.minimum(scaled.astype(np.int32), len(self.stack.masks) - 2)
         self.f = (scaled - self.level).astype(self.dtype)
         if active is not None:
             self.level[~active] = -1
+        work = np.where(self.level < 0, 0, self._work[self.level]).sum(axis=1)
+        threads = int(np.clip(work.sum() // WORK_PER_THREAD, 1, MOST_THREADS))
+        R = self.stack.R
+        self._bands, self._rows = _bands(work, threads), _bands(work[R : R + self.shape[0]], threads)
 
     def _spread(self, a: Array, b: Array) -> Array:
         """Photographs of coefficients (..., H + 2R, W + 2R) over the two neighbouring masks."""
-        R = self.stack.R
+        inside = slice(self._margin + self.stack.R, self._margin + self.stack.R + self.shape[1])
         out = np.empty((*a.shape[:-2], *self.shape), self.dtype)
+        numba.set_num_threads(self._rows.size - 1)
         for n in np.ndindex(a.shape[:-2]):
-            numba.set_num_threads(self._threads)
-            spread(a[n], b[n], self.level, self.masks, self.radius, self._out)
-            out[n] = self._out[:, 2 * R : 2 * R + self.shape[1]]
+            spread(a[n], b[n], self.level, self._pairs, self._rows, self._margin, self._out.ravel())
+            out[n] = self._out[:, inside]
         return out
 
     def _gather(self, e: Array) -> tuple[Array, Array]:
         """Products of the errors (..., H, W) with the lower mask, and with the masks' difference."""
-        R = self.stack.R
+        R, left = self.stack.R, self._margin + self.stack.R
         low = np.empty((*e.shape[:-2], *self.extended), self.dtype)
         slope = np.empty_like(low)
+        numba.set_num_threads(self._bands.size - 1)
         for n in np.ndindex(e.shape[:-2]):
-            self._errors[2 * R : 2 * R + self.shape[0], 2 * R : 2 * R + self.shape[1]] = e[n]
-            numba.set_num_threads(self._threads)
-            gather(self._errors, self.level, self.masks, self.radius, self._low, self._high)
+            self._errors[2 * R : 2 * R + self.shape[0], left : left + self.shape[1]] = e[n]
+            gather(self._errors.ravel(), self.level, self._pairs, self._bands, self._margin, self._low, self._high)
             low[n] = self._low
             np.subtract(self._high, self._low, out=slope[n])
         return low, slope
@@ -216,6 +216,13 @@ class FieldBlur:
             du[at] += window * a
             dw[at] += b
         return du, dw
+
+
+def _bands(work: NDArray[np.int64], n: int) -> NDArray[np.int64]:
+    """Limits of n bands of rows of about equal work, 0 .. rows."""
+    done = np.concatenate([[0], np.cumsum(work)])
+    limits = np.searchsorted(done, np.arange(1, n) / n * done[-1])
+    return np.concatenate([[0], limits, [len(work)]]).astype(np.int64)
 
 
 def _hats(n: int, size: int) -> Array:

@@ -1,92 +1,205 @@
 """The two inner loops of space-variant blur: spread coefficients over masks, gather masks from errors.
 
-Both take two neighbouring masks per pixel, which serves the interpolated mask, its adjoint and its derivative alike.
-No pixel allocates, mask rows are padded to whole vectors, and bands of the output are independent of each other.
+Each takes two neighbouring masks per pixel, which serves the interpolated mask, its adjoint and its derivative alike,
+and takes two pixels at a time, one below the other: a row of the photograph is then loaded and stored once for four
+rows of masks. No pixel allocates, mask rows are whole vectors, and bands are independent of each other.
 """
 
 from __future__ import annotations
+
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
-VECTOR = 8
-# a band's first and last 2R rows are visited twice, so bands are tall; short enough for two cores to share a photograph
-BAND = 32
+from procedures.restoration.lanes import LANES, filled, load, multiply_add, store, total
+
+Array = NDArray[np.floating[Any]]
 
 
-@numba.njit(parallel=True, fastmath=True, cache=True)
+class Pairs(NamedTuple):
+    """Every mask beside the next one, cut to what they cover, as the loops read them.
+
+    values : flat; pair k begins at start[k] and has width[k] + 2 rows of width[k] entries of mask k, then as many of
+    mask k + 1, the masks' middle at row width / 2 + 1, column width / 2. width : multiples of the vectors' length;
+    first, last : rows about the middle outside which both masks are zero.
+    """
+
+    values: Array
+    start: NDArray[np.int64]
+    width: NDArray[np.int64]
+    first: NDArray[np.int64]
+    last: NDArray[np.int64]
+
+
+def pairs_of(masks: Array, dtype: type[np.floating[Any]]) -> Pairs:
+    """Pairs of masks (L, 2R + 1, 2R + 1)."""
+    R = masks.shape[1] // 2
+    held = (masks[1:] != 0) | (masks[:-1] != 0)
+    (top, bottom), (left, right) = _extent(held.any(axis=2), R), _extent(held.any(axis=1), R)
+    reach = np.max([-top, bottom, -left, right], axis=0)
+    width = -(-(2 * reach + 1) // LANES) * LANES
+    size = 2 * width * (width + 2)
+    start = np.cumsum(size) - size
+    values = _aligned(int(size.sum()), dtype)
+    for k, (at, n, r) in enumerate(zip(start, width, reach, strict=True)):
+        block = values[at : at + 2 * n * (n + 2)].reshape(n + 2, 2, n)
+        middle, around = slice(n // 2 - r, n // 2 + r + 1), slice(R - r, R + r + 1)
+        block[n // 2 + 1 - r : n // 2 + r + 2, :, middle] = masks[k : k + 2, around, around].transpose(1, 0, 2)
+    return Pairs(values, start, width, top, bottom)
+
+
+def _aligned(size: int, dtype: type[np.floating[Any]]) -> Array:
+    """Zeros that begin where vectors do: a load across two cache lines costs twice."""
+    line = 64
+    raw = np.zeros(size * np.dtype(dtype).itemsize + line, np.uint8)
+    begin = -raw.ctypes.data % line
+    return raw[begin : begin + size * np.dtype(dtype).itemsize].view(dtype)
+
+
+def _extent(held: NDArray[np.bool_], R: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First and last that is held along each row (L, 2R + 1), counted from the middle; 0 where none is."""
+    any_held = held.any(axis=1)
+    first, last = held.argmax(axis=1) - R, R - held[:, ::-1].argmax(axis=1)
+    return np.where(any_held, first, 0), np.where(any_held, last, 0)
+
+
+@numba.njit(parallel=True, cache=True)
 def spread(
-    a: NDArray[np.floating],
-    b: NDArray[np.floating],
-    level: NDArray[np.int32],
-    masks: NDArray[np.floating],
-    radius: NDArray[np.int32],
-    out: NDArray[np.floating],
+    a: Array, b: Array, level: NDArray[np.int32], pairs: Pairs, bands: NDArray[np.int64], margin: int, out: Array
 ) -> None:
     """Sum over pixels of a * masks[level] + b * masks[level + 1], each placed at its pixel.
 
-    a, b, level : (H + 2R, W + 2R), pixels of negative level take no part; masks : (L, 2R + 1, multiple of 8);
-    radius : (L,) support of each mask, increasing; out : (H, at least W + 4R + 8), whose columns 2R .. 2R + W are the
-    photograph's.
+    a, b, level : (H + 2R, W + 2R), pixels of negative level take no part; bands : limits of the rows of `out` that are
+    worked on at once; out : flat, (H, W + 2R + 2 margin), whose columns from margin + R on are the photograph's;
+    margin : at least half of the widest pair.
     """
-    size = masks.shape[1]
-    R = size // 2
-    height = out.shape[0]
-    for n in numba.prange((height + BAND - 1) // BAND):
-        top = n * BAND
-        bottom = min(height, top + BAND)
-        out[top:bottom] = 0
-        for i in range(top, bottom + 2 * R):
-            for j in range(a.shape[1]):
-                k = level[i, j]
-                if k < 0:
-                    continue
-                r = radius[k + 1]
-                p, q = a[i, j], b[i, j]
-                start = (R - r) // VECTOR * VECTOR
-                stop = (R + r) // VECTOR * VECTOR + VECTOR
-                for ky in range(max(R - r, top - i + 2 * R), min(R + r + 1, bottom - i + 2 * R)):
-                    row = out[i - 2 * R + ky, j + start : j + stop]
-                    low = masks[k, ky, start:stop]
-                    high = masks[k + 1, ky, start:stop]
-                    for t in range(stop - start):
-                        row[t] += p * low[t] + q * high[t]
+    for n in numba.prange(bands.size - 1):
+        _spread_band(a, b, level, pairs, bands[n], bands[n + 1], margin, out)
 
 
-@numba.njit(parallel=True, fastmath=True, cache=True)
+@numba.njit(fastmath=True, cache=True)
+def _spread_band(
+    a: Array, b: Array, level: NDArray[np.int32], pairs: Pairs, top: int, bottom: int, margin: int, out: Array
+) -> None:
+    values, start, width, firsts, lasts = pairs
+    rows, columns = level.shape
+    stride = columns + 2 * margin
+    R = (rows - out.size // stride) // 2
+    zero = a.dtype.type(0)
+    out[top * stride : bottom * stride] = 0
+    for i in range(top, bottom + 2 * R, 2):
+        below = min(i + 1, rows - 1)
+        for j in range(columns):
+            k = level[i, j]
+            m = level[below, j] if i < below else np.int32(-1)
+            p, q = (a[i, j], b[i, j]) if k >= 0 else (zero, zero)
+            s, t = (a[below, j], b[below, j]) if m >= 0 else (zero, zero)
+            k, m = k if k >= 0 else m, m if m >= 0 else k
+            if k < 0:
+                continue
+            # pairs of different widths are not laid out alike: each is drawn together with itself times zero
+            apart = width[k] != width[m]
+            one, two, p0, q0, p1, q1 = (k, k, p, q, zero, zero) if apart else (k, m, p, q, s, t)
+            while True:
+                w = width[one]
+                first = max(top - i + R, min(firsts[one], 1 + firsts[two]))
+                last = min(bottom - 1 - i + R, max(lasts[one], 1 + lasts[two]))
+                row = first + w // 2
+                at = (i - R + first) * stride + margin + j - w // 2
+                upper, lower = start[one] + 2 * w * (row + 1), start[two] + 2 * w * row
+                _draw(out, at, stride, last - first + 1, values, upper, lower, w, p0, q0, p1, q1)
+                if not apart:
+                    break
+                one, two, p0, q0, p1, q1, apart = m, m, zero, zero, s, t, False
+
+
+@numba.njit(inline="always")
+def _draw(
+    out: Array, at: int, stride: int, rows: int, values: Array, above: int, below: int, width: int,
+    p: Any, q: Any, s: Any, t: Any,
+) -> None:  # fmt: skip
+    """Add p, q times the pair of masks from `above` on and s, t times that from `below` on to `rows` rows of `out`."""
+    lp, lq, ls, lt = filled(p), filled(q), filled(s), filled(t)
+    for column in range(0, width, LANES):
+        here, one, two = at + column, above + column, below + column
+        for _ in range(rows):
+            lanes = load(out, here)
+            lanes = multiply_add(lp, load(values, one), lanes)
+            lanes = multiply_add(lq, load(values, one + width), lanes)
+            lanes = multiply_add(ls, load(values, two), lanes)
+            lanes = multiply_add(lt, load(values, two + width), lanes)
+            store(lanes, out, here)
+            here += stride
+            one += 2 * width
+            two += 2 * width
+
+
+@numba.njit(parallel=True, cache=True)
 def gather(
-    e: NDArray[np.floating],
-    level: NDArray[np.int32],
-    masks: NDArray[np.floating],
-    radius: NDArray[np.int32],
-    low: NDArray[np.floating],
-    high: NDArray[np.floating],
+    e: Array, level: NDArray[np.int32], pairs: Pairs, bands: NDArray[np.int64], margin: int, low: Array, high: Array
 ) -> None:
     """Products of the errors around each pixel with its two neighbouring masks: the adjoint of `spread`.
 
-    e : (H + 4R, at least W + 4R + 8), zero outside the photograph, which begins at (2R, 2R);
-    level, low, high : (H + 2R, W + 2R).
+    e : flat, (H + 4R + 1, W + 2R + 2 margin), zero outside the photograph, which begins at (2R, margin + R); bands :
+    limits of the rows of pixels that are worked on at once; level, low, high : (H + 2R, W + 2R).
     """
-    size = masks.shape[1]
-    R = size // 2
-    for i in numba.prange(level.shape[0]):
-        for j in range(level.shape[1]):
+    for n in numba.prange(bands.size - 1):
+        _gather_band(e, level, pairs, bands[n], bands[n + 1], margin, low, high)
+
+
+@numba.njit(fastmath=True, cache=True)
+def _gather_band(
+    e: Array, level: NDArray[np.int32], pairs: Pairs, top: int, bottom: int, margin: int, low: Array, high: Array
+) -> None:
+    values, start, width, firsts, lasts = pairs
+    rows, columns = level.shape
+    stride = columns + 2 * margin
+    R = (e.size // stride - 1 - rows) // 2
+    for i in range(top, bottom, 2):
+        below = min(i + 1, bottom - 1)
+        for j in range(columns):
+            low[i, j] = high[i, j] = low[below, j] = high[below, j] = 0
             k = level[i, j]
-            low[i, j] = high[i, j] = 0
-            if k < 0:
+            m = level[below, j] if i < below else np.int32(-1)
+            one, two = k if k >= 0 else m, m if m >= 0 else k
+            if one < 0:
                 continue
-            r = radius[k + 1]
-            start = (R - r) // VECTOR * VECTOR
-            stop = (R + r) // VECTOR * VECTOR + VECTOR
-            p = e.dtype.type(0)
-            q = e.dtype.type(0)
-            for ky in range(R - r, R + r + 1):
-                around = e[i + ky, j + start : j + stop]
-                m0 = masks[k, ky, start:stop]
-                m1 = masks[k + 1, ky, start:stop]
-                for t in range(stop - start):
-                    p += around[t] * m0[t]
-                    q += around[t] * m1[t]
-            low[i, j] = p
-            high[i, j] = q
+            apart = width[one] != width[two]
+            if apart:
+                two = one
+            while True:
+                w = width[one]
+                first = min(firsts[one], 1 + firsts[two])
+                last = max(lasts[one], 1 + lasts[two])
+                row = first + w // 2
+                at = (i + R + first) * stride + margin + j - w // 2
+                upper, lower = start[one] + 2 * w * (row + 1), start[two] + 2 * w * row
+                p, q, s, t = _see(e, at, stride, last - first + 1, values, upper, lower, w)
+                if one == k:
+                    low[i, j], high[i, j] = p, q
+                if two == m:
+                    low[below, j], high[below, j] = s, t
+                if not apart:
+                    break
+                one, two, apart = m, m, False
+
+
+@numba.njit(inline="always")
+def _see(e: Array, at: int, stride: int, rows: int, values: Array, above: int, below: int, width: int) -> Any:
+    """Products of `rows` rows of a flat `e`, from `at` on, with two pairs of masks, from `above` and `below` on."""
+    lp = filled(e.dtype.type(0))
+    lq, ls, lt = lp, lp, lp
+    for column in range(0, width, LANES):
+        here, one, two = at + column, above + column, below + column
+        for _ in range(rows):
+            lanes = load(e, here)
+            lp = multiply_add(lanes, load(values, one), lp)
+            lq = multiply_add(lanes, load(values, one + width), lq)
+            ls = multiply_add(lanes, load(values, two), ls)
+            lt = multiply_add(lanes, load(values, two + width), lt)
+            here += stride
+            one += 2 * width
+            two += 2 * width
+    return total(lp), total(lq), total(ls), total(lt)

@@ -1,0 +1,107 @@
+"""Vectors of fixed length as values in compiled functions: what a loop keeps in registers, whatever surrounds it.
+
+Short rows are too short for a compiler's own vectorising, which guards each of them against overlap and odd lengths.
+Here a row is loaded, multiplied and stored as one value; the compiler breaks it into what the processor has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic, models, register_model
+from numba.np.arrayobj import make_array
+
+LANES = 16
+"""Numbers in a vector: two of AVX, one of AVX-512; 8 took a third longer where masks are 9 to 15 wide."""
+
+_INDEX = ir.IntType(32)
+
+
+class Lanes(types.Type):
+    """The type of a vector of `LANES` numbers of one kind."""
+
+    def __init__(self, dtype: Any) -> None:
+        self.dtype = dtype
+        super().__init__(name=f"Lanes({dtype})")
+
+
+@register_model(Lanes)
+class _LanesModel(models.PrimitiveModel):
+    def __init__(self, manager: Any, kind: Lanes) -> None:
+        super().__init__(manager, kind, ir.VectorType(manager.lookup(kind.dtype).get_value_type(), LANES))  # type: ignore[no-untyped-call]  # numba's own
+
+
+def _emitted(function: Callable[..., Any]) -> Any:
+    """An operation that compiled functions call without the typing context, the first argument of `function`."""
+    return intrinsic(function)
+
+
+def _place(context: Any, builder: Any, kind: Any, array: Any, at: Any) -> Any:
+    """Address of LANES entries of a flat array from index `at` on."""
+    data = make_array(kind)(context, builder, array).data  # type: ignore[no-untyped-call]  # numba's own
+    vector = ir.VectorType(context.get_value_type(kind.dtype), LANES)
+    return builder.bitcast(builder.gep(data, [at]), vector.as_pointer())
+
+
+@_emitted
+def load(_: Any, array: Any, at: Any) -> Any:
+    """array[at : at + LANES] of a flat array; nobody checks that they exist."""
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        kind = signature.args[0]
+        return builder.load(_place(context, builder, kind, *values), align=kind.dtype.bitwidth // 8)
+
+    return Lanes(array.dtype)(array, types.intp), generate
+
+
+@_emitted
+def store(_: Any, lanes: Any, array: Any, at: Any) -> Any:
+    """Write lanes to array[at : at + LANES]."""
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        kind = signature.args[1]
+        builder.store(values[0], _place(context, builder, kind, *values[1:]), align=kind.dtype.bitwidth // 8)
+        return context.get_dummy_value()
+
+    return types.void(lanes, array, types.intp), generate
+
+
+@_emitted
+def filled(_: Any, x: Any) -> Any:
+    """LANES times x."""
+
+    def generate(_: Any, builder: Any, signature: Any, values: Any) -> Any:
+        nothing = ir.Constant(ir.VectorType(values[0].type, LANES), ir.Undefined)
+        first = builder.insert_element(nothing, values[0], _INDEX(0))
+        return builder.shuffle_vector(first, nothing, ir.Constant(ir.VectorType(_INDEX, LANES), [0] * LANES))
+
+    return Lanes(x)(x), generate
+
+
+@_emitted
+def multiply_add(_: Any, x: Any, y: Any, z: Any) -> Any:
+    """x y + z, in one rounding where the processor can."""
+
+    def generate(_: Any, builder: Any, signature: Any, values: Any) -> Any:
+        product = builder.fmul(values[0], values[1], flags=["contract"])
+        return builder.fadd(product, values[2], flags=["contract"])
+
+    return z(x, y, z), generate
+
+
+@_emitted
+def total(_: Any, lanes: Any) -> Any:
+    """Sum of the lanes, by halves."""
+
+    def generate(_: Any, builder: Any, signature: Any, values: Any) -> Any:
+        x, n = values[0], LANES
+        while n > 1:
+            n //= 2
+            halves = (ir.Constant(ir.VectorType(_INDEX, n), list(range(k, k + n))) for k in (0, n))
+            x = builder.fadd(*(builder.shuffle_vector(x, ir.Constant(x.type, ir.Undefined), half) for half in halves))
+        return builder.extract_element(x, _INDEX(0))
+
+    return lanes.dtype(lanes), generate
