@@ -31,6 +31,7 @@ from procedures.restoration.blur_models import mask_stack, pillbox
 from procedures.restoration.checks import check_extent, check_max_w
 from procedures.restoration.estimate import RestorationParameters, restore
 from procedures.restoration.forward import MaskStack
+from procedures.restoration.many_depths import MotionShapes, motion_of_scene
 from procedures.restoration.motion import from_imu, path_mask, planar_path
 from procedures.restoration.scheme import Scheme
 
@@ -179,7 +180,9 @@ def estimate(frames: Sequence[RawFrame], facts: Facts) -> Outcomes:
     try:
         parameters = RestorationParameters(scheme=Scheme.parse(str(facts["scheme"])) if "scheme" in facts else Scheme())
         paths = [path for path in (rig_path(frame) for frame in (first, last)) if path is not None]
-        return {PICTURE: restore([*pictures], masks(pictures, facts, paths), parameters)}
+        stacks, motion = blurs(pictures, facts, paths)
+        outcome = restore([*pictures], stacks, parameters)
+        return {PICTURE: outcome if motion is None else motion.judged(outcome)}
     except (Refused, BadParameter) as error:
         return {PICTURE: Outcome(None, Verdict.REFUSED, error.reason, error.remedy)}
 
@@ -202,7 +205,14 @@ def rig_path(frame: RawFrame) -> Array | None:
 
 
 def masks(pictures: Sequence[Array], facts: Facts, paths: Sequence[Array] = ()) -> list[MaskStack]:
-    """The blur of each photograph as a function of one w. Raises Refused, BadParameter.
+    """The blur of each photograph as a function of one w. Raises Refused, BadParameter."""
+    return blurs(pictures, facts, paths)[0]
+
+
+def blurs(
+    pictures: Sequence[Array], facts: Facts, paths: Sequence[Array] = ()
+) -> tuple[list[MaskStack], MotionShapes | None]:
+    """The masks, and the motion they are of where it was found in the photographs. Raises Refused, BadParameter.
 
     paths : of both exposures, (n, 2), where they are recorded
     """
@@ -213,15 +223,15 @@ def masks(pictures: Sequence[Array], facts: Facts, paths: Sequence[Array] = ()) 
         if len(paths) == len(pictures):
             stacks = recorded_stacks(paths, max_w)
             check_extent(stacks[0].R, shape)
-            return stacks
+            return stacks, None
         R = int(np.ceil(max_w + 0.5))
         check_extent(R, shape)
-        shapes = motion_shapes(pictures, str(facts.get("region", "auto")), int(np.ceil(max_w)))
-        return [mask_stack(one, max_w, R=R) for one in shapes]
+        motion = motion_shapes(pictures, str(facts.get("region", "auto")), max_w)
+        return [mask_stack(one, max_w, R=R) for one in motion.shapes], motion
     ratio = blur_ratio(facts)
     R = int(np.ceil(max_w * max(1.0, ratio) + 0.5))
     check_extent(R, shape)
-    return [mask_stack(pillbox(), max_w, ratio=one, R=R) for one in (1.0, ratio)]
+    return [mask_stack(pillbox(), max_w, ratio=one, R=R) for one in (1.0, ratio)], None
 
 
 def blur_ratio(facts: Facts) -> float:
@@ -244,13 +254,16 @@ def recorded_stacks(paths: Sequence[Array], max_w: float) -> list[MaskStack]:
     return [MaskStack(np.stack([path_mask(path * one, R) for one in scales]), PATH_STEP) for path in paths]
 
 
-def motion_shapes(pictures: Sequence[Array], region: str, largest: int) -> Sequence[Array]:
+def motion_shapes(pictures: Sequence[Array], region: str, max_w: float) -> MotionShapes:
     """The motions' shapes from a part of one depth: the one marked, or the first that a pair of masks explains."""
+    largest = int(np.ceil(max_w))
     refusal: Refused | BadInput | None = None
     for x, y, width, height in marked(region) or parts(pictures[0][0], 32 * largest):
         try:
             cut = np.stack([one[0, y : y + height, x : x + width] for one in pictures])
-            return list(prototype_shapes(cut, largest).shapes)
+            found = prototype_shapes(cut, largest)
+            box = (x, y, cut.shape[2], cut.shape[1])
+            return motion_of_scene([*pictures], box, found, max_w, np.random.default_rng(0))
         except (Refused, BadInput) as error:
             refusal = error
     raise Refused(

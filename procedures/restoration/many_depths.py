@@ -1,7 +1,7 @@
 """Motion paths from every depth of the scene: other depths show a path at other sizes, and so between the pixels.
 
-A flat part gives the masks to whole pixels (`blind`), which many curves draw equally well. Here the curves are fitted to
-the photographs around it by Gauss-Newton: whatever a common picture can explain is projected out, tile by tile
+A flat part gives the masks to whole pixels (`blind`), which many curves draw equally well. Here the curves are fitted
+to the photographs around it by Gauss-Newton: whatever a common picture can explain is projected out, tile by tile
 (z1 * h2 = z2 * h1 in the errors), and so is a change of each tile's depth; what is left belongs to the paths.
 """
 
@@ -9,9 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from procedures.outcome import Outcome, Verdict
 from procedures.restoration.blind import Prototypes
 from procedures.restoration.blur_models import LINE, mask_stack
 from procedures.restoration.cost import DataTerm, restore_picture
@@ -48,23 +50,35 @@ BEND = 1e-3
 # mean squared error of a tile, of noise 1, beyond which a depth step or a wrong depth is rather in it
 DOUBT = 10.0
 # from coarse to fine: blur of the errors, pixels; then anew from a redrawn curve
-FIRST = ((1.5, 100), (1.0, 100), (0.7, 50), (0.5, 50), (0.2, 30), (0.0, 20))
-AGAIN = ((0.5, 50), (0.2, 30), (0.0, 20))
+FIRST = ((0.7, 100), (0.7, 100), (0.5, 50), (0.2, 30), (0.0, 20))
+AGAIN = ((0.4, 30), (0.0, 20))
+REDRAWN = 4
 # and with the depths improved beside the paths
 LAST = 4
+
+# unexplained error beside the noise's beyond which the curves are not those of the rig, and below which they are
+MOST_LEFT, LITTLE_LEFT = 2.0, 0.7
+REMEDY = "record the rig's motion, or mark a larger flat part with more detail"
 
 
 @dataclass(frozen=True)
 class MotionShapes:
     """Shapes (2, n, n) on [-1, 1] of two motions, their half-width in the flat part, pixels.
 
-    path : the curves found, (2, n, 2) pixels x, y in the flat part, or None where `doubt` says why there are none.
+    path : the curves found, (2, n, 2) pixels x, y in the flat part; None where the shapes are known to pixels only.
+    doubt : why they are not to be trusted at other depths, or None.
     """
 
     shapes: Array
     half_width: float
     path: Array | None = None
     doubt: str | None = None
+
+    def judged(self, outcome: Outcome[Any]) -> Outcome[Any]:
+        """A restoration with these shapes: doubtful where they are, if nothing else was wrong."""
+        if self.doubt is None or outcome.verdict is not Verdict.PASS:
+            return outcome
+        return Outcome(outcome.value, Verdict.DOUBTFUL, self.doubt, REMEDY)
 
 
 @dataclass(frozen=True)
@@ -75,7 +89,7 @@ class _View:
     flat: tuple[slice, slice]
     half: float
     max_w: float
-    sigma: float = 1.0
+    sigma: float = LEAST_START_SIGMA
 
     @property
     def R(self) -> int:
@@ -110,7 +124,7 @@ class _Fit:
     energy: float = np.inf
 
 
-def motion_shapes(
+def motion_of_scene(
     photographs: list[Array], region: Box, found: Prototypes, max_w: float, rng: np.random.Generator
 ) -> MotionShapes:
     """Shapes fine enough for every depth, from those found in a flat part, x, y, width, height, and the frame around.
@@ -119,16 +133,24 @@ def motion_shapes(
     better than the masks to whole pixels, those are given back, with the doubt.
     """
     if min(region[2:]) < TILE:
-        return MotionShapes(found.shapes, found.half_width, None, f"the flat part is less than {TILE} pixels wide")
+        return MotionShapes(found.shapes, found.half_width, None, f"the flat part is narrower than {TILE} pixels")
     begun = np.stack([search(mask, found.half_width - 0.5, rng) for mask in found.masks])
-    view = _view(photographs, region, half_width(begun), max_w)
+    view = _view(photographs, region, found.half_width - 0.4, max_w)
     view, coarse = _pixels(view, found)
     fit = min((_from_afar(view, begun - by) for by in _origins(begun)), key=lambda one: one.energy)
-    again = replace(fit, points=np.stack([redrawn(one, rng) for one in fit.points]))
-    fit = _with_depths(view, min(fit, _rounds(view, again, AGAIN), key=lambda one: one.energy))
+    fit = _with_depths(view, fit, 3)
+    for n in range(REDRAWN):
+        if fit.energy < LITTLE_LEFT:
+            break
+        points = fit.points.copy()
+        points[n % 2] = redrawn(points[n % 2], rng)
+        other = _with_depths(view, _again(view, replace(fit, points=points)), 2)
+        fit = min(fit, other, key=lambda one: one.energy)
+    fit = _with_depths(view, fit, LAST)
     if fit.energy > coarse:
-        return MotionShapes(found.shapes, found.half_width, None, "no smooth paths explain the photographs")
-    return MotionShapes(shapes_of(fit.points), half_width(fit.points), basis() @ fit.points)
+        return MotionShapes(found.shapes, found.half_width, None, "motion is known to whole pixels only: no path fits")
+    doubt = f"the motion's paths leave {1 + fit.energy:.1f} times the noise" if fit.energy > MOST_LEFT else None
+    return MotionShapes(shapes_of(fit.points), half_width(fit.points), basis() @ fit.points, doubt)
 
 
 def _view(photographs: list[Array], region: Box, half: float, max_w: float) -> _View:
@@ -152,7 +174,7 @@ def _pixels(view: _View, found: Prototypes) -> tuple[_View, float]:
     w = coarse.depth(stacks)
     R = stacks[0].R
     e = _errors(coarse, stacks, w, np.pad(view.z.mean(axis=0), ((0, 0), (R, R), (R, R)), mode="edge"))[1]
-    left = [(flat, np.mean(r**2)) for flat, r in _left(coarse, stacks, w, e)]
+    left = [(flat, float(np.mean(r**2))) for flat, r in _left(coarse, stacks, w, e)]
     sigma = float(np.sqrt(np.median([m for flat, m in left if flat])))
     return replace(view, sigma=sigma), _energy([m / sigma**2 for _, m in left])
 
@@ -184,11 +206,19 @@ def _rounds(view: _View, fit: _Fit, rounds: tuple[tuple[float, float], ...]) -> 
     return _judged(view, fit)
 
 
-def _with_depths(view: _View, fit: _Fit) -> _Fit:
-    """Curves and depths improved in turn, the best kept."""
+def _again(view: _View, fit: _Fit) -> _Fit:
+    """Curves fitted from coarse to fine, at the depths found."""
+    for soft, doubt in AGAIN:
+        for _ in range(2):
+            fit = _step(view, fit, soft, doubt, BEND)
+    return _judged(view, fit)
+
+
+def _with_depths(view: _View, fit: _Fit, rounds: int) -> _Fit:
+    """Curves and depths improved in turn."""
     weights = Weights(view.sigma**2 / SHARPNESS, view.sigma**2 / DEPTH_SLOPE**2)
     R = view.R
-    for _ in range(LAST):
+    for _ in range(rounds):
         data = view.data(view.stacks(fit.points))
         u, wide = fit.u, np.pad(fit.w, R, mode="edge").astype(np.float32)
         inside = (slice(R, -R), slice(R, -R))
@@ -208,9 +238,8 @@ def _errors(view: _View, stacks: list[MaskStack], w: Array, u: Array) -> tuple[A
     """The picture improved for masks and depth, and the photographs' errors (2, H, W)."""
     data = view.data(stacks)
     data.focus(np.pad(w, data.R, mode="edge").astype(np.float32))
-    u = restore_picture(
-        data, u.astype(np.float32), max(view.sigma, 1e-4) ** 2 / SHARPNESS if view.sigma < 1 else 1e-4, 20
-    )
+    weight = view.sigma**2 / SHARPNESS
+    u = restore_picture(data, u.astype(np.float32), weight, 20)
     return u, data.residual(u)[:, 0].astype(np.float64)
 
 
@@ -255,7 +284,7 @@ def _left(view: _View, stacks: list[MaskStack], w: Array, e: Array) -> Iterator[
     """What no common picture explains, of every tile, and whether it lies in the flat part."""
     for flat, at in _tiles(view):
         filters = _filters([s.at(_level(w[at])) for s in stacks], 0.0)
-        yield flat, sum(_filtered(one[at], f) for one, f in zip(e, filters, strict=True))
+        yield flat, _filtered(e[0][at], filters[0]) + _filtered(e[1][at], filters[1])
 
 
 def _energy(left: list[float]) -> float:
@@ -273,7 +302,7 @@ def _judged(view: _View, fit: _Fit) -> _Fit:
 
 @dataclass(frozen=True)
 class _Level:
-    """Masks of one w: filters of a tile's errors, the masks' change with the points (2, K^2, 2 POINTS) and w (2, K^2)."""
+    """Masks of one w: filters of a tile's errors, the masks' change with points (2, K^2, 2 POINTS) and w (2, K^2)."""
 
     filters: Array
     change: Array

@@ -19,7 +19,7 @@ from procedures.restoration.forward import Array, MaskStack
 # of the spline, each way: oscillations of the sixth order, eight of them closed
 POINTS = 20
 INSTANTS = 400
-STEP = 0.05
+STEP = 0.1
 # widths of the line, pixels, and weights of bending, from a coarse fit that few curves miss to the line itself
 COARSE = ((0.7, 1e-8), (0.4, 2e-9))
 FINE = ((0.2, 1e-9), (0.0, 1e-9))
@@ -118,7 +118,8 @@ def _begun(target: Array, rng: np.random.Generator) -> Array:
     along = np.stack([target.sum(axis=0), target.sum(axis=1)]) / target.sum()
     mean = along @ at
     spread = np.sqrt(np.maximum(along @ at**2 - mean**2, 0.01))
-    points = sum(np.cos(np.pi * k * t)[:, None] * rng.standard_normal(2) / k for k in range(1, 6))
+    orders = np.arange(1, 6)
+    points = np.cos(np.pi * np.outer(t, orders)) @ (rng.standard_normal((5, 2)) / orders[:, None])
     points = points - points.mean(axis=0)
     return np.asarray(points / points.std(axis=0) * spread + mean)
 
@@ -140,7 +141,7 @@ def search(mask: Array, half: float, rng: np.random.Generator, starts: int = 24)
     return min(found, key=lambda one: one[0])[1]
 
 
-def redrawn(points: Array, rng: np.random.Generator, starts: int = 24) -> Array:
+def redrawn(points: Array, rng: np.random.Generator, starts: int = 16) -> Array:
     """Another curve, of other order in time and less bent, that draws nearly what the curve of `points` draws.
 
     Descent leaves a curve that took a wrong turn with the mass in place, but kinked; drawn anew, the kinks go.

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from procedures.raw import RawFrame
     from procedures.restoration.alternate import Round
     from procedures.restoration.forward import Array, MaskStack
+    from procedures.restoration.many_depths import MotionShapes
 
 _LEVELS = {"pass": "info", "doubtful": "warning"}
 
@@ -116,9 +117,12 @@ def restore(
         known = None
         if prototype_region is not None:
             known = _prototypes(photographs, prototype_region, max_w, paths, fix_path)
-        stacks, described = _stacks(blur, shapes, ratios, max_w, photographs, known)
+        stacks, described = _stacks(blur, shapes, ratios, max_w, photographs, list(known.shapes) if known else None)
         described |= {"prototype_region": prototype_region, "recorded_path": list(paths), "fix_path": fix_path}
         outcome = restored(photographs, stacks, parameters, _tell)
+        if known is not None:
+            described["motion"] = _motion(known)
+            outcome = known.judged(outcome)
         about = {
             "procedure": "restore",
             "input": [{"path": str(i), "sha256": f.sha256} for i, f in zip(images, frames, strict=True)],
@@ -190,11 +194,12 @@ def _shape(name: str, blur: str) -> NDArray[np.float64]:
 
 def _prototypes(
     photographs: list[Array], region: str, max_w: float, paths: tuple[str, ...], fixed: bool
-) -> list[NDArray[np.float64]]:
+) -> MotionShapes:
     """Shapes of unknown motion from a flat part of the scene, begun from or fixed by recorded paths of the rig."""
     import numpy as np
 
     from procedures.restoration.blind import prototype_shapes
+    from procedures.restoration.many_depths import MotionShapes, motion_of_scene
     from procedures.restoration.recorded import read_path, recorded_masks, recorded_shapes
 
     try:
@@ -206,12 +211,20 @@ def _prototypes(
     # the scene is drawn along minus the rig's path
     drawn = [-read_path(Path(name)) for name in paths]
     if fixed:
-        shapes, half = recorded_shapes(parts, drawn, largest)
+        motion = MotionShapes(*recorded_shapes(parts, drawn, largest))
     else:
         found = prototype_shapes(parts, largest, first=recorded_masks(parts, drawn, largest) if drawn else None)
-        shapes, half = found.shapes, found.half_width
-    log("prototypes", f"motion of half-width {half:.1f} pixels in the flat part", half_width=half)
-    return list(shapes)
+        log("prototypes", f"motion of half-width {found.half_width:.1f} pixels in the flat part")
+        motion = motion_of_scene(photographs, (x, y, *parts.shape[:0:-1]), found, max_w, np.random.default_rng(0))
+    sentence = motion.doubt or f"paths of half-width {motion.half_width:.2f} pixels in the flat part"
+    log("motion", sentence, level="warning" if motion.doubt else "info", half_width=motion.half_width)
+    return motion
+
+
+def _motion(known: MotionShapes) -> dict[str, Any]:
+    """What the record says of motion found: half-width and paths in the flat part, pixels."""
+    paths = None if known.path is None else known.path[:, ::8].round(3).tolist()
+    return {"half_width_px": known.half_width, "paths_px": paths, "doubt": known.doubt}
 
 
 def _tell(done: Round) -> None:
