@@ -125,16 +125,23 @@ class _Fit:
 
 
 def motion_of_scene(
-    photographs: list[Array], region: Box, found: Prototypes, max_w: float, rng: np.random.Generator
+    photographs: list[Array],
+    region: Box,
+    found: Prototypes,
+    max_w: float,
+    rng: np.random.Generator,
+    begun: Array | None = None,
 ) -> MotionShapes:
     """Shapes fine enough for every depth, from those found in a flat part, x, y, width, height, and the frame around.
 
-    photographs : two arrays (C, H, W); found : `blind.prototype_shapes` of the part. Where no curves explain the frame
+    photographs : two arrays (C, H, W); found : `blind.prototype_shapes` of the part; begun : control points
+    (2, POINTS, 2) to begin from, pixels in the flat part, if they are known roughly. Where no curves explain the frame
     better than the masks to whole pixels, those are given back, with the doubt.
     """
     if min(region[2:]) < TILE:
         return MotionShapes(found.shapes, found.half_width, None, f"the flat part is narrower than {TILE} pixels")
-    begun = np.stack([search(mask, found.half_width - 0.5, rng) for mask in found.masks])
+    if begun is None:
+        begun = np.stack([search(mask, found.half_width - 0.5, rng) for mask in found.masks])
     view = _view(photographs, region, found.half_width - 0.4, max_w)
     view, coarse = _pixels(view, found)
     fit = min((_from_afar(view, begun - by) for by in _origins(begun)), key=lambda one: one.energy)
