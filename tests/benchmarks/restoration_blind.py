@@ -53,9 +53,7 @@ def trial(motions: tuple[int, int]) -> None:
     box = (FLAT.start, FLAT.start, FLAT.stop - FLAT.start, FLAT.stop - FLAT.start)
     motion = motion_of_scene(list(case.z), box, found, MAX_W, np.random.default_rng(0))
     seconds = time.process_time() - start
-    print(
-        f"  half-width {motion.half_width:.2f} for w {case.w[80, 80]:.1f}, {seconds:.0f} s, {motion.doubt or 'no doubt'}"
-    )
+    print(f"  half-width {motion.half_width:.2f} for w {case.w[80, 80]:.1f}, {seconds:.0f} s, {motion.doubt or 'sure'}")
     known, *others = (
         restore(list(case.z), stacks).value
         for stacks in (
