@@ -111,17 +111,35 @@ def fitted(points: Array, target: Array, sigma: float, bend: float, instants: in
     return cost, points
 
 
-def _begun(target: Array, rng: np.random.Generator) -> Array:
-    """Control points of a curve of low random oscillations with the target's place and extent."""
+def _moments(target: Array) -> tuple[Array, Array]:
+    """Mean and standard deviation of a mask's light along x and y, pixels."""
     R = len(target) // 2
-    t, at = (np.arange(POINTS) + 0.5) / POINTS, np.arange(-R, R + 1.0)
+    at = np.arange(-R, R + 1.0)
     along = np.stack([target.sum(axis=0), target.sum(axis=1)]) / target.sum()
     mean = along @ at
-    spread = np.sqrt(np.maximum(along @ at**2 - mean**2, 0.01))
-    orders = np.arange(1, 6)
+    return np.asarray(mean), np.sqrt(np.maximum(along @ at**2 - mean**2, 0.01))
+
+
+def _begun(target: Array, rng: np.random.Generator) -> Array:
+    """Control points of a curve of low random oscillations with the target's place and extent."""
+    mean, spread = _moments(target)
+    t, orders = (np.arange(POINTS) + 0.5) / POINTS, np.arange(1, 6)
     points = np.cos(np.pi * np.outer(t, orders)) @ (rng.standard_normal((5, 2)) / orders[:, None])
     points = points - points.mean(axis=0)
     return np.asarray(points / points.std(axis=0) * spread + mean)
+
+
+def recorded(path: Array, mask: Array, half: float) -> Array:
+    """Points of the curve that draws a mask, begun from the recorded path (n, 2) in any unit, at equal times."""
+    mean, spread = _moments(mask)
+    times = (np.arange(INSTANTS) + 0.5) / INSTANTS * (len(path) - 1)
+    even = np.stack([np.interp(times, np.arange(len(path)), path[:, k]) for k in (0, 1)], axis=1)
+    even = (even - even.mean(axis=0)) * np.linalg.norm(spread) / np.linalg.norm(even.std(axis=0)) + mean
+    points, target, line = np.linalg.lstsq(basis(), even, rcond=None)[0], np.pad(mask, 2), LINE * half
+    for sigma, bend in (*COARSE[1:], *FINE):
+        wide = max(sigma, line)
+        _, points = fitted(points, _softened(target, wide, line), wide, bend, 300)
+    return np.asarray(points)
 
 
 def _softened(target: Array, sigma: float, line: float) -> Array:

@@ -200,6 +200,7 @@ def _prototypes(
 
     from procedures.restoration.blind import prototype_shapes
     from procedures.restoration.many_depths import MotionShapes, motion_of_scene
+    from procedures.restoration.paths import recorded
     from procedures.restoration.recorded import read_path, recorded_masks, recorded_shapes
 
     try:
@@ -215,7 +216,15 @@ def _prototypes(
     else:
         found = prototype_shapes(parts, largest, first=recorded_masks(parts, drawn, largest) if drawn else None)
         log("prototypes", f"motion of half-width {found.half_width:.1f} pixels in the flat part")
-        motion = motion_of_scene(photographs, (x, y, *parts.shape[:0:-1]), found, max_w, np.random.default_rng(0))
+        begun = [recorded(path, mask, found.half_width) for path, mask in zip(drawn, found.masks, strict=False)]
+        motion = motion_of_scene(
+            photographs,
+            (x, y, *parts.shape[:0:-1]),
+            found,
+            max_w,
+            np.random.default_rng(0),
+            np.stack(begun) if begun else None,
+        )
     sentence = motion.doubt or f"paths of half-width {motion.half_width:.2f} pixels in the flat part"
     log("motion", sentence, level="warning" if motion.doubt else "info", half_width=motion.half_width)
     return motion

@@ -49,6 +49,14 @@ def test_a_curve_is_found_from_a_mask(points):
     assert np.linalg.norm(again - target) < 0.04 * np.linalg.norm(target)
 
 
+def test_a_recorded_path_begins_the_curve(points):
+    # recorded in metres, about another place; what the record gets wrong the mask puts right
+    shaken = paths.basis() @ (points + np.random.default_rng(5).normal(0, 0.05, points.shape))
+    found = paths.recorded(1e-4 * shaken + 0.3, paths.drawn(points, 4, LINE * HALF), HALF)
+    apart = paths.basis() @ (found - points)
+    assert np.sqrt(np.mean(apart**2)) < 0.15
+
+
 def test_a_curve_drawn_anew_has_no_kinks(points):
     kinked = points + np.random.default_rng(2).normal(0, 0.15, points.shape)
     anew = paths.redrawn(kinked, np.random.default_rng(3), starts=4)
