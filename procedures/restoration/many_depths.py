@@ -57,7 +57,7 @@ REDRAWN = 4
 LAST = 4
 
 # unexplained error beside the noise's beyond which the curves are not those of the rig, and below which they are
-MOST_LEFT, LITTLE_LEFT = 2.0, 0.7
+MOST_LEFT, LITTLE_LEFT = 1.0, 0.7
 REMEDY = "record the rig's motion, or mark a larger flat part with more detail"
 
 
@@ -153,7 +153,7 @@ def motion_of_scene(
         points[n % 2] = redrawn(points[n % 2], rng)
         other = _with_depths(view, _again(view, replace(fit, points=points)), 2)
         fit = min(fit, other, key=lambda one: one.energy)
-    fit = _with_depths(view, fit, LAST)
+    fit = min(fit, _with_depths(view, fit, LAST), key=lambda one: one.energy)
     if fit.energy > coarse:
         return MotionShapes(found.shapes, found.half_width, None, "motion is known to whole pixels only: no path fits")
     doubt = f"the motion's paths leave {1 + fit.energy:.1f} times the noise" if fit.energy > MOST_LEFT else None
