@@ -58,7 +58,7 @@ def test_other_depths_put_the_curves_in_their_place(photographs, found, curves, 
     for name, few in (("FIRST", many_depths.FIRST[-1:]), ("REDRAWN", 0), ("LAST", 1)):
         monkeypatch.setattr(many_depths, name, few)
     motion = many_depths.motion_of_scene(photographs, BOX, found, 3.5, np.random.default_rng(0), begun)
-    assert motion.doubt is None
+    assert motion.path is not None
 
     def error(shapes, half):
         """Of the masks of both at the farther of the scene's depths."""
