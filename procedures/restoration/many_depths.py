@@ -44,7 +44,7 @@ MOST = 120_000
 # levels of w for which a tile's masks are made, pixels
 LEVEL = 0.1
 # a path's control point moves so far at most in one step, and is expected to move, pixels
-LONGEST, USUAL = 0.3, 0.5
+LONGEST, USUAL = 0.3, 0.2
 # weight of a curve's mean squared acceleration in squared noise: of those that fit alike the least bent is taken
 BEND = 1e-3
 # mean squared error of a tile, of noise 1, beyond which a depth step or a wrong depth is rather in it
