@@ -19,6 +19,7 @@ from procedures.restoration.camera_motion import motion_blur, poses_of
 from procedures.restoration.checks import check_extent
 from procedures.restoration.estimate import Unit
 from procedures.restoration.fields import Masks
+from procedures.restoration.many_depths import MotionShapes
 from procedures.restoration.measured import default_max_w, fitting_ratios, stacks_of
 from procedures.restoration.psf_shapes import MeasuredShape, measured_field, measured_shape
 
@@ -33,11 +34,12 @@ FIELD_SUFFIXES = (".h5", ".hdf5")
 
 @dataclass(frozen=True)
 class BlurInput:
-    """Masks of each photograph, what their w is told in, and what the record says of them."""
+    """Masks of each photograph, what their w is told in, what the record says of them, and the motion found, if any."""
 
     masks: Sequence[Masks]
     unit: Unit = field(default_factory=Unit)
     told: dict[str, Any] = field(default_factory=dict)
+    motion: MotionShapes | None = None
 
 
 # --- records of an IMU -------------------------------------------------------------------------------------------

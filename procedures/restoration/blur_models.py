@@ -27,6 +27,8 @@ SAMPLES = 11
 FINE, COARSE = 0.25, 0.5
 # masks at steps of 1/20 pixel: interpolating between them errs by less than 0.1 % of the mask's change per pixel
 STEP = 0.05
+# sigma of a path's line, of the half-width
+LINE = 0.02
 
 
 def _axes(size: int = SHAPE_SIZE) -> tuple[Array, Array]:
@@ -63,12 +65,13 @@ def polygon(blades: int, angle_rad: float = 0.0) -> Array:
     return np.asarray(sides.max(axis=-1) <= np.cos(np.pi / blades), dtype=np.float64)
 
 
-def path_shape(path: Array, thickness: float = 0.02) -> Array:
+def path_shape(path: Array, thickness: float = LINE, extent: float | None = None) -> Array:
     """Shape of a path of the rig in its plane, (n, 2) x, y at equal times, scaled to its own half-width (5.3).
 
-    The centre is kept: the path's origin is the pixel's own place. `thickness` is the line's sigma, of the half-width.
+    The centre is kept: the path's origin is the pixel's own place. `thickness` is the line's sigma, of the half-width;
+    `extent`, in the path's unit, is what becomes the half-width where other paths are scaled alike.
     """
-    extent = float(np.abs(path).max())
+    extent = float(np.abs(path).max()) if extent is None else extent
     if extent == 0:
         raise BadInput("the motion path does not move", "record the rig while it vibrates, or use a defocus model")
     places = (path / extent * (1 - 3 * thickness) + 1) / 2 * (SHAPE_SIZE - 1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import cv2
@@ -32,6 +32,7 @@ from procedures.restoration.camera_motion import Poses, motion_blur, planar_stac
 from procedures.restoration.checks import check_extent, check_max_w
 from procedures.restoration.estimate import RestorationParameters, Unit, restore, told_in
 from procedures.restoration.fields import Masks
+from procedures.restoration.many_depths import MotionShapes, motion_of_scene
 from procedures.restoration.measured import reach_of_masks, stacks_of
 from procedures.restoration.scheme import Scheme
 
@@ -176,8 +177,9 @@ def estimate(frames: Sequence[RawFrame], facts: Facts) -> Outcomes:
     try:
         parameters = RestorationParameters(scheme=Scheme.parse(str(facts["scheme"])) if "scheme" in facts else Scheme())
         exposures = [poses for poses in (rig_poses(frame) for frame in (first, last)) if poses is not None]
-        blurs, unit = masks(pictures, facts, exposures, focal_px(first, facts))
-        return {PICTURE: told_in(unit, restore([*pictures], blurs, parameters))}
+        blur = masks(pictures, facts, exposures, focal_px(first, facts))
+        outcome = told_in(blur.unit, restore([*pictures], blur.masks, parameters))
+        return {PICTURE: outcome if blur.motion is None else blur.motion.judged(outcome)}
     except (Refused, BadParameter) as error:
         return {PICTURE: Outcome(None, Verdict.REFUSED, error.reason, error.remedy)}
 
@@ -204,10 +206,17 @@ def focal_px(frame: RawFrame, facts: Facts) -> float:
     return focal_mm / max(nearer, 0.5) / (pitch_um * 1e-3 * shown(frame).pitch)
 
 
-def masks(
-    pictures: Sequence[Array], facts: Facts, exposures: Sequence[Poses] = (), focal: float = 0.0
-) -> tuple[Sequence[Masks], Unit]:
-    """The blur of each photograph as a function of one w, and what w is told in. Raises Refused, BadParameter.
+@dataclass(frozen=True)
+class RigBlur:
+    """Masks of each photograph, what their w is told in, and the motion they are of where the photographs gave it."""
+
+    masks: Sequence[Masks]
+    unit: Unit = field(default_factory=Unit)
+    motion: MotionShapes | None = None
+
+
+def masks(pictures: Sequence[Array], facts: Facts, exposures: Sequence[Poses] = (), focal: float = 0.0) -> RigBlur:
+    """The blur of each photograph as a function of one w. Raises Refused, BadParameter.
 
     exposures : both recorded ones, where they are; focal : length in pixels, 0 for a rig that is taken not to turn.
     """
@@ -218,21 +227,19 @@ def masks(
         if len(exposures) == len(pictures):
             return rig_masks(exposures, focal, shape, max_w)
         check_extent(reach_of_masks(max_w), shape)
-        shapes = motion_shapes(pictures, str(facts.get("region", "auto")), int(np.ceil(max_w)))
-        return stacks_of(shapes, (1.0,) * len(shapes), max_w, shape), Unit()
-    return stacks_of([pillbox()] * 2, (1.0, blur_ratio(facts)), max_w, shape), Unit()
+        motion = motion_shapes(pictures, str(facts.get("region", "auto")), max_w)
+        return RigBlur(stacks_of([*motion.shapes], (1.0,) * len(motion.shapes), max_w, shape), motion=motion)
+    return RigBlur(stacks_of([pillbox()] * 2, (1.0, blur_ratio(facts)), max_w, shape))
 
 
-def rig_masks(
-    exposures: Sequence[Poses], focal: float, shape: tuple[int, int], max_w: float
-) -> tuple[Sequence[Masks], Unit]:
+def rig_masks(exposures: Sequence[Poses], focal: float, shape: tuple[int, int], max_w: float) -> RigBlur:
     """Masks of recorded motion, and what w is told in: inverse depth where the focal length is known."""
     if not focal:
         stacks = planar_stacks([one.planar_path for one in exposures], max_w)
         check_extent(stacks[0].R, shape)
-        return stacks, Unit()
+        return RigBlur(stacks)
     blur = motion_blur(exposures, focal, shape, max_w / px_per_inverse_m(exposures, focal, shape))
-    return blur.fields, blur.unit
+    return RigBlur(blur.fields, blur.unit)
 
 
 def blur_ratio(facts: Facts) -> float:
@@ -242,13 +249,16 @@ def blur_ratio(facts: Facts) -> float:
     return float(facts["first_f_number"]) / float(facts["second_f_number"])
 
 
-def motion_shapes(pictures: Sequence[Array], region: str, largest: int) -> Sequence[Array]:
+def motion_shapes(pictures: Sequence[Array], region: str, max_w: float) -> MotionShapes:
     """The motions' shapes from a part of one depth: the one marked, or the first that a pair of masks explains."""
+    largest = int(np.ceil(max_w))
     refusal: Refused | BadInput | None = None
     for x, y, width, height in marked(region) or parts(pictures[0][0], 32 * largest):
         try:
             cut = np.stack([one[0, y : y + height, x : x + width] for one in pictures])
-            return list(prototype_shapes(cut, largest).shapes)
+            found = prototype_shapes(cut, largest)
+            box = (x, y, cut.shape[2], cut.shape[1])
+            return motion_of_scene([*pictures], box, found, max_w, np.random.default_rng(0))
         except (Refused, BadInput) as error:
             refusal = error
     raise Refused(

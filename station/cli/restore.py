@@ -130,6 +130,8 @@ def restore(images: tuple[Path, ...], plane: str | None, out: Path, as_json: boo
         frames, photographs = _photographs(images, plane)
         source = blur.read(frames, photographs)
         outcome = told_in(source.unit, restored(photographs, source.masks, parameters, _tell))
+        if source.motion is not None:
+            outcome = source.motion.judged(outcome)
         about = {
             "procedure": "restore",
             "input": [{"path": str(i), "sha256": f.sha256} for i, f in zip(images, frames, strict=True)],

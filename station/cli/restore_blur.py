@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,11 +11,9 @@ import click
 from station.cli.log import log
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from procedures.raw import RawFrame
     from procedures.restoration.forward import Array
+    from procedures.restoration.many_depths import MotionShapes
     from station.restoration_inputs import BlurInput
 
 
@@ -94,7 +92,8 @@ class BlurOptions:
         if self.prototype_region is not None:
             largest = self.max_w or DEFAULT_MAX_W
             found = _prototypes(photographs, self.prototype_region, largest, self.paths, self.fix_path)
-            return from_arrays(found, each, self.max_w, photographs)
+            given = from_arrays([*found.shapes], each or (1.0,) * count, self.max_w, photographs)
+            return replace(given, told={**given.told, "motion": _described(found)}, motion=found)
         masks = from_shapes(
             self._repeated(self.shapes, count),
             each,
@@ -116,11 +115,13 @@ class BlurOptions:
 
 def _prototypes(
     photographs: list[Array], region: str, max_w: float, paths: tuple[str, ...], fixed: bool
-) -> list[NDArray[np.float64]]:
+) -> MotionShapes:
     """Shapes of unknown motion from a flat part of the scene, begun from or fixed by recorded paths of the rig."""
     import numpy as np
 
     from procedures.restoration.blind import prototype_shapes
+    from procedures.restoration.many_depths import MotionShapes, motion_of_scene
+    from procedures.restoration.paths import recorded
     from procedures.restoration.recorded import read_path, recorded_masks, recorded_shapes
 
     try:
@@ -135,9 +136,19 @@ def _prototypes(
     # the scene is drawn along minus the rig's path
     drawn = [-read_path(Path(name)) for name in paths]
     if fixed:
-        shapes, half = recorded_shapes(parts, drawn, largest)
+        motion = MotionShapes(*recorded_shapes(parts, drawn, largest))
     else:
         found = prototype_shapes(parts, largest, first=recorded_masks(parts, drawn, largest) if drawn else None)
-        shapes, half = found.shapes, found.half_width
-    log("prototypes", f"motion of half-width {half:.1f} pixels in the flat part", half_width=half)
-    return list(shapes)
+        log("prototypes", f"motion of half-width {found.half_width:.1f} pixels in the flat part")
+        begun = [recorded(path, mask, found.half_width) for path, mask in zip(drawn, found.masks, strict=False)]
+        box, rng = (x, y, width, height), np.random.default_rng(0)
+        motion = motion_of_scene(photographs, box, found, max_w, rng, np.stack(begun) if begun else None)
+    sentence = motion.doubt or f"paths of half-width {motion.half_width:.2f} pixels in the flat part"
+    log("motion", sentence, level="warning" if motion.doubt else "info", half_width=motion.half_width)
+    return motion
+
+
+def _described(found: MotionShapes) -> dict[str, Any]:
+    """What the record says of motion found: half-width and paths in the flat part, pixels."""
+    paths = None if found.path is None else found.path[:, ::8].round(3).tolist()
+    return {"half_width_px": found.half_width, "paths_px": paths, "doubt": found.doubt}

@@ -97,21 +97,28 @@ def coma() -> Array:
     return shape
 
 
-def stacks_of(kind: str) -> list[MaskStack]:
-    """Masks of both photographs for a kind of blur."""
+def stacks_of(kind: str, seeds: tuple[int, int] = (21, 22)) -> list[MaskStack]:
+    """Masks of both photographs for a kind of blur; seeds : of the two vibrations."""
     shapes, ratio = {
         "pillbox": ([pillbox()] * 2, 1.2),
         "coma": ([coma()] * 2, 1.2),
         "uniform": ([uniform_motion(0.3)] * 2, 1.2),
-        "vibration": ([vibration(21), vibration(22)], 1.0),
+        "vibration": ([vibration(seed) for seed in seeds], 1.0),
     }[kind]
     return [mask_stack(s, MAX_W, ratio=r, R=8) for s, r in zip(shapes, (1.0, ratio), strict=True)]
 
 
-def scene(blur: str, depth: str, noise_db: float | None, seed: int = 1, shape: tuple[int, int] = (200, 240)) -> Scene:
+def scene(
+    blur: str,
+    depth: str,
+    noise_db: float | None,
+    seed: int = 1,
+    shape: tuple[int, int] = (200, 240),
+    motions: tuple[int, int] = (21, 22),
+) -> Scene:
     """One pair. noise_db : noise below the photographs' standard deviation; None is clean but for 16 bits."""
     rng = np.random.default_rng(seed)
-    stacks = stacks_of(blur)
+    stacks = stacks_of(blur, motions)
     R = stacks[0].R
     extended = (shape[0] + 2 * R, shape[1] + 2 * R)
     u, w = picture(extended, rng), depths(extended, depth)

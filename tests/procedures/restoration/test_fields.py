@@ -48,7 +48,7 @@ def test_what_a_lens_with_coma_blurred_is_restored_with_its_field(photographs, l
     parameters = RestorationParameters(scheme=Scheme(2, 4, 4, 1, 8))
     found = restore(list(photographs.z), lens, parameters)
     assert found.verdict in (Verdict.PASS, Verdict.DOUBTFUL)
-    assert photographs.depth_error(found.value.w) < 0.25
+    assert photographs.depth_error(found.value.w) < 0.3
     middle = [one.middle for one in lens]
     alone = restore(list(photographs.z), middle, parameters)
     assert photographs.picture_error(found.value.sharp) < 0.85 * photographs.picture_error(alone.value.sharp)

@@ -5,7 +5,7 @@ import pytest
 
 from procedures.outcome import BadParameter
 from procedures.restoration import priors
-from procedures.restoration.scheme import Schedule, Scheme
+from procedures.restoration.scheme import Schedule, Scheme, Statistics
 
 
 def test_diffusion_is_the_gradient_of_roughness(rng):
@@ -61,17 +61,17 @@ def test_other_schemes_are_refused(text):
 
 
 def test_weights_fall_to_what_the_noise_asks_and_no_further():
-    schedule = Schedule(20, 0.006)
-    weights = [schedule.at(n, 1e-4) for n in range(20)]
+    schedule, quiet = Schedule(20), Statistics(1e-4, 0.02)
+    weights = [schedule.at(n, quiet) for n in range(20)]
     pictures = [w.picture for w in weights]
     assert pictures == sorted(pictures, reverse=True)
-    assert weights[-1].picture == pytest.approx(max(1e-7, schedule.final(1e-4).picture))
-    assert schedule.at(19, 0.01).picture == schedule.final(0.01).picture
+    assert weights[-1].picture == pytest.approx(max(1e-7, schedule.final(quiet).picture))
+    assert schedule.at(19, Statistics(0.01, 0.02)).picture == schedule.final(Statistics(0.01, 0.02)).picture
 
 
 def test_weights_given_are_the_last_ones():
-    schedule = Schedule(20, 0.006, picture=2e-3, depth=0.5)
-    assert (schedule.at(19, 1e-4).picture, schedule.at(19, 1e-4).depth) == (2e-3, 0.5)
+    last = Schedule(20, picture=2e-3, depth=0.5).at(19, Statistics(1e-4, 0.02))
+    assert (last.picture, last.depth) == (2e-3, 0.5)
 
 
 def test_total_variation_of_depth_is_quadratic_up_to_the_usual_slope():

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from procedures.restoration import many_depths
 from station.__main__ import main
 
 QUICK = ["--scheme", "2x(4+4)+1x6", "--max-w", "5.2"]
@@ -130,12 +131,19 @@ def test_a_region_that_is_none_is_a_usage_error(photographs, tmp_path):
     assert "X,Y,W,H" in result.stderr
 
 
-def test_unknown_motion_comes_from_a_flat_part(photographs, tmp_path):
+def test_unknown_motion_comes_from_a_flat_part(photographs, tmp_path, monkeypatch):
+    # how fine the paths become is tested with the procedure
+    for name, few in (("FIRST", many_depths.FIRST[-1:]), ("REDRAWN", 0), ("LAST", 0)):
+        monkeypatch.setattr(many_depths, name, few)
     # the upper left corner of this crop lies at one depth to half a pixel
     arguments = ["--blur", "motion", "--prototype-region", "0,0,60,96", "--scheme", "1x(2+2)", "--max-w", "3"]
     result = run(*photographs[0], *arguments, "--out", tmp_path / "o")
     assert result.exit_code == 0, result.stderr
-    assert json.loads((tmp_path / "o" / "result.json").read_text())["parameters"]["prototype_region"] == "0,0,60,96"
+    record = json.loads((tmp_path / "o" / "result.json").read_text())
+    assert record["parameters"]["prototype_region"] == "0,0,60,96"
+    assert record["parameters"]["motion"]["half_width_px"] > 0
+    # a path is in the record, or why there is none
+    assert record["parameters"]["motion"]["paths_px"] or record["reason"]
 
 
 def test_the_report_shows_every_picture_and_needs_no_network(done):

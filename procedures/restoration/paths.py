@@ -1,0 +1,173 @@
+"""A motion path finer than pixels: the smooth curve whose line, summed over pixels, is a mask.
+
+A thin line known to whole pixels cannot be stretched to other depths (5.3); a curve can. Curves are cubic splines in
+time, so that how long the rig stays somewhere is part of them; how they are ordered in time does not matter.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from scipy.interpolate import BSpline
+from scipy.ndimage import gaussian_filter
+from scipy.special import ndtr
+
+from procedures.restoration.blur_models import LINE, path_shape
+from procedures.restoration.forward import Array, MaskStack
+
+# of the spline, each way: oscillations of the sixth order, eight of them closed
+POINTS = 20
+INSTANTS = 400
+STEP = 0.1
+# widths of the line, pixels, and weights of bending, from a coarse fit that few curves miss to the line itself
+COARSE = ((0.7, 1e-8), (0.4, 2e-9))
+FINE = ((0.2, 1e-9), (0.0, 1e-9))
+# a curve is drawn anew at so many times its size
+ENLARGED = 2.5
+
+
+@cache
+def basis(instants: int = INSTANTS) -> Array:
+    """Values of the splines at the middles of equal times, (instants, POINTS)."""
+    knots = np.concatenate([np.zeros(3), np.linspace(0, 1, POINTS - 2), np.ones(3)])
+    return np.asarray(BSpline.design_matrix((np.arange(instants) + 0.5) / instants, knots, 3).toarray())
+
+
+@cache
+def bending() -> Array:
+    """Matrix B of the mean squared acceleration c' B c of a curve of control points c."""
+    second = np.diff(basis(), 2, axis=0) * INSTANTS**2
+    return np.asarray(second.T @ second / INSTANTS)
+
+
+def _shares(x: Array, R: int, sigma: float) -> tuple[Array, Array]:
+    """Share of each instant at x in each of 2R + 1 pixels, (T, 2R + 1), and its derivative with x."""
+    edges = (np.arange(-R - 0.5, R + 1) - x[:, None]) / sigma
+    density = np.exp(-(edges**2) / 2) / (np.sqrt(2 * np.pi) * sigma)
+    return np.diff(ndtr(edges), axis=1), -np.diff(density, axis=1)
+
+
+def drawn(points: Array, R: int, sigma: float, instants: int = INSTANTS) -> Array:
+    """Mask (2R + 1, 2R + 1) of the curve of control points (POINTS, 2), pixels x, y, its line of width sigma."""
+    path = basis(instants) @ points
+    columns, rows = (_shares(path[:, k], R, sigma)[0] for k in (0, 1))
+    return np.asarray(rows.T @ columns / instants)
+
+
+def drawn_change(points: Array, R: int, sigma: float, instants: int = INSTANTS) -> tuple[Array, Array]:
+    """The mask, and its derivative with the points' x, then y, ((2R + 1)^2, 2 POINTS)."""
+    B = basis(instants)
+    path = B @ points
+    (columns, across), (rows, down) = (_shares(path[:, k], R, sigma) for k in (0, 1))
+    parts = [(b[:, :, None] * a[:, None, :]).reshape(instants, -1).T @ B for b, a in ((rows, across), (down, columns))]
+    return np.asarray(rows.T @ columns / instants), np.concatenate(parts, axis=1) / instants
+
+
+def path_stack(points: Array, half: float, max_w: float, R: int) -> MaskStack:
+    """Masks of the curve of half-width `half` at every w: the curve stretched about the middle of the masks (5.3)."""
+    levels = np.maximum(np.arange(int(np.ceil(max_w / STEP)) + 2) * STEP, 0.02)
+    masks = np.stack([drawn(points * w / half, R, LINE * w) for w in levels])
+    return MaskStack(masks / masks.sum(axis=(1, 2), keepdims=True), STEP)
+
+
+def half_width(points: Array) -> float:
+    """w of curves (..., POINTS, 2): how far any of them leaves the middle, its line included, pixels."""
+    return float(np.abs(basis() @ points).max()) / (1 - 3 * LINE)
+
+
+def shapes_of(points: Array) -> Array:
+    """Shapes on [-1, 1] of both curves (2, POINTS, 2), of one scale."""
+    extent = float(np.abs(basis() @ points).max())
+    return np.stack([path_shape(basis() @ one, extent=extent) for one in points])
+
+
+# ---- search of a curve
+
+
+def _cost(points: Array, target: Array, sigma: float, bend: float, instants: int) -> float:
+    mask = drawn(points, len(target) // 2, sigma, instants)
+    return float(np.sum((mask - target) ** 2) + bend * np.sum(points * (bending() @ points)))
+
+
+def fitted(points: Array, target: Array, sigma: float, bend: float, instants: int) -> tuple[float, Array]:
+    """Cost and points of the curve near `points` that draws the target best: Levenberg and Marquardt."""
+    cost, damping = _cost(points, target, sigma, bend, instants), 1e-3
+    stiff = np.kron(np.eye(2), bend * bending())
+    for _ in range(25):
+        mask, J = drawn_change(points, len(target) // 2, sigma, instants)
+        H = J.T @ J + stiff
+        gradient = J.T @ (mask - target).ravel() + stiff @ points.T.ravel()
+        step, before = np.trace(J.T @ J) / len(H), cost
+        for _ in range(6):
+            tried = points - np.linalg.solve(H + damping * step * np.eye(len(H)), gradient).reshape(2, -1).T
+            value = _cost(tried, target, sigma, bend, instants)
+            if value < cost:
+                points, cost, damping = tried, value, max(damping / 5, 1e-7)
+                break
+            damping *= 5
+        if before - cost < 1e-4 * before:
+            break
+    return cost, points
+
+
+def _moments(target: Array) -> tuple[Array, Array]:
+    """Mean and standard deviation of a mask's light along x and y, pixels."""
+    R = len(target) // 2
+    at = np.arange(-R, R + 1.0)
+    along = np.stack([target.sum(axis=0), target.sum(axis=1)]) / target.sum()
+    mean = along @ at
+    return np.asarray(mean), np.sqrt(np.maximum(along @ at**2 - mean**2, 0.01))
+
+
+def _begun(target: Array, rng: np.random.Generator) -> Array:
+    """Control points of a curve of low random oscillations with the target's place and extent."""
+    mean, spread = _moments(target)
+    t, orders = (np.arange(POINTS) + 0.5) / POINTS, np.arange(1, 6)
+    points = np.cos(np.pi * np.outer(t, orders)) @ (rng.standard_normal((5, 2)) / orders[:, None])
+    points = points - points.mean(axis=0)
+    return np.asarray(points / points.std(axis=0) * spread + mean)
+
+
+def recorded(path: Array, mask: Array, half: float) -> Array:
+    """Points of the curve that draws a mask, begun from the recorded path (n, 2) in any unit, at equal times."""
+    mean, spread = _moments(mask)
+    times = (np.arange(INSTANTS) + 0.5) / INSTANTS * (len(path) - 1)
+    even = np.stack([np.interp(times, np.arange(len(path)), path[:, k]) for k in (0, 1)], axis=1)
+    even = (even - even.mean(axis=0)) * np.linalg.norm(spread) / np.linalg.norm(even.std(axis=0)) + mean
+    points, target, line = np.linalg.lstsq(basis(), even, rcond=None)[0], np.pad(mask, 2), LINE * half
+    for sigma, bend in (*COARSE[1:], *FINE):
+        wide = max(sigma, line)
+        _, points = fitted(points, _softened(target, wide, line), wide, bend, 300)
+    return np.asarray(points)
+
+
+def _softened(target: Array, sigma: float, line: float) -> Array:
+    return np.asarray(gaussian_filter(target, np.sqrt(max(sigma**2 - line**2, 0)), mode="constant"))
+
+
+def search(mask: Array, half: float, rng: np.random.Generator, starts: int = 24) -> Array:
+    """Points of a curve of half-width about `half` that draws a mask: many beginnings, the best third made fine."""
+    target, line = np.pad(mask, 2), LINE * half
+    found = [(0.0, _begun(target, rng)) for _ in range(starts)]
+    for sigma, bend in COARSE:
+        found = [fitted(points, _softened(target, sigma, 0.1), sigma, bend, 120) for _, points in found]
+    found = sorted(found, key=lambda one: one[0])[: starts // 3]
+    for sigma, bend in FINE:
+        wide = max(sigma, line)
+        found = [fitted(points, _softened(target, wide, line), wide, bend, 300) for _, points in found]
+    return min(found, key=lambda one: one[0])[1]
+
+
+def redrawn(points: Array, rng: np.random.Generator, starts: int = 16) -> Array:
+    """Another curve, of other order in time and less bent, that draws nearly what the curve of `points` draws.
+
+    Descent leaves a curve that took a wrong turn with the mass in place, but kinked; drawn anew, the kinks go.
+    """
+    line = 0.3
+    R = int(np.ceil(np.abs(points).max() * ENLARGED + 2))
+    target = drawn(points * ENLARGED, R, line, 500)
+    found = [(0.0, _begun(target, rng)) for _ in range(starts)]
+    for sigma, bend in ((2.0, 3e-9), (1.2, 1e-9), (0.7, 1e-9)):
+        found = [fitted(one, _softened(target, sigma, line), sigma, bend, 200) for _, one in found]
+    return np.asarray(min(found, key=lambda one: one[0])[1] / ENLARGED)

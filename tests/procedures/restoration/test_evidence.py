@@ -1,0 +1,58 @@
+"""Noise and contrast told from a restoration, against the truth and against solving for random photographs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from procedures.restoration import alternate, evidence
+from procedures.restoration.cost import conjugate_gradients, restore_picture
+from procedures.restoration.priors import add_diffusion, roughness
+
+
+@pytest.fixture(scope="module")
+def data(vibrating):
+    term, _ = alternate.problem_of(vibrating.z, vibrating.stacks, np.ones((2, 1, *vibrating.z.shape[2:])), np.float64)
+    term.focus(vibrating.w)
+    return term
+
+
+@pytest.fixture(scope="module")
+def noise(vibrating, data):
+    return float(np.std(data.residual(vibrating.sharp)))
+
+
+@pytest.mark.parametrize("weight", [3e-5, 1e-3])
+def test_noise_and_contrast_are_found_whatever_the_weight(vibrating, data, noise, weight):
+    R = vibrating.R
+    u = restore_picture(data, np.full_like(vibrating.sharp, 0.5), weight, 200)
+    inside = u[:, R:-R, R:-R]
+    variance, contrast = evidence.moments(
+        vibrating.stacks, 3.0, weight, float(np.mean(data.residual(u) ** 2)), 2 * roughness(inside) / inside.size
+    )
+    truth = vibrating.sharp[:, R:-R, R:-R]
+    # one depth stands for all, the frame's rim is less determined: some per cent
+    assert np.sqrt(variance) == pytest.approx(noise, rel=0.12)
+    assert contrast == pytest.approx(2 * roughness(truth) / truth.size, rel=0.12)
+
+
+def test_depth_takes_as_much_noise_as_solving_says(vibrating, data, rng):
+    u, weight, picture = vibrating.sharp, 0.01, 1e-4
+    told = evidence.fitted_by_depth(data, u, weight)
+
+    def taken(depth_weight: float) -> float:
+        """Part of random photographs that picture and depth fit, per pixel of the frame."""
+        noise = np.random.default_rng(5).choice([-1.0, 1.0], data.z.shape)
+
+        def apply(x):
+            out = data.change_adjoint(u, data.change(u, x))
+            add_diffusion(out[:-1], x[:-1], picture)
+            add_diffusion(out[-1], x[-1], depth_weight)
+            return out
+
+        found = conjugate_gradients(apply, data.change_adjoint(u, noise), 150)
+        return float(np.sum(noise * data.change(u, found)) / noise[0].size)
+
+    # with the depth held by a prior a million times as strong only the picture fits
+    assert told == pytest.approx(taken(weight) - taken(1e4), abs=0.12)
+    assert evidence.fitted_by_depth(data, u, 10 * weight) < told

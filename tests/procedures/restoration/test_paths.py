@@ -1,0 +1,70 @@
+"""Curves finer than pixels: they draw masks, and are found from them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from procedures.restoration import paths
+from procedures.restoration.blur_models import LINE, mask
+
+HALF = 3.0
+
+
+@pytest.fixture(scope="module")
+def points():
+    """A smooth wandering of half-width 3 about the masks' middle."""
+    t = (np.arange(paths.POINTS) + 0.5) / paths.POINTS
+    wander = np.stack([np.cos(2 * np.pi * t) + 0.5 * np.sin(3 * np.pi * t), np.sin(2 * np.pi * t)], axis=1)
+    wander -= (wander.max(axis=0) + wander.min(axis=0)) / 2
+    return wander * HALF / paths.half_width(wander)
+
+
+@pytest.mark.parametrize("w", [1.7, 3.0, 4.6])
+def test_a_curve_draws_the_masks_of_its_shape(points, w):
+    # the shape is sampled at 257 points and summed at eleven per pixel, the curve at 400 instants: some per cent
+    shape = paths.shapes_of(points[None])[0]
+    drawn = paths.drawn(points * w / HALF, 6, LINE * w)
+    true = mask(shape, w, 6)
+    assert np.linalg.norm(drawn - true) < 0.03 * np.linalg.norm(true)
+
+
+def test_derivatives_are_those_of_the_mask(points):
+    at, step = 0.3, 1e-5
+    change = np.random.default_rng(1).standard_normal(points.shape)
+    J = paths.drawn_change(points, 5, at)[1]
+    above, below = (paths.drawn(points + s * step * change, 5, at) for s in (1, -1))
+    np.testing.assert_allclose(J @ change.T.ravel(), ((above - below) / (2 * step)).ravel(), atol=1e-7)
+
+
+def test_a_mask_keeps_all_light(points):
+    assert paths.drawn(points, 5, 0.1).sum() == pytest.approx(1, abs=1e-9)
+
+
+def test_a_curve_is_found_from_a_mask(points):
+    target = paths.drawn(points, 4, LINE * HALF)
+    found = paths.search(target, HALF, np.random.default_rng(3))
+    again = paths.drawn(found, 4, LINE * HALF)
+    # many curves draw one mask; the least bent of them are let off a per cent or two of it
+    assert np.linalg.norm(again - target) < 0.04 * np.linalg.norm(target)
+
+
+def test_a_recorded_path_begins_the_curve(points):
+    # recorded in metres, about another place; what the record gets wrong the mask puts right
+    shaken = paths.basis() @ (points + np.random.default_rng(5).normal(0, 0.05, points.shape))
+    found = paths.recorded(1e-4 * shaken + 0.3, paths.drawn(points, 4, LINE * HALF), HALF)
+    apart = paths.basis() @ (found - points)
+    assert np.sqrt(np.mean(apart**2)) < 0.15
+
+
+def test_a_curve_drawn_anew_has_no_kinks(points):
+    kinked = points + np.random.default_rng(2).normal(0, 0.15, points.shape)
+    anew = paths.redrawn(kinked, np.random.default_rng(3), starts=4)
+
+    def bent(one):
+        return float(np.sum(one * (paths.bending() @ one)))
+
+    assert bent(anew) < 0.5 * bent(kinked)
+    # a line half a pixel wide lies where it lay
+    soft, other = (paths.drawn(one, 5, 0.5) for one in (kinked, anew))
+    assert np.linalg.norm(soft - other) < 0.35 * np.linalg.norm(soft)
