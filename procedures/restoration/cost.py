@@ -52,6 +52,12 @@ class DataTerm:
             blur.blur_adjoint(a, out)
         return out
 
+    def curvature(self, w: Array) -> tuple[Array, Array]:
+        """Diagonal of the data term's curvature over picture, and over w where the picture is 1; both (H', W')."""
+        own = [blur.stack.curvature(w) for blur in self.blurs]
+        picture, depth = (np.sum(parts, axis=0) for parts in zip(*own, strict=True))
+        return picture, depth
+
     def residual(self, u: Array) -> Array:
         """Weighted photographs minus their prediction, (P, C, H, W)."""
         return self._weighted(self.z) - self.blur(u)

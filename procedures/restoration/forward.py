@@ -50,6 +50,14 @@ class MaskStack:
         mask: Array = (1 - f) * self.masks[k] + f * self.masks[k + 1]
         return mask
 
+    def curvature(self, w: Array) -> tuple[Array, Array]:
+        """Sums of the squares of the mask of every w, and of its derivative with w."""
+        slopes = np.diff(self.masks, axis=0) / self.step
+        levels = np.arange(len(self.masks)) * self.step
+        powers = [np.sum(m**2, axis=(1, 2)) for m in (self.masks, np.concatenate([slopes, slopes[-1:]]))]
+        masks, changes = (np.interp(w, levels, power).astype(w.dtype) for power in powers)
+        return masks, changes
+
     def supports(self) -> NDArray[np.int32]:
         """Half-size of the square outside which each mask is zero, made to increase with w."""
         distance = np.abs(np.arange(-self.R, self.R + 1))

@@ -17,10 +17,11 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter, maximum_filte
 
 from procedures.restoration.cost import DataTerm, conjugate_gradients
 from procedures.restoration.forward import Array
-from procedures.restoration.newton import PICTURE_CURVATURE
 from procedures.restoration.priors import diffuse
 from procedures.restoration.segments import Labels, Mask, surfaces
 
+# curvature of the data term per pixel: pillboxes and paths of 3 to 11 pixels lie around it
+PICTURE_CURVATURE = 0.3
 SHARE_CURVATURE = 0.05
 SHARE_WEIGHT = 1e-4
 # of the frame: a larger part is not cut out

@@ -31,12 +31,12 @@ def test_noise_and_contrast_are_found_whatever_the_weight(vibrating, data, noise
         vibrating.stacks, 3.0, weight, float(np.mean(data.residual(u) ** 2)), 2 * roughness(inside) / inside.size
     )
     truth = vibrating.sharp[:, R:-R, R:-R]
-    # one depth stands for all, the frame's rim is less determined: some per cent
-    assert np.sqrt(variance) == pytest.approx(noise, rel=0.12)
-    assert contrast == pytest.approx(2 * roughness(truth) / truth.size, rel=0.12)
+    # one depth stands for all, the frame's rim is less determined
+    assert np.sqrt(variance) == pytest.approx(noise, rel=0.15)
+    assert contrast == pytest.approx(2 * roughness(truth) / truth.size, rel=0.15)
 
 
-def test_depth_takes_as_much_noise_as_solving_says(vibrating, data, rng):
+def test_depth_takes_as_much_noise_as_solving_says(vibrating, data):
     u, weight, picture = vibrating.sharp, 0.01, 1e-4
     told = evidence.fitted_by_depth(data, u, weight)
 
@@ -53,6 +53,6 @@ def test_depth_takes_as_much_noise_as_solving_says(vibrating, data, rng):
         found = conjugate_gradients(apply, data.change_adjoint(u, noise), 150)
         return float(np.sum(noise * data.change(u, found)) / noise[0].size)
 
-    # with the depth held by a prior a million times as strong only the picture fits
-    assert told == pytest.approx(taken(weight) - taken(1e4), abs=0.12)
+    # with the depth held by a prior a thousand times as strong only the picture fits
+    assert told == pytest.approx(taken(weight) - taken(1000 * weight), abs=0.1)
     assert evidence.fitted_by_depth(data, u, 10 * weight) < told

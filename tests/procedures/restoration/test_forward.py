@@ -149,3 +149,18 @@ def test_interpolated_masks_meet_the_stored_ones():
     stack = MaskStack(np.random.default_rng(0).random((4, 3, 3)), 0.5)
     np.testing.assert_allclose(stack.at(1.0), stack.masks[2])
     np.testing.assert_allclose(stack.at(0.75), (stack.masks[1] + stack.masks[2]) / 2)
+
+
+def test_curvature_is_what_one_pixel_changes(vibration_stacks):
+    stack, shape = vibration_stacks[0], (14, 15)
+    R = stack.R
+    blur = Blur(stack, shape)
+    w = np.full(blur.extended, 2.52)
+    blur.focus(w)
+    picture, depth = stack.curvature(w)
+    one = np.zeros(blur.extended)
+    one[R + 7, R + 7] = 1
+    assert picture[R + 7, R + 7] == pytest.approx(np.sum(blur.blur(one) ** 2), rel=0.01)
+    # between two masks the derivative is their difference; the table is read between two such differences
+    change = blur.change(np.ones(blur.extended), np.zeros(blur.extended), one)
+    assert depth[R + 7, R + 7] == pytest.approx(np.sum(change**2), rel=0.1)

@@ -55,7 +55,7 @@ def found(curves):
 def test_other_depths_put_the_curves_in_their_place(photographs, found, curves, monkeypatch):
     # a tenth of a pixel off in the flat part, as curves that draw one mask differ
     begun = curves + np.random.default_rng(1).normal(0, 0.1, curves.shape)
-    for name, few in (("FIRST", many_depths.FIRST[-1:]), ("REDRAWN", 0), ("LAST", 1)):
+    for name, few in (("FIRST", many_depths.FIRST[-1:]), ("REDRAWN", 0), ("LAST", 3)):
         monkeypatch.setattr(many_depths, name, few)
     motion = many_depths.motion_of_scene(photographs, BOX, found, 3.5, np.random.default_rng(0), begun)
     assert motion.path is not None
