@@ -13,7 +13,7 @@ from procedures.restoration.forward import Array, MaskStack
 SIZE = 64
 LEAST_NOISE = 1e-5
 # part of the curvature over w that counts: the picture takes some, and texture is sparse; degrees of freedom then agree
-# with those of random photographs restored (0.44 and 0.2 per pixel, vibration and pillbox)
+# with those of random photographs restored
 DETERMINED = 1 / 6
 
 

@@ -56,9 +56,9 @@ REDRAWN = 4
 # and with the depths improved beside the paths
 LAST = 4
 
-# unexplained error beside the noise's beyond which the curves are not those of the rig, and below which they are
 # mean squared difference of neighbours expected of the picture while paths are sought, white = 1
 CONTRAST = 6.3e-3
+# unexplained error beside the noise's beyond which the curves are not those of the rig, and below which they are
 MOST_LEFT, LITTLE_LEFT = 1.0, 0.7
 REMEDY = "record the rig's motion, or mark a larger flat part with more detail"
 

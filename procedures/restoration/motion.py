@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from procedures.outcome import BadInput
-from procedures.restoration.forward import MaskStack
 
 Array = NDArray[np.float64]
 
@@ -114,27 +113,3 @@ def path_mask(path_px: Array, R: int, *, softness_px: float = 0.3) -> Array:
             np.add.at(out, (i + di, j + dj), wy * wx)
     out = gaussian_filter(out, softness_px, mode="constant")
     return np.asarray(out / out.sum())
-
-
-def motion_stack(
-    motion: Motion,
-    focal_px: float,
-    at_px: tuple[float, float],
-    max_inverse_m: float,
-    R: int,
-    levels: int = 40,
-    exposure: Exposure | None = None,
-) -> MaskStack:
-    """Masks of one position of the frame for inverse depths 0 to `max_inverse_m`, 1/m, as a stack (section 6.7).
-
-    The stack's w is the inverse depth in 1/m; at_px : position from the principal point, pixels. Make one for each node
-    of a grid and give them to `FieldBlur`; one `exposure` for each photograph, all of one reference.
-    """
-    step = max_inverse_m / levels
-    x, y = at_px[0] / focal_px, at_px[1] / focal_px
-    masks = []
-    for k in range(levels + 2):
-        depth = 1 / (k * step) if k else 1e9
-        path = (curve(motion, x, y, depth, exposure=exposure) - (x, y)) * focal_px
-        masks.append(path_mask(path, R))
-    return MaskStack(np.stack(masks), step)

@@ -44,14 +44,6 @@ def test_masks_of_a_path_keep_light_and_its_mean():
     assert (mask * np.arange(-5, 6)).sum() == pytest.approx(0.25, abs=1e-6)
 
 
-def test_a_stack_over_inverse_depth_scales_the_blur():
-    velocity = np.tile([0.5, 0.0, 0.0], (200, 1))
-    stack = m.motion_stack(m.Motion(T, velocity, STILL), 400.0, (30.0, 0.0), 0.5, 8)
-    widths = [np.sqrt((stack.at(w) * np.arange(-8, 9) ** 2).sum()) for w in (0.25, 0.5)]
-    # half-lengths 2.5 and 5 pixels: l / sqrt(3), with the pixel's own blur below 0.4
-    assert widths == pytest.approx([2.5 / 3**0.5, 5 / 3**0.5], rel=0.06)
-
-
 def test_motion_that_leaves_the_masks_is_refused():
     with pytest.raises(BadInput, match="leaves masks"):
         m.path_mask(np.array([[0.0, 0.0], [9.0, 0.0]]), 5)
@@ -74,15 +66,3 @@ def test_a_later_exposure_is_drawn_where_it_has_gone():
     instant = 0.02 * (T[-1] / 511) / 2
     assert drawn[0, 0] == pytest.approx(0.1 - 0.02 * 0.06 / 2, abs=instant)
     assert drawn[-1, 0] == pytest.approx(0.1 - 0.02 * 0.08 / 2, abs=instant)
-
-
-def test_masks_of_all_exposures_share_one_depth_map():
-    # near points have moved farther between the exposures: the second stack carries the disparity, in the first's frame
-    velocity = np.tile([0.02, 0.0, 0.0], (200, 1))
-    stack = m.motion_stack(
-        m.Motion(T, velocity, STILL), 800.0, (0.0, 0.0), 2.0, 6, levels=8, exposure=m.Exposure(0.06, 0.08, 0.0)
-    )
-    x = np.arange(-6, 7)
-    for inverse_depth in (0.5, 1.5):
-        centroid = (stack.at(inverse_depth) * x).sum()
-        assert centroid == pytest.approx(-800 * 0.02 * 0.07 * inverse_depth, abs=0.05)
