@@ -138,10 +138,9 @@ def one_round(problem: Problem, state: State) -> State:
     start = time.perf_counter()
     weights = problem.schedule.at(state.n, state.known)
     what = _steps_due(state.n, problem.scheme.rounds)
-    u, w, labels, steps = state.u, state.w, state.labels, 1
+    u, w, labels = state.u, state.w, state.labels
     if what == "anew":
-        steps = min(ON_TRIAL, problem.scheme.rounds - state.n)
-        u, w, labels = _repaired(problem, state, weights, steps)
+        u, w, labels = _repaired(problem, state, weights)
     else:
         if what:
             u, w, labels = _placed(problem, state, what, weights)
@@ -149,10 +148,10 @@ def one_round(problem: Problem, state: State) -> State:
     final = problem.schedule.final(state.known)
     value, residual = cost(problem, u, w, final)
     done = Round(
-        state.n + steps - 1, f"steps {what} + joint" if what else "joint", value, residual,
+        state.n, f"steps {what} + joint" if what else "joint", value, residual,
         float(np.abs(w - state.w).mean()), time.perf_counter() - start, weights,
     )  # fmt: skip
-    return State(state.n + steps, u, w, _statistics(problem, u, w, weights, residual), (*state.history, done), labels)
+    return State(state.n + 1, u, w, _statistics(problem, u, w, weights, residual), (*state.history, done), labels)
 
 
 def _joint(problem: Problem, u: Array, w: Array, labels: Labels | None, weights: Weights) -> tuple[Array, Array]:
@@ -162,11 +161,11 @@ def _joint(problem: Problem, u: Array, w: Array, labels: Labels | None, weights:
     return joint_step(problem.data, u, w, weights, iterations, _diffusion(problem, u), edges)
 
 
-def _repaired(problem: Problem, state: State, weights: Weights, steps: int) -> tuple[Array, Array, Labels]:
-    """Picture, depth and segments some steps on, the parts that are not explained begun again."""
+def _repaired(problem: Problem, state: State, weights: Weights) -> tuple[Array, Array, Labels]:
+    """Picture, depth and segments some joint steps on, the parts that are not explained begun again."""
 
     def onward(pair: Pair) -> Pair:
-        for _ in range(steps):
+        for _ in range(ON_TRIAL):
             u, w = _joint(problem, pair.u, pair.w, pair.labels, weights)
             pair = Pair(u, w, pair.labels)
         return pair

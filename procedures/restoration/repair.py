@@ -91,9 +91,7 @@ def better_of(data: DataTerm, old: Pair, new: Pair, wrong: Mask) -> Pair:
         data.focus(pair.w)
         left.append(uniform_filter(np.pad((data.residual(pair.u) ** 2).sum(axis=(0, 1)), data.R), 2 * data.R + 1))
     take = binary_dilation(wrong, iterations=DOUBT) & (left[1] < left[0])
-    return Pair(
-        *(np.where(take, b, a).astype(a.dtype) for a, b in ((old.u, new.u), (old.w, new.w), (old.labels, new.labels)))
-    )
+    return Pair(np.where(take, new.u, old.u), np.where(take, new.w, old.w), np.where(take, new.labels, old.labels))
 
 
 def repaired(
