@@ -102,7 +102,7 @@ def cost(problem: Problem, u: Array, w: Array, weights: Weights) -> tuple[float,
     problem.data.focus(w)
     e = problem.data.residual(u)
     prior = weights.picture * roughness(u, *_diffusion(problem, u))
-    prior += weights.depth * roughness(w, *_edges(problem, w, weights, None))
+    prior += weights.depth_cost(w, *_edges(problem, w, weights, None))
     return 0.5 * float(np.sum(e**2)) + prior, float(np.median(np.abs(e)) / 0.6745)
 
 
@@ -172,7 +172,7 @@ def _statistics(problem: Problem, u: Array, w: Array, weights: Weights, residual
     """Noise and contrast that residual and picture of a round suggest; the noise at most half above the first."""
     R, stacks = problem.data.R, [blur.stack for blur in problem.data.blurs]
     gradient = 2 * roughness(u[:, R:-R, R:-R]) / u[:, R:-R, R:-R].size
-    fitted = fitted_by_depth(problem.data, u, weights.depth)
+    fitted = fitted_by_depth(problem.data, u, weights)
     noise, contrast = moments(stacks, float(np.median(w)), weights.picture, residual**2, gradient, fitted)
     return Statistics(min(float(np.sqrt(noise)), 1.5 * problem.sigma), contrast)
 

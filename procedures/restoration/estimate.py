@@ -164,7 +164,7 @@ def restore(
     sigma = noise_of(z, stacks)
     start = first_depth(z, stacks, sigma, p.depth_start)
     fields = one_grid(stacks)
-    schedule = Schedule(p.scheme.rounds, p.image_weight, p.depth_weight)
+    schedule = Schedule(p.scheme.rounds, p.image_weight, p.depth_weight, not p.depth_total_variation)
     data, other = alternate.problem_of(z, fields, trust, p.dtype, MaskField.blur)
     problem = alternate.Problem(
         data,

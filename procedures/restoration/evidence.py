@@ -9,6 +9,7 @@ import numpy as np
 
 from procedures.restoration.cost import DataTerm
 from procedures.restoration.forward import Array, MaskStack
+from procedures.restoration.newton import Weights
 
 SIZE = 64
 LEAST_NOISE = 1e-5
@@ -42,15 +43,17 @@ def moments(
     return max(float(noise), least, LEAST_NOISE**2), max(float(contrast), 0.2 * gradient, 1e-8)
 
 
-def fitted_by_depth(data: DataTerm, u: Array, weight: float) -> float:
+def fitted_by_depth(data: DataTerm, u: Array, weights: Weights) -> float:
     """Degrees of freedom that w takes from the photographs' noise, per pixel and channel.
 
-    data : focused on w; weight : of the depth's prior. A random change of w tells the curvature of the data term.
+    data : focused on w; weights : of the priors. A random change of w tells the curvature of the data term.
     """
     probe = np.zeros((len(u) + 1, *data.extended), u.dtype)
     probe[-1] = np.random.default_rng(0).choice([-1.0, 1.0], data.extended)
     curvature = DETERMINED * float((data.change(u, probe) ** 2).sum(axis=(0, 1)).mean())
-    return float(np.mean(curvature / (curvature + weight * laplacian()))) / len(u)
+    L = laplacian()
+    prior = weights.depth * (weights.tilt * L + weights.bend * L**2)
+    return float(np.mean(curvature / (curvature + prior))) / len(u)
 
 
 def laplacian() -> Array:

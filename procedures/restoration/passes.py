@@ -55,6 +55,16 @@ def add_diffusion(
     _add_diffusion(out.reshape(flat), x.reshape(flat), x.dtype.type(weight), g, h)
 
 
+def add_bending(out: Array, x: Array, weight: float, down: Array | float, across: Array | float) -> None:
+    """Add weight times the gradient of half the weighted sum of x's squared second differences.
+
+    Along both axes and, counted twice, across them: where weights are even, the Laplacian squared. out, x : (H, W),
+    contiguous; down, across : weights of differences as for `add_diffusion`, the least of those involved holds.
+    """
+    g, h = _every_row(down, x), _every_row(across, x[:, 1:])
+    _add_bending(out, x, x.dtype.type(weight), g[: len(x) - 1], h)
+
+
 def gaussian(a: Array, sigma: float, truncate: float) -> Array:
     """a (H, W) under a Gaussian window of `sigma` pixels cut at `truncate` sigma, continued evenly beyond the frame."""
     reach = int(truncate * sigma + 0.5)
@@ -70,6 +80,11 @@ def gaussian(a: Array, sigma: float, truncate: float) -> Array:
 def _rows(weights: Array | float, width: int, dtype: Any) -> Array:
     """Weights as rows; one row stands for all of them."""
     return np.full((1, width), weights, dtype) if np.ndim(weights) == 0 else np.ascontiguousarray(weights, dtype)
+
+
+def _every_row(weights: Array | float, like: Array) -> Array:
+    """Weights as an array of their own row for every row; one number stands for all."""
+    return np.full(like.shape, weights, like.dtype) if np.ndim(weights) == 0 else np.asarray(weights, like.dtype)
 
 
 @numba.njit(fastmath=True, cache=True, nogil=True)
@@ -101,6 +116,31 @@ def _add_diffusion(out: Array, x: Array, weight: Any, down: Array, across: Array
                 to[j] += weight * g[j] * (row[j] - row[j + 1])
             for j in range(1, width):
                 to[j] += weight * g[j - 1] * (row[j] - row[j - 1])
+
+
+@numba.njit(fastmath=True, cache=True, nogil=True)
+def _add_bending(out: Array, x: Array, weight: Any, down: Array, across: Array) -> None:
+    height, width = x.shape
+    for i in range(height):
+        for j in range(1, width - 1):
+            e = weight * min(across[i, j - 1], across[i, j]) * (x[i, j - 1] - 2 * x[i, j] + x[i, j + 1])
+            out[i, j - 1] += e
+            out[i, j] -= 2 * e
+            out[i, j + 1] += e
+    for i in range(1, height - 1):
+        for j in range(width):
+            e = weight * min(down[i - 1, j], down[i, j]) * (x[i - 1, j] - 2 * x[i, j] + x[i + 1, j])
+            out[i - 1, j] += e
+            out[i, j] -= 2 * e
+            out[i + 1, j] += e
+    for i in range(height - 1):
+        for j in range(width - 1):
+            g = min(min(down[i, j], down[i, j + 1]), min(across[i, j], across[i + 1, j]))
+            e = 2 * weight * g * (x[i, j] - x[i, j + 1] - x[i + 1, j] + x[i + 1, j + 1])
+            out[i, j] += e
+            out[i, j + 1] -= e
+            out[i + 1, j] -= e
+            out[i + 1, j + 1] += e
 
 
 @numba.njit(fastmath=True, cache=True, nogil=True)

@@ -26,6 +26,18 @@ def roughness(x: Array, down: Array | float = 1.0, across: Array | float = 1.0) 
     return 0.5 * float(np.sum(down * y**2) + np.sum(across * z**2))
 
 
+def bending(x: Array, down: Array, across: Array) -> float:
+    """Half the weighted sum of squared second differences of x (H, W), see `passes.add_bending`.
+
+    down, across : weights of differences, (H - 1, W) and (H, W - 1).
+    """
+    y, z = differences(x)
+    own = np.minimum(down[1:], down[:-1]) * np.diff(y, axis=0) ** 2
+    beside = np.minimum(across[:, 1:], across[:, :-1]) * np.diff(z, axis=1) ** 2
+    cell = np.minimum(np.minimum(down[:, 1:], down[:, :-1]), np.minimum(across[1:], across[:-1]))
+    return 0.5 * float(np.sum(own) + np.sum(beside) + 2 * np.sum(cell * np.diff(y, axis=1) ** 2))
+
+
 def total_variation(u: Array, least: float) -> tuple[Array, Array]:
     """Weights 1 / |grad u| of lagged diffusivity (6.10), the gradient taken over all channels together (6.11).
 

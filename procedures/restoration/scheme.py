@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from procedures.outcome import BadParameter
 from procedures.restoration.newton import Weights
@@ -71,24 +71,27 @@ class Schedule:
     """Weights from round to round, never below what noise and contrast ask for.
 
     picture, depth : final weights if given, else the ratio of noise and prior variance: sigma^2 / G times `CAUTION`,
-    and sigma^2 over the usual slope of w squared.
+    and sigma^2 over the usual slope of w squared. bent : w's second differences count, and its differences little.
     """
 
     rounds: int
     picture: float | None = None
     depth: float | None = None
+    bent: bool = True
 
     def final(self, known: Statistics) -> Weights:
         """Weights of the last rounds."""
         picture = self.picture if self.picture is not None else CAUTION * known.sigma**2 / known.contrast
-        return Weights(picture, self.depth if self.depth is not None else known.sigma**2 / DEPTH_SLOPE**2)
+        depth = self.depth if self.depth is not None else known.sigma**2 / DEPTH_SLOPE**2
+        return Weights(picture, depth) if self.bent else Weights(picture, depth, tilt=1, bend=0)
 
     def at(self, n: int, known: Statistics) -> Weights:
         """Weights of round n = 0, 1, ..."""
         held = int(HELD * self.rounds)
         t = max(0, n - held) / max(1, self.rounds - 1 - held)
         least = self.final(known)
-        return Weights(
-            max(least.picture, FIRST_PICTURE * (1e-7 / FIRST_PICTURE) ** t),
-            max(least.depth, FIRST_DEPTH * (1e-5 / FIRST_DEPTH) ** t),
+        return replace(
+            least,
+            picture=max(least.picture, FIRST_PICTURE * (1e-7 / FIRST_PICTURE) ** t),
+            depth=max(least.depth, FIRST_DEPTH * (1e-5 / FIRST_DEPTH) ** t),
         )

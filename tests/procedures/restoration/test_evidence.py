@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from procedures.restoration import alternate, evidence
 from procedures.restoration.cost import conjugate_gradients, restore_picture
-from procedures.restoration.priors import add_diffusion, roughness
+from procedures.restoration.newton import Weights
+from procedures.restoration.passes import add_bending, add_diffusion
+from procedures.restoration.priors import roughness
 
 
 @pytest.fixture(scope="module")
@@ -37,22 +41,23 @@ def test_noise_and_contrast_are_found_whatever_the_weight(vibrating, data, noise
 
 
 def test_depth_takes_as_much_noise_as_solving_says(vibrating, data):
-    u, weight, picture = vibrating.sharp, 0.01, 1e-4
-    told = evidence.fitted_by_depth(data, u, weight)
+    u, weights = vibrating.sharp, Weights(1e-4, 0.01)
+    told = evidence.fitted_by_depth(data, u, weights)
 
-    def taken(depth_weight: float) -> float:
+    def taken(factor: float) -> float:
         """Part of random photographs that picture and depth fit, per pixel of the frame."""
         noise = np.random.default_rng(5).choice([-1.0, 1.0], data.z.shape)
 
         def apply(x):
             out = data.change_adjoint(u, data.change(u, x))
-            add_diffusion(out[:-1], x[:-1], picture)
-            add_diffusion(out[-1], x[-1], depth_weight)
+            add_diffusion(out[:-1], x[:-1], weights.picture)
+            add_diffusion(out[-1], x[-1], factor * weights.depth * weights.tilt)
+            add_bending(out[-1], x[-1], factor * weights.depth * weights.bend, 1.0, 1.0)
             return out
 
         found = conjugate_gradients(apply, data.change_adjoint(u, noise), 150)
         return float(np.sum(noise * data.change(u, found)) / noise[0].size)
 
     # with the depth held by a prior a thousand times as strong only the picture fits
-    assert told == pytest.approx(taken(weight) - taken(1000 * weight), abs=0.1)
-    assert evidence.fitted_by_depth(data, u, 10 * weight) < told
+    assert told == pytest.approx(taken(1) - taken(1000), abs=0.1)
+    assert evidence.fitted_by_depth(data, u, replace(weights, depth=0.1)) < told

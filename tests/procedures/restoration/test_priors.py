@@ -5,6 +5,7 @@ import pytest
 
 from procedures.outcome import BadParameter
 from procedures.restoration import priors
+from procedures.restoration.passes import add_bending
 from procedures.restoration.scheme import Schedule, Scheme, Statistics
 
 
@@ -14,6 +15,23 @@ def test_diffusion_is_the_gradient_of_roughness(rng):
     t = 1e-6
     slope = (priors.roughness(x + t * d, down, across) - priors.roughness(x - t * d, down, across)) / (2 * t)
     assert slope == pytest.approx(np.vdot(d, priors.diffuse(x, down, across)), rel=1e-6)  # central difference
+
+
+def test_bending_has_its_gradient_and_leaves_planes_alone(rng):
+    x, d = rng.standard_normal((2, 9, 11))
+    down, across = rng.random((8, 11)), rng.random((9, 10))
+    t, out = 1e-6, np.zeros(x.shape)
+    add_bending(out, x, 1.0, down, across)
+    slope = (priors.bending(x + t * d, down, across) - priors.bending(x - t * d, down, across)) / (2 * t)
+    assert slope == pytest.approx(np.vdot(d, out), rel=1e-6)  # central difference
+    y, z = np.indices(x.shape)
+    assert priors.bending(0.3 * y - 0.2 * z + 1, down, across) == pytest.approx(0, abs=1e-12)
+
+
+def test_even_bending_is_the_squared_laplacian(rng):
+    x, out = np.pad(rng.standard_normal((6, 7)), 4), np.zeros((14, 15))  # away from the frame's ends
+    add_bending(out, x, 1.0, 1.0, 1.0)
+    assert out[2:-2, 2:-2] == pytest.approx(priors.diffuse(priors.diffuse(x))[2:-2, 2:-2])
 
 
 def test_diffusion_keeps_the_sum_and_constants(rng):
