@@ -7,7 +7,7 @@ differences whitened and its labels matched over the whole frame. Each comes wit
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from itertools import combinations
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.fft import irfft2, next_fast_len, rfft2
 from scipy.ndimage import convolve1d, median_filter, uniform_filter
 
+from procedures.restoration.facets import Choice, chosen
 from procedures.restoration.fields import Masks, over_frame
 from procedures.restoration.forward import Array, MaskStack
 from procedures.restoration.matching import semi_global
@@ -152,8 +153,8 @@ def cost_volume(
     Whitened, each difference z1 * h2 - z2 * h1 is divided by the root of its noise's spectrum
     sigma1^2 |H2|^2 + sigma2^2 |H1|^2, so at the true level its square averages 1 whatever the masks; otherwise the
     expected noise is subtracted as in (8.1). `floor` keeps frequencies that neither photograph passes from shouting.
-    contrast : mean squared gradient of the sharp picture; what noise drowns counts less, as in its restoration, and what
-    that takes from the mean is given back.
+    contrast : mean squared gradient of the sharp picture; what noise drowns counts less, as in its restoration, and
+    what that takes from the mean is given back.
     `even` widens the window of smaller masks by this part of what they reach less: beside a depth step they would
     else win by not having seen it.
     """
@@ -183,13 +184,17 @@ def cost_volume(
 
 def _laplacian(shape: tuple[int, int]) -> Array:
     """The Laplacian's response at the frequencies of a real transform."""
-    down, across = (2 - 2 * np.cos(2 * np.pi * f(n)) for f, n in zip((np.fft.fftfreq, np.fft.rfftfreq), shape, strict=True))
+    down, across = (
+        2 - 2 * np.cos(2 * np.pi * f(n)) for f, n in zip((np.fft.fftfreq, np.fft.rfftfreq), shape, strict=True)
+    )
     return np.asarray(down[:, None] + across)
 
 
 def _mean(power: Array, shape: tuple[int, int]) -> float:
     """Mean over all frequencies of what is known at those of a real transform."""
-    return float((2 * power.sum() - power[:, 0].sum() - (1 - shape[1] % 2) * power[:, -1].sum()) / (shape[0] * shape[1]))
+    return float(
+        (2 * power.sum() - power[:, 0].sum() - (1 - shape[1] % 2) * power[:, -1].sum()) / (shape[0] * shape[1])
+    )
 
 
 def _windows(stacks: Sequence[MaskStack], levels: Array, window: int, even: float) -> list[int]:
@@ -241,8 +246,9 @@ class Matching:
     window : side of their mean, pixels; cap : cost at which a level is simply wrong; small, large : penalties of a
     change by one level and by more; median : side of the last smoothing; step : of the levels,
     pixels; fits : cost up to which a level explains the photographs.
-    sloped : how often matching is done again about sloping surfaces; spread, near : see `local_planes`; about : pixels
-    of w up to which depths may leave them.
+    drowned : sigma^2 over the sharp picture's mean squared gradient above which costs of single windows say too little
+    and depths are matched again on surfaces: `sloped` times as levels about them (spread, near : see `local_planes`;
+    about : pixels of w up to which depths may leave them), then as a choice of planes.
     """
 
     window: int = 5
@@ -253,30 +259,43 @@ class Matching:
     median: int = 7
     step: float = 0.15
     fits: float = 3.0
+    drowned: float = 1e-3
     sloped: int = 3
     spread: float = 12.0
     near: float = 0.35
     about: float = 1.5
+    choice: Choice = field(default_factory=Choice)
 
 
 def matched(
-    z: Array, stacks: Sequence[Masks], sigmas: Array, *, least: float = 0.3, matching: Matching | None = None
+    z: Array,
+    stacks: Sequence[Masks],
+    sigmas: Array,
+    *,
+    least: float = 0.3,
+    matching: Matching | None = None,
+    most: float = np.inf,
 ) -> DepthStart:
     """The default start: whitened Algorithm III, its labels matched over the whole frame.
 
-    Near the frame the differences contain what lies outside, so they count little there.
+    Near the frame the differences contain what lies outside, so they count little there. most : standard deviation that
+    the noise cannot exceed, whatever `sigmas` make of the photographs' disagreement.
     """
     m = matching or Matching()
     # over what the scene spans only: how a level's window and cost compare with others' depends on the largest
-    rough = _matched_at(z, stacks, sigmas, levels_of(stacks, least, 2 * m.step), replace(m, sloped=0)).w
+    rough = _matched_at(z, stacks, sigmas, levels_of(stacks, least, 2 * m.step), m).w
     levels = levels_of(stacks, least, m.step)
     low, high = np.percentile(rough, (OUTLYING, 100 - OUTLYING))
-    return _matched_at(z, stacks, sigmas, levels[(levels > low - 4 * m.step) & (levels < high + 4 * m.step)], m)
+    levels = levels[(levels > low - 4 * m.step) & (levels < high + 4 * m.step)]
+    contrast = contrast_of(z, stacks, sigmas, float(np.median(rough)))
+    noisy = min(float(np.mean(np.square(sigmas))), most**2) > m.drowned * contrast
+    return _matched_at(z, stacks, sigmas, levels, m, contrast if noisy else np.inf)
 
 
-def _matched_at(z: Array, stacks: Sequence[Masks], sigmas: Array, levels: Array, m: Matching) -> DepthStart:
-    """The levels given that match the whole frame at least cost."""
-    contrast = contrast_of(z, stacks, sigmas, float(np.median(levels)))
+def _matched_at(
+    z: Array, stacks: Sequence[Masks], sigmas: Array, levels: Array, m: Matching, contrast: float = np.inf
+) -> DepthStart:
+    """The levels given that match the whole frame at least cost; surfaces of them, if a finite contrast is drowned."""
     volume = cost_volume(z, stacks, sigmas, levels, m.window, even=m.even, contrast=contrast)
     volume /= z.shape[1] * len(z) * (len(z) - 1) // 2
     confidence = confidence_of(volume)
@@ -286,19 +305,28 @@ def _matched_at(z: Array, stacks: Sequence[Masks], sigmas: Array, levels: Array,
     volume *= -m.cap
     volume *= (inside := _inside(z.shape[2:], stacks[0].R))[..., None]
     w = _smoothly(volume, levels, m)
-    step = levels[1] - levels[0]
-    offsets = np.arange(-m.about, m.about + step / 2, step)
-    for _ in range(m.sloped):
-        surface = local_planes(w, m.spread, m.near)
-        about = sheared(volume, (surface + offsets[0] - levels[0]) / step, len(offsets), m.cap)
-        w = surface + _smoothly(about, offsets, m)
-    cost = sheared(volume, (w - levels[0]) / step, 1, m.cap)[..., 0] / inside
+    if np.isfinite(contrast):
+        # so few pixels do not tell where depth is wrong
+        return DepthStart(_on_surfaces(volume, levels, w, m), confidence, np.zeros(w.shape, bool))
+    nearest = np.clip(np.rint((w - levels[0]) / (levels[1] - levels[0])), 0, len(levels) - 1).astype(np.int64)
+    cost = np.take_along_axis(volume, nearest[..., None], axis=2)[..., 0] / inside
     return DepthStart(w, confidence, cost < m.cap * (1 - np.exp(-m.fits / m.cap)))
 
 
 def _smoothly(volume: F32, levels: Array, m: Matching) -> Array:
     """Levels of least cost over the whole frame."""
     return np.asarray(median_filter(least_level(semi_global(volume, m.small, m.large), levels), m.median))
+
+
+def _on_surfaces(volume: F32, levels: Array, w: Array, m: Matching) -> Array:
+    """Depths of least cost that slope and jump rather than go down by stairs, from a first w."""
+    step = float(levels[1] - levels[0])
+    offsets = np.arange(-m.about, m.about + step / 2, step)
+    for _ in range(m.sloped):
+        surface = local_planes(w, m.spread, m.near)
+        about = sheared(volume, (surface + offsets[0] - levels[0]) / step, len(offsets), m.cap)
+        w = surface + _smoothly(about, offsets, m)
+    return chosen(volume, float(levels[0]), step, w, m.cap, m.choice)
 
 
 def contrast_of(z: Array, stacks: Sequence[Masks], sigmas: Array, w: float) -> float:

@@ -132,7 +132,7 @@ def first_depth(z: Array, stacks: Sequence[Masks], sigma: float, start: str) -> 
         return depth.algorithm_2(z, stacks, sigma)
     if start == "blur":
         return depth.algorithm_3(z, stacks, sigmas)
-    return depth.matched(z, stacks, sigmas)
+    return depth.matched(z, stacks, sigmas, most=own_noise(z))
 
 
 def restore(

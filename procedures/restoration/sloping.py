@@ -7,8 +7,8 @@ the depths around each pixel that are near its own, so that it does not bend at 
 from __future__ import annotations
 
 import cv2
-import numpy as np
 import numba
+import numpy as np
 from numpy.typing import NDArray
 
 from procedures.restoration.forward import Array
