@@ -279,7 +279,7 @@ def matched(
     """The default start: whitened Algorithm III, its labels matched over the whole frame.
 
     Near the frame the differences contain what lies outside, so they count little there. most : standard deviation that
-    the noise cannot exceed, whatever `sigmas` make of the photographs' disagreement.
+    the noise cannot exceed; if `sigmas` do, the masks are wrong, and noise is no reason to look further.
     """
     m = matching or Matching()
     # over what the scene spans only: how a level's window and cost compare with others' depends on the largest
@@ -288,7 +288,7 @@ def matched(
     low, high = np.percentile(rough, (OUTLYING, 100 - OUTLYING))
     levels = levels[(levels > low - 4 * m.step) & (levels < high + 4 * m.step)]
     contrast = contrast_of(z, stacks, sigmas, float(np.median(rough)))
-    noisy = min(float(np.mean(np.square(sigmas))), most**2) > m.drowned * contrast
+    noisy = m.drowned * contrast < float(np.mean(np.square(sigmas))) < most**2
     return _matched_at(z, stacks, sigmas, levels, m, contrast if noisy else np.inf)
 
 
