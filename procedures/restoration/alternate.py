@@ -19,12 +19,15 @@ from procedures.restoration.evidence import fitted_by_depth, moments
 from procedures.restoration.forward import Array, Blur
 from procedures.restoration.newton import Weights, joint_step
 from procedures.restoration.priors import depth_variation, roughness, steps_allowed, total_variation
+from procedures.restoration.repair import DOUBT, Pair, repaired
 from procedures.restoration.scheme import DEPTH_SLOPE, Schedule, Scheme, Statistics
 from procedures.restoration.segments import Labels, joined, mended, segments
 from procedures.restoration.steps import layers_of, place_steps
 
 # change of w within two pixels that is taken for a depth step: at 0.35 small steps smeared by matching were missed
 JUMP = 0.28
+# joint steps after which a part begun again is compared with what was there
+ON_TRIAL = 3
 # gradient below which total variation is taken as quadratic (6.10), grey values of 1
 LEAST_GRADIENT = 0.005
 # mean squared gradient of textured scenes, white = 1: what is believed until one is restored
@@ -135,11 +138,13 @@ def one_round(problem: Problem, state: State) -> State:
     start = time.perf_counter()
     weights = problem.schedule.at(state.n, state.known)
     what = _steps_due(state.n, problem.scheme.rounds)
-    u, w, labels = _placed(problem, state, what, weights) if what else (state.u, state.w, state.labels)
-    iterations = problem.scheme.picture + problem.scheme.depth
-    u, w = joint_step(
-        problem.data, u, w, weights, iterations, _diffusion(problem, u), _edges(problem, w, weights, labels)
-    )
+    u, w, labels = state.u, state.w, state.labels
+    if what == "anew":
+        u, w, labels = _repaired(problem, state, weights)
+    else:
+        if what:
+            u, w, labels = _placed(problem, state, what, weights)
+        u, w = _joint(problem, u, w, labels, weights)
     final = problem.schedule.final(state.known)
     value, residual = cost(problem, u, w, final)
     done = Round(
@@ -147,6 +152,27 @@ def one_round(problem: Problem, state: State) -> State:
         float(np.abs(w - state.w).mean()), time.perf_counter() - start, weights,
     )  # fmt: skip
     return State(state.n + 1, u, w, _statistics(problem, u, w, weights, residual), (*state.history, done), labels)
+
+
+def _joint(problem: Problem, u: Array, w: Array, labels: Labels | None, weights: Weights) -> tuple[Array, Array]:
+    """Picture and depth after one joint Gauss-Newton step."""
+    iterations = problem.scheme.picture + problem.scheme.depth
+    edges = _edges(problem, w, weights, labels)
+    return joint_step(problem.data, u, w, weights, iterations, _diffusion(problem, u), edges)
+
+
+def _repaired(problem: Problem, state: State, weights: Weights) -> tuple[Array, Array, Labels]:
+    """Picture, depth and segments some joint steps on, the parts that are not explained begun again."""
+
+    def onward(pair: Pair) -> Pair:
+        for _ in range(ON_TRIAL):
+            u, w = _joint(problem, pair.u, pair.w, pair.labels, weights)
+            pair = Pair(u, w, pair.labels)
+        return pair
+
+    old = Pair(state.u, state.w, segments(state.w, JUMP, DOUBT, state.labels))
+    found = repaired(problem.data, problem.other, old, problem.reach, JUMP, weights.picture, onward)
+    return found.u, found.w, found.labels
 
 
 def _placed(problem: Problem, state: State, what: str, weights: Weights) -> tuple[Array, Array, Labels]:
@@ -164,8 +190,9 @@ def _placed(problem: Problem, state: State, what: str, weights: Weights) -> tupl
 
 def _steps_due(n: int, total: int) -> str:
     """Which placing of depth steps opens round n: from afar at first, then twice from near."""
+    again = {round(part * total): "anew" for part in (0.35, 0.5, 0.65)}
     late = {round(0.3 * total): "near", round(0.55 * total): "nearer"}
-    return {**late, 0: "far", 1: "far, between", 2: "far"}.get(n, "") if total > 1 else ""
+    return {**again, **late, 0: "far", 1: "far, between", 2: "far"}.get(n, "") if total > 1 else ""
 
 
 def _statistics(problem: Problem, u: Array, w: Array, weights: Weights, residual: float) -> Statistics:

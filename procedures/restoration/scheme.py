@@ -18,8 +18,8 @@ class Scheme:
     """
 
     rounds: int = 20
-    picture: int = 8
-    depth: int = 10
+    picture: int = 20
+    depth: int = 20
     final_rounds: int = 5
     final: int = 20
 

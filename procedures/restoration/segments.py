@@ -138,10 +138,10 @@ class Surfaces:
     near: NDArray[np.bool_]
 
 
-def surfaces(w: Array, labels: Labels, reach: int, doubt: int, rank: int = 1) -> Surfaces:
+def surfaces(w: Array, labels: Labels, reach: int, doubt: int, rank: int = 1, believed: Mask | None = None) -> Surfaces:
     """Surfaces within `reach` pixels of another segment, from depths farther than `doubt` pixels from any border.
 
-    rank : 1 for the nearest other segment, 2 for the second nearest.
+    rank : 1 for the nearest other segment, 2 for the second nearest; believed : the only depths to go by, if given.
     """
     w = np.asarray(w, dtype=np.float64)
     border = distance_transform_edt(~_borders(labels))
@@ -155,6 +155,8 @@ def surfaces(w: Array, labels: Labels, reach: int, doubt: int, rank: int = 1) ->
         box = tuple(slice(max(0, s.start - wide), s.stop + wide) for s in box)
         mine = labels[box] == k
         sure = mine & (border[box] >= min(doubt, 0.7 * float(border[box][mine].max())))
+        if believed is not None and (sure & believed[box]).any():
+            sure &= believed[box]
         surface = continued(w[box], sure.astype(np.float64), sigma)
         surface = np.clip(surface, w[box][sure].min() - 0.3, w[box][sure].max() + 0.3)
         own[box] = np.where(mine, surface, own[box])

@@ -41,14 +41,21 @@ class Layers:
 
 
 def layers_of(
-    w: Array, labels: Labels, reach: int, doubt: int, jump: float, rank: int = 1, where: Mask | None = None
+    w: Array,
+    labels: Labels,
+    reach: int,
+    doubt: int,
+    jump: float,
+    rank: int = 1,
+    where: Mask | None = None,
+    believed: Mask | None = None,
 ) -> Layers:
     """Layers within `reach` of every border between segments: the pixel's own surface and its neighbour's.
 
     Depths within `doubt` pixels of a border are not believed. rank : 1 for the nearest neighbour, 2 for the next, which
     may be what lies between two others; where : pixels that may compete at all.
     """
-    found = surfaces(w, labels, reach, doubt, rank)
+    found = surfaces(w, labels, reach, doubt, rank, believed)
     rises = found.own > found.other
     # beyond the band as at its edge, so that nothing outside pulls at the share
     nearest = distance_transform_edt(~found.near, return_distances=False, return_indices=True)

@@ -79,7 +79,7 @@ class _OneEach(click.Command):
 @click.option("--image-weight", type=float, help="lambda_u.  [default: from the noise]")
 @click.option("--depth-weight", type=float, help="lambda_w.  [default: from the noise]")
 @click.option(
-    "--scheme", default="20x(8+10)+5x20", show_default=True, help="Rounds of picture and depth, then picture."
+    "--scheme", default="20x(20+20)+5x20", show_default=True, help="Rounds of picture and depth, then picture."
 )
 @click.option(
     "--depth-start", type=click.Choice(["matched", "symmetric", "blur"]), default="matched", show_default=True

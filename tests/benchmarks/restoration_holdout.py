@@ -52,7 +52,7 @@ def compare(case: Scene, thesis: bool) -> None:
         flush=True,
     )
     if thesis:
-        u, w_descent = descent(case.z, case.stacks, ours.start.w, Scheme(), 1e-4)
+        u, w_descent = descent(case.z, case.stacks, ours.start.w, Scheme(20, 8, 10), 1e-4)
         picture, w = case.error(u[0]), case.w_error(w_descent)
         print(f"  published descent {picture:38.2f} = {picture / known:4.2f} x   w {w:.3f} px", flush=True)
 

@@ -126,7 +126,7 @@ def rivals(case: Case, start: Array) -> dict[str, tuple[Array, Array | None]]:
 def published(case: Case) -> tuple[Array, Array]:
     """Picture and depth by Algorithm I as published, from Algorithm III."""
     sigmas = np.full(2, max(noise_of(case.z, case.stacks), 1.4e-3))
-    u, w = descent(case.z, case.stacks, depth.algorithm_3(case.z, case.stacks, sigmas).w, Scheme(), 1e-4)
+    u, w = descent(case.z, case.stacks, depth.algorithm_3(case.z, case.stacks, sigmas).w, Scheme(20, 8, 10), 1e-4)
     return np.asarray(u[0]), np.asarray(w)
 
 
