@@ -25,6 +25,8 @@ STARTS = ("matched", "blur", "symmetric")
 LEAST_START_SIGMA = 1.4e-3
 # what is left over rounding of 8 bits alone is no disagreement
 LEAST_NOISE = 1.2e-3
+# of the photographs' own noise: both are estimates
+MOST_DISAGREEMENT = 1.3
 # residual over the photographs' own noise: 0.2 to 1.0 with true masks, 1.7 and more with wrong ones
 MOST_RESIDUAL = 1.5
 
@@ -132,7 +134,7 @@ def first_depth(z: Array, stacks: Sequence[Masks], sigma: float, start: str) -> 
         return depth.algorithm_2(z, stacks, sigma)
     if start == "blur":
         return depth.algorithm_3(z, stacks, sigmas)
-    return depth.matched(z, stacks, sigmas)
+    return depth.matched(z, stacks, sigmas, most=MOST_DISAGREEMENT * own_noise(z))
 
 
 def restore(

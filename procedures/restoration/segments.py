@@ -17,7 +17,7 @@ from scipy.ndimage import (
 )
 
 from procedures.restoration.forward import Array
-from procedures.restoration.passes import gaussian
+from procedures.restoration.planes import fitted
 
 Labels = NDArray[np.int32]
 Mask = NDArray[np.bool_]
@@ -99,23 +99,10 @@ def _meetings(labels: Labels, own: Array) -> dict[tuple[int, int], Array]:
 def continued(w: Array, known: Array, sigma: float) -> Array:
     """w continued from where `known` is 1: at each pixel, the plane that fits the known depths around it best.
 
-    Gaussian window of `sigma` pixels, twice as wide and wider where it holds nearly nothing known. The slope is damped,
-    so far from any known depth it is a mean.
+    Gaussian window of `sigma` pixels, twice as wide and wider where it holds nearly nothing known.
     """
-
-    def mean(a: Array) -> Array:
-        return gaussian(a, sigma, truncate=3.5)
-
-    y, x = np.indices(w.shape).astype(w.dtype)
-    mass = mean(known)
-    m = mass + 1e-12
-    mx, my, mw = mean(known * x) / m, mean(known * y) / m, mean(known * w) / m
-    xx = mean(known * x * x) / m - mx**2 + sigma / 4
-    yy = mean(known * y * y) / m - my**2 + sigma / 4
-    xy = mean(known * x * y) / m - mx * my
-    xw, yw = mean(known * x * w) / m - mx * mw, mean(known * y * w) / m - my * mw
-    det = xx * yy - xy**2
-    found = mw + (yy * xw - xy * yw) / det * (x - mx) + (xx * yw - xy * xw) / det * (y - my)
+    plane = fitted(w, known, sigma)
+    found, mass = plane.value, plane.mass
     if mass.min() > SCARCE or min(w.shape) < 4 * sigma:
         return np.asarray(found)
     wider = _halved(w, known, sigma)
