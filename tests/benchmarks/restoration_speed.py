@@ -126,7 +126,7 @@ def scheme(stacks: list) -> None:  # type: ignore[type-arg]
         start = time.perf_counter()
         found = restore(photographs, stacks, RestorationParameters(scheme=Scheme.parse(text)))
         seconds = time.perf_counter() - start
-        print(f"restore {SHAPE[1]}x{SHAPE[0]}, {text}: {seconds:.1f} s, {found.verdict}   bound 90 s, two cores, the first")
+        print(f"restore {SHAPE[1]}x{SHAPE[0]}, {text}: {seconds:.1f} s, {found.verdict}   bound (first): 90 s")
 
 
 def memory(stacks: list, megapixels: float) -> None:  # type: ignore[type-arg]
