@@ -51,9 +51,9 @@ def _plain(found: re.Match[str]) -> str:
 FIRST_PICTURE = 3e-4
 FIRST_DEPTH = 0.03
 HELD = 0.25
-# At the true depth 1 to 3 times sigma^2 / G restore alike within some per cent; where w errs by some hundredths of a
-# pixel, more is better.
-CAUTION = 3.0
+# At the true depth 1 to 3 times sigma^2 / G restore alike within some per cent; where w is found, too little is worse
+# than too much.
+CAUTION = 2.0
 # what w usually changes by between neighbouring pixels away from depth steps
 DEPTH_SLOPE = 0.014
 
