@@ -1,7 +1,7 @@
 """Algorithm I: picture and depth together, from a first depth to the pair of least cost (6.1).
 
-One round is a joint Gauss-Newton step; at three rounds the depth steps are put in their place. Rounds are a generator,
-so whoever runs them shows progress, stops, keeps the state and resumes from it.
+One round is a joint Gauss-Newton step; some put the depth steps in their place first, or begin parts again. Rounds are
+a generator, so whoever runs them shows progress, stops, keeps the state and resumes from it.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from procedures.restoration.steps import layers_of, place_steps
 
 # change of w within two pixels that is taken for a depth step: at 0.35 small steps smeared by matching were missed
 JUMP = 0.28
+ANEW = "parts anew"
 # joint steps after which a part begun again is compared with what was there
 ON_TRIAL = 3
 # gradient below which total variation is taken as quadratic (6.10), grey values of 1
@@ -134,12 +135,12 @@ def rounds(problem: Problem, state: State) -> Iterator[State]:
 
 
 def one_round(problem: Problem, state: State) -> State:
-    """The state after one more round: steps placed if it is their turn, then a joint Gauss-Newton step."""
+    """The state after one more round: steps placed or parts begun again if it is their turn, then joint steps."""
     start = time.perf_counter()
     weights = problem.schedule.at(state.n, state.known)
-    what = _steps_due(state.n, problem.scheme.rounds)
+    what = _due(state.n, problem.scheme.rounds)
     u, w, labels = state.u, state.w, state.labels
-    if what == "anew":
+    if what == ANEW:
         u, w, labels = _repaired(problem, state, weights)
     else:
         if what:
@@ -148,7 +149,7 @@ def one_round(problem: Problem, state: State) -> State:
     final = problem.schedule.final(state.known)
     value, residual = cost(problem, u, w, final)
     done = Round(
-        state.n, f"steps {what} + joint" if what else "joint", value, residual,
+        state.n, f"{what} + joint" if what else "joint", value, residual,
         float(np.abs(w - state.w).mean()), time.perf_counter() - start, weights,
     )  # fmt: skip
     return State(state.n + 1, u, w, _statistics(problem, u, w, weights, residual), (*state.history, done), labels)
@@ -177,22 +178,23 @@ def _repaired(problem: Problem, state: State, weights: Weights) -> tuple[Array, 
 
 def _placed(problem: Problem, state: State, what: str, weights: Weights) -> tuple[Array, Array, Labels]:
     """Picture, depth and segments with the depth steps put in their place, from afar or from near."""
-    far = what.startswith("far")
-    reach, doubt = (problem.reach, problem.reach - 1) if far else {"near": (5, 2), "nearer": (3, 1)}[what]
+    far = "far" in what
+    reach, doubt = (problem.reach, problem.reach - 1) if far else {"steps near": (5, 2), "steps nearer": (3, 1)}[what]
     labels = segments(state.w, JUMP, doubt, state.labels)
     w = mended(state.w, labels, doubt, JUMP) if far else state.w
     # from afar a step is looked for only where the first depth did not fit
     where = problem.misfit if far else None
-    layers = layers_of(w, labels, reach, doubt, JUMP, 2 if what == "far, between" else 1, where)
+    layers = layers_of(w, labels, reach, doubt, JUMP, 2 if "between" in what else 1, where)
     soft = max(weights.picture, 1e-3 if far else 1e-5)
     return place_steps(problem.data, problem.other, state.u, w, labels, layers, soft)
 
 
-def _steps_due(n: int, total: int) -> str:
-    """Which placing of depth steps opens round n: from afar at first, then twice from near."""
-    again = {round(part * total): "anew" for part in (0.35, 0.5, 0.65)}
-    late = {round(0.3 * total): "near", round(0.55 * total): "nearer"}
-    return {**again, **late, 0: "far", 1: "far, between", 2: "far"}.get(n, "") if total > 1 else ""
+def _due(n: int, total: int) -> str:
+    """What opens round n: depth steps placed from afar at first, then twice from near; thrice parts begun again."""
+    again = {round(part * total): ANEW for part in (0.35, 0.5, 0.65)}
+    late = {round(0.3 * total): "steps near", round(0.55 * total): "steps nearer"}
+    early = {0: "steps far", 1: "steps far, between", 2: "steps far"}
+    return {**again, **late, **early}.get(n, "") if total > 1 else ""
 
 
 def _statistics(problem: Problem, u: Array, w: Array, weights: Weights, residual: float) -> Statistics:
