@@ -25,8 +25,8 @@ STARTS = ("matched", "blur", "symmetric")
 LEAST_START_SIGMA = 1.4e-3
 # what is left over rounding of 8 bits alone is no disagreement
 LEAST_NOISE = 1.2e-3
-# residual over the photographs' own noise: 0.2 to 1.0 with true masks, 1.7 and more with wrong ones
-MOST_RESIDUAL = 1.5
+# residual over the photographs' own noise: 0.2 to 1.0 with true masks, 1.4 and more with wrong ones
+MOST_RESIDUAL = 1.2
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from procedures.restoration.forward import Array, MaskStack
 # of the spline, each way: oscillations of the sixth order, eight of them closed
 POINTS = 20
 INSTANTS = 400
-STEP = 0.1
+STEP = 0.05
 # widths of the line, pixels, and weights of bending, from a coarse fit that few curves miss to the line itself
 COARSE = ((0.7, 1e-8), (0.4, 2e-9))
 FINE = ((0.2, 1e-9), (0.0, 1e-9))
