@@ -18,6 +18,7 @@ from procedures.restoration.blind import Prototypes
 from procedures.restoration.blur_models import mask_stack
 from procedures.restoration.cost import DataTerm, restore_picture
 from procedures.restoration.depth import matched
+from procedures.restoration.disagreement import Disagreement
 from procedures.restoration.estimate import LEAST_START_SIGMA
 from procedures.restoration.forward import Array, Blur, MaskStack
 from procedures.restoration.mask_evidence import MaskEvidence, Tile, filters, fitted, gather, left_over, masks_at
@@ -25,7 +26,7 @@ from procedures.restoration.newton import Weights, joint_step
 from procedures.restoration.paths import basis, candidates, half_width, path_stack, shapes_of
 from procedures.restoration.priors import steps_allowed
 from procedures.restoration.scheme import DEPTH_SLOPE
-from procedures.restoration.walks import Disagreement, begun, walked
+from procedures.restoration.walks import Search
 
 Box = tuple[int, int, int, int]
 
@@ -36,8 +37,8 @@ MOST = 120_000
 LEVEL = 0.05
 # mean squared error of a tile, of noise 1, beyond which a depth step or a wrong depth is rather in it
 DOUBT = 10.0
-# beginnings of each curve, steps of the walk, rounds over the frame
-BEGINNINGS, STEPS, ROUNDS = 48, 500, 8
+# beginnings of each curve, rounds over the frame
+BEGINNINGS, ROUNDS = 48, 8
 
 # mean squared difference of neighbours expected of the picture while paths are sought, white = 1
 CONTRAST = 6.3e-3
@@ -192,10 +193,8 @@ def _walked(view: _View, found: Prototypes, known: Array | None, rng: np.random.
     points = np.stack([_nearest(pool, mask) for pool, mask in zip(pools, found.masks, strict=True)]) if pools else known
     assert points is not None
     points, evidence = _of_flat_part(view, points)
-    around = Disagreement(view.z[:, 0] / view.sigma, view.flat, view.half)
-    if pools:
-        points = begun(around, evidence, points, pools)
-    return walked(around, evidence, points, rng, STEPS)[1]
+    search = Search(Disagreement(view.z[:, 0] / view.sigma, view.flat, view.half), evidence, rng)
+    return search.best([one.points for one in search.begun(points, pools)] if pools else [points]).points
 
 
 def _nearest(pool: list[Array], mask: Array) -> Array:

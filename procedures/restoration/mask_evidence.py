@@ -52,6 +52,13 @@ class MaskEvidence:
         """Half-size of the masks."""
         return int(self.masks.shape[1] // 2)
 
+    def add(self, A: Array, r: Array, weight: Array | float = 1.0) -> None:
+        """Add samples r (m,) that change by -A' d, A (2 K^2, m), with their weights."""
+        weighted = weight * A
+        self.G += weighted @ A.T
+        self.g += weighted @ r
+        self.c += float(np.sum(weight * r**2))
+
     def chi_square(self, masks: Array) -> float:
         """Of other masks, (2, K, K)."""
         d = (masks - self.masks).ravel()

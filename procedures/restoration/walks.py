@@ -1,135 +1,102 @@
-"""The curves among those a flat part cannot tell apart that other depths agree with, by walking from one to the next.
+"""The curves among those a flat part cannot tell apart that other depths agree with: descent, and walks between minima.
 
-A bend is moved at random, the flat part pulls the curve back to those that draw its masks, and the step is kept if the
-frame around the flat part agrees better: z1 * h2 = z2 * h1 at the depth where each place agrees best (basin hopping,
-after Wales and Doye 1997). Neither a picture nor a depth map is needed for that, so a step takes a thirtieth of a
-second and hundreds are tried; wrong turns, which descent cannot leave, are left.
+Wrong turns, which descent cannot leave, are left by moving a bend at random, pulling the curve back to those that draw
+the flat part's masks, and descending anew (basin hopping, after Wales and Doye 1997).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.fft import irfft2, next_fast_len, rfft2
-from scipy.ndimage import uniform_filter
 
+from procedures.restoration.disagreement import INSTANTS, Disagreement
 from procedures.restoration.forward import Array
 from procedures.restoration.mask_evidence import MaskEvidence, fitted, masks_at
 from procedures.restoration.paths import POINTS
 
-# depths tried, over the flat part's own
-SIZES = np.arange(0.6, 1.35, 0.05)
-# side of the mean of squared disagreement, pixels, and mean at which a place merely has a depth step
-WINDOW, CAP = 5, 20.0
-# places looked at, and their side without what wraps around, pixels
-PLACES, INSIDE = 12, 48
+# of each pool so many curves are paired, and so many of the pairs descend
+PAIRED, DESCENDING = 10, 8
+# descents between two looks at how far a pair has come
+DESCENTS = 2
+# so many pairs walk on, by so many steps each; the best of them as many steps more
+WALKING, STEPS = 3, 8
 # a bend is moved by so many pixels, and is so wide, of the exposure
 MOVED, WIDE = 0.5, (0.06, 0.25)
-# instants of a curve while walking; chi-square by which the flat part may like a step less than where the walk began
-INSTANTS, LIKED = 150, 100.0
+# share of their norm by which curves' masks differ that are two, at what size of the flat part's
+DIFFERENT, LARGER = 0.1, 1.3
 
 
-class Disagreement:
-    """How much two photographs (2, H, W), of noise 1, contradict two curves of half-width `half` in the flat part.
+@dataclass(frozen=True)
+class Pair:
+    """Two curves (2, POINTS, 2), pixels in the flat part, and how much the frame contradicts them."""
 
-    Mean over the places with most contrast outside the flat part; 1 where depth is even and the curves are right.
-    """
-
-    def __init__(self, z: Array, flat: tuple[slice, slice], half: float) -> None:
-        self.half = half
-        self.R = int(np.ceil(SIZES[-1] * half + 1))
-        self.n = next_fast_len(INSIDE + 4 * self.R, True)
-        outside = np.ones(z.shape[1:], bool)
-        outside[flat] = False
-        places = _places(z, outside)
-        margin = (2 * self.R, self.n - 2 * self.R)
-        wide = np.pad(z, ((0, 0), margin, margin), mode="reflect")
-        cuts = [wide[:, y : y + self.n, x : x + self.n] for y, x in places]
-        self._spectra = [rfft2(cut.astype(np.float32)) for cut in cuts]
-        self._outside = [outside[y : y + INSIDE, x : x + INSIDE] for y, x in places]
-
-    def seen(self, points: Array) -> Array:
-        """Spectra of one curve's masks (POINTS, 2) at every size."""
-        masks = np.stack([masks_at(points[None], self.half, s * self.half, self.R, INSTANTS)[0] for s in SIZES])
-        wrapped = np.zeros((len(SIZES), self.n, self.n), np.float32)
-        wrapped[:, : masks.shape[1], : masks.shape[2]] = masks
-        return np.asarray(rfft2(np.roll(wrapped, (-self.R, -self.R), (1, 2))))
-
-    def of(self, first: Array, second: Array) -> float:
-        """From what was `seen` of both curves."""
-        noise = np.sqrt(np.abs(first) ** 2 + np.abs(second) ** 2 + np.float32(1e-3))
-        first, second = first / noise, second / noise
-        inside = slice(2 * self.R, 2 * self.R + INSIDE)
-        least = []
-        for (a, b), outside in zip(self._spectra, self._outside, strict=True):
-            d = irfft2(a * second - b * first, (self.n, self.n))[:, inside, inside]
-            mean = uniform_filter(d[:, : outside.shape[0], : outside.shape[1]] ** 2, (0, WINDOW, WINDOW))
-            least.append(mean.min(axis=0)[outside])
-        return float(np.mean(-CAP * np.expm1(-np.concatenate(least) / CAP))) if least else 0.0
+    points: Array
+    disagreement: float
 
 
-def _places(z: Array, outside: Array) -> list[tuple[int, int]]:
-    """Upper left corners of the places with most contrast outside the flat part."""
-    H, W = outside.shape
-    corners = [(y, x) for y in range(0, H, INSIDE) for x in range(0, W, INSIDE)]
-    detail = np.zeros((H, W))
-    detail[1:, 1:] = sum(np.diff(a, axis=0)[:, 1:] ** 2 + np.diff(a, axis=1)[1:] ** 2 for a in z)
-    detail = detail * outside
-    contrast = {(y, x): float(detail[y : y + INSIDE, x : x + INSIDE].sum()) for y, x in corners}
-    return [at for at in sorted(corners, key=lambda at: -contrast[at])[:PLACES] if contrast[at] > 0]
+class Search:
+    """Curves that the flat part allows and the frame around contradicts least; flat : what it says of its masks."""
 
+    def __init__(self, around: Disagreement, flat: Sequence[MaskEvidence], rng: np.random.Generator) -> None:
+        self.around, self.flat, self.rng = around, flat, rng
 
-def begun(
-    disagreement: Disagreement, evidence: Sequence[MaskEvidence], points: Array, pools: Sequence[Sequence[Array]]
-) -> Array:
-    """The pair of curves, one of each pool, that the flat part draws and other depths contradict least."""
-    half = disagreement.half
-    curves = []
-    for k, pool in enumerate(pools):
+    def begun(self, points: Array, pools: Sequence[Sequence[Array]]) -> list[Pair]:
+        """Pairs of one curve of each pool that the frame contradicts least, the flat part's `points` in their place."""
+        curves = [self._distinct(points, k, pool) for k, pool in enumerate(pools)]
+        seen = [[self.around.seen(one) for one in those] for those in curves]
+        pairs = [
+            Pair(np.stack([curves[0][a], curves[1][b]]), self.around.of(first, second))
+            for a, first in enumerate(seen[0])
+            for b, second in enumerate(seen[1])
+        ]
+        return sorted(pairs, key=lambda pair: pair.disagreement)[:DESCENDING]
+
+    def _distinct(self, points: Array, k: int, pool: Sequence[Array]) -> list[Array]:
+        """The curves of a pool that draw the flat part's masks best, pulled there, none like another."""
         found = []
         for one in pool:
             pair = points.copy()
             pair[k] = one
-            value, pair = fitted(evidence, pair, half, (k,), INSTANTS)
-            found.append((value, pair[k]))
-        found.sort(key=lambda one: one[0])
-        curves.append([one for _, one in found[: len(found) // 3]])
-    seen = [[disagreement.seen(one) for one in those] for those in curves]
-    pairs = [(a, b) for a in range(len(curves[0])) for b in range(len(curves[1]))]
-    a, b = min(pairs, key=lambda pair: disagreement.of(seen[0][pair[0]], seen[1][pair[1]]))
-    return np.stack([curves[0][a], curves[1][b]])
+            cost, pair = fitted(self.flat, pair, self.around.half, (k,), INSTANTS)
+            found.append((cost, pair[k]))
+        curves: list[Array] = []
+        drawn: list[Array] = []
+        for _, one in sorted(found, key=lambda each: each[0]):
+            mask = masks_at(one[None], self.around.half, LARGER * self.around.half, self.around.R)
+            if all(np.linalg.norm(mask - other) > DIFFERENT * np.linalg.norm(mask) for other in drawn):
+                curves.append(one)
+                drawn.append(mask)
+        return curves[:PAIRED]
 
+    def descended(self, points: Array) -> Pair:
+        """The best pair met in descending from `points`."""
+        met = []
+        for _ in range(DESCENTS):
+            evidence = [*self.flat, *self.around.evidence(points)]
+            points = fitted(evidence, points, self.around.half, (0, 1), INSTANTS, 15, 1e-3)[1]
+            met.append(Pair(points, self.around.of(*(self.around.seen(one) for one in points))))
+        return min(met, key=lambda pair: pair.disagreement)
 
-def _bent(points: Array, rng: np.random.Generator) -> Array:
-    """A curve (POINTS, 2) with one bend moved, anywhere along it."""
-    at, width = rng.uniform(-0.1, 1.1), rng.uniform(*WIDE)
-    bump = np.exp(-(((np.linspace(0, 1, POINTS) - at) / width) ** 2) / 2)
-    return np.asarray(points + bump[:, None] * rng.normal(0, MOVED, 2))
+    def walked(self, pair: Pair, steps: int) -> Pair:
+        """The best pair met in walking from minimum to minimum."""
+        for _ in range(steps):
+            k = int(self.rng.integers(2))
+            bent = pair.points.copy()
+            bent[k] = self._bent(bent[k])
+            bent = fitted(self.flat, bent, self.around.half, (k,), INSTANTS, 15, 1e-3)[1]
+            pair = min(pair, self.descended(bent), key=lambda one: one.disagreement)
+        return pair
 
+    def _bent(self, points: Array) -> Array:
+        """A curve (POINTS, 2) with one bend moved, anywhere along it."""
+        at, width = self.rng.uniform(-0.1, 1.1), self.rng.uniform(*WIDE)
+        bump = np.exp(-(((np.linspace(0, 1, POINTS) - at) / width) ** 2) / 2)
+        return np.asarray(points + bump[:, None] * self.rng.normal(0, MOVED, 2))
 
-def walked(
-    disagreement: Disagreement,
-    evidence: Sequence[MaskEvidence],
-    points: Array,
-    rng: np.random.Generator,
-    steps: int,
-) -> tuple[float, Array]:
-    """Least disagreement met, and the curves (2, POINTS, 2) there; evidence : of the flat part."""
-    half = disagreement.half
-    liked, points = fitted(evidence, points, half, instants=INSTANTS)
-    seen = [disagreement.seen(one) for one in points]
-    least = disagreement.of(*seen)
-    for n in range(steps):
-        k = n % 2
-        pair = points.copy()
-        pair[k] = _bent(points[k], rng)
-        value, pair = fitted(evidence, pair, half, (k,), INSTANTS, 15, 1e-3)
-        if value > liked + LIKED:
-            continue
-        new = list(seen)
-        new[k] = disagreement.seen(pair[k])
-        there = disagreement.of(*new)
-        if there < least:
-            points, seen, least, liked = pair, new, there, min(liked, value)
-    return least, points
+    def best(self, beginnings: Sequence[Array]) -> Pair:
+        """The best pair met from all beginnings, (2, POINTS, 2) each."""
+        pairs = sorted((self.descended(one) for one in beginnings), key=lambda one: one.disagreement)
+        walked = [self.walked(one, STEPS) for one in pairs[:WALKING]]
+        return self.walked(min(walked, key=lambda one: one.disagreement), 2 * STEPS)
