@@ -17,8 +17,10 @@ from scipy.ndimage import uniform_filter
 from procedures.restoration.forward import Array
 from procedures.restoration.mask_evidence import FLOOR, MaskEvidence, masks_at
 
-# depths tried, over the flat part's own
-SIZES = np.arange(0.6, 1.35, 0.05)
+# least and greatest depth tried over the flat part's own, their step, and how far beyond those of a rough matching
+LIMITS, STEP, BEYOND = (0.4, 2.0), 0.05, 0.1
+# per cent of the surroundings whose rough depth tells no limit
+OUTLYING = 2.0
 # side of the mean of squared disagreement, pixels, and mean at which a place merely has a depth step
 WINDOW, CAP = 5, 20.0
 # places looked at, and their side without what wraps around, pixels
@@ -39,13 +41,18 @@ class Place:
 
 
 class Disagreement:
-    """Of two photographs (2, H, W), of noise 1, with curves of half-width `half` in the flat part."""
+    """Of two photographs (2, H, W), of noise 1, with curves of half-width `half` in the flat part.
 
-    def __init__(self, z: Array, flat: tuple[slice, slice], half: float) -> None:
+    w : rough depth (H, W), pixels: what sizes are tried.
+    """
+
+    def __init__(self, z: Array, flat: tuple[slice, slice], half: float, w: Array) -> None:
         self.half = half
-        self.R = int(np.ceil(SIZES[-1] * half + 1))
+        self.sizes = _sizes(w, flat, half)
+        self.R = int(np.ceil(self.sizes[-1] * half + 1))
         self.n = next_fast_len(INSIDE + 4 * self.R, True)
-        outside = np.ones(z.shape[1:], bool)
+        # what is nearer to the frame's border saw what lies beyond
+        outside = np.pad(np.ones([n - 2 * self.R for n in z.shape[1:]], bool), self.R)
         outside[flat] = False
         margin = (2 * self.R, self.n - 2 * self.R)
         wide = np.pad(z, ((0, 0), margin, margin), mode="reflect").astype(np.float32)
@@ -56,8 +63,8 @@ class Disagreement:
 
     def seen(self, points: Array) -> Array:
         """Spectra of one curve's masks (POINTS, 2) at every size."""
-        masks = np.stack([masks_at(points[None], self.half, s * self.half, self.R, INSTANTS)[0] for s in SIZES])
-        wrapped = np.zeros((len(SIZES), self.n, self.n), np.float32)
+        masks = np.stack([masks_at(points[None], self.half, s * self.half, self.R, INSTANTS)[0] for s in self.sizes])
+        wrapped = np.zeros((len(self.sizes), self.n, self.n), np.float32)
         wrapped[:, : masks.shape[1], : masks.shape[2]] = masks
         return np.asarray(rfft2(np.roll(wrapped, (-self.R, -self.R), (1, 2))))
 
@@ -94,7 +101,7 @@ class Disagreement:
                 if at.sum() < FEWEST:
                     continue
                 evidence = found.get(size) or found.setdefault(
-                    size, MaskEvidence.about(points, self.half, SIZES[size] * self.half, self.R)
+                    size, MaskEvidence.about(points, self.half, self.sizes[size] * self.half, self.R)
                 )
                 evidence.add(self._patches(place, noise[size], at, evidence.R), -d[size][at], weight[at])
         return list(found.values())
@@ -107,6 +114,16 @@ class Disagreement:
             views = np.lib.stride_tricks.sliding_window_view(wide, (K, K))[at]
             rows.append(views[:, ::-1, ::-1].reshape(len(views), -1).T)
         return np.concatenate(rows).astype(np.float64)
+
+
+def _sizes(w: Array, flat: tuple[slice, slice], half: float) -> Array:
+    """Depths to try over the flat part's own: those of a rough matching around it, and somewhat beyond."""
+    outside = np.ones(w.shape, bool)
+    outside[flat] = False
+    if not outside.any():
+        return np.ones(1)
+    low, high = np.clip(np.percentile(w[outside] / half, (OUTLYING, 100 - OUTLYING)), *LIMITS)
+    return np.arange(low - BEYOND, high + BEYOND + STEP / 2, STEP)
 
 
 def _noise(first: Array, second: Array) -> Array:

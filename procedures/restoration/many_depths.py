@@ -37,13 +37,13 @@ MOST = 120_000
 LEVEL = 0.05
 # mean squared error of a tile, of noise 1, beyond which a depth step or a wrong depth is rather in it
 DOUBT = 10.0
-# beginnings of each curve, rounds over the frame
-BEGINNINGS, ROUNDS = 48, 8
+# beginnings of each curve, rounds over the frame with each origin, and with the better one
+BEGINNINGS, FIRST, MORE = 96, 2, 6
 
 # mean squared difference of neighbours expected of the picture while paths are sought, white = 1
 CONTRAST = 6.3e-3
-# unexplained error beside the noise's beyond which the curves are not those of the rig
-MOST_LEFT = 1.0
+# what is left unexplained, of the noise, with the curves of the rig, and beyond which they are others
+LEFT, MOST_LEFT = 0.7, 0.9
 REMEDY = "record the rig's motion, or mark a larger flat part with more detail"
 
 
@@ -139,11 +139,12 @@ def motion_of_scene(
     view = _view(photographs, region, found.half_width - 0.4, max_w)
     view, coarse = _pixels(view, found)
     points = _walked(view, found, known, rng)
-    fit = min((_rounds(view, _begun(view, points - by), 2) for by in _origins(points)), key=lambda one: one.energy)
-    fit = _rounds(view, fit, ROUNDS - 2)
+    fit = min((_rounds(view, _begun(view, points - by), FIRST) for by in _origins(points)), key=lambda one: one.energy)
+    fit = _rounds(view, fit, MORE)
     if fit.energy > coarse:
         return MotionShapes(found.shapes, found.half_width, None, "motion is known to whole pixels only: no path fits")
-    doubt = f"the motion's paths leave {1 + fit.energy:.1f} times the noise" if fit.energy > MOST_LEFT else None
+    left = f"the motion's paths leave {fit.energy:.2f} of the noise unexplained, where {LEFT} is usual"
+    doubt = left if fit.energy > MOST_LEFT else None
     return MotionShapes(shapes_of(fit.points), half_width(fit.points), basis() @ fit.points, doubt)
 
 
@@ -193,7 +194,8 @@ def _walked(view: _View, found: Prototypes, known: Array | None, rng: np.random.
     points = np.stack([_nearest(pool, mask) for pool, mask in zip(pools, found.masks, strict=True)]) if pools else known
     assert points is not None
     points, evidence = _of_flat_part(view, points)
-    search = Search(Disagreement(view.z[:, 0] / view.sigma, view.flat, view.half), evidence, rng)
+    w = view.depth(view.stacks(points))
+    search = Search(Disagreement(view.z[:, 0] / view.sigma, view.flat, view.half, w), evidence, rng)
     return search.best([one.points for one in search.begun(points, pools)] if pools else [points]).points
 
 

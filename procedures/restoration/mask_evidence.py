@@ -167,15 +167,19 @@ def _equations(
     gradient = H @ points[list(free)].swapaxes(1, 2).ravel()
     for e in evidence:
         scale, area = e.w / half, e.masks[0].size
-        d = (masks_at(points, half, e.w, e.R, instants) - e.masks).ravel()
-        J = np.zeros((2 * area, len(H)))
-        for n, k in enumerate(free):
-            columns = slice(2 * POINTS * n, 2 * POINTS * (n + 1))
-            J[k * area : (k + 1) * area, columns] = (
-                scale * drawn_change(points[k] * scale, e.R, LINE * e.w, instants)[1]
-            )
+        d = -e.masks.reshape(2, -1)
+        J = np.zeros((2, area, len(H)))
+        for k, one in enumerate(points):
+            if k not in free:
+                d[k] += drawn(one * scale, e.R, LINE * e.w, instants).ravel()
+                continue
+            mask, change = drawn_change(one * scale, e.R, LINE * e.w, instants)
+            d[k] += mask.ravel()
+            begin = 2 * POINTS * free.index(k)
+            J[k, :, begin : begin + 2 * POINTS] = scale * change
+        J = J.reshape(2 * area, -1)
         H += J.T @ e.G @ J
-        gradient += J.T @ (e.G @ d - e.g)
+        gradient += J.T @ (e.G @ d.ravel() - e.g)
     return H, gradient
 
 

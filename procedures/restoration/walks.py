@@ -17,11 +17,11 @@ from procedures.restoration.mask_evidence import MaskEvidence, fitted, masks_at
 from procedures.restoration.paths import POINTS
 
 # of each pool so many curves are paired, and so many of the pairs descend
-PAIRED, DESCENDING = 10, 8
+PAIRED, DESCENDING = 14, 20
 # descents between two looks at how far a pair has come
 DESCENTS = 2
 # so many pairs walk on, by so many steps each; the best of them as many steps more
-WALKING, STEPS = 3, 8
+WALKING, STEPS = 2, 8
 # a bend is moved by so many pixels, and is so wide, of the exposure
 MOVED, WIDE = 0.5, (0.06, 0.25)
 # share of their norm by which curves' masks differ that are two, at what size of the flat part's
@@ -99,4 +99,4 @@ class Search:
         """The best pair met from all beginnings, (2, POINTS, 2) each."""
         pairs = sorted((self.descended(one) for one in beginnings), key=lambda one: one.disagreement)
         walked = [self.walked(one, STEPS) for one in pairs[:WALKING]]
-        return self.walked(min(walked, key=lambda one: one.disagreement), 2 * STEPS)
+        return self.walked(min(walked, key=lambda one: one.disagreement), STEPS)
