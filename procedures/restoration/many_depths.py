@@ -210,9 +210,10 @@ def _of_flat_part(view: _View, points: Array) -> tuple[Array, list[MaskEvidence]
     part = view.part()
     fit = _fresh(part, points, np.full(part.z.shape[2:], view.half))
     for _ in range(2):
+        stacks = part.stacks(fit.points)
         for _ in range(2):
-            fit = replace(fit, u=_errors(part, part.stacks(fit.points), fit.w, fit.u)[0])
-        fit, evidence = _evidence(part, fit)
+            fit = replace(fit, u=_errors(part, stacks, fit.w, fit.u)[0])
+        fit, evidence = _evidence(part, fit, stacks)
         fit = replace(fit, points=fitted(evidence, fit.points, view.half)[1])
     return fit.points, evidence
 
@@ -232,14 +233,14 @@ def _begun(view: _View, points: Array) -> _Fit:
     fit = _fresh(view, points, view.depth(stacks))
     for _ in range(2):
         fit = replace(fit, u=_errors(view, stacks, fit.w, fit.u)[0])
-    return _improved(view, fit)
+    return _improved(view, fit, stacks)
 
 
-def _improved(view: _View, fit: _Fit) -> _Fit:
+def _improved(view: _View, fit: _Fit, stacks: list[MaskStack]) -> _Fit:
     """Picture and depth after two joint steps."""
     R, weights = view.R, view.weights
     inside = (slice(R, -R), slice(R, -R))
-    data = view.data(view.stacks(fit.points))
+    data = view.data(stacks)
     u, wide = fit.u, np.pad(fit.w, R, mode="edge").astype(np.float32)
     for _ in range(2):
         u, wide = joint_step(data, u, wide, weights, 18, (1.0, 1.0), steps_allowed(wide, weights.step))
@@ -250,7 +251,8 @@ def _improved(view: _View, fit: _Fit) -> _Fit:
 def _rounds(view: _View, fit: _Fit, rounds: int) -> _Fit:
     """Picture and depth improved, and the curves fitted to what is left, in turn."""
     for _ in range(rounds):
-        fit, evidence = _evidence(view, _improved(view, fit))
+        stacks = view.stacks(fit.points)
+        fit, evidence = _evidence(view, _improved(view, fit, stacks), stacks)
         fit = replace(fit, points=fitted(evidence, fit.points, view.half)[1])
     return _judged(view, fit)
 
@@ -286,9 +288,9 @@ def _level(w: Array) -> float:
     return max(round(float(np.median(w)) / LEVEL) * LEVEL, 0.3)
 
 
-def _evidence(view: _View, fit: _Fit) -> tuple[_Fit, list[MaskEvidence]]:
+def _evidence(view: _View, fit: _Fit, stacks: list[MaskStack]) -> tuple[_Fit, list[MaskEvidence]]:
     """The fit with its picture improved, and what the frame says of the masks of every level of w."""
-    u, e = _errors(view, view.stacks(fit.points), fit.w, fit.u)
+    u, e = _errors(view, stacks, fit.w, fit.u)
     tiles: dict[float, list[Tile]] = {}
     for flat, (y, x) in _tiles(view):
         level = view.half if flat else _level(fit.w[y, x])

@@ -34,7 +34,8 @@ def found(curves):
 def test_other_depths_put_the_curves_in_their_place(photographs, found, curves, monkeypatch):
     # a tenth of a pixel off in the flat part, as curves that draw one mask differ
     begun = curves + np.random.default_rng(1).normal(0, 0.1, curves.shape)
-    monkeypatch.setattr(many_depths, "MORE", 1)
+    monkeypatch.setattr(many_depths, "MORE", 0)
+    monkeypatch.setattr(walks, "DESCENTS", 1)
     monkeypatch.setattr(walks, "STEPS", 0)
     motion = many_depths.motion_of_scene(photographs, BOX, found, 3.5, np.random.default_rng(0), begun)
     assert motion.path is not None
