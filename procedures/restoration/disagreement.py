@@ -18,7 +18,7 @@ from procedures.restoration.forward import Array
 from procedures.restoration.mask_evidence import FLOOR, MaskEvidence, masks_at
 
 # least and greatest depth tried over the flat part's own, their step, and how far beyond those of a rough matching
-LIMITS, STEP, BEYOND = (0.4, 2.0), 0.05, 0.1
+LIMITS, STEP, BEYOND = (0.4, 2.0), 0.05, 0.2
 # per cent of the surroundings whose rough depth tells no limit
 OUTLYING = 2.0
 # side of the mean of squared disagreement, pixels, and mean at which a place merely has a depth step

@@ -37,7 +37,7 @@ MOST = 120_000
 LEVEL = 0.05
 # mean squared error of a tile, of noise 1, beyond which a depth step or a wrong depth is rather in it
 DOUBT = 10.0
-# beginnings of each curve, rounds over the frame with each origin, and with the better one
+# beginnings of each curve, rounds over the frame of each pair met, and of the best
 BEGINNINGS, FIRST, MORE = 96, 2, 6
 
 # mean squared difference of neighbours expected of the picture while paths are sought, white = 1
@@ -138,8 +138,8 @@ def motion_of_scene(
         return MotionShapes(found.shapes, found.half_width, None, f"the flat part is narrower than {TILE} pixels")
     view = _view(photographs, region, found.half_width - 0.4, max_w)
     view, coarse = _pixels(view, found)
-    points = _walked(view, found, known, rng)
-    fit = min((_rounds(view, _begun(view, points - by), FIRST) for by in _origins(points)), key=lambda one: one.energy)
+    beginnings = [points - by for points in _walked(view, found, known, rng) for by in _origins(points)]
+    fit = min((_rounds(view, _begun(view, points), FIRST) for points in beginnings), key=lambda one: one.energy)
     fit = _rounds(view, fit, MORE)
     if fit.energy > coarse:
         return MotionShapes(found.shapes, found.half_width, None, "motion is known to whole pixels only: no path fits")
@@ -188,15 +188,16 @@ def _origins(points: Array) -> list[Array]:
 # ---- the flat part, and what walks from it
 
 
-def _walked(view: _View, found: Prototypes, known: Array | None, rng: np.random.Generator) -> Array:
-    """Curves that draw the flat part's masks and that the frame around contradicts least."""
+def _walked(view: _View, found: Prototypes, known: Array | None, rng: np.random.Generator) -> list[Array]:
+    """Pairs of curves that draw the flat part's masks and that the frame around contradicts least."""
     pools = [candidates(mask, found.half_width - 0.5, rng, BEGINNINGS) for mask in found.masks] if known is None else []
     points = np.stack([_nearest(pool, mask) for pool, mask in zip(pools, found.masks, strict=True)]) if pools else known
     assert points is not None
     points, evidence = _of_flat_part(view, points)
     w = view.depth(view.stacks(points))
     search = Search(Disagreement(view.z[:, 0] / view.sigma, view.flat, view.half, w), evidence, rng)
-    return search.best([one.points for one in search.begun(points, pools)] if pools else [points]).points
+    beginnings = [one.points for one in search.begun(points, pools)] if pools else [points]
+    return [one.points for one in search.best(beginnings)]
 
 
 def _nearest(pool: list[Array], mask: Array) -> Array:

@@ -20,8 +20,8 @@ from procedures.restoration.paths import POINTS
 PAIRED, DESCENDING = 14, 20
 # descents between two looks at how far a pair has come
 DESCENTS = 2
-# so many pairs walk on, by so many steps each; the best of them as many steps more
-WALKING, STEPS = 2, 8
+# so many pairs walk on, by so many steps each
+WALKING, STEPS = 3, 8
 # a bend is moved by so many pixels, and is so wide, of the exposure
 MOVED, WIDE = 0.5, (0.06, 0.25)
 # share of their norm by which curves' masks differ that are two, at what size of the flat part's
@@ -95,8 +95,7 @@ class Search:
         bump = np.exp(-(((np.linspace(0, 1, POINTS) - at) / width) ** 2) / 2)
         return np.asarray(points + bump[:, None] * self.rng.normal(0, MOVED, 2))
 
-    def best(self, beginnings: Sequence[Array]) -> Pair:
-        """The best pair met from all beginnings, (2, POINTS, 2) each."""
+    def best(self, beginnings: Sequence[Array]) -> list[Pair]:
+        """Where the walks from the best of all beginnings, (2, POINTS, 2) each, end."""
         pairs = sorted((self.descended(one) for one in beginnings), key=lambda one: one.disagreement)
-        walked = [self.walked(one, STEPS) for one in pairs[:WALKING]]
-        return self.walked(min(walked, key=lambda one: one.disagreement), STEPS)
+        return [self.walked(one, STEPS) for one in pairs[:WALKING]]
