@@ -21,7 +21,7 @@ PAIRED, DESCENDING = 14, 20
 # descents between two looks at how far a pair has come
 DESCENTS = 2
 # so many pairs walk on, by so many steps each
-WALKING, STEPS = 3, 8
+WALKING, STEPS = 6, 8
 # a bend is moved by so many pixels, and is so wide, of the exposure
 MOVED, WIDE = 0.5, (0.06, 0.25)
 # share of their norm by which curves' masks differ that are two, at what size of the flat part's
