@@ -27,8 +27,8 @@ LEAST_START_SIGMA = 1.4e-3
 LEAST_NOISE = 1.2e-3
 # of the photographs' own noise: both are estimates
 MOST_DISAGREEMENT = 1.3
-# residual over the photographs' own noise: 0.2 to 1.0 with true masks, 1.7 and more with wrong ones
-MOST_RESIDUAL = 1.5
+# residual over the photographs' own noise: 0.2 to 1.0 with true masks, 1.4 and more with wrong ones
+MOST_RESIDUAL = 1.2
 
 
 @dataclass(frozen=True)

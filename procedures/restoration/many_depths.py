@@ -1,8 +1,8 @@
 """Motion paths from every depth of the scene: other depths show a path at other sizes, and so between the pixels.
 
-A flat part gives the masks to whole pixels (`blind`), which many curves draw equally well. Here the curves are fitted
-to the photographs around it by Gauss-Newton: whatever a common picture can explain is projected out, tile by tile
-(z1 * h2 = z2 * h1 in the errors), and so is a change of each tile's depth; what is left belongs to the paths.
+A flat part gives the masks to whole pixels (`blind`), which many curves draw equally well. Those that other depths
+agree with are looked for first (`walks`); then picture, depth and curves are fitted to the frame in turn, until what is
+left is noise.
 """
 
 from __future__ import annotations
@@ -15,26 +15,18 @@ import numpy as np
 
 from procedures.outcome import Outcome, Verdict
 from procedures.restoration.blind import Prototypes
-from procedures.restoration.blur_models import LINE, mask_stack
+from procedures.restoration.blur_models import mask_stack
 from procedures.restoration.cost import DataTerm, restore_picture
 from procedures.restoration.depth import matched
+from procedures.restoration.disagreement import Disagreement
 from procedures.restoration.estimate import LEAST_START_SIGMA
 from procedures.restoration.forward import Array, Blur, MaskStack
+from procedures.restoration.mask_evidence import MaskEvidence, Tile, filters, fitted, gather, left_over, masks_at
 from procedures.restoration.newton import Weights, joint_step
-from procedures.restoration.paths import (
-    POINTS,
-    basis,
-    bending,
-    drawn,
-    drawn_change,
-    half_width,
-    path_stack,
-    redrawn,
-    search,
-    shapes_of,
-)
+from procedures.restoration.paths import basis, candidates, half_width, path_stack, shapes_of
 from procedures.restoration.priors import steps_allowed
 from procedures.restoration.scheme import DEPTH_SLOPE
+from procedures.restoration.walks import Search
 
 Box = tuple[int, int, int, int]
 
@@ -42,24 +34,16 @@ TILE = 24
 # most pixels of the frame that are looked at: beyond, more of them make the paths no better, but slower
 MOST = 120_000
 # levels of w for which a tile's masks are made, pixels
-LEVEL = 0.1
-# a path's control point moves so far at most in one step, and is expected to move, pixels
-LONGEST, USUAL = 0.3, 0.2
-# weight of a curve's mean squared acceleration in squared noise: of those that fit alike the least bent is taken
-BEND = 1e-3
+LEVEL = 0.05
 # mean squared error of a tile, of noise 1, beyond which a depth step or a wrong depth is rather in it
 DOUBT = 10.0
-# from coarse to fine: blur of the errors, pixels; then anew from a redrawn curve
-FIRST = ((0.7, 100), (0.7, 100), (0.5, 50), (0.2, 30), (0.0, 20))
-AGAIN = ((0.4, 30), (0.0, 20))
-REDRAWN = 4
-# and with the depths improved beside the paths
-LAST = 4
+# beginnings of each curve, rounds over the frame of each pair met, and of the best
+BEGINNINGS, FIRST, MORE = 96, 2, 6
 
 # mean squared difference of neighbours expected of the picture while paths are sought, white = 1
 CONTRAST = 6.3e-3
-# unexplained error beside the noise's beyond which the curves are not those of the rig, and below which they are
-MOST_LEFT, LITTLE_LEFT = 1.0, 0.7
+# what is left unexplained, of the noise, with the curves of the rig, and beyond which they are others
+LEFT, MOST_LEFT = 0.7, 0.9
 REMEDY = "record the rig's motion, or mark a larger flat part with more detail"
 
 
@@ -108,6 +92,11 @@ class _View:
         w[self.flat] = self.half
         return w
 
+    def part(self) -> _View:
+        """Of the flat part alone."""
+        z = self.z[:, :, *self.flat]
+        return replace(self, z=z, flat=(slice(0, z.shape[2]), slice(0, z.shape[3])))
+
     def data(self, stacks: list[MaskStack]) -> DataTerm:
         shape = (self.z.shape[2], self.z.shape[3])
         trust = np.ones((2, 1, *shape), np.float32)
@@ -137,33 +126,25 @@ def motion_of_scene(
     found: Prototypes,
     max_w: float,
     rng: np.random.Generator,
-    begun: Array | None = None,
+    known: Array | None = None,
 ) -> MotionShapes:
     """Shapes fine enough for every depth, from those found in a flat part, x, y, width, height, and the frame around.
 
-    photographs : two arrays (C, H, W); found : `blind.prototype_shapes` of the part; begun : control points
+    photographs : two arrays (C, H, W); found : `blind.prototype_shapes` of the part; known : control points
     (2, POINTS, 2) to begin from, pixels in the flat part, if they are known roughly. Where no curves explain the frame
     better than the masks to whole pixels, those are given back, with the doubt.
     """
     if min(region[2:]) < TILE:
         return MotionShapes(found.shapes, found.half_width, None, f"the flat part is narrower than {TILE} pixels")
-    if begun is None:
-        begun = np.stack([search(mask, found.half_width - 0.5, rng) for mask in found.masks])
     view = _view(photographs, region, found.half_width - 0.4, max_w)
     view, coarse = _pixels(view, found)
-    fit = min((_from_afar(view, begun - by) for by in _origins(begun)), key=lambda one: one.energy)
-    fit = _with_depths(view, fit, 3)
-    for n in range(REDRAWN):
-        if fit.energy < LITTLE_LEFT:
-            break
-        points = fit.points.copy()
-        points[n % 2] = redrawn(points[n % 2], rng)
-        other = _with_depths(view, _again(view, replace(fit, points=points)), 2)
-        fit = min(fit, other, key=lambda one: one.energy)
-    fit = min(fit, _with_depths(view, fit, LAST), key=lambda one: one.energy)
+    beginnings = [points - by for points in _walked(view, found, known, rng) for by in _origins(points)]
+    fit = min((_rounds(view, _begun(view, points), FIRST) for points in beginnings), key=lambda one: one.energy)
+    fit = _rounds(view, fit, MORE)
     if fit.energy > coarse:
         return MotionShapes(found.shapes, found.half_width, None, "motion is known to whole pixels only: no path fits")
-    doubt = f"the motion's paths leave {1 + fit.energy:.1f} times the noise" if fit.energy > MOST_LEFT else None
+    left = f"the motion's paths leave {fit.energy:.2f} of the noise unexplained, where {LEFT} is usual"
+    doubt = left if fit.energy > MOST_LEFT else None
     return MotionShapes(shapes_of(fit.points), half_width(fit.points), basis() @ fit.points, doubt)
 
 
@@ -188,7 +169,7 @@ def _pixels(view: _View, found: Prototypes) -> tuple[_View, float]:
     w = coarse.depth(stacks)
     R = stacks[0].R
     e = _errors(coarse, stacks, w, np.pad(view.z.mean(axis=0), ((0, 0), (R, R), (R, R)), mode="edge"))[1]
-    left = [(flat, float(np.mean(r**2))) for flat, r in _left(coarse, stacks, w, e)]
+    left = [(flat, float(r @ r) / TILE**2) for flat, r in _left(coarse, stacks, w, e)]
     sigma = float(np.sqrt(np.median([m for flat, m in left if flat])))
     return replace(view, sigma=sigma), _energy([m / sigma**2 for _, m in left])
 
@@ -204,48 +185,77 @@ def _origins(points: Array) -> list[Array]:
     return each[:1] if (each[0] == each[1]).all() else each
 
 
-def _from_afar(view: _View, points: Array) -> _Fit:
-    """Curves fitted to the frame from those of the flat part alone."""
-    R = view.R
-    u = np.pad(view.z.mean(axis=0), ((0, 0), (R, R), (R, R)), mode="edge").astype(np.float32)
-    return _rounds(view, _Fit(points, np.zeros(view.z.shape[2:]), u), FIRST)
+# ---- the flat part, and what walks from it
 
 
-def _rounds(view: _View, fit: _Fit, rounds: tuple[tuple[float, float], ...]) -> _Fit:
-    """Depth matched anew with the curves' masks, then two steps of the curves, for each blur of the errors."""
-    for n, (soft, doubt) in enumerate(rounds):
-        fit = replace(fit, w=view.depth(view.stacks(fit.points)))
+def _walked(view: _View, found: Prototypes, known: Array | None, rng: np.random.Generator) -> list[Array]:
+    """Pairs of curves that draw the flat part's masks and that the frame around contradicts least."""
+    pools = [candidates(mask, found.half_width - 0.5, rng, BEGINNINGS) for mask in found.masks] if known is None else []
+    points = np.stack([_nearest(pool, mask) for pool, mask in zip(pools, found.masks, strict=True)]) if pools else known
+    assert points is not None
+    points, evidence = _of_flat_part(view, points)
+    w = view.depth(view.stacks(points))
+    search = Search(Disagreement(view.z[:, 0] / view.sigma, view.flat, view.half, w), evidence, rng)
+    beginnings = [one.points for one in search.begun(points, pools)] if pools else [points]
+    return [one.points for one in search.best(beginnings)]
+
+
+def _nearest(pool: list[Array], mask: Array) -> Array:
+    """Of a pool of curves that which draws a mask best."""
+    R = len(mask) // 2
+    return min(pool, key=lambda one: float(np.sum((masks_at(one[None], 1.0, 1.0, R)[0] - mask) ** 2)))
+
+
+def _of_flat_part(view: _View, points: Array) -> tuple[Array, list[MaskEvidence]]:
+    """Curves fitted to the flat part alone, and what it says of the masks."""
+    part = view.part()
+    fit = _fresh(part, points, np.full(part.z.shape[2:], view.half))
+    for _ in range(2):
+        stacks = part.stacks(fit.points)
         for _ in range(2):
-            fit = _step(view, fit, soft, doubt, max(BEND, 0.1 * 0.5**n))
-    return _judged(view, fit)
+            fit = replace(fit, u=_errors(part, stacks, fit.w, fit.u)[0])
+        fit, evidence = _evidence(part, fit, stacks)
+        fit = replace(fit, points=fitted(evidence, fit.points, view.half)[1])
+    return fit.points, evidence
 
 
-def _again(view: _View, fit: _Fit) -> _Fit:
-    """Curves fitted from coarse to fine, at the depths found."""
-    for soft, doubt in AGAIN:
-        for _ in range(2):
-            fit = _step(view, fit, soft, doubt, BEND)
-    return _judged(view, fit)
+# ---- the frame
 
 
-def _with_depths(view: _View, fit: _Fit, rounds: int) -> _Fit:
-    """Curves and depths improved in turn."""
-    weights = view.weights
+def _fresh(view: _View, points: Array, w: Array) -> _Fit:
+    """A fit whose picture is the photographs' mean."""
     R = view.R
+    return _Fit(points, w, np.pad(view.z.mean(axis=0), ((0, 0), (R, R), (R, R)), mode="edge").astype(np.float32))
+
+
+def _begun(view: _View, points: Array) -> _Fit:
+    """A fit with the depth that the curves' masks match, and a first picture."""
+    stacks = view.stacks(points)
+    fit = _fresh(view, points, view.depth(stacks))
+    for _ in range(2):
+        fit = replace(fit, u=_errors(view, stacks, fit.w, fit.u)[0])
+    return _improved(view, fit, stacks)
+
+
+def _improved(view: _View, fit: _Fit, stacks: list[MaskStack]) -> _Fit:
+    """Picture and depth after two joint steps."""
+    R, weights = view.R, view.weights
+    inside = (slice(R, -R), slice(R, -R))
+    data = view.data(stacks)
+    u, wide = fit.u, np.pad(fit.w, R, mode="edge").astype(np.float32)
+    for _ in range(2):
+        u, wide = joint_step(data, u, wide, weights, 18, (1.0, 1.0), steps_allowed(wide, weights.step))
+        wide[inside] = view.pinned(wide[inside])
+    return replace(fit, u=u, w=wide[inside].astype(np.float64))
+
+
+def _rounds(view: _View, fit: _Fit, rounds: int) -> _Fit:
+    """Picture and depth improved, and the curves fitted to what is left, in turn."""
     for _ in range(rounds):
-        data = view.data(view.stacks(fit.points))
-        u, wide = fit.u, np.pad(fit.w, R, mode="edge").astype(np.float32)
-        inside = (slice(R, -R), slice(R, -R))
-        for _ in range(2):
-            u, wide = joint_step(data, u, wide, weights, 18, (1.0, 1.0), steps_allowed(wide, weights.step))
-            wide[inside] = view.pinned(wide[inside])
-        fit = replace(fit, u=u, w=wide[inside].astype(np.float64))
-        for _ in range(2):
-            fit = _step(view, fit, 0.0, DOUBT, BEND)
+        stacks = view.stacks(fit.points)
+        fit, evidence = _evidence(view, _improved(view, fit, stacks), stacks)
+        fit = replace(fit, points=fitted(evidence, fit.points, view.half)[1])
     return _judged(view, fit)
-
-
-# ---- one step
 
 
 def _errors(view: _View, stacks: list[MaskStack], w: Array, u: Array) -> tuple[Array, Array]:
@@ -260,10 +270,18 @@ def _tiles(view: _View) -> Iterator[tuple[bool, tuple[slice, slice]]]:
     """Tiles of the frame, in step with the flat part, and whether each lies in it."""
     rows, columns = view.flat
     H, W = view.z.shape[2:]
-    for y in range(rows.start % TILE, H - TILE + 1, TILE):
-        for x in range(columns.start % TILE, W - TILE + 1, TILE):
+    for y in _begins(rows.start, H):
+        for x in _begins(columns.start, W):
             inside = rows.start <= y <= rows.stop - TILE and columns.start <= x <= columns.stop - TILE
             yield inside, (slice(y, y + TILE), slice(x, x + TILE))
+
+
+def _begins(start: int, length: int) -> list[int]:
+    """Where tiles begin: in step with `start`, and at both ends of the frame where much would be left out."""
+    found = list(range(start % TILE, length - TILE + 1, TILE))
+    first = [0] if found[0] > TILE // 4 else []
+    last = [length - TILE] if length - TILE - found[-1] > TILE // 4 else []
+    return first + found + last
 
 
 def _level(w: Array) -> float:
@@ -271,33 +289,28 @@ def _level(w: Array) -> float:
     return max(round(float(np.median(w)) / LEVEL) * LEVEL, 0.3)
 
 
-def _filters(masks: list[Array], soft: float) -> Array:
-    """What takes from both errors of a tile whatever a common picture explains, (2, TILE, TILE // 2 + 1).
-
-    (e1 * h2 - e2 * h1) over the root of its noise's spectrum: of white errors one half is left, white.
-    """
-    R = len(masks[0]) // 2
-    offsets = np.arange(-R, R + 1) % TILE
-    wrapped = np.zeros((2, TILE, TILE))
-    for out, mask in zip(wrapped, masks, strict=True):
-        np.add.at(out, np.ix_(offsets, offsets), mask)
-    first, second = np.fft.rfft2(wrapped)
-    f = np.fft.fftfreq(TILE)[:, None] ** 2 + np.fft.rfftfreq(TILE) ** 2
-    gain = np.exp(-2 * (np.pi * soft) ** 2 * f) / np.sqrt(np.abs(first) ** 2 + np.abs(second) ** 2 + 1e-3)
-    return np.stack([second * gain, -first * gain])
-
-
-def _filtered(tiles: Array, filters: Array) -> Array:
-    """Tiles (..., TILE, TILE) through one filter, as rows (..., TILE^2)."""
-    out = np.fft.irfft2(np.fft.rfft2(tiles) * filters, (TILE, TILE))
-    return np.asarray(out.reshape(*tiles.shape[:-2], -1))
+def _evidence(view: _View, fit: _Fit, stacks: list[MaskStack]) -> tuple[_Fit, list[MaskEvidence]]:
+    """The fit with its picture improved, and what the frame says of the masks of every level of w."""
+    u, e = _errors(view, stacks, fit.w, fit.u)
+    tiles: dict[float, list[Tile]] = {}
+    for flat, (y, x) in _tiles(view):
+        level = view.half if flat else _level(fit.w[y, x])
+        around = u[0, y.start : y.stop + 2 * view.R, x.start : x.stop + 2 * view.R].astype(np.float64)
+        tiles.setdefault(level, []).append(Tile(e[:, y, x] / view.sigma, around / view.sigma, flat))
+    found, delta = [], 0.05
+    for w, those in sorted(tiles.items()):
+        evidence = MaskEvidence.about(fit.points, view.half, w, view.R)
+        above, below = (masks_at(fit.points, view.half, w + d, evidence.R) for d in (delta, -delta))
+        gather(evidence, (above - below) / (2 * delta), those, DOUBT)
+        found.append(evidence)
+    return replace(fit, u=u), found
 
 
 def _left(view: _View, stacks: list[MaskStack], w: Array, e: Array) -> Iterator[tuple[bool, Array]]:
     """What no common picture explains, of every tile, and whether it lies in the flat part."""
-    for flat, at in _tiles(view):
-        filters = _filters([s.at(_level(w[at])) for s in stacks], 0.0)
-        yield flat, _filtered(e[0][at], filters[0]) + _filtered(e[1][at], filters[1])
+    for flat, (y, x) in _tiles(view):
+        masks = np.stack([s.at(_level(w[y, x])) for s in stacks])
+        yield flat, left_over(e[:, y, x], filters(masks, TILE))
 
 
 def _energy(left: list[float]) -> float:
@@ -309,71 +322,5 @@ def _judged(view: _View, fit: _Fit) -> _Fit:
     """The fit with what it leaves unexplained."""
     stacks = view.stacks(fit.points)
     u, e = _errors(view, stacks, fit.w, fit.u)
-    left = [float(np.mean(r**2)) / view.sigma**2 for _, r in _left(view, stacks, fit.w, e)]
+    left = [float(r @ r) / (TILE * view.sigma) ** 2 for _, r in _left(view, stacks, fit.w, e)]
     return replace(fit, u=u, energy=_energy(left))
-
-
-@dataclass(frozen=True)
-class _Level:
-    """Masks of one w: filters of a tile's errors, the masks' change with points (2, K^2, 2 POINTS) and w (2, K^2)."""
-
-    filters: Array
-    change: Array
-    slope: Array
-
-
-def _masks_at(view: _View, points: Array, w: float, soft: float) -> _Level:
-    scale, delta = w / view.half, 0.05
-    each = [drawn_change(one * scale, view.R, LINE * w) for one in points]
-    slope = [
-        (
-            drawn(one * (w + delta) / view.half, view.R, LINE * w)
-            - drawn(one * (w - delta) / view.half, view.R, LINE * w)
-        )
-        for one in points
-    ]
-    filters = _filters([mask for mask, _ in each], soft)
-    return _Level(filters, np.stack([J for _, J in each]) * scale, np.stack(slope).reshape(2, -1) / (2 * delta))
-
-
-def _step(view: _View, fit: _Fit, soft: float, doubt: float, bend: float) -> _Fit:
-    """The curves after one Gauss-Newton step; picture and tiles' depths are eliminated from it."""
-    u, e = _errors(view, view.stacks(fit.points), fit.w, fit.u)
-    levels: dict[float, _Level] = {}
-    unknowns = 4 * POINTS
-    stiff = np.kron(np.eye(4), bend * bending())
-    normal, right = stiff + np.eye(unknowns) / USUAL**2, -stiff @ _column(fit.points)
-    for flat, at in _tiles(view):
-        w = _level(fit.w[at])
-        level = levels.get(w) or levels.setdefault(w, _masks_at(view, fit.points, w, soft))
-        r, A, V = (x / view.sigma for x in _linear(view, level, u, e, at))
-        weight = 1.0 if flat else 1 / (1 + float(np.mean(r**2)) / doubt) ** 2
-        if not flat:
-            inner = V @ V.T + np.diag([1e-3, 10.0, 10.0])
-            r, A = r - V.T @ np.linalg.solve(inner, V @ r), A - (A @ V.T) @ np.linalg.solve(inner, V)
-        normal += weight * A @ A.T
-        right += weight * A @ r
-    change = np.linalg.solve(normal, right)
-    change *= min(1.0, LONGEST / float(np.abs(change).max()))
-    return replace(fit, points=fit.points + change.reshape(2, 2, POINTS).swapaxes(1, 2), u=u)
-
-
-def _column(points: Array) -> Array:
-    """Points (2, POINTS, 2) as unknowns: x and y of the first curve, of the second."""
-    return np.asarray(points.swapaxes(1, 2).ravel())
-
-
-def _linear(view: _View, level: _Level, u: Array, e: Array, at: tuple[slice, slice]) -> tuple[Array, Array, Array]:
-    """Errors of a tile, and their change with every point (4 POINTS, TILE^2) and with a plane of w (3, TILE^2)."""
-    size = 2 * view.R + 1
-    wide = (slice(at[0].start, at[0].stop + size - 1), slice(at[1].start, at[1].stop + size - 1))
-    around = np.lib.stride_tricks.sliding_window_view(u[0][wide], (size, size))[..., ::-1, ::-1]
-    patches = around.reshape(TILE * TILE, -1).astype(np.float64)
-    t = (np.arange(TILE) - TILE / 2) / TILE
-    planes = np.stack([np.ones((TILE, TILE)), *np.meshgrid(t, t)]).reshape(3, -1)
-    r, points, depth = np.zeros(TILE * TILE), [], np.zeros((3, TILE * TILE))
-    for one, filters, change, slope in zip(e, level.filters, level.change, level.slope, strict=True):
-        r += _filtered(one[at], filters)
-        points.append(_filtered((patches @ change).T.reshape(-1, TILE, TILE), filters))
-        depth += _filtered((planes * (patches @ slope)).reshape(-1, TILE, TILE), filters)
-    return r, np.concatenate(points), depth

@@ -19,12 +19,10 @@ from procedures.restoration.forward import Array, MaskStack
 # of the spline, each way: oscillations of the sixth order, eight of them closed
 POINTS = 20
 INSTANTS = 400
-STEP = 0.1
-# widths of the line, pixels, and weights of bending, from a coarse fit that few curves miss to the line itself
-COARSE = ((0.7, 1e-8), (0.4, 2e-9))
-FINE = ((0.2, 1e-9), (0.0, 1e-9))
-# a curve is drawn anew at so many times its size
-ENLARGED = 2.5
+STEP = 0.05
+# widths of the line, pixels, and weights of steadiness, from a coarse fit that few curves miss to the line itself
+COARSE = ((0.7, 1e-11), (0.4, 2e-12))
+FINE = ((0.2, 1e-12), (0.0, 1e-12))
 
 
 @cache
@@ -35,10 +33,10 @@ def basis(instants: int = INSTANTS) -> Array:
 
 
 @cache
-def bending() -> Array:
-    """Matrix B of the mean squared acceleration c' B c of a curve of control points c."""
-    second = np.diff(basis(), 2, axis=0) * INSTANTS**2
-    return np.asarray(second.T @ second / INSTANTS)
+def unsteadiness() -> Array:
+    """Matrix B of the mean squared third derivative c' B c of a curve of control points c: its kinks."""
+    third = np.diff(basis(), 3, axis=0) * INSTANTS**3
+    return np.asarray(third.T @ third / INSTANTS)
 
 
 def _shares(x: Array, R: int, sigma: float) -> tuple[Array, Array]:
@@ -85,15 +83,15 @@ def shapes_of(points: Array) -> Array:
 # ---- search of a curve
 
 
-def _cost(points: Array, target: Array, sigma: float, bend: float, instants: int) -> float:
+def _cost(points: Array, target: Array, sigma: float, steady: float, instants: int) -> float:
     mask = drawn(points, len(target) // 2, sigma, instants)
-    return float(np.sum((mask - target) ** 2) + bend * np.sum(points * (bending() @ points)))
+    return float(np.sum((mask - target) ** 2) + steady * np.sum(points * (unsteadiness() @ points)))
 
 
-def fitted(points: Array, target: Array, sigma: float, bend: float, instants: int) -> tuple[float, Array]:
+def fitted(points: Array, target: Array, sigma: float, steady: float, instants: int) -> tuple[float, Array]:
     """Cost and points of the curve near `points` that draws the target best: Levenberg and Marquardt."""
-    cost, damping = _cost(points, target, sigma, bend, instants), 1e-3
-    stiff = np.kron(np.eye(2), bend * bending())
+    cost, damping = _cost(points, target, sigma, steady, instants), 1e-3
+    stiff = np.kron(np.eye(2), steady * unsteadiness())
     for _ in range(25):
         mask, J = drawn_change(points, len(target) // 2, sigma, instants)
         H = J.T @ J + stiff
@@ -101,7 +99,7 @@ def fitted(points: Array, target: Array, sigma: float, bend: float, instants: in
         step, before = np.trace(J.T @ J) / len(H), cost
         for _ in range(6):
             tried = points - np.linalg.solve(H + damping * step * np.eye(len(H)), gradient).reshape(2, -1).T
-            value = _cost(tried, target, sigma, bend, instants)
+            value = _cost(tried, target, sigma, steady, instants)
             if value < cost:
                 points, cost, damping = tried, value, max(damping / 5, 1e-7)
                 break
@@ -136,9 +134,9 @@ def recorded(path: Array, mask: Array, half: float) -> Array:
     even = np.stack([np.interp(times, np.arange(len(path)), path[:, k]) for k in (0, 1)], axis=1)
     even = (even - even.mean(axis=0)) * np.linalg.norm(spread) / np.linalg.norm(even.std(axis=0)) + mean
     points, target, line = np.linalg.lstsq(basis(), even, rcond=None)[0], np.pad(mask, 2), LINE * half
-    for sigma, bend in (*COARSE[1:], *FINE):
+    for sigma, steady in (*COARSE[1:], *FINE):
         wide = max(sigma, line)
-        _, points = fitted(points, _softened(target, wide, line), wide, bend, 300)
+        _, points = fitted(points, _softened(target, wide, line), wide, steady, 300)
     return np.asarray(points)
 
 
@@ -146,28 +144,11 @@ def _softened(target: Array, sigma: float, line: float) -> Array:
     return np.asarray(gaussian_filter(target, np.sqrt(max(sigma**2 - line**2, 0)), mode="constant"))
 
 
-def search(mask: Array, half: float, rng: np.random.Generator, starts: int = 24) -> Array:
-    """Points of a curve of half-width about `half` that draws a mask: many beginnings, the best third made fine."""
+def candidates(mask: Array, half: float, rng: np.random.Generator, number: int) -> list[Array]:
+    """Points of curves of half-width about `half` that draw a mask nearly, from as many beginnings."""
     target, line = np.pad(mask, 2), LINE * half
-    found = [(0.0, _begun(target, rng)) for _ in range(starts)]
-    for sigma, bend in COARSE:
-        found = [fitted(points, _softened(target, sigma, 0.1), sigma, bend, 120) for _, points in found]
-    found = sorted(found, key=lambda one: one[0])[: starts // 3]
-    for sigma, bend in FINE:
+    found = [_begun(target, rng) for _ in range(number)]
+    for sigma, steady in (*COARSE, FINE[0]):
         wide = max(sigma, line)
-        found = [fitted(points, _softened(target, wide, line), wide, bend, 300) for _, points in found]
-    return min(found, key=lambda one: one[0])[1]
-
-
-def redrawn(points: Array, rng: np.random.Generator, starts: int = 16) -> Array:
-    """Another curve, of other order in time and less bent, that draws nearly what the curve of `points` draws.
-
-    Descent leaves a curve that took a wrong turn with the mass in place, but kinked; drawn anew, the kinks go.
-    """
-    line = 0.3
-    R = int(np.ceil(np.abs(points).max() * ENLARGED + 2))
-    target = drawn(points * ENLARGED, R, line, 500)
-    found = [(0.0, _begun(target, rng)) for _ in range(starts)]
-    for sigma, bend in ((2.0, 3e-9), (1.2, 1e-9), (0.7, 1e-9)):
-        found = [fitted(one, _softened(target, sigma, line), sigma, bend, 200) for _, one in found]
-    return np.asarray(min(found, key=lambda one: one[0])[1] / ENLARGED)
+        found = [fitted(points, _softened(target, wide, line), wide, steady, 150)[1] for points in found]
+    return found

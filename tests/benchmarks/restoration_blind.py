@@ -71,9 +71,9 @@ def trial(motions: tuple[int, int]) -> None:
 
 
 def main() -> None:
-    """Three pairs of vibrations."""
+    """Pairs of vibrations: four that choices were made on, and others."""
     print(f"Python {platform.python_version()}, {platform.machine()}")
-    for motions in ((21, 22), (1, 2), (3, 4)):
+    for motions in ((21, 22), (1, 2), (3, 4), (41, 42), (51, 52), (61, 62), (71, 72), (81, 82)):
         trial(motions)
 
 

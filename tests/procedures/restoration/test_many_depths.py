@@ -4,45 +4,24 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.ndimage import gaussian_filter
 
 from procedures.outcome import Outcome, Verdict
-from procedures.restoration import many_depths, paths
+from procedures.restoration import many_depths, paths, walks
 from procedures.restoration.blind import Prototypes, as_shape
-from procedures.restoration.blur_models import LINE, mask, mask_stack
-from procedures.restoration.forward import Blur
+from procedures.restoration.blur_models import LINE, mask
 
-FLAT_W = 2.0
-BOX = (0, 0, 72, 96)
-
-
-def curve(turns):
-    """Control points of a smooth closed curve of half-width 2 about the middle."""
-    t = 2 * np.pi * np.arange(paths.POINTS) / (paths.POINTS - 1)
-    points = np.stack([np.cos(t) + 0.6 * np.sin(turns * t), np.sin(t) + 0.5 * np.cos(turns * t)], axis=1)
-    points -= (points.max(axis=0) + points.min(axis=0)) / 2
-    return points * FLAT_W / paths.half_width(points)
+from . import motions
+from .motions import BOX, FLAT_W
 
 
 @pytest.fixture(scope="module")
 def curves():
-    return np.stack([curve(2), curve(3)[:, ::-1]])
+    return motions.curves()
 
 
 @pytest.fixture(scope="module")
-def photographs(curves):
-    """A wall through two motions, flat at half-width 2 in its left part, coming nearer in its right part, 40 dB."""
-    rng = np.random.default_rng(4)
-    shape, R = (96, 144), 5
-    extended = (shape[0] + 2 * R, shape[1] + 2 * R)
-    u = 0.5 + 0.2 * np.sign(gaussian_filter(rng.standard_normal(extended), 2)) + 0.03 * rng.standard_normal(extended)
-    w = FLAT_W + 0.02 * np.clip(np.arange(extended[1]) - 80.0, 0, None)
-    z = []
-    for one in paths.shapes_of(curves):
-        blur = Blur(mask_stack(one, 4.0, R=R), shape)
-        blur.focus(np.broadcast_to(w, extended).copy())
-        z.append(blur.blur(u))
-    return [a[None] + rng.standard_normal(shape) * a.std() / 100 for a in z]
+def photographs():
+    return motions.photographs()
 
 
 @pytest.fixture(scope="module")
@@ -55,8 +34,9 @@ def found(curves):
 def test_other_depths_put_the_curves_in_their_place(photographs, found, curves, monkeypatch):
     # a tenth of a pixel off in the flat part, as curves that draw one mask differ
     begun = curves + np.random.default_rng(1).normal(0, 0.1, curves.shape)
-    for name, few in (("FIRST", many_depths.FIRST[-1:]), ("REDRAWN", 0), ("LAST", 3)):
-        monkeypatch.setattr(many_depths, name, few)
+    monkeypatch.setattr(many_depths, "MORE", 0)
+    monkeypatch.setattr(walks, "DESCENTS", 1)
+    monkeypatch.setattr(walks, "STEPS", 0)
     motion = many_depths.motion_of_scene(photographs, BOX, found, 3.5, np.random.default_rng(0), begun)
     assert motion.path is not None
 

@@ -22,11 +22,11 @@ def points():
 
 @pytest.mark.parametrize("w", [1.7, 3.0, 4.6])
 def test_a_curve_draws_the_masks_of_its_shape(points, w):
-    # the shape is sampled at 257 points and summed at eleven per pixel, the curve at 400 instants: some per cent
+    # the shape is linear between 257 samples, which widens its line by a sixth of their pitch squared
     shape = paths.shapes_of(points[None])[0]
     drawn = paths.drawn(points * w / HALF, 6, LINE * w)
     true = mask(shape, w, 6)
-    assert np.linalg.norm(drawn - true) < 0.03 * np.linalg.norm(true)
+    assert np.linalg.norm(drawn - true) < 0.01 * np.linalg.norm(true)
 
 
 def test_derivatives_are_those_of_the_mask(points):
@@ -41,12 +41,13 @@ def test_a_mask_keeps_all_light(points):
     assert paths.drawn(points, 5, 0.1).sum() == pytest.approx(1, abs=1e-9)
 
 
-def test_a_curve_is_found_from_a_mask(points):
+def test_curves_are_found_from_a_mask(points):
     target = paths.drawn(points, 4, LINE * HALF)
-    found = paths.search(target, HALF, np.random.default_rng(3))
-    again = paths.drawn(found, 4, LINE * HALF)
-    # many curves draw one mask; the least bent of them are let off a per cent or two of it
-    assert np.linalg.norm(again - target) < 0.04 * np.linalg.norm(target)
+    found = paths.candidates(target, HALF, np.random.default_rng(3), 12)
+    again = [paths.drawn(one, 4, LINE * HALF) for one in found]
+    # many curves draw one mask; a line a fifth of a pixel wide, steady ones are let off some per cent of it
+    assert min(np.linalg.norm(mask - target) for mask in again) < 0.08 * np.linalg.norm(target)
+    assert len(found) == 12
 
 
 def test_a_recorded_path_begins_the_curve(points):
@@ -55,16 +56,3 @@ def test_a_recorded_path_begins_the_curve(points):
     found = paths.recorded(1e-4 * shaken + 0.3, paths.drawn(points, 4, LINE * HALF), HALF)
     apart = paths.basis() @ (found - points)
     assert np.sqrt(np.mean(apart**2)) < 0.15
-
-
-def test_a_curve_drawn_anew_has_no_kinks(points):
-    kinked = points + np.random.default_rng(2).normal(0, 0.15, points.shape)
-    anew = paths.redrawn(kinked, np.random.default_rng(3), starts=4)
-
-    def bent(one):
-        return float(np.sum(one * (paths.bending() @ one)))
-
-    assert bent(anew) < 0.5 * bent(kinked)
-    # a line half a pixel wide lies where it lay
-    soft, other = (paths.drawn(one, 5, 0.5) for one in (kinked, anew))
-    assert np.linalg.norm(soft - other) < 0.35 * np.linalg.norm(soft)

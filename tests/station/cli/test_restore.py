@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from procedures.restoration import many_depths
+from procedures.restoration import many_depths, walks
 from station.__main__ import main
 
 QUICK = ["--scheme", "2x(4+4)+1x6", "--max-w", "5.2"]
@@ -133,8 +133,10 @@ def test_a_region_that_is_none_is_a_usage_error(photographs, tmp_path):
 
 def test_unknown_motion_comes_from_a_flat_part(photographs, tmp_path, monkeypatch):
     # how fine the paths become is tested with the procedure
-    for name, few in (("FIRST", many_depths.FIRST[-1:]), ("REDRAWN", 0), ("LAST", 0)):
+    for name, few in (("BEGINNINGS", 3), ("FIRST", 1), ("MORE", 0)):
         monkeypatch.setattr(many_depths, name, few)
+    for name, few in (("DESCENDING", 1), ("STEPS", 0)):
+        monkeypatch.setattr(walks, name, few)
     # the upper left corner of this crop lies at one depth to half a pixel
     arguments = ["--blur", "motion", "--prototype-region", "0,0,60,96", "--scheme", "1x(2+2)", "--max-w", "3"]
     result = run(*photographs[0], *arguments, "--out", tmp_path / "o")
