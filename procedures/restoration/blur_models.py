@@ -20,8 +20,9 @@ from procedures.restoration.forward import MaskStack
 
 Array = NDArray[np.float64]
 
-# samples of a shape made here, each way
+# samples of a shape made here, and samples of it per pixel of a mask, each way
 SHAPE_SIZE = 257
+SAMPLES = 11
 # samples of a shape this far apart, pixels, are interpolated and taken as cells; in between, blended
 FINE, COARSE = 0.25, 0.5
 # masks at steps of 1/20 pixel: interpolating between them errs by less than 0.1 % of the mask's change per pixel
@@ -145,20 +146,21 @@ def mask(shape: Array, w: float, R: int) -> Array:
     coarse = float(np.clip((pitch - FINE) / (COARSE - FINE), 0, 1))
     out = np.zeros((2 * R + 1, 2 * R + 1))
     if w > 0 and coarse < 1:
-        out += (1 - coarse) * _unit(_interpolated(shape, pitch, R))
+        out += (1 - coarse) * _unit(_interpolated(shape, w, R))
     if coarse > 0:
         out += coarse * _unit(_cells(shape, pitch, R))
     return _unit(out)
 
 
-def _interpolated(shape: Array, pitch: float, R: int) -> Array:
-    """The shape, linear between samples `pitch` pixels apart, integrated over each pixel."""
-    edges = np.arange(2 * R + 2) - R - 0.5
-    centres = (np.arange(len(shape)) - len(shape) // 2) * pitch
-    t = np.clip((edges[:, None] - centres) / pitch, -1, 1)
-    # integral of the hat 1 - |t|, up to every pixel's edge
-    shares = np.diff(0.5 + t - t * np.abs(t) / 2, axis=0)
-    return np.asarray(shares @ shape @ shares.T)
+def _interpolated(shape: Array, w: float, R: int) -> Array:
+    """The stretched shape, linear between its samples, summed over each pixel."""
+    offsets = (np.arange((2 * R + 1) * SAMPLES) + 0.5) / SAMPLES - R - 0.5
+    half = (len(shape) - 1) / 2
+    near = np.abs(offsets) <= w * (1 + 1 / half)
+    at = (offsets[near] / w + 1) * half
+    fine = np.zeros((offsets.size, offsets.size))
+    fine[np.ix_(near, near)] = map_coordinates(shape, np.meshgrid(at, at, indexing="ij"), order=1)
+    return np.asarray(fine.reshape(2 * R + 1, SAMPLES, 2 * R + 1, SAMPLES).sum(axis=(1, 3)))
 
 
 def _cells(shape: Array, pitch: float, R: int) -> Array:

