@@ -248,7 +248,8 @@ class Matching:
     pixels; fits : cost up to which a level explains the photographs.
     drowned : sigma^2 over the sharp picture's mean squared gradient above which costs of single windows say too little
     and depths are matched again on surfaces: `sloped` times as levels about them (spread, near : see `local_planes`;
-    about : pixels of w up to which depths may leave them), then as a choice of planes.
+    about : pixels of w up to which depths may leave them), then as a choice of planes, in frames of more than `roomy`
+    times their spread.
     """
 
     window: int = 5
@@ -264,6 +265,7 @@ class Matching:
     spread: float = 12.0
     near: float = 0.35
     about: float = 1.5
+    roomy: float = 10.0
     choice: Choice = field(default_factory=Choice)
 
 
@@ -289,6 +291,8 @@ def matched(
     levels = levels[(levels > low - 4 * m.step) & (levels < high + 4 * m.step)]
     contrast = contrast_of(z, stacks, sigmas, float(np.median(rough)))
     noisy = m.drowned * contrast < float(np.mean(np.square(sigmas))) < most**2
+    # planes need surroundings: on small frames levels are better
+    noisy &= min(z.shape[2:]) > m.roomy * m.spread
     return _matched_at(z, stacks, sigmas, levels, m, contrast if noisy else np.inf)
 
 
