@@ -36,8 +36,9 @@ class RestorationParameters:
     """How to restore.
 
     image_weight, depth_weight : lambda_u and lambda_w of (6.1), photographs in [0, 1], w in pixels; None takes them
-    from the noise. depth_start : "matched" (whitened Algorithm III over the whole frame), "blur" (Algorithm III),
-    "symmetric" (Algorithm II). total_variation, depth_total_variation : of picture and w, instead of quadratic priors.
+    from the noise. lambda_w counts second differences of w (see `newton.Weights`). depth_start : "matched" (whitened
+    Algorithm III over the whole frame), "blur" (Algorithm III), "symmetric" (Algorithm II).
+    total_variation, depth_total_variation : of picture and w, instead of quadratic priors.
     """
 
     scheme: Scheme = field(default_factory=Scheme)

@@ -77,7 +77,7 @@ class _OneEach(click.Command):
     help="Largest half-width of blur, pixels of image 1.  [default: 8, or a measured kernel's and one]",
 )
 @click.option("--image-weight", type=float, help="lambda_u.  [default: from the noise]")
-@click.option("--depth-weight", type=float, help="lambda_w.  [default: from the noise]")
+@click.option("--depth-weight", type=float, help="lambda_w, of the bending of w.  [default: from the noise]")
 @click.option(
     "--scheme", default="20x(20+20)+5x20", show_default=True, help="Rounds of picture and depth, then picture."
 )
