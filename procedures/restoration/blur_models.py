@@ -146,10 +146,10 @@ def mask(shape: Array, w: float, R: int) -> Array:
     coarse = float(np.clip((pitch - FINE) / (COARSE - FINE), 0, 1))
     out = np.zeros((2 * R + 1, 2 * R + 1))
     if w > 0 and coarse < 1:
-        out += (1 - coarse) * _unit(_interpolated(shape, w, R))
+        out += (1 - coarse) * unit(_interpolated(shape, w, R))
     if coarse > 0:
-        out += coarse * _unit(_cells(shape, pitch, R))
-    return _unit(out)
+        out += coarse * unit(_cells(shape, pitch, R))
+    return unit(out)
 
 
 def _interpolated(shape: Array, w: float, R: int) -> Array:
@@ -171,7 +171,7 @@ def _cells(shape: Array, pitch: float, R: int) -> Array:
     return np.asarray(shares @ shape @ shares.T)
 
 
-def _unit(mask: Array) -> Array:
+def unit(mask: NDArray[np.floating[Any]]) -> Array:
     """The mask with sum 1."""
     total = mask.sum()
     if total <= 0:  # too small a blur for any sample of the shape: it is sharp

@@ -1,8 +1,8 @@
 """Motion paths from every depth of the scene: other depths show a path at other sizes, and so between the pixels.
 
 A flat part gives the masks to whole pixels (`blind`), which many curves draw equally well. Those that other depths
-agree with are looked for first (`walks`); then picture, depth and curves are fitted to the frame in turn, until what is
-left is noise.
+agree with are looked for first (`pairs`); then the frame is restored with them, and turned to what that leaves
+(`turns`), until no better ones are found.
 """
 
 from __future__ import annotations
@@ -19,26 +19,34 @@ from procedures.restoration.blur_models import mask_stack
 from procedures.restoration.cost import DataTerm, restore_picture
 from procedures.restoration.depth import matched
 from procedures.restoration.disagreement import Disagreement
-from procedures.restoration.estimate import LEAST_START_SIGMA
+from procedures.restoration.estimate import LEAST_START_SIGMA, RestorationParameters, restore
 from procedures.restoration.forward import Array, Blur, MaskStack
 from procedures.restoration.mask_evidence import MaskEvidence, Tile, filters, fitted, gather, left_over, masks_at
 from procedures.restoration.newton import Weights, joint_step
+from procedures.restoration.pairs import Search
 from procedures.restoration.paths import basis, candidates, half_width, path_stack, shapes_of
 from procedures.restoration.priors import steps_allowed
-from procedures.restoration.scheme import DEPTH_SLOPE
-from procedures.restoration.walks import Search
+from procedures.restoration.scheme import DEPTH_SLOPE, Scheme
+from procedures.restoration.turns import Turns
 
 Box = tuple[int, int, int, int]
 
 TILE = 24
 # most pixels of the frame that are looked at: beyond, more of them make the paths no better, but slower
 MOST = 120_000
+# joint steps of picture and depth after matching: with fewer the depth is not yet as good as the curves deserve
+JOINT = 8
 # levels of w for which a tile's masks are made, pixels
 LEVEL = 0.05
 # mean squared error of a tile, of noise 1, beyond which a depth step or a wrong depth is rather in it
 DOUBT = 10.0
-# beginnings of each curve, rounds over the frame of each pair met, and of the best
-BEGINNINGS, FIRST, MORE = 96, 2, 6
+# beginnings of each curve, pairs whose depth is matched, those of them with which the frame is restored, and most
+# restorations with what the best becomes
+BEGINNINGS, MATCHED, RESTORED, MORE = 96, 6, 3, 5
+# of these restorations
+SCHEME = Scheme(10, 12, 12, 2, 10)
+# fall of what is left unexplained, of the noise, below which nothing more is found
+LEAST_FALL = 0.003
 
 # mean squared difference of neighbours expected of the picture while paths are sought, white = 1
 CONTRAST = 6.3e-3
@@ -112,12 +120,16 @@ class _View:
 
 @dataclass(frozen=True)
 class _Fit:
-    """Where the fit stands: points (2, POINTS, 2), depth (H, W), picture (1, H + 2R, W + 2R), what is left."""
+    """Where the fit stands: points (2, POINTS, 2), depth (H, W), picture (1, H + 2R, W + 2R), what is left.
+
+    evidence : what the frame says of the masks.
+    """
 
     points: Array
     w: Array
     u: Array
     energy: float = np.inf
+    evidence: tuple[MaskEvidence, ...] = ()
 
 
 def motion_of_scene(
@@ -138,9 +150,7 @@ def motion_of_scene(
         return MotionShapes(found.shapes, found.half_width, None, f"the flat part is narrower than {TILE} pixels")
     view = _view(photographs, region, found.half_width - 0.4, max_w)
     view, coarse = _pixels(view, found)
-    beginnings = [points - by for points in _walked(view, found, known, rng) for by in _origins(points)]
-    fit = min((_rounds(view, _begun(view, points), FIRST) for points in beginnings), key=lambda one: one.energy)
-    fit = _rounds(view, fit, MORE)
+    fit = _settled(view, found, known, rng)
     if fit.energy > coarse:
         return MotionShapes(found.shapes, found.half_width, None, "motion is known to whole pixels only: no path fits")
     left = f"the motion's paths leave {fit.energy:.2f} of the noise unexplained, where {LEFT} is usual"
@@ -185,19 +195,19 @@ def _origins(points: Array) -> list[Array]:
     return each[:1] if (each[0] == each[1]).all() else each
 
 
-# ---- the flat part, and what walks from it
+# ---- the flat part, and what begins there
 
 
-def _walked(view: _View, found: Prototypes, known: Array | None, rng: np.random.Generator) -> list[Array]:
-    """Pairs of curves that draw the flat part's masks and that the frame around contradicts least."""
-    pools = [candidates(mask, found.half_width - 0.5, rng, BEGINNINGS) for mask in found.masks] if known is None else []
-    points = np.stack([_nearest(pool, mask) for pool, mask in zip(pools, found.masks, strict=True)]) if pools else known
-    assert points is not None
+def _begun(view: _View, found: Prototypes, known: Array | None, pools: list[list[Array]]) -> list[Array]:
+    """Pairs of curves that draw the flat part's masks, those that the frame around contradicts least."""
+    points = known
+    if points is None:
+        points = np.stack([_nearest(pool, mask) for pool, mask in zip(pools, found.masks, strict=True)])
     points, evidence = _of_flat_part(view, points)
     w = view.depth(view.stacks(points))
-    search = Search(Disagreement(view.z[:, 0] / view.sigma, view.flat, view.half, w), evidence, rng)
+    search = Search(Disagreement(view.z[:, 0] / view.sigma, view.flat, view.half, w), evidence)
     beginnings = [one.points for one in search.begun(points, pools)] if pools else [points]
-    return [one.points for one in search.best(beginnings)]
+    return [one.points for one in search.best(beginnings)[:MATCHED]]
 
 
 def _nearest(pool: list[Array], mask: Array) -> Array:
@@ -206,7 +216,7 @@ def _nearest(pool: list[Array], mask: Array) -> Array:
     return min(pool, key=lambda one: float(np.sum((masks_at(one[None], 1.0, 1.0, R)[0] - mask) ** 2)))
 
 
-def _of_flat_part(view: _View, points: Array) -> tuple[Array, list[MaskEvidence]]:
+def _of_flat_part(view: _View, points: Array) -> tuple[Array, tuple[MaskEvidence, ...]]:
     """Curves fitted to the flat part alone, and what it says of the masks."""
     part = view.part()
     fit = _fresh(part, points, np.full(part.z.shape[2:], view.half))
@@ -214,12 +224,34 @@ def _of_flat_part(view: _View, points: Array) -> tuple[Array, list[MaskEvidence]
         stacks = part.stacks(fit.points)
         for _ in range(2):
             fit = replace(fit, u=_errors(part, stacks, fit.w, fit.u)[0])
-        fit, evidence = _evidence(part, fit, stacks)
-        fit = replace(fit, points=fitted(evidence, fit.points, view.half)[1])
-    return fit.points, evidence
+        fit = _evidence(part, fit, stacks)
+        fit = replace(fit, points=fitted(fit.evidence, fit.points, view.half)[1])
+    return fit.points, fit.evidence
 
 
 # ---- the frame
+
+
+def _settled(view: _View, found: Prototypes, known: Array | None, rng: np.random.Generator) -> _Fit:
+    """The best fit of curves, picture and depth to the frame that is met."""
+    pools = [candidates(mask, found.half_width - 0.5, rng, BEGINNINGS) for mask in found.masks] if known is None else []
+    turns = Turns(pools, rng)
+    matched = [
+        (_matched(view, points - by), turns.beside(by))
+        for points in _begun(view, found, known, pools)
+        for by in _origins(points)
+    ]
+    tried = [
+        (_turned(view, _restored(view, fit.points), those), those)
+        for fit, those in sorted(matched, key=lambda one: one[0].energy)[:RESTORED]
+    ]
+    fit, turns = min(tried, key=lambda one: one[0].energy)
+    for _ in range(MORE):
+        other = _turned(view, fit, turns)
+        if other.energy > fit.energy - LEAST_FALL:
+            return min(fit, other, key=lambda one: one.energy)
+        fit = other
+    return fit
 
 
 def _fresh(view: _View, points: Array, w: Array) -> _Fit:
@@ -228,34 +260,34 @@ def _fresh(view: _View, points: Array, w: Array) -> _Fit:
     return _Fit(points, w, np.pad(view.z.mean(axis=0), ((0, 0), (R, R), (R, R)), mode="edge").astype(np.float32))
 
 
-def _begun(view: _View, points: Array) -> _Fit:
-    """A fit with the depth that the curves' masks match, and a first picture."""
+def _matched(view: _View, points: Array) -> _Fit:
+    """A fit with the depth that the curves' masks match, followed by a few joint steps with a first picture."""
     stacks = view.stacks(points)
     fit = _fresh(view, points, view.depth(stacks))
     for _ in range(2):
         fit = replace(fit, u=_errors(view, stacks, fit.w, fit.u)[0])
-    return _improved(view, fit, stacks)
-
-
-def _improved(view: _View, fit: _Fit, stacks: list[MaskStack]) -> _Fit:
-    """Picture and depth after two joint steps."""
     R, weights = view.R, view.weights
     inside = (slice(R, -R), slice(R, -R))
     data = view.data(stacks)
     u, wide = fit.u, np.pad(fit.w, R, mode="edge").astype(np.float32)
-    for _ in range(2):
+    for _ in range(JOINT):
         u, wide = joint_step(data, u, wide, weights, 18, (1.0, 1.0), steps_allowed(wide, weights.step))
         wide[inside] = view.pinned(wide[inside])
-    return replace(fit, u=u, w=wide[inside].astype(np.float64))
+    return _judged(view, replace(fit, u=u, w=wide[inside].astype(np.float64)), stacks)
 
 
-def _rounds(view: _View, fit: _Fit, rounds: int) -> _Fit:
-    """Picture and depth improved, and the curves fitted to what is left, in turn."""
-    for _ in range(rounds):
-        stacks = view.stacks(fit.points)
-        fit, evidence = _evidence(view, _improved(view, fit, stacks), stacks)
-        fit = replace(fit, points=fitted(evidence, fit.points, view.half)[1])
-    return _judged(view, fit)
+def _restored(view: _View, points: Array) -> _Fit:
+    """A fit with the picture and the depth of a whole restoration, and what it says of the masks."""
+    stacks, R = view.stacks(points), view.R
+    outcome = restore(list(view.z), stacks, RestorationParameters(scheme=SCHEME))
+    assert outcome.value is not None
+    u = np.pad(outcome.value.sharp, ((0, 0), (R, R), (R, R)), mode="edge").astype(np.float32)
+    return _judged(view, _evidence(view, _Fit(points, view.pinned(outcome.value.w), u), stacks), stacks)
+
+
+def _turned(view: _View, fit: _Fit, turns: Turns) -> _Fit:
+    """The frame restored anew with the best curves that are met from those of a fit."""
+    return _restored(view, turns.taken(fit.evidence, fit.points, view.half))
 
 
 def _errors(view: _View, stacks: list[MaskStack], w: Array, u: Array) -> tuple[Array, Array]:
@@ -289,7 +321,7 @@ def _level(w: Array) -> float:
     return max(round(float(np.median(w)) / LEVEL) * LEVEL, 0.3)
 
 
-def _evidence(view: _View, fit: _Fit, stacks: list[MaskStack]) -> tuple[_Fit, list[MaskEvidence]]:
+def _evidence(view: _View, fit: _Fit, stacks: list[MaskStack]) -> _Fit:
     """The fit with its picture improved, and what the frame says of the masks of every level of w."""
     u, e = _errors(view, stacks, fit.w, fit.u)
     tiles: dict[float, list[Tile]] = {}
@@ -303,7 +335,7 @@ def _evidence(view: _View, fit: _Fit, stacks: list[MaskStack]) -> tuple[_Fit, li
         above, below = (masks_at(fit.points, view.half, w + d, evidence.R) for d in (delta, -delta))
         gather(evidence, (above - below) / (2 * delta), those, DOUBT)
         found.append(evidence)
-    return replace(fit, u=u), found
+    return replace(fit, u=u, evidence=tuple(found))
 
 
 def _left(view: _View, stacks: list[MaskStack], w: Array, e: Array) -> Iterator[tuple[bool, Array]]:
@@ -318,9 +350,8 @@ def _energy(left: list[float]) -> float:
     return float(np.mean(DOUBT * np.log1p(np.array(left) / DOUBT)))
 
 
-def _judged(view: _View, fit: _Fit) -> _Fit:
+def _judged(view: _View, fit: _Fit, stacks: list[MaskStack]) -> _Fit:
     """The fit with what it leaves unexplained."""
-    stacks = view.stacks(fit.points)
     u, e = _errors(view, stacks, fit.w, fit.u)
     left = [float(r @ r) / (TILE * view.sigma) ** 2 for _, r in _left(view, stacks, fit.w, e)]
     return replace(fit, u=u, energy=_energy(left))

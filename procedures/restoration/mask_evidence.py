@@ -170,13 +170,10 @@ def _equations(
         d = -e.masks.reshape(2, -1)
         J = np.zeros((2, area, len(H)))
         for k, one in enumerate(points):
-            if k not in free:
-                d[k] += drawn(one * scale, e.R, LINE * e.w, instants).ravel()
-                continue
-            mask, change = drawn_change(one * scale, e.R, LINE * e.w, instants)
-            d[k] += mask.ravel()
-            begin = 2 * POINTS * free.index(k)
-            J[k, :, begin : begin + 2 * POINTS] = scale * change
+            d[k] += drawn(one * scale, e.R, LINE * e.w, instants).ravel()
+            if k in free:
+                begin = 2 * POINTS * free.index(k)
+                J[k, :, begin : begin + 2 * POINTS] = scale * drawn_change(one * scale, e.R, LINE * e.w, instants)
         J = J.reshape(2 * area, -1)
         H += J.T @ e.G @ J
         gradient += J.T @ (e.G @ d.ravel() - e.g)

@@ -11,10 +11,10 @@ from functools import cache
 import numpy as np
 from scipy.interpolate import BSpline
 from scipy.ndimage import gaussian_filter
-from scipy.special import ndtr
 
-from procedures.restoration.blur_models import LINE, path_shape
+from procedures.restoration.blur_models import LINE, path_shape, unit
 from procedures.restoration.forward import Array, MaskStack
+from procedures.restoration.lines import share_changes, shares
 
 # of the spline, each way: oscillations of the sixth order, eight of them closed
 POINTS = 20
@@ -28,8 +28,18 @@ FINE = ((0.2, 1e-12), (0.0, 1e-12))
 @cache
 def basis(instants: int = INSTANTS) -> Array:
     """Values of the splines at the middles of equal times, (instants, POINTS)."""
+    return _splines((np.arange(instants) + 0.5) / instants)
+
+
+@cache
+def whole() -> Array:
+    """Values of the splines at equal times from beginning to end, (INSTANTS + 1, POINTS)."""
+    return _splines(np.linspace(0, 1, INSTANTS + 1))
+
+
+def _splines(times: Array) -> Array:
     knots = np.concatenate([np.zeros(3), np.linspace(0, 1, POINTS - 2), np.ones(3)])
-    return np.asarray(BSpline.design_matrix((np.arange(instants) + 0.5) / instants, knots, 3).toarray())
+    return np.asarray(BSpline.design_matrix(times, knots, 3).toarray())
 
 
 @cache
@@ -39,45 +49,42 @@ def unsteadiness() -> Array:
     return np.asarray(third.T @ third / INSTANTS)
 
 
-def _shares(x: Array, R: int, sigma: float) -> tuple[Array, Array]:
-    """Share of each instant at x in each of 2R + 1 pixels, (T, 2R + 1), and its derivative with x."""
-    edges = (np.arange(-R - 0.5, R + 1) - x[:, None]) / sigma
-    density = np.exp(-(edges**2) / 2) / (np.sqrt(2 * np.pi) * sigma)
-    return np.diff(ndtr(edges), axis=1), -np.diff(density, axis=1)
-
-
 def drawn(points: Array, R: int, sigma: float, instants: int = INSTANTS) -> Array:
-    """Mask (2R + 1, 2R + 1) of the curve of control points (POINTS, 2), pixels x, y, its line of width sigma."""
+    """Mask (2R + 1, 2R + 1) of the curve of control points (POINTS, 2), pixels x, y, its line of width sigma.
+
+    Its sum is 1, less what falls beside the mask.
+    """
     path = basis(instants) @ points
-    columns, rows = (_shares(path[:, k], R, sigma)[0] for k in (0, 1))
-    return np.asarray(rows.T @ columns / instants)
+    (columns, across), (rows, down) = (shares(path[:, k], R, sigma) for k in (0, 1))
+    return np.asarray(rows.T @ columns / max(float(across @ down), 1e-9))
 
 
-def drawn_change(points: Array, R: int, sigma: float, instants: int = INSTANTS) -> tuple[Array, Array]:
-    """The mask, and its derivative with the points' x, then y, ((2R + 1)^2, 2 POINTS)."""
+def drawn_change(points: Array, R: int, sigma: float, instants: int = INSTANTS) -> Array:
+    """How the mask changes with the points' x, then y, ((2R + 1)^2, 2 POINTS), but for what samples make of it."""
     B = basis(instants)
     path = B @ points
-    (columns, across), (rows, down) = (_shares(path[:, k], R, sigma) for k in (0, 1))
+    (columns, across), (rows, down) = (
+        (shares(path[:, k], R, sigma)[0], share_changes(path[:, k], R, sigma)) for k in (0, 1)
+    )
     parts = [(b[:, :, None] * a[:, None, :]).reshape(instants, -1).T @ B for b, a in ((rows, across), (down, columns))]
-    return np.asarray(rows.T @ columns / instants), np.concatenate(parts, axis=1) / instants
+    return np.concatenate(parts, axis=1) / instants
 
 
 def path_stack(points: Array, half: float, max_w: float, R: int) -> MaskStack:
     """Masks of the curve of half-width `half` at every w: the curve stretched about the middle of the masks (5.3)."""
     levels = np.maximum(np.arange(int(np.ceil(max_w / STEP)) + 2) * STEP, 0.02)
-    masks = np.stack([drawn(points * w / half, R, LINE * w) for w in levels])
-    return MaskStack(masks / masks.sum(axis=(1, 2), keepdims=True), STEP)
+    return MaskStack(np.stack([unit(drawn(points * w / half, R, LINE * w)) for w in levels]), STEP)
 
 
 def half_width(points: Array) -> float:
     """w of curves (..., POINTS, 2): how far any of them leaves the middle, its line included, pixels."""
-    return float(np.abs(basis() @ points).max()) / (1 - 3 * LINE)
+    return float(np.abs(whole() @ points).max()) / (1 - 3 * LINE)
 
 
 def shapes_of(points: Array) -> Array:
     """Shapes on [-1, 1] of both curves (2, POINTS, 2), of one scale."""
-    extent = float(np.abs(basis() @ points).max())
-    return np.stack([path_shape(basis() @ one, extent=extent) for one in points])
+    curves = whole() @ points
+    return np.stack([path_shape(one, extent=float(np.abs(curves).max())) for one in curves])
 
 
 # ---- search of a curve
@@ -93,7 +100,7 @@ def fitted(points: Array, target: Array, sigma: float, steady: float, instants: 
     cost, damping = _cost(points, target, sigma, steady, instants), 1e-3
     stiff = np.kron(np.eye(2), steady * unsteadiness())
     for _ in range(25):
-        mask, J = drawn_change(points, len(target) // 2, sigma, instants)
+        mask, J = (draw(points, len(target) // 2, sigma, instants) for draw in (drawn, drawn_change))
         H = J.T @ J + stiff
         gradient = J.T @ (mask - target).ravel() + stiff @ points.T.ravel()
         step, before = np.trace(J.T @ J) / len(H), cost

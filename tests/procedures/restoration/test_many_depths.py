@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from procedures.outcome import Outcome, Verdict
-from procedures.restoration import many_depths, paths, walks
+from procedures.restoration import many_depths, pairs, paths, turns
 from procedures.restoration.blind import Prototypes, as_shape
 from procedures.restoration.blur_models import LINE, mask
+from procedures.restoration.scheme import Scheme
 
 from . import motions
 from .motions import BOX, FLAT_W
@@ -35,8 +36,9 @@ def test_other_depths_put_the_curves_in_their_place(photographs, found, curves, 
     # a tenth of a pixel off in the flat part, as curves that draw one mask differ
     begun = curves + np.random.default_rng(1).normal(0, 0.1, curves.shape)
     monkeypatch.setattr(many_depths, "MORE", 0)
-    monkeypatch.setattr(walks, "DESCENTS", 1)
-    monkeypatch.setattr(walks, "STEPS", 0)
+    monkeypatch.setattr(many_depths, "SCHEME", Scheme(4, 6, 6, 1, 6))
+    monkeypatch.setattr(pairs, "DESCENTS", 1)
+    monkeypatch.setattr(turns, "BENDS", 0)
     motion = many_depths.motion_of_scene(photographs, BOX, found, 3.5, np.random.default_rng(0), begun)
     assert motion.path is not None
 

@@ -87,18 +87,18 @@ def test_a_wrong_depth_is_not_held_against_masks(points, around):
 
 
 def test_a_curve_is_fitted_to_what_is_said_of_two_sizes(rng, points):
-    # masks known entry by entry, a thousandth wrong, at two sizes
-    said = []
-    for w in (FLAT_W, 1.4 * FLAT_W):
-        one = MaskEvidence.about(points, FLAT_W, w, R)
+    # masks known entry by entry, a thousandth wrong, at two sizes; lines about as wide as samples lie apart
+    half = 2 * FLAT_W
+    points, said = 2 * points, []
+    for w in (half, 1.4 * half):
+        one = MaskEvidence.about(points, half, w, 8)
         one.add(np.eye(one.masks.size), np.zeros(one.masks.size), 1e6)
         said.append(one)
-    begun = points + rng.normal(0, 0.05, points.shape)
-    value, found = fitted(said, begun, FLAT_W)
-    assert value == pytest.approx(cost(said, found, FLAT_W))
-    assert value < 0.01 * cost(said, begun, FLAT_W)
-    between = 1.2 * FLAT_W
-    before, after, true = (masks_at(p, FLAT_W, between, R) for p in (begun, found, points))
+    begun = points + rng.normal(0, 0.1, points.shape)
+    value, found = fitted(said, begun, half)
+    assert value == pytest.approx(cost(said, found, half))
+    assert value < 0.02 * cost(said, begun, half)
+    before, after, true = (masks_at(p, half, 1.2 * half, 8) for p in (begun, found, points))
     assert np.linalg.norm(after - true) < 0.2 * np.linalg.norm(before - true)
 
 

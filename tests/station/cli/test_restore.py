@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from procedures.restoration import many_depths, walks
+from procedures.restoration import many_depths, pairs, turns
+from procedures.restoration.scheme import Scheme
 from station.__main__ import main
 
 QUICK = ["--scheme", "2x(4+4)+1x6", "--max-w", "5.2"]
@@ -133,10 +134,10 @@ def test_a_region_that_is_none_is_a_usage_error(photographs, tmp_path):
 
 def test_unknown_motion_comes_from_a_flat_part(photographs, tmp_path, monkeypatch):
     # how fine the paths become is tested with the procedure
-    for name, few in (("BEGINNINGS", 3), ("FIRST", 1), ("MORE", 0)):
+    for name, few in (("BEGINNINGS", 3), ("RESTORED", 1), ("MORE", 0), ("SCHEME", Scheme(1, 2, 2, 1, 2))):
         monkeypatch.setattr(many_depths, name, few)
-    for name, few in (("DESCENDING", 1), ("STEPS", 0)):
-        monkeypatch.setattr(walks, name, few)
+    monkeypatch.setattr(pairs, "DESCENDING", 1)
+    monkeypatch.setattr(turns, "BENDS", 0)
     # the upper left corner of this crop lies at one depth to half a pixel
     arguments = ["--blur", "motion", "--prototype-region", "0,0,60,96", "--scheme", "1x(2+2)", "--max-w", "3"]
     result = run(*photographs[0], *arguments, "--out", tmp_path / "o")

@@ -1,4 +1,4 @@
-"""Curves that the frame around a flat part contradicts, little and much, and ways from one to the other."""
+"""Pairs of curves that the frame around a flat part contradicts, little and much."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import pytest
 
 from procedures.restoration.disagreement import Disagreement
 from procedures.restoration.mask_evidence import MaskEvidence
+from procedures.restoration.pairs import Search
 from procedures.restoration.paths import POINTS
-from procedures.restoration.walks import Search
 
 from .motions import BOX, FLAT_W, curves, photographs
 
@@ -62,19 +62,13 @@ def test_a_frame_without_surroundings_contradicts_nothing(wrong):
 
 
 def test_descent_approaches_the_truth(sloping, flat, wrong):
-    found = Search(sloping, flat, np.random.default_rng(0)).descended(wrong)
+    found = Search(sloping, flat).descended(wrong)
     true = told(sloping, curves())
     assert found.disagreement - true < 0.3 * (told(sloping, wrong) - true)
 
 
-def test_a_walk_ends_no_worse_than_it_began(sloping, flat, wrong):
-    search = Search(sloping, flat, np.random.default_rng(1))
-    begun = search.descended(wrong)
-    assert search.walked(begun, 1).disagreement <= begun.disagreement
-
-
 def test_pairs_begin_with_the_least_contradicted(sloping, flat, wrong):
-    search = Search(sloping, flat, np.random.default_rng(2))
+    search = Search(sloping, flat)
     found = search.begun(curves(), [[wrong[0], curves()[0]], [curves()[1]]])
     told_of = [pair.disagreement for pair in found]
     assert told_of == sorted(told_of)
