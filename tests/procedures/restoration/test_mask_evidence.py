@@ -86,20 +86,21 @@ def test_a_wrong_depth_is_not_held_against_masks(points, around):
     assert about.c < 1e-3 * np.sum(left_over(tile.errors, filters(about.masks, SIZE)) ** 2)
 
 
-def test_a_curve_is_fitted_to_what_is_said_of_two_sizes(rng, points):
-    # masks known entry by entry, a thousandth wrong, at two sizes; lines about as wide as samples lie apart
+def test_a_curve_is_fitted_to_what_is_said_of_three_sizes(rng, points):
+    # masks known entry by entry, to 0.0003, at three sizes; lines about as wide as samples lie apart
     half = 2 * FLAT_W
     points, said = 2 * points, []
-    for w in (half, 1.4 * half):
+    for w in (0.8 * half, half, 1.4 * half):
         one = MaskEvidence.about(points, half, w, 8)
-        one.add(np.eye(one.masks.size), np.zeros(one.masks.size), 1e6)
+        one.add(np.eye(one.masks.size), np.zeros(one.masks.size), 1e7)
         said.append(one)
     begun = points + rng.normal(0, 0.1, points.shape)
     value, found = fitted(said, begun, half)
     assert value == pytest.approx(cost(said, found, half))
-    assert value < 0.02 * cost(said, begun, half)
+    assert value < 0.01 * cost(said, begun, half)
     before, after, true = (masks_at(p, half, 1.2 * half, 8) for p in (begun, found, points))
-    assert np.linalg.norm(after - true) < 0.2 * np.linalg.norm(before - true)
+    # three beginnings of four end at 0.16 of it and less, one at 0.3
+    assert np.linalg.norm(after - true) < 0.35 * np.linalg.norm(before - true)
 
 
 def test_a_curve_that_is_not_free_stays(rng, points):
