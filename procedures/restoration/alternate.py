@@ -27,6 +27,8 @@ from procedures.restoration.steps import layers_of, place_steps
 # change of w within two pixels that is taken for a depth step: at 0.35 small steps smeared by matching were missed
 JUMP = 0.28
 ANEW = "parts anew"
+# distance from one half at which a share is believed as it is in placing steps from near: medians cut their corners
+DECIDED = 0.25
 # joint steps after which a part begun again is compared with what was there
 ON_TRIAL = 3
 # gradient below which total variation is taken as quadratic (6.10), grey values of 1
@@ -186,7 +188,8 @@ def _placed(problem: Problem, state: State, what: str, weights: Weights) -> tupl
     where = problem.misfit if far else None
     layers = layers_of(w, labels, reach, doubt, JUMP, 2 if "between" in what else 1, where)
     soft = max(weights.picture, 1e-3 if far else 1e-5)
-    return place_steps(problem.data, problem.other, state.u, w, labels, layers, soft)
+    decided = 1.0 if far else DECIDED
+    return place_steps(problem.data, problem.other, state.u, w, labels, layers, soft, decided=decided)
 
 
 def _due(n: int, total: int) -> str:

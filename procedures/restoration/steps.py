@@ -183,12 +183,16 @@ def place_steps(
     weight: float,
     rounds: int = 4,
     iterations: int = 40,
+    decided: float = 1.0,
 ) -> tuple[Array, Array, Labels]:
-    """Picture, depth and segments with the steps moved to where they explain the photographs best."""
+    """Picture, depth and segments with the steps moved to where they explain the photographs best.
+
+    The border is that of the share's medians, but where the share is `decided` from one half.
+    """
     if not layers.band.any():
         return u, w, labels
     sharper, b = _shared_in_window(high, low, u, layers, weight, rounds, iterations)
-    border = median_filter(b, 3) > 0.5
+    border = np.where(np.abs(b - 0.5) > decided, b, median_filter(b, 3)) > 0.5
     moved = np.where(layers.band, np.where(border, layers.high, layers.low), w).astype(w.dtype)
     relabelled = np.where(border, layers.high_label, layers.low_label)
     return sharper, moved, np.where(layers.band, relabelled, labels).astype(np.int32)
