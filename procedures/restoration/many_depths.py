@@ -51,7 +51,7 @@ LEAST_FALL = 0.003
 # mean squared difference of neighbours expected of the picture while paths are sought, white = 1
 CONTRAST = 6.3e-3
 # what is left unexplained, of the noise, with the curves of the rig, and beyond which they are others
-LEFT, MOST_LEFT = 0.7, 0.95
+LEFT, MOST_LEFT = 0.75, 0.87
 REMEDY = "record the rig's motion, or mark a larger flat part with more detail"
 
 

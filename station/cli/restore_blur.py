@@ -142,6 +142,7 @@ def _prototypes(
         log("prototypes", f"motion of half-width {found.half_width:.1f} pixels in the flat part")
         begun = [recorded(path, mask, found.half_width) for path, mask in zip(drawn, found.masks, strict=False)]
         box, rng = (x, y, width, height), np.random.default_rng(0)
+        log("paths", "looking for the paths that the whole frame agrees with; this takes some minutes")
         motion = motion_of_scene(photographs, box, found, max_w, rng, np.stack(begun) if begun else None)
     sentence = motion.doubt or f"paths of half-width {motion.half_width:.2f} pixels in the flat part"
     log("motion", sentence, level="warning" if motion.doubt else "info", half_width=motion.half_width)

@@ -96,6 +96,20 @@ def test_steps_move_to_where_the_photographs_put_them(vibrating, problem):
     assert set(np.unique(relabelled)) <= set(np.unique(labels))
 
 
+@pytest.mark.parametrize(("decided", "kept"), [(alternate.DECIDED, True), (1.0, False)])
+def test_a_border_keeps_its_corner_where_the_share_is_decided(vibrating, problem, decided, kept):
+    # the near square's corner: four of its nine neighbours and itself are near, so the median is far
+    y, x = int(np.ceil(vibrating.w.shape[0] * 0.55)), int(vibrating.w.shape[1] * 0.5) + 1
+    w = vibrating.w.astype(np.float32)
+    problem.data.focus(w)
+    u = restore_picture(problem.data, alternate.begin(problem, first_truth(vibrating)).u, 1e-4, 60)
+    labels = segments.segments(w, 0.35, 3)
+    layers = steps.layers_of(w, labels, 3, 1, 0.35)
+    moved = steps.place_steps(problem.data, problem.other, u, w, labels, layers, 1e-4, decided=decided)[1]
+    assert vibrating.w[y, x] - vibrating.w[y - 1, x - 1] > 0.8
+    assert (abs(moved[y, x] - vibrating.w[y, x]) < 0.3) == kept
+
+
 def test_without_jumps_there_are_no_layers():
     w = np.full((40, 40), 2.0)
     labels = segments.segments(w, 0.35, 3)
