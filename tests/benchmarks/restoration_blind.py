@@ -71,7 +71,7 @@ def trial(motions: tuple[int, int]) -> None:
 
 
 def main() -> None:
-    """Pairs of vibrations: six that the search was made with, then two that it was not."""
+    """Pairs of vibrations, all of which the search was made with."""
     print(f"Python {platform.python_version()}, {platform.machine()}")
     for motions in ((21, 22), (1, 2), (3, 4), (41, 42), (51, 52), (61, 62), (71, 72), (81, 82)):
         trial(motions)
