@@ -13,7 +13,7 @@ from procedures.restoration.mask_evidence import MaskEvidence, fitted, masks_at
 
 # of each pool so many curves are paired, and so many of the pairs descend
 PAIRED, DESCENDING = 14, 20
-# descents between two looks at how far a pair has come
+# descents of a pair, the evidence taken anew for each, of which the best is kept
 DESCENTS = 2
 # share of their norm by which curves' masks differ that are two, at what size of the flat part's
 DIFFERENT, LARGER = 0.1, 1.3

@@ -34,7 +34,7 @@ class Turns:
 
     def taken(self, evidence: Sequence[MaskEvidence], points: Array, half: float) -> Array:
         """The best curves met, (2, POINTS, 2), beginning with `points` of half-width `half`."""
-        best = fitted(evidence, points, half, (0, 1), INSTANTS, 15, 1e-3)
+        best = _better((np.inf, points), evidence, points, half)
         flat = [one for one in evidence if one.w == half]
         for k, pool in enumerate(self.pools):
             for one in distinct(flat, best[1], half, k, pool):
