@@ -11,6 +11,7 @@ import resource
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 
 import numba
 import numpy as np
@@ -20,6 +21,7 @@ from scipy.ndimage import gaussian_filter
 from procedures.restoration.blur_models import mask_stack, path_shape
 from procedures.restoration.estimate import RestorationParameters, restore
 from procedures.restoration.forward import Blur
+from procedures.restoration.passes import in_bands, most_threads
 from procedures.restoration.scheme import Scheme
 
 SHAPE = (650, 730)
@@ -39,10 +41,10 @@ def _seconds(work: Callable[[], object]) -> float:
     return time.perf_counter() - start
 
 
-@numba.njit(parallel=True, fastmath=True)
-def _peak(low: Array, high: Array, out: Array, rounds: int) -> None:
+@numba.njit(fastmath=True, nogil=True)
+def _peak(low: Array, high: Array, out: Array, rounds: int, first: int, last: int) -> None:
     """The convolution's innermost line on data that stay in the first cache: two products, three loads, one store."""
-    for n in numba.prange(out.shape[0]):
+    for n in range(first, last):
         row = out[n]
         a, b = low[n], high[n]
         for k in range(rounds):
@@ -52,10 +54,14 @@ def _peak(low: Array, high: Array, out: Array, rounds: int) -> None:
 
 
 def peak_work() -> tuple[Callable[[], object], int]:
-    """The convolution's access pattern at its best for about as long, and how many multiply-adds that is."""
-    threads, width, rounds = numba.get_num_threads(), 1024, 100000
+    """The convolution's access pattern at its best for about as long, and how many multiply-adds that is.
+
+    Its threads are the convolution's: numba's own stay awake for milliseconds after their work, on a processor that
+    whatever is timed next needs.
+    """
+    threads, width, rounds = most_threads(), 1024, 100000
     low, high, out = (np.zeros((threads, width), np.float32) for _ in range(3))
-    return lambda: _peak(low, high, out, rounds), 2 * threads * width * rounds
+    return lambda: in_bands(partial(_peak, low, high, out, rounds), range(threads + 1)), 2 * threads * width * rounds
 
 
 def numpy_loop(u: Array, w: Array, masks: Array, step: float, R: int) -> Array:
@@ -96,7 +102,7 @@ def main() -> None:
     errors, masks = np.ascontiguousarray(u[: SHAPE[0], : SHAPE[1]]), stacks[0].masks.astype(np.float32)
     seconds, adjoint, at_peak = best_of(lambda: blur.blur(u), lambda: blur.blur_adjoint(errors), peak, runs=60)
     rate = peak_madds / at_peak
-    print(f"{numba.get_num_threads()} threads, blur {SHAPE[1]}x{SHAPE[0]}, masks to 17x17")
+    print(f"{most_threads()} threads, blur {SHAPE[1]}x{SHAPE[0]}, masks to 17x17")
     print(f"  peak of the access pattern {rate / 1e9:.1f} G madd/s")
     for name, took in (("blur", seconds), ("adjoint", adjoint)):
         reached = work / took

@@ -68,6 +68,23 @@ def test_constant_depth_is_ordinary_convolution(vibration_stacks, w, rng):
     np.testing.assert_allclose(blur.blur(u), fftconvolve(u, stack.at(w), mode="valid"), atol=1e-12)
 
 
+def test_neighbours_may_see_masks_of_any_size(rng):
+    # masks grow from 1 x 1 to 35 x 35, so pixels side by side see pairs that are one, two and three vectors wide
+    R, (height, width) = 17, SHAPE
+    grow = np.maximum(*np.abs(np.mgrid[-R : R + 1, -R : R + 1])) <= np.arange(R + 1)[:, None, None]
+    stack = MaskStack(grow * rng.random((R + 1, 2 * R + 1, 2 * R + 1)), 1.0)
+    blur = Blur(stack, SHAPE)
+    w, u = rng.uniform(0, R, blur.extended), rng.standard_normal(blur.extended)
+    blur.focus(w)
+    expected = np.zeros((height + 4 * R, width + 4 * R))
+    for y, x in np.ndindex(blur.extended):
+        expected[y : y + 2 * R + 1, x : x + 2 * R + 1] += u[y, x] * stack.at(w[y, x])
+    seen = expected[2 * R : 2 * R + height, 2 * R : 2 * R + width]
+    np.testing.assert_allclose(blur.blur(u), seen, atol=1e-11)
+    e = rng.standard_normal(SHAPE)
+    assert np.vdot(blur.blur_adjoint(e), u) == pytest.approx(np.vdot(e, seen), rel=1e-10)
+
+
 def test_a_field_of_equal_stacks_is_one_stack(vibration_stacks, rng):
     stack = vibration_stacks[0]
     one, field = Blur(stack, SHAPE), FieldBlur([[stack] * 3] * 2, SHAPE)
