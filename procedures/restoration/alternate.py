@@ -19,7 +19,7 @@ from procedures.restoration.evidence import fitted_by_depth, moments
 from procedures.restoration.forward import Array, Blur
 from procedures.restoration.newton import Weights, joint_step
 from procedures.restoration.priors import depth_variation, roughness, steps_allowed, total_variation
-from procedures.restoration.repair import DOUBT, Pair, repaired
+from procedures.restoration.repair import DOUBT, Pair, left_over, repaired
 from procedures.restoration.scheme import DEPTH_SLOPE, Schedule, Scheme, Statistics
 from procedures.restoration.segments import Labels, joined, mended, segments
 from procedures.restoration.steps import layers_of, place_steps
@@ -29,6 +29,9 @@ JUMP = 0.28
 ANEW = "parts anew"
 # distance from one half at which a share is believed as it is in placing steps from near: medians cut their corners
 DECIDED = 0.25
+# weight of the depth's prior beyond which it bridges steps; it yields with this power of what is left over there, of
+# the frame's median, up to so much of it
+STRONG, YIELDING, MOST_LEFT = 0.2, 5, 2.0
 # joint steps after which a part begun again is compared with what was there
 ON_TRIAL = 3
 # gradient below which total variation is taken as quadratic (6.10), grey values of 1
@@ -108,7 +111,7 @@ def cost(problem: Problem, u: Array, w: Array, weights: Weights) -> tuple[float,
     problem.data.focus(w)
     e = problem.data.residual(u)
     prior = weights.picture * roughness(u, *_diffusion(problem, u))
-    prior += weights.depth_cost(w, *_edges(problem, w, weights, None))
+    prior += weights.depth_cost(w, *_edges(problem, e, w, weights, None))
     return 0.5 * float(np.sum(e**2)) + prior, float(np.median(np.abs(e)) / 0.6745)
 
 
@@ -121,9 +124,15 @@ def _diffusion(problem: Problem, u: Array) -> tuple[Array | float, Array | float
     return down * u.dtype.type(scale), across * u.dtype.type(scale)
 
 
-def _edges(problem: Problem, w: Array, weights: Weights, labels: Labels | None) -> tuple[Array, Array]:
-    """The depth prior's weights: none between segments; within them less where w is steep."""
+def _edges(problem: Problem, e: Array | None, w: Array, weights: Weights, labels: Labels | None) -> tuple[Array, Array]:
+    """The depth prior's weights: none between segments; within them less where w is steep.
+
+    A prior so strong that it bridges steps counts less where e, if given, is left over of the photographs, too.
+    """
     down, across = depth_variation(w, DEPTH_SLOPE) if problem.depth_variation else steps_allowed(w, weights.step)
+    if e is not None and weights.depth > STRONG:
+        held = np.pad(np.clip(left_over(e), 1, MOST_LEFT) ** -YIELDING, problem.data.R, mode="edge").astype(w.dtype)
+        down, across = down * np.minimum(held[1:], held[:-1]), across * np.minimum(held[:, 1:], held[:, :-1])
     if labels is None:
         return down, across
     same_down, same_across = joined(labels)
@@ -147,7 +156,7 @@ def one_round(problem: Problem, state: State) -> State:
     else:
         if what:
             u, w, labels = _placed(problem, state, what, weights)
-        u, w = _joint(problem, u, w, labels, weights)
+        u, w = _joint(problem, u, w, labels, weights, settled=state.n > 0)
     final = problem.schedule.final(state.known)
     value, residual = cost(problem, u, w, final)
     done = Round(
@@ -157,10 +166,16 @@ def one_round(problem: Problem, state: State) -> State:
     return State(state.n + 1, u, w, _statistics(problem, u, w, weights, residual), (*state.history, done), labels)
 
 
-def _joint(problem: Problem, u: Array, w: Array, labels: Labels | None, weights: Weights) -> tuple[Array, Array]:
-    """Picture and depth after one joint Gauss-Newton step."""
+def _joint(
+    problem: Problem, u: Array, w: Array, labels: Labels | None, weights: Weights, settled: bool = True
+) -> tuple[Array, Array]:
+    """Picture and depth after one joint Gauss-Newton step.
+
+    settled : what u leaves over is of the depth, not of a picture that has only been restored softly.
+    """
     iterations = problem.scheme.picture + problem.scheme.depth
-    edges = _edges(problem, w, weights, labels)
+    problem.data.focus(w)
+    edges = _edges(problem, problem.data.residual(u) if settled else None, w, weights, labels)
     return joint_step(problem.data, u, w, weights, iterations, _diffusion(problem, u), edges)
 
 

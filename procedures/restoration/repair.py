@@ -43,11 +43,16 @@ class Pair:
     labels: Labels
 
 
+def left_over(e: Array) -> Array:
+    """Mean square of the residuals e (P, C, H, W) about every pixel, of the frame's median one: (H, W)."""
+    power = uniform_filter((e**2).mean(axis=(0, 1)), WINDOW)
+    return np.asarray(power / max(float(np.median(power)), 1e-20))
+
+
 def unexplained(data: DataTerm, u: Array) -> Mask:
     """Where the photographs are explained worse than elsewhere, (H', W'); data : focused on the picture's depth."""
-    power = uniform_filter((data.residual(u) ** 2).mean(axis=(0, 1)), WINDOW)
-    usual, large = np.percentile(power, [50, 100 * (1 - MOST)])
-    wrong = np.pad(power > max(UNEXPLAINED * usual, large), data.R, mode="edge")
+    power = left_over(data.residual(u))
+    wrong = np.pad(power > max(UNEXPLAINED, float(np.percentile(power, 100 * (1 - MOST)))), data.R, mode="edge")
     parts, n = label(wrong)
     large = np.bincount(parts.ravel(), minlength=n + 1) >= LEAST_PART
     large[0] = False
