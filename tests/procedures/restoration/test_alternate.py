@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from procedures.restoration import alternate, depth, segments, steps
 from procedures.restoration.cost import conjugate_gradients, restore_picture
 from procedures.restoration.newton import Weights, joint_step
 from procedures.restoration.scheme import Schedule, Scheme
+
+from .conftest import scene
 
 
 @pytest.fixture(scope="module")
@@ -108,6 +113,29 @@ def test_a_border_keeps_its_corner_where_the_share_is_decided(vibrating, problem
     moved = steps.place_steps(problem.data, problem.other, u, w, labels, layers, 1e-4, decided=decided)[1]
     assert vibrating.w[y, x] - vibrating.w[y - 1, x - 1] > 0.8
     assert (abs(moved[y, x] - vibrating.w[y, x]) < 0.3) == kept
+
+
+def test_the_depth_prior_yields_to_a_smeared_step_under_strong_noise(vibration_stacks, monkeypatch):
+    noisy = scene(vibration_stacks, (96, 112), 20.0, seed=4)
+    data, other = alternate.problem_of(noisy.z, noisy.stacks, np.ones((2, 1, 96, 112)), np.float32)
+    problem = alternate.Problem(
+        data, other, Scheme(20, 10, 10, 1, 20), Schedule(20), 0.1 * float(noisy.z.std()), reach=12
+    )
+    # past the last placing nothing but descent moves the depth
+    state = replace(alternate.begin(problem, gaussian_filter(noisy.w, 5)[6:-6, 6:-6]), n=14)
+    yielding = alternate.run(problem, state)
+    monkeypatch.setattr(alternate, "YIELDING", 0)
+    stiff = alternate.run(problem, state)
+    inside = np.s_[..., 6:-6, 6:-6]
+    assert noisy.depth_error(yielding.w[inside]) < 0.97 * noisy.depth_error(stiff.w[inside])
+    assert noisy.picture_error(yielding.u[inside]) < 0.97 * noisy.picture_error(stiff.u[inside])
+
+
+def test_a_weak_depth_prior_does_not_yield(problem, first, monkeypatch):
+    state, weights = alternate.begin(problem, first), Weights(1e-3, 0.05)
+    before = alternate.cost(problem, state.u, state.w, weights)
+    monkeypatch.setattr(alternate, "YIELDING", 0)
+    assert alternate.cost(problem, state.u, state.w, weights) == before
 
 
 def test_without_jumps_there_are_no_layers():

@@ -9,7 +9,7 @@ from procedures.restoration import alternate
 from procedures.restoration.cost import restore_picture
 from procedures.restoration.newton import Weights, joint_step
 from procedures.restoration.priors import steps_allowed
-from procedures.restoration.repair import Pair, believed, better_of, repaired, unexplained
+from procedures.restoration.repair import Pair, believed, better_of, left_over, repaired, unexplained
 
 WEIGHTS = Weights(1e-4, 0.01)
 
@@ -40,6 +40,16 @@ def onward(data, pair):
         u, w = joint_step(data, pair.u, pair.w, WEIGHTS, 20, (1.0, 1.0), (down * same[0], across * same[1]))
         pair = Pair(u, w, pair.labels)
     return pair
+
+
+def test_what_is_left_over_is_told_of_the_usual(rng):
+    e = rng.standard_normal((2, 1, 80, 90))
+    e[..., 30:50, 20:50] *= 2
+    power = left_over(e)
+    # means of 98 squares: 0.14 each, the mean of several hundred such windows a tenth of that
+    assert np.mean(power[:25]) == pytest.approx(1, abs=0.06)
+    assert np.mean(power[34:46, 24:46]) == pytest.approx(4, rel=0.1)
+    np.testing.assert_allclose(left_over(0.01 * e), power)
 
 
 def test_what_is_not_explained_is_the_part_that_is_wrong(terms, notched):
