@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.kernel_tail import SHAPES, tail_border, tail_density, tail_kernels, tail_spectra, tail_sums
 from procedures.numerics.solvers import SOLVERS
 from procedures.outcome import BadParameter
 
@@ -49,8 +50,31 @@ class Sampling:
 
 
 @dataclass(frozen=True)
+class Tail:
+    """What a PSF has outside its support: amplitudes of the shapes of `numerics.kernel_tail`, beside samples of sum 1.
+
+    Attributes
+    ----------
+    amplitudes : (q,) float64
+        Of the first q shapes; the first one is the energy of the mean tail over that inside the support.
+    covariance : (q, q) float64
+    cross : (k^2, q) float64
+        Covariance of the samples with the amplitudes.
+    """
+
+    amplitudes: Array
+    covariance: Array
+    cross: Array
+
+    @classmethod
+    def none(cls, samples: int) -> Tail:
+        """No tail, beside so many samples: the PSF ends with its support."""
+        return cls(np.zeros(0), np.zeros((0, 0)), np.zeros((samples, 0)))
+
+
+@dataclass(frozen=True)
 class Psf:
-    """A PSF sampled s times per pixel of its plane.
+    """A PSF sampled s times per pixel of its plane: its support, and the tail outside it.
 
     Attributes
     ----------
@@ -62,11 +86,19 @@ class Psf:
         Samples per sensor pixel of the plane: the pitch is 1/s pixel.
     covariance : (k^2, k^2) float64
         Covariance of `h.ravel()`, nuisance parameters included.
+    tail : Tail
+        What lies outside the support; by default nothing.
+
+    Notes
+    -----
+    Every number of the whole PSF is a function of `parameters`, the samples and then the tail's amplitudes, with the
+    one covariance `parameter_covariance`.
     """
 
     h: Array
     s: int
     covariance: Array
+    tail: Tail = field(default_factory=lambda: Tail.none(0))
 
     def __post_init__(self) -> None:
         k = self.h.shape[0]
@@ -74,6 +106,9 @@ class Psf:
             raise ValueError(f"a PSF is an odd square of samples; got shape {self.h.shape}")
         if self.covariance.shape != (k * k, k * k):
             raise ValueError(f"the covariance of {k * k} samples is {k * k} square; got {self.covariance.shape}")
+        q = len(self.tail.amplitudes)
+        if q > len(SHAPES) or (q and self.tail.cross.shape != (k * k, q)) or self.tail.covariance.shape != (q, q):
+            raise ValueError(f"the tail's covariances must fit {k * k} samples and {q} of {len(SHAPES)} shapes")
 
     @property
     def k(self) -> int:
@@ -84,3 +119,70 @@ class Psf:
     def offsets_px(self) -> Array:
         """Distance of the samples from the centre along one axis, (k,), in pixels of the plane."""
         return (np.arange(self.k) - self.k // 2) / self.s
+
+    @property
+    def parameters(self) -> Array:
+        """The samples and the tail's amplitudes, (k^2 + q,)."""
+        return np.concatenate([self.h.ravel(), self.tail.amplitudes])
+
+    @property
+    def parameter_covariance(self) -> Array:
+        """Covariance of `parameters`, (k^2 + q, k^2 + q)."""
+        if not len(self.tail.amplitudes):
+            return self.covariance
+        return np.block([[self.covariance, self.tail.cross], [self.tail.cross.T, self.tail.covariance]])
+
+    @property
+    def weights(self) -> Array:
+        """What each parameter adds to the light, (k^2 + q,): 1 for a sample, a shape's energy for an amplitude."""
+        sums = tail_sums(self.k)[: len(self.tail.amplitudes)] if len(self.tail.amplitudes) else np.zeros(0)
+        return np.concatenate([np.ones(self.k**2), sums])
+
+    @property
+    def light(self) -> float:
+        """All the light, where that inside the support is 1."""
+        return float(self.weights @ self.parameters)
+
+    @property
+    def energy_outside(self) -> tuple[float, float]:
+        """Share of the light outside the support, and its standard uncertainty."""
+        share = 1 - float(self.h.sum()) / self.light
+        slope = (self.weights * (1 - share) - np.concatenate([np.ones(self.k**2), np.zeros_like(self.tail.amplitudes)]))
+        slope = slope / self.light
+        return share, float(np.sqrt(max(slope @ self.parameter_covariance @ slope, 0.0)))
+
+    @property
+    def tail_density_px(self) -> float:
+        """A of the mean far tail A / r^3 per square pixel, r in pixels, where all light is 1."""
+        if not len(self.tail.amplitudes):
+            return 0.0
+        return float(self.tail.amplitudes[0]) * tail_density(self.k) / self.s / self.light
+
+    def spectra(self, fx: Array, fy: Array) -> npt.NDArray[np.complex128]:
+        """Spectra of unit parameters at frequencies (n,) in cycles/pixel: (n, k^2 + q)."""
+        ex = np.exp(-2j * np.pi * np.asarray(fx)[:, None] * self.offsets_px)
+        ey = np.exp(-2j * np.pi * np.asarray(fy)[:, None] * self.offsets_px)
+        inside = (ey[:, :, None] * ex[:, None, :]).reshape(-1, self.k**2)
+        q = len(self.tail.amplitudes)
+        if not q:
+            return np.asarray(inside)
+        return np.hstack([inside, tail_spectra(np.asarray(fx) / self.s, np.asarray(fy) / self.s, self.k)[:, :q]])
+
+    def extended(self) -> Array:
+        """Samples of the support and of the tail within its reach, as one image (K, K); (k, k) without a tail."""
+        q = len(self.tail.amplitudes)
+        if not q:
+            return self.h
+        image = np.tensordot(self.tail.amplitudes, tail_kernels(self.k)[:q], axes=1)
+        rim = tail_border(self.k) - self.k // 2
+        image[rim:-rim, rim:-rim] = self.h
+        return np.asarray(image)
+
+    def contract(self, image: Array) -> Array:
+        """The derivative (k^2 + q,) by the parameters of what has the derivative `image` by `extended()`."""
+        q = len(self.tail.amplitudes)
+        if not q:
+            return np.asarray(image.ravel())
+        rim = tail_border(self.k) - self.k // 2
+        outside = np.tensordot(tail_kernels(self.k)[:q], image, axes=2)
+        return np.concatenate([image[rim:-rim, rim:-rim].ravel(), outside])

@@ -12,7 +12,7 @@ from procedures.cross_check.surroundings import without_surroundings
 from procedures.outcome import Quantity
 from procedures.pattern import BLOCK, CELLS, EDGE_END, EDGES
 from procedures.pattern_psf.estimate import PatternPsf
-from procedures.pattern_psf.whole import mtf50_along
+from procedures.quality import quantity_along
 from procedures.raw import Plane
 from procedures.slanted_edge.estimate import EdgeMtf, measure
 from procedures.slanted_edge.find import strip_along
@@ -24,6 +24,8 @@ CLEAR_PX = 2.5
 """Pixels that are left out beside everything else that is printed: the PSF reaches over its border."""
 LEAST_CONTRAST = 0.4
 """Of the chart's: what is fainter is no printed edge, but what lies behind a chart without one."""
+SHAPE = 0.06
+"""Relative uncertainty of the tail beyond its noise: out there no true tail is quite 1 / r^3."""
 MORE = 0.1
 """By what share the tail is enlarged to see what hangs on it."""
 WIDEST_BLOCKS = 1.8
@@ -66,7 +68,7 @@ def check_edges(plane: Plane, found: PatternPsf) -> tuple[EdgeCheck, ...]:
     their direction, with white on the chart's side.
     """
     found_edges = [edge for i in range(len(EDGES)) if (edge := _measured(plane, found, i)) is not None]
-    pairs = [(edge, mtf50_along(found.psf, found.tail, edge.normal_deg, found.n)) for edge in found_edges]
+    pairs = [(edge, quantity_along(found.psf, edge.normal_deg, found.n)) for edge in found_edges]
     return tuple(EdgeCheck(edge, edge.numbers["mtf50"], by_psf) for edge, by_psf in pairs if by_psf is not None)
 
 
@@ -79,7 +81,7 @@ def _measured(plane: Plane, found: PatternPsf, i: int) -> EdgeMtf | None:
     first = measure(strip, line).value
     if first is None:
         return None
-    density = found.tail.density_px(found.psf)
+    density = found.psf.tail_density_px
     alone = without_surroundings(plane.samples, strip, first.course, density)
     # the tail's line spread function is 2 A / d^2, the edge's approach to its plains 2 A / d
     edge = measure(replace(strip, samples=alone, tail_px=2 * density), line).value
@@ -99,9 +101,16 @@ def _with_tail_uncertainty(edge: EdgeMtf, other: EdgeMtf, found: PatternPsf) -> 
     """The edge's MTF50 with what the tail's uncertainty adds to its own; `other` had a tail larger by `MORE`."""
     own = edge.numbers["mtf50"]
     slope = (other.numbers["mtf50"].value - own.value) / MORE
-    of_tail = slope * min(found.tail.relative_uncertainty, 1.0)
+    of_tail = slope * min(_tail_uncertainty(found), 1.0)
     whole = replace(own, uncertainty=math.hypot(own.uncertainty, of_tail))
     return replace(edge, numbers={**edge.numbers, "mtf50": whole})
+
+
+def _tail_uncertainty(found: PatternPsf) -> float:
+    """Relative uncertainty of the tail's energy, noise and shape together; infinite where there is none."""
+    tail = found.psf.tail
+    noise = float(tail.covariance[0, 0]) ** 0.5 / abs(float(tail.amplitudes[0])) if tail.amplitudes[0] else math.inf
+    return math.hypot(noise, SHAPE)
 
 
 def _cell_px(found: PatternPsf) -> float:

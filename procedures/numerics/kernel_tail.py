@@ -1,8 +1,9 @@
-"""What the support cuts off: the far tail of the PSF, one number beside the k x k samples.
+"""What the support cuts off: the far tail of the PSF, a few shapes beside the k x k samples.
 
-Diffraction's tail falls as 1/r^3 and carries some per cent of the energy beyond any support. Left out, it is not
-noise: it is the scene blurred widely, which the outer samples of the support would take for their own. One kernel of
-that shape, outside the support, with its amplitude free, keeps it out of them and tells how much was cut.
+Whatever the aberrations, the mean far tail falls as 1/r^3 and carries some per cent of the energy beyond any support.
+Left out, it is not noise: it is the scene blurred widely, which the outer samples of the support would take for their
+own. The first shape is that tail. The others are how a true one differs from it: an excess close to the support
+(defocus, the rings of a small aperture), and variation with direction (spikes of a polygonal iris, astigmatism).
 """
 
 from __future__ import annotations
@@ -16,79 +17,104 @@ from scipy.special import itj0y0, j0, j1
 
 Array = npt.NDArray[np.float64]
 
-REACH = 4
-"""The tail ends at so many half-widths of the support; what lies beyond is flat over any region of interest."""
+REACH = 64
+"""Samples of the s grid from the centre to where the tail ends, for supports up to half of that; what lies beyond is
+nearly flat over any region of interest. A shorter reach biases the tail: the light from beyond it, which varies by
+itself, would be taken for its own."""
+SHAPES = ("1/r^3", "1/r^5", "cos 2", "sin 2", "cos 4", "sin 4")
+"""Names of the shapes: the mean tail, an excess close to the support, and the tail times cos and sin of 2 and 4
+times the direction."""
 
 
 def tail_border(k: int) -> int:
     """Samples of the s grid that the tail needs around a raster."""
-    return REACH * (k // 2)
+    return max(REACH, 2 * k)
 
 
 @lru_cache(maxsize=8)
-def tail_kernel(k: int) -> Array:
-    """1/r^3 outside the central k x k samples, within a circle, of sum 1: (K, K), K odd."""
+def tail_kernels(k: int) -> Array:
+    """The shapes outside the central k x k samples, within a circle: (q, K, K), K odd.
+
+    The first two are of sum 1; those that vary with direction are the first times the cosine or sine.
+    """
     half = tail_border(k)
     x = np.arange(-half, half + 1)
-    r = np.hypot(x, x[:, None])
-    support = np.maximum(np.abs(x), np.abs(x[:, None])) <= k // 2
-    kernel = np.where(support | (r > half), 0.0, 1 / np.maximum(r, 1) ** 3)
-    kernel /= kernel.sum()
-    kernel.flags.writeable = False  # shared by all callers
-    return kernel
+    r, angle = np.hypot(x, x[:, None]), np.arctan2(x[:, None], x)
+    outside = (np.maximum(np.abs(x), np.abs(x[:, None])) > k // 2) & (r <= half)
+    mean, close = (np.where(outside, 1 / np.maximum(r, 1) ** power, 0.0) for power in (3, 5))
+    mean, close = mean / mean.sum(), close / close.sum()
+    turning = [mean * wave(m * angle) for m in (2, 4) for wave in (np.cos, np.sin)]
+    kernels = np.stack([mean, close, *turning])
+    kernels.flags.writeable = False  # shared by all callers
+    return kernels
 
 
-def tail_column(
-    u: npt.NDArray[np.float32], rows: npt.NDArray[np.int64], columns: npt.NDArray[np.int64], s: int, k: int
+def tail_columns(
+    u: npt.NDArray[np.float32],
+    rows: npt.NDArray[np.int64],
+    columns: npt.NDArray[np.int64],
+    s: int,
+    k: int,
+    shapes: int = len(SHAPES),
 ) -> Array:
-    """An image seen through the tail, at pixels (m,): its amplitude is the energy outside over that inside.
+    """An image seen through the first shapes of the tail, at pixels: (m, q).
 
     `u` is the image on the s grid with a border of `tail_border`.
     """
     # only every s-th sample is wanted: along y by folding the spectrum, which is exact
     shape = (s * scipy.fft.next_fast_len(-(-u.shape[0] // s)), scipy.fft.next_fast_len(u.shape[1], real=True))
-    product = scipy.fft.rfft2(u, shape, overwrite_x=False)
-    product *= _spectrum(k, *shape)
-    folded = product.reshape(s, shape[0] // s, -1).sum(axis=0)
-    seen = scipy.fft.irfft2(folded, (shape[0] // s, shape[1]), overwrite_x=True)
-    return np.asarray(seen[rows, s * columns] / s, dtype=np.float64)
+    seen = scipy.fft.rfft2(u, shape, overwrite_x=False)
+    found = np.empty((len(rows), shapes))
+    for j, spectrum in enumerate(_spectra(k, *shape)[:shapes]):
+        folded = (seen * spectrum).reshape(s, shape[0] // s, -1).sum(axis=0)
+        image = scipy.fft.irfft2(folded, (shape[0] // s, shape[1]), overwrite_x=True)
+        found[:, j] = image[rows, s * columns]
+    return found / s
 
 
-@lru_cache(maxsize=8)
-def _spectrum(k: int, rows: int, columns: int) -> npt.NDArray[np.complex64]:
-    """Spectrum of the tail on a grid, shifted so that the first sample that all of it reaches comes first."""
-    kernel = tail_kernel(k)
-    placed = np.zeros((rows, columns), dtype=np.float32)
-    placed[: len(kernel), : len(kernel)] = kernel
-    first = len(kernel) - 1
-    return np.asarray(scipy.fft.rfft2(np.roll(placed, (-first, -first), axis=(0, 1))))
+@lru_cache(maxsize=4)
+def _spectra(k: int, rows: int, columns: int) -> npt.NDArray[np.complex64]:
+    """Spectra of the shapes on a grid, shifted so that the first sample that all of them reach comes first."""
+    kernels = tail_kernels(k)
+    size = kernels.shape[1]
+    placed = np.zeros((len(kernels), rows, columns), dtype=np.float32)
+    placed[:, :size, :size] = kernels
+    return np.asarray(scipy.fft.rfft2(np.roll(placed, (1 - size, 1 - size), axis=(1, 2))))
 
 
-def tail_sum(k: int) -> float:
-    """Energy of the whole 1/r^3 tail, without an end, over that within the reach."""
-    return 1 + _beyond(k)
+def tail_sums(k: int) -> Array:
+    """Energy of each shape (q,): of the first the whole tail's, without an end, over that within the reach."""
+    sums = tail_kernels(k).sum(axis=(1, 2))
+    sums[0] += _beyond(k)
+    return np.asarray(sums)
 
 
 def tail_density(k: int) -> float:
-    """c of the tail c / r^3 per sample of the s grid, whose sum within the reach is 1; r in samples."""
+    """c of the mean tail c / r^3 per sample of the s grid, whose sum within the reach is 1; r in samples."""
     half = tail_border(k)
-    return float(tail_kernel(k)[half, 0] * half**3)
+    return float(tail_kernels(k)[0, half, 0] * half**3)
 
 
-def tail_spectrum(fx: Array, fy: Array, k: int) -> Array:
-    """Spectrum of the whole tail, without an end, at frequencies (n,) in cycles per sample; `tail_sum` at 0.
+def tail_spectra(fx: Array, fy: Array, k: int) -> Array:
+    """Spectra of the shapes at frequencies (n,) in cycles per sample: (n, q), real; `tail_sums` at 0.
 
-    Within the reach the kernel's own, real because it is even along both axes, from one quadrant. Beyond the radius R
-    the Hankel transform of 1/r^3: over its value at 0 it is g(x) = x times the integral of J0(t) / t^2 from
-    x = 2 pi f R on, which is J0(x) + x (the integral of J0 from 0 to x - 1 - J1(x)).
+    The shapes are symmetric about their centre. The mean tail goes on beyond the reach R: there the Hankel transform of
+    1/r^3 over its value at 0 is g(x) = x times the integral of J0(t) / t^2 from x = 2 pi f R on, which is J0(x) + x (the
+    integral of J0 from 0 to x - 1 - J1(x)).
     """
-    quadrant = tail_kernel(k)[tail_border(k) :, tail_border(k) :]
-    n = np.arange(len(quadrant))
+    half = tail_border(k)
+    quadrants = tail_kernels(k)[:, half:, half:]
+    n = np.arange(half + 1)
     times = np.where(n > 0, 2.0, 1.0)  # how often a column of the quadrant stands in the whole
-    across, down = np.cos(2 * np.pi * fx[:, None] * n), np.cos(2 * np.pi * fy[:, None] * n)
-    within = np.sum((down @ (quadrant * np.outer(times, times))) * across, axis=1)
-    x = 2 * np.pi * np.hypot(fx, fy) * tail_border(k)
-    return np.asarray(within + _beyond(k) * (j0(x) + x * (itj0y0(x)[0] - 1 - j1(x))))
+    x, y = 2 * np.pi * fx[:, None] * n, 2 * np.pi * fy[:, None] * n
+    even, odd = (np.cos(x) * times, np.cos(y) * times), (2 * np.sin(x), -2 * np.sin(y))
+    within = np.empty((len(fx), len(SHAPES)))
+    for j, quadrant in enumerate(quadrants):
+        across, down = odd if SHAPES[j].startswith("sin") else even
+        within[:, j] = np.sum((down @ quadrant) * across, axis=1)
+    x = 2 * np.pi * np.hypot(fx, fy) * half
+    within[:, 0] += _beyond(k) * (j0(x) + x * (itj0y0(x)[0] - 1 - j1(x)))
+    return np.asarray(within)
 
 
 def _beyond(k: int) -> float:

@@ -65,6 +65,18 @@ class Products:
         """The same for another r (m,)."""
         return replace(self, Ar=(A.T @ r.astype(np.float32)).astype(np.float64), Zr=Z.T @ r)
 
+    def with_prior(self, precision: Array, pull: Array) -> Products:
+        """The same with what is known of the nuisance parameters beforehand.
+
+        Parameters
+        ----------
+        precision : (p,) float64
+            One over the variance of each, in units where the data's noise is 1; 0 where nothing is known.
+        pull : (p,) float64
+            What they are expected to become: the mean known less the present value.
+        """
+        return replace(self, ZZ=self.ZZ + np.diag(precision), Zr=self.Zr + precision * pull)
+
     def with_last_nuisance_kept(self) -> Products:
         """The same with the last nuisance column counted to A, as its last column."""
         last, others = self.AZ[:, -1:], self.AZ[:, :-1]

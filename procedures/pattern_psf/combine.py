@@ -22,7 +22,7 @@ from scipy.special import gammaincc
 from procedures.numerics.warps import inverse
 from procedures.outcome import Outcome, Rule, Verdict, verdict_of
 from procedures.pattern_psf.estimate import PatternPsf
-from procedures.psf import Psf
+from procedures.psf import Psf, Tail
 from procedures.quality import Quality, assess
 
 Array = npt.NDArray[np.float64]
@@ -97,27 +97,31 @@ def combine(found: Sequence[Outcome[PatternPsf]]) -> Outcome[CombinedPsf]:
 
 def _mean(shots: Sequence[PatternPsf]) -> CombinedPsf:
     k = shots[0].psf.k
-    h = np.array([shot.psf.h.ravel() for shot in shots])
-    C = [shot.psf.covariance for shot in shots]
+    n = k * k
+    p = np.array([shot.psf.parameters for shot in shots])
+    h = p[:, :n]
+    C = [shot.psf.parameter_covariance for shot in shots]
     slope_y, slope_x = np.gradient(h.mean(axis=0).reshape(k, k))
-    shifts = np.column_stack([slope_x.ravel(), slope_y.ravel()])
-    level = np.full((k * k, 1), 1.0 / k)
+    beyond = np.zeros((p.shape[1] - n, 2))  # a shift of the PSF leaves its far tail where it is
+    shifts = np.vstack([np.column_stack([slope_x.ravel(), slope_y.ravel()]), beyond])
+    level = np.append(np.full(n, 1.0 / k), beyond[:, 0])[:, None]
     Q = _complement(level)
-    a, covariance, _ = _weighted(h @ Q, [Q.T @ one @ Q for one in C])
-    mean = 1 / k**2 + Q @ a
+    a, covariance, _ = _weighted(p @ Q, [Q.T @ one @ Q for one in C])
+    mean = level[:, 0] / k + Q @ a
     P = _complement(np.column_stack([level, shifts]))
-    _, _, chi_square = _weighted(h @ P, [P.T @ one @ P for one in C])
+    _, _, chi_square = _weighted(p @ P, [P.T @ one @ P for one in C])
     freedom = (len(shots) - 1) * P.shape[1]
-    moved = np.linalg.lstsq(shifts, (h - mean).T, rcond=None)[0]  # in samples
+    moved = np.linalg.lstsq(shifts[:n], (h - mean[:n]).T, rcond=None)[0]  # in samples
     scatter = np.cov(moved) if len(shots) > 1 else np.zeros((2, 2))
-    psf = Psf(mean.reshape(k, k), shots[0].psf.s, Q @ covariance @ Q.T + shifts @ (scatter / len(shots)) @ shifts.T)
+    whole = Q @ covariance @ Q.T + shifts @ (scatter / len(shots)) @ shifts.T
+    tail = Tail(mean[n:], whole[n:, n:], whole[:n, n:])
     return CombinedPsf(
-        psf=psf,
+        psf=Psf(mean[:n].reshape(k, k), shots[0].psf.s, whole[:n, :n], tail),
         shots=tuple(shots),
         chi_square=chi_square / freedom if freedom else float("nan"),
         chance=float(gammaincc(freedom / 2, chi_square / 2)) if freedom else 1.0,
-        spread=float(np.linalg.norm(h - mean, axis=1).max() / np.linalg.norm(mean)),
-        centre_px=float(np.sqrt(np.trace(scatter))) / psf.s,
+        spread=float(np.linalg.norm(h - mean[:n], axis=1).max() / np.linalg.norm(mean[:n])),
+        centre_px=float(np.sqrt(np.trace(scatter))) / shots[0].psf.s,
     )
 
 

@@ -14,7 +14,6 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics.normal_equations import normalised
 from procedures.numerics.solvers import cholesky_inverse, solve_constrained
 from procedures.outcome import Outcome, Refused, Verdict
 from procedures.pattern import BLOCK, CELLS, Chart
@@ -32,8 +31,7 @@ from procedures.pattern_psf.registration import (
     register_marks,
 )
 from procedures.pattern_psf.trust import Diagnostics, diagnose, judge
-from procedures.pattern_psf.whole import Tail
-from procedures.psf import Psf, Sampling
+from procedures.psf import Psf, Sampling, Tail
 from procedures.quality import Diffraction, Quality, assess
 from procedures.raw import Plane
 
@@ -64,8 +62,6 @@ class PatternPsf:
         Number of samples it was estimated from.
     diffraction : Diffraction or None
         What limits the plane, where it is known.
-    tail : Tail
-        What the support cuts off.
     gamma, gamma_bound : float
         Noise amplification sqrt(sum 1 / sigma_i^2) of the photograph, and the smallest that any chart could have.
     residual_std : float
@@ -91,7 +87,6 @@ class PatternPsf:
     psf: Psf
     n: int
     diffraction: Diffraction | None
-    tail: Tail
     gamma: float
     gamma_bound: float
     residual_std: float
@@ -244,16 +239,45 @@ def _solution(fit: Fit, s: int, k: int, solver: str) -> tuple[Psf, Array]:
     For "clip" and "nnls" the same covariance is an upper limit: the constraint only takes noise away.
     """
     h = fit.h if solver == "ls" else solve_constrained(fit.equations.G, fit.equations.G @ fit.h, solver)
-    covariance = cholesky_inverse(fit.equations.G) * fit.residual_std**2
-    h, covariance = normalised(h, covariance)
+    p, covariance = np.concatenate([h, fit.light[TAIL:]]), _with_tail(fit)
+    p, covariance = _normalised(p, covariance, len(h))
     # the centre follows the PSF: an error of h that shifts it shifts the map back
-    image = h.reshape(k, k)
+    n, image = len(h), p[: len(h)].reshape(k, k)
     slope_y, slope_x = np.gradient(image)
-    back = np.column_stack([slope_x.ravel(), slope_y.ravel()]) * s
+    back = np.zeros((len(p), 2))
+    back[:n] = np.column_stack([slope_x.ravel(), slope_y.ravel()]) * s
     forth = mark_offset_gradient(image, s, fit.registration.jacobian())
-    centre_covariance = _centre_covariance(fit, covariance, forth)
-    covariance = covariance + back @ (forth @ covariance)
-    return Psf(image, s, covariance + (covariance @ forth.T) @ back.T), centre_covariance
+    centre_covariance = _centre_covariance(fit, covariance[:n, :n], forth)
+    covariance = covariance + back @ (forth @ covariance[:n])
+    covariance = covariance + (covariance[:, :n] @ forth.T) @ back.T
+    tail = Tail(p[n:], covariance[n:, n:], covariance[:n, n:])
+    return Psf(image, s, covariance[:n, :n], tail), centre_covariance
+
+
+def _with_tail(fit: Fit) -> Array:
+    """Covariance of the samples and the tail's amplitudes, (k^2 + q, k^2 + q), before they are normalised.
+
+    Given h, the nuisance parameters are linear in it: t = (Z'Z)^-1 (Z'r - Z'A h).
+    """
+    equations = fit.equations
+    if len(equations.ZZ) < GEOMETRY + len(fit.light):  # other cells than the chart's: refused
+        n = len(fit.h) + len(fit.light) - TAIL
+        return np.diag(np.full(n, np.inf))
+    Zi = cholesky_inverse(equations.ZZ)[GEOMETRY + TAIL :]
+    C = cholesky_inverse(equations.G)
+    cross = -C @ (equations.AZ @ Zi.T)
+    own = Zi[:, GEOMETRY + TAIL :] - (Zi @ equations.AZ.T) @ cross
+    return np.block([[C, cross], [cross.T, own]]) * fit.residual_std**2
+
+
+def _normalised(p: Array, covariance: Array, n: int) -> tuple[Array, Array]:
+    """Parameters over the sum of the first n of them, the samples, and their covariance, to first order."""
+    total = p[:n].sum()
+    p = p / total
+    # J C J' with J = (I - p 1_n') / total
+    covariance = covariance - np.outer(p, covariance[:n].sum(axis=0))
+    covariance = covariance - np.outer(covariance[:, :n].sum(axis=1), p)
+    return p, covariance / total**2
 
 
 def _centre_covariance(fit: Fit, covariance: Array, forth: Array) -> Array:
@@ -291,7 +315,6 @@ def _result(
         psf=psf,
         n=m,
         diffraction=diffraction,
-        tail=_tail(fit),
         gamma=amplification,
         gamma_bound=gamma_bound(m, psf.k**2),
         residual_std=fit.residual_std,
@@ -304,23 +327,6 @@ def _result(
         residual=residual,
         residual_origin=origin,
     )
-
-
-def _tail(fit: Fit) -> Tail:
-    """The tail's energy beside a PSF of sum 1, with its variance and its covariance with that PSF."""
-    equations, total = fit.equations, float(fit.h.sum())
-    energy = float(fit.light[TAIL]) / total
-    # given h, the nuisance parameters are linear in it: t = (Z'Z)^-1 (Z'r - Z'A h)
-    back = np.linalg.solve(equations.ZZ, np.eye(len(equations.ZZ))[GEOMETRY + TAIL])
-    C = cholesky_inverse(equations.G)
-    with_h = -C @ (equations.AZ @ back)
-    own = float(back[GEOMETRY + TAIL] - with_h @ (equations.AZ @ back))
-    # both over the sum of h: d(t / S) = dt / S - t / S^2 sum(dh), d(h / S) = (I - h 1' / S) dh / S
-    of_ratio = with_h - energy * C.sum(axis=1)
-    covariance = (of_ratio - fit.h / total * of_ratio.sum()) / total**2
-    variance = (own - 2 * energy * with_h.sum() + energy**2 * C.sum()) / total**2
-    scale = fit.residual_std**2
-    return Tail(energy, covariance * scale, float(variance) * scale)
 
 
 def _residual_picture(fit: Fit) -> tuple[Array, tuple[int, int]]:

@@ -108,18 +108,17 @@ def _fit_blocks(
     block: npt.NDArray[np.int64],
     wanted: tuple[tuple[int, int], ...],
 ) -> tuple[Array, float, list[Array]]:
-    """Quadratic through the wanted blocks' pixels, their variance about a plane per block, and their values."""
+    """Quadratic through the wanted blocks' pixels, their variance about a quadratic per block, and their values."""
     designs, values, square, freedom = [], [], 0.0, 0
     number = block[:, 0] + BLOCKS * block[:, 1]
     for column, row in wanted:
         inside = points[number == column + BLOCKS * row]
         value = samples[inside[:, 1], inside[:, 0]].astype(np.float64)
         design = quadratic(*((inside - registration.centre) / registration.radius).T)
-        if len(value) > 6:
-            plane = design[:, :3]
-            left = value - plane @ np.linalg.solve(plane.T @ plane, plane.T @ value)
+        if len(value) > 12:  # a surface of second order: light of the neighbours comes in from all sides
+            left = value - design @ np.linalg.lstsq(design, value, rcond=None)[0]
             square += float(left @ left)
-            freedom += len(value) - 3
+            freedom += len(value) - design.shape[1]
         designs.append(design)
         values.append(value)
     coefficients = _robust_fit(designs, values)

@@ -3,11 +3,11 @@
 The marks give a map good to a few tenths of a pixel when the chart is tilted or the lens distorts; sixty-five
 thousand cells give it to a few thousandths. Every Gauss-Newton step linearises
 
-    y = A h + sum a_i q_i + sum b_i q_i m + beta (m^2 - m) + delta o + tau v,   m = A h + sum(h)/2,
+    y = A h + sum a_i q_i + sum b_i q_i m + beta (m^2 - m) + delta o + sum tau_j v_j,   m = A h + sum(h)/2,
 
 about the current map, PSF and light, with y the sample between the black and white levels, A the chart of values
--1/2 and 1/2 (a_0 holds the mean), q_i the quadratics of place, o the cells' outlines seen through the PSF, v the chart
-seen through the PSF's far tail, and eliminates everything but h (variable projection, Kaufman's form). delta is the
+-1/2 and 1/2 (a_0 holds the mean), q_i the quadratics of place, o the cells' outlines seen through the PSF, v_j the chart
+seen through the shapes of the PSF's far tail, and eliminates everything but h (variable projection, Kaufman's form). delta is the
 spread of the ink, in cells: the printer makes black cells larger than white ones, which darkens the noise region just
 as a curved response would; only the picture of the outlines tells the two apart.
 """
@@ -19,8 +19,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics.kernel_tail import tail_border, tail_column
-from procedures.numerics.normal_equations import NormalEquations, eliminate, gram, products
+from procedures.numerics.kernel_tail import SHAPES, tail_border, tail_columns, tail_sums
+from procedures.numerics.normal_equations import NormalEquations, Products, eliminate, gram, products
 from procedures.numerics.sampled_convolution import convolve_at, sample_convolution
 from procedures.numerics.solvers import cholesky_solve
 from procedures.numerics.warps import displacement_columns
@@ -35,7 +35,10 @@ Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
 
 GEOMETRY = 18  # nuisance columns of the displacement: nine cubics each for x and y
-RESPONSE, SPREAD, TAIL = 11, 12, 13  # places of beta, delta and tau among the light's numbers
+RESPONSE, SPREAD, TAIL = 11, 12, 13  # places of beta, delta and the tail's first amplitude among the light's numbers
+DIFFERS = np.array([0.5, 0.2, 0.2, 0.3, 0.3])
+"""How far the shapes beside the mean tail are expected to go, over its energy: an excess close to the support, and
+variation with twice and four times the direction. Without it their noise would rule them."""
 LOST = 0.1  # agreement by the marks' map under which these are other cells, or none can be seen
 PRINT_TELLS = 1.06  # residual over noise from which the printed edges are worth estimating
 COARSE_STEPS, FINE_STEPS, SWEEPS = 4, 4, 2
@@ -53,8 +56,8 @@ class Fit:
     registration : Registration
     h : (k^2,) float64
         The PSF, not yet normalised: its sum is the contrast's correction.
-    light : (14,) float64
-        a (6), b without its constant (5), beta, delta, tau.
+    light : (19,) float64
+        a (6), b without its constant (5), beta, delta, the tail's amplitudes (6).
     observation : Observation
     prediction : (m,) float64
         The model at the samples.
@@ -85,8 +88,8 @@ class Fit:
 
     @property
     def freedom(self) -> int:
-        """Samples minus parameters; the edges' count by half, as the prior holds them."""
-        return len(self.observation) - len(self.h) - GEOMETRY - len(self.light) - len(self.edges) // 2
+        """Samples minus parameters; the edges' count by half and the tail's shapes not, as priors hold them."""
+        return len(self.observation) - len(self.h) - GEOMETRY - TAIL - 1 - len(self.edges) // 2
 
     @property
     def residual_std(self) -> float:
@@ -102,7 +105,7 @@ class Fit:
     @property
     def cut(self) -> float:
         """Share of the PSF's energy outside its support, by the tail's amplitude."""
-        outside = float(self.light[TAIL])
+        outside = float(self.light[TAIL:] @ tail_sums(round(len(self.h) ** 0.5)))
         return outside / (float(self.h.sum()) + outside)
 
 
@@ -127,12 +130,12 @@ class _Model:
         return np.asarray(sample_convolution(inner, o.rows, o.columns, weight, self.raster.s, self.k))
 
     def far(self, fit: Fit, u: Array32) -> Array:
-        """What is no part of h: the outlines seen through the PSF, the chart `u` seen through the tail, (m, 2)."""
+        """What is no part of h: the outlines seen through the PSF, the chart `u` seen through the tail, (m, 7)."""
         o, s = fit.observation, self.raster.s
         outline = self.raster.read_outline(fit.registration, self.window, self.k // 2)
         h = fit.h.reshape(self.k, self.k).astype(np.float32)
         spread = convolve_at(outline, o.rows, o.columns, h, s)
-        return np.column_stack([spread, tail_column(u, o.rows, o.columns, s, self.k)])
+        return np.column_stack([spread, tail_columns(u, o.rows, o.columns, s, self.k)])
 
     def edges(self, fit: Fit) -> Edges:
         """How the samples change with the printed edges."""
@@ -192,7 +195,7 @@ def _first_fit(o: Observation, A: Array32, AA: Array, registration: Registration
     """The PSF by the marks' map with the light's quadratics free."""
     equations = eliminate(products(AA, A, o.quadratics * o.weight[:, None], o.y * o.weight))
     h = cholesky_solve(equations.G, equations.b)
-    light = np.zeros(14)
+    light = np.zeros(TAIL + len(SHAPES))
     light[:6] = equations.nuisance(h)
     prediction = (A @ h.astype(np.float32)) / o.weight + o.quadratics @ light[:6]
     return Fit(registration, h, light, o, prediction, equations, np.zeros(0))
@@ -218,7 +221,7 @@ def _fine_step(fit: Fit, model: _Model) -> Fit:
     A = model.system(fit.observation, u)
     start, Z = _linearised(fit, A, model, model.far(fit, u))
     weighted = Z * fit.observation.weight[:, None]
-    parts = products(gram(A), A, weighted, start.residual)
+    parts = _with_tail_known(products(gram(A), A, weighted, start.residual), start, model)
     found = _advanced(start, A, Z, eliminate(parts))
     if found.residual_std < PRINT_TELLS:
         return found
@@ -231,6 +234,20 @@ def _fine_step(fit: Fit, model: _Model) -> Fit:
         shifted = replace(start, prediction=start.prediction + moved / start.observation.weight)
         found = _advanced(shifted, A, Z, eliminate(parts.with_right_side(A, weighted, shifted.residual)))
     return replace(found, edges=offsets, edge_rms=rms)
+
+
+def _with_tail_known(parts: Products, fit: Fit, model: _Model) -> Products:
+    """The products with what is known of the tail's amplitudes before they are fitted."""
+    first = GEOMETRY + TAIL
+    precision, pull = np.zeros((2, len(parts.ZZ)))
+    precision[first + 1 :] = 1e12
+    tail = fit.light[TAIL]
+    if tail == 0:  # not fitted yet
+        equations = eliminate(parts.with_prior(precision, pull))
+        tail = equations.nuisance(cholesky_solve(equations.G, equations.b))[first]
+    precision[first + 1 :] = 1 / (DIFFERS * max(abs(tail), 1e-3)) ** 2
+    pull[first + 1 :] = -fit.light[TAIL + 1 :]
+    return parts.with_prior(precision, pull)
 
 
 def _advanced(start: Fit, A: Array32, Z: Array, equations: NormalEquations) -> Fit:
