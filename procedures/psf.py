@@ -48,6 +48,10 @@ class Sampling:
         if self.solver not in SOLVERS:
             raise BadParameter(f"the solver is one of {', '.join(SOLVERS)}; got {self.solver!r}", "choose one of them")
 
+    def told(self) -> dict[str, int | str]:
+        """As a record tells it."""
+        return {"s": self.s or "auto", "k": self.k or "auto", "solver": self.solver}
+
 
 @dataclass(frozen=True)
 class Tail:
@@ -144,12 +148,11 @@ class Psf:
         return float(self.weights @ self.parameters)
 
     @property
-    def energy_outside(self) -> tuple[float, float]:
-        """Share of the light outside the support, and its standard uncertainty."""
+    def energy_outside(self) -> tuple[float, Array]:
+        """Share of the light outside the support, and its derivative by the parameters, (k^2 + q,)."""
         share = 1 - float(self.h.sum()) / self.light
-        slope = (self.weights * (1 - share) - np.concatenate([np.ones(self.k**2), np.zeros_like(self.tail.amplitudes)]))
-        slope = slope / self.light
-        return share, float(np.sqrt(max(slope @ self.parameter_covariance @ slope, 0.0)))
+        inside = np.concatenate([np.ones(self.k**2), np.zeros_like(self.tail.amplitudes)])
+        return share, (self.weights * (1 - share) - inside) / self.light
 
     @property
     def tail_density_px(self) -> float:

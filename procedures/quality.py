@@ -158,7 +158,7 @@ def assess(psf: Psf, *, n: int, diffraction: Diffraction | None = None) -> Quali
     told = [one for one in found if np.isfinite(one.value) and np.isfinite(uncertainties[one.name])]
     budgets = {one.name: {"noise": float(uncertainties[one.name]), "choice": left_open[one.name]} for one in told}
     numbers = {
-        one.name: Quantity(one.value, one.unit, float(np.hypot(*budgets[one.name].values())), one.method, n)
+        one.name: Quantity(one.value, one.unit, float(np.linalg.norm(list(budgets[one.name].values()))), one.method, n)
         for one in told
     }
     p, light, stray = psf.parameters, psf.light, _stray(psf, f)
@@ -344,7 +344,7 @@ def _crossing(f: Array, mtf: Array, slope: Array) -> tuple[float, Array] | None:
 def _root(bend: float, tilt: float, above: float) -> float:
     """The root of bend t^2 + tilt t + above that is nearest to 0, on a falling curve."""
     discriminant = max(tilt * tilt - 4 * bend * above, 0.0)
-    return 2 * above / (-tilt + np.sqrt(discriminant))
+    return float(2 * above / (-tilt + np.sqrt(discriminant)))
 
 
 def _spatial_numbers(psf: Psf) -> list[_Found]:
@@ -358,7 +358,7 @@ def _spatial_numbers(psf: Psf) -> list[_Found]:
         _width(psf, "fwhm_vertical", 0),
         _Found("energy_above_nyquist", above, "1", "share of |OTF|^2", slope),
     ]
-    return [*found, *_encircled(psf, (0.5, 0.8)), *_ellipse_numbers(psf)]
+    return [*found, _outside(psf), *_encircled(psf, (0.5, 0.8)), *_ellipse_numbers(psf)]
 
 
 def _within_band(psf: Psf, share: float, diffraction: Diffraction | None) -> dict[str, float]:
@@ -379,6 +379,12 @@ def _of_support(psf: Psf, name: str, x: Array) -> _Found:
     value = float(h @ x / total)
     gradient = np.concatenate([(x - value) / total, np.zeros(len(psf.parameters) - psf.k**2)])
     return _Found(name, value, "pixel", "first moment inside the support, from the PSF's centre", gradient)
+
+
+def _outside(psf: Psf) -> _Found:
+    """The share of all light outside the support."""
+    share, gradient = psf.energy_outside
+    return _Found("energy_outside_support", share, "1", "share of all light outside the support", gradient)
 
 
 def _width(psf: Psf, name: str, axis: int) -> _Found:

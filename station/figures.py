@@ -18,9 +18,10 @@ from procedures.pattern import BLOCK, BLOCKS, CELLS
 from procedures.pattern_psf.estimate import PatternPsf
 from procedures.pattern_psf.registration import Registration
 from procedures.psf import Psf
-from procedures.quality import Quality, otf
+from procedures.quality import Quality
 from procedures.raw import Plane
 from procedures.two_photo.diagnostics import CLEAR
+from station.compare import Otf
 from station.drawing import (
     ALONG,
     CONFIDENT,
@@ -172,7 +173,7 @@ class _Curve:
     true: Array | None
 
 
-def mtf_figure(quality: Quality, truth: Psf | None, name: str) -> Markup:
+def mtf_figure(quality: Quality, truth: Otf | None, name: str) -> Markup:
     """MTF along both axes over frequency with 95 % bands; below, where the truth is known, how far it is off."""
     f = quality.frequencies
     curves = {
@@ -205,8 +206,8 @@ def mtf_figure(quality: Quality, truth: Psf | None, name: str) -> Markup:
     return svg(figure, name, f"MTF along rows and columns with its 95 % bands{against}")
 
 
-def _true_mtf(truth: Psf | None, fx: Array, fy: Array) -> Array | None:
-    return None if truth is None else np.abs(otf(truth, fx, fy))
+def _true_mtf(truth: Otf | None, fx: Array, fy: Array) -> Array | None:
+    return None if truth is None else np.abs(truth(fx, fy))
 
 
 def _draw_mtf(axes: Axes, f: Array, curve: _Curve, direction: str) -> None:

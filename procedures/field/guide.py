@@ -32,6 +32,7 @@ from procedures.pattern_psf.checks import (
     seen_chart,
     shown,
 )
+from procedures.pattern_psf.choice import START_S
 from procedures.pattern_psf.detection import Sighting, find_charts
 from procedures.pattern_psf.guide import plan as pattern_plan
 from procedures.pattern_psf.pose import chart_pose
@@ -213,7 +214,10 @@ def check_place(location: Location, frame: RawFrame, facts: Facts) -> Advice:
         cut = find_charts(plane.samples)[0] if found.marks else None
         return replace(found, by_hand={}, moves=correction(location, cut, plane, facts) if cut else {})
     marks = marks_of(found)
-    off, ratio = off_place(location, found, plane), parameters_of(facts).s * float(found.widths().max()) / CELLS
+    off, ratio = (
+        off_place(location, found, plane),
+        (parameters_of(facts).s or START_S) * float(found.widths().max()) / CELLS,
+    )
     readings = (
         Reading("off its place", 100 * off, "% of the width", None, 100 * NEAR),
         Reading("s/t", ratio, "", RATIO_LOW, RATIO_HIGH),

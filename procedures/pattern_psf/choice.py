@@ -1,8 +1,8 @@
 """How finely and how widely the PSF is sampled: s and k from the photograph, or what those that were given leave out.
 
-s is raised until the OTF is zero at the band's edge within a few per cent: light beyond the band is missed by widths and
-energies, and left over as noise. k is raised until what the tail's few shapes may miss of the OTF is small beside its
-noise. A finer grid than two samples per cell asks for frequencies that the cells do not have.
+s is raised until the OTF is zero at the band's edge within a few per cent: light beyond the band is missed by widths
+and energies, and left over as noise. k is raised until what the tail's few shapes may miss of the OTF is small beside
+its noise. A finer grid than two samples per cell asks for frequencies that the cells do not have.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from procedures.quality import mtf50_along, truncation
 SAMPLES_PER_CELL = 2.0
 """Largest s/t: the cells' own spectrum is zero at one cycle per cell."""
 FINEST = 6
-START_S, START_PX = 4, 4.25
-"""The first try: samples per pixel, and the support's width in pixels."""
+START_S, START_K = 4, 17
+"""The first try; another s keeps the support's width in pixels."""
 WIDEST = 41
 EQUATIONS = 8
 """Least samples per PSF value of a try that is not asked for."""
@@ -151,7 +151,7 @@ def choose(
         What is given; None: chosen.
     """
     at = s or min(START_S, finest(cell_px))
-    now = (at, k or _fitting(START_PX, at, samples))
+    now = (at, k or _fitting(START_K / START_S, at, samples))
     tried: list[Trial] = []
     while True:
         result = attempt(*now)

@@ -51,11 +51,18 @@ LEAST_STEPS = 16
 
 @dataclass(frozen=True)
 class PatternParameters(Sampling):
-    """How the PSF is sampled and solved for: see `Sampling`; k of 3 s + 1 to 6 s + 1 is usual."""
+    """How the PSF is sampled and solved for: see `Sampling`; k of 3 s + 1 to 6 s + 1 is usual.
+
+    Attributes
+    ----------
+    chosen : bool
+        Whether s and k, where they are given, were chosen from another photograph: they are not doubted then.
+    """
 
     s: int | None = None
     k: int | None = None
     solver: str = "ls"
+    chosen: bool = False
 
 
 @dataclass(frozen=True)
@@ -190,7 +197,9 @@ def _estimate(
     parts = error_parts(found.fit, found.psf, quality, WATCHED)
     quality = taken_apart(with_settling(quality, settling(tried)), parts.parts)
     diagnostics = diagnose(found.fit, found.psf, light, corners, marks_map, found.outliers, parts, prior)
-    verdict, reason, remedy = judge(diagnostics, found.fit, Doubts(parameters, tried, parts.variations))
+    verdict, reason, remedy = judge(
+        diagnostics, found.fit, Doubts(parameters, parameters.chosen, tried, parts.variations)
+    )
     if verdict is Verdict.REFUSED:
         return Outcome(None, verdict, reason, remedy)
     return Outcome(_result(found, quality, parts, tried, diagnostics, corners, diffraction), verdict, reason, remedy)
@@ -198,7 +207,7 @@ def _estimate(
 
 @dataclass(frozen=True)
 class _Attempt:
-    """The joint fit at one s and k, the share of outliers it left out, and its PSF with the covariance of the centre."""
+    """The joint fit at one s and k, the share of outliers left out, and its PSF with the centre's covariance."""
 
     fit: Fit
     outliers: float
@@ -258,6 +267,7 @@ def _fit(
 ) -> tuple[Fit, float]:
     """The joint fit, and the share of samples left out of it as outliers."""
     window = noise_window(registration, samples.shape)
+    surroundings = (samples - light.black[0]) / light.contrast - 0.5
     hidden = not np.isfinite(corners).all()
     observation = observe(samples, registration, light, window, margin_px=k / (2 * s) if hidden else 0.0)
     m, n = len(observation), k * k
@@ -266,10 +276,10 @@ def _fit(
             f"{n} PSF values need at least {2 * n} samples of the noise region; the photograph has {m}",
             "move closer, or lower k",
         )
-    fit = refine(observation, chart, registration, window, s, k, prior)
+    fit = refine(observation, chart, registration, window, s, k, surroundings, prior)
     kept = without_outliers(fit)
     if len(kept) < m - max(10, 1e-3 * m):
-        fit = refine(kept, chart, registration, window, s, k, prior)
+        fit = refine(kept, chart, registration, window, s, k, surroundings, prior)
     return fit, 1 - len(kept) / m
 
 

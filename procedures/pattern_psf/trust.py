@@ -111,11 +111,14 @@ class Doubts:
     ----------
     parameters : Sampling
         As asked for: what was given is obeyed, and doubted where it leaves too much out.
+    chosen : bool
+        Whether it was the program that chose.
     tried : tuple of Trial
     variations : tuple of Variation
     """
 
     parameters: Sampling
+    chosen: bool
     tried: tuple[Trial, ...]
     variations: tuple[Variation, ...]
 
@@ -304,18 +307,18 @@ def _doubts(d: Diagnostics, fit: Fit) -> list[Rule]:
 
 def _left_out(more: Doubts) -> list[Rule]:
     """What s and k as they were given leave out."""
-    last = more.tried[-1]
+    last, chosen = more.tried[-1], more.chosen
     would = f"use -s {last.better[0]} -k {last.better[1]}, or leave both to the program" if last.better else "raise k"
     return [
         Rule(
             Verdict.DOUBTFUL,
-            more.parameters.k is not None and last.support_short,
+            more.parameters.k is not None and not chosen and last.support_short,
             f"k = {last.k} may leave out {last.truncation:.4f} of the OTF, which is known to {last.uncertainty:.4f}",
             would,
         ),
         Rule(
             Verdict.DOUBTFUL,
-            more.parameters.s is not None and last.band_open,
+            more.parameters.s is not None and not chosen and last.band_open,
             f"s = {last.s} ends the band where the OTF is still {last.band_edge:.2f}",
             would,
         ),
@@ -334,9 +337,9 @@ def _processed(d: Diagnostics) -> list[Rule]:
     return [
         Rule(
             doubtful,
-            abs(d.noise_correlation) > CORRELATED,
-            f"the noise of neighbouring samples is correlated by {d.noise_correlation:.2f}: the picture was demosaiced, "
-            "sharpened or compressed",
+            abs(d.noise_correlation) > CORRELATED and abs(d.whiteness) > CORRELATED / 2,
+            f"the noise of neighbouring samples is correlated by {d.noise_correlation:.2f}: the picture was "
+            "demosaiced, sharpened or compressed",
             "use the RAW file",
         ),
         Rule(
