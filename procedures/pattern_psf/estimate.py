@@ -32,7 +32,7 @@ from procedures.pattern_psf.registration import (
     refine_corners,
     register_marks,
 )
-from procedures.pattern_psf.trust import Diagnostics, Doubts, diagnose, judge
+from procedures.pattern_psf.trust import Diagnostics, Doubts, check_cells, diagnose, judge
 from procedures.psf import Psf, Sampling, Tail
 from procedures.quality import Diffraction, Quality, assess
 from procedures.raw import Plane
@@ -186,6 +186,7 @@ def _estimate(
     def attempt(s: int, k: int) -> _Attempt:
         nonlocal best
         fit, outliers = _fit(samples, chart, corners, best, light, s, k, prior)
+        check_cells(fit)
         if fit.still:
             best = fit.registration
         return _Attempt(fit, outliers, *_solution(fit, s, k, parameters.solver))
@@ -310,9 +311,6 @@ def _with_tail(fit: Fit) -> Array:
     Given h, the nuisance parameters are linear in it: t = (Z'Z)^-1 (Z'r - Z'A h).
     """
     equations = fit.equations
-    if len(equations.ZZ) < GEOMETRY + len(fit.light):  # other cells than the chart's: refused
-        n = len(fit.h) + len(fit.light) - TAIL
-        return np.diag(np.full(n, np.inf))
     Zi = cholesky_inverse(equations.ZZ)[GEOMETRY + TAIL :]
     C = cholesky_inverse(equations.G)
     cross = -C @ (equations.AZ @ Zi.T)
@@ -337,8 +335,6 @@ def _centre_covariance(fit: Fit, covariance: Array, forth: Array) -> Array:
     displacement's own come on top. Those count from the samples' mean, which stays in place, to the chart's centre.
     """
     o, equations = fit.observation, fit.equations
-    if len(equations.ZZ) < GEOMETRY:  # other cells than the chart's: nothing was refined, and the result is refused
-        return np.full((2, 2), np.nan)
     middle = fit.registration.to_sensor(np.full((1, 2), CELLS / 2))
     monomials = fit.registration.monomials(middle)[0] - o.cubics.mean(axis=0)
     displaced = np.kron(np.eye(2), monomials)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procedures.outcome import Rule, Verdict, verdict_of
+from procedures.outcome import Refused, Rule, Verdict, verdict_of
 from procedures.pattern_psf.choice import Trial, band_edge
 from procedures.pattern_psf.error_parts import ErrorParts, Variation
 from procedures.pattern_psf.radiometry import Light
@@ -18,6 +18,8 @@ from procedures.quality import truncation
 
 Array = npt.NDArray[np.float64]
 
+SEEN = 0.3
+"""Share of the noise region that its own cells explain at the least."""
 CORRELATED = 0.25
 """Correlation of neighbouring samples' noise from which a picture was processed."""
 CURVED = 0.15
@@ -123,6 +125,37 @@ class Doubts:
     variations: tuple[Variation, ...]
 
 
+def check_cells(fit: Fit) -> None:
+    """Raises Refused where the noise region does not show the cells: nothing else can be told then."""
+    verdict, reason, remedy = verdict_of(_unseen(fit.agreement, unexplained(fit)))
+    if verdict is Verdict.REFUSED:
+        raise Refused(reason, remedy)
+
+
+def _unseen(agreement: float, unexplained: float) -> list[Rule]:
+    """Other cells, or none that can be seen."""
+    return [
+        Rule(
+            Verdict.REFUSED,
+            agreement < SEEN and unexplained > 0.1,
+            f"the noise region shows other cells than expected: they explain {max(agreement, 0):.0%} of it",
+            "give the chart's own cells (--bits or --seed, printed on the sheet) and photograph it unmirrored",
+        ),
+        Rule(
+            Verdict.REFUSED,
+            agreement < SEEN,
+            f"the noise region is blurred or noisy beyond use: the cells explain {max(agreement, 0):.0%} of it",
+            "focus, and expose longer",
+        ),
+    ]
+
+
+def unexplained(fit: Fit) -> float:
+    """Share of the variance that is neither explained nor noise."""
+    o = fit.observation
+    return max(1 - fit.agreement - float(np.mean(1 / o.weight**2)) / float(np.var(o.y)), 0.0)
+
+
 def diagnose(
     fit: Fit,
     psf: Psf,
@@ -150,13 +183,11 @@ def diagnose(
     parts : ErrorParts
     prior : TailPrior or None
     """
-    o = fit.observation
-    noise = float(np.mean(1 / o.weight**2)) / float(np.var(o.y))
     marks = mark_residuals(fit.registration, corners)
     pixels_per_cell = 1 / np.sqrt(abs(np.linalg.det(fit.registration.jacobian())))
     return Diagnostics(
         agreement=fit.agreement,
-        unexplained=max(1 - fit.agreement - noise, 0.0),
+        unexplained=unexplained(fit),
         residual_std=fit.residual_std,
         whiteness=_neighbour_correlation(fit),
         relative_uncertainty=float(np.sqrt(np.trace(psf.covariance)) / np.linalg.norm(psf.h)),
@@ -215,18 +246,7 @@ def _refusals(d: Diagnostics) -> list[Rule]:
     """What makes a PSF unusable, the most telling first."""
     refused = Verdict.REFUSED
     return [
-        Rule(
-            refused,
-            d.agreement < 0.3 and d.unexplained > 0.1,
-            f"the noise region shows other cells than expected: they explain {max(d.agreement, 0):.0%} of it",
-            "give the chart's own cells (--bits or --seed, printed on the sheet) and photograph it unmirrored",
-        ),
-        Rule(
-            refused,
-            d.agreement < 0.3,
-            f"the noise region is blurred or noisy beyond use: the cells explain {max(d.agreement, 0):.0%} of it",
-            "focus, and expose longer",
-        ),
+        *_unseen(d.agreement, d.unexplained),
         Rule(
             refused,
             d.unexplained > 0.15,
