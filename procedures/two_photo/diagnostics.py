@@ -227,7 +227,7 @@ def transfer_above_one(kernel: Kernel, psf: Psf) -> tuple[float, float]:
     gain = kernel.k.sum()
     K = waves @ kernel.k / gain
     slope = np.real((np.conj(K) / np.maximum(np.abs(K), 1e-12))[:, None] * (waves - K[:, None])) / gain
-    uncertainty = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slope, kernel.covariance[:-1, :-1], slope), 1e-24))
+    uncertainty = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slope, kernel.covariance[: psf.k**2, : psf.k**2], slope), 1e-24))
     above = np.abs(K) - 1
     sure = above[above > 3 * uncertainty]
     return float((above / uncertainty).max()), float(sure.max()) if len(sure) else 0.0

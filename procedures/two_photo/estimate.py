@@ -13,11 +13,10 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics.normal_equations import normalised
 from procedures.numerics.solvers import cholesky_solve, solve_constrained
 from procedures.numerics.warps import CubicWarp
 from procedures.outcome import Outcome, Refused, Verdict
-from procedures.psf import Psf, Sampling
+from procedures.psf import Psf, Sampling, Tail
 from procedures.quality import Diffraction, Quality, assess
 from procedures.raw import Plane
 from procedures.two_photo.diagnostics import diagnose
@@ -143,12 +142,23 @@ def _psf(kernel: Kernel, s: int, k: int, J: Array, solver: str) -> tuple[Psf, fl
     recovered = psf_by_recursion(kernel.total, s, J)
     check = float(np.linalg.norm(recovered.h - psf_by_equation(kernel.total, s, J).h) / np.linalg.norm(recovered.h))
     covariance = recovered.covariance(kernel.covariance)
-    h = recovered.h.ravel()
+    p = recovered.parameters
     if solver != "ls":
-        information = cholesky_solve(covariance, np.eye(k * k))
-        h = solve_constrained(information, information @ h, solver)
-    h, covariance = normalised(h, covariance)
-    return Psf(h.reshape(k, k), s, covariance), check
+        information = cholesky_solve(covariance[: k * k, : k * k], np.eye(k * k))
+        p = np.concatenate([solve_constrained(information, information @ p[: k * k], solver), p[k * k :]])
+    return _psf_of(p, covariance, s, k), check
+
+
+def _psf_of(p: Array, covariance: Array, s: int, k: int) -> Psf:
+    """The PSF whose samples have the sum 1, to first order, from samples and tail (k^2 + q,) of any."""
+    n = k * k
+    total = p[:n].sum()
+    p = p / total
+    # J C J' with J = (I - p 1_n') / total
+    covariance = covariance - np.outer(p, covariance[:n].sum(axis=0))
+    covariance = (covariance - np.outer(covariance[:, :n].sum(axis=1), p)) / total**2
+    tail = Tail(p[n:], covariance[n:, n:], covariance[:n, n:])
+    return Psf(p[:n].reshape(k, k), s, covariance[:n, :n], tail)
 
 
 def _result(

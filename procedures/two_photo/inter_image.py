@@ -2,11 +2,11 @@
 
 Every Gauss-Newton step linearises
 
-    y = A k + tau T + sum a_i q_i + sum b_i q_i A k
+    y = A k + sum tau_j T_j + sum a_i q_i + sum b_i q_i A k
 
 about the current map, kernel and light, with y the far photograph's samples, A the near photograph on the s grid of
-the far one as a convolution, T the same seen through the tail beyond the support of k, q_i the quadratics of place,
-and eliminates everything but k and tau (variable projection, Kaufman's form). The map is a homography followed by a
+the far one as a convolution, T_j the same seen through the shapes of the tail beyond the support of k, q_i the
+quadratics of place, and eliminates everything but k and the tail (variable projection, Kaufman's form). The map is a homography followed by a
 cubic displacement; its constant is a shift of k, and is set so that k stays centred.
 """
 
@@ -17,8 +17,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics.kernel_tail import tail_border, tail_column
-from procedures.numerics.normal_equations import NormalEquations, eliminate, gram, products
+from procedures.numerics.kernel_tail import SHAPES, tail_border, tail_columns
+from procedures.numerics.normal_equations import NormalEquations, Products, eliminate, gram, products
 from procedures.numerics.sampled_convolution import sample_convolution
 from procedures.numerics.solvers import cholesky_solve
 from procedures.numerics.splines import photograph_spline, read_spline
@@ -31,6 +31,9 @@ Indices = npt.NDArray[np.int64]
 
 GEOMETRY, LIGHT = 18, 11
 """Nuisance parameters: nine cubics each for x and y; six quadratics added, five multiplied."""
+TAIL = len(SHAPES)
+DIFFERS = np.array([0.5, 0.2, 0.2, 0.3, 0.3])
+"""How far the tail's other shapes are expected to go, over the energy of the mean tail; as for the chart."""
 MAX_STEPS = 8
 NEAR_PX = 0.02  # what the last step may have left for the next: below this every sample is taken
 STILL_PX = 0.04  # the step itself is accounted for to first order: a tenth of it at most is left
@@ -112,8 +115,8 @@ class Fit:
         Far pixels -> near pixels.
     kernel : (k^2,) float64
         The inter-image kernel by plain least squares.
-    tail : float
-        tau, what the kernel has beyond its support; with it the kernel's sum is the gain from near to far photograph.
+    tail : (q,) float64
+        tau_j, what the kernel has beyond its support; with it the kernel's sum is the gain from near to far photograph.
     light : (11,) float64
         a (6), b without its constant (5).
     samples : Samples
@@ -136,7 +139,7 @@ class Fit:
 
     warp: CubicWarp
     kernel: Array
-    tail: float
+    tail: Array
     light: Array
     samples: Samples
     near: NearImage
@@ -157,7 +160,7 @@ class Fit:
     @property
     def variance(self) -> float:
         """Variance of the residual, freedoms allowed for."""
-        freedom = len(self.samples.y) - len(self.kernel) - 1 - GEOMETRY - LIGHT
+        freedom = len(self.samples.y) - len(self.kernel) - TAIL - GEOMETRY - LIGHT
         return float(self.residual @ self.residual / freedom)
 
     def scale(self) -> Array:
@@ -301,7 +304,7 @@ def _first_fit(samples: Samples, near: NearImage, warp: CubicWarp, k: int) -> Fi
     light[:6] = equations.nuisance(kernel)
     slopes = np.zeros((len(seen), 2))
     prediction = seen + place @ light[:6]
-    return Fit(warp, kernel, 0.0, light, samples, near, equations, seen, slopes, prediction, 0, np.inf, 0.0)
+    return Fit(warp, kernel, np.zeros(TAIL), light, samples, near, equations, seen, slopes, prediction, 0, np.inf, 0.0)
 
 
 def _centred(fit: Fit, k: int) -> Fit:
@@ -343,12 +346,13 @@ def _step(fit: Fit, k: int, *, whole: bool) -> Fit:
     columns = [displacement_columns(shifted, monomials), place, place[:, 1:] * seen[:, None]]
     known = fit.light
     if whole:
-        columns.append(tail_column(u, samples.rows, samples.columns, fit.near.s, k)[:, None])
-        known = np.append(known, fit.tail)
+        columns.append(tail_columns(u, samples.rows, samples.columns, fit.near.s, k))
+        known = np.concatenate([known, fit.tail])
     Z = np.hstack(columns)
     before = seen + Z[:, GEOMETRY:] @ known
-    parts = products(gram(A), A, Z, samples.y - before)
-    equations = eliminate(parts.with_last_nuisance_kept() if whole else parts)
+    residual = samples.y - before
+    parts = products(gram(A), A, Z, residual)
+    equations = _with_tail_known(parts, fit, float(np.mean(residual**2))) if whole else eliminate(parts)
     change, tail = np.split(cholesky_solve(equations.G, equations.b), [k * k])
     t = np.concatenate([equations.nuisance(np.append(change, tail)), tail])
     displacement = t[:GEOMETRY].reshape(2, 9)
@@ -357,7 +361,7 @@ def _step(fit: Fit, k: int, *, whole: bool) -> Fit:
         fit,
         warp=warp.displaced(displacement, monomials),
         kernel=fit.kernel + change,
-        tail=fit.tail + float(tail.sum()),
+        tail=fit.tail + tail if whole else fit.tail,
         light=fit.light + t[GEOMETRY : GEOMETRY + LIGHT],
         equations=equations,
         seen=seen,
@@ -365,3 +369,17 @@ def _step(fit: Fit, k: int, *, whole: bool) -> Fit:
         prediction=before + A @ change.astype(np.float32) + Z @ t,
         moved_px=float(np.abs(moves).max()),
     )
+
+
+def _with_tail_known(parts: Products, fit: Fit, variance: float) -> NormalEquations:
+    """The equations of kernel and tail, with what is known of the tail's other shapes before they are fitted.
+
+    `variance` is that of the residual: what is known counts against it.
+    """
+    first = len(fit.kernel)
+    mean = abs(float(fit.tail[0]))
+    if mean == 0:  # not fitted yet: by itself first
+        alone = eliminate(parts.with_kept(TAIL, np.full(TAIL - 1, 1e9 * np.trace(parts.ZZ)), np.zeros(TAIL - 1)))
+        mean = abs(float(cholesky_solve(alone.G, alone.b)[first]))
+    precision = variance / (DIFFERS * max(mean, 1e-3)) ** 2
+    return eliminate(parts.with_kept(TAIL, precision, -fit.tail[1:]))
