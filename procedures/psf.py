@@ -20,10 +20,10 @@ class Sampling:
 
     Attributes
     ----------
-    s : int
-        Samples per pixel of the plane, 2 or more.
-    k : int
-        Samples along one side of the support, odd.
+    s : int or None
+        Samples per pixel of the plane, 2 or more; None: chosen from the photograph.
+    k : int or None
+        Samples along one side of the support, odd; None: chosen from the photograph.
     solver : str
         "ls" least squares, "clip" its negative part cut, "nnls" non-negative least squares.
 
@@ -33,14 +33,14 @@ class Sampling:
         If one of them cannot be meant.
     """
 
-    s: int
-    k: int
+    s: int | None
+    k: int | None
     solver: str
 
     def __post_init__(self) -> None:
-        if self.s < 2:
+        if self.s is not None and self.s < 2:
             raise BadParameter(f"a subpixel PSF needs s of 2 or more; got s = {self.s}", "choose s = 3 or 4")
-        if self.k < 3 or self.k % 2 == 0:
+        if self.k is not None and (self.k < 3 or self.k % 2 == 0):
             raise BadParameter(
                 f"the support needs an odd number k of samples, so that it has a centre; got k = {self.k}",
                 f"choose k = {max(self.k + 1, 3)}",

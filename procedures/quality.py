@@ -27,6 +27,12 @@ STEPS_PER_CYCLE = 50
 """Frequencies of the curves per cycle/pixel."""
 DIRECTIONS = 16
 """Directions of the radial mean over half a turn, an even number."""
+ROUGHNESS = 0.25
+"""How far a true tail strays from the fitted one, ring by ring, over its density: rings of a small aperture, spikes of
+an iris. On tails of Airy's disc, defocus, coma and polygons it was 0.1 to 0.3, of spikes up to 1."""
+RIM = 0.75
+"""Share of the band inside of which a number is drawn again: half of what the rest changes is doubt of what lies beyond
+the band."""
 FINE = 4
 """Points per sample between which the energy inside a circle is summed."""
 WAVELENGTHS_NM = {"R": 600.0, "G": 530.0, "B": 460.0, "Y": 550.0}
@@ -50,6 +56,9 @@ class Quality:
     numbers : mapping of str to Quantity
     gradients : mapping of str to (k^2 + q,) float64
         Of each number by the PSF's parameters.
+    budgets : mapping of str to mapping of str to float
+        Standard uncertainties that make up that of each number: "noise" what the PSF's covariance gives, "choice" what
+        the support and the band leave open; see `procedures.budget`.
     """
 
     frequencies: Array
@@ -63,6 +72,7 @@ class Quality:
     otf_vertical: Complex
     numbers: Mapping[str, Quantity]
     gradients: Mapping[str, Array]
+    budgets: Mapping[str, Mapping[str, float]]
 
 
 @dataclass(frozen=True)
@@ -85,6 +95,14 @@ class Diffraction:
     def cutoff(self) -> float:
         """Highest frequency that the aperture passes, in cycles per pixel: pitch / (lambda N)."""
         return self.pixel_pitch_um / (self.wavelength_nm * 1e-3 * self.f_number)
+
+    @property
+    def tail_density_px(self) -> float:
+        """A of the mean far tail a / r^3 per square pixel, r in pixels, whatever the aberrations: 1 / (pi^3 f_c).
+
+        Source: the OTF's slope at 0 is -4 / (pi f_c) for a circular pupil.
+        """
+        return 1 / (np.pi**3 * self.cutoff)
 
     def psf(self, r: Array) -> Array:
         """Diffraction's PSF h_diff at distances r (pixels) from its centre, of unit volume.
@@ -136,20 +154,67 @@ def assess(psf: Psf, *, n: int, diffraction: Diffraction | None = None) -> Quali
     C = psf.parameter_covariance
     gradients = {one.name: one.gradient for one in found}
     uncertainties = dict(zip(gradients, _uncertainty(C, np.array(list(gradients.values()))), strict=True))
+    left_open = _left_open(psf, f, curves, uncertainties, found, diffraction)
+    told = [one for one in found if np.isfinite(one.value) and np.isfinite(uncertainties[one.name])]
+    budgets = {one.name: {"noise": float(uncertainties[one.name]), "choice": left_open[one.name]} for one in told}
     numbers = {
-        one.name: Quantity(one.value, one.unit, float(uncertainties[one.name]), one.method, n)
-        for one in found
-        if np.isfinite(one.value) and np.isfinite(uncertainties[one.name])
+        one.name: Quantity(one.value, one.unit, float(np.hypot(*budgets[one.name].values())), one.method, n)
+        for one in told
     }
-    p, light = psf.parameters, psf.light
+    p, light, stray = psf.parameters, psf.light, _stray(psf, f)
+    bands = (np.hypot(_uncertainty(C, slope), stray) for _, slope in curves.values())
+    of_h, of_v, of_r = bands
     return Quality(
         f,
-        *(mtf_h, _uncertainty(C, slope_h), mtf_v, _uncertainty(C, slope_v), mtf_r, _uncertainty(C, slope_r)),
+        *(mtf_h, of_h, mtf_v, of_v, mtf_r, of_r),
         horizontal @ p / light,
         vertical @ p / light,
         numbers,
-        {name: gradients[name] for name in numbers},
+        {one.name: one.gradient for one in told},
+        budgets,
     )
+
+
+def truncation(psf: Psf) -> float:
+    """Standard uncertainty of the OTF from what the tail's few shapes leave out, at frequencies that the support holds.
+
+    A tail of energy E outside a radius R has the density E R / (2 pi r^3). If the true one strays from it by a share of
+    `ROUGHNESS`, alike over a square pixel and independently from the next, the OTF strays by
+    ROUGHNESS E sqrt(pi / 2) / (2 pi R).
+    """
+    share, _ = psf.energy_outside
+    radius = psf.k / 2 / psf.s
+    return ROUGHNESS * abs(share) * float(np.sqrt(np.pi / 2)) / (2 * np.pi * radius)
+
+
+def _stray(psf: Psf, f: Array) -> Array:
+    """The truncation's uncertainty at frequencies (n,): none at 0, where all light is counted."""
+    radius = psf.k / 2 / psf.s
+    return np.asarray(truncation(psf) * (1 - np.exp(-((np.pi * f * radius) ** 2))))
+
+
+def _left_open(
+    psf: Psf,
+    f: Array,
+    curves: Mapping[str, tuple[Array, Array]],
+    uncertainties: Mapping[str, float],
+    found: list[_Found],
+    diffraction: Diffraction | None,
+) -> dict[str, float]:
+    """What the support (of the curves' numbers) and the band (of the spatial ones) leave open, by number."""
+    stray = truncation(psf)
+    left = {one.name: 0.0 for one in found}
+    for name, (mtf, _) in curves.items():
+        left[f"mtf_nyquist_{name}"] = stray
+        if (number := f"mtf50_{name}") in left:
+            i = int(np.clip(np.searchsorted(-mtf, -0.5), 1, len(f) - 1))
+            left[number] = stray * float(f[i] - f[i - 1]) / max(float(mtf[i - 1] - mtf[i]), 1e-9)
+    narrow = _within_band(psf, RIM, diffraction)
+    for one in found:
+        if one.name in narrow:
+            beyond = (one.value - narrow[one.name]) ** 2 - uncertainties[one.name] ** 2
+            left[one.name] = 0.5 * float(np.sqrt(max(beyond, 0.0))) if np.isfinite(beyond) else 0.0
+    return left
 
 
 def frequencies(psf: Psf) -> Array:
@@ -294,6 +359,17 @@ def _spatial_numbers(psf: Psf) -> list[_Found]:
         _Found("energy_above_nyquist", above, "1", "share of |OTF|^2", slope),
     ]
     return [*found, *_encircled(psf, (0.5, 0.8)), *_ellipse_numbers(psf)]
+
+
+def _within_band(psf: Psf, share: float, diffraction: Diffraction | None) -> dict[str, float]:
+    """The numbers that hang on the band's outer frequencies, from the samples low-passed to a share of the band."""
+    n = np.arange(psf.k)
+    low = share * np.sinc(share * (n[:, None] - n))
+    narrow = Psf(low @ psf.h @ low.T, psf.s, psf.covariance, psf.tail)
+    found = [_width(narrow, "fwhm_horizontal", 1), _width(narrow, "fwhm_vertical", 0), *_encircled(narrow, (0.5, 0.8))]
+    if diffraction is not None:
+        found.append(_strehl(narrow, diffraction))
+    return {one.name: one.value for one in found}
 
 
 def _of_support(psf: Psf, name: str, x: Array) -> _Found:

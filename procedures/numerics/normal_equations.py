@@ -53,6 +53,8 @@ class Products:
         A'A, or that of a matrix near A when h is an increment.
     AZ : (n, p), ZZ : (p, p), Ar : (n,), Zr : (p,)
         A'Z, Z'Z, A'r, Z'r.
+    pull : (p,) float64 or 0
+        The part of Zr that is no product, but known beforehand.
     """
 
     AA: Array
@@ -60,10 +62,11 @@ class Products:
     ZZ: Array
     Ar: Array
     Zr: Array
+    pull: Array | float = 0.0
 
     def with_right_side(self, A: Array32, Z: Array, r: Array) -> Products:
         """The same for another r (m,)."""
-        return replace(self, Ar=(A.T @ r.astype(np.float32)).astype(np.float64), Zr=Z.T @ r)
+        return replace(self, Ar=(A.T @ r.astype(np.float32)).astype(np.float64), Zr=Z.T @ r + self.pull)
 
     def with_prior(self, precision: Array, pull: Array) -> Products:
         """The same with what is known of the nuisance parameters beforehand.
@@ -75,7 +78,9 @@ class Products:
         pull : (p,) float64
             What they are expected to become: the mean known less the present value.
         """
-        return replace(self, ZZ=self.ZZ + np.diag(precision), Zr=self.Zr + precision * pull)
+        return replace(
+            self, ZZ=self.ZZ + np.diag(precision), Zr=self.Zr + precision * pull, pull=self.pull + precision * pull
+        )
 
     def with_kept(self, count: int, precision: Array, pull: Array) -> Products:
         """The same with the last nuisance columns counted to A, as its last columns.

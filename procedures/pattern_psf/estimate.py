@@ -9,20 +9,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
+from procedures.budget import taken_apart, with_settling
 from procedures.numerics.solvers import cholesky_inverse, solve_constrained
 from procedures.outcome import Outcome, Refused, Verdict
 from procedures.pattern import BLOCK, CELLS, Chart
 from procedures.pattern_psf.centre import mark_offset_gradient
+from procedures.pattern_psf.choice import Trial, choose, settling
 from procedures.pattern_psf.detection import Sighting, check_usable, find_chart
+from procedures.pattern_psf.error_parts import ErrorParts, Variation, error_parts
 from procedures.pattern_psf.gamma import gamma, gamma_bound
 from procedures.pattern_psf.observation import noise_window, observe
 from procedures.pattern_psf.radiometry import Light, measure_light
-from procedures.pattern_psf.refine import GEOMETRY, TAIL, Fit, refine, without_outliers
+from procedures.pattern_psf.refine import GEOMETRY, TAIL, Fit, TailPrior, refine, without_outliers
 from procedures.pattern_psf.registration import (
     Registration,
     block_size_px,
@@ -30,7 +32,7 @@ from procedures.pattern_psf.registration import (
     refine_corners,
     register_marks,
 )
-from procedures.pattern_psf.trust import Diagnostics, diagnose, judge
+from procedures.pattern_psf.trust import Diagnostics, Doubts, diagnose, judge
 from procedures.psf import Psf, Sampling, Tail
 from procedures.quality import Diffraction, Quality, assess
 from procedures.raw import Plane
@@ -38,16 +40,21 @@ from procedures.raw import Plane
 Array = npt.NDArray[np.float64]
 
 
+WATCHED = ("mtf50_horizontal", "mtf50_vertical")
+"""The numbers that must be the same all over the chart."""
+PUPIL_SPREAD = 0.1
+"""Standard uncertainty of the far tail that f-number and pitch tell, over it: a colour's spread of wavelengths, pupils
+that are no circles or partly shaded, f-numbers as they are rounded."""
 LEAST_STEPS = 16
 """Digital numbers between black and white from which rounding is no worse than noise."""
 
 
 @dataclass(frozen=True)
 class PatternParameters(Sampling):
-    """How the PSF is sampled and solved for: see `Sampling`; 3 s + 1 to 6 s + 1 samples are usual."""
+    """How the PSF is sampled and solved for: see `Sampling`; k of 3 s + 1 to 6 s + 1 is usual."""
 
-    s: int = 4
-    k: int = 17
+    s: int | None = None
+    k: int | None = None
     solver: str = "ls"
 
 
@@ -60,6 +67,8 @@ class PatternPsf:
     psf : Psf
     n : int
         Number of samples it was estimated from.
+    quality : Quality
+        MTF and the numbers drawn from the PSF, with the budgets of their uncertainties.
     diffraction : Diffraction or None
         What limits the plane, where it is known.
     gamma, gamma_bound : float
@@ -70,6 +79,10 @@ class PatternPsf:
         Width of the noise region in pixels of the plane.
     s_over_t : float
         Sampling ratio; 1 is ideal.
+    choice : tuple of Trial
+        What was tried of s and k; the last one is this.
+    variations : tuple of Variation
+        MTF50 in the halves of the chart.
     registration : Registration
         Where every pixel lies on the chart.
     centre_covariance : (2, 2) float64
@@ -86,23 +99,21 @@ class PatternPsf:
 
     psf: Psf
     n: int
+    quality: Quality
     diffraction: Diffraction | None
     gamma: float
     gamma_bound: float
     residual_std: float
     pixels_per_pattern: float
     s_over_t: float
+    choice: tuple[Trial, ...]
+    variations: tuple[Variation, ...]
     registration: Registration
     centre_covariance: Array
     diagnostics: Mapping[str, float]
     marks: Array
     residual: Array
     residual_origin: tuple[int, int]
-
-    @cached_property
-    def quality(self) -> Quality:
-        """MTF and the numbers drawn from the PSF, with their uncertainties; computed when first asked for."""
-        return assess(self.psf, n=self.n, diffraction=self.diffraction)
 
 
 def estimate_psf(
@@ -140,9 +151,14 @@ def estimate_psf(
         return Outcome(
             None,
             Verdict.REFUSED,
-            f"the photograph must determine {parameters.k}^2 PSF values at s = {parameters.s}; it does not",
+            f"the photograph must determine the PSF's values {_asked(parameters)}; it does not",
             "photograph the chart from a distance where s/t is near 1, or lower s or k",
         )
+
+
+def _asked(parameters: PatternParameters) -> str:
+    """The sampling asked for, in words."""
+    return f"at s = {parameters.s or 'auto'}, k = {parameters.k or 'auto'}"
 
 
 def _estimate(
@@ -153,18 +169,41 @@ def _estimate(
     sighting: Sighting | None,
 ) -> Outcome[PatternPsf]:
     """The chain itself; raises Refused."""
-    samples, s, k = plane.samples, parameters.s, parameters.k
+    samples = plane.samples
     corners, marks_map = _register(samples, sighting)
     light = measure_light(samples, marks_map, plane.quantisation)
     _check_light(light, plane.quantisation)
-    fit, outliers = _fit(samples, chart, corners, marks_map, light, s, k)
-    psf, centre_covariance = _solution(fit, s, k, parameters.solver)
-    diagnostics = diagnose(fit, psf, light, corners, marks_map, outliers, s)
-    verdict, reason, remedy = judge(diagnostics, fit)
+    prior = None if diffraction is None else TailPrior(diffraction.tail_density_px, PUPIL_SPREAD)
+    best = marks_map
+
+    def attempt(s: int, k: int) -> _Attempt:
+        nonlocal best
+        fit, outliers = _fit(samples, chart, corners, best, light, s, k, prior)
+        if fit.still:
+            best = fit.registration
+        return _Attempt(fit, outliers, *_solution(fit, s, k, parameters.solver))
+
+    cell_px = block_size_px(marks_map) / BLOCK
+    count = len(observe(samples, marks_map, light, noise_window(marks_map, samples.shape)))
+    found, tried = choose(attempt, lambda one: one.psf, count, cell_px, s=parameters.s, k=parameters.k)
+    quality = assess(found.psf, n=len(found.fit.observation), diffraction=diffraction)
+    parts = error_parts(found.fit, found.psf, quality, WATCHED)
+    quality = taken_apart(with_settling(quality, settling(tried)), parts.parts)
+    diagnostics = diagnose(found.fit, found.psf, light, corners, marks_map, found.outliers, parts, prior)
+    verdict, reason, remedy = judge(diagnostics, found.fit, Doubts(parameters, tried, parts.variations))
     if verdict is Verdict.REFUSED:
         return Outcome(None, verdict, reason, remedy)
-    found = _result(fit, psf, centre_covariance, diagnostics, corners, diffraction)
-    return Outcome(found, verdict, reason, remedy)
+    return Outcome(_result(found, quality, parts, tried, diagnostics, corners, diffraction), verdict, reason, remedy)
+
+
+@dataclass(frozen=True)
+class _Attempt:
+    """The joint fit at one s and k, the share of outliers it left out, and its PSF with the covariance of the centre."""
+
+    fit: Fit
+    outliers: float
+    psf: Psf
+    centre_covariance: Array
 
 
 def _register(samples: npt.NDArray[np.float32], sighting: Sighting | None) -> tuple[Array, Registration]:
@@ -215,6 +254,7 @@ def _fit(
     light: Light,
     s: int,
     k: int,
+    prior: TailPrior | None,
 ) -> tuple[Fit, float]:
     """The joint fit, and the share of samples left out of it as outliers."""
     window = noise_window(registration, samples.shape)
@@ -226,10 +266,10 @@ def _fit(
             f"{n} PSF values need at least {2 * n} samples of the noise region; the photograph has {m}",
             "move closer, or lower k",
         )
-    fit = refine(observation, chart, registration, window, s, k)
+    fit = refine(observation, chart, registration, window, s, k, prior)
     kept = without_outliers(fit)
     if len(kept) < m - max(10, 1e-3 * m):
-        fit = refine(kept, chart, registration, window, s, k)
+        fit = refine(kept, chart, registration, window, s, k, prior)
     return fit, 1 - len(kept) / m
 
 
@@ -299,29 +339,33 @@ def _centre_covariance(fit: Fit, covariance: Array, forth: Array) -> Array:
 
 
 def _result(
-    fit: Fit,
-    psf: Psf,
-    centre_covariance: Array,
+    found: _Attempt,
+    quality: Quality,
+    parts: ErrorParts,
+    tried: tuple[Trial, ...],
     d: Diagnostics,
     corners: Array,
     diffraction: Diffraction | None,
 ) -> PatternPsf:
     """Everything that is reported, from the final fit."""
+    fit, psf = found.fit, found.psf
     residual, origin = _residual_picture(fit)
     m = len(fit.observation.y)
-    amplification = gamma(psf.covariance / fit.residual_std**2, float(np.mean(fit.observation.weight**2)))
     pixels = CELLS / BLOCK * block_size_px(fit.registration)
     return PatternPsf(
         psf=psf,
         n=m,
+        quality=quality,
         diffraction=diffraction,
-        gamma=amplification,
+        gamma=gamma(psf.covariance / fit.residual_std**2, float(np.mean(fit.observation.weight**2))),
         gamma_bound=gamma_bound(m, psf.k**2),
         residual_std=fit.residual_std,
         pixels_per_pattern=pixels,
         s_over_t=d.s_over_t,
+        choice=tried,
+        variations=parts.variations,
         registration=fit.registration,
-        centre_covariance=centre_covariance,
+        centre_covariance=found.centre_covariance,
         diagnostics=asdict(d),
         marks=corners,
         residual=residual,

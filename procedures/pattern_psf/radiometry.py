@@ -30,6 +30,8 @@ class Light:
         Share of the white blocks' samples that are clipped.
     flatness : float
         Smallest white level over largest, on the blocks.
+    noise_correlation : float
+        Of neighbouring samples in the blocks, along rows and columns: the larger one.
     """
 
     black: Array
@@ -38,6 +40,7 @@ class Light:
     variance_white: float
     saturated: float
     flatness: float
+    noise_correlation: float = 0.0
 
     @property
     def contrast(self) -> float:
@@ -70,8 +73,8 @@ def measure_light(samples: npt.NDArray[np.float32], registration: Registration, 
     Delbracio, Muse, Almansa, IPOL 2012, section 4.4.
     """
     points, block = _block_pixels(registration, samples.shape)
-    black, variance_black, _ = _fit_blocks(samples, registration, points, block, BLACK_BLOCKS)
-    white, variance_white, whites = _fit_blocks(samples, registration, points, block, WHITE_BLOCKS)
+    black, variance_black, _, in_black = _fit_blocks(samples, registration, points, block, BLACK_BLOCKS)
+    white, variance_white, whites, in_white = _fit_blocks(samples, registration, points, block, WHITE_BLOCKS)
     levels = np.array([np.median(value) for value in whites if len(value)])
     floor = quantisation**2 / 12
     return Light(
@@ -81,7 +84,16 @@ def measure_light(samples: npt.NDArray[np.float32], registration: Registration, 
         max(variance_white, floor),
         float(np.mean(np.concatenate(whites) >= CLIPPED)),
         float(levels.min() / levels.max()) if levels.max() > 0 else 0.0,
+        max(in_black, in_white, key=abs) if min(variance_black, variance_white) > 2 * floor else in_white,
     )
+
+
+def _neighbour_correlation(points: npt.NDArray[np.int64], left: Array) -> tuple[float, float]:
+    """Sums of products of the samples left over (n,) at pixels (n, 2) with their right and lower neighbours."""
+    corner = points.min(axis=0)
+    grid = np.zeros(points.max(axis=0) - corner + 1)
+    grid[tuple((points - corner).T)] = left
+    return float(np.sum(grid[1:] * grid[:-1])), float(np.sum(grid[:, 1:] * grid[:, :-1]))
 
 
 def _block_pixels(
@@ -107,9 +119,11 @@ def _fit_blocks(
     points: npt.NDArray[np.int64],
     block: npt.NDArray[np.int64],
     wanted: tuple[tuple[int, int], ...],
-) -> tuple[Array, float, list[Array]]:
-    """Quadratic through the wanted blocks' pixels, their variance about a quadratic per block, and their values."""
+) -> tuple[Array, float, list[Array], float]:
+    """Quadratic through the wanted blocks' pixels, their variance about a quadratic per block, their values, and the
+    correlation of neighbours."""
     designs, values, square, freedom = [], [], 0.0, 0
+    neighbours = np.zeros(2)
     number = block[:, 0] + BLOCKS * block[:, 1]
     for column, row in wanted:
         inside = points[number == column + BLOCKS * row]
@@ -119,10 +133,12 @@ def _fit_blocks(
             left = value - design @ np.linalg.lstsq(design, value, rcond=None)[0]
             square += float(left @ left)
             freedom += len(value) - design.shape[1]
+            neighbours += _neighbour_correlation(inside, left)
         designs.append(design)
         values.append(value)
     coefficients = _robust_fit(designs, values)
-    return coefficients, square / max(freedom, 1), values
+    correlation = float(max(neighbours, key=abs)) / square if square > 0 else 0.0
+    return coefficients, square / max(freedom, 1), values, correlation
 
 
 def _robust_fit(designs: list[Array], values: list[Array]) -> Array:

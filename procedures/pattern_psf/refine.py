@@ -3,9 +3,10 @@
 The marks give a map good to a few tenths of a pixel when the chart is tilted or the lens distorts; sixty-five
 thousand cells give it to a few thousandths. Every Gauss-Newton step linearises
 
-    y = A h + sum a_i q_i + sum b_i q_i m + beta (m^2 - m) + delta o + sum tau_j v_j,   m = A h + sum(h)/2,
+    y = A h + sum a_i q_i + sum b_i q_i m + beta (m^2 - m) + delta o + sum tau_j v_j
 
-about the current map, PSF and light, with y the sample between the black and white levels, A the chart of values
+
+about the current map, PSF and light, with m what the whole PSF shows of the chart, black 0 and white its sum, y the sample between the black and white levels, A the chart of values
 -1/2 and 1/2 (a_0 holds the mean), q_i the quadratics of place, o the cells' outlines seen through the PSF, v_j the chart
 seen through the shapes of the PSF's far tail, and eliminates everything but h (variable projection, Kaufman's form). delta is the
 spread of the ink, in cells: the printer makes black cells larger than white ones, which darkens the noise region just
@@ -14,12 +15,12 @@ as a curved response would; only the picture of the outlines tells the two apart
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics.kernel_tail import SHAPES, tail_border, tail_columns, tail_sums
+from procedures.numerics.kernel_tail import SHAPES, tail_border, tail_columns, tail_density, tail_sums
 from procedures.numerics.normal_equations import NormalEquations, Products, eliminate, gram, products
 from procedures.numerics.sampled_convolution import convolve_at, sample_convolution
 from procedures.numerics.solvers import cholesky_solve
@@ -42,6 +43,7 @@ variation with twice and four times the direction. Without it their noise would 
 LOST = 0.1  # agreement by the marks' map under which these are other cells, or none can be seen
 PRINT_TELLS = 1.06  # residual over noise from which the printed edges are worth estimating
 COARSE_STEPS, FINE_STEPS, SWEEPS = 4, 4, 2
+TILES = 6  # along each side of the noise region: large beside the PSF, small beside what curls, shades or defocuses
 COARSE_SAMPLES = 9  # samples per PSF value that the coarse steps make do with
 NEAR_PX = 0.15  # below this a step's system is that of the answer, to the noise
 STILL_PX = 0.015  # the step itself is accounted for to first order: what is left of it is a hundredth
@@ -67,6 +69,9 @@ class Fit:
         Offsets of the printed edges, in cells: vertical lines, then horizontal ones; empty where they do not tell.
     edge_rms : float
         Their root mean square, in cells.
+    scores : (TILES^2, k^2 + p) float64
+        What each tile of the noise region, row by row, adds to the normal equations' right side at the answer: their
+        sum is 0, and their scatter is that of the answer, whatever the residual is made of.
     still : bool
         Whether the map came to rest.
     """
@@ -79,6 +84,7 @@ class Fit:
     equations: NormalEquations
     edges: Array
     edge_rms: float = 0.0
+    scores: Array = field(default_factory=lambda: np.zeros((0, 0)))
     still: bool = False
 
     @property
@@ -110,6 +116,26 @@ class Fit:
 
 
 @dataclass(frozen=True)
+class TailPrior:
+    """What optics tell of the mean far tail before it is fitted.
+
+    Attributes
+    ----------
+    density_px : float
+        a of the tail a / r^3 per square pixel of a PSF of sum 1, r in pixels.
+    share : float
+        Its standard uncertainty over it.
+    """
+
+    density_px: float
+    share: float
+
+    def energy(self, s: int, k: int) -> float:
+        """The first amplitude, beside light of 1."""
+        return self.density_px * s / tail_density(k)
+
+
+@dataclass(frozen=True)
 class _Model:
     """The chart as it can be seen: what does not change while the map is refined."""
 
@@ -117,6 +143,7 @@ class _Model:
     raster: Raster
     window: Window
     k: int
+    tail: TailPrior | None = None
 
     def read(self, registration: Registration, border: int) -> Array32:
         """The chart on the s grid of the window, with a border."""
@@ -149,7 +176,15 @@ def without_outliers(fit: Fit, limit: float = 6.0) -> Observation:
     return fit.observation.where(np.abs(fit.residual) < limit * scale)
 
 
-def refine(observation: Observation, chart: Chart, registration: Registration, window: Window, s: int, k: int) -> Fit:
+def refine(
+    observation: Observation,
+    chart: Chart,
+    registration: Registration,
+    window: Window,
+    s: int,
+    k: int,
+    tail: TailPrior | None = None,
+) -> Fit:
     """The joint estimate of PSF, map and light, from the marks' map on; of the printed edges where they tell.
 
     Some of the samples bring the map near, all of them bring it to rest.
@@ -159,12 +194,14 @@ def refine(observation: Observation, chart: Chart, registration: Registration, w
     observation : Observation
     chart : Chart
     registration : Registration
-        The marks' map.
+        The marks' map, or that of another fit.
     window : Window
     s, k : int
         Samples per pixel, and their number along the PSF's side.
+    tail : TailPrior, optional
+        What is known of the far tail.
     """
-    model = _Model(whole_chart(chart), band_limited_chart(chart, registration, s), window, k)
+    model = _Model(whole_chart(chart), band_limited_chart(chart, registration, s), window, k, tail)
     stride = max(2, len(observation) // (COARSE_SAMPLES * k * k))
     enough = len(observation) // stride >= COARSE_SAMPLES * k * k
     coarse = observation.where(slice(None, None, stride)) if enough else observation
@@ -184,11 +221,20 @@ def refine(observation: Observation, chart: Chart, registration: Registration, w
     fit = replace(fit, observation=observation)
     for _ in range(FINE_STEPS):
         start = _centred(fit, model)
-        fit = _fine_step(start, model)
+        fit, system = _fine_step(start, model)
         moved = map_distance(start.registration, fit.registration, coarse.points[::29])
         if moved < STILL_PX:
             break
-    return replace(fit, still=bool(moved < 10 * STILL_PX))
+    return replace(fit, still=bool(moved < 10 * STILL_PX), scores=_scores(fit, *system))
+
+
+def _scores(fit: Fit, A: Array32, weighted: Array) -> Array:
+    """The share of every tile in A'r and Z'r, (TILES^2, k^2 + p)."""
+    o = fit.observation
+    row, column = (np.minimum(place * TILES // (place.max() + 1), TILES - 1) for place in (o.rows, o.columns))
+    shares = np.zeros((len(o), TILES * TILES), dtype=np.float32)
+    shares[np.arange(len(o)), row * TILES + column] = fit.residual
+    return np.hstack([shares.T @ A, shares.T @ weighted.astype(np.float32)]).astype(np.float64)
 
 
 def _first_fit(o: Observation, A: Array32, AA: Array, registration: Registration) -> Fit:
@@ -215,8 +261,8 @@ def _coarse_step(fit: Fit, model: _Model, A: Array32, AA: Array) -> Fit:
     return _advanced(start, A, Z, eliminate(products(AA, A, Z * fit.observation.weight[:, None], start.residual)))
 
 
-def _fine_step(fit: Fit, model: _Model) -> Fit:
-    """A Gauss-Newton step of everything; with the printed edges where it leaves more than noise."""
+def _fine_step(fit: Fit, model: _Model) -> tuple[Fit, tuple[Array32, Array]]:
+    """A Gauss-Newton step of everything, with the printed edges where it leaves more than noise; and its system."""
     u = model.read(fit.registration, tail_border(model.k))
     A = model.system(fit.observation, u)
     start, Z = _linearised(fit, A, model, model.far(fit, u))
@@ -224,7 +270,7 @@ def _fine_step(fit: Fit, model: _Model) -> Fit:
     parts = _with_tail_known(products(gram(A), A, weighted, start.residual), start, model)
     found = _advanced(start, A, Z, eliminate(parts))
     if found.residual_std < PRINT_TELLS:
-        return found
+        return found, (A, weighted)
     edges = model.edges(fit)
     rms, noise = edges.widths(found.residual)
     estimator, moved = edges.estimator(rms, noise), np.zeros(len(found.residual))
@@ -233,13 +279,17 @@ def _fine_step(fit: Fit, model: _Model) -> Fit:
         moved = edges.C.seen(offsets)
         shifted = replace(start, prediction=start.prediction + moved / start.observation.weight)
         found = _advanced(shifted, A, Z, eliminate(parts.with_right_side(A, weighted, shifted.residual)))
-    return replace(found, edges=offsets, edge_rms=rms)
+    return replace(found, edges=offsets, edge_rms=rms), (A, weighted)
 
 
 def _with_tail_known(parts: Products, fit: Fit, model: _Model) -> Products:
     """The products with what is known of the tail's amplitudes before they are fitted."""
-    first = GEOMETRY + TAIL
+    first, known = GEOMETRY + TAIL, model.tail
     precision, pull = np.zeros((2, len(parts.ZZ)))
+    if known is not None:
+        expected = known.energy(model.raster.s, model.k)
+        precision[first] = 1 / (known.share * expected) ** 2
+        pull[first] = expected - fit.light[TAIL]
     precision[first + 1 :] = 1e12
     tail = fit.light[TAIL]
     if tail == 0:  # not fitted yet
@@ -271,7 +321,8 @@ def _linearised(fit: Fit, A: Array32, model: _Model, far: Array) -> tuple[Fit, A
     """The fit with its prediction by the system A, and the columns of geometry, light, response and `far`."""
     o, k = fit.observation, model.k
     seen = (A @ fit.h.astype(np.float32)).astype(np.float64) / o.weight
-    m = (seen + fit.h.sum() / 2)[:, None]
+    tail = fit.light[TAIL:] if far.shape[1] else np.zeros(0)
+    m = (seen + far[:, 1:] @ tail + (fit.h.sum() + tail_sums(k)[: len(tail)] @ tail) / 2)[:, None]
     geometry = _geometry_columns(A, fit.h, o, model.raster.s, k)
     Z = np.hstack([geometry, o.quadratics, o.quadratics[:, 1:] * m, m * m - m, far])
     return replace(fit, prediction=seen + Z[:, GEOMETRY:] @ fit.light[: Z.shape[1] - GEOMETRY]), Z

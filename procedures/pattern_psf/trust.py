@@ -8,12 +8,28 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.outcome import Rule, Verdict, verdict_of
+from procedures.pattern_psf.choice import Trial, band_edge
+from procedures.pattern_psf.error_parts import ErrorParts, Variation
 from procedures.pattern_psf.radiometry import Light
-from procedures.pattern_psf.refine import RESPONSE, SPREAD, Fit
+from procedures.pattern_psf.refine import RESPONSE, SPREAD, Fit, TailPrior
 from procedures.pattern_psf.registration import Registration, map_distance, mark_residuals
-from procedures.psf import Psf
+from procedures.psf import Psf, Sampling
+from procedures.quality import truncation
 
 Array = npt.NDArray[np.float64]
+
+CORRELATED = 0.25
+"""Correlation of neighbouring samples' noise from which a picture was processed."""
+CURVED = 0.15
+"""Curvature of the response from which it is no linear picture."""
+SPREAD_OUT = 0.25
+"""Spread of the ink, in cells, that the model of thin outlines does not describe any more."""
+LEFT_OVER = 2.0
+"""Residual over noise from which a result is doubted."""
+SCATTERED = 9.0
+"""Variance of a number by the chart's parts, over that by noise, from which it is doubted."""
+VARYING = 0.03
+"""Difference of MTF50 in the chart's halves from which it is told."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +68,14 @@ class Diagnostics:
         Root mean square offset of the printed lines of edges, in cells; 0 where they were not estimated.
     s_over_t : float
         Sampling ratio: s times pixels per cell.
+    noise_correlation : float
+        Of neighbouring samples in the flat blocks: 0 in a RAW plane, not in what was demosaiced, sharpened, compressed.
+    mismatch : float
+        Variance of MTF50 by the scatter of the chart's parts, over that by white noise.
+    truncation, band_edge : float
+        What the support may leave out of the OTF, and the OTF near the band's edge.
+    tail_sigmas : float
+        Far tail as fitted against what f-number and pitch tell, in standard uncertainties; 0 where they are not known.
     """
 
     agreement: float
@@ -72,10 +96,39 @@ class Diagnostics:
     ink_spread: float
     printed_edges_rms: float
     s_over_t: float
+    noise_correlation: float
+    mismatch: float
+    truncation: float
+    band_edge: float
+    tail_sigmas: float
+
+
+@dataclass(frozen=True)
+class Doubts:
+    """What a verdict looks at beside the diagnostics.
+
+    Attributes
+    ----------
+    parameters : Sampling
+        As asked for: what was given is obeyed, and doubted where it leaves too much out.
+    tried : tuple of Trial
+    variations : tuple of Variation
+    """
+
+    parameters: Sampling
+    tried: tuple[Trial, ...]
+    variations: tuple[Variation, ...]
 
 
 def diagnose(
-    fit: Fit, psf: Psf, light: Light, corners: Array, marks_map: Registration, outliers: float, s: int
+    fit: Fit,
+    psf: Psf,
+    light: Light,
+    corners: Array,
+    marks_map: Registration,
+    outliers: float,
+    parts: ErrorParts,
+    prior: TailPrior | None,
 ) -> Diagnostics:
     """Measure what the verdict needs.
 
@@ -91,7 +144,8 @@ def diagnose(
         The map that the marks alone gave.
     outliers : float
         Share of the samples left out.
-    s : int
+    parts : ErrorParts
+    prior : TailPrior or None
     """
     o = fit.observation
     noise = float(np.mean(1 / o.weight**2)) / float(np.var(o.y))
@@ -115,8 +169,25 @@ def diagnose(
         response_curvature=float(fit.light[RESPONSE]),
         ink_spread=-float(fit.light[SPREAD]),
         printed_edges_rms=fit.edge_rms,
-        s_over_t=float(s * pixels_per_cell),
+        s_over_t=float(psf.s * pixels_per_cell),
+        noise_correlation=light.noise_correlation,
+        mismatch=max(parts.mismatch.values(), default=1.0),
+        truncation=truncation(psf),
+        band_edge=band_edge(psf),
+        tail_sigmas=_tail_sigmas(psf, prior),
     )
+
+
+def _tail_sigmas(psf: Psf, prior: TailPrior | None) -> float:
+    """How far the tail was drawn from what was expected, over what that pull should be on average.
+
+    A fit of variance v under a prior of variance p differs from the prior's mean with the variance p - v.
+    """
+    if prior is None:
+        return 0.0
+    expected = prior.energy(psf.s, psf.k)
+    spread = (prior.share * expected) ** 2 - float(psf.tail.covariance[0, 0])
+    return float(psf.tail.amplitudes[0] - expected) / float(np.sqrt(max(spread, (0.1 * prior.share * expected) ** 2)))
 
 
 def _neighbour_correlation(fit: Fit) -> float:
@@ -132,9 +203,9 @@ def _neighbour_correlation(fit: Fit) -> float:
     return max(lags, key=abs)
 
 
-def judge(d: Diagnostics, fit: Fit) -> tuple[Verdict, str, str]:
+def judge(d: Diagnostics, fit: Fit, more: Doubts) -> tuple[Verdict, str, str]:
     """Verdict, reason and remedy: the first refusal, else all doubts together."""
-    return verdict_of(_refusals(d) + _doubts(d, fit))
+    return verdict_of(_refusals(d) + _doubts(d, fit) + _left_out(more) + _processed(d) + _varying(more.variations))
 
 
 def _refusals(d: Diagnostics) -> list[Rule]:
@@ -162,7 +233,7 @@ def _refusals(d: Diagnostics) -> list[Rule]:
         ),
         Rule(
             refused,
-            d.support_cut > 0.2,
+            d.support_cut > 0.3,
             f"{d.support_cut:.0%} of the PSF's energy lies outside its support",
             "focus, or raise k",
         ),
@@ -200,7 +271,7 @@ def _doubts(d: Diagnostics, fit: Fit) -> list[Rule]:
         ),
         Rule(
             doubtful,
-            d.support_cut > 0.08,
+            d.support_cut > 0.15,
             f"about {d.support_cut:.0%} of the PSF's energy lies outside its support",
             "focus, or raise k",
         ),
@@ -229,3 +300,86 @@ def _doubts(d: Diagnostics, fit: Fit) -> list[Rule]:
             "light the chart evenly",
         ),
     ]
+
+
+def _left_out(more: Doubts) -> list[Rule]:
+    """What s and k as they were given leave out."""
+    last = more.tried[-1]
+    would = f"use -s {last.better[0]} -k {last.better[1]}, or leave both to the program" if last.better else "raise k"
+    return [
+        Rule(
+            Verdict.DOUBTFUL,
+            more.parameters.k is not None and last.support_short,
+            f"k = {last.k} may leave out {last.truncation:.4f} of the OTF, which is known to {last.uncertainty:.4f}",
+            would,
+        ),
+        Rule(
+            Verdict.DOUBTFUL,
+            more.parameters.s is not None and last.band_open,
+            f"s = {last.s} ends the band where the OTF is still {last.band_edge:.2f}",
+            would,
+        ),
+        Rule(
+            Verdict.DOUBTFUL,
+            None in last.mtf50,
+            f"MTF50 lies beyond the band of s = {last.s}",
+            "raise s, from a distance at which the cells allow it",
+        ),
+    ]
+
+
+def _processed(d: Diagnostics) -> list[Rule]:
+    """What a camera's processing leaves in a photograph."""
+    doubtful = Verdict.DOUBTFUL
+    return [
+        Rule(
+            doubtful,
+            abs(d.noise_correlation) > CORRELATED,
+            f"the noise of neighbouring samples is correlated by {d.noise_correlation:.2f}: the picture was demosaiced, "
+            "sharpened or compressed",
+            "use the RAW file",
+        ),
+        Rule(
+            doubtful,
+            abs(d.response_curvature) > CURVED,
+            f"the response is curved by {d.response_curvature:.2f}: a tone curve, or light that is not linear",
+            "use the RAW file, or a linear picture",
+        ),
+        Rule(
+            doubtful,
+            abs(d.ink_spread) > SPREAD_OUT,
+            f"the cells' edges moved by {d.ink_spread:.2f} cells in print",
+            "print with less ink, on paper that does not take it up, or print a larger chart",
+        ),
+        Rule(
+            doubtful,
+            abs(d.tail_sigmas) > 4,
+            f"the far tail lies {abs(d.tail_sigmas):.0f} standard uncertainties from what the f-number tells",
+            "check f-number and pixel pitch",
+        ),
+        Rule(
+            doubtful,
+            d.residual_std > LEFT_OVER,
+            f"what the fit leaves is {d.residual_std:.1f} times the noise",
+            "lay the chart flat, light it evenly, let nothing move, and keep the picture unprocessed",
+        ),
+        Rule(
+            doubtful,
+            d.mismatch > SCATTERED,
+            f"parts of the chart disagree: {d.mismatch**0.5:.1f} times as far as noise explains",
+            "lay the chart flat, square to the camera, and light it evenly",
+        ),
+    ]
+
+
+def _varying(variations: tuple[Variation, ...]) -> list[Rule]:
+    """A PSF that is not the same all over the chart."""
+    rules = []
+    for one in variations:
+        a, b = one.values
+        reason = f"the PSF varies over the chart: {one.name} is {a:.4f} {one.halves[0]} and {b:.4f} {one.halves[1]}"
+        varies = abs(one.sigmas) > 5 and abs(a - b) > VARYING * (a + b) / 2
+        rules.append(
+            Rule(Verdict.DOUBTFUL, varies, reason, "square the camera to the chart, or let it fill less of the frame")
+        )
+    return rules

@@ -1,0 +1,153 @@
+"""What the uncertainty of each number is made of, and how the number varies over the chart, from the fit's equations.
+
+With F the information of samples and nuisance parameters together and g the gradient of a number, its variance is
+g' F^-1 g. Nuisance parameters that are held leave their rows and columns out: freeing one group after the other
+tells what each adds. The same F^-1 g turns the residual of a part of the chart into what that part says of the number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import scipy.linalg
+
+from procedures.budget import Budget
+from procedures.numerics.normal_equations import NormalEquations
+from procedures.pattern_psf.refine import GEOMETRY, RESPONSE, SPREAD, TAIL, TILES, Fit
+from procedures.psf import Psf
+from procedures.quality import Quality
+
+Array = npt.NDArray[np.float64]
+
+GROUPS = {
+    "light": slice(GEOMETRY, GEOMETRY + RESPONSE + 1),
+    "geometry": slice(0, GEOMETRY),
+    "print": slice(GEOMETRY + SPREAD, GEOMETRY + SPREAD + 1),
+    "tail": slice(GEOMETRY + TAIL, None),
+}
+"""Columns of the nuisance parameters by what they are, in the order in which they are freed."""
+
+
+@dataclass(frozen=True)
+class Variation:
+    """A number in two halves of the chart.
+
+    Attributes
+    ----------
+    name : str
+    halves : (str, str)
+        "left" and "right", or "top" and "bottom".
+    values : (float, float)
+    sigmas : float
+        Their difference in its standard errors.
+    """
+
+    name: str
+    halves: tuple[str, str]
+    values: tuple[float, float]
+    sigmas: float
+
+
+@dataclass(frozen=True)
+class ErrorParts:
+    """The parts of every number's uncertainty, and what parts of the chart say of it.
+
+    Attributes
+    ----------
+    parts : mapping of str to Budget
+    mismatch : mapping of str to float
+        Variance of the numbers as the tiles' scatter tells it, over that which white noise would make.
+    variations : tuple of Variation
+        Of the numbers that are asked for, left against right and top against bottom.
+    """
+
+    parts: Mapping[str, Budget]
+    mismatch: Mapping[str, float]
+    variations: tuple[Variation, ...]
+
+
+def error_parts(fit: Fit, psf: Psf, quality: Quality, watched: tuple[str, ...]) -> ErrorParts:
+    """The uncertainties of all numbers taken apart.
+
+    Parameters
+    ----------
+    watched : names of the numbers whose variation over the chart is told
+    """
+    names = list(quality.gradients)
+    gradients = _by_fitted(np.array([quality.gradients[name] for name in names]), fit, psf)
+    freed, weights = _freed(fit.equations, gradients)
+    whole = np.array([quality.budgets[name]["noise"] ** 2 for name in names])
+    added = {"noise": freed["noise"]}
+    last = freed["noise"]
+    for group in GROUPS:
+        added[group] = np.maximum(freed[group] - last, 0)
+        last = freed[group]
+    scale = fit.residual_std**2
+    added = {group: variance * scale for group, variance in added.items()}
+    # what the centre's convention adds on top is geometry
+    added["geometry"] = added["geometry"] + np.maximum(whole - sum(added.values()), 0)
+    told = fit.scores @ weights.T  # what each tile says of each number
+    ratio = np.sum(told**2, axis=0) / np.maximum(last * scale, 1e-300)
+    added["mismatch"] = np.maximum(ratio - 1, 0) * last * scale
+    parts = {
+        name: {group: float(np.sqrt(variance[i])) for group, variance in added.items()} for i, name in enumerate(names)
+    }
+    variations = [
+        one
+        for name in watched
+        if name in names
+        for one in _variations(name, quality.numbers[name].value, told[:, names.index(name)], last, names, scale)
+    ]
+    return ErrorParts(parts, dict(zip(names, ratio.tolist(), strict=True)), tuple(variations))
+
+
+def _by_fitted(gradients: Array, fit: Fit, psf: Psf) -> Array:
+    """Gradients (b, k^2 + q) by the PSF of sum 1 as gradients (b, k^2 + p) by all that was fitted."""
+    n, total = len(fit.h), float(fit.h.sum())
+    along = gradients @ psf.parameters
+    fitted = np.zeros((len(gradients), n + len(fit.equations.ZZ)))
+    fitted[:, :n] = (gradients[:, :n] - along[:, None]) / total
+    fitted[:, n + GEOMETRY + TAIL :] = gradients[:, n:] / total
+    return fitted
+
+
+def _freed(equations: NormalEquations, gradients: Array) -> tuple[dict[str, Array], Array]:
+    """Variances (b,) of the numbers for unit noise, with the groups freed one after the other; and F^-1 g, (b, n + p)."""
+    AZ, ZZ = equations.AZ, equations.ZZ
+    n, b = len(AZ), len(gradients)
+    AA = equations.G + AZ @ np.linalg.solve(ZZ, AZ.T)
+    factor = scipy.linalg.cho_factor(AA, lower=True, check_finite=False)
+    solved = scipy.linalg.cho_solve(factor, np.hstack([AZ, gradients[:, :n].T]), check_finite=False)
+    of_Z, of_g = solved[:, : AZ.shape[1]], solved[:, AZ.shape[1] :]
+    left = ZZ - AZ.T @ of_Z  # information of the nuisance parameters when h is free
+    pull = gradients[:, n:].T - AZ.T @ of_g  # (p, b)
+    variances = {"noise": np.einsum("bi,ib->b", gradients[:, :n], of_g)}
+    free = np.zeros(AZ.shape[1], dtype=bool)
+    moved = np.zeros((AZ.shape[1], b))
+    for group, columns in GROUPS.items():
+        free[columns] = True
+        solution = np.linalg.solve(left[np.ix_(free, free)], pull[free])
+        variances[group] = variances["noise"] + np.sum(pull[free] * solution, axis=0)
+        moved = np.zeros((AZ.shape[1], b))
+        moved[free] = solution
+    return variances, np.hstack([(of_g - of_Z @ moved).T, moved.T])
+
+
+def _variations(
+    name: str, value: float, told: Array, variances: Array, names: list[str], scale: float
+) -> list[Variation]:
+    """One number left against right, and top against bottom; `told` (TILES^2,) is what each tile says of it."""
+    grid = told.reshape(TILES, TILES)
+    error = float(np.sqrt(variances[names.index(name)] * scale))
+    pairs = (
+        (("left", "right"), grid[:, : TILES // 2].sum(), grid[:, TILES // 2 :].sum()),
+        (("top", "bottom"), grid[: TILES // 2].sum(), grid[TILES // 2 :].sum()),
+    )
+    # a half has half of the information: it says of itself twice what it adds to the whole
+    return [
+        Variation(name, halves, (value + 2 * float(a), value + 2 * float(b)), float(a - b) / error)
+        for halves, a, b in pairs
+    ]
