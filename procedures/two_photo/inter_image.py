@@ -12,7 +12,7 @@ cubic displacement; its constant is a shift of k, and is set so that k stays cen
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -34,6 +34,8 @@ GEOMETRY, LIGHT = 18, 11
 TAIL = len(SHAPES)
 DIFFERS = np.array([0.5, 0.2, 0.2, 0.3, 0.3])
 """How far the tail's other shapes are expected to go, over the energy of the mean tail; as for the chart."""
+TILES = 6
+"""Tiles along each side of the region: large beside the kernel, small beside what shades, moves or defocuses."""
 MAX_STEPS = 8
 NEAR_PX = 0.02  # what the last step may have left for the next: below this every sample is taken
 STILL_PX = 0.04  # the step itself is accounted for to first order: a tenth of it at most is left
@@ -135,6 +137,10 @@ class Fit:
         The same summed over all steps, translations aside.
     outliers : float
         Share of the common region's samples that were left out.
+    scores : (TILES^2, k^2 + q + p) float64
+        The share of every tile in A'r, the tail's columns and Z'r: what the tile says of kernel, tail and nuisance.
+    counts : (TILES^2,) int64
+        Samples of every tile.
     """
 
     warp: CubicWarp
@@ -151,6 +157,8 @@ class Fit:
     moved_px: float
     travelled_px: float
     outliers: float = 0.0
+    scores: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    counts: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     @property
     def residual(self) -> Array:
@@ -173,7 +181,7 @@ class Fit:
         return 1 - self.variance / float(np.var(self.samples.y))
 
 
-def fit_kernel(near: Array32, far: Array32, H_near_far: Array, s: int, k: int) -> Fit:
+def fit_kernel(near: Array32, far: Array32, H_near_far: Array, s: int, k: int, start: CubicWarp | None = None) -> Fit:
     """The inter-image kernel with the map refined to a few thousandths of a pixel.
 
     Parameters
@@ -183,6 +191,8 @@ def fit_kernel(near: Array32, far: Array32, H_near_far: Array, s: int, k: int) -
         Far -> near pixels, good to about half a far pixel.
     s, k : int
         Samples per far pixel, and their number along the kernel's side.
+    start : CubicWarp, optional
+        The map that a fit of other s and k ended with.
 
     Raises
     ------
@@ -190,7 +200,7 @@ def fit_kernel(near: Array32, far: Array32, H_near_far: Array, s: int, k: int) -
         If the common region is too small for the kernel.
     """
     samples, corner, shape = common_region(near, far, H_near_far, s, k)
-    warp = _first_warp(H_near_far, samples)
+    warp = start or _first_warp(H_near_far, samples)
     image = _near_image(near, warp, samples, s, k, corner, shape)
     stride = int(np.clip(np.sqrt(len(samples.y) / (COARSE_SAMPLES * k * k)), 1, 3))
     coarse = samples.kept((samples.rows % stride == 0) & (samples.columns % stride == 0)) if stride > 1 else samples
@@ -357,6 +367,8 @@ def _step(fit: Fit, k: int, *, whole: bool) -> Fit:
     t = np.concatenate([equations.nuisance(np.append(change, tail)), tail])
     displacement = t[:GEOMETRY].reshape(2, 9)
     moves = (monomials[::29] - monomials.mean(axis=0)) @ displacement.T
+    prediction = before + A @ change.astype(np.float32) + Z @ t
+    counts, scores = _scores(fit, A, Z, samples.y - prediction) if whole else (fit.counts, fit.scores)
     return replace(
         fit,
         warp=warp.displaced(displacement, monomials),
@@ -366,9 +378,25 @@ def _step(fit: Fit, k: int, *, whole: bool) -> Fit:
         equations=equations,
         seen=seen,
         slopes=shifted,
-        prediction=before + A @ change.astype(np.float32) + Z @ t,
+        prediction=prediction,
         moved_px=float(np.abs(moves).max()),
+        scores=scores,
+        counts=counts,
     )
+
+
+def _scores(fit: Fit, A: Array32, Z: Array, residual: Array) -> tuple[Indices, Array]:
+    """Samples of every tile, and its share in the products with the residual: kernel, tail, nuisance parameters."""
+    rows, columns = (
+        np.minimum(place * TILES // n, TILES - 1)
+        for place, n in zip((fit.samples.rows, fit.samples.columns), fit.near.shape, strict=True)
+    )
+    tile = rows * TILES + columns
+    shares = np.zeros((len(tile), TILES * TILES), dtype=np.float32)
+    shares[np.arange(len(tile)), tile] = residual
+    turned = np.hstack([Z[:, -TAIL:], Z[:, :-TAIL]]).astype(np.float32)
+    scores = np.hstack([shares.T @ A, shares.T @ turned])
+    return np.bincount(tile, minlength=TILES * TILES), np.asarray(scores, dtype=np.float64)
 
 
 def _with_tail_known(parts: Products, fit: Fit, variance: float) -> NormalEquations:

@@ -41,12 +41,18 @@ class Kernel:
         sigma, in the units of the samples.
     bias : float
         |k - plain least squares| / |k|.
+    inverse : (n + q, n + q) float64
+        Of the equations without the near photograph's noise.
+    given_back : (n + q,) float64
+        What taking that noise off adds to the equations' right-hand side.
     """
 
     total: Array
     covariance: Array
     noise: float
     bias: float
+    inverse: Array
+    given_back: Array
 
     @property
     def k(self) -> Array:
@@ -89,7 +95,8 @@ def without_near_noise(fit: Fit, near_noise_limit: float) -> Kernel:
     D = scipy.linalg.block_diag(np.eye(len(fit.kernel)), np.tensordot(shapes, shapes, axes=((1, 2), (1, 2))))
     c = fit.near.s**2 / float(np.linalg.det(fit.scale()))
     noise = float(np.sqrt(fit.variance / (1 + c * float(fit.kernel @ fit.kernel))))
-    corrected = G - len(fit.residual) * c * min(noise, near_noise_limit) ** 2 * D
+    taken_off = len(fit.residual) * c * min(noise, near_noise_limit) ** 2 * D
+    corrected = G - taken_off
     try:
         total = cholesky_solve(corrected, G @ plain)
     except np.linalg.LinAlgError as error:
@@ -100,7 +107,7 @@ def without_near_noise(fit: Fit, near_noise_limit: float) -> Kernel:
         ) from error
     inverted = inverse(corrected)
     bias = float(np.linalg.norm(total - plain) / np.linalg.norm(total))
-    return Kernel(total, fit.variance * inverted @ G @ inverted, noise, bias)
+    return Kernel(total, fit.variance * inverted @ G @ inverted, noise, bias, inverted, taken_off @ total)
 
 
 def noise_at_most(samples: Array32) -> float:

@@ -117,6 +117,19 @@ def psf_by_recursion(total: Array, s: int, J: Array) -> Recovered:
     return Recovered(np.asarray(found[:, 0]), np.asarray(found[:, 1:]))
 
 
+def band(k: int, s: int) -> tuple[Array, Array]:
+    """The frequencies (x, y) in cycles/pixel at which a spectrum is wanted by `nearest`."""
+    fx, fy, _ = _band(k)
+    return s * fx, s * fy
+
+
+def nearest(change: Complex, k: int) -> Array:
+    """The parameters (k^2 + q,) nearest to a change of the spectrum at the frequencies of `band`, of no light."""
+    A, factor = _nearest(k)
+    right = A.real.T @ change.real + A.imag.T @ change.imag
+    return np.asarray(scipy.linalg.cho_solve(factor, right, check_finite=False))
+
+
 def psf_by_equation(total: Array, s: int, J: Array) -> Recovered:
     """The PSF as the least-squares solution of H(f) - K(f) H(J^-T f) = 0 under equal sums: the recursion's check.
 
