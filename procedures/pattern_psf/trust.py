@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from procedures.choice import Trial, band_edge
 from procedures.outcome import Refused, Rule, Verdict, verdict_of
-from procedures.pattern_psf.choice import Trial, band_edge
 from procedures.pattern_psf.error_parts import ErrorParts, Variation
 from procedures.pattern_psf.radiometry import Light
 from procedures.pattern_psf.refine import RESPONSE, SPREAD, Fit, TailPrior
