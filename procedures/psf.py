@@ -110,6 +110,13 @@ class Psf:
         if q > len(SHAPES) or (q and self.tail.cross.shape != (k * k, q)) or self.tail.covariance.shape != (q, q):
             raise ValueError(f"the tail's covariances must fit {k * k} samples and {q} of {len(SHAPES)} shapes")
 
+    @classmethod
+    def of(cls, parameters: Array, covariance: Array, k: int, s: int) -> Psf:
+        """The PSF of k x k samples with these `parameters` (k^2 + q,) and their covariance."""
+        n = k * k
+        tail = Tail(parameters[n:], covariance[n:, n:], covariance[:n, n:])
+        return cls(parameters[:n].reshape(k, k), s, covariance[:n, :n], tail)
+
     @property
     def k(self) -> int:
         """Number of samples along one side."""
