@@ -154,7 +154,7 @@ class Psf:
     def energy_outside(self) -> tuple[float, float]:
         """Share of the light outside the support, and its standard uncertainty."""
         share = 1 - float(self.h.sum()) / self.light
-        slope = (self.weights * (1 - share) - np.concatenate([np.ones(self.k**2), np.zeros_like(self.tail.amplitudes)]))
+        slope = self.weights * (1 - share) - np.concatenate([np.ones(self.k**2), np.zeros_like(self.tail.amplitudes)])
         slope = slope / self.light
         return share, float(np.sqrt(max(slope @ self.parameter_covariance @ slope, 0.0)))
 
@@ -177,13 +177,7 @@ class Psf:
 
     def extended(self) -> Array:
         """Samples of the support and of the tail within its reach, as one image (K, K); (k, k) without a tail."""
-        q = len(self.tail.amplitudes)
-        if not q:
-            return self.h
-        image = np.tensordot(self.tail.amplitudes, tail_kernels(self.k)[:q], axes=1)
-        rim = tail_border(self.k) - self.k // 2
-        image[rim:-rim, rim:-rim] = self.h
-        return np.asarray(image)
+        return extended(self.parameters, self.k)
 
     def contract(self, image: Array) -> Array:
         """The derivative (k^2 + q,) by the parameters of what has the derivative `image` by `extended()`."""
@@ -193,3 +187,14 @@ class Psf:
         rim = tail_border(self.k) - self.k // 2
         outside = np.tensordot(tail_kernels(self.k)[:q], image, axes=2)
         return np.concatenate([image[rim:-rim, rim:-rim].ravel(), outside])
+
+
+def extended(parameters: Array, k: int) -> Array:
+    """Samples and tail (K, K) of parameters (k^2 + q,), as `Psf.extended`."""
+    h, amplitudes = parameters[: k * k].reshape(k, k), parameters[k * k :]
+    if not len(amplitudes):
+        return h
+    image = np.tensordot(amplitudes, tail_kernels(k)[: len(amplitudes)], axes=1)
+    rim = tail_border(k) - k // 2
+    image[rim:-rim, rim:-rim] = h
+    return np.asarray(image)

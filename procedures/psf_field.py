@@ -1,8 +1,8 @@
 """The PSF over the whole frame: measured at nodes, told with its error anywhere, applied to images.
 
-Every parameter of the PSF, a sample of its support or an amplitude of its tail, is a smooth function of the place. What
-varies is described by a few components, A a(x), found from the nodes' PSFs z_i; a model predicts their coefficients from
-those of the nodes, B z_i, and the rest is the mean:
+Every parameter of the PSF, a sample of its support or an amplitude of its tail, is a smooth function of the place.
+What varies is described by a few components, A a(x), found from the nodes' PSFs z_i; a model predicts their
+coefficients from those of the nodes, B z_i, and the rest is the mean:
 
     h(x) = Q z + A (o + sum_i T_i(x) (B z_i - o)),    P = A B,  Q = I - P,  z = sum_i m_i z_i
 
@@ -19,7 +19,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics.kernel_tail import tail_kernels
+from procedures.numerics.kernel_tail import tail_kernels, tail_sums
 from procedures.numerics.scattered import Hull
 from procedures.psf import Psf
 
@@ -157,6 +157,11 @@ class PsfField:
     def samples(self, points: Array) -> Array:
         """The supports of the PSFs at points (n, 2) of the plane, (n, k, k), each of sum 1."""
         return self.parameters(points)[:, : self.k**2].reshape(-1, self.k, self.k)
+
+    def energy_outside(self, points: Array) -> Array:
+        """Share of the light outside the PSFs' supports at points (n, 2) of the plane, (n,)."""
+        outside = self.parameters(points)[:, self.k**2 :] @ tail_sums(self.k)[: self.q]
+        return np.asarray(outside / (1 + outside))
 
     def at(self, x: float, y: float) -> Psf:
         """The whole PSF at a place of the plane, with the covariance of its error: noise and interpolation.

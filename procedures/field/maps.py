@@ -51,6 +51,7 @@ MAPS = (
     ("mtf50_meridional", "MTF50 of meridional detail", "cycles/pixel"),
     ("astigmatism", "MTF50, sagittal less meridional", "cycles/pixel"),
     ("energy_above_nyquist", "Energy above Nyquist", "1"),
+    ("energy_outside_support", "Energy outside the support of the samples", "1"),
 )
 """Maps of numbers drawn from the PSF: name, title, unit."""
 
@@ -105,7 +106,9 @@ def numbers_of(psf: Psf, radius: float) -> tuple[Array, Array]:
     numbers = (sagittal, meridional, astigmatism, energy_above_nyquist(psf))
     slopes = np.array([slope for _, slope in numbers])
     variance = np.einsum("ij,ij->i", slopes @ psf.parameter_covariance, slopes)
-    return np.array([value for value, _ in numbers]), np.sqrt(np.maximum(variance, 0))
+    outside = psf.energy_outside if len(psf.tail.amplitudes) else (np.nan, np.nan)
+    values = np.array([*(value for value, _ in numbers), outside[0]])
+    return values, np.append(np.sqrt(np.maximum(variance, 0)), outside[1])
 
 
 def _none(psf: Psf) -> tuple[float, Array]:

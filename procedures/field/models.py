@@ -208,4 +208,4 @@ def _unknowns(optic: Optic, degree: int) -> int:
     """Numbers that the nodes determine: no harmonic can have more than there are components."""
     r = len(optic.analysis)
     columns = (optic.harmonics(m)[0].shape[1] for j in range(1, degree + 1) for m in range(j, -1, -2))
-    return r + sum(min(r, n) for n in columns) // 2
+    return int(r + sum(min(r, n) for n in columns) // 2)

@@ -59,7 +59,7 @@ class Whitened:
     @property
     def size(self) -> int:
         """Parameters of a PSF, p."""
-        return self.z.shape[1]
+        return int(self.z.shape[1])
 
     def basis(self, kept: Indices) -> tuple[Array, Array]:
         """Weighted mean (p,) and principal directions (n, p), the strongest first, of some nodes."""
