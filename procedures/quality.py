@@ -386,8 +386,7 @@ def _of_support(psf: Psf, name: str, x: Array) -> _Found:
 
 def energy_outside_support(psf: Psf, n: int) -> Quantity:
     """The share of all light outside the support: of this support, not of the camera."""
-    share, gradient = psf.energy_outside
-    uncertainty = float(_uncertainty(psf.parameter_covariance, gradient[None])[0])
+    share, uncertainty = psf.energy_outside
     return Quantity(share, "1", uncertainty, "share of all light outside the support", n)
 
 

@@ -25,12 +25,13 @@ from procedures.cross_check.estimate import EdgeCheck
 from procedures.outcome import BadParameter, Outcome, Quantity, Verdict
 from procedures.psf import Psf
 from procedures.quality import Quality, energy_outside_support
-from station.exports import GAUSSIAN_RADIUS, gaussian_radius, numbers_table, profile_table, psf_fits, psf_tiff
+from station.exports import GAUSSIAN_RADIUS, gaussian_radius, numbers_table, psf_fits, psf_tiff
 from station.names import encodable
 from station.pictures import psf_picture
+from station.radial_profile import profile_table
 
 if TYPE_CHECKING:
-    from procedures.pattern_psf.choice import Trial
+    from procedures.choice import Trial
     from procedures.pattern_psf.error_parts import Variation
     from procedures.physics.estimate import Physics
 
