@@ -10,21 +10,23 @@ anew for the uncertainty.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from procedures.outcome import Outcome, Quantity, Refused, Verdict
+from procedures.quality import Diffraction
 from procedures.raw import Plane
 from procedures.slanted_edge.course import Course, find_course
-from procedures.slanted_edge.find import find_edges
+from procedures.slanted_edge.find import Sighting, edge_listed, find_edges
 from procedures.slanted_edge.profile import Profile, edge_profile
 from procedures.slanted_edge.refinement import refine_course
 from procedures.slanted_edge.resampling import expected_noise, resampled_mtf
 from procedures.slanted_edge.strip import Line, Roi, Strip, strip_of
+from procedures.slanted_edge.tail import Tail
 from procedures.slanted_edge.transfer import FREQUENCIES, frequency_at, mtf_of
-from procedures.slanted_edge.trust import check_course, check_samples, judge
+from procedures.slanted_edge.trust import check_clipping, check_course, check_samples, judge
 
 Array = npt.NDArray[np.float64]
 
@@ -79,33 +81,65 @@ class EdgeMtf:
         return "near-horizontal" if self.turned else "near-vertical"
 
 
-def estimate_edges(plane: Plane) -> list[Outcome[EdgeMtf]]:
-    """The MTF across every slanted edge that a plane shows, the best first; one refusal where there is none."""
+@dataclass(frozen=True)
+class EdgeOutcome(Outcome[EdgeMtf]):
+    """One edge's MTF with its own verdict, and where it lies; no place where nothing was found."""
+
+    roi: Roi | None = None
+    turned: bool = False
+
+
+def estimate_edges(plane: Plane, diffraction: Diffraction | None = None) -> list[EdgeOutcome]:
+    """Every slanted edge that a plane shows: those that pass, the doubtful, the refused, the best of each first.
+
+    One refusal without a place where there is no edge. Diffraction, where it is known, says what is known of the tail.
+    """
     try:
         sightings = find_edges(plane.samples)
     except Refused as refusal:
-        return [Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)]
-    outcomes = [measure(one.strip, one.line) for one in sightings]
-    usable = [one for one in outcomes if one.value is not None]
-    return usable or outcomes[:1]
+        return [EdgeOutcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)]
+    outcomes = [_of_sighting(one, plane, diffraction) for one in sightings]
+    return sorted(outcomes, key=lambda one: list(Verdict).index(one.verdict))
 
 
-def estimate_edge(plane: Plane, roi: Roi) -> Outcome[EdgeMtf]:
+def estimate_edge(plane: Plane, roi: Roi, diffraction: Diffraction | None = None) -> EdgeOutcome:
     """The MTF across the one edge of a region, or the reason why it has none.
+
+    A region that an edge has in `estimate_edges` means that edge, with as much of its plains as is plain.
 
     Raises
     ------
     BadParameter
         If the region does not lie in the plane.
     """
-    return measure(strip_of(plane.samples, roi))
+    strip = strip_of(plane.samples, roi)
+    listed = edge_listed(plane.samples, roi)
+    if listed is not None:
+        return _of_sighting(listed, plane, diffraction)
+    return _placed(measure(_informed(strip, plane, diffraction)), strip)
+
+
+def _of_sighting(sighting: Sighting, plane: Plane, diffraction: Diffraction | None) -> EdgeOutcome:
+    return _placed(measure(_informed(sighting.strip, plane, diffraction), sighting.line), sighting.strip)
+
+
+def _informed(strip: Strip, plane: Plane, diffraction: Diffraction | None) -> Strip:
+    """The strip with what is known of the camera."""
+    tail = None if diffraction is None else Tail.of_pupil(diffraction)
+    return replace(strip, quantisation=plane.quantisation, tail=tail)
+
+
+def _placed(outcome: Outcome[EdgeMtf], strip: Strip) -> EdgeOutcome:
+    return EdgeOutcome(outcome.value, outcome.verdict, outcome.reason, outcome.remedy, strip.roi, strip.turned)
 
 
 def measure(strip: Strip, line: Line | None = None) -> Outcome[EdgeMtf]:
     """The MTF across the edge of a strip, near a line where one is known; refused outcomes have no value."""
     try:
         check_samples(strip)
-        course = refine_course(strip, find_course(strip, line))
+        course = find_course(strip, line)
+        check_clipping(strip, course)
+        course = refine_course(strip, course)
         check_course(strip, course)
     except Refused as refusal:
         return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.slanted_edge.course import tukey
-from procedures.slanted_edge.profile import BINS, Profile, filled, solve_light
+from procedures.slanted_edge.profile import BINS, Profile, filled, known_too, solve_light
 from procedures.slanted_edge.transfer import mtf_of
 
 Array = npt.NDArray[np.float64]
@@ -28,12 +28,13 @@ def resampled_mtf(profile: Profile, draws: int = DRAWS) -> Array:
     varies by (m - 1) / (m + 1) of what it should: the spread is enlarged by that.
     """
     n = len(profile.sums)
-    weight = np.random.default_rng(SEED).exponential(size=(draws, n))
+    rng = np.random.default_rng(SEED)
+    weight = rng.exponential(size=(draws, n))
     esf = filled(weight @ profile.sums, weight @ profile.counts)
-    light = solve_light(
-        np.tensordot(weight, profile.light_normal, axes=1), np.tensordot(weight, profile.light_right, axes=1)
-    )
-    tail = profile.known_tail + light[:, 2] / (light[:, 1] - light[:, 0])
+    equations = (np.tensordot(weight, part, axes=1) for part in (profile.light_normal, profile.light_right))
+    known = profile.tail_known, profile.tail_weight, profile.contrast, rng.standard_normal(draws)
+    light = solve_light(*known_too(*equations, *known))
+    tail = light[:, 2] / (light[:, 1] - light[:, 0])
     # the values were divided by the light that all rows gave: what theirs differs by changes them with the distance
     level = profile.esf + profile.light[0] / profile.contrast
     esf = esf - (light[:, 3:4] - profile.light[3]) * profile.centres * level
