@@ -37,6 +37,11 @@ SURE = 0.008
 METHOD = "ISO 12233:2023 e-SFR, four bins to a pixel; uncertainty by drawing rows anew"
 
 
+def orientation(turned: bool) -> str:
+    """Of an edge, in words; turned ones are nearer to horizontal."""
+    return "near-horizontal" if turned else "near-vertical"
+
+
 @dataclass(frozen=True)
 class EdgeMtf:
     """The MTF across one edge.
@@ -78,7 +83,7 @@ class EdgeMtf:
     @property
     def orientation(self) -> str:
         """The edge's own: near-horizontal or near-vertical."""
-        return "near-horizontal" if self.turned else "near-vertical"
+        return orientation(self.turned)
 
 
 @dataclass(frozen=True)

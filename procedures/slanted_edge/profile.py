@@ -11,12 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-
 from scipy.ndimage import map_coordinates, spline_filter1d
 
 from procedures.slanted_edge.course import Course
 from procedures.slanted_edge.strip import Strip
-from procedures.slanted_edge.tail import Tail
+from procedures.slanted_edge.tail import Tail, with_tail
 
 Array = npt.NDArray[np.float64]
 
@@ -215,30 +214,12 @@ def _plains(strip: Strip, d: Array, far: npt.NDArray[np.bool_]) -> tuple[Array, 
         columns = np.stack([~bright, bright, approach, *slopes], axis=-1) * far[..., None]
         normal = np.einsum("nmi,nmj->nij", columns, columns)
         right = np.einsum("nmi,nm->ni", columns, strip.samples)
-        total, answer = known_too(normal.sum(axis=0), right.sum(axis=0), strip.tail, weight, light[1] - light[0])
-        light = solve_light(total, answer)
+        total, answer, contrast = normal.sum(axis=0), right.sum(axis=0), light[1] - light[0]
+        light = solve_light(*with_tail(total, answer, strip.tail, weight, contrast))
         if strip.tail is not None:
             left = (strip.samples - columns @ (light / LIGHT_UNITS))[far]
-            weight = _weight(strip.tail, float(np.var(left)), light[1] - light[0], float(normal[:, 2, 2].sum()))
+            weight = strip.tail.weight(float(np.var(left)) / contrast**2, float(total[2, 2]))
     return light, normal, right, weight
-
-
-def _weight(tail: Tail, variance: float, contrast: float, most: float) -> float:
-    """Of the row that says what is known of the tail, where the samples have this variance and weight 1."""
-    sure = 1e6 * most
-    return float(min(variance / max((tail.uncertainty_px * contrast) ** 2, variance / sure + 1e-30), sure))
-
-
-def known_too(
-    normal: Array, right: Array, tail: Tail | None, weight: float, contrast: Array | float, drawn: Array | float = 0.0
-) -> tuple[Array, Array]:
-    """Normal equations (..., 5, 5), (..., 5) with what is known of the tail; `drawn` uncertainties beside it."""
-    if tail is None:
-        return normal, right
-    normal, right = normal.copy(), right.copy()
-    normal[..., 2, 2] += weight
-    right[..., 2] += weight * contrast * (tail.px + drawn * tail.uncertainty_px)
-    return normal, right
 
 
 def solve_light(normal: Array, right: Array) -> Array:

@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.slanted_edge.course import tukey
-from procedures.slanted_edge.profile import BINS, Profile, filled, known_too, solve_light
+from procedures.slanted_edge.profile import BINS, Profile, filled, solve_light
+from procedures.slanted_edge.tail import with_tail
 from procedures.slanted_edge.transfer import mtf_of
 
 Array = npt.NDArray[np.float64]
@@ -31,9 +32,9 @@ def resampled_mtf(profile: Profile, draws: int = DRAWS) -> Array:
     rng = np.random.default_rng(SEED)
     weight = rng.exponential(size=(draws, n))
     esf = filled(weight @ profile.sums, weight @ profile.counts)
-    equations = (np.tensordot(weight, part, axes=1) for part in (profile.light_normal, profile.light_right))
-    known = profile.tail_known, profile.tail_weight, profile.contrast, rng.standard_normal(draws)
-    light = solve_light(*known_too(*equations, *known))
+    normal, right = (np.tensordot(weight, part, axes=1) for part in (profile.light_normal, profile.light_right))
+    sureness = profile.tail_weight, profile.contrast
+    light = solve_light(*with_tail(normal, right, profile.tail_known, *sureness, rng.standard_normal(draws)))
     tail = light[:, 2] / (light[:, 1] - light[:, 0])
     # the values were divided by the light that all rows gave: what theirs differs by changes them with the distance
     level = profile.esf + profile.light[0] / profile.contrast

@@ -75,9 +75,7 @@ def spread(otf: Callable[[Array], Array], reach_px: float, highest: float = HIGH
     return d, 0.5 + values
 
 
-def edge(
-    camera: Camera, *, rows: int = 100, columns: int = 60, angle_deg: float = 5.0, shift_px: float = 0.0
-) -> Array:
+def edge(camera: Camera, *, rows: int = 100, columns: int = 60, angle_deg: float = 5.0, shift_px: float = 0.0) -> Array:
     """Light on the pixels, bright on the right, (rows, columns), from `BLACK` to `WHITE`."""
     y, x = np.mgrid[:rows, :columns]
     lean = np.radians(angle_deg)
