@@ -44,7 +44,12 @@ class Clipping:
 
 
 def find_clipping(
-    samples: npt.NDArray[np.float32] | Array, quantisation: float, *, dark_noise: float = 0.0, bright_noise: float = 0.0
+    samples: npt.NDArray[np.float32] | Array,
+    quantisation: float = 0.0,
+    *,
+    dark_noise: float = 0.0,
+    bright_noise: float = 0.0,
+    of_edge: bool = False,
 ) -> Clipping:
     """The shares of samples that pile up at their own ends, and at the nominal white.
 
@@ -56,6 +61,8 @@ def find_clipping(
     dark_noise, bright_noise : float
         Standard deviations of the noise where it is dark and where it is bright, in these units; 0 where they are not
         known.
+    of_edge : bool
+        Whether the samples are of one edge between two plains: its approach to both is then compared too.
     """
     values = np.ravel(samples).astype(np.float64)
     values = values[np.isfinite(values)]
@@ -63,8 +70,8 @@ def find_clipping(
         return Clipping(0.0, 0.0)
     step = _step(values, quantisation)
     nominal = float(np.mean(values >= NOMINAL))
-    white = _cut_off(values, step, dark_noise, SOME_NOISE)
-    black = _cut_off(-values, step, bright_noise, MUCH_NOISE)
+    white = _cut_off(values, step, dark_noise, SOME_NOISE, of_edge)
+    black = _cut_off(-values, step, bright_noise, MUCH_NOISE, of_edge)
     return Clipping(black, max(white, nominal))
 
 
@@ -74,7 +81,7 @@ def _step(values: Array, quantisation: float) -> float:
     return max(quantisation, float(np.quantile(np.diff(distinct), 0.1)) if len(distinct) > 1 else 0.0)
 
 
-def _cut_off(values: Array, step: float, noise: float, enough: float) -> float:
+def _cut_off(values: Array, step: float, noise: float, enough: float, of_edge: bool) -> float:
     """The share of values that are cut off at the upper end; the other end has a noise."""
     stray = int(STRAY * len(values))
     pile = float(np.partition(values, len(values) - 1 - stray)[len(values) - 1 - stray])
@@ -82,7 +89,8 @@ def _cut_off(values: Array, step: float, noise: float, enough: float) -> float:
     share = counts[0] / len(values)
     if share < LEAST_PILE or counts[0] < STEEP * max(counts[1:]):
         return 0.0
-    return share if noise > enough * step or _abrupt(values, pile, max(2.5 * step, 4 * noise)) else 0.0
+    cut = noise > enough * step or (of_edge and _abrupt(values, pile, max(2.5 * step, 4 * noise)))
+    return share if cut else 0.0
 
 
 def _abrupt(values: Array, pile: float, fuzzy: float) -> bool:

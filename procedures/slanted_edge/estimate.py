@@ -26,7 +26,7 @@ from procedures.slanted_edge.resampling import expected_noise, resampled_mtf
 from procedures.slanted_edge.strip import Line, Roi, Strip, strip_of
 from procedures.slanted_edge.tail import Tail
 from procedures.slanted_edge.transfer import FREQUENCIES, frequency_at, mtf_of
-from procedures.slanted_edge.trust import check_clipping, check_course, check_samples, judge
+from procedures.slanted_edge.trust import MOST_OVERSHOOT, check_clipping, check_course, check_samples, judge
 
 Array = npt.NDArray[np.float64]
 
@@ -162,7 +162,8 @@ def _through_windows(strip: Strip, course: Course) -> tuple[Profile, Array]:
     """Profile and MTF through the widest window that the noise allows.
 
     A wide window holds most of what a lens throws far, a narrow one lets least noise through. Which it is depends on
-    the noise alone, not on the answer: a choice by the answers made the error 1.4 times as large.
+    the noise alone, not on the answer: a choice by the answers made the error 1.4 times as large. The halo that
+    sharpening leaves is no tail of a lens's form: it has to lie in the window.
     """
     end = np.inf
     for widening in WIDENINGS:
@@ -171,7 +172,7 @@ def _through_windows(strip: Strip, course: Course) -> tuple[Profile, Array]:
             continue
         end = profile.end_px
         mtf = mtf_of(profile.esf, np.asarray(profile.tail), profile.flat_px, profile.end_px)
-        if expected_noise(profile, float(frequency_at(mtf, 0.5))) < SURE:
+        if expected_noise(profile, float(frequency_at(mtf, 0.5))) < SURE or profile.overshoot > MOST_OVERSHOOT:
             break
     return profile, mtf
 
@@ -201,6 +202,7 @@ def _result(strip: Strip, course: Course, profile: Profile, mtf: Array, draws: A
             "window_px": profile.end_px,
             "width_px": profile.width_px,
             "tail_px": profile.tail,
+            "overshoot": profile.overshoot,
         },
     )
 

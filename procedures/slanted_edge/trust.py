@@ -14,8 +14,9 @@ from procedures.slanted_edge.strip import Strip
 Array = npt.NDArray[np.float64]
 
 MOST_CLIPPED = 0.01
-CLEAR_PX = 4.0
-"""From the edge, where a plain's noise is looked at."""
+MOST_OVERSHOOT = 0.01
+OUTER = 0.6
+"""Of a plain's reach, from where on its noise is looked at."""
 LEAST_ROWS = 16
 """Pixels along an edge: fewer draw no error bar."""
 LEAST_DRIFT_PX = 0.9
@@ -56,26 +57,28 @@ def check_clipping(strip: Strip, course: Course) -> None:
     """
     d = course.distances(strip)
     near = strip.usable & (np.abs(d) < strip.reach_px)
-    dark, bright = (_noise_along(strip.samples, near & (d * side > CLEAR_PX)) for side in (-1, 1))
-    found = find_clipping(strip.samples[near], strip.quantisation, dark_noise=dark, bright_noise=bright)
+    reach = np.abs(d[near]).max()
+    dark, bright = (_noise_along(strip.samples, near & (d * side > OUTER * reach)) for side in (-1, 1))
+    samples = strip.samples[near]
+    found = find_clipping(samples, strip.quantisation, dark_noise=dark, bright_noise=bright, of_edge=True)
     if found.white > MOST_CLIPPED:
         raise Refused(
             f"the edge's bright side must not be clipped; {found.white:.0%} of its samples are cut off at "
-            f"{float(strip.samples[near].max()):.3f} of the scale",
+            f"{float(samples.max()):.3f} of the scale",
             "expose less, and take the RAW file: white at 80 % of the scale is right",
         )
     if found.black > MOST_CLIPPED:
         raise Refused(
             f"the edge's dark side must not be cut off; {found.black:.0%} of its samples lie at their smallest value, "
-            f"{float(strip.samples[near].min()):.3f} of the scale",
+            f"{float(samples.min()):.3f} of the scale",
             "take the RAW file as the camera wrote it, and give its own black level",
         )
 
 
 def _noise_along(samples: Array, plain: npt.NDArray[np.bool_]) -> float:
-    """Standard deviation of a plain's noise: of what neighbours along the edge do not share; 0 where there are none."""
-    steps = np.diff(samples, axis=0)[plain[1:] & plain[:-1]]
-    return float(np.std(steps)) / 2**0.5 if len(steps) > 1 else 0.0
+    """Standard deviation of a plain's noise, by second differences along the edge; 0 where there are none."""
+    bends = np.diff(samples, 2, axis=0)[plain[2:] & plain[1:-1] & plain[:-2]]
+    return float(np.sqrt(np.mean(bends**2) / 6)) if len(bends) else 0.0
 
 
 def check_course(strip: Strip, course: Course) -> None:
@@ -153,6 +156,12 @@ def _doubts(course: Course, profile: Profile, mtf50: float, uncertainty: float) 
             f"the areas beside the edge vary by {profile.unevenness / max(abs(profile.contrast), 1e-12):.1%} of its "
             "contrast",
             "light it evenly, and keep texture and reflections off it",
+        ),
+        Rule(
+            doubtful,
+            profile.overshoot > MOST_OVERSHOOT,
+            f"the edge overshoots its plains by {profile.overshoot:.1%} or more: the photograph was sharpened",
+            "take the RAW file: sharpening is no property of the lens",
         ),
         Rule(
             doubtful,

@@ -11,12 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.interpolate import CubicSpline
 
 from procedures.raw import Plane
 
 Array = npt.NDArray[np.float64]
 
 BLACK, WHITE = 0.08, 0.8
+APART_PX = 0.02
 HIGHEST = 12.0
 """Cycles per pixel up to which an OTF that never ends (a pixel alone) is added up."""
 
@@ -62,17 +64,18 @@ class Camera:
         return cls(blur_px=low, **others)
 
 
-def spread(otf: Callable[[Array], Array], reach_px: float, highest: float = HIGHEST) -> tuple[Array, Array]:
+def spread(otf: Callable[[Array], Array], reach_px: float) -> tuple[Array, Array]:
     """Distances and the edge spread function there, 0 dark and 1 bright.
 
-    Midpoints of steps so small that the sum repeats itself only at eight times the reach.
+    Midpoints of steps so small that the sum repeats itself only at thirty-two times the reach.
     """
-    d = np.arange(-reach_px, reach_px + 0.01, 0.02)
-    step = 1 / (16 * reach_px)
-    f = np.arange(step / 2, highest, step)
-    weight = otf(f) / (np.pi * f) * step
-    values = np.concatenate([np.sin(2 * np.pi * part[:, None] * f) @ weight for part in np.array_split(d, 40)])
-    return d, 0.5 + values
+    count = 2 ** int(np.ceil(np.log2(32 * reach_px / APART_PX)))
+    step = 1 / (count * APART_PX)
+    f = (np.arange(int(HIGHEST / step)) + 0.5) * step
+    d = np.arange(int(np.ceil(reach_px / APART_PX)) + 1) * APART_PX
+    waves = np.fft.ifft(otf(f) / (np.pi * f) * step, count)[: len(d)] * count
+    rise = np.imag(np.exp(1j * np.pi * step * d) * waves)
+    return np.concatenate([-d[:0:-1], d]), 0.5 + np.concatenate([-rise[:0:-1], rise])
 
 
 def edge(camera: Camera, *, rows: int = 100, columns: int = 60, angle_deg: float = 5.0, shift_px: float = 0.0) -> Array:
@@ -80,9 +83,8 @@ def edge(camera: Camera, *, rows: int = 100, columns: int = 60, angle_deg: float
     y, x = np.mgrid[:rows, :columns]
     lean = np.radians(angle_deg)
     d = (x - (columns - 1) / 2 - shift_px) * np.cos(lean) - (y - (rows - 1) / 2) * np.sin(lean)
-    highest = min(camera.cutoff, HIGHEST) if camera.blur_px < 0.1 else min(camera.cutoff, 1.2 / camera.blur_px)
-    places, values = spread(lambda f: camera.otf(f, angle_deg), float(np.abs(d).max()) + 1, highest)
-    return np.asarray(BLACK + (WHITE - BLACK) * np.interp(d, places, values))
+    places, values = spread(lambda f: camera.otf(f, angle_deg), float(np.abs(d).max()) + 1)
+    return np.asarray(BLACK + (WHITE - BLACK) * CubicSpline(places, values)(d))
 
 
 def photograph(light: Array, rng: np.random.Generator, noise: float = 0.004) -> Plane:
