@@ -246,6 +246,19 @@ def quantity_along(psf: Psf, angle_deg: float, n: int) -> Quantity | None:
     return Quantity(value, "cycles/pixel", uncertainty, f"|OTF| = 0.5 at {angle_deg:.1f} degrees from x", n)
 
 
+def energy_within(psf: Psf, radius_px: float) -> tuple[float, Array]:
+    """Share of all light within a radius about the centre, of the band-limited PSF, and its derivative (k^2 + q,)."""
+    image, light = psf.extended(), psf.light
+    size = min(2 * (int(np.ceil(radius_px * psf.s)) + AROUND) + 1, len(image))
+    rim = (len(image) - size) // 2
+    M, r, _ = _fine_grid(size, psf.s)
+    weight = (np.clip((radius_px - r) * FINE * psf.s + 0.5, 0, 1) / FINE**2).reshape(len(M), len(M))
+    by_image = np.zeros_like(image)
+    by_image[rim : len(image) - rim, rim : len(image) - rim] = M.T @ weight @ M
+    share = float(np.sum(by_image * image)) / light
+    return share, (psf.contract(by_image) - share * psf.weights) / light
+
+
 def energy_above_nyquist(psf: Psf) -> tuple[float, Array]:
     """Share of |OTF|^2 outside |fx|, |fy| <= 1/2, what noise adds taken away, and its derivative (k^2 + q,)."""
     image = psf.extended()

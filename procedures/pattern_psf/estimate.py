@@ -248,11 +248,6 @@ def _check_light(light: Light, quantisation: float) -> None:
             f"the chart's white must not be clipped; {light.saturated:.0%} of its white samples are",
             "expose less: white at 80 % of the scale is right",
         )
-    if light.crushed > 0.01:
-        raise Refused(
-            f"the chart's black must not be cut off; {light.crushed:.0%} of its black samples lie at one value",
-            "take the RAW file as the camera wrote it, and give its own black level",
-        )
     steps = light.contrast / quantisation
     if steps < LEAST_STEPS:
         raise Refused(
