@@ -107,7 +107,8 @@ class WorkingApp(App[int]):
             job.wait(timeout_s)
 
     def _fatal_error(self) -> None:
-        """A fault of the program: one sentence for the operator, the traceback for whoever asks for it."""
+        """A fault of the program: the bench stops; a sentence for the operator, the traceback for whoever asks."""
+        at_once(self.lab.emergency_stop)
         if os.environ.get(TRACEBACK) or self._exception is None or self.is_headless:
             super()._fatal_error()
             return

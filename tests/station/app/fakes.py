@@ -56,7 +56,8 @@ class FakeStage:
     def travel(self) -> Mapping[str, Travel]:
         return {"z_mm": Travel(0, 500)}
 
-    def home(self) -> None:
+    def home(self, allowed: Callable[[], None] = lambda: None) -> None:
+        allowed()
         self.homed = True
 
     def move_to(self, **target: float) -> None:
