@@ -41,7 +41,7 @@ from drivers.interfaces import (
 )
 from drivers.transcript import Transcript
 from station.device_makers import MAKERS, Parts
-from station.stopping import Stop, stop_all, stops_on_wires
+from station.stopping import Asked, Stop, stop_all, stops_on_wires
 
 AFTER = ("on", "shutter")  # keys that name a device which must be there first
 
@@ -69,7 +69,7 @@ class Bench:
     transcripts: Mapping[str, Transcript] = field(default_factory=dict)
     _on_close: Sequence[Callable[[], None]] = ()
     simulated: Any = None
-    _stops_s: list[float] = field(default_factory=list)
+    _stops: list[Asked] = field(default_factory=list)
 
     def connect(self) -> None:
         """Connect all devices; those that answer stay connected. Raises NotConnected naming all the others."""
@@ -136,18 +136,19 @@ class Bench:
 
     def emergency_stop(self) -> None:
         """Stop everything, side by side, stages first; from any thread, any number of times."""
-        if self.clock is not None:
-            self._stops_s.append(self.clock.now_s())
+        asked = Asked(self.clock.now_s())
+        self._stops.append(asked)
         stop_all(sorted(self.devices.values(), key=lambda device: not hasattr(device, "move_to")))
+        asked.done.set()
 
     @property
     def stops(self) -> int:
         """How many emergency stops there were."""
-        return len(self._stops_s)
+        return len(self._stops)
 
     def stops_since(self, number: int) -> list[Stop]:
         """The emergency stops after the first `number`, and when each was on which wire."""
-        return stops_on_wires(self._stops_s[number:], self.transcripts)
+        return stops_on_wires(self._stops[number:], self.transcripts)
 
     def check_stops(self, number: int) -> None:
         """Raises EmergencyStopped where there were more emergency stops than `number`."""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 from drivers.interfaces import Device
@@ -12,6 +12,14 @@ from drivers.transcript import Transcript
 
 PATIENCE_S = 0.25
 """How long a stop waits for ports that take nothing; their threads go on trying."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A stop was asked for at this time; `done` when every device was told, or is still being told."""
+
+    at_s: float
+    done: threading.Event = field(default_factory=threading.Event)
 
 
 @dataclass(frozen=True)
@@ -30,7 +38,7 @@ class Stop:
 def stop_all(devices: Iterable[Device]) -> None:
     """Stop these devices side by side, in this order where threads are slow to begin; from any thread."""
     threads = [threading.Thread(target=one.emergency_stop, name="stop", daemon=True) for one in devices]
-    begun = [thread for thread in threads if _begin(thread)]
+    begun = [thread for thread in threads if _begin(thread)]  # each has mostly done its work when the next one begins
     for thread in begun:
         thread.join(PATIENCE_S / len(begun))
 
@@ -45,20 +53,20 @@ def _begin(thread: threading.Thread) -> bool:
     return True
 
 
-def stops_on_wires(asked_s: Iterable[float], transcripts: Mapping[str, Transcript]) -> list[Stop]:
-    """The stops asked for at these times, with what each wire took of them; wires that were told nothing are left out.
+def stops_on_wires(asked: Sequence[Asked], transcripts: Mapping[str, Transcript]) -> list[Stop]:
+    """These stops, once they are done, with when each wire took its bytes; wires that were told nothing are left out.
 
-    A wire has its entry under every stop up to the next; the port of a wire that refused the bytes has None.
+    The port of a wire that refused the bytes has None.
     """
-    begins = list(asked_s)
-    ends = [*begins[1:], float("inf")]
-    return [Stop(begin, _sent(begin, end, transcripts)) for begin, end in zip(begins, ends, strict=False)]
+    for stop in asked:
+        stop.done.wait(2 * PATIENCE_S)
+    return [Stop(stop.at_s, _sent(stop.at_s, transcripts)) for stop in asked]
 
 
-def _sent(begin_s: float, end_s: float, transcripts: Mapping[str, Transcript]) -> dict[str, float | None]:
+def _sent(since_s: float, transcripts: Mapping[str, Transcript]) -> dict[str, float | None]:
     sent: dict[str, float | None] = {}
     for name, transcript in transcripts.items():
-        tries = [one for one in transcript.last() if one.way in "!x" and begin_s <= one.time_s < end_s]
+        tries = [one for one in transcript.last() if one.way in "!x" and one.time_s >= since_s]
         if tries:
             sent[name] = next((one.time_s for one in tries if one.way == "!"), None)
     return sent
