@@ -1,0 +1,11 @@
+"""All rows, and what of the papers cannot be computed here."""
+
+from __future__ import annotations
+
+from station.reproduce import gamma_rows
+from station.reproduce.row import Row
+
+ROWS: tuple[Row, ...] = (*gamma_rows.ROWS,)
+"""In the order of the papers."""
+
+NOT_HERE: tuple[tuple[str, str], ...] = ()
