@@ -126,7 +126,7 @@ DIFFRACTION = Row(
         Check("greatest excess over diffraction", "under the ideal response", high=0.02),
         Check("greatest excess from 0.25 to 1 cycles per pixel", "under the ideal response", high=0.0),
     ),
-    tolerance="Near zero both are 1; there the light outside the support may lift the MTF found by up to its share, 2 %.",
+    tolerance="Near zero both are 1; there the light outside the support may lift the MTF found by its share, 2 %.",
     compute=_diffraction,
 )
 
@@ -225,7 +225,7 @@ PLANES = Row(
     name="planes",
     chapter="camera",
     place="Thesis, Figures 1.7 and 2.15",
-    title="PSFs of the four Bayer planes: red is larger; red's and blue's MTF are turned against green's (L-shaped sites)",
+    title="PSFs of the four Bayer planes: red is larger; red's and blue's MTF are turned against green's",
     checks=(
         Check("radius of 80 % energy, R over the larger green", "larger", low=1.005),
         Check("the same, R over B", "larger", low=1.005),
@@ -355,7 +355,7 @@ NON_NEGATIVE = Row(
         Check.within_factor("energy of the difference over the PSF's", "0.001", 3.0),
         Check("greatest difference of the MTFs", "extremely close", high=0.05),
     ),
-    tolerance="The published photograph is not the one of the figure: its noise may differ by a factor of three in energy.",
+    tolerance="The published photograph is not the figure's: its noise may differ by a factor of three in energy.",
     compute=_non_negative,
     needs=PHOTOGRAPH,
 )
@@ -412,7 +412,7 @@ def _program(setting: Setting) -> Found:
         ),
         curves(
             "program-mtf",
-            [Curve("published program", F, cameras.mtf_across(answers[0])), Curve("ours", F, cameras.mtf_across(ours[0]))],
+            [Curve(name, F, cameras.mtf_across(h)) for name, h in (("published program", answers[0]), ("ours", ours[0]))],
             x=CYCLES,
             y="MTF, horizontal",
         ),

@@ -121,9 +121,9 @@ def estimated(plane: Plane, chart: Chart, s: int = S, k: int = 17, solver: str =
 
 
 def spectrum(h: Array, s: int, fx: npt.ArrayLike, fy: npt.ArrayLike) -> npt.NDArray[np.complex128]:
-    """The transfer function of samples (k, k), s to a pixel, at n frequencies in cycles per pixel: as the papers draw it.
+    """The transfer function of samples (k, k), s to a pixel, at n frequencies in cycles per pixel.
 
-    It is of the support alone.
+    It is of the support alone, as the papers draw it.
     """
     x = (np.arange(len(h)) - len(h) // 2) / s
     across = np.exp(-2j * np.pi * np.multiply.outer(np.atleast_1d(fx), x))

@@ -88,7 +88,7 @@ def _table(setting: Setting) -> Found:
     remark = (
         "γ is the thesis's here, the sum of 1/σ², not its root. The windows are those of 53 × 54 pixels grown by the"
         f" PSF, whose bounds are the published ones. At s/t = 1.1 the noise pattern has {farther:.2f} for 17 × 17."
-        " The pattern of Joshi et al. is not published as data: a disc of arcs with a radius of 20 pixels stands for it."
+        " The pattern of Joshi et al. is not published as data: a disc of arcs, radius 20 pixels, stands for it."
     )
     return Found((*bounds, *noise, *joshi), (figure,), remark)
 
@@ -229,8 +229,8 @@ def _realised(setting: Setting) -> Found:
     by_window = [over_bound(17, m) for m in sides]
     by_support = [over_bound(r, 100) for r in SUPPORTS]
     figures = (
-        curves("realised-m", [Curve("17 × 17", sides, by_window, "o-")], x="side of the window, pixels", y="γ / bound"),
-        curves("realised-r", [Curve("100 × 100 pixels", SUPPORTS, by_support, "o-")], x="side of the PSF", y="γ / bound"),
+        curves("realised-m", [Curve("17 × 17", sides, by_window, "o-")], x="side of the window", y="γ / bound"),
+        curves("realised-r", [Curve("100 × 100", SUPPORTS, by_support, "o-")], x="side of the PSF", y="γ / bound"),
     )  # fmt: skip
     return Found((by_window[-1], max(by_support), min(by_window + by_support)), figures)
 
@@ -381,8 +381,8 @@ EIGENVALUES = Row(
         Check("the same of a disc of arcs, over that", "fast decay", low=1e3),
     ),
     tolerance=(
-        "Cells of one sample weaken the band's corner by sinc(1/2)⁴ in power, 6.1 times, on both sides of a mean that"
-        " scatters by (1 + √(N/M))² / (1 − √(N/M))² = 3.6: 22 in all, and 40 with neighbours that share samples."
+        "Cells of one sample weaken the band's corner 6.1 times in power, 1 / sinc(1/2)⁴; the eigenvalues of random"
+        " matrices spread by (1 + √(N/M))² / (1 − √(N/M))² = 3.6: 22 in all, and 40 as neighbours share samples."
     ),
     compute=_eigenvalues,
 )

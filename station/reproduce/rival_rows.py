@@ -149,7 +149,7 @@ RIVALS = Row(
         " regularisation outperforms Joshi et al. at three levels of it"
     ),
     checks=(
-        Check("PSNR, noise pattern over Joshi et al. with little regularisation", "significantly outperforms", 3.0, unit="dB"),
+        Check("PSNR, noise pattern over Joshi, little regularisation", "significantly outperforms", 3.0, unit="dB"),
         Check("the same, middle", "significantly outperforms", 0.0, unit="dB"),
         Check("the same, strong", "significantly outperforms", 3.0, unit="dB"),
         Check("noise of the MTF where it is under 0.1, little regularisation over ours", "extremely noisy", 2.0),
