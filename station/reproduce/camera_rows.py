@@ -412,7 +412,7 @@ def _program(setting: Setting) -> Found:
         ),
         curves(
             "program-mtf",
-            [Curve(name, F, cameras.mtf_across(h)) for name, h in (("published program", answers[0]), ("ours", ours[0]))],
+            [Curve(name, F, cameras.mtf_across(h[0])) for name, h in (("published program", answers), ("ours", ours))],
             x=CYCLES,
             y="MTF, horizontal",
         ),

@@ -133,9 +133,9 @@ def spectrum(h: Array, s: int, fx: npt.ArrayLike, fy: npt.ArrayLike) -> npt.NDAr
 
 def mtf_across(h: Array, s: int = S, f: Array = FREQUENCIES) -> Array:
     """Modulus along rows, 1 at zero."""
-    return np.abs(spectrum(h, s, f, np.zeros_like(f))) / h.sum()
+    return np.asarray(np.abs(spectrum(h, s, f, np.zeros_like(f))) / h.sum())
 
 
 def mtf_down(h: Array, s: int = S, f: Array = FREQUENCIES) -> Array:
     """Modulus along columns, 1 at zero."""
-    return np.abs(spectrum(h, s, np.zeros_like(f), f)) / h.sum()
+    return np.asarray(np.abs(spectrum(h, s, np.zeros_like(f), f)) / h.sum())

@@ -59,7 +59,9 @@ def curves(
     return svg(figure, name, f"{y} over {x}: {', '.join(curve.label for curve in curves)}")
 
 
-def pictures(name: str, shown: Sequence[tuple[str, Array]], *, columns: int = 4, cmap: str = "gray") -> Markup:
+def pictures(
+    name: str, shown: Sequence[tuple[str, npt.NDArray[np.floating]]], *, columns: int = 4, cmap: str = "gray"
+) -> Markup:
     """Grey pictures side by side, each from its least to its greatest value."""
     columns = min(columns, len(shown))
     rows = -(-len(shown) // columns)

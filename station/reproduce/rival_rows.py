@@ -43,7 +43,7 @@ def gaussian_kernel(k: int = K) -> Array:
     """The kernel of the simulation, of sum 1."""
     x = (np.arange(k) - k // 2) / S
     line = np.exp(-(x**2) / (2 * GAUSSIAN_PX**2))
-    return np.outer(line, line) / line.sum() ** 2
+    return np.asarray(np.outer(line, line) / line.sum() ** 2)
 
 
 @dataclass(frozen=True, eq=False)

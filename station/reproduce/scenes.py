@@ -50,14 +50,14 @@ def map_drawing(shape: tuple[int, int], rng: np.random.Generator) -> Array:
     """Thin lines, dots and houses on paper, dense here and nearly bare there, white = 1."""
     rows, columns = shape
     density = gaussian_filter(rng.standard_normal(shape), 30)
-    density = np.clip(0.5 + 0.5 * density / density.std(), 0.05, 1)
+    density = np.clip(0.6 + 0.5 * density / density.std(), 0.25, 1)
     paper = gaussian_filter(rng.standard_normal(shape), 12)
     u = 0.82 + 0.05 * paper / paper.std()
-    for _ in range(rows * columns // 90):
+    for _ in range(rows * columns // 60):
         x, y = int(rng.integers(0, columns)), int(rng.integers(0, rows))
         if rng.random() > density[y, x]:
             continue
-        ink, kind = float(rng.uniform(0.1, 0.45)), rng.integers(0, 3)
+        ink, kind = float(rng.uniform(0.38, 0.66)), rng.integers(0, 3)
         if kind == 0:
             turn = rng.uniform(0, 2 * np.pi) + np.cumsum(rng.normal(0, 0.15, 14))
             line = (x, y) + 2 * np.cumsum(np.stack([np.cos(turn), np.sin(turn)], axis=1), axis=0)
@@ -67,7 +67,7 @@ def map_drawing(shape: tuple[int, int], rng: np.random.Generator) -> Array:
         else:
             wide, high = (int(n) for n in rng.integers(2, 9, 2))
             cv2.rectangle(u, (x, y), (x + wide, y + high), ink, int(rng.choice([1, -1])))
-    return np.clip(u + rng.normal(0, 0.01, shape), 0.03, 0.98)
+    return np.asarray(np.clip(u + rng.normal(0, 0.01, shape), 0.03, 0.98), dtype=np.float64)
 
 
 def depth(shape: tuple[int, int]) -> Array:
@@ -77,7 +77,7 @@ def depth(shape: tuple[int, int]) -> Array:
     slope = 1.5 + (LARGEST_W - 1.5) * np.clip((y - 0.2) / 0.6, 0, 1)
     ball = 1 - ((x - 0.5) / 0.3) ** 2 - ((y - 0.5) / 0.42) ** 2
     sphere = np.where(y < 0.5, 1.5 + 3.6 * np.sqrt(np.clip(ball, 0, None)), 0)
-    return np.maximum(slope, sphere)
+    return np.asarray(np.maximum(slope, sphere), dtype=np.float64)
 
 
 def comatic() -> Array:
@@ -100,17 +100,17 @@ def gaussian_stacks() -> list[MaskStack]:
     return stacks(gaussian())
 
 
-def pair(shape: Array, noise_db: float | None, seed: int = 1) -> Pair:
+def pair(shape: Array, noise_db: float | None, size: tuple[int, int] = SHAPE, seed: int = 1) -> Pair:
     """Both photographs; noise so many decibels below their contrast, None: without."""
     rng = np.random.default_rng(seed)
-    wide = (SHAPE[0] + 2 * REACH, SHAPE[1] + 2 * REACH)
+    wide = (size[0] + 2 * REACH, size[1] + 2 * REACH)
     u, w = map_drawing(wide, np.random.default_rng(7)), depth(wide)
     photographs = []
     for stack in stacks(shape):
-        blur = Blur(stack, SHAPE)
+        blur = Blur(stack, size)
         blur.focus(w)
         clean = blur.blur(u)
         noise = 0.0 if noise_db is None else float(clean.std()) * 10 ** (-noise_db / 20)
-        photographs.append(clean + noise * rng.standard_normal(SHAPE))
+        photographs.append(clean + noise * rng.standard_normal(size))
     inside = (slice(REACH, -REACH), slice(REACH, -REACH))
     return Pair(np.stack(photographs)[:, None], u[inside], w[inside])

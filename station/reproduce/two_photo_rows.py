@@ -95,7 +95,11 @@ SIMULATED = Row(
     title="A known Gaussian PSF from a simulated pair at a ratio of about 4, s = 4, aligned by itself",
     checks=(
         Check("relative error of the PSF", "accurate", high=0.08),
-        Check("greatest difference of MTF up to 1 cycle per pixel, inter-image kernel against PSF", "very close", high=0.05),
+        Check(
+            "greatest difference of MTF up to 1 cycle per pixel, inter-image kernel against PSF",
+            "very close",
+            high=0.05,
+        ),
         Check("zoom between the photographs", "4", 4.0, 4.6),
     ),
     tolerance=(
