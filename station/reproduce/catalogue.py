@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
-from station.reproduce import camera_rows, gamma_rows, rays_rows, restoration_rows, rival_rows, two_photo_rows
+from station.reproduce import (
+    camera_rows,
+    gamma_rows,
+    photograph_rows,
+    rays_rows,
+    restoration_rows,
+    rival_rows,
+    two_photo_rows,
+)
 from station.reproduce.row import Row
 
 ROWS: tuple[Row, ...] = (
     *gamma_rows.ROWS,
     *rival_rows.ROWS,
     *camera_rows.ROWS,
+    *photograph_rows.ROWS,
     *two_photo_rows.ROWS,
     *rays_rows.ROWS,
     *restoration_rows.ROWS,

@@ -167,8 +167,8 @@ def _scales(setting: Setting) -> Found:
     gain = psnr_db(found[3], truth)[0] - psnr_db(found[1], truth)[0]
     left = wide[3] / wide[1]
     remark = (
-        f"On this film {left:.0%} of the error at low frequencies stay, not next to nothing. The published program gains"
-        " as much by its scales here, so it is the film: the scene of the figure is not told, and much of what stays is"
+        f"On this film {left:.0%} of the error at low frequencies stay, not next to nothing. The published program"
+        " gains as much by its scales here, so it is the film: the scene of the figure is not told, and much of what stays is"
         " bias along edges, which no scale removes."
     )
     return Found((left, gain), figures, remark)
