@@ -168,8 +168,8 @@ def _scales(setting: Setting) -> Found:
     left = wide[3] / wide[1]
     remark = (
         f"On this film {left:.0%} of the error at low frequencies stay, not next to nothing. The published program"
-        " gains as much by its scales here, so it is the film: the scene of the figure is not told, and much of what stays is"
-        " bias along edges, which no scale removes."
+        " gains as much by its scales here, so it is the film: the scene of the figure is not told, and what stays is"
+        " partly bias along edges, which no scale removes."
     )
     return Found((left, gain), figures, remark)
 
