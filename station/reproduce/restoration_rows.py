@@ -213,8 +213,8 @@ def _start(setting: Setting) -> Found:
     shown = [(words, w) for words, w in zip(NOISE_WORDS, found["symmetric"], strict=True)]
     told = ", ".join(f"{error:.2f}" for error in errors["matched"])
     remark = (
-        "Algorithm II takes each window for a cubic polynomial. Our drawing is of lines and edges a pixel wide, which"
-        f" are none; the start that the program uses instead has errors of {told} pixels here."
+        "Why ours is so much farther off than the thesis's is not known: neither a smoother drawing nor a pillbox, which"
+        f" is symmetrical, brings it nearer. The start that the program uses instead errs by {told} pixels here."
     )
     return Found(tuple(errors["symmetric"]), (pictures("start", shown),), remark)
 
