@@ -213,7 +213,7 @@ def _start(setting: Setting) -> Found:
     shown = [(words, w) for words, w in zip(NOISE_WORDS, found["symmetric"], strict=True)]
     told = ", ".join(f"{error:.2f}" for error in errors["matched"])
     remark = (
-        "Why ours is so much farther off than the thesis's is not known: neither a smoother drawing nor a pillbox, which"
+        "Why ours is farther off than the thesis's is not known: neither a smoother drawing nor a pillbox, which"
         f" is symmetrical, brings it nearer. The start that the program uses errs by {told} pixels here."
     )
     return Found(tuple(errors["symmetric"]), (pictures("start", shown),), remark)
