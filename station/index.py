@@ -19,6 +19,7 @@ from typing import Any, Self
 
 from procedures.outcome import ProcedureError
 from station.disk import holds
+from station.journal_head import HEAD
 from station.names import encodable
 from station.results import RECORD
 from station.session_folder import JOURNAL
@@ -26,7 +27,7 @@ from station.session_reading import read_session, sessions_in
 from station.session_state import State
 
 FILE = ".index.sqlite"
-VERSION = 1
+VERSION = 2
 SCHEMA = f"""
 CREATE TABLE cameras (id INTEGER PRIMARY KEY, name TEXT UNIQUE NOT NULL);
 CREATE TABLE lenses (id INTEGER PRIMARY KEY, name TEXT UNIQUE NOT NULL);
@@ -177,11 +178,11 @@ class Index:
     def _read(self, name: str, stamp: str) -> None:
         self._database.execute("DELETE FROM sessions WHERE folder = ?", (name,))
         try:
-            state = read_session(self.root / name).state
+            record = read_session(self.root / name)
         except ProcedureError as error:
             self._insert(name, stamp, None, damage=error.reason)
             return
-        self._insert(name, stamp, state)
+        self._insert(name, stamp, record.state, damage="; ".join(record.oddities))
 
     def _insert(self, name: str, stamp: str, state: State | None, damage: str = "") -> None:
         if state is None:
@@ -191,7 +192,7 @@ class Index:
             counting = len(state.results[-1].shots) if state.results else len(state.counting())
             verdict = state.results[-1].verdict if state.results else ""
             about = (encodable(state.plan), _utc(state.began), state.ended or "", len(state.shots), counting, verdict)
-            row = (name, stamp, camera, lens, *about, "")
+            row = (name, stamp, camera, lens, *about, encodable(damage))
         session = self._database.execute(f"INSERT INTO sessions VALUES (NULL, {', '.join('?' * 11)})", row).lastrowid
         if state is not None:
             rows = [(session, *one) for one in _numbers(self.root / name, state)]
@@ -252,9 +253,9 @@ def _is_text(name: str) -> bool:
 
 
 def _stamp(folder: Path) -> str:
-    """Changes whenever the journal does."""
-    stat = os.stat(folder / JOURNAL)
-    return f"{stat.st_size} {stat.st_mtime_ns}"
+    """Changes whenever the journal or its head does."""
+    found = [os.stat(path) for name in (JOURNAL, HEAD) if (path := folder / name).exists()]
+    return " ".join(f"{stat.st_size} {stat.st_mtime_ns}" for stat in found)
 
 
 def _utc(moment: str) -> str:

@@ -11,11 +11,12 @@ import sys
 import tomllib
 import unicodedata
 from collections.abc import Mapping
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
 from procedures.outcome import BadInput, ProcedureError
-from station.disk import kept
+from station.disk import holds, kept
 from station.journal import Damaged
 from station.names import printable
 
@@ -51,6 +52,14 @@ def original_name(number: int, source: str) -> str:
         stem, suffix = source, "raw"
     clean = re.sub(r"[^A-Za-z0-9_-]+", "-", stem).strip("-")[:LONGEST]
     return f"{number:04d}-{clean or 'shot'}.{suffix}"
+
+
+def free_original(folder: Path, number: int, source: str, sha256: str) -> str:
+    """The path of a new photograph, from the session's folder: nothing is there, or this very photograph is."""
+    usual = Path(ORIGINALS, original_name(number, source))
+    others = (usual.with_stem(f"{usual.stem}-{again}") for again in count(2))
+    free = (one for one in chain([usual], others) if not os.path.lexists(folder / one) or holds(folder / one, sha256))
+    return next(free).as_posix()
 
 
 def is_session(folder: Path) -> bool:

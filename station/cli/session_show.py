@@ -25,14 +25,18 @@ if TYPE_CHECKING:
 @log_json_option
 def session_show(name: str, root: Path, check: bool, as_json: bool) -> None:
     """Show what SESSION, a folder or a name in --sessions, holds."""
-    from station.session_reading import read_session, verify
+    from station.names import printable
+    from station.session_reading import check_whole, read_session, unknown_files, verify
 
     record = read_session(find_session(name, root))
     click.echo(json.dumps(_plain(record), indent=1) if as_json else _words(record))
-    if record.contents.torn:
-        log("torn", "the journal's last line is not whole and does not count", level="warning")
+    for words in record.oddities:
+        log("odd", words, level="warning")
+    for file in unknown_files(record.folder, record.state):
+        log("unknown", f"the journal does not speak of {printable(file)}", level="warning")
     if check:
         verify(record.folder, record.state)
+        check_whole(record)
         count = sum(not shot.lost for shot in record.state.shots)
         log("checked", f"all {count} photographs are as they were taken", photographs=count)
 

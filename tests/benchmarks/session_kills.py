@@ -101,6 +101,11 @@ class FaultyDisk(Disk):
         super().replace(source, target)
         self._done(None)
 
+    def place(self, source: Path, target: Path) -> None:
+        self._now("half")
+        super().place(source, target)
+        self._done(None)
+
     def _now(self, kind: str) -> bool:
         self.count += 1
         if self.count == self.fault.at and self.fault.kind == "before":
