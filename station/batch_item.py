@@ -20,6 +20,7 @@ from station.calibrate import Calibrated, calibrate, calibrate_pair, diffraction
 from station.limits import Judged, Judgement, judge
 from station.names import encodable, printable, safe_stem
 from station.procedure_file import ALL, Procedure
+from station.result_seal import damage
 from station.results import RECORD, PlaneRecord, ResultFolder, software, write_psf_result
 
 RESULTS = "results"
@@ -78,6 +79,8 @@ class Row:
         Of its result, from the batch's folder; "" where none was kept, so that a later run tries again.
     reused : bool
         Whether an earlier run has done it.
+    redone : str
+        Why it was done again though an earlier run had, "" where none had.
     """
 
     files: Sequence[str]
@@ -89,6 +92,7 @@ class Row:
     planes: Mapping[str, PlaneRow] = field(default_factory=dict)
     reused: bool = False
     duration_s: float = 0.0
+    redone: str = ""
 
 
 def key_of(hashes: Sequence[str], procedure: Procedure) -> str:
@@ -112,11 +116,12 @@ def _row(item: Item, job: Job) -> Row:
         return Row(item.files, UNREADABLE, item.trouble, "rename it, or take it out of the folder")
     hashes = [_sha256(path) for path in item.paths]
     key = key_of(hashes, job.procedure)
-    if key in job.done and (kept := kept_row(job.out, job.done[key])) is not None:
+    kept, redone = kept_row(job.out, job.done[key]) if key in job.done else (None, "")
+    if kept is not None:
         return replace(kept, reused=True)
     folder = f"{RESULTS}/{safe_stem(item.paths[0])}-{key}"
     with ResultFolder(job.out / folder) as place:
-        return _estimate(item, job, hashes, folder, place)
+        return replace(_estimate(item, job, hashes, folder, place), redone=redone)
 
 
 def _estimate(item: Item, job: Job, hashes: Sequence[str], folder: str, place: ResultFolder) -> Row:
@@ -231,11 +236,13 @@ def finished(out: Path) -> dict[str, str]:
     return {folder.name[-KEY_LETTERS:]: f"{RESULTS}/{folder.name}" for folder in folders}
 
 
-def kept_row(out: Path, folder: str) -> Row | None:
-    """The row that a result was kept with; None where it is not whole."""
+def kept_row(out: Path, folder: str) -> tuple[Row | None, str]:
+    """The row that a result was kept with; None where it is not what was written, and what is not."""
+    if wrong := damage(out / folder):
+        return None, f"{', '.join(wrong)} of the result that was there: missing, or not what was written"
     try:
         row = json.loads((out / folder / RECORD).read_text(encoding="utf-8"))["batch"]
         planes = {name: PlaneRow(**plane) for name, plane in row.pop("planes").items()}
-        return Row(**row, planes=planes)
+        return Row(**row, planes=planes), ""
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        return None
+        return None, f"{RECORD} of the result that was there is not this version's"

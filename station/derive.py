@@ -113,11 +113,18 @@ class Computed:
 
 
 def compute(
-    folder: Path, state: State, plan: Plan, into: Path | None = None, progress: Counted = uncounted
+    folder: Path,
+    state: State,
+    plan: Plan,
+    into: Path | None = None,
+    progress: Counted = uncounted,
+    *,
+    sealed: bool = True,
 ) -> Computed:
     """The result of a session in this state, written into a folder; the same files, bit for bit, at every call.
 
-    `progress` hears of every photograph that an estimate begins with, and of how many there are.
+    `progress` hears of every photograph that an estimate begins with, and of how many there are; `sealed` is of the
+    result's folder.
 
     Raises
     ------
@@ -132,10 +139,10 @@ def compute(
         found = {} if writer else outcomes
         records = [plane_record(frames[0].planes[name], outcome, numbers) for name, outcome in found.items()]
         if into is not None and writer:
-            with ResultFolder(into) as results:
+            with ResultFolder(into, sealed=sealed) as results:
                 importlib.import_module(writer).write_result(results, outcomes, frames, _about(plan, state))
         elif into is not None:
-            with ResultFolder(into) as results:
+            with ResultFolder(into, sealed=sealed) as results:
                 write_psf_result(results, records, _about(plan, state))
     return Computed(frames, outcomes, records)
 

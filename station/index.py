@@ -8,6 +8,7 @@ replaced, by one in memory if need be.
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import json
 import os
 import sqlite3
@@ -18,12 +19,12 @@ from types import TracebackType
 from typing import Any, Self
 
 from procedures.outcome import ProcedureError
-from station.disk import holds
+from station.disk import files_in, holds
 from station.journal_head import HEAD
 from station.names import encodable
 from station.results import RECORD
-from station.session_folder import JOURNAL
-from station.session_reading import read_session, sessions_in
+from station.session_folder import DERIVED, JOURNAL
+from station.session_reading import damaged_results, read_session, sessions_in
 from station.session_state import State
 
 FILE = ".index.sqlite"
@@ -182,7 +183,9 @@ class Index:
         except ProcedureError as error:
             self._insert(name, stamp, None, damage=error.reason)
             return
-        self._insert(name, stamp, record.state, damage="; ".join(record.oddities))
+        wrong = damaged_results(self.root / name, record.state)
+        told = [*record.oddities, *([f"{', '.join(wrong)}: missing, or not what was written"] if wrong else [])]
+        self._insert(name, stamp, record.state, damage="; ".join(told))
 
     def _insert(self, name: str, stamp: str, state: State | None, damage: str = "") -> None:
         if state is None:
@@ -253,9 +256,17 @@ def _is_text(name: str) -> bool:
 
 
 def _stamp(folder: Path) -> str:
-    """Changes whenever the journal or its head does."""
-    found = [os.stat(path) for name in (JOURNAL, HEAD) if (path := folder / name).exists()]
-    return " ".join(f"{stat.st_size} {stat.st_mtime_ns}" for stat in found)
+    """Changes whenever the journal, its head or a file of a result does."""
+    files = [folder / JOURNAL, folder / HEAD, *files_in(folder / DERIVED)]
+    found = [(path.name, stat.st_size, stat.st_mtime_ns) for path in files if (stat := _stat(path))]
+    return hashlib.sha256(repr(found).encode()).hexdigest()
+
+
+def _stat(path: Path) -> os.stat_result | None:
+    try:
+        return path.lstat()
+    except OSError:
+        return None
 
 
 def _utc(moment: str) -> str:

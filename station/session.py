@@ -23,6 +23,7 @@ import shutil
 import tempfile
 import threading
 from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -33,12 +34,11 @@ from drivers.clock import Clock
 from drivers.interfaces import Exposure
 from procedures.plan import Facts
 from station.disk import READ_ONLY, Disk, NotKept, files_in, hashes_in, holds, holds_all, kept
-from station.journal import Contents, Journal, Line
+from station.journal import Journal, Line
 from station.machine import machine
+from station.session_creation import furnish, settle
 from station.session_folder import (
-    CONFIG,
     DERIVED,
-    FOLDERS,
     JOURNAL,
     SCHEMA,
     SUMS,
@@ -48,7 +48,6 @@ from station.session_folder import (
     free_original,
     inside,
     own,
-    read_config,
     safe_name,
 )
 from station.session_reading import SessionRecord, read_session, sums, verify
@@ -80,6 +79,7 @@ class Session:
         self._journal = Journal(self.folder / JOURNAL, record.contents, disk)
         self._state = record.state
         self._open = True
+        self._wires: Path | None = None
         self.leftovers: tuple[Path, ...] = ()  # results that the journal does not speak of: never written over
 
     @property
@@ -125,8 +125,8 @@ class Session:
             root.mkdir(parents=True, exist_ok=True)
             raw = Path(tempfile.mkdtemp(prefix=".creating-", dir=root))
         try:
-            _furnish(raw, toml_text({**head, "seed": seed, "config": config}).encode(), first, disk)
-            folder = _settle(raw, f"{began:%Y-%m-%d}-{'-'.join(names)}", disk)
+            furnish(raw, toml_text({**head, "seed": seed, "config": config}).encode(), first, disk)
+            folder = settle(raw, f"{began:%Y-%m-%d}-{'-'.join(names)}", disk)
         except BaseException:
             shutil.rmtree(raw, ignore_errors=True)
             raise
@@ -178,10 +178,13 @@ class Session:
         return session
 
     def close(self) -> None:
-        """Let other programs in; any number of times."""
+        """Note what passed on the wires, and let other programs in; any number of times."""
         with self._guard:
             if self._open:
                 self._open = False
+                if self._wires is not None:
+                    with suppress(NotKept, OSError):  # the disk is full: they are kept, and not checked later
+                        self.note("wired", folder=f"{WIRE}/{self._wires.name}", files=hashes_in(self._wires))
                 self._journal.close()
                 self._lock.release()
 
@@ -348,6 +351,7 @@ class Session:
         folder = own(self.folder / WIRE / f"{number:03d}")
         with kept(folder):
             folder.mkdir(exist_ok=True)
+        self._wires = folder
         return folder
 
     def notice(self, say: str) -> None:
@@ -369,31 +373,3 @@ class Session:
             self._disk.write_whole(path, text)
         except (NotKept, OSError):
             return
-
-
-def _furnish(folder: Path, config: bytes, first: Line, disk: Disk) -> None:
-    """Everything that a session needs, on the disk."""
-    folder.chmod(0o755)
-    for name in FOLDERS:
-        with kept(folder / name):
-            (folder / name).mkdir()
-    for name, data in ((CONFIG, config), (JOURNAL, b"")):
-        disk.write_whole(folder / name, data)
-    _, first_sum = read_config(folder)
-    journal = Journal(folder / JOURNAL, Contents((), first_sum, 0), disk)
-    try:
-        journal.append(first.event, first.at, first.clock_s, first.data)
-    finally:
-        journal.close()
-
-
-def _settle(raw: Path, name: str, disk: Disk) -> Path:
-    """Give the folder its name, with a number where that is taken."""
-    for number in range(1, 10_000):
-        folder = raw.with_name(name if number == 1 else f"{name}-{number}")
-        if not folder.exists() and not folder.is_symlink():
-            with kept(folder):
-                disk.replace(raw, folder)
-                disk.sync_folder(folder.parent)
-            return folder
-    raise NotKept(f"{raw.parent} has 9999 sessions of the name {name}", "name another folder with --sessions")

@@ -95,6 +95,23 @@ def verify(folder: Path, state: State, without: Collection[int] = ()) -> None:
         )
 
 
+def damaged_results(folder: Path, state: State) -> list[str]:
+    """Files of results that are missing, or not what the journal tells."""
+    files = [(f"{one.folder}/{name}", digest) for one in state.results for name, digest in one.files.items()]
+    return [name for name, digest in files if not holds(folder / name, digest)]
+
+
+def verify_results(record: SessionRecord) -> None:
+    """Every file of every result and every transcript of the wires is what the journal tells. Raises Damaged."""
+    folder, wires = record.folder, [line.data for line in record.contents.lines if line.event == "wired"]
+    files = [(f"{one['folder']}/{name}", digest) for one in wires for name, digest in one["files"].items()]
+    if wrong := damaged_results(folder, record.state) + [name for name, one in files if not holds(folder / name, one)]:
+        raise Damaged(
+            f"{folder.name}: {', '.join(wrong)}: missing, or not what was written",
+            "bring these files back from a copy; `station session resume --back-to STEP` computes a new result",
+        )
+
+
 def check_whole(record: SessionRecord) -> None:
     """The journal has all lines that were written, as far as its head tells. Raises Damaged."""
     if record.lost:

@@ -14,7 +14,7 @@ from station.journal_head import HEAD
 from station.machine import machine
 from station.results import RECORD
 from station.session_folder import DERIVED, ORIGINALS
-from station.session_reading import SessionRecord, unknown_files
+from station.session_reading import SessionRecord, damaged_results, unknown_files
 from station.session_state import Shot
 
 if TYPE_CHECKING:
@@ -50,6 +50,8 @@ def recover(session: Session, record: SessionRecord, without: Collection[int] = 
             session.notice(f"shot {number} was given up: its photograph is lost")
     if session.state.adopting is not None:
         finish_adopting(session, session.state.adopting)
+    if wrong := damaged_results(session.folder, session.state):
+        session.notice(f"{', '.join(wrong)}: missing, or not what was written; bring them back from a copy")
     _give_up_awaited(session)
     _name_unfinished(session)
     _name_strangers(session)

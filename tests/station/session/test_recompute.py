@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import shutil
+from functools import partial
 
 import pytest
 from click.testing import CliRunner
@@ -11,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from procedures.outcome import BadParameter
 from station import plans
 from station.__main__ import main
-from station.derive import Frames, derive
+from station.derive import Frames, compute, derive
 from station.journal import Damaged
 from station.recompute import kernels_of, recompute
 from station.session import Session
@@ -53,6 +55,17 @@ def test_every_result_is_computed_again_bit_for_bit_by_any_number_of_threads(fol
     assert [one.result for one in found] == ["derived/1", "derived/2"]
     assert all(one.identical and "psf_G1.npy" in one.same for one in found)
     assert all(one.machine == () for one in found)
+
+
+def test_result_of_a_version_that_told_no_hashes_comes_out_the_same(folder, tmp_path, monkeypatch):
+    shutil.copytree(folder, earlier := tmp_path / "earlier")
+    monkeypatch.setattr("station.derive.compute", partial(compute, sealed=False))
+    with Session.open(earlier, FixedClock(), today=today) as session:
+        session.learn({"mean": 0.75})
+        derive(session, plan(), "estimate")
+    assert "files" not in json.loads((earlier / "derived/3/result.json").read_text())
+    (found,) = recompute(earlier, (3,))
+    assert found.identical
 
 
 def test_each_result_comes_from_what_was_known_when_it_was_drawn(folder):
