@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
 import json
 import os
@@ -19,6 +20,8 @@ import pytest
 from click.testing import CliRunner
 
 from procedures.outcome import BadParameter
+from procedures.raw import read_frame
+from station import batch_item
 from station.__main__ import main
 from station.batch import _own, run_batch
 from station.batch_frames import Item, find_frames, singly
@@ -155,6 +158,24 @@ def test_result_that_was_damaged_is_done_again_and_that_is_said(tmp_path, chart_
     assert second.redone.startswith("psf_G1.npy of the result that was there")
     (third,) = again(source, out)
     assert (third.reused, third.redone) == (True, "")
+
+
+def test_photograph_that_is_replaced_while_it_is_worked_on_is_told_by_the_hash_of_what_was_decoded(
+    tmp_path, chart_photograph, monkeypatch
+):
+    path = chart_photograph(tmp_path / "in" / "one.dng")
+    whole, decoded = path.read_bytes(), []
+
+    def replaced(*file, **data):
+        path.write_bytes(b"another file")
+        decoded.append(read_frame(*file, **data))
+        return decoded[0]
+
+    monkeypatch.setattr(batch_item, "default_plane", lambda path: "G1")
+    monkeypatch.setattr(batch_item, "read_frame", replaced)
+    (row,) = again(path.parent, tmp_path / "out")
+    assert row.verdict == "pass"
+    assert row.sha256 == [decoded[0].sha256] == [hashlib.sha256(whole).hexdigest()]
 
 
 def test_changed_procedure_and_half_written_results_are_done_again(tmp_path, chart_photograph):

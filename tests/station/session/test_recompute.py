@@ -14,6 +14,7 @@ from procedures.outcome import BadParameter
 from station import plans
 from station.__main__ import main
 from station.derive import Frames, compute, derive
+from station.disk import sha256_of
 from station.journal import Damaged
 from station.recompute import kernels_of, recompute
 from station.session import Session
@@ -100,6 +101,14 @@ def test_photographs_are_read_when_asked_for_and_kept_as_far_as_there_is_room(fo
     read.clear()
     assert list(cramped) + list(cramped) == paths * 2
     assert read == paths * 2
+
+
+def test_photograph_that_is_replaced_after_it_was_checked_is_no_part_of_a_result(folder):
+    paths = sorted((folder / "originals").iterdir())
+    told = [sha256_of(path) for path in paths]
+    assert [frame.sha256 for frame in Frames(paths, hashes=told)] == told
+    with pytest.raises(Damaged, match="not what was taken any more"):
+        list(Frames(paths, hashes=told[::-1]))
 
 
 def test_result_that_is_not_there_is_named(folder):
