@@ -23,12 +23,13 @@ from station.disk import files_in, holds
 from station.journal_head import HEAD
 from station.names import encodable
 from station.results import RECORD
-from station.session_folder import DERIVED, JOURNAL
+from station.session_folder import CONFIG, DERIVED, FOLDERS, JOURNAL
 from station.session_reading import damaged_results, read_session, sessions_in
 from station.session_state import State
 
 FILE = ".index.sqlite"
 VERSION = 2
+LARGEST = 1e300
 SCHEMA = f"""
 CREATE TABLE cameras (id INTEGER PRIMARY KEY, name TEXT UNIQUE NOT NULL);
 CREATE TABLE lenses (id INTEGER PRIMARY KEY, name TEXT UNIQUE NOT NULL);
@@ -183,6 +184,9 @@ class Index:
         except ProcedureError as error:
             self._insert(name, stamp, None, damage=error.reason)
             return
+        except Exception as error:  # one damaged session must not hide the others, whatever is in it
+            self._insert(name, stamp, None, damage=f"it cannot be read: {error!r}")
+            return
         wrong = damaged_results(self.root / name, record.state)
         told = [*record.oddities, *([f"{', '.join(wrong)}: missing, or not what was written"] if wrong else [])]
         self._insert(name, stamp, record.state, damage="; ".join(told))
@@ -256,8 +260,8 @@ def _is_text(name: str) -> bool:
 
 
 def _stamp(folder: Path) -> str:
-    """Changes whenever the journal, its head or a file of a result does."""
-    files = [folder / JOURNAL, folder / HEAD, *files_in(folder / DERIVED)]
+    """Changes whenever configuration, journal, its head or a file of a result does, or a folder is gone."""
+    files = [folder / name for name in (CONFIG, JOURNAL, HEAD, *FOLDERS)] + files_in(folder / DERIVED)
     found = [(path.name, stat.st_size, stat.st_mtime_ns) for path in files if (stat := _stat(path))]
     return hashlib.sha256(repr(found).encode()).hexdigest()
 
@@ -290,15 +294,22 @@ def _numbers(folder: Path, state: State) -> Iterator[tuple[Any, ...]]:
     try:
         planes = json.loads(path.read_bytes())["planes"]
         for plane, entry in planes.items():
-            yield from _rows(str(plane), entry)
-    except (ValueError, KeyError, TypeError, AttributeError):
+            yield from _rows(encodable(str(plane)), entry)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return
 
 
+def _number(value: Any) -> float | None:
+    """A finite number, else None."""
+    return float(value) if isinstance(value, int | float) and abs(value) < LARGEST else None
+
+
 def _rows(plane: str, entry: Mapping[str, Any]) -> Iterator[tuple[Any, ...]]:
-    verdict = str(entry["verdict"])
+    verdict = encodable(str(entry["verdict"]))
     quantities = {name: part for name, part in entry.items() if isinstance(part, dict) and "uncertainty" in part}
     for name, part in quantities.items():
-        yield (plane, verdict, name, *(part.get(key) for key in ("value", "unit", "uncertainty", "method", "n")))
+        unit, method = (encodable(str(part.get(key, ""))) for key in ("unit", "method"))
+        value, uncertainty, n = (_number(part.get(key)) for key in ("value", "uncertainty", "n"))
+        yield plane, verdict, encodable(name), value, unit, uncertainty, method, n
     if not quantities:
         yield (plane, verdict, "", None, "", None, "", None)

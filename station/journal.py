@@ -102,13 +102,13 @@ def _read(text: bytes) -> Line | None:
     try:
         entry = json.loads(text)
         seq, at, clock_s, event = (entry.pop(name) for name in ("seq", "at", "clock_s", "event"))
-        total = str(entry.pop("sum"))
+        total, data = str(entry.pop("sum")), _restored(entry)
     except (ValueError, KeyError, AttributeError, TypeError, RecursionError):
         return None
     known = isinstance(seq, int) and isinstance(at, str) and isinstance(clock_s, int | float)
     if not (known and isinstance(event, str)):
         return None
-    return Line(seq, at, float(clock_s), event, _restored(entry), total)
+    return Line(seq, at, float(clock_s), event, data, total)
 
 
 def _sum(before: str, body: bytes) -> str:

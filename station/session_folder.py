@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from procedures.outcome import BadInput, ProcedureError
-from station.disk import holds, kept
+from station.disk import holds, kept, read_own
 from station.journal import Damaged
 from station.names import printable
 
@@ -67,6 +67,11 @@ def is_session(folder: Path) -> bool:
     return (folder / CONFIG).is_file() and (folder / JOURNAL).is_file()
 
 
+def has_parts(folder: Path) -> bool:
+    """Whether this is the folder of a session, or what is left of one."""
+    return any((folder / name).is_file() for name in (CONFIG, JOURNAL)) and (folder / ORIGINALS).is_dir()
+
+
 def check_layout(folder: Path) -> None:
     """Every part of a session is a file or folder of its own, no link that leads elsewhere.
 
@@ -92,9 +97,9 @@ def check_layout(folder: Path) -> None:
 def read_config(folder: Path) -> tuple[Mapping[str, Any], str]:
     """The frozen configuration, and its hash, which the journal begins with. Raises Damaged."""
     try:
-        data = (folder / CONFIG).read_bytes()
+        data = read_own(folder / CONFIG)
         config = tomllib.loads(data.decode())
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
         raise Damaged(f"{folder / CONFIG} cannot be read: {error}", "bring it back from a copy") from error
     if config.get("schema") != SCHEMA:
         raise Damaged(f"{folder / CONFIG} is not of schema {SCHEMA}", "open it with the version that wrote it")

@@ -11,7 +11,7 @@ from typing import Any
 from station.disk import holds, sha256_of
 from station.journal import Contents, Damaged, read_journal
 from station.journal_head import HEAD, Gap, gap
-from station.session_folder import CONFIG, DERIVED, JOURNAL, ORIGINALS, check_layout, is_session, read_config
+from station.session_folder import CONFIG, DERIVED, JOURNAL, ORIGINALS, check_layout, has_parts, is_session, read_config
 from station.session_state import State, replay
 
 
@@ -131,6 +131,7 @@ def sums(folder: Path, state: State) -> bytes:
 
 
 def sessions_in(root: Path) -> Iterator[Path]:
-    """The folders of all sessions in a folder, oldest name first; hidden ones are none yet."""
+    """The folders of all sessions in a folder, damaged ones too, oldest name first; hidden ones are none yet."""
     if root.is_dir():
-        yield from sorted(path for path in root.iterdir() if not path.name.startswith(".") and is_session(path))
+        named = [path for path in root.iterdir() if not path.name.startswith(".")]
+        yield from sorted(path for path in named if is_session(path) or has_parts(path))
