@@ -140,7 +140,7 @@ class Disk:
                     f"{source} is not any more what was exposed: SHA-256 {sha256} was noted, {found} came",
                     "let nothing but the camera's software write there, and take the shot again",
                 )
-            beside.chmod(READ_ONLY)
+            beside.chmod(beside.stat().st_mode & READ_ONLY)
             self.place(beside, target)
             self.sync_folder(target.parent)
 

@@ -19,8 +19,8 @@ after a crash finishes what was announced and not confirmed.
 from __future__ import annotations
 
 import os
+import secrets
 import shutil
-import tempfile
 import threading
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
@@ -123,7 +123,8 @@ class Session:
         names = (safe_name(camera, "camera"), safe_name(lens, "lens"), safe_name(plan, "plan"))
         with kept(root):
             root.mkdir(parents=True, exist_ok=True)
-            raw = Path(tempfile.mkdtemp(prefix=".creating-", dir=root))
+            raw = root / f".creating-{secrets.token_hex(8)}"
+            raw.mkdir()
         try:
             furnish(raw, toml_text({**head, "seed": seed, "config": config}).encode(), first, disk)
             folder = settle(raw, f"{began:%Y-%m-%d}-{'-'.join(names)}", disk)
@@ -291,7 +292,7 @@ class Session:
         target = self.folder / shot.path
         if holds(target, shot.sha256):
             with kept(target):
-                target.chmod(READ_ONLY)
+                target.chmod(target.stat().st_mode & READ_ONLY)
                 self._disk.settle(target)
         else:
             self._disk.copy(source, target, shot.sha256)

@@ -11,7 +11,6 @@ from station.session_folder import CONFIG, FOLDERS, JOURNAL, read_config
 
 def furnish(folder: Path, config: bytes, first: Line, disk: Disk) -> None:
     """Everything that a session needs, on the disk."""
-    folder.chmod(0o755)
     for name in FOLDERS:
         with kept(folder / name):
             (folder / name).mkdir()
