@@ -1,11 +1,13 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
+import rawpy
 
 from procedures.outcome import BadInput, BadParameter
 from procedures.raw import default_plane, read_frame
@@ -125,6 +127,34 @@ def test_mosaic_in_a_file_named_tif_is_read_as_a_mosaic(write_dng):
 def test_sha256_is_that_of_the_file(shared_data):
     path = shared_data / "raw" / "RAW_KODAK_DC50.KDC"
     assert read_frame(path, ["R"]).sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def test_hash_and_planes_are_of_the_same_bytes_though_the_file_is_replaced_meanwhile(write_dng, monkeypatch):
+    path = write_dng(mosaic_of("RGGB"), ORDERS["RGGB"])
+    whole, imread = path.read_bytes(), rawpy.imread
+
+    def replaced(file):
+        path.write_bytes(b"another file")
+        return imread(file)
+
+    monkeypatch.setattr(rawpy, "imread", replaced)
+    frame = read_frame(path)
+    assert path.read_bytes() == b"another file"
+    assert frame.sha256 == hashlib.sha256(whole).hexdigest()
+    assert_flat_planes(frame)
+
+
+def test_pipes_devices_and_links_to_nothing_are_refused_by_name(tmp_path):
+    os.mkfifo(tmp_path / "pipe.dng")
+    (tmp_path / "zero.pgm").symlink_to("/dev/zero")
+    (tmp_path / "link.dng").symlink_to("nowhere.dng")
+    for name, reason in (
+        ("pipe.dng", "a pipe or a device"),
+        ("zero.pgm", "a pipe or a device"),
+        ("link.dng", "nowhere"),
+    ):
+        with pytest.raises(BadInput, match=f"{name}.*{reason}"):
+            read_frame(tmp_path / name)
 
 
 def test_camera_dng_is_scaled_from_its_black_to_its_white(shared_data):
