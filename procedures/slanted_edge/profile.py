@@ -15,7 +15,7 @@ from scipy.ndimage import map_coordinates, spline_filter1d, uniform_filter1d
 
 from procedures.slanted_edge.course import Course
 from procedures.slanted_edge.strip import Strip
-from procedures.slanted_edge.tail import Tail, with_tail
+from procedures.slanted_edge.tail import COLUMN, Tail, with_tail
 
 Array = npt.NDArray[np.float64]
 
@@ -84,6 +84,14 @@ class Profile:
     def tail(self) -> float:
         """a of the approach a/d to the plains, in pixels."""
         return float(self.light[2]) / self.contrast
+
+    @property
+    def tail_seen(self) -> Tail:
+        """What the plains show of the tail by themselves, whatever is known."""
+        normal = self.light_normal.sum(axis=0)
+        alone = solve_light(normal, self.light_right.sum(axis=0))
+        spread = self.noise * float(np.sqrt(np.linalg.pinv(normal)[COLUMN, COLUMN]))
+        return Tail(float(alone[COLUMN]) / self.contrast, spread / abs(self.contrast))
 
     @property
     def centres(self) -> Array:

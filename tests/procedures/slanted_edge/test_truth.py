@@ -46,6 +46,7 @@ def test_mtf50_is_of_the_whole_psf(name: str, angle: float) -> None:
     assert found.diagnostics["tail_px"] == pytest.approx(2 / np.pi**3 / camera.cutoff, abs=0.002)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("known", [False, True])
 def test_error_bars_hold_the_whole_truth(rng: np.random.Generator, known: bool) -> None:
     z = []
@@ -73,6 +74,14 @@ def test_the_aperture_steadies_a_noisy_tail(rng: np.random.Generator) -> None:
     assert known is not None
     assert known.numbers["mtf50"].uncertainty < 0.9 * alone.numbers["mtf50"].uncertainty
     assert Tail.of_pupil(told).px == pytest.approx(2 / np.pi**3 / 0.57)
+
+
+def test_an_aperture_that_is_not_the_photograph_s_is_doubted(rng: np.random.Generator) -> None:
+    plane = photograph(edge(Camera(3.25)), rng)
+    for cutoff, verdict in ((3.25, Verdict.PASS), (1.62, Verdict.DOUBTFUL)):
+        outcome = whole(plane, Diffraction(1.0, cutoff, 1000.0))
+        assert outcome.verdict is verdict
+        assert ("by the aperture" in outcome.reason) == (verdict is Verdict.DOUBTFUL)
 
 
 def test_sharpening_is_measured_right_and_told(rng: np.random.Generator) -> None:
