@@ -24,9 +24,9 @@ LENS = Lens(
     axis=(0.08, -0.05),
     lateral_colour=0.006,
 )
-PERIOD = 48
+PERIOD = 72
 """Pixels of the plane after which the whole PSF repeats: what lies beyond weighs a thousandth."""
-LAGS = 576
+LAGS = 864
 """Points along the pupil's plane: its widest diameter and the highest frequency, side by side."""
 
 
@@ -51,7 +51,9 @@ class FieldCamera:
         support = _crop(whole, K)
         kernels = tail_kernels(K)
         outside = kernels[0] > 0
-        tail = np.linalg.lstsq(kernels[:, outside].T, _crop(whole, kernels.shape[1])[outside], rcond=None)[0]
+        weight = kernels[0][outside] ** -0.5  # what a chart shows is light on areas, near and far alike
+        shown = _crop(whole, kernels.shape[1])[outside]
+        tail = np.linalg.lstsq((kernels[:, outside] * weight).T, shown * weight, rcond=None)[0]
         return np.concatenate([support.ravel(), tail]) / support.sum()
 
     def mtf(self, x: float, y: float, f: np.ndarray, angle: float, defocus_um: float = 0.0) -> np.ndarray:
@@ -112,10 +114,11 @@ def _support(whole):
 def _uncentred(lens, q, wavelength_um, pitch_um, defocus_um):
     n = PERIOD * S
     cutoff = pitch_um / (wavelength_um * lens.f_number)  # cycles per pixel, = pupil diameter
-    # pupil plane sampled at the frequencies of a period of PERIOD pixels, finely averaged at its rim
-    u = (np.arange(LAGS) - LAGS // 2) / PERIOD / (cutoff / 2)
+    # pupil plane sampled at the frequencies of a period of PERIOD pixels: its points as they are, off the centre, give
+    # the overlap of round pupils to 4e-5; a rim that is averaged would count too little where a pupil meets itself
+    u = (np.arange(LAGS) - LAGS // 2 + 0.31) / PERIOD / (cutoff / 2)
     x, y = np.meshgrid(u, u)
-    inside = np.clip((1 - np.hypot(x, y)) * cutoff / 2 * PERIOD + 0.5, 0, 1)
+    inside = np.hypot(x, y) < 1
     wavefront = lens.wavefront(*q)
     path = wavefront.at(x, y) + defocus_um * 3**0.5 * (2 * (x * x + y * y) - 1)
     pupil = inside * np.exp(-2j * np.pi * path / wavelength_um)
