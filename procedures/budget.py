@@ -1,7 +1,7 @@
 """The uncertainty of a number taken apart: what each source adds to it, as a calibration laboratory is audited on.
 
-Every term is a standard uncertainty in the number's own unit; they are independent, and their root of the sum of squares
-is the number's. Source: ISO/IEC Guide 98-3 (GUM), section 5.1 and annex H.
+Every term is a standard uncertainty in the number's own unit; they are independent, and the root of the sum of their
+squares is the number's. Source: ISO/IEC Guide 98-3 (GUM), section 5.1 and annex H.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def taken_apart(quality: Quality, parts: Mapping[str, Budget]) -> Quality:
 
 
 def with_settling(quality: Quality, share: float) -> Quality:
-    """The same numbers with what they may still move, a share of MTF50, when s or k is raised, added to their choice."""
+    """The same numbers with what MTF50 may still move, a share of it, when s or k is raised, added to its choice."""
     budgets = {}
     for name, terms in quality.budgets.items():
         move = share * quality.numbers[name].value if name.startswith("mtf50") else 0.0

@@ -105,6 +105,11 @@ class Photograph:
         """The PSF that an estimate from this plane and chart should find."""
         return self.truths[chart].psf(s, k, colour=plane[0], pitch=self.pitch)
 
+    def true_otf(self, plane: str, fx: Array, fy: Array, chart: int = 0) -> npt.NDArray[np.complex128]:
+        """The whole transfer function of the optics before a chart, at frequencies in cycles per pixel of a plane."""
+        optics, colour = self.truths[chart].optics, plane[0]
+        return np.asarray(optics.otf(fx / self.pitch, fy / self.pitch, colour), dtype=np.complex128)
+
     def true_points(self, plane: str, cells: Array, chart: int = 0) -> Array:
         """Where pattern points (n, 2) lie in a plane, in its pixels (x, y), (n, 2)."""
         offset = np.array(self.sensor.planes[plane], dtype=np.float64)

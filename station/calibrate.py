@@ -164,6 +164,8 @@ def plane_record(plane: Plane, outcome: Outcome[F], numbers: Sequence[str]) -> P
         diagnostics=found.diagnostics,
         inter_image=getattr(found, "inter_image", None),
         pitch=plane.pitch,
+        choice=getattr(found, "choice", ()),
+        variations=getattr(found, "variations", ()),
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,10 +12,9 @@ import numpy.typing as npt
 from procedures.outcome import Quantity
 from procedures.pattern_psf.centre import mark_offset
 from procedures.pattern_psf.estimate import PatternPsf
-from procedures.psf import Psf
-from procedures.quality import otf
 
 Array = npt.NDArray[np.float64]
+Otf = Callable[[Array, Array], npt.NDArray[np.complex128]]
 
 FINE_STEP = 0.001
 """Step, in cycles per pixel, of the curve on which the truth's MTF50 is read."""
@@ -41,8 +40,8 @@ class Comparison:
 
     Attributes
     ----------
-    truth : Psf
-        What should have been found, on the estimate's support, of sum 1.
+    otf : callable
+        The true transfer function, of all light, at frequencies (fx, fy) in cycles per pixel of the plane.
     aligned : (k, k) float64
         The truth after the subpixel shift that brings it nearest.
     error : float
@@ -54,7 +53,7 @@ class Comparison:
     mtf50 : mapping of direction to Against
     """
 
-    truth: Psf
+    otf: Otf
     aligned: Array
     error: float
     expected: float
@@ -72,7 +71,7 @@ class Comparison:
         return math.hypot(*self.centre_px)
 
 
-def compare(found: PatternPsf, samples: Array, floor: float) -> Comparison:
+def compare(found: PatternPsf, samples: Array, floor: float, otf: Otf) -> Comparison:
     """An estimate against the PSF that made its photograph.
 
     Parameters
@@ -82,19 +81,20 @@ def compare(found: PatternPsf, samples: Array, floor: float) -> Comparison:
         The true PSF on the estimate's grid, of sum 1, its centre sample the geometric centre.
     floor : float
         Norm of what lies outside the support, relative to that of the whole PSF.
+    otf : callable
+        The true transfer function of the whole PSF.
     """
     s = found.psf.s
-    truth = Psf(samples, s, np.zeros_like(found.psf.covariance))
     aligned, shift = align(samples, found.psf.h)
     # the estimate's origin lies where the marks are seen, so a PSF that shows them further right is drawn further left
     centre = shift / s + mark_offset(samples, s, found.registration.jacobian())
     return Comparison(
-        truth=truth,
+        otf=otf,
         aligned=aligned,
         error=float(np.linalg.norm(found.psf.h - aligned) / np.linalg.norm(samples)),
         expected=math.hypot(found.diagnostics["relative_uncertainty"], floor),
         centre_px=(float(centre[0]), float(centre[1])),
-        mtf50=_mtf50(found, truth),
+        mtf50=_mtf50(found, otf),
     )
 
 
@@ -121,13 +121,13 @@ def align(truth: Array, h: Array) -> tuple[Array, Array]:
     return cut(moved), shift
 
 
-def _mtf50(found: PatternPsf, truth: Psf) -> dict[str, Against]:
+def _mtf50(found: PatternPsf, otf: Otf) -> dict[str, Against]:
     """MTF50 of both, in the directions where both have one."""
-    f = np.arange(0.0, truth.s / 2, FINE_STEP)
+    f = np.arange(0.0, found.psf.s / 2, FINE_STEP)
     pairs = {}
     for name, (x, y) in zip(DIRECTIONS, ((f, 0 * f), (0 * f, f)), strict=True):
         measured = found.quality.numbers.get(f"mtf50_{name}")
-        below = np.flatnonzero(np.abs(otf(truth, x, y)) < 0.5)
+        below = np.flatnonzero(np.abs(otf(x, y)) < 0.5)
         if measured is not None and len(below):
             pairs[name] = Against(measured, float(f[below[0]]) - FINE_STEP / 2)
     return pairs

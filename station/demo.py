@@ -19,7 +19,7 @@ from procedures.pattern_print.source import Source
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf
 from procedures.raw import RawFrame, read_frame
 from simulators.camera import Photograph
-from simulators.demonstration import PITCH_UM, SETUPS, S, Setup, photograph
+from simulators.demonstration import PITCH_UM, SETUPS, Setup, photograph
 from station.calibrate import Calibrated, calibrate, diffraction_limit
 from station.compare import Comparison, compare
 from station.progress import Progress, silent
@@ -145,7 +145,7 @@ def run_demo(
         Of the camera's noise.
     """
     start = time.perf_counter()
-    chart, parameters = Source.from_seed().with_edges(), PatternParameters(s=S)
+    chart, parameters = Source.from_seed().with_edges(), PatternParameters()
     with ResultFolder(out) as folder:
         folder.write(CHART, encode(Path(CHART), chart, Size(300.0)).data)
         progress(f"printed the chart, {chart.origin}")
@@ -187,7 +187,7 @@ def _shoot(
     about = {
         "procedure": "pattern",
         "input": [{"path": path.as_posix(), "sha256": frame.sha256}],
-        "parameters": {**asdict(parameters), "chart": chart.origin, "pixel_pitch_um": PITCH_UM},
+        "parameters": {**parameters.told(), "chart": chart.origin, "pixel_pitch_um": PITCH_UM},
         "duration_s": round(time.perf_counter() - start, 3),
     }
     with ResultFolder(root / "results" / setup.name) as folder:
@@ -210,8 +210,9 @@ def _check(
         if one.found is None:
             yield Checked(one, None)
         else:
-            true = truth.true_psf(one.record.name, parameters.s, parameters.k)
-            yield Checked(one, compare(one.found, true.h, true.floor))
+            psf = one.found.psf
+            true = truth.true_psf(one.record.name, psf.s, psf.k)
+            yield Checked(one, compare(one.found, true.h, true.floor, partial(truth.true_otf, one.record.name)))
 
 
 def _record(found: Demonstration, duration_s: float) -> dict[str, Any]:
@@ -219,7 +220,7 @@ def _record(found: Demonstration, duration_s: float) -> dict[str, Any]:
     return {
         "schema": SCHEMA,
         "procedure": "demo",
-        "parameters": {"seed": found.seed, **asdict(found.parameters), "chart": found.chart.origin},
+        "parameters": {"seed": found.seed, **found.parameters.told(), "chart": found.chart.origin},
         "summary": asdict(summary(found)),
         "photographs": [_shot_entry(shot) for shot in found.shots],
         "software": software(),

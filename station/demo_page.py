@@ -66,7 +66,7 @@ def _pictures(shot: Shot, name: str) -> Mapping[str, Any]:
         here = f"{name}-{plane.name}"
         pictures["planes"][plane.name] = {
             "psf": figures.psf_figure(estimate.psf, against.aligned, f"{here}-psf"),
-            "mtf": figures.mtf_figure(estimate.quality, against.truth, f"{here}-mtf"),
+            "mtf": figures.mtf_figure(estimate.quality, against.otf, f"{here}-mtf"),
         }
         if plane.name == SHOWN_PLANE:
             samples = shot.frame.planes[plane.name]

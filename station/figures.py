@@ -18,9 +18,10 @@ from procedures.pattern import BLOCK, BLOCKS, CELLS
 from procedures.pattern_psf.estimate import PatternPsf
 from procedures.pattern_psf.registration import Registration
 from procedures.psf import Psf
-from procedures.quality import Quality, otf
+from procedures.quality import Quality
 from procedures.raw import Plane
 from procedures.two_photo.diagnostics import CLEAR
+from station.compare import Otf
 from station.drawing import (
     ALONG,
     CONFIDENT,
@@ -33,7 +34,7 @@ from station.drawing import (
     colour_bar,
     svg,
 )
-from station.exports import Profile
+from station.radial_profile import Profile
 
 Array = npt.NDArray[np.float64]
 
@@ -143,14 +144,16 @@ def psf_figure(psf: Psf, truth: Array | None, name: str) -> Markup:
 
 
 def energy_figure(profile: Profile, name: str) -> Markup:
-    """The energy inside circles over their radius, with its 95 % band."""
+    """The energy inside circles over their radius, with its 95 % band; a line where they leave the support."""
     figure, ((axes,),) = axes_grid(3.2, 2.5, rim_in=(0.55, 0.14, 0.4, 0.08))
     spread = CONFIDENT * profile.energy_uncertainty
     axes.fill_between(profile.radius, profile.energy - spread, profile.energy + spread, color=INK, alpha=0.2, lw=0)
     axes.plot(profile.radius, profile.energy, color=INK, lw=1.4)
-    axes.set(xlim=(0, float(profile.radius[-1])), ylim=(0, 1.06), xlabel="radius, pixels", ylabel="energy inside")
+    axes.axvline(profile.support, color=FAINT, lw=0.5)
+    end = min(float(profile.radius[-1]), 2 * profile.support)
+    axes.set(xlim=(0, end), ylim=(0, 1.06), xlabel="radius, pixels", ylabel="share of all light inside")
     axes.axhline(0.8, color=FAINT, lw=0.5, ls=(0, (1, 2)))
-    return svg(figure, name, "the share of the energy inside circles about the centre, with its 95 % band")
+    return svg(figure, name, "the share of all light inside circles about the centre, with its 95 % band")
 
 
 def kernel_figure(kernel: Array, name: str) -> Markup:
@@ -172,7 +175,7 @@ class _Curve:
     true: Array | None
 
 
-def mtf_figure(quality: Quality, truth: Psf | None, name: str) -> Markup:
+def mtf_figure(quality: Quality, truth: Otf | None, name: str) -> Markup:
     """MTF along both axes over frequency with 95 % bands; below, where the truth is known, how far it is off."""
     f = quality.frequencies
     curves = {
@@ -205,8 +208,8 @@ def mtf_figure(quality: Quality, truth: Psf | None, name: str) -> Markup:
     return svg(figure, name, f"MTF along rows and columns with its 95 % bands{against}")
 
 
-def _true_mtf(truth: Psf | None, fx: Array, fy: Array) -> Array | None:
-    return None if truth is None else np.abs(otf(truth, fx, fy))
+def _true_mtf(truth: Otf | None, fx: Array, fy: Array) -> Array | None:
+    return None if truth is None else np.abs(truth(fx, fy))
 
 
 def _draw_mtf(axes: Axes, f: Array, curve: _Curve, direction: str) -> None:

@@ -20,8 +20,8 @@ NUMBERS = (
     ("fwhm_vertical", "Half maximum along columns"),
     ("encircled_energy_80", "Radius of 80 % energy"),
     ("ellipticity", "Ellipticity"),
-    ("centroid_x", "Centroid x"),
-    ("centroid_y", "Centroid y"),
+    ("centroid_x_support", "Centroid x, of the support"),
+    ("centroid_y_support", "Centroid y, of the support"),
     ("strehl", "Strehl ratio with photosite"),
     (GAUSSIAN_RADIUS, "Gaussian radius for RAW developers"),
 )

@@ -4,7 +4,7 @@
 procedure = "pattern"               # or "two-photo"
 planes = ["G1"]                     # or ["all"]; by default G1 of a RAW file, Y of a grey image
 coverage = 2                        # guard bands, in standard uncertainties
-parameters = { s = 4, k = 17, solver = "ls" }
+parameters = { s = "auto", k = "auto", solver = "ls" }
 chart = { seed = 1 }                # or bits = "cells.pgm", beside this file
 optics = { pixel_pitch_um = 3.76, f_number = 8, wavelength_nm = 530 }
 pairs = { near = "_near", far = "_far" }      # two-photo: how the names of a pair's photographs end
@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -70,7 +70,7 @@ class Procedure:
     def told(self) -> dict[str, Any]:
         """The parameters as a record tells them, in the manner of `station psf`."""
         chart = {} if self.chart is None else {"chart": self.chart.origin}
-        return {**asdict(self.parameters), **chart, **self.optics}
+        return {**self.parameters.told(), **chart, **self.optics}
 
     def fingerprint(self) -> dict[str, Any]:
         """All that a result depends on, as plain data."""
@@ -105,10 +105,15 @@ def read_procedure(path: Path) -> Procedure:
     return procedure
 
 
+def _auto(table: Table, name: str, default: int | None) -> int | None:
+    """A whole number, or "auto" for what the program chooses."""
+    return table.number_or(name, "auto", default)
+
+
 def _parameters(table: Table, default: Sampling) -> Sampling:
     s, k, solver = (
-        table.get("s", int, default.s),
-        table.get("k", int, default.k),
+        _auto(table, "s", default.s),
+        _auto(table, "k", default.k),
         table.get("solver", str, default.solver),
     )
     table.end()

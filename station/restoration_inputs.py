@@ -152,7 +152,14 @@ def from_arrays(
         for one, ratio in zip(found, each, strict=True)
     ]
     told: dict[str, Any] = {"ratio": list(each[1:]), "max_w": widest}
-    told["measured"] = [{"half_width_px": one.half_width_px, "negative_light": one.cut} for one in measured]
+    told["measured"] = [
+        {
+            "half_width_px": one.half_width_px,
+            "negative_light": one.cut,
+            "energy_outside_support": one.energy_outside_support,
+        }
+        for one in measured
+    ]
     return BlurInput(masks, told=told)
 
 
@@ -203,7 +210,8 @@ def _text(path: Path) -> Array:
 def _samples_beside(path: Path) -> int:
     """Samples per pixel of a result's PSF, from the record in its folder. Raises BadParameter if there is none."""
     try:
-        return int(json.loads((path.parent / "result.json").read_text(encoding="utf-8"))["parameters"]["s"])
+        record = json.loads((path.parent / "result.json").read_text(encoding="utf-8"))
+        return int(record["planes"][path.stem.removeprefix("psf_")].get("s") or record["parameters"]["s"])
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise BadParameter(
             f"{path} has no result.json beside it that tells its samples per pixel", "give --samples-per-pixel"

@@ -24,12 +24,15 @@ import numpy.typing as npt
 from procedures.cross_check.estimate import EdgeCheck
 from procedures.outcome import BadParameter, Outcome, Quantity, Verdict
 from procedures.psf import Psf
-from procedures.quality import Quality
-from station.exports import GAUSSIAN_RADIUS, gaussian_radius, numbers_table, profile_table, psf_fits, psf_tiff
+from procedures.quality import Quality, energy_outside_support
+from station.exports import GAUSSIAN_RADIUS, gaussian_radius, numbers_table, psf_fits, psf_tiff
 from station.names import encodable
 from station.pictures import psf_picture
+from station.radial_profile import profile_table
 
 if TYPE_CHECKING:
+    from procedures.choice import Trial
+    from procedures.pattern_psf.error_parts import Variation
     from procedures.physics.estimate import Physics
 
 RECORD = "result.json"
@@ -52,6 +55,8 @@ class PlaneRecord:
     inter_image : the kernel between two photographs, where the PSF comes from two
     quality : its curves, and the derived numbers with unit and uncertainty
     diagnostics : further numbers for those who look into a verdict
+    choice : what was tried of s and k, the last one chosen
+    variations : numbers that differ in the halves of the chart
     edges : the chart's slanted edges beside the PSF, where the photograph shows some
     physics : the model of sensor and lens that explains the PSF, where one was asked for
     """
@@ -66,6 +71,8 @@ class PlaneRecord:
     diagnostics: Mapping[str, float] = field(default_factory=dict)
     inter_image: Array | None = None
     pitch: int = 1
+    choice: tuple[Trial, ...] = ()
+    variations: tuple[Variation, ...] = ()
     edges: tuple[EdgeCheck, ...] = ()
     physics: Outcome[Physics] | None = None
 
@@ -150,10 +157,22 @@ def write_psf_result(folder: ResultFolder, planes: Sequence[PlaneRecord], about:
     record = {
         "schema": SCHEMA,
         **about,
+        "parameters": {**about.get("parameters", {}), **_sampling(planes)},
+        "choice": {plane.name: [asdict(trial) for trial in plane.choice] for plane in planes if plane.choice},
         "planes": {plane.name: _plane_entry(plane) for plane in planes},
         "software": software(),
     }
     return write_record(folder, record)
+
+
+def _sampling(planes: Sequence[PlaneRecord]) -> dict[str, Any]:
+    """s and k as they were used: one number where all planes have the same, else one a plane."""
+    used = {plane.name: plane.psf for plane in planes if plane.psf is not None}
+    found: dict[str, Any] = {}
+    for name in ("s", "k") if used else ():
+        values = {plane: psf.s if name == "s" else psf.k for plane, psf in used.items()}
+        found[name] = next(iter(values.values())) if len(set(values.values())) == 1 else values
+    return found
 
 
 def write_record(folder: ResultFolder, record: Mapping[str, Any]) -> str:
@@ -220,8 +239,16 @@ def _version(distribution: str) -> str | None:
 def _plane_entry(plane: PlaneRecord) -> dict[str, Any]:
     entry: dict[str, Any] = {"verdict": str(plane.verdict), "reason": plane.reason, "remedy": plane.remedy}
     entry.update(plane.numbers)
+    if plane.psf is not None:
+        n = next((quantity.n for quantity in plane.quality.numbers.values()), 0) if plane.quality else 0
+        outside = asdict(energy_outside_support(plane.psf, n))
+        entry |= {"s": plane.psf.s, "k": plane.psf.k, "energy_outside_support": outside}
     if plane.quality is not None:
-        entry.update({name: asdict(quantity) for name, quantity in plane.quality.numbers.items()})
+        budgets = plane.quality.budgets
+        numbers = plane.quality.numbers.items()
+        entry.update({name: {**asdict(quantity), "budget": dict(budgets[name])} for name, quantity in numbers})
+    if plane.variations:
+        entry["variations"] = [asdict(one) for one in plane.variations]
     if plane.edges:
         entry["edges"] = [_edge_entry(edge) for edge in plane.edges]
     if plane.physics is not None:

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.advice import changed_settings
+from procedures.choice import START_S
 from procedures.field.plan import MARGIN, Location, chosen_locations, direction, pan_tilt_deg, rail_mm, ray
 from procedures.numerics.warps import apply_homography
 from procedures.outcome import Outcome
@@ -213,7 +214,10 @@ def check_place(location: Location, frame: RawFrame, facts: Facts) -> Advice:
         cut = find_charts(plane.samples)[0] if found.marks else None
         return replace(found, by_hand={}, moves=correction(location, cut, plane, facts) if cut else {})
     marks = marks_of(found)
-    off, ratio = off_place(location, found, plane), parameters_of(facts).s * float(found.widths().max()) / CELLS
+    off, ratio = (
+        off_place(location, found, plane),
+        (parameters_of(facts).s or START_S) * float(found.widths().max()) / CELLS,
+    )
     readings = (
         Reading("off its place", 100 * off, "% of the width", None, 100 * NEAR),
         Reading("s/t", ratio, "", RATIO_LOW, RATIO_HIGH),

@@ -18,9 +18,10 @@ from scipy.special import itj0y0, j0, j1
 Array = npt.NDArray[np.float64]
 
 REACH = 64
-"""Samples of the s grid from the centre to where the tail ends, for supports up to half of that; what lies beyond is
-nearly flat over any region of interest. A shorter reach biases the tail: the light from beyond it, which varies by
-itself, would be taken for its own."""
+"""Samples of the s grid from the centre to where the shapes end, for supports up to half of that. Beyond it the mean
+tail alone goes on. A shorter reach biases it: light from beyond, which varies by itself, would be taken for its own."""
+FAR = 128
+"""Pixels up to which the light from beyond the reach is looked at; what lies further is flat."""
 SHAPES = ("1/r^3", "1/r^5", "cos 2", "sin 2", "cos 4", "sin 4")
 """Names of the shapes: the mean tail, an excess close to the support, and the tail times cos and sin of 2 and 4
 times the direction."""
@@ -72,6 +73,39 @@ def tail_columns(
     return found / s
 
 
+def far_light(picture: Array, corner: tuple[int, int], shape: tuple[int, int], s: int, k: int) -> Array:
+    """What comes from beyond the reach by a mean tail of energy 1 within it: a picture through 1/r^3, (rows, columns).
+
+    Parameters
+    ----------
+    picture : (rows, columns) float64
+        What is seen, at pixels; nothing is sharp from so far away, so that it may be the photograph itself.
+    corner : (x, y)
+        First pixel of the window that is wanted.
+    shape : (rows, columns)
+        Size of the window.
+    """
+    x, y = corner
+    rows, columns = (
+        np.clip(np.arange(a - FAR, a + n + FAR), 0, most - 1)
+        for a, n, most in ((y, shape[0], picture.shape[0]), (x, shape[1], picture.shape[1]))
+    )
+    part = picture[np.ix_(rows, columns)]
+    size = tuple(scipy.fft.next_fast_len(n, real=True) for n in part.shape)
+    seen = scipy.fft.irfft2(scipy.fft.rfft2(part, size) * _far_spectrum(size[0], size[1], s, k), size)
+    return np.asarray(seen[FAR : FAR + shape[0], FAR : FAR + shape[1]])
+
+
+@lru_cache(maxsize=8)
+def _far_spectrum(rows: int, columns: int, s: int, k: int) -> npt.NDArray[np.complex128]:
+    """Spectrum of the tail from the reach to `FAR`, on a grid of pixels."""
+    r = np.hypot(
+        *np.meshgrid(scipy.fft.fftfreq(rows, 1 / rows), scipy.fft.fftfreq(columns, 1 / columns), indexing="ij")
+    )
+    weight = np.clip(r - tail_border(k) / s + 0.5, 0, 1) * (r <= FAR)
+    return np.asarray(scipy.fft.rfft2(weight * tail_density(k) / (s * np.maximum(r, 1) ** 3)))
+
+
 @lru_cache(maxsize=4)
 def _spectra(k: int, rows: int, columns: int) -> npt.NDArray[np.complex64]:
     """Spectra of the shapes on a grid, shifted so that the first sample that all of them reach comes first."""
@@ -98,9 +132,9 @@ def tail_density(k: int) -> float:
 def tail_spectra(fx: Array, fy: Array, k: int) -> Array:
     """Spectra of the shapes at frequencies (n,) in cycles per sample: (n, q), real; `tail_sums` at 0.
 
-    The shapes are symmetric about their centre. The mean tail goes on beyond the reach R: there the Hankel transform of
-    1/r^3 over its value at 0 is g(x) = x times the integral of J0(t) / t^2 from x = 2 pi f R on, which is J0(x) + x (the
-    integral of J0 from 0 to x - 1 - J1(x)).
+    The shapes are symmetric about their centre. The mean tail goes on beyond the reach R: there the Hankel transform
+    of 1/r^3 over its value at 0 is g(x) = x times the integral of J0(t) / t^2 from x = 2 pi f R on, which is
+    J0(x) + x (the integral of J0 from 0 to x - 1 - J1(x)).
     """
     half = tail_border(k)
     quadrants = tail_kernels(k)[:, half:, half:]

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.advice import changed_settings, exposure_advice, paper_level
+from procedures.choice import START_K, START_S
 from procedures.numerics.warps import fit_homography
 from procedures.pattern import CELLS, DEFAULT_SEED, Chart
 from procedures.pattern_print.rulers import LENGTH_MM
@@ -53,9 +54,16 @@ def known_chart(facts: Facts) -> Chart:
 
 
 def parameters_of(facts: Facts) -> PatternParameters:
-    """How the PSF is to be sampled."""
-    default = PatternParameters()
-    return PatternParameters(int(facts.get("s", default.s)), int(facts.get("k", default.k)))
+    """How the PSF is to be sampled: as the facts say, else as the photograph lets the program choose."""
+    if "s" not in facts or "k" not in facts:
+        return PatternParameters()
+    return PatternParameters(int(facts["s"]), int(facts["k"]), chosen=True)
+
+
+def quick_parameters(facts: Facts) -> PatternParameters:
+    """How a PSF is sampled whose sharpness alone is asked, many times over."""
+    asked = parameters_of(facts)
+    return asked if asked.s is not None else PatternParameters(START_S, START_K, chosen=True)
 
 
 def number(facts: Facts, name: str, otherwise: float) -> float:
@@ -159,7 +167,7 @@ def uneven(light: Light) -> Advice:
 
 def wanted_px_per_cell(facts: Facts) -> float:
     """Pixels of the plane per cell at the s/t that is aimed at."""
-    return RATIO / parameters_of(facts).s
+    return RATIO / (parameters_of(facts).s or START_S)
 
 
 def wanted_distance_mm(facts: Facts, pitch: int = 2) -> float:
@@ -177,7 +185,7 @@ def check_distance(frame: RawFrame, facts: Facts) -> Advice:
     optics = optics_of(plane, facts)
     pose = chart_pose(sighting.H_sensor_pattern, plane.samples.shape, optics)
     z, px_per_cell = pose.centre_mm[2], float(sighting.widths().max()) / CELLS
-    ratio = parameters_of(facts).s * px_per_cell
+    ratio = (parameters_of(facts).s or START_S) * px_per_cell
     change = z * (ratio / RATIO - 1)  # the focus is left alone meanwhile: the size goes with 1 / z
     learned = range_facts(px_per_cell, optics, facts)
     readings = (
@@ -272,7 +280,7 @@ class Turned:
 def turned(plane: Plane, sighting: Sighting, facts: Facts) -> Turned:
     """The chart's pose; by the noise cells it is good to a tenth of a degree, by the marks alone to two degrees."""
     optics, shape = optics_of(plane, facts), plane.samples.shape
-    found = estimate_psf(plane, known_chart(facts), parameters_of(facts)).value
+    found = estimate_psf(plane, known_chart(facts), quick_parameters(facts)).value
     if found is None:
         return Turned(chart_pose(sighting.H_sensor_pattern, shape, optics), False)
     grid = np.stack(np.meshgrid(*2 * [np.linspace(0, CELLS, 9)]), axis=-1).reshape(-1, 2)
@@ -338,7 +346,7 @@ def square_up(pose: ChartPose, readings: tuple[Reading, ...], marks: Marks) -> A
 
 def sharpness(frame: RawFrame, facts: Facts) -> float:
     """MTF50 of the PSF in the shown plane, in cycles/pixel; NaN where there is none."""
-    found = estimate_psf(shown(frame), known_chart(facts), parameters_of(facts)).value
+    found = estimate_psf(shown(frame), known_chart(facts), quick_parameters(facts)).value
     if found is None:
         return float("nan")
     numbers = found.quality.numbers

@@ -19,8 +19,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import gammaincc
 
+from procedures.budget import TERMS, Budget, taken_apart
+from procedures.choice import Trial
 from procedures.numerics.warps import inverse
 from procedures.outcome import Outcome, Rule, Verdict, verdict_of
+from procedures.pattern_psf.error_parts import Variation
 from procedures.pattern_psf.estimate import PatternPsf
 from procedures.psf import Psf, Tail
 from procedures.quality import Quality, assess
@@ -63,8 +66,32 @@ class CombinedPsf:
 
     @cached_property
     def quality(self) -> Quality:
-        """MTF and the numbers drawn from the mean."""
-        return assess(self.psf, n=sum(shot.n for shot in self.shots), diffraction=self.shots[0].diffraction)
+        """MTF and the numbers drawn from the mean, their uncertainties made up as those of the shots are.
+
+        What the shots' models leave over may be the same in all of them: it does not shrink with their number.
+        """
+        quality = assess(self.psf, n=sum(shot.n for shot in self.shots), diffraction=self.shots[0].diffraction)
+        parts = {name: self._parts(name, terms["noise"]) for name, terms in quality.budgets.items()}
+        return taken_apart(quality, parts)
+
+    def _parts(self, name: str, own: float) -> Budget:
+        budgets = [shot.quality.budgets[name] for shot in self.shots if name in shot.quality.budgets]
+        if not budgets:
+            return {"noise": own}
+        mean = {term: float(np.mean([budget[term] ** 2 for budget in budgets])) for term in TERMS}
+        random = {term: mean[term] for term in TERMS if term not in ("mismatch", "choice")}
+        whole = sum(random.values())
+        return {**{t: own * (v / whole) ** 0.5 for t, v in random.items()}, "mismatch": mean["mismatch"] ** 0.5}
+
+    @property
+    def choice(self) -> tuple[Trial, ...]:
+        """What was tried of s and k on the first shot."""
+        return self.shots[0].choice
+
+    @property
+    def variations(self) -> tuple[Variation, ...]:
+        """MTF50 in the halves of the chart, by the first shot."""
+        return self.shots[0].variations
 
     @property
     def diagnostics(self) -> Mapping[str, float]:

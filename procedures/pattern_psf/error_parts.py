@@ -115,7 +115,7 @@ def _by_fitted(gradients: Array, fit: Fit, psf: Psf) -> Array:
 
 
 def _freed(equations: NormalEquations, gradients: Array) -> tuple[dict[str, Array], Array]:
-    """Variances (b,) of the numbers for unit noise, with the groups freed one after the other; and F^-1 g, (b, n + p)."""
+    """Variances (b,) of the numbers for unit noise, the groups freed one after the other; and F^-1 g, (b, n + p)."""
     AZ, ZZ = equations.AZ, equations.ZZ
     n, b = len(AZ), len(gradients)
     AA = equations.G + AZ @ np.linalg.solve(ZZ, AZ.T)

@@ -32,7 +32,7 @@ from procedures.pattern_psf.registration import (
     refine_corners,
     register_marks,
 )
-from procedures.pattern_psf.trust import Diagnostics, Doubts, diagnose, judge
+from procedures.pattern_psf.trust import Diagnostics, Doubts, check_cells, diagnose, judge
 from procedures.psf import Psf, Sampling, Tail
 from procedures.quality import Diffraction, Quality, assess
 from procedures.raw import Plane
@@ -53,11 +53,18 @@ LEAST_STEPS = 16
 
 @dataclass(frozen=True)
 class PatternParameters(Sampling):
-    """How the PSF is sampled and solved for: see `Sampling`; k of 3 s + 1 to 6 s + 1 is usual."""
+    """How the PSF is sampled and solved for: see `Sampling`; k of 3 s + 1 to 6 s + 1 is usual.
+
+    Attributes
+    ----------
+    chosen : bool
+        Whether s and k, where they are given, were chosen from another photograph: they are not doubted then.
+    """
 
     s: int | None = None
     k: int | None = None
     solver: str = "ls"
+    chosen: bool = False
 
 
 @dataclass(frozen=True)
@@ -186,6 +193,7 @@ def _estimate(
     def attempt(s: int, k: int) -> _Attempt:
         nonlocal best
         fit, outliers = _fit(samples, chart, corners, best, light, s, k, prior)
+        check_cells(fit)
         if fit.still:
             best = fit.registration
         return _Attempt(fit, outliers, *_solution(fit, s, k, parameters.solver))
@@ -197,7 +205,9 @@ def _estimate(
     parts = error_parts(found.fit, found.psf, quality, WATCHED)
     quality = taken_apart(with_settling(quality, settling(tried)), parts.parts)
     diagnostics = diagnose(found.fit, found.psf, light, corners, marks_map, found.outliers, parts, prior)
-    verdict, reason, remedy = judge(diagnostics, found.fit, Doubts(parameters, tried, parts.variations))
+    verdict, reason, remedy = judge(
+        diagnostics, found.fit, Doubts(parameters, parameters.chosen, tried, parts.variations)
+    )
     if verdict is Verdict.REFUSED:
         return Outcome(None, verdict, reason, remedy)
     return Outcome(_result(found, quality, parts, tried, diagnostics, corners, diffraction), verdict, reason, remedy)
@@ -205,7 +215,7 @@ def _estimate(
 
 @dataclass(frozen=True)
 class _Attempt:
-    """The joint fit at one s and k, the share of outliers it left out, and its PSF with the covariance of the centre."""
+    """The joint fit at one s and k, the share of outliers left out, and its PSF with the centre's covariance."""
 
     fit: Fit
     outliers: float
@@ -265,6 +275,7 @@ def _fit(
 ) -> tuple[Fit, float]:
     """The joint fit, and the share of samples left out of it as outliers."""
     window = noise_window(registration, samples.shape)
+    surroundings = (samples - light.black[0]) / light.contrast - 0.5
     hidden = not np.isfinite(corners).all()
     observation = observe(samples, registration, light, window, margin_px=k / (2 * s) if hidden else 0.0)
     m, n = len(observation), k * k
@@ -273,10 +284,10 @@ def _fit(
             f"{n} PSF values need at least {2 * n} samples of the noise region; the photograph has {m}",
             "move closer, or lower k",
         )
-    fit = refine(observation, chart, registration, window, s, k, prior)
+    fit = refine(observation, chart, registration, window, s, k, surroundings, prior)
     kept = without_outliers(fit)
     if len(kept) < m - max(10, 1e-3 * m):
-        fit = refine(kept, chart, registration, window, s, k, prior)
+        fit = refine(kept, chart, registration, window, s, k, surroundings, prior)
     return fit, 1 - len(kept) / m
 
 
@@ -307,9 +318,6 @@ def _with_tail(fit: Fit) -> Array:
     Given h, the nuisance parameters are linear in it: t = (Z'Z)^-1 (Z'r - Z'A h).
     """
     equations = fit.equations
-    if len(equations.ZZ) < GEOMETRY + len(fit.light):  # other cells than the chart's: refused
-        n = len(fit.h) + len(fit.light) - TAIL
-        return np.diag(np.full(n, np.inf))
     Zi = cholesky_inverse(equations.ZZ)[GEOMETRY + TAIL :]
     C = cholesky_inverse(equations.G)
     cross = -C @ (equations.AZ @ Zi.T)
@@ -334,8 +342,6 @@ def _centre_covariance(fit: Fit, covariance: Array, forth: Array) -> Array:
     displacement's own come on top. Those count from the samples' mean, which stays in place, to the chart's centre.
     """
     o, equations = fit.observation, fit.equations
-    if len(equations.ZZ) < GEOMETRY:  # other cells than the chart's: nothing was refined, and the result is refused
-        return np.full((2, 2), np.nan)
     middle = fit.registration.to_sensor(np.full((1, 2), CELLS / 2))
     monomials = fit.registration.monomials(middle)[0] - o.cubics.mean(axis=0)
     displaced = np.kron(np.eye(2), monomials)

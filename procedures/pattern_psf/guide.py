@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -220,11 +221,18 @@ FOCUS = (
 # --- shots -------------------------------------------------------------------------------------------------------
 
 
-def estimate_shot(frame: RawFrame, facts: Facts) -> Outcomes:
-    """The PSF of every plane of one shot."""
-    chart, parameters = known_chart(facts), parameters_of(facts)
-    planes = frame.planes.items()
-    return {name: estimate_psf(plane, chart, parameters, diffraction(plane, facts)) for name, plane in planes}
+def estimate_shot(frame: RawFrame, facts: Facts, like: Outcomes | None = None) -> Outcomes:
+    """The PSF of every plane of one shot, sampled as those of another shot where one is given."""
+    return {
+        name: _estimate_plane(plane, facts, like.get(name) if like else None) for name, plane in frame.planes.items()
+    }
+
+
+def _estimate_plane(plane: Plane, facts: Facts, like: Outcome[Any] | None) -> Outcome[Any]:
+    parameters = parameters_of(facts)
+    if like is not None and like.value is not None:
+        parameters = replace(parameters, s=like.value.psf.s, k=like.value.psf.k, chosen=True)
+    return estimate_psf(plane, known_chart(facts), parameters, diffraction(plane, facts))
 
 
 def diffraction(plane: Plane, facts: Facts) -> Diffraction | None:
@@ -272,8 +280,15 @@ SHOTS = (
 # --- estimate ----------------------------------------------------------------------------------------------------
 
 
+def _first_found(found: Sequence[Outcomes]) -> Outcomes:
+    """Of every plane the first shot that was not refused."""
+    return {name: one for outcomes in reversed(found) for name, one in outcomes.items() if one.value is not None}
+
+
 def estimate(frames: Sequence[RawFrame], facts: Facts) -> Outcomes:
     """The PSF of every plane from all shots, and whether they agree."""
-    found = [estimate_shot(frame, facts) for frame in frames]
+    found: list[Outcomes] = []
+    for frame in frames:
+        found.append(estimate_shot(frame, facts, _first_found(found)))
     names = list(found[0]) if found else []
     return {name: combine([one[name] for one in found]) for name in names}

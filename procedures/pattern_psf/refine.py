@@ -5,12 +5,12 @@ thousand cells give it to a few thousandths. Every Gauss-Newton step linearises
 
     y = A h + sum a_i q_i + sum b_i q_i m + beta (m^2 - m) + delta o + sum tau_j v_j
 
-
-about the current map, PSF and light, with m what the whole PSF shows of the chart, black 0 and white its sum, y the sample between the black and white levels, A the chart of values
--1/2 and 1/2 (a_0 holds the mean), q_i the quadratics of place, o the cells' outlines seen through the PSF, v_j the chart
-seen through the shapes of the PSF's far tail, and eliminates everything but h (variable projection, Kaufman's form). delta is the
-spread of the ink, in cells: the printer makes black cells larger than white ones, which darkens the noise region just
-as a curved response would; only the picture of the outlines tells the two apart.
+about the current map, PSF and light, and eliminates everything but h (variable projection, Kaufman's form). y is the
+sample between the black and white levels, A the chart of values -1/2 and 1/2 (a_0 holds the mean), q_i the quadratics
+of place, m what the whole PSF shows of the chart, o the cells' outlines seen through the PSF, v_j the chart seen
+through the shapes of the PSF's far tail. delta is the spread of the ink, in cells: the printer makes black cells larger
+than white ones, which darkens the noise region just as a curved response would; only the picture of the outlines tells
+the two apart.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics.kernel_tail import SHAPES, tail_border, tail_columns, tail_density, tail_sums
+from procedures.numerics.kernel_tail import SHAPES, far_light, tail_border, tail_columns, tail_density, tail_sums
 from procedures.numerics.normal_equations import NormalEquations, Products, eliminate, gram, products
 from procedures.numerics.sampled_convolution import convolve_at, sample_convolution
 from procedures.numerics.solvers import cholesky_solve
@@ -143,6 +143,7 @@ class _Model:
     raster: Raster
     window: Window
     k: int
+    far_light: Array
     tail: TailPrior | None = None
 
     def read(self, registration: Registration, border: int) -> Array32:
@@ -162,7 +163,9 @@ class _Model:
         outline = self.raster.read_outline(fit.registration, self.window, self.k // 2)
         h = fit.h.reshape(self.k, self.k).astype(np.float32)
         spread = convolve_at(outline, o.rows, o.columns, h, s)
-        return np.column_stack([spread, tail_columns(u, o.rows, o.columns, s, self.k)])
+        tail = tail_columns(u, o.rows, o.columns, s, self.k)
+        tail[:, 0] += self.far_light[o.rows, o.columns]
+        return np.column_stack([spread, tail])
 
     def edges(self, fit: Fit) -> Edges:
         """How the samples change with the printed edges."""
@@ -183,6 +186,7 @@ def refine(
     window: Window,
     s: int,
     k: int,
+    surroundings: Array,
     tail: TailPrior | None = None,
 ) -> Fit:
     """The joint estimate of PSF, map and light, from the marks' map on; of the printed edges where they tell.
@@ -198,10 +202,13 @@ def refine(
     window : Window
     s, k : int
         Samples per pixel, and their number along the PSF's side.
+    surroundings : (rows, columns) float64
+        The plane with black -1/2 and white 1/2: what the far tail sees around.
     tail : TailPrior, optional
         What is known of the far tail.
     """
-    model = _Model(whole_chart(chart), band_limited_chart(chart, registration, s), window, k, tail)
+    far = far_light(surroundings, (window.x, window.y), (window.rows, window.columns), s, k)
+    model = _Model(whole_chart(chart), band_limited_chart(chart, registration, s), window, k, far, tail)
     stride = max(2, len(observation) // (COARSE_SAMPLES * k * k))
     enough = len(observation) // stride >= COARSE_SAMPLES * k * k
     coarse = observation.where(slice(None, None, stride)) if enough else observation

@@ -8,22 +8,29 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.choice import Trial, band_edge
-from procedures.outcome import Rule, Verdict, verdict_of
+from procedures.outcome import Refused, Rule, Verdict, verdict_of
 from procedures.pattern_psf.error_parts import ErrorParts, Variation
 from procedures.pattern_psf.radiometry import Light
 from procedures.pattern_psf.refine import RESPONSE, SPREAD, Fit, TailPrior
 from procedures.pattern_psf.registration import Registration, map_distance, mark_residuals
 from procedures.psf import Psf, Sampling
 from procedures.quality import truncation
+from procedures.sharpening import missing_light
 
 Array = npt.NDArray[np.float64]
 
+SEEN = 0.3
+"""Share of the noise region that its own cells explain at the least."""
 CORRELATED = 0.25
 """Correlation of neighbouring samples' noise from which a picture was processed."""
 CURVED = 0.15
 """Curvature of the response from which it is no linear picture."""
 SPREAD_OUT = 0.25
 """Spread of the ink, in cells, that the model of thin outlines does not describe any more."""
+DUG_OUT = 3.5
+"""Standard uncertainties of missing light from which a picture was sharpened."""
+CRUSHED = 0.01
+"""Share of black samples at one value from which black is cut off."""
 LEFT_OVER = 2.0
 """Residual over noise from which a result is doubted."""
 SCATTERED = 9.0
@@ -76,6 +83,10 @@ class Diagnostics:
         What the support may leave out of the OTF, and the OTF near the band's edge.
     tail_sigmas : float
         Far tail as fitted against what f-number and pitch tell, in standard uncertainties; 0 where they are not known.
+    missing_light : float
+        Of the rings around the core against what a lens leaves there, in standard uncertainties.
+    crushed : float
+        Share of the black blocks' samples that lie at one value.
     """
 
     agreement: float
@@ -101,6 +112,8 @@ class Diagnostics:
     truncation: float
     band_edge: float
     tail_sigmas: float
+    missing_light: float
+    crushed: float
 
 
 @dataclass(frozen=True)
@@ -111,13 +124,47 @@ class Doubts:
     ----------
     parameters : Sampling
         As asked for: what was given is obeyed, and doubted where it leaves too much out.
+    chosen : bool
+        Whether it was the program that chose.
     tried : tuple of Trial
     variations : tuple of Variation
     """
 
     parameters: Sampling
+    chosen: bool
     tried: tuple[Trial, ...]
     variations: tuple[Variation, ...]
+
+
+def check_cells(fit: Fit) -> None:
+    """Raises Refused where the noise region does not show the cells: nothing else can be told then."""
+    verdict, reason, remedy = verdict_of(_unseen(fit.agreement, unexplained(fit)))
+    if verdict is Verdict.REFUSED:
+        raise Refused(reason, remedy)
+
+
+def _unseen(agreement: float, unexplained: float) -> list[Rule]:
+    """Other cells, or none that can be seen."""
+    return [
+        Rule(
+            Verdict.REFUSED,
+            agreement < SEEN and unexplained > 0.1,
+            f"the noise region shows other cells than expected: they explain {max(agreement, 0):.0%} of it",
+            "give the chart's own cells (--bits or --seed, printed on the sheet) and photograph it unmirrored",
+        ),
+        Rule(
+            Verdict.REFUSED,
+            agreement < SEEN,
+            f"the noise region is blurred or noisy beyond use: the cells explain {max(agreement, 0):.0%} of it",
+            "focus, and expose longer",
+        ),
+    ]
+
+
+def unexplained(fit: Fit) -> float:
+    """Share of the variance that is neither explained nor noise."""
+    o = fit.observation
+    return max(1 - fit.agreement - float(np.mean(1 / o.weight**2)) / float(np.var(o.y)), 0.0)
 
 
 def diagnose(
@@ -147,13 +194,11 @@ def diagnose(
     parts : ErrorParts
     prior : TailPrior or None
     """
-    o = fit.observation
-    noise = float(np.mean(1 / o.weight**2)) / float(np.var(o.y))
     marks = mark_residuals(fit.registration, corners)
     pixels_per_cell = 1 / np.sqrt(abs(np.linalg.det(fit.registration.jacobian())))
     return Diagnostics(
         agreement=fit.agreement,
-        unexplained=max(1 - fit.agreement - noise, 0.0),
+        unexplained=unexplained(fit),
         residual_std=fit.residual_std,
         whiteness=_neighbour_correlation(fit),
         relative_uncertainty=float(np.sqrt(np.trace(psf.covariance)) / np.linalg.norm(psf.h)),
@@ -175,6 +220,8 @@ def diagnose(
         truncation=truncation(psf),
         band_edge=band_edge(psf),
         tail_sigmas=_tail_sigmas(psf, prior),
+        missing_light=missing_light(psf),
+        crushed=light.crushed,
     )
 
 
@@ -212,18 +259,7 @@ def _refusals(d: Diagnostics) -> list[Rule]:
     """What makes a PSF unusable, the most telling first."""
     refused = Verdict.REFUSED
     return [
-        Rule(
-            refused,
-            d.agreement < 0.3 and d.unexplained > 0.1,
-            f"the noise region shows other cells than expected: they explain {max(d.agreement, 0):.0%} of it",
-            "give the chart's own cells (--bits or --seed, printed on the sheet) and photograph it unmirrored",
-        ),
-        Rule(
-            refused,
-            d.agreement < 0.3,
-            f"the noise region is blurred or noisy beyond use: the cells explain {max(d.agreement, 0):.0%} of it",
-            "focus, and expose longer",
-        ),
+        *_unseen(d.agreement, d.unexplained),
         Rule(
             refused,
             d.unexplained > 0.15,
@@ -304,18 +340,18 @@ def _doubts(d: Diagnostics, fit: Fit) -> list[Rule]:
 
 def _left_out(more: Doubts) -> list[Rule]:
     """What s and k as they were given leave out."""
-    last = more.tried[-1]
+    last, chosen = more.tried[-1], more.chosen
     would = f"use -s {last.better[0]} -k {last.better[1]}, or leave both to the program" if last.better else "raise k"
     return [
         Rule(
             Verdict.DOUBTFUL,
-            more.parameters.k is not None and last.support_short,
+            more.parameters.k is not None and not chosen and last.support_short,
             f"k = {last.k} may leave out {last.truncation:.4f} of the OTF, which is known to {last.uncertainty:.4f}",
             would,
         ),
         Rule(
             Verdict.DOUBTFUL,
-            more.parameters.s is not None and last.band_open,
+            more.parameters.s is not None and not chosen and last.band_open,
             f"s = {last.s} ends the band where the OTF is still {last.band_edge:.2f}",
             would,
         ),
@@ -334,10 +370,23 @@ def _processed(d: Diagnostics) -> list[Rule]:
     return [
         Rule(
             doubtful,
-            abs(d.noise_correlation) > CORRELATED,
-            f"the noise of neighbouring samples is correlated by {d.noise_correlation:.2f}: the picture was demosaiced, "
-            "sharpened or compressed",
+            abs(d.noise_correlation) > CORRELATED and abs(d.whiteness) > CORRELATED / 2,
+            f"the noise of neighbouring samples is correlated by {d.noise_correlation:.2f}: the picture was "
+            "demosaiced, sharpened or compressed",
             "use the RAW file",
+        ),
+        Rule(
+            doubtful,
+            d.missing_light > DUG_OUT,
+            f"a ring around the PSF's core has less light than a lens leaves, by {d.missing_light:.0f} standard "
+            "uncertainties: the picture was sharpened",
+            "use the RAW file, or switch sharpening off",
+        ),
+        Rule(
+            doubtful,
+            d.crushed > CRUSHED,
+            f"black is cut off: {d.crushed:.0%} of its samples lie at one value",
+            "use the RAW file, or raise the black level",
         ),
         Rule(
             doubtful,

@@ -7,19 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from procedures.clipping import find_clipping
 from procedures.psf import Psf
 from procedures.two_photo.error_parts import ErrorParts, near_errors
 from procedures.two_photo.inter_image import Fit
 from procedures.two_photo.likeness import Likeness
-from procedures.two_photo.near_noise import Kernel
+from procedures.two_photo.near_noise import Kernel, noise_at_most
 from procedures.two_photo.registration import Sighting
 from procedures.two_photo.sharpness import sharpness_ratio
 
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
 
-CLIPPED = 0.998
-"""Samples from here on count as saturated, as in the chart's photographs."""
 TILES = 8
 """Tiles along each side of the common region that may each move by themselves."""
 CLEAR = 0.1
@@ -168,7 +167,7 @@ def diagnose(
         recursion_check=recursion_check,
         support_cut=kernel.cut,
         sharpness_ratio=_sharpness_ratio(fit, near, far, kernel.noise),
-        saturated=max(float(np.mean(photograph >= CLIPPED)) for photograph in (near, far)),
+        saturated=max(clipped_share(photograph) for photograph in (near, far)),
         outliers=fit.outliers,
         travelled_px=fit.travelled_px,
         moved_px=fit.moved_px,
@@ -183,6 +182,13 @@ def diagnose(
         focus_effect=float(np.abs(near_errors(alike.near, fit.scale(), *(0.5 * np.eye(2)))).max()),
         mismatch=max((ratio for name, ratio in parts.mismatch.items() if name.startswith("mtf50")), default=1.0),
     )
+
+
+def clipped_share(photograph: Array32) -> float:
+    """Share of a photograph's samples that are cut off, at its own ends or at white."""
+    noise = noise_at_most(photograph)
+    found = find_clipping(photograph, dark_noise=noise, bright_noise=noise)
+    return max(found.black, found.white)
 
 
 def _sharpness_ratio(fit: Fit, near: Array32, far: Array32, noise: float) -> float:

@@ -10,7 +10,7 @@ from procedures.exposure import Exposure
 from procedures.numerics.warps import homography_jacobian
 from procedures.outcome import Refused, Rule, Verdict, verdict_of
 from procedures.psf import Sampling
-from procedures.two_photo.diagnostics import CLIPPED, Diagnostics
+from procedures.two_photo.diagnostics import Diagnostics, clipped_share
 
 Array = npt.NDArray[np.float64]
 
@@ -30,7 +30,7 @@ Array32 = npt.NDArray[np.float32]
 def check_light(near: Array32, far: Array32) -> None:
     """Refuse photographs of which too much is clipped, or that show next to no light."""
     for photograph in (near, far):
-        clipped = float(np.mean(photograph >= CLIPPED))
+        clipped = clipped_share(photograph)
         if clipped > 0.05:
             raise Refused(
                 f"the wall must not be clipped; {clipped:.0%} of a photograph is",

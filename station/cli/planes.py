@@ -26,14 +26,34 @@ OPTICS = ("pixel_pitch_um", "f_number", "wavelength_nm")
 Command = Callable[..., Any]
 
 
-def psf_options(s: int, k: int, solver: str, *, report: bool = False) -> Callable[[Command], Command]:
+class AutoInt(click.ParamType):  # type: ignore[type-arg]  # generic in some releases only
+    """A whole number, or "auto": None, for what the program chooses from the photograph."""
+
+    name = "auto|N"
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> int | None:
+        """The number, None for "auto"."""
+        if isinstance(value, int) or value is None:
+            return value
+        if value == "auto":
+            return None
+        try:
+            return int(str(value))
+        except ValueError:
+            self.fail(f"give a whole number, or auto; got {value!r}", param, ctx)
+
+
+AUTO = AutoInt()
+
+
+def psf_options(s: int | str, k: int | str, solver: str, *, report: bool = False) -> Callable[[Command], Command]:
     """The options of every PSF command, with a procedure's own defaults.
 
     A page takes as long to draw as its planes to be estimated, so it is written where it is asked for.
     """
     options: list[Callable[[Command], Command]] = [
-        click.option("-s", "s", type=int, default=s, show_default=True, help="PSF samples per pixel of the plane."),
-        click.option("-k", "k", type=int, default=k, show_default=True, help="PSF samples along one side, odd."),
+        click.option("-s", "s", type=AUTO, default=s, show_default=True, help="PSF samples per pixel of the plane."),
+        click.option("-k", "k", type=AUTO, default=k, show_default=True, help="PSF samples along one side, odd."),
         click.option("--solver", type=click.Choice(["ls", "clip", "nnls"]), default=solver, show_default=True),
         click.option(
             "--pixel-pitch-um", type=click.FloatRange(min=0.1), help="The sensor's pitch, for the Strehl ratio."

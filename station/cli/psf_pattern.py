@@ -27,7 +27,7 @@ from station.cli.planes import (
 @click.option(
     "--physics", is_flag=True, help="Also explain the PSF by photosites, low-pass filter, diffraction and aberrations."
 )
-@psf_options(s=4, k=17, solver="ls")
+@psf_options(s="auto", k="auto", solver="ls")
 def psf_pattern(
     image: Path,
     bits: Path | None,
@@ -53,6 +53,6 @@ def psf_pattern(
         limit = partial(diffraction_limit, frame.exposure, **optics)
         planes = tell_each(calibrate(frame, source.chart, parameters, limit, physics=physics))
         known = {name: value for name, value in optics.items() if value is not None}
-        given = {**options, "physics": physics, "chart": source.origin, **known}
+        given = {**parameters.told(), "physics": physics, "chart": source.origin, **known}
         text = write_result(folder, planes, "pattern", [frame], parameters=given, report=report, start=start)
     finish([one.record for one in planes], text, as_json=as_json)

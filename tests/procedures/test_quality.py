@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.special import j0
 
-from procedures.psf import Psf
+from procedures.numerics.kernel_tail import tail_sums
+from procedures.psf import Psf, Tail
 from procedures.quality import Diffraction, assess, otf
 
 S, K = 4, 33
@@ -80,7 +81,8 @@ def test_strehl_of_diffraction_alone_is_one() -> None:
     limit = Diffraction(f_number=8, pixel_pitch_um=5.0, wavelength_nm=550)
     x = (np.arange(K) - K // 2) / S
     h = limit.psf(np.hypot(x, x[:, None])) / S**2  # of sum 1 over the plane, the tail outside included
-    whole = Psf(h, S, 1e-12 * np.eye(h.size))
+    outside = np.array([(1 / h.sum() - 1) / tail_sums(K)[0]])
+    whole = Psf(h / h.sum(), S, 1e-12 * np.eye(h.size), Tail(outside, np.zeros((1, 1)), np.zeros((h.size, 1))))
     assert assess(whole, n=1, diffraction=limit).numbers["strehl"].value == pytest.approx(1, rel=1e-3)
 
 

@@ -3,46 +3,83 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procedures.numerics.kernel_tail import tail_border, tail_column, tail_kernel, tail_spectrum, tail_sum
+from procedures.numerics.kernel_tail import (
+    FAR,
+    SHAPES,
+    far_light,
+    tail_border,
+    tail_columns,
+    tail_density,
+    tail_kernels,
+    tail_spectra,
+    tail_sums,
+)
 
 K = 9
+LONG = 600
 
 
 @pytest.fixture(scope="module")
 def long_tail() -> np.ndarray:
-    """1/r^3 outside the support up to 60 half-widths, in units of the kernel's."""
-    n = np.arange(-240, 241)
+    """1/r^3 outside the support up to many reaches, in units of the kernel's."""
+    n = np.arange(-LONG, LONG + 1)
     r = np.hypot(n, n[:, None])
     inside = np.maximum(np.abs(n), np.abs(n[:, None])) <= K // 2
-    tail = np.where(inside | (r > 240), 0, 1 / np.maximum(r, 1) ** 3)
-    reach = slice(240 - tail_border(K), 241 + tail_border(K))
-    return tail / tail[reach, reach][tail_kernel(K) > 0].sum()
+    tail = np.where(inside | (r > LONG), 0, 1 / np.maximum(r, 1) ** 3)
+    reach = slice(LONG - tail_border(K), LONG + 1 + tail_border(K))
+    return tail / tail[reach, reach][tail_kernels(K)[0] > 0].sum()
 
 
 def test_sum_goes_on_without_an_end(long_tail: np.ndarray) -> None:
-    # beyond 240 samples lies 1/60 of what lies beyond 4, and the circle's edge is a grid's
-    beyond = (tail_sum(K) - 1) * tail_border(K) / 240
-    assert long_tail.sum() + beyond == pytest.approx(tail_sum(K), abs=0.01)
+    # beyond R lies 1 / R of what lies beyond 1, and the circle's edge is a grid's
+    beyond = (tail_sums(K)[0] - 1) * tail_border(K) / LONG
+    assert long_tail.sum() + beyond == pytest.approx(tail_sums(K)[0], abs=0.001)
 
 
 @pytest.mark.parametrize(("fx", "fy"), [(0.02, 0.0), (0.05, 0.03), (0.2, 0.11), (0.5, 0.5)])
 def test_spectrum_is_that_of_the_long_kernel(long_tail: np.ndarray, fx: float, fy: float) -> None:
-    n = np.arange(-240, 241)
+    n = np.arange(-LONG, LONG + 1)
     explicit = np.real(np.exp(-2j * np.pi * fy * n) @ long_tail @ np.exp(-2j * np.pi * fx * n))
-    assert tail_spectrum(np.array([fx]), np.array([fy]), K)[0] == pytest.approx(explicit, abs=0.01)
+    # what is cut off beyond the long kernel
+    assert tail_spectra(np.array([fx]), np.array([fy]), K)[0, 0] == pytest.approx(explicit, abs=0.004)
+
+
+def test_spectra_of_the_shapes_are_their_transforms() -> None:
+    n = np.arange(-tail_border(K), tail_border(K) + 1)
+    fx, fy = 0.07, -0.12
+    wave = np.exp(-2j * np.pi * fy * n)[:, None] * np.exp(-2j * np.pi * fx * n)
+    explicit = np.sum(tail_kernels(K)[1:] * wave, axis=(1, 2))
+    np.testing.assert_allclose(tail_spectra(np.array([fx]), np.array([fy]), K)[0, 1:], explicit.real, atol=1e-12)
+    np.testing.assert_allclose(explicit.imag, 0, atol=1e-12)
 
 
 def test_spectrum_starts_at_the_sum() -> None:
-    assert tail_spectrum(np.zeros(1), np.zeros(1), K)[0] == pytest.approx(tail_sum(K))
+    np.testing.assert_allclose(tail_spectra(np.zeros(1), np.zeros(1), K)[0], tail_sums(K), atol=1e-12)
 
 
-def test_column_is_the_convolution(rng: np.random.Generator) -> None:
+def test_columns_are_the_convolutions(rng: np.random.Generator) -> None:
     s, border = 3, tail_border(K)
     u = rng.standard_normal((s * 9 + 1 + 2 * border, s * 12 + 1 + 2 * border)).astype(np.float32)
-    seen = np.array([np.sum(tail_kernel(K)[::-1, ::-1] * part) for part in patches(u, s, 2 * border + 1)])
     rows, columns = (grid.ravel() for grid in np.mgrid[:10, :13])
-    # single precision
-    assert np.allclose(tail_column(u, rows, columns, s, K), seen, atol=1e-5)
+    found = tail_columns(u, rows, columns, s, K)
+    assert found.shape == (130, len(SHAPES))
+    for column, kernel in zip(found.T, tail_kernels(K), strict=True):
+        seen = [np.sum(kernel[::-1, ::-1] * part) for part in patches(u, s, 2 * border + 1)]
+        # single precision
+        np.testing.assert_allclose(column, seen, atol=2e-5)
+
+
+def test_light_from_far_is_the_sum_over_the_pixels(rng: np.random.Generator) -> None:
+    s, picture = 2, np.zeros((300, 280))
+    spot = (150 + 60, 140 - 45)  # 75 pixels from the pixel that is asked
+    picture[spot] = 1.0
+    light = far_light(picture, (140, 150), (1, 1), s, K)[0, 0]
+    # density per sample of the s grid, r in samples: per pixel s^2 times that, r in pixels over s^3
+    assert light == pytest.approx(tail_density(K) / s / 75**3, rel=1e-9)
+    picture[:] = 1.0
+    # all around: a ring from the reach to FAR, by the integral of 2 pi r / r^3
+    ring = 2 * np.pi * (s / tail_border(K) - 1 / FAR) * tail_density(K) / s
+    assert far_light(picture, (140, 150), (1, 1), s, K)[0, 0] == pytest.approx(ring, rel=0.01)
 
 
 def patches(u: np.ndarray, s: int, size: int) -> np.ndarray:

@@ -186,7 +186,7 @@ def test_curved_response_is_told_from_spread_ink(bench: Bench, rng: np.random.Ge
     top, bottom = 0.9 * 0.9 / 1.3, 0.04 * 0.9 / 1.3  # paper and ink in a light of 0.9, full well at 1.3
     level = (samples - bottom) / (top - bottom)
     curved = bottom + (top - bottom) * (level + 0.1 * (level**2 - level))
-    found = value(estimate_psf(changed(bench, curved), CHART))
+    found = value(estimate_psf(changed(bench, curved), CHART, PatternParameters(4, 17)))
     assert found.diagnostics["response_curvature"] == pytest.approx(0.1, abs=0.02)
     assert found.diagnostics["ink_spread"] == pytest.approx(0, abs=0.004)
     error, _ = aligned_error(found.psf.h, bench.photograph.true_psf("Y", 4, 17).h)
