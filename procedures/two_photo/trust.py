@@ -16,8 +16,8 @@ Array = npt.NDArray[np.float64]
 
 CLEAR_OF = 1.02
 """By how much the zoom must exceed s that is chosen."""
-COARSE_REMAINS, FINE_REMAINS = 3.0, 0.6
-"""Remains at coarse over fine detail that noise does not have."""
+COARSE_REMAINS, FINE_REMAINS, STREAKS = 2.0, 0.8, 1.4
+"""Power of the remains at coarse over fine detail, and along x over along y, that noise does not have."""
 COARSE_SHARE = 0.05
 """Share of the wall's coarse detail that may differ."""
 OTHER_FOCUS = 0.06
@@ -91,8 +91,8 @@ def _unlike(d: Diagnostics) -> list[Rule]:
         Rule(
             doubtful,
             d.colour > COARSE_REMAINS,
-            f"what the near photograph does not explain is coarse, {d.colour:.1f} times as strong as at fine detail: the "
-            "light came from elsewhere, or the far photograph is softer than the near one",
+            f"what the near photograph does not explain is coarse, {d.colour:.1f} times as strong as at fine detail: "
+            "the light came from elsewhere, or the far photograph is softer than the near one",
             "take both in the same steady light, focus at either distance, and let nothing move",
         ),
         Rule(
@@ -105,15 +105,22 @@ def _unlike(d: Diagnostics) -> list[Rule]:
         Rule(
             doubtful,
             d.colour < FINE_REMAINS,
-            f"what the near photograph does not explain is fine, at coarse detail {d.colour:.2f} times as strong: the far "
-            "photograph was sharpened or compressed",
+            f"what the near photograph does not explain is fine, at coarse detail {d.colour:.2f} times as strong: the "
+            "far photograph was sharpened or compressed",
             "use the RAW files",
         ),
         Rule(
             doubtful,
+            not 1 / STREAKS < d.streaks < STREAKS,
+            f"what the near photograph does not explain is {max(d.streaks, 1 / d.streaks):.1f} times as strong along "
+            "one axis as along the other: the camera moved in the far exposure, or the photograph was processed",
+            "take both from a tripod, without touching the camera, as RAW files",
+        ),
+        Rule(
+            doubtful,
             d.beyond_light > 0.02,
-            f"no PSF of light has the MTF that was found, by {d.beyond_light:.2f}: the far photograph was sharpened, or the "
-            "near one softened",
+            f"no PSF of light has this MTF, by {d.beyond_light:.2f}: the far photograph was sharpened, or the near one "
+            "softened",
             "use the RAW files, focused at either distance",
         ),
         Rule(
