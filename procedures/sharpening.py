@@ -42,4 +42,4 @@ def missing_light(psf: Psf) -> float:
 
 
 def _sigmas(value: float, slope: Array, C: Array) -> float:
-    return value / float(np.sqrt(max(slope @ C @ slope, 1e-30)))
+    return value / float(max(slope @ C @ slope, 1e-30)) ** 0.5
