@@ -79,9 +79,9 @@ class Diagnostics:
         Share of the common region's samples that were left out because no noise explains them.
     travelled_px, moved_px : float
         How far the map moved from the first homography, and in the last step, in far pixels.
-    left_over, colour, streaks, beyond_light : float
+    left_over, colour, streaks, light_turned, missing_light, beyond_light : float
         See `likeness.Likeness`.
-    softness_x, softness_y, sharpening, wall_power : float
+    softness_x, softness_y, sharpening, turned, wall_power : float
         See `likeness.NearLook`.
     focus_effect : float
         By what share another focus, if that is what softness tells, changes the MTF at Nyquist: the larger of x and y.
@@ -118,11 +118,14 @@ class Diagnostics:
     left_over: float
     colour: float
     streaks: float
+    light_turned: float
     beyond_light: float
     softness_x: float
     softness_y: float
     sharpening: float
+    turned: float
     wall_power: float
+    missing_light: float
     focus_effect: float
     mismatch: float
 
@@ -174,11 +177,14 @@ def diagnose(
         left_over=alike.left_over,
         colour=alike.colour,
         streaks=alike.streaks,
+        light_turned=alike.light_turned,
         beyond_light=alike.beyond_light,
         softness_x=float(alike.near.softness[0]),
         softness_y=float(alike.near.softness[1]),
         sharpening=alike.near.sharpening,
+        turned=float(np.hypot(*alike.near.turned)),
         wall_power=alike.near.wall_power,
+        missing_light=alike.missing_light,
         focus_effect=float(np.abs(near_errors(alike.near, fit.scale(), *(0.5 * np.eye(2)))).max()),
         mismatch=max((ratio for name, ratio in parts.mismatch.items() if name.startswith("mtf50")), default=1.0),
     )

@@ -1,6 +1,6 @@
 """Whether both photographs are of one wall in one light, equally sharp and left as the sensor gave them.
 
-Three things tell, none of which the fit itself can see:
+Four things tell, none of which the fit itself can see:
 
 - what the near photograph does not explain of the far one must be noise, as strong at coarse detail as at fine detail.
   Coarse remains are another light, another response, or a far photograph whose noise was smoothed; where something
@@ -8,6 +8,8 @@ Three things tell, none of which the fit itself can see:
 - the near photograph's own spectrum, divided by the OTF that was found, is the wall's. Walls have detail of all
   sizes, a spectrum like a power of the frequency: what falls off faster or slower is another sharpness of the near
   photograph, or the wall itself. Nothing in two photographs tells these two apart, so it counts as an uncertainty;
+- light turned on relief changes the contrast by the direction of the detail, alike at all scales. An OTF varies with
+  the direction too, but as the square of the frequency: at the coarsest detail only the light can be why;
 - light only adds: an OTF of light has 1 - H(2f) <= 4 (1 - H(f)), as cosines have. A sharpened one breaks that.
 """
 
@@ -20,6 +22,7 @@ import numpy.typing as npt
 from scipy.ndimage import map_coordinates
 
 from procedures.psf import Psf
+from procedures.sharpening import missing_light
 from procedures.two_photo.inter_image import Fit
 from procedures.two_photo.sharpness import patch_spectra
 
@@ -30,12 +33,14 @@ COARSE, FINE = (0.03, 0.15), (0.25, 0.5)
 """Bands of the far photograph's frequencies, in cycles/pixel, whose remains are compared."""
 FAR_PATCH, NEAR_PATCH = 48, 256
 """Sides of the patches of which spectra are taken."""
+COARSE_DETAIL = 0.05
+"""Cycles/pixel of the far photograph at which the OTF cannot vary with the direction."""
 LOWEST = 2.5
 """Cycles per patch from which the window does not smear the wall's spectrum."""
 HIGHEST = 0.47
 """Cycles/pixel up to which the near photograph's spectrum is used."""
 COARSEST = 0.01
-"""Cycles/pixel from which the near photograph's spectrum is used, and up to which it cannot differ."""
+"""Cycles/pixel from which the near photograph's spectrum is used."""
 MASK_PX = 1.0
 """Width of the masks of usual sharpening, in pixels."""
 STEPS = 25
@@ -52,7 +57,8 @@ class NearLook:
     sharpening : float
         Amplitude of a sharpening by unsharp masking, as wide as `MASK_PX`.
     turned : (2,) float64
-        How the spectrum's variation with cos 2 and sin 2 of the direction grows with the logarithm of the frequency.
+        How the spectrum's variation with cos 2 and sin 2 of the direction grows with the logarithm of the frequency:
+        other light, motion, or a wall whose fine detail has another direction than its coarse one.
     wall_power : float
         Exponent of the wall's spectrum.
     """
@@ -64,12 +70,9 @@ class NearLook:
 
     def log_modulus(self, fx: Array, fy: Array) -> Array:
         """The logarithm of the near photograph's |OTF| over that found, at near frequencies (n,)."""
-        r2 = fx**2 + fy**2
-        growth = 0.5 * np.log(np.maximum(np.sqrt(r2) / COARSEST, 1))
-        turn = 2 * np.arctan2(fy, fx)
         blur = -2 * np.pi**2 * np.stack([fx**2, fy**2], axis=-1) @ self.softness
-        mask = self.sharpening * (1 - np.exp(-2 * np.pi**2 * MASK_PX**2 * r2))
-        return np.asarray(blur + mask + growth * (self.turned[0] * np.cos(turn) + self.turned[1] * np.sin(turn)))
+        mask = self.sharpening * (1 - np.exp(-2 * np.pi**2 * MASK_PX**2 * (fx**2 + fy**2)))
+        return np.asarray(blur + mask)
 
 
 @dataclass(frozen=True)
@@ -86,6 +89,11 @@ class Likeness:
         Power of what is left over at fine detail along x, over that along y: 1 for noise.
     near : NearLook
         What the near photograph's spectrum says.
+    light_turned : float
+        Amplitude of the OTF's variation with twice the direction at `COARSE_DETAIL`, without what grows as the square
+        of the frequency, beyond twice its standard uncertainty.
+    missing_light : float
+        See `sharpening.missing_light`.
     beyond_light : float
         Largest excess of 1 - H(2f) over 4 (1 - H(f)) that is more than three standard uncertainties; 0 without one.
     """
@@ -94,13 +102,16 @@ class Likeness:
     colour: float
     streaks: float
     near: NearLook
+    light_turned: float
+    missing_light: float
     beyond_light: float
 
 
 def likeness(fit: Fit, psf: Psf, near: Array32) -> Likeness:
     """How alike the photographs are, by the final fit and the PSF drawn from it without constraint."""
     left_over, colour, streaks = remains(fit)
-    return Likeness(left_over, colour, streaks, near_look(_common(fit, near), psf), beyond_light(psf))
+    look = near_look(_common(fit, near), psf)
+    return Likeness(left_over, colour, streaks, look, light_turned(psf), missing_light(psf), beyond_light(psf))
 
 
 def remains(fit: Fit) -> tuple[float, float, float]:
@@ -190,6 +201,21 @@ def _squared_modulus(psf: Psf, at: list[tuple[Array, Array]]) -> Array:
         sign = np.where(fx < 0, -1, 1)
         found.append(map_coordinates(table, [sign * fy * 32 + 48, np.abs(fx) * 32], order=1))
     return np.stack(found)
+
+
+def light_turned(psf: Psf) -> float:
+    """`light_turned` of `Likeness`."""
+    turn = np.pi * np.arange(16) / 16
+    waves = np.stack([np.cos(2 * turn), np.sin(2 * turn)]) / 8
+    told = np.zeros(2)
+    slope = np.zeros((2, len(psf.parameters)))
+    for f, share in ((COARSE_DETAIL, 1.0), (2 * COARSE_DETAIL, -0.25)):
+        spectra = psf.spectra(f * np.cos(turn), f * np.sin(turn))
+        H = spectra @ psf.parameters
+        told += share * waves @ np.log(np.abs(H))
+        slope += share * waves @ np.real(spectra / H[:, None])
+    variance = np.einsum("ij,jk,ik->i", slope, psf.parameter_covariance, slope).sum()
+    return max(float(np.hypot(*told)) - 2 * float(np.sqrt(max(variance, 0))), 0.0)
 
 
 def beyond_light(psf: Psf) -> float:

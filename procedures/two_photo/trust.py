@@ -18,8 +18,14 @@ CLEAR_OF = 1.02
 """By how much the zoom must exceed s that is chosen."""
 COARSE_REMAINS, FINE_REMAINS, STREAKS = 2.0, 0.8, 1.4
 """Power of the remains at coarse over fine detail, and along x over along y, that noise does not have."""
+LIGHT_TURNED = 0.005
+"""Variation with the direction at coarse detail: a lens gives 0.001."""
 COARSE_SHARE = 0.05
 """Share of the wall's coarse detail that may differ."""
+BEYOND_LIGHT, DUG_OUT = 0.02, 4.0
+"""Excess over what cosines allow, and light missing around the core in standard uncertainties."""
+TURNED = 0.1
+"""Growth of the spectrum's variation with direction, per factor e of the frequency."""
 OTHER_FOCUS = 0.06
 """Share of the MTF at Nyquist that the focus may put in doubt."""
 SCATTERED = 9.0
@@ -97,6 +103,13 @@ def _unlike(d: Diagnostics) -> list[Rule]:
         ),
         Rule(
             doubtful,
+            d.light_turned > LIGHT_TURNED,
+            "the contrast of coarse detail changed with its direction between the photographs: the light came from "
+            "elsewhere",
+            "take both in the same light, one soon after the other, or choose a wall that is painted, not rough",
+        ),
+        Rule(
+            doubtful,
             d.left_over > COARSE_SHARE,
             f"{d.left_over:.0%} of the wall's coarse detail is not the same in both photographs: another light, or a "
             "response that is not linear",
@@ -118,9 +131,8 @@ def _unlike(d: Diagnostics) -> list[Rule]:
         ),
         Rule(
             doubtful,
-            d.beyond_light > 0.02,
-            f"no PSF of light has this MTF, by {d.beyond_light:.2f}: the far photograph was sharpened, or the near one "
-            "softened",
+            d.beyond_light > BEYOND_LIGHT or d.missing_light > DUG_OUT,
+            "no PSF of light has this MTF: the far photograph was sharpened, or the near one softened",
             "use the RAW files, focused at either distance",
         ),
         Rule(
@@ -129,6 +141,13 @@ def _unlike(d: Diagnostics) -> list[Rule]:
             f"the near photograph's fine detail is not what a wall of this kind has: if the focus is why, the MTF at "
             f"Nyquist is wrong by {d.focus_effect:.0%}",
             "focus again at either distance, use the RAW files, or choose a wall with more fine detail",
+        ),
+        Rule(
+            doubtful,
+            d.turned > TURNED,
+            "the near photograph's fine detail has another direction than its coarse detail: its light came from "
+            "elsewhere, it was moved or processed, or the wall is such",
+            "take both in the same steady light, from a tripod, of a wall without a direction",
         ),
         Rule(
             doubtful,

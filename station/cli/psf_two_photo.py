@@ -15,7 +15,7 @@ from station.cli.planes import OPTICS, finish, psf_options, read_planes, tell_ea
 @click.command("two-photo")
 @click.argument("a", type=click.Path(path_type=Path))
 @click.argument("b", type=click.Path(path_type=Path))
-@psf_options(s=3, k=13, solver="nnls")
+@psf_options(s="auto", k="auto", solver="nnls")
 def psf_two_photo(a: Path, b: Path, plane: str | None, out: Path, report: bool, as_json: bool, **options: Any) -> None:
     """Estimate the PSF from A and B, photographs of one textured wall at distances more than s times apart."""
     start = time.perf_counter()
