@@ -122,7 +122,7 @@ def _row(item: Item, job: Job) -> Row:
 def _estimate(item: Item, job: Job, hashes: Sequence[str], folder: str, place: ResultFolder) -> Row:
     start = time.perf_counter()
     try:
-        frames = [_read(path, job.procedure.planes) for path in item.paths]
+        frames = [_read(path, job.procedure) for path in item.paths]
         calibrated = _calibrated(job.procedure, frames)
     except ProcedureError as error:
         row = replace(_failure(item, error), sha256=hashes, folder=folder)
@@ -153,9 +153,10 @@ def _sha256(path: Path) -> str:
         raise BadInput(reason, "check its permissions and the disk") from error
 
 
-def _read(path: Path, planes: Sequence[str]) -> RawFrame:
-    names = None if ALL in planes else list(planes) or [default_plane(path)]
-    return read_frame(path, names)
+def _read(path: Path, procedure: Procedure) -> RawFrame:
+    planes, layout = procedure.planes, procedure.layout
+    names = None if ALL in planes else list(planes) or [default_plane(path, layout)]
+    return read_frame(path, names, layout)
 
 
 def _calibrated(procedure: Procedure, frames: Sequence[RawFrame]) -> list[Calibrated[Any]]:

@@ -10,9 +10,10 @@ import click
 
 from station.cli.errors import REFUSED
 from station.cli.log import log, log_json_option
-from station.cli.planes import LEVELS, read_planes
+from station.cli.planes import LEVELS, raw_option, read_planes, told_layout
 
 if TYPE_CHECKING:
+    from procedures.sensor_dump import DumpLayout
     from station.edges import EdgeRecord
 
 
@@ -35,10 +36,18 @@ def _roi(context: click.Context, option: click.Parameter, words: str | None) -> 
     "--roi", callback=_roi, metavar="X,Y,W,H", help="Where the edge is, in pixels of the plane.  [default: all edges]"
 )
 @click.option("--plane", help="R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]")
+@raw_option
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
 @click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout too.")
 @log_json_option
-def mtf_edge(image: Path, roi: tuple[int, ...] | None, plane: str | None, out: Path, as_json: bool) -> None:
+def mtf_edge(
+    image: Path,
+    roi: tuple[int, ...] | None,
+    plane: str | None,
+    layout: DumpLayout | None,
+    out: Path,
+    as_json: bool,
+) -> None:
     """Measure the MTF across the slanted edges of IMAGE, each plane by itself and not demosaicked.
 
     An edge is the straight border of a dark and a bright plain area, some degrees off the axes of the pixels.
@@ -49,12 +58,12 @@ def mtf_edge(image: Path, roi: tuple[int, ...] | None, plane: str | None, out: P
     from station.results import ResultFolder
 
     with ResultFolder(out) as folder:
-        frame = read_planes(image, plane)
+        frame = read_planes(image, plane, layout)
         records = []
         for record in measure_edges(frame, Roi(*roi) if roi else None):
             _tell(record)
             records.append(record)
-        text = write_edge_result(folder, frame, records, {"roi": roi}, start)
+        text = write_edge_result(folder, frame, records, {"roi": roi, **told_layout(layout)}, start)
         log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))
     if as_json:
         click.echo(text, nl=False)

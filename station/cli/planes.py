@@ -15,6 +15,7 @@ from station.cli.log import log, log_json_option
 if TYPE_CHECKING:
     from procedures.pattern_print.source import Source
     from procedures.raw import RawFrame
+    from procedures.sensor_dump import DumpLayout
     from station.calibrate import Calibrated
     from station.results import PlaneRecord, ResultFolder
 
@@ -24,6 +25,28 @@ OPTICS = ("pixel_pitch_um", "f_number", "wavelength_nm")
 """Options that describe the diffraction limit."""
 
 Command = Callable[..., Any]
+
+
+def _layout(context: click.Context, option: click.Parameter, text: str | None) -> DumpLayout | None:
+    if text is None:
+        return None
+    from procedures.sensor_dump import DumpLayout
+
+    return DumpLayout.parse(text)
+
+
+raw_option = click.option(
+    "--raw",
+    "layout",
+    callback=_layout,
+    metavar="WxH,RGGB,u16le,BLACK,WHITE",
+    help="The photographs are a sensor's samples without a header: size, colours, kind of sample, levels.",
+)
+
+
+def told_layout(layout: DumpLayout | None) -> dict[str, str]:
+    """What a record says of the layout that was given."""
+    return {"raw": str(layout)} if layout else {}
 
 
 def psf_options(s: int, k: int, solver: str, *, report: bool = False) -> Callable[[Command], Command]:
@@ -43,6 +66,7 @@ def psf_options(s: int, k: int, solver: str, *, report: bool = False) -> Callabl
         ),
         click.option("--wavelength-nm", type=click.FloatRange(min=100), help="[default: R 600, G 530, B 460, Y 550]"),
         click.option("--plane", help="R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]"),
+        raw_option,
         click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results."),
         click.option(
             "--report/--no-report", default=report, show_default=True, help="Write report.html too, for people."
@@ -78,12 +102,12 @@ def chart_source(bits: Path | None, seed: int | None) -> Source:
     return Source.from_file(bits) if bits else Source.from_seed(DEFAULT_SEED if seed is None else seed)
 
 
-def read_planes(image: Path, plane: str | None) -> RawFrame:
+def read_planes(image: Path, plane: str | None, layout: DumpLayout | None = None) -> RawFrame:
     """The planes asked for, of one photograph; the default one where none is named."""
     from procedures.raw import default_plane, read_frame
 
-    chosen = plane or default_plane(image)
-    frame = read_frame(image, None if chosen == "all" else [chosen])
+    chosen = plane or default_plane(image, layout)
+    frame = read_frame(image, None if chosen == "all" else [chosen], layout)
     rows, columns = next(iter(frame.planes.values())).samples.shape
     sentence = f"read {image}: {', '.join(frame.planes)}, {columns} x {rows} pixels a plane"
     log("read", sentence, path=str(image), sha256=frame.sha256, planes=",".join(frame.planes))

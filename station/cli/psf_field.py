@@ -5,13 +5,16 @@ from __future__ import annotations
 import time
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from station.cli.log import log
-from station.cli.planes import OPTICS, chart_options, chart_source, finish, psf_options, tell_record
+from station.cli.planes import OPTICS, chart_options, chart_source, finish, psf_options, tell_record, told_layout
 from station.cli.progress import progress
+
+if TYPE_CHECKING:
+    from procedures.sensor_dump import DumpLayout
 
 FAILED_ITEMS = 1
 
@@ -29,6 +32,7 @@ def psf_field(
     seed: int | None,
     focus: Path | None,
     plane: str | None,
+    layout: DumpLayout | None,
     out: Path,
     report: bool,
     as_json: bool,
@@ -53,7 +57,7 @@ def psf_field(
     positions = focus_positions(focus) if focus else None
     names = None if plane in (None, "all") else [str(plane)]
     with ResultFolder(out) as results, progress(len(paths)) as told:
-        measured = measure(paths, names, source.chart, parameters, told)
+        measured = measure(paths, names, source.chart, parameters, told, layout)
         for miss in measured.misses:
             log(
                 "missed", f"{miss.source} {miss.plane} {miss.place}: {miss.reason}", level="warning", remedy=miss.remedy
@@ -61,7 +65,8 @@ def psf_field(
         exposure = measured.exposures[0].exposure if measured.exposures else None
         limit = partial(diffraction_limit, exposure, **optics) if exposure else (lambda plane: None)
         found = conclude(measured, positions, limit)
-        given = {**options, "chart": source.origin, **{k: v for k, v in optics.items() if v is not None}}
+        known = {name: value for name, value in optics.items() if value is not None}
+        given = {**options, "chart": source.origin, **known, **told_layout(layout)}
         text = write_field_result(results, found, parameters=given, report=report, start=start)
     for one in found.planes:
         tell_record(one.record)
