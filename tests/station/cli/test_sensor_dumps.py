@@ -42,7 +42,7 @@ COMMANDS = [
     ("psf", "pattern", "{}"),
     ("psf", "two-photo", "{}", "{}"),
     ("mtf", "edge", "{}"),
-    ("restore", "{}", "{}", "--blur", "defocus"),
+    ("restore", "{}", "{}", "--blur", "defocus", "--shape", "gaussian"),
 ]
 
 
