@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from station.cli.errors import REFUSED
 from station.cli.log import log, log_json_option
 from station.cli.planes import raw_option, told_layout
 from station.cli.restore_blur import BlurOptions
@@ -130,7 +131,7 @@ def restore(
     from procedures.restoration.estimate import restore as restored
     from procedures.restoration.estimate import told_in
     from station.restoration_page import restoration_page
-    from station.restoration_results import write_restoration
+    from station.restoration_results import write_refusal, write_restoration
     from station.results import ResultFolder
 
     if blur.max_w is not None:
@@ -154,13 +155,18 @@ def restore(
             },
             "duration_s": round(time.perf_counter() - start, 3),
         }
-        text = write_restoration(folder, outcome, about, restoration_page(outcome, photographs, about))
+        if outcome.value is None:
+            text = write_refusal(folder, outcome, about)
+        else:
+            text = write_restoration(folder, outcome, about, restoration_page(outcome, photographs, about))
     level = _LEVELS.get(str(outcome.verdict), "error")
     told = outcome.reason or "picture and depth restored"
     log("restored", f"{outcome.verdict}: {told}", level=level, remedy=outcome.remedy)
     log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))
     if as_json:
         click.echo(text, nl=False)
+    if outcome.value is None:
+        raise click.exceptions.Exit(REFUSED)
 
 
 def _parameters(options: dict[str, Any]) -> Any:
