@@ -178,10 +178,10 @@ def test_one_recorded_path_is_a_usage_error(photographs, tmp_path):
 
 def test_photographs_of_two_scenes_exit_5_and_leave_the_reason(photographs, tmp_path):
     images, shapes, _ = photographs
-    turned = cv2.imread(images[1], cv2.IMREAD_UNCHANGED)[::-1, ::-1]
-    cv2.imwrite(str(tmp_path / "turned.pgm"), turned)
+    second = cv2.imread(images[1], cv2.IMREAD_UNCHANGED)
+    cv2.imwrite(str(tmp_path / "negative.pgm"), second.max() + second.min() - second)
     result = run(
-        images[0], tmp_path / "turned.pgm", "--blur", "motion", "--shape", *shapes, *QUICK, "--out", tmp_path / "o"
+        images[0], tmp_path / "negative.pgm", "--blur", "motion", "--shape", *shapes, *QUICK, "--out", tmp_path / "o"
     )
     assert result.exit_code == 5
     assert "no picture explains the photographs" in result.stderr
