@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
+from procedures.exposure import check_typed
 from procedures.outcome import BadInput, BadParameter, ProcedureError, Verdict
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.raw import RawFrame, default_plane, read_frame
@@ -156,7 +157,10 @@ def _sha256(path: Path) -> str:
 def _read(path: Path, procedure: Procedure) -> RawFrame:
     planes, layout = procedure.planes, procedure.layout
     names = None if ALL in planes else list(planes) or [default_plane(path, layout)]
-    return read_frame(path, names, layout)
+    frame = read_frame(path, names, layout)
+    if not procedure.trust_typed:
+        check_typed(frame.exposure, procedure.optics, printable(path), "write trust_typed = true")
+    return frame
 
 
 def _calibrated(procedure: Procedure, frames: Sequence[RawFrame]) -> list[Calibrated[Any]]:

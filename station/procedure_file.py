@@ -7,6 +7,7 @@ coverage = 2                        # guard bands, in standard uncertainties
 parameters = { s = 4, k = 17, solver = "ls" }
 chart = { seed = 1 }                # or bits = "cells.pgm", beside this file
 optics = { pixel_pitch_um = 3.76, f_number = 8, wavelength_nm = 530 }
+trust_typed = false                 # true: optics count against what the cameras noted in their files
 raw = "1920x1080,RGGB,u16le,64,1023"          # where the photographs are a sensor's samples without a header
 pairs = { near = "_near", far = "_far" }      # two-photo: how the names of a pair's photographs end
 
@@ -61,6 +62,8 @@ class Procedure:
         How the names of a pair's photographs end.
     layout : DumpLayout or None
         How the samples lie in photographs without a header; None where each file tells it itself.
+    trust_typed : bool
+        Whether `optics` count against what a camera noted in its files.
     """
 
     name: str
@@ -71,12 +74,14 @@ class Procedure:
     limits: tuple[Limit, ...] = ()
     endings: tuple[str, str] = ("_near", "_far")
     layout: DumpLayout | None = None
+    trust_typed: bool = False
 
     def told(self) -> dict[str, Any]:
         """The parameters as a record tells them, in the manner of `station psf`."""
         chart = {} if self.chart is None else {"chart": self.chart.origin}
         layout = {"raw": str(self.layout)} if self.layout else {}
-        return {**asdict(self.parameters), **chart, **self.optics, **layout}
+        trust = {"trust_typed": True} if self.trust_typed else {}
+        return {**asdict(self.parameters), **chart, **self.optics, **layout, **trust}
 
     def fingerprint(self) -> dict[str, Any]:
         """All that a result depends on, as plain data."""
@@ -107,6 +112,7 @@ def read_procedure(path: Path) -> Procedure:
         _limits(table.table("limits"), table.get("coverage", float, 2.0)),
         _endings(table.table("pairs")) if name == TWO_PHOTO else Procedure.endings,
         _layout(table),
+        table.get("trust_typed", bool, False),
     )
     table.end()
     return procedure

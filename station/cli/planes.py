@@ -24,6 +24,8 @@ LEVELS = {"pass": "info", "doubtful": "warning", "refused": "error"}
 OPTICS = ("pixel_pitch_um", "f_number", "wavelength_nm")
 """Options that describe the diffraction limit."""
 
+INSIST = "add --trust-typed"
+
 Command = Callable[..., Any]
 
 
@@ -49,6 +51,11 @@ def told_layout(layout: DumpLayout | None) -> dict[str, str]:
     return {"raw": str(layout)} if layout else {}
 
 
+def told_trust(trusted: bool) -> dict[str, bool]:
+    """What a record says where what was typed counted against what the camera noted."""
+    return {"trust_typed": True} if trusted else {}
+
+
 def psf_options(s: int, k: int, solver: str, *, report: bool = False) -> Callable[[Command], Command]:
     """The options of every PSF command, with a procedure's own defaults.
 
@@ -65,6 +72,9 @@ def psf_options(s: int, k: int, solver: str, *, report: bool = False) -> Callabl
             "--f-number", type=click.FloatRange(min=0.1), help="The aperture.  [default: as the camera noted it]"
         ),
         click.option("--wavelength-nm", type=click.FloatRange(min=100), help="[default: R 600, G 530, B 460, Y 550]"),
+        click.option(
+            "--trust-typed", is_flag=True, help="Take --f-number and --pixel-pitch-um against what the camera noted."
+        ),
         click.option("--plane", help="R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]"),
         raw_option,
         click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results."),
@@ -102,12 +112,23 @@ def chart_source(bits: Path | None, seed: int | None) -> Source:
     return Source.from_file(bits) if bits else Source.from_seed(DEFAULT_SEED if seed is None else seed)
 
 
-def read_planes(image: Path, plane: str | None, layout: DumpLayout | None = None) -> RawFrame:
-    """The planes asked for, of one photograph; the default one where none is named."""
+def read_planes(
+    image: Path,
+    plane: str | None,
+    layout: DumpLayout | None = None,
+    *,
+    typed: Mapping[str, float | None] | None = None,
+) -> RawFrame:
+    """The planes asked for, of one photograph; the default one where none is named.
+
+    `typed` are settings that must not contradict what the camera noted. Raises BadParameter where they do.
+    """
+    from procedures.exposure import check_typed
     from procedures.raw import default_plane, read_frame
 
     chosen = plane or default_plane(image, layout)
     frame = read_frame(image, None if chosen == "all" else [chosen], layout)
+    check_typed(frame.exposure, typed or {}, str(image), INSIST)
     rows, columns = next(iter(frame.planes.values())).samples.shape
     sentence = f"read {image}: {', '.join(frame.planes)}, {columns} x {rows} pixels a plane"
     log("read", sentence, path=str(image), sha256=frame.sha256, planes=",".join(frame.planes))

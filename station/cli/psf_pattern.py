@@ -18,6 +18,7 @@ from station.cli.planes import (
     read_planes,
     tell_each,
     told_layout,
+    told_trust,
     write_result,
 )
 
@@ -50,14 +51,22 @@ def psf_pattern(
     from station.calibrate import calibrate, diffraction_limit
     from station.results import ResultFolder
 
+    trusted = options.pop("trust_typed")
     optics = {name: options.pop(name) for name in OPTICS}
     parameters = PatternParameters(**options)
     with ResultFolder(out) as folder:
         source = chart_source(bits, seed)
-        frame = read_planes(image, plane, layout)
+        frame = read_planes(image, plane, layout, typed=None if trusted else optics)
         limit = partial(diffraction_limit, frame.exposure, **optics)
         planes = tell_each(calibrate(frame, source.chart, parameters, limit, physics=physics))
         known = {name: value for name, value in optics.items() if value is not None}
-        given = {**options, "physics": physics, "chart": source.origin, **known, **told_layout(layout)}
+        given = {
+            **options,
+            "physics": physics,
+            "chart": source.origin,
+            **known,
+            **told_layout(layout),
+            **told_trust(trusted),
+        }
         text = write_result(folder, planes, "pattern", [frame], parameters=given, report=report, start=start)
     finish([one.record for one in planes], text, as_json=as_json)

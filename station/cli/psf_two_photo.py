@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.cli.planes import OPTICS, finish, psf_options, read_planes, tell_each, told_layout, write_result
+from station.cli.planes import (
+    OPTICS,
+    finish,
+    psf_options,
+    read_planes,
+    tell_each,
+    told_layout,
+    told_trust,
+    write_result,
+)
 
 if TYPE_CHECKING:
     from procedures.sensor_dump import DumpLayout
@@ -35,12 +44,15 @@ def psf_two_photo(
     from station.calibrate import calibrate_pair, diffraction_limit
     from station.results import ResultFolder
 
+    trusted = options.pop("trust_typed")
     optics = {name: options.pop(name) for name in OPTICS}
     parameters = TwoPhotoParameters(**options)
     with ResultFolder(out) as folder:
-        first, second = read_planes(a, plane, layout), read_planes(b, plane, layout)
+        typed = None if trusted else optics
+        first, second = (read_planes(image, plane, layout, typed=typed) for image in (a, b))
         limit = partial(diffraction_limit, first.exposure, **optics)
         planes = tell_each(calibrate_pair(first, second, parameters, limit))
         given = {**options, **{k: v for k, v in optics.items() if v is not None}, **told_layout(layout)}
+        given |= told_trust(trusted)
         text = write_result(folder, planes, "two-photo", [first, second], parameters=given, report=report, start=start)
     finish([one.record for one in planes], text, as_json=as_json)
