@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import numba
 import numpy as np
 import numpy.typing as npt
 import scipy.fft
@@ -190,7 +189,7 @@ def _prefilter(f: Array) -> Array:
     return np.asarray(3 / (2 + np.cos(2 * np.pi * f)))
 
 
-@numba.njit(cache=True, nogil=True, fastmath=True, inline="always")
+@vectorised
 def _cubic_weights(
     t: np.float32,
 ) -> tuple[np.float32, np.float32, np.float32, np.float32]:  # pragma: no cover - compiled
@@ -202,7 +201,6 @@ def _cubic_weights(
     return w0, w1, np.float32(1) - w0 - w1 - w3, w3
 
 
-@numba.njit(cache=True, nogil=True, fastmath=True)
 def read_spline(
     coefficients: Array32,
     H: Array,
@@ -212,7 +210,7 @@ def read_spline(
     start: Array,
     step: float,
     shape: tuple[int, int],
-) -> Array32:  # pragma: no cover - compiled
+) -> Array32:
     """Values of a spline on a regular target grid, read through a displacement and a homography.
 
     The target point p is read at H(p + d(p)), in grid points of the coefficients; d is a cubic polynomial of
@@ -239,9 +237,26 @@ def read_spline(
     -------
     (rows, columns) float32
     """
+    flat = np.ascontiguousarray(coefficients).ravel()
+    return _read(flat, coefficients.shape, H, centre, radius, displacement, start, step, shape)
+
+
+@vectorised
+def _read(
+    flat: Array32,
+    size: tuple[int, ...],
+    H: Array,
+    centre: Array,
+    radius: float,
+    displacement: Array,
+    start: Array,
+    step: float,
+    shape: tuple[int, int],
+) -> Array32:  # pragma: no cover - compiled
+    """`read_spline` of coefficients row after row; `size` are their rows and columns."""
     rows, columns = shape
-    n_y, n_x = coefficients.shape
-    flat, line = coefficients.ravel(), np.uint64(n_x)
+    n_y, n_x = size[0], size[1]
+    line = np.uint64(n_x)
     one, two, three = np.uint64(1), np.uint64(2), np.uint64(3)  # unsigned: no test for negative indices
     out = np.empty((rows, columns), np.float32)
     # a row's places first, in a loop of plain arithmetic that the processor does several at a time
