@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import j1
 
+from procedures.numerics.bessel import j1
 from procedures.outcome import Quantity
 from procedures.psf import Psf
 

@@ -198,7 +198,9 @@ def _read_grey(path: Path, file: BufferedReader, names: Sequence[str] | None) ->
     _check_names(names, (GREY_PLANE,), path)
     file.seek(0)
     levels, white = _GREY_READERS[_kind(path)](file.read(), str(path))
-    return {GREY_PLANE: _scaled_plane(GREY_PLANE, levels, np.zeros((), np.float32), float(white))}, read_exposure(file)
+    # a PGM has no place for a camera's notes
+    exposure = Exposure(sources={}) if _kind(path) == "pgm" else read_exposure(file)
+    return {GREY_PLANE: _scaled_plane(GREY_PLANE, levels, np.zeros((), np.float32), float(white))}, exposure
 
 
 def _read_dump(

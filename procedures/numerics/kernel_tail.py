@@ -11,8 +11,9 @@ from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
-import scipy.fft
-from scipy.special import itj0y0, j0, j1
+
+from procedures.numerics import transforms
+from procedures.numerics.bessel import integral_of_j0, j0, j1
 
 Array = npt.NDArray[np.float64]
 
@@ -46,11 +47,11 @@ def tail_column(
     `u` is the image on the s grid with a border of `tail_border`.
     """
     # only every s-th sample is wanted: along y by folding the spectrum, which is exact
-    shape = (s * scipy.fft.next_fast_len(-(-u.shape[0] // s)), scipy.fft.next_fast_len(u.shape[1], real=True))
-    product = scipy.fft.rfft2(u, shape, overwrite_x=False)
+    shape = (s * transforms.next_fast_len(-(-u.shape[0] // s)), transforms.next_fast_len(u.shape[1]))
+    product = transforms.rfft2(u, shape)
     product *= _spectrum(k, *shape)
     folded = product.reshape(s, shape[0] // s, -1).sum(axis=0)
-    seen = scipy.fft.irfft2(folded, (shape[0] // s, shape[1]), overwrite_x=True)
+    seen = transforms.irfft2(folded, (shape[0] // s, shape[1]))
     return np.asarray(seen[rows, s * columns] / s, dtype=np.float64)
 
 
@@ -61,7 +62,7 @@ def _spectrum(k: int, rows: int, columns: int) -> npt.NDArray[np.complex64]:
     placed = np.zeros((rows, columns), dtype=np.float32)
     placed[: len(kernel), : len(kernel)] = kernel
     first = len(kernel) - 1
-    return np.asarray(scipy.fft.rfft2(np.roll(placed, (-first, -first), axis=(0, 1))))
+    return np.asarray(transforms.rfft2(np.roll(placed, (-first, -first), axis=(0, 1))))
 
 
 def tail_sum(k: int) -> float:
@@ -88,7 +89,7 @@ def tail_spectrum(fx: Array, fy: Array, k: int) -> Array:
     across, down = np.cos(2 * np.pi * fx[:, None] * n), np.cos(2 * np.pi * fy[:, None] * n)
     within = np.sum((down @ (quadrant * np.outer(times, times))) * across, axis=1)
     x = 2 * np.pi * np.hypot(fx, fy) * tail_border(k)
-    return np.asarray(within + _beyond(k) * (j0(x) + x * (itj0y0(x)[0] - 1 - j1(x))))
+    return np.asarray(within + _beyond(k) * (j0(x) + x * (integral_of_j0(x) - 1 - j1(x))))
 
 
 def _beyond(k: int) -> float:

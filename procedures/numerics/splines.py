@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import scipy.fft
 
+from procedures.numerics import transforms
 from procedures.numerics.compiled import vectorised
 
 Array = npt.NDArray[np.float64]
@@ -37,7 +37,7 @@ class CellSpectra:
         """From the values of the cells (n, n), [row, column]: one period of an image."""
         left = np.abs(cells - np.roll(cells, 1, axis=1))
         upper = np.abs(cells - np.roll(cells, 1, axis=0))
-        return cls(*(np.asarray(scipy.fft.fft2(x.astype(np.float32))) for x in (cells, left, upper)))
+        return cls(*(np.asarray(transforms.fft2(x.astype(np.float32))) for x in (cells, left, upper)))
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class Band:
             filter_y, filter_x = footprint_y(fy) * along_y, footprint_x(fx) * along_x
             _add_band(cut, spectrum, filter_y.astype(np.complex64), filter_x.astype(np.complex64), self.J, self.limit)
         # columns beyond the band are zero and stay out of the first transform
-        return np.asarray(scipy.fft.irfft(scipy.fft.ifft(cut, axis=0, overwrite_x=True), size, axis=1))
+        return np.asarray(transforms.irfft(transforms.ifft(cut, axis=0), size, axis=1))
 
 
 @vectorised
@@ -154,11 +154,11 @@ def photograph_spline(image: Array32, J: Array, band: float) -> tuple[Array32, A
         Pixels (x, y) of the image -> grid points of the coefficients.
     """
     framed = _faded(image)
-    spectrum = scipy.fft.rfft2(framed, [scipy.fft.next_fast_len(n, real=True) for n in framed.shape])
-    rows, columns = len(spectrum), scipy.fft.next_fast_len(framed.shape[1], real=True)
+    spectrum = transforms.rfft2(framed, [transforms.next_fast_len(n) for n in framed.shape])
+    rows, columns = len(spectrum), transforms.next_fast_len(framed.shape[1])
     reach_x, reach_y = np.minimum(band * np.abs(np.linalg.inv(J)).sum(axis=0), 0.5)
     fine_rows, fine_columns = (
-        scipy.fft.next_fast_len(int(np.ceil(POINTS_PER_PERIOD * reach * n)), real=True)
+        transforms.next_fast_len(int(np.ceil(POINTS_PER_PERIOD * reach * n)))
         for reach, n in ((reach_y, rows), (reach_x, columns))
     )
     y, x = int(reach_y * rows), int(reach_x * columns)  # largest indices inside the band
@@ -169,7 +169,7 @@ def photograph_spline(image: Array32, J: Array, band: float) -> tuple[Array32, A
     cut = np.zeros((fine_rows, fine_columns // 2 + 1), dtype=np.complex64)
     cut[index_y, : x + 1] = spectrum[index_y, : x + 1] * (inside * prefilter).astype(np.float32)
     scale_y, scale_x = fine_rows / rows, fine_columns / columns
-    coefficients = scipy.fft.irfft2(cut, (fine_rows, fine_columns), overwrite_x=True) * np.float32(scale_y * scale_x)
+    coefficients = transforms.irfft2(cut, (fine_rows, fine_columns)) * np.float32(scale_y * scale_x)
     return coefficients, np.array([[scale_x, 0, RIM * scale_x], [0, scale_y, RIM * scale_y], [0, 0, 1]])
 
 
