@@ -50,10 +50,12 @@ class DumpLayout:
         size, order, kind, black, white = words
         columns, _, rows = size.lower().partition("x")
         layout = cls(
-            *(_whole(what, word) for what, word in (("width", columns), ("height", rows))),
+            _whole("width", columns),
+            _whole("height", rows),
             _one_of("order of colours", order.upper(), ORDERS),
             _one_of("kind of sample", kind.lower(), tuple(KINDS)),
-            *(_whole(what, word) for what, word in (("black", black), ("white", white))),
+            _whole("black", black),
+            _whole("white", white),
         )
         layout._check()
         return layout

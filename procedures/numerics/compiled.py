@@ -54,7 +54,7 @@ class Kernel(Generic[P, R]):
     def _prepared(self, kind: str, arguments: tuple[Any, ...]) -> Callable[..., Any]:
         with _BUILDING:
             if kind not in self._ready:
-                self._ready[kind] = self._from_store(kind, arguments) if kind else self.dispatcher
+                self._ready[kind] = self._from_store(kind, arguments) if kind else self._by_numba()
             return self._ready[kind]
 
     def _from_store(self, kind: str, arguments: tuple[Any, ...]) -> Callable[..., Any]:
@@ -66,22 +66,26 @@ class Kernel(Generic[P, R]):
             content = "\n".join([store.environment(), *self._content()])
             path = store.file_of(source, f"{source.stem}.{self._function.__qualname__}", kind, content)
         except (OSError, ImportError):  # no source file
-            return self.dispatcher
+            return self._by_numba()
         code = store.read(path)
         if code is None:
             try:
                 code = self._compiled(arguments)
             except (store.NotStorable, TypeError):
-                return self.dispatcher
+                return self._by_numba()
             store.keep(path, code)
         return store.loaded(code)
+
+    def _by_numba(self) -> Callable[..., Any]:
+        function: Callable[..., Any] = self.dispatcher
+        return function
 
     def _compiled(self, arguments: tuple[Any, ...]) -> Any:
         from numba import typeof
 
         from procedures.numerics.kernel_store import extracted
 
-        signature = tuple(typeof(one) for one in arguments)
+        signature = tuple(typeof(one) for one in arguments)  # type: ignore[no-untyped-call]
         self.dispatcher.compile(signature)
         found = self.dispatcher.overloads[signature]
         return extracted(found.library, found.fndesc.llvm_func_name, shape_of(found.signature.return_type))

@@ -108,22 +108,28 @@ def _check_needed(text: str) -> None:
             raise NotStorable(f"it calls {name}")
 
 
-@functools.cache
 def machine() -> Any:
-    """LLVM's target: this processor with all that it can do."""
+    """LLVM's machine for this processor with all that it can do; an engine takes the one that it is given for good."""
+    return _target().create_target_machine(cpu=_processor()[0], features=_processor()[1], opt=3, jit=True)
+
+
+@functools.cache
+def _target() -> Any:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    target = llvm.Target.from_default_triple()
-    return target.create_target_machine(
-        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=3, jit=True
-    )
+    return llvm.Target.from_default_triple()
+
+
+@functools.cache
+def _processor() -> tuple[str, str]:
+    """Name and features."""
+    return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
 
 
 @functools.cache
 def environment() -> str:
     """What machine code depends on beside its source."""
-    processor = f"{llvm.get_host_cpu_name()} {llvm.get_host_cpu_features().flatten()}"
-    return f"{llvmlite.__version__} {version('numba')} {processor} {RUN_TIME}"
+    return f"{llvmlite.__version__} {version('numba')} {_processor()} {RUN_TIME}"
 
 
 def loaded(code: Code) -> Callable[..., Any]:

@@ -78,7 +78,7 @@ def shape_of(kind: Any) -> Shape:
         return "none"
     if isinstance(kind, types.Array):
         return ["array", _code(kind.dtype), kind.ndim]
-    if isinstance(kind, types.BaseTuple) and not isinstance(kind, types.BaseNamedTuple):
+    if isinstance(kind, types.UniTuple | types.Tuple):
         return ["tuple", *(shape_of(one) for one in kind.types)]
     return _code(kind)
 

@@ -37,7 +37,7 @@ class CellSpectra:
         """From the values of the cells (n, n), [row, column]: one period of an image."""
         left = np.abs(cells - np.roll(cells, 1, axis=1))
         upper = np.abs(cells - np.roll(cells, 1, axis=0))
-        return cls(*(np.asarray(transforms.fft2(x.astype(np.float32))) for x in (cells, left, upper)))
+        return cls(*(np.asarray(transforms.fft2(x), np.complex64) for x in (cells, left, upper)))
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,9 @@ def photograph_spline(image: Array32, J: Array, band: float) -> tuple[Array32, A
     cut[index_y, : x + 1] = spectrum[index_y, : x + 1] * (inside * prefilter).astype(np.float32)
     scale_y, scale_x = fine_rows / rows, fine_columns / columns
     coefficients = transforms.irfft2(cut, (fine_rows, fine_columns)) * np.float32(scale_y * scale_x)
-    return coefficients, np.array([[scale_x, 0, RIM * scale_x], [0, scale_y, RIM * scale_y], [0, 0, 1]])
+    return np.asarray(coefficients, np.float32), np.array(
+        [[scale_x, 0, RIM * scale_x], [0, scale_y, RIM * scale_y], [0, 0, 1]]
+    )
 
 
 def _faded(image: Array32) -> Array32:
