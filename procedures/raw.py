@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import stat
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from io import BufferedReader, BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -17,6 +18,7 @@ from procedures.exposure import Exposure, read_exposure
 from procedures.grey_image import PNG_MAGIC, Samples, read_pgm, read_png, read_tiff
 from procedures.library_noise import captured_noise
 from procedures.outcome import BadInput, BadParameter
+from procedures.sensor_dump import DumpLayout, has_raw_header
 from procedures.tiff_tags import (
     ACTIVE_AREA,
     BLACK_DELTA_COLUMNS,
@@ -25,6 +27,7 @@ from procedures.tiff_tags import (
     BLACK_REPEAT,
     CFA_PATTERN,
     Tags,
+    has_directory,
     mosaic_tags,
 )
 
@@ -108,7 +111,13 @@ class RawFrame:
     felt: Felt | None = None
 
 
-def read_frame(path: Path | str, names: Sequence[str] | None = None, *, data: bytes | None = None) -> RawFrame:
+def read_frame(
+    path: Path | str,
+    names: Sequence[str] | None = None,
+    layout: DumpLayout | None = None,
+    *,
+    data: bytes | None = None,
+) -> RawFrame:
     """The planes of a photograph, linear, black 0 and white 1, with its exposure data.
 
     RAW files with a 2 x 2 mosaic give R, G1, G2 and B; grey PGM, PNG and TIFF files give Y.
@@ -118,6 +127,8 @@ def read_frame(path: Path | str, names: Sequence[str] | None = None, *, data: by
     path : path of the file
     names : sequence of str, optional
         The planes to read; all by default. What is not asked for takes no memory.
+    layout : DumpLayout, optional
+        How the samples lie in a file without a header; the file is then read so and not otherwise.
     data : bytes, optional
         The file's content, where it was read already. Hash and planes are always of the same bytes, also where the
         file is replaced meanwhile.
@@ -131,7 +142,7 @@ def read_frame(path: Path | str, names: Sequence[str] | None = None, *, data: by
     """
     path = Path(path)
     data = read_photograph(path) if data is None else data
-    read = _read_grey if _kind(path, BytesIO(data)) in _GREY_READERS else _read_mosaic
+    read = _reader(path, data, layout)
     planes, exposure = read(path, BytesIO(data), names)
     return RawFrame(path, hashlib.sha256(data).hexdigest(), planes, exposure)
 
@@ -145,10 +156,19 @@ def read_photograph(path: Path) -> bytes:
             raise BadInput(f"{path} cannot be read: {error.strerror}", _DISK) from error
 
 
-def default_plane(path: Path | str) -> str:
-    """The plane that is meant where none is named: G1 of a RAW file, Y of a grey image. Raises as `read_frame`."""
+def default_plane(path: Path | str, layout: DumpLayout | None = None) -> str:
+    """The plane that is meant where none is named: G1 of a mosaic, Y of a grey image. Raises as `read_frame`."""
+    if layout:
+        return GREY_PLANE if GREY_PLANE in layout.first_pixels() else "G1"
     with _open(Path(path)) as file:
         return GREY_PLANE if _kind(Path(path), file) in _GREY_READERS else "G1"
+
+
+def _reader(path: Path, data: bytes, layout: DumpLayout | None) -> Callable[..., tuple[dict[str, Plane], Exposure]]:
+    """What reads this file."""
+    if layout:
+        return partial(_read_dump, layout)
+    return _read_grey if _kind(path, BytesIO(data)) in _GREY_READERS else _read_mosaic
 
 
 # --- what kind of file -------------------------------------------------------------------------------------------
@@ -156,14 +176,13 @@ def default_plane(path: Path | str) -> str:
 _GREY_READERS = {"pgm": read_pgm, "png": read_png, "tiff": read_tiff}
 _EXPORT = "give the camera's RAW file, or export one linear plane as a grey 16 bit TIFF"
 _TIFF_MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
-# magic numbers of the RAW containers LibRaw reads: TIFF and its dialects, CR3, CRW, RAF, X3F, MRW
-_RAW_MAGIC = (b"II*\0", b"MM\0*", b"IIU\0", b"IIRO", b"IIRS", b"MMOR", b"II\x1a\0", b"FUJIFILM", b"FOVb", b"\0MRM")
+_DUMP = "give the camera's RAW file; of a sensor's dump tell the layout: --raw WIDTHxHEIGHT,RGGB,u16le,BLACK,WHITE"
 
 
 def _kind(path: Path, file: BinaryIO) -> str:
     """ "pgm", "png", "tiff" or "raw", by the file's first bytes; only TIFF and RAW are told apart by the suffix."""
     head = file.read(512)
-    holds_mosaic = bool(mosaic_tags(file))
+    holds_mosaic, begins_as_tiff = bool(mosaic_tags(file)), has_directory(file)
     if not head:
         raise BadInput(f"{path} is empty", "copy the photograph from the camera's card again")
     if head[:2] in (b"P2", b"P5"):
@@ -173,6 +192,8 @@ def _kind(path: Path, file: BinaryIO) -> str:
     if head.startswith(_TIFF_MAGIC) and path.suffix.lower() in (".tif", ".tiff") and not holds_mosaic:
         return "tiff"
     _refuse_by_name(path, head)
+    if not has_raw_header(head) or (head.startswith(_TIFF_MAGIC) and not begins_as_tiff):
+        raise BadInput(f"{path} has no header of a RAW format; its size alone does not tell what it holds", _DUMP)
     return "raw"
 
 
@@ -182,7 +203,7 @@ def _refuse_by_name(path: Path, head: bytes) -> None:
         raise BadInput(f"{path} is a JPEG, whose grey levels are not linear in light", _EXPORT)
     if head[:2] in (b"P3", b"P6"):
         raise BadInput(f"{path} is a PPM with three colours, not one linear plane", _EXPORT)
-    if _is_text(head) and not head.startswith(_RAW_MAGIC):
+    if _is_text(head) and not has_raw_header(head):
         raise BadInput(f"{path} is a text file, not a photograph", _EXPORT)
 
 
@@ -217,8 +238,27 @@ _DISK = "check its permissions and the disk"
 
 def _read_grey(path: Path, file: BytesIO, names: Sequence[str] | None) -> tuple[dict[str, Plane], Exposure]:
     _check_names(names, (GREY_PLANE,), path)
-    levels, white = _GREY_READERS[_kind(path, file)](file.getvalue(), str(path))
-    return {GREY_PLANE: _scaled_plane(GREY_PLANE, levels, np.zeros((), np.float32), float(white))}, read_exposure(file)
+    kind = _kind(path, file)
+    levels, white = _GREY_READERS[kind](file.getvalue(), str(path))
+    # a PGM has no place for a camera's notes
+    exposure = Exposure(sources={}) if kind == "pgm" else read_exposure(file)
+    return {GREY_PLANE: _scaled_plane(GREY_PLANE, levels, np.zeros((), np.float32), float(white))}, exposure
+
+
+def _read_dump(
+    layout: DumpLayout, path: Path, file: BytesIO, names: Sequence[str] | None
+) -> tuple[dict[str, Plane], Exposure]:
+    places = layout.first_pixels()
+    _check_names(names, tuple(places), path)
+    levels = layout.read(file.getvalue(), str(path))
+    black, white = np.array(layout.black, np.float32), float(layout.white)
+    if GREY_PLANE in places:
+        return {GREY_PLANE: _scaled_plane(GREY_PLANE, levels, black, white)}, Exposure()
+    return {
+        name: _scaled_plane(name, levels[row::2, column::2], black, white, (column, row))
+        for name, (row, column) in places.items()
+        if names is None or name in names
+    }, Exposure()
 
 
 # --- mosaics -----------------------------------------------------------------------------------------------------

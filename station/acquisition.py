@@ -216,7 +216,7 @@ class Run:
         if ask.kind == "confirm":
             self._talk.learn({ask.key: self._talk.confirmed(ask)})
         else:
-            self._talk.learn({ask.key: self._talk.ask(ask)})
+            self._talk.learn({ask.key: self._talk.agreed(ask)})
 
     @_carry.register
     def _(self, give: Give) -> None:

@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
+from procedures.exposure import check_typed
 from procedures.outcome import BadInput, BadParameter, ProcedureError, Verdict
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.raw import RawFrame, default_plane, read_frame, read_photograph
@@ -130,7 +131,7 @@ def _estimate(
 ) -> Row:
     start = time.perf_counter()
     try:
-        frames = [_read(*file, job.procedure.planes) for file in zip(item.paths, contents, strict=True)]
+        frames = [_read(*file, job.procedure) for file in zip(item.paths, contents, strict=True)]
         calibrated = _calibrated(job.procedure, frames)
     except ProcedureError as error:
         row = replace(_failure(item, error), sha256=hashes, folder=folder)
@@ -152,9 +153,13 @@ def _estimate(
     return row
 
 
-def _read(path: Path, data: bytes, planes: Sequence[str]) -> RawFrame:
-    names = None if ALL in planes else list(planes) or [default_plane(path)]
-    return read_frame(path, names, data=data)
+def _read(path: Path, data: bytes, procedure: Procedure) -> RawFrame:
+    planes, layout = procedure.planes, procedure.layout
+    names = None if ALL in planes else list(planes) or [default_plane(path, layout)]
+    frame = read_frame(path, names, layout, data=data)
+    if not procedure.trust_typed:
+        check_typed(frame.exposure, procedure.optics, printable(path), "write trust_typed = true")
+    return frame
 
 
 def _calibrated(procedure: Procedure, frames: Sequence[RawFrame]) -> list[Calibrated[Any]]:

@@ -113,6 +113,18 @@ def again(source, out, text=LIMITS):
     return [work(item, job) for item in singly(find_frames([source], out))]
 
 
+def test_optics_that_contradict_a_file_are_named_and_can_be_insisted_on(done, tmp_path):
+    (tmp_path / "in").mkdir()
+    shutil.copy(done.folder / "in" / "frame0.dng", tmp_path / "in")
+    text = "optics = { f_number = 11, pixel_pitch_um = 5 }\n"
+    (row,) = again(tmp_path / "in", tmp_path / "out", text)
+    assert row.verdict == "unreadable"
+    assert "the f-number was given as 11, and the camera noted 2.8" in row.reason
+    assert row.remedy.endswith("to insist, write trust_typed = true")
+    (row,) = again(tmp_path / "in", tmp_path / "out", "trust_typed = true\n" + text)
+    assert row.verdict == "pass"
+
+
 def procedure_of(folder, text):
     (folder / "p.toml").write_text(text)
     return read_procedure(folder / "p.toml")
