@@ -7,7 +7,7 @@ import os
 import shutil
 from collections.abc import Collection
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from station.disk import holds, sha256_of
 from station.journal_head import HEAD
@@ -65,21 +65,31 @@ def finish_adopting(session: Session, shot: Shot) -> None:
         session.take_in(shot, source)
         session.notice(f"shot {shot.number} had been announced and not taken in; now it is in the session")
         return
-    session.note("gave_up", shot=shot.number)
-    session.notice(
+    _say_and_give_up(
+        session,
         f"shot {shot.number} had been announced and not taken in, and {source} is not there as it was: "
-        "it will be taken again"
+        "it will be taken again",
+        shot=shot.number,
     )
+
+
+def _say_and_give_up(session: Session, say: str, **what: Any) -> None:
+    """In this order: between the two the power may go, and nothing is repeated in silence."""
+    if say not in session.state.notices:
+        session.notice(say)
+    session.note("gave_up", **what)
 
 
 def _give_up_awaited(session: Session) -> None:
     awaited = session.state.awaited
     if awaited is None:
         return
-    session.note("gave_up", step=awaited.step, purpose=awaited.purpose)
-    session.notice(
+    _say_and_give_up(
+        session,
         f"an exposure for {awaited.purpose} ({awaited.step}) was asked for, and its photograph is not in the session: "
-        "it will be taken again"
+        "it will be taken again",
+        step=awaited.step,
+        purpose=awaited.purpose,
     )
 
 

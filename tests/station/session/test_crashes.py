@@ -53,6 +53,23 @@ def test_interrupted_at_any_operation_the_result_is_the_same(tmp_path, uninterru
         check(work.go(FaultyDisk()), work, uninterrupted)
 
 
+@pytest.mark.parametrize("how", ["before", "half", "after"])
+def test_interrupted_while_it_is_opened_it_repeats_no_exposure_in_silence(tmp_path, how):
+    for at in range(1, 60):
+        about = {"plan": "p", "camera": "c", "lens": "l", "config": {}}
+        with Session.create(tmp_path / str(at), **about, clock=FixedClock(), today=today, disk=FaultyDisk()) as session:
+            session.expect("shots", "frame")
+        try:
+            Session.open(session.folder, FixedClock(), today=today, disk=FaultyDisk(at, how)).close()
+        except PowerCut:
+            pass
+        else:
+            assert at == 3 * 4 + 1  # opened, noticed, gave up: four operations each
+            break
+        with Session.open(session.folder, FixedClock(), today=today, disk=FaultyDisk()) as session:
+            assert sum("an exposure for frame (shots)" in one for one in session.state.notices) == 1
+
+
 @EVERY
 def test_full_at_any_operation_is_a_sentence_and_with_room_again_it_goes_on(tmp_path, uninterrupted, every):
     for at in range(1, uninterrupted[2] + 1, every):
