@@ -42,4 +42,4 @@ def missing_light(psf: Psf) -> float:
 
 
 def _sigmas(value: float, slope: Array, C: Array) -> float:
-    return value / max(float(slope @ C @ slope), 1e-30) ** 0.5
+    return float(value / np.sqrt(max(float(slope @ C @ slope), 1e-30)))
