@@ -185,7 +185,7 @@ def diagnose(
         turned=float(np.hypot(*alike.near.turned)),
         wall_power=alike.near.wall_power,
         missing_light=alike.missing_light,
-        focus_effect=float(np.abs(near_errors(alike.near, fit.scale(), *(0.5 * np.eye(2)))).max()),
+        focus_effect=float(np.hypot(*near_errors(alike.near, fit.scale(), *(0.5 * np.eye(2)))).max()),
         mismatch=max((ratio for name, ratio in parts.mismatch.items() if name.startswith("mtf50")), default=1.0),
     )
 

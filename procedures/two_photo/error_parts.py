@@ -58,15 +58,16 @@ def likely_errors(alike: Likeness, recovered: Recovered, psf: Psf, J: Array) -> 
     moved = {
         "mismatch": COHERENT * alike.left_over * onset,
         "light": LIGHT_GROWS * alike.light_turned * onset,
-        "focus": -near_errors(alike.near, J, fx, fy),
+        **dict(zip(("focus", "sharpening"), near_errors(alike.near, J, fx, fy), strict=True)),
     }
     return {term: _of_sum_one(nearest(H * share, psf.k), recovered) for term, share in moved.items()}
 
 
 def near_errors(look: NearLook, J: Array, fx: Array, fy: Array) -> Array:
-    """The logarithm of the factor that the near photograph's own OTF puts into H, at far frequencies (n,)."""
+    """The logarithm of the factors that the near photograph's own OTF puts into H, at far frequencies (n,): (2, n), of
+    its blur and of its sharpening."""
     M = inverse(J).T
-    found = np.zeros_like(fx)
+    found = np.zeros((2, len(fx)))
     for _ in range(FACTORS):
         fx, fy = M[0, 0] * fx + M[0, 1] * fy, M[1, 0] * fx + M[1, 1] * fy
         found = found + look.log_modulus(fx, fy)
@@ -104,7 +105,7 @@ def error_parts(
             "noise": float(np.sqrt(noise[i])),
             "mismatch": float(np.sqrt(scattered[i])),
             "light": abs(float(systematic["light"][i])),
-            "focus": abs(float(systematic["focus"][i])),
+            "focus": float(np.hypot(systematic["focus"][i], systematic["sharpening"][i])),
         }
         for i, name in enumerate(quality.gradients)
     }

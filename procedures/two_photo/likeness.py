@@ -69,10 +69,11 @@ class NearLook:
     wall_power: float
 
     def log_modulus(self, fx: Array, fy: Array) -> Array:
-        """The logarithm of the near photograph's |OTF| over that found, at near frequencies (n,)."""
+        """The logarithm of the near photograph's |OTF| over that found, at near frequencies (n,): (2, n), what the blur
+        and what the sharpening makes of it. The wall itself may be why for either, so they do not cancel."""
         blur = -2 * np.pi**2 * np.stack([fx**2, fy**2], axis=-1) @ self.softness
         mask = self.sharpening * (1 - np.exp(-2 * np.pi**2 * MASK_PX**2 * (fx**2 + fy**2)))
-        return np.asarray(blur + mask)
+        return np.stack([blur, mask])
 
 
 @dataclass(frozen=True)
