@@ -79,8 +79,8 @@ class PatternPsf:
     diffraction : Diffraction or None
         What limits the plane, where it is known.
     gamma, gamma_bound : float
-        Noise amplification sum 1 / sigma_i^2 of the photograph as the thesis defines it, and the smallest that any chart
-        could have: see `pattern_psf.gamma`.
+        Noise amplification sum 1 / sigma_i^2 of the photograph as the thesis defines it, and the smallest that any
+        chart could have: see `pattern_psf.gamma`.
     residual_std : float
         Residual in units of the noise measured on the blocks.
     pixels_per_pattern : float

@@ -1,9 +1,9 @@
 """How much a view of the chart amplifies the photograph's noise, and how little any chart could: gamma.
 
-gamma = sum 1 / sigma_i^2 over the singular values of S_s C[u], the chart as the sensor's s grid sees it, from black 0 to
-white 1. Noise of variance sigma^2 then makes an expected square error gamma sigma^2 of all PSF values together: the
-root of gamma times the noise is the error's norm. It is a number of the view alone. What light, geometry, print and tail
-cost beside it is in the uncertainties.
+gamma = sum 1 / sigma_i^2 over the singular values of S_s C[u], the chart as the sensor's s grid sees it, from black 0
+to white 1. Noise of variance sigma^2 then makes an expected square error gamma sigma^2 of all PSF values together: the
+root of gamma times the noise is the error's norm. It is a number of the view alone. What light, geometry, print and
+tail cost beside it is in the uncertainties.
 
 References
 ----------

@@ -49,7 +49,7 @@ class View:
 
 
 def gamma_curve(s: int, k: int, ratios: tuple[float, ...] = RATIOS) -> tuple[View, ...]:
-    """gamma over s/t of random cells, the whole noise region in sight; views of hardly more pixels than k^2 are left out.
+    """gamma over s/t of random cells, the whole noise region in sight, where its pixels determine the PSF.
 
     That of a single chart lies within some per cent, most at the far end.
     """
@@ -65,8 +65,8 @@ def gamma_curve(s: int, k: int, ratios: tuple[float, ...] = RATIOS) -> tuple[Vie
 def expected_gamma(s_over_t: float, k: int, m: int) -> float:
     """gamma of m samples of random cells, half of them white, each s/t samples wide, for k x k PSF values.
 
-    The expected A'A of stationary noise is m (C x C / 4 + 1 1' / 4), C (k, k) the covariance of cells along one axis cut
-    to the band. The inverse of a sum of m products is larger than that of its mean by m / (m - k^2 - 1), were the
+    The expected A'A of stationary noise is m (C x C / 4 + 1 1' / 4), C (k, k) the covariance of cells along one axis
+    cut to the band. The inverse of a sum of m products is larger than that of its mean by m / (m - k^2 - 1), were the
     samples independent. Source: thesis, section 2.3.2, whose cells are one sample wide and not cut.
     """
     inverse = scipy.linalg.inv(scipy.linalg.toeplitz(_covariance(s_over_t, k)))
