@@ -57,8 +57,8 @@ def _why(curve: Sequence[View], optics: Optics, s: int, k: int, aim: float) -> s
     )
     return (
         "s/t counts samples of the PSF per cell of the chart, gamma how much of the photograph's noise goes into the "
-        f"PSF: {best.gamma:.2f} at s/t {aim:g} ({_distance(optics, aim, s)}), {', '.join(others)}. From afar cells blur "
-        "into grey, from nearby they lack the finest detail."
+        f"PSF: {best.gamma:.2f} at s/t {aim:g} ({_distance(optics, aim, s)}), {', '.join(others)}. From afar cells "
+        "blur into grey, from nearby they lack the finest detail."
     )
 
 

@@ -13,7 +13,7 @@ PUBLISHED = {9: (0.19, 0.10), 17: (0.69, 0.35), 25: (1.54, 0.70), 33: (2.98, 1.1
 
 
 def test_gamma_of_random_noise_is_close_over_its_bound(rng: np.random.Generator) -> None:
-    # thesis, section 2.3.2: Bernoulli noise all but reaches Proposition 1; m / (m - n - 1) is 0.8 % and the mean 1/n more
+    # thesis, section 2.3.2: Bernoulli noise all but reaches Proposition 1; m / (m - n - 1) is 0.8 %, 1/n 2 % more
     m, n = 6000, 49
     A = rng.integers(0, 2, (m, n)).astype(np.float64)
     assert gamma_bound(m, n) < gamma(A.T @ A) < 1.06 * gamma_bound(m, n)
@@ -63,7 +63,7 @@ def test_the_curve_is_that_of_the_charts_own_system(s_over_t: float) -> None:
 
 
 def test_cells_one_sample_wide_and_not_cut_would_have_the_gamma_of_the_expected_operator() -> None:
-    # thesis, section 2.3.2: 4/M (1 / (N + 1) + N - 1); the band takes half of the power of such cells away, least at low frequencies
+    # thesis, section 2.3.2: 4/M (1 / (N + 1) + N - 1); the band takes power of such cells away, most at its edge
     m, k = 10**9, 9
     uncut = 4 / m * (1 / (k**2 + 1) + k**2 - 1)
     assert 1.2 * uncut < expected_gamma(1.0, k, m) < 2.5 * uncut
