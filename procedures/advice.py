@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from procedures.clipping import NOMINAL
 from procedures.plan import Advice, Fact, Facts, Reading
 from procedures.raw import Exposure, Plane
 
@@ -16,7 +17,6 @@ MOST_CLIPPED = 0.005
 BASE_ISO = 100.0
 LONGEST_S = 2.0
 """Exposures longer than this are not proposed: more light is."""
-CLIPPED = 0.998
 TILES = 64
 """The brightest paper is looked for in this many tiles along the frame's longer side."""
 SETTINGS = (("exposure_s", "exposure time", " s"), ("iso", "ISO", ""), ("f_number", "aperture f/", ""))
@@ -44,7 +44,7 @@ def paper_level(plane: Plane) -> tuple[float, float]:
     kept = plane.samples[: rows // side * side, : columns // side * side]
     tiles = kept.reshape(rows // side, side, columns // side, side).swapaxes(1, 2).reshape(-1, side * side)
     tile = tiles[int(np.argmax(np.median(tiles, axis=1)))]
-    return float(np.median(tile)), float(np.mean(tile >= CLIPPED))
+    return float(np.median(tile)), float(np.mean(tile >= NOMINAL))
 
 
 def exposure_advice(level: float, clipped: float, exposure: Exposure, subject: str = "White") -> Advice:

@@ -21,6 +21,7 @@ TERMS = {
     "print": "printed edges",
     "tail": "energy outside the support",
     "mismatch": "what the model leaves over",
+    "focus": "focus at either distance",
     "choice": "choice of s and k",
 }
 """What the terms are, in the order in which they are told."""

@@ -114,6 +114,13 @@ class Psf:
         if q > len(SHAPES) or (q and self.tail.cross.shape != (k * k, q)) or self.tail.covariance.shape != (q, q):
             raise ValueError(f"the tail's covariances must fit {k * k} samples and {q} of {len(SHAPES)} shapes")
 
+    @classmethod
+    def of(cls, parameters: Array, covariance: Array, k: int, s: int) -> Psf:
+        """The PSF of k x k samples with these `parameters` (k^2 + q,) and their covariance."""
+        n = k * k
+        tail = Tail(parameters[n:], covariance[n:, n:], covariance[:n, n:])
+        return cls(parameters[:n].reshape(k, k), s, covariance[:n, :n], tail)
+
     @property
     def k(self) -> int:
         """Number of samples along one side."""
@@ -148,11 +155,12 @@ class Psf:
         return float(self.weights @ self.parameters)
 
     @property
-    def energy_outside(self) -> tuple[float, Array]:
-        """Share of the light outside the support, and its derivative by the parameters, (k^2 + q,)."""
+    def energy_outside(self) -> tuple[float, float]:
+        """Share of the light outside the support, and its standard uncertainty."""
         share = 1 - float(self.h.sum()) / self.light
-        inside = np.concatenate([np.ones(self.k**2), np.zeros_like(self.tail.amplitudes)])
-        return share, (self.weights * (1 - share) - inside) / self.light
+        slope = self.weights * (1 - share) - np.concatenate([np.ones(self.k**2), np.zeros_like(self.tail.amplitudes)])
+        slope = slope / self.light
+        return share, float(np.sqrt(max(slope @ self.parameter_covariance @ slope, 0.0)))
 
     @property
     def tail_density_px(self) -> float:
@@ -173,13 +181,7 @@ class Psf:
 
     def extended(self) -> Array:
         """Samples of the support and of the tail within its reach, as one image (K, K); (k, k) without a tail."""
-        q = len(self.tail.amplitudes)
-        if not q:
-            return self.h
-        image = np.tensordot(self.tail.amplitudes, tail_kernels(self.k)[:q], axes=1)
-        rim = tail_border(self.k) - self.k // 2
-        image[rim:-rim, rim:-rim] = self.h
-        return np.asarray(image)
+        return extended(self.parameters, self.k)
 
     def contract(self, image: Array) -> Array:
         """The derivative (k^2 + q,) by the parameters of what has the derivative `image` by `extended()`."""
@@ -189,3 +191,14 @@ class Psf:
         rim = tail_border(self.k) - self.k // 2
         outside = np.tensordot(tail_kernels(self.k)[:q], image, axes=2)
         return np.concatenate([image[rim:-rim, rim:-rim].ravel(), outside])
+
+
+def extended(parameters: Array, k: int) -> Array:
+    """Samples and tail (K, K) of parameters (k^2 + q,), as `Psf.extended`."""
+    h, amplitudes = parameters[: k * k].reshape(k, k), parameters[k * k :]
+    if not len(amplitudes):
+        return h
+    image = np.tensordot(amplitudes, tail_kernels(k)[: len(amplitudes)], axes=1)
+    rim = tail_border(k) - k // 2
+    image[rim:-rim, rim:-rim] = h
+    return np.asarray(image)

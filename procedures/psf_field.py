@@ -1,7 +1,8 @@
 """The PSF over the whole frame: measured at nodes, told with its error anywhere, applied to images.
 
-Every sample of the PSF is a smooth function of the place. What varies is described by a few components, A a(x), found
-from the nodes' PSFs z_i; a model predicts their coefficients from those of the nodes, B z_i, and the rest is the mean:
+Every parameter of the PSF, a sample of its support or an amplitude of its tail, is a smooth function of the place.
+What varies is described by a few components, A a(x), found from the nodes' PSFs z_i; a model predicts their
+coefficients from those of the nodes, B z_i, and the rest is the mean:
 
     h(x) = Q z + A (o + sum_i T_i(x) (B z_i - o)),    P = A B,  Q = I - P,  z = sum_i m_i z_i
 
@@ -18,6 +19,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.kernel_tail import tail_kernels, tail_sums
 from procedures.numerics.scattered import Hull
 from procedures.psf import Psf
 
@@ -71,6 +73,8 @@ class CoefficientModel(Protocol):
 class PsfField:
     """The PSF of one plane as a function of the place in its frame; h, A, B and so on as above.
 
+    A vector of a PSF is its `parameters`: k^2 samples and q amplitudes of the tail, p = k^2 + q numbers in all.
+
     Attributes
     ----------
     plane : str
@@ -79,14 +83,14 @@ class PsfField:
     nodes : tuple of Node
     share : (N,) float64
         What each node counts in the mean, m; of sum 1.
-    components : (r, k^2) float64, analysis : (r, k^2) float64
+    components : (r, p) float64, analysis : (r, p) float64
         A^T and B.
     origin : (r,) float64
         The coefficients o that the model's predictions are about.
     model : CoefficientModel
     lack : (r, r) float64
         Variance of what the model leaves out of the coefficients.
-    lack_rest : (k^2, k^2) float64
+    lack_rest : (p, p) float64
         Variance of what varies over the frame and is in none of the components.
     """
 
@@ -111,6 +115,11 @@ class PsfField:
         """Samples along one side."""
         return self.nodes[0].psf.k
 
+    @property
+    def q(self) -> int:
+        """Amplitudes of the tail; 0 where the nodes' PSFs end with their supports."""
+        return len(self.nodes[0].psf.tail.amplitudes)
+
     @cached_property
     def positions(self) -> Array:
         """Where the nodes lie, (N, 2), in pixels of the plane."""
@@ -123,14 +132,14 @@ class PsfField:
 
     @cached_property
     def base(self) -> Array:
-        """What does not vary, Q z, (k^2,)."""
-        mean = self.share @ self._samples
+        """What does not vary, Q z, (p,)."""
+        mean = self.share @ self._measured
         return np.asarray(mean - (self.analysis @ mean) @ self.components)
 
     @cached_property
     def coefficients_at_nodes(self) -> Array:
         """B z_i, (N, r)."""
-        return np.asarray(self._samples @ self.analysis.T)
+        return np.asarray(self._measured @ self.analysis.T)
 
     def inside(self, points: Array) -> npt.NDArray[np.bool_]:
         """Which points (n, 2) of the plane the nodes enclose."""
@@ -141,21 +150,29 @@ class PsfField:
         values = self.coefficients_at_nodes - self.origin
         return np.asarray(self.model.predict(self._placed(points), values) + self.origin)
 
+    def parameters(self, points: Array) -> Array:
+        """The PSFs' parameters at points (n, 2) of the plane, (n, p)."""
+        return np.asarray(self.base + self.coefficients(points) @ self.components)
+
     def samples(self, points: Array) -> Array:
-        """The PSFs at points (n, 2) of the plane, (n, k, k), without their errors."""
-        h = self.base + self.coefficients(points) @ self.components
-        return np.asarray(h.reshape(-1, self.k, self.k))
+        """The supports of the PSFs at points (n, 2) of the plane, (n, k, k), each of sum 1."""
+        return self.parameters(points)[:, : self.k**2].reshape(-1, self.k, self.k)
+
+    def energy_outside(self, points: Array) -> Array:
+        """Share of the light outside the PSFs' supports at points (n, 2) of the plane, (n,)."""
+        outside = self.parameters(points)[:, self.k**2 :] @ tail_sums(self.k)[: self.q]
+        return np.asarray(outside / (1 + outside))
 
     def at(self, x: float, y: float) -> Psf:
-        """The PSF at a place of the plane, with the covariance of its error: noise and interpolation.
+        """The whole PSF at a place of the plane, with the covariance of its error: noise and interpolation.
 
         Beyond the nodes (`inside`) it is that of the nearest place among them, and its true error may be larger.
         """
-        point = np.array([[x, y]], dtype=np.float64)
-        return Psf(self.samples(point)[0], self.s, self.noise(x, y) + self.interpolation(x, y))
+        p = self.parameters(np.array([[x, y]], dtype=np.float64))[0]
+        return Psf.of(p, self.noise(x, y) + self.interpolation(x, y), self.k, self.s)
 
     def noise(self, x: float, y: float) -> Array:
-        """Covariance (k^2, k^2) of h(x, y) that comes from the nodes' own."""
+        """Covariance (p, p) of h(x, y) that comes from the nodes' own."""
         T = self._transfer(x, y)
         rest, cross, inner = self._covariances
         mixed = (cross @ T.reshape(len(T), -1).T) @ self.components
@@ -164,7 +181,7 @@ class PsfField:
         return np.asarray(rest + mixed + mixed.T + self.components.T @ coefficients @ self.components)
 
     def interpolation(self, x: float, y: float) -> Array:
-        """Covariance (k^2, k^2) of what the model leaves out.
+        """Covariance (p, p) of what the model leaves out.
 
         It is taken for random from node to node: with variance there, and as much as the nodes' share of it brings.
         """
@@ -173,13 +190,25 @@ class PsfField:
 
     def error(self, points: Array) -> tuple[Array, Array]:
         """Norms (n,) of the errors predicted at points (n, 2): of the noise, and of the interpolation."""
-        noise = [np.sqrt(max(np.trace(self.noise(x, y)), 0.0)) for x, y in points]
-        lack = [np.sqrt(max(np.trace(self.interpolation(x, y)), 0.0)) for x, y in points]
+        noise = [self.norm_of_error(self.noise(x, y)) for x, y in points]
+        lack = [self.norm_of_error(self.interpolation(x, y)) for x, y in points]
         return np.array(noise), np.array(lack)
 
+    def norm_of_error(self, covariance: Array) -> float:
+        """Root mean square of the norm over support and tail of an error with that covariance (p, p)."""
+        n = self.k**2
+        of_tail = float(np.sum(covariance[n:, n:] * self._tail_products)) if self.q else 0.0
+        return float(np.sqrt(max(np.trace(covariance[:n, :n]) + of_tail, 0.0)))
+
     @cached_property
-    def _samples(self) -> Array:
-        return np.array([node.psf.h.ravel() for node in self.nodes])
+    def _tail_products(self) -> Array:
+        """Inner products of the tail's shapes, (q, q)."""
+        kernels = tail_kernels(self.k)[: self.q]
+        return np.asarray(np.tensordot(kernels, kernels, axes=([1, 2], [1, 2])))
+
+    @cached_property
+    def _measured(self) -> Array:
+        return np.array([node.psf.parameters for node in self.nodes])
 
     @cached_property
     def _lack_of_components(self) -> Array:
@@ -187,15 +216,16 @@ class PsfField:
 
     @cached_property
     def _covariances(self) -> tuple[Array, Array, Array]:
-        """sum m^2 Q C Q^T (k^2, k^2); m_i Q C_i B^T side by side (k^2, N r); B C_i B^T (N, r, r)."""
-        n, r, size = len(self.nodes), len(self.components), self.k**2
+        """sum m^2 Q C Q^T (p, p); m_i Q C_i B^T side by side (p, N r); B C_i B^T (N, r, r)."""
+        n, (r, size) = len(self.nodes), self.components.shape
         rest, cross, inner = np.zeros((size, size)), np.zeros((n, size, r)), np.zeros((n, r, r))
         A, B = self.components.T, self.analysis
         for i, (node, m) in enumerate(zip(self.nodes, self.share, strict=True)):
-            half = node.psf.covariance @ B.T
+            C = node.psf.parameter_covariance
+            half = C @ B.T
             inner[i] = B @ half
             cross[i] = m * (half - A @ inner[i])
-            rest += m * m * node.psf.covariance
+            rest += m * m * C
         rest = rest - A @ (B @ rest)
         return rest - (rest @ B.T) @ A.T, cross.transpose(1, 0, 2).reshape(size, n * r), inner
 

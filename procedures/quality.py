@@ -30,11 +30,13 @@ DIRECTIONS = 16
 ROUGHNESS = 0.25
 """How far a true tail strays from the fitted one, ring by ring, over its density: rings of a small aperture, spikes of
 an iris. On tails of Airy's disc, defocus, coma and polygons it was 0.1 to 0.3, of spikes up to 1."""
-RIM = 0.75
-"""Share of the band inside of which a number is drawn again: half of what the rest changes is doubt of what lies beyond
-the band."""
+NARROWER = (0.67, 0.75, 0.85)
+"""Shares of the band within which a number is drawn again: half of the most that the rest changes is doubt of what
+lies beyond the band. The photosite's OTF changes sign: one share alone can hit on a balance."""
 FINE = 4
 """Points per sample between which the energy inside a circle is summed."""
+AROUND = 4
+"""Samples around the support that its interpolation needs."""
 WAVELENGTHS_NM = {"R": 600.0, "G": 530.0, "B": 460.0, "Y": 550.0}
 """Where a plane of usual colour filters is most sensitive."""
 
@@ -209,11 +211,12 @@ def _left_open(
         if (number := f"mtf50_{name}") in left:
             i = int(np.clip(np.searchsorted(-mtf, -0.5), 1, len(f) - 1))
             left[number] = stray * float(f[i] - f[i - 1]) / max(float(mtf[i - 1] - mtf[i]), 1e-9)
-    narrow = _within_band(psf, RIM, diffraction)
-    for one in found:
-        if one.name in narrow:
-            beyond = (one.value - narrow[one.name]) ** 2 - uncertainties[one.name] ** 2
-            left[one.name] = 0.5 * float(np.sqrt(max(beyond, 0.0))) if np.isfinite(beyond) else 0.0
+    values = {one.name: one.value for one in found}
+    for share in NARROWER:
+        for name, value in _within_band(psf, share, diffraction).items():
+            beyond = (values[name] - value) ** 2 - uncertainties[name] ** 2
+            if np.isfinite(beyond):
+                left[name] = max(left[name], 0.5 * float(np.sqrt(max(beyond, 0.0))))
     return left
 
 
@@ -241,6 +244,19 @@ def quantity_along(psf: Psf, angle_deg: float, n: int) -> Quantity | None:
     value, gradient = found
     uncertainty = float(_uncertainty(psf.parameter_covariance, gradient[None])[0])
     return Quantity(value, "cycles/pixel", uncertainty, f"|OTF| = 0.5 at {angle_deg:.1f} degrees from x", n)
+
+
+def energy_within(psf: Psf, radius_px: float) -> tuple[float, Array]:
+    """Share of all light within a radius about the centre, of the band-limited PSF, and its derivative (k^2 + q,)."""
+    image, light = psf.extended(), psf.light
+    size = min(2 * (int(np.ceil(radius_px * psf.s)) + AROUND) + 1, len(image))
+    rim = (len(image) - size) // 2
+    M, r, _ = _fine_grid(size, psf.s)
+    weight = (np.clip((radius_px - r) * FINE * psf.s + 0.5, 0, 1) / FINE**2).reshape(len(M), len(M))
+    by_image = np.zeros_like(image)
+    by_image[rim : len(image) - rim, rim : len(image) - rim] = M.T @ weight @ M
+    share = float(np.sum(by_image * image)) / light
+    return share, (psf.contract(by_image) - share * psf.weights) / light
 
 
 def energy_above_nyquist(psf: Psf) -> tuple[float, Array]:
@@ -358,7 +374,7 @@ def _spatial_numbers(psf: Psf) -> list[_Found]:
         _width(psf, "fwhm_vertical", 0),
         _Found("energy_above_nyquist", above, "1", "share of |OTF|^2", slope),
     ]
-    return [*found, _outside(psf), *_encircled(psf, (0.5, 0.8)), *_ellipse_numbers(psf)]
+    return [*found, *_encircled(psf, (0.5, 0.8)), *_ellipse_numbers(psf)]
 
 
 def _within_band(psf: Psf, share: float, diffraction: Diffraction | None) -> dict[str, float]:
@@ -381,10 +397,10 @@ def _of_support(psf: Psf, name: str, x: Array) -> _Found:
     return _Found(name, value, "pixel", "first moment inside the support, from the PSF's centre", gradient)
 
 
-def _outside(psf: Psf) -> _Found:
-    """The share of all light outside the support."""
-    share, gradient = psf.energy_outside
-    return _Found("energy_outside_support", share, "1", "share of all light outside the support", gradient)
+def energy_outside_support(psf: Psf, n: int) -> Quantity:
+    """The share of all light outside the support: of this support, not of the camera."""
+    share, uncertainty = psf.energy_outside
+    return Quantity(share, "1", uncertainty, "share of all light outside the support", n)
 
 
 def _width(psf: Psf, name: str, axis: int) -> _Found:
@@ -448,27 +464,41 @@ def _fine_grid(size: int, s: int) -> tuple[Array, Array, Indices]:
 
 def _encircled(psf: Psf, shares: tuple[float, ...]) -> list[_Found]:
     """Radii about the marks' centre within which shares of all light lie, of the band-limited PSF."""
-    image, light = psf.extended(), psf.light
-    M, r, order = _fine_grid(len(image), psf.s)
-    cell = 1 / (FINE * psf.s)  # side of a fine point's square, which the circle enters linearly
-    fine = (M @ image @ M.T).ravel() / FINE**2
-    running = np.cumsum(fine[order]) / light
+    whole = psf.extended()
     found = []
     for share in shares:
-        name, method = f"encircled_energy_{share * 100:.0f}", f"radius of {share:.0%} of all light"
-        if running[-1] < share or running[0] >= share:
-            found.append(_Found(name, np.nan, "pixel", method, np.full(len(psf.parameters), np.nan)))
-            continue
-        radius = float(r[order[np.argmax(running >= share)]])
-        for _ in range(6):  # Newton's steps on the smooth sum
-            weight = np.clip((radius - r) / cell + 0.5, 0, 1)
-            rim = np.abs(radius - r) < cell / 2
-            density = float(fine[rim].sum()) / cell / light
-            radius += (share - float(weight @ fine) / light) / density
-        weight = np.clip((radius - r) / cell + 0.5, 0, 1).reshape(len(M), len(M)) / FINE**2
-        gradient = (share * psf.weights - psf.contract(M.T @ weight @ M)) / light / density
-        found.append(_Found(name, radius, "pixel", method, gradient))
+        one = None
+        # most circles lie inside the support: the far samples are only looked at where they must be
+        for size in {min(psf.k + 2 * AROUND, len(whole)): None, len(whole): None}:
+            one = _circle(psf, whole, size, share)
+            if np.isfinite(one.value):
+                break
+        assert one is not None
+        found.append(one)
     return found
+
+
+def _circle(psf: Psf, whole: Array, size: int, share: float) -> _Found:
+    """The radius of a share of all light, by the central samples of the image; NaN where they hold less of it."""
+    rim = (len(whole) - size) // 2
+    image, light = whole[rim : len(whole) - rim, rim : len(whole) - rim], psf.light
+    M, r, order = _fine_grid(size, psf.s)
+    cell = 1 / (FINE * psf.s)  # side of a fine point's square, which the circle enters linearly
+    fine = (M @ image @ M.T).ravel() / FINE**2
+    within = r[order] < (size // 2) / psf.s
+    running = np.cumsum(fine[order][within]) / light
+    name, method = f"encircled_energy_{share * 100:.0f}", f"radius of {share:.0%} of all light"
+    if not len(running) or running.max() < share or running[0] >= share:
+        return _Found(name, np.nan, "pixel", method, np.full(len(psf.parameters), np.nan))
+    radius, density = float(r[order[np.argmax(running >= share)]]), 1.0
+    for _ in range(6):  # Newton's steps on the smooth sum
+        density = float(fine[np.abs(radius - r) < cell / 2].sum()) / cell / light
+        radius += (share - float(np.clip((radius - r) / cell + 0.5, 0, 1) @ fine) / light) / density
+    weight = np.clip((radius - r) / cell + 0.5, 0, 1).reshape(len(M), len(M)) / FINE**2
+    by_image = np.zeros_like(whole)
+    by_image[rim : len(whole) - rim, rim : len(whole) - rim] = M.T @ weight @ M
+    gradient = (share * psf.weights - psf.contract(by_image)) / light / density
+    return _Found(name, radius, "pixel", method, gradient)
 
 
 def _moment_weight(psf: Psf) -> Array:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,6 +10,7 @@ import numpy.typing as npt
 from scipy.signal import oaconvolve
 
 from procedures.outcome import BadParameter
+from procedures.psf import extended
 from procedures.psf_field import PsfField
 
 Array = npt.NDArray[np.float64]
@@ -22,7 +22,9 @@ CHUNK = 1 << 16
 class SpaceVariantBlur:
     """The light of every point of an image spread by the PSF of its own place; dark beyond the image.
 
-    With h(x) = base + sum_c a_c(x) A_c, a point's light u(x) h(x) gives base * u + sum_c A_c * (a_c u).
+    With h(x) = base + sum_c a_c(x) A_c, a point's light u(x) h(x) gives base * u + sum_c A_c * (a_c u). h is the whole
+    PSF, its tail up to where its shapes end, and of sum 1: the little light from farther away is taken for light from
+    there, as where the image is flat.
 
     Attributes
     ----------
@@ -43,23 +45,25 @@ class SpaceVariantBlur:
 
     def blur(self, image: Array) -> Array:
         """The image (rows, columns), blurred; of the same shape."""
-        image = np.asarray(image, dtype=np.float64)
+        weight, coefficients = self._maps(np.shape(image))
+        image = weight * np.asarray(image, dtype=np.float64)
         out = oaconvolve(image, self._kernels[0], mode="same")
-        for kernel, coefficient in zip(self._kernels[1:], self._maps(image.shape), strict=True):
+        for kernel, coefficient in zip(self._kernels[1:], coefficients, strict=True):
             out += oaconvolve(coefficient * image, kernel, mode="same")
         return np.asarray(out)
 
     def blur_adjoint(self, image: Array) -> Array:
         """The adjoint of `blur`: sum v blur(u) = sum u blur_adjoint(v) for all images u, v of one shape."""
         image = np.asarray(image, dtype=np.float64)
+        weight, coefficients = self._maps(image.shape)
         out = oaconvolve(image, self._kernels[0][::-1, ::-1], mode="same")
-        for kernel, coefficient in zip(self._kernels[1:], self._maps(image.shape), strict=True):
+        for kernel, coefficient in zip(self._kernels[1:], coefficients, strict=True):
             out += coefficient * oaconvolve(image, kernel[::-1, ::-1], mode="same")
-        return np.asarray(out)
+        return np.asarray(weight * out)
 
     def kernel(self, h: Array) -> Array:
-        """A PSF (k, k) on the image's grid, what that grid cannot show filtered out; its sum is kept."""
-        ratio, half = self.samples_per_px / self.field.s, self.field.k // 2
+        """A PSF (K, K), K odd, on the image's grid, what that grid cannot show filtered out; its sum is kept."""
+        ratio, half = self.samples_per_px / self.field.s, len(h) // 2
         if ratio == 1:
             return h
         reach = int(np.ceil(half * ratio)) + 2
@@ -68,18 +72,25 @@ class SpaceVariantBlur:
         return np.asarray(taps @ h @ taps.T)
 
     @cached_property
-    def _kernels(self) -> list[Array]:
-        k = self.field.k
-        return [self.kernel(h.reshape(k, k)) for h in (self.field.base, *self.field.components)]
+    def _images(self) -> list[Array]:
+        """Base and components, support and tail, (K, K) each."""
+        return [extended(p, self.field.k) for p in (self.field.base, *self.field.components)]
 
-    def _maps(self, shape: tuple[int, ...]) -> Iterator[Array]:
-        """The coefficients' maps (rows, columns), one component after the other; kept for the next image."""
-        kept: dict[tuple[int, ...], Array] = self.__dict__.setdefault("_kept", {})
+    @cached_property
+    def _kernels(self) -> list[Array]:
+        return [self.kernel(image) for image in self._images]
+
+    def _maps(self, shape: tuple[int, ...]) -> tuple[Array, Array]:
+        """One over the light of every place's PSF (rows, columns), and its coefficients (r, rows, columns); kept for
+        the next image."""
+        kept: dict[tuple[int, ...], tuple[Array, Array]] = self.__dict__.setdefault("_kept", {})
         if shape not in kept:
             kept.clear()
             rows, columns = shape
             y, x = np.divmod(np.arange(rows * columns), columns)
             points = np.column_stack([x, y]) / self.samples_per_px
             parts = [self.field.coefficients(points[i : i + CHUNK]) for i in range(0, len(points), CHUNK)]
-            kept[shape] = np.concatenate(parts).T.reshape(-1, rows, columns)
-        yield from kept[shape]
+            coefficients = np.concatenate(parts).T.reshape(-1, rows, columns)
+            sums = np.array([image.sum() for image in self._images])
+            kept[shape] = 1 / (sums[0] + np.tensordot(sums[1:], coefficients, axes=1)), coefficients
+        return kept[shape]

@@ -12,21 +12,21 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from procedures.raw import Plane
-from procedures.slanted_edge.estimate import EdgeMtf
+from procedures.slanted_edge.estimate import EdgeMtf, EdgeOutcome
 from station.drawing import CONFIDENT, FAINT, INK, MARK, STYLE
 
 SHOWN = 6
 """Edges drawn; a result's record and table have all."""
 
 
-def edge_picture(plane: Plane, edges: Sequence[EdgeMtf]) -> bytes:
-    """A PNG with one line for each edge, the best first."""
-    shown = edges[:SHOWN]
+def edge_picture(plane: Plane, edges: Sequence[EdgeOutcome]) -> bytes:
+    """A PNG with one line for each measured edge, the best first."""
+    shown = [(one.value, one.verdict) for one in edges if one.value is not None][:SHOWN]
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(10, 2.9 * len(shown)), dpi=100, layout="constrained")
         axes = figure.subplots(len(shown), 3, squeeze=False)
-        for row, edge in zip(axes, shown, strict=True):
-            _region(row[0], plane.samples, edge)
+        for row, (edge, verdict) in zip(axes, shown, strict=True):
+            _region(row[0], plane.samples, edge, str(verdict))
             _spread(row[1], edge)
             _transfer(row[2], edge)
         data = io.BytesIO()
@@ -34,14 +34,14 @@ def edge_picture(plane: Plane, edges: Sequence[EdgeMtf]) -> bytes:
     return data.getvalue()
 
 
-def _region(axes: Any, samples: npt.NDArray[np.float32], edge: EdgeMtf) -> None:
+def _region(axes: Any, samples: npt.NDArray[np.float32], edge: EdgeMtf, verdict: str) -> None:
     roi = edge.roi
     part = samples[roi.y : roi.y + roi.height, roi.x : roi.x + roi.width]
     extent = (roi.x - 0.5, roi.x + roi.width - 0.5, roi.y + roi.height - 0.5, roi.y - 0.5)
     axes.imshow(part, cmap="gray", extent=extent, interpolation="none", vmin=0)
     x, y = edge.course.T
     axes.plot(x, y, color=MARK, lw=0.8)
-    axes.set_title(f"{edge.orientation}, {edge.numbers['angle'].value:.2f} degrees")
+    axes.set_title(f"{edge.orientation}, {edge.numbers['angle'].value:.2f} degrees: {verdict}")
     axes.locator_params(nbins=4)
 
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 import csv
 import io
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 from procedures.outcome import Verdict
-from procedures.raw import RawFrame
-from procedures.slanted_edge.estimate import EdgeMtf, estimate_edge, estimate_edges
+from procedures.quality import Diffraction
+from procedures.raw import Plane, RawFrame
+from procedures.slanted_edge.estimate import EdgeMtf, EdgeOutcome, estimate_edge, estimate_edges, orientation
 from procedures.slanted_edge.strip import Roi
 from station.edge_pictures import edge_picture
 from station.results import ResultFolder, software, write_record
@@ -21,17 +22,41 @@ SCHEMA = "station/mtf/1"
 
 @dataclass(frozen=True, eq=False)
 class EdgeRecord:
-    """What a result says about one plane: its edges, the best first, none where it was refused."""
+    """What a result says about one plane: every edge with its own verdict, the best first.
+
+    The plane's verdict is that of the numbers it reports: of the best edge's.
+    """
 
     name: str
-    verdict: Verdict
-    reason: str
-    remedy: str
-    edges: tuple[EdgeMtf, ...]
+    outcomes: tuple[EdgeOutcome, ...]
+
+    @property
+    def best(self) -> EdgeOutcome:
+        """The edge whose numbers are the plane's, or the reason why it has none."""
+        return self.outcomes[0]
+
+    @property
+    def verdict(self) -> Verdict:
+        """Of the best edge."""
+        return self.best.verdict
+
+    @property
+    def edges(self) -> tuple[EdgeMtf, ...]:
+        """Those that were measured, the best first."""
+        return tuple(one.value for one in self.outcomes if one.value is not None)
+
+    @property
+    def count(self) -> str:
+        """How many edges have which verdict, in words; "" where there is one or none."""
+        verdicts = [one.verdict for one in self.outcomes]
+        words = [f"{n} {verdict}" for verdict in Verdict if (n := verdicts.count(verdict))]
+        return "" if len(verdicts) < 2 else f"{len(verdicts)} edges: {', '.join(words)}"
 
 
-def measure_edges(frame: RawFrame, roi: Roi | None) -> Iterator[EdgeRecord]:
-    """The edge of a region, or all edges that are found, plane by plane.
+def measure_edges(
+    frame: RawFrame, roi: Roi | None, limit: Callable[[Plane], Diffraction | None] = lambda _: None
+) -> Iterator[EdgeRecord]:
+    """The edge of a region, or all edges that are found, plane by plane; `limit` is what is known of diffraction.
 
     Raises
     ------
@@ -39,10 +64,9 @@ def measure_edges(frame: RawFrame, roi: Roi | None) -> Iterator[EdgeRecord]:
         If the region does not lie in a plane.
     """
     for plane in frame.planes.values():
-        outcomes = [estimate_edge(plane, roi)] if roi else estimate_edges(plane)
-        edges = tuple(outcome.value for outcome in outcomes if outcome.value is not None)
-        best = outcomes[0]
-        yield EdgeRecord(plane.name, best.verdict, best.reason, best.remedy, edges)
+        known = limit(plane)
+        outcomes = [estimate_edge(plane, roi, known)] if roi else estimate_edges(plane, known)
+        yield EdgeRecord(plane.name, tuple(outcomes))
 
 
 def write_edge_result(
@@ -52,7 +76,8 @@ def write_edge_result(
     for record in records:
         if record.edges:
             folder.write(f"mtf_{record.name}.csv", edge_table(record.edges))
-            folder.write(f"edge_{record.name}.png", edge_picture(frame.planes[record.name], record.edges))
+            measured = [one for one in record.outcomes if one.value is not None]
+            folder.write(f"edge_{record.name}.png", edge_picture(frame.planes[record.name], measured))
     about = {
         "schema": SCHEMA,
         "procedure": "edge",
@@ -79,22 +104,30 @@ def edge_table(edges: Sequence[EdgeMtf]) -> bytes:
 
 
 def _plane_entry(record: EdgeRecord) -> dict[str, Any]:
-    """Verdict, the best edge's numbers, and every edge by itself."""
-    entry: dict[str, Any] = {"verdict": str(record.verdict), "reason": record.reason, "remedy": record.remedy}
-    if record.edges:
-        entry |= _numbers(record.edges[0])
-        entry["edges"] = [edge_entry(edge) for edge in record.edges]
-    return entry
+    """Verdict, the best edge's numbers, and every edge by itself with its own verdict."""
+    best = record.best
+    entry: dict[str, Any] = {"verdict": str(best.verdict), "reason": best.reason, "remedy": best.remedy}
+    if best.value is not None:
+        entry |= _numbers(best.value)
+    placed = [edge_entry(one) for one in record.outcomes if one.roi is not None]
+    return entry | {"edges": placed} if placed else entry
 
 
-def edge_entry(edge: EdgeMtf) -> dict[str, Any]:
-    """One edge: its numbers, where it lies, how it was measured."""
-    roi = edge.roi
-    return {
+def edge_entry(outcome: EdgeOutcome) -> dict[str, Any]:
+    """One edge: its verdict and where it lies; where it is not refused its numbers, and how it was measured."""
+    roi, edge = outcome.roi, outcome.value
+    entry: dict[str, Any] = {
+        "verdict": str(outcome.verdict),
+        "reason": outcome.reason,
+        "remedy": outcome.remedy,
+        "roi": None if roi is None else [roi.x, roi.y, roi.width, roi.height],
+        "orientation": orientation(outcome.turned),
+    }
+    if edge is None:
+        return entry
+    return entry | {
         **_numbers(edge),
-        "orientation": edge.orientation,
         "normal_deg": edge.normal_deg,
-        "roi": [roi.x, roi.y, roi.width, roi.height],
         "order": edge.order,
         "diagnostics": dict(edge.diagnostics),
     }

@@ -1,4 +1,4 @@
-"""A plane's PSF for other programs: FITS, float TIFF, its radial profile, its numbers as a table."""
+"""A plane's PSF for other programs: FITS, float TIFF, its numbers as a table; its profile is `radial_profile`'s."""
 
 from __future__ import annotations
 
@@ -6,38 +6,42 @@ import csv
 import io
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from procedures.outcome import Quantity
 from procedures.psf import Psf
-from station.linear_pictures import float_tiff
+from station.linear_pictures import described_tiff, float_tiff
 from station.names import cell
 
 Array = npt.NDArray[np.float64]
 
 FITS_BLOCK = 2880
 FITS_CARD = 80
-STEPS_PER_SAMPLE = 2
-DIRECTIONS = 32
 GAUSSIAN_RADIUS = "gaussian_radius"
 
 
 def psf_tiff(psf: Psf) -> bytes:
-    """The samples as a TIFF, (k, k) float32, sum 1."""
-    return float_tiff(psf.h)
+    """The support's samples as a TIFF, (k, k) float32, sum 1; its description tells the share of the light outside."""
+    share, uncertainty = psf.energy_outside
+    return described_tiff(
+        float_tiff(psf.h),
+        f"support of a PSF, {psf.s} samples per pixel, sum 1; "
+        f"energy_outside_support = {share:.6g}, standard uncertainty {uncertainty:.2g}",
+    )
 
 
 # --- FITS --------------------------------------------------------------------------------------------------------
 
 
 def psf_fits(psf: Psf, plane: str, version: str | None) -> bytes:
-    """The samples as FITS, and their standard uncertainties in a second image, both (k, k) float64.
+    """The support's samples as FITS, and their standard uncertainties in a second image, both (k, k) float64.
 
-    The first row of the data is the photograph's upper one; the world coordinates are pixels of the plane from the
-    PSF's centre, x to the right and y down. Source: FITS standard 4.0, sections 3, 4 and 8.
+    Beside the samples, of sum 1, stand EOUTSIDE, the share of all light outside them, and EOUTUNC, its standard
+    uncertainty; TAILDENS is A of the mean far tail A / r^3 per square pixel, r in pixels, where all light is 1. The
+    first row of the data is the photograph's upper one; the world coordinates are pixels of the plane from the PSF's
+    centre, x to the right and y down. Source: FITS standard 4.0, sections 3, 4 and 8.
     """
     sigma = np.sqrt(np.maximum(np.diag(psf.covariance), 0)).reshape(psf.h.shape)
     middle = psf.k // 2 + 1
@@ -47,8 +51,15 @@ def psf_fits(psf: Psf, plane: str, version: str | None) -> bytes:
         ("CUNIT1", "pixel"), ("CUNIT2", "pixel"), ("PLANE", plane), ("SAMPLING", psf.s),
         ("CREATOR", f"calibration-station {version or ''}".strip()),
     ]  # fmt: skip
+    share, uncertainty = psf.energy_outside
+    outside: list[tuple[str, object]] = [
+        ("EOUTSIDE", share), ("EOUTUNC", uncertainty), ("TAILDENS", psf.tail_density_px),
+        ("COMMENT", "Samples: the support, of sum 1. EOUTSIDE: energy_outside_support,"),
+        ("COMMENT", "the share of all light outside it; EOUTUNC: its uncertainty."),
+        ("COMMENT", "TAILDENS: A of the far tail A/r^3 per square pixel, all light 1."),
+    ]  # fmt: skip
     size: list[tuple[str, object]] = [("BITPIX", -64), ("NAXIS", 2), ("NAXIS1", psf.k), ("NAXIS2", psf.k)]
-    primary = [("SIMPLE", True), *size, ("EXTEND", True), ("EXTNAME", "PSF"), *grid]
+    primary = [("SIMPLE", True), *size, ("EXTEND", True), ("EXTNAME", "PSF"), *grid, *outside]
     second = [("XTENSION", "IMAGE"), *size, ("PCOUNT", 0), ("GCOUNT", 1), ("EXTNAME", "UNCERTAINTY"), *grid]
     return _unit(primary, psf.h) + _unit(second, sigma)
 
@@ -60,6 +71,8 @@ def _unit(cards: Sequence[tuple[str, object]], data: Array) -> bytes:
 
 
 def _card(name: str, value: object) -> str:
+    if name == "COMMENT":
+        return f"{name:<8}{value}".ljust(FITS_CARD)[:FITS_CARD]
     if isinstance(value, bool):
         text = f"{'T' if value else 'F':>20}"
     elif isinstance(value, str):
@@ -73,80 +86,21 @@ def _filled(data: bytes, filling: bytes) -> bytes:
     return data + filling * (-len(data) % FITS_BLOCK)
 
 
-# --- the radial profile ------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class Profile:
-    """A PSF's mean over directions about its centre, and the energy inside circles, with standard uncertainties.
-
-    Attributes
-    ----------
-    radius : (n,) float64
-        In pixels of the plane, from 0.
-    density, density_uncertainty : (n,) float64
-        Energy per square pixel on each circle.
-    energy, energy_uncertainty : (n,) float64
-        Share of the energy inside each circle.
-    """
-
-    radius: Array
-    density: Array
-    density_uncertainty: Array
-    energy: Array
-    energy_uncertainty: Array
-
-
-def radial_profile(psf: Psf) -> Profile:
-    """The profile out to where circles touch the support's sides.
-
-    The density is that of the band-limited PSF between its samples; a sample's energy enters while the circle crosses
-    its square, as in the encircled energy of `procedures.quality`.
-    """
-    radius = np.arange(STEPS_PER_SAMPLE * (psf.k // 2) + 1) / (STEPS_PER_SAMPLE * psf.s)
-    x = psf.offsets_px
-    distance = np.hypot(x, x[:, None]).ravel()
-    inside = np.clip((radius[:, None] - distance) * psf.s + 0.5, 0, 1) * (radius[:, None] > 0)
-    on = np.mean(
-        [_interpolation(psf, radius, angle) for angle in np.arange(DIRECTIONS) * 2 * np.pi / DIRECTIONS], axis=0
-    )
-    h = psf.h.ravel()
-    return Profile(radius, on @ h, _sigma(psf, on), inside @ h, _sigma(psf, inside))
-
-
-def _interpolation(psf: Psf, radius: Array, angle: float) -> Array:
-    """Weights (n, k^2) that give the PSF's density at (n,) radii in one direction: sinc interpolation times s^2."""
-    along = [np.sinc((radius[:, None] * turn - psf.offsets_px) * psf.s) for turn in (np.sin(angle), np.cos(angle))]
-    weights: Array = (along[0][:, :, None] * along[1][:, None, :]).reshape(len(radius), -1)
-    return weights * psf.s**2
-
-
-def _sigma(psf: Psf, weights: Array) -> Array:
-    return np.asarray(np.sqrt(np.maximum(np.einsum("ij,ij->i", weights @ psf.covariance, weights), 0)))
-
-
-def profile_table(psf: Psf, pitch: int) -> bytes:
-    """The profile as CSV, radii in pixels of the plane and of the sensor; `pitch` is how many of these are one."""
-    found = radial_profile(psf)
-    columns = {"radius": found.radius, "radius_sensor_pixels": found.radius * pitch}
-    columns |= {"density": found.density, "density_uncertainty": found.density_uncertainty}
-    columns |= {"energy": found.energy, "energy_uncertainty": found.energy_uncertainty}
-    rows = zip(*columns.values(), strict=True)
-    return _csv([list(columns), *([f"{value:.9g}" for value in row] for row in rows)])
+# --- the numbers -------------------------------------------------------------------------------------------------
 
 
 def gaussian_radius(mtf50: Quantity, pitch: int) -> Quantity:
     """What RAW developers take for a PSF: the standard deviation, in sensor pixels, of the Gaussian with this MTF50.
 
+    `mtf50` is the radial mean's of the whole PSF, so that the Gaussian blurs as much as lens and sensor, veil included.
+
     RawTherapee calls it "Radius" of Capture Sharpening, and deconvolves the demosaicked picture with that Gaussian.
     From exp(-2 pi^2 sigma^2 f^2) = 1/2: sigma = sqrt(ln 2 / 2) / (pi f).
     """
     sigma = math.sqrt(math.log(2) / 2) / (math.pi * mtf50.value) * pitch
-    method = "sigma of the Gaussian with the same radial MTF50"
+    method = "sigma of the Gaussian with the same radial MTF50 as the whole PSF"
     return Quantity(sigma, "sensor pixel", sigma * mtf50.uncertainty / mtf50.value, method, mtf50.n)
 
-
-# --- the numbers -------------------------------------------------------------------------------------------------
 
 Numbers = Iterator[tuple[str, str, Quantity]]
 """Plane, name, number."""
@@ -158,10 +112,11 @@ def numbers_table(numbers: Numbers) -> bytes:
         [plane, name, f"{one.value:.9g}", f"{one.uncertainty:.9g}", cell(one.unit), cell(one.method), str(one.n)]
         for plane, name, one in numbers
     ]
-    return _csv([["plane", "name", "value", "uncertainty", "unit", "method", "n"], *rows])
+    return csv_bytes([["plane", "name", "value", "uncertainty", "unit", "method", "n"], *rows])
 
 
-def _csv(rows: Sequence[Sequence[str]]) -> bytes:
+def csv_bytes(rows: Sequence[Sequence[str]]) -> bytes:
+    """Rows of texts as CSV."""
     text = io.StringIO(newline="")
     csv.writer(text, lineterminator="\n").writerows(rows)
     return text.getvalue().encode()

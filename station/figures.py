@@ -34,7 +34,7 @@ from station.drawing import (
     colour_bar,
     svg,
 )
-from station.exports import Profile
+from station.radial_profile import Profile
 
 Array = npt.NDArray[np.float64]
 
@@ -144,14 +144,16 @@ def psf_figure(psf: Psf, truth: Array | None, name: str) -> Markup:
 
 
 def energy_figure(profile: Profile, name: str) -> Markup:
-    """The energy inside circles over their radius, with its 95 % band."""
+    """The energy inside circles over their radius, with its 95 % band; a line where they leave the support."""
     figure, ((axes,),) = axes_grid(3.2, 2.5, rim_in=(0.55, 0.14, 0.4, 0.08))
     spread = CONFIDENT * profile.energy_uncertainty
     axes.fill_between(profile.radius, profile.energy - spread, profile.energy + spread, color=INK, alpha=0.2, lw=0)
     axes.plot(profile.radius, profile.energy, color=INK, lw=1.4)
-    axes.set(xlim=(0, float(profile.radius[-1])), ylim=(0, 1.06), xlabel="radius, pixels", ylabel="energy inside")
+    axes.axvline(profile.support, color=FAINT, lw=0.5)
+    end = min(float(profile.radius[-1]), 2 * profile.support)
+    axes.set(xlim=(0, end), ylim=(0, 1.06), xlabel="radius, pixels", ylabel="share of all light inside")
     axes.axhline(0.8, color=FAINT, lw=0.5, ls=(0, (1, 2)))
-    return svg(figure, name, "the share of the energy inside circles about the centre, with its 95 % band")
+    return svg(figure, name, "the share of all light inside circles about the centre, with its 95 % band")
 
 
 def kernel_figure(kernel: Array, name: str) -> Markup:

@@ -16,7 +16,7 @@ from station.results import PlaneRecord
 QUANTITIES = (
     *(f"{kind}_{along}" for kind in ("mtf50", "mtf_nyquist") for along in ("horizontal", "vertical", "radial")),
     *("centroid_x_support", "centroid_y_support", "fwhm_horizontal", "fwhm_vertical", "energy_above_nyquist"),
-    *("encircled_energy_50", "encircled_energy_80", "ellipticity", "ellipse_angle", "strehl", "energy_outside_support"),
+    *("encircled_energy_50", "encircled_energy_80", "ellipticity", "ellipse_angle", "strehl"),
 )
 """Numbers with an uncertainty."""
 PLAIN = ("gamma", "gamma_bound", "residual_std", "pixels_per_pattern", "s_over_t", "gain", "noise")

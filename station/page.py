@@ -19,7 +19,6 @@ NUMBERS = (
     ("fwhm_horizontal", "Half maximum along rows"),
     ("fwhm_vertical", "Half maximum along columns"),
     ("encircled_energy_80", "Radius of 80 % energy"),
-    ("energy_outside_support", "Energy outside the support"),
     ("ellipticity", "Ellipticity"),
     ("centroid_x_support", "Centroid x, of the support"),
     ("centroid_y_support", "Centroid y, of the support"),

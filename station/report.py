@@ -19,10 +19,10 @@ from procedures.raw import Exposure, Plane, RawFrame
 from procedures.two_photo.estimate import TwoPhotoPsf
 from station import figures
 from station.calibrate import Calibrated
-from station.exports import radial_profile
 from station.limits import Judged, Judgement
 from station.names import printable
 from station.page import NUMBERS, exposure_words, render
+from station.radial_profile import radial_profile
 from station.results import PlaneRecord, quantities, software
 
 Array = npt.NDArray[np.float64]

@@ -152,7 +152,14 @@ def from_arrays(
         for one, ratio in zip(found, each, strict=True)
     ]
     told: dict[str, Any] = {"ratio": list(each[1:]), "max_w": widest}
-    told["measured"] = [{"half_width_px": one.half_width_px, "negative_light": one.cut} for one in measured]
+    told["measured"] = [
+        {
+            "half_width_px": one.half_width_px,
+            "negative_light": one.cut,
+            "energy_outside_support": one.energy_outside_support,
+        }
+        for one in measured
+    ]
     return BlurInput(masks, told=told)
 
 

@@ -24,13 +24,14 @@ import numpy.typing as npt
 from procedures.cross_check.estimate import EdgeCheck
 from procedures.outcome import BadParameter, Outcome, Quantity, Verdict
 from procedures.psf import Psf
-from procedures.quality import Quality
-from station.exports import GAUSSIAN_RADIUS, gaussian_radius, numbers_table, profile_table, psf_fits, psf_tiff
+from procedures.quality import Quality, energy_outside_support
+from station.exports import GAUSSIAN_RADIUS, gaussian_radius, numbers_table, psf_fits, psf_tiff
 from station.names import encodable
 from station.pictures import psf_picture
+from station.radial_profile import profile_table
 
 if TYPE_CHECKING:
-    from procedures.pattern_psf.choice import Trial
+    from procedures.choice import Trial
     from procedures.pattern_psf.error_parts import Variation
     from procedures.physics.estimate import Physics
 
@@ -239,7 +240,9 @@ def _plane_entry(plane: PlaneRecord) -> dict[str, Any]:
     entry: dict[str, Any] = {"verdict": str(plane.verdict), "reason": plane.reason, "remedy": plane.remedy}
     entry.update(plane.numbers)
     if plane.psf is not None:
-        entry |= {"s": plane.psf.s, "k": plane.psf.k}
+        n = next((quantity.n for quantity in plane.quality.numbers.values()), 0) if plane.quality else 0
+        outside = asdict(energy_outside_support(plane.psf, n))
+        entry |= {"s": plane.psf.s, "k": plane.psf.k, "energy_outside_support": outside}
     if plane.quality is not None:
         budgets = plane.quality.budgets
         numbers = plane.quality.numbers.items()

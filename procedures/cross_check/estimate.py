@@ -17,6 +17,7 @@ from procedures.raw import Plane
 from procedures.slanted_edge.estimate import EdgeMtf, measure
 from procedures.slanted_edge.find import strip_along
 from procedures.slanted_edge.strip import LEAST_SIDE, Line, Strip
+from procedures.slanted_edge.tail import Tail
 
 Array = npt.NDArray[np.float64]
 
@@ -84,8 +85,8 @@ def _measured(plane: Plane, found: PatternPsf, i: int) -> EdgeMtf | None:
     density = found.psf.tail_density_px
     alone = without_surroundings(plane.samples, strip, first.course, density)
     # the tail's line spread function is 2 A / d^2, the edge's approach to its plains 2 A / d
-    edge = measure(replace(strip, samples=alone, tail_px=2 * density), line).value
-    other = measure(replace(strip, samples=alone, tail_px=2 * density * (1 + MORE)), line).value
+    edge = measure(replace(strip, samples=alone, tail=Tail(2 * density)), line).value
+    other = measure(replace(strip, samples=alone, tail=Tail(2 * density * (1 + MORE))), line).value
     if edge is None or "mtf50" not in edge.numbers or other is None or "mtf50" not in other.numbers:
         return None
     edge = _with_tail_uncertainty(edge, other, found)

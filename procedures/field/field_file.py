@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,8 +12,9 @@ import numpy.typing as npt
 from procedures.field.chromatic import LateralColour
 from procedures.field.interpolate import Interpolation, Recipe, rebuild
 from procedures.field.maps import FieldMap, grid
+from procedures.numerics.kernel_tail import SHAPES, tail_kernels
 from procedures.outcome import BadInput
-from procedures.psf import Psf
+from procedures.psf import Psf, Tail
 from procedures.psf_field import Node, PsfField
 
 if TYPE_CHECKING:
@@ -21,15 +22,20 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-SCHEMA = "station/psf-field/1"
+SCHEMA, WITHOUT_TAIL = "station/psf-field/2", "station/psf-field/1"
+"""What is written, and what older versions wrote: PSFs that end with their supports, read as such."""
 CONVENTIONS = """\
 Arrays are [row, column]; positions are (x, y) in pixels of the plane, pixel centres at integers, x right, y down.
-A PSF has `samples_per_pixel` samples per pixel of its plane along each axis, an odd square of them, of sum 1; the
-photograph is the convolution with it. Its centre sample lies where the chart's marks are seen. Covariances are of
-the samples in the order psf.ravel(), of the noise of the photographs.
+A PSF has `samples_per_pixel` samples per pixel of its plane along each axis. `psf` is its support, an odd square of
+samples, of sum 1; its tail outside that is sum over j of tail[j] tail_shapes[j], images about the same centre, which
+end at a radius (the first goes on as 1/r^3). The photograph is the convolution with support and tail, over the sum of
+both; energy_outside_support is the tail's share of that. The centre sample lies where the chart's marks are seen.
+Covariances are of the samples in the order psf.ravel(), of the tail's amplitudes (tail_covariance), and of these with
+those (tail_cross), of the noise of the photographs.
 PLANE/nodes: what was measured.
-PLANE/anywhere: base + sum over c of coefficients[i, j, c] components[c] is the PSF at (x[j], y[i]).
-PLANE/maps: numbers and their standard uncertainties, NaN beyond the nodes.
+PLANE/anywhere: base + sum over c of coefficients[i, j, c] components[c] is the PSF's support at (x[j], y[i]); the same
+of base_tail and components_tail is the tail's amplitudes.
+PLANE/maps: numbers of the whole PSF and their standard uncertainties, NaN beyond the nodes.
 lateral_colour/PLANE: shift against the reference plane, in pixels of the sensor."""
 COLUMNS = 64
 """Places of the rendered field along the frame's longer side."""
@@ -85,6 +91,14 @@ def _write_plane(plane: h5py.Group, found: Interpolation) -> None:
     _put(nodes, "psf", [n.psf.h for n in field.nodes], "1 (sum 1)")
     # seven digits of an error bar are enough, and half the file
     _put(nodes, "covariance", np.array([n.psf.covariance for n in field.nodes], dtype=np.float32), "1")
+    if field.q:
+        plane.attrs["tail_shape_names"] = list(SHAPES[: field.q])
+        _put(nodes, "tail", [n.psf.tail.amplitudes for n in field.nodes], "1 (beside a support of sum 1)")
+        _put(nodes, "tail_covariance", [n.psf.tail.covariance for n in field.nodes], "1")
+        _put(nodes, "tail_cross", np.array([n.psf.tail.cross for n in field.nodes], dtype=np.float32), "1")
+        share, uncertainty = np.transpose([n.psf.energy_outside for n in field.nodes])
+        _put(nodes, "energy_outside_support", share, "1")
+        _put(nodes, "energy_outside_support_uncertainty", uncertainty, "1")
     nodes.create_dataset("source", data=[n.source.encode() for n in field.nodes])
     nodes.create_dataset("number", data=[n.number for n in field.nodes])
     _write_anywhere(plane.create_group("anywhere"), field)
@@ -92,16 +106,22 @@ def _write_plane(plane: h5py.Group, found: Interpolation) -> None:
 
 def _write_anywhere(group: h5py.Group, field: PsfField) -> None:
     """The field as base, components and coefficients on a grid: no model is needed to read it."""
-    k = field.k
+    k, n = field.k, field.k**2
     x, y = grid(field.shape, COLUMNS)
     points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    coefficients = field.coefficients(points).reshape(len(y), len(x), -1)
+    coefficients = field.coefficients(points)
     _put(group, "x", x, "pixel of the plane")
     _put(group, "y", y, "pixel of the plane")
-    _put(group, "base", field.base.reshape(k, k), "1")
-    _put(group, "components", field.components.reshape(-1, k, k), "1")
-    _put(group, "coefficients", coefficients, "1")
+    _put(group, "base", field.base[:n].reshape(k, k), "1")
+    _put(group, "components", field.components[:, :n].reshape(-1, k, k), "1")
+    _put(group, "coefficients", coefficients.reshape(len(y), len(x), -1), "1")
     _put(group, "inside", field.inside(points).reshape(len(y), len(x)), "whether the nodes enclose the place")
+    if field.q:
+        _put(group, "base_tail", field.base[n:], "1")
+        _put(group, "components_tail", field.components[:, n:], "1")
+        shapes = tail_kernels(k)[: field.q].astype(np.float32)
+        _put(group, "tail_shapes", shapes, "1 (energy per sample)", compression="gzip")
+        _put(group, "energy_outside_support", field.energy_outside(points).reshape(len(y), len(x)), "1")
 
 
 def _write_maps(group: h5py.Group, maps: Iterable[FieldMap]) -> None:
@@ -118,6 +138,9 @@ def _write_maps(group: h5py.Group, maps: Iterable[FieldMap]) -> None:
 def read_field(path: Path | str) -> dict[str, PsfField]:
     """The fields of a file by plane, as they were written but for the covariances' eighth digit.
 
+    Those of a file by an older version have no tail (`PsfField.q` is 0): its PSFs end with their supports, and numbers
+    drawn from them are of the support alone.
+
     Raises
     ------
     BadInput
@@ -127,8 +150,10 @@ def read_field(path: Path | str) -> dict[str, PsfField]:
 
     try:
         with h5py.File(path, "r") as file:
-            if file.attrs.get("schema") != SCHEMA:
-                raise BadInput(f"{path} is no PSF field of this version", f"give a file with schema {SCHEMA}")
+            if file.attrs.get("schema") not in (SCHEMA, WITHOUT_TAIL):
+                raise BadInput(
+                    f"{path} is no PSF field of this version", f"give a file with schema {SCHEMA} or {WITHOUT_TAIL}"
+                )
             return {name: _read_plane(name, group) for name, group in file.items() if "nodes" in group}
     except OSError as error:
         raise BadInput(f"{path} cannot be read as HDF5: {error}", "give the field.h5 of a result") from error
@@ -137,13 +162,23 @@ def read_field(path: Path | str) -> dict[str, PsfField]:
 def _read_plane(name: str, plane: h5py.Group) -> PsfField:
     stored = plane["nodes"]
     s = int(plane.attrs["samples_per_pixel"])
-    columns = ("position", "position_covariance", "sensor_position", "psf", "covariance", "source", "number")
-    rows = zip(*(stored[column][:] for column in columns), strict=True)
+    columns = ("position", "position_covariance", "sensor_position", "source", "number")
+    rows = zip(*(stored[column][:] for column in columns), _read_psfs(stored, s), strict=True)
     nodes = [
-        Node(position, spread, on_sensor, Psf(h, s, covariance.astype(np.float64)), source.decode(), int(number))
-        for position, spread, on_sensor, h, covariance, source, number in rows
+        Node(position, spread, on_sensor, psf, source.decode(), int(number))
+        for position, spread, on_sensor, source, number, psf in rows
     ]
     x, y = plane.attrs["model_axis"]
     recipe = Recipe(str(plane.attrs["model_kind"]), float(plane.attrs["model_setting"]), (float(x), float(y)))
     shape = int(plane.attrs["rows"]), int(plane.attrs["columns"])
     return rebuild(name, shape, nodes, recipe, int(plane.attrs["components"]))
+
+
+def _read_psfs(stored: h5py.Group, s: int) -> Iterator[Psf]:
+    """The nodes' PSFs, with their tails where the file has them."""
+    with_tail = "tail" in stored
+    for i, (h, covariance) in enumerate(zip(stored["psf"][:], stored["covariance"][:], strict=True)):
+        tail = Tail.none(h.size)
+        if with_tail:
+            tail = Tail(stored["tail"][i], stored["tail_covariance"][i], stored["tail_cross"][i].astype(np.float64))
+        yield Psf(h, s, covariance.astype(np.float64), tail)

@@ -202,7 +202,7 @@ def _highest(c: Array, low: float, high: float) -> float | None:
 def _mtf(node: Node, angle: float, frequency: float) -> tuple[float, float]:
     """The MTF of a node along a direction, and its variance."""
     value, slope = mtf_along(node.psf, np.array([frequency]), angle)
-    return float(value[0]), float(slope[0] @ node.psf.covariance @ slope[0])
+    return float(value[0]), float(slope[0] @ node.psf.parameter_covariance @ slope[0])
 
 
 def sharpest(bracket: Mapping[float, Sequence[Node]], frequency: float = FREQUENCY) -> float:

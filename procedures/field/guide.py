@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.advice import changed_settings
+from procedures.choice import START_S
 from procedures.field.plan import MARGIN, Location, chosen_locations, direction, pan_tilt_deg, rail_mm, ray
 from procedures.numerics.warps import apply_homography
 from procedures.outcome import Outcome
@@ -32,7 +33,6 @@ from procedures.pattern_psf.checks import (
     seen_chart,
     shown,
 )
-from procedures.pattern_psf.choice import START_S
 from procedures.pattern_psf.detection import Sighting, find_charts
 from procedures.pattern_psf.guide import plan as pattern_plan
 from procedures.pattern_psf.pose import chart_pose

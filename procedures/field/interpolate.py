@@ -11,7 +11,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from procedures.field.models import AxialSymmetry, Axis, Separate, fit_axis
+from procedures.field.alike import alike
+from procedures.field.models import AxialSymmetry, Axis, Separate, fit_axis, mirrored
 from procedures.field.whitening import MOST, Whitened
 from procedures.numerics.scattered import Polynomial, ThinPlate
 from procedures.outcome import Refused
@@ -108,9 +109,10 @@ def interpolate(plane: str, shape: tuple[int, int], nodes: Sequence[Node]) -> In
     Raises
     ------
     Refused
-        If there are fewer than six nodes, or they lie on a line.
+        If there are fewer than six nodes, they lie on a line, or their PSFs are not sampled alike (`alike`).
     """
     _check(plane, shape, nodes)
+    nodes = alike(nodes)
     data = Whitened.of(nodes, shape)
     folds = list(_folds(data.places))
     scores = _separate_scores(data, folds)
@@ -128,6 +130,7 @@ def interpolate(plane: str, shape: tuple[int, int], nodes: Sequence[Node]) -> In
 def rebuild(plane: str, shape: tuple[int, int], nodes: Sequence[Node], recipe: Recipe, components: int) -> PsfField:
     """The field of an earlier choice from its nodes, without choosing again. Raises Refused as `interpolate`."""
     _check(plane, shape, nodes)
+    nodes = alike(nodes)
     return _field(plane, shape, nodes, Whitened.of(nodes, shape), recipe, components)
 
 
@@ -221,7 +224,7 @@ def _symmetric_scores(data: Whitened, folds: _Folds, r: int, axis: Axis) -> _Sco
 
 
 def _left_out(data: Whitened, fold: tuple[Indices, Indices], recipe: Recipe, r: int) -> Array:
-    """Errors (n, k^2) at the nodes left out, in units of noise."""
+    """Errors (n, p) at the nodes left out, in units of noise."""
     kept, out = fold
     mean, V = data.basis(kept)
     V = V[:r]
@@ -241,7 +244,7 @@ def _shares(data: Whitened, fold: tuple[Indices, Indices], recipe: Recipe, r: in
 def _origin(data: Whitened, mean: Array, V: Array) -> Array:
     """Coefficients (r,) of the mean made symmetric about its centre: what a lens shows on its axis, about."""
     h = data.back @ mean
-    return np.asarray(V @ data.to @ (h + h[::-1]) / 2)
+    return np.asarray(V @ data.to @ (h + mirrored(h, data.k)) / 2)
 
 
 def _axis(data: Whitened, r: int) -> Axis | None:
@@ -270,18 +273,18 @@ def _field(
     mean, V = data.basis(everything)
     V = V[:r]
     lack, rest = _lack(data, list(_folds(data.places)), recipe, r, V)
-    outside = np.eye(data.k**2) - V.T @ V
+    outside = np.eye(data.size) - V.T @ V
     return PsfField(
         plane=plane,
         shape=shape,
         nodes=tuple(nodes),
         share=data.trust / data.trust.sum(),
-        components=V @ data.back,
+        components=V @ data.back.T,
         analysis=V @ data.to,
         origin=_origin(data, mean, V),
         model=_build(recipe, data, everything, V),
         lack=lack,
-        lack_rest=rest * data.back @ outside @ data.back,
+        lack_rest=rest * data.back @ outside @ data.back.T,
     )
 
 
@@ -292,7 +295,7 @@ def _lack(data: Whitened, folds: _Folds, recipe: Recipe, r: int, V: Array) -> tu
     once at the node and by the same share through the others.
     """
     inner = data.inner(V)
-    noise = data.k**2 / data.trust
+    noise = data.size / data.trust
     excess, rest = np.zeros((r, r)), 0.0
     for fold in folds:
         kept, out = fold
@@ -304,6 +307,6 @@ def _lack(data: Whitened, folds: _Folds, recipe: Recipe, r: int, V: Array) -> tu
             excess += beyond / (1 + share[i])
             expected = (noise[node] - np.trace(inner[node])) * (1 + mean_share)
             beyond_rest = float(error[i] @ error[i] - seen[i] @ seen[i]) - expected
-            rest += beyond_rest / (1 + mean_share) / (data.k**2 - r)
+            rest += beyond_rest / (1 + mean_share) / (data.size - r)
     values, vectors = np.linalg.eigh(excess / len(data.z))
     return (vectors * np.maximum(values, 0)) @ vectors.T, max(rest / len(data.z), 0.0)

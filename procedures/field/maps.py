@@ -1,4 +1,4 @@
-"""Maps over the frame, drawn from a PSF field: each value with its standard uncertainty.
+"""Maps over the frame, drawn from a PSF field: each value with its standard uncertainty, each of the whole PSF.
 
 Sagittal and meridional are about the frame's centre: meridional detail repeats along the radius, sagittal detail across
 it.
@@ -51,6 +51,7 @@ MAPS = (
     ("mtf50_meridional", "MTF50 of meridional detail", "cycles/pixel"),
     ("astigmatism", "MTF50, sagittal less meridional", "cycles/pixel"),
     ("energy_above_nyquist", "Energy above Nyquist", "1"),
+    ("energy_outside_support", "Energy outside the support of the samples", "1"),
 )
 """Maps of numbers drawn from the PSF: name, title, unit."""
 
@@ -82,10 +83,11 @@ def derive(field: PsfField, columns: int = COLUMNS) -> tuple[FieldMap, ...]:
     errors = np.full((len(ERRORS), len(y), len(x)), np.nan)
     for row, at_y in enumerate(y):
         for column in np.flatnonzero(field.inside(np.column_stack([x, np.full_like(x, at_y)]))):
-            h = field.samples(np.array([[x[column], at_y]]))[0]
+            p = field.parameters(np.array([[x[column], at_y]]))[0]
             parts = field.noise(x[column], at_y), field.interpolation(x[column], at_y)
-            errors[:, row, column] = [np.sqrt(max(np.trace(C), 0.0)) / np.linalg.norm(h) for C in parts]
-            psf = Psf(h, field.s, parts[0] + parts[1])
+            psf = Psf.of(p, parts[0] + parts[1], field.k, field.s)
+            norm = float(np.linalg.norm(psf.extended()))
+            errors[:, row, column] = [field.norm_of_error(C) / norm for C in parts]
             numbers = numbers_of(psf, radius_direction(field.shape, x[column], at_y))
             value[:, row, column], uncertainty[:, row, column] = numbers
     numbered = zip(MAPS, value, uncertainty, strict=True)
@@ -103,9 +105,11 @@ def numbers_of(psf: Psf, radius: float) -> tuple[Array, Array]:
     astigmatism = sagittal[0] - meridional[0], sagittal[1] - meridional[1]
     numbers = (sagittal, meridional, astigmatism, energy_above_nyquist(psf))
     slopes = np.array([slope for _, slope in numbers])
-    variance = np.einsum("ij,ij->i", slopes @ psf.covariance, slopes)
-    return np.array([value for value, _ in numbers]), np.sqrt(np.maximum(variance, 0))
+    variance = np.einsum("ij,ij->i", slopes @ psf.parameter_covariance, slopes)
+    outside = psf.energy_outside if len(psf.tail.amplitudes) else (np.nan, np.nan)
+    values = np.array([*(value for value, _ in numbers), outside[0]])
+    return values, np.append(np.sqrt(np.maximum(variance, 0)), outside[1])
 
 
 def _none(psf: Psf) -> tuple[float, Array]:
-    return np.nan, np.full(psf.k**2, np.nan)
+    return np.nan, np.full(len(psf.parameters), np.nan)

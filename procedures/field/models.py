@@ -8,9 +8,10 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import BSpline
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import block_diag, cho_factor, cho_solve
 from scipy.optimize import minimize
 
+from procedures.numerics.kernel_tail import SHAPES
 from procedures.numerics.scattered import Smoother
 
 Array = npt.NDArray[np.float64]
@@ -46,10 +47,10 @@ class Optic:
 
     Attributes
     ----------
-    analysis, components : (r, k^2) float64
+    analysis, components : (r, p) float64
         As in `PsfField`.
-    whiten : (k^2, k^2) float64
-        From samples to units of their noise.
+    whiten : (p, p) float64
+        From a PSF's parameters to units of their noise.
     """
 
     analysis: Array
@@ -60,20 +61,41 @@ class Optic:
     @cached_property
     def even(self) -> Array:
         """(r, r): a combination of components, made symmetric about its centre, analysed again."""
-        both = (self.components + self.components[:, ::-1]) / 2
+        both = (self.components + mirrored(self.components, self.k)) / 2
         return np.asarray(self.analysis @ both.T)
 
     def harmonics(self, m: int) -> tuple[Array, Array]:
-        """Rings times cos(m theta), and times sin(m theta), analysed: (r, RINGS) each."""
+        """Rings and tail times cos(m theta), and times sin(m theta), analysed: (r, RINGS) each, or one or two more."""
         kept: dict[int, tuple[Array, Array]] = self.__dict__.setdefault("_kept", {})
         if m not in kept:
             v, u = np.mgrid[: self.k, : self.k] - self.k // 2
             rho, theta = np.hypot(u, v).ravel(), np.arctan2(v, u).ravel()
             rings = _rings(rho, 1.001 * rho.max()) * ((rho > 0) | (m == 0))[:, None]
             cos, sin = (rings * f(m * theta)[:, None] for f in (np.cos, np.sin))
+            q = self.analysis.shape[1] - self.k**2
+            cos, sin = block_diag(cos, _tail_harmonic(m, q, "cos")), block_diag(sin, _tail_harmonic(m, q, "sin"))
             size = np.linalg.norm(self.whiten @ cos, axis=0)
             kept[m] = self.analysis @ (cos / size), self.analysis @ (sin / size)
         return kept[m]
+
+
+def mirrored(parameters: Array, k: int) -> Array:
+    """Parameters (..., p) of PSFs that are turned by half a turn: every shape of the tail is symmetric so."""
+    n = k * k
+    return np.concatenate([parameters[..., :n][..., ::-1], parameters[..., n:]], axis=-1)
+
+
+def _tail_harmonic(m: int, q: int, wave: str) -> Array:
+    """The amplitudes (q, 0 to 2) of the tail's shapes that vary as cos or sin of m times the direction; the sine of 0
+    times it is zero, as many columns as its cosine has."""
+    names = SHAPES[:q]
+    cos = [j for j, name in enumerate(names) if name == f"cos {m}" or (m == 0 and name.startswith("1/"))]
+    found = np.zeros((q, len(cos)))
+    for column, j in enumerate(cos):
+        at = j if wave == "cos" else names.index(f"sin {m}") if f"sin {m}" in names else None
+        if at is not None:
+            found[at, column] = 1
+    return found
 
 
 def _rings(rho: Array, end: float) -> Array:
@@ -185,4 +207,5 @@ def fit_axis(places: Array, trust: Array, optic: Optic, degree: int, values: Arr
 def _unknowns(optic: Optic, degree: int) -> int:
     """Numbers that the nodes determine: no harmonic can have more than there are components."""
     r = len(optic.analysis)
-    return r + sum(min(r, RINGS) for j in range(1, degree + 1) for _ in range(j, -1, -2)) // 2
+    columns = (optic.harmonics(m)[0].shape[1] for j in range(1, degree + 1) for m in range(j, -1, -2))
+    return int(r + sum(min(r, n) for n in columns) // 2)

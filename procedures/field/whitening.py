@@ -26,12 +26,12 @@ class Whitened:
 
     Attributes
     ----------
-    z : (N, k^2), places : (N, 2), trust : (N,)
+    z : (N, p), places : (N, 2), trust : (N,)
         Trust is one over the noise's variance, about 1.
-    C : (N, k^2, k^2)
-        Covariances of h.
-    to, back : (k^2, k^2)
-        z = to h, h = back z; both symmetric.
+    C : (N, p, p)
+        Covariances of the PSFs' parameters h: k^2 samples and q amplitudes of the tail, p numbers.
+    to, back : (p, p)
+        z = to h, h = back z.
     """
 
     z: Array
@@ -45,18 +45,24 @@ class Whitened:
     @classmethod
     def of(cls, nodes: Sequence[Node], shape: tuple[int, int]) -> Whitened:
         """The nodes of a plane with that many rows and columns."""
-        covariances = np.array([node.psf.covariance for node in nodes])
-        values, vectors = np.linalg.eigh(covariances.mean(axis=0))
+        covariances = np.array([node.psf.parameter_covariance for node in nodes])
+        mean, k = covariances.mean(axis=0), nodes[0].psf.k
+        unit = _units(mean, k * k)
+        values, vectors = np.linalg.eigh(mean / np.outer(unit, unit))
         root = np.sqrt(np.maximum(values, FLOOR * values.mean()))
-        to, back = (vectors / root) @ vectors.T, (vectors * root) @ vectors.T
-        psf = nodes[0].psf
-        trust = psf.k**2 / np.einsum("pq,ipq->i", to @ to, covariances)
-        z = np.array([node.psf.h.ravel() for node in nodes]) @ to
+        to, back = (vectors / root) @ vectors.T / unit, unit[:, None] * (vectors * root) @ vectors.T
+        trust = len(unit) / np.einsum("pq,ipq->i", to.T @ to, covariances)
+        z = np.array([node.psf.parameters for node in nodes]) @ to.T
         places = in_half_diagonals(np.array([node.position for node in nodes]), shape)
-        return cls(z, places, trust, covariances, to, back, psf.k)
+        return cls(z, places, trust, covariances, to, back, k)
+
+    @property
+    def size(self) -> int:
+        """Parameters of a PSF, p."""
+        return int(self.z.shape[1])
 
     def basis(self, kept: Indices) -> tuple[Array, Array]:
-        """Weighted mean (k^2,) and principal directions (n, k^2), the strongest first, of some nodes."""
+        """Weighted mean (p,) and principal directions (n, p), the strongest first, of some nodes."""
         known: dict[bytes, tuple[Array, Array]] = self.__dict__.setdefault("_bases", {})
         if kept.tobytes() not in known:
             mean = self.trust[kept] @ self.z[kept] / self.trust[kept].sum()
@@ -70,10 +76,18 @@ class Whitened:
         return known[kept.tobytes()]
 
     def inner(self, V: Array) -> Array:
-        """Covariances (N, r, r) of the coefficients along directions (r, k^2)."""
+        """Covariances (N, r, r) of the coefficients along directions (r, p)."""
         analysis = V @ self.to
         return np.asarray(analysis @ self.C @ analysis.T)
 
     def optic(self, V: Array) -> Optic:
-        """The components (r, k^2) of these directions, for the symmetric model."""
-        return Optic(V @ self.to, V @ self.back, self.to, self.k)
+        """The components (r, p) of these directions, for the symmetric model."""
+        return Optic(V @ self.to, V @ self.back.T, self.to, self.k)
+
+
+def _units(covariance: Array, samples: int) -> Array:
+    """What each parameter (p,) is counted in: all samples in one unit, their root mean variance, each amplitude in its
+    own, as it is no sample of light and may be far more or less certain than one."""
+    variance = np.diag(covariance).copy()
+    variance[:samples] = variance[:samples].mean()
+    return np.asarray(np.sqrt(np.where(variance > 0, variance, variance[:samples].mean())))

@@ -91,13 +91,19 @@ def far_light(picture: Array, corner: tuple[int, int], shape: tuple[int, int], s
         for a, n, most in ((y, shape[0], picture.shape[0]), (x, shape[1], picture.shape[1]))
     )
     part = picture[np.ix_(rows, columns)]
-    size = [scipy.fft.next_fast_len(n, real=True) for n in part.shape]
-    r = np.hypot(*np.meshgrid(*(scipy.fft.fftfreq(n, 1 / n) for n in size), indexing="ij"))
-    reach = tail_border(k) / s
-    weight = np.clip(r - reach + 0.5, 0, 1) * (r <= FAR)
-    kernel = weight * tail_density(k) / (s * np.maximum(r, 1) ** 3)
-    seen = scipy.fft.irfft2(scipy.fft.rfft2(part, size) * scipy.fft.rfft2(kernel), size)
+    size = tuple(scipy.fft.next_fast_len(n, real=True) for n in part.shape)
+    seen = scipy.fft.irfft2(scipy.fft.rfft2(part, size) * _far_spectrum(size[0], size[1], s, k), size)
     return np.asarray(seen[FAR : FAR + shape[0], FAR : FAR + shape[1]])
+
+
+@lru_cache(maxsize=8)
+def _far_spectrum(rows: int, columns: int, s: int, k: int) -> npt.NDArray[np.complex128]:
+    """Spectrum of the tail from the reach to `FAR`, on a grid of pixels."""
+    r = np.hypot(
+        *np.meshgrid(scipy.fft.fftfreq(rows, 1 / rows), scipy.fft.fftfreq(columns, 1 / columns), indexing="ij")
+    )
+    weight = np.clip(r - tail_border(k) / s + 0.5, 0, 1) * (r <= FAR)
+    return np.asarray(scipy.fft.rfft2(weight * tail_density(k) / (s * np.maximum(r, 1) ** 3)))
 
 
 @lru_cache(maxsize=4)

@@ -82,15 +82,27 @@ class Products:
             self, ZZ=self.ZZ + np.diag(precision), Zr=self.Zr + precision * pull, pull=self.pull + precision * pull
         )
 
-    def with_last_nuisance_kept(self) -> Products:
-        """The same with the last nuisance column counted to A, as its last column."""
-        last, others = self.AZ[:, -1:], self.AZ[:, :-1]
+    def with_kept(self, count: int, precision: Array, pull: Array) -> Products:
+        """The same with the last nuisance columns counted to A, as its last columns.
+
+        Parameters
+        ----------
+        count : int
+            How many columns.
+        precision, pull : (c,) float64
+            What is known beforehand of the last c of them, as in `with_prior`.
+        """
+        kept, others = self.AZ[:, -count:], self.AZ[:, :-count]
+        own, known = self.ZZ[-count:, -count:].copy(), self.Zr[-count:].copy()
+        last = np.arange(count - len(precision), count)
+        own[last, last] += precision
+        known[last] += precision * pull
         return Products(
-            np.block([[self.AA, last], [last.T, self.ZZ[-1:, -1:]]]),
-            np.vstack([others, self.ZZ[-1:, :-1]]),
-            self.ZZ[:-1, :-1],
-            np.append(self.Ar, self.Zr[-1]),
-            self.Zr[:-1],
+            np.block([[self.AA, kept], [kept.T, own]]),
+            np.vstack([others, self.ZZ[-count:, :-count]]),
+            self.ZZ[:-count, :-count],
+            np.concatenate([self.Ar, known]),
+            self.Zr[:-count],
         )
 
 

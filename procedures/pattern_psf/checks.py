@@ -13,11 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.advice import changed_settings, exposure_advice, paper_level
+from procedures.choice import START_K, START_S
 from procedures.numerics.warps import fit_homography
 from procedures.pattern import CELLS, DEFAULT_SEED, Chart
 from procedures.pattern_print.rulers import LENGTH_MM
 from procedures.pattern_print.sheet import Size
-from procedures.pattern_psf.choice import START_K, START_S
 from procedures.pattern_psf.detection import Sighting, find_charts
 from procedures.pattern_psf.estimate import PatternParameters, estimate_psf
 from procedures.pattern_psf.pose import ChartPose, Optics, chart_pose

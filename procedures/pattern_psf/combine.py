@@ -20,9 +20,9 @@ import numpy.typing as npt
 from scipy.special import gammaincc
 
 from procedures.budget import TERMS, Budget, taken_apart
+from procedures.choice import Trial
 from procedures.numerics.warps import inverse
 from procedures.outcome import Outcome, Rule, Verdict, verdict_of
-from procedures.pattern_psf.choice import Trial
 from procedures.pattern_psf.error_parts import Variation
 from procedures.pattern_psf.estimate import PatternPsf
 from procedures.psf import Psf, Tail

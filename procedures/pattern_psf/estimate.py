@@ -14,11 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.budget import taken_apart, with_settling
+from procedures.choice import FINEST, Trial, choose, settling
 from procedures.numerics.solvers import cholesky_inverse, solve_constrained
 from procedures.outcome import Outcome, Refused, Verdict
 from procedures.pattern import BLOCK, CELLS, Chart
 from procedures.pattern_psf.centre import mark_offset_gradient
-from procedures.pattern_psf.choice import Trial, choose, settling
 from procedures.pattern_psf.detection import Sighting, check_usable, find_chart
 from procedures.pattern_psf.error_parts import ErrorParts, Variation, error_parts
 from procedures.pattern_psf.gamma import gamma_bound, gamma_of_fit
@@ -45,6 +45,8 @@ WATCHED = ("mtf50_horizontal", "mtf50_vertical")
 PUPIL_SPREAD = 0.1
 """Standard uncertainty of the far tail that f-number and pitch tell, over it: a colour's spread of wavelengths, pupils
 that are no circles or partly shaded, f-numbers as they are rounded."""
+SAMPLES_PER_CELL = 2.0
+"""Largest s/t."""
 LEAST_STEPS = 16
 """Digital numbers between black and white from which rounding is no worse than noise."""
 
@@ -164,6 +166,11 @@ def estimate_psf(
         )
 
 
+def finest(cell_px: float) -> int:
+    """The largest s that cells of a side in pixels allow: their own spectrum is zero at one cycle per cell."""
+    return int(np.clip(np.floor(SAMPLES_PER_CELL / cell_px + 1e-9), 2, FINEST))
+
+
 def _asked(parameters: PatternParameters) -> str:
     """The sampling asked for, in words."""
     return f"at s = {parameters.s or 'auto'}, k = {parameters.k or 'auto'}"
@@ -194,7 +201,7 @@ def _estimate(
 
     cell_px = block_size_px(marks_map) / BLOCK
     count = len(observe(samples, marks_map, light, noise_window(marks_map, samples.shape)))
-    found, tried = choose(attempt, lambda one: one.psf, count, cell_px, s=parameters.s, k=parameters.k)
+    found, tried = choose(attempt, lambda one: one.psf, count, finest(cell_px), s=parameters.s, k=parameters.k)
     quality = assess(found.psf, n=len(found.fit.observation), diffraction=diffraction)
     parts = error_parts(found.fit, found.psf, quality, WATCHED)
     quality = taken_apart(with_settling(quality, settling(tried)), parts.parts)

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from procedures.clipping import find_clipping
 from procedures.pattern import BLACK_BLOCKS, BLOCK, BLOCKS, CELLS, WHITE_BLOCKS
 from procedures.pattern_psf.registration import Registration, block_size_px
 
 Array = npt.NDArray[np.float64]
-
-CLIPPED = 0.998
-"""Samples from here on count as saturated: white is 1, and gain corrections leave a few steps of play."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +28,8 @@ class Light:
         Share of the white blocks' samples that are clipped.
     flatness : float
         Smallest white level over largest, on the blocks.
+    crushed : float
+        Share of the black blocks' samples that are cut off.
     noise_correlation : float
         Of neighbouring samples in the blocks, along rows and columns: the larger one.
     """
@@ -40,6 +40,7 @@ class Light:
     variance_white: float
     saturated: float
     flatness: float
+    crushed: float = 0.0
     noise_correlation: float = 0.0
 
     @property
@@ -73,17 +74,21 @@ def measure_light(samples: npt.NDArray[np.float32], registration: Registration, 
     Delbracio, Muse, Almansa, IPOL 2012, section 4.4.
     """
     points, block = _block_pixels(registration, samples.shape)
-    black, variance_black, _, in_black = _fit_blocks(samples, registration, points, block, BLACK_BLOCKS)
+    black, variance_black, blacks, in_black = _fit_blocks(samples, registration, points, block, BLACK_BLOCKS)
     white, variance_white, whites, in_white = _fit_blocks(samples, registration, points, block, WHITE_BLOCKS)
     levels = np.array([np.median(value) for value in whites if len(value)])
     floor = quantisation**2 / 12
+    dark, bright = float(np.sqrt(variance_black)), float(np.sqrt(variance_white))
+    clipped = find_clipping(np.concatenate(whites), quantisation, dark_noise=dark)
+    crushed = find_clipping(np.concatenate(blacks), quantisation, bright_noise=bright)
     return Light(
         black,
         white,
         max(variance_black, floor),
         max(variance_white, floor),
-        float(np.mean(np.concatenate(whites) >= CLIPPED)),
+        clipped.white,
         float(levels.min() / levels.max()) if levels.max() > 0 else 0.0,
+        crushed.black,
         max(in_black, in_white, key=abs) if min(variance_black, variance_white) > 2 * floor else in_white,
     )
 

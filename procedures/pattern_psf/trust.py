@@ -7,14 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from procedures.choice import Trial, band_edge
 from procedures.outcome import Refused, Rule, Verdict, verdict_of
-from procedures.pattern_psf.choice import Trial, band_edge
 from procedures.pattern_psf.error_parts import ErrorParts, Variation
 from procedures.pattern_psf.radiometry import Light
 from procedures.pattern_psf.refine import RESPONSE, SPREAD, Fit, TailPrior
 from procedures.pattern_psf.registration import Registration, map_distance, mark_residuals
 from procedures.psf import Psf, Sampling
 from procedures.quality import truncation
+from procedures.sharpening import missing_light
 
 Array = npt.NDArray[np.float64]
 
@@ -26,6 +27,10 @@ CURVED = 0.15
 """Curvature of the response from which it is no linear picture."""
 SPREAD_OUT = 0.25
 """Spread of the ink, in cells, that the model of thin outlines does not describe any more."""
+DUG_OUT = 3.5
+"""Standard uncertainties of missing light from which a picture was sharpened."""
+CRUSHED = 0.01
+"""Share of black samples at one value from which black is cut off."""
 LEFT_OVER = 2.0
 """Residual over noise from which a result is doubted."""
 SCATTERED = 9.0
@@ -78,6 +83,10 @@ class Diagnostics:
         What the support may leave out of the OTF, and the OTF near the band's edge.
     tail_sigmas : float
         Far tail as fitted against what f-number and pitch tell, in standard uncertainties; 0 where they are not known.
+    missing_light : float
+        Of the rings around the core against what a lens leaves there, in standard uncertainties.
+    crushed : float
+        Share of the black blocks' samples that lie at one value.
     """
 
     agreement: float
@@ -103,6 +112,8 @@ class Diagnostics:
     truncation: float
     band_edge: float
     tail_sigmas: float
+    missing_light: float
+    crushed: float
 
 
 @dataclass(frozen=True)
@@ -209,6 +220,8 @@ def diagnose(
         truncation=truncation(psf),
         band_edge=band_edge(psf),
         tail_sigmas=_tail_sigmas(psf, prior),
+        missing_light=missing_light(psf),
+        crushed=light.crushed,
     )
 
 
@@ -361,6 +374,19 @@ def _processed(d: Diagnostics) -> list[Rule]:
             f"the noise of neighbouring samples is correlated by {d.noise_correlation:.2f}: the picture was "
             "demosaiced, sharpened or compressed",
             "use the RAW file",
+        ),
+        Rule(
+            doubtful,
+            d.missing_light > DUG_OUT,
+            f"a ring around the PSF's core has less light than a lens leaves, by {d.missing_light:.0f} standard "
+            "uncertainties: the picture was sharpened",
+            "use the RAW file, or switch sharpening off",
+        ),
+        Rule(
+            doubtful,
+            d.crushed > CRUSHED,
+            f"black is cut off: {d.crushed:.0%} of its samples lie at one value",
+            "use the RAW file, or raise the black level",
         ),
         Rule(
             doubtful,

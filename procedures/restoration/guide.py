@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.advice import exposure_advice
+from procedures.clipping import NOMINAL
 from procedures.outcome import BadInput, BadParameter, Outcome, Refused, Verdict
 from procedures.plan import (
     Advice,
@@ -96,7 +97,7 @@ def shown(frame: RawFrame) -> Plane:
 def check_first(frame: RawFrame, facts: Facts) -> Advice:
     """Well exposed, with detail that blur can be told from."""
     plane = shown(frame)
-    level, clipped = float(np.percentile(plane.samples, 99.5)), float(np.mean(plane.samples >= 0.998))
+    level, clipped = float(np.percentile(plane.samples, 99.5)), float(np.mean(plane.samples >= NOMINAL))
     advice = exposure_advice(level, clipped, frame.exposure, "The brightest")
     told = Reading("detail", detail(plane), "× noise", TEXTURE, None)
     readings = (*advice.readings, told)

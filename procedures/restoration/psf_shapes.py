@@ -8,7 +8,7 @@ there where it was measured, so at that w the masks are the measured PSF itself.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 GRID = (5, 7)
 """Nodes over the frame at which a field is asked: three by four brought half as much, with a lens that vignettes."""
 SHARE = 0.99
-"""Of the light that lies in the support."""
+"""Of the light inside the samples that lies in a shape's support."""
 
 
 @dataclass(frozen=True)
@@ -32,11 +32,14 @@ class MeasuredShape:
     """Shapes on [-1, 1] over the frame, rows of columns, and the half-width in pixels of the PSFs that they are of.
 
     cut : the largest part of a PSF's light that was negative, and set to zero together with as much positive noise.
+    energy_outside_support : the largest share of a PSF's light that lies outside its samples, and in no shape; None
+        where that is not known.
     """
 
     shapes: tuple[tuple[Array, ...], ...]
     half_width_px: float
     cut: float
+    energy_outside_support: float | None = None
 
     def masks(self, max_w: float, R: int, ratio: float = 1.0) -> MaskField:
         """The masks of a photograph, w up to `max_w`."""
@@ -51,7 +54,7 @@ def measured_shape(h: Array, samples_per_px: float) -> MeasuredShape:
 
 
 def measured_field(field: PsfField, shape: tuple[int, int], grid: tuple[int, int] = GRID) -> MeasuredShape:
-    """The PSFs of a field over a photograph (H, W) of its plane as shapes, of one half-width.
+    """The PSFs of a field over a photograph (H, W) of its plane as shapes, of one half-width: of their supports.
 
     Beyond the field's nodes it is that of the nearest place among them.
 
@@ -68,7 +71,8 @@ def measured_field(field: PsfField, shape: tuple[int, int], grid: tuple[int, int
     rows, columns = positions(grid, shape, 0)
     places = np.array([[x, y] for y in rows for x in columns])
     found = field.samples(places).reshape(*grid, field.k, field.k)
-    return _shapes([list(row) for row in found], field.s)
+    outside = float(field.energy_outside(places).max()) if field.q else None
+    return replace(_shapes([list(row) for row in found], field.s), energy_outside_support=outside)
 
 
 def _shapes(psfs: Sequence[Sequence[Array]], samples_per_px: float) -> MeasuredShape:

@@ -10,21 +10,23 @@ anew for the uncertainty.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from procedures.outcome import Outcome, Quantity, Refused, Verdict
+from procedures.quality import Diffraction
 from procedures.raw import Plane
 from procedures.slanted_edge.course import Course, find_course
-from procedures.slanted_edge.find import find_edges
+from procedures.slanted_edge.find import Sighting, edge_listed, find_edges
 from procedures.slanted_edge.profile import Profile, edge_profile
 from procedures.slanted_edge.refinement import refine_course
 from procedures.slanted_edge.resampling import expected_noise, resampled_mtf
 from procedures.slanted_edge.strip import Line, Roi, Strip, strip_of
+from procedures.slanted_edge.tail import Tail
 from procedures.slanted_edge.transfer import FREQUENCIES, frequency_at, mtf_of
-from procedures.slanted_edge.trust import check_course, check_samples, judge
+from procedures.slanted_edge.trust import MOST_OVERSHOOT, check_clipping, check_course, check_samples, judge
 
 Array = npt.NDArray[np.float64]
 
@@ -33,6 +35,11 @@ WIDENINGS = (3.2, 1.8, 1.0)
 SURE = 0.008
 """Relative uncertainty of MTF50 up to which a wide window is worth its noise."""
 METHOD = "ISO 12233:2023 e-SFR, four bins to a pixel; uncertainty by drawing rows anew"
+
+
+def orientation(turned: bool) -> str:
+    """Of an edge, in words; turned ones are nearer to horizontal."""
+    return "near-horizontal" if turned else "near-vertical"
 
 
 @dataclass(frozen=True)
@@ -76,36 +83,68 @@ class EdgeMtf:
     @property
     def orientation(self) -> str:
         """The edge's own: near-horizontal or near-vertical."""
-        return "near-horizontal" if self.turned else "near-vertical"
+        return orientation(self.turned)
 
 
-def estimate_edges(plane: Plane) -> list[Outcome[EdgeMtf]]:
-    """The MTF across every slanted edge that a plane shows, the best first; one refusal where there is none."""
+@dataclass(frozen=True)
+class EdgeOutcome(Outcome[EdgeMtf]):
+    """One edge's MTF with its own verdict, and where it lies; no place where nothing was found."""
+
+    roi: Roi | None = None
+    turned: bool = False
+
+
+def estimate_edges(plane: Plane, diffraction: Diffraction | None = None) -> list[EdgeOutcome]:
+    """Every slanted edge that a plane shows: those that pass, the doubtful, the refused, the best of each first.
+
+    One refusal without a place where there is no edge. Diffraction, where it is known, says what is known of the tail.
+    """
     try:
         sightings = find_edges(plane.samples)
     except Refused as refusal:
-        return [Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)]
-    outcomes = [measure(one.strip, one.line) for one in sightings]
-    usable = [one for one in outcomes if one.value is not None]
-    return usable or outcomes[:1]
+        return [EdgeOutcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)]
+    outcomes = [_of_sighting(one, plane, diffraction) for one in sightings]
+    return sorted(outcomes, key=lambda one: list(Verdict).index(one.verdict))
 
 
-def estimate_edge(plane: Plane, roi: Roi) -> Outcome[EdgeMtf]:
+def estimate_edge(plane: Plane, roi: Roi, diffraction: Diffraction | None = None) -> EdgeOutcome:
     """The MTF across the one edge of a region, or the reason why it has none.
+
+    A region that an edge has in `estimate_edges` means that edge, with as much of its plains as is plain.
 
     Raises
     ------
     BadParameter
         If the region does not lie in the plane.
     """
-    return measure(strip_of(plane.samples, roi))
+    strip = strip_of(plane.samples, roi)
+    listed = edge_listed(plane.samples, roi)
+    if listed is not None:
+        return _of_sighting(listed, plane, diffraction)
+    return _placed(measure(_informed(strip, plane, diffraction)), strip)
+
+
+def _of_sighting(sighting: Sighting, plane: Plane, diffraction: Diffraction | None) -> EdgeOutcome:
+    return _placed(measure(_informed(sighting.strip, plane, diffraction), sighting.line), sighting.strip)
+
+
+def _informed(strip: Strip, plane: Plane, diffraction: Diffraction | None) -> Strip:
+    """The strip with what is known of the camera."""
+    tail = None if diffraction is None else Tail.of_pupil(diffraction)
+    return replace(strip, quantisation=plane.quantisation, tail=tail)
+
+
+def _placed(outcome: Outcome[EdgeMtf], strip: Strip) -> EdgeOutcome:
+    return EdgeOutcome(outcome.value, outcome.verdict, outcome.reason, outcome.remedy, strip.roi, strip.turned)
 
 
 def measure(strip: Strip, line: Line | None = None) -> Outcome[EdgeMtf]:
     """The MTF across the edge of a strip, near a line where one is known; refused outcomes have no value."""
     try:
         check_samples(strip)
-        course = refine_course(strip, find_course(strip, line))
+        course = find_course(strip, line)
+        check_clipping(strip, course)
+        course = refine_course(strip, course)
         check_course(strip, course)
     except Refused as refusal:
         return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
@@ -123,7 +162,8 @@ def _through_windows(strip: Strip, course: Course) -> tuple[Profile, Array]:
     """Profile and MTF through the widest window that the noise allows.
 
     A wide window holds most of what a lens throws far, a narrow one lets least noise through. Which it is depends on
-    the noise alone, not on the answer: a choice by the answers made the error 1.4 times as large.
+    the noise alone, not on the answer: a choice by the answers made the error 1.4 times as large. The halo that
+    sharpening leaves is no tail of a lens's form: it has to lie in the window.
     """
     end = np.inf
     for widening in WIDENINGS:
@@ -132,7 +172,7 @@ def _through_windows(strip: Strip, course: Course) -> tuple[Profile, Array]:
             continue
         end = profile.end_px
         mtf = mtf_of(profile.esf, np.asarray(profile.tail), profile.flat_px, profile.end_px)
-        if expected_noise(profile, float(frequency_at(mtf, 0.5))) < SURE:
+        if expected_noise(profile, float(frequency_at(mtf, 0.5))) < SURE or profile.overshoot > MOST_OVERSHOOT:
             break
     return profile, mtf
 
@@ -162,6 +202,7 @@ def _result(strip: Strip, course: Course, profile: Profile, mtf: Array, draws: A
             "window_px": profile.end_px,
             "width_px": profile.width_px,
             "tail_px": profile.tail,
+            "overshoot": profile.overshoot,
         },
     )
 

@@ -77,6 +77,14 @@ def find_edges(samples: Array32) -> list[Sighting]:
     return _apart(sorted(found, key=lambda one: -one.score))
 
 
+def edge_listed(samples: Array32, roi: Roi) -> Sighting | None:
+    """The edge that `find_edges` gives this very region; None where it gives it to none."""
+    try:
+        return next((one for one in find_edges(samples) if one.strip.roi == roi), None)
+    except Refused:
+        return None
+
+
 def _why_none(segments: list[_Segment], slanted: list[_Segment]) -> tuple[str, str]:
     """What is missing, and what helps."""
     if slanted:

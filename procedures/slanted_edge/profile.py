@@ -11,9 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import map_coordinates, spline_filter1d, uniform_filter1d
 
 from procedures.slanted_edge.course import Course
 from procedures.slanted_edge.strip import Strip
+from procedures.slanted_edge.tail import Tail, with_tail
 
 Array = npt.NDArray[np.float64]
 
@@ -21,6 +23,8 @@ BINS = 4
 """Bins to a pixel: ISO 12233:2023."""
 FLAT_WIDTHS, END_WIDTHS = 1.2, 2.6
 """Where the window begins to fall, and where it ends, in full widths at half maximum of the line spread function."""
+ROUNDS = 4
+"""In which values are moved to their bins' centres and averaged again."""
 LEAST_FLAT_PX = 2.0
 LEAST_FAR_PX = 3.0
 """Of the plains there is at least so much to fit them by."""
@@ -51,8 +55,8 @@ class Profile:
         Standard deviation of the samples about the profile, in samples of the plane.
     unevenness : float
         Of the plains beyond the window, without what differs between neighbours, in samples of the plane.
-    known_tail : float
-        a as far as it was not fitted.
+    tail_known : Tail or None
+        What was known of a before, and `tail_weight`: of a row that says so in the plains' normal equations.
     samples : int
         Samples under the window.
     """
@@ -67,7 +71,8 @@ class Profile:
     light: Array
     noise: float
     unevenness: float
-    known_tail: float
+    tail_known: Tail | None
+    tail_weight: float
     samples: int
 
     @property
@@ -90,6 +95,18 @@ class Profile:
     def esf(self) -> Array:
         """The edge spread function, (2 K,)."""
         return filled(self.sums.sum(axis=0), self.counts.sum(axis=0))
+
+    @property
+    def overshoot(self) -> float:
+        """By how much the edge goes beyond its plains for sure, over the contrast: no lens makes it, sharpening does.
+
+        Of the mean of as many bins as a pixel has, less four standard deviations of its noise.
+        """
+        counts = self.counts.sum(axis=0)
+        inside = np.abs(self.centres) < self.end_px
+        mean = uniform_filter1d(self.esf, BINS)[inside]
+        doubt = 4 * self.noise / abs(self.contrast) / np.sqrt(np.maximum(uniform_filter1d(counts, BINS) * BINS, 1))
+        return float(max(np.max(np.maximum(mean - 1, -mean) - doubt[inside]), 0.0))
 
     @property
     def empty(self) -> float:
@@ -120,12 +137,13 @@ def edge_profile(strip: Strip, course: Course, widening: float = 1.0) -> Profile
     flat = min(widening * max(FLAT_WIDTHS * width, LEAST_FLAT_PX), 0.5 * reach)
     end = min(widening * max(END_WIDTHS * width, 2 * LEAST_FLAT_PX), reach - 1)
     far = inside & (np.abs(d) > min((flat + end) / 2, reach - LEAST_FAR_PX))
-    light, normal, right = _plains(strip, d, far)
+    light, normal, right, weight = _plains(strip, d, far)
     value = values_of(light, strip, d)
     used = inside & (np.abs(d) < end + 1)
-    known = strip.tail_px or 0.0
     empty = np.zeros((len(value), 2 * (int(np.ceil(end * BINS)) + 1)))
-    profile = Profile(empty, empty, normal, right, flat, end, width, light, 0.0, 0.0, known, int(used.sum()))
+    profile = Profile(
+        *(empty, empty, normal, right, flat, end, width, light, 0.0, 0.0), strip.tail, weight, int(used.sum())
+    )
     profile, left = rebinned(profile, value, d, used)
     plain = value - (d > 0) + profile.tail / np.where(far, d, 1.0)
     return replace(
@@ -146,7 +164,7 @@ def rebinned(profile: Profile, value: Array, d: Array, used: npt.NDArray[np.bool
     K = profile.sums.shape[1] // 2
     sums, counts = _binned(value, d, used, K)
     profile = replace(profile, sums=sums, counts=counts)
-    for _ in range(2):
+    for _ in range(ROUNDS):
         moved = _moved(value, d, profile)
         sums, counts = _binned(moved, d, used, K)
         profile = replace(profile, sums=sums, counts=counts)
@@ -192,23 +210,28 @@ def _last_below(x: Array, level: Array, share: float) -> float:
     return float(x[i] + (share - level[i]) / max(level[i + 1] - level[i], 1e-9) * (x[i + 1] - x[i]))
 
 
-def _plains(strip: Strip, d: Array, far: npt.NDArray[np.bool_]) -> tuple[Array, Array, Array]:
-    """Levels, tail and light's slopes (5,), by least squares over the samples beyond the core, and each row's part."""
+def _plains(strip: Strip, d: Array, far: npt.NDArray[np.bool_]) -> tuple[Array, Array, Array, float]:
+    """Levels, tail and light's slopes (5,) by least squares over the samples beyond the core.
+
+    With each row's part of the normal equations, and the weight in them of what is known of the tail.
+    """
     bright = d > 0
     light = np.array([strip.samples[far & ~bright].mean(), strip.samples[far & bright].mean(), 0, 0, 0.0])
     along = np.broadcast_to(strip.along[:, None], d.shape)
-    known = 0.0 if strip.tail_px is None else strip.tail_px
     approach = -1 / np.where(far, d, 1.0)
+    weight = 0.0
     for _ in range(3):
         base = np.where(bright, light[1], light[0])
         slopes = base * d * LIGHT_UNITS[3], base * along * LIGHT_UNITS[4]
-        free = approach if strip.tail_px is None else np.zeros_like(d)
-        columns = np.stack([~bright, bright, free, *slopes], axis=-1) * far[..., None]
+        columns = np.stack([~bright, bright, approach, *slopes], axis=-1) * far[..., None]
         normal = np.einsum("nmi,nmj->nij", columns, columns)
-        right = np.einsum("nmi,nm->ni", columns, strip.samples - known * (light[1] - light[0]) * approach)
-        light = solve_light(normal.sum(axis=0), right.sum(axis=0))
-    light[2] += known * (light[1] - light[0])
-    return light, normal, right
+        right = np.einsum("nmi,nm->ni", columns, strip.samples)
+        total, answer, contrast = normal.sum(axis=0), right.sum(axis=0), light[1] - light[0]
+        light = solve_light(*with_tail(total, answer, strip.tail, weight, contrast))
+        if strip.tail is not None:
+            left = (strip.samples - columns @ (light / LIGHT_UNITS))[far]
+            weight = strip.tail.weight(float(np.var(left)) / contrast**2, float(total[2, 2]))
+    return light, normal, right, weight
 
 
 def solve_light(normal: Array, right: Array) -> Array:
@@ -233,5 +256,11 @@ def _binned(value: Array, d: Array, used: npt.NDArray[np.bool_], K: int) -> tupl
 
 def _moved(value: Array, d: Array, profile: Profile) -> Array:
     """Values moved along the spread function to their bins' centres: so that a bin's mean is a value, no average."""
-    centre = (np.floor(d * BINS) + 0.5) / BINS
-    return np.asarray(value + steepness(profile, (d + centre) / 2) * (centre - d))
+    centre = np.floor(d * BINS) + 0.5
+    coefficients = spline_filter1d(profile.esf, mode="nearest")
+    K = len(coefficients) // 2
+    here, there = (
+        map_coordinates(coefficients, [x.ravel() + K - 0.5], mode="nearest", prefilter=False).reshape(d.shape)
+        for x in (d * BINS, centre)
+    )
+    return np.asarray(value + there - here)

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from procedures.slanted_edge.course import tukey
 from procedures.slanted_edge.profile import BINS, Profile, filled, solve_light
+from procedures.slanted_edge.tail import with_tail
 from procedures.slanted_edge.transfer import mtf_of
 
 Array = npt.NDArray[np.float64]
@@ -28,12 +29,13 @@ def resampled_mtf(profile: Profile, draws: int = DRAWS) -> Array:
     varies by (m - 1) / (m + 1) of what it should: the spread is enlarged by that.
     """
     n = len(profile.sums)
-    weight = np.random.default_rng(SEED).exponential(size=(draws, n))
+    rng = np.random.default_rng(SEED)
+    weight = rng.exponential(size=(draws, n))
     esf = filled(weight @ profile.sums, weight @ profile.counts)
-    light = solve_light(
-        np.tensordot(weight, profile.light_normal, axes=1), np.tensordot(weight, profile.light_right, axes=1)
-    )
-    tail = profile.known_tail + light[:, 2] / (light[:, 1] - light[:, 0])
+    normal, right = (np.tensordot(weight, part, axes=1) for part in (profile.light_normal, profile.light_right))
+    sureness = profile.tail_weight, profile.contrast
+    light = solve_light(*with_tail(normal, right, profile.tail_known, *sureness, rng.standard_normal(draws)))
+    tail = light[:, 2] / (light[:, 1] - light[:, 0])
     # the values were divided by the light that all rows gave: what theirs differs by changes them with the distance
     level = profile.esf + profile.light[0] / profile.contrast
     esf = esf - (light[:, 3:4] - profile.light[3]) * profile.centres * level

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.outcome import BadParameter
+from procedures.slanted_edge.tail import Tail
 
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
@@ -82,8 +83,10 @@ class Strip:
         Distance from the edge up to which samples belong to its two plains.
     valid : (n, m) bool or None
         Which samples show nothing else; None: all of them.
-    tail_px : float or None
-        a of the approach a/d to the plains, where it is known; None: it is fitted.
+    tail : Tail or None
+        What is known of the approach to the plains before it is seen; None: nothing.
+    quantisation : float
+        One digital number, in units of the samples.
     """
 
     samples: Array
@@ -91,7 +94,8 @@ class Strip:
     turned: bool
     reach_px: float = np.inf
     valid: npt.NDArray[np.bool_] | None = None
-    tail_px: float | None = None
+    tail: Tail | None = None
+    quantisation: float = 0.0
 
     @property
     def usable(self) -> npt.NDArray[np.bool_]:

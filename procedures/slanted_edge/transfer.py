@@ -24,16 +24,30 @@ def mtf_of(esf: Array, tail: Array, flat_px: float, end_px: float) -> Array:
     """Moduli (..., f) at `FREQUENCIES` of edge spread functions (..., b), their tails' a (...) beyond the window.
 
     The difference of neighbouring bins is the line spread function seen through a box of their distance: sinc takes
-    it away again. ISO 12233:2023, annex D, has the same correction for its derivative.
+    it away again. ISO 12233:2023, annex D, has the same correction for its derivative, and none for the bins' width,
+    which here the spline between them leaves hardly anything of.
     """
     K = esf.shape[-1] // 2
     x = (np.arange(-K + 1, K)) / BINS
     lsf = np.diff(esf, axis=-1) * tukey(x, flat_px, end_px)
     waves = np.exp(-2j * np.pi * FREQUENCIES[:, None] * x)
-    inside = lsf @ waves.T / np.sinc(FREQUENCIES / BINS)
+    inside = lsf @ waves.T / (np.sinc(FREQUENCIES / BINS) * _spline_gain())
     otf = inside + np.asarray(tail)[..., None] * _tail_spectrum(flat_px, end_px)
     modulus = np.abs(otf)
     return np.asarray(modulus / modulus[..., :1])
+
+
+@lru_cache(maxsize=1)
+def _spline_gain() -> Array:
+    """By how much the bins' values of a wave are too large, at `FREQUENCIES`.
+
+    In every bin the mean of a cubic spline is that of the samples: of a wave the spline's own spectrum, and its
+    repetitions, are seen through the bins' width, where the wave itself is seen through it alone.
+    """
+    u = FREQUENCIES[:, None] / BINS + np.arange(-8, 9)
+    spline = np.sinc(u) ** 4
+    spline /= spline.sum(axis=1, keepdims=True)
+    return np.asarray(np.sinc(FREQUENCIES / BINS) / np.sum(spline * np.sinc(u), axis=1))
 
 
 @lru_cache(maxsize=8)

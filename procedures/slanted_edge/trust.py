@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
+from procedures.clipping import NOMINAL, find_clipping
 from procedures.outcome import Refused, Rule, Verdict, verdict_of
 from procedures.slanted_edge.course import NO_EDGE, Course
 from procedures.slanted_edge.profile import Profile
 from procedures.slanted_edge.strip import Strip
 
-CLIPPED = 0.998
-"""Samples from here on count as saturated."""
+Array = npt.NDArray[np.float64]
+
 MOST_CLIPPED = 0.01
+MOST_OVERSHOOT = 0.01
+OUTER = 0.6
+"""Of a plain's reach, from where on its noise is looked at."""
 LEAST_ROWS = 16
 """Pixels along an edge: fewer draw no error bar."""
 LEAST_DRIFT_PX = 0.9
@@ -22,14 +27,14 @@ FAINT, NOISY = 0.5, 2.0
 
 
 def check_samples(strip: Strip) -> None:
-    """Refuse what no edge can be measured in: clipped, or too short.
+    """Refuse what no edge can be measured in: white, or too short.
 
     Raises
     ------
     Refused
         If more than 1 % of the samples are saturated, or the strip has too few rows.
     """
-    clipped = float(np.mean(strip.samples >= CLIPPED))
+    clipped = float(np.mean(strip.samples >= NOMINAL))
     if clipped > MOST_CLIPPED:
         raise Refused(
             f"the edge's bright side must not be clipped; {clipped:.0%} of the region's samples are saturated",
@@ -40,6 +45,40 @@ def check_samples(strip: Strip) -> None:
             f"the edge is too short: it needs {LEAST_ROWS} pixels along it or more, and has {len(strip.samples)}",
             "give a longer region, or photograph the edge from nearer",
         )
+
+
+def check_clipping(strip: Strip, course: Course) -> None:
+    """Refuse an edge one of whose sides was cut off, wherever on the scale.
+
+    Raises
+    ------
+    Refused
+        If more than 1 % of the samples pile up at their largest or their smallest value.
+    """
+    d = course.distances(strip)
+    near = strip.usable & (np.abs(d) < strip.reach_px)
+    reach = np.abs(d[near]).max()
+    dark, bright = (_noise_along(strip.samples, near & (d * side > OUTER * reach)) for side in (-1, 1))
+    samples = strip.samples[near]
+    found = find_clipping(samples, strip.quantisation, dark_noise=dark, bright_noise=bright, of_edge=True)
+    if found.white > MOST_CLIPPED:
+        raise Refused(
+            f"the edge's bright side must not be clipped; {found.white:.0%} of its samples are cut off at "
+            f"{float(samples.max()):.3f} of the scale",
+            "expose less, and take the RAW file: white at 80 % of the scale is right",
+        )
+    if found.black > MOST_CLIPPED:
+        raise Refused(
+            f"the edge's dark side must not be cut off; {found.black:.0%} of its samples lie at their smallest value, "
+            f"{float(samples.min()):.3f} of the scale",
+            "take the RAW file as the camera wrote it, and give its own black level",
+        )
+
+
+def _noise_along(samples: Array, plain: npt.NDArray[np.bool_]) -> float:
+    """Standard deviation of a plain's noise, by second differences along the edge; 0 where there are none."""
+    bends = np.diff(samples, 2, axis=0)[plain[2:] & plain[1:-1] & plain[:-2]]
+    return float(np.sqrt(np.mean(bends**2) / 6)) if len(bends) else 0.0
 
 
 def check_course(strip: Strip, course: Course) -> None:
@@ -117,6 +156,12 @@ def _doubts(course: Course, profile: Profile, mtf50: float, uncertainty: float) 
             f"the areas beside the edge vary by {profile.unevenness / max(abs(profile.contrast), 1e-12):.1%} of its "
             "contrast",
             "light it evenly, and keep texture and reflections off it",
+        ),
+        Rule(
+            doubtful,
+            profile.overshoot > MOST_OVERSHOOT,
+            f"the edge overshoots its plains by {profile.overshoot:.1%} or more: the photograph was sharpened",
+            "take the RAW file: sharpening is no property of the lens",
         ),
         Rule(
             doubtful,

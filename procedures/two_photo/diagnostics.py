@@ -7,17 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from procedures.clipping import find_clipping
 from procedures.psf import Psf
+from procedures.two_photo.error_parts import ErrorParts
 from procedures.two_photo.inter_image import Fit
-from procedures.two_photo.near_noise import Kernel
+from procedures.two_photo.likeness import Likeness
+from procedures.two_photo.near_noise import Kernel, noise_at_most
 from procedures.two_photo.registration import Sighting
 from procedures.two_photo.sharpness import sharpness_ratio
 
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
 
-CLIPPED = 0.998
-"""Samples from here on count as saturated, as in the chart's photographs."""
 TILES = 8
 """Tiles along each side of the common region that may each move by themselves."""
 CLEAR = 0.1
@@ -78,6 +79,14 @@ class Diagnostics:
         Share of the common region's samples that were left out because no noise explains them.
     travelled_px, moved_px : float
         How far the map moved from the first homography, and in the last step, in far pixels.
+    left_over, colour, wall_power, beyond_light : float
+        See `likeness.Likeness`.
+    softness_x, softness_y : float
+        The same, of its `softness`.
+    focus_effect : float
+        By what share another focus, if that is what softness tells, changes the MTF at Nyquist: the larger of x and y.
+    mismatch : float
+        Variance of MTF50 by the scatter of the region's parts, over that by white noise.
     """
 
     matches: float
@@ -106,6 +115,14 @@ class Diagnostics:
     outliers: float
     travelled_px: float
     moved_px: float
+    left_over: float
+    colour: float
+    wall_power: float
+    beyond_light: float
+    softness_x: float
+    softness_y: float
+    focus_effect: float
+    mismatch: float
 
 
 def diagnose(
@@ -117,6 +134,8 @@ def diagnose(
     far: Array32,
     near_noise_limit: float,
     recursion_check: float,
+    alike: Likeness,
+    parts: ErrorParts,
 ) -> Diagnostics:
     """Measure what the verdict needs, on the final fit and the answer drawn from it."""
     zoom = np.sqrt(np.abs(np.linalg.det(fit.warp.derivative(fit.samples.points[::29]))))
@@ -146,11 +165,26 @@ def diagnose(
         recursion_check=recursion_check,
         support_cut=kernel.cut,
         sharpness_ratio=_sharpness_ratio(fit, near, far, kernel.noise),
-        saturated=max(float(np.mean(photograph >= CLIPPED)) for photograph in (near, far)),
+        saturated=max(clipped_share(photograph) for photograph in (near, far)),
         outliers=fit.outliers,
         travelled_px=fit.travelled_px,
         moved_px=fit.moved_px,
+        left_over=alike.left_over,
+        colour=alike.colour,
+        wall_power=alike.wall_power,
+        beyond_light=alike.beyond_light,
+        softness_x=float(alike.softness[0]),
+        softness_y=float(alike.softness[1]),
+        focus_effect=float(2 * np.pi**2 * 0.25 * np.abs(alike.softness).max() / (zoom.mean() ** 2 - 1)),
+        mismatch=max((ratio for name, ratio in parts.mismatch.items() if name.startswith("mtf50")), default=1.0),
     )
+
+
+def clipped_share(photograph: Array32) -> float:
+    """Share of a photograph's samples that are cut off, at its own ends or at white."""
+    noise = noise_at_most(photograph)
+    found = find_clipping(photograph, dark_noise=noise, bright_noise=noise)
+    return max(found.black, found.white)
 
 
 def _sharpness_ratio(fit: Fit, near: Array32, far: Array32, noise: float) -> float:
@@ -227,7 +261,9 @@ def transfer_above_one(kernel: Kernel, psf: Psf) -> tuple[float, float]:
     gain = kernel.k.sum()
     K = waves @ kernel.k / gain
     slope = np.real((np.conj(K) / np.maximum(np.abs(K), 1e-12))[:, None] * (waves - K[:, None])) / gain
-    uncertainty = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slope, kernel.covariance[:-1, :-1], slope), 1e-24))
+    uncertainty = np.sqrt(
+        np.maximum(np.einsum("ij,jk,ik->i", slope, kernel.covariance[: psf.k**2, : psf.k**2], slope), 1e-24)
+    )
     above = np.abs(K) - 1
     sure = above[above > 3 * uncertainty]
     return float((above / uncertainty).max()), float(sure.max()) if len(sure) else 0.0

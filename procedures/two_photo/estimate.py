@@ -8,27 +8,33 @@ Delbracio, Almansa, Muse, IPOL 2013, section 4; Delbracio's thesis, chapter 3 an
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics.normal_equations import normalised
+from procedures.budget import taken_apart, with_settling
+from procedures.choice import Trial, choose, settling
 from procedures.numerics.solvers import cholesky_solve, solve_constrained
 from procedures.numerics.warps import CubicWarp
 from procedures.outcome import Outcome, Refused, Verdict
-from procedures.psf import Psf, Sampling
+from procedures.psf import Psf, Sampling, Tail
 from procedures.quality import Diffraction, Quality, assess
 from procedures.raw import Plane
 from procedures.two_photo.diagnostics import diagnose
+from procedures.two_photo.error_parts import error_parts, likely_errors, widened
 from procedures.two_photo.inter_image import Fit, fit_kernel
+from procedures.two_photo.likeness import likeness
 from procedures.two_photo.near_noise import Kernel, noise_at_most, without_near_noise
-from procedures.two_photo.recursion import psf_by_equation, psf_by_recursion
+from procedures.two_photo.recursion import Recovered, psf_by_equation, psf_by_recursion
 from procedures.two_photo.registration import Sighting, register
-from procedures.two_photo.trust import check_distance, check_light, judge
+from procedures.two_photo.trust import check_distance, check_light, judge, most_samples_per_pixel
 
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
+
+START_S = 3
+"""The first try: a finer grid asks for detail of the wall that few walls have."""
 
 
 @dataclass(frozen=True)
@@ -39,8 +45,8 @@ class TwoPhotoParameters(Sampling):
     of sample by sample.
     """
 
-    s: int = 3
-    k: int = 13
+    s: int | None = None
+    k: int | None = None
     solver: str = "nnls"
 
 
@@ -53,8 +59,9 @@ class TwoPhotoPsf:
     psf : Psf
         Its centre is its centroid under a Gaussian window: two photographs of a wall know no other.
     quality : Quality
+        MTF and the numbers drawn from the PSF, with the budgets of their uncertainties.
     inter_image : (k, k) float64
-        The kernel from the near to the far photograph, sum 1.
+        The kernel from the near to the far photograph inside its support, sum 1.
     scale : (lambda_x, lambda_y)
         Near pixels per far pixel along x and y.
     swapped : bool
@@ -65,6 +72,8 @@ class TwoPhotoPsf:
         Standard deviation of a pixel's noise, of the scale from black to white.
     residual_std : float
         Residual in units of the largest noise that the far photograph can hold.
+    choice : tuple of Trial
+        What was tried of s and k; the last one is this.
     warp : CubicWarp
         Far pixels -> near pixels.
     diagnostics : mapping of str to float
@@ -78,6 +87,7 @@ class TwoPhotoPsf:
     gain: float
     noise: float
     residual_std: float
+    choice: tuple[Trial, ...]
     warp: CubicWarp
     diagnostics: Mapping[str, float]
 
@@ -92,6 +102,7 @@ def estimate_psf(
     a, b : Plane
         Linear samples of the same plane, black 0, white 1.
     parameters : TwoPhotoParameters, optional
+        s and k that are not given are chosen.
     diffraction : Diffraction, optional
         What limits this plane: where it is given, the Strehl ratio is reported too.
 
@@ -109,68 +120,127 @@ def estimate_psf(
         return Outcome(
             None,
             Verdict.REFUSED,
-            f"the wall's texture must determine {parameters.k}^2 kernel values at s = {parameters.s}; it does not",
+            f"the wall's texture must determine the kernel's values at s = {parameters.s or 'auto'}, "
+            f"k = {parameters.k or 'auto'}; it does not",
             "choose a rougher wall with detail of all sizes, expose longer, or lower s or k",
         )
+
+
+@dataclass(frozen=True)
+class _Attempt:
+    """The joint fit at one s and k, the kernel without the near noise's bias, and the PSF drawn from it, free and as
+    asked for."""
+
+    fit: Fit
+    kernel: Kernel
+    recovered: Recovered
+    free: Psf
+    psf: Psf
 
 
 def _estimate(
     a: Array32, b: Array32, parameters: TwoPhotoParameters, diffraction: Diffraction | None
 ) -> Outcome[TwoPhotoPsf]:
     """The chain itself; raises Refused."""
-    s, k = parameters.s, parameters.k
     check_light(a, b)
     sighting = register(a, b)
     near, far = (b, a) if sighting.swapped else (a, b)
-    check_distance(sighting.H_near_far, far.shape, s)
-    fit = fit_kernel(near, far, sighting.H_near_far, s, k)
-    J = fit.scale()
+    check_distance(sighting.H_near_far, far.shape, parameters.s or 2)
+    most_s = most_samples_per_pixel(sighting.H_near_far, far.shape)
     limit = noise_at_most(near)
-    kernel = without_near_noise(fit, limit)
-    psf, check = _psf(kernel, s, k, J, parameters.solver)
-    diagnostics = diagnose(fit, kernel, psf, sighting, near, far, limit, check)
-    verdict, reason, remedy = judge(diagnostics, s)
+    found, tried = _chosen(near, far, sighting, limit, parameters, most_s)
+    fit, kernel, J = found.fit, found.kernel, found.fit.scale()
+    alike = likeness(fit, found.free, near)
+    errors = likely_errors(alike, found.recovered, found.free, J)
+    psf = widened(found.psf, errors)
+    quality = assess(psf, n=len(fit.residual), diffraction=diffraction)
+    parts = error_parts(fit, kernel, found.recovered, found.free, quality, errors)
+    quality = taken_apart(with_settling(quality, settling(tried)), parts.parts)
+    check = psf_by_equation(kernel.total, psf.s, J)
+    off = float(np.linalg.norm(found.recovered.h - check.h) / np.linalg.norm(check.h))
+    diagnostics = diagnose(fit, kernel, psf, sighting, near, far, limit, off, alike, parts)
+    verdict, reason, remedy = judge(diagnostics, parameters, tried, psf.s)
     if verdict is Verdict.REFUSED:
         return Outcome(None, verdict, reason, remedy)
-    return Outcome(_result(fit, kernel, psf, J, sighting, asdict(diagnostics), diffraction), verdict, reason, remedy)
+    result = _result(replace(found, psf=psf), quality, tried, sighting, asdict(diagnostics))
+    return Outcome(result, verdict, reason, remedy)
 
 
-def _psf(kernel: Kernel, s: int, k: int, J: Array, solver: str) -> tuple[Psf, float]:
-    """The PSF as asked for, of sum 1, and how far the recursion is from the direct solution, over the PSF's norm.
+def _chosen(
+    near: Array32, far: Array32, sighting: Sighting, limit: float, parameters: TwoPhotoParameters, most_s: int
+) -> tuple[_Attempt, tuple[Trial, ...]]:
+    """The result for the s and k that are given, or that do, and what was tried; raises Refused."""
+    start: CubicWarp | None = None
+
+    def attempt(s: int, k: int) -> _Attempt:
+        nonlocal start
+        fit = fit_kernel(near, far, sighting.H_near_far, s, k, start)
+        start = fit.warp
+        kernel = without_near_noise(fit, limit)
+        recovered = psf_by_recursion(kernel.total, s, fit.scale())
+        free, psf = (_psf(recovered, kernel, s, solver) for solver in ("ls", parameters.solver))
+        return _Attempt(fit, kernel, recovered, free, psf)
+
+    samples = min(int(np.prod(far.shape)), int(np.prod(near.shape) / most_s**2))
+
+    def chosen_from(start_s: int) -> tuple[_Attempt, tuple[Trial, ...]]:
+        return choose(attempt, lambda one: one.psf, samples, most_s, start_s=start_s, s=parameters.s, k=parameters.k)
+
+    try:
+        return chosen_from(START_S)
+    except (Refused, np.linalg.LinAlgError):
+        if parameters.s is not None or most_s <= 2:
+            raise
+        return chosen_from(2)  # a wall with little fine detail
+
+
+def _psf(recovered: Recovered, kernel: Kernel, s: int, solver: str) -> Psf:
+    """The PSF as asked for, of sum 1.
 
     The covariance is that of the free solution; for "clip" and "nnls" it is an upper limit.
     """
-    recovered = psf_by_recursion(kernel.total, s, J)
-    check = float(np.linalg.norm(recovered.h - psf_by_equation(kernel.total, s, J).h) / np.linalg.norm(recovered.h))
-    covariance = recovered.covariance(kernel.covariance)
-    h = recovered.h.ravel()
+    covariance, p = recovered.covariance(kernel.covariance), recovered.parameters
+    n = recovered.h.size
     if solver != "ls":
-        information = cholesky_solve(covariance, np.eye(k * k))
-        h = solve_constrained(information, information @ h, solver)
-    h, covariance = normalised(h, covariance)
-    return Psf(h.reshape(k, k), s, covariance), check
+        information = cholesky_solve(covariance[:n, :n], np.eye(n))
+        moved = solve_constrained(information, information @ p[:n], solver) - p[:n]
+        # the tail goes with the samples as its covariance with them tells
+        p = p + np.concatenate([moved, covariance[n:, :n] @ (information @ moved)])
+    return _of_sum_one(p, covariance, s, len(recovered.h))
+
+
+def _of_sum_one(p: Array, covariance: Array, s: int, k: int) -> Psf:
+    """The PSF whose samples have the sum 1, from samples and tail (k^2 + q,) and their covariance, to first order."""
+    n = k * k
+    total = p[:n].sum()
+    p = p / total
+    # J C J' with J = (I - p 1_n') / total
+    covariance = covariance - np.outer(p, covariance[:n].sum(axis=0))
+    covariance = (covariance - np.outer(covariance[:, :n].sum(axis=1), p)) / total**2
+    tail = Tail(p[n:], covariance[n:, n:], covariance[:n, n:])
+    return Psf(p[:n].reshape(k, k), s, covariance[:n, :n], tail)
 
 
 def _result(
-    fit: Fit,
-    kernel: Kernel,
-    psf: Psf,
-    J: Array,
+    found: _Attempt,
+    quality: Quality,
+    tried: tuple[Trial, ...],
     sighting: Sighting,
     diagnostics: Mapping[str, float],
-    diffraction: Diffraction | None,
 ) -> TwoPhotoPsf:
     """Everything that is reported, from the final fit."""
-    scale_x, scale_y = np.linalg.norm(J, axis=0)
+    kernel, k = found.kernel, found.psf.k
+    scale_x, scale_y = np.linalg.norm(found.fit.scale(), axis=0)
     return TwoPhotoPsf(
-        psf=psf,
-        quality=assess(psf, n=len(fit.residual), diffraction=diffraction),
-        inter_image=kernel.k.reshape(psf.k, psf.k) / kernel.k.sum(),
+        psf=found.psf,
+        quality=quality,
+        inter_image=kernel.k.reshape(k, k) / kernel.k.sum(),
         scale=(float(scale_x), float(scale_y)),
         swapped=sighting.swapped,
         gain=kernel.gain,
         noise=kernel.noise,
         residual_std=diagnostics["residual_std"],
-        warp=fit.warp,
+        choice=tried,
+        warp=found.fit.warp,
         diagnostics=diagnostics,
     )

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from procedures.advice import changed_settings, exposure_advice
+from procedures.clipping import NOMINAL
 from procedures.outcome import BadInput, Outcome, Refused, Verdict
 from procedures.plan import (
     Advice,
@@ -148,7 +149,7 @@ def texture(plane: Plane) -> float:
 def check_near(frame: RawFrame, facts: Facts) -> Advice:
     """The wall well exposed, with detail that stands clear of the noise."""
     levels = {name: float(np.percentile(one.samples, 99.5)) for name, one in frame.planes.items()}
-    clipped = max(float(np.mean(one.samples >= 0.998)) for one in frame.planes.values())
+    clipped = max(float(np.mean(one.samples >= NOMINAL)) for one in frame.planes.values())
     advice = exposure_advice(max(levels.values()), clipped, frame.exposure, "The brightest")
     plane = shown(frame)
     told = Reading("texture", texture(plane), "× noise", TEXTURE, None)
@@ -166,7 +167,7 @@ def check_far(frame: RawFrame, facts: Facts) -> Advice:
     changed = changed_settings(frame.exposure, facts)
     if changed:
         return Advice(False, f"Set the camera back: {changed}.", by_hand={"settings": 1.0})
-    clipped = max(float(np.mean(one.samples >= 0.998)) for one in frame.planes.values())
+    clipped = max(float(np.mean(one.samples >= NOMINAL)) for one in frame.planes.values())
     near = float(facts.get("near_level", np.nan))
     # what the near photograph showed is the middle of this one
     change = float(np.mean(middle(shown(frame).samples, 1 / ratio_of(facts)))) / near - 1

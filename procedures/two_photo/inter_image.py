@@ -2,23 +2,23 @@
 
 Every Gauss-Newton step linearises
 
-    y = A k + tau T + sum a_i q_i + sum b_i q_i A k
+    y = A k + sum tau_j T_j + sum a_i q_i + sum b_i q_i A k
 
 about the current map, kernel and light, with y the far photograph's samples, A the near photograph on the s grid of
-the far one as a convolution, T the same seen through the tail beyond the support of k, q_i the quadratics of place,
-and eliminates everything but k and tau (variable projection, Kaufman's form). The map is a homography followed by a
+the far one as a convolution, T_j the same seen through the shapes of the tail beyond the support of k, q_i the
+quadratics of place, and eliminates everything but k and the tail (variable projection, Kaufman's form). The map is a homography followed by a
 cubic displacement; its constant is a shift of k, and is set so that k stays centred.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics.kernel_tail import tail_border, tail_column
-from procedures.numerics.normal_equations import NormalEquations, eliminate, gram, products
+from procedures.numerics.kernel_tail import SHAPES, tail_border, tail_columns
+from procedures.numerics.normal_equations import NormalEquations, Products, eliminate, gram, products
 from procedures.numerics.sampled_convolution import sample_convolution
 from procedures.numerics.solvers import cholesky_solve
 from procedures.numerics.splines import photograph_spline, read_spline
@@ -31,6 +31,11 @@ Indices = npt.NDArray[np.int64]
 
 GEOMETRY, LIGHT = 18, 11
 """Nuisance parameters: nine cubics each for x and y; six quadratics added, five multiplied."""
+TAIL = len(SHAPES)
+DIFFERS = np.array([0.5, 0.2, 0.2, 0.3, 0.3])
+"""How far the tail's other shapes are expected to go, over the energy of the mean tail; as for the chart."""
+TILES = 6
+"""Tiles along each side of the region: large beside the kernel, small beside what shades, moves or defocuses."""
 MAX_STEPS = 8
 NEAR_PX = 0.02  # what the last step may have left for the next: below this every sample is taken
 STILL_PX = 0.04  # the step itself is accounted for to first order: a tenth of it at most is left
@@ -112,8 +117,8 @@ class Fit:
         Far pixels -> near pixels.
     kernel : (k^2,) float64
         The inter-image kernel by plain least squares.
-    tail : float
-        tau, what the kernel has beyond its support; with it the kernel's sum is the gain from near to far photograph.
+    tail : (q,) float64
+        tau_j, what the kernel has beyond its support; with it the kernel's sum is the gain from near to far photograph.
     light : (11,) float64
         a (6), b without its constant (5).
     samples : Samples
@@ -132,11 +137,15 @@ class Fit:
         The same summed over all steps, translations aside.
     outliers : float
         Share of the common region's samples that were left out.
+    scores : (TILES^2, k^2 + q + p) float64
+        The share of every tile in A'r, the tail's columns and Z'r: what the tile says of kernel, tail and nuisance.
+    counts : (TILES^2,) int64
+        Samples of every tile.
     """
 
     warp: CubicWarp
     kernel: Array
-    tail: float
+    tail: Array
     light: Array
     samples: Samples
     near: NearImage
@@ -148,6 +157,8 @@ class Fit:
     moved_px: float
     travelled_px: float
     outliers: float = 0.0
+    scores: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    counts: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     @property
     def residual(self) -> Array:
@@ -157,7 +168,7 @@ class Fit:
     @property
     def variance(self) -> float:
         """Variance of the residual, freedoms allowed for."""
-        freedom = len(self.samples.y) - len(self.kernel) - 1 - GEOMETRY - LIGHT
+        freedom = len(self.samples.y) - len(self.kernel) - TAIL - GEOMETRY - LIGHT
         return float(self.residual @ self.residual / freedom)
 
     def scale(self) -> Array:
@@ -170,7 +181,7 @@ class Fit:
         return 1 - self.variance / float(np.var(self.samples.y))
 
 
-def fit_kernel(near: Array32, far: Array32, H_near_far: Array, s: int, k: int) -> Fit:
+def fit_kernel(near: Array32, far: Array32, H_near_far: Array, s: int, k: int, start: CubicWarp | None = None) -> Fit:
     """The inter-image kernel with the map refined to a few thousandths of a pixel.
 
     Parameters
@@ -180,6 +191,8 @@ def fit_kernel(near: Array32, far: Array32, H_near_far: Array, s: int, k: int) -
         Far -> near pixels, good to about half a far pixel.
     s, k : int
         Samples per far pixel, and their number along the kernel's side.
+    start : CubicWarp, optional
+        The map that a fit of other s and k ended with.
 
     Raises
     ------
@@ -187,7 +200,7 @@ def fit_kernel(near: Array32, far: Array32, H_near_far: Array, s: int, k: int) -
         If the common region is too small for the kernel.
     """
     samples, corner, shape = common_region(near, far, H_near_far, s, k)
-    warp = _first_warp(H_near_far, samples)
+    warp = start or _first_warp(H_near_far, samples)
     image = _near_image(near, warp, samples, s, k, corner, shape)
     stride = int(np.clip(np.sqrt(len(samples.y) / (COARSE_SAMPLES * k * k)), 1, 3))
     coarse = samples.kept((samples.rows % stride == 0) & (samples.columns % stride == 0)) if stride > 1 else samples
@@ -301,7 +314,7 @@ def _first_fit(samples: Samples, near: NearImage, warp: CubicWarp, k: int) -> Fi
     light[:6] = equations.nuisance(kernel)
     slopes = np.zeros((len(seen), 2))
     prediction = seen + place @ light[:6]
-    return Fit(warp, kernel, 0.0, light, samples, near, equations, seen, slopes, prediction, 0, np.inf, 0.0)
+    return Fit(warp, kernel, np.zeros(TAIL), light, samples, near, equations, seen, slopes, prediction, 0, np.inf, 0.0)
 
 
 def _centred(fit: Fit, k: int) -> Fit:
@@ -343,25 +356,58 @@ def _step(fit: Fit, k: int, *, whole: bool) -> Fit:
     columns = [displacement_columns(shifted, monomials), place, place[:, 1:] * seen[:, None]]
     known = fit.light
     if whole:
-        columns.append(tail_column(u, samples.rows, samples.columns, fit.near.s, k)[:, None])
-        known = np.append(known, fit.tail)
+        columns.append(tail_columns(u, samples.rows, samples.columns, fit.near.s, k))
+        known = np.concatenate([known, fit.tail])
     Z = np.hstack(columns)
     before = seen + Z[:, GEOMETRY:] @ known
-    parts = products(gram(A), A, Z, samples.y - before)
-    equations = eliminate(parts.with_last_nuisance_kept() if whole else parts)
+    residual = samples.y - before
+    parts = products(gram(A), A, Z, residual)
+    equations = _with_tail_known(parts, fit, float(np.mean(residual**2))) if whole else eliminate(parts)
     change, tail = np.split(cholesky_solve(equations.G, equations.b), [k * k])
     t = np.concatenate([equations.nuisance(np.append(change, tail)), tail])
     displacement = t[:GEOMETRY].reshape(2, 9)
     moves = (monomials[::29] - monomials.mean(axis=0)) @ displacement.T
+    prediction = before + A @ change.astype(np.float32) + Z @ t
+    counts, scores = _scores(fit, A, Z, samples.y - prediction) if whole else (fit.counts, fit.scores)
     return replace(
         fit,
         warp=warp.displaced(displacement, monomials),
         kernel=fit.kernel + change,
-        tail=fit.tail + float(tail.sum()),
+        tail=fit.tail + tail if whole else fit.tail,
         light=fit.light + t[GEOMETRY : GEOMETRY + LIGHT],
         equations=equations,
         seen=seen,
         slopes=shifted,
-        prediction=before + A @ change.astype(np.float32) + Z @ t,
+        prediction=prediction,
         moved_px=float(np.abs(moves).max()),
+        scores=scores,
+        counts=counts,
     )
+
+
+def _scores(fit: Fit, A: Array32, Z: Array, residual: Array) -> tuple[Indices, Array]:
+    """Samples of every tile, and its share in the products with the residual: kernel, tail, nuisance parameters."""
+    rows, columns = (
+        np.minimum(place * TILES // n, TILES - 1)
+        for place, n in zip((fit.samples.rows, fit.samples.columns), fit.near.shape, strict=True)
+    )
+    tile = rows * TILES + columns
+    shares = np.zeros((len(tile), TILES * TILES), dtype=np.float32)
+    shares[np.arange(len(tile)), tile] = residual
+    turned = np.hstack([Z[:, -TAIL:], Z[:, :-TAIL]]).astype(np.float32)
+    scores = np.hstack([shares.T @ A, shares.T @ turned])
+    return np.bincount(tile, minlength=TILES * TILES), np.asarray(scores, dtype=np.float64)
+
+
+def _with_tail_known(parts: Products, fit: Fit, variance: float) -> NormalEquations:
+    """The equations of kernel and tail, with what is known of the tail's other shapes before they are fitted.
+
+    `variance` is that of the residual: what is known counts against it.
+    """
+    first = len(fit.kernel)
+    mean = abs(float(fit.tail[0]))
+    if mean == 0:  # not fitted yet: by itself first
+        alone = eliminate(parts.with_kept(TAIL, np.full(TAIL - 1, 1e9 * np.trace(parts.ZZ)), np.zeros(TAIL - 1)))
+        mean = abs(float(cholesky_solve(alone.G, alone.b)[first]))
+    precision = variance / (DIFFERS * max(mean, 1e-3)) ** 2
+    return eliminate(parts.with_kept(TAIL, precision, -fit.tail[1:]))

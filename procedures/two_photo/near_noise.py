@@ -2,9 +2,9 @@
 
 The matrix A holds the near photograph, noise and all: A = A0 + E. On the s grid, band-limited to it, the near pixels'
 noise stays white, of variance c sigma^2 with c = s^2 / det J: the share of the near photograph's band that is kept.
-Each row of A holds k^2 different samples, so that E'E is m c sigma^2 I on average; the tail's column holds a mean of
-others, with the squared norm of its kernel in the place of 1. Least squares therefore solves
-(A0'A0 + m c sigma^2 I) k = A0'y and shrinks the kernel where the wall's spectrum is weak; taking m c sigma^2 I off
+Each row of A holds k^2 different samples, so that E'E is m c sigma^2 D on average, D the identity; the tail's columns
+hold means of others, and D there the products of their kernels. Least squares therefore solves
+(A0'A0 + m c sigma^2 D) k = A0'y and shrinks the kernel where the wall's spectrum is weak; taking m c sigma^2 D off
 again leaves no bias, to first order. sigma itself comes from the residual, whose variance is sigma^2 (1 + c |k|^2).
 """
 
@@ -14,12 +14,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+import scipy.linalg
 
-from procedures.numerics.kernel_tail import tail_kernel
+from procedures.numerics.kernel_tail import tail_kernels
 from procedures.numerics.solvers import cholesky_solve
 from procedures.numerics.warps import inverse
 from procedures.outcome import Refused
-from procedures.two_photo.inter_image import Fit
+from procedures.two_photo.inter_image import TAIL, Fit
 from procedures.two_photo.recursion import gain_of
 
 Array = npt.NDArray[np.float64]
@@ -32,25 +33,31 @@ class Kernel:
 
     Attributes
     ----------
-    total : (n + 1,) float64
-        The kernel's samples and, last, its tail.
-    covariance : (n + 1, n + 1) float64
+    total : (n + q,) float64
+        The kernel's samples and, last, its tail's amplitudes.
+    covariance : (n + q, n + q) float64
         Noise of both photographs, and the nuisance parameters.
     noise : float
         sigma, in the units of the samples.
     bias : float
         |k - plain least squares| / |k|.
+    inverse : (n + q, n + q) float64
+        Of the equations without the near photograph's noise.
+    given_back : (n + q,) float64
+        What taking that noise off adds to the equations' right-hand side.
     """
 
     total: Array
     covariance: Array
     noise: float
     bias: float
+    inverse: Array
+    given_back: Array
 
     @property
     def k(self) -> Array:
         """The kernel inside its support, (n,)."""
-        return self.total[:-1]
+        return self.total[:-TAIL]
 
     @property
     def gain(self) -> float:
@@ -83,11 +90,13 @@ def without_near_noise(fit: Fit, near_noise_limit: float) -> Kernel:
     near noise enters a second time, multiplied by the residual.
     """
     G = fit.equations.G
-    plain = np.append(fit.kernel, fit.tail)
-    share = np.append(np.ones(len(fit.kernel)), np.sum(tail_kernel(round(len(fit.kernel) ** 0.5)) ** 2))
+    plain = np.concatenate([fit.kernel, fit.tail])
+    shapes = tail_kernels(round(len(fit.kernel) ** 0.5))
+    D = scipy.linalg.block_diag(np.eye(len(fit.kernel)), np.tensordot(shapes, shapes, axes=((1, 2), (1, 2))))
     c = fit.near.s**2 / float(np.linalg.det(fit.scale()))
     noise = float(np.sqrt(fit.variance / (1 + c * float(fit.kernel @ fit.kernel))))
-    corrected = G - len(fit.residual) * c * min(noise, near_noise_limit) ** 2 * np.diag(share)
+    taken_off = len(fit.residual) * c * min(noise, near_noise_limit) ** 2 * D
+    corrected = G - taken_off
     try:
         total = cholesky_solve(corrected, G @ plain)
     except np.linalg.LinAlgError as error:
@@ -98,7 +107,7 @@ def without_near_noise(fit: Fit, near_noise_limit: float) -> Kernel:
         ) from error
     inverted = inverse(corrected)
     bias = float(np.linalg.norm(total - plain) / np.linalg.norm(total))
-    return Kernel(total, fit.variance * inverted @ G @ inverted, noise, bias)
+    return Kernel(total, fit.variance * inverted @ G @ inverted, noise, bias, inverted, taken_off @ total)
 
 
 def noise_at_most(samples: Array32) -> float:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+import scipy.fft
 
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
 
 PATCH = 64
 """Side of the patches; a photograph that is smaller is one patch along that axis."""
+MOST_PATCHES = 6
+"""Along either axis."""
 LOW, HIGH = (0.06, 0.12), (0.27, 0.36)
 """Two bands of frequencies, in cycles per pixel of the photograph."""
 
@@ -33,22 +36,27 @@ def sharpness_ratio(near: Array32, far: Array32, noise: float) -> float:
 def fineness(photograph: Array32, noise: float) -> float:
     """Amplitude of the high band over that of the low one, noise taken off."""
     rows, columns = (min(n, PATCH) for n in photograph.shape)
-    power = _spectrum(photograph, rows, columns) - noise**2
+    power = patch_spectra(photograph, rows, columns)[0] - noise**2
     f = np.hypot(np.fft.fftfreq(rows)[:, None], np.fft.rfftfreq(columns))
     low, high = (float(power[(f >= start) & (f < end)].mean()) for start, end in (LOW, HIGH))
     floor = 1e-3 * noise**2  # nothing but noise must not become a negative power
     return float(np.sqrt(max(high, floor) / max(low, floor, 1e-12)))
 
 
-def _spectrum(photograph: Array32, rows: int, columns: int) -> Array:
-    """Power per pixel of a photograph, the mean over windowed patches spread over it: rows x (columns // 2 + 1)."""
+def patch_spectra(photograph: Array32, rows: int, columns: int) -> tuple[Array, int]:
+    """Power per pixel of a photograph, (rows, columns // 2 + 1): the mean over windowed patches spread over it; their
+    number."""
     window = np.outer(np.hanning(rows), np.hanning(columns)).astype(np.float32)
-    tops, lefts = (_starts(n) for n in photograph.shape)
+    tops, lefts = (_starts(n, side) for n, side in zip(photograph.shape, (rows, columns), strict=True))
     patches = np.stack([photograph[i : i + rows, j : j + columns] for i in tops for j in lefts])
     patches = (patches - patches.mean(axis=(1, 2), keepdims=True)) * window
-    return np.asarray((np.abs(np.fft.rfft2(patches)) ** 2).mean(axis=0) / np.sum(window**2), dtype=np.float64)
+    power = np.zeros((rows, columns // 2 + 1))
+    for patch in patches:
+        power += np.abs(scipy.fft.rfft2(patch)) ** 2
+    return power / len(patches) / float(np.sum(window**2)), len(patches)
 
 
-def _starts(n: int) -> npt.NDArray[np.int64]:
-    """First pixels of at most six patches along an axis of n pixels."""
-    return np.unique(np.linspace(0, max(n - PATCH, 0), 6).astype(np.int64))
+def _starts(n: int, side: int) -> npt.NDArray[np.int64]:
+    """First pixels of at most six patches of a side along an axis of n pixels, overlapping by half at most."""
+    count = int(np.clip(2 * n // side - 1, 1, MOST_PATCHES))
+    return np.unique(np.linspace(0, max(n - side, 0), count).astype(np.int64))

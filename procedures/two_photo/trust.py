@@ -5,19 +5,32 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from procedures.choice import FINEST, Trial
 from procedures.exposure import Exposure
 from procedures.numerics.warps import homography_jacobian
 from procedures.outcome import Refused, Rule, Verdict, verdict_of
-from procedures.two_photo.diagnostics import CLIPPED, Diagnostics
+from procedures.psf import Sampling
+from procedures.two_photo.diagnostics import Diagnostics, clipped_share
 
 Array = npt.NDArray[np.float64]
+
+CLEAR_OF = 1.02
+"""By how much the zoom must exceed s that is chosen."""
+COARSE_REMAINS, FINE_REMAINS = 3.0, 0.6
+"""Remains at coarse over fine detail that noise does not have."""
+COARSE_SHARE = 0.05
+"""Share of the wall's coarse detail that may differ."""
+OTHER_FOCUS = 0.06
+"""Share of the MTF at Nyquist that the focus may put in doubt."""
+SCATTERED = 9.0
+"""Variance of a number by the region's parts, over that by noise, from which it is doubted."""
 Array32 = npt.NDArray[np.float32]
 
 
 def check_light(near: Array32, far: Array32) -> None:
     """Refuse photographs of which too much is clipped, or that show next to no light."""
     for photograph in (near, far):
-        clipped = float(np.mean(photograph >= CLIPPED))
+        clipped = clipped_share(photograph)
         if clipped > 0.05:
             raise Refused(
                 f"the wall must not be clipped; {clipped:.0%} of a photograph is",
@@ -27,14 +40,17 @@ def check_light(near: Array32, far: Array32) -> None:
             raise Refused("the wall must stand clear of black; a photograph is all but dark", "expose both longer")
 
 
+def most_samples_per_pixel(H_near_far: Array, far_shape: tuple[int, ...]) -> int:
+    """The largest s under the smallest zoom: with less the inter-image kernel is not determined. Source: as below."""
+    return int(np.clip(np.ceil(_least_zoom(H_near_far, far_shape) / CLEAR_OF) - 1, 2, FINEST))
+
+
 def check_distance(H_near_far: Array, far_shape: tuple[int, ...], s: int) -> None:
     """Refuse a far photograph that is not far enough for s samples per pixel.
 
     Source: thesis, remark 5: with lambda under s the inter-image kernel is not determined.
     """
-    rows, columns = far_shape
-    J = homography_jacobian(H_near_far, np.array([(columns - 1) / 2, (rows - 1) / 2]))
-    zoom = float(np.linalg.svd(J, compute_uv=False)[-1])
+    zoom = _least_zoom(H_near_far, far_shape)
     if zoom <= s:
         possible = int(np.ceil(zoom)) - 1
         raise Refused(
@@ -43,6 +59,13 @@ def check_distance(H_near_far: Array, far_shape: tuple[int, ...], s: int) -> Non
             f"take the far photograph from {1.15 * s / zoom:.2f} times its distance, or the near one from as much "
             "closer" + (f", or choose s = {possible}" if possible >= 2 else ""),
         )
+
+
+def _least_zoom(H_near_far: Array, far_shape: tuple[int, ...]) -> float:
+    """Near pixels per far pixel in the middle of the far photograph, along the direction where they are fewest."""
+    rows, columns = far_shape
+    J = homography_jacobian(H_near_far, np.array([(columns - 1) / 2, (rows - 1) / 2]))
+    return float(np.linalg.svd(J, compute_uv=False)[-1])
 
 
 def check_settings(a: Exposure, b: Exposure) -> None:
@@ -56,9 +79,85 @@ def check_settings(a: Exposure, b: Exposure) -> None:
             )
 
 
-def judge(d: Diagnostics, s: int) -> tuple[Verdict, str, str]:
+def judge(d: Diagnostics, asked: Sampling, tried: tuple[Trial, ...], s: int) -> tuple[Verdict, str, str]:
     """Verdict, reason and remedy: the first refusal, else all doubts together."""
-    return verdict_of(_refusals(d) + _doubts(d, s))
+    return verdict_of(_refusals(d) + _doubts(d, s) + _unlike(d) + _left_out(asked, tried[-1], d.scale))
+
+
+def _unlike(d: Diagnostics) -> list[Rule]:
+    """What tells that the photographs are not of one wall in one light, equally sharp and unprocessed."""
+    doubtful = Verdict.DOUBTFUL
+    return [
+        Rule(
+            doubtful,
+            d.colour > COARSE_REMAINS,
+            f"what the near photograph does not explain is coarse, {d.colour:.1f} times as strong as at fine detail: the "
+            "light came from elsewhere, or the far photograph is softer than the near one",
+            "take both in the same steady light, focus at either distance, and let nothing move",
+        ),
+        Rule(
+            doubtful,
+            d.left_over > COARSE_SHARE,
+            f"{d.left_over:.0%} of the wall's coarse detail is not the same in both photographs: another light, or a "
+            "response that is not linear",
+            "take both in the same steady light, with the same exposure, as RAW files",
+        ),
+        Rule(
+            doubtful,
+            d.colour < FINE_REMAINS,
+            f"what the near photograph does not explain is fine, at coarse detail {d.colour:.2f} times as strong: the far "
+            "photograph was sharpened or compressed",
+            "use the RAW files",
+        ),
+        Rule(
+            doubtful,
+            d.beyond_light > 0.02,
+            f"no PSF of light has the MTF that was found, by {d.beyond_light:.2f}: the far photograph was sharpened, or the "
+            "near one softened",
+            "use the RAW files, focused at either distance",
+        ),
+        Rule(
+            doubtful,
+            d.focus_effect > OTHER_FOCUS,
+            f"the near photograph's fine detail is not what a wall of this kind has: if the focus is why, the MTF at "
+            f"Nyquist is wrong by {d.focus_effect:.0%}",
+            "focus again at either distance, use the RAW files, or choose a wall with more fine detail",
+        ),
+        Rule(
+            doubtful,
+            d.mismatch > SCATTERED,
+            f"parts of the wall disagree: {d.mismatch**0.5:.1f} times as far as noise explains",
+            "choose a flat wall, photograph it squarely, in even light",
+        ),
+    ]
+
+
+def _left_out(asked: Sampling, last: Trial, scale: float) -> list[Rule]:
+    """What s and k as they were given leave out, and what no s can give from where the photographs were taken."""
+    doubtful = Verdict.DOUBTFUL
+    would = f"use -s {last.better[0]} -k {last.better[1]}, or leave both to the program" if last.better else "raise k"
+    needed = last.s + 1
+    farther = f"take the far photograph from {1.1 * needed / scale:.2f} times its distance: it needs s = {needed}"
+    return [
+        Rule(
+            doubtful,
+            asked.k is not None and last.support_short,
+            f"k = {last.k} may leave out {last.truncation:.4f} of the OTF, which is known to {last.uncertainty:.4f}",
+            would,
+        ),
+        Rule(
+            doubtful,
+            asked.s is not None and last.band_open and last.better is not None and last.better[0] > last.s,
+            f"s = {last.s} ends the band where the OTF is still {last.band_edge:.2f}",
+            would,
+        ),
+        Rule(
+            doubtful,
+            None in last.mtf50,
+            f"MTF50 lies beyond the band of s = {last.s}",
+            f"use -s {needed}" if needed < scale / CLEAR_OF else farther,
+        ),
+    ]
 
 
 def _refusals(d: Diagnostics) -> list[Rule]:

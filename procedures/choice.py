@@ -2,7 +2,7 @@
 
 s is raised until the OTF is zero at the band's edge within a few per cent: light beyond the band is missed by widths
 and energies, and left over as noise. k is raised until what the tail's few shapes may miss of the OTF is small beside
-its noise. A finer grid than two samples per cell asks for frequencies that the cells do not have.
+its noise. What was photographed has an end too: no grid may ask for frequencies that it does not have.
 """
 
 from __future__ import annotations
@@ -13,11 +13,10 @@ from typing import TypeVar
 
 import numpy as np
 
+from procedures.outcome import Refused
 from procedures.psf import Psf
 from procedures.quality import mtf50_along, truncation
 
-SAMPLES_PER_CELL = 2.0
-"""Largest s/t: the cells' own spectrum is zero at one cycle per cell."""
 FINEST = 6
 START_S, START_K = 4, 17
 """The first try; another s keeps the support's width in pixels."""
@@ -98,11 +97,6 @@ def band_edge(psf: Psf) -> float:
     return float(np.sqrt(max(float(np.mean(power - noise)), 0.0))) / psf.light
 
 
-def finest(cell_px: float) -> int:
-    """The largest s that the cells allow."""
-    return int(np.clip(np.floor(SAMPLES_PER_CELL / cell_px + 1e-9), 2, FINEST))
-
-
 def _fitting(width_px: float, s: int, samples: int) -> int:
     """The odd k for a support of a width, as far as the samples determine it."""
     most = min(int((samples / EQUATIONS) ** 0.5), WIDEST)
@@ -110,12 +104,12 @@ def _fitting(width_px: float, s: int, samples: int) -> int:
     return max(k - 1 + k % 2, 5)
 
 
-def judged(trial: Trial, samples: int, cell_px: float) -> Trial:
-    """The trial with what is said of it, and the s and k that would do better."""
+def judged(trial: Trial, samples: int, most_s: int) -> Trial:
+    """The trial with what is said of it, and the s and k that would do better; `most_s` is the largest s there is."""
     s, width = trial.s, trial.k / trial.s
     said = []
     if trial.band_open:
-        s = min(s + 1, max(finest(cell_px), s))
+        s = min(s + 1, max(most_s, s))
         said.append(f"the OTF is {trial.band_edge:.2f} near the band's edge")
     if trial.support_short:
         # what is left out falls with the square of the width
@@ -130,8 +124,9 @@ def choose(
     attempt: Callable[[int, int], T],
     psf_of: Callable[[T], Psf],
     samples: int,
-    cell_px: float,
+    most_s: int,
     *,
+    start_s: int = START_S,
     s: int | None,
     k: int | None,
 ) -> tuple[T, tuple[Trial, ...]]:
@@ -144,18 +139,27 @@ def choose(
     psf_of : callable
         The PSF in a result.
     samples : int
-        Of the noise region.
-    cell_px : float
-        Side of a cell in pixels.
+        That the PSF is estimated from.
+    most_s : int
+        The largest s that what was photographed allows.
+    start_s : int
+        The first try.
     s, k : int or None
         What is given; None: chosen.
     """
-    at = s or min(START_S, finest(cell_px))
+    at = s or min(start_s, most_s)
     now = (at, k or _fitting(START_K / START_S, at, samples))
     tried: list[Trial] = []
     while True:
-        result = attempt(*now)
-        trial = judged(assess_trial(psf_of(result)), samples, cell_px)
+        try:
+            result = attempt(*now)
+        except (Refused, np.linalg.LinAlgError):
+            if not tried:
+                raise
+            # finer or wider cannot be had
+            why = f"{tried[-1].reason}; s = {now[0]}, k = {now[1]} is not determined"
+            return result, (*tried[:-1], replace(tried[-1], reason=why, better=None))
+        trial = judged(assess_trial(psf_of(result)), samples, most_s)
         tried.append(trial)
         following = now if trial.better is None else (s or trial.better[0], k or trial.better[1])
         if following == now or len(tried) == MOST_TRIES:

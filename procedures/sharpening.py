@@ -1,0 +1,45 @@
+"""Whether a picture was sharpened: light does not leave less around its core than its far tail tells, sharpening does.
+
+Sharpening subtracts a blurred picture from the picture, which digs a ring around the PSF's core. A lens cannot: beyond
+the core the mean PSF falls to its tail of a / r^3 from above, whatever the aberrations, and the tail is not negative.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.psf import Psf
+from procedures.quality import energy_within
+
+Array = npt.NDArray[np.float64]
+
+RINGS_PX = (0.8, 1.2, 1.8, 2.7)
+"""Radii between which the light is summed."""
+LEAST = 0.6
+"""Of the far tail's light between two radii, what any lens leaves there."""
+
+
+def missing_light(psf: Psf) -> float:
+    """By how many standard uncertainties the rings around the core, or the tail, have less light than a lens leaves.
+
+    Negative where they have more. The tail beyond the support predicts 2 pi a (1 / r - 1 / R) between r and R.
+    """
+    C, tail = psf.parameter_covariance, np.zeros(len(psf.parameters))
+    if not len(psf.tail.amplitudes):
+        return -np.inf
+    tail[psf.k**2] = psf.tail_density_px / psf.tail.amplitudes[0] if psf.tail.amplitudes[0] else 0.0
+    radii = [radius for radius in RINGS_PX if radius <= psf.k / 2 / psf.s]
+    within = [energy_within(psf, radius) for radius in radii]
+    lacking = [_sigmas(-psf.tail_density_px, tail, C)]
+    for (r, R), ((inner, of_inner), (outer, of_outer)) in zip(
+        zip(radii, radii[1:], strict=False), zip(within, within[1:], strict=False), strict=True
+    ):
+        expected = LEAST * 2 * np.pi * (1 / r - 1 / R)
+        less = expected * max(psf.tail_density_px, 0.0) - (outer - inner)
+        lacking.append(_sigmas(less, expected * tail - of_outer + of_inner, C))
+    return max(lacking)
+
+
+def _sigmas(value: float, slope: Array, C: Array) -> float:
+    return value / float(np.sqrt(max(slope @ C @ slope, 1e-30)))

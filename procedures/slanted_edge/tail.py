@@ -1,0 +1,64 @@
+"""The far tail of an edge: what a lens throws farther than any region reaches, and what the pupil says about it.
+
+Whatever the aberrations, a pupil's OTF leaves 1 with a slope: -4 / (pi f_c) per cycle/pixel for a clear circle of
+cutoff f_c. Its PSF then falls as A / r^3 with A = 1 / (pi^3 f_c), its line spread function as 2 A / d^2, and an edge
+approaches its plains as 2 A / d.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.quality import Diffraction
+
+Array = npt.NDArray[np.float64]
+
+COLUMN = 2
+"""Of the plains' numbers, the tail's."""
+SURE = 1e6
+"""Weight of a tail that is sure, over the samples' own."""
+PUPIL_DOUBT = 0.05
+"""Relative uncertainty of a tail by the pupil: the plane's band of wavelengths, vignetting, the iris's corners."""
+
+
+@dataclass(frozen=True)
+class Tail:
+    """What is known of the approach a/d to the plains: a, and its standard uncertainty, in pixels; 0 where it is sure.
+
+    It is weighed against what the plains show by themselves.
+    """
+
+    px: float
+    uncertainty_px: float = 0.0
+
+    @classmethod
+    def of_pupil(cls, diffraction: Diffraction) -> Tail:
+        """Of a clear circular pupil, in pixels of the plane."""
+        px = 2 / (np.pi**3 * diffraction.cutoff)
+        return cls(px, PUPIL_DOUBT * px)
+
+    def weight(self, variance: float, seen: float) -> float:
+        """Of a row that says what is known, among samples of this variance over the squared contrast, and weight 1.
+
+        `seen` is the weight that the samples themselves give the tail.
+        """
+        known = self.uncertainty_px**2
+        return SURE * seen if known * SURE * seen <= variance else variance / known
+
+
+def with_tail(
+    normal: Array, right: Array, tail: Tail | None, weight: float, contrast: float, errors: Array | float = 0.0
+) -> tuple[Array, Array]:
+    """Normal equations (..., 5, 5), (..., 5) of the plains with a row for what is known of the tail.
+
+    `contrast` is bright less dark; `errors` displaces the row by so many of its uncertainties.
+    """
+    if tail is None:
+        return normal, right
+    normal, right = normal.copy(), right.copy()
+    normal[..., COLUMN, COLUMN] += weight
+    right[..., COLUMN] += weight * contrast * (tail.px + errors * tail.uncertainty_px)
+    return normal, right

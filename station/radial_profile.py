@@ -1,0 +1,132 @@
+"""A PSF's profile: its mean over directions and the energy inside circles, from the centre to the end of its tail."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.numerics.kernel_tail import tail_border, tail_kernels
+from procedures.psf import Psf
+from station.exports import csv_bytes
+
+Array = npt.NDArray[np.float64]
+
+STEPS_PER_SAMPLE = 2
+"""Circles per sample inside the support."""
+FARTHER = 1.2
+"""Outside it every circle is larger than the one before by this."""
+DIRECTIONS = 32
+FINE = 4
+"""Points per sample between which the energy inside a circle is summed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """A whole PSF's mean over directions about its centre, and the energy inside circles, with standard uncertainties.
+
+    Attributes
+    ----------
+    radius : (n,) float64
+        In pixels of the plane, from 0.
+    density, density_uncertainty : (n,) float64
+        Energy per square pixel on each circle, where all light is 1.
+    energy, energy_uncertainty : (n,) float64
+        Share of all light inside each circle.
+    support : float
+        Radius in pixels up to which circles lie inside the support; farther out the tail's shapes tell.
+    """
+
+    radius: Array
+    density: Array
+    density_uncertainty: Array
+    energy: Array
+    energy_uncertainty: Array
+    support: float
+
+
+def radial_profile(psf: Psf) -> Profile:
+    """The profile out to the end of the tail's shapes; without a tail, to where circles touch the support's sides.
+
+    It is that of the band-limited PSF between its samples, as the encircled energy of `procedures.quality`.
+    """
+    p, n = psf.parameters, psf.k**2
+    radius, on, inside = _weights(psf.k, with_tail=len(p) > n)
+    on, inside = on[:, : len(p)] * psf.s**2, inside[:, : len(p)]
+    density, energy = on @ p / psf.light, inside @ p / psf.light
+    return Profile(
+        radius / psf.s,
+        density,
+        _sigma(psf, (on - density[:, None] * psf.weights) / psf.light),
+        energy,
+        _sigma(psf, (inside - energy[:, None] * psf.weights) / psf.light),
+        psf.k // 2 / psf.s,
+    )
+
+
+def profile_table(psf: Psf, pitch: int) -> bytes:
+    """The profile as CSV, radii in pixels of the plane and of the sensor; `pitch` is how many of these are one."""
+    found = radial_profile(psf)
+    columns = {"radius": found.radius, "radius_sensor_pixels": found.radius * pitch}
+    columns |= {"density": found.density, "density_uncertainty": found.density_uncertainty}
+    columns |= {"energy": found.energy, "energy_uncertainty": found.energy_uncertainty}
+    columns |= {"inside_support": (found.radius <= found.support).astype(np.float64)}
+    rows = zip(*columns.values(), strict=True)
+    return csv_bytes([list(columns), *([f"{value:.9g}" for value in row] for row in rows)])
+
+
+def _sigma(psf: Psf, slope: Array) -> Array:
+    variance = np.einsum("ij,ij->i", slope @ psf.parameter_covariance, slope)
+    return np.asarray(np.sqrt(np.maximum(variance, 0)))
+
+
+@lru_cache(maxsize=8)
+def _weights(k: int, *, with_tail: bool) -> tuple[Array, Array, Array]:
+    """Circles' radii in samples (n,), and what each parameter adds to the density per squared sample on them and to
+    the energy inside them, (n, k^2 + q) each."""
+    radius = np.arange(STEPS_PER_SAMPLE * (k // 2) + 1) / STEPS_PER_SAMPLE
+    if not with_tail:
+        offsets = np.arange(k) - k // 2
+        on, inside = (weights(radius, offsets).reshape(len(radius), -1) for weights in (_on_circles, _inside_circles))
+        return radius, on, inside
+    end = tail_border(k)
+    steps = int(np.log(end / radius[-1]) / np.log(FARTHER))
+    radius = np.concatenate([radius, end * FARTHER ** np.arange(-steps, 1.0)])
+    offsets = np.arange(-end, end + 1)
+    images = tail_kernels(k).reshape(-1, len(offsets) ** 2).T
+    rows = slice(end - k // 2, end + k // 2 + 1)
+    found = []
+    for weights in (_on_circles(radius, offsets), _inside_circles(radius, offsets)):
+        inside = weights[:, rows, rows].reshape(len(radius), -1)
+        found.append(np.hstack([inside, weights.reshape(len(radius), -1) @ images]))
+    return radius, found[0], found[1]
+
+
+def _on_circles(radius: Array, offsets: npt.NDArray[np.intp]) -> Array:
+    """What samples at these offsets add to the mean of the band-limited image on circles: (n, size, size)."""
+    turn = np.arange(DIRECTIONS) * 2 * np.pi / DIRECTIONS
+    x, y = radius[:, None] * np.cos(turn), radius[:, None] * np.sin(turn)
+    across, down = (np.sinc(at[..., None] - offsets) for at in (x, y))
+    return np.asarray(down.transpose(0, 2, 1) @ across / DIRECTIONS)
+
+
+def _inside_circles(radius: Array, offsets: npt.NDArray[np.intp]) -> Array:
+    """What samples at these offsets add to the energy of the band-limited image inside circles: (n, size, size).
+
+    The energy is summed over squares FINE times smaller than the samples', which the circle enters linearly; by
+    symmetry one quadrant is enough.
+    """
+    end = int(offsets[-1])
+    t = np.arange(FINE * end + 1) / FINE
+    M = np.sinc(t[:, None] - np.arange(end + 1)) + np.sinc(t[:, None] + np.arange(end + 1))
+    M[0] /= 2  # an axis belongs to both sides
+    distance = np.hypot(t, t[:, None])
+    found = np.empty((len(radius), end + 1, end + 1))
+    for i, r in enumerate(radius):
+        reached = int(np.searchsorted(t, r + 1 / FINE))
+        near = M[:reached]
+        weight = np.clip((r - distance[:reached, :reached]) * FINE + 0.5, 0, 1) * (r > 0) / FINE**2
+        found[i] = near.T @ (weight @ near)
+    return found[:, np.abs(offsets)[:, None], np.abs(offsets)]

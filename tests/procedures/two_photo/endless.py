@@ -1,0 +1,110 @@
+"""Two photographs of a wall through optics whose PSF has no end: the scene's spectrum times the analytic OTF.
+
+The wall goes on periodically and has detail up to two cycles per near pixel: what the pixels alias is in both
+photographs. Nothing is cropped, so that the numbers of the analytic OTF are the truth of every number reported.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+
+import numpy as np
+import scipy.fft
+from scipy.ndimage import map_coordinates
+from scipy.optimize import brentq
+
+from .wall import Otf, Pair, leaves
+
+Array = np.ndarray
+TEXELS = 4
+"""Texels per near pixel."""
+RIM_PX = 40
+"""Near pixels of the wall beyond the near photograph on every side."""
+
+
+def camera(cutoff: float, *, fill: float = 1.0, blur_px: float = 0.0) -> Otf:
+    """A clear circular aperture, square photosites and a Gaussian blur; the cutoff in cycles per pixel."""
+
+    def otf(fx: Array, fy: Array) -> Array:
+        r = np.hypot(fx, fy)
+        v = np.clip(r / cutoff, 0, 1)
+        aperture = 2 / np.pi * (np.arccos(v) - v * np.sqrt(1 - v * v))
+        return aperture * np.sinc(fill * fx) * np.sinc(fill * fy) * np.exp(-2 * np.pi**2 * blur_px**2 * r * r)
+
+    return otf
+
+
+CAMERAS = {"f/2.8": camera(3.25), "f/5.6": camera(1.62, fill=0.9), "f/8": camera(1.14, blur_px=0.3)}
+
+
+def mtf50(otf: Otf) -> float:
+    """Where |OTF| falls to one half along x."""
+    return float(brentq(lambda f: otf(np.float64(f), np.float64(0)) - 0.5, 0.01, 0.99))
+
+
+def mtf_nyquist(otf: Otf) -> float:
+    """|OTF| at half a cycle per pixel along x."""
+    return float(otf(np.float64(0.5), np.float64(0)))
+
+
+def _pink(size: int, rng: np.random.Generator, power: float = 1.0) -> Array:
+    """A wall whose amplitude falls as 1 / f^power, periodic, of mean 0.4 and standard deviation 0.12."""
+    spectrum = scipy.fft.rfft2(rng.standard_normal((size, size), dtype=np.float32))
+    f = np.hypot(scipy.fft.fftfreq(size)[:, None], scipy.fft.rfftfreq(size)) * size
+    wall = scipy.fft.irfft2(spectrum / np.maximum(f, 8.0).astype(np.float32) ** power, (size, size))
+    return np.asarray(0.4 + 0.12 * wall / wall.std(), np.float32)
+
+
+def _leaves(size: int, rng: np.random.Generator) -> Array:
+    return leaves(size, rng)
+
+
+WALLS: dict[str, Callable[[int, np.random.Generator], Array]] = {"pink": _pink, "leaves": _leaves}
+
+
+@lru_cache(maxsize=2)
+def _spectrum(wall: str, size: int, seed: int) -> Array:
+    return scipy.fft.rfft2(WALLS[wall](size, np.random.default_rng(seed)))
+
+
+def _seen(spectrum: Array, otf: Otf, per_texel: float) -> Array:
+    """The wall through optics, `per_texel` pixels a texel."""
+    size = len(spectrum)
+    fx, fy = scipy.fft.rfftfreq(size) / per_texel, scipy.fft.fftfreq(size)[:, None] / per_texel
+    return scipy.fft.irfft2(spectrum * otf(fx, fy).astype(np.float32), (size, size))
+
+
+def photographs(
+    otf: Otf,
+    *,
+    wall: str = "pink",
+    zoom: float = 4.6,
+    size: int = 150,
+    noise: float = 0.004,
+    seed: int = 1,
+    tilt: float = 0.0,
+    roll: float = 0.0,
+    near_otf: Otf | None = None,
+    far_wall: Array | None = None,
+) -> Pair:
+    """The pair: a far photograph of `size` pixels, a near one that shows as much of the wall, noise in both."""
+    near_size = int(size * zoom)
+    whole = scipy.fft.next_fast_len((near_size + 2 * RIM_PX) * TEXELS, real=True)
+    spectrum = _spectrum(wall, whole, seed)
+    near = _seen(spectrum, near_otf or otf, 1 / TEXELS)
+    far = _seen(spectrum if far_wall is None else scipy.fft.rfft2(far_wall), otf, 1 / (TEXELS * zoom))
+    first = (whole - TEXELS * near_size) // 2
+    near = near[first : first + TEXELS * near_size : TEXELS, first : first + TEXELS * near_size : TEXELS]
+    c, s = np.cos(roll), np.sin(roll)
+    centred = np.array([[1, 0, -(size - 1) / 2], [0, 1, -(size - 1) / 2], [tilt / size**1, -0.6 * tilt / size, 1.0]])
+    centred[2, 2] -= centred[2, :2].sum() * (size - 1) / 2
+    middle = (near_size - 1) / 2
+    H = np.array([[zoom * c, -zoom * s, middle + 0.3], [zoom * s, zoom * c, middle - 0.2], [0, 0, 1]]) @ centred
+    y, x = np.indices((size, size))
+    w = H[2, 0] * x + H[2, 1] * y + H[2, 2]
+    u, v = ((H[i, 0] * x + H[i, 1] * y + H[i, 2]) / w * TEXELS + first for i in (0, 1))
+    far = map_coordinates(far, [v, u], order=5, mode="grid-wrap")
+    rng = np.random.default_rng(1000 + seed)
+    near, far = (image + rng.normal(0, noise, image.shape) for image in (near, far))
+    return Pair(near.astype(np.float32), far.astype(np.float32), H)
