@@ -1,4 +1,4 @@
-"""A whole PSF's optical transfer function as it is drawn: its phase along a direction, its modulus over the whole band."""
+"""A whole PSF's transfer function as it is drawn: its phase along a direction, its modulus over the whole band."""
 
 from __future__ import annotations
 
