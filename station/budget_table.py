@@ -62,7 +62,11 @@ class BudgetRow:
     def words(self) -> list[Term]:
         """The terms, rounded as the combined uncertainty is."""
         most = max(self.terms, default=0.0)
-        return [Term(f"{term:.{self._decimals}f}" if term > 0 else "–", term == most > 0) for term in self.terms]
+        rounded = [f"{term:.{self._decimals}f}" for term in self.terms]
+        return [
+            Term(words if float(words) else "–", term == most > 0)
+            for words, term in zip(rounded, self.terms, strict=True)
+        ]
 
     @property
     def _decimals(self) -> int:

@@ -20,7 +20,7 @@ from station.drawing import ALONG, CONFIDENT, FAINT, INK, STYLE, axes_grid, colo
 Array = npt.NDArray[np.float64]
 
 LIMIT_COLOUR = "#6b4c9a"
-PHASE_KNOWN_DEG = 20.0
+PHASE_KNOWN_DEG = 5.0
 """Standard uncertainty of the phase beyond which it is not drawn."""
 MAP_SIZE = 81
 CONTOURS = (0.1, 0.5)
@@ -64,7 +64,7 @@ def mtf_figure(quality: Quality, truth: Otf | None, name: str, limit: Diffractio
             (true,) = places[0, 0].plot(f, curve.true, color=INK, lw=0.8, ls=(0, (3, 2)))
             true.set_label("true" if curve is curves["vertical"] else None)
     if limit is not None:
-        places[0, 0].plot(f, limit.otf(f), color=LIMIT_COLOUR, lw=1, ls=(0, (1, 1.2)), label="diffraction")
+        places[0, 0].plot(f, limit.otf(f), color=LIMIT_COLOUR, lw=1.3, ls=(0, (1, 1)), label="diffraction")
     _finish_mtf(places[0, 0])
     _draw_undetermined(places[0, 0], f, np.maximum(*(curve.uncertainty for curve in curves.values())))
     if truth is not None:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from procedures.budget import TERMS
 from procedures.outcome import Quantity
 from procedures.pattern_psf.error_parts import Variation
 from procedures.pattern_psf.estimate import PatternPsf
@@ -198,8 +199,15 @@ def calibration_page(report: Report) -> str:
         report=report,
         sheets=sheets,
         method=METHODS.get(report.procedure, ""),
+        sources=_sources(report.planes),
         phase_known=f"{otf_figures.PHASE_KNOWN_DEG:g}",
     )
+
+
+def _sources(sheets: Sequence[PlaneSheet]) -> list[str]:
+    """What the uncertainties of any plane are made of, in words."""
+    told = {column for sheet in sheets if sheet.budget is not None for column in sheet.budget.columns}
+    return [words for words in TERMS.values() if words in told]
 
 
 def _pictures(sheet: PlaneSheet, name: str) -> Mapping[str, Any]:

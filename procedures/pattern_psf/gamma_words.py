@@ -34,7 +34,7 @@ def gamma_diagram(optics: Optics, s: int, k: int, aim: float, diffraction: Diffr
         said.append(_band(diffraction, s))
     rows = (HEADINGS, *(_row(seen, optics, s) for seen in curve))
     x, y = zip(*((seen.s_over_t, seen.gamma) for seen in curve), strict=True)
-    return Diagram(f"gamma over s/t, for s = {s} and k = {k}", x, y, " ".join(said), rows)
+    return Diagram(f"gamma over s/t, s = {s}, k = {k}", x, y, " ".join(said), rows)
 
 
 def _row(seen: View, optics: Optics, s: int) -> tuple[str, ...]:
@@ -52,13 +52,12 @@ def _why(curve: Sequence[View], optics: Optics, s: int, k: int, aim: float) -> s
     """The aim, and what other distances cost."""
     (best,) = gamma_curve(s, k, (aim,))
     others = (
-        f"{seen.gamma / best.gamma:.1f} times that at {seen.s_over_t:g} ({_distance(optics, seen.s_over_t, s)})"
+        f"{seen.gamma / best.gamma:.1f} times as much at {seen.s_over_t:g} ({_distance(optics, seen.s_over_t, s)})"
         for seen in (*gamma_curve(s, k, TOLD), curve[-1])
     )
     return (
-        "s/t counts samples of the PSF per cell of the chart, gamma how much of the photograph's noise goes into the "
-        f"PSF: {best.gamma:.2f} at s/t {aim:g} ({_distance(optics, aim, s)}), {', '.join(others)}. From afar cells "
-        "blur into grey, from nearby they lack the finest detail."
+        f"At s/t {aim:g} ({_distance(optics, aim, s)}) gamma is {best.gamma:.2f}: so much of the photograph's noise goes "
+        f"into the PSF; {', '.join(others)}."
     )
 
 

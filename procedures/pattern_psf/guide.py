@@ -77,7 +77,7 @@ def plan() -> Plan:
         (
             Step("print", "Print", "Print the chart at its true size, and measure what came out.", PRINT),
             Step("mount", "Mount and light", "Hang the chart flat, light it evenly, and expose it well.", MOUNT),
-            Step("distance", "Distance", "Go where a cell of the chart is as fine as the PSF's samples.", DISTANCE),
+            Step("distance", "Distance", "Go where the noise of the photograph spoils the PSF least.", DISTANCE),
             Step("square", "Square up", "Bring the chart square to the camera.", SQUARE),
             Step("focus", "Focus", "Find the sharpest focus.", FOCUS),
             Step("shots", "Shots", "Take shots that count, until the uncertainty is small enough.", SHOTS),

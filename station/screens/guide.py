@@ -154,8 +154,8 @@ class GuideScreen(StationScreen):
 
     @show.register
     def _(self, shown: Shown) -> None:
-        now = [step for step in self._began.plan.steps if step.name == self._now] if self._began is not None else []
-        title = [line for step in now for line in (literal(step.title, "bold"), step.instruction)]
+        steps = self._began.plan.steps if self._began is not None else ()
+        title = [literal(step.title, "bold") for step in steps if step.name == self._now]
         self.query_one("#instruction", Part).update(lines_of(*title, shown.diagram.say))
         self._show_curve(partial(drawn, shown.diagram))
 
