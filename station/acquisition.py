@@ -29,6 +29,7 @@ from procedures.plan import (
     Scan,
     SetLight,
     Shoot,
+    Show,
     Step,
     Tour,
 )
@@ -43,6 +44,7 @@ from station.operator import (
     Result,
     RunBegan,
     RunEnded,
+    Shown,
     StepBegan,
     StepEnded,
     Stopped,
@@ -224,6 +226,12 @@ class Run:
         data = give.make(self._talk.facts)
         self._talk.attempt(lambda: write_whole(path, data))
         self._talk.doing(give.say(str(path)))
+
+    @_carry.register
+    def _(self, show: Show) -> None:
+        diagram = show.diagram(self._talk.facts)
+        if diagram is not None:
+            self._talk.hear(Shown(diagram))
 
     @_carry.register
     def _(self, home: Home) -> None:

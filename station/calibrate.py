@@ -124,7 +124,7 @@ def calibrate_pair(
     def estimate(plane: Plane) -> Calibrated[TwoPhotoPsf]:
         start = time.perf_counter()
         outcome = _of_pair(a, b, plane.name, parameters, limit(plane))
-        record = plane_record(plane, outcome, PAIR_NUMBERS)
+        record = replace(plane_record(plane, outcome, PAIR_NUMBERS), diffraction=limit(plane))
         return Calibrated(record, outcome.value, time.perf_counter() - start)
 
     yield from _side_by_side(estimate, list(a.planes.values()), threads)
@@ -169,6 +169,7 @@ def plane_record(plane: Plane, outcome: Outcome[F], numbers: Sequence[str]) -> P
         pitch=plane.pitch,
         choice=getattr(found, "choice", ()),
         variations=getattr(found, "variations", ()),
+        diffraction=getattr(found, "diffraction", None),
     )
 
 

@@ -12,6 +12,7 @@ from typing import TextIO
 from procedures.outcome import Quantity
 from procedures.plan import Advice, Ask, Fact, Reading
 from station.answers import parse, words
+from station.diagrams import diagram_lines
 from station.operator import (
     CurveSeen,
     Doing,
@@ -20,6 +21,7 @@ from station.operator import (
     RunBegan,
     RunEnded,
     Seen,
+    Shown,
     StepBegan,
     StepEnded,
     Stopped,
@@ -108,6 +110,11 @@ class Plain:
     @_tell.register
     def _(self, event: CurveSeen) -> None:
         self._line(f"   {curve_line(event)}")
+
+    @_tell.register
+    def _(self, event: Shown) -> None:
+        for line in diagram_lines(event.diagram, ascii=True):
+            self._line(f"   {line}".rstrip())
 
     @_tell.register
     def _(self, event: Trouble) -> None:

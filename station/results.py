@@ -25,7 +25,8 @@ import numpy.typing as npt
 from procedures.cross_check.estimate import EdgeCheck
 from procedures.outcome import BadParameter, Outcome, Quantity, Verdict
 from procedures.psf import Psf
-from procedures.quality import Quality, energy_outside_support
+from procedures.quality import Diffraction, Quality, energy_outside_support
+from station.budget_table import budget_csv
 from station.disk import Disk, hashes_in
 from station.exports import GAUSSIAN_RADIUS, gaussian_radius, numbers_table, psf_fits, psf_tiff
 from station.names import encodable
@@ -53,7 +54,7 @@ class PlaneRecord:
 
     Attributes
     ----------
-    numbers : what the procedure found beside the PSF, plain: gamma, residual_std, scale, ...
+    numbers : what the procedure found beside the PSF, plain: gamma (sum of 1 / sigma_i^2), residual_std, scale, ...
     pitch : sensor pixels per pixel of the plane
     inter_image : the kernel between two photographs, where the PSF comes from two
     quality : its curves, and the derived numbers with unit and uncertainty
@@ -61,6 +62,7 @@ class PlaneRecord:
     choice : what was tried of s and k, the last one chosen
     variations : numbers that differ in the halves of the chart
     edges : the chart's slanted edges beside the PSF, where the photograph shows some
+    diffraction : what limits the plane, where f-number and pitch are known
     physics : the model of sensor and lens that explains the PSF, where one was asked for
     """
 
@@ -77,6 +79,7 @@ class PlaneRecord:
     choice: tuple[Trial, ...] = ()
     variations: tuple[Variation, ...] = ()
     edges: tuple[EdgeCheck, ...] = ()
+    diffraction: Diffraction | None = None
     physics: Outcome[Physics] | None = None
 
 
@@ -162,7 +165,7 @@ class ResultFolder:
 
 
 _RESULT_FILE = re.compile(
-    r"(psf|covariance|mtf|edge|inter_image|profile)_(R|G1|G2|B|Y)\.(npy|csv|png|fits|tiff)|numbers\.csv|report\.html|field\.h5"
+    r"(psf|covariance|mtf|edge|inter_image|profile)_(R|G1|G2|B|Y)\.(npy|csv|png|fits|tiff)|numbers\.csv|budget\.csv|report\.html|field\.h5"
 )
 
 
@@ -177,6 +180,7 @@ def write_psf_result(folder: ResultFolder, planes: Sequence[PlaneRecord], about:
         _write_plane(folder, plane)
     if any(plane.quality is not None for plane in planes):
         folder.write("numbers.csv", numbers_table((plane.name, *one) for plane in planes for one in quantities(plane)))
+        folder.write("budget.csv", budget_csv(planes))
     record = {
         "schema": SCHEMA,
         **about,
@@ -278,6 +282,8 @@ def _plane_entry(plane: PlaneRecord) -> dict[str, Any]:
         entry.update({name: {**asdict(quantity), "budget": dict(budgets[name])} for name, quantity in numbers})
     if plane.variations:
         entry["variations"] = [asdict(one) for one in plane.variations]
+    if plane.diffraction is not None:
+        entry["diffraction"] = {**asdict(plane.diffraction), "cutoff": plane.diffraction.cutoff}
     if plane.edges:
         entry["edges"] = [_edge_entry(edge) for edge in plane.edges]
     if plane.physics is not None:

@@ -20,8 +20,8 @@ from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.raw import read_frame
 from station.calibrate import calibrate
-from station.figures import mtf_figure
 from station.limits import Limit, judge
+from station.otf_figures import mtf_figure
 from station.report import Line, PlaneSheet, Report, Shot, calibration_page, report_of_files
 from station.results import PlaneRecord, quantities
 
