@@ -47,7 +47,7 @@ class TwoPhotoParameters(Sampling):
 
     s: int | None = None
     k: int | None = None
-    solver: str = "nnls"
+    solver: str = "ls"
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ Array = npt.NDArray[np.float64]
 
 CLEAR_OF = 1.02
 """By how much the zoom must exceed s that is chosen."""
-COARSE_REMAINS, FINE_REMAINS, STREAKS = 2.0, 0.8, 1.4
+COARSE_REMAINS, FINE_REMAINS, STREAKS = 1.6, 0.8, 1.4
 """Power of the remains at coarse over fine detail, and along x over along y, that noise does not have."""
 LIGHT_TURNED = 0.005
 """Variation with the direction at coarse detail: a lens gives 0.001."""

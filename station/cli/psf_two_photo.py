@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 @click.command("two-photo")
 @click.argument("a", type=click.Path(path_type=Path))
 @click.argument("b", type=click.Path(path_type=Path))
-@psf_options(s="auto", k="auto", solver="nnls")
+@psf_options(s="auto", k="auto", solver="ls")
 def psf_two_photo(
     a: Path,
     b: Path,

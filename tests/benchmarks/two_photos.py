@@ -33,7 +33,7 @@ def planes(*names: str) -> list[Plane]:
 
 def found(pair: list[Plane], solver: str = "nnls") -> TwoPhotoPsf:
     """The answer, which must be there."""
-    outcome = estimate_psf(*pair, TwoPhotoParameters(solver=solver))
+    outcome = estimate_psf(*pair, TwoPhotoParameters(s=3, k=13, solver=solver))
     if outcome.value is None:
         raise SystemExit(outcome.reason)
     return outcome.value

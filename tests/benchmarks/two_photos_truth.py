@@ -55,9 +55,8 @@ def truths(count: int) -> None:
     for camera, (name, otf) in enumerate(CAMERAS.items()):
         for i in range(count):
             wall, zoom = ("pink", "leaves")[i % 2], 3.2 + 2.0 * i / max(count - 1, 1)
-            pair = photographs(
-                otf, wall=wall, zoom=zoom, noise=(0.005, 0.01)[i // 2 % 2], seed=100 * camera + i, size=160, tilt=0.02
-            )
+            noise, seed = (0.005, 0.01)[i // 2 % 2], 100 * camera + i
+            pair = photographs(otf, wall=wall, zoom=zoom, noise=noise, seed=seed, size=160, tilt=0.02)
             outcome = estimated(pair.near, pair.far)
             verdicts[outcome.verdict] += 1
             if outcome.value is None:

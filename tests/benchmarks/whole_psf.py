@@ -72,12 +72,12 @@ def cameras(asked: tuple[tuple[int | None, int | None], ...] = ((None, None),)) 
                 first = numbers[NUMBERS[0]]
                 print(
                     f"  {name:30s} s {psf.s} k {psf.k:2d} {outcome.verdict:8s} MTF50 {true[0]:.4f}, found "
-                    f"{first.value:.4f} ± {first.uncertainty:.4f}; errors in σ {' '.join(f'{x:+.1f}' for x in sigmas)}; "
+                    f"{first.value:.4f} ± {first.uncertainty:.4f}; off by {' '.join(f'{x:+.1f}' for x in sigmas)} σ; "
                     f"{took:.2f} s"
                 )
     if errors:
         print(
-            f"  {passed} of {n} pass; of those the errors' rms is {np.sqrt(np.mean(np.square(errors))):.2f} σ, the worst "
+            f"  {passed} of {n} pass; of those errors rms {np.sqrt(np.mean(np.square(errors))):.2f} σ rms, the worst "
             f"{np.abs(errors).max():.1f} σ; MTF50 is off by {100 * np.mean(shares):+.2f} % on average"
         )
 

@@ -21,7 +21,7 @@ from .wall import Otf, Pair, airy_pixel, gaussian, photographs, samples_of
 
 def estimate(near: np.ndarray, far: np.ndarray, **parameters: object) -> Outcome[TwoPhotoPsf]:
     planes = [Plane("Y", np.asarray(samples, np.float32), 1 / 65535) for samples in (near, far)]
-    return estimate_psf(*planes, TwoPhotoParameters(**parameters))  # type: ignore[arg-type]
+    return estimate_psf(*planes, TwoPhotoParameters(**{"s": 3, "k": 13, "solver": "nnls", **parameters}))  # type: ignore[arg-type]
 
 
 def found_in(outcome: Outcome[TwoPhotoPsf]) -> TwoPhotoPsf:
@@ -42,7 +42,8 @@ def test_known_walls_give_their_psf(wall: str) -> None:
     otf, tilt, noise, limit = WALLS[wall]
     pair = photographs(otf, tilt=tilt, noise=noise, size=150)
     outcome = estimate(pair.near, pair.far)
-    assert outcome.verdict is Verdict.PASS, outcome.reason
+    # k is given: where the wall tells more than such a support holds, that is doubted
+    assert outcome.verdict is Verdict.PASS or outcome.reason.startswith("k = 13 may leave out"), outcome.reason
     assert aligned_error(found_in(outcome).psf.h, samples_of(otf, 3, 13))[0] < limit
 
 
@@ -50,7 +51,7 @@ def test_known_walls_give_their_psf(wall: str) -> None:
 def test_walls_kept_beside_the_project_give_their_psf(shared_data: Path, wall: str, limit: float) -> None:
     folder = shared_data / "synthetic" / "two_photo"
     near, far = (read_frame(folder / f"wall_{wall}_{which}.pgm").planes["Y"] for which in ("near", "far"))
-    found = found_in(estimate_psf(far, near))
+    found = found_in(estimate_psf(far, near, TwoPhotoParameters(3, 13, "nnls")))
     truth = np.loadtxt(folder / f"wall_{wall}_truth_s3_k13.txt")
     assert aligned_error(found.psf.h, truth)[0] < limit
 
@@ -58,7 +59,7 @@ def test_walls_kept_beside_the_project_give_their_psf(shared_data: Path, wall: s
 def test_published_photographs_give_the_published_psf(shared_data: Path) -> None:
     folder = shared_data / "two_photos"
     near, far = (read_frame(folder / name).planes["Y"] for name in ("IMG_0608_v1.pgm", "IMG_0602_v1_CUT.pgm"))
-    outcome = estimate_psf(near, far)
+    outcome = estimate_psf(near, far, TwoPhotoParameters(3, 13, "nnls"))
     found = found_in(outcome)
     published = np.loadtxt(shared_data / "reference" / "real_two_psf_s3_k13.txt")
     assert outcome.verdict is not Verdict.REFUSED
