@@ -92,7 +92,9 @@ def _frequency_axis(axes: Axes, f: Array, *, bottom: bool = True) -> None:
 
 def _legend(axes: Axes) -> None:
     with matplotlib.rc_context(STYLE):
-        axes.legend(loc="upper right", bbox_to_anchor=(1, 0.94), handlelength=1.4)
+        axes.legend(
+            loc="upper right", bbox_to_anchor=(1, 0.94), handlelength=1.4, frameon=True, framealpha=0.8, edgecolor="none"
+        )
 
 
 def _draw_mtf(axes: Axes, f: Array, curve: _Curve, direction: str) -> None:
