@@ -32,7 +32,8 @@ from station.stated import stated
 DIGITS = {"°": 1, "%": 0, "m": 2, "mm": 0, "": 2}
 """Decimals of the numbers told, by their unit."""
 STOPS = ("s", "stop", "q", "quit")
-HELP = "Enter takes what stands in [brackets]. s stops. Ctrl-C stops after this exposure, twice: at once."
+HELP = "Enter takes what stands in [brackets]. s stops. Ctrl-C stops everything at once."
+STOPPING = "!! Every device was told to stop."
 ENDS = {
     "finished": "Finished.",
     "stopped": "Stopped. Nothing is lost: `station session resume` goes on from here.",
@@ -137,6 +138,12 @@ class Plain:
         if event.report is not None:
             self._line(f"Report: {event.report}")
 
+    def say_stopped(self) -> None:
+        """Every device was told to stop: said at once, whatever the run is at; from any thread."""
+        with suppress(OSError, ValueError):
+            self._write.write("\n" + STOPPING + "\n")
+            self._write.flush()
+
     # --- what is asked
 
     def answer(self, ask: Ask) -> Fact:
@@ -154,11 +161,11 @@ class Plain:
 
     def _answer_line(self, question: str) -> str:
         """What stands on the next line of stdin, "" at its end."""
-        with suppress(OSError):
-            self._write.write(question)
-            self._write.flush()
         self.asking = True
         try:
+            with suppress(OSError):
+                self._write.write(question)
+                self._write.flush()
             line = self._read.readline()
         finally:
             self.asking = False

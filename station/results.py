@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
 import json
 import math
@@ -26,6 +27,7 @@ from procedures.outcome import BadParameter, Outcome, Quantity, Verdict
 from procedures.psf import Psf
 from procedures.quality import Diffraction, Quality, energy_outside_support
 from station.budget_table import budget_csv
+from station.disk import Disk, hashes_in
 from station.exports import GAUSSIAN_RADIUS, gaussian_radius, numbers_table, psf_fits, psf_tiff
 from station.names import encodable
 from station.pictures import psf_picture
@@ -37,6 +39,7 @@ if TYPE_CHECKING:
     from procedures.physics.estimate import Physics
 
 RECORD = "result.json"
+SEAL = "sha256"
 SCHEMA = "station/psf/1"
 CANDIDATES = 5
 """Physical models told of, the best first."""
@@ -84,8 +87,8 @@ class ResultFolder:
     """A folder that receives one result, whole.
 
     Files are written into a hidden folder inside it, `staging`, and renamed by `publish`, the record last: whoever
-    finds a record finds every file it speaks of. Folders inside it are kept. Entering proves that the folder can be
-    written, before any work is done.
+    finds a record finds every file it speaks of, on the disk. Folders inside it are kept. Entering proves that the
+    folder can be written, before any work is done. `sealed` has the record tell the hashes of all files and its own.
 
     Raises
     ------
@@ -93,8 +96,9 @@ class ResultFolder:
         On entering, if the folder cannot be made or written.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, sealed: bool = True) -> None:
         self.path = path
+        self.sealed = sealed
         self._created: list[Path] = []
 
     def __enter__(self) -> Self:
@@ -128,17 +132,36 @@ class ResultFolder:
         return BadParameter(reason, "name another folder with --out, or make room")
 
     def publish(self) -> None:
-        """Put the staged files in the place of the older result's, and remove what only that one had."""
+        """Put the staged files in the place of the older result's, and remove what only that one had.
+
+        Raises
+        ------
+        BadParameter
+            If the disk does not take it.
+        """
+        try:
+            self._publish(Disk())
+        except OSError as error:
+            raise self._unwritable(error) from error
+
+    def _publish(self, disk: Disk) -> None:
         staged = sorted(file.relative_to(self.staging) for file in self.staging.rglob("*") if file.is_file())
         staged.sort(key=lambda name: name == Path(RECORD))
+        for name in staged:
+            disk.settle(self.staging / name)
         (self.path / RECORD).unlink(missing_ok=True)
-        for folder in {self.path / name.parent for name in staged}:
+        folders = {self.path / name.parent for name in staged}
+        for folder in folders:
             folder.mkdir(parents=True, exist_ok=True)
             for old in folder.iterdir():
                 if _RESULT_FILE.fullmatch(old.name) and old.relative_to(self.path) not in staged:
                     old.unlink()
         for name in staged:
+            if name == Path(RECORD):
+                disk.sync_folder(self.path)
             os.replace(self.staging / name, self.path / name)
+        for folder in {*folders, self.path.parent}:
+            disk.sync_folder(folder)
 
 
 _RESULT_FILE = re.compile(
@@ -181,10 +204,16 @@ def _sampling(planes: Sequence[PlaneRecord]) -> dict[str, Any]:
 
 def write_record(folder: ResultFolder, record: Mapping[str, Any]) -> str:
     """Write the record, null where a number is not finite, and publish the folder; returns the record's text."""
-    text = json_text(record)
+    text = sealed_text(record, hashes_in(folder.staging)) if folder.sealed else json_text(record)
     folder.write(RECORD, text.encode())
     folder.publish()
     return text
+
+
+def sealed_text(record: Mapping[str, Any], files: Mapping[str, str]) -> str:
+    """The record with the SHA-256 of the files beside it, and of itself without that line."""
+    whole = {**record, "files": files}
+    return json_text({**whole, SEAL: hashlib.sha256(json_text(whole).encode()).hexdigest()})
 
 
 def json_text(record: Mapping[str, Any]) -> str:

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from procedures.clipping import find_clipping
 from procedures.psf import Psf
-from procedures.two_photo.error_parts import ErrorParts
+from procedures.two_photo.error_parts import ErrorParts, near_errors
 from procedures.two_photo.inter_image import Fit
 from procedures.two_photo.likeness import Likeness
 from procedures.two_photo.near_noise import Kernel, noise_at_most
@@ -79,10 +79,10 @@ class Diagnostics:
         Share of the common region's samples that were left out because no noise explains them.
     travelled_px, moved_px : float
         How far the map moved from the first homography, and in the last step, in far pixels.
-    left_over, colour, wall_power, beyond_light : float
+    left_over, colour, streaks, light_turned, missing_light, beyond_light : float
         See `likeness.Likeness`.
-    softness_x, softness_y : float
-        The same, of its `softness`.
+    softness_x, softness_y, sharpening, turned, wall_power : float
+        See `likeness.NearLook`.
     focus_effect : float
         By what share another focus, if that is what softness tells, changes the MTF at Nyquist: the larger of x and y.
     mismatch : float
@@ -117,10 +117,15 @@ class Diagnostics:
     moved_px: float
     left_over: float
     colour: float
-    wall_power: float
+    streaks: float
+    light_turned: float
     beyond_light: float
     softness_x: float
     softness_y: float
+    sharpening: float
+    turned: float
+    wall_power: float
+    missing_light: float
     focus_effect: float
     mismatch: float
 
@@ -171,11 +176,16 @@ def diagnose(
         moved_px=fit.moved_px,
         left_over=alike.left_over,
         colour=alike.colour,
-        wall_power=alike.wall_power,
+        streaks=alike.streaks,
+        light_turned=alike.light_turned,
         beyond_light=alike.beyond_light,
-        softness_x=float(alike.softness[0]),
-        softness_y=float(alike.softness[1]),
-        focus_effect=float(2 * np.pi**2 * 0.25 * np.abs(alike.softness).max() / (zoom.mean() ** 2 - 1)),
+        softness_x=float(alike.near.softness[0]),
+        softness_y=float(alike.near.softness[1]),
+        sharpening=alike.near.sharpening,
+        turned=float(np.hypot(*alike.near.turned)),
+        wall_power=alike.near.wall_power,
+        missing_light=alike.missing_light,
+        focus_effect=float(np.hypot(*near_errors(alike.near, fit.scale(), *(0.5 * np.eye(2)))).max()),
         mismatch=max((ratio for name, ratio in parts.mismatch.items() if name.startswith("mtf50")), default=1.0),
     )
 

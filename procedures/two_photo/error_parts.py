@@ -1,4 +1,4 @@
-"""What the uncertainty of each number is made of: noise, what the model leaves over, and the focus at either distance."""
+"""What the uncertainty of each number is made of: noise, what the model leaves over, and the focus."""
 
 from __future__ import annotations
 
@@ -9,18 +9,24 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.budget import Budget
+from procedures.numerics.warps import inverse
 from procedures.psf import Psf, Tail
 from procedures.quality import Quality
 from procedures.two_photo.inter_image import Fit
-from procedures.two_photo.likeness import Likeness
+from procedures.two_photo.likeness import Likeness, NearLook
 from procedures.two_photo.near_noise import Kernel
 from procedures.two_photo.recursion import Recovered, band, nearest
 
 Array = npt.NDArray[np.float64]
 
 COHERENT = 0.5
-"""Of the amplitude that is left over at coarse detail, the share that may be an error of the kernel itself. Light turned
-by 5 to 30 degrees on simulated relief was wrong by 0.6 to 1.6 of that amplitude, another response by 0.7 to 1."""
+"""Of the amplitude that is left over at coarse detail, the share that may be an error of the kernel itself: light
+turned on simulated relief gave 0.3 to 1.6, another response 0.7 to 1."""
+FACTORS = 4
+"""Of the recursion, in which another OTF of the near photograph tells."""
+LIGHT_GROWS = 7.0
+"""How much more the OTF is wrong at finer detail than `light_turned` tells: 6 to 8 times on simulated relief, by 3 to
+10 degrees."""
 NEVER_BELOW = 0.1
 """Cycles/pixel: at coarser detail an error of the kernel is one of the gain, which the recursion divides out."""
 
@@ -41,19 +47,31 @@ class ErrorParts:
 
 
 def likely_errors(alike: Likeness, recovered: Recovered, psf: Psf, J: Array) -> dict[str, Array]:
-    """Errors of the PSF's parameters, one standard uncertainty each: what is left over, and another focus; by term.
+    """Errors of the PSF's parameters, one standard uncertainty each, by term: what is left over, and another focus.
 
-    A near photograph that is softer by a variance b multiplies K(f) by exp(2 pi^2 b (f / lambda)^2) and H by the
-    product of these, which has 1 / (lambda^2 - 1) in the place of 1 / lambda^2.
+    A near photograph whose OTF is exp(d) times the far one's divides K(f) by exp(d(f / lambda)), and H by the product
+    of these over the recursion's factors.
     """
     fx, fy = band(psf.k, psf.s)
     H = psf.spectra(fx, fy) @ recovered.parameters
-    scale = np.sum(J * J, axis=0)
+    onset = 1 - np.exp(-((np.hypot(fx, fy) / NEVER_BELOW) ** 2))
     moved = {
-        "mismatch": COHERENT * alike.left_over * (1 - np.exp(-((np.hypot(fx, fy) / NEVER_BELOW) ** 2))),
-        "focus": 2 * np.pi**2 * np.stack([fx**2, fy**2], axis=-1) @ (alike.softness / (scale - 1)),
+        "mismatch": COHERENT * alike.left_over * onset,
+        "light": LIGHT_GROWS * alike.light_turned * onset,
+        **dict(zip(("focus", "sharpening"), near_errors(alike.near, J, fx, fy), strict=True)),
     }
     return {term: _of_sum_one(nearest(H * share, psf.k), recovered) for term, share in moved.items()}
+
+
+def near_errors(look: NearLook, J: Array, fx: Array, fy: Array) -> Array:
+    """The logarithm of the factors that the near photograph's own OTF puts into H, at far frequencies (n,): (2, n), of
+    its blur and of its sharpening."""
+    M = inverse(J).T
+    found = np.zeros((2, len(fx)))
+    for _ in range(FACTORS):
+        fx, fy = M[0, 0] * fx + M[0, 1] * fy, M[1, 0] * fx + M[1, 1] * fy
+        found = found + look.log_modulus(fx, fy)
+    return found
 
 
 def widened(psf: Psf, errors: Mapping[str, Array]) -> Psf:
@@ -86,7 +104,8 @@ def error_parts(
         name: {
             "noise": float(np.sqrt(noise[i])),
             "mismatch": float(np.sqrt(scattered[i])),
-            "focus": abs(float(systematic["focus"][i])),
+            "light": abs(float(systematic["light"][i])),
+            "focus": float(np.hypot(systematic["focus"][i], systematic["sharpening"][i])),
         }
         for i, name in enumerate(quality.gradients)
     }

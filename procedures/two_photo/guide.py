@@ -38,8 +38,6 @@ SHOWN = ("G1", "Y")
 """The plane that texture and focus are told from."""
 LEAST_RATIO, RATIO, MOST_RATIO = 2.2, 4.0, 8.0
 """Of the two distances: below, no subpixel PSF is determined; above, too little of the wall is common to both."""
-MARGIN = 1.05
-"""By how much the ratio must exceed the samples per pixel."""
 TEXTURE = 5.0
 """Contrast of the wall's detail over the noise, at least."""
 DETAIL_PX = 8.0
@@ -77,10 +75,9 @@ def ratio_of(facts: Facts) -> float:
     return float(facts.get("ratio", RATIO))
 
 
-def samples_per_pixel(facts: Facts) -> int:
-    """The s that the distances allow: thesis, remark 5, wants lambda over s."""
-    allowed = int(np.floor(ratio_of(facts) / MARGIN))
-    return int(facts.get("s", min(max(allowed, 2), TwoPhotoParameters().s)))
+def asked_for(facts: Facts) -> TwoPhotoParameters:
+    """s and k as the photographs allow, or s as it is given."""
+    return TwoPhotoParameters(s=int(facts["s"]) if "s" in facts else None)
 
 
 def to_near(facts: Facts) -> dict[str, float]:
@@ -249,7 +246,7 @@ def estimate(frames: Sequence[RawFrame], facts: Facts) -> Outcomes:
     near, far = frames[:count], frames[count:]
     if not near or not far:
         raise BadInput("photographs from both distances are needed", "take them again, from the near ones on")
-    parameters = TwoPhotoParameters(s=samples_per_pixel(facts))
+    parameters = asked_for(facts)
     return {name: _of_plane(name, near, far, parameters) for name in near[0].planes}
 
 

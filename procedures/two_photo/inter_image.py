@@ -6,8 +6,8 @@ Every Gauss-Newton step linearises
 
 about the current map, kernel and light, with y the far photograph's samples, A the near photograph on the s grid of
 the far one as a convolution, T_j the same seen through the shapes of the tail beyond the support of k, q_i the
-quadratics of place, and eliminates everything but k and the tail (variable projection, Kaufman's form). The map is a homography followed by a
-cubic displacement; its constant is a shift of k, and is set so that k stays centred.
+quadratics of place, and eliminates everything but k and the tail (variable projection, Kaufman's form). The map is a
+homography followed by a cubic displacement; its constant is a shift of k, and is set so that k stays centred.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from procedures.numerics.normal_equations import NormalEquations, Products, elim
 from procedures.numerics.sampled_convolution import sample_convolution
 from procedures.numerics.solvers import cholesky_solve
 from procedures.numerics.splines import photograph_spline, read_spline
-from procedures.numerics.warps import CubicWarp, apply_homography, displacement_columns, homography_jacobian
-from procedures.outcome import Refused
+from procedures.numerics.warps import CubicWarp, displacement_columns, homography_jacobian
+from procedures.two_photo.region import Samples, common_region
 
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
@@ -39,32 +39,8 @@ TILES = 6
 MAX_STEPS = 8
 NEAR_PX = 0.02  # what the last step may have left for the next: below this every sample is taken
 STILL_PX = 0.04  # the step itself is accounted for to first order: a tenth of it at most is left
-MOST_SAMPLES = 150_000  # a PSF is local: of a larger common region the middle is taken
 OUTLYING = 6.0  # standard deviations of the residual from which a sample is left out
 COARSE_SAMPLES = 20  # samples per unknown that bring the map near
-
-
-@dataclass(frozen=True)
-class Samples:
-    """The far photograph's samples used.
-
-    Attributes
-    ----------
-    rows, columns : (m,) int64
-        Pixels, relative to the window's first one.
-    points : (m, 2) float64
-        The same as (x, y) of the far photograph.
-    y : (m,) float64
-    """
-
-    rows: Indices
-    columns: Indices
-    points: Array
-    y: Array
-
-    def kept(self, which: npt.NDArray[np.bool_]) -> Samples:
-        """Those of the samples."""
-        return Samples(self.rows[which], self.columns[which], self.points[which], self.y[which])
 
 
 @dataclass(frozen=True)
@@ -227,46 +203,6 @@ def _without_outliers(fit: Fit) -> Samples:
     """The samples without those that no noise explains: something before the wall in one of the photographs."""
     away = np.abs(fit.residual)
     return fit.samples.kept(away < OUTLYING * 1.4826 * float(np.median(away)))
-
-
-def common_region(
-    near: Array32, far: Array32, H_near_far: Array, s: int, k: int
-) -> tuple[Samples, tuple[int, int], tuple[int, int]]:
-    """The far samples whose whole kernel falls on the near photograph; their window's corner (x, y) and shape.
-
-    Raises
-    ------
-    Refused
-        If they are too few for k^2 unknowns.
-    """
-    rows, columns = np.indices(far.shape)
-    points = np.column_stack([columns.ravel(), rows.ravel()]).astype(np.float64)
-    reach = (k // 2 + 2) / s
-    limit = np.array(near.shape[::-1]) - 3.0
-    inside = np.ones(len(points), dtype=bool)
-    for corner in ((-reach, -reach), (reach, -reach), (reach, reach), (-reach, reach)):
-        seen = apply_homography(H_near_far, points + corner)
-        inside &= ((seen >= 2) & (seen <= limit)).all(axis=1)
-    inside = _middle(points, inside)
-    needed = int(1.5 * k * k + 100)
-    if inside.sum() < needed:
-        raise Refused(
-            f"{k * k} kernel values need {needed} far samples of the common region; it has {int(inside.sum())}",
-            "let more of the near photograph's wall be seen in the far one, or lower k",
-        )
-    points = points[inside]
-    low, high = points.min(axis=0).astype(int), points.max(axis=0).astype(int)
-    x, y = points.astype(np.int64).T
-    samples = Samples(y - low[1], x - low[0], points, far[y, x].astype(np.float64))
-    return samples, (int(low[0]), int(low[1])), (int(high[1] - low[1] + 1), int(high[0] - low[0] + 1))
-
-
-def _middle(points: Array, inside: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """Of the points inside, at most the most samples wanted: a square about their middle."""
-    if inside.sum() <= MOST_SAMPLES:
-        return inside
-    away = np.abs(points - points[inside].mean(axis=0)).max(axis=1)
-    return np.asarray(inside & (away <= np.sort(away[inside])[MOST_SAMPLES]))
 
 
 def _first_warp(H_near_far: Array, samples: Samples) -> CubicWarp:

@@ -1,13 +1,15 @@
 """Whether both photographs are of one wall in one light, equally sharp and left as the sensor gave them.
 
-Three things tell, none of which the fit itself can see:
+Four things tell, none of which the fit itself can see:
 
 - what the near photograph does not explain of the far one must be noise, as strong at coarse detail as at fine detail.
   Coarse remains are another light, another response, or a far photograph whose noise was smoothed; where something
   incoherent remains, about as much may be wrong coherently, and that is an error of the kernel;
-- the near photograph's own spectrum, divided by the OTF that was found, is the wall's. Walls have detail of all sizes, a
-  spectrum like a power of the frequency: what falls off faster or slower is another sharpness of the near photograph,
-  or the wall itself. Nothing in two photographs tells these two apart, so it counts as an uncertainty;
+- the near photograph's own spectrum, divided by the OTF that was found, is the wall's. Walls have detail of all
+  sizes, a spectrum like a power of the frequency: what falls off faster or slower is another sharpness of the near
+  photograph, or the wall itself. Nothing in two photographs tells these two apart, so it counts as an uncertainty;
+- light turned on relief changes the contrast by the direction of the detail, alike at all scales. An OTF varies with
+  the direction too, but as the square of the frequency: at the coarsest detail only the light can be why;
 - light only adds: an OTF of light has 1 - H(2f) <= 4 (1 - H(f)), as cosines have. A sharpened one breaks that.
 """
 
@@ -20,6 +22,7 @@ import numpy.typing as npt
 from scipy.ndimage import map_coordinates
 
 from procedures.psf import Psf
+from procedures.sharpening import missing_light
 from procedures.two_photo.inter_image import Fit
 from procedures.two_photo.sharpness import patch_spectra
 
@@ -28,13 +31,49 @@ Array32 = npt.NDArray[np.float32]
 
 COARSE, FINE = (0.03, 0.15), (0.25, 0.5)
 """Bands of the far photograph's frequencies, in cycles/pixel, whose remains are compared."""
-FAR_PATCH, NEAR_PATCH = 48, 128
+FAR_PATCH, NEAR_PATCH = 48, 256
 """Sides of the patches of which spectra are taken."""
+COARSE_DETAIL = 0.05
+"""Cycles/pixel of the far photograph at which the OTF cannot vary with the direction."""
 LOWEST = 2.5
 """Cycles per patch from which the window does not smear the wall's spectrum."""
 HIGHEST = 0.47
 """Cycles/pixel up to which the near photograph's spectrum is used."""
+COARSEST = 0.01
+"""Cycles/pixel from which the near photograph's spectrum is used."""
+MASK_PX = 1.0
+"""Width of the masks of usual sharpening, in pixels."""
 STEPS = 25
+
+
+@dataclass(frozen=True)
+class NearLook:
+    """How the near photograph's OTF differs from the one that was found, if the wall has detail of all sizes.
+
+    Attributes
+    ----------
+    softness : (2,) float64
+        Variance of a blur along x and y, in squared near pixels; negative where it is sharper.
+    sharpening : float
+        Amplitude of a sharpening by unsharp masking, as wide as `MASK_PX`.
+    turned : (2,) float64
+        How the spectrum's variation with cos 2 and sin 2 of the direction grows with the logarithm of the frequency:
+        other light, motion, or a wall whose fine detail has another direction than its coarse one.
+    wall_power : float
+        Exponent of the wall's spectrum.
+    """
+
+    softness: Array
+    sharpening: float
+    turned: Array
+    wall_power: float
+
+    def log_modulus(self, fx: Array, fy: Array) -> Array:
+        """The logarithm of the near photograph's |OTF| over that found, at near frequencies (n,): (2, n), what the blur
+        and what the sharpening makes of it. The wall itself may be why for either, so they do not cancel."""
+        blur = -2 * np.pi**2 * np.stack([fx**2, fy**2], axis=-1) @ self.softness
+        mask = self.sharpening * (1 - np.exp(-2 * np.pi**2 * MASK_PX**2 * (fx**2 + fy**2)))
+        return np.stack([blur, mask])
 
 
 @dataclass(frozen=True)
@@ -47,44 +86,52 @@ class Likeness:
         Amplitude of what is left over at coarse detail beyond noise, over that of the wall there.
     colour : float
         Power of what is left over at coarse detail, over that at fine detail: 1 for noise.
-    softness : (2,) float64
-        Variance of the blur along x and y, in squared near pixels, by which the near photograph is softer than a wall of
-        all sizes would be; negative where it is sharper.
-    wall_power : float
-        Exponent of the wall's spectrum.
+    streaks : float
+        Power of what is left over at fine detail along x, over that along y: 1 for noise.
+    near : NearLook
+        What the near photograph's spectrum says.
+    light_turned : float
+        Amplitude of the OTF's variation with twice the direction at `COARSE_DETAIL`, without what grows as the square
+        of the frequency, beyond twice its standard uncertainty.
+    missing_light : float
+        See `sharpening.missing_light`.
     beyond_light : float
         Largest excess of 1 - H(2f) over 4 (1 - H(f)) that is more than three standard uncertainties; 0 without one.
     """
 
     left_over: float
     colour: float
-    softness: Array
-    wall_power: float
+    streaks: float
+    near: NearLook
+    light_turned: float
+    missing_light: float
     beyond_light: float
 
 
 def likeness(fit: Fit, psf: Psf, near: Array32) -> Likeness:
     """How alike the photographs are, by the final fit and the PSF drawn from it without constraint."""
-    left_over, colour = remains(fit)
-    softness, power = near_softness(_common(fit, near), psf)
-    return Likeness(left_over, colour, softness, power, beyond_light(psf))
+    left_over, colour, streaks = remains(fit)
+    look = near_look(_common(fit, near), psf)
+    return Likeness(left_over, colour, streaks, look, light_turned(psf), missing_light(psf), beyond_light(psf))
 
 
-def remains(fit: Fit) -> tuple[float, float]:
-    """`left_over` and `colour` of `Likeness`, from the spectra of residual and prediction."""
+def remains(fit: Fit) -> tuple[float, float, float]:
+    """`left_over`, `colour` and `streaks` of `Likeness`, from the spectra of residual and prediction."""
     residual, prediction = np.zeros(fit.near.shape), np.full(fit.near.shape, fit.prediction.mean())
     residual[fit.samples.rows, fit.samples.columns] = fit.residual
     prediction[fit.samples.rows, fit.samples.columns] = fit.prediction
     rows, columns = (min(n, FAR_PATCH) for n in fit.near.shape)
     noise, patches = patch_spectra(residual.astype(np.float32), rows, columns)
     wall, _ = patch_spectra(prediction.astype(np.float32), rows, columns)
-    f = np.hypot(np.fft.fftfreq(rows)[:, None], np.fft.rfftfreq(columns))
-    coarse, fine = ((f >= low) & (f < high) for low, high in (COARSE, FINE))
+    fy, fx = np.broadcast_arrays(np.abs(np.fft.fftfreq(rows))[:, None], np.fft.rfftfreq(columns))
+    coarse, fine = ((f >= low) & (f < high) for f in (np.hypot(fx, fy),) for low, high in (COARSE, FINE))
+    along_x, along_y = ((a >= FINE[0]) & (b < COARSE[1]) for a, b in ((fx, fy), (fy, fx)))
     floor = float(noise[fine].mean())
     scatter = 1 / np.sqrt(0.4 * patches * coarse.sum())  # overlapping windows: two fifths of them are independent
     excess = float(noise[coarse].mean()) - floor * (1 + 2 * scatter)
     share = max(excess, 0.0) / max(float(wall[coarse].mean()), 1e-12)
-    return float(np.sqrt(share)), float(noise[coarse].mean()) / max(floor, 1e-15)
+    streaks = float(noise[along_x].mean()) / max(float(noise[along_y].mean()), 1e-15)
+    return float(np.sqrt(share)), float(noise[coarse].mean()) / max(floor, 1e-15), streaks
 
 
 def _common(fit: Fit, near: Array32) -> Array32:
@@ -95,24 +142,25 @@ def _common(fit: Fit, near: Array32) -> Array32:
     return near[low[1] : high[1], low[0] : high[0]]
 
 
-def near_softness(near: Array32, psf: Psf) -> tuple[Array, float]:
-    """`softness` and `wall_power` of `Likeness`: a fit to the logarithm of the near photograph's spectrum.
+def near_look(near: Array32, psf: Psf) -> NearLook:
+    """A fit to the logarithm of the near photograph's spectrum.
 
     With S the wall's spectrum, a power of the frequency whose factor may vary with twice the direction, the model is
-    sum over aliases of S(f) H(f)^2 exp(-4 pi^2 (b_x f_x^2 + b_y f_y^2)), plus noise that is white. Every octave of
-    frequencies counts alike.
+    the sum over aliases of S(f) |H(f)|^2 times the square of what `NearLook` describes, plus noise that is white. Every
+    octave of frequencies counts alike. What is no larger than twice its scatter is left out.
     """
     rows, columns = (min(n, NEAR_PATCH) for n in near.shape)
     power, _ = patch_spectra(near, rows, columns)
     fy, fx = np.broadcast_arrays(np.fft.fftfreq(rows)[:, None], np.fft.rfftfreq(columns))
     r = np.hypot(fx, fy)
-    used = (r > LOWEST / min(rows, columns)) & (np.maximum(np.abs(fx), np.abs(fy)) <= HIGHEST) & (fx > 0)
+    used = (r > max(COARSEST, LOWEST / min(rows, columns))) & (np.maximum(np.abs(fx), np.abs(fy)) <= HIGHEST) & (fx > 0)
     fx, fy, r, power = fx[used], fy[used], r[used], np.maximum(power[used], 1e-15)
     aliases = [(fx + i, fy + j) for i in (0, -1) for j in (0, -1, 1)]
     H2 = _squared_modulus(psf, aliases)
     X = np.stack([_wall_terms(*f) for f in aliases])
     y, weight = np.log(power), 1 / r
-    theta = np.array([float(np.mean(y[r < 0.1] + 2 * np.log(r[r < 0.1]))), -2.0, 0, 0, 0, 0])
+    theta = np.zeros(X.shape[-1])
+    theta[:2] = float(np.mean(y[r < 0.1] + 2 * np.log(r[r < 0.1]))), -2.0
     most = 0.98 * float(power.min())
     noise = 0.5 * most
     for _ in range(STEPS):
@@ -126,14 +174,19 @@ def near_softness(near: Array32, psf: Psf) -> tuple[Array, float]:
         step = np.linalg.solve(JW.T @ J + damping, JW.T @ left)
         theta = theta + np.clip(step[:-1], -1, 1)
         noise = float(np.clip(noise * np.exp(np.clip(step[-1], -1, 1)), 1e-3 * most, most))
-    return theta[2:4], float(-theta[1])
+    inverted = np.linalg.inv(JW.T @ J + 1e-9 * np.eye(J.shape[1]))
+    scatter = np.sqrt(np.diag(inverted @ (JW.T @ JW) @ inverted)[:-1]) * float(np.std(left))
+    told = np.sign(theta) * np.maximum(np.abs(theta) - 2 * scatter, 0)
+    return NearLook(told[2:4], float(told[4]), told[7:9], float(-theta[1]))
 
 
 def _wall_terms(fx: Array, fy: Array) -> Array:
-    """What the logarithm of the wall's spectrum, blurred, is a combination of: (n, 6)."""
-    turn = 2 * np.arctan2(fy, fx)
+    """What the logarithm of the near photograph's spectrum over |H|^2 is a combination of: (n, 9)."""
+    turn, r = 2 * np.arctan2(fy, fx), np.hypot(fx, fy)
     blur_x, blur_y = (-4 * np.pi**2 * np.minimum(f * f, 0.3) for f in (fx, fy))
-    return np.stack([np.ones_like(fx), np.log(np.hypot(fx, fy)), blur_x, blur_y, np.cos(turn), np.sin(turn)], axis=-1)
+    mask = 2 * (1 - np.exp(-2 * np.pi**2 * MASK_PX**2 * r**2))
+    cos, sin, log = np.cos(turn), np.sin(turn), np.log(r)
+    return np.stack([np.ones_like(fx), log, blur_x, blur_y, mask, cos, sin, log * cos, log * sin], axis=-1)
 
 
 def _squared_modulus(psf: Psf, at: list[tuple[Array, Array]]) -> Array:
@@ -149,6 +202,21 @@ def _squared_modulus(psf: Psf, at: list[tuple[Array, Array]]) -> Array:
         sign = np.where(fx < 0, -1, 1)
         found.append(map_coordinates(table, [sign * fy * 32 + 48, np.abs(fx) * 32], order=1))
     return np.stack(found)
+
+
+def light_turned(psf: Psf) -> float:
+    """`light_turned` of `Likeness`."""
+    turn = np.pi * np.arange(16) / 16
+    waves = np.stack([np.cos(2 * turn), np.sin(2 * turn)]) / 8
+    told = np.zeros(2)
+    slope = np.zeros((2, len(psf.parameters)))
+    for f, share in ((COARSE_DETAIL, 1.0), (2 * COARSE_DETAIL, -0.25)):
+        spectra = psf.spectra(f * np.cos(turn), f * np.sin(turn))
+        H = spectra @ psf.parameters
+        told += share * waves @ np.log(np.abs(H))
+        slope += share * waves @ np.real(spectra / H[:, None])
+    variance = np.einsum("ij,jk,ik->i", slope, psf.parameter_covariance, slope).sum()
+    return max(float(np.hypot(*told)) - 2 * float(np.sqrt(max(variance, 0))), 0.0)
 
 
 def beyond_light(psf: Psf) -> float:

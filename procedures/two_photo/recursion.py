@@ -10,6 +10,7 @@ samples and tail, is the one whose spectrum is nearest to H.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -157,7 +158,7 @@ def gain_of(total: Array) -> float:
 
 def _side(total: Array) -> int:
     """k, of k^2 samples and the tail's amplitudes."""
-    return round((len(total) - TAIL) ** 0.5)
+    return math.isqrt(len(total) - TAIL)
 
 
 def _sums(k: int) -> Array:

@@ -16,11 +16,17 @@ Array = npt.NDArray[np.float64]
 
 CLEAR_OF = 1.02
 """By how much the zoom must exceed s that is chosen."""
-COARSE_REMAINS, FINE_REMAINS = 3.0, 0.6
-"""Remains at coarse over fine detail that noise does not have."""
+COARSE_REMAINS, FINE_REMAINS, STREAKS = 2.0, 0.8, 1.4
+"""Power of the remains at coarse over fine detail, and along x over along y, that noise does not have."""
+LIGHT_TURNED = 0.005
+"""Variation with the direction at coarse detail: a lens gives 0.001."""
 COARSE_SHARE = 0.05
 """Share of the wall's coarse detail that may differ."""
-OTHER_FOCUS = 0.06
+BEYOND_LIGHT, DUG_OUT = 0.02, 4.0
+"""Excess over what cosines allow, and light missing around the core in standard uncertainties."""
+TURNED = 0.1
+"""Growth of the spectrum's variation with direction, per factor e of the frequency."""
+OTHER_FOCUS = 0.15
 """Share of the MTF at Nyquist that the focus may put in doubt."""
 SCATTERED = 9.0
 """Variance of a number by the region's parts, over that by noise, from which it is doubted."""
@@ -91,9 +97,16 @@ def _unlike(d: Diagnostics) -> list[Rule]:
         Rule(
             doubtful,
             d.colour > COARSE_REMAINS,
-            f"what the near photograph does not explain is coarse, {d.colour:.1f} times as strong as at fine detail: the "
-            "light came from elsewhere, or the far photograph is softer than the near one",
+            f"what the near photograph does not explain is coarse, {d.colour:.1f} times as strong as at fine detail: "
+            "the light came from elsewhere, or the far photograph is softer than the near one",
             "take both in the same steady light, focus at either distance, and let nothing move",
+        ),
+        Rule(
+            doubtful,
+            d.light_turned > LIGHT_TURNED,
+            "the contrast of coarse detail changed with its direction between the photographs: the light came from "
+            "elsewhere",
+            "take both in the same light, one soon after the other, or choose a wall that is painted, not rough",
         ),
         Rule(
             doubtful,
@@ -105,15 +118,21 @@ def _unlike(d: Diagnostics) -> list[Rule]:
         Rule(
             doubtful,
             d.colour < FINE_REMAINS,
-            f"what the near photograph does not explain is fine, at coarse detail {d.colour:.2f} times as strong: the far "
-            "photograph was sharpened or compressed",
+            f"what the near photograph does not explain is fine, at coarse detail {d.colour:.2f} times as strong: the "
+            "far photograph was sharpened or compressed",
             "use the RAW files",
         ),
         Rule(
             doubtful,
-            d.beyond_light > 0.02,
-            f"no PSF of light has the MTF that was found, by {d.beyond_light:.2f}: the far photograph was sharpened, or the "
-            "near one softened",
+            not 1 / STREAKS < d.streaks < STREAKS,
+            f"what the near photograph does not explain is {max(d.streaks, 1 / d.streaks):.1f} times as strong along "
+            "one axis as along the other: the camera moved in the far exposure, or the photograph was processed",
+            "take both from a tripod, without touching the camera, as RAW files",
+        ),
+        Rule(
+            doubtful,
+            d.beyond_light > BEYOND_LIGHT or d.missing_light > DUG_OUT,
+            "no PSF of light has this MTF: the far photograph was sharpened, or the near one softened",
             "use the RAW files, focused at either distance",
         ),
         Rule(
@@ -122,6 +141,13 @@ def _unlike(d: Diagnostics) -> list[Rule]:
             f"the near photograph's fine detail is not what a wall of this kind has: if the focus is why, the MTF at "
             f"Nyquist is wrong by {d.focus_effect:.0%}",
             "focus again at either distance, use the RAW files, or choose a wall with more fine detail",
+        ),
+        Rule(
+            doubtful,
+            d.turned > TURNED,
+            "the near photograph's fine detail has another direction than its coarse detail: its light came from "
+            "elsewhere, it was moved or processed, or the wall is such",
+            "take both in the same steady light, from a tripod, of a wall without a direction",
         ),
         Rule(
             doubtful,

@@ -48,7 +48,7 @@ def mtf_nyquist(otf: Otf) -> float:
     return float(otf(np.float64(0.5), np.float64(0)))
 
 
-def _pink(size: int, rng: np.random.Generator, power: float = 1.0) -> Array:
+def pink(size: int, rng: np.random.Generator, power: float = 1.0) -> Array:
     """A wall whose amplitude falls as 1 / f^power, periodic, of mean 0.4 and standard deviation 0.12."""
     spectrum = scipy.fft.rfft2(rng.standard_normal((size, size), dtype=np.float32))
     f = np.hypot(scipy.fft.fftfreq(size)[:, None], scipy.fft.rfftfreq(size)) * size
@@ -56,11 +56,7 @@ def _pink(size: int, rng: np.random.Generator, power: float = 1.0) -> Array:
     return np.asarray(0.4 + 0.12 * wall / wall.std(), np.float32)
 
 
-def _leaves(size: int, rng: np.random.Generator) -> Array:
-    return leaves(size, rng)
-
-
-WALLS: dict[str, Callable[[int, np.random.Generator], Array]] = {"pink": _pink, "leaves": _leaves}
+WALLS: dict[str, Callable[[int, np.random.Generator], Array]] = {"pink": pink, "leaves": leaves}
 
 
 @lru_cache(maxsize=2)
@@ -78,7 +74,7 @@ def _seen(spectrum: Array, otf: Otf, per_texel: float) -> Array:
 def photographs(
     otf: Otf,
     *,
-    wall: str = "pink",
+    wall: str | Array = "pink",
     zoom: float = 4.6,
     size: int = 150,
     noise: float = 0.004,
@@ -91,13 +87,13 @@ def photographs(
     """The pair: a far photograph of `size` pixels, a near one that shows as much of the wall, noise in both."""
     near_size = int(size * zoom)
     whole = scipy.fft.next_fast_len((near_size + 2 * RIM_PX) * TEXELS, real=True)
-    spectrum = _spectrum(wall, whole, seed)
+    spectrum = _spectrum(wall, whole, seed) if isinstance(wall, str) else scipy.fft.rfft2(wall)
     near = _seen(spectrum, near_otf or otf, 1 / TEXELS)
     far = _seen(spectrum if far_wall is None else scipy.fft.rfft2(far_wall), otf, 1 / (TEXELS * zoom))
     first = (whole - TEXELS * near_size) // 2
     near = near[first : first + TEXELS * near_size : TEXELS, first : first + TEXELS * near_size : TEXELS]
     c, s = np.cos(roll), np.sin(roll)
-    centred = np.array([[1, 0, -(size - 1) / 2], [0, 1, -(size - 1) / 2], [tilt / size**1, -0.6 * tilt / size, 1.0]])
+    centred = np.array([[1, 0, -(size - 1) / 2], [0, 1, -(size - 1) / 2], [tilt / size, -0.6 * tilt / size, 1.0]])
     centred[2, 2] -= centred[2, :2].sum() * (size - 1) / 2
     middle = (near_size - 1) / 2
     H = np.array([[zoom * c, -zoom * s, middle + 0.3], [zoom * s, zoom * c, middle - 0.2], [0, 0, 1]]) @ centred

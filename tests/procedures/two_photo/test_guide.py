@@ -13,12 +13,12 @@ from procedures.outcome import Verdict
 from procedures.plan import Shoot
 from procedures.raw import Plane, RawFrame
 from procedures.two_photo.guide import (
+    asked_for,
     check_far,
     check_near,
     estimate,
     mean_plane,
     plan,
-    samples_per_pixel,
     sharpness,
     to_far,
 )
@@ -95,10 +95,9 @@ def test_the_far_place_is_so_many_times_as_far():
     assert to_far(FACTS) == {}
 
 
-@pytest.mark.parametrize(("ratio", "s"), [(2.3, 2), (3.0, 2), (3.5, 3), (6.0, 3)])
-def test_no_more_samples_than_the_distances_determine(ratio, s):
-    assert samples_per_pixel({"ratio": ratio}) == s
-    assert s < ratio
+@pytest.mark.parametrize(("facts", "s"), [({}, None), ({"s": 2.0}, 2)])
+def test_the_photographs_tell_how_finely_to_sample_unless_it_is_given(facts, s):
+    assert asked_for(facts).s == s
 
 
 def test_the_mean_of_frames_has_less_noise(wall):
