@@ -56,8 +56,8 @@ def _why(curve: Sequence[View], optics: Optics, s: int, k: int, aim: float) -> s
         for seen in (*gamma_curve(s, k, TOLD), curve[-1])
     )
     return (
-        f"At s/t {aim:g} ({_distance(optics, aim, s)}) gamma is {best.gamma:.2f}: so much of the photograph's noise goes "
-        f"into the PSF; {', '.join(others)}."
+        f"At s/t {aim:g} ({_distance(optics, aim, s)}) gamma is {best.gamma:.2f}: so much of the photograph's noise "
+        f"goes into the PSF; {', '.join(others)}."
     )
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from procedures.choice import START_K, START_S
 from procedures.outcome import Outcome, Verdict
 from procedures.pattern import DEFAULT_SEED
 from procedures.pattern_print.formats import encode
@@ -30,7 +31,6 @@ from procedures.pattern_psf.checks import (
     sharpness,
     wanted_distance_mm,
 )
-from procedures.pattern_psf.choice import START_K, START_S
 from procedures.pattern_psf.combine import combine
 from procedures.pattern_psf.estimate import estimate_psf
 from procedures.pattern_psf.gamma_words import gamma_diagram

@@ -78,8 +78,7 @@ def pattern(
 
 def _explain(optics: Optics, f_number: float | None) -> None:
     """What each distance does to the noise, on stderr."""
-    from procedures.pattern_psf.choice import START_K, START_S
-
+    from procedures.choice import START_K, START_S
     from procedures.pattern_psf.checks import RATIO
     from procedures.pattern_psf.gamma_words import gamma_diagram
     from procedures.quality import WAVELENGTHS_NM, Diffraction
