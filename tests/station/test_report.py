@@ -26,6 +26,7 @@ from station.otf_figures import mtf_figure
 from station.report import Line, PlaneSheet, Report, Shot, calibration_page, report_of_files
 from station.results import PlaneRecord, quantities
 
+SVG = "{http://www.w3.org/2000/svg}svg"
 HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(1)>\"' {{ 7*7 }} \x1b[2J"
 
 
@@ -96,10 +97,8 @@ def test_tries_of_s_and_k_and_the_halves_of_the_chart_are_told(page, report):
     assert "left half, right half of the chart" in text
 
 
-def test_transfer_function_is_drawn_with_its_phase_in_two_dimensions_and_with_its_limit(
-    page, chart_photograph, tmp_path
-):
-    labels = [svg.get("aria-label") for svg in strictly(page).iter("svg")]
+def test_transfer_function_is_drawn_with_phase_in_two_dimensions_and_with_its_limit(page, chart_photograph, tmp_path):
+    labels = [svg.get("aria-label") for svg in strictly(page).iter(SVG)]
     assert sum("phase of the transfer function" in label for label in labels) == 2
     assert sum("MTF over the frequencies along rows and columns" in label for label in labels) == 2
     assert not any("diffraction limit" in label for label in labels)
@@ -164,7 +163,7 @@ def test_refused_plane_has_its_reason_and_remedy_and_no_pictures():
     tree = strictly(calibration_page(told))
     assert told.headline == "Y is refused"
     assert "No chart in the photograph. Show the whole chart." in " ".join("".join(tree.itertext()).split())
-    assert not list(tree.iter("{http://www.w3.org/2000/svg}svg"))
+    assert not list(tree.iter(SVG))
 
 
 def test_session_tells_its_bench_and_its_shots(report):
@@ -233,7 +232,9 @@ def test_browser_shows_every_picture_and_nothing_runs_over(shown, which):
     assert seen["width"] == {"wide": 1280, "narrow": 400}[which]
     assert seen["wide"] == []
     assert seen["scroll"] <= seen["width"]
-    assert len(seen["pictures"]) == 2 * 5  # PSF, MTF, energy, chart, residual of two planes
+    assert (
+        len(seen["pictures"]) == 2 * 7
+    )  # PSF, two of the MTF, energy, phase, chart, residual of two planes
     assert len(seen["rasters"]) >= 2 * 3
     assert all(250 < width < seen["width"] and height > 150 for width, height in seen["pictures"])
     assert all(width > 3 and height > 3 for width, height in seen["rasters"])
