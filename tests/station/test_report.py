@@ -232,9 +232,7 @@ def test_browser_shows_every_picture_and_nothing_runs_over(shown, which):
     assert seen["width"] == {"wide": 1280, "narrow": 400}[which]
     assert seen["wide"] == []
     assert seen["scroll"] <= seen["width"]
-    assert (
-        len(seen["pictures"]) == 2 * 7
-    )  # PSF, two of the MTF, energy, phase, chart, residual of two planes
+    assert len(seen["pictures"]) == 2 * 7  # PSF, two of the MTF, energy, phase, chart, residual of two planes
     assert len(seen["rasters"]) >= 2 * 3
     assert all(250 < width < seen["width"] and height > 150 for width, height in seen["pictures"])
     assert all(width > 3 and height > 3 for width, height in seen["rasters"])
