@@ -113,7 +113,7 @@ def _counts(quality: Quality, name: str, term: str) -> bool:
 
 
 def budget_csv(planes: Sequence[PlaneRecord]) -> bytes:
-    """Every term of every number of every plane as CSV: plane, number, term, uncertainty, unit."""
+    """Every term that adds to a number of a plane, as CSV: plane, number, term, uncertainty, unit."""
     return csv_bytes([["plane", "number", "term", "uncertainty", "unit"], *(row for p in planes for row in _rows(p))])
 
 
@@ -121,5 +121,6 @@ def _rows(plane: PlaneRecord) -> Iterator[list[str]]:
     if plane.quality is None:
         return
     for name, number in plane.quality.numbers.items():
-        for term, uncertainty in plane.quality.budgets[name].items():
-            yield [plane.name, name, term, f"{uncertainty:.9g}", cell(number.unit)]
+        for term, uncertainty in plane.quality.budgets.get(name, {}).items():
+            if uncertainty > 0:
+                yield [plane.name, name, term, f"{uncertainty:.9g}", cell(number.unit)]

@@ -92,7 +92,8 @@ def _frequency_axis(axes: Axes, f: Array, *, bottom: bool = True) -> None:
 
 def _legend(axes: Axes) -> None:
     with matplotlib.rc_context(STYLE):
-        axes.legend(loc="upper right", bbox_to_anchor=(1, 0.94), handlelength=1.4)
+        box = {"frameon": True, "framealpha": 0.8, "edgecolor": "none"}  # readable over the diffraction limit
+        axes.legend(loc="upper right", bbox_to_anchor=(1, 0.94), handlelength=1.4, **box)
 
 
 def _draw_mtf(axes: Axes, f: Array, curve: _Curve, direction: str) -> None:

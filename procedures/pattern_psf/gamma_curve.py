@@ -12,15 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 import scipy.linalg
-from scipy.special import sici
 
-from procedures.numerics.sampled_convolution import sample_convolution
-from procedures.pattern import BLOCK, BLOCKS, CELLS, Chart
+from procedures.pattern import CELLS
 from procedures.pattern_psf.gamma import gamma_bound
-from procedures.pattern_psf.rasterise import whole_chart
 
 Array = npt.NDArray[np.float64]
-Array32 = npt.NDArray[np.float32]
 
 RATIOS = (0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.7)
 """Where the curve is drawn."""
@@ -82,24 +78,3 @@ def _covariance(cell: float, k: int) -> Array:
     f, df = nodes / 2, weights / 2  # cycles per sample
     power = cell * np.sinc(cell * f) ** 2
     return np.asarray(np.cos(2 * np.pi * np.arange(k)[:, None] * f) @ (power * df))
-
-
-def frontal_system(chart: Chart, s: int, k: int, s_over_t: float, pixels: int) -> Array32:
-    """S_s C[u] of one chart seen squarely, for a square of pixels at its middle: (pixels^2, k^2) float32.
-
-    Every cell is cut to the s grid's band exactly, by the integral of the sinc over it. Source: thesis, section 2.3.3.
-    """
-    side = s * (pixels - 1) + k
-    across = _cells_on_grid(side, s_over_t)
-    dark = 1 - whole_chart(chart).astype(np.float64)  # white goes on for ever around the chart
-    u = (1 - across @ dark @ across.T).astype(np.float32)
-    rows, columns = (place.ravel() for place in np.mgrid[:pixels, :pixels])
-    return np.asarray(sample_convolution(u, rows, columns, np.ones(pixels**2, dtype=np.float32), s, k))
-
-
-def _cells_on_grid(side: int, cell: float) -> Array:
-    """What each of the chart's columns of cells adds to samples about its middle, (side, 320); `cell` in samples."""
-    samples = np.arange(side)[:, None] - (side - 1) / 2
-    edges = (np.arange(BLOCK * BLOCKS + 1) - BLOCK * BLOCKS / 2) * cell
-    integral = sici(np.pi * (samples - edges))[0] / np.pi
-    return np.asarray(integral[:, :-1] - integral[:, 1:])

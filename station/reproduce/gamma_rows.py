@@ -1,6 +1,6 @@
 """Chapter 2 of the thesis, theory: how much a pattern amplifies noise, and how little any pattern could.
 
-gamma is the thesis's own, sum of 1 / sigma_i^2: the square of what `procedures.pattern_psf` reports.
+gamma is the thesis's own, sum of 1 / sigma_i^2, as everywhere in the station.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
+from procedures.pattern_psf.gamma import gamma_bound
 from station.reproduce import patterns
 from station.reproduce.figures import Curve, curves, pictures
 from station.reproduce.row import Check, Found, Row, Setting
@@ -69,7 +70,7 @@ OTHERS: dict[str, patterns.Drawing] = {
 
 def _table(setting: Setting) -> Found:
     windows = [table_window(r) for r in SUPPORTS]
-    bounds = [patterns.gamma_bound(m * n, r * r) for r, (m, n) in zip(SUPPORTS, windows, strict=True)]
+    bounds = [gamma_bound(m * n, r * r) for r, (m, n) in zip(SUPPORTS, windows, strict=True)]
     noise = [_mean_gamma(r, w, _seeds(setting)) for r, w in zip(SUPPORTS, windows, strict=True)]
     joshi = [_drawn_gamma(patterns.disc(DISC_PX), r, w) for r, w in zip(SUPPORTS, windows, strict=True)]
     figure = curves(
@@ -86,7 +87,7 @@ def _table(setting: Setting) -> Found:
     )
     farther = _mean_gamma(17, table_window(17), range(1), 1.1)
     remark = (
-        "γ is the thesis's here, the sum of 1/σ², not its root. The windows are those of 53 × 54 pixels grown by the"
+        "γ is the sum of 1/σ². The windows are those of 53 × 54 pixels grown by the"
         f" PSF, whose bounds are the published ones. At s/t = 1.1 the noise pattern has {farther:.2f} for 17 × 17."
         " The pattern of Joshi et al. is not published as data: a disc of arcs, radius 20 pixels, stands for it."
     )
@@ -157,7 +158,7 @@ WINDOW_SIDES = (20, 30, 40, 60, 80, 100, 140, 200)
 def _bound_solved(setting: Setting) -> Found:
     N = 17 * 17
     M = np.array(WINDOW_SIDES) ** 2
-    plain = np.array([patterns.gamma_bound(int(m), N) for m in M])
+    plain = np.array([gamma_bound(int(m), N) for m in M])
     solved = np.array([patterns.gamma_bound_solved(int(m), N) for m in M])
     both = curves(
         "bound-solved",
@@ -189,7 +190,7 @@ BOUND_SOLVED = Row(
 def _bound_expected(setting: Setting) -> Found:
     N = 17 * 17
     M = np.array(WINDOW_SIDES) ** 2
-    bound = np.array([patterns.gamma_bound(int(m), N) for m in M])
+    bound = np.array([gamma_bound(int(m), N) for m in M])
     expected = np.array([patterns.gamma_expected(int(m), N) for m in M])
     figure = curves(
         "bound-expected",
@@ -223,7 +224,7 @@ def _realised(setting: Setting) -> Found:
         samples = patterns.side((m, m), S, r)
         views = (np.random.default_rng(seed).integers(0, 2, (samples, samples)).astype(float) for seed in range(2))
         mean = np.mean([patterns.gamma_of(view, S, r, (m, m)) for view in views])
-        return float(mean / patterns.gamma_bound(m * m, r * r))
+        return float(mean / gamma_bound(m * m, r * r))
 
     sides = [m for m in WINDOW_SIDES if 30 <= m <= 100]
     by_window = [over_bound(17, m) for m in sides]
@@ -263,7 +264,7 @@ def _zoom(setting: Setting) -> Found:
     values = np.array([_mean_gamma(r, window, range(1), 1 / t_over_s) for t_over_s in CELLS_PER_SAMPLE])
     at = dict(zip(CELLS_PER_SAMPLE, values, strict=True))
     least = float(values.min())
-    bound = patterns.gamma_bound(window[0] * window[1], r * r)
+    bound = gamma_bound(window[0] * window[1], r * r)
     whole = _whole_chart(r)
     fixed = curves(
         "gamma-zoom",
@@ -318,7 +319,7 @@ ZOOM = Row(
 def _by_support(setting: Setting) -> Found:
     supports, window = (5, 9, 13, 17, 21, 25, 29, 33), (60, 60)
     values = [_mean_gamma(r, window, range(2)) for r in supports]
-    bounds = [patterns.gamma_bound(window[0] * window[1], r * r) for r in supports]
+    bounds = [gamma_bound(window[0] * window[1], r * r) for r in supports]
     figure = curves(
         "gamma-support",
         [Curve("noise pattern", supports, values, "o-"), Curve("bound", supports, bounds, "--")],

@@ -132,11 +132,6 @@ def gamma_of(u: Array, s: int, r: int, window: Window) -> float:
 # --- what theory says ----------------------------------------------------------------------------------------------
 
 
-def gamma_bound(M: int, N: int) -> float:
-    """No pattern of values in [0, 1] has a smaller gamma: Proposition 1 with a = 0, b = 1."""
-    return (1 + 4 * (N - 1) ** 2) / (M * N)
-
-
 def gamma_bound_solved(M: int, N: int) -> float:
     """The bound with its constrained minimum solved whole (Remark 3, Karush-Kuhn-Tucker), a = 0, b = 1.
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from procedures.pattern_psf.gamma import gamma_bound
 from station.reproduce import patterns
 
 
@@ -69,7 +70,7 @@ def test_a_drawn_square_is_the_cell_of_its_size():
 def test_no_pattern_goes_below_the_bound(draw):
     r, window = 5, (30, 31)
     u = np.clip(patterns.of_drawing(draw, patterns.side(window, 4, r), 4), 0, 1)
-    assert patterns.gamma_of(u, 4, r, window) > patterns.gamma_bound(30 * 31, 25)
+    assert patterns.gamma_of(u, 4, r, window) > gamma_bound(30 * 31, 25)
 
 
 def test_the_solved_bound_is_the_least_on_its_curve():
@@ -77,7 +78,7 @@ def test_the_solved_bound_is_the_least_on_its_curve():
     t = np.linspace(0.01, 0.99, 100_001)
     curve = (1 / t**2 + (N - 1) ** 2 / (t * (1 - t))) / (M * N)
     assert patterns.gamma_bound_solved(M, N) == pytest.approx(curve.min(), rel=1e-9)
-    assert patterns.gamma_bound(M, N) < patterns.gamma_bound_solved(M, N) < patterns.gamma_expected(M, N)
+    assert gamma_bound(M, N) < patterns.gamma_bound_solved(M, N) < patterns.gamma_expected(M, N)
 
 
 def test_a_window_larger_than_the_picture_is_refused():
