@@ -151,7 +151,7 @@ def test_kept_result_with_a_file_that_is_not_what_was_written_is_not_used(done, 
     }
     row = next(row for row in done.rows if row["verdict"] == "pass")
     names = [path.name for path in (done.out / row["folder"]).iterdir()]
-    assert {"result.json", "psf_G1.npy", "numbers.csv"} <= set(names)
+    assert {"result.json", "psf_G1.npy", "numbers.csv", "budget.csv"} <= set(names)
     for name in names:
         shutil.copytree(done.out / row["folder"], tmp_path / name / row["folder"])
         assert kept_row(tmp_path / name, row["folder"])[0].verdict == "pass"

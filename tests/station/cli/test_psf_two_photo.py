@@ -20,7 +20,7 @@ def test_files_and_record_follow_the_contract(run, near, far, tmp_path):
     done = run("psf", "two-photo", far, near, "--out", tmp_path)
     assert done.exit_code == 0, done.output
     kinds = ("covariance_Y.npy", "inter_image_Y.npy", "mtf_Y.csv", "psf_Y.npy", "psf_Y.png", "result.json")
-    more = ("numbers.csv", "profile_Y.csv", "psf_Y.fits", "psf_Y.tiff")
+    more = ("budget.csv", "numbers.csv", "profile_Y.csv", "psf_Y.fits", "psf_Y.tiff")
     assert {path.name for path in tmp_path.iterdir()} == {*kinds, *more}
     h, kernel = (np.load(tmp_path / f"{name}_Y.npy", allow_pickle=False) for name in ("psf", "inter_image"))
     assert (h.dtype, h.shape, kernel.shape) == (np.float64, (13, 13), (13, 13))
@@ -64,6 +64,6 @@ def test_report_shows_the_far_photograph_in_the_near_one(run, near, far, tmp_pat
     run("psf", "two-photo", far, near, "--report", "--out", tmp_path)
     page = (tmp_path / "report.html").read_text()
     assert "Y passes</h1>" in page
-    assert page.count("<svg") == 5  # PSF, MTF, energy, kernel, the pair
+    assert page.count("<svg") == 7  # PSF, two of the MTF, energy, phase, kernel, the pair
     assert "doi:10.5201/ipol.2013.77" in page
     assert all(path.name in page for path in (near, far))
