@@ -152,7 +152,7 @@ def near_look(near: Array32, psf: Psf) -> NearLook:
 
     With S the wall's spectrum, a power of the frequency whose factor may vary with twice the direction, the model is
     the sum over aliases of S(f) |H(f)|^2 times the square of what `NearLook` describes, plus noise that is white. Every
-    octave of frequencies counts alike. What is no larger than twice its scatter is left out.
+    octave of frequencies counts alike. What is within its scatter is left out.
     """
     rows, columns = (min(n, NEAR_PATCH) for n in near.shape)
     power, _ = patch_spectra(near, rows, columns)
@@ -183,7 +183,7 @@ def near_look(near: Array32, psf: Psf) -> NearLook:
         noise = float(np.clip(noise * np.exp(np.clip(step[-1], -1, 1)), 1e-3 * most, most))
     inverted = np.linalg.inv(JW.T @ J + 1e-9 * np.eye(J.shape[1]))
     scatter = np.sqrt(np.diag(inverted @ (JW.T @ JW) @ inverted)[:-1]) * float(np.std(left))
-    told = np.sign(theta) * np.maximum(np.abs(theta) - 2 * scatter, 0)
+    told = np.sign(theta) * np.maximum(np.abs(theta) - scatter, 0)
     return NearLook(told[2:4], float(told[4]), told[7:9], float(-theta[1]), most_noise)
 
 
