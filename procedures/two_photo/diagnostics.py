@@ -83,6 +83,8 @@ class Diagnostics:
         See `likeness.Likeness`.
     softness_x, softness_y, sharpening, turned, wall_power : float
         See `likeness.NearLook`.
+    near_noise : float
+        Noise that the near photograph has at most, by its finest detail, over the noise that the residual claims.
     focus_effect : float
         By what share another focus, if that is what softness tells, changes the MTF at Nyquist: the larger of x and y.
     mismatch : float
@@ -126,6 +128,7 @@ class Diagnostics:
     turned: float
     wall_power: float
     missing_light: float
+    near_noise: float
     focus_effect: float
     mismatch: float
 
@@ -185,6 +188,7 @@ def diagnose(
         turned=float(np.hypot(*alike.near.turned)),
         wall_power=alike.near.wall_power,
         missing_light=alike.missing_light,
+        near_noise=alike.near.most_noise / kernel.noise,
         focus_effect=float(np.hypot(*near_errors(alike.near, fit.scale(), *(0.5 * np.eye(2)))).max()),
         mismatch=max((ratio for name, ratio in parts.mismatch.items() if name.startswith("mtf50")), default=1.0),
     )

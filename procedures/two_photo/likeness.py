@@ -37,6 +37,8 @@ COARSE_DETAIL = 0.05
 """Cycles/pixel of the far photograph at which the OTF cannot vary with the direction."""
 LOWEST = 2.5
 """Cycles per patch from which the window does not smear the wall's spectrum."""
+FINEST = 0.4
+"""Cycles/pixel along both axes from which the near photograph is noise, or has less of it than any other place."""
 HIGHEST = 0.47
 """Cycles/pixel up to which the near photograph's spectrum is used."""
 COARSEST = 0.01
@@ -61,12 +63,15 @@ class NearLook:
         other light, motion, or a wall whose fine detail has another direction than its coarse one.
     wall_power : float
         Exponent of the wall's spectrum.
+    most_noise : float
+        Standard deviation of noise that is as strong as the finest detail of all, along the diagonals.
     """
 
     softness: Array
     sharpening: float
     turned: Array
     wall_power: float
+    most_noise: float
 
     def log_modulus(self, fx: Array, fy: Array) -> Array:
         """The logarithm of the near photograph's |OTF| over that found, at near frequencies (n,): (2, n), what the blur
@@ -147,12 +152,14 @@ def near_look(near: Array32, psf: Psf) -> NearLook:
 
     With S the wall's spectrum, a power of the frequency whose factor may vary with twice the direction, the model is
     the sum over aliases of S(f) |H(f)|^2 times the square of what `NearLook` describes, plus noise that is white. Every
-    octave of frequencies counts alike. What is no larger than twice its scatter is left out.
+    octave of frequencies counts alike. What is within its scatter is left out.
     """
     rows, columns = (min(n, NEAR_PATCH) for n in near.shape)
     power, _ = patch_spectra(near, rows, columns)
     fy, fx = np.broadcast_arrays(np.fft.fftfreq(rows)[:, None], np.fft.rfftfreq(columns))
     r = np.hypot(fx, fy)
+    finest = (np.abs(fx) > FINEST) & (np.abs(fy) > FINEST)
+    most_noise = float(np.sqrt(power[finest].mean()))
     used = (r > max(COARSEST, LOWEST / min(rows, columns))) & (np.maximum(np.abs(fx), np.abs(fy)) <= HIGHEST) & (fx > 0)
     fx, fy, r, power = fx[used], fy[used], r[used], np.maximum(power[used], 1e-15)
     aliases = [(fx + i, fy + j) for i in (0, -1) for j in (0, -1, 1)]
@@ -176,8 +183,8 @@ def near_look(near: Array32, psf: Psf) -> NearLook:
         noise = float(np.clip(noise * np.exp(np.clip(step[-1], -1, 1)), 1e-3 * most, most))
     inverted = np.linalg.inv(JW.T @ J + 1e-9 * np.eye(J.shape[1]))
     scatter = np.sqrt(np.diag(inverted @ (JW.T @ JW) @ inverted)[:-1]) * float(np.std(left))
-    told = np.sign(theta) * np.maximum(np.abs(theta) - 2 * scatter, 0)
-    return NearLook(told[2:4], float(told[4]), told[7:9], float(-theta[1]))
+    told = np.sign(theta) * np.maximum(np.abs(theta) - scatter, 0)
+    return NearLook(told[2:4], float(told[4]), told[7:9], float(-theta[1]), most_noise)
 
 
 def _wall_terms(fx: Array, fy: Array) -> Array:

@@ -24,7 +24,9 @@ COARSE_SHARE = 0.05
 """Share of the wall's coarse detail that may differ."""
 BEYOND_LIGHT, DUG_OUT = 0.02, 4.0
 """Excess over what cosines allow, and light missing around the core in standard uncertainties."""
-TURNED = 0.1
+SMOOTHED = 0.8
+"""Noise of the near photograph over the far one's."""
+TURNED = 0.06
 """Growth of the spectrum's variation with direction, per factor e of the frequency."""
 OTHER_FOCUS = 0.15
 """Share of the MTF at Nyquist that the focus may put in doubt."""
@@ -87,11 +89,16 @@ def check_settings(a: Exposure, b: Exposure) -> None:
 
 def judge(d: Diagnostics, asked: Sampling, tried: tuple[Trial, ...], s: int) -> tuple[Verdict, str, str]:
     """Verdict, reason and remedy: the first refusal, else all doubts together."""
-    return verdict_of(_refusals(d) + _doubts(d, s) + _unlike(d) + _left_out(asked, tried[-1], d.scale))
+    return verdict_of(
+        _refusals(d) + _doubts(d, s) + _unlike(d, tried[-1].band_open) + _left_out(asked, tried[-1], d.scale)
+    )
 
 
-def _unlike(d: Diagnostics) -> list[Rule]:
-    """What tells that the photographs are not of one wall in one light, equally sharp and unprocessed."""
+def _unlike(d: Diagnostics, band_open: bool) -> list[Rule]:
+    """What tells that the photographs are not of one wall in one light, equally sharp and unprocessed.
+
+    A band that ends where the OTF has not rings around the core as sharpening does.
+    """
     doubtful = Verdict.DOUBTFUL
     return [
         Rule(
@@ -131,7 +138,7 @@ def _unlike(d: Diagnostics) -> list[Rule]:
         ),
         Rule(
             doubtful,
-            d.beyond_light > BEYOND_LIGHT or d.missing_light > DUG_OUT,
+            d.beyond_light > BEYOND_LIGHT or (d.missing_light > DUG_OUT and not band_open),
             "no PSF of light has this MTF: the far photograph was sharpened, or the near one softened",
             "use the RAW files, focused at either distance",
         ),
@@ -141,6 +148,13 @@ def _unlike(d: Diagnostics) -> list[Rule]:
             f"the near photograph's fine detail is not what a wall of this kind has: if the focus is why, the MTF at "
             f"Nyquist is wrong by {d.focus_effect:.0%}",
             "focus again at either distance, use the RAW files, or choose a wall with more fine detail",
+        ),
+        Rule(
+            doubtful,
+            d.near_noise < SMOOTHED,
+            f"the near photograph has at most {d.near_noise:.0%} of the noise that the far one has: it was smoothed, "
+            "reduced or compressed, or they are not of one wall",
+            "use the RAW files, with the same exposure",
         ),
         Rule(
             doubtful,

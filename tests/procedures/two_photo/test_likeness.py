@@ -1,0 +1,121 @@
+"""What tells that two photographs are not alike, and what it does to error bars and verdicts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from procedures.outcome import Outcome, Verdict
+from procedures.psf import Psf, Tail
+from procedures.raw import Plane
+from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf, estimate_psf
+from procedures.two_photo.likeness import beyond_light, light_turned, near_look
+
+from .damage import damaged, relief
+from .endless import CAMERAS, camera, mtf50, photographs
+from .wall import Otf, Pair, samples_of
+
+OTF = CAMERAS["f/5.6"]
+
+
+@pytest.fixture(scope="module")
+def pair() -> Pair:
+    return photographs(OTF, noise=0.004, size=130)
+
+
+def estimate(near: np.ndarray, far: np.ndarray) -> Outcome[TwoPhotoPsf]:
+    planes = [Plane("Y", np.asarray(samples, np.float32), 1 / 65535) for samples in (near, far)]
+    return estimate_psf(*planes, TwoPhotoParameters(3, 13))
+
+
+def sigmas(outcome: Outcome[TwoPhotoPsf]) -> float:
+    """Largest error of MTF50 over its stated uncertainty."""
+    assert outcome.value is not None, outcome.reason
+    numbers = [outcome.value.quality.numbers[f"mtf50_{axis}"] for axis in ("horizontal", "vertical")]
+    return max(abs(one.value - mtf50(OTF)) / one.uncertainty for one in numbers)
+
+
+def true_psf(otf: Otf) -> Psf:
+    """Samples in a wide support, hardly uncertain."""
+    k = 41
+    return Psf(samples_of(otf, 3, k), 3, 1e-14 * np.eye(k * k), Tail.none(k * k))
+
+
+def test_a_good_pair_passes(pair: Pair) -> None:
+    outcome = estimate(pair.near, pair.far)
+    assert outcome.verdict is Verdict.PASS, outcome.reason
+    assert sigmas(outcome) < 3
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("far sharpened 0.3", "what the near photograph does not explain is fine"),
+        ("far JPEG 85", "what the near photograph does not explain is fine"),
+        ("far softened 0.6", "what the near photograph does not explain is coarse"),
+        ("far moved 1", "along one axis"),
+        ("far gradient 0.3", "no PSF of light"),
+        ("near gradient 0.3", "fine detail has another direction"),
+        ("far gamma 0.8", "what the near photograph does not explain is coarse"),
+    ],
+)
+def test_what_was_done_to_one_photograph_is_doubted(pair: Pair, name: str, reason: str) -> None:
+    outcome = estimate(*damaged(pair, name))
+    assert outcome.verdict is not Verdict.PASS
+    assert reason in outcome.reason
+
+
+@pytest.mark.parametrize("name", ["near softened 0.45", "near sharpened 0.3", "near JPEG 85", "near gradient 0.1"])
+def test_what_cannot_be_told_from_the_wall_is_in_the_error_bar(pair: Pair, name: str) -> None:
+    outcome = estimate(*damaged(pair, name))
+    assert outcome.verdict is not Verdict.PASS or sigmas(outcome) < 3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("turned_deg", [2, 10])
+def test_light_that_turned_on_relief_is_told(turned_deg: float) -> None:
+    outcome = estimate(*(lambda one: (one.near, one.far))(relief(OTF, turned_deg, size=130)))
+    assert outcome.verdict is not Verdict.PASS
+    assert "light" in outcome.reason
+    assert outcome.value is not None
+    assert outcome.value.quality.budgets["mtf50_horizontal"]["light"] > 0.01 * mtf50(OTF)
+
+
+@pytest.mark.slow
+def test_still_light_on_relief_passes() -> None:
+    one = relief(OTF, 0, size=130)
+    outcome = estimate(one.near, one.far)
+    assert outcome.verdict is Verdict.PASS, outcome.reason
+
+
+def test_the_near_photograph_s_own_blur_is_measured(pair: Pair) -> None:
+    psf = true_psf(OTF)
+    assert np.abs(near_look(pair.near, psf).softness).max() < 0.02
+    # drawn twice by its own optics but for a blur of 0.45 pixel across and 0.3 down
+    blurred = camera(1.62, fill=0.9)
+    soft = photographs(
+        OTF,
+        noise=0.004,
+        size=130,
+        near_otf=lambda fx, fy: blurred(fx, fy) * np.exp(-2 * np.pi**2 * (0.45**2 * fx**2 + 0.3**2 * fy**2)),
+    )
+    assert near_look(soft.near, psf).softness == pytest.approx([0.45**2, 0.3**2], abs=0.03)
+
+
+def test_a_sharpened_otf_is_beyond_light() -> None:
+    assert beyond_light(true_psf(OTF)) == 0
+    assert beyond_light(true_psf(camera(3.25))) == 0
+
+    def sharpened(fx: np.ndarray, fy: np.ndarray) -> np.ndarray:
+        return OTF(fx, fy) * (1 + 1.0 * (1 - np.exp(-2 * np.pi**2 * 1.5**2 * (fx**2 + fy**2))))
+
+    assert beyond_light(true_psf(sharpened)) > 0.2
+
+
+def test_motion_is_no_light_that_turned() -> None:
+    assert light_turned(true_psf(OTF)) < 1e-3
+    assert light_turned(true_psf(lambda fx, fy: OTF(fx, fy) * np.sinc(fx))) < 2e-3
+    turned = true_psf(
+        lambda fx, fy: OTF(fx, fy) * (1 + 0.1 * np.cos(2 * np.arctan2(fy, fx)) * (np.hypot(fx, fy) > 0.03))
+    )
+    assert light_turned(turned) > 0.02
