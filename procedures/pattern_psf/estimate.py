@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from procedures.budget import taken_apart, with_settling
 from procedures.choice import FINEST, Trial, choose, settling
+from procedures.numerics.kernel_prior import prior_covariance
 from procedures.numerics.solvers import cholesky_inverse, solve_constrained
 from procedures.outcome import Outcome, Refused, Verdict
 from procedures.pattern import BLOCK, CELLS, Chart
@@ -295,11 +296,12 @@ def _fit(
 def _solution(fit: Fit, s: int, k: int, solver: str) -> tuple[Psf, Array]:
     """The PSF as asked for, of sum 1, with the covariance of the least-squares solution, and of its centre (2, 2).
 
-    For "clip" and "nnls" the same covariance is an upper limit: the constraint only takes noise away.
+    For "clip" and "nnls" the same covariance is an upper limit: what they add to the data only takes noise away.
     """
-    h = fit.h if solver == "ls" else solve_constrained(fit.equations.G, fit.equations.G @ fit.h, solver)
-    p, covariance = np.concatenate([h, fit.light[TAIL:]]), _with_tail(fit)
-    p, covariance = _normalised(p, covariance, len(h))
+    covariance = _with_tail(fit)
+    h = _kernel(fit, covariance[: k * k, : k * k], s, solver)
+    tail = fit.light[TAIL:] + fit.equations.response(h - fit.h)[GEOMETRY + TAIL :]
+    p, covariance = _normalised(np.concatenate([h, tail]), covariance, len(h))
     # the centre follows the PSF: an error of h that shifts it shifts the map back
     n, image = len(h), p[: len(h)].reshape(k, k)
     slope_y, slope_x = np.gradient(image)
@@ -311,6 +313,21 @@ def _solution(fit: Fit, s: int, k: int, solver: str) -> tuple[Psf, Array]:
     covariance = covariance + (covariance[:, :n] @ forth.T) @ back.T
     tail = Tail(p[n:], covariance[n:, n:], covariance[:n, n:])
     return Psf(image, s, covariance[:n, :n], tail), centre_covariance
+
+
+def _kernel(fit: Fit, covariance: Array, s: int, solver: str) -> Array:
+    """The kernel (k^2,) as the solver has it, its sum the contrast's correction.
+
+    Non-negativity alone leaves the noise that is positive: where a photograph is noisy that is nine tenths of the
+    error. How large, wide and smooth the kernel is shows above that noise, and holds the rest of it down.
+    """
+    if solver == "ls":
+        return fit.h
+    G = fit.equations.G / fit.residual_std**2
+    b = G @ fit.h
+    if solver == "nnls":
+        G = G + cholesky_inverse(prior_covariance(fit.h, covariance, s))
+    return solve_constrained(G, b, solver)
 
 
 def _with_tail(fit: Fit) -> Array:
