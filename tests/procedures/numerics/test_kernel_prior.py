@@ -52,9 +52,7 @@ def test_the_slope_of_the_likelihood(rng: np.random.Generator) -> None:
 
 
 @pytest.mark.parametrize(("noise", "share"), [(1e-5, 1.05), (1e-2, 0.4)])
-def test_noise_is_held_down_and_a_clear_kernel_left_alone(
-    rng: np.random.Generator, noise: float, share: float
-) -> None:
+def test_noise_is_held_down_and_a_clear_kernel_left_alone(rng: np.random.Generator, noise: float, share: float) -> None:
     h = np.exp(-r2 / 8)
     h /= h.sum()
     seen = h + noise * rng.standard_normal(K * K)

@@ -33,7 +33,7 @@ def value(outcome: Outcome[PatternPsf]) -> PatternPsf:
     return outcome.value
 
 
-@pytest.mark.parametrize(("solver", "share"), [("ls", 1.1), ("nnls", 0.9)])
+@pytest.mark.parametrize(("solver", "share"), [("ls", 1.1), ("nnls", 0.4)])
 @pytest.mark.parametrize("case", CASES)
 def test_known_psf_is_found_to_the_statistical_bound(shared_data: Path, case: str, solver: str, share: float) -> None:
     folder = shared_data / "synthetic" / "pattern"
