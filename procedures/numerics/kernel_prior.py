@@ -70,7 +70,8 @@ def _most_likely(h: Array, errors: Array, s: int) -> Array:
     a, radius, length = START_PX
     start = np.log([a / s**2, radius * s, length * s])
     held = 1 / START_SPREAD**2
-    at, step, best = start, np.zeros(3), -np.inf
+    at, best = start, -np.inf
+    step: Array = np.zeros(3)
     for _ in range(STEPS):
         likelihood, score, information = _likelihood(_Prior.at(at + step, k), h, errors)
         away = at + step - start
@@ -79,7 +80,7 @@ def _most_likely(h: Array, errors: Array, s: int) -> Array:
             step = step / 4
         else:
             at, best = at + step, likelihood
-            step = np.linalg.solve(information + held * np.eye(3), score - held * away)
+            step = np.asarray(np.linalg.solve(information + held * np.eye(3), score - held * away), dtype=np.float64)
             step = step * min(1.0, LONGEST / np.abs(step).max())
         if np.abs(step).max() < STILL:
             break

@@ -183,7 +183,7 @@ def test_photograph_that_is_replaced_while_it_is_worked_on_is_told_by_the_hash_o
         decoded.append(read_frame(*file, **data))
         return decoded[0]
 
-    monkeypatch.setattr(batch_item, "default_plane", lambda path: "G1")
+    monkeypatch.setattr(batch_item, "default_plane", lambda path, layout: "G1")
     monkeypatch.setattr(batch_item, "read_frame", replaced)
     (row,) = again(path.parent, tmp_path / "out")
     assert row.verdict == "pass"
