@@ -31,7 +31,7 @@ TOLD = 0.85
 """Variance of the tail over that of what the f-number tells, above which the two are not compared."""
 DUG_OUT = 3.5
 """Standard uncertainties of missing light from which a picture was sharpened."""
-CRUSHED = 0.01
+CRUSHED = 0.05
 """Share of black samples at one value from which black is cut off."""
 LEFT_OVER = 2.0
 """Residual over noise from which a result is doubted."""
