@@ -26,7 +26,7 @@ BEYOND_LIGHT, DUG_OUT = 0.02, 4.0
 """Excess over what cosines allow, and light missing around the core in standard uncertainties."""
 SMOOTHED = 0.8
 """Noise of the near photograph over the far one's."""
-TURNED = 0.06
+TURNED = 0.1
 """Growth of the spectrum's variation with direction, per factor e of the frequency."""
 OTHER_FOCUS = 0.15
 """Share of the MTF at Nyquist that the focus may put in doubt."""

@@ -29,7 +29,7 @@ def test_files_and_record_follow_the_contract(run, near, far, tmp_path):
     record = json.loads((tmp_path / "result.json").read_text())
     assert (record["schema"], record["procedure"]) == ("station/psf/1", "two-photo")
     assert [one["path"] for one in record["input"]] == [str(far), str(near)]
-    assert record["parameters"].items() >= {"s": 3, "k": 13, "solver": "nnls"}.items()
+    assert record["parameters"].items() >= {"s": "auto", "k": "auto", "solver": "ls"}.items()
     plane = record["planes"]["Y"]
     assert plane["verdict"] == "pass"
     assert plane["scale"] == pytest.approx([4.9, 4.9], rel=1e-3)
@@ -44,7 +44,7 @@ def test_a_refusal_keeps_no_psf_and_says_what_to_do(run, near, tmp_path):
     plane = json.loads((out / "result.json").read_text())["planes"]["Y"]
     assert plane["verdict"] == "refused"
     assert "times the near one's distance" in plane["reason"]
-    assert "take the far photograph from 3.45 times its distance" in plane["remedy"]
+    assert "take the far photograph from 2.30 times its distance" in plane["remedy"]
     assert "choose s" not in plane["remedy"]  # no s of 2 or more is possible
 
 
