@@ -12,6 +12,10 @@ from drivers.interfaces import Condition, Transport
 E = TypeVar("E")
 
 
+def anything() -> None:
+    """Allows every order: the usual `allowed`."""
+
+
 @contextmanager
 def opened(transport: Transport[E], listen: Callable[[E, float], None] = lambda event, host_s: None) -> Iterator[None]:
     """The line open for the first questions; closed again if one of them fails."""

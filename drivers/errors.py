@@ -67,6 +67,10 @@ class OutsideTravel(DeviceError):
     """A target beyond the travel of an axis."""
 
 
+class Held(DeviceError):
+    """A person holds the machine: the safety door is open, or feed hold was pressed. The position is kept."""
+
+
 class MoveFailed(DeviceError):
     """The axis is still, but not where it was sent: stopped, stalled, or a command was garbled."""
 

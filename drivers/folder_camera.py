@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.clock import Clock, SystemClock
-from drivers.errors import DeviceError, FrameMissing, FrameWrong, LineLost
+from drivers.errors import DeviceError, EmergencyStopped, FrameMissing, FrameWrong, LineLost
 from drivers.frames import Facts, Inspect, check_settings, is_raw, sha256_of
 from drivers.interfaces import CameraSettings, Condition, Exposure, Identity, Shutter, ShutterTimes
 
@@ -63,6 +63,7 @@ class FolderCamera:
         self._hashes: set[str] = set()
         self._doubt_until_s = -float("inf")
         self._connected = False
+        self._stopped: EmergencyStopped | None = None
 
     @property
     def address(self) -> str:
@@ -95,6 +96,7 @@ class FolderCamera:
 
     def expose(self) -> Exposure:
         """Fire once and return the one RAW file that comes of it. Raises FrameMissing, FrameWrong."""
+        self._stopped = None
         self._wait_for_strays()
         requested_s = self.clock.now_s()
         exposure_s = self.settings.exposure_s or 0.0
@@ -112,8 +114,14 @@ class FolderCamera:
     def _wait_for_strays(self) -> None:
         """After an exposure that failed its frame may still come: it must not be taken for the next one's."""
         while self.clock.now_s() < self._doubt_until_s:
-            self.clock.sleep(self.tether.poll_s)
+            self._pause()
         self._known |= self._look()
+
+    def _pause(self) -> None:
+        """Until the folder is looked at again. Raises the emergency stop that came meanwhile."""
+        self.clock.sleep(self.tether.poll_s)
+        if self._stopped is not None:
+            raise self._stopped
 
     def _record(self, path: Path, digest: str, requested_s: float, shutter: ShutterTimes) -> Exposure:
         companions = tuple(sorted(p for p in self._folder.glob(path.stem + ".*") if p != path and not is_raw(p)))
@@ -137,7 +145,7 @@ class FolderCamera:
         deadline_s = self.clock.now_s() + exposure_s + self.tether.patience_s
         candidates: dict[Path, Candidate] = {}
         while self.clock.now_s() < deadline_s:
-            self.clock.sleep(self.tether.poll_s)
+            self._pause()
             self._track(candidates)
             found = [frame for path in list(candidates) if (frame := self._accept(path, candidates)) is not None]
             if len(found) > 1:
@@ -183,5 +191,6 @@ class FolderCamera:
         return path, facts, digest
 
     def emergency_stop(self) -> None:
-        """Open the contacts."""
+        """Open the contacts, and await no frame any more: one that still comes stays in the folder."""
+        self._stopped = EmergencyStopped(f"emergency stop at {self.address}", "expose again")
         self._shutter.emergency_stop()

@@ -7,23 +7,30 @@ All motion is `$J=G53 G90` : absolute in machine space, refused outside the trav
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from drivers.clock import Clock, SystemClock
+from drivers.connection import anything
 from drivers.errors import (
     BadConfiguration,
     DeviceError,
     EmergencyStopped,
+    Held,
     MoveFailed,
     NoAnswer,
     NotHomed,
+    Rejected,
+    WasReset,
 )
-from drivers.grbl_link import STILL, GrblLink, Report
-from drivers.grbl_protocol import HOLD, JOG_CANCEL, RESET, Event
-from drivers.interfaces import Condition, Identity, Transport, Travel
+from drivers.grbl_link import GrblLink, Report
+from drivers.grbl_protocol import HOLD, JOG_CANCEL, MOTORS_HELD, PAUSES, RESET, RESUMABLE, RESUME, Event
+from drivers.interfaces import Condition, Doubt, Identity, Transport, Travel
 from drivers.moving import OneMover, check_arrival, check_target
 from drivers.trust import HOME
+
+RESUME_S = 5.0
+"""How long a controller may take to start again after its door was closed."""
 
 
 @dataclass(frozen=True)
@@ -126,8 +133,24 @@ class GrblStage:
         if not self.link.is_open:
             return Condition("not connected", False, "connect it")
         if (why := self.link.trust.why) is not None:
-            return Condition(why.reason, False, why.remedy)
-        return Condition(self.link.last_state.lower())
+            return Condition(why.reason, False, why.remedy, self._doubt())
+        return Condition(self._state_in_words(), doubt=self._doubt())
+
+    def _state_in_words(self) -> str:
+        pause = PAUSES.get((self.link.last_state, self.link.last_sub))
+        word = ": ".join(pause) if pause else self.link.last_state.lower()
+        return word if self.link.feed_override == 100.0 else f"{word}, {self._override_in_words()}"
+
+    def _override_in_words(self) -> str:
+        return f"the feed override stands at {self.link.feed_override:.0f} %"
+
+    def _doubt(self) -> Doubt | None:
+        """Motors that let go between moves: nobody counts what an axis sags, or is pushed, meanwhile."""
+        delay_ms = self.link.setting(1, MOTORS_HELD)
+        if delay_ms == MOTORS_HELD:
+            return None
+        reason = f"the motors let go {delay_ms:.0f} ms after each move, and an axis that hangs or is touched shifts"
+        return Doubt(f"{reason} ($1={delay_ms:.0f})", "set $1=255, which keeps them on")
 
     def position(self) -> Mapping[str, float]:
         """Where the axes are now, in their own units. Raises DeviceError."""
@@ -145,23 +168,47 @@ class GrblStage:
 
     def moving(self) -> bool:
         """Whether any axis moves. Raises DeviceError."""
-        return self.link.report().state not in STILL
+        return not self.link.report().still
 
-    def home(self) -> None:
+    def home(self, allowed: Callable[[], None] = anything) -> None:
         """Find the limit switches. Raises DeviceError."""
         with self._one_mover:
             epoch = self.link.recover()
+
+            def undisturbed() -> None:
+                allowed()
+                self.link.trust.undisturbed(epoch)
+
             self._homing = True
             try:
-                self.link.command("$H", timeout_s=self._homing_limit_s())
+                self._find_switches(undisturbed)
             finally:
                 self._homing = False
             self.link.trust.give(epoch)
 
+    def _find_switches(self, allowed: Callable[[], None]) -> None:
+        """Home. Where that ends without the controller's answer, reset it: it would search on."""
+        try:
+            self.link.command("$H", self._homing_limit_s(), allowed)
+        except (Rejected, WasReset, EmergencyStopped):
+            raise
+        except DeviceError as error:
+            self.link.halt(NotHomed(f"homing was given up: {error.reason}", HOME))
+            raise
+        except BaseException:  # the program ends
+            self.emergency_stop()
+            raise
+
     def _homing_limit_s(self) -> float:
-        """Twice the way GRBL searches (1.5 travels, $25 mm/min) and back, axis after axis."""
+        """Twice the way GRBL searches (1.5 travels) and back, one axis after the other.
+
+        The firmware homes all axes it has, also those that nobody configured here: $130 and up.
+        """
+        lengths = {self._index(axis): self._travel[axis.name].high - self._travel[axis.name].low for axis in self._axes}
+        lengths |= {i: told for i in range(len(self.link.letters)) if (told := self.link.setting(130 + i, None))}
         seek = self.link.setting(25, None) or 500.0
-        return 10.0 + sum(2 * 2.5 * (travel.high - travel.low) / seek * 60 for travel in self._travel.values())
+        rates = {i: min(seek, self.link.setting(110 + i, seek) or seek) for i in lengths}
+        return 10.0 + sum(2 * 2.5 * length / rates[i] * 60 for i, length in lengths.items())
 
     def move_to(self, **target: float) -> None:
         """Go there in a straight line and return when still. Raises DeviceError."""
@@ -169,7 +216,9 @@ class GrblStage:
             self.link.require_trust()
             check_target(target, self._travel)
             goal = dict(target)
-            start = self.position()
+            report = self.link.settled_report()
+            self._check_pause(report)
+            start = self._user(report)
             feed, duration_s = self._pace({name: goal[name] - start[name] for name in goal})
             if duration_s == 0.0:
                 return
@@ -180,10 +229,13 @@ class GrblStage:
             )
             stops = self._stops
             try:
-                self.link.command(f"$J=G53 G90 G21 {words} F{feed:.1f}")
+                self.link.command(f"$J=G53 G90 G21 {words} F{feed:.1f}", allowed=self.link.trust.require)
                 report = self._until_still(duration_s)
             except DeviceError:
                 self._give_up_moving()
+                raise
+            except BaseException:  # the program ends
+                self.emergency_stop()
                 raise
             self._arrived(goal, self._user(report), stops)
 
@@ -202,7 +254,8 @@ class GrblStage:
 
     def _until_still(self, duration_s: float) -> Report:
         """Two equal reports of Idle in a row. Raises NoAnswer when twice the time and two seconds have passed."""
-        deadline_s = self.clock.now_s() + 2 * duration_s + 2
+        limit_s = 2 * duration_s * 100 / min(self.link.feed_override, 100.0) + 2
+        deadline_s = self.clock.now_s() + limit_s
         before, pause_s = None, duration_s
         while True:
             self.link.pause(pause_s)
@@ -210,13 +263,24 @@ class GrblStage:
             if report.state == "Idle" and report == before:
                 return report
             before = report
-            if report.state in ("Door", "Hold", "Alarm", "Sleep"):
+            self._check_pause(report)
+            if report.state in ("Alarm", "Sleep"):
                 raise MoveFailed(f"{self.address} stopped in state {report.state}", f"clear it, then {HOME}")
             if self.clock.now_s() > deadline_s:
-                raise NoAnswer(
-                    f"{self.address} still moves after {2 * duration_s + 2:.1f} s", "check feed and mechanics"
-                )
+                raise self._too_slow(limit_s)
             pause_s = 0.0 if report.state == "Idle" else self._poll_s
+
+    def _check_pause(self, report: Report) -> None:
+        """Raises Held where a person holds the machine."""
+        if report.pause is not None:
+            reason, remedy = report.pause
+            raise Held(f"{self.address} {reason}", remedy)
+
+    def _too_slow(self, limit_s: float) -> NoAnswer:
+        late = f"{self.address} still moves after {limit_s:.1f} s"
+        if self.link.feed_override < 100.0:
+            return NoAnswer(f"{late}: {self._override_in_words()}", "set the override to 100 %")
+        return NoAnswer(late, "check feed and mechanics")
 
     def _arrived(self, goal: Mapping[str, float], there: Mapping[str, float], stops: int) -> None:
         for axis in self._axes:
@@ -230,24 +294,37 @@ class GrblStage:
             if self.link.trust.why is None:
                 self._cancel_jog()
         except DeviceError as error:
-            self.link.trust.lose(error)
+            self.link.halt(error)
 
     def _cancel_jog(self) -> None:
         for _ in range(20):
             self.link.write(JOG_CANCEL)
-            if self.link.report().state in STILL:
+            if self.link.report().still:
                 return
             self.link.pause(self._poll_s)
         raise NoAnswer(f"{self.address} does not stop", "press the emergency stop at the bench")
 
     def stop(self) -> None:
-        """Slow down and stay; while homing, reset. Raises DeviceError."""
+        """Slow down and stay; while homing, and where the position is lost anyway, reset. Raises DeviceError."""
         self._stops += 1
-        if self._homing:
-            self.link.trust.lose(NotHomed("homing was stopped", HOME))
-            self.link.write(RESET)
+        if self._homing or self.link.trust.why is not None:
+            self.link.halt(NotHomed("homing was stopped", HOME))
             return
-        self._cancel_jog()
+        try:
+            self._cancel_jog()
+        except NoAnswer as error:
+            self.link.halt(error)
+            raise
+
+    def resume(self) -> None:
+        """Go on after a feed hold, or after the door once it is closed. Raises Held, DeviceError."""
+        report = self.link.report()
+        if report.pause is not None and (report.state, report.sub) in RESUMABLE:
+            self.link.write(RESUME)
+            deadline_s = self.clock.now_s() + RESUME_S
+            while (report := self.link.report()).pause is not None and self.clock.now_s() < deadline_s:
+                self.link.pause(self._poll_s)
+        self._check_pause(report)
 
     def emergency_stop(self) -> None:
         """Feed hold and soft reset past every lock; unsafe until homed."""

@@ -5,12 +5,15 @@ Trust is whether the position may be believed: homing gives it; reset, alarm, em
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
-from drivers.connection import opened
+from drivers.connection import anything, opened
 from drivers.errors import Alarm, DeviceError, LineLost, NoAnswer, Rejected, WasReset
 from drivers.grbl_protocol import (
+    PAUSES,
     RESET,
+    RESUMABLE,
     STATUS,
     AlarmRaised,
     Banner,
@@ -40,6 +43,16 @@ class Report:
     sub: int
     machine: tuple[float, ...]
 
+    @property
+    def pause(self) -> tuple[str, str] | None:
+        """Why a person holds it, and what to do; None where nobody does."""
+        return PAUSES.get((self.state, self.sub))
+
+    @property
+    def still(self) -> bool:
+        """Whether nothing moves, and nothing will before it is told to."""
+        return self.state in STILL or (self.state, self.sub) in (*RESUMABLE, ("Door", 1))
+
 
 class GrblLink:
     """Commands, reports and trust over one transport."""
@@ -48,7 +61,8 @@ class GrblLink:
         self._transport = transport
         self.letters = "XYZABC"
         self.rx_bytes = 128
-        self.last_state = "unknown"
+        self.last_state, self.last_sub = "unknown", 0
+        self.feed_override = 100.0
         self.trust = Trust()
         self._ready = False
         self._settings: dict[int, float] = {}
@@ -75,6 +89,7 @@ class GrblLink:
         """Open, greet, and read who and how it is. Raises DeviceError."""
         self.close()
         self._banner, self._locked, self._offset, self._in_step = None, None, None, True
+        self.feed_override = 100.0
         with opened(self._transport, self._hear):
             self._greet(reset)
             try:
@@ -129,8 +144,11 @@ class GrblLink:
             before = now
         raise NoAnswer(f"{self.address} tells other settings each time", "check the cable")
 
-    def command(self, line: str, timeout_s: float = REPLY_S) -> list[Event]:
-        """Send one line; the events up to its response. Raises Rejected, Alarm, WasReset, NoAnswer."""
+    def command(self, line: str, timeout_s: float = REPLY_S, allowed: Callable[[], None] = anything) -> list[Event]:
+        """Send one line; the events up to its response. Raises Rejected, Alarm, WasReset, NoAnswer.
+
+        `allowed` is asked when nothing can come between any more, and raises why the line may not be sent.
+        """
         if not self._in_step:
             self._resynchronise()
         said: list[Event] = []
@@ -140,7 +158,7 @@ class GrblLink:
             return event if isinstance(event, Ok | Failed | AlarmRaised | Banner) else None
 
         try:
-            reply = self._transport.request(line.encode() + b"\n", answer, timeout_s)
+            reply = self._transport.request(line.encode() + b"\n", answer, timeout_s, allowed=allowed)
         except NoAnswer:
             self._in_step = False
             raise
@@ -212,6 +230,11 @@ class GrblLink:
         self.trust.shout(error)
         self._transport.shout(realtime, error)
 
+    def halt(self, error: DeviceError) -> None:
+        """Reset the controller past every lock, and end every wait with `error`; the position is lost."""
+        self.trust.lose(error)
+        self._transport.shout(RESET, error)
+
     def recover(self) -> int:
         """Bring a locked or silent controller to where it can home; the epoch for `trust`. Raises DeviceError."""
         if not self.is_open:
@@ -243,7 +266,8 @@ class GrblLink:
 
     def _hear(self, event: Event, host_s: float) -> None:
         if isinstance(event, Status):
-            self.last_state = event.state
+            self.last_state, self.last_sub = event.state, event.sub
+            self.feed_override = event.override or self.feed_override
             self._offset = event.numbers("WCO") or self._offset
         elif isinstance(event, AlarmRaised):
             self._locked = event.code

@@ -80,6 +80,18 @@ ALARMS: dict[int, tuple[str, str]] = {
     16: ("self test failed", "switch the controller off and on"),
     17: ("a motor driver reports a fault", "switch the drivers off and on, check the motors, then home"),
 }
+PAUSES: dict[tuple[str, int], tuple[str, str]] = {
+    ("Door", 0): ("stands at the door, which is closed again", "resume at the controller, or try again"),
+    ("Door", 1): ("stands at the door", "close it and resume"),
+    ("Door", 2): ("slows down: the door was opened", "close it and resume"),
+    ("Door", 3): ("starts again after the door", "wait"),
+    ("Hold", 0): ("stands: feed hold was pressed", "resume at the controller, or try again"),
+    ("Hold", 1): ("slows down: feed hold was pressed", "resume at the controller, or try again"),
+}
+"""What a person at the machine has brought about, by state and sub-state."""
+RESUMABLE = (("Door", 0), ("Hold", 0))
+MOTORS_HELD = 255.0
+"""`$1`: milliseconds after which motors at rest are let go; this value keeps them on."""
 
 
 def error_text(code: int) -> tuple[str, str]:
@@ -118,6 +130,12 @@ class Status:
     state: str
     sub: int = 0
     fields: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def override(self) -> float | None:
+        """The feed override in percent, where this report carries it."""
+        told = self.numbers("Ov")
+        return told[0] if told else None
 
     def numbers(self, name: str) -> tuple[float, ...] | None:
         """A field's numbers; None if the report carries none or they cannot be read."""

@@ -93,12 +93,21 @@ class Distance:
 
 
 @dataclass(frozen=True)
+class Doubt:
+    """Why what a device tells deserves less trust although it may be used, and what to do about that."""
+
+    reason: str
+    remedy: str
+
+
+@dataclass(frozen=True)
 class Condition:
-    """One word for the device's row, whether it may be used, and what to do where it may not."""
+    """One word for the device's row, whether it may be used, what to do where it may not, and a doubt where it may."""
 
     word: str
     usable: bool = True
     remedy: str = field(default="")
+    doubt: Doubt | None = None
 
 
 class Device(Protocol):
@@ -133,8 +142,11 @@ class Stage(Device, Protocol):
         """The range of each axis; known after `connect`."""
         ...
 
-    def home(self) -> None:
-        """Find the reference; the only motion allowed before it. Raises DeviceError."""
+    def home(self, allowed: Callable[[], None] = ...) -> None:
+        """Find the reference; the only motion allowed before it. Raises DeviceError, and what `allowed` does.
+
+        `allowed` raises why homing may not begin: it is asked when no stop can come between any more.
+        """
         ...
 
     def move_to(self, **target: float) -> None:
@@ -251,8 +263,18 @@ class Transport(Protocol[E_co]):
         """Give the port back and end the reader."""
         ...
 
-    def request(self, data: bytes, answer: Callable[[E_co], T | None], timeout_s: float, tries: int = 1) -> T:
-        """Write and wait until `answer(event)` is not None, `tries` times over. Raises NoAnswer, LineLost."""
+    def request(
+        self,
+        data: bytes,
+        answer: Callable[[E_co], T | None],
+        timeout_s: float,
+        tries: int = 1,
+        allowed: Callable[[], None] = ...,
+    ) -> T:
+        """Write and wait until `answer(event)` is not None, `tries` times over. Raises NoAnswer, LineLost.
+
+        `allowed` raises why the order may not be given: it is asked when nothing can come between any more.
+        """
         ...
 
     def wait(self, ready: Callable[[], bool], timeout_s: float) -> bool:
@@ -264,7 +286,7 @@ class Transport(Protocol[E_co]):
         ...
 
     def shout(self, data: bytes, error: Exception) -> None:
-        """Write past every lock and end all waits with `error`; never raises."""
+        """Drop what was not sent yet, write past every lock, and end all waits with `error`; never raises."""
         ...
 
     def set_lines(self, **lines: bool) -> None:

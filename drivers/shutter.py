@@ -6,11 +6,12 @@ closed; the others tell when they were asked to.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 
 from drivers.clock import Clock, SystemClock
-from drivers.connection import line_condition, opened
+from drivers.connection import anything, line_condition, opened
 from drivers.errors import EmergencyStopped, LineLost, MoveFailed, NoAnswer, Rejected
 from drivers.grbl_link import GrblLink
 from drivers.interfaces import Condition, Identity, ShutterTimes, Transport
@@ -119,6 +120,7 @@ class StrigShutter:
         self._contacts: dict[tuple[int, str], int] = {}
         self._flash_us: int | None = None
         self._offset_s = 0.0
+        self._stopped: EmergencyStopped | None = None
 
     @property
     def address(self) -> str:
@@ -168,8 +170,8 @@ class StrigShutter:
         """Half-press or let go. Raises DeviceError."""
         self._command(f"FOCUS {int(pressed)}")
 
-    def _command(self, line: str) -> int:
-        reply = self._transport.request(line.encode() + b"\n", _verdict, REPLY_S)[0]
+    def _command(self, line: str, allowed: Callable[[], None] = anything) -> int:
+        reply = self._transport.request(line.encode() + b"\n", _verdict, REPLY_S, allowed=allowed)[0]
         if isinstance(reply, Refusal):
             remedy = "wait for the shot, or abort it" if reply.code == 3 else "check the cable"
             raise Rejected(f"{self.address} refused {line!r}: {reply.text}", remedy, f"ERR {reply.code}")
@@ -180,12 +182,17 @@ class StrigShutter:
 
         After NoAnswer the shot may have been taken: a shot is never repeated by itself.
         """
+        self._stopped = None
         self._synchronise()
         self._contacts.clear()
         self._flash_us = None
-        seq = self._command(f"SHOT {round(focus_s * 1000)} {round(pulse_s * 1000)}")
+        seq = self._command(f"SHOT {round(focus_s * 1000)} {round(pulse_s * 1000)}", self._not_stopped)
         self._until_ended(seq, self.clock.now_s() + pulse_s + focus_s + 1.0)
         return self._times(seq, pulse_s)
+
+    def _not_stopped(self) -> None:
+        if self._stopped is not None:
+            raise self._stopped
 
     def _until_ended(self, seq: int, deadline_s: float) -> None:
         def ended() -> bool:
@@ -214,7 +221,8 @@ class StrigShutter:
 
     def emergency_stop(self) -> None:
         """Open the contacts past every lock."""
-        self._transport.shout(b"\nABORT\n", EmergencyStopped(f"emergency stop at {self.address}", "fire again"))
+        self._stopped = error = EmergencyStopped(f"emergency stop at {self.address}", "fire again")
+        self._transport.shout(b"\nABORT\n", error)
 
 
 class DeafParser:

@@ -12,7 +12,10 @@ from typing import TextIO
 
 @dataclass(frozen=True, slots=True)
 class Passage:
-    """Bytes that passed: when, which way (`>` to the device, `<` from it, `!` past the locks), what."""
+    """Bytes that passed: when, which way, what.
+
+    `>` to the device, `<` from it, `!` a stop past all that waited, `x` a stop that the port did not take.
+    """
 
     time_s: float
     way: str

@@ -1,7 +1,9 @@
 """A serial line by pyserial URL, owned by one reader thread. The only import of `serial`.
 
 A request holds the line from its first byte to its reply; every wait has a deadline; `shout` passes all of them,
-for emergencies. A line that was lost is opened again only by its driver's `connect`, never behind a motion's back.
+for emergencies: what still waits to be sent is dropped, then its bytes go out, and an order that is not `allowed` any
+more when its turn comes is not written. A line that was lost is opened again only by its driver's `connect`, never
+behind a motion's back.
 """
 
 from __future__ import annotations
@@ -15,8 +17,10 @@ import serial
 from serial.tools import list_ports
 
 from drivers.clock import Clock, SystemClock
+from drivers.connection import anything
 from drivers.errors import DeviceError, LineLost, NoAnswer
 from drivers.interfaces import Parser
+from drivers.outgoing import WRITE_S, Outgoing
 from drivers.transcript import Transcript
 
 E = TypeVar("E")
@@ -25,7 +29,6 @@ PortBase = serial.SerialBase
 PortError = serial.SerialException
 
 POLL_S = 0.25  # a blocking read does not reliably end on close(), so it is never longer than this
-WRITE_S = 1.0
 PORT_ERRORS = (serial.SerialException, OSError, ValueError, TypeError, AttributeError)  # all seen on unplugged adapters
 
 
@@ -73,6 +76,7 @@ class SerialTransport(Generic[E]):
         self._new_parser = parser
         self._preset = {"dtr": dtr, "rts": rts}
         self._port: Any = None
+        self._outgoing: Outgoing | None = None
         self._reader: threading.Thread | None = None
         self._news = threading.Condition()
         self._busy = False
@@ -92,6 +96,7 @@ class SerialTransport(Generic[E]):
                 f"cannot open {self.address}: {error}",
                 "plug the cable in, close other programs on this port, or correct its name",
             ) from error
+        self._outgoing = Outgoing(self._port)
         self._reader = threading.Thread(
             target=self._read, args=(self._port, self._new_parser(), listen), name=f"reader {self.address}", daemon=True
         )
@@ -123,17 +128,28 @@ class SerialTransport(Generic[E]):
             self._reader.join(timeout=2.0)
         self.transcript.close()
 
-    def request(self, data: bytes, answer: Callable[[E], T | None], timeout_s: float, tries: int = 1) -> T:
+    def request(
+        self,
+        data: bytes,
+        answer: Callable[[E], T | None],
+        timeout_s: float,
+        tries: int = 1,
+        allowed: Callable[[], None] = anything,
+    ) -> T:
         """Write `data` and wait for the event of which `answer` makes a value; ask `tries` times in all.
 
-        Only questions may be asked again: a repeated order is a second order. Raises NoAnswer, LineLost.
+        Only questions may be asked again: a repeated order is a second order. `allowed` is asked at the last moment,
+        when no `shout` can come between, and raises why the order may not be given any more.
+        Raises NoAnswer, LineLost.
         """
         for _ in range(tries - 1):
             with suppress(NoAnswer):
-                return self._request(data, answer, timeout_s)
-        return self._request(data, answer, timeout_s)
+                return self._request(data, answer, timeout_s, allowed)
+        return self._request(data, answer, timeout_s, allowed)
 
-    def _request(self, data: bytes, answer: Callable[[E], T | None], timeout_s: float) -> T:
+    def _request(
+        self, data: bytes, answer: Callable[[E], T | None], timeout_s: float, allowed: Callable[[], None]
+    ) -> T:
         found: list[T] = []
 
         def claim(event: E) -> None:
@@ -145,11 +161,11 @@ class SerialTransport(Generic[E]):
         with self._news:
             if not self._wait(lambda: not self._busy, deadline_s):
                 raise NoAnswer(f"{self.address} is still busy after {timeout_s:g} s", "wait, or stop the device")
-            self._busy, self._claim, before = True, claim, self.bytes_heard
+            self._busy, self._claim, before, interrupts = True, claim, self.bytes_heard, self._interrupts
         try:
-            self.write(data)
+            self.write(data, allowed)
             with self._news:
-                self._wait(lambda: bool(found), deadline_s)
+                self._wait(lambda: bool(found), deadline_s, interrupts)
         finally:
             with self._news:
                 self._busy, self._claim = False, None
@@ -177,8 +193,9 @@ class SerialTransport(Generic[E]):
         with self._news:
             return self._wait(ready, self.clock.now_s() + timeout_s)
 
-    def _wait(self, ready: Callable[[], bool], deadline_s: float) -> bool:
-        interrupts = self._interrupts
+    def _wait(self, ready: Callable[[], bool], deadline_s: float, interrupts: int | None = None) -> bool:
+        """As `wait`; with `interrupts` counted before, so that none that came since is missed."""
+        interrupts = self._interrupts if interrupts is None else interrupts
         self.clock.wait(
             self._news, lambda: self._lost is not None or self._interrupts != interrupts or ready(), deadline_s
         )
@@ -188,25 +205,35 @@ class SerialTransport(Generic[E]):
             raise self._lost
         return ready()
 
-    def write(self, data: bytes) -> None:
-        """Write, waiting for no reply and no lock. Raises LineLost."""
-        port = self._port
-        if port is None or self._lost is not None:
+    def write(self, data: bytes, allowed: Callable[[], None] = anything) -> None:
+        """Write, waiting for no reply. Raises LineLost, NoAnswer where the port takes no bytes, what `allowed` does."""
+        port, outgoing = self._port, self._outgoing
+        if port is None or outgoing is None or self._lost is not None:
             raise self._lost or LineLost(f"{self.address} is not open", "connect first")
-        self.transcript.record(self.clock.now_s(), ">", data)
+
+        def noted() -> None:
+            allowed()
+            self.transcript.record(self.clock.now_s(), ">", data)
+
         try:
-            port.write(data)
+            outgoing.send(data, noted)
+        except (TimeoutError, serial.SerialTimeoutException) as error:  # it stays open: a stop must still get through
+            raise NoAnswer(
+                f"{self.address} took no bytes for {WRITE_S:g} s", "check power, cable, handshake"
+            ) from error
         except PORT_ERRORS as error:
             self._lose(port, self._gone(error))
             raise self._lost or self._gone(error) from error
 
     def shout(self, data: bytes, error: Exception) -> None:
-        """Write past every lock, then end every wait with `error`; never raises, so that all devices get their turn."""
-        port = self._port
-        if port is not None:
-            with suppress(*PORT_ERRORS):
-                port.write(data)
-            self.transcript.record(self.clock.now_s(), "!", data)
+        """Write past every lock and queue, then end every wait with `error`; never raises.
+
+        The transcript has the moment at which the port had taken the bytes (`!`), or that it did not (`x`).
+        """
+        outgoing = self._outgoing
+        if outgoing is not None and data:
+            way = "!" if outgoing.stop(data) else "x"
+            self.transcript.record(self.clock.now_s(), way, data)
         self.interrupt(error)
 
     def interrupt(self, error: Exception) -> None:

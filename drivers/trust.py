@@ -41,9 +41,13 @@ class Trust:
 
     def give(self, epoch: int) -> None:
         """Believe, if nothing has happened since `epoch`. Raises what has."""
+        self.undisturbed(epoch)
+        self.why = None
+
+    def undisturbed(self, epoch: int) -> None:
+        """Raises what has happened since `epoch`."""
         if self.epoch != epoch:
             raise self.why or UNHOMED
-        self.why = None
 
     def require(self) -> None:
         """Raises the reason not to move."""

@@ -6,11 +6,12 @@ over when the axis says IDLE, asked by polling and hastened by alerts, and right
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 from drivers.clock import Clock, SystemClock
-from drivers.connection import opened
+from drivers.connection import anything, opened
 from drivers.errors import (
     Alarm,
     DeviceError,
@@ -134,7 +135,9 @@ class ZaberStage:
             return Condition(why.reason, False, why.remedy)
         return Condition("idle")
 
-    def _send(self, device: int, axis: int, command: str, tries: int = 1) -> Reply:
+    def _send(
+        self, device: int, axis: int, command: str, tries: int = 1, allowed: Callable[[], None] = anything
+    ) -> Reply:
         self._ids = number = (self._ids + 1) % 100
         body = f"{device} {axis} {number} {command}".rstrip().encode()
 
@@ -144,7 +147,7 @@ class ZaberStage:
             # with checksums on, an answer without one was damaged at its colon
             return event if event.checked or device not in self._checking else None
 
-        reply = self._transport.request(b"/" + body + b":" + checksum(body) + b"\n", answer, REPLY_S, tries)
+        reply = self._transport.request(b"/" + body + b":" + checksum(body) + b"\n", answer, REPLY_S, tries, allowed)
         if not reply.accepted:
             reason, remedy = REJECTIONS.get(reply.data, (f"it said {reply.data}", "see the device's manual"))
             raise Rejected(f"{self.address} device {device} refused {command!r}: {reason}", remedy, reply.data)
@@ -195,16 +198,22 @@ class ZaberStage:
             self.trust.lose(Alarm(f"{axis.name} at {self.address}: {reason}", remedy, flag))
             self.trust.require()
 
-    def home(self) -> None:
+    def home(self, allowed: Callable[[], None] = anything) -> None:
         """Send every axis to its home sensor. Raises DeviceError."""
         with self._one_mover:
             self._require_line()
             epoch, stops = self.trust.begin(self.trust.shouts), self._stops
-            for axis in self._axes:
-                self._send(axis.device, axis.axis, "warnings clear", tries=3)
-                self._send(axis.device, axis.axis, "home")
-            longest_s = max((travel.high - travel.low) / self._speed[name] for name, travel in self._travel.items())
-            self._finish(list(self._axes), 4 * longest_s + 10)
+
+            def undisturbed() -> None:
+                allowed()
+                self.trust.undisturbed(epoch)
+
+            with self._left_still(self._axes):
+                for axis in self._axes:
+                    self._send(axis.device, axis.axis, "warnings clear", tries=3)
+                    self._send(axis.device, axis.axis, "home", allowed=undisturbed)
+                longest_s = max((travel.high - travel.low) / self._speed[name] for name, travel in self._travel.items())
+                self._finish(list(self._axes), 4 * longest_s + 10)
             if self._stops != stops or any(self._status(axis).flag == "NI" for axis in self._axes):
                 raise MoveFailed(f"homing at {self.address} was interrupted", HOME)
             self.trust.give(epoch)
@@ -223,13 +232,10 @@ class ZaberStage:
             stops = self._stops
             start = self.position()
             longest_s = max((abs(goals[a] - start[a.name]) / self._speed[a.name] for a in goals), default=0.0)
-            try:
+            with self._left_still(list(goals)):
                 for axis, value in goals.items():
-                    self._send(axis.device, axis.axis, f"move abs {axis.to_steps(value)}")
+                    self._send(axis.device, axis.axis, f"move abs {axis.to_steps(value)}", allowed=self.trust.require)
                 self._finish(list(goals), 2 * longest_s + 2)
-            except DeviceError:
-                self._give_up_moving(list(goals))
-                raise
             for axis, value in goals.items():
                 tolerance = PRECISION_STEPS * abs(axis.unit_per_step)
                 check_arrival(axis.name, value, axis.to_unit(self._steps(axis)), tolerance, self._stops != stops)
@@ -254,12 +260,21 @@ class ZaberStage:
         if self.trust.epoch != epoch:
             self.trust.require()
 
-    def _give_up_moving(self, axes: list[ZaberAxis]) -> None:
+    @contextmanager
+    def _left_still(self, axes: Sequence[ZaberAxis]) -> Iterator[None]:
+        """Whatever ends this before its end, nothing moves on."""
         try:
-            for axis in axes:
-                self._send(axis.device, axis.axis, "stop", tries=3)
-        except DeviceError as error:
-            self.trust.lose(error)
+            yield
+        except DeviceError:
+            try:
+                for axis in axes:
+                    self._send(axis.device, axis.axis, "stop", tries=3)
+            except DeviceError as error:
+                self.trust.lose(error)
+            raise
+        except BaseException:  # the program ends
+            self.emergency_stop()
+            raise
 
     def stop(self) -> None:
         """Slow down and stay. Raises DeviceError."""

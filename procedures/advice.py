@@ -103,7 +103,7 @@ def _lower_iso(level: float, exposure: Exposure, readings: tuple[Reading, ...], 
 
 def _noted(exposure: Exposure) -> dict[str, Fact]:
     """What the camera wrote about the shot, as facts."""
-    names = ("camera", "lens", "exposure_s", "iso", "f_number", "focal_length_mm")
+    names = ("camera", "lens", "exposure_s", "iso", "f_number", "focal_length_mm", "pixel_pitch_um")
     return {name: value for name in names if (value := getattr(exposure, name)) is not None}
 
 

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, BinaryIO
 
+from procedures.outcome import BadParameter
+
 
 @dataclass(frozen=True)
 class Exposure:
@@ -20,6 +22,7 @@ class Exposure:
     f_number: float | None = None
     iso: float | None = None
     focal_length_mm: float | None = None
+    pixel_pitch_um: float | None = None
     subject_distance_mm: float | None = None
     captured_at: str | None = None
     sources: Mapping[str, str] | None = None
@@ -85,9 +88,23 @@ def _from_exif(tags: Tags) -> dict[str, Field | None]:
         "f_number": _number(tags, "EXIF FNumber", "Image FNumber"),
         "iso": _number(tags, "EXIF ISOSpeedRatings", "EXIF PhotographicSensitivity", "Image ISOSpeedRatings"),
         "focal_length_mm": _number(tags, "EXIF FocalLength", "Image FocalLength"),
+        "pixel_pitch_um": _pitch_um(tags),
         "subject_distance_mm": _scaled(_number(tags, "EXIF SubjectDistance", "Image SubjectDistance"), 1000.0),
         "captured_at": _moment(_text(tags, "EXIF DateTimeOriginal") or _text(tags, "Image DateTime")),
     }
+
+
+_MICROMETRES = {2: 25400.0, 3: 10000.0, 4: 1000.0, 5: 1.0}
+"""Of EXIF's units of the focal plane's resolution: inch, centimetre, and two that cameras use besides."""
+
+
+def _pitch_um(tags: Tags) -> float | None:
+    """Distance of the sensor's pixels, from EXIF FocalPlaneXResolution: pixels in a unit; inches where none is told."""
+    resolution = _number(tags, "EXIF FocalPlaneXResolution", "Image FocalPlaneXResolution")
+    unit = _number(tags, "EXIF FocalPlaneResolutionUnit", "Image FocalPlaneResolutionUnit") or 2
+    if resolution is None or unit not in _MICROMETRES:
+        return None
+    return _MICROMETRES[int(unit)] / resolution
 
 
 def _positive(value: float) -> float | None:
@@ -139,3 +156,39 @@ def _moment(text: str | None) -> str | None:
         return datetime.strptime(text or "", "%Y:%m:%d %H:%M:%S").isoformat()
     except ValueError:
         return None
+
+
+# --- what was typed beside what the camera wrote ------------------------------------------------------------------
+
+TYPED = {"f_number": ("f-number", "", 0.04), "focal_length_mm": ("focal length", " mm", 0.06),
+         "pixel_pitch_um": ("pixel pitch", " µm", 0.06)}  # fmt: skip
+"""Of settings that are typed: their name, unit, and the difference that is none: apertures are rounded on the ring by
+up to 3 % (22 for 22.6), focal lengths and sensors' sizes are engraved and printed as round numbers."""
+
+
+def disagreements(exposure: Exposure, typed: Mapping[str, float | None]) -> list[str]:
+    """Where the camera wrote something else than was typed, a sentence for each; `typed` by the names of `TYPED`."""
+    return [
+        f"the {words} was given as {value:g}{unit}, and the camera noted {noted:g}{unit}"
+        for name, (words, unit, near) in TYPED.items()
+        if (value := typed.get(name)) and (noted := getattr(exposure, name)) and abs(value / noted - 1) > near
+    ]
+
+
+def check_typed(exposure: Exposure, typed: Mapping[str, float | None], name: str, insist: str) -> None:
+    """Refuse settings that contradict the photograph.
+
+    Parameters
+    ----------
+    name : of the photograph
+    insist : str
+        How the operator says that what was typed is right all the same.
+
+    Raises
+    ------
+    BadParameter
+        If one does.
+    """
+    found = disagreements(exposure, typed)
+    if found:
+        raise BadParameter(f"{name}: {'; '.join(found)}", f"leave it out, or correct it; to insist, {insist}")

@@ -66,6 +66,25 @@ class Advice:
     marks: tuple[tuple[float, float], ...] = ()
 
 
+@dataclass(frozen=True)
+class Diagram:
+    """A curve that explains a choice.
+
+    Attributes
+    ----------
+    label : what is drawn over what
+    x, y : (n,) x rising
+    say : one or two sentences: what it means
+    rows : the same as a table, its headings first
+    """
+
+    label: str
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+    say: str
+    rows: tuple[tuple[str, ...], ...] = ()
+
+
 # --- requests ----------------------------------------------------------------------------------------------------
 
 
@@ -94,6 +113,13 @@ class Give:
     name: str
     make: Callable[[Facts], bytes]
     say: Callable[[str], str]
+
+
+@dataclass(frozen=True)
+class Show:
+    """Show a curve that the facts tell, before something is chosen by it; None is nothing to show."""
+
+    diagram: Callable[[Facts], Diagram | None]
 
 
 @dataclass(frozen=True)
@@ -205,7 +231,7 @@ class Decide:
     retake: str
 
 
-Request = Ask | Give | Home | Go | SetLight | Measure | Look | Scan | Shoot | Tour | Estimate | Decide
+Request = Ask | Give | Show | Home | Go | SetLight | Measure | Look | Scan | Shoot | Tour | Estimate | Decide
 
 
 @dataclass(frozen=True)

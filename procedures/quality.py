@@ -13,8 +13,8 @@ from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import j1
 
+from procedures.numerics.bessel import j1
 from procedures.numerics.kernel_tail import SHAPES, tail_spectra
 from procedures.outcome import Quantity
 from procedures.psf import Psf

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+import stat
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from io import BufferedReader
+from functools import partial
+from io import BufferedReader, BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +18,7 @@ from procedures.exposure import Exposure, read_exposure
 from procedures.grey_image import PNG_MAGIC, Samples, read_pgm, read_png, read_tiff
 from procedures.library_noise import captured_noise
 from procedures.outcome import BadInput, BadParameter
+from procedures.sensor_dump import DumpLayout, has_raw_header
 from procedures.tiff_tags import (
     ACTIVE_AREA,
     BLACK_DELTA_COLUMNS,
@@ -24,10 +27,21 @@ from procedures.tiff_tags import (
     BLACK_REPEAT,
     CFA_PATTERN,
     Tags,
+    has_directory,
     mosaic_tags,
 )
 
-__all__ = ["GREY_PLANE", "MOSAIC_PLANES", "Exposure", "Felt", "Plane", "RawFrame", "default_plane", "read_frame"]
+__all__ = [
+    "GREY_PLANE",
+    "MOSAIC_PLANES",
+    "Exposure",
+    "Felt",
+    "Plane",
+    "RawFrame",
+    "default_plane",
+    "read_frame",
+    "read_photograph",
+]
 
 MOSAIC_PLANES = ("R", "G1", "G2", "B")
 """The planes of a 2 x 2 mosaic; G1 lies on the red rows."""
@@ -97,7 +111,13 @@ class RawFrame:
     felt: Felt | None = None
 
 
-def read_frame(path: Path | str, names: Sequence[str] | None = None) -> RawFrame:
+def read_frame(
+    path: Path | str,
+    names: Sequence[str] | None = None,
+    layout: DumpLayout | None = None,
+    *,
+    data: bytes | None = None,
+) -> RawFrame:
     """The planes of a photograph, linear, black 0 and white 1, with its exposure data.
 
     RAW files with a 2 x 2 mosaic give R, G1, G2 and B; grey PGM, PNG and TIFF files give Y.
@@ -107,6 +127,11 @@ def read_frame(path: Path | str, names: Sequence[str] | None = None) -> RawFrame
     path : path of the file
     names : sequence of str, optional
         The planes to read; all by default. What is not asked for takes no memory.
+    layout : DumpLayout, optional
+        How the samples lie in a file without a header; the file is then read so and not otherwise.
+    data : bytes, optional
+        The file's content, where it was read already. Hash and planes are always of the same bytes, also where the
+        file is replaced meanwhile.
 
     Raises
     ------
@@ -116,17 +141,34 @@ def read_frame(path: Path | str, names: Sequence[str] | None = None) -> RawFrame
         If a plane is asked for that the file has not.
     """
     path = Path(path)
-    kind = _kind(path)
-    read = _read_grey if kind in _GREY_READERS else _read_mosaic
+    data = read_photograph(path) if data is None else data
+    read = _reader(path, data, layout)
+    planes, exposure = read(path, BytesIO(data), names)
+    return RawFrame(path, hashlib.sha256(data).hexdigest(), planes, exposure)
+
+
+def read_photograph(path: Path) -> bytes:
+    """The content of a photograph's file. Raises BadInput where it cannot be read, or is no file."""
     with _open(path) as file:
-        sha256 = hashlib.file_digest(file, "sha256").hexdigest()
-        planes, exposure = read(path, file, names)
-    return RawFrame(path, sha256, planes, exposure)
+        try:
+            return file.read()
+        except OSError as error:
+            raise BadInput(f"{path} cannot be read: {error.strerror}", _DISK) from error
 
 
-def default_plane(path: Path | str) -> str:
-    """The plane that is meant where none is named: G1 of a RAW file, Y of a grey image. Raises as `read_frame`."""
-    return GREY_PLANE if _kind(Path(path)) in _GREY_READERS else "G1"
+def default_plane(path: Path | str, layout: DumpLayout | None = None) -> str:
+    """The plane that is meant where none is named: G1 of a mosaic, Y of a grey image. Raises as `read_frame`."""
+    if layout:
+        return GREY_PLANE if GREY_PLANE in layout.first_pixels() else "G1"
+    with _open(Path(path)) as file:
+        return GREY_PLANE if _kind(Path(path), file) in _GREY_READERS else "G1"
+
+
+def _reader(path: Path, data: bytes, layout: DumpLayout | None) -> Callable[..., tuple[dict[str, Plane], Exposure]]:
+    """What reads this file."""
+    if layout:
+        return partial(_read_dump, layout)
+    return _read_grey if _kind(path, BytesIO(data)) in _GREY_READERS else _read_mosaic
 
 
 # --- what kind of file -------------------------------------------------------------------------------------------
@@ -134,15 +176,13 @@ def default_plane(path: Path | str) -> str:
 _GREY_READERS = {"pgm": read_pgm, "png": read_png, "tiff": read_tiff}
 _EXPORT = "give the camera's RAW file, or export one linear plane as a grey 16 bit TIFF"
 _TIFF_MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
-# magic numbers of the RAW containers LibRaw reads: TIFF and its dialects, CR3, CRW, RAF, X3F, MRW
-_RAW_MAGIC = (b"II*\0", b"MM\0*", b"IIU\0", b"IIRO", b"IIRS", b"MMOR", b"II\x1a\0", b"FUJIFILM", b"FOVb", b"\0MRM")
+_DUMP = "give the camera's RAW file; of a sensor's dump tell the layout: --raw WIDTHxHEIGHT,RGGB,u16le,BLACK,WHITE"
 
 
-def _kind(path: Path) -> str:
+def _kind(path: Path, file: BinaryIO) -> str:
     """ "pgm", "png", "tiff" or "raw", by the file's first bytes; only TIFF and RAW are told apart by the suffix."""
-    with _open(path) as file:
-        head = file.read(512)
-        holds_mosaic = bool(mosaic_tags(file))
+    head = file.read(512)
+    holds_mosaic, begins_as_tiff = bool(mosaic_tags(file)), has_directory(file)
     if not head:
         raise BadInput(f"{path} is empty", "copy the photograph from the camera's card again")
     if head[:2] in (b"P2", b"P5"):
@@ -152,6 +192,8 @@ def _kind(path: Path) -> str:
     if head.startswith(_TIFF_MAGIC) and path.suffix.lower() in (".tif", ".tiff") and not holds_mosaic:
         return "tiff"
     _refuse_by_name(path, head)
+    if not has_raw_header(head) or (head.startswith(_TIFF_MAGIC) and not begins_as_tiff):
+        raise BadInput(f"{path} has no header of a RAW format; its size alone does not tell what it holds", _DUMP)
     return "raw"
 
 
@@ -161,7 +203,7 @@ def _refuse_by_name(path: Path, head: bytes) -> None:
         raise BadInput(f"{path} is a JPEG, whose grey levels are not linear in light", _EXPORT)
     if head[:2] in (b"P3", b"P6"):
         raise BadInput(f"{path} is a PPM with three colours, not one linear plane", _EXPORT)
-    if _is_text(head) and not head.startswith(_RAW_MAGIC):
+    if _is_text(head) and not has_raw_header(head):
         raise BadInput(f"{path} is a text file, not a photograph", _EXPORT)
 
 
@@ -175,37 +217,63 @@ def _is_text(head: bytes) -> bool:
 
 def _open(path: Path) -> BufferedReader:
     try:
+        mode = path.stat().st_mode
+        if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):  # it would be waited for, or read, without end
+            raise BadInput(f"{path} is a pipe or a device, not a photograph", "copy the photograph into a file")
         return path.open("rb")
     except FileNotFoundError as error:
-        raise BadInput(f"there is no file {path}", "check the path") from error
+        link = f"; the link leads to {path.readlink()}, which is not there" if path.is_symlink() else ""
+        raise BadInput(f"there is no file {path}{link}", "check the path") from error
     except IsADirectoryError as error:
         raise BadInput(f"{path} is a folder, not a photograph", "name one file in it") from error
     except OSError as error:
-        raise BadInput(f"{path} cannot be read: {error.strerror}", "check its permissions and the disk") from error
+        raise BadInput(f"{path} cannot be read: {error.strerror}", _DISK) from error
+
+
+_DISK = "check its permissions and the disk"
 
 
 # --- grey images -------------------------------------------------------------------------------------------------
 
 
-def _read_grey(path: Path, file: BufferedReader, names: Sequence[str] | None) -> tuple[dict[str, Plane], Exposure]:
+def _read_grey(path: Path, file: BytesIO, names: Sequence[str] | None) -> tuple[dict[str, Plane], Exposure]:
     _check_names(names, (GREY_PLANE,), path)
-    file.seek(0)
-    levels, white = _GREY_READERS[_kind(path)](file.read(), str(path))
-    return {GREY_PLANE: _scaled_plane(GREY_PLANE, levels, np.zeros((), np.float32), float(white))}, read_exposure(file)
+    kind = _kind(path, file)
+    levels, white = _GREY_READERS[kind](file.getvalue(), str(path))
+    # a PGM has no place for a camera's notes
+    exposure = Exposure(sources={}) if kind == "pgm" else read_exposure(file)
+    return {GREY_PLANE: _scaled_plane(GREY_PLANE, levels, np.zeros((), np.float32), float(white))}, exposure
+
+
+def _read_dump(
+    layout: DumpLayout, path: Path, file: BytesIO, names: Sequence[str] | None
+) -> tuple[dict[str, Plane], Exposure]:
+    places = layout.first_pixels()
+    _check_names(names, tuple(places), path)
+    levels = layout.read(file.getvalue(), str(path))
+    black, white = np.array(layout.black, np.float32), float(layout.white)
+    if GREY_PLANE in places:
+        return {GREY_PLANE: _scaled_plane(GREY_PLANE, levels, black, white)}, Exposure()
+    return {
+        name: _scaled_plane(name, levels[row::2, column::2], black, white, (column, row))
+        for name, (row, column) in places.items()
+        if names is None or name in names
+    }, Exposure()
 
 
 # --- mosaics -----------------------------------------------------------------------------------------------------
 
 
-def _read_mosaic(path: Path, file: BufferedReader, names: Sequence[str] | None) -> tuple[dict[str, Plane], Exposure]:
+def _read_mosaic(path: Path, file: BytesIO, names: Sequence[str] | None) -> tuple[dict[str, Plane], Exposure]:
     import rawpy
 
     tags = mosaic_tags(file)
     failure: Exception | None = None
     found: tuple[dict[str, Plane], Exposure] | None = None
+    file.seek(0)
     with captured_noise() as noise:
         try:
-            with rawpy.imread(str(path)) as raw:
+            with rawpy.imread(file) as raw:
                 found = _mosaic_planes(path, raw, tags, names), read_exposure(file, raw)
         except rawpy.LibRawError as error:
             failure = error

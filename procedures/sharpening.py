@@ -6,6 +6,8 @@ the core the mean PSF falls to its tail of a / r^3 from above, whatever the aber
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import numpy.typing as npt
 
@@ -32,9 +34,7 @@ def missing_light(psf: Psf) -> float:
     radii = [radius for radius in RINGS_PX if radius <= psf.k / 2 / psf.s]
     within = [energy_within(psf, radius) for radius in radii]
     lacking = [_sigmas(-psf.tail_density_px, tail, C)]
-    for (r, R), ((inner, of_inner), (outer, of_outer)) in zip(
-        zip(radii, radii[1:], strict=False), zip(within, within[1:], strict=False), strict=True
-    ):
+    for (r, R), ((inner, of_inner), (outer, of_outer)) in zip(pairwise(radii), pairwise(within), strict=True):
         expected = LEAST * 2 * np.pi * (1 / r - 1 / R)
         less = expected * max(psf.tail_density_px, 0.0) - (outer - inner)
         lacking.append(_sigmas(less, expected * tail - of_outer + of_inner, C))
@@ -42,4 +42,4 @@ def missing_light(psf: Psf) -> float:
 
 
 def _sigmas(value: float, slope: Array, C: Array) -> float:
-    return value / float(np.sqrt(max(slope @ C @ slope, 1e-30)))
+    return float(value / np.sqrt(max(float(slope @ C @ slope), 1e-30)))

@@ -29,6 +29,8 @@ Tags = Mapping[int, tuple[float, ...]]
 # type code -> (struct letter, how many of them make one value)
 _KINDS = {1: ("B", 1), 3: ("H", 1), 4: ("I", 1), 5: ("I", 2), 6: ("b", 1), 8: ("h", 1), 9: ("i", 1), 10: ("i", 2),
           11: ("f", 1), 12: ("d", 1), 13: ("I", 1)}  # fmt: skip
+_TYPES = range(1, 19)
+"""Of fields, the makers' additions and BigTIFF's included."""
 _MOST_DIRECTORIES = 64
 _MOST_VALUES = 1 << 17
 
@@ -56,6 +58,20 @@ def image_directories(file: BinaryIO) -> list[Tags]:
         return _directories(file)
     except (struct.error, OSError):
         return []
+
+
+def has_directory(file: BinaryIO) -> bool:
+    """Whether a file has a whole first image directory, which begins with a field of a known type."""
+    file.seek(0)
+    head = file.read(8)
+    order = {b"II": "<", b"MM": ">"}.get(head[:2])
+    if order is None or len(head) < 8:
+        return False
+    file.seek(struct.unpack(order + "I", head[4:])[0])
+    count = file.read(2)
+    size = 12 * struct.unpack(order + "H", count)[0] if len(count) == 2 else 0
+    entries = file.read(size)
+    return size > 0 and len(entries) == size and struct.unpack(order + "H", entries[2:4])[0] in _TYPES
 
 
 def _directories(file: BinaryIO) -> list[Tags]:

@@ -48,6 +48,8 @@ class GrblController:
         self._boot_s = NEVER
         self._critical = False
         self._reports = 0
+        self.feed_override = 100
+        self.door_open = False
 
     def set_lines(self, rts: bool, dtr: bool, now_s: float) -> None:
         """A rising DTR resets the board, as on every Arduino."""
@@ -101,6 +103,12 @@ class GrblController:
         self._forget_lines()
         self._raise(code)
 
+    def door(self, is_open: bool, now_s: float) -> None:
+        """Somebody opens or closes the safety door: opening stops, closing alone starts nothing."""
+        self.door_open = is_open
+        if is_open and self._run.state != "Door":
+            self._realtime(DOOR, now_s)
+
     def _forget_lines(self) -> None:
         self._rx.clear()
         self._line = None
@@ -151,7 +159,7 @@ class GrblController:
             return
         elif byte == ord("?"):
             self._say(self._report(now_s))
-        elif byte == ord("~") and self._run.state in ("Hold", "Door") and self._run.hold == 0:
+        elif byte == ord("~") and self._run.state in ("Hold", "Door") and self._sub == 0:
             self._run.state = "Idle"
             self._next_block(now_s)
         elif byte in (ord("!"), CANCEL, DOOR):
@@ -193,6 +201,8 @@ class GrblController:
         run = self._run
         run.motion_end_s, run.current, run.hold = NEVER, None, 0
         if run.state in ("Hold", "Door"):
+            if not run.plan:  # a jog is forgotten by the door
+                self._planned = self._machine(now_s)
             return
         if not run.plan:
             run.state = "Idle"
@@ -297,6 +307,9 @@ class GrblController:
         if self.settings[22] != 1:
             self._say("error:5")
             return
+        if self.door_open:
+            self._say("error:13")
+            return
         end_s = now_s
         for axis in self.axes.values():
             arrived_s = travel_line([axis], [axis.high], now_s, self.settings[25] / 60, self._acceleration())
@@ -383,13 +396,20 @@ class GrblController:
             self._next_block(now_s)
         return 0
 
+    @property
+    def _sub(self) -> int:
+        """Hold: 1 while it brakes. Door: 2 while it brakes, 1 while the door is open, 0 when it may go on."""
+        if self._run.state == "Hold":
+            return self._run.hold
+        return 2 if self._run.hold else int(self.door_open)
+
     def _report(self, now_s: float) -> str:
         self._reports += 1
         run = self._run
-        state = f"{run.state}:{run.hold}" if run.state in ("Hold", "Door") else run.state
-        fields = words.places(
-            self.settings, self._machine(now_s), self.work_offset, self._reports, run.current is not None
-        )
+        state = f"{run.state}:{self._sub}" if run.state in ("Hold", "Door") else run.state
+        busy = run.current is not None
+        where = self._machine(now_s)
+        fields = words.places(self.settings, where, self.work_offset, self._reports, busy, self.feed_override)
         if int(self.settings[10]) & 2:
             fields.insert(1, f"Bf:{PLANNER - len(run.plan)},{self.rx_bytes - len(self._rx)}")
         fields.insert(1, f"FS:{run.current.feed if run.current else 0:.0f},0")

@@ -22,6 +22,7 @@ def default_settings(travels: Sequence[float]) -> dict[int, float]:
     """`$n` of a bench with these travels; homing and soft limits on."""
     settings: dict[int, float] = {
         0: 10,
+        1: 255,
         10: 1,
         13: 0,
         20: 1,
@@ -82,7 +83,12 @@ def numbers(values: Sequence[float], scale: float) -> str:
 
 
 def places(
-    settings: Mapping[int, float], machine: Sequence[float], work: Sequence[float], count: int, busy: bool
+    settings: Mapping[int, float],
+    machine: Sequence[float],
+    work: Sequence[float],
+    count: int,
+    busy: bool,
+    override: int = 100,
 ) -> list[str]:
     """The position of the `count`-th report, with the fields that only some reports carry."""
     scale, mask = 1 / 25.4 if settings[13] == 1 else 1.0, int(settings[10])
@@ -91,7 +97,7 @@ def places(
     if count % (30 if busy else 10) == 1:
         fields.append("WCO:" + numbers(work, scale))
     elif count % (30 if busy else 10) == 2:
-        fields.append("Ov:100,100,100")
+        fields.append(f"Ov:{override},100,100")
     return fields
 
 

@@ -39,16 +39,20 @@ class PtyPort:
         poll = select.poll()
         poll.register(self._master, select.POLLIN)
         while not self._closing:
-            ready = poll.poll(1000 * POLL_S)
-            if any(event & select.POLLHUP for _, event in ready):
+            happened = sum(event for _, event in poll.poll(1000 * POLL_S))
+            if happened & select.POLLIN and self._in_use.is_set():  # also what was written before it was closed
+                self._read()
+            elif happened & select.POLLHUP:
                 self._let_go()
                 time.sleep(HANGUP_S)
             elif not self._in_use.is_set():
                 self._take()
-            elif ready:
-                with contextlib.suppress(OSError):
-                    self._cable.write(os.read(self._master, 4096))
         self._let_go()
+
+    def _read(self) -> None:
+        """Take what the host has written to the device."""
+        with contextlib.suppress(OSError):
+            self._cable.write(os.read(self._master, 4096))
 
     def _take(self) -> None:
         try:

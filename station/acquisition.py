@@ -29,6 +29,7 @@ from procedures.plan import (
     Scan,
     SetLight,
     Shoot,
+    Show,
     Step,
     Tour,
 )
@@ -43,6 +44,7 @@ from station.operator import (
     Result,
     RunBegan,
     RunEnded,
+    Shown,
     StepBegan,
     StepEnded,
     Stopped,
@@ -109,6 +111,11 @@ class Run:
             ended = RunEnded("stopped")
         except Stopped:
             ended = RunEnded("emergency" if self._talk.emergency.is_set() else "stopped")
+        except BaseException:  # a fault of the program, or its end: nothing may move on behind it
+            self.stop_now()
+            with suppress(Exception):
+                self._ended(RunEnded("emergency"))
+            raise
         return self._ended(ended)
 
     def _tell_notices(self) -> None:
@@ -137,6 +144,8 @@ class Run:
     def _ended(self, ended: RunEnded) -> RunEnded:
         with suppress(ProcedureError):  # a full disk: the run ends all the same
             self._tell_notices()
+            for stop in self._rig.stops():
+                self._session.note("halted", **stop.record())
             self._session.end(ended.how)
         if self._rig.bench is not None:
             self._rig.bench.log_wires(None)
@@ -158,6 +167,9 @@ class Run:
         if self._rig.bench is not None:
             told = {name: asdict(identity) for name, identity in self._rig.bench.identities.items()}
             self._talk.attempt(lambda: self._session.note("devices", devices=told))
+        for name, doubt in self._rig.doubts().items():
+            self._talk.hear(Trouble(f"{name}: {doubt.reason}", doubt.remedy))
+            self._talk.attempt(lambda n=name, d=doubt: self._session.note("doubted", device=n, reason=d.reason))  # type: ignore[misc]
         if resumed:
             self._restore()
 
@@ -206,7 +218,7 @@ class Run:
         if ask.kind == "confirm":
             self._talk.learn({ask.key: self._talk.confirmed(ask)})
         else:
-            self._talk.learn({ask.key: self._talk.ask(ask)})
+            self._talk.learn({ask.key: self._talk.agreed(ask)})
 
     @_carry.register
     def _(self, give: Give) -> None:
@@ -214,6 +226,12 @@ class Run:
         data = give.make(self._talk.facts)
         self._talk.attempt(lambda: write_whole(path, data))
         self._talk.doing(give.say(str(path)))
+
+    @_carry.register
+    def _(self, show: Show) -> None:
+        diagram = show.diagram(self._talk.facts)
+        if diagram is not None:
+            self._talk.hear(Shown(diagram))
 
     @_carry.register
     def _(self, home: Home) -> None:

@@ -8,6 +8,7 @@ line for each (written as they are finished, put in order at the end), `summary.
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
 import json
 import shutil
@@ -25,7 +26,7 @@ from station.batch_frames import Item
 from station.batch_item import LOST, RESULTS, USABLE, VERDICTS, Job, PlaneRow, Row, work
 from station.files import write_whole
 from station.names import cell
-from station.results import RECORD, json_text, plain, software
+from station.results import RECORD, plain, sealed_text, software
 from station.workers import Lost, Stop, run_in_processes
 
 SCHEMA = "station/batch/1"
@@ -180,9 +181,10 @@ def _line(row: Row) -> str:
 def _write(batch: Batch) -> str:
     """The batch's own files; returns the record's text."""
     out = batch.job.out
-    write_whole(out / LINES, "".join(map(_line, batch.rows)).encode())
-    write_whole(out / TABLE, _table(batch.rows))
-    text = json_text(_record(batch))
+    files = {LINES: "".join(map(_line, batch.rows)).encode(), TABLE: _table(batch.rows)}
+    for name, data in files.items():
+        write_whole(out / name, data)
+    text = sealed_text(_record(batch), {name: hashlib.sha256(data).hexdigest() for name, data in files.items()})
     write_whole(out / RECORD, text.encode())
     return text
 

@@ -11,15 +11,17 @@ from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
+from procedures.exposure import check_typed
 from procedures.outcome import BadInput, BadParameter, ProcedureError, Verdict
 from procedures.pattern_psf.estimate import PatternParameters
-from procedures.raw import RawFrame, default_plane, read_frame
+from procedures.raw import RawFrame, default_plane, read_frame, read_photograph
 from procedures.two_photo.estimate import TwoPhotoParameters
 from station.batch_frames import Item
 from station.calibrate import Calibrated, calibrate, calibrate_pair, diffraction_limit
 from station.limits import Judged, Judgement, judge
 from station.names import encodable, printable, safe_stem
 from station.procedure_file import ALL, Procedure
+from station.result_seal import damage
 from station.results import RECORD, PlaneRecord, ResultFolder, software, write_psf_result
 
 RESULTS = "results"
@@ -78,6 +80,8 @@ class Row:
         Of its result, from the batch's folder; "" where none was kept, so that a later run tries again.
     reused : bool
         Whether an earlier run has done it.
+    redone : str
+        Why it was done again though an earlier run had, "" where none had.
     """
 
     files: Sequence[str]
@@ -89,6 +93,7 @@ class Row:
     planes: Mapping[str, PlaneRow] = field(default_factory=dict)
     reused: bool = False
     duration_s: float = 0.0
+    redone: str = ""
 
 
 def key_of(hashes: Sequence[str], procedure: Procedure) -> str:
@@ -110,19 +115,23 @@ def work(item: Item, job: Job) -> Row:
 def _row(item: Item, job: Job) -> Row:
     if item.trouble:
         return Row(item.files, UNREADABLE, item.trouble, "rename it, or take it out of the folder")
-    hashes = [_sha256(path) for path in item.paths]
+    contents = [read_photograph(path) for path in item.paths]
+    hashes = [hashlib.sha256(data).hexdigest() for data in contents]
     key = key_of(hashes, job.procedure)
-    if key in job.done and (kept := kept_row(job.out, job.done[key])) is not None:
+    kept, redone = kept_row(job.out, job.done[key]) if key in job.done else (None, "")
+    if kept is not None:
         return replace(kept, reused=True)
     folder = f"{RESULTS}/{safe_stem(item.paths[0])}-{key}"
     with ResultFolder(job.out / folder) as place:
-        return _estimate(item, job, hashes, folder, place)
+        return replace(_estimate(item, job, contents, hashes, folder, place), redone=redone)
 
 
-def _estimate(item: Item, job: Job, hashes: Sequence[str], folder: str, place: ResultFolder) -> Row:
+def _estimate(
+    item: Item, job: Job, contents: Sequence[bytes], hashes: Sequence[str], folder: str, place: ResultFolder
+) -> Row:
     start = time.perf_counter()
     try:
-        frames = [_read(path, job.procedure.planes) for path in item.paths]
+        frames = [_read(*file, job.procedure) for file in zip(item.paths, contents, strict=True)]
         calibrated = _calibrated(job.procedure, frames)
     except ProcedureError as error:
         row = replace(_failure(item, error), sha256=hashes, folder=folder)
@@ -144,18 +153,13 @@ def _estimate(item: Item, job: Job, hashes: Sequence[str], folder: str, place: R
     return row
 
 
-def _sha256(path: Path) -> str:
-    try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        reason = f"{printable(path)} cannot be read: {error.strerror}"
-        raise BadInput(reason, "check its permissions and the disk") from error
-
-
-def _read(path: Path, planes: Sequence[str]) -> RawFrame:
-    names = None if ALL in planes else list(planes) or [default_plane(path)]
-    return read_frame(path, names)
+def _read(path: Path, data: bytes, procedure: Procedure) -> RawFrame:
+    planes, layout = procedure.planes, procedure.layout
+    names = None if ALL in planes else list(planes) or [default_plane(path, layout)]
+    frame = read_frame(path, names, layout, data=data)
+    if not procedure.trust_typed:
+        check_typed(frame.exposure, procedure.optics, printable(path), "write trust_typed = true")
+    return frame
 
 
 def _calibrated(procedure: Procedure, frames: Sequence[RawFrame]) -> list[Calibrated[Any]]:
@@ -231,11 +235,13 @@ def finished(out: Path) -> dict[str, str]:
     return {folder.name[-KEY_LETTERS:]: f"{RESULTS}/{folder.name}" for folder in folders}
 
 
-def kept_row(out: Path, folder: str) -> Row | None:
-    """The row that a result was kept with; None where it is not whole."""
+def kept_row(out: Path, folder: str) -> tuple[Row | None, str]:
+    """The row that a result was kept with; None where it is not what was written, and what is not."""
+    if wrong := damage(out / folder):
+        return None, f"{', '.join(wrong)} of the result that was there: missing, or not what was written"
     try:
         row = json.loads((out / folder / RECORD).read_text(encoding="utf-8"))["batch"]
         planes = {name: PlaneRow(**plane) for name, plane in row.pop("planes").items()}
-        return Row(**row, planes=planes)
+        return Row(**row, planes=planes), ""
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        return None
+        return None, f"{RECORD} of the result that was there is not this version's"

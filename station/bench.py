@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from drivers.clock import Clock, SystemClock
-from drivers.errors import BadConfiguration, DeviceError, NotConnected
+from drivers.errors import BadConfiguration, DeviceError, EmergencyStopped, NotConnected
 from drivers.frames import Facts
 from drivers.interfaces import (
     Camera,
@@ -41,6 +41,7 @@ from drivers.interfaces import (
 )
 from drivers.transcript import Transcript
 from station.device_makers import MAKERS, Parts
+from station.stopping import Asked, Stop, stop_all, stops_on_wires
 
 AFTER = ("on", "shutter")  # keys that name a device which must be there first
 
@@ -68,6 +69,7 @@ class Bench:
     transcripts: Mapping[str, Transcript] = field(default_factory=dict)
     _on_close: Sequence[Callable[[], None]] = ()
     simulated: Any = None
+    _stops: list[Asked] = field(default_factory=list)
 
     def connect(self) -> None:
         """Connect all devices; those that answer stay connected. Raises NotConnected naming all the others."""
@@ -133,11 +135,25 @@ class Bench:
             transcript.write_to(folder / f"wire-{name}.txt" if folder else None)
 
     def emergency_stop(self) -> None:
-        """Stop everything; stages first, from any thread, any number of times."""
-        movers = [device for device in self.devices.values() if hasattr(device, "move_to")]
-        others = [device for device in self.devices.values() if not hasattr(device, "move_to")]
-        for device in (*movers, *others):
-            device.emergency_stop()
+        """Stop everything, side by side, stages first; from any thread, any number of times."""
+        asked = Asked(self.clock.now_s())
+        self._stops.append(asked)
+        stop_all(sorted(self.devices.values(), key=lambda device: not hasattr(device, "move_to")))
+        asked.done.set()
+
+    @property
+    def stops(self) -> int:
+        """How many emergency stops there were."""
+        return len(self._stops)
+
+    def stops_since(self, number: int) -> list[Stop]:
+        """The emergency stops after the first `number`, and when each was on which wire."""
+        return stops_on_wires(self._stops[number:], self.transcripts)
+
+    def check_stops(self, number: int) -> None:
+        """Raises EmergencyStopped where there were more emergency stops than `number`."""
+        if self.stops != number:
+            raise EmergencyStopped("everything was stopped", "make it safe, then home")
 
     def close(self) -> None:
         """Give all lines back, in the reverse order."""

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 from procedures.cross_check.estimate import check_edges
 from procedures.outcome import BadInput, Outcome, Refused, Verdict
@@ -16,10 +16,10 @@ from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estim
 from procedures.psf import Psf
 from procedures.quality import WAVELENGTHS_NM, Diffraction, Quality
 from procedures.raw import Exposure, Plane, RawFrame
-from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf
-from procedures.two_photo.estimate import estimate_psf as estimate_psf_of_pair
-from procedures.two_photo.trust import check_settings
 from station.results import PlaneRecord
+
+if TYPE_CHECKING:
+    from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf
 
 NUMBERS = ("gamma", "gamma_bound", "residual_std", "pixels_per_pattern", "s_over_t")
 """What a record takes from an estimate beside its PSF."""
@@ -124,7 +124,7 @@ def calibrate_pair(
     def estimate(plane: Plane) -> Calibrated[TwoPhotoPsf]:
         start = time.perf_counter()
         outcome = _of_pair(a, b, plane.name, parameters, limit(plane))
-        record = plane_record(plane, outcome, PAIR_NUMBERS)
+        record = replace(plane_record(plane, outcome, PAIR_NUMBERS), diffraction=limit(plane))
         return Calibrated(record, outcome.value, time.perf_counter() - start)
 
     yield from _side_by_side(estimate, list(a.planes.values()), threads)
@@ -134,6 +134,9 @@ def _of_pair(
     a: RawFrame, b: RawFrame, name: str, parameters: TwoPhotoParameters, diffraction: Diffraction | None
 ) -> Outcome[TwoPhotoPsf]:
     """The answer of one plane; refused where the camera noted that more than distance and focus changed."""
+    from procedures.two_photo.estimate import estimate_psf as estimate_psf_of_pair  # charts do not need them
+    from procedures.two_photo.trust import check_settings
+
     try:
         check_settings(a.exposure, b.exposure)
     except Refused as refusal:
@@ -166,6 +169,7 @@ def plane_record(plane: Plane, outcome: Outcome[F], numbers: Sequence[str]) -> P
         pitch=plane.pitch,
         choice=getattr(found, "choice", ()),
         variations=getattr(found, "variations", ()),
+        diffraction=getattr(found, "diffraction", None),
     )
 
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Protocol, TypeVar
 
 from drivers.errors import DeviceError, EmergencyStopped
+from procedures.exposure import TYPED
 from procedures.outcome import ProcedureError
 from procedures.plan import Advice, Ask, Fact, Facts
 from station.operator import Doing, Event, Operator, Stopped, Trouble
@@ -15,6 +16,8 @@ from station.session import Session
 
 T = TypeVar("T")
 AGAIN, SKIP, STOP = "try again", "skip", "stop"
+INSISTED = "insisted_"
+"""Before a name: the fact that the operator's answer holds against what the camera noted."""
 HAND = "hand_"
 """Before a name: the fact what the operator's hands were asked for under that name, all in all."""
 
@@ -86,6 +89,26 @@ class Conversation:
         if default is None and self._hands is not None:
             default = self._hands.knows(ask.key)
         return self._operator.answer(ask if default is None else replace(ask, default=default))
+
+    def agreed(self, ask: Ask) -> Fact:
+        """The answer; where the camera noted something else, the operator says which of the two is right."""
+        noted, answer = self.facts.get(ask.key), self.ask(ask)
+        if ask.key not in TYPED or not isinstance(noted, float | int) or not isinstance(answer, float | int):
+            return answer
+        words, unit, near = TYPED[ask.key]
+        if abs(answer / noted - 1) <= near:
+            return answer
+        question = (
+            f"You gave {answer:g}{unit} for the {words}; before, it was noted as {noted:g}{unit}. Which is right?"
+        )
+        told, before = f"{answer:g}{unit}", f"{noted:g}{unit}"
+        insisted = self.choose(f"which_{ask.key}", question, (before, told)) == told
+        self.learn({INSISTED + ask.key: insisted})
+        return answer if insisted else noted
+
+    def learn_noted(self, facts: Facts) -> None:
+        """Keep what a photograph tells, but for what the operator insisted on."""
+        self.learn({name: value for name, value in facts.items() if not self.facts.get(INSISTED + name)})
 
     def confirmed(self, ask: Ask) -> bool:
         """Whether the operator has done it; simulated hands then have."""

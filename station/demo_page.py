@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from procedures.pattern_print.sheet import Size
-from station import figures
+from station import figures, otf_figures
 from station.page import exposure_words, render
 from station.results import software
 
@@ -66,7 +66,7 @@ def _pictures(shot: Shot, name: str) -> Mapping[str, Any]:
         here = f"{name}-{plane.name}"
         pictures["planes"][plane.name] = {
             "psf": figures.psf_figure(estimate.psf, against.aligned, f"{here}-psf"),
-            "mtf": figures.mtf_figure(estimate.quality, against.otf, f"{here}-mtf"),
+            "mtf": otf_figures.mtf_figure(estimate.quality, against.otf, f"{here}-mtf", estimate.diffraction),
         }
         if plane.name == SHOWN_PLANE:
             samples = shot.frame.planes[plane.name]

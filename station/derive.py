@@ -15,6 +15,7 @@ from procedures.outcome import Outcome, Verdict
 from procedures.plan import Estimate, Plan
 from procedures.raw import Felt, RawFrame, read_frame
 from station.calibrate import plane_record
+from station.journal import Damaged
 from station.machine import same_bits
 from station.plans import numbers_of, writer_of
 from station.results import PlaneRecord, ResultFolder, write_psf_result
@@ -48,10 +49,13 @@ MEMORY = 500e6
 
 
 class Frames(Sequence[RawFrame]):
-    """Photographs that are read when they are asked for; as many stay in memory as have room there."""
+    """Photographs that are read when they are asked for; as many stay in memory as have room there.
 
-    def __init__(self, paths: Sequence[Path], felt: Sequence[Felt | None] = ()) -> None:
-        self._paths, self._felt = paths, felt or (None,) * len(paths)
+    Raises Damaged where one that is read has another hash than it is told to have.
+    """
+
+    def __init__(self, paths: Sequence[Path], felt: Sequence[Felt | None] = (), hashes: Sequence[str] = ()) -> None:
+        self._paths, self._felt, self._hashes = paths, felt or (None,) * len(paths), hashes
         largest = max((path.stat().st_size for path in paths), default=1)
         self._read = lru_cache(max(1, int(MEMORY / (4 * largest))))(read_frame)
 
@@ -60,8 +64,10 @@ class Frames(Sequence[RawFrame]):
 
     def __getitem__(self, index: Any) -> Any:
         if isinstance(index, slice):
-            return Frames(self._paths[index], self._felt[index])
+            return Frames(self._paths[index], self._felt[index], self._hashes[index])
         frame, felt = self._read(self._paths[index]), self._felt[index]
+        if self._hashes and frame.sha256 != self._hashes[index]:
+            raise Damaged(f"{frame.path} is not what was taken any more", "bring it back from a copy")
         return frame if felt is None else replace(frame, felt=felt)
 
 
@@ -113,11 +119,18 @@ class Computed:
 
 
 def compute(
-    folder: Path, state: State, plan: Plan, into: Path | None = None, progress: Counted = uncounted
+    folder: Path,
+    state: State,
+    plan: Plan,
+    into: Path | None = None,
+    progress: Counted = uncounted,
+    *,
+    sealed: bool = True,
 ) -> Computed:
     """The result of a session in this state, written into a folder; the same files, bit for bit, at every call.
 
-    `progress` hears of every photograph that an estimate begins with, and of how many there are.
+    `progress` hears of every photograph that an estimate begins with, and of how many there are; `sealed` is of the
+    result's folder.
 
     Raises
     ------
@@ -125,17 +138,18 @@ def compute(
         If a photograph cannot be read, or the result not be written.
     """
     shots = state.counting()
-    frames = Frames([inside(folder, shot.path) for shot in shots], [felt_during(shot) for shot in shots])
+    paths, felt = [inside(folder, shot.path) for shot in shots], [felt_during(shot) for shot in shots]
+    frames = Frames(paths, felt, [shot.sha256 for shot in shots])
     with same_bits():
         outcomes = estimate_of(plan).estimate(Told(frames, progress), state.facts)
         numbers, writer = numbers_of(plan.name), writer_of(plan.name)
         found = {} if writer else outcomes
         records = [plane_record(frames[0].planes[name], outcome, numbers) for name, outcome in found.items()]
         if into is not None and writer:
-            with ResultFolder(into) as results:
+            with ResultFolder(into, sealed=sealed) as results:
                 importlib.import_module(writer).write_result(results, outcomes, frames, _about(plan, state))
         elif into is not None:
-            with ResultFolder(into) as results:
+            with ResultFolder(into, sealed=sealed) as results:
                 write_psf_result(results, records, _about(plan, state))
     return Computed(frames, outcomes, records)
 

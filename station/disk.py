@@ -6,11 +6,14 @@ One small class of primitives, so that tests can let any of them fail or be the 
 from __future__ import annotations
 
 import contextlib
+import errno
 import hashlib
 import os
+import stat
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from io import BufferedReader
 from pathlib import Path
 from typing import BinaryIO
 
@@ -38,7 +41,7 @@ class Changed(ProcedureError):
 
 
 class Disk:
-    """Files written, synchronised and renamed. Its four primitives raise OSError, everything else NotKept."""
+    """Files written, synchronised and renamed. Its five primitives raise OSError, everything else NotKept."""
 
     def open(self, path: Path, flags: int, mode: int = 0o666) -> int:
         """A descriptor; never through a link that lies where the file should be."""
@@ -58,6 +61,21 @@ class Disk:
     def replace(self, source: Path, target: Path) -> None:
         """Rename, over a file that may be there."""
         os.replace(source, target)
+
+    def place(self, source: Path, target: Path) -> None:
+        """Rename to a name that nothing has. Raises FileExistsError where something has it."""
+        if os.name == "nt":
+            os.rename(source, target)  # which there replaces nothing
+            return
+        try:
+            os.link(source, target, follow_symlinks=False)
+        except FileExistsError:
+            raise
+        except OSError:  # a file system without links: an empty file takes the name first
+            os.close(os.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL))
+            os.replace(source, target)
+        else:
+            source.unlink()
 
     # --- built of them -------------------------------------------------------------------------------------------
 
@@ -107,7 +125,7 @@ class Disk:
             os.close(descriptor)
 
     def copy(self, source: Path, target: Path, sha256: str) -> None:
-        """A read-only copy whose bytes, read back from it, have this hash. Raises NotKept, Changed."""
+        """A read-only copy whose bytes, read back, have this hash; it replaces nothing. Raises NotKept, Changed."""
         try:
             file = source.open("rb")
         except OSError as error:
@@ -122,8 +140,8 @@ class Disk:
                     f"{source} is not any more what was exposed: SHA-256 {sha256} was noted, {found} came",
                     "let nothing but the camera's software write there, and take the shot again",
                 )
-            beside.chmod(READ_ONLY)
-            self.replace(beside, target)
+            beside.chmod(beside.stat().st_mode & READ_ONLY)
+            self.place(beside, target)
             self.sync_folder(target.parent)
 
     def _pour(self, file: BinaryIO, target: Path) -> None:
@@ -138,8 +156,32 @@ class Disk:
 
 def sha256_of(path: Path) -> str:
     """The hash of a regular file, in hex; a link in its place is not followed. Raises OSError."""
-    with os.fdopen(os.open(path, os.O_RDONLY | _NO_FOLLOW | _BINARY), "rb") as file:
+    with _open_own(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def read_own(path: Path) -> bytes:
+    """The content of a regular file; a link in its place is not followed. Raises OSError."""
+    with _open_own(path) as file:
+        return file.read()
+
+
+def _open_own(path: Path) -> BufferedReader:
+    descriptor = os.open(path, os.O_RDONLY | _NO_FOLLOW | _BINARY | getattr(os, "O_NONBLOCK", 0))
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):  # a pipe would be waited for without end
+        os.close(descriptor)
+        raise OSError(errno.EINVAL, "it is no regular file", str(path))
+    return os.fdopen(descriptor, "rb")
+
+
+def files_in(folder: Path) -> list[Path]:
+    """All that lies in a folder and below, except folders; links are among it."""
+    return [path for path in sorted(folder.rglob("*")) if path.is_symlink() or not path.is_dir()]
+
+
+def hashes_in(folder: Path) -> dict[str, str]:
+    """The hash of every file in a folder, by its path from there. Raises OSError, where one is a link too."""
+    return {path.relative_to(folder).as_posix(): sha256_of(path) for path in files_in(folder)}
 
 
 def holds(path: Path, sha256: str) -> bool:
@@ -148,6 +190,12 @@ def holds(path: Path, sha256: str) -> bool:
         return sha256_of(path) == sha256
     except OSError:
         return False
+
+
+def holds_all(folder: Path, files: Mapping[str, str]) -> bool:
+    """Whether a folder has these files with these hashes, and no others."""
+    names = {path.relative_to(folder).as_posix() for path in files_in(folder)}
+    return names == files.keys() and all(holds(folder / name, digest) for name, digest in files.items())
 
 
 @contextmanager

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from procedures.pattern_psf.estimate import PatternParameters
 from procedures.psf_field import Node
 from procedures.quality import assess
 from procedures.raw import Plane, RawFrame, read_frame
+from procedures.sensor_dump import DumpLayout
 from station.calibrate import Limit
 from station.progress import Progress, silent
 from station.results import PlaneRecord
@@ -84,7 +86,7 @@ class FieldResult:
 
 def measure(
     paths: Sequence[Path], names: Sequence[str] | None, chart: Chart, parameters: PatternParameters,
-    told: Progress = silent,
+    told: Progress = silent, layout: DumpLayout | None = None,
 ) -> Measured:  # fmt: skip
     """The nodes of all photographs, several at a time; one that fails is named, and the rest goes on.
 
@@ -92,9 +94,12 @@ def measure(
     ----------
     names : sequence of str or None
         The planes; None for all.
+    layout : DumpLayout, optional
+        How the samples lie in photographs without a header.
     """
     found = Measured()
-    for path, answer in zip(paths, _side_by_side(paths, names, chart, parameters), strict=True):
+    read = partial(read_frame, names=names, layout=layout)
+    for path, answer in zip(paths, _side_by_side(paths, read, chart, parameters), strict=True):
         if isinstance(answer, ProcedureError):
             found.misses.append(Miss(path.name, answer.reason, answer.remedy))
             found.failed.append(path.name)
@@ -123,7 +128,7 @@ Answer = tuple[RawFrame, FrameNodes] | ProcedureError
 
 
 def _side_by_side(
-    paths: Sequence[Path], names: Sequence[str] | None, chart: Chart, parameters: PatternParameters
+    paths: Sequence[Path], read: Callable[[Path], RawFrame], chart: Chart, parameters: PatternParameters
 ) -> Iterator[Answer]:
     """Answers in the order of the photographs. Threads: nearly all the time goes into code that lets others run.
 
@@ -135,7 +140,7 @@ def _side_by_side(
 
         def one(path: Path) -> Answer:
             try:
-                frame = read_frame(path, names)
+                frame = read(path)
                 return _without_samples(frame), measure_frame(frame, chart, parameters, each)
             except ProcedureError as error:
                 return error

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import csv
 import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from procedures.exposure import check_typed, read_exposure
 from procedures.outcome import BadInput, BadParameter
 from station.batch_frames import GREY_SUFFIXES, RAW_SUFFIXES
 from station.session_folder import ORIGINALS, inside, is_session
@@ -40,6 +42,22 @@ def _plain(folder: Path) -> list[Path]:
     place = folder / ORIGINALS if (folder / ORIGINALS).is_dir() else folder
     found = (path for path in place.iterdir() if path.suffix.lower() in RAW_SUFFIXES | GREY_SUFFIXES)
     return sorted(path for path in found if path.is_file() and not path.name.startswith("."))
+
+
+def check_noted(paths: Sequence[Path], typed: Mapping[str, float | None], insist: str) -> None:
+    """Refuse settings that contradict what a camera wrote into one of the files, before hours of work on them.
+
+    Raises BadParameter; files that cannot be opened are left to whoever reads them.
+    """
+    if not any(typed.values()):
+        return
+    for path in paths:
+        try:
+            with path.open("rb") as file:
+                noted = read_exposure(file)
+        except OSError:
+            continue
+        check_typed(noted, typed, str(path), insist)
 
 
 def focus_positions(table: Path) -> dict[str, float]:

@@ -1,9 +1,8 @@
-"""The figures of a PSF's report."""
+"""The figures of a PSF's report; those of its transfer function are in `otf_figures`."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import matplotlib
@@ -18,10 +17,7 @@ from procedures.pattern import BLOCK, BLOCKS, CELLS
 from procedures.pattern_psf.estimate import PatternPsf
 from procedures.pattern_psf.registration import Registration
 from procedures.psf import Psf
-from procedures.quality import Quality
 from procedures.raw import Plane
-from procedures.two_photo.diagnostics import CLEAR
-from station.compare import Otf
 from station.drawing import (
     ALONG,
     CONFIDENT,
@@ -164,85 +160,6 @@ def kernel_figure(kernel: Array, name: str) -> Markup:
     axes.spines[:].set_visible(False)
     colour_bar(figure, axes, image, (1.05, 0.1, 0.05, 0.8))
     return svg(figure, name, "the kernel between the two photographs")
-
-
-@dataclass(frozen=True)
-class _Curve:
-    """A measured MTF along one direction, and the true one."""
-
-    value: Array
-    uncertainty: Array
-    true: Array | None
-
-
-def mtf_figure(quality: Quality, truth: Otf | None, name: str) -> Markup:
-    """MTF along both axes over frequency with 95 % bands; below, where the truth is known, how far it is off."""
-    f = quality.frequencies
-    curves = {
-        "horizontal": _Curve(quality.mtf_horizontal, quality.mtf_horizontal_uncertainty, _true_mtf(truth, f, 0 * f)),
-        "vertical": _Curve(quality.mtf_vertical, quality.mtf_vertical_uncertainty, _true_mtf(truth, 0 * f, f)),
-    }
-    rows = 1 if truth is None else 2
-    figure, places = axes_grid(
-        3.2, 1.4 + 1.1 * rows, rows, 1, rim_in=(0.55, 0.14, 0.4, 0.08), height_ratios=[2.1, 1][:rows], hspace=0.12
-    )
-    for direction, curve in curves.items():
-        _draw_mtf(places[0, 0], f, curve, direction)
-    for curve in curves.values():
-        if curve.true is not None:
-            (true,) = places[0, 0].plot(f, curve.true, color=INK, lw=0.8, ls=(0, (3, 2)))
-            true.set_label("true" if curve is curves["vertical"] else None)
-    _finish_mtf(places[0, 0])
-    _draw_undetermined(places[0, 0], f, np.maximum(*(curve.uncertainty for curve in curves.values())))
-    if truth is not None:
-        for direction, curve in curves.items():
-            _draw_difference(places[1, 0], f, curve, direction)
-        places[1, 0].axhline(0, color=INK, lw=0.7, ls=(0, (3, 2)))
-        places[1, 0].set_ylabel("less true")
-    for axes in places[:, 0]:
-        axes.set_xlim(0, f[-1])
-        axes.set_xticks(np.arange(0, f[-1] + 0.01, 0.5), None if axes is places[-1, 0] else [])
-        axes.yaxis.set_label_coords(-0.165, 0.5)
-    places[-1, 0].set_xlabel("cycles/pixel")
-    against = ", against the true MTF" if truth is not None else ""
-    return svg(figure, name, f"MTF along rows and columns with its 95 % bands{against}")
-
-
-def _true_mtf(truth: Otf | None, fx: Array, fy: Array) -> Array | None:
-    return None if truth is None else np.abs(truth(fx, fy))
-
-
-def _draw_mtf(axes: Axes, f: Array, curve: _Curve, direction: str) -> None:
-    spread = CONFIDENT * curve.uncertainty
-    axes.fill_between(f, curve.value - spread, curve.value + spread, color=ALONG[direction], alpha=0.25, lw=0)
-    axes.plot(f, curve.value, color=ALONG[direction], lw=1.4, label=direction)
-
-
-def _draw_undetermined(axes: Axes, f: Array, uncertainty: Array) -> None:
-    """Hatches the frequencies that the photographs do not determine."""
-    unclear = uncertainty > CLEAR
-    if unclear.any():
-        axes.fill_between(f, 0, 1, unclear, step="mid", fc="none", ec=FAINT, hatch="////", lw=0, label="not determined")
-        with matplotlib.rc_context(STYLE):
-            axes.legend(loc="upper right", bbox_to_anchor=(1, 0.94), handlelength=1.4)
-
-
-def _finish_mtf(axes: Axes) -> None:
-    axes.axvline(0.5, color=FAINT, lw=0.7)
-    axes.text(0.5, 1.0, " Nyquist", color=FAINT, va="top", fontsize=7.5)
-    axes.axhline(0.5, color=FAINT, lw=0.5, ls=(0, (1, 2)))
-    axes.set_ylim(0, 1.04)
-    axes.set_ylabel("MTF")
-    with matplotlib.rc_context(STYLE):
-        axes.legend(loc="upper right", bbox_to_anchor=(1, 0.94), handlelength=1.4)
-
-
-def _draw_difference(axes: Axes, f: Array, curve: _Curve, direction: str) -> None:
-    if curve.true is None:
-        return
-    off, spread = curve.value - curve.true, CONFIDENT * curve.uncertainty
-    axes.fill_between(f, off - spread, off + spread, color=ALONG[direction], alpha=0.25, lw=0)
-    axes.plot(f, off, color=ALONG[direction], lw=1.1)
 
 
 # --- all photographs together ------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Files that are either whole or not there: written beside their place, then renamed into it."""
+"""Files that are either whole or not there: written beside their place, on the disk, then renamed into it."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 from procedures.outcome import BadParameter
+from station.disk import Disk
 
 
 def write_whole(path: Path, data: bytes) -> None:
@@ -17,10 +18,12 @@ def write_whole(path: Path, data: bytes) -> None:
         If the file cannot be written there; nothing is left behind.
     """
     # in the same folder, because a rename across file systems is a copy
-    beside = path.with_name(f".{path.name}.{os.getpid()}.part")
+    disk, beside = Disk(), path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         beside.write_bytes(data)
+        disk.settle(beside)
         os.replace(beside, path)
+        disk.sync_folder(path.parent)
     except OSError as error:
         raise BadParameter(
             f"{path} cannot be written: {error.strerror}", "name a file in a folder that exists and can be written"

@@ -49,14 +49,13 @@ class Teller:
 def run_guided(out: Path, seed: int, tell: Tell) -> tuple[RunEnded, Result | None]:
     """Go through the pattern's plan in a new session in `out`; how it ended, and its result.
 
-    The bench's time jumps where it is waited for. Ctrl-C ends the run after the exposure, twice stops the bench.
+    The bench's time jumps where it is waited for. Ctrl-C stops the bench and ends the run.
     """
     lab = StationLab(sessions=out, config=None, simulate=True, seed=seed)
     lab.virtual_time = True
     teller = Teller(tell)
     try:
-        run = lab.begin(PLAN, *lab.names, Scripted(listen=teller.hear))
-        with guarded(run.stop_now, run.ask_to_stop):
-            return run.go(), teller.result
+        with guarded(lab.stop_run, lab.ask_run_to_stop):
+            return lab.begin(PLAN, *lab.names, Scripted(listen=teller.hear)).go(), teller.result
     finally:
         lab.close()

@@ -8,6 +8,7 @@ replaced, by one in memory if need be.
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import json
 import os
 import sqlite3
@@ -18,15 +19,17 @@ from types import TracebackType
 from typing import Any, Self
 
 from procedures.outcome import ProcedureError
-from station.disk import holds
+from station.disk import files_in, holds
+from station.journal_head import HEAD
 from station.names import encodable
 from station.results import RECORD
-from station.session_folder import JOURNAL
-from station.session_reading import read_session, sessions_in
+from station.session_folder import CONFIG, DERIVED, FOLDERS, JOURNAL
+from station.session_reading import damaged_results, read_session, sessions_in
 from station.session_state import State
 
 FILE = ".index.sqlite"
-VERSION = 1
+VERSION = 2
+LARGEST = 1e300
 SCHEMA = f"""
 CREATE TABLE cameras (id INTEGER PRIMARY KEY, name TEXT UNIQUE NOT NULL);
 CREATE TABLE lenses (id INTEGER PRIMARY KEY, name TEXT UNIQUE NOT NULL);
@@ -177,11 +180,16 @@ class Index:
     def _read(self, name: str, stamp: str) -> None:
         self._database.execute("DELETE FROM sessions WHERE folder = ?", (name,))
         try:
-            state = read_session(self.root / name).state
+            record = read_session(self.root / name)
         except ProcedureError as error:
             self._insert(name, stamp, None, damage=error.reason)
             return
-        self._insert(name, stamp, state)
+        except Exception as error:  # one damaged session must not hide the others, whatever is in it
+            self._insert(name, stamp, None, damage=f"it cannot be read: {error!r}")
+            return
+        wrong = damaged_results(self.root / name, record.state)
+        told = [*record.oddities, *([f"{', '.join(wrong)}: missing, or not what was written"] if wrong else [])]
+        self._insert(name, stamp, record.state, damage="; ".join(told))
 
     def _insert(self, name: str, stamp: str, state: State | None, damage: str = "") -> None:
         if state is None:
@@ -191,7 +199,7 @@ class Index:
             counting = len(state.results[-1].shots) if state.results else len(state.counting())
             verdict = state.results[-1].verdict if state.results else ""
             about = (encodable(state.plan), _utc(state.began), state.ended or "", len(state.shots), counting, verdict)
-            row = (name, stamp, camera, lens, *about, "")
+            row = (name, stamp, camera, lens, *about, encodable(damage))
         session = self._database.execute(f"INSERT INTO sessions VALUES (NULL, {', '.join('?' * 11)})", row).lastrowid
         if state is not None:
             rows = [(session, *one) for one in _numbers(self.root / name, state)]
@@ -252,9 +260,17 @@ def _is_text(name: str) -> bool:
 
 
 def _stamp(folder: Path) -> str:
-    """Changes whenever the journal does."""
-    stat = os.stat(folder / JOURNAL)
-    return f"{stat.st_size} {stat.st_mtime_ns}"
+    """Changes whenever configuration, journal, its head or a file of a result does, or a folder is gone."""
+    files = [folder / name for name in (CONFIG, JOURNAL, HEAD, *FOLDERS)] + files_in(folder / DERIVED)
+    found = [(path.name, stat.st_size, stat.st_mtime_ns) for path in files if (stat := _stat(path))]
+    return hashlib.sha256(repr(found).encode()).hexdigest()
+
+
+def _stat(path: Path) -> os.stat_result | None:
+    try:
+        return path.lstat()
+    except OSError:
+        return None
 
 
 def _utc(moment: str) -> str:
@@ -278,15 +294,22 @@ def _numbers(folder: Path, state: State) -> Iterator[tuple[Any, ...]]:
     try:
         planes = json.loads(path.read_bytes())["planes"]
         for plane, entry in planes.items():
-            yield from _rows(str(plane), entry)
-    except (ValueError, KeyError, TypeError, AttributeError):
+            yield from _rows(encodable(str(plane)), entry)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return
 
 
+def _number(value: Any) -> float | None:
+    """A finite number, else None."""
+    return float(value) if isinstance(value, int | float) and abs(value) < LARGEST else None
+
+
 def _rows(plane: str, entry: Mapping[str, Any]) -> Iterator[tuple[Any, ...]]:
-    verdict = str(entry["verdict"])
+    verdict = encodable(str(entry["verdict"]))
     quantities = {name: part for name, part in entry.items() if isinstance(part, dict) and "uncertainty" in part}
     for name, part in quantities.items():
-        yield (plane, verdict, name, *(part.get(key) for key in ("value", "unit", "uncertainty", "method", "n")))
+        unit, method = (encodable(str(part.get(key, ""))) for key in ("unit", "method"))
+        value, uncertainty, n = (_number(part.get(key)) for key in ("value", "uncertainty", "n"))
+        yield plane, verdict, encodable(name), value, unit, uncertainty, method, n
     if not quantities:
         yield (plane, verdict, "", None, "", None, "", None)

@@ -7,6 +7,7 @@
 `sum` is the SHA-256 of the sum before and of the line up to it; the first line's "sum before" is the hash of the
 session's frozen configuration. So a line that was altered, taken out, or put in is found, and so is another
 configuration. A last line that is not whole was being written when the power went: nobody was told that it is kept.
+That the last lines are gone, no chain can tell; `journal.head` does (see `station.journal_head`).
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ from pathlib import Path
 from typing import Any
 
 from procedures.outcome import ProcedureError
-from station.disk import Disk, not_kept
+from station.disk import Disk, not_kept, read_own
+from station.journal_head import HEAD, Head, HeadFile
 
 BEGIN, SUM, END = b'{"seq":', b',"sum":"', b'"}\n'
 """How each line begins and ends; inside a text of JSON, its quotes would be escaped."""
@@ -36,13 +38,14 @@ class Damaged(ProcedureError):
 
 @dataclass(frozen=True)
 class Line:
-    """One entry: its number from 1, when (UTC, and by the bench's clock), what happened, and about what."""
+    """One entry: its number from 1, when (UTC, and by the bench's clock), what happened, about what; its sum."""
 
     seq: int
     at: str
     clock_s: float
     event: str
     data: Mapping[str, Any]
+    sum: str = ""
 
 
 @dataclass(frozen=True)
@@ -58,8 +61,7 @@ class Contents:
 def read_journal(path: Path, first_sum: str) -> Contents:
     """Every whole line, checked. Raises Damaged where a line before the last is not what was written."""
     try:
-        with os.fdopen(os.open(path, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0)), "rb") as file:
-            data = file.read()
+        data = read_own(path)
     except OSError as error:
         raise Damaged(
             f"{path} cannot be read: {error.strerror}", "bring the session's folder back from a copy"
@@ -100,13 +102,13 @@ def _read(text: bytes) -> Line | None:
     try:
         entry = json.loads(text)
         seq, at, clock_s, event = (entry.pop(name) for name in ("seq", "at", "clock_s", "event"))
-        del entry["sum"]
+        total, data = str(entry.pop("sum")), _restored(entry)
     except (ValueError, KeyError, AttributeError, TypeError, RecursionError):
         return None
     known = isinstance(seq, int) and isinstance(at, str) and isinstance(clock_s, int | float)
     if not (known and isinstance(event, str)):
         return None
-    return Line(seq, at, float(clock_s), event, _restored(entry))
+    return Line(seq, at, float(clock_s), event, data, total)
 
 
 def _sum(before: str, body: bytes) -> str:
@@ -124,6 +126,11 @@ class Journal:
             self._descriptor = disk.open(path, os.O_RDWR | os.O_APPEND)
         except OSError as error:
             raise not_kept(path, error) from error
+        try:
+            self._head = HeadFile(path.with_name(HEAD), disk)
+        except BaseException:
+            os.close(self._descriptor)
+            raise
 
     @property
     def lines(self) -> Sequence[Line]:
@@ -132,16 +139,18 @@ class Journal:
 
     def append(self, event: str, at: str, clock_s: float, data: Mapping[str, Any]) -> Line:
         """Add a line; what a failed attempt left is cut away first. Raises NotKept: then the line is not there."""
-        head = {"seq": len(self._lines) + 1, "at": at, "clock_s": clock_s, "event": event}
-        body = json.dumps({**head, **_jsonable(data)}, separators=(",", ":"), allow_nan=False).encode()[:-1]
+        begin = {"seq": len(self._lines) + 1, "at": at, "clock_s": clock_s, "event": event}
+        body = json.dumps({**begin, **_jsonable(data)}, separators=(",", ":"), allow_nan=False).encode()[:-1]
         total = _sum(self._last_sum, body)
-        text = body + SUM + total.encode() + END
+        text, head = body + SUM + total.encode() + END, Head(len(self._lines) + 1, total)
         try:
             self._cut()
+            self._head.announce(head)
             self._disk.write_all(self._descriptor, text)
         except OSError as error:
             with contextlib.suppress(OSError):  # the next append cuts again, and so does whoever opens the journal
                 self._cut()
+                self._head.retract(head)
             raise not_kept(self.path, error) from error
         line = _read(text)
         assert line is not None
@@ -156,8 +165,9 @@ class Journal:
             self._disk.sync(self._descriptor)
 
     def close(self) -> None:
-        """Give the file back."""
+        """Give the files back."""
         os.close(self._descriptor)
+        self._head.close()
 
 
 def _jsonable(value: Any) -> Any:

@@ -104,6 +104,7 @@ class StationLab:
         self._bench: Bench | None = None
         self._opened: Opened | None = None
         self._session: Session | None = None
+        self._running: Running | None = None
         self._scratch: tempfile.TemporaryDirectory[str] | None = None
 
     def open(self) -> Opened:
@@ -184,7 +185,8 @@ class StationLab:
 
         self._leave_session()
         self._session = session
-        return Run(plan_named(session.state.plan), self.open().bench, session, operator)
+        self._running = Run(plan_named(session.state.plan), self.open().bench, session, operator)
+        return self._running
 
     def _leave_session(self) -> None:
         if self._session is not None:
@@ -195,6 +197,24 @@ class StationLab:
         """Stop every device; whatever is still being opened is not moving yet."""
         if self._bench is not None:
             self._bench.emergency_stop()
+
+    @property
+    def has_run(self) -> bool:
+        """Whether a run was begun."""
+        return self._running is not None
+
+    def stop_run(self) -> None:
+        """Stop every device, and end the run that was begun last, if there is one."""
+        if self._running is not None:
+            self._running.stop_now()
+        else:
+            self.emergency_stop()
+
+    def ask_run_to_stop(self) -> None:
+        """Let the run that was begun last end after what it is at; before there is one, end the program."""
+        if self._running is None:
+            raise KeyboardInterrupt
+        self._running.ask_to_stop()
 
     def close(self) -> None:
         """Close session and bench."""

@@ -29,6 +29,6 @@ def safe_stem(path: Path) -> str:
 
 
 def cell(text: str) -> str:
-    """Text that a spreadsheet shows as it is: what it would compute gets an apostrophe before it."""
-    shown = encodable(text)
+    """Text that a spreadsheet shows as it is, on one line: what it would compute gets an apostrophe before it."""
+    shown = printable(text)
     return f"'{shown}" if shown.startswith(FORMULA) else shown

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Protocol
 
 from procedures.outcome import Quantity, Verdict
-from procedures.plan import Advice, Ask, Fact, Plan, Step
+from procedures.plan import Advice, Ask, Diagram, Fact, Plan, Step
 from procedures.raw import Plane
 
 
@@ -71,6 +71,13 @@ class CurveSeen:
 
 
 @dataclass(frozen=True)
+class Shown:
+    """A curve that explains what follows."""
+
+    diagram: Diagram
+
+
+@dataclass(frozen=True)
 class Trouble:
     """Something went wrong and what to do about it; the run goes on as the sentence says."""
 
@@ -98,7 +105,7 @@ class RunEnded:
     report: Path | None = None
 
 
-Event = RunBegan | StepBegan | StepEnded | Doing | Seen | CurveSeen | Trouble | Result | RunEnded
+Event = RunBegan | StepBegan | StepEnded | Doing | Seen | CurveSeen | Shown | Trouble | Result | RunEnded
 
 
 class Operator(Protocol):

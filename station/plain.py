@@ -12,6 +12,7 @@ from typing import TextIO
 from procedures.outcome import Quantity
 from procedures.plan import Advice, Ask, Fact, Reading
 from station.answers import parse, words
+from station.diagrams import diagram_lines
 from station.operator import (
     CurveSeen,
     Doing,
@@ -20,6 +21,7 @@ from station.operator import (
     RunBegan,
     RunEnded,
     Seen,
+    Shown,
     StepBegan,
     StepEnded,
     Stopped,
@@ -30,7 +32,8 @@ from station.stated import stated
 DIGITS = {"°": 1, "%": 0, "m": 2, "mm": 0, "": 2}
 """Decimals of the numbers told, by their unit."""
 STOPS = ("s", "stop", "q", "quit")
-HELP = "Enter takes what stands in [brackets]. s stops. Ctrl-C stops after this exposure, twice: at once."
+HELP = "Enter takes what stands in [brackets]. s stops. Ctrl-C stops everything at once."
+STOPPING = "!! Every device was told to stop."
 ENDS = {
     "finished": "Finished.",
     "stopped": "Stopped. Nothing is lost: `station session resume` goes on from here.",
@@ -109,6 +112,11 @@ class Plain:
         self._line(f"   {curve_line(event)}")
 
     @_tell.register
+    def _(self, event: Shown) -> None:
+        for line in diagram_lines(event.diagram, ascii=True):
+            self._line(f"   {line}".rstrip())
+
+    @_tell.register
     def _(self, event: Trouble) -> None:
         self._line(f"!! {event.reason}")
         self._line(f"   What to do: {event.remedy}.")
@@ -130,6 +138,12 @@ class Plain:
         if event.report is not None:
             self._line(f"Report: {event.report}")
 
+    def say_stopped(self) -> None:
+        """Every device was told to stop: said at once, whatever the run is at; from any thread."""
+        with suppress(OSError, ValueError):
+            self._write.write("\n" + STOPPING + "\n")
+            self._write.flush()
+
     # --- what is asked
 
     def answer(self, ask: Ask) -> Fact:
@@ -147,11 +161,11 @@ class Plain:
 
     def _answer_line(self, question: str) -> str:
         """What stands on the next line of stdin, "" at its end."""
-        with suppress(OSError):
-            self._write.write(question)
-            self._write.flush()
         self.asking = True
         try:
+            with suppress(OSError):
+                self._write.write(question)
+                self._write.flush()
             line = self._read.readline()
         finally:
             self.asking = False

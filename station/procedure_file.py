@@ -7,6 +7,8 @@ coverage = 2                        # guard bands, in standard uncertainties
 parameters = { s = "auto", k = "auto", solver = "ls" }
 chart = { seed = 1 }                # or bits = "cells.pgm", beside this file
 optics = { pixel_pitch_um = 3.76, f_number = 8, wavelength_nm = 530 }
+trust_typed = false                 # true: optics count against what the cameras noted in their files
+raw = "1920x1080,RGGB,u16le,64,1023"          # where the photographs are a sensor's samples without a header
 pairs = { near = "_near", far = "_far" }      # two-photo: how the names of a pair's photographs end
 
 [limits]
@@ -29,6 +31,7 @@ from procedures.pattern_print.source import Source
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.psf import Sampling
 from procedures.raw import GREY_PLANE, MOSAIC_PLANES
+from procedures.sensor_dump import DumpLayout
 from procedures.two_photo.estimate import TwoPhotoParameters
 from station.limits import NUMBERS, Limit
 from station.names import printable
@@ -57,6 +60,10 @@ class Procedure:
     limits : tuple of Limit
     endings : (str, str)
         How the names of a pair's photographs end.
+    layout : DumpLayout or None
+        How the samples lie in photographs without a header; None where each file tells it itself.
+    trust_typed : bool
+        Whether `optics` count against what a camera noted in its files.
     """
 
     name: str
@@ -66,11 +73,15 @@ class Procedure:
     optics: Mapping[str, float] = field(default_factory=dict)
     limits: tuple[Limit, ...] = ()
     endings: tuple[str, str] = ("_near", "_far")
+    layout: DumpLayout | None = None
+    trust_typed: bool = False
 
     def told(self) -> dict[str, Any]:
         """The parameters as a record tells them, in the manner of `station psf`."""
         chart = {} if self.chart is None else {"chart": self.chart.origin}
-        return {**self.parameters.told(), **chart, **self.optics}
+        layout = {"raw": str(self.layout)} if self.layout else {}
+        trust = {"trust_typed": True} if self.trust_typed else {}
+        return {**self.parameters.told(), **chart, **self.optics, **layout, **trust}
 
     def fingerprint(self) -> dict[str, Any]:
         """All that a result depends on, as plain data."""
@@ -100,6 +111,8 @@ def read_procedure(path: Path) -> Procedure:
         _optics(table.table("optics")),
         _limits(table.table("limits"), table.get("coverage", float, 2.0)),
         _endings(table.table("pairs")) if name == TWO_PHOTO else Procedure.endings,
+        _layout(table),
+        table.get("trust_typed", bool, False),
     )
     table.end()
     return procedure
@@ -137,6 +150,10 @@ def _chart(table: Table, beside: Path) -> Source:
         return Source.from_file(beside / bits) if bits else Source.from_seed(seed)
     except ValueError as error:  # a path with a null character in it
         raise table.wrong("bits", "is no file's name") from error
+
+
+def _layout(table: Table) -> DumpLayout | None:
+    return DumpLayout.parse(table.get("raw", str, "")) if table.has("raw") else None
 
 
 def _optics(table: Table) -> dict[str, float]:

@@ -50,7 +50,8 @@ class Profile:
 def radial_profile(psf: Psf) -> Profile:
     """The profile out to the end of the tail's shapes; without a tail, to where circles touch the support's sides.
 
-    It is that of the band-limited PSF between its samples, as the encircled energy of `procedures.quality`.
+    It is that of the band-limited PSF between its samples, as the encircled energy of `procedures.quality`; on circles
+    outside the support, of the tail's shapes as they are.
     """
     p, n = psf.parameters, psf.k**2
     radius, on, inside = _weights(psf.k, with_tail=len(p) > n)
@@ -89,8 +90,8 @@ def _weights(k: int, *, with_tail: bool) -> tuple[Array, Array, Array]:
     radius = np.arange(STEPS_PER_SAMPLE * (k // 2) + 1) / STEPS_PER_SAMPLE
     if not with_tail:
         offsets = np.arange(k) - k // 2
-        on, inside = (weights(radius, offsets).reshape(len(radius), -1) for weights in (_on_circles, _inside_circles))
-        return radius, on, inside
+        on, inside = _on_circles(radius, offsets, k), _inside_circles(radius, offsets)
+        return radius, on.reshape(len(radius), -1), inside.reshape(len(radius), -1)
     end = tail_border(k)
     steps = int(np.log(end / radius[-1]) / np.log(FARTHER))
     radius = np.concatenate([radius, end * FARTHER ** np.arange(-steps, 1.0)])
@@ -98,18 +99,43 @@ def _weights(k: int, *, with_tail: bool) -> tuple[Array, Array, Array]:
     images = tail_kernels(k).reshape(-1, len(offsets) ** 2).T
     rows = slice(end - k // 2, end + k // 2 + 1)
     found = []
-    for weights in (_on_circles(radius, offsets), _inside_circles(radius, offsets)):
+    for weights in (_on_circles(radius, offsets, k), _inside_circles(radius, offsets)):
         inside = weights[:, rows, rows].reshape(len(radius), -1)
         found.append(np.hstack([inside, weights.reshape(len(radius), -1) @ images]))
+    found[0][:, k * k :] += _tail_on_circles(radius, k)
     return radius, found[0], found[1]
 
 
-def _on_circles(radius: Array, offsets: npt.NDArray[np.intp]) -> Array:
-    """What samples at these offsets add to the mean of the band-limited image on circles: (n, size, size)."""
+def _circles(radius: Array) -> tuple[Array, Array]:
+    """Points (x, y) in DIRECTIONS on circles, (n, d) each."""
     turn = np.arange(DIRECTIONS) * 2 * np.pi / DIRECTIONS
-    x, y = radius[:, None] * np.cos(turn), radius[:, None] * np.sin(turn)
+    return radius[:, None] * np.cos(turn), radius[:, None] * np.sin(turn)
+
+
+def _within(x: Array, y: Array, k: int) -> npt.NDArray[np.bool_]:
+    return np.asarray(np.maximum(np.abs(x), np.abs(y)) <= k / 2)
+
+
+def _on_circles(radius: Array, offsets: npt.NDArray[np.intp], k: int) -> Array:
+    """What samples at these offsets add to the mean on circles by the band-limited image inside the support:
+    (n, size, size)."""
+    x, y = _circles(radius)
     across, down = (np.sinc(at[..., None] - offsets) for at in (x, y))
-    return np.asarray(down.transpose(0, 2, 1) @ across / DIRECTIONS)
+    return np.asarray((down * _within(x, y, k)[..., None]).transpose(0, 2, 1) @ across / DIRECTIONS)
+
+
+def _tail_on_circles(radius: Array, k: int) -> Array:
+    """What unit amplitudes add to the mean on circles outside the support, (n, q): there the shapes are powers of r,
+    those that turn with the direction times the mean one's."""
+    (x, y), kernels, at = _circles(radius), tail_kernels(k), k // 2 + 1
+    r, angle = np.maximum(np.hypot(x, y), 1.0), np.arctan2(y, x)
+    mean, close = (
+        shape[len(shape) // 2, len(shape) // 2 + at] * (at / r) ** power
+        for shape, power in zip(kernels[:2], (3, 5), strict=True)
+    )
+    turning = [mean * wave(m * angle) for m in (2, 4) for wave in (np.cos, np.sin)]
+    outside = ~_within(x, y, k)
+    return np.stack([(shape * outside).mean(axis=1) for shape in (mean, close, *turning)], axis=1)
 
 
 def _inside_circles(radius: Array, offsets: npt.NDArray[np.intp]) -> Array:

@@ -17,6 +17,7 @@ from station.derive import compute
 from station.disk import sha256_of
 from station.machine import KERNELS, machine
 from station.plans import plan_named
+from station.result_seal import is_sealed
 from station.results import RECORD
 from station.session_reading import read_session, verify
 from station.session_state import Derived, State, replay
@@ -111,7 +112,7 @@ def _tuples(value: Any) -> Any:
 def _again(folder: Path, result: Derived, state: State) -> Comparison:
     with tempfile.TemporaryDirectory(prefix="station-") as raw:
         fresh = Path(raw, "result")
-        compute(folder, state, plan_named(state.plan), fresh)
+        compute(folder, state, plan_named(state.plan), fresh, sealed=is_sealed(folder / result.folder))
         found = {path.relative_to(fresh).as_posix(): sha256_of(path) for path in fresh.rglob("*") if path.is_file()}
         keys = _differing(folder / result.folder / RECORD, fresh / RECORD)
     on_disk = {name: _hash(folder / result.folder / name) for name in result.files}

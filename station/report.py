@@ -13,11 +13,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from procedures.budget import TERMS
 from procedures.outcome import Quantity
+from procedures.pattern_psf.error_parts import Variation
 from procedures.pattern_psf.estimate import PatternPsf
 from procedures.raw import Exposure, Plane, RawFrame
 from procedures.two_photo.estimate import TwoPhotoPsf
-from station import figures
+from station import figures, otf_figures
+from station.budget_table import BudgetTable, budget_table
 from station.calibrate import Calibrated
 from station.limits import Judged, Judgement
 from station.names import printable
@@ -48,8 +51,8 @@ MORE_NUMBERS = (
 """What a report tells beside the numbers of every page."""
 PLAIN = (
     ("residual_std", "Residual, in standard deviations of the noise"),
-    ("gamma", "Noise amplification γ"),
-    ("gamma_bound", "The least that any chart could have"),
+    ("gamma", "Noise amplification γ = Σ 1/σᵢ² of this view"),
+    ("gamma_bound", "The least γ that any chart could have"),
     ("pixels_per_pattern", "Width of the noise region, in pixels"),
     ("s_over_t", "Sampling ratio s/t"),
     ("gain", "Contrast of the far photograph over the near one's"),
@@ -130,6 +133,18 @@ class PlaneSheet:
         return [(words, known[name]) for name, words in (*NUMBERS, *MORE_NUMBERS) if name in known]
 
     @property
+    def budget(self) -> BudgetTable | None:
+        """The headline numbers' uncertainties taken apart."""
+        quality = self.record.quality
+        return budget_table(quality) if quality is not None else None
+
+    @property
+    def halves(self) -> list[tuple[str, Variation]]:
+        """The numbers in the halves of the chart, with their words."""
+        words = dict(NUMBERS)
+        return [(words.get(one.name, one.name), one) for one in self.record.variations]
+
+    @property
     def plain(self) -> list[tuple[str, float]]:
         """The numbers that have no uncertainty."""
         return [(words, float(one)) for name, words in PLAIN if isinstance(one := self.record.numbers.get(name), float)]
@@ -179,7 +194,20 @@ class Report:
 def calibration_page(report: Report) -> str:
     """The report as HTML, its pictures inside; everything in it that came from outside is escaped."""
     sheets = [(sheet, _pictures(sheet, f"p{i}")) for i, sheet in enumerate(report.planes, 1)]
-    return render("calibration.html", report=report, sheets=sheets, method=METHODS.get(report.procedure, ""))
+    return render(
+        "calibration.html",
+        report=report,
+        sheets=sheets,
+        method=METHODS.get(report.procedure, ""),
+        sources=_sources(report.planes),
+        phase_known=f"{otf_figures.PHASE_KNOWN_DEG:g}",
+    )
+
+
+def _sources(sheets: Sequence[PlaneSheet]) -> list[str]:
+    """What the uncertainties of any plane are made of, in words."""
+    told = {column for sheet in sheets if sheet.budget is not None for column in sheet.budget.columns}
+    return [words for words in TERMS.values() if words in told]
 
 
 def _pictures(sheet: PlaneSheet, name: str) -> Mapping[str, Any]:
@@ -188,8 +216,10 @@ def _pictures(sheet: PlaneSheet, name: str) -> Mapping[str, Any]:
     if record.psf is not None:
         pictures["psf"] = figures.psf_figure(record.psf, None, f"{name}-psf")
         pictures["energy"] = figures.energy_figure(radial_profile(record.psf), f"{name}-energy")
+        pictures["phase"] = otf_figures.phase_figure(record.psf, f"{name}-phase")
+        pictures["map"] = otf_figures.mtf_map_figure(record.psf, f"{name}-map", record.diffraction)
     if record.quality is not None:
-        pictures["mtf"] = figures.mtf_figure(record.quality, None, f"{name}-mtf")
+        pictures["mtf"] = otf_figures.mtf_figure(record.quality, None, f"{name}-mtf", record.diffraction)
     if record.inter_image is not None:
         pictures["inter_image"] = figures.kernel_figure(record.inter_image, f"{name}-kernel")
     if sheet.found is not None and sheet.photograph is not None:

@@ -65,6 +65,12 @@ def write_restoration(
     return text
 
 
+def write_refusal(folder: ResultFolder, outcome: Outcome[Restoration], about: Mapping[str, Any]) -> str:
+    """Publish the record of a refusal, which has no other files; returns its text."""
+    told = {"verdict": str(outcome.verdict), "reason": outcome.reason, "remedy": outcome.remedy}
+    return write_record(folder, {"schema": SCHEMA, **about, **told, "software": software()})
+
+
 def write_result(
     folder: ResultFolder, outcomes: Mapping[str, Outcome[Any]], frames: Sequence[RawFrame], about: Mapping[str, Any]
 ) -> str:
@@ -74,8 +80,7 @@ def write_result(
 
     (outcome,) = outcomes.values()
     if outcome.value is None:
-        told = {"verdict": str(outcome.verdict), "reason": outcome.reason, "remedy": outcome.remedy}
-        return write_record(folder, {"schema": SCHEMA, **about, **told, "software": software()})
+        return write_refusal(folder, outcome, about)
     for n, frame in enumerate((frames[0], frames[len(frames) - 1]), start=1):
         if frame.felt is not None:
             folder.write(f"imu_{n}.csv", imu_table(frame.felt))

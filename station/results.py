@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
 import json
 import math
@@ -24,7 +25,9 @@ import numpy.typing as npt
 from procedures.cross_check.estimate import EdgeCheck
 from procedures.outcome import BadParameter, Outcome, Quantity, Verdict
 from procedures.psf import Psf
-from procedures.quality import Quality, energy_outside_support
+from procedures.quality import Diffraction, Quality, energy_outside_support
+from station.budget_table import budget_csv
+from station.disk import Disk, hashes_in
 from station.exports import GAUSSIAN_RADIUS, gaussian_radius, numbers_table, psf_fits, psf_tiff
 from station.names import encodable
 from station.pictures import psf_picture
@@ -36,6 +39,7 @@ if TYPE_CHECKING:
     from procedures.physics.estimate import Physics
 
 RECORD = "result.json"
+SEAL = "sha256"
 SCHEMA = "station/psf/1"
 CANDIDATES = 5
 """Physical models told of, the best first."""
@@ -50,7 +54,7 @@ class PlaneRecord:
 
     Attributes
     ----------
-    numbers : what the procedure found beside the PSF, plain: gamma, residual_std, scale, ...
+    numbers : what the procedure found beside the PSF, plain: gamma (sum of 1 / sigma_i^2), residual_std, scale, ...
     pitch : sensor pixels per pixel of the plane
     inter_image : the kernel between two photographs, where the PSF comes from two
     quality : its curves, and the derived numbers with unit and uncertainty
@@ -58,6 +62,7 @@ class PlaneRecord:
     choice : what was tried of s and k, the last one chosen
     variations : numbers that differ in the halves of the chart
     edges : the chart's slanted edges beside the PSF, where the photograph shows some
+    diffraction : what limits the plane, where f-number and pitch are known
     physics : the model of sensor and lens that explains the PSF, where one was asked for
     """
 
@@ -74,6 +79,7 @@ class PlaneRecord:
     choice: tuple[Trial, ...] = ()
     variations: tuple[Variation, ...] = ()
     edges: tuple[EdgeCheck, ...] = ()
+    diffraction: Diffraction | None = None
     physics: Outcome[Physics] | None = None
 
 
@@ -81,8 +87,8 @@ class ResultFolder:
     """A folder that receives one result, whole.
 
     Files are written into a hidden folder inside it, `staging`, and renamed by `publish`, the record last: whoever
-    finds a record finds every file it speaks of. Folders inside it are kept. Entering proves that the folder can be
-    written, before any work is done.
+    finds a record finds every file it speaks of, on the disk. Folders inside it are kept. Entering proves that the
+    folder can be written, before any work is done. `sealed` has the record tell the hashes of all files and its own.
 
     Raises
     ------
@@ -90,8 +96,9 @@ class ResultFolder:
         On entering, if the folder cannot be made or written.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, sealed: bool = True) -> None:
         self.path = path
+        self.sealed = sealed
         self._created: list[Path] = []
 
     def __enter__(self) -> Self:
@@ -125,21 +132,40 @@ class ResultFolder:
         return BadParameter(reason, "name another folder with --out, or make room")
 
     def publish(self) -> None:
-        """Put the staged files in the place of the older result's, and remove what only that one had."""
+        """Put the staged files in the place of the older result's, and remove what only that one had.
+
+        Raises
+        ------
+        BadParameter
+            If the disk does not take it.
+        """
+        try:
+            self._publish(Disk())
+        except OSError as error:
+            raise self._unwritable(error) from error
+
+    def _publish(self, disk: Disk) -> None:
         staged = sorted(file.relative_to(self.staging) for file in self.staging.rglob("*") if file.is_file())
         staged.sort(key=lambda name: name == Path(RECORD))
+        for name in staged:
+            disk.settle(self.staging / name)
         (self.path / RECORD).unlink(missing_ok=True)
-        for folder in {self.path / name.parent for name in staged}:
+        folders = {self.path / name.parent for name in staged}
+        for folder in folders:
             folder.mkdir(parents=True, exist_ok=True)
             for old in folder.iterdir():
                 if _RESULT_FILE.fullmatch(old.name) and old.relative_to(self.path) not in staged:
                     old.unlink()
         for name in staged:
+            if name == Path(RECORD):
+                disk.sync_folder(self.path)
             os.replace(self.staging / name, self.path / name)
+        for folder in {*folders, self.path.parent}:
+            disk.sync_folder(folder)
 
 
 _RESULT_FILE = re.compile(
-    r"(psf|covariance|mtf|edge|inter_image|profile)_(R|G1|G2|B|Y)\.(npy|csv|png|fits|tiff)|numbers\.csv|report\.html|field\.h5"
+    r"(psf|covariance|mtf|edge|inter_image|profile)_(R|G1|G2|B|Y)\.(npy|csv|png|fits|tiff)|numbers\.csv|budget\.csv|report\.html|field\.h5"
 )
 
 
@@ -154,6 +180,7 @@ def write_psf_result(folder: ResultFolder, planes: Sequence[PlaneRecord], about:
         _write_plane(folder, plane)
     if any(plane.quality is not None for plane in planes):
         folder.write("numbers.csv", numbers_table((plane.name, *one) for plane in planes for one in quantities(plane)))
+        folder.write("budget.csv", budget_csv(planes))
     record = {
         "schema": SCHEMA,
         **about,
@@ -177,10 +204,16 @@ def _sampling(planes: Sequence[PlaneRecord]) -> dict[str, Any]:
 
 def write_record(folder: ResultFolder, record: Mapping[str, Any]) -> str:
     """Write the record, null where a number is not finite, and publish the folder; returns the record's text."""
-    text = json_text(record)
+    text = sealed_text(record, hashes_in(folder.staging)) if folder.sealed else json_text(record)
     folder.write(RECORD, text.encode())
     folder.publish()
     return text
+
+
+def sealed_text(record: Mapping[str, Any], files: Mapping[str, str]) -> str:
+    """The record with the SHA-256 of the files beside it, and of itself without that line."""
+    whole = {**record, "files": files}
+    return json_text({**whole, SEAL: hashlib.sha256(json_text(whole).encode()).hexdigest()})
 
 
 def json_text(record: Mapping[str, Any]) -> str:
@@ -249,6 +282,8 @@ def _plane_entry(plane: PlaneRecord) -> dict[str, Any]:
         entry.update({name: {**asdict(quantity), "budget": dict(budgets[name])} for name, quantity in numbers})
     if plane.variations:
         entry["variations"] = [asdict(one) for one in plane.variations]
+    if plane.diffraction is not None:
+        entry["diffraction"] = {**asdict(plane.diffraction), "cutoff": plane.diffraction.cutoff}
     if plane.edges:
         entry["edges"] = [_edge_entry(edge) for edge in plane.edges]
     if plane.physics is not None:

@@ -7,12 +7,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, cast
 
-from drivers.errors import Alarm, DeviceError, EmergencyStopped, LineLost, NoAnswer, NotHomed, WasReset
-from drivers.interfaces import CameraSettings, Exposure, Imu, Travel
+from drivers.errors import Alarm, DeviceError, EmergencyStopped, Held, LineLost, NoAnswer, NotHomed, WasReset
+from drivers.interfaces import CameraSettings, Doubt, Exposure, Imu, Travel
 from procedures.plan import Fact
 
 if TYPE_CHECKING:
     from station.bench import Bench
+    from station.stopping import Stop
 
 POSITION_LOST = (Alarm, WasReset, NotHomed, EmergencyStopped)
 LINE_TROUBLE = (NoAnswer, LineLost, Alarm, WasReset)
@@ -67,6 +68,7 @@ class Rig:
         """What did not answer when it was last asked how it is, and why; not asked again before something is mended."""
         self._places: dict[str, float] = {}
         self._failed = ""
+        self._stops = bench.stops if bench else 0
 
     def names(self) -> tuple[str, ...]:
         """Of the devices in use."""
@@ -121,6 +123,8 @@ class Rig:
     def mend(self, error: Exception) -> None:
         """What can be done before trying again: connect what fell silent, home what lost its position, and go back."""
         self.silent.clear()
+        if isinstance(error, Held):
+            self._device(self._failed).resume()
         again = set(self.unconnected())
         if isinstance(error, LINE_TROUBLE):
             again |= {"camera", "shutter"} if self._failed == "camera" else {self._failed}
@@ -131,10 +135,15 @@ class Rig:
         lost = self._lost() or ([self._failed] if isinstance(error, POSITION_LOST) else [])
         for name in set(lost) & set(self.movers()):
             with self._using(name) as stage:
-                stage.home()
+                stage.home(self._not_stopped)
                 own = {axis: self._places[axis] for axis in stage.travel() if axis in self._places}
                 if own:
                     stage.move_to(**own)
+
+    def doubts(self) -> dict[str, Doubt]:
+        """Why stages deserve less trust than they claim, by device."""
+        told = {name: self._device(name).condition().doubt for name in self.movers()}
+        return {name: doubt for name, doubt in told.items() if doubt is not None}
 
     # --- moving
 
@@ -142,7 +151,7 @@ class Rig:
         """Every stage finds its reference. Raises DeviceError."""
         for name in self.movers():
             with self._using(name) as stage:
-                stage.home()
+                stage.home(self._not_stopped)
         self.silent.clear()
         self._places = self.positions()
 
@@ -251,9 +260,18 @@ class Rig:
             self.bench.simulated.body.next_number = number
 
     def emergency_stop(self) -> None:
-        """Everything stops, now."""
+        """Everything stops, now; nothing homes any more."""
         if self.bench is not None:
             self.bench.emergency_stop()
+
+    def _not_stopped(self) -> None:
+        """Raises EmergencyStopped where there was an emergency stop since this rig was made."""
+        if self.bench is not None:
+            self.bench.check_stops(self._stops)
+
+    def stops(self) -> list[Stop]:
+        """The emergency stops since this rig was made."""
+        return self.bench.stops_since(self._stops) if self.bench is not None else []
 
 
 def _sure_position(stage: Any) -> dict[str, float]:

@@ -4,6 +4,7 @@
 2026-03-14-nikon-d90-50mm-pattern/
   session.toml      what was set when it began; never changed again
   journal.jsonl     everything that happened, one line each, chained by hashes; what the session is
+  journal.head      how many lines the journal has, and the sum of the last
   originals/        the photographs as the camera wrote them, read-only
   derived/1/        the first result, derived/2/ the one after a retake
   wire/             every byte that passed between the devices and the program
@@ -11,17 +12,19 @@
 ```
 
 Whatever the journal says is on the disk before anyone hears of it. A photograph is announced in the journal with its
-hash, copied, read back, renamed into originals/, and then confirmed: whoever opens the session after a crash finishes
-what was announced and not confirmed.
+hash, copied, read back, given a name in originals/ that nothing has, and then confirmed: whoever opens the session
+after a crash finishes what was announced and not confirmed.
 """
 
 from __future__ import annotations
 
+import os
+import secrets
 import shutil
-import tempfile
 import threading
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import asdict
+from contextlib import suppress
+from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
@@ -30,24 +33,21 @@ from typing import Any, Self
 from drivers.clock import Clock
 from drivers.interfaces import Exposure
 from procedures.plan import Facts
-from station.disk import Disk, NotKept, holds, kept, sha256_of
-from station.journal import Contents, Journal, Line
+from station.disk import READ_ONLY, Disk, NotKept, files_in, hashes_in, holds, holds_all, kept
+from station.journal import Journal, Line
 from station.machine import machine
+from station.session_creation import furnish, settle
 from station.session_folder import (
-    CONFIG,
     DERIVED,
-    FOLDERS,
     JOURNAL,
-    ORIGINALS,
     SCHEMA,
     SUMS,
     WIRE,
     Lock,
     check_layout,
+    free_original,
     inside,
-    original_name,
     own,
-    read_config,
     safe_name,
 )
 from station.session_reading import SessionRecord, read_session, sums, verify
@@ -79,6 +79,8 @@ class Session:
         self._journal = Journal(self.folder / JOURNAL, record.contents, disk)
         self._state = record.state
         self._open = True
+        self._wires: Path | None = None
+        self.leftovers: tuple[Path, ...] = ()  # results that the journal does not speak of: never written over
 
     @property
     def state(self) -> State:
@@ -121,10 +123,11 @@ class Session:
         names = (safe_name(camera, "camera"), safe_name(lens, "lens"), safe_name(plan, "plan"))
         with kept(root):
             root.mkdir(parents=True, exist_ok=True)
-            raw = Path(tempfile.mkdtemp(prefix=".creating-", dir=root))
+            raw = root / f".creating-{secrets.token_hex(8)}"
+            raw.mkdir()
         try:
-            _furnish(raw, toml_text({**head, "seed": seed, "config": config}).encode(), first, disk)
-            folder = _settle(raw, f"{began:%Y-%m-%d}-{'-'.join(names)}", disk)
+            furnish(raw, toml_text({**head, "seed": seed, "config": config}).encode(), first, disk)
+            folder = settle(raw, f"{began:%Y-%m-%d}-{'-'.join(names)}", disk)
         except BaseException:
             shutil.rmtree(raw, ignore_errors=True)
             raise
@@ -169,17 +172,20 @@ class Session:
             raise
         try:
             verify(folder, session.state, without)
-            recover(session, record.contents.torn, without)
+            recover(session, record, without)
         except BaseException:
             session.close()
             raise
         return session
 
     def close(self) -> None:
-        """Let other programs in; any number of times."""
+        """Note what passed on the wires, and let other programs in; any number of times."""
         with self._guard:
             if self._open:
                 self._open = False
+                if self._wires is not None:
+                    with suppress(NotKept, OSError):  # the disk is full: they are kept, and not checked later
+                        self.note("wired", folder=f"{WIRE}/{self._wires.name}", files=hashes_in(self._wires))
                 self._journal.close()
                 self._lock.release()
 
@@ -249,19 +255,18 @@ class Session:
                 pending = None
             if pending is None:
                 number = self.state.next_number
-                self.note(
-                    "adopting",
-                    shot=number,
-                    path=f"{ORIGINALS}/{original_name(number, exposure.path.name)}",
-                    sha256=exposure.sha256,
-                    size_bytes=exposure.size_bytes,
-                    purpose=purpose,
-                    step=step,
-                    exposure={**asdict(exposure), "path": exposure.path.absolute()},
-                    snapshot=snapshot,
-                )
-            assert self.state.adopting is not None
-            return self.take_in(self.state.adopting, exposure.path)
+                path = free_original(self.folder, number, exposure.path.name, exposure.sha256)
+                told = {**asdict(exposure), "path": exposure.path.absolute()}
+                file = (path, exposure.sha256, exposure.size_bytes)
+                pending = self._announce(Shot(number, *file, purpose, step, exposure=told, snapshot=snapshot))
+            return self.take_in(pending, exposure.path)
+
+    def _announce(self, shot: Shot) -> Shot:
+        told = asdict(shot)
+        names = ("path", "sha256", "size_bytes", "purpose", "step", "exposure", "snapshot")
+        self.note("adopting", shot=shot.number, **{name: told[name] for name in names})
+        assert self.state.adopting is not None
+        return self.state.adopting
 
     def judge(self, shot: Shot, counts: bool, reason: str = "") -> Shot:
         """Whether the result is drawn from it. The same photograph never counts twice. Raises NotKept."""
@@ -277,10 +282,17 @@ class Session:
         return inside(self.folder, shot.path)
 
     def take_in(self, shot: Shot, source: Path) -> Shot:
-        """Copy a photograph that was announced, unless it is there, and confirm it. Raises Changed, NotKept."""
+        """Copy a photograph that was announced, unless it is there, and confirm it. Raises Changed, NotKept.
+
+        Where something else has got its name meanwhile, it gets another.
+        """
+        if os.path.lexists(self.folder / shot.path) and not holds(self.folder / shot.path, shot.sha256):
+            path = free_original(self.folder, shot.number, source.name, shot.sha256)
+            shot = self._announce(replace(shot, path=path))
         target = self.folder / shot.path
         if holds(target, shot.sha256):
             with kept(target):
+                target.chmod(target.stat().st_mode & READ_ONLY)
                 self._disk.settle(target)
         else:
             self._disk.copy(source, target, shot.sha256)
@@ -292,13 +304,15 @@ class Session:
 
     def result_folder(self) -> Path:
         """Where the next result goes; `keep_result` confirms it. Raises Damaged where a link lies there."""
-        return own(self.folder / DERIVED / str(len(self.state.results) + 1))
+        names = [Path(one.folder).name for one in self.state.results] + [path.name for path in self.leftovers]
+        return own(self.folder / DERIVED / str(max(map(int, names), default=0) + 1))
 
     def keep_result(self, *, step: str, shots: Sequence[int], verdict: str, **about: Any) -> Derived:
         """Confirm the files in `result_folder()` as the result of a step, drawn from these shots.
 
         Where the last result still stands and has the same files, it is kept and the new one removed: a step that
-        was interrupted after its result is no second result.
+        was interrupted after its result is no second result. Where a result that the journal does not speak of has
+        the same files, it is the one that is confirmed.
 
         Raises
         ------
@@ -312,21 +326,25 @@ class Session:
             if standing is not None and (standing.step, standing.files) == (step, files):
                 shutil.rmtree(folder)
                 return standing
+            if (same := self._unconfirmed_with(files)) is not None:
+                shutil.rmtree(folder)
+                folder = same
             told = {"folder": f"{DERIVED}/{folder.name}", "files": files, "shots": list(shots), "step": step}
             self.note("derived", **told, verdict=verdict, machine=machine(), **about)
             self.write_sums()
             return self.state.results[-1]
 
+    def _unconfirmed_with(self, files: Mapping[str, str]) -> Path | None:
+        known = {self.folder / one.folder for one in self.state.results}
+        return next((one for one in self.leftovers if one not in known and holds_all(one, files)), None)
+
     def _synchronised(self, folder: Path) -> dict[str, str]:
         """The hash of every file in a folder, once it is on the disk."""
-        files = {}
-        for path in sorted(folder.rglob("*")):
-            if path.is_symlink() or not path.is_dir():
-                self._disk.settle(path)
-                files[path.relative_to(folder).as_posix()] = sha256_of(path)
-        self._disk.sync_folder(folder)
-        self._disk.sync_folder(folder.parent)
-        return files
+        for path in files_in(folder):
+            self._disk.settle(path)
+        for one in (folder, folder.parent):
+            self._disk.sync_folder(one)
+        return hashes_in(folder)
 
     def wire_folder(self) -> Path:
         """Where this opening of the session keeps what passes on the wires; made now. Raises NotKept."""
@@ -334,6 +352,7 @@ class Session:
         folder = own(self.folder / WIRE / f"{number:03d}")
         with kept(folder):
             folder.mkdir(exist_ok=True)
+        self._wires = folder
         return folder
 
     def notice(self, say: str) -> None:
@@ -355,31 +374,3 @@ class Session:
             self._disk.write_whole(path, text)
         except (NotKept, OSError):
             return
-
-
-def _furnish(folder: Path, config: bytes, first: Line, disk: Disk) -> None:
-    """Everything that a session needs, on the disk."""
-    folder.chmod(0o755)
-    for name in FOLDERS:
-        with kept(folder / name):
-            (folder / name).mkdir()
-    for name, data in ((CONFIG, config), (JOURNAL, b"")):
-        disk.write_whole(folder / name, data)
-    _, first_sum = read_config(folder)
-    journal = Journal(folder / JOURNAL, Contents((), first_sum, 0), disk)
-    try:
-        journal.append(first.event, first.at, first.clock_s, first.data)
-    finally:
-        journal.close()
-
-
-def _settle(raw: Path, name: str, disk: Disk) -> Path:
-    """Give the folder its name, with a number where that is taken."""
-    for number in range(1, 10_000):
-        folder = raw.with_name(name if number == 1 else f"{name}-{number}")
-        if not folder.exists() and not folder.is_symlink():
-            with kept(folder):
-                disk.replace(raw, folder)
-                disk.sync_folder(folder.parent)
-            return folder
-    raise NotKept(f"{raw.parent} has 9999 sessions of the name {name}", "name another folder with --sessions")

@@ -11,11 +11,12 @@ import sys
 import tomllib
 import unicodedata
 from collections.abc import Mapping
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
 from procedures.outcome import BadInput, ProcedureError
-from station.disk import kept
+from station.disk import holds, kept, read_own
 from station.journal import Damaged
 from station.names import printable
 
@@ -53,9 +54,22 @@ def original_name(number: int, source: str) -> str:
     return f"{number:04d}-{clean or 'shot'}.{suffix}"
 
 
+def free_original(folder: Path, number: int, source: str, sha256: str) -> str:
+    """The path of a new photograph, from the session's folder: nothing is there, or this very photograph is."""
+    usual = Path(ORIGINALS, original_name(number, source))
+    others = (usual.with_stem(f"{usual.stem}-{again}") for again in count(2))
+    free = (one for one in chain([usual], others) if not os.path.lexists(folder / one) or holds(folder / one, sha256))
+    return next(free).as_posix()
+
+
 def is_session(folder: Path) -> bool:
     """Whether this is the folder of a session."""
     return (folder / CONFIG).is_file() and (folder / JOURNAL).is_file()
+
+
+def has_parts(folder: Path) -> bool:
+    """Whether this is the folder of a session, or what is left of one."""
+    return any((folder / name).is_file() for name in (CONFIG, JOURNAL)) and (folder / ORIGINALS).is_dir()
 
 
 def check_layout(folder: Path) -> None:
@@ -83,9 +97,9 @@ def check_layout(folder: Path) -> None:
 def read_config(folder: Path) -> tuple[Mapping[str, Any], str]:
     """The frozen configuration, and its hash, which the journal begins with. Raises Damaged."""
     try:
-        data = (folder / CONFIG).read_bytes()
+        data = read_own(folder / CONFIG)
         config = tomllib.loads(data.decode())
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
         raise Damaged(f"{folder / CONFIG} cannot be read: {error}", "bring it back from a copy") from error
     if config.get("schema") != SCHEMA:
         raise Damaged(f"{folder / CONFIG} is not of schema {SCHEMA}", "open it with the version that wrote it")

@@ -2,27 +2,31 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 from collections.abc import Collection
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from station.disk import holds, sha256_of
+from station.journal_head import HEAD
 from station.machine import machine
+from station.results import RECORD
 from station.session_folder import DERIVED, ORIGINALS
+from station.session_reading import SessionRecord, damaged_results, unknown_files
 from station.session_state import Shot
 
 if TYPE_CHECKING:
     from station.session import Session
 
 
-def recover(session: Session, torn: bytes, without: Collection[int] = ()) -> None:
-    """Sweep up, say what was torn, take in what was announced, and name what is missing or strange.
+def recover(session: Session, record: SessionRecord, without: Collection[int] = ()) -> None:
+    """Sweep up, say what was torn or lost, take in what was announced, and name what is missing or strange.
 
     Parameters
     ----------
-    torn : what stood after the last whole line of the journal
+    record : the session as it was found
     without : shots to give up
 
     Raises
@@ -30,17 +34,24 @@ def recover(session: Session, torn: bytes, without: Collection[int] = ()) -> Non
     NotKept
         If the disk takes nothing more.
     """
-    _sweep(session.folder, len(session.state.results))
-    session.note("opened", process=os.getpid(), machine=machine())
-    if torn:
+    _sweep(session.folder)
+    if record.gap.lines:
+        session.note("cut", lines=record.gap.lines)
+    elif record.has_head and not record.oddities:
+        _discard_unconfirmed(session)
+    session.note("opened", process=os.getpid(), machine=machine(), head=HEAD)
+    if torn := record.contents.torn:
         session.note("torn", bytes=len(torn), text=torn[:10_000].decode("utf-8", "replace"))
-        session.notice("the last line of the journal was not whole and did not count")
+    for words in record.oddities:
+        session.notice(words)
     for number in without:
         if any(shot.number == number and not shot.lost for shot in session.state.shots):
             session.note("lost", shot=number)
             session.notice(f"shot {number} was given up: its photograph is lost")
     if session.state.adopting is not None:
         finish_adopting(session, session.state.adopting)
+    if wrong := damaged_results(session.folder, session.state):
+        session.notice(f"{', '.join(wrong)}: missing, or not what was written; bring them back from a copy")
     _give_up_awaited(session)
     _name_unfinished(session)
     _name_strangers(session)
@@ -54,21 +65,31 @@ def finish_adopting(session: Session, shot: Shot) -> None:
         session.take_in(shot, source)
         session.notice(f"shot {shot.number} had been announced and not taken in; now it is in the session")
         return
-    session.note("gave_up", shot=shot.number)
-    session.notice(
+    _say_and_give_up(
+        session,
         f"shot {shot.number} had been announced and not taken in, and {source} is not there as it was: "
-        "it will be taken again"
+        "it will be taken again",
+        shot=shot.number,
     )
+
+
+def _say_and_give_up(session: Session, say: str, **what: Any) -> None:
+    """In this order: between the two the power may go, and nothing is repeated in silence."""
+    if say not in session.state.notices:
+        session.notice(say)
+    session.note("gave_up", **what)
 
 
 def _give_up_awaited(session: Session) -> None:
     awaited = session.state.awaited
     if awaited is None:
         return
-    session.note("gave_up", step=awaited.step, purpose=awaited.purpose)
-    session.notice(
+    _say_and_give_up(
+        session,
         f"an exposure for {awaited.purpose} ({awaited.step}) was asked for, and its photograph is not in the session: "
-        "it will be taken again"
+        "it will be taken again",
+        step=awaited.step,
+        purpose=awaited.purpose,
     )
 
 
@@ -85,23 +106,32 @@ def _name_unfinished(session: Session) -> None:
 
 
 def _name_strangers(session: Session) -> None:
-    """Files in originals/ that the journal does not speak of are named, once, and left alone."""
-    known = {shot.path for shot in session.state.shots}
-    for path in sorted((session.folder / ORIGINALS).iterdir()):
-        relative = f"{ORIGINALS}/{path.name}"
-        digest = sha256_of(path) if path.is_file() and not path.is_symlink() else ""
-        if relative not in known and session.state.strangers.get(relative) != digest:
+    """Photographs and results that the journal does not speak of are named, once, and left alone."""
+    unknown = unknown_files(session.folder, session.state)
+    for relative in unknown:
+        path = session.folder / relative
+        file = path / RECORD if relative.startswith(DERIVED) else path
+        digest = sha256_of(file) if file.is_file() and not file.is_symlink() else ""
+        if session.state.strangers.get(relative) != digest:
             session.note("found", path=relative, sha256=digest)
-            session.notice(f"{path.name!r} lies in {ORIGINALS}/, but the session did not put it there; it is not used")
+            where = f"{path.name!r} lies in {path.parent.name}/, but the journal does not speak of it"
+            session.notice(f"{where}; it is kept as it is, and not used")
+    session.leftovers = tuple(session.folder / one for one in unknown if one.startswith(DERIVED))
 
 
-def _sweep(folder: Path, results: int) -> None:
-    """Remove what a crash left half-written: parts of files, and results that nobody was told of."""
+def _discard_unconfirmed(session: Session) -> None:
+    """Results that nobody was told of, which is sure only where the journal is known to be whole."""
+    for relative in unknown_files(session.folder, session.state):
+        if relative.startswith(DERIVED) and not (session.folder / relative).is_symlink():
+            shutil.rmtree(session.folder / relative, ignore_errors=True)
+
+
+def _sweep(folder: Path) -> None:
+    """Remove what a crash left half-written."""
     for part in (*folder.glob(".*.part"), *(folder / ORIGINALS).glob(".*.part")):
         part.unlink()
     for unfinished in (folder / DERIVED).glob("*/.unfinished-*"):
         if not unfinished.parent.is_symlink():
             shutil.rmtree(unfinished, ignore_errors=True)
-    for result in (folder / DERIVED).iterdir():
-        if result.name.isdecimal() and int(result.name) > results and not result.is_symlink():
-            shutil.rmtree(result, ignore_errors=True)
+            with contextlib.suppress(OSError):  # there is more in it
+                unfinished.parent.rmdir()

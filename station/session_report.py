@@ -18,7 +18,7 @@ from station.names import printable
 from station.page import exposure_words
 from station.plans import plan_named, writer_of
 from station.report import Line, PlaneSheet, Report, Shot, calibration_page
-from station.session_reading import SessionRecord, read_session, verify
+from station.session_reading import SessionRecord, read_session, verify, verify_results
 from station.session_state import State, replay
 
 PAGE = "report.html"
@@ -33,7 +33,7 @@ def session_page(folder: Path) -> str:
     Refused
         If it has no result.
     Damaged
-        If a photograph is not what was taken.
+        If a photograph is not what was taken, or the page not what was written.
     """
     record = read_session(folder)
     if not record.state.results:
@@ -41,6 +41,7 @@ def session_page(folder: Path) -> str:
     verify(folder, record.state)
     own = folder / record.state.results[-1].folder / PAGE
     if writer_of(record.state.plan) and own.is_file():
+        verify_results(record)
         return own.read_text(encoding="utf-8")
     drawn = max(i for i, line in enumerate(record.contents.lines) if line.event == "derived")
     state = replay(record.contents.lines[:drawn])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 from collections.abc import Mapping
@@ -13,11 +14,14 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.outcome import BadInput, Quantity, Verdict
+from station.disk import read_own
 from station.results import RECORD
 
 Array = npt.NDArray[np.float64]
 
 DIRECTIONS = ("horizontal", "vertical", "radial")
+LARGEST_BYTES = 64_000_000
+"""Of the file of a PSF; a support of 2000 x 2000 samples takes half of it."""
 PLANE_LETTERS = 8
 """Plane names longer than this are of no camera; they would also be file names."""
 
@@ -57,13 +61,13 @@ def read_result(folder: Path) -> ShownResult:
 def find_results(sessions: Path) -> list[Path]:
     """The folders of all results under a folder of sessions, newest first."""
     found = [record.parent for record in sessions.glob(f"*/derived/*/{RECORD}") if not record.parent.is_symlink()]
-    return sorted(found, key=lambda folder: (folder / RECORD).stat().st_mtime, reverse=True)
+    return sorted(found, key=lambda folder: (folder / RECORD).lstat().st_mtime, reverse=True)
 
 
 def _record(path: Path) -> dict[str, Any]:
     try:
-        record = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+        record = json.loads(read_own(path))
+    except (OSError, ValueError, RecursionError) as error:
         raise BadInput(f"{path} cannot be read: {error}", "recompute the session") from error
     if not isinstance(record, dict):
         raise BadInput(f"{path} is no record of a result", "recompute the session")
@@ -91,33 +95,41 @@ def _quantity(value: object) -> Quantity | None:
     if not isinstance(value, dict) or not {"value", "unit", "uncertainty"} <= value.keys():
         return None
     number, uncertainty = (_number(value[key]) for key in ("value", "uncertainty"))
-    return Quantity(
-        number, str(value["unit"]), uncertainty, str(value.get("method", "")), int(_number(value.get("n", 0)))
-    )
+    return Quantity(number, str(value["unit"]), uncertainty, str(value.get("method", "")), _count(value.get("n", 0)))
 
 
 def _number(value: object) -> float:
-    return float(value) if isinstance(value, int | float) else math.nan
+    try:
+        return float(value) if isinstance(value, int | float) else math.nan
+    except OverflowError:
+        return math.nan
+
+
+def _count(value: object) -> int:
+    number = _number(value)
+    return int(number) if math.isfinite(number) else 0
 
 
 def _samples(path: Path) -> Array:
     try:
-        h = np.load(path, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
+        data = read_own(path) if path.stat().st_size <= LARGEST_BYTES else b""
+        h = np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
+    except (OSError, ValueError, EOFError, MemoryError, OverflowError, RecursionError) as error:
         raise BadInput(f"{path} cannot be read: {error}", "recompute the session") from error
-    if h.ndim != 2 or h.shape[0] != h.shape[1] or h.dtype.kind != "f":
+    if h.ndim != 2 or h.shape[0] != h.shape[1] or h.size == 0 or h.dtype.kind != "f" or not np.isfinite(h).all():
         raise BadInput(f"{path} is no PSF", "recompute the session")
     return np.asarray(h, dtype=np.float64)
 
 
 def _columns(path: Path) -> dict[str, Array]:
     try:
-        names, *rows = path.read_text(encoding="utf-8").split()
+        names, *rows = read_own(path).decode().split()
         table = np.array([[float(word) for word in row.split(",")] for row in rows], dtype=np.float64)
         columns = dict(zip(names.split(","), table.T, strict=True))
     except (OSError, ValueError) as error:
         raise BadInput(f"{path} cannot be read: {error}", "recompute the session") from error
-    if "frequency" not in columns or not all(one in columns for one in DIRECTIONS):
+    shown = [columns.get(name, np.array([np.nan])) for name in ("frequency", *DIRECTIONS)]
+    if not all(column.size and np.isfinite(column).all() for column in shown) or shown[0].max() <= 0:
         raise BadInput(f"{path} is no table of an MTF", "recompute the session")
     return columns
 

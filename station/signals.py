@@ -1,42 +1,102 @@
-"""Ctrl-C and SIGTERM while devices are open: the first Ctrl-C asks to stop, the second and SIGTERM stop at once."""
+"""How a program that holds devices is ended from outside, or by its own fault: the bench stops first.
+
+Python runs signal handlers in the main thread, between two of its steps, and a computation there would delay the stop.
+So a thread makes it that the system's own handler wakes through a socket, whatever the main thread is at.
+"""
 
 from __future__ import annotations
 
 import signal
+import socket
+import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
 EXIT_DEVICE = 3
 """The exit code after an emergency stop."""
+ENDING = tuple(getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT") if hasattr(signal, n))
+"""Ctrl-C, the system's end, a terminal or an ssh line that is gone, Ctrl-\\."""
+TURN_S = 0.0005
+"""How long a thread may keep Python's lock while the stop waits for it; by default it is 5 ms."""
+STOPPED_S = 1.0
+"""How long the end of the program waits for a stop that is under way."""
+Handler = Callable[[int, FrameType | None], object]
 
 
 @contextmanager
 def guarded(
     emergency_stop: Callable[[], None], ask_to_stop: Callable[[], None], *, terminated: int = EXIT_DEVICE
 ) -> Iterator[None]:
-    """Within, SIGTERM and a second Ctrl-C stop the bench and end the program; the first Ctrl-C only asks.
+    """Within, INT, TERM, HUP, QUIT and any exception stop the bench, at once.
 
-    Must be entered in the main thread, where Python handles signals; `emergency_stop` waits for no lock. `terminated`
-    is the exit code after SIGTERM.
+    `ask_to_stop` is called in the main thread after the first Ctrl-C, to end what runs there; a second one raises
+    KeyboardInterrupt. The others end the program with `terminated`. Must be entered in the main thread;
+    `emergency_stop` is called from another one, waits for no lock and never raises.
     """
     asked = False
 
-    def interrupt(number: int, frame: FrameType | None) -> None:
+    def hear(number: int, frame: FrameType | None) -> None:
         nonlocal asked
+        if number != signal.SIGINT:
+            raise SystemExit(terminated)
         if asked:
-            emergency_stop()
             raise KeyboardInterrupt
         asked = True
         ask_to_stop()
 
-    def terminate(number: int, frame: FrameType | None) -> None:
-        emergency_stop()
-        raise SystemExit(terminated)
+    with _woken(emergency_stop), handled(hear), _short_turns():
+        try:
+            yield
+        except BaseException:
+            emergency_stop()
+            raise
 
-    before = signal.signal(signal.SIGINT, interrupt), signal.signal(signal.SIGTERM, terminate)
+
+@contextmanager
+def handled(hear: Handler) -> Iterator[None]:
+    """Within, these signals are heard; one that the program was started deaf to, as by nohup, is not."""
+    before = {number: signal.getsignal(number) for number in ENDING}
+    hup = getattr(signal, "SIGHUP", None)
+    heard = [number for number in ENDING if not (number == hup and before[number] == signal.SIG_IGN)]
+    for number in heard:
+        signal.signal(number, hear)
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before[0])
-        signal.signal(signal.SIGTERM, before[1])
+        for number in heard:
+            signal.signal(number, before[number])
+
+
+@contextmanager
+def _woken(emergency_stop: Callable[[], None]) -> Iterator[None]:
+    """Within, a thread waits that these signals wake; on leaving, the stop it is at is waited for."""
+    ear, mouth = socket.socketpair()
+    mouth.setblocking(False)
+
+    def listen() -> None:
+        while heard := ear.recv(64):
+            if any(number in heard for number in ENDING):
+                emergency_stop()
+
+    thread = threading.Thread(target=listen, name="signals", daemon=True)
+    thread.start()
+    before = signal.set_wakeup_fd(mouth.fileno(), warn_on_full_buffer=False)
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(before)
+        mouth.close()
+        thread.join(STOPPED_S)
+        ear.close()
+
+
+@contextmanager
+def _short_turns() -> Iterator[None]:
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(TURN_S)
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(before)

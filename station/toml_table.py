@@ -14,7 +14,14 @@ from station.names import printable
 
 T = TypeVar("T")
 
-_WORDS = {float: "a number", int: "a whole number", str: "text in quotes", list: "a list in [ ]", dict: "a table"}
+_WORDS = {
+    float: "a number",
+    int: "a whole number",
+    bool: "true or false",
+    str: "text in quotes",
+    list: "a list in [ ]",
+    dict: "a table",
+}
 
 
 class Table:

@@ -55,7 +55,7 @@ class Watching:
         advice = self._talk.attempt(lambda: look.check(taken.frame, taken.facts))
         self._session.judge(taken.shot, False, "a trial" if advice.good else advice.say)
         self._show(taken.frame, advice)
-        self._talk.learn(advice.facts)
+        self._talk.learn_noted(advice.facts)
         if not advice.good:
             self._follow(advice, taken.frame)
         return advice.good
@@ -102,7 +102,7 @@ class Watching:
             self._talk.hear(CurveSeen(scan.axis, tuple(places[: i + 1]), tuple(scores)))
         if places:
             advice = scan.choose(places, scores)
-            self._talk.learn(advice.facts)
+            self._talk.learn_noted(advice.facts)
             self._talk.doing(advice.say)
             self._set(scan, here + advice.moves.get(scan.axis, 0.0), here)
 
@@ -144,7 +144,7 @@ class Watching:
 
     def _enough(self, shoot: Shoot, results: list[Outcomes]) -> bool:
         advice = shoot.enough(results, self._talk.facts)
-        self._talk.learn(advice.facts)
+        self._talk.learn_noted(advice.facts)
         self._talk.doing(advice.say, len(results), shoot.most)
         return advice.good
 
@@ -166,7 +166,7 @@ class Watching:
     def _keep(self, taken: Taken, advice: Advice) -> None:
         """Whether the shot counts, for the session and the operator."""
         if advice.good:
-            self._talk.learn(advice.facts)
+            self._talk.learn_noted(advice.facts)
         self._session.judge(taken.shot, advice.good, "" if advice.good else advice.say)
         self._show(taken.frame, advice)
 

@@ -16,10 +16,12 @@ from typing import TYPE_CHECKING, Any
 from rich.text import Text
 from textual import on
 from textual.app import App
+from textual.driver import Driver
+from textual.events import Key
 from textual.message import Message
 
 from station.cli.errors import TRACEBACK
-from station.commands import EndRun, GoOn, StepBack
+from station.commands import EndRun, GoOn, StepBack, StopEverything
 from station.glyphs import Glyphs, glyphs_for, visible
 from station.jobs import DeviceState, Finished, Job, Problem, Watcher, at_once, device_states, problem_of
 from station.screens.parts import AnswerBox, StationScreen
@@ -107,7 +109,8 @@ class WorkingApp(App[int]):
             job.wait(timeout_s)
 
     def _fatal_error(self) -> None:
-        """A fault of the program: one sentence for the operator, the traceback for whoever asks for it."""
+        """A fault of the program: the bench stops; a sentence for the operator, the traceback for whoever asks."""
+        at_once(self.lab.emergency_stop)
         if os.environ.get(TRACEBACK) or self._exception is None or self.is_headless:
             super()._fatal_error()
             return
@@ -337,9 +340,20 @@ class WorkingApp(App[int]):
         self.refresh_frame()
 
     def _halt(self) -> None:
-        at_once(self.lab.emergency_stop)
-        if self._sitting is not None and self.running("run"):
-            at_once(self._sitting.halt)
+        running = self._sitting is not None and self.running("run")
+        at_once(self._sitting.halt if self._sitting is not None and running else self.lab.emergency_stop)
+
+    def get_driver_class(self) -> type[Driver]:
+        """The terminal's driver, whose thread stops the bench when it reads the key, whatever the screens are at."""
+        app = self
+
+        class StopsFirst(super().get_driver_class()):  # type: ignore[misc]
+            def process_message(self, message: Message) -> None:
+                if isinstance(message, Key) and message.key in StopEverything.keys.split(","):
+                    app.lab.emergency_stop()
+                super().process_message(message)
+
+        return StopsFirst
 
     # --- what is shown -------------------------------------------------------------------------------------------
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -14,10 +15,10 @@ from procedures.pattern import BLOCK, CELLS, EDGE_END, EDGES
 from procedures.pattern_psf.estimate import PatternPsf
 from procedures.quality import quantity_along
 from procedures.raw import Plane
-from procedures.slanted_edge.estimate import EdgeMtf, measure
-from procedures.slanted_edge.find import strip_along
-from procedures.slanted_edge.strip import LEAST_SIDE, Line, Strip
-from procedures.slanted_edge.tail import Tail
+
+if TYPE_CHECKING:
+    from procedures.slanted_edge.estimate import EdgeMtf
+    from procedures.slanted_edge.strip import Line, Strip
 
 Array = npt.NDArray[np.float64]
 
@@ -78,6 +79,9 @@ def _measured(plane: Plane, found: PatternPsf, i: int) -> EdgeMtf | None:
     placed = _strip(plane, found, i)
     if placed is None or not _shows_edge(*placed, found):
         return None
+    from procedures.slanted_edge.estimate import measure
+    from procedures.slanted_edge.tail import Tail
+
     strip, line = placed
     first = measure(strip, line).value
     if first is None:
@@ -130,6 +134,10 @@ def _strip(plane: Plane, found: PatternPsf, i: int) -> tuple[Strip, Line] | None
     limit = np.array(plane.samples.shape[::-1]) - 1
     if not (np.isfinite(ends).all() and (ends > CLEAR_PX).all() and (ends < limit - CLEAR_PX).all()):
         return None
+    # most charts are printed without edges: what measures them is imported where there is room for one
+    from procedures.slanted_edge.find import strip_along
+    from procedures.slanted_edge.strip import LEAST_SIDE
+
     reach = WIDEST_BLOCKS * BLOCK * cell_px
     strip, line = strip_along(plane.samples, ends[0], ends[1], reach)
     if min(strip.samples.shape) < LEAST_SIDE:
@@ -146,6 +154,8 @@ def _strip(plane: Plane, found: PatternPsf, i: int) -> tuple[Strip, Line] | None
 
 def _shows_edge(strip: Strip, line: Line, found: PatternPsf) -> bool:
     """Whether there are two levels as far apart as the chart's black and white."""
+    from procedures.slanted_edge.strip import LEAST_SIDE
+
     d = np.arange(strip.samples.shape[1]) - line.middle - line.slope * strip.along[:, None]
     sides = [strip.samples[strip.usable & (d * sign > CLEAR_PX)] for sign in (-1, 1)]
     if min(map(len, sides)) < LEAST_SIDE**2 / 2:

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-import scipy.fft
 
+from procedures.numerics import transforms
 from procedures.slanted_edge.strip import Strip
 
 Array = npt.NDArray[np.float64]
@@ -52,8 +52,8 @@ def without_surroundings(samples: Array32, strip: Strip, course: Array, density_
 
 def _through_tail(picture: Array, density_px: float) -> Array:
     """A picture convolved with A / r^3, (rows, columns); nothing lies beyond its border."""
-    shape = [scipy.fft.next_fast_len(2 * n, real=True) for n in picture.shape]
-    r = np.hypot(*(scipy.fft.fftfreq(n, 1 / n).reshape(s) for n, s in zip(shape, ((-1, 1), (1, -1)), strict=True)))
+    shape = [transforms.next_fast_len(2 * n) for n in picture.shape]
+    r = np.hypot(*(transforms.fftfreq(n, 1 / n).reshape(s) for n, s in zip(shape, ((-1, 1), (1, -1)), strict=True)))
     kernel = np.where(r > 0, density_px / np.maximum(r, 1) ** 3, 0.0)
-    product = scipy.fft.rfft2(picture, shape) * scipy.fft.rfft2(kernel)
-    return np.asarray(scipy.fft.irfft2(product, shape)[: picture.shape[0], : picture.shape[1]])
+    product = transforms.rfft2(picture, shape) * transforms.rfft2(kernel)
+    return np.asarray(transforms.irfft2(product, shape)[: picture.shape[0], : picture.shape[1]])

@@ -12,8 +12,9 @@ from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
-import scipy.fft
-from scipy.special import itj0y0, j0, j1
+
+from procedures.numerics import transforms
+from procedures.numerics.bessel import integral_of_j0, j0, j1
 
 Array = npt.NDArray[np.float64]
 
@@ -63,12 +64,12 @@ def tail_columns(
     `u` is the image on the s grid with a border of `tail_border`.
     """
     # only every s-th sample is wanted: along y by folding the spectrum, which is exact
-    shape = (s * scipy.fft.next_fast_len(-(-u.shape[0] // s)), scipy.fft.next_fast_len(u.shape[1], real=True))
-    seen = scipy.fft.rfft2(u, shape, overwrite_x=False)
+    shape = (s * transforms.next_fast_len(-(-u.shape[0] // s)), transforms.next_fast_len(u.shape[1]))
+    seen = transforms.rfft2(u, shape)
     found = np.empty((len(rows), shapes))
     for j, spectrum in enumerate(_spectra(k, *shape)[:shapes]):
         folded = (seen * spectrum).reshape(s, shape[0] // s, -1).sum(axis=0)
-        image = scipy.fft.irfft2(folded, (shape[0] // s, shape[1]), overwrite_x=True)
+        image = transforms.irfft2(folded, (shape[0] // s, shape[1]))
         found[:, j] = image[rows, s * columns]
     return found / s
 
@@ -91,8 +92,8 @@ def far_light(picture: Array, corner: tuple[int, int], shape: tuple[int, int], s
         for a, n, most in ((y, shape[0], picture.shape[0]), (x, shape[1], picture.shape[1]))
     )
     part = picture[np.ix_(rows, columns)]
-    size = tuple(scipy.fft.next_fast_len(n, real=True) for n in part.shape)
-    seen = scipy.fft.irfft2(scipy.fft.rfft2(part, size) * _far_spectrum(size[0], size[1], s, k), size)
+    size = tuple(transforms.next_fast_len(n) for n in part.shape)
+    seen = transforms.irfft2(transforms.rfft2(part, size) * _far_spectrum(size[0], size[1], s, k), size)
     return np.asarray(seen[FAR : FAR + shape[0], FAR : FAR + shape[1]])
 
 
@@ -100,10 +101,10 @@ def far_light(picture: Array, corner: tuple[int, int], shape: tuple[int, int], s
 def _far_spectrum(rows: int, columns: int, s: int, k: int) -> npt.NDArray[np.complex128]:
     """Spectrum of the tail from the reach to `FAR`, on a grid of pixels."""
     r = np.hypot(
-        *np.meshgrid(scipy.fft.fftfreq(rows, 1 / rows), scipy.fft.fftfreq(columns, 1 / columns), indexing="ij")
+        *np.meshgrid(transforms.fftfreq(rows, 1 / rows), transforms.fftfreq(columns, 1 / columns), indexing="ij")
     )
     weight = np.clip(r - tail_border(k) / s + 0.5, 0, 1) * (r <= FAR)
-    return np.asarray(scipy.fft.rfft2(weight * tail_density(k) / (s * np.maximum(r, 1) ** 3)))
+    return np.asarray(transforms.rfft2(weight * tail_density(k) / (s * np.maximum(r, 1) ** 3)))
 
 
 @lru_cache(maxsize=4)
@@ -113,7 +114,7 @@ def _spectra(k: int, rows: int, columns: int) -> npt.NDArray[np.complex64]:
     size = kernels.shape[1]
     placed = np.zeros((len(kernels), rows, columns), dtype=np.float32)
     placed[:, :size, :size] = kernels
-    return np.asarray(scipy.fft.rfft2(np.roll(placed, (1 - size, 1 - size), axis=(1, 2))))
+    return np.asarray(transforms.rfft2(np.roll(placed, (1 - size, 1 - size), axis=(1, 2))))
 
 
 def tail_sums(k: int) -> Array:
@@ -147,7 +148,7 @@ def tail_spectra(fx: Array, fy: Array, k: int) -> Array:
         across, down = odd if SHAPES[j].startswith("sin") else even
         within[:, j] = np.sum((down @ quadrant) * across, axis=1)
     x = 2 * np.pi * np.hypot(fx, fy) * half
-    within[:, 0] += _beyond(k) * (j0(x) + x * (itj0y0(x)[0] - 1 - j1(x)))
+    within[:, 0] += _beyond(k) * (j0(x) + x * (integral_of_j0(x) - 1 - j1(x)))
     return np.asarray(within)
 
 

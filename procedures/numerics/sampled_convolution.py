@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 import numpy.typing as npt
+
+from procedures.numerics.compiled import compiled, vectorised
 
 Array32 = npt.NDArray[np.float32]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def sample_convolution(
     raster: Array32, rows: npt.NDArray[np.int64], columns: npt.NDArray[np.int64], weight: Array32, s: int, k: int
 ) -> Array32:  # pragma: no cover - compiled
@@ -43,7 +44,7 @@ def sample_convolution(
     return A
 
 
-@numba.njit(cache=True, nogil=True, fastmath=True)
+@vectorised
 def convolve_at(
     raster: Array32, rows: npt.NDArray[np.int64], columns: npt.NDArray[np.int64], h: Array32, s: int
 ) -> Array32:  # pragma: no cover - compiled

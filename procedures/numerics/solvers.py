@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-import scipy.linalg
+
+from procedures.numerics.triangular import inverse_lower, solve_factored
 
 Array = npt.NDArray[np.float64]
 
@@ -19,8 +20,7 @@ def cholesky_solve(G: Array, b: Array) -> Array:
     numpy.linalg.LinAlgError
         If G is not positive definite.
     """
-    factor = scipy.linalg.cho_factor(G, lower=True, check_finite=False)
-    return np.asarray(scipy.linalg.cho_solve(factor, b, check_finite=False))
+    return np.asarray(solve_factored(np.linalg.cholesky(G), b), dtype=np.float64)
 
 
 def cholesky_inverse(G: Array) -> Array:
@@ -31,11 +31,8 @@ def cholesky_inverse(G: Array) -> Array:
     numpy.linalg.LinAlgError
         If G is not positive definite.
     """
-    factor, _ = scipy.linalg.cho_factor(G, lower=True, check_finite=False)
-    half, failed = scipy.linalg.lapack.dpotri(factor, lower=True)
-    if failed:
-        raise np.linalg.LinAlgError("the matrix is singular")
-    return np.asarray(np.tril(half) + np.tril(half, -1).T)
+    inverse = inverse_lower(np.linalg.cholesky(G))
+    return np.asarray(inverse.T @ inverse, dtype=np.float64)
 
 
 def non_negative_least_squares(G: Array, b: Array, *, max_exchanges: int = 200) -> Array:

@@ -6,11 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import numba
 import numpy as np
 import numpy.typing as npt
-import scipy.fft
 
+from procedures.numerics import transforms
 from procedures.numerics.compiled import vectorised
 
 Array = npt.NDArray[np.float64]
@@ -38,7 +37,7 @@ class CellSpectra:
         """From the values of the cells (n, n), [row, column]: one period of an image."""
         left = np.abs(cells - np.roll(cells, 1, axis=1))
         upper = np.abs(cells - np.roll(cells, 1, axis=0))
-        return cls(*(np.asarray(scipy.fft.fft2(x.astype(np.float32))) for x in (cells, left, upper)))
+        return cls(*(np.asarray(transforms.fft2(x), np.complex64) for x in (cells, left, upper)))
 
 
 @dataclass(frozen=True)
@@ -74,7 +73,7 @@ class Band:
             filter_y, filter_x = footprint_y(fy) * along_y, footprint_x(fx) * along_x
             _add_band(cut, spectrum, filter_y.astype(np.complex64), filter_x.astype(np.complex64), self.J, self.limit)
         # columns beyond the band are zero and stay out of the first transform
-        return np.asarray(scipy.fft.irfft(scipy.fft.ifft(cut, axis=0, overwrite_x=True), size, axis=1))
+        return np.asarray(transforms.irfft(transforms.ifft(cut, axis=0), size, axis=1))
 
 
 @vectorised
@@ -155,11 +154,11 @@ def photograph_spline(image: Array32, J: Array, band: float) -> tuple[Array32, A
         Pixels (x, y) of the image -> grid points of the coefficients.
     """
     framed = _faded(image)
-    spectrum = scipy.fft.rfft2(framed, [scipy.fft.next_fast_len(n, real=True) for n in framed.shape])
-    rows, columns = len(spectrum), scipy.fft.next_fast_len(framed.shape[1], real=True)
+    spectrum = transforms.rfft2(framed, [transforms.next_fast_len(n) for n in framed.shape])
+    rows, columns = len(spectrum), transforms.next_fast_len(framed.shape[1])
     reach_x, reach_y = np.minimum(band * np.abs(np.linalg.inv(J)).sum(axis=0), 0.5)
     fine_rows, fine_columns = (
-        scipy.fft.next_fast_len(int(np.ceil(POINTS_PER_PERIOD * reach * n)), real=True)
+        transforms.next_fast_len(int(np.ceil(POINTS_PER_PERIOD * reach * n)))
         for reach, n in ((reach_y, rows), (reach_x, columns))
     )
     y, x = int(reach_y * rows), int(reach_x * columns)  # largest indices inside the band
@@ -170,8 +169,10 @@ def photograph_spline(image: Array32, J: Array, band: float) -> tuple[Array32, A
     cut = np.zeros((fine_rows, fine_columns // 2 + 1), dtype=np.complex64)
     cut[index_y, : x + 1] = spectrum[index_y, : x + 1] * (inside * prefilter).astype(np.float32)
     scale_y, scale_x = fine_rows / rows, fine_columns / columns
-    coefficients = scipy.fft.irfft2(cut, (fine_rows, fine_columns), overwrite_x=True) * np.float32(scale_y * scale_x)
-    return coefficients, np.array([[scale_x, 0, RIM * scale_x], [0, scale_y, RIM * scale_y], [0, 0, 1]])
+    coefficients = transforms.irfft2(cut, (fine_rows, fine_columns)) * np.float32(scale_y * scale_x)
+    return np.asarray(coefficients, np.float32), np.array(
+        [[scale_x, 0, RIM * scale_x], [0, scale_y, RIM * scale_y], [0, 0, 1]]
+    )
 
 
 def _faded(image: Array32) -> Array32:
@@ -190,7 +191,7 @@ def _prefilter(f: Array) -> Array:
     return np.asarray(3 / (2 + np.cos(2 * np.pi * f)))
 
 
-@numba.njit(cache=True, nogil=True, fastmath=True, inline="always")
+@vectorised
 def _cubic_weights(
     t: np.float32,
 ) -> tuple[np.float32, np.float32, np.float32, np.float32]:  # pragma: no cover - compiled
@@ -202,7 +203,6 @@ def _cubic_weights(
     return w0, w1, np.float32(1) - w0 - w1 - w3, w3
 
 
-@numba.njit(cache=True, nogil=True, fastmath=True)
 def read_spline(
     coefficients: Array32,
     H: Array,
@@ -212,7 +212,7 @@ def read_spline(
     start: Array,
     step: float,
     shape: tuple[int, int],
-) -> Array32:  # pragma: no cover - compiled
+) -> Array32:
     """Values of a spline on a regular target grid, read through a displacement and a homography.
 
     The target point p is read at H(p + d(p)), in grid points of the coefficients; d is a cubic polynomial of
@@ -239,9 +239,26 @@ def read_spline(
     -------
     (rows, columns) float32
     """
+    flat = np.ascontiguousarray(coefficients).ravel()
+    return _read(flat, coefficients.shape, H, centre, radius, displacement, start, step, shape)
+
+
+@vectorised
+def _read(
+    flat: Array32,
+    size: tuple[int, ...],
+    H: Array,
+    centre: Array,
+    radius: float,
+    displacement: Array,
+    start: Array,
+    step: float,
+    shape: tuple[int, int],
+) -> Array32:  # pragma: no cover - compiled
+    """`read_spline` of coefficients row after row; `size` are their rows and columns."""
     rows, columns = shape
-    n_y, n_x = coefficients.shape
-    flat, line = coefficients.ravel(), np.uint64(n_x)
+    n_y, n_x = size[0], size[1]
+    line = np.uint64(n_x)
     one, two, three = np.uint64(1), np.uint64(2), np.uint64(3)  # unsigned: no test for negative indices
     out = np.empty((rows, columns), np.float32)
     # a row's places first, in a loop of plain arithmetic that the processor does several at a time

@@ -170,10 +170,14 @@ def wanted_px_per_cell(facts: Facts) -> float:
     return RATIO / (parameters_of(facts).s or START_S)
 
 
+def expected_optics(facts: Facts, pitch: int = 2) -> Optics:
+    """Lens and print, for a mosaic's planes, before any photograph. Raises KeyError where the lens is not known."""
+    return Optics(float(facts["focal_length_mm"]), float(facts["pixel_pitch_um"]) * pitch, cell_mm(facts))
+
+
 def wanted_distance_mm(facts: Facts, pitch: int = 2) -> float:
     """From how far to photograph, by the lens and the print. Raises KeyError where the lens is not known."""
-    optics = Optics(float(facts["focal_length_mm"]), float(facts["pixel_pitch_um"]) * pitch, cell_mm(facts))
-    return optics.distance_mm(wanted_px_per_cell(facts))
+    return expected_optics(facts, pitch).distance_mm(wanted_px_per_cell(facts))
 
 
 def check_distance(frame: RawFrame, facts: Facts) -> Advice:

@@ -26,7 +26,7 @@ from procedures.outcome import Outcome, Rule, Verdict, verdict_of
 from procedures.pattern_psf.error_parts import Variation
 from procedures.pattern_psf.estimate import PatternPsf
 from procedures.psf import Psf, Tail
-from procedures.quality import Quality, assess
+from procedures.quality import Diffraction, Quality, assess
 
 Array = npt.NDArray[np.float64]
 
@@ -70,7 +70,7 @@ class CombinedPsf:
 
         What the shots' models leave over may be the same in all of them: it does not shrink with their number.
         """
-        quality = assess(self.psf, n=sum(shot.n for shot in self.shots), diffraction=self.shots[0].diffraction)
+        quality = assess(self.psf, n=sum(shot.n for shot in self.shots), diffraction=self.diffraction)
         parts = {name: self._parts(name, terms["noise"]) for name, terms in quality.budgets.items()}
         return taken_apart(quality, parts)
 
@@ -82,6 +82,11 @@ class CombinedPsf:
         random = {term: mean[term] for term in TERMS if term not in ("mismatch", "choice")}
         whole = sum(random.values())
         return {**{t: own * (v / whole) ** 0.5 for t, v in random.items()}, "mismatch": mean["mismatch"] ** 0.5}
+
+    @property
+    def diffraction(self) -> Diffraction | None:
+        """What limits the plane, where it is known."""
+        return self.shots[0].diffraction
 
     @property
     def choice(self) -> tuple[Trial, ...]:

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-import scipy.linalg
 
 from procedures.budget import Budget
 from procedures.numerics.normal_equations import NormalEquations
+from procedures.numerics.solvers import cholesky_solve
 from procedures.pattern_psf.refine import GEOMETRY, RESPONSE, SPREAD, TAIL, TILES, Fit
 from procedures.psf import Psf
 from procedures.quality import Quality
@@ -119,8 +119,7 @@ def _freed(equations: NormalEquations, gradients: Array) -> tuple[dict[str, Arra
     AZ, ZZ = equations.AZ, equations.ZZ
     n, b = len(AZ), len(gradients)
     AA = equations.G + AZ @ np.linalg.solve(ZZ, AZ.T)
-    factor = scipy.linalg.cho_factor(AA, lower=True, check_finite=False)
-    solved = scipy.linalg.cho_solve(factor, np.hstack([AZ, gradients[:, :n].T]), check_finite=False)
+    solved = cholesky_solve(AA, np.hstack([AZ, gradients[:, :n].T]))
     of_Z, of_g = solved[:, : AZ.shape[1]], solved[:, AZ.shape[1] :]
     left = ZZ - AZ.T @ of_Z  # information of the nuisance parameters when h is free
     pull = gradients[:, n:].T - AZ.T @ of_g  # (p, b)

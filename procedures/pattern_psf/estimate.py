@@ -21,7 +21,7 @@ from procedures.pattern import BLOCK, CELLS, Chart
 from procedures.pattern_psf.centre import mark_offset_gradient
 from procedures.pattern_psf.detection import Sighting, check_usable, find_chart
 from procedures.pattern_psf.error_parts import ErrorParts, Variation, error_parts
-from procedures.pattern_psf.gamma import gamma, gamma_bound
+from procedures.pattern_psf.gamma import gamma_bound, gamma_of_fit
 from procedures.pattern_psf.observation import noise_window, observe
 from procedures.pattern_psf.radiometry import Light, measure_light
 from procedures.pattern_psf.refine import GEOMETRY, TAIL, Fit, TailPrior, refine, without_outliers
@@ -81,7 +81,8 @@ class PatternPsf:
     diffraction : Diffraction or None
         What limits the plane, where it is known.
     gamma, gamma_bound : float
-        Noise amplification sqrt(sum 1 / sigma_i^2) of the photograph, and the smallest that any chart could have.
+        Noise amplification sum 1 / sigma_i^2 of the photograph as the thesis defines it, and the smallest that any
+        chart could have: see `pattern_psf.gamma`.
     residual_std : float
         Residual in units of the noise measured on the blocks.
     pixels_per_pattern : float
@@ -370,7 +371,7 @@ def _result(
         n=m,
         quality=quality,
         diffraction=diffraction,
-        gamma=gamma(psf.covariance / fit.residual_std**2, float(np.mean(fit.observation.weight**2))),
+        gamma=gamma_of_fit(fit.equations, GEOMETRY, fit.observation.weight),
         gamma_bound=gamma_bound(m, psf.k**2),
         residual_std=fit.residual_std,
         pixels_per_pattern=pixels,

@@ -1,33 +1,61 @@
-"""How much a photograph amplifies its noise, and how little any photograph could."""
+"""How much a view of the chart amplifies the photograph's noise, and how little any chart could: gamma.
+
+gamma = sum 1 / sigma_i^2 over the singular values of S_s C[u], the chart as the sensor's s grid sees it, from black 0
+to white 1. Noise of variance sigma^2 then makes an expected square error gamma sigma^2 of all PSF values together: the
+root of gamma times the noise is the error's norm. It is a number of the view alone. What light, geometry, print and
+tail cost beside it is in the uncertainties.
+
+References
+----------
+Delbracio's thesis, section 2.3: equation of gamma in 2.3.1, Proposition 1 in 2.3.2.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+import scipy.linalg
+
+from procedures.numerics.normal_equations import NormalEquations
 
 Array = npt.NDArray[np.float64]
 
 
-def gamma(unit_covariance: Array, mean_square_weight: float) -> float:
-    """The noise amplification sqrt(sum 1 / sigma_i^2) of the system: |dh| = gamma sigma for noise sigma.
+def gamma(gram: Array) -> float:
+    """The trace of the inverse of A'A (n, n), which is the sum of 1 / sigma_i^2; infinite where A does not determine h.
+
+    Source: thesis, section 2.3.1.
+    """
+    try:
+        factor = scipy.linalg.cholesky(gram, lower=True, check_finite=False)
+    except np.linalg.LinAlgError:
+        return float("inf")
+    inverse, _ = scipy.linalg.lapack.dtrtri(factor, lower=1)
+    return float(np.sum(inverse**2))
+
+
+def gamma_of_fit(equations: NormalEquations, constant: int, weight: Array) -> float:
+    """The gamma of a photograph, whatever the scale of its weights.
 
     Parameters
     ----------
-    unit_covariance : (n, n) float64
-        Covariance of the PSF of sum 1 when every weighted sample has unit noise.
-    mean_square_weight : float
-        Mean of the squared weights, which takes the weights' scale out again.
-
-    Notes
-    -----
-    What the nuisance parameters cost is included. Source: thesis, section 2.3.1, whose gamma is this one squared.
+    equations : NormalEquations
+        Of a chart from black -1/2 to white 1/2.
+    constant : int
+        The nuisance column that is 1 for every sample.
+    weight : (m,) float64
+        One over each sample's noise.
     """
-    return float(np.sqrt(np.trace(unit_covariance) * mean_square_weight))
+    AZ, ZZ = equations.AZ, equations.ZZ
+    AA = equations.G + AZ @ np.linalg.solve(ZZ, AZ.T)
+    level = AZ[:, constant] / 2  # every entry of A gains a half
+    squares = float(weight @ weight)
+    return gamma(AA + level[:, None] + level + squares / 4) * squares / len(weight)
 
 
 def gamma_bound(m: int, n: int) -> float:
     """Smallest gamma of any chart with values in [0, 1], m samples and n PSF values.
 
-    Source: thesis, Proposition 1 with a = 0, b = 1, its square root taken as in `gamma`.
+    Source: thesis, Proposition 1 with a = 0, b = 1.
     """
-    return float(np.sqrt((1 + 4 * (n - 1) ** 2) / (m * n)))
+    return (1 + 4 * (n - 1) ** 2) / (m * n)

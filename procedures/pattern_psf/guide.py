@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from procedures.choice import START_K, START_S
 from procedures.outcome import Outcome, Verdict
 from procedures.pattern import DEFAULT_SEED
 from procedures.pattern_print.formats import encode
@@ -16,12 +17,14 @@ from procedures.pattern_print.rulers import LENGTH_MM
 from procedures.pattern_print.sheet import DEFAULT_WIDTH_MM, Size
 from procedures.pattern_print.source import Source
 from procedures.pattern_psf.checks import (
+    RATIO,
     best_place,
     best_tried,
     check_distance,
     check_light,
     check_shot,
     check_square,
+    expected_optics,
     known_chart,
     number,
     parameters_of,
@@ -30,10 +33,12 @@ from procedures.pattern_psf.checks import (
 )
 from procedures.pattern_psf.combine import combine
 from procedures.pattern_psf.estimate import estimate_psf
+from procedures.pattern_psf.gamma_words import gamma_diagram
 from procedures.plan import (
     Advice,
     Ask,
     Decide,
+    Diagram,
     Estimate,
     Facts,
     Give,
@@ -46,6 +51,7 @@ from procedures.plan import (
     Scan,
     SetLight,
     Shoot,
+    Show,
     Step,
 )
 from procedures.quality import WAVELENGTHS_NM, Diffraction
@@ -71,7 +77,7 @@ def plan() -> Plan:
         (
             Step("print", "Print", "Print the chart at its true size, and measure what came out.", PRINT),
             Step("mount", "Mount and light", "Hang the chart flat, light it evenly, and expose it well.", MOUNT),
-            Step("distance", "Distance", "Go where a cell of the chart is as fine as the PSF's samples.", DISTANCE),
+            Step("distance", "Distance", "Go where the noise of the photograph spoils the PSF least.", DISTANCE),
             Step("square", "Square up", "Bring the chart square to the camera.", SQUARE),
             Step("focus", "Focus", "Find the sharpest focus.", FOCUS),
             Step("shots", "Shots", "Take shots that count, until the uncertainty is small enough.", SHOTS),
@@ -146,9 +152,16 @@ def say_distance(facts: Facts) -> str:
     return f"Put the camera {wanted_distance_mm(facts) / 1000:.2f} m from the chart, by a tape measure."
 
 
+def explain_distance(facts: Facts) -> Diagram:
+    """What other distances cost, by lens and print."""
+    parameters = parameters_of(facts)
+    return gamma_diagram(expected_optics(facts), parameters.s or START_S, parameters.k or START_K, RATIO)
+
+
 DISTANCE = (
     Ask("focal_length_mm", "What is the lens's focal length?", "number", "mm", low=1.0, high=5000.0),
     Ask("pixel_pitch_um", "How far apart are the sensor's pixels?", "number", "µm", low=0.5, high=50.0),
+    Show(explain_distance),
     Measure(),
     Go(towards_distance, say_distance),
     Look("distance", check_distance, tries=10),

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-import scipy.linalg
 
 from procedures.numerics.compiled import vectorised
+from procedures.numerics.triangular import solve_factored
 from procedures.numerics.warps import inverse
 from procedures.pattern import BLOCK, CELLS
 from procedures.pattern_psf.registration import Registration
@@ -105,11 +105,11 @@ class Edges:
         """
         penalised = self.CC.astype(np.float32)  # the prior makes it well conditioned
         penalised[np.diag_indices(len(penalised))] += np.float32((noise / rms) ** 2)
-        factor = scipy.linalg.cho_factor(penalised, lower=True, overwrite_a=True, check_finite=False)
+        factor = np.linalg.cholesky(penalised)
 
         def offsets(left: Array) -> Array:
             back = self.C.back(left).astype(np.float32)
-            return np.asarray(scipy.linalg.cho_solve(factor, back, check_finite=False), dtype=np.float64)
+            return np.asarray(solve_factored(factor, back), dtype=np.float64)
 
         return offsets
 

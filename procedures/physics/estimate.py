@@ -12,6 +12,7 @@ from procedures.outcome import BadParameter, Outcome, Quantity, Rule, Verdict, v
 from procedures.physics.choice import choose, scale_of
 from procedures.physics.fit import Fit, Whitened
 from procedures.physics.model import Grid, names_of
+from procedures.physics.one_sided import OneSided, at_bounds
 from procedures.physics.pupil import TERMS
 from procedures.physics.sensor import Aperture
 from procedures.psf import Psf
@@ -40,7 +41,8 @@ class Physics:
         Of an L-shaped aperture: direction of the missing corner, from x towards y, y down.
     numbers : mapping of str to Quantity
         side, notch, separation, diffusion (in sensor pixels), fill_factor; aberrations, wavefront_rms and its part in
-        nanometres; strehl_lens, of the lens alone.
+        nanometres; strehl_lens, of the lens alone. One at its bound has the bound for its value, and an uncertainty
+        to one side.
     chi_square, freedom : float, int
     remaining : float
         Chi-square over that of no model at all: the share of the PSF, weighed by its noise, left unexplained.
@@ -80,8 +82,11 @@ def estimate_physics(psf: Psf, diffraction: Diffraction | None, pitch: int) -> O
     """
     data = Whitened.of(Grid(psf, check_known(diffraction), pitch))
     fit, tried = choose(data)
-    verdict, reason, remedy = verdict_of(_doubts(fit, tried))
-    return Outcome(_physics(data, fit, tried), verdict, reason, remedy)
+    numbers = _numbers(data, fit)
+    bounded = at_bounds(data, fit, numbers)
+    numbers |= {one.name: one.quantity(numbers[one.name]) for one in bounded}
+    verdict, reason, remedy = verdict_of([*_doubts(fit, tried), *_bounds_reached(bounded)])
+    return Outcome(_physics(data, fit, tried, numbers), verdict, reason, remedy)
 
 
 def check_known(diffraction: Diffraction | None) -> Diffraction:
@@ -114,7 +119,12 @@ def _doubts(fit: Fit, tried: list[Fit]) -> list[Rule]:
     ]
 
 
-def _physics(data: Whitened, fit: Fit, tried: list[Fit]) -> Physics:
+def _bounds_reached(bounded: list[OneSided]) -> list[Rule]:
+    remedy = "take it as a limit, not as a value; photograph with less noise, and check f-number and pixel pitch"
+    return [Rule(Verdict.DOUBTFUL, True, one.words, remedy) for one in bounded]
+
+
+def _physics(data: Whitened, fit: Fit, tried: list[Fit], numbers: Mapping[str, Quantity]) -> Physics:
     scale = scale_of(tried)
     least = fit.criterion(scale)
     prediction, _ = data.grid.model(fit.parts, fit.p)
@@ -124,7 +134,7 @@ def _physics(data: Whitened, fit: Fit, tried: list[Fit]) -> Physics:
         aperture=str(fit.parts.aperture),
         low_pass=str(fit.parts.low_pass),
         missing_corner_deg=fit.parts.aperture.missing_corner_deg,
-        numbers=_numbers(data, fit),
+        numbers=numbers,
         chi_square=fit.chi2,
         freedom=fit.freedom,
         remaining=fit.chi2 / nothing,

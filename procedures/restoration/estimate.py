@@ -13,7 +13,7 @@ from scipy.ndimage import binary_erosion, convolve1d, uniform_filter
 from procedures.outcome import BadParameter, Outcome, Verdict
 from procedures.restoration import alternate, checks, depth, register
 from procedures.restoration.cost import DataTerm
-from procedures.restoration.evidence import noise_gain
+from procedures.restoration.evidence import noise_gain, picture_uncertainty
 from procedures.restoration.fields import MaskField, Masks, one_grid
 from procedures.restoration.forward import Array
 from procedures.restoration.scheme import Schedule, Scheme
@@ -27,8 +27,10 @@ LEAST_START_SIGMA = 1.4e-3
 LEAST_NOISE = 1.2e-3
 # of the photographs' own noise: both are estimates
 MOST_DISAGREEMENT = 1.3
-# residual over the photographs' own noise: 0.2 to 1.0 with true masks, 1.4 and more with wrong ones
-MOST_RESIDUAL = 1.2
+# residual over the photographs' own noise: 0.2 to 1.0 with true masks; 1.2 to 1.5 with measured ones that have errors
+# of their own, and with paths bent by a fifth; up to 2.6 with another shape (a Gaussian for a pillbox); 11 and more
+# where the photographs are not of one scene. Under the first nothing is said, over the second no picture is common
+EXPLAINED, MOST_RESIDUAL = 1.2, 5.0
 
 
 @dataclass(frozen=True)
@@ -63,13 +65,17 @@ class Diagnostics:
     """What a restoration says of itself.
 
     noise : standard deviation, white = 1; residual_over_noise : root mean square of what is left over, over the
-    photographs' own noise; undetermined : part of the frame whose w is
-    uncertain by more than half a pixel at best; noise_gain : of the restoration at the median w; saturated, at_limit :
-    parts of the frame saturated, and at the end of the range of w.
+    photographs' own noise; unexplained : what is left over beyond that noise, over the photographs' contrast, the
+    measure of how far masks and photographs disagree; picture_std : of the sharp picture, white = 1, see
+    `picture_uncertainty`; undetermined : part of the frame whose w is uncertain by more than half a pixel at best;
+    noise_gain : of the restoration at the median w; saturated, at_limit : parts of the frame saturated, and at the end
+    of the range of w.
     """
 
     noise: float
     residual_over_noise: float
+    unexplained: float
+    picture_std: float
     undetermined: float
     noise_gain: float
     saturated: float
@@ -144,7 +150,17 @@ def restore(
     parameters: RestorationParameters | None = None,
     progress: Callable[[alternate.Round], None] | None = None,
 ) -> Outcome[Restoration]:
-    """The sharp picture and the depth map, with a verdict.
+    """The sharp picture and the depth map, with a verdict; refused ones have no value. See `restoration_of`."""
+    return judge(restoration_of(photographs, stacks, parameters, progress))
+
+
+def restoration_of(
+    photographs: list[Array],
+    stacks: Sequence[Masks],
+    parameters: RestorationParameters | None = None,
+    progress: Callable[[alternate.Round], None] | None = None,
+) -> Restoration:
+    """The sharp picture and the depth map, whatever they are worth.
 
     photographs : P arrays (C, H, W), linear, white = 1; stacks : the masks of each as functions of one w,
     the same over the frame or a field of them.
@@ -181,7 +197,7 @@ def restore(
         misfit_of(start.trusted, data.R),
     )
     state = alternate.run(problem, alternate.begin(problem, start.w), progress)
-    return judge(_restoration(data, state, start, brought, saturated))
+    return _restoration(data, state, start, brought, saturated)
 
 
 def reach_of(w: Array, stacks: Sequence[Masks]) -> int:
@@ -205,11 +221,15 @@ def _restoration(
     spread = w_uncertainty(data, state.u, state.w, state.known.sigma)[inside]
     w = state.w[inside]
     limit = min(b.stack.max_w for b in data.blurs)
+    masks, middle, weight = [b.stack for b in data.blurs], float(np.median(w)), state.history[-1].weights.picture
+    rms, own = _left_over(residual, data), max(own_noise(data.z), LEAST_NOISE)
     diagnostics = Diagnostics(
         noise=state.known.sigma,
-        residual_over_noise=_over_noise(residual, data),
+        residual_over_noise=rms / own,
+        unexplained=float(np.sqrt(max(rms**2 - own**2, 0.0)) / max(float(data.z.std(axis=(-2, -1)).mean()), 1e-9)),
+        picture_std=picture_uncertainty(masks, middle, weight, state.known.sigma),
         undetermined=float((spread > 0.5).mean()),
-        noise_gain=noise_gain([b.stack for b in data.blurs], float(np.median(w)), state.history[-1].weights.picture),
+        noise_gain=noise_gain(masks, middle, weight),
         saturated=saturated,
         at_limit=float((w > limit - 0.2).mean()),
     )
@@ -217,11 +237,10 @@ def _restoration(
     return Restoration(sharp, w, spread, residual, start, state.history, diagnostics, brought.shifts, brought.light)
 
 
-def _over_noise(residual: Array, data: DataTerm) -> float:
-    """Root mean square residual, where the photographs are trusted, over their own noise."""
+def _left_over(residual: Array, data: DataTerm) -> float:
+    """Root mean square residual where the photographs are trusted."""
     trusted = data.trust.mean() * residual.size
-    rms = np.sqrt(np.sum(residual.astype(np.float64) ** 2) / max(trusted, 1.0))
-    return float(rms / max(own_noise(data.z), LEAST_NOISE))
+    return float(np.sqrt(np.sum(residual.astype(np.float64) ** 2) / max(trusted, 1.0)))
 
 
 def w_uncertainty(data: DataTerm, u: Array, w: Array, sigma: float, window: int = 7) -> Array:
@@ -240,14 +259,23 @@ def w_uncertainty(data: DataTerm, u: Array, w: Array, sigma: float, window: int 
 
 
 def judge(result: Restoration) -> Outcome[Restoration]:
-    """The verdict on a restoration: passed, or doubtful with the first thing wrong."""
+    """The verdict on a restoration: passed, doubtful with the first thing wrong, or refused without a value."""
     d = result.diagnostics
+    if d.residual_over_noise > MOST_RESIDUAL:
+        reason = (
+            f"no picture explains the photographs: what is left over is {d.residual_over_noise:.0f} times their noise "
+            f"and {d.unexplained:.0%} of their contrast; at most {MOST_RESIDUAL:.0f} times may be"
+        )
+        remedy = "check that the photographs show one scene in which nothing moved, and which shape blurred which"
+        return Outcome(None, Verdict.REFUSED, reason, remedy)
     doubts = [
         (d.at_limit > 0.05, f"w reaches the end of its range in {d.at_limit:.0%} of the frame", "raise --max-w"),
         (
-            d.residual_over_noise > MOST_RESIDUAL,
-            f"the residual is {d.residual_over_noise:.1f} times the noise: the shape or ratio is not the true one",
-            "measure the shape again, or check that nothing moved between the photographs",
+            d.residual_over_noise > EXPLAINED,
+            f"the shapes are off: beyond noise they leave {d.unexplained:.1%} of the photographs' contrast unexplained "
+            f"({d.residual_over_noise:.1f} times the noise in all); the picture is uncertain by {d.picture_std:.1%} of "
+            "white or more",
+            "for finer detail measure the shapes again, or check that nothing moved between the photographs",
         ),
         (
             d.undetermined > 0.5,

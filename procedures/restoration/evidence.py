@@ -72,3 +72,13 @@ def noise_gain(stacks: list[MaskStack], w: float, weight: float) -> float:
     """How much the restoration at one w amplifies white noise, standard deviation over standard deviation."""
     S, L = responses(stacks, w)
     return float(np.sqrt(np.mean(S / (S + weight * L + 1e-12) ** 2)))
+
+
+def picture_uncertainty(stacks: list[MaskStack], w: float, weight: float, noise: float) -> float:
+    """Standard deviation of the sharp picture restored at one w, at least: what noise makes, and what its prior takes.
+
+    The posterior variance noise^2 / (S + weight L) of every frequency, averaged. `noise` is that of the photographs
+    with what wrong masks leave over: these raise it, but what they bend in the picture alike is not seen.
+    """
+    S, L = responses(stacks, w)
+    return float(noise * np.sqrt(np.mean(1 / (S + weight * L + 1e-12))))

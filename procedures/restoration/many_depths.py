@@ -19,7 +19,7 @@ from procedures.restoration.blur_models import mask_stack
 from procedures.restoration.cost import DataTerm, restore_picture
 from procedures.restoration.depth import matched
 from procedures.restoration.disagreement import Disagreement
-from procedures.restoration.estimate import LEAST_START_SIGMA, RestorationParameters, restore
+from procedures.restoration.estimate import LEAST_START_SIGMA, RestorationParameters, restoration_of
 from procedures.restoration.forward import Array, Blur, MaskStack
 from procedures.restoration.mask_evidence import MaskEvidence, Tile, filters, fitted, gather, left_over, masks_at
 from procedures.restoration.newton import Weights, joint_step
@@ -279,10 +279,9 @@ def _matched(view: _View, points: Array) -> _Fit:
 def _restored(view: _View, points: Array) -> _Fit:
     """A fit with the picture and the depth of a whole restoration, and what it says of the masks."""
     stacks, R = view.stacks(points), view.R
-    outcome = restore(list(view.z), stacks, RestorationParameters(scheme=SCHEME))
-    assert outcome.value is not None
-    u = np.pad(outcome.value.sharp, ((0, 0), (R, R), (R, R)), mode="edge").astype(np.float32)
-    return _judged(view, _evidence(view, _Fit(points, view.pinned(outcome.value.w), u), stacks), stacks)
+    found = restoration_of(list(view.z), stacks, RestorationParameters(scheme=SCHEME))
+    u = np.pad(found.sharp, ((0, 0), (R, R), (R, R)), mode="edge").astype(np.float32)
+    return _judged(view, _evidence(view, _Fit(points, view.pinned(found.w), u), stacks), stacks)
 
 
 def _turned(view: _View, fit: _Fit, turns: Turns) -> _Fit:

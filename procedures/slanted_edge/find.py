@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from scipy.ndimage import map_coordinates
 
 from procedures.outcome import Refused
 from procedures.slanted_edge.strip import Array, Array32, Line, Roi, Strip, strip_of
@@ -172,6 +171,8 @@ def _sighting(samples: Array32, segment: _Segment) -> Sighting | None:
 
 def _band(samples: Array32, segment: _Segment) -> Array:
     """The plane read along lines beside the segment, (2 reach + 1, length): row `reach` is the segment itself."""
+    from scipy.ndimage import map_coordinates  # who knows where the edge is needs none of it
+
     along = segment.direction
     normal = np.array([-along[1], along[0]])
     t = np.arange(END_PX, max(segment.length - END_PX, END_PX + 1))

@@ -15,7 +15,7 @@ from scipy.ndimage import map_coordinates, spline_filter1d, uniform_filter1d
 
 from procedures.slanted_edge.course import Course
 from procedures.slanted_edge.strip import Strip
-from procedures.slanted_edge.tail import Tail, with_tail
+from procedures.slanted_edge.tail import COLUMN, Tail, with_tail
 
 Array = npt.NDArray[np.float64]
 
@@ -84,6 +84,14 @@ class Profile:
     def tail(self) -> float:
         """a of the approach a/d to the plains, in pixels."""
         return float(self.light[2]) / self.contrast
+
+    @property
+    def tail_seen(self) -> Tail:
+        """What the plains show of the tail by themselves, whatever is known."""
+        normal = self.light_normal.sum(axis=0)
+        alone = solve_light(normal, self.light_right.sum(axis=0))
+        spread = self.noise * float(np.sqrt(np.linalg.pinv(normal)[COLUMN, COLUMN]))
+        return Tail(float(alone[COLUMN]) / self.contrast, spread / abs(self.contrast))
 
     @property
     def centres(self) -> Array:
@@ -159,13 +167,15 @@ def values_of(light: Array, strip: Strip, d: Array) -> Array:
     return np.asarray((strip.samples / slope - light[0]) / (light[1] - light[0]))
 
 
-def rebinned(profile: Profile, value: Array, d: Array, used: npt.NDArray[np.bool_]) -> tuple[Profile, Array]:
+def rebinned(
+    profile: Profile, value: Array, d: Array, used: npt.NDArray[np.bool_], rounds: int = ROUNDS
+) -> tuple[Profile, Array]:
     """The profile of values at distances, and what is left of each value (n, m), which has no mean in any bin."""
     K = profile.sums.shape[1] // 2
     sums, counts = _binned(value, d, used, K)
     profile = replace(profile, sums=sums, counts=counts)
-    for _ in range(ROUNDS):
-        moved = _moved(value, d, profile)
+    for _ in range(rounds):
+        moved = _moved(value, d, used, profile)
         sums, counts = _binned(moved, d, used, K)
         profile = replace(profile, sums=sums, counts=counts)
     bins = np.clip(np.floor(d * BINS).astype(int) + K, 0, 2 * K - 1)
@@ -254,13 +264,17 @@ def _binned(value: Array, d: Array, used: npt.NDArray[np.bool_], K: int) -> tupl
     return sums, counts
 
 
-def _moved(value: Array, d: Array, profile: Profile) -> Array:
-    """Values moved along the spread function to their bins' centres: so that a bin's mean is a value, no average."""
-    centre = np.floor(d * BINS) + 0.5
-    coefficients = spline_filter1d(profile.esf, mode="nearest")
-    K = len(coefficients) // 2
-    here, there = (
-        map_coordinates(coefficients, [x.ravel() + K - 0.5], mode="nearest", prefilter=False).reshape(d.shape)
-        for x in (d * BINS, centre)
+def _moved(value: Array, d: Array, used: npt.NDArray[np.bool_], profile: Profile) -> Array:
+    """Values moved along the spread function to their bins' centres: so that a bin's mean is a value, no average.
+
+    Between the centres it is a cubic spline; what is not used is moved by nothing.
+    """
+    esf = profile.esf
+    K = len(esf) // 2
+    place = d[used] * BINS + K
+    own = esf[np.clip(np.floor(place).astype(int), 0, 2 * K - 1)]
+    moved = np.array(value)
+    moved[used] += own - map_coordinates(
+        spline_filter1d(esf, mode="nearest"), [place - 0.5], mode="nearest", prefilter=False
     )
-    return np.asarray(value + there - here)
+    return moved

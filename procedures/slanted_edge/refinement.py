@@ -21,6 +21,8 @@ Array = npt.NDArray[np.float64]
 HIGHEST_ORDER = 5
 """Of the polynomial, as in ISO 12233:2023."""
 ROUNDS = 4
+BINNINGS = 2
+"""Of the values, in each round."""
 STILL_PX = 1e-4
 
 
@@ -48,7 +50,7 @@ def _settled(strip: Strip, profile: Profile, course: Course) -> tuple[Course, fl
     for _ in range(ROUNDS):
         d = course.distances(strip)
         used = strip.usable & (np.abs(d) < profile.end_px + 1)
-        profile, left = rebinned(profile, values_of(profile.light, strip, d), d, used)
+        profile, left = rebinned(profile, values_of(profile.light, strip, d), d, used, BINNINGS)
         core = used & (np.abs(d) < profile.flat_px)
         change, covariance = _displacement(strip, profile, course, d, left, core)
         course = replace(course, coefficients=course.coefficients + change)

@@ -7,6 +7,7 @@ approaches its plains as 2 A / d.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,6 +40,11 @@ class Tail:
         """Of a clear circular pupil, in pixels of the plane."""
         px = 2 / (np.pi**3 * diffraction.cutoff)
         return cls(px, PUPIL_DOUBT * px)
+
+    def contradicts(self, seen: Tail) -> bool:
+        """Whether what is seen is far from what is known: by four uncertainties, and by three tenths."""
+        apart = abs(seen.px - self.px)
+        return apart > 4 * math.hypot(self.uncertainty_px, seen.uncertainty_px) and apart > 0.3 * self.px
 
     def weight(self, variance: float, seen: float) -> float:
         """Of a row that says what is known, among samples of this variance over the squared contrast, and weight 1.

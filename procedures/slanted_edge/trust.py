@@ -142,8 +142,15 @@ def _refusals(course: Course, profile: Profile, mtf50: float, uncertainty: float
 
 
 def _doubts(course: Course, profile: Profile, mtf50: float, uncertainty: float) -> list[Rule]:
-    doubtful = Verdict.DOUBTFUL
+    doubtful, known, seen = Verdict.DOUBTFUL, profile.tail_known, profile.tail_seen
     return [
+        Rule(
+            doubtful,
+            known is not None and known.contradicts(seen),
+            f"the edge approaches its plains as {seen.px:.3f} ± {seen.uncertainty_px:.3f} pixel over the distance, and "
+            f"by the aperture it would as {known.px if known else 0:.3f}",
+            "see that aperture, pitch and wavelength are those of the photograph, and keep stray light away",
+        ),
         Rule(
             doubtful,
             uncertainty > 0.05 * mtf50,

@@ -15,7 +15,7 @@ import click
 from procedures.outcome import BadParameter
 from station.jobs import at_once
 from station.lab import StationLab
-from station.signals import EXIT_DEVICE
+from station.signals import ENDING, EXIT_DEVICE
 
 if TYPE_CHECKING:
     from station.app import StationApp
@@ -46,7 +46,7 @@ def run_app(*, simulate: bool, config: Path | None, sessions: Path, seed: int) -
 
 
 def _end_with_the_terminal(app: StationApp, lab: StationLab) -> None:
-    """SIGTERM, and SIGHUP of a terminal or an ssh line that is gone: stop the bench, then leave, whatever hangs."""
+    """INT, TERM, QUIT, and HUP of a terminal or ssh line that is gone: stop the bench, then leave, whatever hangs."""
 
     def end() -> None:
         app.terminate()
@@ -56,11 +56,11 @@ def _end_with_the_terminal(app: StationApp, lab: StationLab) -> None:
         os._exit(EXIT_DEVICE)
 
     def hear(number: int, frame: FrameType | None) -> None:
+        at_once(lab.emergency_stop)
         at_once(end)
 
-    for name in ("SIGTERM", "SIGHUP"):
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), hear)
+    for number in ENDING:
+        signal.signal(number, hear)
 
 
 def usual_config() -> Path | None:

@@ -136,6 +136,7 @@ def _sentence(row: Row) -> str:
 
     words = f"{printable(' + '.join(row.files))}: {row.verdict}"
     words += f"; {printable(row.reason)}" if row.reason else ""
+    words += f" (done again: {printable(row.redone)})" if row.redone else ""
     return f"{words} (done before)" if row.reused else words
 
 

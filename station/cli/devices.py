@@ -46,6 +46,11 @@ def devices(config: Path, simulate: bool, seed: int, faults: bool, wire_log: Pat
             bench.close()
     click.echo(json.dumps([entry(row) for row in rows], indent=1) if as_json else table(rows))
     wrong = [row for row in rows if row.error is not None]
+    for row in rows:
+        if row.condition.doubt is not None:
+            log(
+                "doubt", f"{row.name}: {row.condition.doubt.reason}", level="warning", remedy=row.condition.doubt.remedy
+            )
     for row in wrong:
         assert row.error is not None
         log("device", f"{row.name}: {row.error.reason}", level="error", remedy=row.error.remedy)
@@ -72,6 +77,7 @@ def entry(row: Row) -> dict[str, Any]:
         "usable": row.condition.usable and error is None,
         "wrong": error.reason if error else None,
         "remedy": error.remedy if error else row.condition.remedy or None,
+        "doubt": f"{doubt.reason}: {doubt.remedy}" if (doubt := row.condition.doubt) else None,
     }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,7 @@ from procedures.outcome import BadParameter
 from procedures.plan import Ask
 from station.cli.app import usual_config
 from station.cli.errors import INTERRUPTED, REFUSED
+from station.jobs import at_once
 from station.lab import StationLab
 from station.operator import Event, Result, RunEnded, Stopped
 from station.plain import Plain
@@ -28,19 +30,41 @@ def run_plain(*, simulate: bool, config: Path | None, sessions: Path, seed: int,
     lab = StationLab(sessions=sessions, config=config or usual_config(), simulate=simulate, seed=seed)
     lab.virtual_time = True  # a simulated bench's time may jump: nobody watches it move
     operator = Watched(sys.stdin, sys.stdout)
+    raise click.exceptions.Exit(conduct(lab, operator, lambda: _begin(lab, plan or DEFAULT, operator)))
+
+
+def conduct(lab: StationLab, operator: Watched, begin: Callable[[], Running]) -> int:
+    """Begin a run and carry it out; signals and faults stop the bench. What the program is to return."""
+    stop = StopBefore(lab, operator)
     try:
-        code = conduct(_begin(lab, plan or DEFAULT, operator), operator)
-    except Stopped:
-        code = INTERRUPTED
+        with guarded(stop.now, stop.interrupted):
+            return exit_code(begin().go(), operator.result)
+    except Stopped:  # before there was a run
+        return INTERRUPTED
     finally:
         lab.close()
-    raise click.exceptions.Exit(code)
 
 
-def conduct(run: Running, operator: Watched) -> int:
-    """Carry a run out, with Ctrl-C and SIGTERM as its stops; what the program is to return."""
-    with guarded(run.stop_now, lambda: _ask_to_stop(operator, run)):
-        return exit_code(run.go(), operator.result)
+class StopBefore:
+    """What a signal does before a plain operator: everything stops; a question that was open ends the run in peace."""
+
+    def __init__(self, lab: StationLab, operator: Plain) -> None:
+        self._lab, self._operator = lab, operator
+        self._at_question = False
+
+    def now(self) -> None:
+        """Stop the bench, and say so; from the thread that hears signals."""
+        if self._operator.asking or self._at_question:  # nothing is moving that the program knows of
+            self._lab.emergency_stop()
+            return
+        self._lab.stop_run()
+        at_once(self._operator.say_stopped)  # a thread of its own: a pipe that nobody reads must not hold the next stop
+
+    def interrupted(self) -> None:
+        """After the first Ctrl-C, in the main thread. Raises Stopped at a question and before there is a run."""
+        if self._operator.asking or not self._lab.has_run:
+            self._at_question = True
+            raise Stopped
 
 
 def _begin(lab: StationLab, plan: str, operator: Plain) -> Running:
@@ -52,13 +76,6 @@ def _begin(lab: StationLab, plan: str, operator: Plain) -> Running:
         for key, name in zip(("camera", "lens"), lab.names, strict=True)
     )
     return lab.begin(plan, camera, lens, operator)
-
-
-def _ask_to_stop(operator: Plain, run: Running) -> None:
-    """The first Ctrl-C: at a question it ends the run, else after this exposure."""
-    run.ask_to_stop()
-    if operator.asking:
-        raise Stopped
 
 
 class Watched(Plain):

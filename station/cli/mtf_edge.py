@@ -11,9 +11,10 @@ import click
 
 from station.cli.errors import REFUSED
 from station.cli.log import log, log_json_option
-from station.cli.planes import LEVELS, read_planes
+from station.cli.planes import LEVELS, raw_option, read_planes, told_layout
 
 if TYPE_CHECKING:
+    from procedures.sensor_dump import DumpLayout
     from procedures.slanted_edge.estimate import EdgeOutcome
     from station.edges import EdgeRecord
 
@@ -42,11 +43,19 @@ def _roi(context: click.Context, option: click.Parameter, words: str | None) -> 
 )
 @click.option("--f-number", type=click.FloatRange(min=0.1), help="The aperture.  [default: as the camera noted it]")
 @click.option("--wavelength-nm", type=click.FloatRange(min=100), help="[default: R 600, G 530, B 460, Y 550]")
+@raw_option
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
 @click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout too.")
 @log_json_option
 def mtf_edge(
-    image: Path, roi: tuple[int, ...] | None, plane: str | None, out: Path, *, as_json: bool, **optics: Any
+    image: Path,
+    roi: tuple[int, ...] | None,
+    plane: str | None,
+    layout: DumpLayout | None,
+    out: Path,
+    *,
+    as_json: bool,
+    **optics: Any,
 ) -> None:
     """Measure the MTF across the slanted edges of IMAGE, each plane by itself and not demosaicked.
 
@@ -62,14 +71,14 @@ def mtf_edge(
     from station.results import ResultFolder
 
     with ResultFolder(out) as folder:
-        frame = read_planes(image, plane)
+        frame = read_planes(image, plane, layout)
         limit = partial(diffraction_limit, frame.exposure, **optics)
         records = []
         for record in measure_edges(frame, Roi(*roi) if roi else None, limit):
             _tell(record)
             records.append(record)
         known = {name: value for name, value in optics.items() if value is not None}
-        text = write_edge_result(folder, frame, records, {"roi": roi, **known}, start)
+        text = write_edge_result(folder, frame, records, {"roi": roi, **known, **told_layout(layout)}, start)
         log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))
     if as_json:
         click.echo(text, nl=False)

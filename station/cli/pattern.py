@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
+
+if TYPE_CHECKING:
+    from procedures.pattern_psf.pose import Optics
 
 
 @click.command()
@@ -22,19 +28,40 @@ import click
 @click.option(
     "--cell-pixels", type=int, default=8, show_default=True, help="Pixels along a cell, for PNG and PGM: 1 to 32."
 )
-def pattern(out: Path, width_mm: float, seed: int | None, bits: Path | None, edges: bool, cell_pixels: int) -> None:
+@click.option(
+    "--focal-length-mm", type=click.FloatRange(min=1), help="Your lens: tells what each distance is good for."
+)
+@click.option("--pixel-pitch-um", type=click.FloatRange(min=0.1), help="Your sensor's, with --focal-length-mm.")
+@click.option("--f-number", type=click.FloatRange(min=0.1), help="Your aperture, with the two.")
+@click.option("--monochrome", is_flag=True, help="The sensor has no colour mosaic.")
+def pattern(
+    out: Path,
+    width_mm: float,
+    seed: int | None,
+    bits: Path | None,
+    edges: bool,
+    cell_pixels: int,
+    focal_length_mm: float | None,
+    pixel_pitch_um: float | None,
+    f_number: float | None,
+    monochrome: bool,
+) -> None:
     """Write the noise chart to OUT.
 
     PDF and SVG are a page with rulers, advice and distances, to be printed at 100 %; PNG and PGM are the chart alone
-    in its white margin.
+    in its white margin. For a lens that is told, stderr shows how much every distance amplifies the noise.
     """
     if seed is not None and bits is not None:
         raise click.UsageError("--seed and --bits both choose the cells; give one of them")
+    if (focal_length_mm is None) != (pixel_pitch_um is None) or (f_number is not None and focal_length_mm is None):
+        raise click.UsageError("distances need --focal-length-mm and --pixel-pitch-um together; --f-number needs both")
     # imported here: the help of all commands must not wait for reportlab
     from procedures.pattern import DEFAULT_SEED
+    from procedures.pattern_print.distance import PHOTOSITES_PER_PIXEL
     from procedures.pattern_print.formats import check_ending, encode
     from procedures.pattern_print.sheet import Size
     from procedures.pattern_print.source import Source
+    from procedures.pattern_psf.pose import Optics
     from station.files import write_whole
 
     check_ending(out)
@@ -44,3 +71,21 @@ def pattern(out: Path, width_mm: float, seed: int | None, bits: Path | None, edg
     encoded = encode(out, source, size, cell_pixels)
     write_whole(out, encoded.data)
     click.echo(f"{out}: {encoded.extent}; {source.origin}; {size}", err=True)
+    if focal_length_mm is not None and pixel_pitch_um is not None:
+        pitch_um = pixel_pitch_um * (1 if monochrome else PHOTOSITES_PER_PIXEL)
+        _explain(Optics(focal_length_mm, pitch_um, size.cell_mm), f_number)
+
+
+def _explain(optics: Optics, f_number: float | None) -> None:
+    """What each distance does to the noise, on stderr."""
+    from procedures.choice import START_K, START_S
+    from procedures.pattern_psf.checks import RATIO
+    from procedures.pattern_psf.gamma_words import gamma_diagram
+    from procedures.quality import WAVELENGTHS_NM, Diffraction
+    from station.diagrams import diagram_lines
+    from station.glyphs import glyphs_for
+
+    limit = Diffraction(f_number, optics.plane_pitch_um, WAVELENGTHS_NM["G"]) if f_number is not None else None
+    ascii = glyphs_for(os.environ, sys.stderr.encoding).ascii
+    for line in diagram_lines(gamma_diagram(optics, START_S, START_K, RATIO, limit), ascii=ascii):
+        click.echo(line, err=True)

@@ -15,6 +15,7 @@ from station.cli.log import log, log_json_option
 if TYPE_CHECKING:
     from procedures.pattern_print.source import Source
     from procedures.raw import RawFrame
+    from procedures.sensor_dump import DumpLayout
     from station.calibrate import Calibrated
     from station.results import PlaneRecord, ResultFolder
 
@@ -22,6 +23,8 @@ LEVELS = {"pass": "info", "doubtful": "warning", "refused": "error"}
 """Of a log line, by verdict."""
 OPTICS = ("pixel_pitch_um", "f_number", "wavelength_nm")
 """Options that describe the diffraction limit."""
+
+INSIST = "add --trust-typed"
 
 Command = Callable[..., Any]
 
@@ -46,6 +49,33 @@ class AutoInt(click.ParamType):  # type: ignore[type-arg]  # generic in some rel
 AUTO = AutoInt()
 
 
+def _layout(context: click.Context, option: click.Parameter, text: str | None) -> DumpLayout | None:
+    if text is None:
+        return None
+    from procedures.sensor_dump import DumpLayout
+
+    return DumpLayout.parse(text)
+
+
+raw_option = click.option(
+    "--raw",
+    "layout",
+    callback=_layout,
+    metavar="WxH,RGGB,u16le,BLACK,WHITE",
+    help="The photographs are a sensor's samples without a header: size, colours, kind of sample, levels.",
+)
+
+
+def told_layout(layout: DumpLayout | None) -> dict[str, str]:
+    """What a record says of the layout that was given."""
+    return {"raw": str(layout)} if layout else {}
+
+
+def told_trust(trusted: bool) -> dict[str, bool]:
+    """What a record says where what was typed counted against what the camera noted."""
+    return {"trust_typed": True} if trusted else {}
+
+
 def psf_options(s: int | str, k: int | str, solver: str, *, report: bool = False) -> Callable[[Command], Command]:
     """The options of every PSF command, with a procedure's own defaults.
 
@@ -62,7 +92,11 @@ def psf_options(s: int | str, k: int | str, solver: str, *, report: bool = False
             "--f-number", type=click.FloatRange(min=0.1), help="The aperture.  [default: as the camera noted it]"
         ),
         click.option("--wavelength-nm", type=click.FloatRange(min=100), help="[default: R 600, G 530, B 460, Y 550]"),
+        click.option(
+            "--trust-typed", is_flag=True, help="Take --f-number and --pixel-pitch-um against what the camera noted."
+        ),
         click.option("--plane", help="R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]"),
+        raw_option,
         click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results."),
         click.option(
             "--report/--no-report", default=report, show_default=True, help="Write report.html too, for people."
@@ -98,12 +132,23 @@ def chart_source(bits: Path | None, seed: int | None) -> Source:
     return Source.from_file(bits) if bits else Source.from_seed(DEFAULT_SEED if seed is None else seed)
 
 
-def read_planes(image: Path, plane: str | None) -> RawFrame:
-    """The planes asked for, of one photograph; the default one where none is named."""
+def read_planes(
+    image: Path,
+    plane: str | None,
+    layout: DumpLayout | None = None,
+    *,
+    typed: Mapping[str, float | None] | None = None,
+) -> RawFrame:
+    """The planes asked for, of one photograph; the default one where none is named.
+
+    `typed` are settings that must not contradict what the camera noted. Raises BadParameter where they do.
+    """
+    from procedures.exposure import check_typed
     from procedures.raw import default_plane, read_frame
 
-    chosen = plane or default_plane(image)
-    frame = read_frame(image, None if chosen == "all" else [chosen])
+    chosen = plane or default_plane(image, layout)
+    frame = read_frame(image, None if chosen == "all" else [chosen], layout)
+    check_typed(frame.exposure, typed or {}, str(image), INSIST)
     rows, columns = next(iter(frame.planes.values())).samples.shape
     sentence = f"read {image}: {', '.join(frame.planes)}, {columns} x {rows} pixels a plane"
     log("read", sentence, path=str(image), sha256=frame.sha256, planes=",".join(frame.planes))

@@ -5,13 +5,26 @@ from __future__ import annotations
 import time
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from station.cli.log import log
-from station.cli.planes import OPTICS, chart_options, chart_source, finish, psf_options, tell_record
+from station.cli.planes import (
+    INSIST,
+    OPTICS,
+    chart_options,
+    chart_source,
+    finish,
+    psf_options,
+    tell_record,
+    told_layout,
+    told_trust,
+)
 from station.cli.progress import progress
+
+if TYPE_CHECKING:
+    from procedures.sensor_dump import DumpLayout
 
 FAILED_ITEMS = 1
 
@@ -29,6 +42,7 @@ def psf_field(
     seed: int | None,
     focus: Path | None,
     plane: str | None,
+    layout: DumpLayout | None,
     out: Path,
     report: bool,
     as_json: bool,
@@ -43,17 +57,20 @@ def psf_field(
     from procedures.pattern_psf.estimate import PatternParameters
     from station.calibrate import diffraction_limit
     from station.field import conclude, measure
-    from station.field_input import focus_positions, photographs
+    from station.field_input import check_noted, focus_positions, photographs
     from station.field_results import write_field_result
     from station.results import ResultFolder
 
+    trusted = options.pop("trust_typed")
     optics = {name: options.pop(name) for name in OPTICS}
     parameters = PatternParameters(**options)
     paths = photographs(folder)
+    if not trusted:
+        check_noted(paths, optics, INSIST)
     positions = focus_positions(focus) if focus else None
     names = None if plane in (None, "all") else [str(plane)]
     with ResultFolder(out) as results, progress(len(paths)) as told:
-        measured = measure(paths, names, source.chart, parameters, told)
+        measured = measure(paths, names, source.chart, parameters, told, layout)
         for miss in measured.misses:
             log(
                 "missed", f"{miss.source} {miss.plane} {miss.place}: {miss.reason}", level="warning", remedy=miss.remedy
@@ -61,7 +78,8 @@ def psf_field(
         exposure = measured.exposures[0].exposure if measured.exposures else None
         limit = partial(diffraction_limit, exposure, **optics) if exposure else (lambda plane: None)
         found = conclude(measured, positions, limit)
-        given = {**options, "chart": source.origin, **{k: v for k, v in optics.items() if v is not None}}
+        known = {name: value for name, value in optics.items() if value is not None}
+        given = {**options, "chart": source.origin, **known, **told_layout(layout), **told_trust(trusted)}
         text = write_field_result(results, found, parameters=given, report=report, start=start)
     for one in found.planes:
         tell_record(one.record)

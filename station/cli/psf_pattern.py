@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -17,8 +17,13 @@ from station.cli.planes import (
     psf_options,
     read_planes,
     tell_each,
+    told_layout,
+    told_trust,
     write_result,
 )
+
+if TYPE_CHECKING:
+    from procedures.sensor_dump import DumpLayout
 
 
 @click.command("pattern")
@@ -34,6 +39,7 @@ def psf_pattern(
     seed: int | None,
     physics: bool,
     plane: str | None,
+    layout: DumpLayout | None,
     out: Path,
     report: bool,
     as_json: bool,
@@ -45,14 +51,22 @@ def psf_pattern(
     from station.calibrate import calibrate, diffraction_limit
     from station.results import ResultFolder
 
+    trusted = options.pop("trust_typed")
     optics = {name: options.pop(name) for name in OPTICS}
     parameters = PatternParameters(**options)
     with ResultFolder(out) as folder:
         source = chart_source(bits, seed)
-        frame = read_planes(image, plane)
+        frame = read_planes(image, plane, layout, typed=None if trusted else optics)
         limit = partial(diffraction_limit, frame.exposure, **optics)
         planes = tell_each(calibrate(frame, source.chart, parameters, limit, physics=physics))
         known = {name: value for name, value in optics.items() if value is not None}
-        given = {**parameters.told(), "physics": physics, "chart": source.origin, **known}
+        given = {
+            **parameters.told(),
+            "physics": physics,
+            "chart": source.origin,
+            **known,
+            **told_layout(layout),
+            **told_trust(trusted),
+        }
         text = write_result(folder, planes, "pattern", [frame], parameters=given, report=report, start=start)
     finish([one.record for one in planes], text, as_json=as_json)

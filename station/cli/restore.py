@@ -9,13 +9,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from station.cli.errors import REFUSED
 from station.cli.log import log, log_json_option
+from station.cli.planes import raw_option, told_layout
 from station.cli.restore_blur import BlurOptions
 
 if TYPE_CHECKING:
     from procedures.raw import RawFrame
     from procedures.restoration.alternate import Round
     from procedures.restoration.forward import Array
+    from procedures.sensor_dump import DumpLayout
 
 _LEVELS = {"pass": "info", "doubtful": "warning"}
 
@@ -106,10 +109,18 @@ class _OneEach(click.Command):
 @click.option("--max-inverse-depth", type=float, help="1 / the least distance in the scene, 1/m, for --imu.")
 @click.option("--exposure-s", type=float, multiple=True, help="Exposure time, for --imu.  [default: as the files tell]")
 @click.option("--plane", help="R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]")
+@raw_option
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
 @click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout too.")
 @log_json_option
-def restore(images: tuple[Path, ...], plane: str | None, out: Path, as_json: bool, **options: Any) -> None:
+def restore(
+    images: tuple[Path, ...],
+    plane: str | None,
+    layout: DumpLayout | None,
+    out: Path,
+    as_json: bool,
+    **options: Any,
+) -> None:
     """Restore the sharp picture and the depth map from IMAGES, two or more photographs of one scene."""
     start = time.perf_counter()
     if len(images) < 2:
@@ -120,14 +131,14 @@ def restore(images: tuple[Path, ...], plane: str | None, out: Path, as_json: boo
     from procedures.restoration.estimate import restore as restored
     from procedures.restoration.estimate import told_in
     from station.restoration_page import restoration_page
-    from station.restoration_results import write_restoration
+    from station.restoration_results import write_refusal, write_restoration
     from station.results import ResultFolder
 
     if blur.max_w is not None:
         check_max_w(blur.max_w)
     parameters = _parameters(options)
     with ResultFolder(out) as folder:
-        frames, photographs = _photographs(images, plane)
+        frames, photographs = _photographs(images, plane, layout)
         source = blur.read(frames, photographs)
         outcome = told_in(source.unit, restored(photographs, source.masks, parameters, _tell))
         if source.motion is not None:
@@ -135,16 +146,27 @@ def restore(images: tuple[Path, ...], plane: str | None, out: Path, as_json: boo
         about = {
             "procedure": "restore",
             "input": [{"path": str(i), "sha256": f.sha256} for i, f in zip(images, frames, strict=True)],
-            "parameters": {**blur.told, **source.told, "planes": list(frames[0].planes), **options},
+            "parameters": {
+                **blur.told,
+                **source.told,
+                "planes": list(frames[0].planes),
+                **told_layout(layout),
+                **options,
+            },
             "duration_s": round(time.perf_counter() - start, 3),
         }
-        text = write_restoration(folder, outcome, about, restoration_page(outcome, photographs, about))
+        if outcome.value is None:
+            text = write_refusal(folder, outcome, about)
+        else:
+            text = write_restoration(folder, outcome, about, restoration_page(outcome, photographs, about))
     level = _LEVELS.get(str(outcome.verdict), "error")
     told = outcome.reason or "picture and depth restored"
     log("restored", f"{outcome.verdict}: {told}", level=level, remedy=outcome.remedy)
     log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))
     if as_json:
         click.echo(text, nl=False)
+    if outcome.value is None:
+        raise click.exceptions.Exit(REFUSED)
 
 
 def _parameters(options: dict[str, Any]) -> Any:
@@ -154,15 +176,17 @@ def _parameters(options: dict[str, Any]) -> Any:
     return RestorationParameters(**{**options, "scheme": Scheme.parse(options["scheme"])})
 
 
-def _photographs(images: tuple[Path, ...], plane: str | None) -> tuple[list[RawFrame], list[Array]]:
+def _photographs(
+    images: tuple[Path, ...], plane: str | None, layout: DumpLayout | None
+) -> tuple[list[RawFrame], list[Array]]:
     """Frames, and their planes stacked as channels (C, H, W)."""
     import numpy as np
 
     from procedures.raw import default_plane, read_frame
     from procedures.restoration.checks import check_photographs
 
-    chosen = plane or default_plane(images[0])
-    frames = [read_frame(image, None if chosen == "all" else [chosen]) for image in images]
+    chosen = plane or default_plane(images[0], layout)
+    frames = [read_frame(image, None if chosen == "all" else [chosen], layout) for image in images]
     for image, frame in zip(images, frames, strict=True):
         log("read", f"read {image}: {', '.join(frame.planes)}", path=str(image), sha256=frame.sha256)
     photographs: list[Array] = [np.stack([p.samples.astype(np.float64) for p in f.planes.values()]) for f in frames]

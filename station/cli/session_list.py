@@ -76,10 +76,11 @@ HEADING = ("session", "begun", "camera", "lens", "plan", "shots", "ended", "verd
 
 
 def _row(one: Entry) -> tuple[str, ...]:
-    if one.damage:
+    if one.damage and not one.began:
         return one.folder.name, "-", "-", "-", "-", "-", "-", "damaged"
     shots = f"{one.counting} of {one.shots}"
-    words = (one.camera, one.lens, one.plan, shots, one.ended or "open", one.verdict or "-")
+    verdict = "damaged" if one.damage else one.verdict or "-"
+    words = (one.camera, one.lens, one.plan, shots, one.ended or "open", verdict)
     return one.folder.name, one.began[:16].replace("T", " "), *words
 
 

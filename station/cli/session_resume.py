@@ -37,10 +37,7 @@ def session_resume(
     lab = StationLab(sessions=folder.parent, config=config or usual_config(), simulate=simulated, seed=seed)
     lab.virtual_time = True  # a simulated bench's time may jump: nobody watches it move
     operator = Watched(sys.stdin, sys.stdout)
-    try:
-        code = conduct(lab.resume(folder, operator, back_to=back_to, without=without), operator)
-    finally:
-        lab.close()
+    code = conduct(lab, operator, lambda: lab.resume(folder, operator, back_to=back_to, without=without))
     raise click.exceptions.Exit(code)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import asdict
 from pathlib import Path
@@ -20,21 +21,30 @@ if TYPE_CHECKING:
 
 @click.command("show")
 @session_argument
-@click.option("--check/--no-check", default=True, help="Hash the photographs.  [default: check]")
+@click.option("--check/--no-check", default=True, help="Hash photographs and results.  [default: check]")
 @click.option("--json", "as_json", is_flag=True, help="Write what the journal says as JSON to stdout.")
 @log_json_option
 def session_show(name: str, root: Path, check: bool, as_json: bool) -> None:
     """Show what SESSION, a folder or a name in --sessions, holds."""
-    from station.session_reading import read_session, verify
+    from station.disk import holds
+    from station.names import printable
+    from station.session_folder import SUMS
+    from station.session_reading import check_whole, read_session, sums, unknown_files, verify, verify_results
 
     record = read_session(find_session(name, root))
     click.echo(json.dumps(_plain(record), indent=1) if as_json else _words(record))
-    if record.contents.torn:
-        log("torn", "the journal's last line is not whole and does not count", level="warning")
+    for words in record.oddities:
+        log("odd", words, level="warning")
+    for file in unknown_files(record.folder, record.state):
+        log("unknown", f"the journal does not speak of {printable(file)}", level="warning")
     if check:
+        if not holds(record.folder / SUMS, hashlib.sha256(sums(record.folder, record.state)).hexdigest()):
+            log("unlike", f"{SUMS} is not what the journal tells; whoever resumes writes it anew", level="warning")
         verify(record.folder, record.state)
+        verify_results(record)
+        check_whole(record)
         count = sum(not shot.lost for shot in record.state.shots)
-        log("checked", f"all {count} photographs are as they were taken", photographs=count)
+        log("checked", f"all {count} photographs are as they were taken, all results as written", photographs=count)
 
 
 def _plain(record: SessionRecord) -> dict[str, Any]:

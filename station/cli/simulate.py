@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import signal
 import threading
 from pathlib import Path
 
@@ -21,19 +20,21 @@ import click
 def simulate(seed: int, faults: bool, folder: Path, as_json: bool, for_s: float | None) -> None:
     """Open the simulated bench and print where each device answers, until Ctrl-C."""
     from station.bench import simulated_bench
+    from station.signals import guarded
 
     folder.mkdir(parents=True, exist_ok=True)
     bench = simulated_bench(folder, seed=seed, faults=faults)
     ended = threading.Event()
-    signal.signal(signal.SIGTERM, lambda *_: ended.set())
     try:
-        ports = bench.simulated.open_ports()
-        click.echo(json.dumps({name: list(two) for name, two in ports.items()}) if as_json else listing(ports, folder))
-        ended.wait(for_s)
-    except KeyboardInterrupt:
-        click.echo("the bench is closed", err=True)
+        with guarded(bench.emergency_stop, ended.set, terminated=0):
+            ports = bench.simulated.open_ports()
+            told = {name: list(two) for name, two in ports.items()}
+            click.echo(json.dumps(told) if as_json else listing(ports, folder))
+            ended.wait(for_s)
     finally:
         bench.close()
+    if ended.is_set():
+        click.echo("the bench is closed", err=True)
 
 
 def listing(ports: dict[str, tuple[str, str]], folder: Path) -> str:

@@ -257,9 +257,10 @@ def _axes(bench: Bench) -> list[Axis]:
 
 
 def _home(bench: Bench) -> Said:
+    stops = bench.stops
     for device in bench.devices.values():
         if hasattr(device, "home"):
-            device.home()
+            device.home(lambda: bench.check_stops(stops))
     return Said("Every stage has found its reference.", _positions(bench))
 
 

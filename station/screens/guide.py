@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import singledispatchmethod
+from functools import partial, singledispatchmethod
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -13,7 +13,8 @@ from textual.containers import Horizontal, Vertical, VerticalScroll
 
 from station.commands import GUIDE, Command, EndRun, GoOn, NewSession, ShowResults, StepBack, bindings
 from station.desk import Glimpse, Judged, News, Question
-from station.operator import CurveSeen, Doing, RunBegan, RunEnded, StepBegan, StepEnded, Trouble
+from station.diagrams import drawn
+from station.operator import CurveSeen, Doing, RunBegan, RunEnded, Shown, StepBegan, StepEnded, Trouble
 from station.plots import Curve, Frame, plot
 from station.preview import psf_thumbnail
 from station.screens.parts import AnswerBox, StationScreen
@@ -150,6 +151,13 @@ class GuideScreen(StationScreen):
         drawn = [Curve(x, y), Curve(x, y, letter="o", points=True)]
         frame = Frame(span, (low - room, top + room), f"sharpness over {curve.axis}")
         self._show_curve(lambda width, height, ascii: plot(drawn, frame, width, height, ascii=ascii))
+
+    @show.register
+    def _(self, shown: Shown) -> None:
+        steps = self._began.plan.steps if self._began is not None else ()
+        title = [literal(step.title, "bold") for step in steps if step.name == self._now]
+        self.query_one("#instruction", Part).update(lines_of(*title, shown.diagram.say))
+        self._show_curve(partial(drawn, shown.diagram))
 
     @show.register
     def _(self, trouble: Trouble) -> None:

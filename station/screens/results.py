@@ -46,6 +46,8 @@ def read_all(sessions: Path) -> list[Entry]:
             entries.append(Entry(folder, read_result(folder)))
         except ProcedureError as error:
             entries.append(Entry(folder, wrong=str(error)))
+        except Exception as error:  # one damaged result must not hide the others, whatever is in it
+            entries.append(Entry(folder, wrong=f"{folder} cannot be shown: {error!r}"))
     return entries
 
 

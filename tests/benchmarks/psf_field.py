@@ -1,6 +1,11 @@
 """The PSF over the frame from simulated DNG files: against the truth with 25 nodes, and how long 100 places take.
 
-Usage: psf_field.py accuracy|speed [FOLDER], the folder keeping the photographs for another run.
+The photographs are the scene's spectrum times the optics' own transfer function, and the truth of every number is
+drawn from that function: nothing is cut to a support.
+
+Usage: psf_field.py accuracy|speed [FOLDER], the folder keeping the photographs for another run; or
+psf_field.py draws [N], N fields at each of three f-numbers, two photographs of a sensor without a mosaic each, whose
+scene is drawn once and whose noise anew.
 """
 
 from __future__ import annotations
@@ -12,6 +17,9 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache, partial
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
@@ -19,20 +27,21 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from procedures.field.maps import FieldMap, numbers_of, radius_direction
+from procedures.exposure import Exposure
+from procedures.field.maps import MAPS, FieldMap, derive, radius_direction
 from procedures.pattern import Chart
 from procedures.pattern_psf.centre import mark_offset
 from procedures.pattern_psf.estimate import PatternParameters
-from procedures.psf import Psf
+from procedures.raw import Plane, RawFrame
 from simulators.camera import Lens, SimulatedCamera
 from simulators.demonstration import OPTICS, PITCH_UM
-from simulators.optics import Optics
+from simulators.optics import CircularPupil, FourSpots, GaussianBlur, Optics, PixelAperture
 from simulators.pupil import Wavefront
 from simulators.scene import Scene
 from simulators.sensor import Sensor
-from simulators.truth import true_psf
+from simulators.truth import TruePsf, true_mtf, true_psf
 from station.compare import align
-from station.field import FieldResult, conclude, measure
+from station.field import FieldResult, Measured, PlaneField, conclude, measure, measure_frames
 
 S, K = 4, 17
 PIXELS = 102.4  # s/t = 1.6
@@ -42,11 +51,14 @@ LENS = Lens(
     field_curvature_um=0.08, axis=(0.08, -0.05), lateral_colour=0.006,
 )  # fmt: skip
 SENSOR = Sensor(1000, 1500, full_well_e=60000.0, gain_e_per_dn=3.78)
+MONO = Sensor(500, 750, None, bits=14, full_well_e=15000.0, gain_e_per_dn=0.95)
 EXPOSURE = {"exposure_s": 0.02, "iso": 400, "bits": 14}
 COLUMNS = (0.1, 0.3, 0.5, 0.7, 0.9)
 ROWS = ((0.15, 0.5, 0.85), (0.325, 0.675))  # of each photograph: neighbouring rows would overlap
-MAP_COLUMNS = 7  # the truth takes seconds a place
+MAP_COLUMNS = 5  # the truth takes a second a place
 COMPARED = ("G1", "R")
+F_NUMBERS = (2.8, 5.6, 11.0)
+DRAWS = 3
 
 
 def camera(lens: Lens) -> SimulatedCamera:
@@ -54,13 +66,21 @@ def camera(lens: Lens) -> SimulatedCamera:
     return SimulatedCamera(lens, SENSOR, PITCH_UM, Optics(OPTICS.blurs, PITCH_UM), white_e_per_s=1.5e5)
 
 
+def grid_scenes(one: SimulatedCamera, rng: np.random.Generator) -> list[Scene]:
+    """25 charts in two scenes."""
+    chart = Chart.from_seed()
+    scenes = []
+    for rows in ROWS:
+        places = [(x, y) for y in rows for x in COLUMNS]
+        placed = (one.place(chart, pixels=PIXELS, at=at, roll_deg=rng.uniform(-2, 2)) for at in places)
+        scenes.append(Scene(tuple(placed)))
+    return scenes
+
+
 def photograph_grid(folder: Path) -> None:
     """25 charts in two photographs of 1.5 megapixels."""
-    chart, rng = Chart.from_seed(), np.random.default_rng(5)
-    for number, rows in enumerate(ROWS, 1):
-        one = camera(LENS)
-        places = [(x, y) for y in rows for x in COLUMNS]
-        scene = Scene(tuple(one.place(chart, pixels=PIXELS, at=at, roll_deg=rng.uniform(-2, 2)) for at in places))
+    one, rng = camera(LENS), np.random.default_rng(5)
+    for number, scene in enumerate(grid_scenes(one, rng), 1):
         one.photograph(scene, rng, folder / f"grid-{number}.dng", **EXPOSURE)
 
 
@@ -74,37 +94,106 @@ def photograph_singles(folder: Path) -> None:
         one.photograph(scene, rng, folder / f"place-{number:03}.dng", **EXPOSURE)
 
 
-def truth(x: float, y: float, plane: str) -> np.ndarray:
-    """The PSF (K, K) that the lens has at a place of a plane (pixels of the plane), of sum 1."""
-    rows, columns = SENSOR.rows, SENSOR.columns
-    origin = np.array(SENSOR.planes[plane])
-    at = 2 * np.array([x, y]) + origin - (np.array([columns, rows]) - 1) / 2
-    half = np.hypot(rows, columns) / 2
+def ideal_field(lens: Lens, at: np.ndarray, shape: tuple[int, int]) -> tuple[float, float]:
+    """Where the undistorted lens shows a point of the sensor, which is where its field is counted: in half diagonals.
+
+    `at` is from the frame's centre, in pixels of a sensor of that shape.
+    """
+    half = np.hypot(*shape) / 2
     q = np.linalg.norm(at) / half
-    ideal = q  # the field is counted where the undistorted lens shows it
+    ideal = q
     for _ in range(20):
-        ideal = q / (1 + LENS.k1 * ideal**2)
+        ideal = q / (1 + lens.k1 * ideal**2)
     u = at / half * (ideal / q if q else 1.0)
-    optics = Optics(OPTICS.blurs, PITCH_UM).aberrated(LENS.wavefront(float(u[0]), float(u[1])) + Wavefront())
-    return true_psf(optics, S, K, colour=plane[0], pitch=2).h
+    return float(u[0]), float(u[1])
 
 
-def coverage(found: FieldResult, plane: int, truths: dict[tuple[float, float], np.ndarray]) -> None:
-    """How much of each map holds the truth in its 95 % band."""
+@dataclass(frozen=True)
+class Place:
+    """The optics at a place of a plane, a colour, and sensor pixels per pixel of the plane."""
+
+    optics: Optics
+    colour: str
+    pitch: int
+
+    def psf(self) -> TruePsf:
+        """The samples of the truth."""
+        return true_psf(self.optics, S, K, colour=self.colour, pitch=self.pitch)
+
+
+@cache
+def place_in_colour(x: float, y: float, plane: str) -> Place:
+    """What the lens and the photosites do at a place of a plane of the DNG files (pixels of the plane)."""
+    at = 2 * np.array([x, y]) + np.array(SENSOR.planes[plane]) - (np.array([SENSOR.columns, SENSOR.rows]) - 1) / 2
+    wavefront = LENS.wavefront(*ideal_field(LENS, at, (SENSOR.rows, SENSOR.columns)))
+    return Place(Optics(OPTICS.blurs, PITCH_UM).aberrated(wavefront + Wavefront()), plane[0], 2)
+
+
+@cache
+def place_in_mono(x: float, y: float, lens: Lens) -> Place:
+    """The same of the sensor without a mosaic."""
+    at = np.array([x, y]) - (np.array([MONO.columns, MONO.rows]) - 1) / 2
+    wavefront = lens.wavefront(*ideal_field(lens, at, (MONO.rows, MONO.columns)))
+    return Place(Optics(mono_parts(lens), 2 * PITCH_UM).aberrated(wavefront + Wavefront()), "Y", 1)
+
+
+def mono_parts(lens: Lens) -> tuple[object, ...]:
+    """The optics of the demonstration in pixels twice as large: photosites fill a quarter of them, as of a plane."""
+    return CircularPupil(lens.f_number), PixelAperture(0.475, 0.475), FourSpots(0.4), GaussianBlur(0.15)
+
+
+@cache
+def true_numbers(place: Place, radius: float) -> np.ndarray:
+    """The numbers of MAPS at a place, of the transfer function itself; `radius` is the direction from the centre."""
+    f, mtf50 = np.linspace(0, S / 2, 4001), []
+    for angle in (radius + np.pi / 2, radius):
+        mtf = true_mtf(place.optics, f, float(np.degrees(angle)), colour=place.colour, pitch=place.pitch)
+        first = int(np.flatnonzero(mtf < 0.5)[0])
+        mtf50.append(np.interp(0.5, mtf[[first, first - 1]], f[[first, first - 1]]))
+    return np.array([*mtf50, mtf50[0] - mtf50[1], above_nyquist(place), place.psf().energy_outside])
+
+
+def above_nyquist(place: Place, n: int = 64) -> float:
+    """Share of |OTF|^2 outside |fx|, |fy| <= 1/2, of that in the band of the estimate: by the trapezoidal rule."""
+    f = np.arange(n * S + 1) / (2 * n)  # 0 to S / 2 along x, and both signs along y
+    both = np.concatenate([-f[:0:-1], f])
+    power = np.abs(place.optics.otf(f[None, :] / place.pitch, both[:, None] / place.pitch, place.colour)) ** 2
+
+    def total(reach: float) -> float:
+        x, y = f <= reach + 1e-9, np.abs(both) <= reach + 1e-9
+        return float(np.trapezoid(np.trapezoid(power[np.ix_(y, x)], axis=1), axis=0))
+
+    return 1 - total(0.5) / total(S / 2)
+
+
+Off = dict[str, list[np.ndarray]]
+"""By map: rows of error, its standard uncertainty, and the truth."""
+
+
+def compare_maps(found: FieldResult, plane: int, place_at: Callable[[float, float], Place], off: Off) -> None:
+    """Add every place's errors of every map."""
     one = found.planes[plane]
     shape = one.interpolation.field.shape
-    for i, m in enumerate(one.maps[:4]):
-        inside = total = 0
-        for (x, y), h in truths.items():
-            value, _ = numbers_of(Psf(h, S, np.zeros((K * K, K * K))), radius_direction(shape, x, y))
-            j, k = int(np.argmin(abs(m.y - y))), int(np.argmin(abs(m.x - x)))
-            total += 1
-            inside += abs(m.value[j, k] - value[i]) < 1.96 * m.uncertainty[j, k]
-        print(f"  {m.name:22} truth in the 95 % band at {inside / total:4.0%} of {total} places")
+    for i, (name, *_) in enumerate(MAPS):
+        m: FieldMap = one.maps[i]
+        for j, k in np.argwhere(np.isfinite(m.value)):
+            x, y = float(m.x[k]), float(m.y[j])
+            true = true_numbers(place_at(x, y), radius_direction(shape, x, y))[i]
+            off.setdefault(name, []).append(np.array([m.value[j, k] - true, m.uncertainty[j, k], true]))
+
+
+def tell(off: Off) -> None:
+    """Of each map: mean difference, and how often it holds the truth."""
+    for name, rows in off.items():
+        error, sigma, true = np.array(rows).T
+        mean = f"{error.mean():+.4f}" if name == "astigmatism" else f"{error.mean() / true.mean():+.2%}"
+        z = np.abs(error / sigma)
+        print(f"  {name:22} mean difference {mean:>8}, within 2 sigma at {np.mean(z < 2):6.1%} of {len(z)} places, "
+              f"root mean square {np.sqrt(np.mean(z**2)):.2f} sigma, worst {z.max():.1f}")  # fmt: skip
 
 
 def colour_coverage(found: FieldResult) -> None:
-    """The same of lateral colour, whose truth is the lens's and the marks' displacement by the PSFs' shape."""
+    """How often lateral colour holds the truth: the lens's, and the marks' displacement by the PSFs' shape."""
     for colour in (one for one in found.colours if one.plane in COMPARED):
         wavelength = {"R": 0.6, "G": 0.53, "B": 0.46}[colour.plane[0]]
         radial, tangential = colour.maps(MAP_COLUMNS)
@@ -127,39 +216,71 @@ def chief_shift(x: float, y: float, plane: str, wavelength: float) -> np.ndarray
     at = 2 * np.array([x, y]) + np.array(SENSOR.planes[plane]) - (np.array([columns, rows]) - 1) / 2
     half = np.hypot(rows, columns) / 2
     chief = LENS.lateral_colour * (wavelength - 0.53) * half * (at / half - LENS.axis)
-    marks = [mark_offset(truth(x, y, name), S, np.eye(2)) for name in (plane, "G1")]
+    marks = [mark_offset(place_in_colour(x, y, name).psf().h, S, np.eye(2)) for name in (plane, "G1")]
     return chief + 2 * (marks[0] - marks[1])
 
 
 def accuracy(folder: Path) -> None:
-    """Errors between the nodes and at them, and how often the maps hold the truth."""
+    """One field of all planes from DNG files: maps and lateral colour, and the errors between the nodes and at them."""
     if not list(folder.glob("grid-*.dng")):
         photograph_grid(folder)
-    measured = measure(sorted(folder.glob("grid-*.dng")), None, Chart.from_seed(), PatternParameters(S, K))
+    found = concluded(measure(sorted(folder.glob("grid-*.dng")), None, Chart.from_seed(), PatternParameters(S, K)))
+    for number, one in enumerate(found.planes):
+        tell_field(one)
+        if one.record.name in COMPARED:
+            off: Off = {}
+            compare_maps(found, number, partial(place_in_colour, plane=one.record.name), off)
+            tell(off)
+    colour_coverage(found)
+
+
+def concluded(measured: Measured) -> FieldResult:
+    """The fields, with maps of few places: the truth takes a second each."""
     import station.field as module
-    from procedures.field.maps import derive
 
     module.derive = lambda field: derive(field, MAP_COLUMNS)
-    found = conclude(measured)
-    for number, one in enumerate(found.planes):
-        field = one.interpolation.field
-        name, axis = one.record.name, one.interpolation.axis
-        spread = np.sqrt(np.diag(axis.covariance))
-        print(f"{name}: {len(field.nodes)} nodes, {field.model.name}, {len(field.components)} components, "
-              f"axis {axis.position.round(3)} ± {spread.round(3)}, true {LENS.axis}")  # fmt: skip
-        if name not in COMPARED:
-            continue
-        at_nodes = [error(node.psf.h, truth(*node.position, name)) for node in field.nodes]
-        m: FieldMap = one.maps[0]
-        places = [
-            (float(x), float(y)) for j, y in enumerate(m.y) for k, x in enumerate(m.x) if np.isfinite(m.value[j, k])
-        ]
-        truths = {place: truth(*place, name) for place in places}
-        between = [error(field.at(*place).h, h) for place, h in truths.items()]
-        print(f"  error at the nodes {np.mean(at_nodes):.2%}, between them {np.mean(between):.2%} "
-              f"(most {np.max(between):.2%}): {np.mean(between) / np.mean(at_nodes):.2f} times, bound 1.5")  # fmt: skip
-        coverage(found, number, truths)
-    colour_coverage(found)
+    return conclude(measured)
+
+
+def draws(count: int) -> None:
+    """The maps of many fields against the truth at three f-numbers."""
+    together: Off = {}
+    for f_number in F_NUMBERS:
+        lens, off = replace(LENS, f_number=f_number, lateral_colour=0.0), {}
+        one = SimulatedCamera(lens, MONO, 2 * PITCH_UM, Optics(mono_parts(lens), 2 * PITCH_UM), white_e_per_s=1.5e5)
+        lights = [(scene, one.light(scene)) for scene in grid_scenes(one, np.random.default_rng(5))]
+        for draw in range(count):
+            rng = np.random.default_rng([round(10 * f_number), draw])
+            exposure_s = 0.02 * (f_number / 2.8) ** 2  # as much light at each
+            shots = [one.photograph(scene, rng, light=light, exposure_s=exposure_s) for scene, light in lights]
+            frames = [
+                RawFrame(Path(f"{i}"), "", {"Y": Plane("Y", shot.plane("Y").astype(np.float32), 2**-14)}, Exposure())
+                for i, shot in enumerate(shots)
+            ]
+            found = concluded(measure_frames(frames, Chart.from_seed(), PatternParameters(S, K)))
+            compare_maps(found, 0, partial(place_in_mono, lens=lens), off)
+        print(f"f/{f_number:g}, {count} fields of {len(lights)} photographs")
+        tell(off)
+        for name, rows in off.items():
+            together.setdefault(name, []).extend(rows)
+    print(f"all {len(ROWS) * count * len(F_NUMBERS)} photographs")
+    tell(together)
+
+
+def tell_field(one: PlaneField) -> None:
+    """The model, the axis, and of the planes compared the errors of the samples at the nodes and between them."""
+    field, name, axis = one.interpolation.field, one.record.name, one.interpolation.axis
+    where = "not told" if axis is None else f"{axis.position.round(3)} ± {np.sqrt(np.diag(axis.covariance)).round(3)}"
+    print(f"{name}: {len(field.nodes)} nodes, {field.model.name}, {len(field.components)} components, "
+          f"axis {where}, true {LENS.axis}")  # fmt: skip
+    if name not in COMPARED:
+        return
+    at_nodes = [error(node.psf.h, place_in_colour(*map(float, node.position), name).psf().h) for node in field.nodes]
+    m: FieldMap = one.maps[0]
+    places = [(float(m.x[k]), float(m.y[j])) for j, k in np.argwhere(np.isfinite(m.value))]
+    between = [error(field.at(*place).h, place_in_colour(*place, name).psf().h) for place in places]
+    print(f"  error at the nodes {np.mean(at_nodes):.2%}, between them {np.mean(between):.2%} "
+          f"(most {np.max(between):.2%}): {np.mean(between) / np.mean(at_nodes):.2f} times, bound 1.5")  # fmt: skip
 
 
 def error(h: np.ndarray, true: np.ndarray) -> float:
@@ -187,6 +308,9 @@ def main() -> None:
     """Print environment and figures."""
     print(f"Python {platform.python_version()}, {platform.machine()}, {os.cpu_count()} cores")
     what = sys.argv[1] if len(sys.argv) > 1 else "accuracy"
+    if what == "draws":
+        draws(int(sys.argv[2]) if len(sys.argv) > 2 else DRAWS)
+        return
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(sys.argv[2]) if len(sys.argv) > 2 else Path(temporary)
         folder.mkdir(exist_ok=True)

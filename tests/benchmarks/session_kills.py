@@ -44,7 +44,7 @@ from station.bench import simulated_bench
 from station.disk import Disk
 from station.operator import Doing
 from station.recompute import recompute
-from station.results import RECORD
+from station.results import RECORD, SEAL
 from station.scripted import Scripted
 from station.session import Session
 from station.session_reading import read_session, sessions_in, verify
@@ -99,6 +99,11 @@ class FaultyDisk(Disk):
     def replace(self, source: Path, target: Path) -> None:
         self._now("half")
         super().replace(source, target)
+        self._done(None)
+
+    def place(self, source: Path, target: Path) -> None:
+        self._now("half")
+        super().place(source, target)
         self._done(None)
 
     def _now(self, kind: str) -> bool:
@@ -229,15 +234,17 @@ def logged(root: Path) -> list[list[Any]]:
 
 
 def results(folder: Path) -> dict[str, bytes]:
-    """Every file under derived/; in the record, the photographs' names give way to their hashes.
+    """Every file under derived/; in the record, the photographs' names give way to their hashes, its own hash to none.
 
     A trial that had to be repeated is one more file, and those after it have the next numbers.
     """
     found = {str(p.relative_to(folder)): p.read_bytes() for p in (folder / "derived").rglob("*") if p.is_file()}
     for name in found:
         if name.endswith(RECORD):
-            for one in json.loads(found[name])["input"]:
+            record = json.loads(found[name])
+            for one in record["input"]:
                 found[name] = found[name].replace(one["path"].encode(), one["sha256"].encode())
+            found[name] = found[name].replace(record[SEAL].encode(), b"")
     return found
 
 

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.errors import FrameMissing, FrameWrong, LineLost, NoAnswer
+from drivers.errors import EmergencyStopped, FrameMissing, FrameWrong, LineLost, NoAnswer
 from drivers.folder_camera import FolderCamera, Tether
 from drivers.frames import Facts, is_raw
 from drivers.interfaces import CameraSettings
@@ -131,3 +131,16 @@ def test_in_bulb_the_contact_is_held_for_the_exposure(bench, shutter):
 def test_a_folder_that_is_not_there_is_said(bench, shutter):
     with pytest.raises(LineLost, match="there is no folder"):
         FolderCamera(bench.folder / "nowhere", shutter, inspect, clock=bench.clock).connect()
+
+
+def test_an_emergency_stop_ends_the_wait_for_a_frame(camera, bench):
+    bench.body.settings.lose_frames = frozenset({1})
+
+    def stop():
+        bench.clock.sleep(3.0)
+        camera.emergency_stop()
+
+    begin_s = bench.clock.now_s()
+    exposed, _ = bench.clock.together(camera.expose, stop)
+    assert isinstance(exposed, EmergencyStopped)
+    assert bench.clock.now_s() - begin_s < 4.0  # of the 8 s that a frame is awaited

@@ -1,12 +1,16 @@
 from __future__ import annotations
 
+import os
+import select
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from types import SimpleNamespace
 
 import pytest
 
+from drivers import outgoing
 from drivers.clock import SystemClock
 from drivers.errors import EmergencyStopped, LineLost, NoAnswer
 from drivers.grbl_protocol import GrblParser, Ok, Status
@@ -133,6 +137,19 @@ def test_a_shout_passes_a_waiting_request_and_ends_it(loop):
     assert any(p.way == "!" and p.data == b"!" for p in loop.transcript.last())
 
 
+def test_a_shout_between_an_order_and_the_wait_for_its_answer_is_not_missed(loop):
+    stop = EmergencyStopped("stop", "home")
+    write = loop.write
+
+    def then_stopped(data, allowed):
+        write(data, allowed)
+        loop.shout(b"!", stop)
+
+    loop.write = then_stopped
+    with pytest.raises(EmergencyStopped):
+        loop.request(b"order\n", lambda event: None, 30.0)
+
+
 def test_after_a_shout_requests_work_again(loop):
     loop.shout(b"\n", EmergencyStopped("stop", "home"))
     assert loop.request(b"hello\n", echo, 1.0) == b"hello"
@@ -173,6 +190,81 @@ def test_questions_are_asked_again_orders_are_not(bench):
             transport.request(b"silence\n", echo, 0.2, tries=tries)
     assert sum(p.way == ">" for p in transport.transcript.last()) == 4
     transport.close()
+
+
+@pytest.fixture
+def terminal():
+    """A line on a pseudo-terminal, and the descriptor of its other end."""
+    tty = pytest.importorskip("tty", reason="no pseudo-terminals here")
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    transport = SerialTransport(os.ttyname(slave), Lines)
+    transport.open(nobody)
+    os.close(slave)
+    yield transport, master
+    transport.close()
+    os.close(master)
+
+
+def clog(transport):
+    """Write until the port takes no more, as where the other end reads nothing."""
+    port = transport._port.fd
+    while select.select([], [port], [], 0.05)[1]:  # the system makes some more room on the way to the other end
+        with suppress(BlockingIOError):
+            os.write(port, b"x" * 512)
+
+
+def heard(master):
+    """What has come to the other end."""
+    found = b""
+    while select.select([master], [], [], 0.2)[0]:
+        found += os.read(master, 65536)
+    return found
+
+
+def test_a_shout_comes_first_where_the_port_is_clogged(terminal):
+    transport, master = terminal
+    clog(transport)
+    orders = threading.Thread(target=lambda: transport.write(b"order " * 1000))
+    orders.start()
+    while not transport._outgoing._turn.locked():
+        time.sleep(0.001)
+    transport.shout(b"stop", EmergencyStopped("stop", "home"))
+    orders.join(timeout=0.5)
+    assert not orders.is_alive()
+    came = heard(master)
+    assert came.endswith(b"stop")
+    assert b"order" not in came
+    assert transport.transcript.last()[-1].way == "!"
+
+
+def test_a_port_that_takes_no_bytes_is_named_and_stays_open_for_a_stop(terminal, monkeypatch):
+    transport, master = terminal
+    monkeypatch.setattr(outgoing, "WRITE_S", 0.05)
+    clog(transport)
+    with pytest.raises(NoAnswer, match="took no bytes"):
+        transport.write(b"order " * 1000)
+    transport.shout(b"stop", EmergencyStopped("stop", "home"))
+    assert heard(master).endswith(b"stop")
+
+
+def test_a_shout_into_a_line_that_is_gone_says_so_and_raises_nothing(terminal):
+    transport, _ = terminal
+    transport._port.close()
+    transport.shout(b"stop", EmergencyStopped("stop", "home"))
+    assert transport.transcript.last()[-1].way == "x"
+
+
+def test_an_order_that_is_not_allowed_any_more_is_not_written(loop):
+    stop = EmergencyStopped("stop", "home")
+
+    def refuse():
+        raise stop
+
+    with pytest.raises(EmergencyStopped):
+        loop.request(b"order\n", echo, 1.0, allowed=refuse)
+    assert not any(b"order" in p.data for p in loop.transcript.last())
+    assert loop.request(b"hello\n", echo, 1.0) == b"hello"
 
 
 PORTS = [

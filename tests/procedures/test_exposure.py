@@ -5,7 +5,8 @@ import io
 import numpy as np
 import pytest
 
-from procedures.exposure import Exposure, read_exposure
+from procedures.exposure import Exposure, check_typed, disagreements, read_exposure
+from procedures.outcome import BadParameter
 from procedures.raw import read_frame
 
 MOSAIC = np.full((40, 60), 1000, np.uint16)
@@ -53,3 +54,21 @@ def test_infinite_distance_is_unknown(write_dng):
 @pytest.mark.parametrize("content", [b"", b"no tags", b"II*\0" + b"\xff" * 60, b"MM\0*\0\0\0\x08\0\x01" + b"\xff" * 12])
 def test_broken_tags_tell_nothing_and_raise_nothing(content):
     assert read_exposure(io.BytesIO(content)) == Exposure(sources={})
+
+
+@pytest.mark.parametrize(("unit", "per_unit"), [(None, 25400.0), (2, 25400.0), (3, 10000.0), (4, 1000.0)])
+def test_pixel_pitch_comes_from_the_resolution_of_the_focal_plane(write_dng, unit, per_unit):
+    exif = {41486: ("R", [per_unit / 4.0])} | ({} if unit is None else {41488: ("H", [unit])})
+    assert read_frame(write_dng(MOSAIC, exif=exif)).exposure.pixel_pitch_um == pytest.approx(4.0)
+
+
+def test_what_is_typed_must_not_contradict_the_camera():
+    noted = Exposure(f_number=2.8, focal_length_mm=50.0, pixel_pitch_um=4.3)
+    assert disagreements(noted, {"f_number": 2.83, "focal_length_mm": 51.6, "pixel_pitch_um": 4.35}) == []
+    assert disagreements(noted, {"f_number": None}) == disagreements(Exposure(), {"f_number": 5.6}) == []
+    with pytest.raises(
+        BadParameter, match=r"a\.dng: the f-number was given as 5\.6, and the camera noted 2\.8; "
+    ) as found:
+        check_typed(noted, {"f_number": 5.6, "pixel_pitch_um": 8.6}, "a.dng", "add --trust-typed")
+    assert "the pixel pitch was given as 8.6 µm, and the camera noted 4.3 µm" in found.value.reason
+    assert found.value.remedy == "leave it out, or correct it; to insist, add --trust-typed"

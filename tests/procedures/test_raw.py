@@ -1,19 +1,23 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
+import rawpy
 
 from procedures.outcome import BadInput, BadParameter
 from procedures.raw import default_plane, read_frame
+from procedures.sensor_dump import DumpLayout
 
 WHITE = 16383
 BLACKS = np.array([[256, 257], [258, 259]])
 ORDERS = {"RGGB": (0, 1, 1, 2), "BGGR": (2, 1, 1, 0), "GRBG": (1, 0, 2, 1), "GBRG": (1, 2, 0, 1)}
 SIGNALS = {"R": 1000, "G1": 2000, "G2": 3000, "B": 4000}
+ONE_BLACK = {50713: ("H", [1, 1]), 50714: ("H", [256])}
 X_TRANS = (1, 1, 0, 1, 1, 2, 1, 1, 2, 1, 1, 0, 2, 0, 1, 0, 2, 1, 1, 1, 2, 1, 1, 0, 1, 1, 0, 1, 1, 2, 0, 2, 1, 2, 0, 1)
 
 
@@ -127,6 +131,34 @@ def test_sha256_is_that_of_the_file(shared_data):
     assert read_frame(path, ["R"]).sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
 
 
+def test_hash_and_planes_are_of_the_same_bytes_though_the_file_is_replaced_meanwhile(write_dng, monkeypatch):
+    path = write_dng(mosaic_of("RGGB"), ORDERS["RGGB"])
+    whole, imread = path.read_bytes(), rawpy.imread
+
+    def replaced(file):
+        path.write_bytes(b"another file")
+        return imread(file)
+
+    monkeypatch.setattr(rawpy, "imread", replaced)
+    frame = read_frame(path)
+    assert path.read_bytes() == b"another file"
+    assert frame.sha256 == hashlib.sha256(whole).hexdigest()
+    assert_flat_planes(frame)
+
+
+def test_pipes_devices_and_links_to_nothing_are_refused_by_name(tmp_path):
+    os.mkfifo(tmp_path / "pipe.dng")
+    (tmp_path / "zero.pgm").symlink_to("/dev/zero")
+    (tmp_path / "link.dng").symlink_to("nowhere.dng")
+    for name, reason in (
+        ("pipe.dng", "a pipe or a device"),
+        ("zero.pgm", "a pipe or a device"),
+        ("link.dng", "nowhere"),
+    ):
+        with pytest.raises(BadInput, match=f"{name}.*{reason}"):
+            read_frame(tmp_path / name)
+
+
 def test_camera_dng_is_scaled_from_its_black_to_its_white(shared_data):
     frame = read_frame(shared_data / "raw" / "tinydng_colorchart.dng")
     for plane in frame.planes.values():
@@ -193,8 +225,9 @@ def test_truncated_raw_without_a_known_layout_is_refused(shared_data, tmp_path):
         (b"", "is empty"),
         (b"remember to photograph the chart\n", "is a text file"),
         (b"remember to photograph the chart\n" * 500, "is a text file"),
-        (b"II*\0" + bytes(range(256)) * 40, "no RAW file that LibRaw"),
-        (bytes(range(256)) * 40, "no RAW file that LibRaw"),
+        (b"II*\0" + bytes(range(256)) * 40, "has no header of a RAW format"),
+        (b"FUJIFILM" + bytes(range(256)) * 40, "no RAW file that LibRaw"),
+        (bytes(range(256)) * 40, "has no header of a RAW format"),
         (b"\xff\xd8\xff\xe0" + bytes(100), "is a JPEG, whose grey levels are not linear"),
         (b"P6 2 2 255\n" + bytes(12), "three colours"),
     ],
@@ -217,3 +250,29 @@ def test_missing_file_and_folder_are_refused(tmp_path):
 def test_name_with_other_letters_is_read(shared_data, tmp_path):
     path = Path(shutil.copyfile(shared_data / "raw" / "RAW_KODAK_DC50.KDC", tmp_path / "märz – 1.kdc"))
     assert read_frame(path).path == path
+
+
+# LibRaw takes a file of 4 147 200 bytes for a headerless camera's, whatever it holds
+@pytest.mark.parametrize("begins", [b"", b"II*\0", b"MM\0*\0\0\0\x08"])
+def test_no_size_makes_a_photograph_of_random_bytes(tmp_path, begins):
+    path = tmp_path / "noise.raw"
+    path.write_bytes((begins + np.random.default_rng(0).bytes(4_147_200))[:4_147_200])
+    with pytest.raises(BadInput, match="has no header of a RAW format; its size alone") as refused:
+        read_frame(path)
+    assert "--raw WIDTHxHEIGHT" in refused.value.remedy
+
+
+@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("kind", ["u16le", "u16be"])
+def test_sensor_dump_gives_the_planes_of_the_dng_with_the_same_samples(write_dng, tmp_path, order, kind):
+    mosaic = mosaic_of(order) - np.tile(BLACKS, (30, 40)).astype(np.uint16) + np.uint16(256)
+    path = tmp_path / "frame.raw"
+    path.write_bytes(mosaic.astype("<u2" if kind == "u16le" else ">u2").tobytes())
+    layout = DumpLayout.parse(f"80x60,{order},{kind},256,{WHITE}")
+    dumped, dng = read_frame(path, layout=layout), read_frame(write_dng(mosaic, ORDERS[order], tags=ONE_BLACK))
+    assert default_plane(path, layout) == "G1"
+    assert list(dumped.planes) == list(dng.planes)
+    for name, plane in dumped.planes.items():
+        np.testing.assert_array_equal(plane.samples, dng.planes[name].samples)
+        assert (plane.origin, plane.pitch, plane.white) == (dng.planes[name].origin, 2, WHITE)
+    assert list(read_frame(path, ["B"], layout).planes) == ["B"]

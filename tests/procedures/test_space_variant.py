@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from scipy.signal import convolve2d
 from procedures.field.models import Separate
 from procedures.numerics.scattered import Polynomial
 from procedures.outcome import BadParameter
-from procedures.psf import Psf
+from procedures.psf import Psf, Tail
 from procedures.psf_field import Node, PsfField, in_half_diagonals
 from procedures.space_variant import SpaceVariantBlur
 
@@ -89,6 +89,36 @@ def test_light_is_kept(varying):
     u = np.zeros((40, 56))
     u[15:25, 20:30] = 1.0
     assert SpaceVariantBlur(varying).blur(u).sum() == pytest.approx(u.sum(), rel=1e-9)
+
+
+def test_light_of_the_whole_psf_goes_to_its_tail_and_an_even_picture_stays_even(places):
+    tails = [0.03 + 0.001 * i for i in range(6)]
+    field = with_tails(field_of([gaussian(0.5, 0.6)] * 6, places, 1), tails)
+    operator = SpaceVariantBlur(field, S)
+    # the shapes end at 64 samples; what a place receives from others is by their tails, of which 2 % differ over it
+    np.testing.assert_allclose(operator.blur(np.ones((150, 160)))[64:-64, 64:-64], 1, rtol=0.02 * 0.035)
+    point = np.zeros((150, 160))
+    point[75, 80] = 1
+    seen = operator.blur(point)
+    near = seen[75 - K // 2 : 76 + K // 2, 80 - K // 2 : 81 + K // 2].sum()
+    assert seen.sum() == pytest.approx(1)
+    amount = field.parameters(np.array([[40.0, 37.5]]))[0, -1]
+    assert near == pytest.approx(1 / (1 + amount))
+    assert 0.03 < amount < 0.036
+
+
+def with_tails(field: PsfField, tails: list[float]) -> PsfField:
+    """The field with a far tail of these amplitudes at its nodes, and no other shape."""
+    n = K * K
+    nodes = []
+    for node, amount in zip(field.nodes, tails, strict=True):
+        tail = Tail(np.array([amount]), 1e-6 * np.eye(1), np.zeros((n, 1)))
+        nodes.append(replace(node, psf=replace(node.psf, tail=tail)))
+    direction = np.zeros((1, n + 1))
+    direction[0, n] = 1
+    return replace(
+        field, nodes=tuple(nodes), components=direction, analysis=direction, lack_rest=np.zeros((n + 1, n + 1))
+    )
 
 
 def test_on_coarser_grids_what_the_grid_shows_is_blurred_alike(varying):

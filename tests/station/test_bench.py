@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import hashlib
 import os
 import signal
 import threading
@@ -8,7 +9,8 @@ import pytest
 
 from drivers.errors import BadConfiguration, EmergencyStopped, NotConnected
 from station.bench import inspect_raw, make_bench, read_config, simulated_bench, simulated_tables
-from station.signals import guarded
+from station.rig import Rig
+from station.signals import ENDING, guarded
 
 
 @pytest.fixture
@@ -156,22 +158,91 @@ def test_every_byte_is_logged_where_one_asks_for_it(bench, tmp_path):
     assert any(" < " in line for line in lines)
 
 
-def test_the_first_interrupt_asks_the_second_stops():
-    told = []
-    with guarded(lambda: told.append("stop"), lambda: told.append("ask")):
+def test_every_interrupt_stops_and_the_first_asks_what_runs_to_end():
+    told, stopped = [], threading.Event()
+    with guarded(stopped.set, lambda: told.append("ask")):
         os.kill(os.getpid(), signal.SIGINT)
+        assert stopped.wait(10.0)
         assert told == ["ask"]
+        stopped.clear()
         with pytest.raises(KeyboardInterrupt):
             os.kill(os.getpid(), signal.SIGINT)
-    assert told == ["ask", "stop"]
+        assert stopped.wait(10.0)
+    assert told == ["ask"]
 
 
-def test_terminate_stops_and_ends_with_the_device_code():
+@pytest.mark.parametrize("number", [number for number in ENDING if number != signal.SIGINT])
+def test_every_other_end_stops_and_ends_with_the_device_code(number):
     told = []
     with pytest.raises(SystemExit) as ended, guarded(lambda: told.append("stop"), lambda: None):
-        os.kill(os.getpid(), signal.SIGTERM)
-    assert told == ["stop"]
+        os.kill(os.getpid(), number)
+    assert "stop" in told
     assert ended.value.code == 3
+
+
+def test_a_stop_waits_for_no_computation_of_the_main_thread():
+    # one long call in which the main thread takes no step of Python's, and so runs no handler of its own
+    told = []
+
+    def compute():
+        threading.Timer(0.05, lambda: os.kill(os.getpid(), signal.SIGTERM)).start()
+        try:
+            hashlib.pbkdf2_hmac("sha256", b"", b"", 1_000_000)
+        finally:
+            told.append("computed")
+
+    with pytest.raises(SystemExit), guarded(lambda: told.append("stop"), lambda: None):
+        compute()
+    assert told[:2] == ["stop", "computed"]
+
+
+def test_an_exception_that_ends_the_program_stops():
+    told = []
+    with pytest.raises(ZeroDivisionError), guarded(lambda: told.append("stop"), lambda: None):
+        raise ZeroDivisionError
+    assert told == ["stop"]
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="no terminals that hang up here")
+def test_a_program_that_was_told_not_to_mind_its_terminal_does_not():
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with guarded(lambda: pytest.fail("stopped"), lambda: None):
+            os.kill(os.getpid(), signal.SIGHUP)
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+def test_no_device_waits_for_another_and_each_stop_has_its_time(bench):
+    bench.connect()
+    bench.stage.home()
+    held = threading.Event()
+    bench.devices["light"].emergency_stop = lambda: held.wait(30.0)
+    bench.emergency_stop()
+    held.set()
+    (stop,) = bench.stops_since(0)
+    assert {"stage", "head", "shutter"} <= set(stop.wires)
+    assert all(at_s is not None and at_s >= stop.asked_s for at_s in stop.wires.values())
+    assert set(stop.record()["after_ms"]) == set(stop.wires)
+
+
+def test_a_wire_that_took_no_stop_is_named(bench):
+    bench.connect()
+    bench.stage.link._transport._port.close()
+    bench.emergency_stop()
+    (stop,) = bench.stops_since(0)
+    assert stop.wires["stage"] is None
+    assert stop.wires["head"] is not None
+
+
+def test_nothing_homes_after_a_stop_that_came_before(bench):
+    bench.connect()
+    rig = Rig(bench)
+    bench.emergency_stop()
+    with pytest.raises(EmergencyStopped, match="everything was stopped"):
+        rig.home()
+    assert not bench.simulated.world.axes["z_mm"].moves(bench.clock.now_s())
+    Rig(bench).home()
 
 
 def test_an_interrupt_stops_a_move_that_the_main_thread_waits_for(tmp_path):

@@ -5,16 +5,18 @@ from __future__ import annotations
 import csv
 import io
 import math
+from dataclasses import replace
 
 import cv2
+import exifread
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from procedures.outcome import Quantity
-from procedures.psf import Psf
-from station.exports import gaussian_radius, numbers_table, profile_table, psf_fits, psf_tiff, radial_profile
+from procedures.psf import Psf, Tail
+from station.exports import gaussian_radius, numbers_table, psf_fits, psf_tiff
 
 
 def gaussian(sigma_px, s=4, k=33, sd=1e-4):
@@ -50,6 +52,27 @@ def test_fits_holds_samples_and_uncertainties():
     np.testing.assert_allclose(sigma, 1e-4)
 
 
+def with_tail(psf):
+    """With 0.04 within the reach of the tail, beside 1 inside the support."""
+    return replace(psf, tail=Tail(np.array([0.04]), np.array([[1e-6]]), np.zeros((psf.k**2, 1))))
+
+
+def test_what_lies_outside_the_support_stands_beside_it():
+    psf = with_tail(gaussian(0.6))
+    share, uncertainty = psf.energy_outside
+    assert 0.04 / 1.04 < share < 0.06  # 0.04 beside the support's 1, and what goes on beyond the shapes' end
+    (primary, samples), (second, _) = units(psf_fits(psf, "G1", "0.1.0"))
+    np.testing.assert_array_equal(samples, psf.h)
+    assert float(primary["EOUTSIDE"]) == pytest.approx(share)
+    assert float(primary["EOUTUNC"]) == pytest.approx(uncertainty)
+    assert float(primary["TAILDENS"]) == pytest.approx(psf.tail_density_px)
+    assert "EOUTSIDE" not in second
+    data = psf_tiff(psf)
+    tags = exifread.process_file(io.BytesIO(data))
+    assert f"energy_outside_support = {share:.6g}" in str(tags["Image ImageDescription"])
+    np.testing.assert_array_equal(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED), np.float32(psf.h))
+
+
 def test_fits_is_read_by_astropy():
     fits = pytest.importorskip("astropy.io.fits")
     psf = gaussian(0.6)
@@ -64,33 +87,6 @@ def test_tiff_holds_the_samples_as_float32():
     psf = gaussian(0.6)
     image = cv2.imdecode(np.frombuffer(psf_tiff(psf), np.uint8), cv2.IMREAD_UNCHANGED)
     np.testing.assert_array_equal(image, psf.h.astype(np.float32))
-
-
-def test_profile_of_a_gaussian_is_the_gaussian():
-    # beyond the band of the grid the Gaussian has exp(-2 pi^2 sigma^2 (s/2)^2) < 1e-13, outside its support 1e-6
-    sigma = 0.8
-    found = radial_profile(gaussian(sigma))
-    true = np.exp(-(found.radius**2) / (2 * sigma**2)) / (2 * np.pi * sigma**2)
-    np.testing.assert_allclose(found.density, true, atol=1e-5 * true[0])
-    # squares that a circle crosses make its edge one sample wide: half a per cent here
-    np.testing.assert_allclose(found.energy, 1 - np.exp(-(found.radius**2) / (2 * sigma**2)), atol=0.01)
-
-
-def test_profile_carries_the_uncertainty_of_independent_samples(rng):
-    psf = gaussian(0.8, k=7, sd=1e-3)
-    noisy = [Psf(psf.h + 1e-3 * rng.standard_normal(psf.h.shape), 4, psf.covariance) for _ in range(200)]
-    found = [radial_profile(one) for one in noisy]
-    # a standard deviation from 200 draws has an uncertainty of 5 %; 4 of them
-    for name in ("energy", "density"):
-        scatter = np.std([getattr(one, name) for one in found], axis=0)
-        np.testing.assert_allclose(scatter, getattr(found[0], f"{name}_uncertainty"), rtol=0.2)
-
-
-def test_profile_tells_radii_of_plane_and_sensor():
-    rows = list(csv.DictReader(io.StringIO(profile_table(gaussian(0.6), 2).decode())))
-    assert float(rows[3]["radius_sensor_pixels"]) == 2 * float(rows[3]["radius"])
-    assert float(rows[-1]["energy"]) == pytest.approx(1, abs=1e-3)
-    assert float(rows[0]["energy"]) == 0
 
 
 @given(st.floats(0.2, 3), st.sampled_from([1, 2]))

@@ -46,6 +46,27 @@ def test_message_names_both_widths_and_the_seed(tmp_path: Path) -> None:
     assert "noise 128 mm" in said
 
 
+def test_a_lens_that_is_told_shows_what_every_distance_does_to_the_noise(tmp_path: Path) -> None:
+    lens = ("--focal-length-mm", "50", "--pixel-pitch-um", "4")
+    told = _run(tmp_path / "c.pgm", *lens, "--f-number", "8").stderr
+    rows = [line.split() for line in told.splitlines()]
+    (least,) = (row for row in rows if row[::2][:2] == ["1.3", "m"])
+    # by a thin lens: z = f (1 + cell / (pixels per cell x pitch)), 50 (1 + 0.9375 / (1.3 / 4 x 0.008)) mm
+    assert least[1:5] == ["18.08", "m", "83", "px"]
+    (far,) = (row for row in rows if row[::2][:2] == ["0.7", "m"])
+    assert float(far[5]) > 4 * float(least[5])
+    assert "f/8 passes up to 1.89 cycles/pixel" in " ".join(told.split())
+    grey = _run(tmp_path / "c.pgm", *lens, "--monochrome").stderr
+    (twice,) = (line.split() for line in grey.splitlines() if line.split()[::2][:2] == ["1.3", "m"])
+    assert float(twice[1]) == pytest.approx(2 * 18.08 - 0.05, abs=0.01)
+
+
+def test_a_lens_without_its_pixels_is_refused(tmp_path: Path) -> None:
+    done = _run(tmp_path / "c.pdf", "--focal-length-mm", "50")
+    assert done.exit_code == 2
+    assert "together" in done.stderr
+
+
 def test_seed_and_bits_together_are_refused(tmp_path: Path) -> None:
     done = _run(tmp_path / "c.pdf", "--seed", "1", "--bits", "bits.pgm")
     assert done.exit_code == 2

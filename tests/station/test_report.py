@@ -18,13 +18,15 @@ from procedures.exposure import Exposure
 from procedures.outcome import Outcome, Quantity, Verdict
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternParameters
+from procedures.quality import Diffraction
 from procedures.raw import read_frame
 from station.calibrate import calibrate
-from station.figures import mtf_figure
 from station.limits import Limit, judge
+from station.otf_figures import mtf_figure
 from station.report import Line, PlaneSheet, Report, Shot, calibration_page, report_of_files
 from station.results import PlaneRecord, quantities
 
+SVG = "{http://www.w3.org/2000/svg}svg"
 HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(1)>\"' {{ 7*7 }} \x1b[2J"
 
 
@@ -66,6 +68,46 @@ def test_every_number_has_its_uncertainty_unit_and_method(page, report):
             assert number.method in text
     assert text.count("cycles/pixel") >= 6
     assert "Gaussian radius for RAW developers" in text
+
+
+def test_uncertainties_are_taken_apart_number_by_number(page, report):
+    tables = [table for table in strictly(page).iter("table") if table.get("class") == "budget"]
+    assert len(tables) == len(report.planes)
+    for table, sheet in zip(tables, report.planes, strict=True):
+        headings = ["".join(cell.itertext()) for cell in table.find("thead").iter("th")]
+        assert headings[0] == "number"
+        assert headings[-1] == "together"
+        assert {"noise of the samples", "energy outside the support", "choice of s and k"} <= set(headings)
+        rows = list(table.find("tbody").iter("tr"))
+        assert len(rows) == len(sheet.budget.rows) >= 8
+        for row, told in zip(rows, sheet.budget.rows, strict=True):
+            terms = [0.0 if cell.text == "–" else float(cell.text) for cell in row.findall("td")[1:]]
+            # every term is rounded to the last digit of the two that the whole has: half of it each
+            digit = 10 ** -len(told.together.partition(".")[2])
+            assert abs(np.hypot.reduce(terms[:-1]) - terms[-1]) < 0.5 * digit * (len(terms) ** 0.5 + 1)
+    assert page.count("made of the columns of the budget: noise of the samples") == 1
+
+
+def test_tries_of_s_and_k_and_the_halves_of_the_chart_are_told(page, report):
+    text = " ".join("".join(strictly(page).itertext()).split())
+    for sheet in report.planes:
+        for trial in sheet.record.choice:
+            assert trial.reason[1:] in text
+    assert text.count("How s and k were chosen") == len(report.planes)
+    assert "left half, right half of the chart" in text
+
+
+def test_transfer_function_is_drawn_with_phase_in_two_dimensions_and_with_its_limit(page, chart_photograph, tmp_path):
+    labels = [svg.get("aria-label") for svg in strictly(page).iter(SVG)]
+    assert sum("phase of the transfer function" in label for label in labels) == 2
+    assert sum("MTF over the frequencies along rows and columns" in label for label in labels) == 2
+    assert not any("diffraction limit" in label for label in labels)
+    frame = read_frame(chart_photograph(tmp_path / "a.dng"), ["G1"])
+    limit = Diffraction(8.0, 8.0, 530.0)
+    calibrated = list(calibrate(frame, Chart.from_seed(), PatternParameters(4, 17, chosen=True), lambda plane: limit))
+    known = calibration_page(report_of_files("pattern", [frame], calibrated, {}))
+    assert "and the diffraction limit" in known
+    assert "up to 1.89 cycles per pixel" in known
 
 
 def test_photographs_versions_parameters_and_citation_are_told(page, report):
@@ -121,7 +163,7 @@ def test_refused_plane_has_its_reason_and_remedy_and_no_pictures():
     tree = strictly(calibration_page(told))
     assert told.headline == "Y is refused"
     assert "No chart in the photograph. Show the whole chart." in " ".join("".join(tree.itertext()).split())
-    assert not list(tree.iter("{http://www.w3.org/2000/svg}svg"))
+    assert not list(tree.iter(SVG))
 
 
 def test_session_tells_its_bench_and_its_shots(report):
@@ -190,7 +232,7 @@ def test_browser_shows_every_picture_and_nothing_runs_over(shown, which):
     assert seen["width"] == {"wide": 1280, "narrow": 400}[which]
     assert seen["wide"] == []
     assert seen["scroll"] <= seen["width"]
-    assert len(seen["pictures"]) == 2 * 5  # PSF, MTF, energy, chart, residual of two planes
+    assert len(seen["pictures"]) == 2 * 7  # PSF, two of the MTF, energy, phase, chart, residual of two planes
     assert len(seen["rasters"]) >= 2 * 3
     assert all(250 < width < seen["width"] and height > 150 for width, height in seen["pictures"])
     assert all(width > 3 and height > 3 for width, height in seen["rasters"])

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import csv
 import errno
 import json
 import os
@@ -9,9 +10,11 @@ import cv2
 import numpy as np
 import pytest
 
+from procedures.budget import taken_apart
 from procedures.outcome import BadParameter, Outcome, Quantity, Verdict
 from procedures.physics.estimate import Physics
 from procedures.psf import Psf
+from procedures.quality import Diffraction, assess
 from station.pictures import psf_picture
 from station.results import PlaneRecord, ResultFolder, write_psf_result
 
@@ -37,6 +40,26 @@ def test_physics_of_a_psf_stands_in_its_plane(tmp_path):
     assert (told["aperture"], told["low_pass_filter"], told["missing_corner_deg"]) == ("square", "four spots", None)
     assert told["side"]["value"] == 0.95
     assert told["candidates"] == [{"model": "square", "criterion": 0.0}]
+
+
+def test_every_term_of_every_number_is_told_beside_it(tmp_path):
+    x = (np.arange(13) - 6) / 3
+    h = np.exp(-(x[:, None] ** 2 + x**2))
+    psf = Psf(h / h.sum(), 3, 1e-8 * np.eye(169))
+    limit = Diffraction(8.0, 8.0, 530.0)
+    quality = taken_apart(assess(psf, n=5000, diffraction=limit), {"strehl": {"noise": 3e-4, "light": 4e-4}})
+    record = PlaneRecord("G1", Verdict.PASS, psf=psf, quality=quality, diffraction=limit)
+    with ResultFolder(tmp_path) as folder:
+        told = json.loads(write_psf_result(folder, [record], {}))["planes"]["G1"]
+    with (tmp_path / "budget.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == ["plane", "number", "term", "uncertainty", "unit"]
+    strehl = {row["term"]: float(row["uncertainty"]) for row in rows if row["number"] == "strehl"}
+    assert (strehl["noise"], strehl["light"]) == (3e-4, 4e-4)
+    for name, number in quality.numbers.items():
+        terms = [float(row["uncertainty"]) for row in rows if row["number"] == name]
+        assert np.linalg.norm(terms) == pytest.approx(number.uncertainty, rel=1e-6)
+    assert told["diffraction"]["cutoff"] == pytest.approx(8.0 / (0.53 * 8.0))
 
 
 def test_nothing_is_visible_before_it_is_published(tmp_path):

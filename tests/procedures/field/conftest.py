@@ -18,7 +18,8 @@ SEED = 20260314
 
 @pytest.fixture(scope="session")
 def covariance() -> np.ndarray:
-    """Of the PSF that one photograph of a chart 100 pixels wide gives, noise 0.5 % of white: nuisances included."""
+    """Of support and tail that one photograph of a chart 100 pixels wide gives, noise 0.5 % of white: nuisances
+    included."""
     white_e = 5e4
     sensor = Sensor(170, 170, None, bits=16, full_well_e=1.3 * white_e, gain_e_per_dn=1.3 * white_e / 65000)
     optics = Optics.typical(f_number=2.8, pitch_um=11.88, fill=0.5, gaussian_px=0.2)
@@ -28,7 +29,7 @@ def covariance() -> np.ndarray:
     samples = camera.photograph(scene, np.random.default_rng(1)).plane("Y").astype(np.float32)
     found = estimate_psf(Plane("Y", samples, 1 / 65535), chart).value
     assert found is not None
-    return found.psf.covariance
+    return found.psf.parameter_covariance
 
 
 @pytest.fixture(scope="session")

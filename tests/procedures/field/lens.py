@@ -7,6 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from procedures.numerics.kernel_tail import tail_kernels
 from procedures.pattern_psf.centre import mark_offset
 from procedures.psf import Psf
 from procedures.psf_field import Node
@@ -23,7 +24,10 @@ LENS = Lens(
     axis=(0.08, -0.05),
     lateral_colour=0.006,
 )
-PERIOD = 24  # pixels of the plane after which the PSF repeats
+PERIOD = 72
+"""Pixels of the plane after which the whole PSF repeats: what lies beyond weighs a thousandth."""
+LAGS = 864
+"""Points along the pupil's plane: its widest diameter and the highest frequency, side by side."""
 
 
 @dataclass(frozen=True)
@@ -34,9 +38,45 @@ class FieldCamera:
     pitch_um: float = 11.88
 
     def psf(self, x: float, y: float, plane: str = "G1", defocus_um: float = 0.0) -> np.ndarray:
-        """The PSF (K, K) of sum 1 at a place of the plane, its centre where the marks are seen."""
-        q = self.field(x, y)
-        return _psf(self.lens, q, WAVELENGTHS_UM[plane], self.pitch_um, defocus_um)
+        """The PSF's support (K, K) of sum 1 at a place of the plane, its centre where the marks are seen."""
+        return _support(self.whole(x, y, plane, defocus_um))
+
+    def whole(self, x: float, y: float, plane: str = "G1", defocus_um: float = 0.0) -> np.ndarray:
+        """The whole PSF (n, n) of sum 1, n even, its centre at n // 2."""
+        return _centred(self.lens, self.field(x, y), WAVELENGTHS_UM[plane], self.pitch_um, defocus_um)
+
+    def parameters(self, x: float, y: float, plane: str = "G1", defocus_um: float = 0.0) -> np.ndarray:
+        """Support and amplitudes of the tail's shapes, (p,): as near to the whole PSF as these can come."""
+        whole = self.whole(x, y, plane, defocus_um)
+        support = _crop(whole, K)
+        kernels = tail_kernels(K)
+        outside = kernels[0] > 0
+        weight = kernels[0][outside] ** -0.5  # what a chart shows is light on areas, near and far alike
+        shown = _crop(whole, kernels.shape[1])[outside]
+        tail = np.linalg.lstsq((kernels[:, outside] * weight).T, shown * weight, rcond=None)[0]
+        return np.concatenate([support.ravel(), tail]) / support.sum()
+
+    def mtf(self, x: float, y: float, f: np.ndarray, angle: float, defocus_um: float = 0.0) -> np.ndarray:
+        """|OTF| of the whole PSF at frequencies (n,) along a direction."""
+        whole = self.whole(x, y, defocus_um=defocus_um)
+        at = (np.arange(len(whole)) - len(whole) // 2) / S
+        ex, ey = (np.exp(-2j * np.pi * np.outer(f * turn, at)) for turn in (np.cos(angle), np.sin(angle)))
+        return np.abs(np.sum((ey @ whole) * ex, axis=1))
+
+    def numbers(self, x: float, y: float, radius: float) -> np.ndarray:
+        """What `field.maps.numbers_of` finds, of the whole PSF; `radius` is the direction from the frame's centre."""
+        f = np.linspace(0, S / 2, 2001)
+        mtf50 = []
+        for angle in (radius + np.pi / 2, radius):
+            mtf50.append(_half(f, self.mtf(x, y, f, angle)))
+        whole = self.whole(x, y)
+        power = np.abs(np.fft.fft2(whole)) ** 2
+        f = np.abs(np.fft.fftfreq(len(whole))) * S
+        share = np.where(np.isclose(f, 0.5), 0.5, f < 0.5)  # the trapezoidal rule's half at the square's rim
+        return np.array([
+            *mtf50, mtf50[0] - mtf50[1], 1 - np.sum(share * share[:, None] * power) / np.sum(power),
+            1 - _crop(whole, K).sum(),
+        ])  # fmt: skip
 
     def field(self, x: float, y: float) -> tuple[float, float]:
         rows, columns = SHAPE
@@ -54,14 +94,31 @@ class FieldCamera:
         return np.array([x, y]) + chief + marks[0] - marks[1]
 
 
+def _half(f: np.ndarray, mtf: np.ndarray) -> float:
+    """Where a curve first falls below one half."""
+    i = int(np.flatnonzero(mtf < 0.5)[0])
+    return float(np.interp(0.5, mtf[[i, i - 1]], f[[i, i - 1]]))
+
+
+def _crop(whole, side):
+    low = len(whole) // 2 - side // 2
+    return whole[low : low + side, low : low + side]
+
+
+def _support(whole):
+    h = _crop(whole, K)
+    return h / h.sum()
+
+
 @lru_cache(maxsize=2000)
 def _uncentred(lens, q, wavelength_um, pitch_um, defocus_um):
-    n, fine = PERIOD * S, 192
+    n = PERIOD * S
     cutoff = pitch_um / (wavelength_um * lens.f_number)  # cycles per pixel, = pupil diameter
-    # pupil plane sampled at the frequencies of a period of PERIOD pixels, finely averaged at its rim
-    u = (np.arange(fine) - fine // 2) / PERIOD / (cutoff / 2)
+    # pupil plane sampled at the frequencies of a period of PERIOD pixels: its points as they are, off the centre, give
+    # the overlap of round pupils to 4e-5; a rim that is averaged would count too little where a pupil meets itself
+    u = (np.arange(LAGS) - LAGS // 2 + 0.31) / PERIOD / (cutoff / 2)
     x, y = np.meshgrid(u, u)
-    inside = np.clip((1 - np.hypot(x, y)) * cutoff / 2 * PERIOD + 0.5, 0, 1)
+    inside = np.hypot(x, y) < 1
     wavefront = lens.wavefront(*q)
     path = wavefront.at(x, y) + defocus_um * 3**0.5 * (2 * (x * x + y * y) - 1)
     pupil = inside * np.exp(-2j * np.pi * path / wavelength_um)
@@ -69,28 +126,22 @@ def _uncentred(lens, q, wavelength_um, pitch_um, defocus_um):
     keep = np.r_[0 : n // 2, -n // 2 : 0]
     f = np.fft.fftfreq(n) * S
     pixel = np.sinc(0.5 * f) * np.cos(np.pi * f * 0.4) * np.exp(-2 * (np.pi * 0.15 * f) ** 2)
-    otf = otf[np.ix_(keep, keep)] * pixel * pixel[:, None]
+    otf = otf[np.ix_(keep, keep)] * pixel * pixel[:, None] / otf[0, 0]
     whole = np.fft.fftshift(np.fft.ifft2(otf).real)
-    low = n // 2 - K // 2
-    h = whole[low : low + K, low : low + K]
-    h = h / h.sum()
-    return otf, mark_offset(h, S, np.eye(2))
+    return otf, mark_offset(_support(whole), S, np.eye(2))
 
 
 @lru_cache(maxsize=2000)
-def _psf(lens, q, wavelength_um, pitch_um, defocus_um):
+def _centred(lens, q, wavelength_um, pitch_um, defocus_um):
     """Shifted, as an estimate is, until the marks are at the centre."""
     otf, _ = _uncentred(lens, q, wavelength_um, pitch_um, defocus_um)
-    n = len(otf)
-    f = np.fft.fftfreq(n) * S
+    f = np.fft.fftfreq(len(otf)) * S
     shift = np.zeros(2)
-    low = n // 2 - K // 2
     for _ in range(6):
         phase = np.exp(2j * np.pi * f * shift[0]) * np.exp(2j * np.pi * f * shift[1])[:, None]
-        h = np.fft.fftshift(np.fft.ifft2(otf * phase).real)[low : low + K, low : low + K]
-        h = h / h.sum()
-        shift = shift + mark_offset(h, S, np.eye(2))
-    return h
+        whole = np.fft.fftshift(np.fft.ifft2(otf * phase).real)
+        shift = shift + mark_offset(_support(whole), S, np.eye(2))
+    return whole
 
 
 def grid(columns: int = 5, rows: int = 5, margin: float = 0.12) -> np.ndarray:
@@ -101,13 +152,13 @@ def grid(columns: int = 5, rows: int = 5, margin: float = 0.12) -> np.ndarray:
 
 
 def nodes(camera: FieldCamera, places, covariance, rng, plane="G1", defocus_um=0.0, centre_px=0.003) -> list[Node]:
-    """What would be measured: the true PSFs with noise of that covariance, at places known to `centre_px`."""
+    """What would be measured: the true PSFs with noise of that covariance (p, p), at places known to `centre_px`."""
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0))
     found = []
     for number, (x, y) in enumerate(places):
-        noise = (root @ rng.standard_normal(K * K)).reshape(K, K)
-        psf = Psf(camera.psf(x, y, plane, defocus_um) + noise, S, covariance)
+        p = camera.parameters(x, y, plane, defocus_um) + root @ rng.standard_normal(len(root))
         at = camera.position(x, y, plane) + centre_px * rng.standard_normal(2)
+        psf = Psf.of(p, covariance, K, S)
         found.append(Node(at, centre_px**2 * np.eye(2), 2 * at, psf, "simulated", number))
     return found

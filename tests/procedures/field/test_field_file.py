@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from pathlib import Path
 
 import h5py
@@ -36,10 +37,11 @@ def written(camera, covariance, measured, found, tmp_path_factory):
 def test_a_field_that_was_read_is_the_one_that_was_written(written, found):
     field = field_file.read_field(written)["G1"]
     for x, y in ((120.0, 400.0), (374.5, 249.5)):
-        np.testing.assert_allclose(field.at(x, y).h, found.field.at(x, y).h, atol=1e-6)
-        expected = found.field.at(x, y).covariance
+        np.testing.assert_allclose(field.at(x, y).parameters, found.field.at(x, y).parameters, atol=1e-6)
+        expected = found.field.at(x, y).parameter_covariance
         # covariances are kept in seven digits
-        np.testing.assert_allclose(field.at(x, y).covariance, expected, atol=1e-5 * np.abs(expected).max())
+        scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+        np.testing.assert_allclose(field.at(x, y).parameter_covariance / scale, expected / scale, atol=1e-3)
     assert field.nodes[3].number == found.field.nodes[3].number
 
 
@@ -54,9 +56,43 @@ def test_the_five_lines_of_the_document_read_the_psf(written, camera, found, mon
     assert np.linalg.norm(names["psf"] - near) < 0.02 * np.linalg.norm(near)
 
 
+def test_the_file_tells_the_tail_at_every_place_without_the_program(written, found):
+    with h5py.File(written) as file:
+        anywhere = file["G1/anywhere"]
+        i, j = len(anywhere["y"]) // 2, len(anywhere["x"]) // 3
+        tail = anywhere["base_tail"][:] + anywhere["coefficients"][i, j] @ anywhere["components_tail"][:]
+        outside = np.tensordot(tail, anywhere["tail_shapes"][:], axes=1)
+        share = anywhere["energy_outside_support"][i, j]
+        place = anywhere["x"][j], anywhere["y"][i]
+        names = list(file["G1"].attrs["tail_shape_names"])
+    psf = found.field.at(*place)
+    expected = psf.extended()
+    side, rim = len(expected), (len(expected) - psf.k) // 2
+    expected[rim : side - rim, rim : side - rim] = 0
+    np.testing.assert_allclose(outside, expected, atol=1e-7)  # the shapes are float32
+    assert share == pytest.approx(psf.energy_outside[0])
+    assert names[0] == "1/r^3"
+    assert len(names) == len(tail)
+
+
+def test_a_file_of_an_older_version_is_read_and_has_no_tail(written, found, tmp_path):
+    old = tmp_path / "field.h5"
+    shutil.copy(written, old)
+    with h5py.File(old, "r+") as file:
+        file.attrs["schema"] = field_file.WITHOUT_TAIL
+        for name in ("tail", "tail_covariance", "tail_cross"):
+            del file["G1/nodes"][name]
+    field = field_file.read_field(old)["G1"]
+    assert (field.q, found.field.q) == (0, 6)
+    assert field.at(300.0, 200.0).energy_outside[0] == pytest.approx(0, abs=1e-12)
+    # the support alone is interpolated: by other components, within the noise
+    expected = found.field.at(300.0, 200.0).h
+    assert np.linalg.norm(field.at(300.0, 200.0).h - expected) < 0.02 * np.linalg.norm(expected)
+
+
 def test_every_array_has_its_unit_and_the_file_its_conventions(written):
     with h5py.File(written) as file:
-        assert file.attrs["schema"] == "station/psf-field/1"
+        assert file.attrs["schema"] == "station/psf-field/2"
         assert "pixel centres at integers" in file.attrs["conventions"]
         without = []
         file.visititems(

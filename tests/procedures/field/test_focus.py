@@ -9,10 +9,8 @@ import pytest
 from procedures.field.focus import FREQUENCY, focus_surface, sharpest
 from procedures.field.maps import radius_direction
 from procedures.outcome import Refused
-from procedures.psf import Psf
-from procedures.quality import mtf_along
 
-from .lens import LENS, SHAPE, FieldCamera, K, S, grid, nodes
+from .lens import LENS, SHAPE, FieldCamera, grid, nodes
 
 POSITIONS = np.linspace(-0.24, 0.24, 5)  # micrometres of defocus
 TILTED = FieldCamera(replace(LENS, tilt_um=(0.06, -0.04)))
@@ -37,9 +35,7 @@ def surface(bracket):
 def true_focus(x, y, angle):
     """Where the MTF really is greatest."""
     z = np.linspace(-0.27, 0.27, 13)
-    no_error = np.zeros((K * K, K * K))
-    psfs = [Psf(TILTED.psf(x, y, defocus_um=float(d)), S, no_error) for d in z]
-    mtf = np.array([mtf_along(psf, np.array([FREQUENCY]), angle)[0][0] for psf in psfs])
+    mtf = np.array([TILTED.mtf(x, y, np.array([FREQUENCY]), angle, float(d))[0] for d in z])
     i = int(np.argmax(mtf))
     a, b, _ = np.polyfit(z[i - 2 : i + 3], mtf[i - 2 : i + 3], 2)
     return -b / (2 * a)

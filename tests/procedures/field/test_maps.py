@@ -22,17 +22,17 @@ def maps(measured):
 
 
 @pytest.mark.parametrize("number", range(len(MAPS)))
-def test_the_truth_is_in_the_95_percent_band_over_the_field(camera, maps, number):
+def test_the_whole_truth_is_in_the_95_percent_band_over_the_field(camera, maps, number):
     one = maps[number]
     off = []
     for j, k in np.argwhere(np.isfinite(one.value)):
         x, y = float(one.x[k]), float(one.y[j])
-        true = Psf(camera.psf(x, y), S, np.zeros((K * K, K * K)))
-        value, _ = numbers_of(true, radius_direction(SHAPE, x, y))
-        off.append((one.value[j, k] - value[number]) / one.uncertainty[j, k])
+        true = camera.numbers(x, y, radius_direction(SHAPE, x, y))[number]
+        off.append((one.value[j, k] - true) / one.uncertainty[j, k])
     assert len(off) > 40
     assert np.mean(np.abs(off) < 1.96) >= 0.9
-    assert np.std(off) > 0.4  # nor is the band so wide that it says nothing
+    # nor is the band so wide that it says nothing; what the tail does to a map it does to all places alike
+    assert np.sqrt(np.mean(np.square(off))) > 0.4
 
 
 def test_maps_end_where_the_nodes_end(maps):
@@ -45,7 +45,7 @@ def test_directions_are_meridional_along_the_radius_and_sagittal_across(covarian
     # wide along x: to the right of the centre detail along the radius is lost, below it detail across the radius
     x = (np.arange(K) - K // 2) / S
     h = np.exp(-((x / 0.9) ** 2) - (x[:, None] / 0.5) ** 2)
-    psf = Psf(h / h.sum(), S, covariance)
+    psf = Psf(h / h.sum(), S, covariance[: K * K, : K * K])
     right, _ = numbers_of(psf, radius_direction(SHAPE, 700.0, 249.5))
     below, _ = numbers_of(psf, radius_direction(SHAPE, 374.5, 480.0))
     assert right[0] > right[1]

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
-from procedures.outcome import BadParameter, Outcome, Verdict
+from procedures.outcome import BadParameter, Outcome, Quantity, Verdict
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import estimate_psf
 from procedures.physics.estimate import Physics, estimate_physics
-from procedures.physics.fit import Whitened, fit_parts
+from procedures.physics.fit import Whitened, distance_of_rise, fit_parts
 from procedures.physics.model import Grid, names_of
+from procedures.physics.one_sided import _fill_factor
 from procedures.physics.pupil import TERMS, Pupil
 from procedures.physics.sensor import Aperture, LowPass, Parts, aperture_otf
 from procedures.psf import Psf
@@ -137,10 +141,50 @@ def test_error_bars_are_as_large_as_errors(rng: np.random.Generator) -> None:
 
 def test_a_perfect_lens_has_no_aberrations(rng: np.random.Generator) -> None:
     psf, diffraction = measured(camera(PixelAperture(0.9, 0.9), wavefront=Wavefront()), "G", 0.01, rng)
-    found = value(estimate_physics(psf, diffraction, 2))
+    outcome = estimate_physics(psf, diffraction, 2)
+    found = value(outcome)
     assert (found.aperture, found.low_pass) == ("square", "none")
-    assert found.numbers["strehl_lens"].value > 0.99
     assert found.numbers["side"].value == pytest.approx(0.9, abs=0.01)
+    # the bound is reached: a limit from the likelihood, and no pass
+    strehl = found.numbers["strehl_lens"]
+    assert strehl.value == 1
+    assert 0.001 < strehl.uncertainty < 0.2
+    assert outcome.verdict is Verdict.DOUBTFUL
+    assert "strehl lens is at its bound 1, which it is within" in outcome.reason
+
+
+@pytest.mark.parametrize("term", ["defocus", "coma_x"])
+def test_chi_square_rises_by_one_where_the_bound_s_distance_says(rng: np.random.Generator, term: str) -> None:
+    psf, diffraction = measured(camera(PixelAperture(0.9, 0.9), wavefront=Wavefront()), "G", 0.01, rng)
+    data, parts = Whitened.of(Grid(psf, diffraction, 2)), Parts(aberrations=())
+    fit = fit_parts(data, parts)
+    probe = replace(parts, aberrations=(TERMS.index(term),))
+    begun = replace(fit, parts=probe, p=np.append(fit.p, 0.0))
+    waves = distance_of_rise(data, begun, term, 0.0, 1.0)
+
+    def chi2(held: float) -> float:
+        # an optimiser without derivatives over what is left free
+        def cost(p: np.ndarray) -> float:
+            h, _ = data.grid.model(probe, np.append(p, held))
+            return float(np.sum((data.W @ (h - psf.h.ravel())) ** 2))
+
+        return float(minimize(cost, fit.p, method="Nelder-Mead", options={"xatol": 1e-6, "fatol": 1e-4}).fun)
+
+    least = max(fit.chi2 / fit.freedom, 1)
+    assert chi2(waves) - chi2(0.0) == pytest.approx(least, rel=0.2)
+
+
+def test_fill_factor_over_one_is_one_sided() -> None:
+    over = {"fill_factor": Quantity(1.03, "1", 0.02, "m", 9)}
+    d = 0.03 / 0.02
+    found = _fill_factor(over["fill_factor"])
+    assert found is not None
+    told = found.quantity(over["fill_factor"])
+    assert told.value == 1
+    # chi-square ((1.03 - f) / 0.02)^2 is one more there than at f = 1
+    assert ((1.03 - (1 - told.uncertainty)) / 0.02) ** 2 == pytest.approx(d**2 + 1)
+    assert found.words == "fill factor fits best at 1.03, beyond its bound 1"
+    assert _fill_factor(Quantity(0.99, "1", 0.02, "m", 9)) is None
 
 
 def test_l_shaped_photosites_are_turned_between_green_and_red(rng: np.random.Generator) -> None:

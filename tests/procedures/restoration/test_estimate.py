@@ -1,13 +1,17 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from scipy.ndimage import gaussian_filter, shift
+from scipy.ndimage import gaussian_filter, rotate, shift
 
 from procedures.outcome import BadInput, BadParameter, Refused, Verdict
+from procedures.restoration.blur_models import mask_stack
 from procedures.restoration.checks import check_max_w
 from procedures.restoration.estimate import (
     RestorationParameters,
+    judge,
     noise_gain,
     noise_of,
     own_noise,
@@ -52,11 +56,41 @@ def test_what_is_left_over_is_near_the_noise(outcome):
     assert outcome.value.diagnostics.residual_over_noise < 1
 
 
-def test_photographs_of_two_scenes_are_doubted(vibrating):
+def test_photographs_of_two_scenes_are_refused(vibrating):
     pair = [vibrating.z[0], vibrating.z[1][:, ::-1, ::-1]]
     told = restore(pair, vibrating.stacks, QUICK)
+    assert told.verdict == Verdict.REFUSED
+    assert told.value is None
+    assert "no picture explains the photographs: what is left over is" in told.reason
+    # what has nothing in common leaves about its own contrast over the mean of both: 1 / sqrt(2)
+    left = float(told.reason.split(" and ")[1].split("%")[0])
+    assert left == pytest.approx(100 / 2**0.5, rel=0.15)
+
+
+def test_uncertainty_of_the_picture_is_its_error_where_the_masks_are_true(outcome, vibrating):
+    # steps of the depth and the frame's rim are not in it, the detail of this scene is what the prior supposes
+    error = vibrating.picture_error(outcome.value.sharp) / 255
+    assert outcome.value.diagnostics.picture_std == pytest.approx(error, rel=0.5)
+
+
+def test_bent_paths_are_doubted_with_what_they_cost(vibrating, vibration_shapes, outcome):
+    # a shape turned by 20 degrees stands for one that was measured badly
+    turned = mask_stack(rotate(vibration_shapes[1], 20, reshape=False, order=1).clip(0), 4.6, R=6)
+    told = restore(list(vibrating.z), [vibrating.stacks[0], turned], QUICK)
     assert told.verdict == Verdict.DOUBTFUL
-    assert told.value.diagnostics.residual_over_noise > 3
+    assert "the shapes are off: beyond noise they leave" in told.reason
+    assert "the picture is uncertain by" in told.reason
+    d = told.value.diagnostics
+    assert 0.01 < d.unexplained < 0.1
+    # it costs, and more than is said: what both photographs share of the error is not seen
+    error = vibrating.picture_error(told.value.sharp) / 255
+    assert 2 * outcome.value.diagnostics.picture_std < d.picture_std < error
+
+
+def test_residual_decides_between_pass_doubt_and_refusal(outcome):
+    for times, verdict in ((1.0, "pass"), (1.3, "doubtful"), (4.9, "doubtful"), (5.1, "refused"), (68.0, "refused")):
+        told = replace(outcome.value.diagnostics, residual_over_noise=times)
+        assert judge(replace(outcome.value, diagnostics=told)).verdict == verdict
 
 
 def test_uncertainty_of_depth_is_what_noise_allows(outcome):

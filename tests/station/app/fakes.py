@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from drivers.clock import SystemClock
 from drivers.errors import DeviceError
 from drivers.interfaces import Condition, Identity, Travel
 from drivers.transcript import Transcript
@@ -56,7 +57,8 @@ class FakeStage:
     def travel(self) -> Mapping[str, Travel]:
         return {"z_mm": Travel(0, 500)}
 
-    def home(self) -> None:
+    def home(self, allowed: Callable[[], None] = lambda: None) -> None:
+        allowed()
         self.homed = True
 
     def move_to(self, **target: float) -> None:
@@ -127,7 +129,7 @@ class FakeLab:
         self.begun: list[tuple[Any, ...]] = []
         self.runs: list[FakeRun] = []
         devices: dict[str, Any] = {"stage": self.stage}
-        self.bench = Bench(devices, {"stage": "grbl"}, clock=None, transcripts={"stage": self.wire})  # type: ignore[arg-type]
+        self.bench = Bench(devices, {"stage": "grbl"}, SystemClock(), transcripts={"stage": self.wire})
 
     def open(self) -> Opened:
         return Opened(self.bench, self.bench.rows())

@@ -9,11 +9,13 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import BadConfiguration, MoveFailed
+from procedures.pattern_psf.gamma_words import gamma_diagram
+from procedures.pattern_psf.pose import Optics
 from procedures.plan import Ask
 from station.app import StationApp
 from station.glyphs import ASCII, UNICODE
 from station.lab import Kept, Opened
-from station.operator import CurveSeen, Doing, RunEnded, Stopped, Trouble
+from station.operator import CurveSeen, Doing, RunEnded, Shown, Stopped, Trouble
 
 from .driving import Driver, drive
 from .fakes import STEPS, FakeLab, FakeRun, chosen_step, doing, seen
@@ -302,3 +304,19 @@ def test_a_run_that_tells_faster_than_can_be_shown_loses_no_step(tmp_path):
         assert driver.text.count("done") == len(STEPS)
 
     drive(StationApp(FakeLab(tmp_path, hasty)), use)
+
+
+@BOTH
+def test_a_curve_that_explains_stands_beside_its_sentence_and_leaves_room_for_the_question(tmp_path, size):
+    def explained(run: FakeRun) -> RunEnded:
+        optics = Optics(50.0, 8.0, 0.9375)
+        run.answers = [*run.step("distance", Shown(gamma_diagram(optics, 4, 17, 1.3)), MOVED)]
+        return RunEnded("stopped")
+
+    async def use(driver: Driver) -> None:
+        await driver.begin()
+        await driver.until(MOVED.question)
+        await driver.until("At s/t 1.3 (18.08 m) gamma is 0.36")
+        await driver.until("(13.84")
+
+    drive(StationApp(FakeLab(tmp_path, explained)), use, size)

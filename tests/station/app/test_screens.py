@@ -13,8 +13,12 @@ from procedures.outcome import Verdict
 from procedures.psf import Psf
 from procedures.quality import assess
 from station.app import StationApp
+from station.glyphs import ASCII
 from station.operator import RunEnded
+from station.preview import psf_thumbnail
 from station.results import PlaneRecord, ResultFolder, write_psf_result
+from station.screens.result_view import mtf_plot, plane_in_words
+from station.screens.results import read_all
 
 from .driving import Driver, drive
 from .fakes import FakeLab, FakeRun
@@ -161,3 +165,46 @@ def test_a_damaged_result_is_a_sentence(tmp_path, damage):
         await driver.until("recompute the session")
 
     drive(StationApp(FakeLab(tmp_path, nothing)), use)
+
+
+def in_record(change):
+    """Damage that changes the entry of plane G1."""
+
+    def damage(folder: Path) -> None:
+        record = json.loads((folder / "result.json").read_text())
+        change(record["planes"]["G1"])
+        (folder / "result.json").write_text(json.dumps(record))
+
+    return damage
+
+
+def nest(folder: Path) -> None:
+    (folder / "result.json").write_text('{"planes": ' + "[" * 100_000 + "]" * 100_000 + "}")
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        nest,
+        in_record(lambda plane: plane["mtf50_radial"].update(n=float("nan"))),
+        in_record(lambda plane: plane["mtf50_radial"].update(n=float("inf"), value=10**400)),
+        in_record(lambda plane: plane.update(reason=["no", "text"], verdict="doubtful")),
+        lambda folder: (np.savez(folder / "x.npz", h=np.eye(3)), (folder / "x.npz").replace(folder / "psf_G1.npy")),
+        lambda folder: np.save(folder / "psf_G1.npy", np.empty((0, 0))),
+        lambda folder: np.save(folder / "psf_G1.npy", np.full((3, 3), np.nan)),
+        lambda folder: (folder / "mtf_G1.csv").write_text("frequency,horizontal,vertical,radial\nnan,nan,nan,nan\n"),
+        lambda folder: (folder / "mtf_G1.csv").write_text("frequency,horizontal,vertical,radial\n0,1,1,1\n"),
+    ],
+    ids=["nested", "n", "infinite n", "reason", "npz", "no samples", "nan", "table of nan", "one frequency"],
+)
+def test_a_damaged_result_hides_no_other_and_whatever_is_shown_of_it_can_be_drawn(tmp_path, damage):
+    damage(write_result(tmp_path, "a", 0.5))
+    write_result(tmp_path, "b", 0.5)
+    entries = {entry.folder.parent.parent.name: entry for entry in read_all(tmp_path)}
+    assert entries["b"].result is not None
+    assert (entries["a"].result is None) == bool(entries["a"].wrong)
+    if entries["a"].result is not None:
+        plane = entries["a"].result.planes["G1"]
+        assert plane_in_words(plane, ASCII)
+        psf_thumbnail(plane.h, "")
+        mtf_plot([plane])(60, 20, True)

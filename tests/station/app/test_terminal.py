@@ -77,7 +77,9 @@ def test_a_terminal_that_is_gone_ends_the_program_and_its_run(terminal, tmp_path
     terminal.hang_up()
     assert terminal.program.wait(PATIENCE_S) == 3
     (journal,) = (tmp_path / "sessions").glob("*/journal.jsonl")
-    assert '"ended"' in journal.read_text().splitlines()[-1]
+    ended, wired = journal.read_text().splitlines()[-2:]
+    assert '"ended"' in ended
+    assert '"wired"' in wired
 
 
 def test_the_systems_end_leaves_the_terminal_as_it_was(terminal):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
 import json
 import os
@@ -19,10 +20,12 @@ import pytest
 from click.testing import CliRunner
 
 from procedures.outcome import BadParameter
+from procedures.raw import read_frame
+from station import batch_item
 from station.__main__ import main
 from station.batch import _own, run_batch
 from station.batch_frames import Item, find_frames, singly
-from station.batch_item import Job, finished, work
+from station.batch_item import Job, finished, kept_row, work
 from station.procedure_file import read_procedure
 
 ROOT = Path(__file__).parents[3]
@@ -110,6 +113,18 @@ def again(source, out, text=LIMITS):
     return [work(item, job) for item in singly(find_frames([source], out))]
 
 
+def test_optics_that_contradict_a_file_are_named_and_can_be_insisted_on(done, tmp_path):
+    (tmp_path / "in").mkdir()
+    shutil.copy(done.folder / "in" / "frame0.dng", tmp_path / "in")
+    text = "optics = { f_number = 11, pixel_pitch_um = 5 }\n"
+    (row,) = again(tmp_path / "in", tmp_path / "out", text)
+    assert row.verdict == "unreadable"
+    assert "the f-number was given as 11, and the camera noted 2.8" in row.reason
+    assert row.remedy.endswith("to insist, write trust_typed = true")
+    (row,) = again(tmp_path / "in", tmp_path / "out", "trust_typed = true\n" + text)
+    assert row.verdict == "pass"
+
+
 def procedure_of(folder, text):
     (folder / "p.toml").write_text(text)
     return read_procedure(folder / "p.toml")
@@ -125,6 +140,54 @@ def test_nothing_is_done_twice_even_under_another_name(done, tmp_path):
     assert all(row.reused for row in rows)
     assert {path: path.stat().st_mtime_ns for path in out.rglob("*")} == before
     assert {Path(row.files[0]).name: row.verdict for row in rows}["renamed.dng"] == "pass"
+
+
+@pytest.mark.parametrize("spoil", ["deleted", "emptied", "flipped"])
+def test_kept_result_with_a_file_that_is_not_what_was_written_is_not_used(done, tmp_path, spoil):
+    spoils = {
+        "deleted": lambda path: path.unlink(),
+        "emptied": lambda path: path.write_bytes(b""),
+        "flipped": lambda path: path.write_bytes(path.read_bytes()[:-20] + bytes([path.read_bytes()[-20] ^ 1])),
+    }
+    row = next(row for row in done.rows if row["verdict"] == "pass")
+    names = [path.name for path in (done.out / row["folder"]).iterdir()]
+    assert {"result.json", "psf_G1.npy", "numbers.csv"} <= set(names)
+    for name in names:
+        shutil.copytree(done.out / row["folder"], tmp_path / name / row["folder"])
+        assert kept_row(tmp_path / name, row["folder"])[0].verdict == "pass"
+        spoils[spoil](tmp_path / name / row["folder"] / name)
+        assert kept_row(tmp_path / name, row["folder"]) == (
+            None, f"{name} of the result that was there: missing, or not what was written"
+        )  # fmt: skip
+
+
+def test_result_that_was_damaged_is_done_again_and_that_is_said(tmp_path, chart_photograph):
+    source, out = chart_photograph(tmp_path / "in" / "one.dng").parent, tmp_path / "out"
+    (first,) = again(source, out)
+    (out / first.folder / "psf_G1.npy").write_bytes(b"")
+    (second,) = again(source, out)
+    assert (second.reused, second.folder, second.planes) == (False, first.folder, first.planes)
+    assert second.redone.startswith("psf_G1.npy of the result that was there")
+    (third,) = again(source, out)
+    assert (third.reused, third.redone) == (True, "")
+
+
+def test_photograph_that_is_replaced_while_it_is_worked_on_is_told_by_the_hash_of_what_was_decoded(
+    tmp_path, chart_photograph, monkeypatch
+):
+    path = chart_photograph(tmp_path / "in" / "one.dng")
+    whole, decoded = path.read_bytes(), []
+
+    def replaced(*file, **data):
+        path.write_bytes(b"another file")
+        decoded.append(read_frame(*file, **data))
+        return decoded[0]
+
+    monkeypatch.setattr(batch_item, "default_plane", lambda path: "G1")
+    monkeypatch.setattr(batch_item, "read_frame", replaced)
+    (row,) = again(path.parent, tmp_path / "out")
+    assert row.verdict == "pass"
+    assert row.sha256 == [decoded[0].sha256] == [hashlib.sha256(whole).hexdigest()]
 
 
 def test_changed_procedure_and_half_written_results_are_done_again(tmp_path, chart_photograph):

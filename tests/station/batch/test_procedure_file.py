@@ -59,6 +59,8 @@ def test_what_is_left_out_is_as_in_the_command(procedure_file, text, s, k):
         ("parameters = { s = true }", "parameters.s must be a whole number", "correct"),
         ("chart = { seed = 1, bits = 'x.pgm' }", "are both given", "one of them"),
         ("chart = { bits = 'a\\u0000b' }", "chart.bits", "correct"),
+        ("trust_typed = 1", "trust_typed must be true or false; it is '1'", "correct"),
+        ('raw = "8x6,RGGB"', "the layout of a sensor dump has five parts", "for example 1920x1080"),
         ("optics = { f_number = 0 }", "optics.f_number must be more than 0", "correct"),
         ("coverage = -1", "coverage must not be negative", "2"),
         ("pairs = { near = '_a' }", "pairs is not known", "parameters"),
@@ -88,6 +90,7 @@ def test_cells_are_looked_for_beside_the_file(procedure_file):
 
 def test_whatever_changes_a_result_changes_the_fingerprint(procedure_file):
     texts = [WHOLE, "", 'procedure = "two-photo"', "chart = { seed = 2 }", "parameters = { k = 19 }", "planes = ['B']"]
+    texts += ["trust_typed = true", 'raw = "8x6,RGGB,u8,0,255"', 'raw = "8x6,BGGR,u8,0,255"']
     texts += ["optics = { f_number = 8 }", "limits = { gamma = { max = 1 } }", "limits = { gamma = { max = 2 } }"]
     prints = [repr(read_procedure(procedure_file(text)).fingerprint()) for text in texts]
     assert len(set(prints)) == len(texts)

@@ -22,12 +22,14 @@ def gaussian_psf(s, k):
 
 
 @lru_cache
-def found(s=4, k=17):
+def found(s=None, k=None):
     """What the estimator finds, with a number that could not be determined."""
+    s, k = s or 4, k or 17
     psf = gaussian_psf(s, k)
     quality = assess(psf, n=9800)
     unknown = Quantity(float("nan"), "1", float("inf"), "of no light", 0)
-    quality = replace(quality, numbers={**quality.numbers, "unknown": unknown})
+    numbers = {**quality.numbers, "unknown": unknown}
+    quality = replace(quality, numbers=numbers, budgets={**quality.budgets, "unknown": {"noise": float("inf")}})
     return SimpleNamespace(
         psf=psf,
         quality=quality,

@@ -35,7 +35,9 @@ def test_region_gives_record_table_and_picture(run, picture, tmp_path):
     assert plane["mtf50"]["value"] == pytest.approx(0.25, rel=0.002)
     assert plane["mtf50"]["unit"] == "cycles/pixel"
     assert plane["angle"]["value"] == pytest.approx(5.5, abs=0.01)
-    assert plane["edges"][0]["orientation"] == "near-vertical"
+    (edge,) = plane["edges"]
+    assert edge["orientation"] == "near-vertical"
+    assert (edge["verdict"], edge["roi"]) == ("pass", [5, 5, 50, 70])
     table = list(csv.DictReader((tmp_path / "out" / "mtf_Y.csv").read_text().splitlines()))
     assert float(table[0]["mtf"]) == 1
     at_half = next(row for row in table if row["frequency"] == "0.25")
@@ -63,4 +65,24 @@ def test_refusal_leaves_its_reason_and_no_table(run, picture, tmp_path):
     plane = json.loads((tmp_path / "out" / "result.json").read_text())["planes"]["Y"]
     assert plane["verdict"] == "refused"
     assert "no edge" in plane["reason"]
+    assert [(edge["verdict"], edge["roi"]) for edge in plane["edges"]] == [("refused", [0, 0, 12, 80])]
     assert [file.name for file in (tmp_path / "out").iterdir()] == ["result.json"]
+
+
+def test_the_aperture_goes_into_record_and_verdict(run, picture, tmp_path):
+    # a Gaussian has no tail: an aperture that throws 2 % of a pixel is not this picture's
+    told = ("--pixel-pitch-um", "5", "--f-number", "2.8")
+    done = run("mtf", "edge", picture, "--roi", "5,5,50,70", *told, "--out", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    record = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert record["parameters"]["f_number"] == 2.8
+    assert record["planes"]["Y"]["verdict"] == "doubtful"
+    assert "by the aperture" in record["planes"]["Y"]["reason"]
+
+
+def test_a_named_edge_has_the_verdict_it_has_in_the_list(run, picture, tmp_path):
+    listed = run("mtf", "edge", picture, "--out", tmp_path / "all")
+    assert listed.exit_code == 0, listed.output
+    (edge,) = json.loads((tmp_path / "all" / "result.json").read_text())["planes"]["Y"]["edges"]
+    run("mtf", "edge", picture, "--roi", ",".join(map(str, edge["roi"])), "--out", tmp_path / "one")
+    assert json.loads((tmp_path / "one" / "result.json").read_text())["planes"]["Y"]["edges"] == [edge]

@@ -174,3 +174,19 @@ def test_one_recorded_path_is_a_usage_error(photographs, tmp_path):
     result = run(*photographs[0], *arguments, "--out", tmp_path / "o")
     assert result.exit_code == 2
     assert "one path for each" in result.stderr
+
+
+def test_photographs_of_two_scenes_exit_5_and_leave_the_reason(photographs, tmp_path):
+    images, shapes, _ = photographs
+    second = cv2.imread(images[1], cv2.IMREAD_UNCHANGED)
+    cv2.imwrite(str(tmp_path / "negative.pgm"), second.max() + second.min() - second)
+    result = run(
+        images[0], tmp_path / "negative.pgm", "--blur", "motion", "--shape", *shapes, *QUICK, "--out", tmp_path / "o"
+    )
+    assert result.exit_code == 5
+    assert "no picture explains the photographs" in result.stderr
+    record = json.loads((tmp_path / "o" / "result.json").read_text())
+    assert (record["schema"], record["verdict"]) == ("station/restore/1", "refused")
+    assert record["reason"] in result.stderr
+    assert record["remedy"]
+    assert [file.name for file in (tmp_path / "o").iterdir()] == ["result.json"]

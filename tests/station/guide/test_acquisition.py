@@ -14,6 +14,7 @@ from station.acquisition import Run
 from station.operator import CurveSeen, Doing, RunBegan, RunEnded, Seen, StepEnded, Stopped, Trouble
 from station.scripted import Scripted
 from station.session import Session
+from station.session_reading import read_session
 from station.settling import Patience
 
 from . import benches
@@ -163,6 +164,54 @@ def test_the_emergency_stop_ends_the_run_at_once(bench, session):
     assert run.go().how == "emergency"
     assert session.state.ended == "emergency"
     assert not bench.simulated.body.openings
+    (halted,) = halts(session)
+    # the twins are behind the same clock: what was asked for at a moment is on the wire at it or after it
+    assert all(at_s >= halted["asked_s"] for at_s in halted["on_the_wire_s"].values())
+    assert {"stage", "head", "shutter"} <= set(halted["on_the_wire_s"])
+
+
+def halts(session):
+    return [line.data for line in read_session(session.folder).contents.lines if line.event == "halted"]
+
+
+@pytest.mark.parametrize("fault", [ZeroDivisionError, KeyboardInterrupt, SystemExit])
+def test_what_ends_the_program_stops_the_bench_and_ends_the_session(bench, session, fault):
+    def listen(event):
+        if isinstance(event, Doing) and event.say == "going to 700 mm":
+            raise fault
+
+    with pytest.raises(fault):
+        Run(benches.short_plan(), bench, session, Scripted(listen=listen)).go()
+    assert session.state.ended == "emergency"
+    assert len(halts(session)) == 1
+
+
+def test_a_door_is_a_sentence_and_trying_again_once_it_is_closed_goes_on(bench, session):
+    twin, cable = bench.simulated.devices["stage"], bench.simulated.cables["stage"]
+
+    def listen(event):
+        if isinstance(event, Doing) and event.say == "going to 700 mm":
+            cable.happen(lambda now_s: twin.door(True, now_s))
+
+    def close_and_try_again(ask):
+        cable.happen(lambda now_s: twin.door(False, now_s))
+        return "try again"
+
+    operator = Scripted({"trouble": close_and_try_again}, listen=listen)
+    assert Run(benches.short_plan(), bench, session, operator).go().how == "finished"
+    (trouble,) = events(operator, Trouble)
+    assert "stands at the door" in trouble.reason
+    assert trouble.remedy == "close it and resume"
+
+
+def test_motors_that_let_go_are_doubted_before_anything_moves(bench, session):
+    bench.simulated.devices["stage"].settings[1] = 25
+    operator = Scripted()
+    assert Run(benches.short_plan(), bench, session, operator).go().how == "finished"
+    (trouble,) = events(operator, Trouble)
+    assert "the motors let go 25 ms after each move" in trouble.reason
+    lines = [line.event for line in read_session(session.folder).contents.lines]
+    assert lines.index("doubted") < lines.index("step_began")
 
 
 def test_an_operator_who_stops_at_a_question_stops_the_run(bench, session):

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from procedures.outcome import Quantity, Verdict
-from procedures.plan import Advice, Ask, Reading
+from procedures.plan import Advice, Ask, Diagram, Reading
 from procedures.raw import Plane
 from station.answers import parse
-from station.operator import CurveSeen, Doing, Result, RunEnded, Seen, Stopped, Trouble
+from station.operator import CurveSeen, Doing, Result, RunEnded, Seen, Shown, Stopped, Trouble
 from station.plain import Plain
 
 REFUSED = Verdict.REFUSED
@@ -125,3 +125,15 @@ def test_who_stops_reading_does_not_stop_the_run():
     plain = Plain(io.StringIO("50\n"), Closed())
     plain.hear(Doing("exposing"))
     assert plain.answer(WIDTH) == 50.0
+
+
+def test_a_curve_that_explains_is_drawn_said_and_told_as_a_table():
+    diagram = Diagram(
+        "gamma over s/t", (0.7, 1.0, 1.3), (1.9, 0.6, 0.4), "It is least at 1.3.", (("s/t", "gamma"), ("0.7", "1.90"))
+    )
+    text, _ = told(Shown(diagram))
+    lines = text.splitlines()
+    assert "gamma over s/t" in lines[10]
+    assert any("o" in line for line in lines[:10])
+    assert "   It is least at 1.3." in lines
+    assert lines[-2:] == ["   s/t  gamma", "   0.7   1.90"]

@@ -68,6 +68,15 @@ class FaultyDisk(Disk):
 
         self._perform(rename)
 
+    def place(self, source, target):
+        def rename() -> None:
+            super(FaultyDisk, self).place(source, target)
+            self._renamed.append((source, target, None))
+            if source in self._unsynced:
+                self._unsynced[target] = self._unsynced.pop(source)
+
+        self._perform(rename)
+
     def _perform(self, action: Callable[[], object], partly: Callable[[], object] = lambda: None):
         self.count += 1
         if self.full:

@@ -34,10 +34,15 @@ def check(session: Session, work: Work, uninterrupted) -> None:
     assert lost <= len(again) <= lost + 1  # one that was announced in the journal may not have been fired yet
 
 
+EVERY = pytest.mark.parametrize("every", [11, pytest.param(1, marks=pytest.mark.slow)])
+"""Of the operations, those that are tried; the numbers of operations per line have no factor in common with 11."""
+
+
+@EVERY
 @pytest.mark.parametrize("lose", [False, True], ids=["killed", "power cut"])
 @pytest.mark.parametrize("how", ["before", "half", "after"])
-def test_interrupted_at_any_operation_the_result_is_the_same(tmp_path, uninterrupted, how, lose):
-    for at in range(1, uninterrupted[2] + 1):
+def test_interrupted_at_any_operation_the_result_is_the_same(tmp_path, uninterrupted, how, lose, every):
+    for at in range(1, uninterrupted[2] + 1, every):
         root = tmp_path / str(at)
         work = Work(root / "sessions", Camera(root / "incoming"))
         disk = FaultyDisk(at, how)
@@ -48,8 +53,26 @@ def test_interrupted_at_any_operation_the_result_is_the_same(tmp_path, uninterru
         check(work.go(FaultyDisk()), work, uninterrupted)
 
 
-def test_full_at_any_operation_is_a_sentence_and_with_room_again_it_goes_on(tmp_path, uninterrupted):
-    for at in range(1, uninterrupted[2] + 1):
+@pytest.mark.parametrize("how", ["before", "half", "after"])
+def test_interrupted_while_it_is_opened_it_repeats_no_exposure_in_silence(tmp_path, how):
+    for at in range(1, 60):
+        about = {"plan": "p", "camera": "c", "lens": "l", "config": {}}
+        with Session.create(tmp_path / str(at), **about, clock=FixedClock(), today=today, disk=FaultyDisk()) as session:
+            session.expect("shots", "frame")
+        try:
+            Session.open(session.folder, FixedClock(), today=today, disk=FaultyDisk(at, how)).close()
+        except PowerCut:
+            pass
+        else:
+            assert at == 3 * 4 + 1  # opened, noticed, gave up: four operations each
+            break
+        with Session.open(session.folder, FixedClock(), today=today, disk=FaultyDisk()) as session:
+            assert sum("an exposure for frame (shots)" in one for one in session.state.notices) == 1
+
+
+@EVERY
+def test_full_at_any_operation_is_a_sentence_and_with_room_again_it_goes_on(tmp_path, uninterrupted, every):
+    for at in range(1, uninterrupted[2] + 1, every):
         root = tmp_path / str(at)
         work = Work(root / "sessions", Camera(root / "incoming"))
         with pytest.raises(ProcedureError, match="No space left") as refusal:

@@ -151,6 +151,44 @@ def test_damaged_session_is_listed_with_what_is_wrong(root):
     assert "session.toml cannot be read" in entry.damage
 
 
+DEEP = "[" * 100_000 + "]" * 100_000
+
+
+@pytest.mark.parametrize(
+    ("damage", "said"),
+    [
+        (lambda folder: (folder / "session.toml").write_text(f"x = {DEEP}"), "session.toml cannot be read"),
+        (lambda folder: (folder / "session.toml").unlink(), "session.toml"),
+        (lambda folder: (folder / "journal.jsonl").unlink(), "journal.jsonl"),
+        (lambda folder: (folder / "journal.jsonl").write_text('{"seq":1,"x":' + "[" * 900 + "]" * 900 + "}\n"), "line"),
+        (lambda folder: (folder / "derived").rmdir(), "derived must be a folder"),
+    ],
+    ids=["nested", "no configuration", "no journal", "nested line", "no results' folder"],
+)
+def test_damaged_session_hides_no_other(root, damage, said):
+    (name,) = folders(root, camera="Other")
+    damage(root / name)
+    with Index(root) as index:
+        entries = {entry.folder.name: entry for entry in index.sessions()}
+    assert len(entries) == 3
+    assert [entry.folder.name for entry in entries.values() if entry.damage] == [name]
+    assert said in entries[name].damage
+
+
+@pytest.mark.parametrize("number", ["NaN", "1e999", "9" * 400, "[1]", '{"x": 1}', '"\\ud800"', "null"])
+def test_number_that_is_none_hides_no_other(root, number):
+    about = {"plan": "pattern", "camera": "Odd", "lens": "l", "config": {}, "clock": FixedClock()}
+    with Session.create(root, **about, today=today) as session:
+        entry = f'{{"value": {number}, "unit": {number}, "uncertainty": {number}, "method": "m", "n": {number}}}'
+        with ResultFolder(session.result_folder()) as files:
+            files.write("result.json", f'{{"planes": {{"G1": {{"verdict": "pass", "mtf50": {entry}}}}}}}'.encode())
+            files.publish()
+        session.keep_result(step="estimate", shots=[], verdict="pass")
+    with Index(root) as index:
+        assert len(index.sessions()) == 4
+        assert {one.camera for one in index.measured()} == {"Box"}
+
+
 def test_result_that_was_altered_is_not_counted(root):
     (name,) = folders(root, verdict="pass")
     (root / name / "derived" / "1" / "result.json").write_text('{"planes": {}}')

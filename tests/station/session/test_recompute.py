@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import shutil
+from functools import partial
 
 import pytest
 from click.testing import CliRunner
@@ -11,7 +13,8 @@ from threadpoolctl import threadpool_limits
 from procedures.outcome import BadParameter
 from station import plans
 from station.__main__ import main
-from station.derive import Frames, derive
+from station.derive import Frames, compute, derive
+from station.disk import sha256_of
 from station.journal import Damaged
 from station.recompute import kernels_of, recompute
 from station.session import Session
@@ -55,6 +58,17 @@ def test_every_result_is_computed_again_bit_for_bit_by_any_number_of_threads(fol
     assert all(one.machine == () for one in found)
 
 
+def test_result_of_a_version_that_told_no_hashes_comes_out_the_same(folder, tmp_path, monkeypatch):
+    shutil.copytree(folder, earlier := tmp_path / "earlier")
+    monkeypatch.setattr("station.derive.compute", partial(compute, sealed=False))
+    with Session.open(earlier, FixedClock(), today=today) as session:
+        session.learn({"mean": 0.75})
+        derive(session, plan(), "estimate")
+    assert "files" not in json.loads((earlier / "derived/3/result.json").read_text())
+    (found,) = recompute(earlier, (3,))
+    assert found.identical
+
+
 def test_each_result_comes_from_what_was_known_when_it_was_drawn(folder):
     records = [json.loads((folder / f"derived/{i}/result.json").read_text()) for i in (1, 2)]
     assert [record["parameters"]["mean"] for record in records] == [0.25, 0.5]
@@ -87,6 +101,14 @@ def test_photographs_are_read_when_asked_for_and_kept_as_far_as_there_is_room(fo
     read.clear()
     assert list(cramped) + list(cramped) == paths * 2
     assert read == paths * 2
+
+
+def test_photograph_that_is_replaced_after_it_was_checked_is_no_part_of_a_result(folder):
+    paths = sorted((folder / "originals").iterdir())
+    told = [sha256_of(path) for path in paths]
+    assert [frame.sha256 for frame in Frames(paths, hashes=told)] == told
+    with pytest.raises(Damaged, match="not what was taken any more"):
+        list(Frames(paths, hashes=told[::-1]))
 
 
 def test_result_that_is_not_there_is_named(folder):

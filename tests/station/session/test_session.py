@@ -59,6 +59,19 @@ def test_folder_says_when_what_and_by_which_plan(session):
     assert (config["camera"], config["config"]) == ("Box", {"s": 4})
 
 
+def test_folder_is_open_to_whom_the_umask_lets_in(tmp_path, about):
+    for mask, mode in ((0o077, 0o700), (0o022, 0o755)):
+        before = os.umask(mask)
+        try:
+            with Session.create(tmp_path / str(mask), **about) as session:
+                assert session.folder.stat().st_mode & 0o777 == mode
+                assert (session.folder / "originals").stat().st_mode & 0o777 == mode
+                shot = take(session, Camera(tmp_path / f"incoming-{mask}"))
+                assert session.original(shot).stat().st_mode & 0o777 == mode & 0o444
+        finally:
+            os.umask(before)
+
+
 def test_second_session_of_the_day_gets_a_number(session, tmp_path, about):
     with Session.create(tmp_path / "sessions", **about) as second:
         assert second.folder.name == "2026-03-14-box-50-mm-test-2"

@@ -33,15 +33,16 @@ def today() -> datetime:
 
 @dataclass
 class Camera:
-    """Its software saves each frame under a new name; what is in it depends on what it is taken for."""
+    """Its software saves each frame under a new name; what is in it depends on what it is taken for, and on `noise`."""
 
     folder: Path
     exposures: list[str] = field(default_factory=list)
+    noise: str = ""
 
     def expose(self, what: str) -> Exposure:
         self.folder.mkdir(exist_ok=True)
         self.exposures.append(what)
-        data = hashlib.sha256(what.encode()).digest() * 40
+        data = hashlib.sha256((what + self.noise).encode()).digest() * 40
         path = self.folder / f"IMG_{len(list(self.folder.iterdir())) + 1:04d}.DNG"
         path.write_bytes(data)
         return exposure_of(path)

@@ -1,0 +1,47 @@
+"""Cholesky's factor put to use with NumPy alone: SciPy's linear algebra takes longer to import than this to work."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Matrix = npt.NDArray[np.floating[Any]]
+
+BLOCK = 48
+"""Rows that are solved for at once; what lies beside them is a product of matrices."""
+
+
+def solve_factored(L: Matrix, b: Matrix) -> Matrix:
+    """Solution x of L L' x = b for lower triangular L (n, n) and b (n,) or (n, p)."""
+    return _solve_upper(L.T, solve_lower(L, b))
+
+
+def solve_lower(L: Matrix, b: Matrix) -> Matrix:
+    """Solution x of L x = b for lower triangular L (n, n) and b (n,) or (n, p)."""
+    x = np.array(b, dtype=np.result_type(L, b))
+    for i in range(0, len(L), BLOCK):
+        rows = slice(i, i + BLOCK)
+        x[rows] = np.linalg.solve(L[rows, rows], x[rows] - L[rows, :i] @ x[:i])
+    return x
+
+
+def _solve_upper(U: Matrix, b: Matrix) -> Matrix:
+    x = np.array(b, dtype=np.result_type(U, b))
+    for i in reversed(range(0, len(U), BLOCK)):
+        rows, below = slice(i, i + BLOCK), slice(i + BLOCK, None)
+        x[rows] = np.linalg.solve(U[rows, rows], x[rows] - U[rows, below] @ x[below])
+    return x
+
+
+def inverse_lower(L: Matrix) -> Matrix:
+    """Inverse of a lower triangular matrix, lower triangular: of both halves, and what couples them."""
+    n = len(L)
+    if n <= BLOCK:
+        return np.asarray(np.tril(np.linalg.inv(L)))
+    half = n // 2
+    inverse = np.zeros_like(L)
+    inverse[:half, :half], inverse[half:, half:] = inverse_lower(L[:half, :half]), inverse_lower(L[half:, half:])
+    inverse[half:, :half] = -inverse[half:, half:] @ (L[half:, :half] @ inverse[:half, :half])
+    return inverse

@@ -1,0 +1,83 @@
+"""Numbers that reach a bound of theirs: the fit says how far off it they may be, and on one side only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from procedures.outcome import Quantity
+from procedures.physics.fit import Fit, Whitened, distance_of_rise, start_near
+from procedures.physics.model import bounds_of, names_of
+from procedures.physics.pupil import TERMS
+
+AT_BOUND = 1e-3
+"""Share of a parameter's range within which it lies at its bound."""
+PROBES = ("defocus", "astigmatism", "coma_x", "spherical")
+"""Aberrations tried, one at a time, for how much a lens may have where the fit asks for none."""
+LARGEST_PROBE = 0.25
+
+
+@dataclass(frozen=True)
+class OneSided:
+    """A number at its bound: `best` is what the fit alone would make of it, the same or beyond the bound."""
+
+    name: str
+    bound: float
+    uncertainty: float
+    best: float
+
+    @property
+    def words(self) -> str:
+        """What is known of it."""
+        name = self.name.replace("_", " ")
+        if self.best != self.bound:
+            return f"{name} fits best at {self.best:.3g}, beyond its bound {self.bound:g}"
+        return f"{name} is at its bound {self.bound:g}, which it is within {self.uncertainty:.2g} of"
+
+    def quantity(self, number: Quantity) -> Quantity:
+        """The number, one-sided."""
+        method = f"{number.method}; at its bound: chi-square rises by 1 over this distance, on one side"
+        return replace(number, value=self.bound, uncertainty=self.uncertainty, method=method)
+
+
+def at_bounds(data: Whitened, fit: Fit, numbers: dict[str, Quantity]) -> list[OneSided]:
+    """The numbers of a fit that are known from one side only: parameters at bounds, fill factor over 1, Strehl ratio 1.
+
+    `numbers` are the fit's, with the uncertainties that its curvature gives.
+    """
+    found = [_parameter(data, fit, name, numbers[name]) for name in fit.parts.names]
+    return [one for one in (*found, _fill_factor(numbers["fill_factor"]), _strehl(data, fit)) if one]
+
+
+def _parameter(data: Whitened, fit: Fit, name: str, number: Quantity) -> OneSided | None:
+    place = names_of(fit.parts).index(name)
+    low, high = (float(limits[place]) for limits in bounds_of(fit.parts))
+    for bound, inward in ((low, 1.0), (high, -1.0)):
+        if abs(number.value - bound) < AT_BOUND * (high - low):
+            return OneSided(name, bound, distance_of_rise(data, fit, name, bound, inward), bound)
+    return None
+
+
+def _fill_factor(number: Quantity) -> OneSided | None:
+    """A photosite is no larger than its pixel. Where chi-square is ((f - best) / u)^2, it rises by 1 over its value at
+    f = 1 at u (sqrt(d^2 + 1) - d) below, d = (best - 1) / u."""
+    if number.value <= 1:
+        return None
+    d = (number.value - 1) / max(number.uncertainty, 1e-9)
+    return OneSided("fill_factor", 1.0, number.uncertainty * (float(np.hypot(d, 1)) - d), number.value)
+
+
+def _strehl(data: Whitened, fit: Fit) -> OneSided | None:
+    """A lens that needs no aberrations to be explained: what the most hidden of them may take from its Strehl ratio."""
+    if fit.parts.aberrations:
+        return None
+    drops = []
+    for term in (TERMS.index(name) for name in PROBES):
+        parts = replace(fit.parts, aberrations=(term,))
+        p = start_near(fit, parts)
+        p[-1] = 0.0
+        begun = replace(fit, parts=parts, p=p)
+        waves = min(distance_of_rise(data, begun, TERMS[term], 0.0, 1.0), LARGEST_PROBE)
+        drops.append(1 - data.grid.pupil.strehl(waves * np.eye(len(TERMS))[term]))
+    return OneSided("strehl_lens", 1.0, max(drops), 1.0)

@@ -1,0 +1,128 @@
+"""Sensor dumps: a sensor's samples row by row in a file without a header, whose layout is told beside it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.outcome import BadInput, BadParameter
+
+Samples = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
+
+MONOCHROME = "Y"
+ORDERS = ("RGGB", "BGGR", "GRBG", "GBRG", MONOCHROME)
+"""Colours of the first two rows' first two pixels, or Y of a sensor without a mosaic."""
+KINDS = {"u8": "u1", "u16le": "<u2", "u16be": ">u2"}
+"""NumPy's name for each kind of sample: 8 bit, or 16 bit with the low (le) or the high (be) byte first."""
+EXAMPLE = "1920x1080,RGGB,u16le,64,1023"
+_FORM = f"write WIDTHxHEIGHT,ORDER,KIND,BLACK,WHITE, for example {EXAMPLE}"
+
+
+@dataclass(frozen=True)
+class DumpLayout:
+    """How a sensor dump lies in its file.
+
+    Attributes
+    ----------
+    columns, rows : int
+        All that the file holds.
+    order : one of ORDERS
+    kind : one of KINDS
+    black, white : int
+        Digital numbers of no light and of saturation.
+    """
+
+    columns: int
+    rows: int
+    order: str
+    kind: str
+    black: int
+    white: int
+
+    @classmethod
+    def parse(cls, text: str) -> DumpLayout:
+        """The layout that WIDTHxHEIGHT,ORDER,KIND,BLACK,WHITE tells. Raises BadParameter where it tells none."""
+        words = [word.strip() for word in text.split(",")]
+        if len(words) != 5:
+            raise BadParameter(f"the layout of a sensor dump has five parts; got {text!r}", _FORM)
+        size, order, kind, black, white = words
+        columns, _, rows = size.lower().partition("x")
+        layout = cls(
+            _whole("width", columns),
+            _whole("height", rows),
+            _one_of("order of colours", order.upper(), ORDERS),
+            _one_of("kind of sample", kind.lower(), tuple(KINDS)),
+            _whole("black", black),
+            _whole("white", white),
+        )
+        layout._check()
+        return layout
+
+    def _check(self) -> None:
+        if min(self.columns, self.rows) < 2:
+            raise BadParameter(f"a sensor has two pixels or more each way; got {self.columns} x {self.rows}", _FORM)
+        largest = int(np.iinfo(KINDS[self.kind]).max)
+        if not self.black < self.white <= largest:
+            asked = f"black must be under white, and white at most {largest} in {self.kind}"
+            raise BadParameter(
+                f"{asked}; got {self.black} and {self.white}", "give both in digital numbers of the dump"
+            )
+
+    def __str__(self) -> str:
+        return f"{self.columns}x{self.rows},{self.order},{self.kind},{self.black},{self.white}"
+
+    def read(self, data: bytes, name: str) -> Samples:
+        """The samples (rows, columns) of a dump.
+
+        Raises
+        ------
+        BadInput
+            If the dump has another size, or samples with more bits than white has.
+        """
+        kind = np.dtype(KINDS[self.kind])
+        needed = self.columns * self.rows * kind.itemsize
+        if len(data) != needed:
+            reason = f"{self.columns} x {self.rows} samples of {self.kind} are {needed} bytes; {name} has {len(data)}"
+            raise BadInput(reason, "tell the size and kind that the sensor wrote, and leave out what is no sample")
+        levels = np.frombuffer(data, kind).reshape(self.rows, self.columns)
+        most = (1 << self.white.bit_length()) - 1
+        if levels.max() > most:
+            reason = f"a white of {self.white} leaves samples of at most {most}; {name} has {levels.max()}"
+            raise BadInput(reason, "tell the order of bytes (u16le, u16be) and the white level that the sensor wrote")
+        return levels
+
+    def first_pixels(self) -> dict[str, tuple[int, int]]:
+        """[row, column] of each plane's first pixel: R, G1 (on the red rows), G2 and B, or Y."""
+        if self.order == MONOCHROME:
+            return {MONOCHROME: (0, 0)}
+        row, column = divmod(self.order.index("R"), 2)
+        return {"R": (row, column), "G1": (row, 1 - column), "G2": (1 - row, column), "B": (1 - row, 1 - column)}
+
+
+def _whole(what: str, word: str) -> int:
+    if not (word.isascii() and word.isdigit()):
+        raise BadParameter(f"the {what} of a sensor dump is a whole number; got {word!r}", _FORM)
+    return int(word)
+
+
+def _one_of(what: str, word: str, known: tuple[str, ...]) -> str:
+    if word not in known:
+        raise BadParameter(f"the {what} of a sensor dump is one of {', '.join(known)}; got {word!r}", _FORM)
+    return word
+
+
+# --- files of RAW formats ----------------------------------------------------------------------------------------
+
+# first bytes of the RAW containers that LibRaw reads: dialects of TIFF (also Panasonic, Olympus, Phase One), CRW
+_DIALECTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+", b"IIU\0", b"IIRO", b"IIRS", b"MMOR", b"II\x1a\0", b"IIII", b"MMMM")
+# RAF, X3F, MRW, Arri, Cine, Sinar, Rollei, Logitech, QuickTake
+_MAGIC = (b"FUJIFILM", b"FOVb", b"\0MRM", b"ARRI", b"CI,\0", b"PWAD", b"DSC-Image", b"PXN\0", b"qktk", b"qktn")
+# at some bytes from the beginning: CR3, Redcode, Nokia, Contax
+_WITHIN: tuple[tuple[int, bytes], ...] = ((4, b"ftypcrx"), (4, b"RED"), (0, b"NOKIARAW"), (25, b"ARECOYK"))
+
+
+def has_raw_header(head: bytes) -> bool:
+    """Whether a file that begins so is of a RAW format. Others LibRaw takes by their size for some old camera's."""
+    return head.startswith(_DIALECTS + _MAGIC) or any(head[at:].startswith(magic) for at, magic in _WITHIN)

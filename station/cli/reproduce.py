@@ -1,0 +1,84 @@
+"""`station reproduce`: the papers' tables and figures, computed again."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from station.cli.log import log, log_json_option
+from station.cli.progress import progress as progress_shown
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from station.reproduce.runner import Reproduction
+
+DISAGREES = 1
+COLOURS = {"pass": "green", "fail": "red", "left out": "yellow"}
+
+
+@click.command("reproduce")
+@click.argument("name", required=False)
+@click.option("--full", is_flag=True, help="Also compute the rows that take long.")
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for page and record.")
+@click.option(
+    "--data",
+    type=click.Path(path_type=Path, exists=True, file_okay=False),
+    envvar="STATION_SHARED_DATA",
+    show_envvar=True,
+    help="Folder of published photographs and films; rows that need it are left out without.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout in place of the table.")
+@log_json_option
+def reproduce(name: str | None, full: bool, out: Path, data: Path | None, as_json: bool) -> None:
+    """Compute the papers' tables and figures again: all, or the row or chapter NAME; an unknown NAME lists them.
+
+    Returns 0 when something was computed and all of it agrees with what was published, 1 otherwise.
+    """
+    from station.reproduce.catalogue import ROWS
+    from station.reproduce.row import Setting
+    from station.reproduce.runner import PAGE, chosen
+    from station.reproduce.runner import reproduce as run
+
+    setting = Setting(data, full, os.cpu_count() or 1)
+    with progress_shown(len(chosen(ROWS, name))) as progress:
+        found, text = run(out, ROWS, setting, name=name, progress=progress)
+    if as_json:
+        click.echo(text, nl=False)
+    else:
+        _show(found)
+    log("written", f"wrote {out / PAGE}", path=str(out / PAGE))
+    if not found.agrees:
+        raise click.exceptions.Exit(DISAGREES)
+
+
+def _show(found: Reproduction) -> None:
+    from rich.console import Console
+
+    Console().print(_table(found))
+
+
+def _table(found: Reproduction) -> Table:
+    """One line for each row; what does not pass is told below it."""
+    from rich.table import Table
+    from rich.text import Text
+
+    from station.reproduce.page import shown
+
+    table = Table(box=None, pad_edge=False)
+    for heading in ("row", "published in", "numbers", "result"):
+        table.add_column(heading)
+    for one in found.done:
+        passed = sum(line.passes for line in one.lines)
+        numbers = f"{passed} of {len(one.lines)}" if one.lines else "-"
+        table.add_row(one.row.name, one.row.place, numbers, Text(str(one.state), COLOURS[one.state]))
+        if one.reason:
+            table.add_row("", Text(one.reason, "dim"), "", "")
+        for line in one.lines:
+            if not line.passes:
+                told = f"{line.check.quantity}: {line.check.published}; ours {shown(line.ours)}"
+                table.add_row("", Text(told, "dim"), "", "")
+    return table

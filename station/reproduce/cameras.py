@@ -1,0 +1,141 @@
+"""The thesis's camera, simulated: what its green pixels see of the chart and of a wall, and the PSF found there.
+
+Canon EOS 400D with a lens of 50 mm: pixels of 5.7 micrometres, a low-pass filter, photosites with a border. One green
+plane of its mosaic is a grey sensor with twice the pitch, drawn in a quarter of the time; its filter and photosites
+are half as wide in pixels of that plane.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.outcome import Refused
+from procedures.pattern import Chart
+from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
+from procedures.raw import Plane
+from simulators.camera import Lens, Photograph, SimulatedCamera
+from simulators.optics import CircularPupil, FourSpots, LShapedAperture, Optics, PixelAperture
+from simulators.projection import Pose
+from simulators.scene import Scene
+from simulators.sensor import Sensor
+from simulators.sheets import PlacedSheet, Sheet, draw, leaves
+
+Array = npt.NDArray[np.float64]
+
+PITCH_UM = 5.7
+FILTER_PX = 0.8
+"""Side of the low-pass filter's square of spots, in sensor pixels."""
+PHOTOSITE_PX = 0.95
+S = 4
+FREQUENCIES: Array = np.linspace(0, S / 2, 101)
+"""Cycles per pixel of the plane."""
+WHITE_E = 20000.0
+"""Electrons of white: noise of 0.7 %."""
+WALL_TEXEL_MM = 0.1
+
+
+def optics(f_number: float, plane: int = 2) -> Optics:
+    """What blurs; `plane` sensor pixels are a pixel of the grey sensor that stands for a plane."""
+    blurs = (
+        CircularPupil(f_number),
+        PixelAperture(PHOTOSITE_PX / plane, PHOTOSITE_PX / plane),
+        FourSpots(FILTER_PX / plane),
+    )
+    return Optics(blurs, PITCH_UM * plane)
+
+
+def _sensor(rows: int, columns: int, cfa: str | None) -> Sensor:
+    return Sensor(rows, columns, cfa, full_well_e=1.5 * WHITE_E, gain_e_per_dn=2.0)
+
+
+def green_camera(f_number: float = 5.6, side: int = 160, **lens: float) -> SimulatedCamera:
+    """A camera that sees what one green plane sees, side x side pixels; `lens` are aberrations, as of `Lens`."""
+    return SimulatedCamera(
+        Lens(f_number=f_number, **lens),  # type: ignore[arg-type]
+        _sensor(side, side, None),
+        2 * PITCH_UM,
+        optics(f_number),
+        white_e_per_s=50 * WHITE_E,
+    )
+
+
+def mosaic_camera(f_number: float = 5.6, side: int = 320) -> SimulatedCamera:
+    """The whole mosaic, with photosites that lack a corner: in red and blue ones another than in green."""
+    blurs = (CircularPupil(f_number), LShapedAperture(), FourSpots(FILTER_PX))
+    camera = green_camera(f_number, side)
+    return replace(
+        camera, sensor=_sensor(side, side, "RGGB"), pitch_um=PITCH_UM, optics=Optics(blurs, PITCH_UM)
+    )  # fmt: skip
+
+
+def exposure_s(camera: SimulatedCamera) -> float:
+    """That which gives white WHITE_E electrons."""
+    return 0.02 * (camera.lens.f_number / 5.6) ** 2
+
+
+def photograph_chart(
+    camera: SimulatedCamera, chart: Chart, seed: int, *, pixels: float = 100.0, **placed: float
+) -> Photograph:
+    """The chart, its noise region so many pixels of a plane wide; `placed` are `at` and angles."""
+    where = camera.place(chart, pixels=pixels, **placed)  # type: ignore[arg-type]
+    return camera.photograph(Scene((where,)), np.random.default_rng(seed), exposure_s=exposure_s(camera))
+
+
+def plane_of(photograph: Photograph, name: str = "Y") -> Plane:
+    """One plane as a RAW reader would give it."""
+    sensor = photograph.sensor
+    step = 1 / (sensor.white - min(sensor.black))
+    return Plane(name, photograph.plane(name).astype(np.float32), step, photograph.pitch)
+
+
+def photograph_wall(camera: SimulatedCamera, distance_mm: float, seed: int, noise_seed: int) -> Plane:
+    """The wall of a seed, frontal at a distance, in focus: discs over discs of all sizes."""
+    side = camera.sensor.rows
+    wall = leaves((WALL_TEXELS, WALL_TEXELS), np.random.default_rng(seed), largest=300.0)
+    placed = PlacedSheet(Sheet(wall, WALL_TEXEL_MM), Pose((0.0, 0.0, distance_mm), roll_deg=0.7), camera.sharp_optics())
+    light = draw((placed,), camera.projection(distance_mm), (side, side), {(0, 0): "Y"})
+    rng = np.random.default_rng(noise_seed)
+    return plane_of(camera.photograph(Scene(), rng, exposure_s=exposure_s(camera), light=light))
+
+
+WALL_TEXELS = 3000
+
+
+def wall_pair(camera_of: Callable[[int], SimulatedCamera], ratio: float, seed: int = 5) -> tuple[Plane, Plane]:
+    """Near and far photographs of one wall at distances of that ratio; `camera_of` gives the camera for a side."""
+    near_mm, far_side = 900.0, 150
+    near = photograph_wall(camera_of(round(far_side * ratio) + 30), near_mm, seed, 1)
+    return near, photograph_wall(camera_of(far_side), near_mm * ratio, seed, 2)
+
+
+def estimated(plane: Plane, chart: Chart, s: int = S, k: int = 17, solver: str = "ls") -> PatternPsf:
+    """The PSF found from a photograph of the chart. Raises Refused where there is none."""
+    outcome = estimate_psf(plane, chart, PatternParameters(s=s, k=k, solver=solver))
+    if outcome.value is None:
+        raise Refused(f"a simulated or published photograph was refused: {outcome.reason}", outcome.remedy)
+    return outcome.value
+
+
+def spectrum(h: Array, s: int, fx: npt.ArrayLike, fy: npt.ArrayLike) -> npt.NDArray[np.complex128]:
+    """The transfer function of samples (k, k), s to a pixel, at n frequencies in cycles per pixel.
+
+    It is of the support alone, as the papers draw it.
+    """
+    x = (np.arange(len(h)) - len(h) // 2) / s
+    across = np.exp(-2j * np.pi * np.multiply.outer(np.atleast_1d(fx), x))
+    down = np.exp(-2j * np.pi * np.multiply.outer(np.atleast_1d(fy), x))
+    return np.asarray(np.einsum("fi,ij,fj->f", down, h, across))
+
+
+def mtf_across(h: Array, s: int = S, f: Array = FREQUENCIES) -> Array:
+    """Modulus along rows, 1 at zero."""
+    return np.asarray(np.abs(spectrum(h, s, f, np.zeros_like(f))) / h.sum())
+
+
+def mtf_down(h: Array, s: int = S, f: Array = FREQUENCIES) -> Array:
+    """Modulus along columns, 1 at zero."""
+    return np.asarray(np.abs(spectrum(h, s, np.zeros_like(f), f)) / h.sum())

@@ -1,0 +1,116 @@
+"""The scene of Sorel's simulated experiments: a drawing like a map over a depth with slope, sphere and steep edge."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import gaussian_filter
+
+from procedures.restoration.blur_models import gaussian, mask_stack
+from procedures.restoration.forward import Blur, MaskStack
+
+Array = npt.NDArray[np.float64]
+
+SHAPE = (245, 356)
+RATIO = 1.2
+"""Blur of the second photograph over the first's: alpha_2."""
+LARGEST_W = 5.5
+"""Half the largest PSF of the first photograph, pixels: about 11 x 11."""
+RIM = 16
+"""Left out of the errors: what lies there was blurred from beyond the frame."""
+REACH = 8
+GREY_LEVELS = 255
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """Two photographs (2, 1, H, W), white = 1, and what is true of them, (H, W)."""
+
+    z: Array
+    sharp: Array
+    w: Array
+
+    def error(self, u: npt.NDArray[np.floating]) -> float:
+        """Root mean square error of a picture (H, W), grey levels of 256."""
+        return float(GREY_LEVELS * np.sqrt(np.mean(_inside(u - self.sharp) ** 2)))
+
+    def w_error(self, w: npt.NDArray[np.floating]) -> float:
+        """Root mean square error of a depth map, pixels."""
+        return float(np.sqrt(np.mean(_inside(w - self.w) ** 2)))
+
+
+def _inside(a: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
+    return a[RIM:-RIM, RIM:-RIM]
+
+
+def map_drawing(shape: tuple[int, int], rng: np.random.Generator) -> Array:
+    """Thin lines, dots and houses on paper, dense here and nearly bare there, white = 1."""
+    rows, columns = shape
+    density = gaussian_filter(rng.standard_normal(shape), 30)
+    density = np.clip(0.6 + 0.5 * density / density.std(), 0.25, 1)
+    paper = gaussian_filter(rng.standard_normal(shape), 12)
+    u = 0.82 + 0.05 * paper / paper.std()
+    for _ in range(rows * columns // 60):
+        x, y = int(rng.integers(0, columns)), int(rng.integers(0, rows))
+        if rng.random() > density[y, x]:
+            continue
+        ink, kind = float(rng.uniform(0.38, 0.66)), rng.integers(0, 3)
+        if kind == 0:
+            turn = rng.uniform(0, 2 * np.pi) + np.cumsum(rng.normal(0, 0.15, 14))
+            line = (x, y) + 2 * np.cumsum(np.stack([np.cos(turn), np.sin(turn)], axis=1), axis=0)
+            cv2.polylines(u, [np.rint(line).astype(np.int32)], False, ink, 1, cv2.LINE_8)
+        elif kind == 1:
+            cv2.circle(u, (x, y), int(rng.integers(1, 4)), ink, int(rng.choice([1, -1])))
+        else:
+            wide, high = (int(n) for n in rng.integers(2, 9, 2))
+            cv2.rectangle(u, (x, y), (x + wide, y + high), ink, int(rng.choice([1, -1])))
+    return np.asarray(np.clip(u + rng.normal(0, 0.01, shape), 0.03, 0.98), dtype=np.float64)
+
+
+def depth(shape: tuple[int, int]) -> Array:
+    """Half the PSF's size, pixels: flat above and below, a slope between, a quarter of a sphere standing out of it."""
+    y, x = np.mgrid[0 : shape[0], 0 : shape[1]]
+    y, x = y / (shape[0] - 1), x / (shape[1] - 1)
+    slope = 1.5 + (LARGEST_W - 1.5) * np.clip((y - 0.2) / 0.6, 0, 1)
+    ball = 1 - ((x - 0.5) / 0.3) ** 2 - ((y - 0.5) / 0.42) ** 2
+    sphere = np.where(y < 0.5, 1.5 + 3.6 * np.sqrt(np.clip(ball, 0, None)), 0)
+    return np.asarray(np.maximum(slope, sphere), dtype=np.float64)
+
+
+def comatic() -> Array:
+    """A prototype of coma and spherical aberration: a bright point that opens into a fan, with a halo around."""
+    t = np.linspace(-1, 1, 129)
+    x, y = np.meshgrid(t, t)
+    shape = 0.15 * ((x**2 + y**2) < 0.9).astype(np.float64)
+    for r in np.linspace(0.03, 0.55, 40):
+        shape += np.exp(-(((np.hypot(x, y + 0.85 - 1.9 * r) - r) / 0.05) ** 2)) * 0.7 / r**0.5
+    return np.where(shape > 1e-3 * shape.max(), shape, 0)
+
+
+def stacks(shape: Array) -> list[MaskStack]:
+    """The masks of both photographs for one shape of blur."""
+    return [mask_stack(shape, LARGEST_W + 0.3, ratio=ratio, R=REACH) for ratio in (1.0, RATIO)]
+
+
+def gaussian_stacks() -> list[MaskStack]:
+    """Masks of the wrong, Gaussian shape, of the right size."""
+    return stacks(gaussian())
+
+
+def pair(shape: Array, noise_db: float | None, size: tuple[int, int] = SHAPE, seed: int = 1) -> Pair:
+    """Both photographs; noise so many decibels below their contrast, None: without."""
+    rng = np.random.default_rng(seed)
+    wide = (size[0] + 2 * REACH, size[1] + 2 * REACH)
+    u, w = map_drawing(wide, np.random.default_rng(7)), depth(wide)
+    photographs = []
+    for stack in stacks(shape):
+        blur = Blur(stack, size)
+        blur.focus(w)
+        clean = blur.blur(u)
+        noise = 0.0 if noise_db is None else float(clean.std()) * 10 ** (-noise_db / 20)
+        photographs.append(clean + noise * rng.standard_normal(size))
+    inside = (slice(REACH, -REACH), slice(REACH, -REACH))
+    return Pair(np.stack(photographs)[:, None], u[inside], w[inside])

@@ -1,0 +1,118 @@
+"""The program that `stops.py` stops: again and again a run of a small plan on the bench of a station.toml.
+
+    python stops_program.py WHERE FRONT CONFIG SESSIONS CONTROL STATUS
+
+`WHERE` is what the run does when it is stopped (`homing`, `move`, `exposure`), `FRONT` is `plain` or `app`. A byte on
+the descriptor CONTROL begins a run; STATUS tells `m` before the move, which waits for another byte, and `e` at the end.
+SIGUSR1 raises an exception in what the front end is doing.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import select
+import signal
+import sys
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from procedures.plan import Advice, Go, Home, Plan, Request, Shoot, Step
+from station import plans
+from station.app import StationApp
+from station.cli import app as app_command
+from station.cli.guide import Watched, conduct
+from station.lab import StationLab
+
+WHERE, FRONT, CONFIG, SESSIONS, CONTROL, STATUS = sys.argv[1:]
+plans.PLANS |= {"stops": plans.Entry("__main__", "stops")}
+LABS: list[StationLab] = []
+
+
+class Fault(Exception):
+    """The program is wrong."""
+
+
+def boom(*_: object) -> None:
+    raise Fault
+
+
+def tell(word: str) -> None:
+    os.write(int(STATUS), word.encode())
+
+
+def go_ahead() -> bytes:
+    """The byte on CONTROL; nothing where the parent has gone."""
+    return os.read(int(CONTROL), 1)
+
+
+def before_the_move(facts: object) -> str:
+    """The parent may now spoil the head's port; where it says so, nothing more goes into it."""
+    tell("m")
+    if go_ahead() == b"c":
+        head: Any = LABS[-1].open().bench.devices["head"]  # type: ignore[union-attr]
+        port = head._transport._port.fd
+        while select.select([], [port], [], 0.03)[1]:
+            with suppress(BlockingIOError):
+                os.write(port, b" " * 512)
+    return "moving"
+
+
+def plan() -> Plan:
+    """What is done before it is stopped."""
+    good = Advice(True, "")
+    shoot = Shoot("shots", lambda f, k: good, lambda f, k: {}, lambda r, k: good, record_motion=True)
+    move = Go(lambda facts: {"z_mm": 100.0}, before_the_move)
+    requests: dict[str, tuple[Request, ...]] = {"homing": (Home(),), "move": (Home(), move), "exposure": (shoot,)}
+    return Plan("stops", "Stops", (Step("only", "Only", "", requests[WHERE]),))
+
+
+def new_lab() -> StationLab:
+    LABS[:] = [StationLab(sessions=Path(SESSIONS), config=Path(CONFIG))]
+    return LABS[0]
+
+
+def plain() -> None:
+    signal.signal(signal.SIGUSR1, boom)
+    lab = new_lab()
+    operator = Watched(io.StringIO("s\n" * 9), io.StringIO())
+    with suppress(SystemExit, KeyboardInterrupt, Fault):
+        conduct(lab, operator, lambda: lab.begin("stops", "camera", "lens", operator))
+
+
+class BegunApp(StationApp):
+    """The application, which begins a run by itself and leaves with it."""
+
+    def _loaded(self, finished: Any) -> None:
+        super()._loaded(finished)
+        self._begin(lambda desk: self.lab.begin("stops", "camera", "lens", desk))
+
+    def _run_ended(self, finished: Any) -> None:
+        self.exit(0)
+
+
+def application() -> None:
+    lab = new_lab()
+    app = BegunApp(lab)
+    signal.signal(signal.SIGUSR1, lambda *_: app.call_later(boom))
+    app_command._end_with_the_terminal(app, lab)
+    try:
+        app.run()
+    finally:
+        app.finish(3.0)
+        lab.close()
+
+
+def main() -> None:
+    from station.app import share_the_lock
+
+    if FRONT == "app":
+        share_the_lock()
+    while go_ahead():
+        plain() if FRONT == "plain" else application()
+        tell("e")
+
+
+if __name__ == "__main__":
+    main()

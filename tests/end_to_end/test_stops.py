@@ -1,0 +1,71 @@
+"""A program that is ended while it moves stops first; the benchmark of that name does it 200 times each way."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from simulators.bench import Setup, SimulatedBench
+from station.bench import simulated_tables
+from station.toml_text import toml_text
+
+ROOT = Path(__file__).resolve().parents[2]
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"}
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")]
+
+
+@pytest.fixture
+def bench(tmp_path):
+    """A rail and a shutter on pseudo-terminals, in real time, and the station.toml of them."""
+    bench = SimulatedBench(tmp_path, Setup(develop=lambda opening: b""))
+    ports = bench.open_ports(["stage", "shutter"])
+    tables = simulated_tables(lambda name: ports[name][0] if name in ports else "", tmp_path)
+    used = {name: tables[name] for name in ("stage", "shutter", "camera")}
+    (tmp_path / "station.toml").write_text(toml_text({"devices": used}))
+    yield bench
+    bench.close()
+
+
+@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT"])
+def test_a_signal_during_homing_stops_and_says_so(bench, tmp_path, number):
+    words = ["--plain", "--config", tmp_path / "station.toml", "--sessions", tmp_path / "kept"]
+    program = subprocess.Popen(
+        [sys.executable, "-m", "station", *map(str, words)], cwd=ROOT, env=ENVIRONMENT, text=True,
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+    )  # fmt: skip
+    assert program.stdin is not None
+    assert program.stdout is not None
+    program.stdin.write("\n" * 20)
+    program.stdin.flush()
+    seen = ""
+    while "homing: keep clear" not in seen:
+        seen += program.stdout.read(1)
+    axis = bench.world.axes["z_mm"]
+    while not axis.moves(bench.clock.now_s()):
+        assert program.poll() is None
+    program.send_signal(getattr(signal, number))
+    rest, _ = program.communicate(timeout=60)
+    assert not axis.moves(bench.clock.now_s())
+    assert program.returncode == 3
+    assert "Every device was told to stop." in rest
+    assert "Emergency stop." in rest
+    assert ">>" not in rest  # no further question
+
+
+@pytest.mark.parametrize(("way", "place"), [("exception", "clogged"), ("INT", "gone"), ("F12", "move")])
+def test_the_stop_is_on_the_wires_and_nothing_follows_it(way, place):
+    sys.path.insert(0, str(ROOT / "tests" / "benchmarks"))
+    try:
+        import random
+
+        import stops
+    finally:
+        sys.path.pop(0)
+    count = stops.measured(way, place, 1, random.Random(1))
+    assert not [one for one in count.wrong if "within the bound" not in one]
+    assert len(count.ms) == 1

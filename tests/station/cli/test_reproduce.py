@@ -1,0 +1,48 @@
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from station.reproduce import catalogue, gamma_rows
+from station.reproduce.row import Check, Found, Row
+
+
+def test_a_row_is_computed_and_agrees(run, tmp_path):
+    done = run("reproduce", "bound-expected", "--out", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    record = json.loads((tmp_path / "out" / "result.json").read_text())
+    (row,) = record["rows"]
+    assert row["place"] == "Thesis, Proposition 1 and Figure 2.3"
+    exactly = 1 - 1 / 289 + 1 / 290 - 1 / (4 * 289)  # both formulas subtracted by hand, N = 289
+    assert [check["ours"] for check in row["checks"]] == pytest.approx([exactly] * 2, rel=1e-9)
+    assert "<svg" in (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
+
+
+def test_an_unknown_name_lists_the_rows(run, tmp_path):
+    done = run("reproduce", "table-9.9", "--out", tmp_path / "out")
+    assert done.exit_code == 2
+    assert "gamma-table" in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_disagrees_returns_one(run, tmp_path, monkeypatch):
+    off = Row("off", "some", "Thesis", "Off", (Check("a number", "1", 0.9, 1.1),), "None.", lambda _: Found((2.0,)))
+    monkeypatch.setattr(catalogue, "ROWS", (off,))
+    done = run("reproduce", "--out", tmp_path)
+    assert done.exit_code == 1
+    assert "a number: 1; ours 2.000" in done.stdout
+
+
+def test_without_data_rows_are_left_out(run, tmp_path, monkeypatch):
+    monkeypatch.delenv("STATION_SHARED_DATA", raising=False)
+    done = run("reproduce", "rays-kappa", "--out", tmp_path)
+    assert done.exit_code == 1
+    assert "left out" in done.stdout
+
+
+def test_the_tables_bounds_come_from_one_noise_region():
+    # Table 2.2 prints 0.10, 0.35, 0.70, 1.15: Proposition 1 for 53 x 54 pixels and what the PSF adds around them
+    rows = {check.quantity: check for check in gamma_rows.TABLE.checks}
+    assert [rows[f"bound, {r} × {r}"].published for r in gamma_rows.SUPPORTS] == ["0.10", "0.35", "0.70", "1.15"]
+    assert gamma_rows.table_window(33) == (61, 62)

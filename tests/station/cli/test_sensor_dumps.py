@@ -1,0 +1,66 @@
+"""`--raw`: every command that reads photographs takes a sensor's dump, as it takes the same picture in a file."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from scipy.special import ndtr
+
+LAYOUT = "60x80,Y,u16be,0,65535"
+
+
+@pytest.fixture
+def levels():
+    """An edge at 5.5 degrees, blurred by a Gaussian, as digital numbers of 16 bits."""
+    y, x = np.mgrid[:80, :60]
+    d = (x - 29.5 - np.tan(np.radians(5.5)) * (y - 39.5)) * np.cos(np.radians(5.5))
+    return np.rint(65535 * (0.1 + 0.7 * ndtr(d / 0.7))).astype(">u2")
+
+
+@pytest.fixture
+def dump(tmp_path, levels):
+    path = tmp_path / "edge.raw"
+    path.write_bytes(levels.tobytes())
+    return path
+
+
+def test_edge_of_a_dump_is_that_of_the_same_picture_in_a_file(run, levels, dump, tmp_path):
+    picture = tmp_path / "edge.pgm"
+    picture.write_bytes(b"P5 60 80 65535\n" + levels.tobytes())
+    found = []
+    for name, words in (("file", (picture,)), ("dump", (dump, "--raw", LAYOUT))):
+        done = run("mtf", "edge", *words, "--out", tmp_path / name)
+        assert done.exit_code == 0, done.output
+        found.append(json.loads((tmp_path / name / "result.json").read_text()))
+    assert found[1]["planes"] == found[0]["planes"]
+    assert found[1]["parameters"]["raw"] == LAYOUT
+
+
+COMMANDS = [
+    ("psf", "pattern", "{}"),
+    ("psf", "two-photo", "{}", "{}"),
+    ("mtf", "edge", "{}"),
+    ("restore", "{}", "{}", "--blur", "defocus", "--shape", "gaussian"),
+]
+
+
+@pytest.mark.parametrize("words", COMMANDS, ids=lambda words: words[1])
+def test_every_command_says_what_its_dump_lacks(run, dump, tmp_path, words):
+    words = [str(dump) if word == "{}" else word for word in words]
+    done = run(*words, "--raw", "64x80,RGGB,u16le,64,1023", "--out", tmp_path / "out")
+    assert done.exit_code == 4
+    assert f"64 x 80 samples of u16le are 10240 bytes; {dump} has 9600" in done.stderr
+    done = run(*words, "--out", tmp_path / "out")
+    assert done.exit_code == 4
+    assert "has no header of a RAW format" in done.stderr
+    done = run(*words, "--raw", "64x80,RGGB", "--out", tmp_path / "out")
+    assert done.exit_code == 2
+    assert "for example 1920x1080,RGGB,u16le,64,1023" in done.stderr
+
+
+def test_field_names_the_dump_that_disagrees(run, dump, tmp_path):
+    done = run("psf", "field", dump.parent, "--raw", "64x80,RGGB,u16le,64,1023", "--out", tmp_path / "out")
+    assert done.exit_code != 0
+    assert "64 x 80 samples of u16le are 10240 bytes" in done.stderr

@@ -1,0 +1,41 @@
+"""`--trust-typed`: what is typed against what the camera noted, in every command that takes it."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from procedures.raw import read_frame
+
+
+@pytest.fixture
+def photograph(chart_photograph, tmp_path):
+    path = chart_photograph(tmp_path / "photographs" / "frame.dng")
+    assert read_frame(path).exposure.f_number == 2.8
+    return path
+
+
+@pytest.mark.parametrize("command", ["pattern", "two-photo", "field"])
+def test_f_number_that_contradicts_the_file_is_refused_with_both(run, estimator, photograph, tmp_path, command):
+    images = {"pattern": [photograph], "two-photo": [photograph, photograph], "field": [photograph.parent]}[command]
+    done = run("psf", command, *images, "--f-number", 5.6, "--pixel-pitch-um", 5, "--out", tmp_path / "out")
+    assert done.exit_code == 2
+    assert f"{photograph}: the f-number was given as 5.6, and the camera noted 2.8" in done.stderr
+    assert "what to do: leave it out, or correct it; to insist, add --trust-typed" in done.stderr
+    assert not (tmp_path / "out").exists()
+    assert estimator.asked == []
+
+
+def test_insisting_takes_what_was_typed_and_is_in_the_record(run, estimator, photograph, tmp_path):
+    words = ("--f-number", 5.6, "--pixel-pitch-um", 5, "--trust-typed", "--out", tmp_path / "out")
+    done = run("psf", "pattern", photograph, *words)
+    assert done.exit_code == 0, done.output
+    given = json.loads((tmp_path / "out" / "result.json").read_text())["parameters"]
+    assert (given["f_number"], given["trust_typed"]) == (5.6, True)
+
+
+def test_f_number_as_noted_is_taken(run, estimator, photograph, tmp_path):
+    done = run("psf", "pattern", photograph, "--f-number", 2.83, "--pixel-pitch-um", 5, "--out", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    assert "trust_typed" not in json.loads((tmp_path / "out" / "result.json").read_text())["parameters"]
