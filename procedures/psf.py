@@ -25,7 +25,8 @@ class Sampling:
     k : int or None
         Samples along one side of the support, odd; None: chosen from the photograph.
     solver : str
-        "ls" least squares, "clip" its negative part cut, "nnls" non-negative least squares.
+        "ls" least squares, "clip" its negative part cut, "nnls" non-negative least squares (from the
+        chart: held by the size, width and smoothness that the photograph shows).
 
     Raises
     ------

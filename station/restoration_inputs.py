@@ -211,7 +211,8 @@ def _samples_beside(path: Path) -> int:
     """Samples per pixel of a result's PSF, from the record in its folder. Raises BadParameter if there is none."""
     try:
         record = json.loads((path.parent / "result.json").read_text(encoding="utf-8"))
-        return int(record["planes"][path.stem.removeprefix("psf_")].get("s") or record["parameters"]["s"])
+        plane = record.get("planes", {}).get(path.stem.removeprefix("psf_"), {})
+        return int(plane.get("s") or record["parameters"]["s"])
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise BadParameter(
             f"{path} has no result.json beside it that tells its samples per pixel", "give --samples-per-pixel"

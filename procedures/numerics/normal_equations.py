@@ -37,6 +37,10 @@ class NormalEquations:
         """The nuisance parameters (p,) that go with the kernel h (n,)."""
         return np.asarray(np.linalg.solve(self.ZZ, self.Zr - self.AZ.T @ h))
 
+    def response(self, change: Array) -> Array:
+        """How the nuisance parameters (p,) follow a change of the kernel (n,)."""
+        return np.asarray(-np.linalg.solve(self.ZZ, self.AZ.T @ change))
+
 
 def gram(A: Array32) -> Array:
     """A'A in double precision; the sum itself runs in the matrix's single precision."""

@@ -15,16 +15,14 @@ import numpy.typing as npt
 
 from procedures.budget import taken_apart, with_settling
 from procedures.choice import FINEST, Trial, choose, settling
-from procedures.numerics.solvers import cholesky_inverse, solve_constrained
 from procedures.outcome import Outcome, Refused, Verdict
 from procedures.pattern import BLOCK, CELLS, Chart
-from procedures.pattern_psf.centre import mark_offset_gradient
 from procedures.pattern_psf.detection import Sighting, check_usable, find_chart
 from procedures.pattern_psf.error_parts import ErrorParts, Variation, error_parts
 from procedures.pattern_psf.gamma import gamma_bound, gamma_of_fit
 from procedures.pattern_psf.observation import noise_window, observe
 from procedures.pattern_psf.radiometry import Light, measure_light
-from procedures.pattern_psf.refine import GEOMETRY, TAIL, Fit, TailPrior, refine, without_outliers
+from procedures.pattern_psf.refine import GEOMETRY, Fit, TailPrior, refine, without_outliers
 from procedures.pattern_psf.registration import (
     Registration,
     block_size_px,
@@ -32,8 +30,9 @@ from procedures.pattern_psf.registration import (
     refine_corners,
     register_marks,
 )
+from procedures.pattern_psf.solution import solution
 from procedures.pattern_psf.trust import Diagnostics, Doubts, check_cells, diagnose, judge
-from procedures.psf import Psf, Sampling, Tail
+from procedures.psf import Psf, Sampling
 from procedures.quality import Diffraction, Quality, assess
 from procedures.raw import Plane
 
@@ -197,7 +196,7 @@ def _estimate(
         check_cells(fit)
         if fit.still:
             best = fit.registration
-        return _Attempt(fit, outliers, *_solution(fit, s, k, parameters.solver))
+        return _Attempt(fit, outliers, *solution(fit, s, k, parameters.solver))
 
     cell_px = block_size_px(marks_map) / BLOCK
     count = len(observe(samples, marks_map, light, noise_window(marks_map, samples.shape)))
@@ -290,66 +289,6 @@ def _fit(
     if len(kept) < m - max(10, 1e-3 * m):
         fit = refine(kept, chart, registration, window, s, k, surroundings, prior)
     return fit, 1 - len(kept) / m
-
-
-def _solution(fit: Fit, s: int, k: int, solver: str) -> tuple[Psf, Array]:
-    """The PSF as asked for, of sum 1, with the covariance of the least-squares solution, and of its centre (2, 2).
-
-    For "clip" and "nnls" the same covariance is an upper limit: the constraint only takes noise away.
-    """
-    h = fit.h if solver == "ls" else solve_constrained(fit.equations.G, fit.equations.G @ fit.h, solver)
-    p, covariance = np.concatenate([h, fit.light[TAIL:]]), _with_tail(fit)
-    p, covariance = _normalised(p, covariance, len(h))
-    # the centre follows the PSF: an error of h that shifts it shifts the map back
-    n, image = len(h), p[: len(h)].reshape(k, k)
-    slope_y, slope_x = np.gradient(image)
-    back = np.zeros((len(p), 2))
-    back[:n] = np.column_stack([slope_x.ravel(), slope_y.ravel()]) * s
-    forth = mark_offset_gradient(image, s, fit.registration.jacobian())
-    centre_covariance = _centre_covariance(fit, covariance[:n, :n], forth)
-    covariance = covariance + back @ (forth @ covariance[:n])
-    covariance = covariance + (covariance[:, :n] @ forth.T) @ back.T
-    tail = Tail(p[n:], covariance[n:, n:], covariance[:n, n:])
-    return Psf(image, s, covariance[:n, :n], tail), centre_covariance
-
-
-def _with_tail(fit: Fit) -> Array:
-    """Covariance of the samples and the tail's amplitudes, (k^2 + q, k^2 + q), before they are normalised.
-
-    Given h, the nuisance parameters are linear in it: t = (Z'Z)^-1 (Z'r - Z'A h).
-    """
-    equations = fit.equations
-    Zi = cholesky_inverse(equations.ZZ)[GEOMETRY + TAIL :]
-    C = cholesky_inverse(equations.G)
-    cross = -C @ (equations.AZ @ Zi.T)
-    own = Zi[:, GEOMETRY + TAIL :] - (Zi @ equations.AZ.T) @ cross
-    return np.block([[C, cross], [cross.T, own]]) * fit.residual_std**2
-
-
-def _normalised(p: Array, covariance: Array, n: int) -> tuple[Array, Array]:
-    """Parameters over the sum of the first n of them, the samples, and their covariance, to first order."""
-    total = p[:n].sum()
-    p = p / total
-    # J C J' with J = (I - p 1_n') / total
-    covariance = covariance - np.outer(p, covariance[:n].sum(axis=0))
-    covariance = covariance - np.outer(covariance[:, :n].sum(axis=1), p)
-    return p, covariance / total**2
-
-
-def _centre_covariance(fit: Fit, covariance: Array, forth: Array) -> Array:
-    """Covariance (2, 2), in squared pixels, of the place where the chart's centre is seen.
-
-    An error of h moves where the marks are seen, by `forth`, and brings errors of the displacement with it; the
-    displacement's own come on top. Those count from the samples' mean, which stays in place, to the chart's centre.
-    """
-    o, equations = fit.observation, fit.equations
-    middle = fit.registration.to_sensor(np.full((1, 2), CELLS / 2))
-    monomials = fit.registration.monomials(middle)[0] - o.cubics.mean(axis=0)
-    displaced = np.kron(np.eye(2), monomials)
-    with_h = np.linalg.solve(equations.ZZ, equations.AZ.T)[:GEOMETRY] * fit.h.sum()
-    own = cholesky_inverse(equations.ZZ)[:GEOMETRY, :GEOMETRY] * fit.residual_std**2
-    moved = forth + displaced @ with_h
-    return np.asarray(moved @ covariance @ moved.T + displaced @ own @ displaced.T)
 
 
 def _result(

@@ -32,6 +32,8 @@ def gamma_diagram(optics: Optics, s: int, k: int, aim: float, diffraction: Diffr
     said = [_why(curve, optics, s, k, aim)]
     if diffraction is not None:
         said.append(_band(diffraction, s))
+        if diffraction.cutoff > s / 2:
+            said.append(_raised(s, k, aim))
     rows = (HEADINGS, *(_row(seen, optics, s) for seen in curve))
     x, y = zip(*((seen.s_over_t, seen.gamma) for seen in curve), strict=True)
     return Diagram(f"gamma over s/t, s = {s}, k = {k}", x, y, " ".join(said), rows)
@@ -67,7 +69,17 @@ def _band(diffraction: Diffraction, s: int) -> str:
     words = f"f/{diffraction.f_number:g} passes up to {cutoff:.2f} cycles/pixel, s = {s} holds up to {s / 2:g}"
     if cutoff <= (s - 1) / 2:
         return f"{words}: s = {max(math.ceil(2 * cutoff), 2)} would do."
-    return f"{words}." if cutoff <= s / 2 else f"{words}: s is raised where photosites and lens pass more."
+    return f"{words}."
+
+
+def _raised(s: int, k: int, aim: float) -> str:
+    """What becomes of the aim where photosites and lens pass more than s holds: another s keeps the PSF's width."""
+    ratio, wider = aim * (s + 1) / s, round(k * (s + 1) / s)
+    (seen,) = gamma_curve(s + 1, wider - 1 + wider % 2, (ratio,))
+    return (
+        f"Where photosites and lens pass more, s is raised to {s + 1}: from the same distance s/t is then {ratio:.2f} "
+        f"and gamma {seen.gamma:.2f}."
+    )
 
 
 def _distance(optics: Optics, s_over_t: float, s: int) -> str:

@@ -27,6 +27,8 @@ CURVED = 0.15
 """Curvature of the response from which it is no linear picture."""
 SPREAD_OUT = 0.25
 """Spread of the ink, in cells, that the model of thin outlines does not describe any more."""
+TOLD = 0.85
+"""Variance of the tail over that of what the f-number tells, above which the two are not compared."""
 DUG_OUT = 3.5
 """Standard uncertainties of missing light from which a picture was sharpened."""
 CRUSHED = 0.01
@@ -233,8 +235,10 @@ def _tail_sigmas(psf: Psf, prior: TailPrior | None) -> float:
     if prior is None:
         return 0.0
     expected = prior.energy(psf.s, psf.k)
-    spread = (prior.share * expected) ** 2 - float(psf.tail.covariance[0, 0])
-    return float(psf.tail.amplitudes[0] - expected) / float(np.sqrt(max(spread, (0.1 * prior.share * expected) ** 2)))
+    known, found = (prior.share * expected) ** 2, float(psf.tail.covariance[0, 0])
+    if found > TOLD * known:  # the photograph itself tells next to nothing of its tail
+        return 0.0
+    return float(psf.tail.amplitudes[0] - expected) / float(np.sqrt(known - found))
 
 
 def _neighbour_correlation(fit: Fit) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import pytest
 
 from procedures.outcome import Verdict
@@ -28,8 +30,9 @@ def photographed(bench):
     taken = bench.simulated.view.taken[-1]
     outcome = estimate_psf(read_frame(exposure.path, ["G1"]).planes["G1"], bench.simulated.view.chart)
     assert outcome.verdict is not Verdict.REFUSED, outcome.reason
-    true = taken.true_psf("G1", 4, 17)
-    return outcome.value, compare(outcome.value, true.h, true.floor)
+    psf = outcome.value.psf
+    true = taken.true_psf("G1", psf.s, psf.k)
+    return outcome.value, compare(outcome.value, true.h, true.floor, partial(taken.true_otf, "G1"))
 
 
 def test_a_bench_at_rest_is_calibrated_as_well_as_its_error_bars_say(bench):

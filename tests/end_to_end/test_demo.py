@@ -42,7 +42,11 @@ def test_everything_of_the_contract_is_there(demonstration):
     for setup in SETUPS:
         found = {path.name for path in (out / "results" / setup.name).iterdir()}
         kinds = ("psf_{}.npy", "covariance_{}.npy", "mtf_{}.csv", "psf_{}.png", *exports)
-        assert found == {kind.format(plane) for kind in kinds for plane in PLANES} | {"numbers.csv", "result.json"}
+        assert found == {kind.format(plane) for kind in kinds for plane in PLANES} | {
+            "budget.csv",
+            "numbers.csv",
+            "result.json",
+        }
         assert np.load(out / "results" / setup.name / "psf_G1.npy").sum() == pytest.approx(1)
 
 

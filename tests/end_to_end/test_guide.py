@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from types import SimpleNamespace
 
 import pytest
@@ -89,9 +90,10 @@ def test_the_psf_is_the_camera_s(done):
     assert result.verdict is Verdict.PASS
     found = compute(done.folder, done.state, done.plan).outcomes["G1"].value
     assert found.chance > 1e-4
-    true = done.view.taken[-1].true_psf("G1", 4, 17)
+    taken, psf = done.view.taken[-1], found.shots[0].psf
+    true = taken.true_psf("G1", psf.s, psf.k)
     # error over expected error: 1 where the error bars are true; the norm of 289 correlated values scatters by a third
-    assert compare(found.shots[0], true.h, true.floor).ratio < 1.6
+    assert compare(found.shots[0], true.h, true.floor, partial(taken.true_otf, "G1")).ratio < 1.6
     mtf50 = found.quality.numbers["mtf50_horizontal"]
     one = found.shots[0].quality.numbers["mtf50_horizontal"]
     assert mtf50.uncertainty < one.uncertainty

@@ -151,7 +151,7 @@ def test_kept_result_with_a_file_that_is_not_what_was_written_is_not_used(done, 
     }
     row = next(row for row in done.rows if row["verdict"] == "pass")
     names = [path.name for path in (done.out / row["folder"]).iterdir()]
-    assert {"result.json", "psf_G1.npy", "numbers.csv"} <= set(names)
+    assert {"result.json", "psf_G1.npy", "numbers.csv", "budget.csv"} <= set(names)
     for name in names:
         shutil.copytree(done.out / row["folder"], tmp_path / name / row["folder"])
         assert kept_row(tmp_path / name, row["folder"])[0].verdict == "pass"
@@ -183,7 +183,7 @@ def test_photograph_that_is_replaced_while_it_is_worked_on_is_told_by_the_hash_o
         decoded.append(read_frame(*file, **data))
         return decoded[0]
 
-    monkeypatch.setattr(batch_item, "default_plane", lambda path: "G1")
+    monkeypatch.setattr(batch_item, "default_plane", lambda path, layout: "G1")
     monkeypatch.setattr(batch_item, "read_frame", replaced)
     (row,) = again(path.parent, tmp_path / "out")
     assert row.verdict == "pass"

@@ -32,7 +32,7 @@ def files_of(*planes):
     kinds = ("psf", "npy"), ("covariance", "npy"), ("mtf", "csv"), ("psf", "png")
     more = ("psf", "fits"), ("psf", "tiff"), ("profile", "csv")
     of_planes = [f"{kind}_{plane}.{suffix}" for plane in planes for kind, suffix in (*kinds, *more)]
-    return sorted([*of_planes, "numbers.csv", "result.json"])
+    return sorted([*of_planes, "budget.csv", "numbers.csv", "result.json"])
 
 
 def test_files_of_the_contract_are_written(run, estimator, photograph, bits, tmp_path):
@@ -59,7 +59,8 @@ def test_physics_needs_pitch_and_aperture(run, estimator, photograph, tmp_path):
 def test_record_follows_the_schema(run, estimator, photograph, bits, tmp_path):
     run("psf", "pattern", photograph, "--bits", bits, "--solver", "nnls", "--out", tmp_path)
     record = json.loads((tmp_path / "result.json").read_text())
-    assert list(record) == ["schema", "procedure", "input", "parameters", "duration_s", "planes", "software"]
+    keys = ["schema", "procedure", "input", "parameters", "duration_s", "choice", "planes", "software"]
+    assert [key for key in record if key in keys] == keys
     assert (record["schema"], record["procedure"]) == ("station/psf/1", "pattern")
     sha256 = hashlib.sha256(photograph.read_bytes()).hexdigest()
     assert record["input"] == [{"path": str(photograph), "sha256": sha256}]
@@ -68,7 +69,9 @@ def test_record_follows_the_schema(run, estimator, photograph, bits, tmp_path):
     plane = record["planes"]["Y"]
     assert (plane["verdict"], plane["reason"], plane["remedy"]) == ("pass", "", "")
     assert (plane["gamma"], plane["s_over_t"], plane["residual_std"]) == (0.5, 1.58, 1.02)
-    assert plane["mtf50_horizontal"].keys() == {"value", "unit", "uncertainty", "method", "n"}
+    assert (plane["s"], plane["k"]) == (4, 17)
+    assert plane["mtf50_horizontal"].keys() == {"value", "unit", "uncertainty", "method", "n", "budget"}
+    assert plane["energy_outside_support"]["value"] == 0
     assert "numpy" in record["software"]["packages"]
     assert record["duration_s"] >= 0
 
@@ -184,7 +187,7 @@ def test_older_result_stays_whole_when_the_new_photograph_cannot_be_read(run, es
         (["-s", "1"], "s of 2 or more; got s = 1"),
         (["-k", "16"], "odd number k of samples, so that it has a centre; got k = 16"),
         (["-k", "1"], "got k = 1"),
-        (["-s", "four"], "not a valid integer"),
+        (["-s", "four"], "give a whole number, or auto; got 'four'"),
         (["--solver", "magic"], "'magic' is not one of"),
         (["--seed", "3", "--bits", "x.pgm"], "give one of them"),
         (["--loud"], "No such option"),

@@ -20,16 +20,19 @@ def test_files_and_record_follow_the_contract(run, near, far, tmp_path):
     done = run("psf", "two-photo", far, near, "--out", tmp_path)
     assert done.exit_code == 0, done.output
     kinds = ("covariance_Y.npy", "inter_image_Y.npy", "mtf_Y.csv", "psf_Y.npy", "psf_Y.png", "result.json")
-    more = ("numbers.csv", "profile_Y.csv", "psf_Y.fits", "psf_Y.tiff")
+    more = ("budget.csv", "numbers.csv", "profile_Y.csv", "psf_Y.fits", "psf_Y.tiff")
     assert {path.name for path in tmp_path.iterdir()} == {*kinds, *more}
     h, kernel = (np.load(tmp_path / f"{name}_Y.npy", allow_pickle=False) for name in ("psf", "inter_image"))
-    assert (h.dtype, h.shape, kernel.shape) == (np.float64, (13, 13), (13, 13))
+    record = json.loads((tmp_path / "result.json").read_text())
+    s, k = (record["parameters"][name] for name in ("s", "k"))
+    assert (h.dtype, h.shape, kernel.shape) == (np.float64, (k, k), (k, k))
+    chosen = record["choice"]["Y"][-1]
+    assert (chosen["s"], chosen["k"]) == (s, k)
     assert h.sum() == pytest.approx(1)
     assert kernel.sum() == pytest.approx(1)
-    record = json.loads((tmp_path / "result.json").read_text())
     assert (record["schema"], record["procedure"]) == ("station/psf/1", "two-photo")
     assert [one["path"] for one in record["input"]] == [str(far), str(near)]
-    assert record["parameters"].items() >= {"s": "auto", "k": "auto", "solver": "ls"}.items()
+    assert record["parameters"]["solver"] == "ls"
     plane = record["planes"]["Y"]
     assert plane["verdict"] == "pass"
     assert plane["scale"] == pytest.approx([4.9, 4.9], rel=1e-3)
@@ -64,6 +67,6 @@ def test_report_shows_the_far_photograph_in_the_near_one(run, near, far, tmp_pat
     run("psf", "two-photo", far, near, "--report", "--out", tmp_path)
     page = (tmp_path / "report.html").read_text()
     assert "Y passes</h1>" in page
-    assert page.count("<svg") == 5  # PSF, MTF, energy, kernel, the pair
+    assert page.count("<svg") == 7  # PSF, MTF, energy, MTF over both frequencies, phase, kernel, the pair
     assert "doi:10.5201/ipol.2013.77" in page
     assert all(path.name in page for path in (near, far))

@@ -1,0 +1,76 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from procedures.numerics import kernel_prior
+from procedures.numerics.kernel_prior import prior_covariance
+
+K, S = 13, 4
+x = np.arange(K) - K // 2
+r2 = (x[:, None] ** 2 + x**2).ravel().astype(float)
+apart = np.hypot(*(np.subtract.outer(v.ravel(), v.ravel()) for v in np.meshgrid(x, x)))
+
+
+def matern(a: float, radius: float, length: float) -> np.ndarray:
+    """The prior by its definition."""
+    u = np.sqrt(5) * apart / length
+    sigma = a * (1 + r2 / radius**2) ** -1.5
+    return np.outer(sigma, sigma) * (1 + u + u**2 / 3) * np.exp(-u)
+
+
+def test_the_numbers_a_kernel_was_drawn_with_are_found(rng: np.random.Generator) -> None:
+    truth = np.array([0.03, 2.5, 3.0])
+    C = matern(*truth)
+    errors = 0.002**2 * np.eye(K * K)
+    root = np.linalg.cholesky(C + errors)
+    found = [kernel_prior._most_likely(root @ rng.standard_normal(K * K), errors, S) for _ in range(20)]
+    # a kernel holds some ten independent values: each logarithm is known to about 0.4, the mean of twenty to 0.1;
+    # the start, which holds the search a little, lies 0.4 to 0.9 away
+    np.testing.assert_allclose(np.mean(found, axis=0), np.log(truth), atol=0.35)
+
+
+def test_the_prior_is_the_one_defined() -> None:
+    truth = np.array([0.02, 3.0, 4.0])
+    C = kernel_prior._Prior.at(np.log(truth), K).C
+    # all but the share that no neighbour knows of
+    np.testing.assert_allclose(C, matern(*truth), atol=2 * kernel_prior.ROUGHNESS * 0.02**2)
+    np.testing.assert_allclose(np.diag(C), np.diag(matern(*truth)))
+
+
+def test_the_slope_of_the_likelihood(rng: np.random.Generator) -> None:
+    errors = 1e-6 * (np.eye(K * K) + 0.5)
+    h = np.exp(-r2 / 8) / 25 + 1e-3 * rng.standard_normal(K * K)
+    at = np.log([0.02, 3.0, 4.0])
+
+    def likelihood(logarithms: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+        return kernel_prior._likelihood(kernel_prior._Prior.at(logarithms, K), h, errors)
+
+    steps = 1e-4 * np.eye(3)
+    differences = [(likelihood(at + e)[0] - likelihood(at - e)[0]) / 2e-4 for e in steps]
+    np.testing.assert_allclose(likelihood(at)[1], differences, rtol=1e-4)
+
+
+@pytest.mark.parametrize(("noise", "share"), [(1e-5, 1.05), (1e-2, 0.4)])
+def test_noise_is_held_down_and_a_clear_kernel_left_alone(rng: np.random.Generator, noise: float, share: float) -> None:
+    h = np.exp(-r2 / 8)
+    h /= h.sum()
+    seen = h + noise * rng.standard_normal(K * K)
+    errors = noise**2 * np.eye(K * K)
+    C = prior_covariance(seen, errors, S)
+    held = C @ np.linalg.solve(C + errors, seen)
+    assert np.linalg.norm(held - h) < share * np.linalg.norm(seen - h)
+
+
+def test_large_kernels_are_told_by_their_middle(rng: np.random.Generator) -> None:
+    k = 21
+    y = np.arange(k) - k // 2
+    h = np.exp(-(y[:, None] ** 2 + y**2) / 10).ravel()
+    h /= h.sum()
+    errors = 1e-6 * np.eye(k * k)
+    seen = h + 1e-3 * rng.standard_normal(k * k)
+    middle = np.arange(k * k).reshape(k, k)[2:-2, 2:-2].ravel()
+    C = prior_covariance(seen, errors, S)
+    inner = prior_covariance(seen[middle], errors[np.ix_(middle, middle)], S)
+    assert C.shape == (k * k, k * k)
+    np.testing.assert_allclose(C[np.ix_(middle, middle)], inner, rtol=1e-9)
