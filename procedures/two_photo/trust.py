@@ -112,8 +112,8 @@ def _unlike(d: Diagnostics, band_open: bool) -> list[Rule]:
         Rule(
             doubtful,
             d.smoothing > SMOOTHING,
-            f"the far photograph's noise is {d.smoothing:.1f} times as strong at middle detail as at the finest: it was "
-            "smoothed",
+            f"the far photograph's noise is {d.smoothing:.1f} times as strong at middle detail as at the finest: "
+            "it was smoothed",
             "use the RAW files",
         ),
         Rule(
