@@ -79,7 +79,7 @@ class Diagnostics:
         Share of the common region's samples that were left out because no noise explains them.
     travelled_px, moved_px : float
         How far the map moved from the first homography, and in the last step, in far pixels.
-    left_over, colour, streaks, light_turned, missing_light, beyond_light : float
+    left_over, colour, smoothing, streaks, light_turned, missing_light, beyond_light : float
         See `likeness.Likeness`.
     softness_x, softness_y, sharpening, turned, wall_power : float
         See `likeness.NearLook`.
@@ -119,6 +119,7 @@ class Diagnostics:
     moved_px: float
     left_over: float
     colour: float
+    smoothing: float
     streaks: float
     light_turned: float
     beyond_light: float
@@ -179,6 +180,7 @@ def diagnose(
         moved_px=fit.moved_px,
         left_over=alike.left_over,
         colour=alike.colour,
+        smoothing=alike.smoothing,
         streaks=alike.streaks,
         light_turned=alike.light_turned,
         beyond_light=alike.beyond_light,

@@ -31,6 +31,8 @@ Array32 = npt.NDArray[np.float32]
 
 COARSE, FINE = (0.03, 0.15), (0.25, 0.5)
 """Bands of the far photograph's frequencies, in cycles/pixel, whose remains are compared."""
+SMOOTHED = ((0.15, 0.25), (0.35, 0.5))
+"""The same of middle detail and the finest."""
 FAR_PATCH, NEAR_PATCH = 48, 256
 """Sides of the patches of which spectra are taken."""
 COARSE_DETAIL = 0.05
@@ -91,6 +93,9 @@ class Likeness:
         Amplitude of what is left over at coarse detail beyond noise, over that of the wall there.
     colour : float
         Power of what is left over at coarse detail, over that at fine detail: 1 for noise.
+    smoothing : float
+        The same at middle detail over the finest: a smoothed far photograph has less noise the finer it is, while
+        another light or response leaves coarse detail over.
     streaks : float
         Power of what is left over at fine detail along x, over that along y: 1 for noise.
     near : NearLook
@@ -106,6 +111,7 @@ class Likeness:
 
     left_over: float
     colour: float
+    smoothing: float
     streaks: float
     near: NearLook
     light_turned: float
@@ -115,13 +121,15 @@ class Likeness:
 
 def likeness(fit: Fit, psf: Psf, near: Array32) -> Likeness:
     """How alike the photographs are, by the final fit and the PSF drawn from it without constraint."""
-    left_over, colour, streaks = remains(fit)
+    left_over, colour, smoothing, streaks = remains(fit)
     look = near_look(_common(fit, near), psf)
-    return Likeness(left_over, colour, streaks, look, light_turned(psf), missing_light(psf), beyond_light(psf))
+    return Likeness(
+        left_over, colour, smoothing, streaks, look, light_turned(psf), missing_light(psf), beyond_light(psf)
+    )
 
 
-def remains(fit: Fit) -> tuple[float, float, float]:
-    """`left_over`, `colour` and `streaks` of `Likeness`, from the spectra of residual and prediction."""
+def remains(fit: Fit) -> tuple[float, float, float, float]:
+    """`left_over`, `colour`, `smoothing` and `streaks` of `Likeness`, from the spectra of residual and prediction."""
     residual, prediction = np.zeros(fit.near.shape), np.full(fit.near.shape, fit.prediction.mean())
     residual[fit.samples.rows, fit.samples.columns] = fit.residual
     prediction[fit.samples.rows, fit.samples.columns] = fit.prediction
@@ -129,14 +137,19 @@ def remains(fit: Fit) -> tuple[float, float, float]:
     noise, patches = patch_spectra(residual.astype(np.float32), rows, columns)
     wall, _ = patch_spectra(prediction.astype(np.float32), rows, columns)
     fy, fx = np.broadcast_arrays(np.abs(np.fft.fftfreq(rows))[:, None], np.fft.rfftfreq(columns))
-    coarse, fine = ((f >= low) & (f < high) for f in (np.hypot(fx, fy),) for low, high in (COARSE, FINE))
+    r = np.hypot(fx, fy)
+    coarse, fine, middle, finest = ((r >= low) & (r < high) for low, high in (COARSE, FINE, *SMOOTHED))
     along_x, along_y = ((a >= FINE[0]) & (b < COARSE[1]) for a, b in ((fx, fy), (fy, fx)))
     floor = float(noise[fine].mean())
     scatter = 1 / np.sqrt(0.4 * patches * coarse.sum())  # overlapping windows: two fifths of them are independent
     excess = float(noise[coarse].mean()) - floor * (1 + 2 * scatter)
     share = max(excess, 0.0) / max(float(wall[coarse].mean()), 1e-12)
     streaks = float(noise[along_x].mean()) / max(float(noise[along_y].mean()), 1e-15)
-    return float(np.sqrt(share)), float(noise[coarse].mean()) / max(floor, 1e-15), streaks
+    colour, smoothing = (
+        float(noise[one].mean()) / max(float(noise[other].mean()), 1e-15)
+        for one, other in ((coarse, fine), (middle, finest))
+    )
+    return float(np.sqrt(share)), colour, smoothing, streaks
 
 
 def _common(fit: Fit, near: Array32) -> Array32:

@@ -16,8 +16,9 @@ Array = npt.NDArray[np.float64]
 
 CLEAR_OF = 1.02
 """By how much the zoom must exceed s that is chosen."""
-COARSE_REMAINS, FINE_REMAINS, STREAKS = 1.6, 0.8, 1.4
-"""Power of the remains at coarse over fine detail, and along x over along y, that noise does not have."""
+COARSE_REMAINS, FINE_REMAINS, SMOOTHING, STREAKS = 1.6, 0.8, 1.35, 1.4
+"""Power of the remains at coarse over fine detail, at middle over the finest, and along x over along y, that noise does
+not have."""
 LIGHT_TURNED = 0.005
 """Variation with the direction at coarse detail: a lens gives 0.001."""
 COARSE_SHARE = 0.05
@@ -26,7 +27,7 @@ BEYOND_LIGHT, DUG_OUT = 0.02, 4.0
 """Excess over what cosines allow, and light missing around the core in standard uncertainties."""
 SMOOTHED = 0.8
 """Noise of the near photograph over the far one's."""
-TURNED = 0.06
+TURNED = 0.1
 """Growth of the spectrum's variation with direction, per factor e of the frequency."""
 OTHER_FOCUS = 0.15
 """Share of the MTF at Nyquist that the focus may put in doubt."""
@@ -107,6 +108,13 @@ def _unlike(d: Diagnostics, band_open: bool) -> list[Rule]:
             f"what the near photograph does not explain is coarse, {d.colour:.1f} times as strong as at fine detail: "
             "the light came from elsewhere, or the far photograph is softer than the near one",
             "take both in the same steady light, focus at either distance, and let nothing move",
+        ),
+        Rule(
+            doubtful,
+            d.smoothing > SMOOTHING,
+            f"the far photograph's noise is {d.smoothing:.1f} times as strong at middle detail as at the finest: "
+            "it was smoothed",
+            "use the RAW files",
         ),
         Rule(
             doubtful,
