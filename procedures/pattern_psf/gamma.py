@@ -14,9 +14,9 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-import scipy.linalg
 
 from procedures.numerics.normal_equations import NormalEquations
+from procedures.numerics.triangular import inverse_lower
 
 Array = npt.NDArray[np.float64]
 
@@ -27,11 +27,10 @@ def gamma(gram: Array) -> float:
     Source: thesis, section 2.3.1.
     """
     try:
-        factor = scipy.linalg.cholesky(gram, lower=True, check_finite=False)
+        factor = np.linalg.cholesky(gram)
     except np.linalg.LinAlgError:
         return float("inf")
-    inverse, _ = scipy.linalg.lapack.dtrtri(factor, lower=1)
-    return float(np.sum(inverse**2))
+    return float(np.sum(inverse_lower(factor) ** 2))
 
 
 def gamma_of_fit(equations: NormalEquations, constant: int, weight: Array) -> float:
