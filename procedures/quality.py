@@ -297,9 +297,7 @@ def _tail_fan(s: int, k: int) -> Array:
     f = np.linspace(0, s / 2, int(STEPS_PER_CYCLE * s / 2) + 1)
     turn = np.pi * np.arange(DIRECTIONS) / DIRECTIONS
     fx, fy = f[:, None] * np.cos(turn), f[:, None] * np.sin(turn)
-    fan = tail_spectra(fx.ravel() / s, fy.ravel() / s, k).reshape(*fx.shape, len(SHAPES))
-    fan.flags.writeable = False
-    return fan
+    return tail_spectra(fx.ravel() / s, fy.ravel() / s, k).reshape(*fx.shape, len(SHAPES))
 
 
 def _radial_mean(psf: Psf, f: Array) -> tuple[Array, Array]:

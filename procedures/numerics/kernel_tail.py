@@ -114,7 +114,8 @@ def _spectra(k: int, rows: int, columns: int) -> npt.NDArray[np.complex64]:
     size = kernels.shape[1]
     placed = np.zeros((len(kernels), rows, columns), dtype=np.float32)
     placed[:, :size, :size] = kernels
-    return np.asarray(transforms.rfft2(np.roll(placed, (1 - size, 1 - size), axis=(1, 2))))
+    shifted = np.roll(placed, (1 - size, 1 - size), axis=(1, 2))
+    return np.stack([transforms.rfft2(one) for one in shifted])
 
 
 def tail_sums(k: int) -> Array:
@@ -137,6 +138,13 @@ def tail_spectra(fx: Array, fy: Array, k: int) -> Array:
     of 1/r^3 over its value at 0 is g(x) = x times the integral of J0(t) / t^2 from x = 2 pi f R on, which is
     J0(x) + x (the integral of J0 from 0 to x - 1 - J1(x)).
     """
+    return _spectra_at(np.asarray(fx, np.float64).tobytes(), np.asarray(fy, np.float64).tobytes(), k)
+
+
+@lru_cache(maxsize=32)
+def _spectra_at(x_bytes: bytes, y_bytes: bytes, k: int) -> Array:
+    """The same, kept: curves are drawn at the same frequencies again and again."""
+    fx, fy = np.frombuffer(x_bytes), np.frombuffer(y_bytes)
     half = tail_border(k)
     quadrants = tail_kernels(k)[:, half:, half:]
     n = np.arange(half + 1)
@@ -149,7 +157,8 @@ def tail_spectra(fx: Array, fy: Array, k: int) -> Array:
         within[:, j] = np.sum((down @ quadrant) * across, axis=1)
     x = 2 * np.pi * np.hypot(fx, fy) * half
     within[:, 0] += _beyond(k) * (j0(x) + x * (integral_of_j0(x) - 1 - j1(x)))
-    return np.asarray(within)
+    within.flags.writeable = False  # shared by all callers
+    return within
 
 
 def _beyond(k: int) -> float:
