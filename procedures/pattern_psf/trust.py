@@ -8,10 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.choice import Trial, band_edge
+from procedures.numerics.solvers import cholesky_solve
 from procedures.outcome import Refused, Rule, Verdict, verdict_of
 from procedures.pattern_psf.error_parts import ErrorParts, Variation
 from procedures.pattern_psf.radiometry import Light
-from procedures.pattern_psf.refine import RESPONSE, SPREAD, Fit, TailPrior
+from procedures.pattern_psf.refine import GEOMETRY, RESPONSE, SPREAD, TAIL, Fit, TailPrior
 from procedures.pattern_psf.registration import Registration, map_distance, mark_residuals
 from procedures.psf import Psf, Sampling
 from procedures.quality import truncation
@@ -27,8 +28,8 @@ CURVED = 0.15
 """Curvature of the response from which it is no linear picture."""
 SPREAD_OUT = 0.25
 """Spread of the ink, in cells, that the model of thin outlines does not describe any more."""
-TOLD = 0.85
-"""Variance of the tail over that of what the f-number tells, above which the two are not compared."""
+OTHER_APERTURE = 3.0
+"""Standard uncertainties between the far tail and the f-number's, from which one of them is wrong."""
 DUG_OUT = 3.5
 """Standard uncertainties of missing light from which a picture was sharpened."""
 CRUSHED = 0.05
@@ -221,24 +222,30 @@ def diagnose(
         mismatch=max(parts.mismatch.values(), default=1.0),
         truncation=truncation(psf),
         band_edge=band_edge(psf),
-        tail_sigmas=_tail_sigmas(psf, prior),
+        tail_sigmas=_tail_sigmas(fit, psf.s, prior),
         missing_light=missing_light(psf),
         crushed=light.crushed,
     )
 
 
-def _tail_sigmas(psf: Psf, prior: TailPrior | None) -> float:
-    """How far the tail was drawn from what was expected, over what that pull should be on average.
+def _tail_sigmas(fit: Fit, s: int, prior: TailPrior | None) -> float:
+    """How far the tail that the photograph alone tells lies from what the f-number tells, in standard uncertainties.
 
-    A fit of variance v under a prior of variance p differs from the prior's mean with the variance p - v.
+    With c the variance of the fitted amplitude t, for unit noise, and p, m the prior's variance and mean, the data
+    alone have the variance d = c / (1 - c / p) and the amplitude t + d (t - m) / p.
     """
     if prior is None:
         return 0.0
-    expected = prior.energy(psf.s, psf.k)
-    known, found = (prior.share * expected) ** 2, float(psf.tail.covariance[0, 0])
-    if found > TOLD * known:  # the photograph itself tells next to nothing of its tail
-        return 0.0
-    return float(psf.tail.amplitudes[0] - expected) / float(np.sqrt(known - found))
+    expected = prior.energy(s, round(len(fit.h) ** 0.5))
+    known, found = (prior.share * expected) ** 2, float(fit.light[TAIL])
+    of_tail = np.zeros(len(fit.equations.ZZ))
+    of_tail[GEOMETRY + TAIL] = 1
+    e = np.linalg.solve(fit.equations.ZZ, of_tail)
+    through = fit.equations.AZ @ e
+    c = float(e[GEOMETRY + TAIL] + through @ cholesky_solve(fit.equations.G, through))
+    alone = c / max(1 - c / known, 1e-6)
+    away = found + alone * (found - expected) / known - expected
+    return float(away / np.sqrt(alone * fit.residual_std**2 + known))
 
 
 def _neighbour_correlation(fit: Fit) -> float:
@@ -406,7 +413,7 @@ def _processed(d: Diagnostics) -> list[Rule]:
         ),
         Rule(
             doubtful,
-            abs(d.tail_sigmas) > 4,
+            abs(d.tail_sigmas) > OTHER_APERTURE,
             f"the far tail lies {abs(d.tail_sigmas):.0f} standard uncertainties from what the f-number tells",
             "check f-number and pixel pitch",
         ),

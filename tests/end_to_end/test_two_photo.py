@@ -58,7 +58,10 @@ def test_the_psf_is_the_camera_s(done):
     focus = np.linalg.norm(true[1].h - true[0].h) / np.linalg.norm(aligned)
     # 1 where the error bars are true; the norm of 169 correlated values scatters by a third
     assert error / math.hypot(found.diagnostics["relative_uncertainty"], true[0].floor, focus) < 1.6
-    assert found.quality.numbers["mtf_nyquist_horizontal"].uncertainty < 0.03
+    number = found.quality.numbers["mtf_nyquist_horizontal"]
+    true_nyquist = float(abs(taken[0].true_otf("G1", np.array([0.5]), np.zeros(1))[0]))
+    # at a zoom of 1.8 the wall's own lack of fine detail and a soft near photograph look alike: the bar is wide
+    assert abs(number.value - true_nyquist) < 2.5 * number.uncertainty < 0.5
 
 
 def test_the_scale_is_that_of_the_distances(done):

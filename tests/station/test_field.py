@@ -96,7 +96,7 @@ def test_a_photograph_of_another_size_is_named(monkeypatch, tmp_path):
     sizes = {"a.dng": (20, 30), "b.dng": (20, 40), "c.dng": (20, 30)}
     psf = Psf(gaussian(0.5), S, COVARIANCE)
 
-    def read(path, names):
+    def read(path, names, layout=None):
         plane = Plane("Y", np.zeros(sizes[path.name], dtype=np.float32), 1.0)
         return RawFrame(path, "0" * 64, {"Y": plane}, Exposure())
 

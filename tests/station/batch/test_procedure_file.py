@@ -35,10 +35,16 @@ def test_file_is_read_as_it_is_written(procedure_file):
     )
 
 
-@pytest.mark.parametrize(("text", "s", "k"), [("", 4, 17), ('procedure = "two-photo"', 3, 13)])
-def test_what_is_left_out_is_as_in_the_command(procedure_file, text, s, k):
+@pytest.mark.parametrize("text", ["", 'procedure = "two-photo"'])
+def test_what_is_left_out_is_as_in_the_command(procedure_file, text):
     found = read_procedure(procedure_file(text))
-    assert (found.parameters.s, found.parameters.k, found.planes, found.limits) == (s, k, (), ())
+    assert (found.parameters.s, found.parameters.k, found.planes, found.limits) == (None, None, (), ())
+    assert found.told()["s"] == "auto"
+
+
+def test_auto_and_numbers_are_what_s_and_k_can_be(procedure_file):
+    parameters = read_procedure(procedure_file('parameters = { s = "auto", k = 21 }')).parameters
+    assert (parameters.s, parameters.k) == (None, 21)
 
 
 @pytest.mark.parametrize(
@@ -55,7 +61,7 @@ def test_what_is_left_out_is_as_in_the_command(procedure_file, text, s, k):
         ("planes = ['G']", "planes has 'G'", "R, G1, G2, B, Y, all"),
         ("planes = 'G1'", "planes must be a list", "correct"),
         ("parameters = { k = 16 }", "odd number k", "k = 17"),
-        ("parameters = { s = 2.5 }", "parameters.s must be a whole number; it is '2.5'", "correct"),
+        ("parameters = { s = 2.5 }", "parameters.s must be a whole number or \"auto\"; it is '2.5'", "correct"),
         ("parameters = { s = true }", "parameters.s must be a whole number", "correct"),
         ("chart = { seed = 1, bits = 'x.pgm' }", "are both given", "one of them"),
         ("chart = { bits = 'a\\u0000b' }", "chart.bits", "correct"),
