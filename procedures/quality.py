@@ -18,6 +18,7 @@ from procedures.numerics.bessel import j1
 from procedures.numerics.kernel_tail import SHAPES, tail_spectra
 from procedures.outcome import Quantity
 from procedures.psf import Psf
+from procedures.spatial_numbers import Found, encircled, spatial_numbers, width
 
 Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
@@ -33,10 +34,6 @@ an iris. On tails of Airy's disc, defocus, coma and polygons it was 0.1 to 0.3, 
 NARROWER = (0.67, 0.75, 0.85)
 """Shares of the band within which a number is drawn again: half of the most that the rest changes is doubt of what
 lies beyond the band. The photosite's OTF changes sign: one share alone can hit on a balance."""
-FINE = 4
-"""Points per sample between which the energy inside a circle is summed."""
-AROUND = 4
-"""Samples around the support that its interpolation needs."""
 WAVELENGTHS_NM = {"R": 600.0, "G": 530.0, "B": 460.0, "Y": 550.0}
 """Where a plane of usual colour filters is most sensitive."""
 
@@ -147,10 +144,10 @@ def assess(psf: Psf, *, n: int, diffraction: Diffraction | None = None) -> Quali
     mtf_v, slope_v = _modulus(psf, vertical)
     mtf_r, slope_r = _radial_mean(psf, f)
     curves = {"horizontal": (mtf_h, slope_h), "vertical": (mtf_v, slope_v), "radial": (mtf_r, slope_r)}
-    found: list[_Found] = []
+    found: list[Found] = []
     for name, (mtf, slope) in curves.items():
         found += _curve_numbers(f, mtf, slope, name)
-    found += _spatial_numbers(psf)
+    found += spatial_numbers(psf)
     if diffraction is not None:
         found.append(_strehl(psf, diffraction))
     C = psf.parameter_covariance
@@ -200,7 +197,7 @@ def _left_open(
     f: Array,
     curves: Mapping[str, tuple[Array, Array]],
     uncertainties: Mapping[str, float],
-    found: list[_Found],
+    found: list[Found],
     diffraction: Diffraction | None,
 ) -> dict[str, float]:
     """What the support (of the curves' numbers) and the band (of the spatial ones) leave open, by number."""
@@ -244,42 +241,6 @@ def quantity_along(psf: Psf, angle_deg: float, n: int) -> Quantity | None:
     value, gradient = found
     uncertainty = float(_uncertainty(psf.parameter_covariance, gradient[None])[0])
     return Quantity(value, "cycles/pixel", uncertainty, f"|OTF| = 0.5 at {angle_deg:.1f} degrees from x", n)
-
-
-def energy_within(psf: Psf, radius_px: float) -> tuple[float, Array]:
-    """Share of all light within a radius about the centre, of the band-limited PSF, and its derivative (k^2 + q,)."""
-    image, light = psf.extended(), psf.light
-    size = min(2 * (int(np.ceil(radius_px * psf.s)) + AROUND) + 1, len(image))
-    rim = (len(image) - size) // 2
-    M, r, _ = _fine_grid(size, psf.s)
-    weight = (np.clip((radius_px - r) * FINE * psf.s + 0.5, 0, 1) / FINE**2).reshape(len(M), len(M))
-    by_image = np.zeros_like(image)
-    by_image[rim : len(image) - rim, rim : len(image) - rim] = M.T @ weight @ M
-    share = float(np.sum(by_image * image)) / light
-    return share, (psf.contract(by_image) - share * psf.weights) / light
-
-
-def energy_above_nyquist(psf: Psf) -> tuple[float, Array]:
-    """Share of |OTF|^2 outside |fx|, |fy| <= 1/2, what noise adds taken away, and its derivative (k^2 + q,)."""
-    image = psf.extended()
-    S = _nyquist_kernel(len(image), psf.s)
-    noise = _noise_of_energy(psf)
-    through = S @ image @ S
-    inside, whole = float(np.sum(through * image)) - noise[0], float(np.sum(image**2)) - noise[1]
-    if whole <= 0:
-        return np.nan, np.full(len(psf.parameters), np.nan)
-    return 1 - inside / whole, psf.contract(2 * (inside / whole * image - through) / whole)
-
-
-@dataclass(frozen=True)
-class _Found:
-    """A number as it is drawn from a PSF: its name, value, unit, method, and its gradient by the parameters."""
-
-    name: str
-    value: float
-    unit: str
-    method: str
-    gradient: Array
 
 
 def _modulus(psf: Psf, waves: Complex) -> tuple[Array, Array]:
@@ -327,13 +288,13 @@ def _uncertainty(C: Array, slope: Array) -> Array:
     return np.asarray(np.sqrt(np.maximum(np.einsum("ij,ij->i", slope @ C, slope), 0)))
 
 
-def _curve_numbers(f: Array, mtf: Array, slope: Array, name: str) -> list[_Found]:
+def _curve_numbers(f: Array, mtf: Array, slope: Array, name: str) -> list[Found]:
     """MTF50 and MTF at Nyquist of one curve; no MTF50 where the curve stays above one half."""
     i = int(np.searchsorted(f, 0.5))
-    found = [_Found(f"mtf_nyquist_{name}", float(mtf[i]), "1", "|OTF| at 0.5 cycles/pixel", slope[i])]
+    found = [Found(f"mtf_nyquist_{name}", float(mtf[i]), "1", "|OTF| at 0.5 cycles/pixel", slope[i])]
     crossing = _crossing(f, mtf, slope)
     if crossing is not None:
-        found.append(_Found(f"mtf50_{name}", crossing[0], "cycles/pixel", "first crossing of |OTF| = 0.5", crossing[1]))
+        found.append(Found(f"mtf50_{name}", crossing[0], "cycles/pixel", "first crossing of |OTF| = 0.5", crossing[1]))
     return found
 
 
@@ -361,38 +322,15 @@ def _root(bend: float, tilt: float, above: float) -> float:
     return float(2 * above / (-tilt + np.sqrt(discriminant)))
 
 
-def _spatial_numbers(psf: Psf) -> list[_Found]:
-    """Width, shape, energy: the numbers read from the band-limited PSF itself."""
-    x = psf.offsets_px
-    above, slope = energy_above_nyquist(psf)
-    found = [
-        _of_support(psf, "centroid_x_support", np.tile(x, psf.k)),
-        _of_support(psf, "centroid_y_support", np.repeat(x, psf.k)),
-        _width(psf, "fwhm_horizontal", 1),
-        _width(psf, "fwhm_vertical", 0),
-        _Found("energy_above_nyquist", above, "1", "share of |OTF|^2", slope),
-    ]
-    return [*found, *_encircled(psf, (0.5, 0.8)), *_ellipse_numbers(psf)]
-
-
 def _within_band(psf: Psf, share: float, diffraction: Diffraction | None) -> dict[str, float]:
     """The numbers that hang on the band's outer frequencies, from the samples low-passed to a share of the band."""
     n = np.arange(psf.k)
     low = share * np.sinc(share * (n[:, None] - n))
     narrow = Psf(low @ psf.h @ low.T, psf.s, psf.covariance, psf.tail)
-    found = [_width(narrow, "fwhm_horizontal", 1), _width(narrow, "fwhm_vertical", 0), *_encircled(narrow, (0.5, 0.8))]
+    found = [width(narrow, "fwhm_horizontal", 1), width(narrow, "fwhm_vertical", 0), *encircled(narrow, (0.5, 0.8))]
     if diffraction is not None:
         found.append(_strehl(narrow, diffraction))
     return {one.name: one.value for one in found}
-
-
-def _of_support(psf: Psf, name: str, x: Array) -> _Found:
-    """The first moment over the support, which alone has one: a tail of 1/r^3 has none."""
-    h = psf.h.ravel()
-    total = h.sum()
-    value = float(h @ x / total)
-    gradient = np.concatenate([(x - value) / total, np.zeros(len(psf.parameters) - psf.k**2)])
-    return _Found(name, value, "pixel", "first moment inside the support, from the PSF's centre", gradient)
 
 
 def energy_outside_support(psf: Psf, n: int) -> Quantity:
@@ -401,154 +339,7 @@ def energy_outside_support(psf: Psf, n: int) -> Quantity:
     return Quantity(share, "1", uncertainty, "share of all light outside the support", n)
 
 
-def _width(psf: Psf, name: str, axis: int) -> _Found:
-    """Full width at half maximum of the band-limited section through the centre, along rows (1) or columns (0)."""
-    middle = psf.k // 2
-    profile = psf.h[middle] if axis else psf.h[:, middle]
-    used = middle * psf.k + np.arange(psf.k) if axis else middle + psf.k * np.arange(psf.k)
-    steps = 1e-4 * max(float(np.abs(profile).max()), 1e-30) * np.eye(psf.k)
-    value = float(_widths(profile[None], psf.s)[0])
-    slope = (_widths(profile + steps, psf.s) - _widths(profile - steps, psf.s)) / (2 * steps[0, 0])
-    gradient = np.zeros(len(psf.parameters))
-    gradient[used] = slope
-    return _Found(name, value, "pixel", "band-limited section through the centre", gradient)
-
-
-def _widths(profiles: Array, s: int) -> Array:
-    """Full widths at half maximum (b,) of band-limited sections (b, k), in pixels; NaN where there is none."""
-    fine = 16
-    k = profiles.shape[1]
-    t = np.arange((k - 1) * fine + 1) / fine
-    values = profiles @ np.sinc(t[:, None] - np.arange(k)).T
-    peak = values.argmax(axis=1)[:, None]
-    below = values < np.take_along_axis(values, peak, 1) / 2
-    at = np.arange(values.shape[1])
-    right, left = below & (at > peak), below & (at < peak)
-    there = right.any(axis=1) & left.any(axis=1)
-    high, low = right.argmax(axis=1), values.shape[1] - 1 - left[:, ::-1].argmax(axis=1)
-    width = _half_way(values, peak, high, high - 1) - _half_way(values, peak, low, np.minimum(low + 1, at[-1]))
-    return np.asarray(np.where(there, width, np.nan) / (fine * s))
-
-
-def _half_way(values: Array, peak: Indices, outer: Indices, inner: Indices) -> Array:
-    """Where sections (b, n) fall to half of their value at `peak` (b, 1), between two samples (b,) of each."""
-    rows = np.arange(len(values))
-    half, beyond, before = values[rows, peak[:, 0]] / 2, values[rows, outer], values[rows, inner]
-    with np.errstate(divide="ignore", invalid="ignore"):  # where there is no crossing
-        return np.asarray(inner + (outer - inner) * (before - half) / (before - beyond))
-
-
-def _nyquist_kernel(size: int, s: int) -> Array:
-    """(size, size): the quadratic form S h S . h is the integral of |OTF|^2 over |fx|, |fy| <= 1/2, of sum h^2."""
-    return np.asarray(np.sinc((np.arange(size)[:, None] - np.arange(size)) / s) / s)
-
-
-def _noise_of_energy(psf: Psf) -> tuple[float, float]:
-    """What noise of the samples adds, on average, to the energy inside the Nyquist square and to the whole."""
-    S = _nyquist_kernel(psf.k, psf.s)
-    C = psf.covariance.reshape(psf.k, psf.k, psf.k, psf.k)
-    inside = np.einsum("jb,jb->", S, np.einsum("ia,iajb->jb", S, C.transpose(0, 2, 1, 3)))
-    return float(inside), float(np.trace(psf.covariance))
-
-
-@lru_cache(maxsize=8)
-def _fine_grid(size: int, s: int) -> tuple[Array, Array, Indices]:
-    """Between the samples of an image: the matrix of band-limited interpolation (n, size), the points' distances from
-    the centre in pixels (n^2,), and their order by distance."""
-    t = (np.arange(FINE * (size - 1) + 1) - FINE * (size // 2)) / FINE
-    r = np.hypot(t, t[:, None]).ravel() / s
-    return np.sinc(t[:, None] - (np.arange(size) - size // 2)), r, np.argsort(r, kind="stable")
-
-
-def _encircled(psf: Psf, shares: tuple[float, ...]) -> list[_Found]:
-    """Radii about the marks' centre within which shares of all light lie, of the band-limited PSF."""
-    whole = psf.extended()
-    found = []
-    for share in shares:
-        one = None
-        # most circles lie inside the support: the far samples are only looked at where they must be
-        for size in {min(psf.k + 2 * AROUND, len(whole)): None, len(whole): None}:
-            one = _circle(psf, whole, size, share)
-            if np.isfinite(one.value):
-                break
-        assert one is not None
-        found.append(one)
-    return found
-
-
-def _circle(psf: Psf, whole: Array, size: int, share: float) -> _Found:
-    """The radius of a share of all light, by the central samples of the image; NaN where they hold less of it."""
-    rim = (len(whole) - size) // 2
-    image, light = whole[rim : len(whole) - rim, rim : len(whole) - rim], psf.light
-    M, r, order = _fine_grid(size, psf.s)
-    cell = 1 / (FINE * psf.s)  # side of a fine point's square, which the circle enters linearly
-    fine = (M @ image @ M.T).ravel() / FINE**2
-    within = r[order] < (size // 2) / psf.s
-    running = np.cumsum(fine[order][within]) / light
-    name, method = f"encircled_energy_{share * 100:.0f}", f"radius of {share:.0%} of all light"
-    if not len(running) or running.max() < share or running[0] >= share:
-        return _Found(name, np.nan, "pixel", method, np.full(len(psf.parameters), np.nan))
-    radius, density = float(r[order[np.argmax(running >= share)]]), 1.0
-    for _ in range(6):  # Newton's steps on the smooth sum
-        density = float(fine[np.abs(radius - r) < cell / 2].sum()) / cell / light
-        radius += (share - float(np.clip((radius - r) / cell + 0.5, 0, 1) @ fine) / light) / density
-    weight = np.clip((radius - r) / cell + 0.5, 0, 1).reshape(len(M), len(M)) / FINE**2
-    by_image = np.zeros_like(whole)
-    by_image[rim : len(whole) - rim, rim : len(whole) - rim] = M.T @ weight @ M
-    gradient = (share * psf.weights - psf.contract(by_image)) / light / density
-    return _Found(name, radius, "pixel", method, gradient)
-
-
-def _moment_weight(psf: Psf) -> Array:
-    """Gaussian weight (k^2,) as wide as the PSF's core: without it the far samples' noise rules the moments."""
-    middle = psf.k // 2
-    core = _widths(np.stack([psf.h[middle], psf.h[:, middle]]), psf.s)
-    sigma = 1.5 * float(np.nanmean(core)) / 2.355 if np.isfinite(core).any() else psf.k / (4 * psf.s)
-    x = psf.offsets_px
-    return np.asarray(np.exp(-(x**2 + (x**2)[:, None]) / (2 * sigma**2)).ravel())
-
-
-def _ellipse_numbers(psf: Psf) -> list[_Found]:
-    """Ellipticity 1 - b/a, and the major axis' angle, of the second moments under a Gaussian weight."""
-    x, y = np.tile(psf.offsets_px, psf.k), np.repeat(psf.offsets_px, psf.k)
-    w = _moment_weight(psf)
-    monomials = np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y]) * w[:, None]
-    value, slope = _ellipse(psf.h.ravel() @ monomials)
-    gradients = np.zeros((2, len(psf.parameters)))
-    gradients[:, : psf.k**2] = slope @ monomials.T
-    method = "weighted second moments"
-    return [
-        _Found("ellipticity", float(value[0]), "1", f"1 - b/a of {method}", gradients[0]),
-        _Found("ellipse_angle", float(value[1]), "degree", "major axis, from x towards y", gradients[1]),
-    ]
-
-
-def _ellipse(sums: Array) -> tuple[Array, Array]:
-    """Ellipticity and angle in degrees (2,) of weighted sums of 1, x, y, xx, xy, yy, and their derivative (2, 6)."""
-    total = sums[0]
-    cx, cy, mxx, mxy, myy = sums[1:] / total
-    xx, xy, yy = mxx - cx * cx, mxy - cx * cy, myy - cy * cy
-    half, spread = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
-    minor, major = half - spread, half + spread
-    if not (minor > 0 and spread > 0):
-        return np.full(2, np.nan), np.full((2, 6), np.nan)
-    # by the central moments first: half and spread, then minor and major
-    of_spread = np.array([(xx - yy) / 4, xy, (yy - xx) / 4]) / spread
-    of_half = np.array([0.5, 0.0, 0.5])
-    flat = -np.sqrt(minor / major) / 2 * ((of_half - of_spread) / minor - (of_half + of_spread) / major)
-    turn = np.degrees(np.array([-xy / 2, (xx - yy) / 2, xy / 2]) / (2 * spread**2))
-    central = np.array(
-        [
-            [2 * cx * cx - mxx, -2 * cx, 0, 1, 0, 0],
-            [2 * cx * cy - mxy, -cy, -cx, 0, 1, 0],
-            [2 * cy * cy - myy, 0, -2 * cy, 0, 0, 1],
-        ]
-    )
-    value = np.array([1 - np.sqrt(minor / major), np.degrees(np.arctan2(2 * xy, xx - yy) / 2)])
-    return value, np.stack([flat, turn]) @ central / total
-
-
-def _strehl(psf: Psf, diffraction: Diffraction) -> _Found:
+def _strehl(psf: Psf, diffraction: Diffraction) -> Found:
     """Value of the PSF at its centre over that of diffraction alone, both limited to the s grid's band.
 
     The measured PSF holds the pixel's aperture and the optical low-pass filter too: it is the camera's ratio, not
@@ -561,4 +352,4 @@ def _strehl(psf: Psf, diffraction: Diffraction) -> _Found:
     gradient = -value * psf.weights / psf.light
     gradient[centre] += 1 / psf.light / ideal
     method = f"centre over diffraction at f/{diffraction.f_number:g}, {diffraction.wavelength_nm:g} nm"
-    return _Found("strehl", value, "1", method, gradient)
+    return Found("strehl", value, "1", method, gradient)

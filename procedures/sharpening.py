@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.psf import Psf
-from procedures.quality import energy_within
+from procedures.spatial_numbers import energy_within
 
 Array = npt.NDArray[np.float64]
 

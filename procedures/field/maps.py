@@ -13,7 +13,8 @@ import numpy.typing as npt
 
 from procedures.psf import Psf
 from procedures.psf_field import PsfField
-from procedures.quality import energy_above_nyquist, mtf50_along
+from procedures.quality import mtf50_along
+from procedures.spatial_numbers import energy_above_nyquist
 
 Array = npt.NDArray[np.float64]
 

@@ -18,6 +18,7 @@ from procedures.choice import FINEST, Trial, choose, settling
 from procedures.outcome import Outcome, Refused, Verdict
 from procedures.pattern import BLOCK, CELLS, Chart
 from procedures.pattern_psf.detection import Sighting, check_usable, find_chart
+from procedures.pattern_psf.diagnostics import Diagnostics, diagnose
 from procedures.pattern_psf.error_parts import ErrorParts, Variation, error_parts
 from procedures.pattern_psf.gamma import gamma_bound, gamma_of_fit
 from procedures.pattern_psf.observation import noise_window, observe
@@ -31,7 +32,7 @@ from procedures.pattern_psf.registration import (
     register_marks,
 )
 from procedures.pattern_psf.solution import solution
-from procedures.pattern_psf.trust import Diagnostics, Doubts, check_cells, diagnose, judge
+from procedures.pattern_psf.trust import Doubts, check_cells, judge
 from procedures.psf import Psf, Sampling
 from procedures.quality import Diffraction, Quality, assess
 from procedures.raw import Plane

@@ -91,15 +91,16 @@ def check_settings(a: Exposure, b: Exposure) -> None:
 def judge(d: Diagnostics, asked: Sampling, tried: tuple[Trial, ...], s: int) -> tuple[Verdict, str, str]:
     """Verdict, reason and remedy: the first refusal, else all doubts together."""
     return verdict_of(
-        _refusals(d) + _doubts(d, s) + _unlike(d, tried[-1].band_open) + _left_out(asked, tried[-1], d.scale)
+        _refusals(d)
+        + _doubts(d, s)
+        + _remains(d)
+        + _unlike(d, tried[-1].band_open)
+        + _left_out(asked, tried[-1], d.scale)
     )
 
 
-def _unlike(d: Diagnostics, band_open: bool) -> list[Rule]:
-    """What tells that the photographs are not of one wall in one light, equally sharp and unprocessed.
-
-    A band that ends where the OTF has not rings around the core as sharpening does.
-    """
+def _remains(d: Diagnostics) -> list[Rule]:
+    """What the near photograph does not explain of the far one."""
     doubtful = Verdict.DOUBTFUL
     return [
         Rule(
@@ -144,6 +145,16 @@ def _unlike(d: Diagnostics, band_open: bool) -> list[Rule]:
             "one axis as along the other: the camera moved in the far exposure, or the photograph was processed",
             "take both from a tripod, without touching the camera, as RAW files",
         ),
+    ]
+
+
+def _unlike(d: Diagnostics, band_open: bool) -> list[Rule]:
+    """What tells that the photographs are not equally sharp, equally lit and unprocessed.
+
+    A band that ends where the OTF has not rings around the core as sharpening does.
+    """
+    doubtful = Verdict.DOUBTFUL
+    return [
         Rule(
             doubtful,
             d.beyond_light > BEYOND_LIGHT or (d.missing_light > DUG_OUT and not band_open),

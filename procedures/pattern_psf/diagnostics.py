@@ -1,0 +1,194 @@
+"""What tells a good photograph from a bad one, measured on the way to its PSF."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.choice import band_edge
+from procedures.numerics.solvers import cholesky_solve
+from procedures.pattern_psf.error_parts import ErrorParts
+from procedures.pattern_psf.radiometry import Light
+from procedures.pattern_psf.refine import GEOMETRY, RESPONSE, SPREAD, TAIL, Fit, TailPrior
+from procedures.pattern_psf.registration import Registration, map_distance, mark_residuals
+from procedures.psf import Psf
+from procedures.quality import truncation
+from procedures.sharpening import missing_light
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Diagnostics:
+    """What tells a good photograph from a bad one.
+
+    Attributes
+    ----------
+    agreement : float
+        Share of the noise region's variance that the prediction explains, freedoms allowed for: near 1 with the
+        right cells, 0 with any others.
+    unexplained : float
+        Share of the variance that is neither explained nor noise.
+    residual_std : float
+        Residual in units of the noise measured on the blocks.
+    whiteness : float
+        Largest correlation of the residual with itself one pixel further, along rows or columns: 0 when white.
+    relative_uncertainty : float
+        sqrt(trace of the covariance) over the norm of the PSF: the relative L2 error to expect.
+    support_cut : float
+        Share of the PSF's energy outside its support, by the amplitude of a 1/r^3 tail.
+    marks_offset_px, marks_rms_px : float
+        Mean distance of the marks, as found, from where the fit sees them, and their scatter.
+    moved_px : float
+        Largest distance between the marks' map and the refined one, inside the noise region.
+    outliers : float
+        Share of the samples left out because no noise explains them.
+    saturated, flatness, contrast, noise : float
+        Of the light: clipped share of the white blocks, smallest over largest white, white minus black, and the
+        noise over that contrast.
+    response_curvature : float
+        beta of the response m + beta (m^2 - m).
+    ink_spread : float
+        By how much the edges moved from black to white in print, in cells.
+    printed_edges_rms : float
+        Root mean square offset of the printed lines of edges, in cells; 0 where they were not estimated.
+    s_over_t : float
+        Sampling ratio: s times pixels per cell.
+    noise_correlation : float
+        Of neighbouring samples in the flat blocks: 0 in a RAW plane, not in what was demosaiced, sharpened, compressed.
+    mismatch : float
+        Variance of MTF50 by the scatter of the chart's parts, over that by white noise.
+    truncation, band_edge : float
+        What the support may leave out of the OTF, and the OTF near the band's edge.
+    tail_sigmas : float
+        Far tail as fitted against what f-number and pitch tell, in standard uncertainties; 0 where they are not known.
+    missing_light : float
+        Of the rings around the core against what a lens leaves there, in standard uncertainties.
+    crushed : float
+        Share of the black blocks' samples that lie at one value.
+    """
+
+    agreement: float
+    unexplained: float
+    residual_std: float
+    whiteness: float
+    relative_uncertainty: float
+    support_cut: float
+    marks_offset_px: float
+    marks_rms_px: float
+    moved_px: float
+    outliers: float
+    saturated: float
+    flatness: float
+    contrast: float
+    noise: float
+    response_curvature: float
+    ink_spread: float
+    printed_edges_rms: float
+    s_over_t: float
+    noise_correlation: float
+    mismatch: float
+    truncation: float
+    band_edge: float
+    tail_sigmas: float
+    missing_light: float
+    crushed: float
+
+
+def unexplained(fit: Fit) -> float:
+    """Share of the variance that is neither explained nor noise."""
+    o = fit.observation
+    return max(1 - fit.agreement - float(np.mean(1 / o.weight**2)) / float(np.var(o.y)), 0.0)
+
+
+def diagnose(
+    fit: Fit,
+    psf: Psf,
+    light: Light,
+    corners: Array,
+    marks_map: Registration,
+    outliers: float,
+    parts: ErrorParts,
+    prior: TailPrior | None,
+) -> Diagnostics:
+    """Measure what the verdict needs.
+
+    Parameters
+    ----------
+    fit : Fit
+    psf : Psf
+        The normalised answer.
+    light : Light
+    corners : (12, 2) float64
+        The marks as found, NaN where hidden.
+    marks_map : Registration
+        The map that the marks alone gave.
+    outliers : float
+        Share of the samples left out.
+    parts : ErrorParts
+    prior : TailPrior or None
+    """
+    marks = mark_residuals(fit.registration, corners)
+    pixels_per_cell = 1 / np.sqrt(abs(np.linalg.det(fit.registration.jacobian())))
+    return Diagnostics(
+        agreement=fit.agreement,
+        unexplained=unexplained(fit),
+        residual_std=fit.residual_std,
+        whiteness=_neighbour_correlation(fit),
+        relative_uncertainty=float(np.sqrt(np.trace(psf.covariance)) / np.linalg.norm(psf.h)),
+        support_cut=fit.cut,
+        marks_offset_px=float(np.linalg.norm(marks.mean(axis=0))),
+        marks_rms_px=float(np.sqrt(np.mean(np.sum((marks - marks.mean(axis=0)) ** 2, axis=1)))),
+        moved_px=map_distance(marks_map, fit.registration, fit.observation.points[::29]),
+        outliers=outliers,
+        saturated=light.saturated,
+        flatness=light.flatness,
+        contrast=light.contrast,
+        noise=float(np.sqrt(light.variance_white) / light.contrast),
+        response_curvature=float(fit.light[RESPONSE]),
+        ink_spread=-float(fit.light[SPREAD]),
+        printed_edges_rms=fit.edge_rms,
+        s_over_t=float(psf.s * pixels_per_cell),
+        noise_correlation=light.noise_correlation,
+        mismatch=max(parts.mismatch.values(), default=1.0),
+        truncation=truncation(psf),
+        band_edge=band_edge(psf),
+        tail_sigmas=_tail_sigmas(fit, psf.s, prior),
+        missing_light=missing_light(psf),
+        crushed=light.crushed,
+    )
+
+
+def _tail_sigmas(fit: Fit, s: int, prior: TailPrior | None) -> float:
+    """How far the tail that the photograph alone tells lies from what the f-number tells, in standard uncertainties.
+
+    With c the variance of the fitted amplitude t, for unit noise, and p, m the prior's variance and mean, the data
+    alone have the variance d = c / (1 - c / p) and the amplitude t + d (t - m) / p.
+    """
+    if prior is None:
+        return 0.0
+    expected = prior.energy(s, round(len(fit.h) ** 0.5))
+    known, found = (prior.share * expected) ** 2, float(fit.light[TAIL])
+    of_tail = np.zeros(len(fit.equations.ZZ))
+    of_tail[GEOMETRY + TAIL] = 1
+    e = np.linalg.solve(fit.equations.ZZ, of_tail)
+    through = fit.equations.AZ @ e
+    c = float(e[GEOMETRY + TAIL] + through @ cholesky_solve(fit.equations.G, through))
+    alone = c / max(1 - c / known, 1e-6)
+    away = found + alone * (found - expected) / known - expected
+    return float(away / np.sqrt(alone * fit.residual_std**2 + known))
+
+
+def _neighbour_correlation(fit: Fit) -> float:
+    """Largest correlation of the residual at lag one, along rows or columns."""
+    o = fit.observation
+    grid = np.zeros((o.rows.max() + 1, o.columns.max() + 1))
+    grid[o.rows, o.columns] = fit.residual
+    known = np.zeros_like(grid)
+    known[o.rows, o.columns] = 1
+    variance = float(np.var(fit.residual))
+    pairs = ((grid[1:], grid[:-1], known[1:] * known[:-1]), (grid[:, 1:], grid[:, :-1], known[:, 1:] * known[:, :-1]))
+    lags = [float(np.sum(a * b) / max(n.sum(), 1)) / variance for a, b, n in pairs]
+    return max(lags, key=abs)

@@ -1,0 +1,229 @@
+"""Numbers read from the PSF itself: widths, energies inside circles and above Nyquist, shape, with their gradients.
+
+Every one is of the band-limited PSF between its samples, and of all light: the tail outside the support counts.
+Lengths are in pixels of the plane.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.psf import Psf
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.intp]
+
+FINE = 4
+"""Points per sample between which the energy inside a circle is summed."""
+AROUND = 4
+"""Samples around the support that its interpolation needs."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """A number as it is drawn from a PSF: its name, value, unit, method, and its gradient by the parameters."""
+
+    name: str
+    value: float
+    unit: str
+    method: str
+    gradient: Array
+
+
+def spatial_numbers(psf: Psf) -> list[Found]:
+    """Width, shape, energy: the numbers read from the band-limited PSF itself."""
+    x = psf.offsets_px
+    above, slope = energy_above_nyquist(psf)
+    found = [
+        _of_support(psf, "centroid_x_support", np.tile(x, psf.k)),
+        _of_support(psf, "centroid_y_support", np.repeat(x, psf.k)),
+        width(psf, "fwhm_horizontal", 1),
+        width(psf, "fwhm_vertical", 0),
+        Found("energy_above_nyquist", above, "1", "share of |OTF|^2", slope),
+    ]
+    return [*found, *encircled(psf, (0.5, 0.8)), *_ellipse_numbers(psf)]
+
+
+def energy_within(psf: Psf, radius_px: float) -> tuple[float, Array]:
+    """Share of all light within a radius about the centre, of the band-limited PSF, and its derivative (k^2 + q,)."""
+    image, light = psf.extended(), psf.light
+    size = min(2 * (int(np.ceil(radius_px * psf.s)) + AROUND) + 1, len(image))
+    rim = (len(image) - size) // 2
+    M, r, _ = _fine_grid(size, psf.s)
+    weight = (np.clip((radius_px - r) * FINE * psf.s + 0.5, 0, 1) / FINE**2).reshape(len(M), len(M))
+    by_image = np.zeros_like(image)
+    by_image[rim : len(image) - rim, rim : len(image) - rim] = M.T @ weight @ M
+    share = float(np.sum(by_image * image)) / light
+    return share, (psf.contract(by_image) - share * psf.weights) / light
+
+
+def energy_above_nyquist(psf: Psf) -> tuple[float, Array]:
+    """Share of |OTF|^2 outside |fx|, |fy| <= 1/2, what noise adds taken away, and its derivative (k^2 + q,)."""
+    image = psf.extended()
+    S = _nyquist_kernel(len(image), psf.s)
+    noise = _noise_of_energy(psf)
+    through = S @ image @ S
+    inside, whole = float(np.sum(through * image)) - noise[0], float(np.sum(image**2)) - noise[1]
+    if whole <= 0:
+        return np.nan, np.full(len(psf.parameters), np.nan)
+    return 1 - inside / whole, psf.contract(2 * (inside / whole * image - through) / whole)
+
+
+def _of_support(psf: Psf, name: str, x: Array) -> Found:
+    """The first moment over the support, which alone has one: a tail of 1/r^3 has none."""
+    h = psf.h.ravel()
+    total = h.sum()
+    value = float(h @ x / total)
+    gradient = np.concatenate([(x - value) / total, np.zeros(len(psf.parameters) - psf.k**2)])
+    return Found(name, value, "pixel", "first moment inside the support, from the PSF's centre", gradient)
+
+
+def width(psf: Psf, name: str, axis: int) -> Found:
+    """Full width at half maximum of the band-limited section through the centre, along rows (1) or columns (0)."""
+    middle = psf.k // 2
+    profile = psf.h[middle] if axis else psf.h[:, middle]
+    used = middle * psf.k + np.arange(psf.k) if axis else middle + psf.k * np.arange(psf.k)
+    steps = 1e-4 * max(float(np.abs(profile).max()), 1e-30) * np.eye(psf.k)
+    value = float(_widths(profile[None], psf.s)[0])
+    slope = (_widths(profile + steps, psf.s) - _widths(profile - steps, psf.s)) / (2 * steps[0, 0])
+    gradient = np.zeros(len(psf.parameters))
+    gradient[used] = slope
+    return Found(name, value, "pixel", "band-limited section through the centre", gradient)
+
+
+def _widths(profiles: Array, s: int) -> Array:
+    """Full widths at half maximum (b,) of band-limited sections (b, k), in pixels; NaN where there is none."""
+    fine = 16
+    k = profiles.shape[1]
+    t = np.arange((k - 1) * fine + 1) / fine
+    values = profiles @ np.sinc(t[:, None] - np.arange(k)).T
+    peak = values.argmax(axis=1)[:, None]
+    below = values < np.take_along_axis(values, peak, 1) / 2
+    at = np.arange(values.shape[1])
+    right, left = below & (at > peak), below & (at < peak)
+    there = right.any(axis=1) & left.any(axis=1)
+    high, low = right.argmax(axis=1), values.shape[1] - 1 - left[:, ::-1].argmax(axis=1)
+    width = _half_way(values, peak, high, high - 1) - _half_way(values, peak, low, np.minimum(low + 1, at[-1]))
+    return np.asarray(np.where(there, width, np.nan) / (fine * s))
+
+
+def _half_way(values: Array, peak: Indices, outer: Indices, inner: Indices) -> Array:
+    """Where sections (b, n) fall to half of their value at `peak` (b, 1), between two samples (b,) of each."""
+    rows = np.arange(len(values))
+    half, beyond, before = values[rows, peak[:, 0]] / 2, values[rows, outer], values[rows, inner]
+    with np.errstate(divide="ignore", invalid="ignore"):  # where there is no crossing
+        return np.asarray(inner + (outer - inner) * (before - half) / (before - beyond))
+
+
+def _nyquist_kernel(size: int, s: int) -> Array:
+    """(size, size): the quadratic form S h S . h is the integral of |OTF|^2 over |fx|, |fy| <= 1/2, of sum h^2."""
+    return np.asarray(np.sinc((np.arange(size)[:, None] - np.arange(size)) / s) / s)
+
+
+def _noise_of_energy(psf: Psf) -> tuple[float, float]:
+    """What noise of the samples adds, on average, to the energy inside the Nyquist square and to the whole."""
+    S = _nyquist_kernel(psf.k, psf.s)
+    C = psf.covariance.reshape(psf.k, psf.k, psf.k, psf.k)
+    inside = np.einsum("jb,jb->", S, np.einsum("ia,iajb->jb", S, C.transpose(0, 2, 1, 3)))
+    return float(inside), float(np.trace(psf.covariance))
+
+
+@lru_cache(maxsize=8)
+def _fine_grid(size: int, s: int) -> tuple[Array, Array, Indices]:
+    """Between the samples of an image: the matrix of band-limited interpolation (n, size), the points' distances from
+    the centre in pixels (n^2,), and their order by distance."""
+    t = (np.arange(FINE * (size - 1) + 1) - FINE * (size // 2)) / FINE
+    r = np.hypot(t, t[:, None]).ravel() / s
+    return np.sinc(t[:, None] - (np.arange(size) - size // 2)), r, np.argsort(r, kind="stable")
+
+
+def encircled(psf: Psf, shares: tuple[float, ...]) -> list[Found]:
+    """Radii about the marks' centre within which shares of all light lie, of the band-limited PSF."""
+    whole = psf.extended()
+    found = []
+    for share in shares:
+        one = None
+        # most circles lie inside the support: the far samples are only looked at where they must be
+        for size in {min(psf.k + 2 * AROUND, len(whole)): None, len(whole): None}:
+            one = _circle(psf, whole, size, share)
+            if np.isfinite(one.value):
+                break
+        assert one is not None
+        found.append(one)
+    return found
+
+
+def _circle(psf: Psf, whole: Array, size: int, share: float) -> Found:
+    """The radius of a share of all light, by the central samples of the image; NaN where they hold less of it."""
+    rim = (len(whole) - size) // 2
+    image, light = whole[rim : len(whole) - rim, rim : len(whole) - rim], psf.light
+    M, r, order = _fine_grid(size, psf.s)
+    cell = 1 / (FINE * psf.s)  # side of a fine point's square, which the circle enters linearly
+    fine = (M @ image @ M.T).ravel() / FINE**2
+    within = r[order] < (size // 2) / psf.s
+    running = np.cumsum(fine[order][within]) / light
+    name, method = f"encircled_energy_{share * 100:.0f}", f"radius of {share:.0%} of all light"
+    if not len(running) or running.max() < share or running[0] >= share:
+        return Found(name, np.nan, "pixel", method, np.full(len(psf.parameters), np.nan))
+    radius, density = float(r[order[np.argmax(running >= share)]]), 1.0
+    for _ in range(6):  # Newton's steps on the smooth sum
+        density = float(fine[np.abs(radius - r) < cell / 2].sum()) / cell / light
+        radius += (share - float(np.clip((radius - r) / cell + 0.5, 0, 1) @ fine) / light) / density
+    weight = np.clip((radius - r) / cell + 0.5, 0, 1).reshape(len(M), len(M)) / FINE**2
+    by_image = np.zeros_like(whole)
+    by_image[rim : len(whole) - rim, rim : len(whole) - rim] = M.T @ weight @ M
+    gradient = (share * psf.weights - psf.contract(by_image)) / light / density
+    return Found(name, radius, "pixel", method, gradient)
+
+
+def _moment_weight(psf: Psf) -> Array:
+    """Gaussian weight (k^2,) as wide as the PSF's core: without it the far samples' noise rules the moments."""
+    middle = psf.k // 2
+    core = _widths(np.stack([psf.h[middle], psf.h[:, middle]]), psf.s)
+    sigma = 1.5 * float(np.nanmean(core)) / 2.355 if np.isfinite(core).any() else psf.k / (4 * psf.s)
+    x = psf.offsets_px
+    return np.asarray(np.exp(-(x**2 + (x**2)[:, None]) / (2 * sigma**2)).ravel())
+
+
+def _ellipse_numbers(psf: Psf) -> list[Found]:
+    """Ellipticity 1 - b/a, and the major axis' angle, of the second moments under a Gaussian weight."""
+    x, y = np.tile(psf.offsets_px, psf.k), np.repeat(psf.offsets_px, psf.k)
+    w = _moment_weight(psf)
+    monomials = np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y]) * w[:, None]
+    value, slope = _ellipse(psf.h.ravel() @ monomials)
+    gradients = np.zeros((2, len(psf.parameters)))
+    gradients[:, : psf.k**2] = slope @ monomials.T
+    method = "weighted second moments"
+    return [
+        Found("ellipticity", float(value[0]), "1", f"1 - b/a of {method}", gradients[0]),
+        Found("ellipse_angle", float(value[1]), "degree", "major axis, from x towards y", gradients[1]),
+    ]
+
+
+def _ellipse(sums: Array) -> tuple[Array, Array]:
+    """Ellipticity and angle in degrees (2,) of weighted sums of 1, x, y, xx, xy, yy, and their derivative (2, 6)."""
+    total = sums[0]
+    cx, cy, mxx, mxy, myy = sums[1:] / total
+    xx, xy, yy = mxx - cx * cx, mxy - cx * cy, myy - cy * cy
+    half, spread = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
+    minor, major = half - spread, half + spread
+    if not (minor > 0 and spread > 0):
+        return np.full(2, np.nan), np.full((2, 6), np.nan)
+    # by the central moments first: half and spread, then minor and major
+    of_spread = np.array([(xx - yy) / 4, xy, (yy - xx) / 4]) / spread
+    of_half = np.array([0.5, 0.0, 0.5])
+    flat = -np.sqrt(minor / major) / 2 * ((of_half - of_spread) / minor - (of_half + of_spread) / major)
+    turn = np.degrees(np.array([-xy / 2, (xx - yy) / 2, xy / 2]) / (2 * spread**2))
+    central = np.array(
+        [
+            [2 * cx * cx - mxx, -2 * cx, 0, 1, 0, 0],
+            [2 * cx * cy - mxy, -cy, -cx, 0, 1, 0],
+            [2 * cy * cy - myy, 0, -2 * cy, 0, 0, 1],
+        ]
+    )
+    value = np.array([1 - np.sqrt(minor / major), np.degrees(np.arctan2(2 * xy, xx - yy) / 2)])
+    return value, np.stack([flat, turn]) @ central / total
