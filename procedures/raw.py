@@ -14,12 +14,12 @@ from typing import Any, BinaryIO
 import numpy as np
 import numpy.typing as npt
 
-from procedures.exposure import Exposure, read_exposure
-from procedures.grey_image import PNG_MAGIC, Samples, read_pgm, read_png, read_tiff
-from procedures.library_noise import captured_noise
 from procedures.outcome import BadInput, BadParameter
-from procedures.sensor_dump import DumpLayout, has_raw_header
-from procedures.tiff_tags import (
+from procedures.reading.exposure import Exposure, read_exposure
+from procedures.reading.grey_image import PNG_MAGIC, Samples, read_pgm, read_png, read_tiff
+from procedures.reading.library_noise import captured_noise
+from procedures.reading.sensor_dump import DumpLayout, has_raw_header
+from procedures.reading.tiff_tags import (
     ACTIVE_AREA,
     BLACK_DELTA_COLUMNS,
     BLACK_DELTA_ROWS,

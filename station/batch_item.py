@@ -11,10 +11,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
-from procedures.exposure import check_typed
 from procedures.outcome import BadInput, BadParameter, ProcedureError, Verdict
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.raw import RawFrame, default_plane, read_frame, read_photograph
+from procedures.reading.exposure import check_typed
 from procedures.two_photo.estimate import TwoPhotoParameters
 from station.batch_frames import Item
 from station.calibrate import Calibrated, calibrate, calibrate_pair, diffraction_limit

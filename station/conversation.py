@@ -8,9 +8,9 @@ from dataclasses import replace
 from typing import Protocol, TypeVar
 
 from drivers.errors import DeviceError, EmergencyStopped
-from procedures.exposure import TYPED
 from procedures.outcome import ProcedureError
 from procedures.plan import Advice, Ask, Fact, Facts
+from procedures.reading.exposure import TYPED
 from station.operator import Doing, Event, Operator, Stopped, Trouble
 from station.session import Session
 

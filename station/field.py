@@ -22,7 +22,7 @@ from procedures.pattern_psf.estimate import PatternParameters
 from procedures.psf_field import Node
 from procedures.quality import assess
 from procedures.raw import Plane, RawFrame, read_frame
-from procedures.sensor_dump import DumpLayout
+from procedures.reading.sensor_dump import DumpLayout
 from station.calibrate import Limit
 from station.progress import Progress, silent
 from station.results import PlaneRecord

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from procedures.field import guide
+from procedures.field import plan as guide
 from procedures.outcome import Outcome, Refused, Verdict
 from procedures.pattern_psf.checks import known_chart, parameters_of
 from procedures.plan import Facts, Plan

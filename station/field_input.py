@@ -7,8 +7,8 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from procedures.exposure import check_typed, read_exposure
 from procedures.outcome import BadInput, BadParameter
+from procedures.reading.exposure import check_typed, read_exposure
 from station.batch_frames import GREY_SUFFIXES, RAW_SUFFIXES
 from station.session_folder import ORIGINALS, inside, is_session
 from station.session_reading import read_session

@@ -17,6 +17,7 @@ from procedures.pattern import BLOCK, BLOCKS, CELLS
 from procedures.pattern_psf.estimate import PatternPsf
 from procedures.pattern_psf.registration import Registration
 from procedures.psf import Psf
+from procedures.radial_profile import Profile
 from procedures.raw import Plane
 from station.drawing import (
     ALONG,
@@ -30,7 +31,6 @@ from station.drawing import (
     colour_bar,
     svg,
 )
-from station.radial_profile import Profile
 
 Array = npt.NDArray[np.float64]
 

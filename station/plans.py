@@ -25,12 +25,12 @@ class Entry:
 
 PLANS = {
     "pattern": Entry(
-        "procedures.pattern_psf.guide",
+        "procedures.pattern_psf.plan",
         "the PSF from a printed noise chart",
         ("gamma", "gamma_bound", "residual_std", "pixels_per_pattern", "s_over_t", "chi_square", "spread"),
     ),
     "two-photo": Entry(
-        "procedures.two_photo.guide",
+        "procedures.two_photo.plan",
         "the PSF from two photographs of a textured wall",
         ("scale", "gain", "noise", "residual_std"),
     ),
@@ -40,7 +40,7 @@ PLANS = {
         writer="station.field_results",
     ),
     "restoration": Entry(
-        "procedures.restoration.guide",
+        "procedures.restoration.plan",
         "picture and depth from two blurred photographs",
         writer="station.restoration_results",
     ),

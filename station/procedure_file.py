@@ -31,7 +31,7 @@ from procedures.pattern_print.source import Source
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.psf import Sampling
 from procedures.raw import GREY_PLANE, MOSAIC_PLANES
-from procedures.sensor_dump import DumpLayout
+from procedures.reading.sensor_dump import DumpLayout
 from procedures.two_photo.estimate import TwoPhotoParameters
 from station.limits import NUMBERS, Limit
 from station.names import printable

@@ -18,10 +18,10 @@ import numpy.typing as npt
 from procedures.outcome import Outcome
 from procedures.raw import read_frame
 from procedures.ray_histogram.multiscale import filter_film
-from procedures.restoration.blur_models import pillbox
-from procedures.restoration.camera import CameraSetting
-from procedures.restoration.estimate import Restoration, RestorationParameters, restore
-from procedures.restoration.measured import stacks_of
+from procedures.restoration.joint.estimate import Restoration, RestorationParameters, restore
+from procedures.restoration.joint.kernel_sizes import stacks_of
+from procedures.restoration.masks.blur_models import pillbox
+from procedures.restoration.masks.thin_lens import CameraSetting
 from simulators.dng import Shot
 from simulators.optics import Optics
 from simulators.ray_scenes import leaves_in_depth

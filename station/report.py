@@ -17,6 +17,7 @@ from procedures.budget import TERMS
 from procedures.outcome import Quantity
 from procedures.pattern_psf.error_parts import Variation
 from procedures.pattern_psf.estimate import PatternPsf
+from procedures.radial_profile import radial_profile
 from procedures.raw import Exposure, Plane, RawFrame
 from procedures.two_photo.estimate import TwoPhotoPsf
 from station import figures, otf_figures
@@ -25,7 +26,6 @@ from station.calibrate import Calibrated
 from station.limits import Judged, Judgement
 from station.names import printable
 from station.page import NUMBERS, exposure_words, render
-from station.radial_profile import radial_profile
 from station.results import PlaneRecord, quantities, software
 
 Array = npt.NDArray[np.float64]

@@ -14,14 +14,14 @@ import numpy.typing as npt
 
 from procedures.outcome import BadInput, BadParameter
 from procedures.raw import Felt
-from procedures.restoration import blur_models
-from procedures.restoration.camera_motion import motion_blur, poses_of
-from procedures.restoration.checks import check_extent
-from procedures.restoration.estimate import Unit
-from procedures.restoration.fields import Masks
-from procedures.restoration.many_depths import MotionShapes
-from procedures.restoration.measured import default_max_w, fitting_ratios, stacks_of
-from procedures.restoration.psf_shapes import MeasuredShape, measured_field, measured_shape
+from procedures.restoration.joint.estimate import Unit
+from procedures.restoration.joint.kernel_sizes import default_max_w, fitting_ratios, stacks_of
+from procedures.restoration.masks import blur_models
+from procedures.restoration.masks.camera_motion import motion_blur, poses_of
+from procedures.restoration.masks.checks import check_extent
+from procedures.restoration.masks.mask_fields import Masks
+from procedures.restoration.masks.psf_shapes import MeasuredShape, measured_field, measured_shape
+from procedures.restoration.unknown_motion.path_refinement import MotionShapes
 
 Array = npt.NDArray[np.float64]
 Pictures = npt.NDArray[np.floating[Any]]

@@ -11,8 +11,8 @@ import numpy.typing as npt
 from markupsafe import Markup
 
 from procedures.outcome import Outcome
-from procedures.restoration.blur_models import mask_stack, pillbox
-from procedures.restoration.estimate import Restoration, refocused
+from procedures.restoration.joint.estimate import Restoration, refocused
+from procedures.restoration.masks.blur_models import mask_stack, pillbox
 from station import figures
 from station.page import render
 from station.restoration_results import encoded, levels, picture

@@ -13,8 +13,8 @@ import numpy.typing as npt
 
 from procedures.outcome import Outcome
 from procedures.raw import RawFrame
-from procedures.restoration.estimate import Restoration
-from procedures.restoration.guide import shown
+from procedures.restoration.joint.estimate import Restoration
+from procedures.restoration.plan import shown
 from station.results import RECORD, ResultFolder, plain, software, write_record
 
 SCHEMA = "station/restore/1"

@@ -26,12 +26,12 @@ from procedures.cross_check.estimate import EdgeCheck
 from procedures.outcome import BadParameter, Outcome, Quantity, Verdict
 from procedures.psf import Psf
 from procedures.quality import Diffraction, Quality, energy_outside_support
+from procedures.radial_profile import profile_table
 from station.budget_table import budget_csv
 from station.disk import Disk, hashes_in
 from station.exports import GAUSSIAN_RADIUS, gaussian_radius, numbers_table, psf_fits, psf_tiff
 from station.names import encodable
 from station.pictures import psf_picture
-from station.radial_profile import profile_table
 
 if TYPE_CHECKING:
     from procedures.choice import Trial

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from procedures.outcome import Outcome, Refused, Verdict
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.centre import mark_offset
-from procedures.pattern_psf.detection import Sighting, find_charts
+from procedures.pattern_psf.chart_finding.detection import Sighting, find_charts
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
 from procedures.psf_field import Node
 from procedures.raw import Plane, RawFrame

@@ -1,144 +1,264 @@
-"""Where in the frame to measure, in order, and how a rig brings a chart there."""
+"""The plan of the PSF over the frame: one photograph of the chart at each of many places of it.
+
+The chart hangs where it is; the camera turns on its head, or shifts along the chart, so that it appears elsewhere. How
+the field is put together of the photographs is told by whoever makes the plan.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import scipy.linalg
 
-from procedures.numerics.scattered import monomials
-from procedures.outcome import BadParameter
+from procedures.advice import changed_settings
+from procedures.choice import START_S
+from procedures.field.locations import MARGIN, Location, chosen_locations, direction, pan_tilt_deg, rail_mm, ray
+from procedures.numerics.warps import apply_homography
+from procedures.outcome import Outcome
+from procedures.pattern import CELLS
+from procedures.pattern_psf.chart_finding.detection import Sighting, find_charts
+from procedures.pattern_psf.checks import (
+    RATIO_HIGH,
+    RATIO_LOW,
+    check_distance,
+    check_light,
+    marks_of,
+    number,
+    optics_of,
+    parameters_of,
+    registered,
+    seen_chart,
+    shown,
+)
+from procedures.pattern_psf.plan import plan as pattern_plan
+from procedures.pattern_psf.pose import chart_pose
+from procedures.pattern_psf.radiometry import measure_light
+from procedures.plan import Advice, Ask, Decide, Estimate, Fact, Facts, Go, Look, Plan, Reading, Step, Stop, Tour
+from procedures.raw import Plane, RawFrame
 
 Array = npt.NDArray[np.float64]
+Estimator = Callable[[Sequence[RawFrame], Facts], Mapping[str, Outcome[Any]]]
+BEFORE = ("print", "mount", "distance", "square", "focus")
+"""Steps that are the pattern PSF's."""
+USUAL, FEWEST, MOST = 9, 6, 400
+"""Places: fewer than six determine no field."""
+SHEET = 1.3
+"""Side of the chart with its marks and a white rim, over that of its noise region."""
+ROOM = 0.4
+"""The chart's half, in parts of the frame, from which on there is no room to move it."""
+NEAR = 0.03
+"""How far from its place the chart may appear, in parts of the frame's width."""
+LEAST_WHITE = 0.2
+"""Of the scale: towards the corners a lens is darker, and noise grows."""
+MOST_CLIPPED = 0.005
+BASE = "tour_from_"
+"""Before an axis' name: the fact where it was when the chart was in the middle."""
 
-MARGIN = 0.12
-"""How near to the frame's sides the chart's centre comes, in fractions of the frame."""
-CANDIDATES = 25
-"""Places along the longer side from which the chosen ones are taken."""
+
+def plan(estimate: Estimator) -> Plan:
+    """The guided calibration of a field."""
+    begin = pattern_plan()
+    return Plan(
+        "field",
+        "PSF over the frame, from the chart at many places",
+        (
+            *(begin.step(name) for name in BEFORE),
+            Step("places", "Places", "Choose how many places of the frame to measure.", PLACES),
+            Step("tour", "Tour", "One photograph of the chart at each place.", (Tour(stops),)),
+            Step("estimate", "Estimate", "Put the field together from all photographs.", (Estimate(estimate),)),
+            Step("verdict", "Verdict", "Accept the result, or take the tour again.", (Decide("tour"),)),
+        ),
+    )
 
 
-@dataclass(frozen=True)
-class Location:
-    """Where a chart's centre shall be, in fractions of the frame's width and height from the top left."""
-
-    x: float
-    y: float
-
-    def in_pixels(self, shape: tuple[int, int]) -> tuple[float, float]:
-        """(x, y) in pixels of a plane with that many rows and columns."""
-        return self.x * shape[1] - 0.5, self.y * shape[0] - 0.5
+# --- where the tour begins ---------------------------------------------------------------------------------------
 
 
-def grid_locations(columns: int, rows: int, margin: float = MARGIN) -> list[Location]:
-    """A grid, row by row, every other row from right to left: the shortest way for a rig.
+def check_start(frame: RawFrame, facts: Facts) -> Advice:
+    """The chart in the middle, as large as wanted, with room to move; where everything then is becomes known."""
+    advice = check_distance(frame, facts)
+    if not advice.good:
+        return advice
+    plane = shown(frame)
+    sighting = seen_chart(plane, facts)
+    if isinstance(sighting, Advice):
+        return sighting
+    half = half_size(sighting, plane)
+    if max(half) > ROOM:
+        say = "The chart fills the frame: print a smaller one, and begin again."
+        return replace(advice, good=False, say=say, by_hand={"smaller_chart": 1.0})
+    start = start_facts(sighting, plane, facts)
+    return replace(advice, facts={**advice.facts, **start, "tour_half_x": half[0], "tour_half_y": half[1]})
 
-    Raises
-    ------
-    BadParameter
-        If there is no column or row, or the margin leaves nothing of the frame.
+
+def half_size(sighting: Sighting, plane: Plane) -> tuple[float, float]:
+    """Half the width and height that the sheet takes of the frame, in parts of the frame's."""
+    side = SHEET * CELLS / 2
+    corners = CELLS / 2 + side * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=np.float64)
+    reach = np.abs(apply_homography(sighting.H_sensor_pattern, corners) - sighting.centre()).max(axis=0)
+    rows, columns = plane.samples.shape
+    return float(reach[0]) / columns, float(reach[1]) / rows
+
+
+def start_facts(sighting: Sighting, plane: Plane, facts: Facts) -> dict[str, Fact]:
+    """What the moves of the tour follow from: lens, distance, where the chart is in the frame, where the axes are."""
+    optics, shape = optics_of(plane, facts), plane.samples.shape
+    distance_mm = chart_pose(sighting.H_sensor_pattern, shape, optics).centre_mm[2]
+    at = seen_at(sighting, plane)
+    told: dict[str, Fact] = {
+        "tour_rows": float(shape[0]),
+        "tour_columns": float(shape[1]),
+        "tour_principal_px": optics.principal_px(distance_mm),
+        "tour_distance_mm": distance_mm,
+        "tour_x": at.x,
+        "tour_y": at.y,
+    }
+    axes = {name.removeprefix("at_"): float(value) for name, value in facts.items() if name.startswith("at_")}
+    return told | {BASE + name: value for name, value in axes.items()}
+
+
+def seen_at(sighting: Sighting, plane: Plane) -> Location:
+    """Where the chart's centre appears."""
+    (x, y), (rows, columns) = sighting.centre(), plane.samples.shape
+    return Location((float(x) + 0.5) / columns, (float(y) + 0.5) / rows)
+
+
+PLACES = (
+    Ask("places", "At how many places?", "number", "", USUAL, low=FEWEST, high=MOST),
+    Look("light", check_light),
+    Look("start", check_start, tries=10),
+)
+
+# --- the places --------------------------------------------------------------------------------------------------
+
+
+def locations(facts: Facts) -> list[Location]:
+    """Where the chart's centre shall be: as near to the frame's sides as the whole sheet allows."""
+    aspect = number(facts, "tour_columns", 3.0) / number(facts, "tour_rows", 2.0)
+    rim_x, rim_y = (max(number(facts, f"tour_half_{name}", 0.0) + NEAR, MARGIN) for name in "xy")
+    found = chosen_locations(int(number(facts, "places", USUAL)), aspect, margin=0.0)
+    return [Location(rim_x + (1 - 2 * rim_x) * one.x, rim_y + (1 - 2 * rim_y) * one.y) for one in found]
+
+
+def stops(facts: Facts) -> list[Stop]:
+    """The tour: a place of the frame each."""
+    found = locations(facts)
+    names = [f"place {i} of {len(found)}" for i in range(1, len(found) + 1)]
+    return [stop(name, location) for name, location in zip(names, found, strict=True)]
+
+
+def stop(name: str, location: Location) -> Stop:
+    """One place."""
+    return Stop(name, Go(partial(to_place, location), partial(say_place, location)), partial(check_place, location))
+
+
+def say_place(location: Location, facts: Facts) -> str:
+    """Where the chart shall appear, for the operator."""
+    where = f"{100 * location.x:.0f} % from the left and {100 * location.y:.0f} % from the top of the frame"
+    if to_place(location, facts):
+        return f"going where the chart appears {where}"
+    return f"Turn the camera, and leave the chart, until the chart's middle is {where}."
+
+
+def geometry(facts: Facts) -> tuple[tuple[int, int], float]:
+    """Rows and columns of the plane, and the distance of the image behind the lens in its pixels."""
+    shape = int(number(facts, "tour_rows", 0)), int(number(facts, "tour_columns", 0))
+    return shape, number(facts, "tour_principal_px", 1.0)
+
+
+def to_place(location: Location, facts: Facts) -> dict[str, float]:
+    """Where head or rail go from where the tour began; nothing where there is neither.
+
+    A camera that turns sees the chart the nearer, along its axis, the farther off it is: the rail makes up for that,
+    as far as it goes, and focus and size stay as they were.
     """
-    if columns < 1 or rows < 1 or not 0 <= margin < 0.5:
-        raise BadParameter(
-            f"a grid needs columns, rows and a margin below one half; got {columns} x {rows}, margin {margin}",
-            "choose for example 5 x 5 and 0.12",
-        )
-    x, y = (np.linspace(margin, 1 - margin, n) if n > 1 else np.array([0.5]) for n in (columns, rows))
-    return [Location(float(a), float(b)) for i, b in enumerate(y) for a in (x if i % 2 == 0 else x[::-1])]
+    began = Location(number(facts, "tour_x", 0.5), number(facts, "tour_y", 0.5))
+    base = {name.removeprefix(BASE): float(value) for name, value in facts.items() if name.startswith(BASE)}
+    places = bring(began, location, base, facts)
+    if "pan_deg" in places and "z_mm" in base:
+        ahead, there = (float(ray(one, *geometry(facts))[2]) for one in (began, location))
+        z = base["z_mm"] + number(facts, "tour_distance_mm", 0.0) * (ahead / there - 1)
+        places["z_mm"] = float(np.clip(z, number(facts, "low_z_mm", z), number(facts, "high_z_mm", z)))
+    return places
 
 
-def chosen_locations(n: int, aspect: float = 1.5, margin: float = MARGIN) -> list[Location]:
-    """The n places that determine a smooth surface best, in an order with short ways.
-
-    They are the pivots of the QR decomposition of the monomials over a fine grid (approximate Fekete points), of the
-    highest degree that n determine; what n exceeds these by goes where the largest gaps are.
-
-    Parameters
-    ----------
-    aspect : float
-        Width over height of the frame.
-
-    References
-    ----------
-    Sommariva, Vianello, Computing approximate Fekete points by QR factorizations of Vandermonde matrices, 2009.
-    """
-    if n < 3:
-        raise BadParameter(f"a surface needs three places or more; got {n}", "choose 6 or more")
-    columns, rows = CANDIDATES, max(round(CANDIDATES / aspect), 3)
-    x, y = np.meshgrid(np.linspace(-1, 1, columns), np.linspace(-1, 1, rows))
-    candidates = np.column_stack([x.ravel(), y.ravel()])
-    degree = 0
-    while (degree + 2) * (degree + 3) // 2 <= n:
-        degree += 1
-    V = monomials(candidates, degree)
-    pivots = scipy.linalg.qr(V.T, mode="r", pivoting=True)[1][: V.shape[1]]
-    chosen: list[int] = pivots.tolist()
-    while len(chosen) < n:
-        apart = (candidates[:, None] - candidates[chosen]) * [aspect, 1.0]
-        chosen.append(int(np.argmax(np.hypot(*apart.T).min(axis=0))))
-    places = 0.5 + candidates[chosen] * (0.5 - margin)
-    return [Location(float(a), float(b)) for a, b in _short_way(places)]
+def bring(now: Location, wanted: Location, at: Mapping[str, float], facts: Facts) -> dict[str, float]:
+    """Where the axes, now `at`, must go so that the chart is seen at another place; nothing without head or rail."""
+    shape, principal_px = geometry(facts)
+    if {"pan_deg", "tilt_deg"} <= set(at):
+        towards = direction(ray(now, shape, principal_px), at["pan_deg"], at["tilt_deg"])
+        pan, tilt = pan_tilt_deg(wanted, shape, principal_px, towards)
+        return {"pan_deg": pan, "tilt_deg": tilt}
+    if {"x_mm", "y_mm"} <= set(at):
+        distance_mm = number(facts, "tour_distance_mm", 0.0)
+        before, then = (rail_mm(one, shape, principal_px, distance_mm) for one in (now, wanted))
+        return {"x_mm": at["x_mm"] + then[0] - before[0], "y_mm": at["y_mm"] - (then[1] - before[1])}
+    return {}
 
 
-def _short_way(places: Array) -> Array:
-    """The places in bands from top to bottom, every other band from right to left."""
-    bands = max(round(np.sqrt(len(places))), 1)
-    order = np.array_split(np.argsort(places[:, 1], kind="stable"), bands)
-    ways = [part[np.argsort(places[part, 0])][:: 1 if i % 2 == 0 else -1] for i, part in enumerate(order)]
-    return np.asarray(places[np.concatenate(ways)])
+# --- a photograph at a place -------------------------------------------------------------------------------------
 
 
-AHEAD: Array = np.array([0.0, 0.0, 1.0])
+def check_place(location: Location, frame: RawFrame, facts: Facts) -> Advice:
+    """The chart where it is wanted, as large as wanted, with the settings of the trial, neither clipped nor dark."""
+    changed = changed_settings(frame.exposure, facts)
+    if changed:
+        return Advice(False, f"This shot does not count: {changed}. Set it back.")
+    plane = shown(frame)
+    found = seen_chart(plane, facts)
+    if isinstance(found, Advice):
+        cut = find_charts(plane.samples)[0] if found.marks else None
+        return replace(found, by_hand={}, moves=correction(location, cut, plane, facts) if cut else {})
+    marks = marks_of(found)
+    off, ratio = (
+        off_place(location, found, plane),
+        (parameters_of(facts).s or START_S) * float(found.widths().max()) / CELLS,
+    )
+    readings = (
+        Reading("off its place", 100 * off, "% of the width", None, 100 * NEAR),
+        Reading("s/t", ratio, "", RATIO_LOW, RATIO_HIGH),
+        *light_readings(frame, found),
+    )
+    if not readings[0].good:
+        say = f"The chart is {100 * off:.0f} % of the frame's width off its place. {say_place(location, {})}"
+        return Advice(False, say, readings, moves=correction(location, found, plane, facts), marks=marks)
+    bad = next((reading for reading in readings if not reading.good), None)
+    if bad is not None:
+        return Advice(False, f"{REMEDIES[bad.name]} ({bad.name} {bad.value:.3g} {bad.unit})", readings, marks=marks)
+    return Advice(True, "The chart is in its place.", readings, marks=marks)
 
 
-def ray(location: Location, shape: tuple[int, int], principal_px: float) -> Array:
-    """The direction, of length 1, in which the camera sees a place of its frame: x right, y down, z ahead.
-
-    Parameters
-    ----------
-    shape : (int, int)
-        Rows and columns of the sensor or of a plane.
-    principal_px : float
-        Distance of the lens's image from the sensor in the same pixels: focal length over pitch.
-    """
-    x, y = location.in_pixels(shape)
-    seen = np.array([x - (shape[1] - 1) / 2, y - (shape[0] - 1) / 2, principal_px])
-    return np.asarray(seen / np.linalg.norm(seen))
+REMEDIES = {
+    "s/t": "The chart appears too large or too small: bring the camera back to the distance of the start.",
+    "clipped": "White is clipped here: keep glare off the chart.",
+    "white": "The chart is too dark here: keep shadows off it.",
+}
 
 
-def direction(seen: Array, pan_deg: float, tilt_deg: float) -> Array:
-    """Where a ray of the camera points for the head, R_y(pan) R_x(tilt) of it: both right-handed, y down."""
-    (cp, sp), (ct, st) = ((np.cos(a), np.sin(a)) for a in np.radians([pan_deg, tilt_deg]))
-    R_y = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
-    R_x = np.array([[1, 0, 0], [0, ct, -st], [0, st, ct]])
-    return np.asarray(R_y @ R_x @ seen)
+def light_readings(frame: RawFrame, sighting: Sighting) -> tuple[Reading, Reading]:
+    """White of the brightest plane, and what is clipped of it, where the chart is now."""
+    registration = registered(shown(frame), sighting)
+    lights = [measure_light(one.samples, registration, one.quantisation) for one in frame.planes.values()]
+    white, clipped = max(float(one.white[0]) for one in lights), max(one.saturated for one in lights)
+    return (
+        Reading("white", 100 * white, "%", 100 * LEAST_WHITE, None),
+        Reading("clipped", 100 * clipped, "%", None, 100 * MOST_CLIPPED),
+    )
 
 
-def pan_tilt_deg(
-    location: Location, shape: tuple[int, int], principal_px: float, towards: Array = AHEAD
-) -> tuple[float, float]:
-    """Pan and tilt with which the chart appears at a place in the frame.
-
-    A camera that is panned (about its vertical), then tilted (about its horizontal) sees the direction d as the ray
-    t = R^-1 d. Turned back by the tilt, t keeps its x; turned by the pan, d keeps its y: R_x(tilt) t = R_y(pan)^-1 d
-    is two equations, in x for the pan and in y for the tilt.
-
-    Parameters
-    ----------
-    shape, principal_px
-        As in `ray`.
-    towards : (3,) float64
-        The direction of the chart's centre, in the axes of a head at rest.
-    """
-    t, d = ray(location, shape, principal_px), towards / np.linalg.norm(towards)
-    pan = np.arctan2(d[0], d[2]) - np.arcsin(t[0] / np.hypot(d[0], d[2]))
-    tilt = np.arctan2(t[1], t[2]) - np.arcsin(d[1] / np.hypot(t[1], t[2]))
-    return float(np.degrees(pan)), float(np.degrees(tilt))
+def off_place(location: Location, sighting: Sighting, plane: Plane) -> float:
+    """How far the chart's centre is from where it shall be, in parts of the frame's width."""
+    shape = plane.samples.shape
+    x, y = sighting.centre() - np.array(location.in_pixels((shape[0], shape[1])))
+    return float(np.hypot(x, y)) / float(shape[1])
 
 
-def rail_mm(location: Location, shape: tuple[int, int], principal_px: float, distance_mm: float) -> tuple[float, float]:
-    """How far the camera moves to the right and down so that a chart on the axis appears at a place in the frame."""
-    x, y = location.in_pixels(shape)
-    scale = distance_mm / principal_px
-    return -(x - (shape[1] - 1) / 2) * scale, -(y - (shape[0] - 1) / 2) * scale
+def correction(location: Location, sighting: Sighting, plane: Plane, facts: Facts) -> dict[str, float]:
+    """How far the axes must move from where they are."""
+    at = {name.removeprefix("at_"): float(value) for name, value in facts.items() if name.startswith("at_")}
+    there = bring(seen_at(sighting, plane), location, at, facts)
+    return {name: place - at[name] for name, place in there.items()}

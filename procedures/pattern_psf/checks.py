@@ -18,7 +18,7 @@ from procedures.numerics.warps import fit_homography
 from procedures.pattern import CELLS, DEFAULT_SEED, Chart
 from procedures.pattern_print.rulers import LENGTH_MM
 from procedures.pattern_print.sheet import Size
-from procedures.pattern_psf.detection import Sighting, find_charts
+from procedures.pattern_psf.chart_finding.detection import Sighting, find_charts
 from procedures.pattern_psf.estimate import PatternParameters, estimate_psf
 from procedures.pattern_psf.pose import ChartPose, Optics, chart_pose
 from procedures.pattern_psf.radiometry import Light, measure_light

@@ -17,10 +17,10 @@ from procedures.budget import taken_apart, with_settling
 from procedures.choice import FINEST, Trial, choose, settling
 from procedures.outcome import Outcome, Refused, Verdict
 from procedures.pattern import BLOCK, CELLS, Chart
-from procedures.pattern_psf.detection import Sighting, check_usable, find_chart
+from procedures.pattern_psf.chart_finding.detection import Sighting, check_usable, find_chart
 from procedures.pattern_psf.diagnostics import Diagnostics, diagnose
 from procedures.pattern_psf.error_parts import ErrorParts, Variation, error_parts
-from procedures.pattern_psf.gamma import gamma_bound, gamma_of_fit
+from procedures.pattern_psf.gamma.amplification import gamma_bound, gamma_of_fit
 from procedures.pattern_psf.observation import noise_window, observe
 from procedures.pattern_psf.radiometry import Light, measure_light
 from procedures.pattern_psf.refine import GEOMETRY, Fit, TailPrior, refine, without_outliers

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from procedures.outcome import Outcome, Quantity, Refused, Verdict
 from procedures.quality import Diffraction
 from procedures.raw import Plane
-from procedures.slanted_edge.course import Course, find_course
+from procedures.slanted_edge.edge_line import Course, find_course
 from procedures.slanted_edge.find import Sighting, edge_listed, find_edges
 from procedures.slanted_edge.profile import Profile, edge_profile
 from procedures.slanted_edge.refinement import refine_course

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from procedures.slanted_edge.course import Course
+from procedures.slanted_edge.edge_line import Course
 from procedures.slanted_edge.profile import BINS, Profile, edge_profile, rebinned, steepness, values_of
 from procedures.slanted_edge.strip import Strip
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from procedures.slanted_edge.course import tukey
+from procedures.slanted_edge.edge_line import tukey
 from procedures.slanted_edge.profile import BINS, Profile, filled, solve_light
 from procedures.slanted_edge.tail import with_tail
 from procedures.slanted_edge.transfer import mtf_of

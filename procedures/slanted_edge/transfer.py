@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from procedures.slanted_edge.course import tukey
+from procedures.slanted_edge.edge_line import tukey
 from procedures.slanted_edge.profile import BINS
 
 Array = npt.NDArray[np.float64]

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from procedures.clipping import NOMINAL, find_clipping
 from procedures.outcome import Refused, Rule, Verdict, verdict_of
-from procedures.slanted_edge.course import NO_EDGE, Course
+from procedures.slanted_edge.edge_line import NO_EDGE, Course
 from procedures.slanted_edge.profile import Profile
 from procedures.slanted_edge.strip import Strip
 

@@ -6,10 +6,10 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.choice import FINEST, Trial
-from procedures.exposure import Exposure
 from procedures.numerics.warps import homography_jacobian
 from procedures.outcome import Refused, Rule, Verdict, verdict_of
 from procedures.psf import Sampling
+from procedures.reading.exposure import Exposure
 from procedures.two_photo.diagnostics import Diagnostics, clipped_share
 
 Array = npt.NDArray[np.float64]

@@ -14,7 +14,7 @@ from station.cli.log import log, log_json_option
 from station.cli.planes import LEVELS, raw_option, read_planes, told_layout
 
 if TYPE_CHECKING:
-    from procedures.sensor_dump import DumpLayout
+    from procedures.reading.sensor_dump import DumpLayout
     from procedures.slanted_edge.estimate import EdgeOutcome
     from station.edges import EdgeRecord
 

@@ -80,7 +80,7 @@ def _explain(optics: Optics, f_number: float | None) -> None:
     """What each distance does to the noise, on stderr."""
     from procedures.choice import START_K, START_S
     from procedures.pattern_psf.checks import RATIO
-    from procedures.pattern_psf.gamma_words import gamma_diagram
+    from procedures.pattern_psf.gamma.words import gamma_diagram
     from procedures.quality import WAVELENGTHS_NM, Diffraction
     from station.diagrams import diagram_lines
     from station.glyphs import glyphs_for

@@ -15,7 +15,7 @@ from station.cli.log import log, log_json_option
 if TYPE_CHECKING:
     from procedures.pattern_print.source import Source
     from procedures.raw import RawFrame
-    from procedures.sensor_dump import DumpLayout
+    from procedures.reading.sensor_dump import DumpLayout
     from station.calibrate import Calibrated
     from station.results import PlaneRecord, ResultFolder
 
@@ -52,7 +52,7 @@ AUTO = AutoInt()
 def _layout(context: click.Context, option: click.Parameter, text: str | None) -> DumpLayout | None:
     if text is None:
         return None
-    from procedures.sensor_dump import DumpLayout
+    from procedures.reading.sensor_dump import DumpLayout
 
     return DumpLayout.parse(text)
 
@@ -143,8 +143,8 @@ def read_planes(
 
     `typed` are settings that must not contradict what the camera noted. Raises BadParameter where they do.
     """
-    from procedures.exposure import check_typed
     from procedures.raw import default_plane, read_frame
+    from procedures.reading.exposure import check_typed
 
     chosen = plane or default_plane(image, layout)
     frame = read_frame(image, None if chosen == "all" else [chosen], layout)

@@ -24,7 +24,7 @@ from station.cli.planes import (
 from station.cli.progress import progress
 
 if TYPE_CHECKING:
-    from procedures.sensor_dump import DumpLayout
+    from procedures.reading.sensor_dump import DumpLayout
 
 FAILED_ITEMS = 1
 

@@ -23,7 +23,7 @@ from station.cli.planes import (
 )
 
 if TYPE_CHECKING:
-    from procedures.sensor_dump import DumpLayout
+    from procedures.reading.sensor_dump import DumpLayout
 
 
 @click.command("pattern")

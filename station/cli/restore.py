@@ -16,9 +16,9 @@ from station.cli.restore_blur import BlurOptions
 
 if TYPE_CHECKING:
     from procedures.raw import RawFrame
-    from procedures.restoration.alternate import Round
-    from procedures.restoration.forward import Array
-    from procedures.sensor_dump import DumpLayout
+    from procedures.reading.sensor_dump import DumpLayout
+    from procedures.restoration.joint.joint_descent import Round
+    from procedures.restoration.masks.blur_operator import Array
 
 _LEVELS = {"pass": "info", "doubtful": "warning"}
 
@@ -127,9 +127,9 @@ def restore(
         raise click.UsageError(f"restoration needs two photographs or more, got {len(images)}")
     blur = BlurOptions(**{one.name: options.pop(one.name) for one in fields(BlurOptions)})
     blur.check(len(images))
-    from procedures.restoration.checks import check_max_w
-    from procedures.restoration.estimate import restore as restored
-    from procedures.restoration.estimate import told_in
+    from procedures.restoration.joint.estimate import restore as restored
+    from procedures.restoration.joint.estimate import told_in
+    from procedures.restoration.masks.checks import check_max_w
     from station.restoration_page import restoration_page
     from station.restoration_results import write_refusal, write_restoration
     from station.results import ResultFolder
@@ -170,8 +170,8 @@ def restore(
 
 
 def _parameters(options: dict[str, Any]) -> Any:
-    from procedures.restoration.estimate import RestorationParameters
-    from procedures.restoration.scheme import Scheme
+    from procedures.restoration.joint.estimate import RestorationParameters
+    from procedures.restoration.joint.schedule import Scheme
 
     return RestorationParameters(**{**options, "scheme": Scheme.parse(options["scheme"])})
 
@@ -183,7 +183,7 @@ def _photographs(
     import numpy as np
 
     from procedures.raw import default_plane, read_frame
-    from procedures.restoration.checks import check_photographs
+    from procedures.restoration.masks.checks import check_photographs
 
     chosen = plane or default_plane(images[0], layout)
     frames = [read_frame(image, None if chosen == "all" else [chosen], layout) for image in images]

@@ -12,8 +12,8 @@ from station.cli.log import log
 
 if TYPE_CHECKING:
     from procedures.raw import RawFrame
-    from procedures.restoration.forward import Array
-    from procedures.restoration.many_depths import MotionShapes
+    from procedures.restoration.masks.blur_operator import Array
+    from procedures.restoration.unknown_motion.path_refinement import MotionShapes
     from station.restoration_inputs import BlurInput
 
 
@@ -80,7 +80,7 @@ class BlurOptions:
 
     def read(self, frames: list[RawFrame], photographs: list[Array]) -> BlurInput:
         """The masks of every photograph."""
-        from procedures.restoration.measured import DEFAULT_MAX_W
+        from procedures.restoration.joint.kernel_sizes import DEFAULT_MAX_W
         from station.restoration_inputs import from_arrays, from_imu_records, from_shapes
 
         count, size = len(frames), (photographs[0].shape[1], photographs[0].shape[2])
@@ -119,10 +119,10 @@ def _prototypes(
     """Shapes of unknown motion from a flat part of the scene, begun from or fixed by recorded paths of the rig."""
     import numpy as np
 
-    from procedures.restoration.blind import prototype_shapes
-    from procedures.restoration.many_depths import MotionShapes, motion_of_scene
-    from procedures.restoration.paths import recorded
-    from procedures.restoration.recorded import read_path, recorded_masks, recorded_shapes
+    from procedures.restoration.unknown_motion.blind import prototype_shapes
+    from procedures.restoration.unknown_motion.motion_splines import recorded
+    from procedures.restoration.unknown_motion.path_refinement import MotionShapes, motion_of_scene
+    from procedures.restoration.unknown_motion.recorded_paths import read_path, recorded_masks, recorded_shapes
 
     try:
         x, y, width, height = (int(part) for part in region.split(","))

@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from procedures.pattern_psf.gamma import gamma_bound
+from procedures.pattern_psf.gamma.amplification import gamma_bound
 from station.reproduce import patterns
 from station.reproduce.figures import Curve, curves, pictures
 from station.reproduce.row import Check, Found, Row, Setting

@@ -13,11 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.outcome import Refused
-from procedures.restoration.alternate import problem_of
-from procedures.restoration.blur_models import uniform_motion
-from procedures.restoration.cost import restore_picture
-from procedures.restoration.estimate import Restoration, first_depth, noise_of, restore
-from procedures.restoration.forward import MaskStack
+from procedures.restoration.joint.data_term import restore_picture
+from procedures.restoration.joint.estimate import Restoration, first_depth, noise_of, restore
+from procedures.restoration.joint.joint_descent import problem_of
+from procedures.restoration.masks.blur_models import uniform_motion
+from procedures.restoration.masks.blur_operator import MaskStack
 from station.reproduce import scenes
 from station.reproduce.figures import Curve, curves, pictures
 from station.reproduce.row import Check, Found, Row, Setting

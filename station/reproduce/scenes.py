@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import gaussian_filter
 
-from procedures.restoration.blur_models import gaussian, mask_stack
-from procedures.restoration.forward import Blur, MaskStack
+from procedures.restoration.masks.blur_models import gaussian, mask_stack
+from procedures.restoration.masks.blur_operator import Blur, MaskStack
 
 Array = npt.NDArray[np.float64]
 

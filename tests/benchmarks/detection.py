@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from procedures.pattern import X_CORNERS, Chart
-from procedures.pattern_psf.detection import find_charts
+from procedures.pattern_psf.chart_finding.detection import find_charts
 from simulators.camera import SimulatedCamera
 from simulators.clutter import random_clutter
 from simulators.scene import Scene, Wall
@@ -27,7 +27,7 @@ FRAMES = {"6 MP, a plane of 24": (2000, 3000), "24 MP": (4000, 6000), "60 MP": (
 PITCH_UM, WALL_MM = 4.0, 6000.0
 MEMORY = """
 import resource, sys, numpy as np
-from procedures.pattern_psf.detection import find_charts
+from procedures.pattern_psf.chart_finding.detection import find_charts
 image = np.random.default_rng(1).random((6336, 9504), dtype="f4")
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 find_charts(image)

@@ -27,12 +27,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from procedures.exposure import Exposure
 from procedures.field.maps import MAPS, FieldMap, derive, radius_direction
 from procedures.pattern import Chart
 from procedures.pattern_psf.centre import mark_offset
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.raw import Plane, RawFrame
+from procedures.reading.exposure import Exposure
 from simulators.camera import Lens, SimulatedCamera
 from simulators.demonstration import OPTICS, PITCH_UM
 from simulators.optics import CircularPupil, FourSpots, GaussianBlur, Optics, PixelAperture

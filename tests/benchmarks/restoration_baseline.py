@@ -8,11 +8,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from procedures.restoration import alternate
-from procedures.restoration.cost import DataTerm, inner, restore_picture
-from procedures.restoration.forward import MaskStack
-from procedures.restoration.priors import diffuse
-from procedures.restoration.scheme import Scheme
+from procedures.restoration.joint import joint_descent
+from procedures.restoration.joint.data_term import DataTerm, inner, restore_picture
+from procedures.restoration.joint.priors import diffuse
+from procedures.restoration.joint.schedule import Scheme
+from procedures.restoration.masks.blur_operator import MaskStack
 
 Array = NDArray[np.floating]
 # weights the thesis works with; w in pixels as there
@@ -26,7 +26,7 @@ def descent(z: Array, stacks: list[MaskStack], w: Array, scheme: Scheme, final: 
 
     final : lambda_u of the last minimisation over the picture.
     """
-    data, _ = alternate.problem_of(z, stacks, np.ones((len(z), 1, *w.shape)), np.float32)
+    data, _ = joint_descent.problem_of(z, stacks, np.ones((len(z), 1, *w.shape)), np.float32)
     R = data.R
     w = np.pad(w, R, mode="edge").astype(np.float32)
     u = np.pad(z.mean(axis=0), ((0, 0), (R, R), (R, R)), mode="edge").astype(np.float32)

@@ -15,10 +15,10 @@ from scipy.ndimage import shift
 from scipy.optimize import minimize
 from scipy.signal import fftconvolve
 
-from procedures.restoration.blind import prototype_shapes
-from procedures.restoration.blur_models import mask_stack
-from procedures.restoration.estimate import restore
-from procedures.restoration.many_depths import motion_of_scene
+from procedures.restoration.joint.estimate import restore
+from procedures.restoration.masks.blur_models import mask_stack
+from procedures.restoration.unknown_motion.blind import prototype_shapes
+from procedures.restoration.unknown_motion.path_refinement import motion_of_scene
 
 Array = NDArray[np.floating]
 FLAT = slice(5, 155)

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from restoration_baseline import descent
 from restoration_scenes import Scene, scene
 
-from procedures.restoration import alternate
-from procedures.restoration.cost import restore_picture
-from procedures.restoration.estimate import RestorationParameters, noise_of, restore
-from procedures.restoration.scheme import Schedule, Scheme
+from procedures.restoration.joint import joint_descent
+from procedures.restoration.joint.data_term import restore_picture
+from procedures.restoration.joint.estimate import RestorationParameters, noise_of, restore
+from procedures.restoration.joint.schedule import Schedule, Scheme
 
 Array = NDArray[np.floating]
 BLURS, DEPTHS = ("vibration", "uniform", "coma", "pillbox"), ("square", "leaf")
@@ -30,11 +30,11 @@ BLURS, DEPTHS = ("vibration", "uniform", "coma", "pillbox"), ("square", "leaf")
 
 def at_true_depth(case: Scene) -> Array:
     """The picture (H, W) at the true depth with the best of several weights: what knowing both would give."""
-    data, other = alternate.problem_of(case.z, case.stacks, np.ones((2, 1, *case.w.shape)), np.float32)
+    data, other = joint_descent.problem_of(case.z, case.stacks, np.ones((2, 1, *case.w.shape)), np.float32)
     sigma = noise_of(case.z, case.stacks)
-    problem = alternate.Problem(data, other, Scheme(), Schedule(20), sigma, 12)
-    state = alternate.begin(problem, case.w)
-    R, least = data.R, max(sigma**2 / alternate.CONTRAST, 1e-7)
+    problem = joint_descent.Problem(data, other, Scheme(), Schedule(20), sigma, 12)
+    state = joint_descent.begin(problem, case.w)
+    R, least = data.R, max(sigma**2 / joint_descent.CONTRAST, 1e-7)
     found = [restore_picture(data, state.u, factor * least, 150)[0, R:-R, R:-R] for factor in (0.3, 1.0, 3.0)]
     return np.asarray(min(found, key=case.error))
 

@@ -14,8 +14,8 @@ import time
 import numpy as np
 from restoration_shaken import Conditions, Shaken, shaken
 
-from procedures.restoration.estimate import restore
-from procedures.restoration.measured import default_max_w, fitting_ratios, stacks_of
+from procedures.restoration.joint.estimate import restore
+from procedures.restoration.joint.kernel_sizes import default_max_w, fitting_ratios, stacks_of
 
 CASES: dict[str, tuple[str, tuple[int, int], tuple[int, int], Conditions]] = {
     "plain": ("camera", (19, 17), (4, 3), Conditions()),

@@ -19,12 +19,13 @@ from numpy.typing import NDArray
 from restoration_baseline import descent
 
 from procedures.raw import read_frame
-from procedures.restoration import alternate, depth
-from procedures.restoration.blur_models import gaussian, mask_stack, pillbox, read_shape
-from procedures.restoration.cost import restore_picture
-from procedures.restoration.estimate import RestorationParameters, noise_of, restore
-from procedures.restoration.forward import MaskStack
-from procedures.restoration.scheme import Scheme
+from procedures.restoration.first_depth import initial_depth
+from procedures.restoration.joint import joint_descent
+from procedures.restoration.joint.data_term import restore_picture
+from procedures.restoration.joint.estimate import RestorationParameters, noise_of, restore
+from procedures.restoration.joint.schedule import Scheme
+from procedures.restoration.masks.blur_models import gaussian, mask_stack, pillbox, read_shape
+from procedures.restoration.masks.blur_operator import MaskStack
 
 Array = NDArray[np.float64]
 # grids on which rivals are tuned: depths as percentiles of the true w, Wiener's balance, iterations
@@ -72,10 +73,10 @@ def at_depth(case: Case, *depths: Array, stacks: list[MaskStack] | None = None) 
     """The picture (H, W) at a given depth map; the best of several maps and weights, as the truth has it."""
     stacks = stacks or case.stacks
     sigma = noise_of(case.z, case.stacks)
-    data, _ = alternate.problem_of(case.z, stacks, np.ones((2, 1, *case.w.shape)), np.float32)
+    data, _ = joint_descent.problem_of(case.z, stacks, np.ones((2, 1, *case.w.shape)), np.float32)
     R, found = data.R, []
     for w in depths:
-        least = max(sigma**2 / alternate.CONTRAST, 1e-6)
+        least = max(sigma**2 / joint_descent.CONTRAST, 1e-6)
         data.focus(np.pad(w, R, mode="edge").astype(np.float32))
         u = np.pad(case.z.mean(axis=0), ((0, 0), (R, R), (R, R)), mode="edge").astype(np.float32)
         for weight in (100 * least, 10 * least, least):
@@ -107,8 +108,8 @@ def single_photograph(case: Case) -> dict[str, Array]:
 def rivals(case: Case, start: Array) -> dict[str, tuple[Array, Array | None]]:
     """Pictures, and depths where they have one. start : our first depth."""
     sigmas = np.full(2, max(noise_of(case.z, case.stacks), 1.4e-3))
-    second = depth.algorithm_2(case.z, case.stacks, float(sigmas[0])).w
-    third = depth.algorithm_3(case.z, case.stacks, sigmas).w
+    second = initial_depth.algorithm_2(case.z, case.stacks, float(sigmas[0])).w
+    third = initial_depth.algorithm_3(case.z, case.stacks, sigmas).w
     broad = case.masks([gaussian(), gaussian()])
     flat = [np.full_like(case.w, np.percentile(case.w, p)) for p in PERCENTILES]
     return {
@@ -126,7 +127,9 @@ def rivals(case: Case, start: Array) -> dict[str, tuple[Array, Array | None]]:
 def published(case: Case) -> tuple[Array, Array]:
     """Picture and depth by Algorithm I as published, from Algorithm III."""
     sigmas = np.full(2, max(noise_of(case.z, case.stacks), 1.4e-3))
-    u, w = descent(case.z, case.stacks, depth.algorithm_3(case.z, case.stacks, sigmas).w, Scheme(20, 8, 10), 1e-4)
+    u, w = descent(
+        case.z, case.stacks, initial_depth.algorithm_3(case.z, case.stacks, sigmas).w, Scheme(20, 8, 10), 1e-4
+    )
     return np.asarray(u[0]), np.asarray(w)
 
 

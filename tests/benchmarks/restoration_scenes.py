@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from procedures.restoration.blur_models import mask_stack, path_shape, pillbox, uniform_motion
-from procedures.restoration.forward import Blur, MaskStack
+from procedures.restoration.masks.blur_models import mask_stack, path_shape, pillbox, uniform_motion
+from procedures.restoration.masks.blur_operator import Blur, MaskStack
 
 Array = NDArray[np.float64]
 RIM = 16

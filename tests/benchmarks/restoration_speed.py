@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from procedures.restoration.blur_models import mask_stack, path_shape
-from procedures.restoration.estimate import RestorationParameters, restore
-from procedures.restoration.forward import Blur
-from procedures.restoration.passes import in_bands, most_threads
-from procedures.restoration.scheme import Scheme
+from procedures.restoration.joint.estimate import RestorationParameters, restore
+from procedures.restoration.joint.schedule import Scheme
+from procedures.restoration.masks.array_loops import in_bands, most_threads
+from procedures.restoration.masks.blur_models import mask_stack, path_shape
+from procedures.restoration.masks.blur_operator import Blur
 
 SHAPE = (650, 730)
 Array = NDArray[np.float32]

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procedures.raw import Felt
-from procedures.restoration.camera_motion import INSTANTS, Poses, motion_blur, poses_of
-from procedures.restoration.estimate import RestorationParameters, restore
-from procedures.restoration.scheme import Scheme
+from procedures.restoration.joint.estimate import RestorationParameters, restore
+from procedures.restoration.joint.schedule import Scheme
+from procedures.restoration.masks.camera_motion import INSTANTS, Poses, motion_blur, poses_of
 from simulators.bench import Setup, SimulatedBench
 from simulators.body import Opening
 from simulators.imu import G

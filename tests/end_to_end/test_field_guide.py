@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from procedures.field.field_file import read_field
-from procedures.field.guide import BEFORE, FEWEST, NEAR, locations
+from procedures.field.plan import BEFORE, FEWEST, NEAR, locations
 from procedures.pattern_psf.checks import wanted_distance_mm
 from simulators.hands import Person
 from station.acquisition import Run

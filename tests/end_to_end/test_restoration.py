@@ -12,7 +12,7 @@ import pytest
 from scipy.ndimage import gaussian_filter, shift
 
 from procedures.outcome import Verdict
-from procedures.restoration.guide import estimate
+from procedures.restoration.plan import estimate
 from simulators.sensor import Sensor
 from station.acquisition import Run
 from station.bench import simulated_bench

@@ -11,7 +11,7 @@ import rawpy
 
 from procedures.outcome import BadInput, BadParameter
 from procedures.raw import default_plane, read_frame
-from procedures.sensor_dump import DumpLayout
+from procedures.reading.sensor_dump import DumpLayout
 
 WHITE = 16383
 BLACKS = np.array([[256, 257], [258, 259]])

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procedures.exposure import Exposure
 from procedures.field.estimate import FrameNodes, Miss
 from procedures.outcome import Refused
 from procedures.psf import Psf
 from procedures.psf_field import Node
 from procedures.raw import Plane, RawFrame
+from procedures.reading.exposure import Exposure
 from station import field as module
 from station.field import Measured, conclude
 from station.field_page import field_page

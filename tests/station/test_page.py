@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from procedures.exposure import Exposure
+from procedures.reading.exposure import Exposure
 from station.page import exposure_words, percent, signed, stated
 
 

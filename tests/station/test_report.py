@@ -14,12 +14,12 @@ import html5lib
 import numpy as np
 import pytest
 
-from procedures.exposure import Exposure
 from procedures.outcome import Outcome, Quantity, Verdict
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.quality import Diffraction
 from procedures.raw import read_frame
+from procedures.reading.exposure import Exposure
 from station.calibrate import calibrate
 from station.limits import Limit, judge
 from station.otf_figures import mtf_figure

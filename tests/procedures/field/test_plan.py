@@ -1,75 +1,117 @@
+"""Where the tour of a field brings the chart: projected by the bench's geometry, written independently of the plan."""
+
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from procedures.field.plan import Location, chosen_locations, grid_locations, pan_tilt_deg, rail_mm
-from procedures.numerics.scattered import monomials
-from procedures.outcome import BadParameter
+from procedures.field.locations import MARGIN, Location, pan_tilt_deg
+from procedures.field.plan import BASE, NEAR, bring, locations, plan, say_place, stops, to_place
 
-SHAPE = (1000, 1500)
-F_PX = 8500.0
-
-
-def as_points(locations):
-    return np.array([(one.x, one.y) for one in locations])
-
-
-def test_a_grid_is_walked_without_jumps():
-    points = as_points(grid_locations(5, 4))
-    steps = np.abs(np.diff(points, axis=0))
-    assert len(points) == 20
-    assert points.min() == pytest.approx(0.12)
-    # one step at a time, along a row or to the next
-    assert np.all(np.count_nonzero(steps > 1e-12, axis=1) == 1)
+ROWS, COLUMNS, F_PX, AWAY_MM = 240, 320, 2050.0, 1900.0
+FACTS = {
+    "tour_rows": float(ROWS),
+    "tour_columns": float(COLUMNS),
+    "tour_principal_px": F_PX,
+    "tour_distance_mm": AWAY_MM,
+    "tour_half_x": 0.165,
+    "tour_half_y": 0.22,
+}
+parts = st.floats(0.1, 0.9)
+angles = st.floats(-15.0, 15.0)
 
 
-@pytest.mark.parametrize("n", [6, 10, 15, 17])
-def test_chosen_places_are_as_many_as_asked_and_determine_a_surface(n):
-    points = as_points(chosen_locations(n))
-    assert len(np.unique(points.round(6), axis=0)) == n
-    design = monomials((points - 0.5) / 0.38, 2)
-    assert np.linalg.cond(design) < 10
+def seen(chart_mm, pan_deg=0.0, tilt_deg=0.0, x_mm=0.0, y_mm=0.0, z_mm=0.0):
+    """Where the camera sees a point: stages move it right, up and back, the head turns it."""
+    offset = np.asarray(chart_mm) + np.array([-x_mm, y_mm, z_mm])
+    ray = Rotation.from_euler("YX", [pan_deg, tilt_deg], degrees=True).inv().apply(offset)
+    x, y = F_PX * ray[:2] / ray[2]
+    return Location((x + COLUMNS / 2) / COLUMNS, (y + ROWS / 2) / ROWS), ray[2]
 
 
-@pytest.mark.parametrize("n", [7, 9, 14, 25])
-def test_no_two_chosen_places_are_nearly_the_same(n):
-    # a square's n places are 1 / sqrt(n) apart on average; nearer than half of that, two tell little more than one
-    points = (as_points(chosen_locations(n)) - 0.12) / 0.76
-    apart = np.hypot(*(points[:, None] - points).T) + np.eye(n)
-    assert apart.min() > 0.5 / np.sqrt(n)
+def from_base(chart_mm, base):
+    at, _ = seen(chart_mm, **base)
+    return {**FACTS, "tour_x": at.x, "tour_y": at.y, **{BASE + name: place for name, place in base.items()}}
 
 
-def test_fifteen_chosen_places_fix_a_quartic_better_than_a_grid():
-    # the determinant of the normal equations is what they are chosen by
-    def information(locations):
-        return np.linalg.slogdet(monomials((as_points(locations) - 0.5) / 0.38, 4).T
-                                 @ monomials((as_points(locations) - 0.5) / 0.38, 4))[1]  # fmt: skip
-
-    grid = as_points(grid_locations(5, 3))
-    assert np.linalg.matrix_rank(monomials((grid - 0.5) / 0.38, 4)) < 15
-    assert information(chosen_locations(15)) > 0
-
-
-@pytest.mark.parametrize("location", [Location(0.2, 0.7), Location(0.85, 0.15), Location(0.5, 0.5)])
-def test_pan_and_tilt_bring_the_axis_to_the_place(location):
-    pan, tilt = pan_tilt_deg(location, SHAPE, F_PX)
-    seen = Rotation.from_euler("YX", [pan, tilt], degrees=True).inv().apply([0, 0, 1.0])
-    x, y = location.in_pixels(SHAPE)
-    found = F_PX * seen[:2] / seen[2] + np.array([SHAPE[1] - 1, SHAPE[0] - 1]) / 2
-    np.testing.assert_allclose(found, [x, y], atol=1e-9)
+@settings(max_examples=50, deadline=None)
+@given(parts, parts, angles, angles)
+def test_head_brings_the_chart_to_its_place_from_wherever_it_looks(x, y, pan, tilt):
+    chart = Rotation.from_euler("YX", [pan, tilt], degrees=True).apply([15.0, -20.0, AWAY_MM])
+    base = {"pan_deg": pan, "tilt_deg": tilt}
+    facts = from_base(chart, base)
+    there, _ = seen(chart, **to_place(Location(x, y), facts))
+    assert (there.x, there.y) == pytest.approx((x, y), abs=1e-9)
 
 
-def test_a_rail_brings_the_axis_to_the_place():
-    location = Location(0.2, 0.7)
-    right, down = rail_mm(location, SHAPE, F_PX, 1200.0)
-    found = F_PX * np.array([-right, -down]) / 1200.0 + np.array([SHAPE[1] - 1, SHAPE[0] - 1]) / 2
-    np.testing.assert_allclose(found, location.in_pixels(SHAPE), atol=1e-9)
+@settings(max_examples=50, deadline=None)
+@given(parts, parts)
+def test_rail_behind_the_head_keeps_the_distance_along_the_axis(x, y):
+    base = {"pan_deg": 0.0, "tilt_deg": 0.0, "z_mm": 700.0}
+    chart = np.array([0.0, 0.0, AWAY_MM - 700.0])
+    places = to_place(Location(x, y), from_base(chart, base))
+    there, depth_mm = seen(chart, **places)
+    assert (there.x, there.y) == pytest.approx((x, y), abs=1e-9)
+    assert depth_mm == pytest.approx(AWAY_MM, rel=1e-9)
 
 
-def test_plans_that_cannot_be_meant_are_refused():
-    with pytest.raises(BadParameter, match=r"margin 0\.6"):
-        grid_locations(5, 5, 0.6)
-    with pytest.raises(BadParameter, match="three places"):
-        chosen_locations(2)
+def test_the_rail_does_not_go_beyond_its_travel():
+    base = {"pan_deg": 0.0, "tilt_deg": 0.0, "z_mm": 700.0}
+    facts = from_base([0, 0, AWAY_MM - 700.0], base) | {"low_z_mm": 0.0, "high_z_mm": 700.5}
+    assert to_place(Location(0.1, 0.1), facts)["z_mm"] == 700.5
+
+
+@settings(max_examples=50, deadline=None)
+@given(parts, parts)
+def test_cross_slides_do_where_there_is_no_head(x, y):
+    chart, base = np.array([42.0, 3.0, AWAY_MM]), {"x_mm": 30.0, "y_mm": -10.0}
+    places = to_place(Location(x, y), from_base(chart, base))
+    there, _ = seen(chart, **places)
+    assert (there.x, there.y) == pytest.approx((x, y), abs=1e-9)
+
+
+def test_without_any_axes_the_operator_is_told_where_the_chart_shall_be():
+    assert to_place(Location(0.2, 0.7), FACTS) == {}
+    assert bring(Location(0.5, 0.5), Location(0.2, 0.7), {"z_mm": 3.0}, FACTS) == {}
+    assert say_place(Location(0.2, 0.7), FACTS) == (
+        "Turn the camera, and leave the chart, until the chart's middle is 20 % from the left and 70 % from the top "
+        "of the frame."
+    )
+
+
+@pytest.mark.parametrize("count", [6, 9, 25, 100])
+def test_all_of_the_sheet_stays_in_the_frame_at_every_place(count):
+    # the check lets the chart lie NEAR its place
+    points = np.array([(one.x, one.y) for one in locations({**FACTS, "places": float(count)})])
+    assert len(np.unique(points.round(9), axis=0)) == count
+    half = np.array([FACTS["tour_half_x"], FACTS["tour_half_y"]])
+    assert np.all(points - half >= NEAR - 1e-12)
+    assert np.all(points + half <= 1 - NEAR + 1e-12)
+
+
+def test_a_small_chart_goes_as_near_to_the_sides_as_charts_of_a_field_do():
+    facts = {**FACTS, "tour_half_x": 0.02, "tour_half_y": 0.03, "places": 25.0}
+    points = np.array([(one.x, one.y) for one in locations(facts)])
+    assert points.min() == pytest.approx(MARGIN)
+
+
+def test_the_same_facts_give_the_same_tour():
+    first, second = (stops({**FACTS, "places": 9.0}) for _ in range(2))
+    assert [stop.name for stop in first] == [stop.name for stop in second]
+    assert [stop.go.to(FACTS | {BASE + "x_mm": 0.0, BASE + "y_mm": 0.0}) for stop in first] == [
+        stop.go.to(FACTS | {BASE + "x_mm": 0.0, BASE + "y_mm": 0.0}) for stop in second
+    ]
+
+
+def test_the_plan_begins_as_the_pattern_s_and_retakes_the_tour():
+    steps = plan(lambda frames, facts: {}).steps
+    assert [step.name for step in steps][-4:] == ["places", "tour", "estimate", "verdict"]
+    assert steps[-1].requests[0].retake == "tour"
+
+
+def test_the_head_at_rest_is_the_special_case():
+    location, shape = Location(0.2, 0.7), (ROWS, COLUMNS)
+    assert pan_tilt_deg(location, shape, F_PX) == pan_tilt_deg(location, shape, F_PX, np.array([0.0, 0.0, 2.0]))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from procedures.pattern import Chart
-from procedures.pattern_psf.detection import find_chart
+from procedures.pattern_psf.chart_finding.detection import find_chart
 from procedures.pattern_psf.registration import Registration, refine_corners, register_marks
 from procedures.raw import Plane
 from simulators.camera import Lens, Photograph, SimulatedCamera

@@ -11,7 +11,7 @@ import pytest
 from procedures.outcome import BadParameter, Outcome, Verdict
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.centre import mark_offset
-from procedures.pattern_psf.detection import find_charts
+from procedures.pattern_psf.chart_finding.detection import find_charts
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
 from procedures.raw import Plane, read_frame
 from simulators.camera import SimulatedCamera

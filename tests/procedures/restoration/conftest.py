@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from procedures.restoration.blur_models import mask_stack, path_shape, pillbox
-from procedures.restoration.fields import MaskField, Masks
-from procedures.restoration.forward import Array, MaskStack
+from procedures.restoration.masks.blur_models import mask_stack, path_shape, pillbox
+from procedures.restoration.masks.blur_operator import Array, MaskStack
+from procedures.restoration.masks.mask_fields import MaskField, Masks
 
 
 def vibration(seed: int) -> Array:

@@ -11,8 +11,8 @@ from scipy.signal import fftconvolve
 from procedures.field.interpolate import Recipe, rebuild
 from procedures.psf import Psf
 from procedures.psf_field import Node, PsfField
-from procedures.restoration.blur_models import mask_stack, pillbox
-from procedures.restoration.forward import Array
+from procedures.restoration.masks.blur_models import mask_stack, pillbox
+from procedures.restoration.masks.blur_operator import Array
 
 from .conftest import Scene
 

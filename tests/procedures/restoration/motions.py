@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from procedures.restoration import paths
-from procedures.restoration.blur_models import mask_stack
-from procedures.restoration.forward import Array, Blur
+from procedures.restoration.masks.blur_models import mask_stack
+from procedures.restoration.masks.blur_operator import Array, Blur
+from procedures.restoration.unknown_motion import motion_splines
 
 FLAT_W = 2.0
 # x, y, width, height of the flat part
@@ -16,10 +16,10 @@ BOX = (0, 0, 72, 96)
 
 def curve(turns: int) -> Array:
     """Control points of a smooth closed curve of half-width 2 about the middle."""
-    t = 2 * np.pi * np.arange(paths.POINTS) / (paths.POINTS - 1)
+    t = 2 * np.pi * np.arange(motion_splines.POINTS) / (motion_splines.POINTS - 1)
     points = np.stack([np.cos(t) + 0.6 * np.sin(turns * t), np.sin(t) + 0.5 * np.cos(turns * t)], axis=1)
     points -= (points.max(axis=0) + points.min(axis=0)) / 2
-    return points * FLAT_W / paths.half_width(points)
+    return points * FLAT_W / motion_splines.half_width(points)
 
 
 def curves() -> Array:
@@ -35,7 +35,7 @@ def photographs(slope: float = 0.02) -> list[Array]:
     u = 0.5 + 0.2 * np.sign(gaussian_filter(rng.standard_normal(extended), 2)) + 0.03 * rng.standard_normal(extended)
     w = FLAT_W + slope * np.clip(np.arange(extended[1]) - 80.0, 0, None)
     z = []
-    for one in paths.shapes_of(curves()):
+    for one in motion_splines.shapes_of(curves()):
         blur = Blur(mask_stack(one, 4.0, R=R), shape)
         blur.focus(np.broadcast_to(w, extended).copy())
         z.append(blur.blur(u))

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from procedures.exposure import Exposure
 from procedures.outcome import BadParameter, Outcome, Refused, Verdict
 from procedures.raw import Plane, read_frame
+from procedures.reading.exposure import Exposure
 from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf, estimate_psf
 from procedures.two_photo.trust import check_settings
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from procedures.restoration import many_depths, pairs, turns
-from procedures.restoration.scheme import Scheme
+from procedures.restoration.joint.schedule import Scheme
+from procedures.restoration.unknown_motion import basin_hopping, path_pairs, path_refinement
 from station.__main__ import main
 
 QUICK = ["--scheme", "2x(4+4)+1x6", "--max-w", "5.2"]
@@ -135,9 +135,9 @@ def test_a_region_that_is_none_is_a_usage_error(photographs, tmp_path):
 def test_unknown_motion_comes_from_a_flat_part(photographs, tmp_path, monkeypatch):
     # how fine the paths become is tested with the procedure
     for name, few in (("BEGINNINGS", 3), ("RESTORED", 1), ("MORE", 0), ("SCHEME", Scheme(1, 2, 2, 1, 2))):
-        monkeypatch.setattr(many_depths, name, few)
-    monkeypatch.setattr(pairs, "DESCENDING", 1)
-    monkeypatch.setattr(turns, "BENDS", 0)
+        monkeypatch.setattr(path_refinement, name, few)
+    monkeypatch.setattr(path_pairs, "DESCENDING", 1)
+    monkeypatch.setattr(basin_hopping, "BENDS", 0)
     # the upper left corner of this crop lies at one depth to half a pixel
     arguments = ["--blur", "motion", "--prototype-region", "0,0,60,96", "--scheme", "1x(2+2)", "--max-w", "3"]
     result = run(*photographs[0], *arguments, "--out", tmp_path / "o")

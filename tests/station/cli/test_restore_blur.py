@@ -11,8 +11,8 @@ import pytest
 from click.testing import CliRunner
 
 from procedures.raw import Felt, read_frame
-from procedures.restoration.blur_models import mask_stack, pillbox
-from procedures.restoration.forward import Blur
+from procedures.restoration.masks.blur_models import mask_stack, pillbox
+from procedures.restoration.masks.blur_operator import Blur
 from simulators.bench import Setup, SimulatedBench
 from simulators.body import Opening
 from simulators.sensor import Sensor

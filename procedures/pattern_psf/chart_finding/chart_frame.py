@@ -1,0 +1,248 @@
+"""The chart's frame as it should look, and how far a rectified picture agrees with it: place, turn, score."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from procedures.pattern import (
+    BLACK_BLOCKS,
+    BLOCK,
+    BLOCKS,
+    CELLS,
+    X_CORNER_BLOCKS,
+    X_CORNERS,
+)
+from procedures.pattern_psf.chart_finding.corner_layouts import RIM_CELLS, Layouts
+
+PIXELS = 16
+"""Pixels of the rectified picture per block."""
+RIM_BLOCKS = 1
+"""Blocks of surroundings rectified around the chart."""
+SIDE = (BLOCKS + 2 * RIM_BLOCKS) * PIXELS
+PIXELS_PER_CELL = PIXELS / BLOCK
+ORIGIN = -BLOCK * (1 + RIM_BLOCKS)
+"""Cell coordinate of the rectified picture's top left edge."""
+BLUR = 0.1 * PIXELS
+"""Blur of the expected frame: that of a typical photograph; agreement hardly depends on it."""
+SCREEN_SAMPLES = 4
+"""Samples of a block along one side when candidates are screened."""
+SCREENED_AT_ONCE = 128
+"""Candidates whose samples stay in the processor's cache together."""
+Array = npt.NDArray[np.float64]
+Picture = npt.NDArray[np.float32]
+
+H_CELLS_RECTIFIED: Array = np.array(
+    [
+        [1 / PIXELS_PER_CELL, 0, ORIGIN + 0.5 / PIXELS_PER_CELL],
+        [0, 1 / PIXELS_PER_CELL, ORIGIN + 0.5 / PIXELS_PER_CELL],
+        [0, 0, 1],
+    ]
+)
+
+
+def transform(H: Array, points: Array) -> Array:
+    """Points (n, 2) through a homography."""
+    q = np.column_stack([points, np.ones(len(points))]) @ H.T
+    out: Array = q[:, :2] / q[:, 2:]
+    return out
+
+
+@cache
+def expected() -> Picture:
+    """The rectified chart, black 0, white 1, its noise at one half."""
+    fine = 8
+    blocks = (np.arange(SIDE * fine) + 0.5) / (PIXELS * fine) - RIM_BLOCKS
+    index, within = np.floor(blocks).astype(int), blocks % 1 - 0.5
+    picture = np.ones((SIDE * fine, SIDE * fine), dtype=np.float32)
+
+    def block(column: int, row: int) -> tuple[npt.NDArray[np.intp], ...]:
+        return np.ix_(np.flatnonzero(index == row), np.flatnonzero(index == column))
+
+    for place in BLACK_BLOCKS:
+        picture[block(*place)] = 0.0
+    for place in X_CORNER_BLOCKS:
+        rows, columns = block(*place)
+        picture[rows, columns] = np.abs(within[rows]) < np.abs(within[columns])
+    noise = (index >= 1) & (index < BLOCKS - 1)
+    picture[np.ix_(noise, noise)] = 0.5
+    small = cv2.resize(picture, (SIDE, SIDE), interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.GaussianBlur(small, (0, 0), BLUR), dtype=np.float32)
+
+
+@cache
+def ring() -> npt.NDArray[np.bool_]:
+    """Where the rectified picture shows the frame: the blocks around the noise, a quarter block off it."""
+    mask = np.zeros((SIDE, SIDE), dtype=np.bool_)
+    outer, inner = RIM_BLOCKS * PIXELS, (RIM_BLOCKS + 1) * PIXELS - PIXELS // 4
+    mask[outer:-outer, outer:-outer] = True
+    mask[inner:-inner, inner:-inner] = False
+    return mask
+
+
+@cache
+def turned_frames() -> npt.NDArray[np.float32]:
+    """The expected frame seen through each of the symmetries, (8, SIDE, SIDE)."""
+    return np.stack([seen for _, seen in symmetries()])
+
+
+@cache
+def symmetries() -> tuple[tuple[Array, Picture], ...]:
+    """The square's eight maps g of cells onto cells, each with the expected frame seen through it."""
+    maps = []
+    for swap in (False, True):
+        for flip_x in (False, True):
+            for flip_y in (False, True):
+                seen = expected()[:: -1 if flip_y else 1, :: -1 if flip_x else 1]
+                flips = np.diag([-1.0 if flip_x else 1.0, -1.0 if flip_y else 1.0, 1.0])
+                flips[:2, 2] = CELLS * (np.diag(flips)[:2] < 0)
+                g = flips @ np.eye(3)[[1, 0, 2]] if swap else flips
+                maps.append((g, np.ascontiguousarray(seen.T if swap else seen)))
+    return tuple(maps)
+
+
+def rectify(image: Picture, H_image_cells: Array) -> Picture:
+    """The picture in the chart's own frame, NaN where the photograph does not reach, (SIDE, SIDE)."""
+    return np.asarray(
+        cv2.warpPerspective(
+            image,
+            H_image_cells @ H_CELLS_RECTIFIED,
+            (SIDE, SIDE),
+            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+            borderMode=cv2.BORDER_CONSTANT,
+            borderValue=float("nan"),
+        ),
+        dtype=np.float32,
+    )
+
+
+def agreements(rectified: Picture, frames: npt.NDArray[np.float32], where: npt.NDArray[np.bool_]) -> Array:
+    """Correlations (n,) of a rectified picture with frames (n, SIDE, SIDE), light varying linearly over it; 0 to 1.
+
+    With T a frame, the picture is fitted by a(x, y) + b(x, y) T, a and b linear; the correlation is the root of the
+    share of the variance around a alone that b T explains, 0 where b would be negative.
+    """
+    rows, columns = np.nonzero(where & np.isfinite(rectified))
+    if len(rows) < ring().sum() / 3:
+        return np.zeros(len(frames))
+    values = rectified[rows, columns].astype(np.float64)
+    light = np.column_stack([np.ones(len(rows)), columns / SIDE - 0.5, rows / SIDE - 0.5])
+    pairs = (light[:, :, None] * light[:, None]).reshape(len(rows), 9)
+    t = frames[:, rows, columns].astype(np.float64)
+    alone, cross, square = (m.reshape(-1, 3, 3) for m in (pairs.sum(axis=0), t @ pairs, t**2 @ pairs))
+    alone = np.broadcast_to(alone, cross.shape)
+    normal = np.block([[alone, cross], [cross, square]])
+    right = np.column_stack([np.broadcast_to(values @ light, (len(t), 3)), (t * values) @ light])
+    both = np.linalg.solve(normal + 1e-9 * np.eye(6), right[..., None])[..., 0]
+    total = values @ values
+    unexplained = total - np.sum(both * right, axis=1)
+    around_light = total - right[0, :3] @ np.linalg.solve(alone[0], right[0, :3])
+    if around_light <= 1e-12 * total:
+        return np.zeros(len(frames))
+    return np.asarray(np.where(both[:, 3] > 0, np.sqrt(np.clip(1 - unexplained / around_light, 0.0, 1.0)), 0.0))
+
+
+@cache
+def _screen_samples() -> tuple[Array, Array]:
+    """Cells (n, 2) of a few points in every block of the frame, and the eight expected frames there, (n, 8)."""
+    index = np.arange(SCREEN_SAMPLES * SIDE // PIXELS) * PIXELS // SCREEN_SAMPLES + PIXELS // (2 * SCREEN_SAMPLES)
+    rows, columns = (grid.ravel() for grid in np.meshgrid(index, index, indexing="ij"))
+    inside = ring()[rows, columns]
+    rows, columns = rows[inside], columns[inside]
+    cells = transform(H_CELLS_RECTIFIED, np.column_stack([columns, rows]).astype(np.float64))
+    return cells, np.column_stack([seen[rows, columns] for _, seen in symmetries()]).astype(np.float64)
+
+
+def screen(image: Picture, layouts: Layouts) -> Array:
+    """Correlation of layouts' surroundings with the eight expected frames, (n, 8).
+
+    A coarse and fast `agreement`: a few samples per block, light only added; where a layout has no x-corner,
+    something hides the frame and nothing is compared.
+    """
+    parts = range(0, len(layouts.maps), SCREENED_AT_ONCE)
+    scores = [_screen_part(image, layouts.maps[i : i + SCREENED_AT_ONCE], layouts.hits[i : i + SCREENED_AT_ONCE])
+              for i in parts]  # fmt: skip
+    return np.concatenate([np.zeros((0, len(symmetries()))), *scores])
+
+
+def _screen_part(image: Picture, maps: Array, hits: npt.NDArray[np.bool_]) -> Array:
+    """`screen` of maps (n, 3, 3) with hits (n, 12)."""
+    cells, frames = _screen_samples()
+    q = maps @ np.column_stack([cells, np.ones(len(cells))]).T
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        x, y = (q[:, :2] / q[:, 2:]).astype(np.float32).transpose(1, 0, 2)
+    values = np.asarray(cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), dtype=np.float64)
+    near = np.abs(cells[:, None] - RIM_CELLS).max(axis=2) < BLOCK
+    weights = 1.0 - (~hits).astype(np.float64) @ near.T.astype(np.float64)
+    light = np.column_stack([np.ones(len(cells)), cells / CELLS - 0.5])
+    pairs = (light[:, :, None] * light[:, None]).reshape(len(cells), 9)
+    normal = (weights @ pairs).reshape(-1, 3, 3)
+    values -= np.linalg.solve(normal, ((weights * values) @ light)[..., None])[..., 0] @ light.T
+    centred = frames - light @ np.linalg.lstsq(light, frames, rcond=None)[0]
+    norms = np.sqrt((weights * values**2).sum(axis=1, keepdims=True) * (weights @ centred**2))
+    out: Array = (weights * values) @ centred / np.maximum(norms, np.finfo(np.float32).tiny)
+    return out
+
+
+@dataclass(frozen=True)
+class Placed:
+    """Where the marks of a rectified picture really are.
+
+    Attributes
+    ----------
+    cells : (12, 2) float64
+        Cell coordinates, by the present map, of the places that look like the x-corners.
+    likeness : (12,) float64
+        Normalised correlation with the expected mark; 0 where it leaves the photograph or the window searched.
+    """
+
+    cells: Array
+    likeness: Array
+
+
+def place_marks(rectified: Picture, *, half: int = 5, search: int = 6) -> Placed:
+    """Find each mark near its expected place by normalised correlation, to a fraction of a rectified pixel."""
+    offsets = np.zeros((len(X_CORNERS), 2))
+    likeness = np.zeros(len(X_CORNERS))
+    for n, (column, row) in enumerate(X_CORNER_BLOCKS):
+        x, y = ((RIM_BLOCKS + np.array([column, row])) * PIXELS + PIXELS // 2).tolist()
+        mark = expected()[y - half : y + half, x - half : x + half]
+        reach = half + search
+        window = rectified[y - reach : y + reach, x - reach : x + reach]
+        seen = np.isfinite(window)
+        if not seen[search:-search, search:-search].all():
+            continue
+        window = np.where(seen, window, window[seen].mean())
+        offsets[n], likeness[n] = _peak(cv2.matchTemplate(window, mark, cv2.TM_CCOEFF_NORMED))
+    return Placed(X_CORNERS + offsets / PIXELS_PER_CELL, likeness)
+
+
+def _peak(likeness: npt.NDArray[np.generic]) -> tuple[Array, float]:
+    """Offset (x, y) of the greatest value from the middle, by parabolas, and the value; 0 on the border."""
+    row, column = np.unravel_index(int(np.argmax(likeness)), likeness.shape)
+    middle = (likeness.shape[0] - 1) / 2
+    if not (0 < row < likeness.shape[0] - 1 and 0 < column < likeness.shape[1] - 1):
+        return np.zeros(2), 0.0
+    around = np.asarray(likeness[row - 1 : row + 2, column - 1 : column + 2], dtype=np.float64)
+    x = _vertex(around[1]) + column - middle
+    y = _vertex(around[:, 1]) + row - middle
+    return np.array([x, y]), float(around[1, 1])
+
+
+def _vertex(v: Array) -> float:
+    curvature = v[0] - 2 * v[1] + v[2]
+    return float(0.5 * (v[0] - v[2]) / curvature) if curvature < 0 else 0.0
+
+
+def around_marks(which: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """The blocks of some of the marks, with a block around each, in the rectified picture."""
+    mask = np.zeros((SIDE, SIDE), dtype=np.bool_)
+    for (column, row), chosen in zip(X_CORNER_BLOCKS, which, strict=True):
+        if chosen:
+            x, y = (RIM_BLOCKS + column) * PIXELS, (RIM_BLOCKS + row) * PIXELS
+            mask[max(y - PIXELS, 0) : y + 2 * PIXELS, max(x - PIXELS, 0) : x + 2 * PIXELS] = True
+    return mask

@@ -1,0 +1,275 @@
+"""Sets of saddles that lie like the chart's twelve x-corners, whatever its place, size, roll and tilt.
+
+The x-corners are the rim of a 4 x 4 lattice, all with the same axis, and that axis is one of the lattice's. Three
+equally spaced collinear saddles propose a side of it; what lies where the other nine should be decides.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.numerics.compiled import compiled
+from procedures.pattern import BLOCK
+from procedures.pattern_psf.chart_finding.marks import SAME_AXIS, Saddles
+from procedures.pattern_psf.chart_finding.spatial_bins import Field, alike, all_nearest, bins_within, field_of, nearest
+
+MIN_STEP, MAX_STEP = 16.5, 38.0
+"""Lattice steps looked for at one level of the pyramid, in its pixels (three blocks of the chart)."""
+ALONG_AXIS = np.cos(2 * np.deg2rad(11))
+"""The lattice is along the axes or across them, up to the shear of a tilt and the axes' own error."""
+SAME_STRENGTH = 2.5
+"""Greatest ratio of strengths within one side: light gradient, noise, focus."""
+COLLINEAR = 0.15
+"""Greatest distance of a third x-corner from where two put it, in steps: perspective, distortion."""
+BETWEEN = 0.2
+"""No like saddle lies this close to the middle of two neighbouring x-corners, in steps: it would in a finer lattice."""
+BOTH_WAYS = 0.3
+"""Slope under which a line is looked at from both of its ends: more than COLLINEAR can turn a step."""
+MOST_TRIPLES = 20_000
+BIN = 12.0
+"""Side of the bins in which saddles are looked up, in pixels."""
+SQUARE = 0.3
+"""The same from where a side puts a neighbouring one, supposing a square: tilt."""
+AFFINE = 0.25
+PROJECTIVE = 0.15
+"""The same for affine and projective lattices."""
+MIN_HITS = 7
+"""A chart with fewer x-corners in sight is not found."""
+HITS_PER_OCTAVE = 4.0
+"""What twice the strength is worth, in hits, where there are too many layouts: a chart has the strongest saddles."""
+MOST = 4000
+"""Layouts given for one picture; textures and lattices have many."""
+
+RIM = np.array([(s, t) for t in range(4) for s in range(4) if s in (0, 3) or t in (0, 3)], dtype=np.float64)
+"""The lattice coordinates (s, t) of the twelve x-corners, (12, 2)."""
+INSIDE = np.array([(1, 1), (2, 1), (1, 2), (2, 2)], dtype=np.float64)
+MOST_INSIDE = 3
+"""Like saddles at the lattice points inside, where the chart has noise, that tell a lattice from a chart."""
+RIM_CELLS = RIM * 3 * BLOCK - BLOCK / 2
+"""The same places in cells."""
+H_LATTICE_CELLS = np.array([[1, 0, BLOCK / 2], [0, 1, BLOCK / 2], [0, 0, 3 * BLOCK]]) / (3 * BLOCK)
+Array = npt.NDArray[np.float64]
+Complex = npt.NDArray[np.complex128]
+Indices = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Layouts:
+    """Sets of saddles that lie like a chart's x-corners.
+
+    A square's eight symmetries leave the x-corners in place: which of them applies is not known here.
+
+    Attributes
+    ----------
+    maps : (n, 3, 3) float64
+        Homographies from cells to pixels.
+    hits : (n, 12) bool
+        Which x-corners there are, in the order of RIM.
+    """
+
+    maps: Array
+    hits: npt.NDArray[np.bool_]
+
+
+@compiled
+def _is_step(field: Field, i: int, j: int) -> bool:
+    """Whether two like saddles lie one lattice step apart, along their axis or across it."""
+    d = field.points[j] - field.points[i]
+    square = d.real * d.real + d.imag * d.imag
+    if square <= MIN_STEP * MIN_STEP or square >= MAX_STEP * MAX_STEP:
+        return False
+    if not alike(field, i, j, SAME_AXIS, SAME_STRENGTH):
+        return False
+    axis = field.axes[i] + field.axes[j]
+    return bool(abs((d * d * axis.conjugate()).real) > ALONG_AXIS * square * abs(axis))
+
+
+@compiled
+def _is_free(field: Field, i: int, j: int) -> bool:
+    """Whether no like saddle lies in the middle of two."""
+    a, b = field.points[i], field.points[j]
+    return nearest(field, (a + b) / 2, BETWEEN * abs(a - b), i, SAME_AXIS, SAME_STRENGTH) < 0
+
+
+@compiled
+def _longer(triples: Indices) -> Indices:
+    """The same with as many free rows after them."""
+    out = np.empty((2 * len(triples), 3), np.int64)
+    for n in range(len(triples)):
+        for m in range(3):
+            out[n, m] = triples[n, m]
+    return out
+
+
+@compiled
+def _triples(field: Field) -> Indices:
+    """Triples (n, 3) of like saddles, equally spaced on a line, a line once or in both directions."""
+    out = np.empty((1024, 3), np.int64)
+    count = 0
+    for i in range(len(field.points)):
+        place = field.points[i]
+        top, bottom, first, last = bins_within(field, place, MAX_STEP)
+        for row in range(top, bottom + 1):
+            for j in range(field.starts[row * field.columns + first], field.starts[row * field.columns + last + 1]):
+                step = field.points[j] - place
+                # one of a line's two directions, or both where it is nearly level: the second step may turn a little
+                backwards = step.imag < -BOTH_WAYS * abs(step.real)
+                if backwards or not _is_step(field, i, j):
+                    continue
+                k = nearest(field, field.points[j] + step, COLLINEAR * abs(step), j, SAME_AXIS, SAME_STRENGTH)
+                if k >= 0 and _is_step(field, j, k) and _is_free(field, i, j) and _is_free(field, j, k):
+                    if count == len(out):
+                        out = _longer(out)
+                    out[count, 0], out[count, 1], out[count, 2] = i, j, k
+                    count += 1
+    return out[:count]
+
+
+def _strongest(field: Field, triples: Indices) -> Indices:
+    """At most MOST_TRIPLES of the triples."""
+    if len(triples) <= MOST_TRIPLES:
+        return triples
+    strengths = field.merits[triples].min(axis=1)
+    return triples[np.argpartition(-strengths, MOST_TRIPLES)[:MOST_TRIPLES]]
+
+
+@compiled
+def _sides(field: Field, triples: Indices) -> Indices:
+    """Hypotheses that triples start at s = 0 or 1 of the side t = 0, the chart lying to one side of it or the other.
+
+    Gives the hits (n, 12) in the order of RIM, -1 where none, for those that find two of the five nearest others,
+    one of them off the side, and not both of the inner neighbours, which only a lattice of saddles has.
+    """
+    out = np.empty((4 * len(triples), 12), np.int64)
+    count = 0
+    for n in range(len(triples)):
+        i, j, k = triples[n, 0], triples[n, 1], triples[n, 2]
+        u = (field.points[k] - field.points[i]) / 2
+        reach, near = COLLINEAR * abs(u), SQUARE * abs(u)
+        for which in range(4):
+            first, v = which % 2, u * (1j if which < 2 else -1j)
+            origin = field.points[i] - first * u
+            if (
+                nearest(field, origin + u + v, reach, j, SAME_AXIS, SAME_STRENGTH) >= 0
+                and nearest(field, origin + 2 * u + v, reach, j, SAME_AXIS, SAME_STRENGTH) >= 0
+            ):
+                continue
+            hits = out[count]
+            for m in range(12):
+                hits[m] = -1
+            found = 0
+            for t in range(1, 3):
+                for s in range(0, 4, 3):
+                    place = 4 + 2 * (t - 1) + s // 3  # of (s, t) in RIM
+                    hits[place] = nearest(field, origin + s * u + t * v, near, j, SAME_AXIS, SAME_STRENGTH)
+                    found += hits[place] >= 0
+            if found == 0:
+                continue
+            hits[3 - 3 * first] = nearest(field, origin + (3 - 3 * first) * u, near, j, SAME_AXIS, SAME_STRENGTH)
+            found += hits[3 - 3 * first] >= 0
+            hits[first], hits[first + 1], hits[first + 2] = i, j, k
+            count += found >= 2
+    return out[:count]
+
+
+def _normalised(field: Field, hits: Indices) -> tuple[Complex, Complex, Array]:
+    """Hits about their mean in units of their spread, (n, 12), 0 where none; the means and the spreads, (n, 1)."""
+    there = hits >= 0
+    z = np.where(there, field.points[hits], 0)
+    count = there.sum(axis=1, keepdims=True)
+    mean = z.sum(axis=1, keepdims=True) / count
+    z = np.where(there, z - mean, 0)
+    spread = np.sqrt((np.abs(z) ** 2).sum(axis=1, keepdims=True) / count)
+    return z / spread, mean, spread
+
+
+def _affine(field: Field, hits: Indices) -> Array:
+    """Affine maps fitted to hits, from lattice to pixels, (n, 3, 3)."""
+    z, mean, spread = _normalised(field, hits)
+    design = np.column_stack([RIM, np.ones(len(RIM))])
+    there = (hits >= 0).astype(np.float64)
+    normal = np.einsum("nr,ra,rb->nab", there, design, design)
+    c = np.linalg.solve(normal + 0j, (z @ design)[..., None])[..., 0] * spread
+    c[:, 2] += mean[:, 0]
+    bottom = np.broadcast_to([0.0, 0.0, 1.0], c.shape)
+    return np.stack([c.real, c.imag, bottom], axis=1)
+
+
+def _projective(field: Field, hits: Indices) -> Array:
+    """Homographies fitted to hits, from lattice to pixels, (n, 3, 3); the fit is linear, from the middle out."""
+    z, mean, spread = _normalised(field, hits)
+    p = np.column_stack([RIM - 1.5, np.ones(len(RIM))])
+    there = (hits >= 0).astype(np.float64)
+    zero = np.zeros_like(p)
+    rows = []
+    for value, left in ((z.real, (p, zero)), (z.imag, (zero, p))):
+        fixed = np.broadcast_to(np.hstack(left), (len(z), len(RIM), 6))
+        rows.append(np.concatenate([fixed, -value[..., None] * p[:, :2]], axis=2) * there[..., None])
+    design = np.concatenate(rows, axis=1)
+    right = np.concatenate([z.real * there, z.imag * there], axis=1)[..., None]
+    transposed = design.transpose(0, 2, 1)
+    h = np.linalg.solve(transposed @ design + 1e-9 * np.eye(8), transposed @ right)[..., 0]
+    local = np.concatenate([h, np.ones((len(h), 1))], axis=1).reshape(-1, 3, 3)
+    back = np.zeros_like(local)
+    back[:, 0, 0] = back[:, 1, 1] = spread[:, 0]
+    back[:, 0, 2], back[:, 1, 2], back[:, 2, 2] = mean[:, 0].real, mean[:, 0].imag, 1
+    maps: Array = back @ local @ np.array([[1, 0, -1.5], [0, 1, -1.5], [0, 0, 1]])
+    return maps
+
+
+def _mapped(maps: Array, lattice: Array) -> Complex:
+    """Where maps put lattice points, (n, m)."""
+    q = maps @ np.column_stack([lattice, np.ones(len(lattice))]).T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        out: Complex = (q[:, 0] + 1j * q[:, 1]).astype(np.complex128) / q[:, 2]
+    return out
+
+
+def _gather(field: Field, hits: Indices, maps: Array, reach: float) -> Indices:
+    """The hits nearest to mapped lattices, `reach` in steps, of those that keep enough and are empty inside."""
+    predicted, inner = _mapped(maps, RIM), _mapped(maps, INSIDE)
+    step = np.abs(predicted[:, 3] - predicted[:, 0]) / 3
+    like = np.take_along_axis(hits, np.argmax(hits >= 0, axis=1)[:, None], 1)[:, 0]
+    good = (
+        (step > MIN_STEP / 2)
+        & (step < 2 * MAX_STEP)
+        & np.isfinite(predicted).all(axis=1)
+        & np.isfinite(inner).all(axis=1)
+    )
+    predicted, inner, step, like = predicted[good], inner[good], step[good], like[good]
+    lattice = (all_nearest(field, inner, PROJECTIVE * step, like, SAME_AXIS, SAME_STRENGTH) >= 0).sum(
+        axis=1
+    ) >= MOST_INSIDE
+    predicted, step, like = predicted[~lattice], step[~lattice], like[~lattice]
+    found = all_nearest(field, predicted, reach * step, like, SAME_AXIS, SAME_STRENGTH)
+    enough: Indices = found[(found >= 0).sum(axis=1) >= MIN_HITS]
+    return enough
+
+
+def _distinct(field: Field, hits: Indices) -> Indices:
+    """One of each set of saddles, those with the most hits and the strongest first, at most MOST."""
+    _, first = np.unique(np.sort(hits, axis=1), axis=0, return_index=True)
+    hits = hits[first]
+    count = (hits >= 0).sum(axis=1)
+    strengths = np.where(hits >= 0, np.log2(field.merits)[hits], 0).sum(axis=1) / np.maximum(count, 1)
+    return hits[np.argsort(-count - HITS_PER_OCTAVE * strengths, kind="stable")[:MOST]]
+
+
+def find_layouts(saddles: Saddles) -> Layouts:
+    """The sets of saddles that lie like a chart's x-corners, those with the most hits first.
+
+    Parameters
+    ----------
+    saddles : Saddles
+        Of one level of the pyramid, where the lattice step is MIN_STEP to MAX_STEP pixels.
+    """
+    if len(saddles.points) < MIN_HITS:
+        return Layouts(np.zeros((0, 3, 3)), np.zeros((0, len(RIM)), dtype=np.bool_))
+    field, _ = field_of(saddles.points, saddles.axes, saddles.strengths, BIN)
+    hits = _sides(field, _strongest(field, _triples(field)))
+    hits = _distinct(field, _gather(field, hits, _affine(field, hits), AFFINE))
+    hits = _distinct(field, _gather(field, hits, _projective(field, hits), PROJECTIVE))
+    return Layouts(_projective(field, hits) @ H_LATTICE_CELLS, hits >= 0)

@@ -1,0 +1,307 @@
+"""The plan of the pattern PSF: from the printer to the verdict, with every question, check and choice on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from procedures.choice import START_K, START_S
+from procedures.outcome import Outcome, Verdict
+from procedures.pattern import DEFAULT_SEED
+from procedures.pattern_print.formats import encode
+from procedures.pattern_print.rulers import LENGTH_MM
+from procedures.pattern_print.sheet import DEFAULT_WIDTH_MM, Size
+from procedures.pattern_print.source import Source
+from procedures.pattern_psf.checks import (
+    RATIO,
+    best_place,
+    best_tried,
+    check_distance,
+    check_light,
+    check_shot,
+    check_square,
+    expected_optics,
+    known_chart,
+    number,
+    parameters_of,
+    sharpness,
+    wanted_distance_mm,
+)
+from procedures.pattern_psf.combine import combine
+from procedures.pattern_psf.estimate import estimate_psf
+from procedures.pattern_psf.gamma.words import gamma_diagram
+from procedures.plan import (
+    Advice,
+    Ask,
+    Decide,
+    Diagram,
+    Estimate,
+    Facts,
+    Give,
+    Go,
+    Home,
+    Look,
+    Measure,
+    Plan,
+    Reading,
+    Scan,
+    SetLight,
+    Shoot,
+    Show,
+    Step,
+)
+from procedures.quality import WAVELENGTHS_NM, Diffraction
+from procedures.raw import Plane, RawFrame
+
+CHART = "chart.pdf"
+FEWEST, MOST = 3, 16
+"""Shots: fewer cannot be tested for agreement."""
+WANTED = 0.002
+"""Standard uncertainty of MTF50 to reach in every plane, in cycles/pixel."""
+RING = (-2.0, -1.0, 0.0, 1.0, 2.0)
+"""Small turns of the focus ring, from where autofocus or the eye put it; positive towards infinity."""
+RAIL = (-1.5, -0.75, 0.0, 0.75, 1.5)
+"""The same on the rail, in depths of focus."""
+Outcomes = Mapping[str, Outcome[Any]]
+
+
+def plan() -> Plan:
+    """The guided calibration with the noise chart."""
+    return Plan(
+        "pattern",
+        "PSF from a printed noise chart",
+        (
+            Step("print", "Print", "Print the chart at its true size, and measure what came out.", PRINT),
+            Step("mount", "Mount and light", "Hang the chart flat, light it evenly, and expose it well.", MOUNT),
+            Step("distance", "Distance", "Go where the noise of the photograph spoils the PSF least.", DISTANCE),
+            Step("square", "Square up", "Bring the chart square to the camera.", SQUARE),
+            Step("focus", "Focus", "Find the sharpest focus.", FOCUS),
+            Step("shots", "Shots", "Take shots that count, until the uncertainty is small enough.", SHOTS),
+            Step("estimate", "Estimate", "Estimate every plane's PSF from all shots together.", (Estimate(estimate),)),
+            Step("verdict", "Verdict", "Accept the result, or take the shots again.", (Decide("shots"),)),
+        ),
+    )  # fmt: skip
+
+
+# --- print -------------------------------------------------------------------------------------------------------
+
+
+def chart_page(facts: Facts) -> bytes:
+    """The PDF to print."""
+    seed = int(number(facts, "chart_seed", DEFAULT_SEED))
+    return encode(Path(CHART), Source.from_seed(seed), Size(number(facts, "chart_width_mm", DEFAULT_WIDTH_MM))).data
+
+
+PRINT = (
+    Ask(
+        "chart_width_mm", "How wide shall it be printed?", "number", "mm", DEFAULT_WIDTH_MM, low=32.0, high=3600.0
+    ),
+    Give(CHART, chart_page, lambda path: f"the chart to print: {path}"),
+    Ask("printed", f"Print {CHART} on matt paper at 100 % (actual size)."),
+    Ask(
+        "ruler_mm",
+        f"Measure the printed ruler from 0 to {LENGTH_MM}: how long is it?",
+        "number",
+        "mm",
+        float(LENGTH_MM),
+        low=0.8 * LENGTH_MM,
+        high=1.25 * LENGTH_MM,
+    ),
+)  # fmt: skip
+
+# --- mount and light ---------------------------------------------------------------------------------------------
+
+
+def middle(facts: Facts) -> dict[str, float]:
+    """The middle of every axis' travel: from there everything can be corrected."""
+    names = [name.removeprefix("low_") for name in facts if name.startswith("low_")]
+    return {name: (float(facts[f"low_{name}"]) + float(facts[f"high_{name}"])) / 2 for name in names}
+
+
+MOUNT = (
+    Home(),
+    Go(middle, lambda facts: "going to the middle of the travel" if middle(facts) else ""),
+    Ask("mounted", "Mount the chart flat on a wall or board, upright, its middle before the camera."),
+    SetLight(lambda facts: 1.0),
+    Ask("lit", "Light the chart from both sides, without glare. Keep other light out."),
+    Ask("camera_set", "Set the camera: RAW, manual exposure, ISO 100, your aperture, stabiliser off."),
+    Ask("focused", "Focus on the chart, then switch autofocus off."),
+    Look("light", check_light),
+)
+
+# --- distance ----------------------------------------------------------------------------------------------------
+
+
+def towards_distance(facts: Facts) -> dict[str, float]:
+    """Where the rail should go, by lens and laser: nothing without them, and not beyond its travel."""
+    if not {"at_z_mm", "distance_mm", "laser_offset_mm"} <= set(facts):
+        return {}
+    now_mm = number(facts, "distance_mm", 0) - number(facts, "laser_offset_mm", 0)
+    there = number(facts, "at_z_mm", 0) + wanted_distance_mm(facts) - now_mm
+    return {"z_mm": float(np.clip(there, number(facts, "low_z_mm", there), number(facts, "high_z_mm", there)))}
+
+
+def say_distance(facts: Facts) -> str:
+    """What the operator does where there is no rail; a rail that has not learnt the laser's offset finds its way."""
+    if "at_z_mm" in facts:
+        return "going to the distance where s/t is near 1" if towards_distance(facts) else ""
+    return f"Put the camera {wanted_distance_mm(facts) / 1000:.2f} m from the chart, by a tape measure."
+
+
+def explain_distance(facts: Facts) -> Diagram:
+    """What other distances cost, by lens and print."""
+    parameters = parameters_of(facts)
+    return gamma_diagram(expected_optics(facts), parameters.s or START_S, parameters.k or START_K, RATIO)
+
+
+DISTANCE = (
+    Ask("focal_length_mm", "What is the lens's focal length?", "number", "mm", low=1.0, high=5000.0),
+    Ask("pixel_pitch_um", "How far apart are the sensor's pixels?", "number", "µm", low=0.5, high=50.0),
+    Show(explain_distance),
+    Measure(),
+    Go(towards_distance, say_distance),
+    Look("distance", check_distance, tries=10),
+)
+
+# --- square up ---------------------------------------------------------------------------------------------------
+
+SQUARE = (Look("square", check_square, tries=10),)
+
+# --- focus -------------------------------------------------------------------------------------------------------
+
+
+def ring_places(facts: Facts) -> Sequence[float]:
+    """Turns of the focus ring, if the operator focuses by it."""
+    return RING if facts.get("focus_by", "ring") == "ring" else ()
+
+
+def rail_places(facts: Facts) -> Sequence[float]:
+    """Places of the rail about where it is, if the operator focuses by it, inside its travel.
+
+    The circle of confusion grows by one pixel of the plane c over a way dz with c = f^2 dz / (N z^2): Smith, Modern
+    Optical Engineering, section 6.8.
+    """
+    if facts.get("focus_by") != "rail" or "at_z_mm" not in facts:
+        return ()
+    z, f = wanted_distance_mm(facts), number(facts, "focal_length_mm", 50.0)
+    pixel_mm = 2 * number(facts, "pixel_pitch_um", 5.0) / 1000
+    depth = pixel_mm * number(facts, "f_number", 5.6) * (z / f) ** 2
+    here = number(facts, "at_z_mm", 0.0)
+    low, high = number(facts, "low_z_mm", -np.inf), number(facts, "high_z_mm", np.inf)
+    return [here + step * depth for step in RAIL if low <= here + step * depth <= high]
+
+
+def say_ring(change: float) -> str:
+    """What to do with the focus ring."""
+    way = "infinity" if change > 0 else "near"
+    count = abs(change)
+    turns = "one small step" if count == 1 else f"{count:.1f} small steps".replace(".0 ", " ")
+    return f"Turn the focus ring {turns} towards {way}."
+
+
+def choose_focus(axis: str, unit: str) -> Any:
+    """How the sharpest place is chosen from a bracket."""
+
+    def choose(places: Sequence[float], scores: Sequence[float]) -> Advice:
+        best = best_place(places, scores) if axis.endswith("_mm") else best_tried(places, scores)
+        if best is None:
+            back = float(places[len(places) // 2]) - float(places[-1])
+            return Advice(False, "No place of the bracket was sharp enough to tell: focus by eye.", moves={axis: back})
+        at_end = best in (places[0], places[-1])
+        more = " The best lies at the bracket's end: focus again and repeat the step if you can." if at_end else ""
+        score = float(np.nanmax(np.asarray(scores)))
+        say = f"Sharpest at {best:+.2f}{unit}, MTF50 {score:.3f} cycles/pixel.{more}"
+        reading = Reading("MTF50", score, "cycles/pixel")
+        return Advice(not at_end, say, (reading,), moves={axis: best - places[-1]}, facts={"focus_mtf50": score})
+
+    return choose
+
+
+FOCUS = (
+    Ask("refocused", "Focus on the chart again: the distance has changed. Leave autofocus off."),
+    Ask("focus_by", "How will you bracket the focus?", "choice", default="ring", choices=("ring", "rail", "skip")),
+    Scan("focus", "focus_steps", ring_places, sharpness, choose_focus("focus_steps", " steps"), say_ring),
+    Scan(
+        "focus", "z_mm", rail_places, sharpness, choose_focus("z_mm", " mm"),
+        lambda change: f"Move the camera by {change:.1f} mm.",
+    ),
+)  # fmt: skip
+
+# --- shots -------------------------------------------------------------------------------------------------------
+
+
+def estimate_shot(frame: RawFrame, facts: Facts, like: Outcomes | None = None) -> Outcomes:
+    """The PSF of every plane of one shot, sampled as those of another shot where one is given."""
+    return {
+        name: _estimate_plane(plane, facts, like.get(name) if like else None) for name, plane in frame.planes.items()
+    }
+
+
+def _estimate_plane(plane: Plane, facts: Facts, like: Outcome[Any] | None) -> Outcome[Any]:
+    parameters = parameters_of(facts)
+    if like is not None and like.value is not None:
+        parameters = replace(parameters, s=like.value.psf.s, k=like.value.psf.k, chosen=True)
+    return estimate_psf(plane, known_chart(facts), parameters, diffraction(plane, facts))
+
+
+def diffraction(plane: Plane, facts: Facts) -> Diffraction | None:
+    """What limits the plane, where aperture and pixels are known."""
+    if not {"f_number", "pixel_pitch_um"} <= set(facts):
+        return None
+    pitch_um = number(facts, "pixel_pitch_um", 1.0) * plane.pitch
+    return Diffraction(number(facts, "f_number", 1.0), pitch_um, WAVELENGTHS_NM[plane.name[0]])
+
+
+def uncertainty(found: Outcome[Any]) -> float:
+    """Standard uncertainty of MTF50 in cycles/pixel, the worse direction; infinite where it was refused."""
+    if found.value is None:
+        return float("inf")
+    numbers = found.value.quality.numbers
+    told = [numbers.get(f"mtf50_{way}", numbers.get(f"mtf_nyquist_{way}")) for way in ("horizontal", "vertical")]
+    return max((quantity.uncertainty for quantity in told if quantity is not None), default=float("inf"))
+
+
+def enough(results: Sequence[Outcomes], facts: Facts) -> Advice:
+    """Enough when the mean of the shots is as sure as wanted in every plane that was not refused throughout."""
+    wanted = number(facts, "wanted_mtf50", WANTED)
+    reached = max(_reached([result[name] for result in results if name in result]) for name in results[0])
+    shots = len(results)
+    readings = (Reading("MTF50 uncertainty", reached, "cycles/pixel", None, wanted),)
+    say = f"Shots: {shots}. MTF50 is known to ±{reached:.4f} cycles/pixel; wanted ±{wanted:g}."
+    return Advice(shots >= FEWEST and reached <= wanted, say, readings)
+
+
+def _reached(found: Sequence[Outcome[Any]]) -> float:
+    """What the shots' mean can be expected to reach: 1/u^2 = sum 1/u_i^2; 0 for a plane that every shot refuses."""
+    weights = [1 / uncertainty(one) ** 2 for one in found if one.verdict is not Verdict.REFUSED]
+    return 1 / float(np.sqrt(sum(weights))) if weights else 0.0
+
+
+SHOTS = (
+    Ask(
+        "wanted_mtf50", "Which standard uncertainty of MTF50 do you want?", "number", "cycles/pixel", WANTED,
+        low=1e-5, high=0.1,
+    ),
+    Look("light", check_light),
+    Shoot("shot", check_shot, estimate_shot, enough, MOST),
+)  # fmt: skip
+
+# --- estimate ----------------------------------------------------------------------------------------------------
+
+
+def _first_found(found: Sequence[Outcomes]) -> Outcomes:
+    """Of every plane the first shot that was not refused."""
+    return {name: one for outcomes in reversed(found) for name, one in outcomes.items() if one.value is not None}
+
+
+def estimate(frames: Sequence[RawFrame], facts: Facts) -> Outcomes:
+    """The PSF of every plane from all shots, and whether they agree."""
+    found: list[Outcomes] = []
+    for frame in frames:
+        found.append(estimate_shot(frame, facts, _first_found(found)))
+    names = list(found[0]) if found else []
+    return {name: combine([one[name] for one in found]) for name in names}

@@ -1,0 +1,147 @@
+"""Grey PGM, PNG and TIFF files become samples with their full scale; everything else is refused by name."""
+
+from __future__ import annotations
+
+import io
+import re
+import struct
+from typing import Any, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.outcome import BadInput
+from procedures.reading.library_noise import captured_noise
+from procedures.reading.tiff_tags import BITS_PER_SAMPLE, PHOTOMETRIC, WHITE_IS_ZERO, image_directories
+
+Samples = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
+
+PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
+_EXPORT = "export one linear colour plane as an 8 or 16 bit grey PGM, PNG or TIFF, or give the RAW file itself"
+_AGAIN = "copy or export it again"
+
+
+def read_pgm(data: bytes, name: str) -> tuple[Samples, int]:
+    """Samples (rows, columns) of a PGM file, plain or raw, and the level of white: the header's maxval.
+
+    Raises
+    ------
+    BadInput
+        If the header is broken, the maxval is outside 1..65535, samples are missing or exceed the maxval.
+
+    References
+    ----------
+    The Netpbm format specification pgm(5): two bytes a sample, big-endian, from a maxval of 256 on.
+    """
+    header = _PGM_HEADER.match(data)
+    if header is None:
+        raise BadInput(f"{name} begins like a PGM file but has no width, height and maxval", _AGAIN)
+    columns, rows, white = (int(header[group]) for group in ("columns", "rows", "white"))
+    if not (columns and rows and 1 <= white <= 65535):
+        raise BadInput(f"a PGM needs pixels and a maxval of 1 to 65535; {name} has {columns} x {rows}, {white}", _AGAIN)
+    read = _plain_samples if data[:2] == b"P2" else _raw_samples
+    levels = read(data[header.end() :], columns * rows, white, name)
+    if levels.max() > white:
+        raise BadInput(f"{name} has the sample {levels.max()} above its maxval {white}", _AGAIN)
+    return levels.reshape(rows, columns), white
+
+
+_GAP = rb"(?:\s|#[^\r\n]*[\r\n])+"
+_PGM_HEADER = re.compile(
+    rb"P[25]" + _GAP + rb"(?P<columns>\d{1,9})" + _GAP + rb"(?P<rows>\d{1,9})" + _GAP + rb"(?P<white>\d{1,9})"
+    rb"(?:[ \t]*#[^\r\n]*[\r\n]|\s)"
+)
+
+
+def _raw_samples(body: bytes, n: int, white: int, name: str) -> Samples:
+    kind = np.dtype(np.uint8 if white < 256 else ">u2")
+    _check_count(len(body) // kind.itemsize, n, name)
+    return cast(Samples, np.frombuffer(body, kind, n))
+
+
+def _plain_samples(body: bytes, n: int, white: int, name: str) -> Samples:
+    words = re.sub(rb"#[^\r\n]*", b"", body).split()[:n]
+    _check_count(len(words), n, name)
+    try:
+        levels = np.array(words, dtype=np.int64)
+    except (ValueError, OverflowError) as error:
+        raise BadInput(f"plain PGM samples are whole numbers; {name} has other text among them", _AGAIN) from error
+    if levels.min() < 0 or levels.max() > 65535:
+        raise BadInput(f"{name} has samples from {levels.min()} to {levels.max()}, outside its maxval {white}", _AGAIN)
+    return levels.astype(np.uint16)
+
+
+def _check_count(found: int, n: int, name: str) -> None:
+    if found < n:
+        raise BadInput(f"{name} is truncated: its header announces {n} samples, {found} are there", _AGAIN)
+
+
+def read_png(data: bytes, name: str) -> tuple[Samples, int]:
+    """Samples (rows, columns) of a grey PNG file and the level of white, 255 or 65535.
+
+    Raises
+    ------
+    BadInput
+        If the file has colours, a palette, transparency or another depth, or does not end with its last chunk.
+    """
+    if len(data) < 26:
+        raise BadInput(f"{name} is truncated: {len(data)} bytes of a PNG", _AGAIN)
+    depth, colour = data[24], data[25]
+    if colour != 0:
+        kinds = {2: "colours", 3: "a palette", 4: "transparency", 6: "colours and transparency"}
+        raise BadInput(
+            f"a photograph is one linear grey plane; {name} has {kinds.get(colour, 'no known kind')}", _EXPORT
+        )
+    _check_depth(depth, name)
+    if not _png_ends(data):
+        raise BadInput(f"{name} is truncated: the PNG has no end chunk", _AGAIN)
+    return _decode(data, name), (1 << depth) - 1
+
+
+def _png_ends(data: bytes) -> bool:
+    at = len(PNG_MAGIC)
+    while at + 8 <= len(data):
+        size, kind = struct.unpack_from(">I4s", data, at)
+        if kind == b"IEND":
+            return True
+        at += 12 + size
+    return False
+
+
+def read_tiff(data: bytes, name: str) -> tuple[Samples, int]:
+    """Samples (rows, columns) of a grey TIFF file's first page and the level of white, 255 or 65535.
+
+    Raises
+    ------
+    BadInput
+        If the file has colours, another depth than 8 or 16 bit whole numbers, or cannot be decoded whole.
+    """
+    for tags in image_directories(io.BytesIO(data))[:1]:
+        _check_depth(int(tags.get(BITS_PER_SAMPLE, (1,))[0]), name)
+        if tags.get(PHOTOMETRIC) == (WHITE_IS_ZERO,):
+            raise BadInput(f"grey levels grow with light; {name} is a TIFF that writes white as 0", _EXPORT)
+    levels = _decode(data, name)
+    if levels.ndim != 2:
+        raise BadInput(f"a photograph is one linear grey plane; {name} has {levels.shape[2]} colour channels", _EXPORT)
+    if levels.dtype not in (np.uint8, np.uint16):
+        raise BadInput(f"grey levels are whole numbers of 8 or 16 bit; {name} has {levels.dtype}", _EXPORT)
+    return levels, int(np.iinfo(levels.dtype).max)
+
+
+def _check_depth(depth: int, name: str) -> None:
+    if depth not in (8, 16):
+        raise BadInput(f"grey levels have 8 or 16 bit; {name} has {depth}", _EXPORT)
+
+
+def _decode(data: bytes, name: str) -> Samples:
+    """The file's samples as they are. What OpenCV reports on the way is a refusal: it returns half pictures too."""
+    import cv2
+
+    with captured_noise() as noise:
+        try:
+            image: Any = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+        except cv2.error:
+            image = None
+    if image is None or noise.errors:
+        raise BadInput(f"{name} is truncated or damaged: it cannot be decoded whole", _AGAIN)
+    return cast(Samples, image)

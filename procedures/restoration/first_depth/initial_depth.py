@@ -1,0 +1,346 @@
+"""A first depth map from the photographs alone, under the belief that blur is the same all around each pixel.
+
+Algorithm II (chapter 7) for symmetric blurs, Algorithm III (8.1) for any, and the start used by default: III with its
+differences whitened and its labels matched over the whole frame. Each comes with its confidence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import irfft2, next_fast_len, rfft2
+from scipy.ndimage import convolve1d, median_filter, uniform_filter
+
+from procedures.restoration.first_depth.plane_labelling import Choice, chosen
+from procedures.restoration.first_depth.semi_global_matching import semi_global
+from procedures.restoration.first_depth.slanted_matching import local_planes, sheared
+from procedures.restoration.masks.array_loops import most_threads
+from procedures.restoration.masks.blur_operator import Array, MaskStack
+from procedures.restoration.masks.mask_fields import Masks, over_frame
+
+F32 = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class DepthStart:
+    """A first depth: w (H, W) pixels, its confidence in [0, 1], and where the photographs agree with it.
+
+    Beside a depth step the window sees both sides and no depth fits: there w is not to be trusted. Algorithms II
+    and III do not say.
+    """
+
+    w: Array
+    confidence: Array
+    trusted: NDArray[np.bool_]
+
+
+# ---- Algorithm II
+
+
+def polynomial_filters(N: int) -> tuple[Array, Array]:
+    """Least-squares cubic fit over 2N + 1 samples: its value (7.7) and its second derivative (7.8) at the middle."""
+    n = np.arange(-N, N + 1, dtype=np.float64)
+    d = (2 * N - 1) * (2 * N + 1) * (2 * N + 3)
+    value = -3 * (5 * n**2 - (3 * N**2 + 3 * N - 1)) / d
+    second = 30 * (3 * n**2 - N * (N + 1)) / (N * (N + 1) * d)
+    return value, second
+
+
+def relative_blur(z1: Array, z2: Array, N: int, direction: str = "both") -> tuple[Array, Array]:
+    """Difference of the masks' variances, pixels squared, and the curvature it is divided by (7.1, 7.4).
+
+    direction : "both" for masks symmetric about axes and diagonals, "x" or "y" for one-dimensional even masks.
+    """
+    value, second = polynomial_filters(N)
+
+    def fit(z: Array, down: Array, across: Array) -> Array:
+        return np.asarray(convolve1d(convolve1d(z, down, axis=0), across, axis=1))
+
+    mean = (z1 + z2) / 2
+    curvature = np.zeros_like(mean)
+    if direction in ("both", "x"):
+        curvature = curvature + fit(mean, value, second)
+    if direction in ("both", "y"):
+        curvature = curvature + fit(mean, second, value)
+    return 2 * fit(z2 - z1, value, value), curvature
+
+
+def variance(stack: MaskStack, direction: str = "both") -> Array:
+    """Second moment of every mask of the stack, pixels squared, along x, y, or their mean."""
+    t = np.arange(-stack.R, stack.R + 1.0)
+    along_x, along_y = (stack.masks.sum(axis=axis) @ t**2 for axis in (1, 2))
+    return np.asarray({"x": along_x, "y": along_y, "both": (along_x + along_y) / 2}[direction])
+
+
+def algorithm_2(
+    z: Array,
+    stacks: Sequence[Masks],
+    sigma: float,
+    *,
+    N: int = 6,
+    window: int = 9,
+    median: int = 11,
+    direction: str = "both",
+) -> DepthStart:
+    """Depth from symmetrical blur: relative variance by two polynomial fits, turned into w by the masks' own moments.
+
+    z : (2, C, H, W); window : side over which numerator and curvature are combined by least squares.
+    """
+    numerator = np.zeros(z.shape[2:])
+    power = np.zeros_like(numerator)
+    for c in range(z.shape[1]):
+        difference, curvature = relative_blur(z[0, c], z[1, c], N, direction)
+        numerator += uniform_filter(difference * curvature, window)
+        power += uniform_filter(curvature**2, window)
+    found = numerator / np.maximum(power, 1e-20)
+    w = _width(found, stacks, direction)
+    value, second = polynomial_filters(N)
+    noise = sigma**2 * 2 * np.sum(value**2) * np.sum(second**2)
+    confidence = power / (power + 10 * noise + 1e-20)
+    return DepthStart(np.asarray(median_filter(w, median)), confidence, np.zeros(w.shape, bool))
+
+
+@over_frame
+def _width(found: Array, stacks: Sequence[MaskStack], direction: str) -> Array:
+    """w at which two masks' variances differ so much."""
+    relation = np.maximum.accumulate(variance(stacks[1], direction) - variance(stacks[0], direction))
+    relation = relation + 1e-9 * np.arange(len(relation))
+    return np.asarray(np.interp(found, relation, np.arange(len(relation)) * stacks[0].step))
+
+
+# ---- Algorithm III
+
+
+def levels_of(stacks: Sequence[Masks], least: float, step: float = 0.15) -> Array:
+    """Values of w to try, pixels."""
+    return np.arange(least, min(s.max_w for s in stacks) - 0.05, step)
+
+
+def _spectra(stack: MaskStack, w: float, shape: tuple[int, int]) -> Array:
+    k = np.zeros(shape)
+    size = 2 * stack.R + 1
+    k[:size, :size] = stack.at(w)
+    return np.asarray(rfft2(np.roll(k, (-stack.R, -stack.R), (0, 1)), workers=most_threads()))
+
+
+def _extended(z: Array, margin: int) -> tuple[Array, tuple[int, int]]:
+    """Spectra of the reflected photographs, (P, C, ...), and the transform's shape."""
+    H, W = z.shape[2:]
+    shape = (next_fast_len(H + 2 * margin, True), next_fast_len(W + 2 * margin, True))
+    pads = [(margin, shape[k] - (H, W)[k] - margin) for k in (0, 1)]
+    return np.asarray(rfft2(np.pad(z, ((0, 0), (0, 0), *pads), mode="reflect"), workers=most_threads())), shape
+
+
+@over_frame
+def cost_volume(
+    z: Array,
+    stacks: Sequence[MaskStack],
+    sigmas: Array,
+    levels: Array,
+    window: int,
+    *,
+    whiten: bool = True,
+    even: float = 0.0,
+    floor: float = 1e-3,
+    contrast: float = np.inf,
+) -> F32:
+    """How wrong each level is at each pixel, (H, W, L), summed over pairs of photographs and channels.
+
+    Whitened, each difference z1 * h2 - z2 * h1 is divided by the root of its noise's spectrum
+    sigma1^2 |H2|^2 + sigma2^2 |H1|^2, so at the true level its square averages 1 whatever the masks; otherwise the
+    expected noise is subtracted as in (8.1). `floor` keeps frequencies that neither photograph passes from shouting.
+    contrast : mean squared gradient of the sharp picture; what noise drowns counts less, as in its restoration, and
+    what that takes from the mean is given back.
+    `even` widens the window of smaller masks by this part of what they reach less: beside a depth step they would
+    else win by not having seen it.
+    """
+    H, W = z.shape[2:]
+    windows = _windows(stacks, levels, window, even)
+    margin = 3 * stacks[0].R
+    spectra, shape = _extended(z, margin)
+    drowned = np.mean(np.square(sigmas)) / contrast * _laplacian(shape)
+    volume = np.zeros((H, W, len(levels)), np.float32)
+    for n, w in enumerate(levels):
+        masks = [_spectra(s, float(w), shape) for s in stacks]
+        for a, b in combinations(range(len(z)), 2):
+            passed = sigmas[a] ** 2 * np.abs(masks[b]) ** 2 + sigmas[b] ** 2 * np.abs(masks[a]) ** 2
+            lost = (sigmas[a] ** 2 + sigmas[b] ** 2) / 2 * drowned
+            noise = passed + (sigmas[a] ** 2 + sigmas[b] ** 2) / 2 * floor + lost
+            scale = np.sqrt(noise) if whiten else 1.0
+            d = irfft2((spectra[a] * masks[b] - spectra[b] * masks[a]) / scale, shape, workers=most_threads())
+            d = d[:, margin : margin + H, margin : margin + W]
+            square = (d**2).sum(axis=0)
+            if not whiten:
+                norms = [float(np.sum(s.at(float(w)) ** 2)) for s in stacks]
+                square -= len(d) * (sigmas[b] ** 2 * norms[a] + sigmas[a] ** 2 * norms[b])
+            mean = uniform_filter(square, windows[n])
+            volume[..., n] += mean + len(d) * _mean(lost / noise, shape) if whiten else np.abs(mean)
+    return volume
+
+
+def _laplacian(shape: tuple[int, int]) -> Array:
+    """The Laplacian's response at the frequencies of a real transform."""
+    down, across = (
+        2 - 2 * np.cos(2 * np.pi * f(n)) for f, n in zip((np.fft.fftfreq, np.fft.rfftfreq), shape, strict=True)
+    )
+    return np.asarray(down[:, None] + across)
+
+
+def _mean(power: Array, shape: tuple[int, int]) -> float:
+    """Mean over all frequencies of what is known at those of a real transform."""
+    return float(
+        (2 * power.sum() - power[:, 0].sum() - (1 - shape[1] % 2) * power[:, -1].sum()) / (shape[0] * shape[1])
+    )
+
+
+def _windows(stacks: Sequence[MaskStack], levels: Array, window: int, even: float) -> list[int]:
+    """Side of each level's window."""
+    reach = [sum(int(s.supports()[min(int(w / s.step) + 1, len(s.masks) - 1)]) for s in stacks) for w in levels]
+    return [window + 2 * round(even * (reach[-1] - r) / 2) for r in reach]
+
+
+def least_level(cost: F32, levels: Array) -> Array:
+    """w of least cost at every pixel, refined by a parabola through its neighbours."""
+    k = np.clip(cost.argmin(axis=2), 1, cost.shape[2] - 2)[..., None]
+    a, b, c = (np.take_along_axis(cost, k + d, axis=2)[..., 0].astype(np.float64) for d in (-1, 0, 1))
+    bend = a - 2 * b + c
+    shift = np.where(bend > 0, (a - c) / (2 * np.where(bend > 0, bend, 1)), 0).clip(-0.5, 0.5)
+    return np.asarray(levels[k[..., 0]] + shift * (levels[1] - levels[0]))
+
+
+def confidence_of(cost: F32, apart: int = 3) -> Array:
+    """1 - least cost / least cost at least `apart` levels from it: near 0 where the texture decides nothing."""
+    found = np.empty(cost.shape[:2])
+    levels = np.arange(cost.shape[2])
+    for y, row in enumerate(cost):  # row by row: a second volume of a large photograph would not fit beside the first
+        best = row.argmin(axis=1)[:, None]
+        second = np.where(np.abs(levels - best) >= apart, row, np.inf).min(axis=1)
+        found[y] = 1 - np.take_along_axis(row, best, axis=1)[:, 0] / np.maximum(second, 1e-20)
+    return np.clip(found, 0, 1)
+
+
+def algorithm_3(
+    z: Array, stacks: Sequence[Masks], sigmas: Array, *, least: float = 0.3, window: int = 9, median: int = 13
+) -> DepthStart:
+    """Depth from blur (8.1): least noise-compensated difference over the levels, then a median."""
+    levels = levels_of(stacks, least)
+    cost = cost_volume(z, stacks, sigmas, levels, window, whiten=False)
+    w = np.asarray(median_filter(levels[cost.argmin(axis=2)], median))
+    return DepthStart(w, confidence_of(cost), np.zeros(w.shape, bool))
+
+
+# mean squared gradient of the sharp picture, white = 1, below which nothing could be matched
+LEAST_CONTRAST = 1e-5
+# per cent of the frame on each side that does not tell what depths the scene spans
+OUTLYING = 0.5
+
+
+@dataclass(frozen=True)
+class Matching:
+    """Semi-global matching of the whitened costs, which are chi-squares near 1 per channel at the truth.
+
+    window : side of their mean, pixels; cap : cost at which a level is simply wrong; small, large : penalties of a
+    change by one level and by more; median : side of the last smoothing; step : of the levels,
+    pixels; fits : cost up to which a level explains the photographs.
+    drowned : sigma^2 over the sharp picture's mean squared gradient above which costs of single windows say too little
+    and depths are matched again on surfaces: `sloped` times as levels about them (spread, near : see `local_planes`;
+    about : pixels of w up to which depths may leave them), then as a choice of planes, in frames of more than `roomy`
+    times their spread.
+    """
+
+    window: int = 5
+    even: float = 0.25
+    cap: float = 4.0
+    small: float = 1.0
+    large: float = 24.0
+    median: int = 7
+    step: float = 0.15
+    fits: float = 3.0
+    drowned: float = 1e-3
+    sloped: int = 3
+    spread: float = 12.0
+    near: float = 0.35
+    about: float = 1.5
+    roomy: float = 10.0
+    choice: Choice = field(default_factory=Choice)
+
+
+def matched(
+    z: Array,
+    stacks: Sequence[Masks],
+    sigmas: Array,
+    *,
+    least: float = 0.3,
+    matching: Matching | None = None,
+    most: float = np.inf,
+) -> DepthStart:
+    """The default start: whitened Algorithm III, its labels matched over the whole frame.
+
+    Near the frame the differences contain what lies outside, so they count little there. most : standard deviation that
+    the noise cannot exceed; if `sigmas` do, the masks are wrong, and noise is no reason to look further.
+    """
+    m = matching or Matching()
+    # over what the scene spans only: how a level's window and cost compare with others' depends on the largest
+    rough = _matched_at(z, stacks, sigmas, levels_of(stacks, least, 2 * m.step), m).w
+    levels = levels_of(stacks, least, m.step)
+    low, high = np.percentile(rough, (OUTLYING, 100 - OUTLYING))
+    levels = levels[(levels > low - 4 * m.step) & (levels < high + 4 * m.step)]
+    contrast = contrast_of(z, stacks, sigmas, float(np.median(rough)))
+    noisy = m.drowned * contrast < float(np.mean(np.square(sigmas))) < most**2
+    # planes need surroundings: on small frames levels are better
+    noisy &= min(z.shape[2:]) > m.roomy * m.spread
+    return _matched_at(z, stacks, sigmas, levels, m, contrast if noisy else np.inf)
+
+
+def _matched_at(
+    z: Array, stacks: Sequence[Masks], sigmas: Array, levels: Array, m: Matching, contrast: float = np.inf
+) -> DepthStart:
+    """The levels given that match the whole frame at least cost; surfaces of them, if a finite contrast is drowned."""
+    volume = cost_volume(z, stacks, sigmas, levels, m.window, even=m.even, contrast=contrast)
+    volume /= z.shape[1] * len(z) * (len(z) - 1) // 2
+    confidence = confidence_of(volume)
+    # in place: cap (1 - exp(-cost / cap))
+    volume /= -m.cap
+    np.expm1(volume, out=volume)
+    volume *= -m.cap
+    volume *= (inside := _inside(z.shape[2:], stacks[0].R))[..., None]
+    w = _smoothly(volume, levels, m)
+    if np.isfinite(contrast):
+        # so few pixels do not tell where depth is wrong
+        return DepthStart(_on_surfaces(volume, levels, w, m), confidence, np.zeros(w.shape, bool))
+    nearest = np.clip(np.rint((w - levels[0]) / (levels[1] - levels[0])), 0, len(levels) - 1).astype(np.int64)
+    cost = np.take_along_axis(volume, nearest[..., None], axis=2)[..., 0] / inside
+    return DepthStart(w, confidence, cost < m.cap * (1 - np.exp(-m.fits / m.cap)))
+
+
+def _smoothly(volume: F32, levels: Array, m: Matching) -> Array:
+    """Levels of least cost over the whole frame."""
+    return np.asarray(median_filter(least_level(semi_global(volume, m.small, m.large), levels), m.median))
+
+
+def _on_surfaces(volume: F32, levels: Array, w: Array, m: Matching) -> Array:
+    """Depths of least cost that slope and jump rather than go down by stairs, from a first w."""
+    step = float(levels[1] - levels[0])
+    offsets = np.arange(-m.about, m.about + step / 2, step)
+    for _ in range(m.sloped):
+        surface = local_planes(w, m.spread, m.near)
+        about = sheared(volume, (surface + offsets[0] - levels[0]) / step, len(offsets), m.cap)
+        w = surface + _smoothly(about, offsets, m)
+    return chosen(volume, float(levels[0]), step, w, m.cap, m.choice)
+
+
+def contrast_of(z: Array, stacks: Sequence[Masks], sigmas: Array, w: float) -> float:
+    """Mean squared gradient of the sharp picture if all of it were blurred by w: the photographs', less the noise's."""
+    found = sum(float((np.diff(z, axis=axis) ** 2).mean(axis=(1, 2, 3)).sum()) for axis in (-2, -1))
+    passed = sum(float(np.sum(s.at(w) ** 2)) for s in stacks)
+    return max((found - 4 * float(np.sum(np.square(sigmas)))) / passed, LEAST_CONTRAST)
+
+
+def _inside(shape: tuple[int, ...], R: int) -> F32:
+    """1 farther than R from the frame, falling towards it."""
+    y, x = (np.minimum(np.arange(n), np.arange(n)[::-1]) for n in shape)
+    return np.clip((np.minimum(y[:, None], x[None, :]) + 1) / R, 0.05, 1).astype(np.float32)

@@ -1,0 +1,129 @@
+"""The cost of Algorithm I (6.1): how photographs and a pair (picture, depth) disagree, and how that changes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procedures.restoration.masks.array_loops import add_diffusion, advance, turn
+from procedures.restoration.masks.blur_operator import Array, Blur, FieldBlur
+
+AnyBlur = Blur | FieldBlur
+
+
+class DataTerm:
+    """Photographs with their blurs: residuals, changes and adjoints of all of them at once.
+
+    Parameters
+    ----------
+    z : (P, C, H, W) photographs.
+    blurs : P blurs, all of one R.
+    trust : (P, 1, H, W) weights of the samples in the data term: 0 where saturated.
+    """
+
+    def __init__(self, z: Array, blurs: list[AnyBlur], trust: Array) -> None:
+        self.z, self.blurs, self.trust = z, blurs, trust
+        self.R = blurs[0].stack.R
+        self.extended: tuple[int, int] = blurs[0].extended
+        self._all_trusted = bool((trust == 1).all())
+
+    def windowed(self, y: slice, x: slice) -> DataTerm:
+        """The term of a part of the photographs, not focused yet."""
+        return DataTerm(self.z[..., y, x], [blur.windowed(y, x) for blur in self.blurs], self.trust[..., y, x])
+
+    def _weighted(self, e: Array) -> Array:
+        return e if self._all_trusted else e * self.trust
+
+    def focus(self, w: Array, active: NDArray[np.bool_] | None = None) -> None:
+        """Take w as the depth of every photograph; only `active` pixels send and receive, if given."""
+        for blur in self.blurs:
+            blur.focus(w, active)
+
+    def blur(self, u: Array) -> Array:
+        """Photographs of u, weighted, (P, C, H, W)."""
+        return self._weighted(np.stack([blur.blur(u) for blur in self.blurs]))
+
+    def blur_adjoint(self, e: Array) -> Array:
+        """Gradient over u of <e, weighted photographs of u>, (C, H + 2R, W + 2R)."""
+        out = np.zeros((*e.shape[1:-2], *self.extended), e.dtype)
+        for blur, a in zip(self.blurs, self._weighted(e), strict=True):
+            blur.blur_adjoint(a, out)
+        return out
+
+    def curvature(self, w: Array) -> tuple[Array, Array]:
+        """Diagonal of the data term's curvature over picture, and over w where the picture is 1; both (H', W')."""
+        own = [blur.stack.curvature(w) for blur in self.blurs]
+        picture, depth = (np.sum(parts, axis=0) for parts in zip(*own, strict=True))
+        return picture, depth
+
+    def residual(self, u: Array) -> Array:
+        """Weighted photographs minus their prediction, (P, C, H, W)."""
+        return self._weighted(self.z) - self.blur(u)
+
+    def change(self, u: Array, x: Array) -> Array:
+        """Change of the weighted photographs for x = (du..., dw) stacked, (C + 1, H + 2R, W + 2R)."""
+        return self._weighted(np.stack([blur.change(u, x[:-1], x[-1]) for blur in self.blurs]))
+
+    def change_adjoint(self, u: Array, e: Array) -> Array:
+        """Adjoint of `change`, (C + 1, H + 2R, W + 2R)."""
+        out = np.zeros((len(u) + 1, *self.extended), u.dtype)
+        for blur, a in zip(self.blurs, self._weighted(e), strict=True):
+            blur.change_adjoint(u, a, (out[:-1], out[-1]))
+        return out
+
+
+def inner(a: Array, b: Array) -> float:
+    """Scalar product of two arrays."""
+    return float(np.vdot(a, b))
+
+
+def conjugate_gradients(
+    apply: Callable[[Array], Array], gradient: Array, iterations: int, divide: Array | float = 1.0
+) -> Array:
+    """Approximate solution x of A x = gradient, from zero.
+
+    apply : x -> A x, symmetric, positive; divide : diagonal preconditioner.
+    """
+    x = np.zeros(gradient.shape, gradient.dtype)
+    r = gradient.copy()
+    plain = np.ndim(divide) == 0 and divide == 1
+    y = r if plain else r / divide
+    p = y.copy()
+    size = inner(r, y)
+    for _ in range(iterations):
+        if size <= 0:
+            break
+        q = apply(p)
+        bend = inner(p, q)
+        if bend <= 0:
+            break
+        advance(x, r, p, q, size / bend)
+        if not plain:
+            np.divide(r, divide, out=y)
+        before, size = size, inner(r, y)
+        turn(p, y, size / before)
+    return x
+
+
+def restore_picture(
+    data: DataTerm,
+    u: Array,
+    weight: float,
+    iterations: int,
+    diffusion: tuple[Array | float, Array | float] = (1.0, 1.0),
+) -> Array:
+    """The picture of least cost at the depth the data term is focused on: conjugate gradients from u (6.6).
+
+    `diffusion` are the picture prior's weights on differences.
+    """
+
+    def apply(x: Array) -> Array:
+        out = data.blur_adjoint(data.blur(x))
+        add_diffusion(out, x, weight, *diffusion)
+        return out
+
+    downhill = data.blur_adjoint(data.residual(u))
+    add_diffusion(downhill, u, -weight, *diffusion)
+    return u + conjugate_gradients(apply, downhill, iterations)

@@ -1,0 +1,198 @@
+"""Depth steps put in their place: two layers meet somewhere in a band, and the photographs say where.
+
+Along a step, windowed matching is wrong by several pixels and descent on w never moves the step: in between lie depths
+that fit nothing. So each side's depth is continued across the band, and the picture is shared between the two layers by
+b in [0, 1]: z = (b u) *v h(high) + ((1 - b) u) *v h(low). That is linear in b however far the two depths are apart;
+Gauss-Newton over (u, b) finds the border, and b > 1/2 is the new labelling.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt, gaussian_filter, maximum_filter, median_filter
+
+from procedures.restoration.first_depth.segments import Labels, Mask, surfaces
+from procedures.restoration.joint.data_term import DataTerm, conjugate_gradients
+from procedures.restoration.joint.priors import diffuse
+from procedures.restoration.masks.blur_operator import Array
+
+# curvature of the data term per pixel: pillboxes and paths of 3 to 11 pixels lie around it
+PICTURE_CURVATURE = 0.3
+SHARE_CURVATURE = 0.05
+SHARE_WEIGHT = 1e-4
+# of the frame: a larger part is not cut out
+WORTH_CUTTING = 0.7
+
+
+@dataclass(frozen=True)
+class Layers:
+    """Depth of both layers and where they compete: high, low (H', W'), band bool, share of the high layer, segments."""
+
+    high: Array
+    low: Array
+    band: NDArray[np.bool_]
+    share: Array
+    high_label: Labels
+    low_label: Labels
+
+
+def layers_of(
+    w: Array,
+    labels: Labels,
+    reach: int,
+    doubt: int,
+    jump: float,
+    rank: int = 1,
+    where: Mask | None = None,
+    believed: Mask | None = None,
+) -> Layers:
+    """Layers within `reach` of every border between segments: the pixel's own surface and its neighbour's.
+
+    Depths within `doubt` pixels of a border are not believed. rank : 1 for the nearest neighbour, 2 for the next, which
+    may be what lies between two others; where : pixels that may compete at all.
+    """
+    found = surfaces(w, labels, reach, doubt, rank, believed)
+    rises = found.own > found.other
+    # beyond the band as at its edge, so that nothing outside pulls at the share
+    nearest = distance_transform_edt(~found.near, return_distances=False, return_indices=True)
+    up = rises[tuple(nearest)] if found.near.any() else rises
+    high, low = np.where(rises, found.own, found.other), np.where(rises, found.other, found.own)
+    band = found.near & (high - low > jump / 2)
+    if where is not None:
+        band &= where
+    if not band.any():
+        return _no_layers(w, labels)
+    # undecided where the rough map decided wrongly: a share that begins at 0 or 1 is slow to leave it
+    share = gaussian_filter(np.where(up, 1.0, 0.0), reach / 3 if doubt > 4 else 1.0)
+    share = np.where(band, share, up)
+    return Layers(
+        np.where(band, high, w), np.where(band, low, w), band, share,
+        np.where(rises, labels, found.other_label), np.where(rises, found.other_label, labels),
+    )  # fmt: skip
+
+
+def _no_layers(w: Array, labels: Labels) -> Layers:
+    return Layers(w, w, np.zeros(w.shape, bool), np.zeros_like(w), labels, labels)
+
+
+def shared(
+    high: DataTerm, low: DataTerm, u: Array, layers: Layers, weight: float, rounds: int, iterations: int
+) -> tuple[Array, Array]:
+    """Picture (C, H', W') and share (H', W') that explain the photographs best, by Gauss-Newton over both.
+
+    high, low : the same data term, to be focused on each layer; weight : of the picture's prior. Only the band and its
+    surroundings change.
+    """
+    band, b = layers.band.astype(u.dtype), layers.share.astype(u.dtype)
+    around = surroundings(layers.band, high.R)
+    for _ in range(rounds):
+        e = _unexplained(high, low, u, layers, b)
+        x = _share_step(high, low, (u, b, band, around.astype(u.dtype)), e, weight, iterations)
+        b = np.where(layers.band, np.clip(b + np.clip(x[-1], -0.3, 0.3), 0, 1), b).astype(u.dtype)
+        u = u + x[:-1]
+    return u, b
+
+
+def _shared_in_window(
+    high: DataTerm, low: DataTerm, u: Array, layers: Layers, weight: float, rounds: int, iterations: int
+) -> tuple[Array, Array]:
+    """`shared`, of that part of the frame alone which the band's surroundings reach, where that is less."""
+    shape = high.z.shape[2:]
+    around = surroundings(layers.band, high.R)
+    y, x = (_seen(np.any(around, axis=1 - n), high.R, shape[n]) for n in (0, 1))
+    if (y.stop - y.start) * (x.stop - x.start) > WORTH_CUTTING * shape[0] * shape[1]:
+        return shared(high, low, u, layers, weight, rounds, iterations)
+    at = (slice(y.start, y.stop + 2 * high.R), slice(x.start, x.stop + 2 * high.R))
+    part = Layers(*(getattr(layers, field.name)[at] for field in fields(layers)))
+    sharper, share = u.copy(), layers.share.astype(u.dtype)
+    sharper[:, *at], share[at] = shared(
+        high.windowed(y, x), low.windowed(y, x), np.ascontiguousarray(u[:, *at]), part, weight, rounds, iterations
+    )
+    return sharper, share
+
+
+def _seen(rows: Any, R: int, size: int) -> slice:
+    """Rows of the photograph that the extended rows marked can reach."""
+    inside = np.flatnonzero(rows)
+    return slice(max(0, int(inside[0]) - 2 * R), min(size, int(inside[-1]) + 1))
+
+
+def surroundings(band: NDArray[np.bool_], R: int) -> NDArray[np.bool_]:
+    """The pixels whose light can mix with the band's."""
+    return np.asarray(maximum_filter(band, 4 * R + 1))
+
+
+def _unexplained(high: DataTerm, low: DataTerm, u: Array, layers: Layers, b: Array) -> Array:
+    """Photographs minus both layers; leaves the terms focused on the band's surroundings."""
+    around = surroundings(layers.band, high.R)
+    above, below = layers.high.astype(u.dtype), layers.low.astype(u.dtype)
+    low.focus(below)
+    high.focus(above, layers.band)
+    b = b * layers.band
+    e = high.z * high.trust - high.blur(u * b) - low.blur(u * (1 - b))
+    high.focus(above, around)
+    low.focus(below, around)
+    return e
+
+
+def _share_step(
+    high: DataTerm, low: DataTerm, at: tuple[Array, Array, Array, Array], e: Array, weight: float, iterations: int
+) -> Array:
+    """Change of picture and share (C + 1, H', W') that the errors e ask for. at : u, share, band, surroundings."""
+    u, b, band, around = at
+
+    def add_smoothing(out: Array, v: Array, share: Array, sign: int) -> Array:
+        out[:-1] += around * (u.dtype.type(sign * weight) * diffuse(v))
+        out[-1] += band * (u.dtype.type(sign * SHARE_WEIGHT) * diffuse(share))
+        return out
+
+    def gradients(e: Array) -> Array:
+        below, out = low.blur_adjoint(e), np.empty((len(u) + 1, *b.shape), u.dtype)
+        apart = high.blur_adjoint(e)
+        apart -= below
+        np.einsum("chw,chw->hw", u, apart, out=out[-1])
+        out[-1] *= band
+        apart *= b
+        np.add(apart, below, out=out[:-1])
+        return out
+
+    def apply(x: Array) -> Array:
+        du, db = x[:-1], x[-1] * band
+        above = du * b
+        above += u * db
+        e = high.blur(above)
+        e += low.blur(du - above)
+        return add_smoothing(gradients(e), du, db, 1)
+
+    divide = np.full((len(u) + 1, *b.shape), PICTURE_CURVATURE, u.dtype)
+    divide[-1] = SHARE_CURVATURE * (u**2).sum(axis=0) + 4 * SHARE_WEIGHT
+    return conjugate_gradients(apply, add_smoothing(gradients(e), u, b, -1), iterations, divide)
+
+
+def place_steps(
+    high: DataTerm,
+    low: DataTerm,
+    u: Array,
+    w: Array,
+    labels: Labels,
+    layers: Layers,
+    weight: float,
+    rounds: int = 4,
+    iterations: int = 40,
+    decided: float = 1.0,
+) -> tuple[Array, Array, Labels]:
+    """Picture, depth and segments with the steps moved to where they explain the photographs best.
+
+    The border is that of the share's medians, but where the share is `decided` from one half.
+    """
+    if not layers.band.any():
+        return u, w, labels
+    sharper, b = _shared_in_window(high, low, u, layers, weight, rounds, iterations)
+    border = np.where(np.abs(b - 0.5) > decided, b, median_filter(b, 3)) > 0.5
+    moved = np.where(layers.band, np.where(border, layers.high, layers.low), w).astype(w.dtype)
+    relabelled = np.where(border, layers.high_label, layers.low_label)
+    return sharper, moved, np.where(layers.band, relabelled, labels).astype(np.int32)

@@ -1,0 +1,314 @@
+"""From blurred photographs to the sharp picture and the depth map: check, start, alternate, judge."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_erosion, convolve1d, uniform_filter
+
+from procedures.outcome import BadParameter, Outcome, Verdict
+from procedures.restoration.first_depth import initial_depth, registration
+from procedures.restoration.joint import joint_descent
+from procedures.restoration.joint.data_term import DataTerm
+from procedures.restoration.joint.noise_and_contrast import noise_gain, picture_uncertainty
+from procedures.restoration.joint.schedule import Schedule, Scheme
+from procedures.restoration.masks import checks
+from procedures.restoration.masks.blur_operator import Array
+from procedures.restoration.masks.mask_fields import MaskField, Masks, one_grid
+
+# noise of the restored picture beyond which ringing hides its detail, white = 1
+MOST_NOISE = 0.06
+STARTS = ("matched", "blur", "symmetric")
+# level differences of the matching's steps, taken as noise: below this the first costs say nothing more
+LEAST_START_SIGMA = 1.4e-3
+# what is left over rounding of 8 bits alone is no disagreement
+LEAST_NOISE = 1.2e-3
+# of the photographs' own noise: both are estimates
+MOST_DISAGREEMENT = 1.3
+# residual over the photographs' own noise: 0.2 to 1.0 with true masks; 1.2 to 1.5 with measured ones that have errors
+# of their own, and with paths bent by a fifth; up to 2.6 with another shape (a Gaussian for a pillbox); 11 and more
+# where the photographs are not of one scene. Under the first nothing is said, over the second no picture is common
+EXPLAINED, MOST_RESIDUAL = 1.2, 5.0
+
+
+@dataclass(frozen=True)
+class RestorationParameters:
+    """How to restore.
+
+    image_weight, depth_weight : lambda_u and lambda_w of (6.1), photographs in [0, 1], w in pixels; None takes them
+    from the noise. lambda_w counts second differences of w (see `newton.Weights`). depth_start : "matched" (whitened
+    Algorithm III over the whole frame), "blur" (Algorithm III), "symmetric" (Algorithm II).
+    total_variation, depth_total_variation : of picture and w, instead of quadratic priors.
+    """
+
+    scheme: Scheme = field(default_factory=Scheme)
+    image_weight: float | None = None
+    depth_weight: float | None = None
+    depth_start: str = "matched"
+    total_variation: bool = False
+    depth_total_variation: bool = False
+    dtype: type[np.floating[Any]] = np.float32
+
+    def __post_init__(self) -> None:
+        if self.depth_start not in STARTS:
+            raise BadParameter(f"depth start {self.depth_start!r} is unknown", f"use one of {', '.join(STARTS)}")
+        for name in ("image_weight", "depth_weight"):
+            value = getattr(self, name)
+            if value is not None and not value > 0:
+                raise BadParameter(f"{name.replace('_', ' ')} must be positive, got {value}", "leave it out")
+
+
+@dataclass(frozen=True)
+class Diagnostics:
+    """What a restoration says of itself.
+
+    noise : standard deviation, white = 1; residual_over_noise : root mean square of what is left over, over the
+    photographs' own noise; unexplained : what is left over beyond that noise, over the photographs' contrast, the
+    measure of how far masks and photographs disagree; picture_std : of the sharp picture, white = 1, see
+    `picture_uncertainty`; undetermined : part of the frame whose w is uncertain by more than half a pixel at best;
+    noise_gain : of the restoration at the median w; saturated, at_limit : parts of the frame saturated, and at the end
+    of the range of w.
+    """
+
+    noise: float
+    residual_over_noise: float
+    unexplained: float
+    picture_std: float
+    undetermined: float
+    noise_gain: float
+    saturated: float
+    at_limit: float
+
+
+@dataclass(frozen=True)
+class Unit:
+    """What w is told in: its name, and how much of it a pixel is."""
+
+    name: str = "pixel"
+    per_pixel: float = 1.0
+
+
+@dataclass(frozen=True)
+class Restoration:
+    """Sharp picture (C, H, W), w (H, W) pixels and its least standard deviation, residuals (P, C, H, W), history.
+
+    shifts : (P, 2) x, y of each photograph against the first beyond what its masks contain, pixels; light : (P,) over
+    the first's; both taken up.
+    unit : what w is told in to people and files.
+    """
+
+    sharp: Array
+    w: Array
+    w_std: Array
+    residual: Array
+    start: initial_depth.DepthStart
+    history: tuple[joint_descent.Round, ...]
+    diagnostics: Diagnostics
+    shifts: Array
+    light: Array
+    unit: Unit = field(default_factory=Unit)
+
+
+def own_noise(z: Array) -> float:
+    """Greatest standard deviation of any photograph's noise, told from the photograph alone: an upper bound.
+
+    Second differences along both axes (Immerkaer 1996) see little of a blurred picture; their upper quartile is taken,
+    as dark ground may be clipped.
+    """
+    bend = np.array([1.0, -2.0, 1.0])
+    rough = np.abs(convolve1d(convolve1d(z, bend, axis=-2), bend, axis=-1)) / 6
+    quartile = np.percentile(rough.reshape(len(z), -1), 75, axis=1)
+    return float(quartile.max() / 1.150)
+
+
+def noise_of(z: Array, stacks: Sequence[Masks]) -> float:
+    """Standard deviation of the photographs' noise, from what no common picture explains at any depth.
+
+    Whitened differences (8.1) of two photographs have unit variance at the true depth; over the levels the least
+    windowed mean is taken, and over the frame its lower quartile, where blur is constant and levels fit.
+    """
+    levels = initial_depth.levels_of(stacks, 0.3)
+    least = initial_depth.cost_volume(z[:2], stacks[:2], np.ones(2), levels, 5).min(axis=2) / z.shape[1]
+    return max(1.3 * float(np.sqrt(np.percentile(least, 25))), 1e-5)
+
+
+def first_depth(z: Array, stacks: Sequence[Masks], sigma: float, start: str) -> initial_depth.DepthStart:
+    """The depth to begin with, by the algorithm named."""
+    sigmas = np.full(len(z), max(sigma, LEAST_START_SIGMA))
+    if start == "symmetric":
+        return initial_depth.algorithm_2(z, stacks, sigma)
+    if start == "blur":
+        return initial_depth.algorithm_3(z, stacks, sigmas)
+    return initial_depth.matched(z, stacks, sigmas, most=MOST_DISAGREEMENT * own_noise(z))
+
+
+def restore(
+    photographs: list[Array],
+    stacks: Sequence[Masks],
+    parameters: RestorationParameters | None = None,
+    progress: Callable[[joint_descent.Round], None] | None = None,
+) -> Outcome[Restoration]:
+    """The sharp picture and the depth map, with a verdict; refused ones have no value. See `restoration_of`."""
+    return judge(restoration_of(photographs, stacks, parameters, progress))
+
+
+def restoration_of(
+    photographs: list[Array],
+    stacks: Sequence[Masks],
+    parameters: RestorationParameters | None = None,
+    progress: Callable[[joint_descent.Round], None] | None = None,
+) -> Restoration:
+    """The sharp picture and the depth map, whatever they are worth.
+
+    photographs : P arrays (C, H, W), linear, white = 1; stacks : the masks of each as functions of one w,
+    the same over the frame or a field of them.
+
+    Raises
+    ------
+    BadInput, BadParameter, Refused
+        If photographs, blurs or parameters cannot be restored (see `checks`).
+    """
+    p = parameters or RestorationParameters()
+    z = checks.check_photographs([np.asarray(photo, dtype=np.float64) for photo in photographs])
+    shape = (z.shape[2], z.shape[3])
+    checks.check_blurs(stacks, shape)
+    trust = checks.trust_of(z)
+    saturated = float((trust == 0).mean())
+    checks.check_texture(z, own_noise(z))
+    checks.check_registered(z, stacks[0].R)
+    brought = registration.registered(z, trust, stacks)
+    z, trust = brought.z, brought.trust
+    sigma = noise_of(z, stacks)
+    start = first_depth(z, stacks, sigma, p.depth_start)
+    fields = one_grid(stacks)
+    schedule = Schedule(p.scheme.rounds, p.image_weight, p.depth_weight, not p.depth_total_variation)
+    data, other = joint_descent.problem_of(z, fields, trust, p.dtype, MaskField.blur)
+    problem = joint_descent.Problem(
+        data,
+        other,
+        p.scheme,
+        schedule,
+        sigma,
+        reach_of(start.w, stacks),
+        p.total_variation,
+        p.depth_total_variation,
+        misfit_of(start.trusted, data.R),
+    )
+    state = joint_descent.run(problem, joint_descent.begin(problem, start.w), progress)
+    return _restoration(data, state, start, brought, saturated)
+
+
+def reach_of(w: Array, stacks: Sequence[Masks]) -> int:
+    """Pixels about a depth step where windowed matching mixes both sides: both masks' half-widths and the window."""
+    w75 = float(np.percentile(w, 75))
+    widths = [wide[min(int(w75 / s.step) + 1, len(wide) - 1)] for s, wide in ((s, s.supports()) for s in stacks)]
+    return int(sum(sorted(widths)[-2:])) + 5
+
+
+def misfit_of(trusted: NDArray[np.bool_], R: int) -> NDArray[np.bool_]:
+    """Where a first depth is not trusted, and two pixels around, on the extended frame."""
+    return np.asarray(~binary_erosion(np.pad(trusted, R), iterations=2, border_value=1))
+
+
+def _restoration(
+    data: DataTerm,
+    state: joint_descent.State,
+    start: initial_depth.DepthStart,
+    brought: registration.Registered,
+    saturated: float,
+) -> Restoration:
+    R, inside = data.R, (slice(data.R, -data.R), slice(data.R, -data.R))
+    data.focus(state.w)
+    residual = data.residual(state.u)
+    spread = w_uncertainty(data, state.u, state.w, state.known.sigma)[inside]
+    w = state.w[inside]
+    limit = min(b.stack.max_w for b in data.blurs)
+    masks, middle, weight = [b.stack for b in data.blurs], float(np.median(w)), state.history[-1].weights.picture
+    rms, own = _left_over(residual, data), max(own_noise(data.z), LEAST_NOISE)
+    diagnostics = Diagnostics(
+        noise=state.known.sigma,
+        residual_over_noise=rms / own,
+        unexplained=float(np.sqrt(max(rms**2 - own**2, 0.0)) / max(float(data.z.std(axis=(-2, -1)).mean()), 1e-9)),
+        picture_std=picture_uncertainty(masks, middle, weight, state.known.sigma),
+        undetermined=float((spread > 0.5).mean()),
+        noise_gain=noise_gain(masks, middle, weight),
+        saturated=saturated,
+        at_limit=float((w > limit - 0.2).mean()),
+    )
+    sharp = state.u[:, R:-R, R:-R]
+    return Restoration(sharp, w, spread, residual, start, state.history, diagnostics, brought.shifts, brought.light)
+
+
+def _left_over(residual: Array, data: DataTerm) -> float:
+    """Root mean square residual where the photographs are trusted."""
+    trusted = data.trust.mean() * residual.size
+    return float(np.sqrt(np.sum(residual.astype(np.float64) ** 2) / max(trusted, 1.0)))
+
+
+def w_uncertainty(data: DataTerm, u: Array, w: Array, sigma: float, window: int = 7) -> Array:
+    """Least standard deviation of w, pixels: how far w of a window can shift before the photographs show it.
+
+    The photographs' change per pixel of w, squared and summed over a window, against the noise (chapter 9).
+    """
+    delta = 0.1
+    data.focus(w + delta)
+    above = data.blur(u)
+    data.focus(w - delta)
+    change = (above - data.blur(u)) / (2 * delta)
+    data.focus(w)
+    power = uniform_filter((change**2).sum(axis=(0, 1)), window) * window**2
+    return np.asarray(np.pad(sigma / np.sqrt(np.maximum(power, 1e-20)), data.R, mode="edge"))
+
+
+def judge(result: Restoration) -> Outcome[Restoration]:
+    """The verdict on a restoration: passed, doubtful with the first thing wrong, or refused without a value."""
+    d = result.diagnostics
+    if d.residual_over_noise > MOST_RESIDUAL:
+        reason = (
+            f"no picture explains the photographs: what is left over is {d.residual_over_noise:.0f} times their noise "
+            f"and {d.unexplained:.0%} of their contrast; at most {MOST_RESIDUAL:.0f} times may be"
+        )
+        remedy = "check that the photographs show one scene in which nothing moved, and which shape blurred which"
+        return Outcome(None, Verdict.REFUSED, reason, remedy)
+    doubts = [
+        (d.at_limit > 0.05, f"w reaches the end of its range in {d.at_limit:.0%} of the frame", "raise --max-w"),
+        (
+            d.residual_over_noise > EXPLAINED,
+            f"the shapes are off: beyond noise they leave {d.unexplained:.1%} of the photographs' contrast unexplained "
+            f"({d.residual_over_noise:.1f} times the noise in all); the picture is uncertain by {d.picture_std:.1%} of "
+            "white or more",
+            "for finer detail measure the shapes again, or check that nothing moved between the photographs",
+        ),
+        (
+            d.undetermined > 0.5,
+            f"depth is not determined in {d.undetermined:.0%} of the frame, where texture is weak",
+            "put structure into the scene",
+        ),
+        (
+            d.noise_gain * d.noise > MOST_NOISE,
+            f"noise is amplified {d.noise_gain:.0f} times, to {d.noise_gain * d.noise:.0%} of white: ringing is likely",
+            "raise --image-weight",
+        ),
+        (d.saturated > 0.02, f"{d.saturated:.0%} of the samples are saturated", "expose less"),
+    ]
+    for wrong, reason, remedy in doubts:
+        if wrong:
+            return Outcome(result, Verdict.DOUBTFUL, reason, remedy)
+    return Outcome(result)
+
+
+def told_in(unit: Unit, outcome: Outcome[Restoration]) -> Outcome[Restoration]:
+    """The same, with w told in that unit."""
+    return outcome if outcome.value is None else replace(outcome, value=replace(outcome.value, unit=unit))
+
+
+def refocused(result: Restoration, stack: Masks, focus_w: float, strength: float = 1.0) -> Array:
+    """The sharp picture with another depth of focus, (C, H, W): sharp at w = `focus_w`, blurred by distance from it."""
+    R = stack.R
+    blur = MaskField.of(stack).blur((result.w.shape[0], result.w.shape[1]), np.float64)
+    blur.focus(np.pad(np.abs(result.w - focus_w) * strength, R, mode="edge"))
+    return blur.blur(np.pad(result.sharp, ((0, 0), (R, R), (R, R)), mode="edge").astype(np.float64))

@@ -1,0 +1,253 @@
+"""Algorithm I: picture and depth together, from a first depth to the pair of least cost (6.1).
+
+One round is a joint Gauss-Newton step; some put the depth steps in their place first, or begin parts again. Rounds are
+a generator, so whoever runs them shows progress, stops, keeps the state and resumes from it.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procedures.restoration.first_depth.segments import Labels, joined, mended, segments
+from procedures.restoration.joint.data_term import DataTerm, restore_picture
+from procedures.restoration.joint.depth_edges import layers_of, place_steps
+from procedures.restoration.joint.gauss_newton import Weights, joint_step
+from procedures.restoration.joint.noise_and_contrast import fitted_by_depth, moments
+from procedures.restoration.joint.priors import depth_variation, roughness, steps_allowed, total_variation
+from procedures.restoration.joint.restart_regions import DOUBT, Pair, left_over, repaired
+from procedures.restoration.joint.schedule import DEPTH_SLOPE, Schedule, Scheme, Statistics
+from procedures.restoration.masks.blur_operator import Array, Blur
+
+# change of w within two pixels that is taken for a depth step: at 0.35 small steps smeared by matching were missed
+JUMP = 0.28
+ANEW = "parts anew"
+# distance from one half at which a share is believed as it is in placing steps from near: medians cut their corners
+DECIDED = 0.25
+# weight of the depth's prior beyond which it bridges steps; it yields with this power of what is left over there, of
+# the frame's median, up to so much of it
+STRONG, YIELDING, MOST_LEFT = 0.2, 5, 2.0
+# joint steps after which a part begun again is compared with what was there
+ON_TRIAL = 3
+# gradient below which total variation is taken as quadratic (6.10), grey values of 1
+LEAST_GRADIENT = 0.005
+# mean squared gradient of textured scenes, white = 1: what is believed until one is restored
+CONTRAST = 0.013
+
+
+@dataclass(frozen=True)
+class Round:
+    """What one round did: cost (6.1) with the final weights, root mean square residual, mean change of w, seconds."""
+
+    n: int
+    what: str
+    cost: float
+    residual: float
+    change: float
+    seconds: float
+    weights: Weights
+
+
+@dataclass(frozen=True)
+class State:
+    """Where the rounds stand: n done, picture (C, H', W'), depth (H', W'), noise and contrast, history."""
+
+    n: int
+    u: Array
+    w: Array
+    known: Statistics
+    history: tuple[Round, ...] = ()
+    labels: Labels | None = None
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Photographs with their blurs, twice (two depths at once are needed at steps), and how to solve.
+
+    reach : pixels about a depth step within which the first depth is not believed; misfit : (H', W'), where it did not
+    fit the photographs, if that is known.
+    """
+
+    data: DataTerm
+    other: DataTerm
+    scheme: Scheme
+    schedule: Schedule
+    sigma: float
+    reach: int
+    total_variation: bool = False
+    depth_variation: bool = False
+    misfit: NDArray[np.bool_] | None = None
+
+
+def problem_of(
+    z: Array, stacks: list[Any], trust: Array, dtype: type[np.floating[Any]], blur: Callable[..., Any] = Blur
+) -> tuple[DataTerm, DataTerm]:
+    """The data term, twice, in one precision. z : (P, C, H, W); trust : (P, 1, H, W)."""
+    shape = (z.shape[2], z.shape[3])
+    one, two = (DataTerm(z.astype(dtype), [blur(s, shape, dtype) for s in stacks], trust.astype(dtype)) for _ in (0, 1))
+    return one, two
+
+
+def begin(problem: Problem, w: Array) -> State:
+    """The state at a first depth w (H, W): extended beyond the frame, its picture restored softly."""
+    data = problem.data
+    R, dtype = data.R, data.z.dtype
+    wide = np.pad(w, R, mode="edge").astype(dtype)
+    mean = (data.z * data.trust).sum(axis=0) / np.maximum(data.trust.sum(axis=0), 1e-6)
+    u = np.pad(mean, ((0, 0), (R, R), (R, R)), mode="edge").astype(dtype)
+    data.focus(wide)
+    known = Statistics(problem.sigma, CONTRAST)
+    weight = max(1e-3, problem.schedule.final(known).picture)
+    return State(0, restore_picture(data, u, weight, 15), wide, known)
+
+
+def cost(problem: Problem, u: Array, w: Array, weights: Weights) -> tuple[float, float]:
+    """Cost (6.1) and the robust root mean square residual of a pair; the data term is left focused on w."""
+    problem.data.focus(w)
+    e = problem.data.residual(u)
+    prior = weights.picture * roughness(u, *_diffusion(problem, u))
+    prior += weights.depth_cost(w, *_edges(problem, e, w, weights, None))
+    return 0.5 * float(np.sum(e**2)) + prior, float(np.median(np.abs(e)) / 0.6745)
+
+
+def _diffusion(problem: Problem, u: Array) -> tuple[Array | float, Array | float]:
+    """The picture prior's weights: 1 for Tikhonov, 1 / |grad u| scaled to the same mean for total variation."""
+    if not problem.total_variation:
+        return 1.0, 1.0
+    down, across = total_variation(u, LEAST_GRADIENT)
+    scale = np.sqrt(CONTRAST) / 3
+    return down * u.dtype.type(scale), across * u.dtype.type(scale)
+
+
+def _edges(problem: Problem, e: Array | None, w: Array, weights: Weights, labels: Labels | None) -> tuple[Array, Array]:
+    """The depth prior's weights: none between segments; within them less where w is steep.
+
+    A prior so strong that it bridges steps counts less where e, if given, is left over of the photographs, too.
+    """
+    down, across = depth_variation(w, DEPTH_SLOPE) if problem.depth_variation else steps_allowed(w, weights.step)
+    if e is not None and weights.depth > STRONG:
+        held = np.pad(np.clip(left_over(e), 1, MOST_LEFT) ** -YIELDING, problem.data.R, mode="edge").astype(w.dtype)
+        down, across = down * np.minimum(held[1:], held[:-1]), across * np.minimum(held[:, 1:], held[:, :-1])
+    if labels is None:
+        return down, across
+    same_down, same_across = joined(labels)
+    return down * same_down, across * same_across
+
+
+def rounds(problem: Problem, state: State) -> Iterator[State]:
+    """States after each further round, up to the scheme's number."""
+    while state.n < problem.scheme.rounds:
+        yield (state := one_round(problem, state))
+
+
+def one_round(problem: Problem, state: State) -> State:
+    """The state after one more round: steps placed or parts begun again if it is their turn, then joint steps."""
+    start = time.perf_counter()
+    weights = problem.schedule.at(state.n, state.known)
+    what = _due(state.n, problem.scheme.rounds)
+    u, w, labels = state.u, state.w, state.labels
+    if what == ANEW:
+        u, w, labels = _repaired(problem, state, weights)
+    else:
+        if what:
+            u, w, labels = _placed(problem, state, what, weights)
+        u, w = _joint(problem, u, w, labels, weights, settled=state.n > 0)
+    final = problem.schedule.final(state.known)
+    value, residual = cost(problem, u, w, final)
+    done = Round(
+        state.n, f"{what} + joint" if what else "joint", value, residual,
+        float(np.abs(w - state.w).mean()), time.perf_counter() - start, weights,
+    )  # fmt: skip
+    return State(state.n + 1, u, w, _statistics(problem, u, w, weights, residual), (*state.history, done), labels)
+
+
+def _joint(
+    problem: Problem, u: Array, w: Array, labels: Labels | None, weights: Weights, settled: bool = True
+) -> tuple[Array, Array]:
+    """Picture and depth after one joint Gauss-Newton step.
+
+    settled : what u leaves over is of the depth, not of a picture that has only been restored softly.
+    """
+    iterations = problem.scheme.picture + problem.scheme.depth
+    problem.data.focus(w)
+    edges = _edges(problem, problem.data.residual(u) if settled else None, w, weights, labels)
+    return joint_step(problem.data, u, w, weights, iterations, _diffusion(problem, u), edges)
+
+
+def _repaired(problem: Problem, state: State, weights: Weights) -> tuple[Array, Array, Labels]:
+    """Picture, depth and segments some joint steps on, the parts that are not explained begun again."""
+
+    def onward(pair: Pair) -> Pair:
+        for _ in range(ON_TRIAL):
+            u, w = _joint(problem, pair.u, pair.w, pair.labels, weights)
+            pair = Pair(u, w, pair.labels)
+        return pair
+
+    old = Pair(state.u, state.w, segments(state.w, JUMP, DOUBT, state.labels))
+    found = repaired(problem.data, problem.other, old, problem.reach, JUMP, weights.picture, onward)
+    return found.u, found.w, found.labels
+
+
+def _placed(problem: Problem, state: State, what: str, weights: Weights) -> tuple[Array, Array, Labels]:
+    """Picture, depth and segments with the depth steps put in their place, from afar or from near."""
+    far = "far" in what
+    reach, doubt = (problem.reach, problem.reach - 1) if far else {"steps near": (5, 2), "steps nearer": (3, 1)}[what]
+    labels = segments(state.w, JUMP, doubt, state.labels)
+    w = mended(state.w, labels, doubt, JUMP) if far else state.w
+    # from afar a step is looked for only where the first depth did not fit
+    where = problem.misfit if far else None
+    layers = layers_of(w, labels, reach, doubt, JUMP, 2 if "between" in what else 1, where)
+    soft = max(weights.picture, 1e-3 if far else 1e-5)
+    decided = 1.0 if far else DECIDED
+    return place_steps(problem.data, problem.other, state.u, w, labels, layers, soft, decided=decided)
+
+
+def _due(n: int, total: int) -> str:
+    """What opens round n: depth steps placed from afar at first, then twice from near; thrice parts begun again."""
+    again = {round(part * total): ANEW for part in (0.35, 0.5, 0.65)}
+    late = {round(0.3 * total): "steps near", round(0.55 * total): "steps nearer"}
+    early = {0: "steps far", 1: "steps far, between", 2: "steps far"}
+    return {**again, **late, **early}.get(n, "") if total > 1 else ""
+
+
+def _statistics(problem: Problem, u: Array, w: Array, weights: Weights, residual: float) -> Statistics:
+    """Noise and contrast that residual and picture of a round suggest; the noise at most half above the first."""
+    R, stacks = problem.data.R, [blur.stack for blur in problem.data.blurs]
+    gradient = 2 * roughness(u[:, R:-R, R:-R]) / u[:, R:-R, R:-R].size
+    fitted = fitted_by_depth(problem.data, u, weights)
+    noise, contrast = moments(stacks, float(np.median(w)), weights.picture, residual**2, gradient, fitted)
+    return Statistics(min(float(np.sqrt(noise)), 1.5 * problem.sigma), contrast)
+
+
+def finish(problem: Problem, state: State) -> State:
+    """The picture alone, at the depth found, with the final weight: N_TV times N_u iterations."""
+    start = time.perf_counter()
+    weights = problem.schedule.final(state.known)
+    problem.data.focus(state.w)
+    u = state.u
+    for _ in range(problem.scheme.final_rounds):
+        u = restore_picture(problem.data, u, weights.picture, problem.scheme.final, _diffusion(problem, u))
+    value, residual = cost(problem, u, state.w, weights)
+    done = Round(state.n, "picture", value, residual, 0.0, time.perf_counter() - start, weights)
+    return replace(state, u=u, history=(*state.history, done))
+
+
+def run(problem: Problem, state: State, progress: Callable[[Round], None] | None = None) -> State:
+    """All remaining rounds and the final picture, from the best pair met on the way."""
+    best = last = state
+    for last in rounds(problem, state):
+        if progress:
+            progress(last.history[-1])
+        # costs compare under one pair of weights only
+        weights = problem.schedule.final(last.known)
+        if cost(problem, last.u, last.w, weights)[0] <= 1.05 * cost(problem, best.u, best.w, weights)[0]:
+            best = last
+    done = finish(problem, replace(best, n=last.n, history=last.history))
+    if progress:
+        progress(done.history[-1])
+    return done

@@ -1,0 +1,78 @@
+"""Kernels measured in the sensor's own pixels: how large they are when nobody says, and the masks of given shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procedures.outcome import BadParameter, Refused
+from procedures.restoration.first_depth.registration import registered
+from procedures.restoration.joint.estimate import noise_of
+from procedures.restoration.masks.blur_models import mask_stack
+from procedures.restoration.masks.blur_operator import Array, MaskStack
+from procedures.restoration.masks.checks import check_extent
+
+Shapes = Sequence[NDArray[np.float64]]
+
+MEASURED = 40
+"""Shapes of fewer samples a side may be kernels with one sample a pixel; drawn shapes have hundreds."""
+DEFAULT_MAX_W = 8.0
+BEYOND = 0.3
+"""How far masks are made beyond the largest w, pixels: w at the end of its range is told from w beyond."""
+
+
+def default_max_w(shapes: Shapes) -> float:
+    """The largest w to look for when none is given: a pixel more than the measured kernels' half-width, or 8 pixels."""
+    return max([DEFAULT_MAX_W, *((len(s) - 1) / 2 + 1 for s in shapes if len(s) < MEASURED)])
+
+
+def size_ratios(shapes: Shapes) -> tuple[float, ...]:
+    """w of every photograph over w of the first, if the shapes are kernels with one sample a pixel; else all 1."""
+    if any(len(s) >= MEASURED for s in shapes):
+        return (1.0,) * len(shapes)
+    return tuple((len(s) - 1) / (len(shapes[0]) - 1) for s in shapes)
+
+
+def stacks_of(shapes: Shapes, ratios: Sequence[float], max_w: float, frame: tuple[int, int]) -> list[MaskStack]:
+    """Masks of every photograph, for w of the first from 0 to a little beyond `max_w`. frame : (H, W).
+
+    Raises
+    ------
+    BadParameter
+        If a ratio is no positive number, or the masks are too large for the photographs.
+    """
+    for ratio in ratios:
+        if not 0 < ratio < np.inf:
+            raise BadParameter(f"a ratio of w must be positive, got {ratio:g}", "give w of that photograph over w of 1")
+    R = reach_of_masks(max_w, max(ratios))
+    check_extent(R, frame)
+    return [mask_stack(shape, max_w + BEYOND, ratio=ratio, R=R) for shape, ratio in zip(shapes, ratios, strict=True)]
+
+
+def reach_of_masks(max_w: float, ratio: float = 1.0) -> int:
+    """Half-size of the masks that hold every blur up to a little beyond `max_w`, pixels."""
+    return int(np.ceil((max_w + BEYOND) * max(ratio, 1.0) + 0.5))
+
+
+def fitting_ratios(photographs: Sequence[Array], shapes: Shapes, max_w: float) -> tuple[float, ...]:
+    """The ratios when none is given: 1, or as the kernels' sizes where that explains the photographs better.
+
+    photographs : (C, H, W) each. Raises as `stacks_of`.
+    """
+    even, sized = (1.0,) * len(shapes), size_ratios(shapes)
+    frame = (photographs[0].shape[1], photographs[0].shape[2])
+    if sized == even:
+        return even
+    z = np.stack(photographs)
+    return min((even, sized), key=lambda ratios: _disagreement(z, stacks_of(shapes, ratios, max_w, frame)))
+
+
+def _disagreement(z: Array, stacks: list[MaskStack]) -> float:
+    """What the photographs (P, C, H, W), brought into one place, disagree by; infinite if they cannot be brought."""
+    try:
+        brought = registered(z, np.ones((len(z), 1, *z.shape[2:])), stacks)
+    except Refused:
+        return float(np.inf)
+    return noise_of(brought.z, stacks)

@@ -1,0 +1,97 @@
+"""The scheme of iterations, N_g x (N_u + N_w) + N_TV x N_u, and the weights of each round (sections 6.4, 6.5)."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+
+from procedures.outcome import BadParameter
+from procedures.restoration.joint.gauss_newton import Weights
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """rounds x (picture + depth) + final_rounds x final.
+
+    rounds : Gauss-Newton steps over picture and depth; each solves its equations by picture + depth iterations of
+    conjugate gradients. Then the picture alone: final_rounds of final iterations, its prior relinearised in between.
+    """
+
+    rounds: int = 20
+    picture: int = 20
+    depth: int = 20
+    final_rounds: int = 5
+    final: int = 20
+
+    @staticmethod
+    def parse(text: str) -> Scheme:
+        """The scheme written as in the thesis: "20x(8+10)+5x20", "50x(8+10)+100".
+
+        Raises
+        ------
+        BadParameter
+            If it is written otherwise.
+        """
+        found = re.fullmatch(r"(\d+)x\((\d+)\+(\d+)\)(?:\+(?:(\d+)x)?(\d+))?", re.sub(r"\s|×", _plain, text))
+        if not found:
+            raise BadParameter(f"scheme {text!r} is not understood", 'write it like "20x(8+10)+5x20"')
+        rounds, picture, depth, final_rounds, final = found.groups()
+        scheme = Scheme(int(rounds), int(picture), int(depth), int(final_rounds or 1), int(final or 0))
+        if scheme.rounds < 1 or scheme.picture + scheme.depth < 1:
+            raise BadParameter(f"scheme {text!r} does nothing", "give at least 1x(1+0)")
+        return scheme
+
+
+def _plain(found: re.Match[str]) -> str:
+    return "x" if found.group() == "×" else ""
+
+
+# While w is still a tenth of a pixel off, a weak prior lets the picture fit the depth's error: the first quarter of the
+# rounds holds these weights, then they fall geometrically. Grey values in [0, 1], w in pixels.
+FIRST_PICTURE = 3e-4
+FIRST_DEPTH = 0.03
+HELD = 0.25
+# At the true depth 1 to 3 times sigma^2 / G restore alike within some per cent; where w is found, too little is worse
+# than too much.
+CAUTION = 2.0
+# what w usually changes by between neighbouring pixels away from depth steps
+DEPTH_SLOPE = 0.014
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """What the weights are made of: noise sigma, and the mean squared gradient G of the sharp picture, white = 1."""
+
+    sigma: float
+    contrast: float
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """Weights from round to round, never below what noise and contrast ask for.
+
+    picture, depth : final weights if given, else the ratio of noise and prior variance: sigma^2 / G times `CAUTION`,
+    and sigma^2 over the usual slope of w squared. bent : w's second differences count, and its differences little.
+    """
+
+    rounds: int
+    picture: float | None = None
+    depth: float | None = None
+    bent: bool = True
+
+    def final(self, known: Statistics) -> Weights:
+        """Weights of the last rounds."""
+        picture = self.picture if self.picture is not None else CAUTION * known.sigma**2 / known.contrast
+        depth = self.depth if self.depth is not None else known.sigma**2 / DEPTH_SLOPE**2
+        return Weights(picture, depth) if self.bent else Weights(picture, depth, tilt=1, bend=0)
+
+    def at(self, n: int, known: Statistics) -> Weights:
+        """Weights of round n = 0, 1, ..."""
+        held = int(HELD * self.rounds)
+        t = max(0, n - held) / max(1, self.rounds - 1 - held)
+        least = self.final(known)
+        return replace(
+            least,
+            picture=max(least.picture, FIRST_PICTURE * (1e-7 / FIRST_PICTURE) ** t),
+            depth=max(least.depth, FIRST_DEPTH * (1e-5 / FIRST_DEPTH) ** t),
+        )

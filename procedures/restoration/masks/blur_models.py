@@ -1,0 +1,232 @@
+"""From a blur's shape to the mask of every depth: defocus, motion path, any measured shape, and both together.
+
+A shape is an odd square array of samples on [-1, 1] x [-1, 1], row 0 at y = -1. A mask of half-width w is the shape
+stretched to [-w, w], integrated over pixels (4.12, 5.3).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+from scipy.signal import fftconvolve
+
+from procedures.outcome import BadInput, BadParameter
+from procedures.restoration.masks.blur_operator import MaskStack
+from procedures.restoration.masks.mask_fields import MaskField
+
+Array = NDArray[np.float64]
+
+# samples of a shape made here, and samples of it per pixel of a mask, each way
+SHAPE_SIZE = 257
+SAMPLES = 11
+# samples of a shape this far apart, pixels, are interpolated and taken as cells; in between, blended
+FINE, COARSE = 0.25, 0.5
+# masks at steps of 1/20 pixel: interpolating between them errs by less than 0.1 % of the mask's change per pixel
+STEP = 0.05
+# sigma of a path's line, of the half-width
+LINE = 0.02
+
+
+def _axes(size: int = SHAPE_SIZE) -> tuple[Array, Array]:
+    t = np.linspace(-1, 1, size)
+    x, y = np.meshgrid(t, t)
+    return x, y
+
+
+def pillbox() -> Array:
+    """Blur circle of radius 1 (4.7)."""
+    x, y = _axes()
+    return (x**2 + y**2 <= 1).astype(np.float64)
+
+
+def gaussian(k: float = 0.5, reach: float = 3.0) -> Array:
+    """Gaussian of sigma = k r, for a blur circle of radius r = w / (k reach) (4.17 to 4.19).
+
+    The shape's half-width is `reach` sigma, so w = reach k r; cut to a circle there.
+    """
+    if k <= 0 or reach <= 0:
+        raise BadParameter(f"sigma = k r needs k > 0 and a positive reach, got k = {k}, reach = {reach}", "use k = 0.5")
+    x, y = _axes()
+    r2 = x**2 + y**2
+    return np.where(r2 <= 1, np.exp(-r2 * reach**2 / 2), 0.0)
+
+
+def polygon(blades: int, angle_rad: float = 0.0) -> Array:
+    """Regular polygonal aperture, corners on the circle of radius 1; the first corner at `angle_rad` from x."""
+    if blades < 3:
+        raise BadParameter(f"an aperture needs 3 blades or more, got {blades}", "count the diaphragm's blades")
+    x, y = _axes()
+    middles = angle_rad + np.pi * (2 * np.arange(blades) + 1) / blades
+    sides = x[..., None] * np.cos(middles) + y[..., None] * np.sin(middles)
+    return np.asarray(sides.max(axis=-1) <= np.cos(np.pi / blades), dtype=np.float64)
+
+
+def path_shape(path: Array, thickness: float = LINE, extent: float | None = None) -> Array:
+    """Shape of a path of the rig in its plane, (n, 2) x, y at equal times, scaled to its own half-width (5.3).
+
+    The centre is kept: the path's origin is the pixel's own place. `thickness` is the line's sigma, of the half-width;
+    `extent`, in the path's unit, is what becomes the half-width where other paths are scaled alike.
+    """
+    extent = float(np.abs(path).max()) if extent is None else extent
+    if extent == 0:
+        raise BadInput("the motion path does not move", "record the rig while it vibrates, or use a defocus model")
+    places = (path / extent * (1 - 3 * thickness) + 1) / 2 * (SHAPE_SIZE - 1)
+    fine = _resample(places, 16 * SHAPE_SIZE)
+    grid = np.arange(SHAPE_SIZE)
+    sigma = thickness / 2 * (SHAPE_SIZE - 1)
+    columns = np.exp(-((grid[None, :] - fine[:, :1]) ** 2) / (2 * sigma**2))
+    rows = np.exp(-((grid[None, :] - fine[:, 1:]) ** 2) / (2 * sigma**2))
+    return np.asarray(rows.T @ columns, dtype=np.float64)
+
+
+def _resample(points: Array, n: int) -> Array:
+    times = np.linspace(0, len(points) - 1, n)
+    return np.stack([np.interp(times, np.arange(len(points)), points[:, k]) for k in (0, 1)], axis=1)
+
+
+def uniform_motion(angle_rad: float = 0.0) -> Array:
+    """Steady motion along a line of half-length 1 in the direction `angle_rad` from x (5.5)."""
+    direction = np.array([np.cos(angle_rad), np.sin(angle_rad)])
+    return path_shape(np.linspace(-1, 1, 4 * SHAPE_SIZE)[:, None] * direction)
+
+
+def read_shape(path: Path) -> Array:
+    """A shape from a text file of numbers, checked.
+
+    Raises
+    ------
+    BadInput
+        If it cannot be read, is not an odd square, or has negative or no content.
+    """
+    remedy = "give a text array of numbers, a row per line"
+    try:
+        rows = [line.split("#")[0].split() for line in path.read_text(encoding="utf-8").splitlines()]
+        shape = [[float(number) for number in row] for row in rows if row]
+    except OSError as error:
+        raise BadInput(f"shape file {path} cannot be read: {error.strerror}", remedy) from error
+    except ValueError as error:
+        told = "it is not text" if isinstance(error, UnicodeDecodeError) else error
+        raise BadInput(f"shape file {path} cannot be read: {told}", remedy) from error
+    widths = {len(row) for row in shape}
+    if len(widths) != 1:
+        found = "is empty" if not widths else f"has rows of {min(widths)} to {max(widths)} numbers"
+        raise BadInput(f"shape file {path} {found}", remedy)
+    return check_shape(np.array(shape), str(path))
+
+
+def check_shape(shape: NDArray[np.floating[Any]], name: str = "shape") -> Array:
+    """The shape as float64.
+
+    Raises
+    ------
+    BadInput
+        If it is not an odd square of finite, non-negative numbers with a positive sum.
+    """
+    rows, columns = shape.shape
+    if rows != columns or rows % 2 == 0 or rows < 3:
+        raise BadInput(f"{name} must be an odd square of at least 3 x 3, got {rows} x {columns}", "resample it")
+    if not np.isfinite(shape).all() or (shape < 0).any():
+        raise BadInput(f"{name} must be finite and not negative, its least value is {shape.min()}", "clip its noise")
+    if shape.sum() <= 0:
+        raise BadInput(f"{name} is empty", "give the shape of a blur")
+    return np.asarray(shape, dtype=np.float64)
+
+
+def mask(shape: Array, w: float, R: int) -> Array:
+    """The mask of half-width w, (2R + 1, 2R + 1), sum 1: the stretched shape, summed over each pixel (4.12).
+
+    Between fine samples the shape is linear. Samples half a pixel apart and more are cells of even light, as a kernel
+    measured with the sensor's own pixels has them: at w = (n - 1) / 2 it comes back as it was measured.
+    """
+    pitch = 2 * w / (len(shape) - 1)
+    coarse = float(np.clip((pitch - FINE) / (COARSE - FINE), 0, 1))
+    out = np.zeros((2 * R + 1, 2 * R + 1))
+    if w > 0 and coarse < 1:
+        out += (1 - coarse) * unit(_interpolated(shape, w, R))
+    if coarse > 0:
+        out += coarse * unit(_cells(shape, pitch, R))
+    return unit(out)
+
+
+def _interpolated(shape: Array, w: float, R: int) -> Array:
+    """The stretched shape, linear between its samples, summed over each pixel."""
+    offsets = (np.arange((2 * R + 1) * SAMPLES) + 0.5) / SAMPLES - R - 0.5
+    half = (len(shape) - 1) / 2
+    near = np.abs(offsets) <= w * (1 + 1 / half)
+    at = (offsets[near] / w + 1) * half
+    fine = np.zeros((offsets.size, offsets.size))
+    fine[np.ix_(near, near)] = map_coordinates(shape, np.meshgrid(at, at, indexing="ij"), order=1)
+    return np.asarray(fine.reshape(2 * R + 1, SAMPLES, 2 * R + 1, SAMPLES).sum(axis=(1, 3)))
+
+
+def _cells(shape: Array, pitch: float, R: int) -> Array:
+    """The shape's samples as squares of `pitch` pixels, each pixel's share of them."""
+    edges = np.arange(2 * R + 2) - R - 0.5
+    centres = (np.arange(len(shape)) - len(shape) // 2) * pitch
+    shares = np.diff(np.clip((edges[:, None] - centres) / pitch + 0.5, 0, 1), axis=0)
+    return np.asarray(shares @ shape @ shares.T)
+
+
+def unit(mask: NDArray[np.floating[Any]]) -> Array:
+    """The mask with sum 1."""
+    total = mask.sum()
+    if total <= 0:  # too small a blur for any sample of the shape: it is sharp
+        mask = np.zeros_like(mask)
+        mask[len(mask) // 2, len(mask) // 2] = total = 1
+    return np.asarray(mask / total)
+
+
+def mask_stack(shape: Array, max_w: float, *, ratio: float = 1.0, offset: float = 0.0, R: int = 0) -> MaskStack:
+    """Masks of a photograph whose half-width is `ratio` w + `offset` (4.8, 4.14), for w from 0 to `max_w`.
+
+    R : half-size of the masks; 0 takes the least that holds the largest.
+    """
+    widest = ratio * max_w + offset
+    if not (0 < ratio < np.inf and max_w > 0 and widest > 0):
+        raise BadParameter(f"ratio {ratio} and max w {max_w} must be positive", "give w in pixels, ratio as a number")
+    need = int(np.ceil(widest + 0.5))
+    if R and need > R:
+        raise BadParameter(f"w up to {max_w} needs masks of half-size {need}, got {R}", "lower --max-w")
+    levels = np.arange(int(np.ceil(max_w / STEP)) + 2) * STEP
+    halves = ratio * levels + offset
+    # in front of the plane of focus the light has not crossed yet: the shape is seen upside down
+    masks = [mask(shape if half >= 0 else shape[::-1, ::-1], abs(half), R or need) for half in halves]
+    return MaskStack(np.stack(masks), STEP)
+
+
+def both(defocus: MaskStack, motion: MaskStack) -> MaskStack:
+    """Masks of defocus and motion together: their convolution, level by level."""
+    if defocus.step != motion.step:
+        raise BadParameter(f"steps of w differ: {defocus.step} and {motion.step}", "make both stacks with one step")
+    pairs = zip(defocus.masks, motion.masks, strict=False)
+    masks = np.stack([np.clip(fftconvolve(a, b), 0, None) for a, b in pairs])
+    return MaskStack(masks / masks.sum(axis=(1, 2), keepdims=True), defocus.step)
+
+
+def rotated(shape: Array, angle_rad: float) -> Array:
+    """The shape turned by `angle_rad`: how an axially symmetric lens blurs elsewhere at the same height (4.20)."""
+    x, y = _axes(len(shape))
+    c, s = np.cos(angle_rad), np.sin(angle_rad)
+    half = (len(shape) - 1) / 2
+    turned = map_coordinates(shape, [(-s * x + c * y + 1) * half, (c * x + s * y + 1) * half], order=1)
+    return np.asarray(turned, dtype=np.float64)
+
+
+def symmetric_field(
+    radial: list[Array], grid: tuple[int, int], max_w: float, ratio: float = 1.0, R: int = 0
+) -> MaskField:
+    """Stacks on a grid over the frame from shapes at equal heights, centre to corner, measured along +x (4.20)."""
+    need = R or int(np.ceil(ratio * max_w + 0.5))
+    rows, columns = np.linspace(-1, 1, grid[0]), np.linspace(-1, 1, grid[1])
+
+    def at(y: float, x: float) -> MaskStack:
+        height = np.hypot(x, y) / np.sqrt(2) * (len(radial) - 1)
+        k = min(int(height), len(radial) - 2)
+        shape = (k + 1 - height) * radial[k] + (height - k) * radial[k + 1]
+        return mask_stack(rotated(shape, float(np.arctan2(y, x))), max_w, ratio=ratio, R=need)
+
+    return MaskField(tuple(tuple(at(float(y), float(x)) for x in columns) for y in rows))

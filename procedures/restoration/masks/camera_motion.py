@@ -1,0 +1,220 @@
+"""From what an inertial unit on the camera felt to the blur over the frame: a rig that shifts and turns (6.7).
+
+`motion` integrates the velocity field (5.1) of any motion; here a vibrating rig's record becomes poses about where it
+rests, and the scene's points are projected through them: the same curves, drawn all at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
+
+from procedures.outcome import BadInput, BadParameter, Refused
+from procedures.raw import Felt
+from procedures.restoration.joint.estimate import Unit
+from procedures.restoration.masks.blur_operator import MaskStack
+from procedures.restoration.masks.checks import check_extent
+from procedures.restoration.masks.mask_fields import MaskField, positions
+from procedures.restoration.masks.motion import path_mask
+
+Array = NDArray[np.float64]
+
+FLIPPED = np.array([1.0, -1.0, -1.0])
+"""From an inertial unit's axes, x right and y up, to those of the picture, y down and z ahead."""
+FEWEST = 16
+"""Samples of a record from which motion is found."""
+MOST_TURN = 0.15
+"""Radians up to which rates may be summed without regard to their order."""
+INSTANTS = 512
+LEVEL_PX = 0.25
+"""Pixels of w between masks."""
+NODE_PX = 0.5
+"""Pixels by which the paths of neighbouring nodes may differ: masks are blended between them."""
+EVEN_PX = 0.1
+MOST_NODES = 12
+LEAST_W = 0.5
+LEAST_PATH_M = 2e-5
+
+
+@dataclass(frozen=True)
+class Poses:
+    """Where a camera is at equal times of an exposure, about where its rig rests.
+
+    position_m, turn_rad : (n, 3), x right, y down, z ahead; turns are rotation vectors.
+    """
+
+    position_m: Array
+    turn_rad: Array
+
+    @property
+    def planar_path(self) -> Array:
+        """The path that the scene draws in a picture if turns and approach are left out, (n, 2), metres: (5.3)."""
+        return -self.position_m[:, :2]
+
+
+def poses_of(felt: Felt, exposure_s: float) -> Poses:
+    """Poses during an exposure, from a record that goes beyond it both ways.
+
+    Gravity is turned with the rig and taken off as the mean; what is left of the unit's zero errors is a line in the
+    turns and a parabola in the positions, neither of which a rig that shakes does. The unit is taken to sit at the
+    lens: one that sits beside it feels the turns as shifts of its own.
+
+    Raises
+    ------
+    BadInput
+        If the record is too short, not in order, does not cover the exposure, or turns by more than a few degrees.
+    """
+    t = check_record(felt, exposure_s)
+    turn = _without_drift(t, _integral(t, felt.rotation_rad_s * FLIPPED), 1)
+    if np.abs(turn).max() > MOST_TURN:
+        raise BadInput(
+            f"the rig turned by {np.degrees(np.abs(turn).max()):.0f} degrees; up to {np.degrees(MOST_TURN):.0f} can be "
+            "told from a record",
+            "record a rig that vibrates, in radians per second",
+        )
+    force = Rotation.from_rotvec(turn).apply(felt.acceleration_m_s2 * FLIPPED)
+    position = _without_drift(t, _integral(t, _integral(t, force - force.mean(axis=0))), 2)
+    at = np.linspace(0, exposure_s, INSTANTS)
+    return Poses(CubicSpline(t, position)(at), CubicSpline(t, turn)(at))
+
+
+def check_record(felt: Felt, exposure_s: float) -> Array:
+    """The record's times. Raises BadInput, see `poses_of`."""
+    t = np.asarray(felt.time_s, dtype=np.float64)
+    if len(t) < FEWEST or felt.acceleration_m_s2.shape != (len(t), 3) or felt.rotation_rad_s.shape != (len(t), 3):
+        raise BadInput(
+            f"motion is found from {FEWEST} samples or more of three components each; got {len(t)}",
+            "record at 100 Hz or more",
+        )
+    if not all(np.isfinite(a).all() for a in (t, felt.acceleration_m_s2, felt.rotation_rad_s)):
+        raise BadInput("the record contains values that are not numbers", "drop those samples")
+    if not (np.diff(t) > 0).all():
+        raise BadInput("times of the record must increase", "sort it, drop repeated samples")
+    if t[0] > 0 or t[-1] < exposure_s:
+        raise BadInput(
+            f"the record is from {t[0]:.3f} s to {t[-1]:.3f} s and must cover the exposure, 0 s to {exposure_s:.3f} s",
+            "begin it before the shutter opens, end it after the shutter closes; time 0 is the opening",
+        )
+    return t
+
+
+def _integral(t: Array, rate: Array) -> Array:
+    return np.asarray(CubicSpline(t, rate).antiderivative()(t))
+
+
+def _without_drift(t: Array, x: Array, degree: int) -> Array:
+    """x less its polynomial, the record's ends counting little: broken periods there would pass for drift."""
+    weight = np.sin(np.pi * (t - t[0] + 1e-9) / (t[-1] - t[0] + 2e-9))
+    fit = np.polynomial.polynomial.polyfit(t, x, degree, w=weight)
+    return np.asarray(x - np.polynomial.polynomial.polyval(t, fit).T)
+
+
+def drawn(poses: Poses, x: float, y: float, inverse_m: Array) -> Array:
+    """Curves of the point seen at (x, y) from where the rig rests, about there, (levels, n, 2); focal lengths.
+
+    inverse_m : (levels,) inverse depths; 0 is infinitely far.
+    """
+    point = np.array([x, y, 1.0]) - np.asarray(inverse_m, float)[:, None, None] * poses.position_m
+    seen = np.einsum("nji,lnj->lni", Rotation.from_rotvec(poses.turn_rad).as_matrix(), point)
+    return np.asarray(seen[..., :2] / seen[..., 2:] - (x, y))
+
+
+def planar_stacks(paths: Sequence[Array], max_w: float) -> list[MaskStack]:
+    """Masks of recorded paths (n, 2) about where the rig rests, of which w is the half-width in pixels. Raises Refused.
+
+    Source: (5.2), (5.3): a rig that does not turn draws the same path at every depth, as large as the inverse depth.
+    """
+    half = max(float(np.abs(path).max()) for path in paths)
+    if half < LEAST_PATH_M:
+        raise Refused("the rig must move during the exposures; it stood still", "set it in motion, then expose")
+    levels, R = int(np.ceil(max_w / LEVEL_PX)) + 2, int(np.ceil(max_w)) + 3
+    scales = np.arange(levels) * LEVEL_PX / half
+    return [MaskStack(np.stack([path_mask(path * one, R) for one in scales]), LEVEL_PX) for path in paths]
+
+
+@dataclass(frozen=True)
+class MotionBlur:
+    """The masks of each photograph, and how many pixels of w one unit of inverse depth, 1/m, is."""
+
+    fields: tuple[MaskField, ...]
+    px_per_inverse_m: float
+
+    @property
+    def unit(self) -> Unit:
+        """What w is told in."""
+        return Unit("1/m", 1 / self.px_per_inverse_m)
+
+
+def motion_blur(
+    exposures: Sequence[Poses], focal_px: float, shape: tuple[int, int], max_inverse_m: float
+) -> MotionBlur:
+    """Masks over the frame for inverse depths up to `max_inverse_m` (5.2); the axis meets the frame in its middle.
+
+    w is the inverse depth, counted in pixels: as many as the farthest excursion that comes from shifts has. All masks
+    are about where the rig rests, so they contain the displacement between the photographs.
+
+    Raises
+    ------
+    BadParameter
+        If focal length or inverse depth are not positive, or the motion is too large for the photographs.
+    Refused
+        If the rig shifted too little to tell depth.
+    """
+    if not (focal_px > 0 and max_inverse_m > 0 and np.isfinite(focal_px * max_inverse_m)):
+        raise BadParameter(
+            f"focal length and greatest inverse depth must be positive, got {focal_px} pixels and {max_inverse_m} 1/m",
+            "give the focal length in pixels, and 1 / the least distance in metres",
+        )
+    per_inverse = px_per_inverse_m(exposures, focal_px, shape)
+    curves = _over_frame(exposures, focal_px, shape, np.array([0.0, max_inverse_m]))
+    if per_inverse * max_inverse_m < LEAST_W:
+        raise Refused(
+            f"the rig's shifts reach {per_inverse * max_inverse_m:.2f} pixels at the least distance: no depth shows",
+            "set the rig in motion along the picture, or come nearer",
+        )
+    R = int(np.ceil(np.abs(curves).max() * 1.05)) + 3
+    check_extent(R, shape)
+    grid = _grid(curves)
+    levels = np.arange(int(np.ceil(per_inverse * max_inverse_m / LEVEL_PX)) + 2) * LEVEL_PX
+    rows, columns = positions(grid, shape, R)
+
+    def stack(poses: Poses, row: float, column: float) -> MaskStack:
+        x, y = ((at - (size - 1) / 2) / focal_px for at, size in ((column, shape[1]), (row, shape[0])))
+        paths = drawn(poses, x, y, np.asarray(levels / per_inverse, np.float64)) * focal_px
+        return MaskStack(np.stack([path_mask(path, R) for path in paths]), LEVEL_PX)
+
+    return MotionBlur(
+        tuple(MaskField(tuple(tuple(stack(p, y, x) for x in columns) for y in rows)) for p in exposures), per_inverse
+    )
+
+
+def px_per_inverse_m(exposures: Sequence[Poses], focal_px: float, shape: tuple[int, int]) -> float:
+    """Pixels that shifts move a point of the scene at most, for each 1/m of inverse depth. Raises Refused if none."""
+    curves = _over_frame(exposures, focal_px, shape, np.array([0.0, 1.0]))
+    found = float(np.abs(curves[..., 1, :, :] - curves[..., 0, :, :]).max())
+    if found < LEAST_PATH_M * focal_px:
+        raise Refused("the rig must move along the picture during the exposures", "set it in motion, then expose")
+    return found
+
+
+def _over_frame(exposures: Sequence[Poses], focal_px: float, shape: tuple[int, int], inverse_m: Array) -> Array:
+    """Curves at 3 x 3 places from corner to corner, pixels: (photographs, 3, 3, inverse depths, n, 2)."""
+    rows, columns = positions((3, 3), shape, 0)
+    y, x = (rows - (shape[0] - 1) / 2) / focal_px, (columns - (shape[1] - 1) / 2) / focal_px
+    return np.array([[[drawn(p, b, a, inverse_m) for b in x] for a in y] for p in exposures]) * focal_px
+
+
+def _grid(curves: Array) -> tuple[int, int]:
+    """Nodes so dense that the curves change little from one to the next."""
+
+    def nodes(along: Array) -> int:
+        change = sum(float(np.hypot(*np.moveaxis(b - a, -1, 0)).max()) for a, b in pairwise(along))
+        return 1 if change < EVEN_PX else min(int(np.ceil(change / NODE_PX)) + 1, MOST_NODES)
+
+    return nodes(np.moveaxis(curves, 1, 0)), nodes(np.moveaxis(curves, 2, 0))

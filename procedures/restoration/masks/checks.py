@@ -1,0 +1,153 @@
+"""What photographs and blur must be for a restoration to mean anything; each refusal says why and what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import cv2
+import numpy as np
+from scipy.ndimage import gaussian_filter
+
+from procedures.outcome import BadInput, BadParameter, Refused
+from procedures.restoration.masks.blur_operator import Array
+from procedures.restoration.masks.mask_fields import Masks, alike
+
+SATURATED = 0.99
+MOST_SATURATED = 0.2
+LARGEST_W = 40.0
+
+
+def check_photographs(photographs: list[Array]) -> Array:
+    """The photographs as one array (P, C, H, W).
+
+    Raises
+    ------
+    BadInput
+        If there are fewer than two, their sizes differ, two are identical, or they are not finite numbers.
+    """
+    if len(photographs) < 2:
+        raise BadInput(f"restoration needs two photographs or more, got {len(photographs)}", "take another photograph")
+    shapes = [p.shape for p in photographs]
+    if len(set(shapes)) > 1:
+        sizes = ", ".join(f"{s[-1]} x {s[-2]}" for s in shapes)
+        raise BadInput(f"photographs differ in size: {sizes}", "give photographs of one camera, cropped alike")
+    if not all(np.isfinite(p).all() for p in photographs):
+        raise BadInput("a photograph contains values that are not numbers", "export it again")
+    for a, b in combinations(range(len(photographs)), 2):
+        if np.array_equal(photographs[a], photographs[b]):
+            raise BadInput(
+                f"photographs {a + 1} and {b + 1} are identical", "give two exposures with different motion or aperture"
+            )
+    return np.stack(photographs)
+
+
+def check_blurs(stacks: Sequence[Masks], shape: tuple[int, int]) -> None:
+    """Refuse blurs that cannot tell depths apart, or masks that leave nothing of the photograph.
+
+    Raises
+    ------
+    BadParameter
+        If all photographs have the same masks, fields of them are on different grids, or they are too large for the
+        photographs.
+    """
+    if alike(stacks):
+        raise BadParameter(
+            "ratio 1 with equal shapes blurs all photographs alike, which tells nothing of depth",
+            "give the ratio of the apertures, or the shape of each motion",
+        )
+    check_extent(stacks[0].R, shape)
+
+
+def check_extent(R: int, shape: tuple[int, int]) -> None:
+    """Refuse masks that leave nothing of the photograph, before they are made.
+
+    Raises
+    ------
+    BadParameter
+        If masks of half-size R are wider than half of the photograph.
+    """
+    if min(shape) < 4 * R + 1:
+        raise BadParameter(
+            f"masks of half-size {R} pixels are too large for photographs of {shape[1]} x {shape[0]}",
+            "lower --max-w, or give larger photographs",
+        )
+
+
+def trust_of(z: Array) -> Array:
+    """Weights (P, 1, H, W) of the photographs' samples: 0 where any channel is saturated.
+
+    Raises
+    ------
+    Refused
+        If more than a fifth of a photograph is.
+    """
+    saturated = (z >= SATURATED).any(axis=1, keepdims=True)
+    worst = float(saturated.mean(axis=(1, 2, 3)).max())
+    if worst > MOST_SATURATED:
+        raise Refused(f"{worst:.0%} of a photograph is saturated; at most {MOST_SATURATED:.0%} may be", "expose less")
+    return np.asarray(~saturated, dtype=z.dtype)
+
+
+def check_texture(z: Array, sigma: float) -> None:
+    """Refuse photographs without texture: nothing there depends on blur.
+
+    Raises
+    ------
+    Refused
+        If what varies within a few pixels is no more than noise.
+    """
+    smooth = gaussian_filter(z, (0, 0, 1, 1))
+    texture = float((smooth - gaussian_filter(z, (0, 0, 5, 5))).std())
+    # a Gaussian of sigma 1 leaves 0.28 of white noise
+    if texture < max(0.4 * sigma, 5e-4):
+        raise Refused(
+            f"the photographs show no texture: {texture:.2g} of white where noise is {sigma:.2g}",
+            "put structure into the scene, or light it from the side",
+        )
+
+
+def check_registered(z: Array, R: int) -> None:
+    """Refuse photographs shifted against each other by more than the masks can hold.
+
+    Raises
+    ------
+    Refused
+        If phase correlation finds a clear shift larger than the masks.
+    """
+    grey = z.mean(axis=1)
+    soft = [np.ascontiguousarray(gaussian_filter(g, max(1.0, R / 3)), dtype=np.float64) for g in grey]
+    window = cv2.createHanningWindow(soft[0].shape[::-1], cv2.CV_64F)
+    for n, other in enumerate(soft[1:], start=2):
+        (dx, dy), response = cv2.phaseCorrelate(soft[0] - soft[0].mean(), other - other.mean(), window)
+        if response > 0.05 and np.hypot(dx, dy) > 2 * R:
+            check_shift(n, dx, dy, R)
+
+
+def check_shift(n: int, dx: float, dy: float, R: int) -> None:
+    """Refuse a shift of photograph `n` that is larger than masks of half-size R.
+
+    Raises
+    ------
+    Refused
+        If it is.
+    """
+    if max(abs(dx), abs(dy)) > R:
+        raise Refused(
+            f"photograph {n} is shifted by ({round(dx)}, {round(dy)}) pixels, more than the masks' {R}",
+            "register the photographs first, or raise --max-w",
+        )
+
+
+def check_max_w(max_w: float) -> None:
+    """Refuse ranges of w that no photograph of this station needs.
+
+    Raises
+    ------
+    BadParameter
+        If not within (0.5, 40] pixels.
+    """
+    if not 0.5 < max_w <= LARGEST_W:
+        raise BadParameter(
+            f"max w must be between 0.5 and {LARGEST_W:g} pixels, got {max_w:g}", "give the blur's half-width"
+        )

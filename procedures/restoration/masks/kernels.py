@@ -1,0 +1,209 @@
+"""The two inner loops of space-variant blur: spread coefficients over masks, gather masks from errors.
+
+Each takes two neighbouring masks per pixel, which serves the interpolated mask, its adjoint and its derivative alike,
+and takes two pixels at a time, one below the other: a row of the photograph is then loaded and stored once for four
+rows of masks. No pixel allocates, mask rows are whole vectors, and bands of rows are independent of each other.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from procedures.restoration.masks.simd_vectors import LANES, entry, filled, load, multiply_add, store, total
+
+Array = NDArray[np.floating[Any]]
+
+
+class Pairs(NamedTuple):
+    """Every mask beside the next one, cut to what they cover, as the loops read them.
+
+    values : flat; pair k begins at start[k] and has width[k] + 2 rows of width[k] entries of mask k, then as many of
+    mask k + 1, the masks' middle at row width / 2 + 1, column width / 2. width : multiples of the vectors' length;
+    first, last : rows about the middle outside which both masks are zero.
+    """
+
+    values: Array
+    start: NDArray[np.int64]
+    width: NDArray[np.int64]
+    first: NDArray[np.int64]
+    last: NDArray[np.int64]
+
+
+def pairs_of(masks: Array, dtype: type[np.floating[Any]]) -> Pairs:
+    """Pairs of masks (L, 2R + 1, 2R + 1)."""
+    R = masks.shape[1] // 2
+    held = (masks[1:] != 0) | (masks[:-1] != 0)
+    (top, bottom), (left, right) = _extent(held.any(axis=2), R), _extent(held.any(axis=1), R)
+    reach = np.max([-top, bottom, -left, right], axis=0)
+    width = -(-(2 * reach + 1) // LANES) * LANES
+    size = 2 * width * (width + 2)
+    start = np.cumsum(size) - size
+    values = _aligned(int(size.sum()), dtype)
+    for k, (at, n, r) in enumerate(zip(start, width, reach, strict=True)):
+        block = values[at : at + 2 * n * (n + 2)].reshape(n + 2, 2, n)
+        middle, around = slice(n // 2 - r, n // 2 + r + 1), slice(R - r, R + r + 1)
+        block[n // 2 + 1 - r : n // 2 + r + 2, :, middle] = masks[k : k + 2, around, around].transpose(1, 0, 2)
+    return Pairs(values, start, width, top, bottom)
+
+
+def _aligned(size: int, dtype: type[np.floating[Any]]) -> Array:
+    """Zeros that begin where vectors do: a load across two cache lines costs twice."""
+    line = 64
+    raw = np.zeros(size * np.dtype(dtype).itemsize + line, np.uint8)
+    begin = -raw.ctypes.data % line
+    return raw[begin : begin + size * np.dtype(dtype).itemsize].view(dtype)
+
+
+def _extent(held: NDArray[np.bool_], R: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First and last that is held along each row (L, 2R + 1), counted from the middle; 0 where none is."""
+    any_held = held.any(axis=1)
+    first, last = held.argmax(axis=1) - R, R - held[:, ::-1].argmax(axis=1)
+    return np.where(any_held, first, 0), np.where(any_held, last, 0)
+
+
+@numba.njit(fastmath=True, cache=True, nogil=True)
+def spread(
+    x: Array, u: Array, dw: Array, rate: Any, level: NDArray[np.int32], f: Array, pairs: Pairs, drawn: Array,
+    out: Array, top: int, bottom: int,
+) -> None:  # fmt: skip
+    """The photograph `out` (H, W) of x and of u's change with w: x * h + rate u dw * (mask[level + 1] - mask[level]).
+
+    h = (1 - f) mask[level] + f mask[level + 1]. x, u, dw, level, f : (H + 2R, W + 2R), pixels of negative level take no
+    part; drawn : flat, (H, W + 2R + the widest pair's width), to work in; top, bottom : the rows of `out` to draw.
+    """
+    values, start, width, firsts, lasts = pairs
+    rows, columns = level.shape
+    R = (rows - out.shape[0]) // 2
+    stride = drawn.size // out.shape[0]
+    margin = (stride - columns) // 2
+    zero = x.dtype.type(0)
+    xs, us, dws, fs, levels = x.ravel(), u.ravel(), dw.ravel(), f.ravel(), level.ravel()
+    drawn[top * stride : bottom * stride] = 0
+    for i in range(top, bottom + 2 * R, 2):
+        below = min(i + 1, rows - 1)
+        for j in range(columns):
+            one_at, two_at = i * columns + j, below * columns + j
+            k = int(entry(levels, one_at))
+            m = int(entry(levels, two_at)) if i < below else -1
+            p, q, s, t = zero, zero, zero, zero
+            if k >= 0:
+                p, q = _shares(xs, fs, us, dws, rate, one_at)
+            if m >= 0:
+                s, t = _shares(xs, fs, us, dws, rate, two_at)
+            k, m = k if k >= 0 else m, m if m >= 0 else k
+            if k < 0:
+                continue
+            # pairs of different widths are not laid out alike: each is drawn together with itself times zero
+            apart = entry(width, k) != entry(width, m)
+            one, two, p0, q0, p1, q1 = (k, k, p, q, zero, zero) if apart else (k, m, p, q, s, t)
+            while True:
+                w = entry(width, one)
+                first = max(top - i + R, min(entry(firsts, one), 1 + entry(firsts, two)))
+                last = min(bottom - 1 - i + R, max(entry(lasts, one), 1 + entry(lasts, two)))
+                row = first + w // 2
+                at = (i - R + first) * stride + margin + j - w // 2
+                upper, lower = entry(start, one) + 2 * w * (row + 1), entry(start, two) + 2 * w * row
+                _draw(drawn, at, stride, last - first + 1, values, upper, lower, w, p0, q0, p1, q1)
+                if not apart:
+                    break
+                one, two, p0, q0, p1, q1, apart = m, m, zero, zero, s, t, False
+    for i in range(top, bottom):
+        for j in range(out.shape[1]):
+            out[i, j] = drawn[i * stride + margin + R + j]
+
+
+@numba.njit(inline="always")
+def _shares(x: Array, f: Array, u: Array, dw: Array, rate: Any, at: int) -> tuple[Any, Any]:
+    """What a pixel spreads over its lower and its upper mask."""
+    upper = entry(x, at) * entry(f, at) + rate * entry(u, at) * entry(dw, at)
+    return entry(x, at) - upper, upper
+
+
+@numba.njit(inline="always")
+def _draw(
+    out: Array, at: int, stride: int, rows: int, values: Array, above: int, below: int, width: int,
+    p: Any, q: Any, s: Any, t: Any,
+) -> None:  # fmt: skip
+    """Add p, q times the pair of masks from `above` on and s, t times that from `below` on to `rows` rows of `out`."""
+    lp, lq, ls, lt = filled(p), filled(q), filled(s), filled(t)
+    for column in range(0, width, LANES):
+        here, one, two = at + column, above + column, below + column
+        for _ in range(rows):
+            lanes = load(out, here)
+            lanes = multiply_add(lp, load(values, one), lanes)
+            lanes = multiply_add(lq, load(values, one + width), lanes)
+            lanes = multiply_add(ls, load(values, two), lanes)
+            lanes = multiply_add(lt, load(values, two + width), lanes)
+            store(lanes, out, here)
+            here += stride
+            one += 2 * width
+            two += 2 * width
+
+
+@numba.njit(fastmath=True, cache=True, nogil=True)
+def gather(
+    e: Array, level: NDArray[np.int32], f: Array, pairs: Pairs, u: Array, rate: Any, dx: Array, dw: Array,
+    top: int, bottom: int,
+) -> None:  # fmt: skip
+    """Add the adjoint of `spread` to dx and dw: products of the errors around each pixel with its masks.
+
+    e : (H + 4R + 1, W + 2R + the widest pair's width), zero outside the photograph, which begins 2R rows down and R
+    columns and half that width across; the others : (H + 2R, W + 2R), of which rows top to bottom are visited.
+    """
+    values, start, width, firsts, lasts = pairs
+    rows, columns = level.shape
+    stride = e.shape[1]
+    margin = (stride - columns) // 2
+    R = (e.shape[0] - 1 - rows) // 2
+    errors, levels = e.ravel(), level.ravel()
+    for i in range(top, bottom, 2):
+        below = min(i + 1, bottom - 1)
+        for j in range(columns):
+            k = int(entry(levels, i * columns + j))
+            m = int(entry(levels, below * columns + j)) if i < below else -1
+            one, two = k if k >= 0 else m, m if m >= 0 else k
+            if one < 0:
+                continue
+            apart = entry(width, one) != entry(width, two)
+            if apart:
+                two = one
+            while True:
+                w = entry(width, one)
+                first = min(entry(firsts, one), 1 + entry(firsts, two))
+                last = max(entry(lasts, one), 1 + entry(lasts, two))
+                row = first + w // 2
+                at = (i + R + first) * stride + margin + j - w // 2
+                upper, lower = entry(start, one) + 2 * w * (row + 1), entry(start, two) + 2 * w * row
+                p, q, s, t = _see(errors, at, stride, last - first + 1, values, upper, lower, w)
+                if one == k:
+                    dx[i, j] += p + f[i, j] * (q - p)
+                    dw[i, j] += rate * u[i, j] * (q - p)
+                if two == m:
+                    dx[below, j] += s + f[below, j] * (t - s)
+                    dw[below, j] += rate * u[below, j] * (t - s)
+                if not apart:
+                    break
+                one, two, apart = m, m, False
+
+
+@numba.njit(inline="always")
+def _see(e: Array, at: int, stride: int, rows: int, values: Array, above: int, below: int, width: int) -> Any:
+    """Products of `rows` rows of a flat `e`, from `at` on, with two pairs of masks, from `above` and `below` on."""
+    lp = filled(e.dtype.type(0))
+    lq, ls, lt = lp, lp, lp
+    for column in range(0, width, LANES):
+        here, one, two = at + column, above + column, below + column
+        for _ in range(rows):
+            lanes = load(e, here)
+            lp = multiply_add(lanes, load(values, one), lp)
+            lq = multiply_add(lanes, load(values, one + width), lq)
+            ls = multiply_add(lanes, load(values, two), ls)
+            lt = multiply_add(lanes, load(values, two + width), lt)
+            here += stride
+            one += 2 * width
+            two += 2 * width
+    return total(lp), total(lq), total(ls), total(lt)

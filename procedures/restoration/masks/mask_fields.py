@@ -1,0 +1,185 @@
+"""Masks that vary over the frame as well as with depth: stacks on a grid of positions, blended bilinearly (6.7).
+
+Everything that takes the masks of a photograph takes one stack or a field of them; one stack is a grid of one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import wraps
+from typing import Any, Concatenate, ParamSpec
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procedures.outcome import BadParameter
+from procedures.restoration.masks.blur_operator import Array, Blur, FieldBlur, MaskStack, hats
+
+P = ParamSpec("P")
+# pixels beyond a tile that windows of matching see, besides what both masks reach
+WINDOW = 10
+
+
+@dataclass(frozen=True)
+class MaskField:
+    """The masks of one photograph.
+
+    stacks : rows of columns of MaskStack, at equal distances over the frame extended by R, its corners included (see
+    `positions`); an axis with one node does not vary.
+
+    Raises
+    ------
+    BadParameter
+        If there are none, rows differ in length, or the stacks in half-size, step or number of levels.
+    """
+
+    stacks: tuple[tuple[MaskStack, ...], ...]
+
+    def __post_init__(self) -> None:
+        if not self.stacks or not self.stacks[0] or len({len(row) for row in self.stacks}) > 1:
+            raise BadParameter("a field of masks is a grid: rows of equal length", "give one stack for each node")
+        if len({(one.masks.shape, one.step) for one in self.nodes}) > 1:
+            raise BadParameter("masks of a field must agree in size, step and levels", "make them with one R and max w")
+
+    @staticmethod
+    def of(masks: Masks) -> MaskField:
+        """One stack as a grid of one; a field as it is."""
+        return masks if isinstance(masks, MaskField) else MaskField(((masks,),))
+
+    @property
+    def nodes(self) -> list[MaskStack]:
+        """All stacks, row by row."""
+        return [one for row in self.stacks for one in row]
+
+    @property
+    def grid(self) -> tuple[int, int]:
+        """Rows and columns of nodes."""
+        return len(self.stacks), len(self.stacks[0])
+
+    @property
+    def middle(self) -> MaskStack:
+        """The stack nearest to the middle of the frame."""
+        return self.stacks[len(self.stacks) // 2][len(self.stacks[0]) // 2]
+
+    @property
+    def R(self) -> int:
+        """Half-size of the masks, pixels."""
+        return self.middle.R
+
+    @property
+    def step(self) -> float:
+        """Pixels of w between levels."""
+        return self.middle.step
+
+    @property
+    def max_w(self) -> float:
+        """Largest w that can be interpolated, pixels."""
+        return self.middle.max_w
+
+    def supports(self) -> NDArray[np.int32]:
+        """Half-size of the square outside which the masks of each level are zero everywhere in the frame."""
+        return np.asarray(np.max([one.supports() for one in self.nodes], axis=0), dtype=np.int32)
+
+    def at(self, w: float) -> Array:
+        """The mask of one w in the middle of the frame: what stands for all places in figures of the whole."""
+        return self.middle.at(w)
+
+    def near(self, row: float, column: float) -> MaskStack:
+        """The stack nearest to a place of the frame, told in parts of its height and width."""
+        i, j = (round(part * (n - 1)) for part, n in zip((row, column), self.grid, strict=True))
+        return self.stacks[i][j]
+
+    def spread(self, grid: tuple[int, int]) -> MaskField:
+        """The same on a larger grid, where it does not vary.
+
+        Raises
+        ------
+        BadParameter
+            If it varies over another grid.
+        """
+        if self.grid == grid:
+            return self
+        if self.grid != (1, 1):
+            raise BadParameter(
+                f"grids of masks differ: {self.grid[0]} x {self.grid[1]} and {grid[0]} x {grid[1]}", "use one grid"
+            )
+        return MaskField(((self.middle,) * grid[1],) * grid[0])
+
+    def blur(self, shape: tuple[int, int], dtype: type[np.floating[Any]]) -> Blur | FieldBlur:
+        """The operator on photographs (H, W) of that shape."""
+        if self.grid == (1, 1):
+            return Blur(self.middle, shape, dtype)
+        return FieldBlur([list(row) for row in self.stacks], shape, dtype)
+
+
+Masks = MaskStack | MaskField
+
+
+def positions(grid: tuple[int, int], shape: tuple[int, int], R: int) -> tuple[Array, Array]:
+    """Rows y and columns x of a grid's nodes in pixels of the photograph; one node lies in the middle."""
+    y, x = (
+        np.linspace(-R, size - 1 + R, n) if n > 1 else np.array([(size - 1) / 2])
+        for n, size in zip(grid, shape, strict=True)
+    )
+    return y, x
+
+
+def one_grid(masks: Sequence[Masks]) -> list[MaskField]:
+    """The masks of several photographs on one grid. Raises BadParameter if two of them vary over different ones."""
+    fields = [MaskField.of(one) for one in masks]
+    grid = max((one.grid for one in fields), key=lambda one: one[0] * one[1])
+    return [one.spread(grid) for one in fields]
+
+
+def alike(masks: Sequence[Masks]) -> bool:
+    """Whether all photographs have the same masks everywhere."""
+    first, *others = one_grid(masks)
+    return all(
+        a is b or (a.masks.shape == b.masks.shape and np.allclose(a.masks, b.masks, atol=1e-9))
+        for other in others
+        for a, b in zip(first.nodes, other.nodes, strict=True)
+    )
+
+
+def over_frame(
+    of: Callable[Concatenate[Array, Sequence[MaskStack], P], Array],
+) -> Callable[Concatenate[Array, Sequence[Masks], P], Array]:
+    """A computation with masks that are the same everywhere, made to take masks that vary over the frame.
+
+    of : (z (..., H, W), a stack for each photograph, ...) -> (H, W, ...), local: it is done with the masks of each node
+    on the node's surroundings, and what is found is blended as the masks are.
+    """
+
+    @wraps(of)
+    def blended(z: Array, masks: Sequence[Masks], /, *args: P.args, **kwargs: P.kwargs) -> Array:
+        fields = one_grid(masks)
+        rows, columns = fields[0].grid
+        if rows == columns == 1:
+            return of(z, [one.middle for one in fields], *args, **kwargs)
+        total: Array | None = None
+        R, shape = fields[0].R, z.shape[-2:]
+        down, across = (hats(n, size + 2 * R)[:, R:-R] for n, size in zip((rows, columns), shape, strict=True))
+        for i, j in np.ndindex(rows, columns):
+            (y, ys), (x, xs) = _tile(down[i], 2 * R + WINDOW), _tile(across[j], 2 * R + WINDOW)
+            if y.stop <= y.start or x.stop <= x.start:
+                continue
+            found = of(z[..., ys, xs], [one.stacks[i][j] for one in fields], *args, **kwargs)
+            found = found[y.start - ys.start : y.stop - ys.start, x.start - xs.start : x.stop - xs.start]
+            weight = np.outer(down[i, y], across[j, x]).astype(found.dtype)
+            if total is None:
+                total = np.zeros((*shape, *found.shape[2:]), found.dtype)
+            total[y, x] += weight.reshape(*weight.shape, *(1,) * (found.ndim - 2)) * found
+        assert total is not None
+        return total
+
+    return blended
+
+
+def _tile(hat: Array, margin: int) -> tuple[slice, slice]:
+    """Where a node counts along one axis, and that with a margin, both within the frame."""
+    inside = np.flatnonzero(hat > 0)
+    if not inside.size:
+        return slice(0, 0), slice(0, 0)
+    start, stop = int(inside[0]), int(inside[-1]) + 1
+    return slice(start, stop), slice(max(0, start - margin), min(len(hat), stop + margin))

@@ -1,0 +1,114 @@
+"""Measured point spread functions as shapes of blur: one of this station, or a field of them over the frame (4.4).
+
+A PSF measured at one defocus is taken for the shape at every other, stretched (4.12, 4.20): right where defocus is
+larger than what does not grow with it, diffraction and the photosite. w is the half-width of the measured PSF's support
+there where it was measured, so at that w the masks are the measured PSF itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from procedures.outcome import BadInput
+from procedures.psf_field import PsfField
+from procedures.restoration.masks.blur_models import mask_stack
+from procedures.restoration.masks.mask_fields import MaskField, positions
+from procedures.restoration.unknown_motion.blind import as_shape
+
+Array = NDArray[np.float64]
+
+GRID = (5, 7)
+"""Nodes over the frame at which a field is asked: three by four brought half as much, with a lens that vignettes."""
+SHARE = 0.99
+"""Of the light inside the samples that lies in a shape's support."""
+
+
+@dataclass(frozen=True)
+class MeasuredShape:
+    """Shapes on [-1, 1] over the frame, rows of columns, and the half-width in pixels of the PSFs that they are of.
+
+    cut : the largest part of a PSF's light that was negative, and set to zero together with as much positive noise.
+    energy_outside_support : the largest share of a PSF's light that lies outside its samples, and in no shape; None
+        where that is not known.
+    """
+
+    shapes: tuple[tuple[Array, ...], ...]
+    half_width_px: float
+    cut: float
+    energy_outside_support: float | None = None
+
+    def masks(self, max_w: float, R: int, ratio: float = 1.0) -> MaskField:
+        """The masks of a photograph, w up to `max_w`."""
+        return MaskField(
+            tuple(tuple(mask_stack(shape, max_w, ratio=ratio, R=R) for shape in row) for row in self.shapes)
+        )
+
+
+def measured_shape(h: Array, samples_per_px: float) -> MeasuredShape:
+    """A PSF (k, k) as a shape. Raises BadInput if it is no odd square of numbers with light in it."""
+    return _shapes([[h]], samples_per_px)
+
+
+def measured_field(field: PsfField, shape: tuple[int, int], grid: tuple[int, int] = GRID) -> MeasuredShape:
+    """The PSFs of a field over a photograph (H, W) of its plane as shapes, of one half-width: of their supports.
+
+    Beyond the field's nodes it is that of the nearest place among them.
+
+    Raises
+    ------
+    BadInput
+        If the photograph is not of the size of the field's plane.
+    """
+    if tuple(field.shape) != shape:
+        raise BadInput(
+            f"the field is of a plane of {field.shape[1]} x {field.shape[0]}, photographs are {shape[1]} x {shape[0]}",
+            "give whole photographs, and the field of this camera's plane",
+        )
+    rows, columns = positions(grid, shape, 0)
+    places = np.array([[x, y] for y in rows for x in columns])
+    found = field.samples(places).reshape(*grid, field.k, field.k)
+    outside = float(field.energy_outside(places).max()) if field.q else None
+    return replace(_shapes([list(row) for row in found], field.s), energy_outside_support=outside)
+
+
+def _shapes(psfs: Sequence[Sequence[Array]], samples_per_px: float) -> MeasuredShape:
+    for h in (h for row in psfs for h in row):
+        _check(h, samples_per_px)
+    clean = [[without_noise(h) for h in row] for row in psfs]
+    half = max(_support(h) for row in clean for h in row) + 0.5
+    cut = max(float(-np.minimum(h, 0).sum() / h.sum()) for row in psfs for h in row)
+    shapes = tuple(tuple(np.asarray(as_shape(h, half), np.float64) for h in row) for row in clean)
+    return MeasuredShape(shapes, half / samples_per_px, cut)
+
+
+def _check(h: Array, samples_per_px: float) -> None:
+    k = h.shape[0]
+    if h.shape != (k, k) or k < 3 or k % 2 == 0 or not np.isfinite(h).all():
+        raise BadInput(
+            f"a measured PSF is an odd square of numbers, got {' x '.join(map(str, h.shape))}",
+            "give one of this station's",
+        )
+    if h.sum() <= 0 or not samples_per_px > 0:
+        raise BadInput(
+            f"a measured PSF has light and samples per pixel, got a sum of {h.sum():.3g} and {samples_per_px:g}",
+            "give the samples per pixel at which it was solved",
+        )
+
+
+def without_noise(h: Array) -> Array:
+    """The samples that rise above zero by more than the least falls below it: light is not negative, noise is."""
+    noise = max(float(-h.min()), 0.0)
+    kept = np.where(h > noise, h, 0.0)
+    return kept if kept.any() else np.maximum(h, 0.0)
+
+
+def _support(h: Array) -> int:
+    """Samples from the centre to the side of the square that holds the light."""
+    k = len(h) // 2
+    distance = np.abs(np.arange(-k, k + 1))
+    light = np.bincount(np.maximum(distance[:, None], distance[None, :]).ravel(), h.ravel())
+    return int(np.searchsorted(np.cumsum(light), SHARE * light.sum()))

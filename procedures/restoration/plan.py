@@ -1,0 +1,295 @@
+"""The plan of a restoration: one scene photographed twice, by two apertures or during two motions of the rig."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from procedures.advice import exposure_advice
+from procedures.clipping import NOMINAL
+from procedures.outcome import BadInput, BadParameter, Outcome, Refused, Verdict
+from procedures.plan import (
+    Advice,
+    Ask,
+    Decide,
+    Estimate,
+    Facts,
+    Look,
+    Plan,
+    Reading,
+    SetLight,
+    Shoot,
+    Step,
+)
+from procedures.raw import Plane, RawFrame
+from procedures.restoration.joint.estimate import RestorationParameters, Unit, restore, told_in
+from procedures.restoration.joint.kernel_sizes import reach_of_masks, stacks_of
+from procedures.restoration.joint.schedule import Scheme
+from procedures.restoration.masks.blur_models import pillbox
+from procedures.restoration.masks.camera_motion import Poses, motion_blur, planar_stacks, poses_of, px_per_inverse_m
+from procedures.restoration.masks.checks import check_extent, check_max_w
+from procedures.restoration.masks.mask_fields import Masks
+from procedures.restoration.unknown_motion.blind import prototype_shapes
+from procedures.restoration.unknown_motion.path_refinement import MotionShapes, motion_of_scene
+
+Array = npt.NDArray[np.float64]
+Outcomes = Mapping[str, Outcome[Any]]
+
+PICTURE = "picture"
+"""The one outcome's name."""
+APERTURES, MOTIONS = "apertures", "motions"
+LEAST_RATIO = 1.15
+"""Of the two f-numbers: nearer ones blur too much alike."""
+MAX_W = 8.0
+"""Half-width of the widest blur to expect, in pixels of the plane."""
+SAME_LIGHT = 0.1
+TEXTURE = 5.0
+"""Contrast of the scene's detail over the noise, at least."""
+DETAIL_PX = 8.0
+CANDIDATES = 4
+"""Parts of the picture that are tried as the one of a single depth, where none was marked."""
+
+
+def plan() -> Plan:
+    """The guided restoration of picture and depth."""
+    return Plan(
+        "restoration",
+        "Sharp picture and depth from two photographs",
+        (
+            Step("scene", "Scene", "Set up the scene, the rig and the light.", SCENE),
+            Step("first", "First", "Take the first photograph.", shots("first", FIRST)),
+            Step("second", "Second", "Take the second: another aperture or motion.", shots("second", SECOND)),
+            Step("estimate", "Restore", "Restore picture and depth from both.", (Estimate(estimate),)),
+            Step("verdict", "Verdict", "Accept the result, or take both again.", (Decide("first"),)),
+        ),
+        subject="depth",
+    )  # fmt: skip
+
+
+SCENE = (
+    Ask("blur_by", "What will blur the two photographs?", "choice", default=APERTURES, choices=(APERTURES, MOTIONS)),
+    Ask("scene", "Set up a scene that stands still, detailed everywhere. Fix the camera to its rig, the IMU y up."),
+    SetLight(lambda facts: 1.0),
+    Ask("focused", "Focus nearer than anything in the scene, then switch autofocus off."),
+    Ask("max_w", "How far does the widest blur reach?", "number", "pixels", MAX_W, low=1.0, high=40.0),
+    Ask("first_f_number", "Which f-number has the first photograph?", "number", "", 8.0, low=0.5, high=64.0),
+    Ask("second_f_number", "And the second one?", "number", "", 4.0, low=0.5, high=64.0),
+    Ask("pixel_pitch_um", "How far apart are the pixels? 0: the rig does not turn.", "number", "µm", 0.0, low=0.0),
+    Ask("region", "Where is a flat part of one distance? x,y,width,height in pixels, or auto.", "text", default="auto"),
+)  # fmt: skip
+FIRST = Ask("first", "Set the first aperture; or make the rig ready for its first motion.")
+MOVES = Ask("first_moves", "Set the rig in its first motion, if that is what blurs; otherwise touch nothing.")
+SECOND = Ask("second", "Set the second aperture and as much more or less time; or set the rig in its second motion.")
+
+# --- checks ------------------------------------------------------------------------------------------------------
+
+
+def shown(frame: RawFrame) -> Plane:
+    """The plane that is restored."""
+    return frame.planes.get("G1") or next(iter(frame.planes.values()))
+
+
+def check_first(frame: RawFrame, facts: Facts) -> Advice:
+    """Well exposed, with detail that blur can be told from."""
+    plane = shown(frame)
+    level, clipped = float(np.percentile(plane.samples, 99.5)), float(np.mean(plane.samples >= NOMINAL))
+    advice = exposure_advice(level, clipped, frame.exposure, "The brightest")
+    told = Reading("detail", detail(plane), "× noise", TEXTURE, None)
+    readings = (*advice.readings, told)
+    if advice.good and not told.good:
+        say = f"The scene's detail is only {told.value:.1f} times the noise: add things with texture, or more light."
+        return Advice(False, say, readings, by_hand={"texture": 1.0})
+    return replace(advice, readings=readings, facts={**advice.facts, **noted("first", frame)})
+
+
+def check_second(frame: RawFrame, facts: Facts) -> Advice:
+    """As bright as the first; another aperture, where that is what blurs."""
+    level = float(np.mean(shown(frame).samples))
+    change = level / float(facts.get("first_level", level)) - 1
+    light = Reading("light", 100 * change, "%", -100 * SAME_LIGHT, 100 * SAME_LIGHT)
+    ratio = aperture_ratio({**facts, **noted("second", frame)})
+    readings = (light, *((Reading("apertures", ratio, "", LEAST_RATIO, None),) if ratio else ()))
+    if facts.get("blur_by", APERTURES) == APERTURES and ratio and ratio < LEAST_RATIO:
+        say = f"The apertures differ by a factor of {ratio:.2f}: make it {LEAST_RATIO:g} or more."
+        return Advice(False, say, readings, by_hand={"aperture": LEAST_RATIO / ratio})
+    if not light.good:
+        word = "brighter" if change > 0 else "darker"
+        say = f"It is {abs(change):.0%} {word} than the first: correct the exposure time by as much."
+        return Advice(False, say, readings, by_hand={"exposure_ev": -float(np.log2(1 + change))})
+    return Advice(True, "It is as bright as the first.", readings, facts=noted("second", frame))
+
+
+CHECKS = {"first": check_first, "second": check_second}
+
+
+def detail(plane: Plane) -> float:
+    """Contrast of what varies within a few pixels, over the noise of neighbouring pixels."""
+    samples = plane.samples
+    rough = samples[:, 2:] - 2 * samples[:, 1:-1] + samples[:, :-2]
+    noise = max(1.4826 * float(np.median(np.abs(rough))) / 6**0.5, plane.quantisation / 12**0.5)
+    return float((samples - cv2.GaussianBlur(samples, (0, 0), DETAIL_PX)).std()) / noise
+
+
+def noted(which: str, frame: RawFrame) -> dict[str, float]:
+    """Level and aperture of a photograph, as facts."""
+    facts = {f"{which}_level": float(np.mean(shown(frame).samples))}
+    if frame.exposure.f_number:
+        facts[f"{which}_f_number"] = float(frame.exposure.f_number)
+    return facts
+
+
+def aperture_ratio(facts: Facts) -> float:
+    """The larger f-number over the smaller; 0 where the camera does not tell."""
+    if not {"first_f_number", "second_f_number"} <= set(facts):
+        return 0.0
+    ratio = float(facts["first_f_number"]) / float(facts["second_f_number"])
+    return max(ratio, 1 / ratio)
+
+
+def shots(which: str, ask: Ask) -> tuple[Any, ...]:
+    """One photograph that counts; the IMU is recorded meanwhile."""
+
+    def estimate_one(frame: RawFrame, facts: Facts) -> Outcomes:
+        return {PICTURE: Outcome(float(np.mean(shown(frame).samples)))}
+
+    def enough(results: Sequence[Outcomes], facts: Facts) -> Advice:
+        return Advice(bool(results), f"The {which} photograph is taken.")
+
+    # the light is judged while the rig is still
+    look = (Look("light", check_first), MOVES) if which == "first" else ()
+    return (ask, *look, Shoot(which, CHECKS[which], estimate_one, enough, most=8, record_motion=True))
+
+
+# --- estimate ----------------------------------------------------------------------------------------------------
+
+
+def estimate(frames: Sequence[RawFrame], facts: Facts) -> Outcomes:
+    """The sharp picture and w of every pixel, from the first and the last photograph that count."""
+    if len(frames) < 2:
+        raise BadInput(f"restoration needs two photographs; {len(frames)} count", "take both again")
+    first, last = frames[0], frames[len(frames) - 1]
+    pictures = [shown(frame).samples.astype(np.float64)[None] for frame in (first, last)]
+    pictures[1] *= pictures[0].mean() / pictures[1].mean()
+    try:
+        parameters = RestorationParameters(scheme=Scheme.parse(str(facts["scheme"])) if "scheme" in facts else Scheme())
+        exposures = [poses for poses in (rig_poses(frame) for frame in (first, last)) if poses is not None]
+        blur = masks(pictures, facts, exposures, focal_px(first, facts))
+        outcome = told_in(blur.unit, restore([*pictures], blur.masks, parameters))
+        return {PICTURE: outcome if blur.motion is None else blur.motion.judged(outcome)}
+    except (Refused, BadParameter) as error:
+        return {PICTURE: Outcome(None, Verdict.REFUSED, error.reason, error.remedy)}
+
+
+def rig_poses(frame: RawFrame) -> Poses | None:
+    """Where the camera was during an exposure, about where its rig rests; None where no record tells."""
+    open_s = frame.exposure.exposure_s
+    if frame.felt is None or open_s is None:
+        return None
+    try:
+        return poses_of(frame.felt, open_s)
+    except BadInput:
+        return None
+
+
+def focal_px(frame: RawFrame, facts: Facts) -> float:
+    """The image's distance behind the lens in pixels of the plane that is restored; 0 where it is not known."""
+    told = frame.exposure
+    focal_mm, pitch_um = told.focal_length_mm, float(facts.get("pixel_pitch_um", 0.0))
+    if not focal_mm or pitch_um <= 0:
+        return 0.0
+    # focused nearer, the image lies farther behind the lens (4.1)
+    nearer = 1 - focal_mm / told.subject_distance_mm if told.subject_distance_mm else 1.0
+    return focal_mm / max(nearer, 0.5) / (pitch_um * 1e-3 * shown(frame).pitch)
+
+
+@dataclass(frozen=True)
+class RigBlur:
+    """Masks of each photograph, what their w is told in, and the motion they are of where the photographs gave it."""
+
+    masks: Sequence[Masks]
+    unit: Unit = field(default_factory=Unit)
+    motion: MotionShapes | None = None
+
+
+def masks(pictures: Sequence[Array], facts: Facts, exposures: Sequence[Poses] = (), focal: float = 0.0) -> RigBlur:
+    """The blur of each photograph as a function of one w. Raises Refused, BadParameter.
+
+    exposures : both recorded ones, where they are; focal : length in pixels, 0 for a rig that is taken not to turn.
+    """
+    max_w = float(facts.get("max_w", MAX_W))
+    check_max_w(max_w)
+    shape = (int(pictures[0].shape[1]), int(pictures[0].shape[2]))
+    if facts.get("blur_by", APERTURES) == MOTIONS:
+        if len(exposures) == len(pictures):
+            return rig_masks(exposures, focal, shape, max_w)
+        check_extent(reach_of_masks(max_w), shape)
+        motion = motion_shapes(pictures, str(facts.get("region", "auto")), max_w)
+        return RigBlur(stacks_of([*motion.shapes], (1.0,) * len(motion.shapes), max_w, shape), motion=motion)
+    return RigBlur(stacks_of([pillbox()] * 2, (1.0, blur_ratio(facts)), max_w, shape))
+
+
+def rig_masks(exposures: Sequence[Poses], focal: float, shape: tuple[int, int], max_w: float) -> RigBlur:
+    """Masks of recorded motion, and what w is told in: inverse depth where the focal length is known."""
+    if not focal:
+        stacks = planar_stacks([one.planar_path for one in exposures], max_w)
+        check_extent(stacks[0].R, shape)
+        return RigBlur(stacks)
+    blur = motion_blur(exposures, focal, shape, max_w / px_per_inverse_m(exposures, focal, shape))
+    return RigBlur(blur.fields, blur.unit)
+
+
+def blur_ratio(facts: Facts) -> float:
+    """Blur of the second photograph over the first's: as the apertures, the focus being the same (4.8)."""
+    if not {"first_f_number", "second_f_number"} <= set(facts):
+        raise BadParameter("the two f-numbers must be known", "tell them in the step `scene`")
+    return float(facts["first_f_number"]) / float(facts["second_f_number"])
+
+
+def motion_shapes(pictures: Sequence[Array], region: str, max_w: float) -> MotionShapes:
+    """The motions' shapes from a part of one depth: the one marked, or the first that a pair of masks explains."""
+    largest = int(np.ceil(max_w))
+    refusal: Refused | BadInput | None = None
+    for x, y, width, height in marked(region) or parts(pictures[0][0], 32 * largest):
+        try:
+            cut = np.stack([one[0, y : y + height, x : x + width] for one in pictures])
+            found = prototype_shapes(cut, largest)
+            box = (x, y, cut.shape[2], cut.shape[1])
+            return motion_of_scene([*pictures], box, found, max_w, np.random.default_rng(0))
+        except (Refused, BadInput) as error:
+            refusal = error
+    raise Refused(
+        f"no part of the photographs shows one motion each: {refusal.reason if refusal else 'they are too small'}",
+        "mark a flat part of one distance with much detail",
+    )
+
+
+Box = tuple[int, int, int, int]
+
+
+def marked(region: str) -> list[Box]:
+    """The part that the operator marked, x, y, width, height; none for auto. Raises BadParameter."""
+    if region.strip().lower() == "auto":
+        return []
+    try:
+        x, y, width, height = (int(part) for part in region.split(","))
+    except ValueError as error:
+        raise BadParameter(
+            f"a part is x,y,width,height in pixels; got {region!r}", "give four whole numbers"
+        ) from error
+    return [(x, y, width, height)]
+
+
+def parts(picture: Array, side: int) -> Iterator[Box]:
+    """Squares with the most detail in them, the best first, none overlapping another by more than half."""
+    rows, columns = picture.shape
+    side = min(side, rows, columns)
+    fine = (picture - cv2.GaussianBlur(picture, (0, 0), DETAIL_PX)) ** 2
+    places = [(x, y) for y in range(0, rows - side + 1, side // 2) for x in range(0, columns - side + 1, side // 2)]
+    places.sort(key=lambda place: -float(fine[place[1] : place[1] + side, place[0] : place[0] + side].mean()))
+    for x, y in places[:CANDIDATES]:
+        yield x, y, side, side

@@ -1,0 +1,1 @@
+"""Masks of a motion that nobody recorded, from the photographs themselves (blind)."""

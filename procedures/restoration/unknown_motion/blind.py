@@ -1,0 +1,206 @@
+"""Prototype masks of unknown rig motion, from a flat part of the scene: multichannel blind deconvolution.
+
+Two photographs of one picture through two masks satisfy z1 * h2 = z2 * h1 whatever the picture, which gives the masks
+a first time; then picture and masks are fitted in turn, the picture with a total-variation prior, the masks
+non-negative (after Sroubek and Milanfar 2012). The masks contain the shift between the photographs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from scipy.linalg import eigh
+from scipy.optimize import nnls
+from scipy.signal import fftconvolve
+
+from procedures.outcome import BadInput, Refused
+from procedures.restoration.joint.data_term import conjugate_gradients
+from procedures.restoration.joint.priors import diffuse, total_variation
+from procedures.restoration.masks.blur_operator import Array
+
+
+@dataclass(frozen=True)
+class Prototypes:
+    """Masks of both photographs (2, K, K), sum 1, about their common centre, and shapes on [-1, 1] scaled to them.
+
+    half_width : of the masks, pixels: the w of the flat part; residual : of the last fit, white = 1.
+    """
+
+    masks: Array
+    shapes: Array
+    half_width: float
+    residual: float
+
+
+# weight of the cross relation against the fit to the picture, both in squared gradients
+CROSS = 100.0
+# a larger support lowers the least eigenvalue by its few more unknowns only, some per cent; a missing rim doubles it
+GAIN = 1.12
+
+
+def prototype_shapes(parts: Array, largest: int, rounds: int = 24, first: Array | None = None) -> Prototypes:
+    """Masks of a flat part (2, H, W) seen in both photographs, support found up to half-size `largest`.
+
+    first : masks to begin from (2, K, K), as `recorded.recorded_masks` finds them; their support is kept.
+
+    Raises
+    ------
+    BadInput
+        If there are not two parts, or they are smaller than eight masks.
+    Refused
+        If no masks explain the two parts: they are not of one depth, or the rig turned.
+    """
+    if len(parts) != 2:
+        raise BadInput(f"unknown motion is estimated from two photographs, got {len(parts)}", "give the first two")
+    R = support(parts, largest) if first is None else int(first.shape[1] // 2)
+    if min(parts.shape[1:]) < 16 * R:
+        raise BadInput(
+            f"masks of half-size {R} need a flat part of {16 * R} pixels each way, "
+            f"got {parts.shape[2]} x {parts.shape[1]}",
+            "mark a larger one",
+        )
+    relation = cross_relation(parts, R)
+    masks = _first_masks(parts, R) if first is None else first
+    u = np.pad(parts.mean(axis=0), R, mode="edge")
+    for n in range(rounds):
+        # first only what is surely an edge, so that the masks become sharp before the picture is detailed
+        u = _picture(parts, masks, u, 1e-2 * 0.02 ** (n / rounds))
+        masks = _masks(parts, u, relation, R)
+    residual = np.sqrt(np.mean([(fftconvolve(u, h, mode="valid") - z) ** 2 for h, z in zip(masks, parts, strict=True)]))
+    if residual > 0.2 * parts.std():
+        raise Refused("no pair of masks explains the marked part in both photographs", "mark a part of one distance")
+    masks = centred(masks)
+    half = reach(masks)
+    return Prototypes(masks, np.stack([as_shape(h, half) for h in masks]), half, float(residual))
+
+
+def _patches(z: Array, size: int) -> Array:
+    """Rows: the neighbourhoods (size x size) of z, flipped so that a row times a mask is a convolution's sample."""
+    views = np.lib.stride_tricks.sliding_window_view(z, (size, size))[..., ::-1, ::-1]
+    return views.reshape(-1, size * size)
+
+
+def _gradients(z: Array) -> tuple[Array, Array]:
+    """Differences down and across: what tells masks apart is edges."""
+    return np.diff(z, axis=0)[:, :-1], np.diff(z, axis=1)[:-1]
+
+
+def cross_relation(parts: Array, R: int) -> Array:
+    """Matrix M of |z1 * h2 - z2 * h1|^2 = (h1, h2)' M (h1, h2), over both masks' entries, in gradients.
+
+    The noise's share, its least eigenvalue, is taken off.
+    """
+    size = 2 * R + 1
+    M = np.zeros((2 * size * size, 2 * size * size))
+    for g1, g2 in zip(_gradients(parts[0]), _gradients(parts[1]), strict=True):
+        both = np.concatenate([-_patches(g2, size), _patches(g1, size)], axis=1)
+        M += both.T @ both
+    return np.asarray(M - np.linalg.eigvalsh(M)[0] * np.eye(len(M)))
+
+
+def _least_relation(parts: Array, R: int) -> float:
+    """Mean square of z1 * h2 - z2 * h1 at the masks of unit norm that make it least."""
+    z1, z2 = (_patches(z - z.mean(), 2 * R + 1) for z in parts)
+    both = np.concatenate([-z2, z1], axis=1)
+    return float(np.linalg.eigvalsh(both.T @ both / len(both))[0])
+
+
+def support(parts: Array, largest: int) -> int:
+    """Least half-size of masks beyond which the cross relation gains nothing but its additional unknowns."""
+    left = _least_relation(parts, 1)
+    for R in range(1, largest):
+        more = _least_relation(parts, R + 1)
+        if left < GAIN * more:
+            return R
+        left = more
+    return largest
+
+
+def _first_masks(parts: Array, R: int) -> Array:
+    """Non-negative masks of sum 1 that satisfy the cross relation best, its noise subtracted."""
+    size = 2 * R + 1
+    z1, z2 = (_patches(z - z.mean(), size) for z in parts)
+    both = np.concatenate([-z2, z1], axis=1)
+    values, vectors = eigh(both.T @ both / len(both))
+    # noise lifts every eigenvalue by its variance; the masks live where nothing but noise is left
+    root = np.sqrt(np.maximum(values - values[0], 0) + 1e-3 * values[0] + 1e-12)[:, None] * vectors.T
+    tie = np.sqrt(values[-1]) * np.repeat(np.eye(2), size * size, axis=1)
+    target = np.concatenate([np.zeros(len(root)), np.sqrt(values[-1]) * np.ones(2)])
+    h, _ = nnls(np.concatenate([root, tie]), target)
+    return _normalised(h.reshape(2, size, size))
+
+
+def _normalised(masks: Array) -> Array:
+    return np.asarray(masks / np.maximum(masks.sum(axis=(1, 2), keepdims=True), 1e-12))
+
+
+def _picture(parts: Array, masks: Array, u: Array, weight: float) -> Array:
+    """The picture of the part and what surrounds it, by total variation with one relinearisation."""
+    flipped = masks[:, ::-1, ::-1]
+
+    def adjoint(e: Array) -> Array:
+        return np.asarray(sum(fftconvolve(a, h) for a, h in zip(e, flipped, strict=True)))
+
+    def forward(x: Array) -> Array:
+        return np.stack([fftconvolve(x, h, mode="valid") for h in masks])
+
+    for _ in range(2):
+        diffusion = total_variation(u[None], 0.01)
+        gradient = adjoint(parts - forward(u)) - weight * diffuse(u, *diffusion)
+        apply = partial(_normal, lambda x: adjoint(forward(x)), weight, diffusion)
+        u = u + conjugate_gradients(apply, gradient, 20)
+    return u
+
+
+def _normal(blurred_twice: Callable[[Array], Array], weight: float, diffusion: tuple[Array, Array], x: Array) -> Array:
+    """The normal equations' left side: blur and its adjoint, and the picture's prior."""
+    return blurred_twice(x) + weight * diffuse(x, *diffusion)
+
+
+def _masks(parts: Array, u: Array, relation: Array, R: int) -> Array:
+    """Non-negative masks that blur the picture into each photograph and satisfy the cross relation, least squares."""
+    size = 2 * R + 1
+    n = size * size
+    gram, right = np.zeros((n, n)), np.zeros((2, n))
+    for k, g in enumerate(_gradients(u)):
+        A = _patches(g, size)
+        gram += A.T @ A
+        right += np.stack([A.T @ _gradients(z)[k].ravel() for z in parts])
+    both = CROSS * relation
+    both[:n, :n] += gram
+    both[n:, n:] += gram
+    both[np.diag_indices(2 * n)] += 1e-5 * np.trace(gram) / n
+    factor = np.linalg.cholesky(both).T
+    h, _ = nnls(factor, np.linalg.solve(factor.T, right.ravel()))
+    masks = h.reshape(2, size, size)
+    masks[masks < 0.02 * masks.max()] = 0
+    return _normalised(masks)
+
+
+def centred(masks: Array) -> Array:
+    """The same masks about the middle of their common extent: a common shift moves only the picture."""
+    rows, columns = (np.flatnonzero(masks.sum(axis=axes)) for axes in ((0, 2), (0, 1)))
+    R = masks.shape[1] // 2
+    shift = (round(R - (rows[0] + rows[-1]) / 2), round(R - (columns[0] + columns[-1]) / 2))
+    return np.asarray(np.roll(masks, shift, axis=(1, 2)))
+
+
+def reach(masks: Array) -> float:
+    """Half-width of the masks' common support, pixels."""
+    R = masks.shape[1] // 2
+    rows, columns = np.nonzero(masks.sum(axis=0))
+    return float(max(np.abs(rows - R).max(), np.abs(columns - R).max())) + 0.5
+
+
+def as_shape(mask: Array, half_width: float, size: int = 257) -> Array:
+    """The mask as a shape on [-1, 1], its half-width at 1: what (5.3) stretches to every other depth.
+
+    Even over every pixel, so that the mask itself comes back where the shape is stretched to it; interpolated, it would
+    be blurred by a pixel once more.
+    """
+    R = mask.shape[0] // 2
+    at = np.clip(np.floor(np.linspace(-1, 1, size) * half_width + R + 0.5), 0, 2 * R).astype(int)
+    return np.asarray(np.clip(mask[np.ix_(at, at)], 0, None))

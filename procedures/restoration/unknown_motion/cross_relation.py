@@ -1,0 +1,142 @@
+"""How much the frame around a flat part contradicts two motion paths, whatever its picture and its depths are.
+
+z1 * h2 = z2 * h1 at the depth where each place agrees best. A depth that changes within the masks' reach breaks that by
+several times the noise, wrong paths by more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import irfft2, next_fast_len, rfft2
+from scipy.ndimage import uniform_filter
+
+from procedures.restoration.masks.blur_operator import Array
+from procedures.restoration.unknown_motion.mask_evidence import FLOOR, MaskEvidence, masks_at
+
+# least and greatest depth tried over the flat part's own, their step, and how far beyond those of a rough matching
+LIMITS, STEP, BEYOND = (0.4, 2.0), 0.05, 0.2
+# per cent of the surroundings whose rough depth tells no limit
+OUTLYING = 2.0
+# side of the mean of squared disagreement, pixels, and mean at which a place merely has a depth step
+WINDOW, CAP = 5, 20.0
+# places looked at, and their side without what wraps around, pixels
+PLACES, INSIDE = 12, 48
+# weight of what places say of masks: depths that change leave three times the noise even with the right ones
+SLOPES = 0.3
+# fewest pixels of a depth that tell anything of its masks
+FEWEST = 30
+INSTANTS = 150
+
+
+@dataclass(frozen=True)
+class Place:
+    """Spectra of both photographs' cuts (2, n, n / 2 + 1), and which of its pixels lie outside the flat part."""
+
+    spectra: Array
+    outside: NDArray[np.bool_]
+
+
+class Disagreement:
+    """Of two photographs (2, H, W), of noise 1, with curves of half-width `half` in the flat part.
+
+    w : rough depth (H, W), pixels: what sizes are tried.
+    """
+
+    def __init__(self, z: Array, flat: tuple[slice, slice], half: float, w: Array) -> None:
+        self.half = half
+        self.sizes = _sizes(w, flat, half)
+        self.R = int(np.ceil(self.sizes[-1] * half + 1))
+        self.n = next_fast_len(INSIDE + 4 * self.R, True)
+        # what is nearer to the frame's border saw what lies beyond
+        outside = np.pad(np.ones([n - 2 * self.R for n in z.shape[1:]], bool), self.R)
+        outside[flat] = False
+        margin = (2 * self.R, self.n - 2 * self.R)
+        wide = np.pad(z, ((0, 0), margin, margin), mode="reflect").astype(np.float32)
+        self.places = [
+            Place(rfft2(wide[:, y : y + self.n, x : x + self.n]), outside[y : y + INSIDE, x : x + INSIDE])
+            for y, x in _detailed(z, outside)
+        ]
+
+    def seen(self, points: Array) -> Array:
+        """Spectra of one curve's masks (POINTS, 2) at every size."""
+        masks = np.stack([masks_at(points[None], self.half, s * self.half, self.R, INSTANTS)[0] for s in self.sizes])
+        wrapped = np.zeros((len(self.sizes), self.n, self.n), np.float32)
+        wrapped[:, : masks.shape[1], : masks.shape[2]] = masks
+        return np.asarray(rfft2(np.roll(wrapped, (-self.R, -self.R), (1, 2))))
+
+    def of(self, first: Array, second: Array) -> float:
+        """Mean over the places, from what was `seen` of both curves: 1 where depths are even and the curves right."""
+        found = [least[place.outside] for place, _, _, least in self._by_size(first, second)]
+        return float(np.mean(-CAP * np.expm1(-np.concatenate(found) / CAP))) if found else 0.0
+
+    def _by_size(self, first: Array, second: Array) -> Iterator[tuple[Place, Array, Array, Array]]:
+        """Of every place the disagreement at every size, (sizes, h, w), the size of least mean, and that mean."""
+        noise = _noise(first, second)
+        first, second = first / noise, second / noise
+        for place in self.places:
+            a, b = place.spectra
+            d = self._cut(irfft2(a * second - b * first, (self.n, self.n)), place.outside.shape)
+            mean = uniform_filter(d**2, (0, WINDOW, WINDOW))
+            yield place, d, mean.argmin(axis=0), mean.min(axis=0)
+
+    def _cut(self, wide: Array, shape: tuple[int, ...], rim: int = 0) -> Array:
+        """What does not wrap around of a place of this shape, and `rim` pixels more each way."""
+        begin = 2 * self.R - rim
+        found: Array = wide[..., begin : begin + shape[0] + 2 * rim, begin : begin + shape[1] + 2 * rim]
+        return found
+
+    def evidence(self, points: Array) -> list[MaskEvidence]:
+        """What the places say of the masks of every size, each pixel at the size that fits it best."""
+        first, second = (self.seen(one) for one in points)
+        noise = _noise(first, second)
+        found: dict[int, MaskEvidence] = {}
+        for place, d, best, least in self._by_size(first, second):
+            weight = SLOPES * np.exp(-least / CAP)
+            for size in np.unique(best[place.outside]):
+                at = (best == size) & place.outside
+                if at.sum() < FEWEST:
+                    continue
+                evidence = found.get(size) or found.setdefault(
+                    size, MaskEvidence.about(points, self.half, self.sizes[size] * self.half, self.R)
+                )
+                evidence.add(self._patches(place, noise[size], at, evidence.R), -d[size][at], weight[at])
+        return list(found.values())
+
+    def _patches(self, place: Place, noise: Array, at: NDArray[np.bool_], R: int) -> Array:
+        """Change of the disagreement at chosen pixels with both masks' entries, (2 (2R + 1)^2, pixels)."""
+        K, rows = 2 * R + 1, []
+        for sign, spectrum in zip((-1, 1), place.spectra[::-1], strict=True):
+            wide = self._cut(sign * irfft2(spectrum / noise, (self.n, self.n)), place.outside.shape, R)
+            views = np.lib.stride_tricks.sliding_window_view(wide, (K, K))[at]
+            rows.append(views[:, ::-1, ::-1].reshape(len(views), -1).T)
+        return np.concatenate(rows).astype(np.float64)
+
+
+def _sizes(w: Array, flat: tuple[slice, slice], half: float) -> Array:
+    """Depths to try over the flat part's own: those of a rough matching around it, and somewhat beyond."""
+    outside = np.ones(w.shape, bool)
+    outside[flat] = False
+    if not outside.any():
+        return np.ones(1)
+    low, high = np.clip(np.percentile(w[outside] / half, (OUTLYING, 100 - OUTLYING)), *LIMITS)
+    return np.arange(low - BEYOND, high + BEYOND + STEP / 2, STEP)
+
+
+def _noise(first: Array, second: Array) -> Array:
+    """Standard deviation of z1 * h2 - z2 * h1 at every frequency."""
+    return np.asarray(np.sqrt(np.abs(first) ** 2 + np.abs(second) ** 2 + np.float32(FLOOR)))
+
+
+def _detailed(z: Array, outside: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Upper left corners of the places with most contrast outside the flat part."""
+    detail = np.zeros(outside.shape)
+    detail[1:, 1:] = sum(np.diff(a, axis=0)[:, 1:] ** 2 + np.diff(a, axis=1)[1:] ** 2 for a in z)
+    detail *= outside
+    H, W = outside.shape
+    corners = [(y, x) for y in range(0, H, INSIDE) for x in range(0, W, INSIDE)]
+    contrast = {(y, x): float(detail[y : y + INSIDE, x : x + INSIDE].sum()) for y, x in corners}
+    return [at for at in sorted(corners, key=lambda at: -contrast[at])[:PLACES] if contrast[at] > 0]

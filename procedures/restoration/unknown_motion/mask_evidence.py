@@ -1,0 +1,208 @@
+"""What two photographs say of the masks of one w, whatever the picture is: a quadratic, and curves fitted to many.
+
+Errors of the whole model are taken tile by tile. What a common picture explains is projected out of them
+(z1 * h2 = z2 * h1 in the errors), and so is a change of the tile's depth; what is left is linear in the masks, so a sum
+of squares says how well any other masks of that w would do. Curves are then fitted without touching the photographs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from procedures.restoration.masks.blur_models import LINE
+from procedures.restoration.masks.blur_operator import Array
+from procedures.restoration.unknown_motion.motion_splines import POINTS, drawn, drawn_change, unsteadiness
+
+# how far masks may reach beyond those they are told from
+BEYOND = 1.15
+# weight of a curve's mean squared third derivative, pixels per exposure, in squared noise: a rig has mass. Oscillations
+# of 2 pixels, four in an exposure, count as a hundred samples wrong by the noise; kinks, several times as much
+STEADY = 1e-6
+# spectra below this share of the masks' own are not divided by
+FLOOR = 1e-3
+# expected of a tile's depth, its slope and slope across the tile: one over variances, 1 / pixel^2
+DEPTH_KNOWN = np.diag([1e-3, 10.0, 10.0])
+
+
+@dataclass
+class MaskEvidence:
+    """Chi-square c - 2 g.d + d'G d of a change d of both masks from `masks`, (2, K, K), of half-width w.
+
+    G : (2 K^2, 2 K^2); g : (2 K^2,).
+    """
+
+    w: float
+    masks: Array
+    G: Array
+    g: Array
+    c: float = 0.0
+
+    @classmethod
+    def about(cls, points: Array, half: float, w: float, R: int) -> MaskEvidence:
+        """None yet, about the masks of curves of half-width `half`."""
+        r = min(int(np.ceil(BEYOND * w + 1)), R)
+        masks = masks_at(points, half, w, r)
+        return cls(w, masks, np.zeros((masks.size, masks.size)), np.zeros(masks.size))
+
+    @property
+    def R(self) -> int:
+        """Half-size of the masks."""
+        return int(self.masks.shape[1] // 2)
+
+    def add(self, A: Array, r: Array, weight: Array | float = 1.0) -> None:
+        """Add samples r (m,) that change by -A' d, A (2 K^2, m), with their weights."""
+        weighted = weight * A
+        self.G += weighted @ A.T
+        self.g += weighted @ r
+        self.c += float(np.sum(weight * r**2))
+
+    def chi_square(self, masks: Array) -> float:
+        """Of other masks, (2, K, K)."""
+        d = (masks - self.masks).ravel()
+        return float(self.c + d @ (self.G @ d - 2 * self.g))
+
+
+def masks_at(points: Array, half: float, w: float, R: int, instants: int = 400) -> Array:
+    """Masks (n, 2R + 1, 2R + 1) of curves (n, POINTS, 2) of half-width `half`, stretched to w."""
+    return np.stack([drawn(one * (w / half), R, LINE * w, instants) for one in points])
+
+
+# ---- tiles
+
+
+def filters(masks: Array, size: int, soft: float = 0.0) -> Array:
+    """What takes from both errors of a tile whatever a common picture explains, (2, size, size // 2 + 1).
+
+    (e1 * h2 - e2 * h1) over the root of its noise's spectrum: of white errors one half is left, white.
+    """
+    R = masks.shape[1] // 2
+    offsets = np.arange(-R, R + 1) % size
+    wrapped = np.zeros((2, size, size))
+    for out, mask in zip(wrapped, masks, strict=True):
+        np.add.at(out, np.ix_(offsets, offsets), mask)
+    first, second = np.fft.rfft2(wrapped)
+    gain = 1 / np.sqrt(np.abs(first) ** 2 + np.abs(second) ** 2 + FLOOR)
+    return np.stack([second * gain, -first * gain])
+
+
+def rows(spectra: Array) -> Array:
+    """Spectra (..., n, n // 2 + 1) of real tiles as real rows of the tiles' own scalar products."""
+    n = spectra.shape[-2]
+    share = np.full(spectra.shape[-1], 2.0)
+    share[[0, -1]] = 1.0
+    weighted = (spectra * (np.sqrt(share) / n)).reshape(*spectra.shape[:-2], -1)
+    return np.concatenate([weighted.real, weighted.imag], axis=-1)
+
+
+def left_over(errors: Array, filtering: Array) -> Array:
+    """What no common picture explains of a tile's errors (2, n, n), as a row."""
+    return rows((np.fft.rfft2(errors) * filtering).sum(axis=0))
+
+
+@dataclass(frozen=True)
+class Tile:
+    """Errors (2, n, n) of both photographs, in units of noise, the picture (n + 2R, n + 2R) around, likewise."""
+
+    errors: Array
+    around: Array
+    flat: bool
+
+
+def gather(evidence: MaskEvidence, slope: Array, tiles: Iterable[Tile], doubt: float) -> None:
+    """Add what tiles of one w say. slope : change of both masks with w, (2, K, K).
+
+    doubt : mean square of what a tile leaves beyond which it rather holds a depth step or a wrong depth.
+    """
+    filtering: Array | None = None
+    for tile in tiles:
+        n, K = tile.errors.shape[1], evidence.masks.shape[1]
+        filtering = filters(evidence.masks, n) if filtering is None else filtering
+        trim = (tile.around.shape[0] - n - K + 1) // 2
+        picture = tile.around[trim : trim + n + K - 1, trim : trim + n + K - 1]
+        patches = np.lib.stride_tricks.sliding_window_view(picture, (n, n))[::-1, ::-1].reshape(-1, n, n)
+        spectra = np.fft.rfft2(patches)
+        A = np.concatenate([rows(spectra * one) for one in filtering])
+        r = left_over(tile.errors, filtering)
+        if tile.flat:
+            weight, V = 1.0, r[None][:0]
+        else:
+            weight, V = 1 / (1 + float(r @ r) / n**2 / doubt) ** 2, _depth_changes(patches, slope, filtering)
+        AV, inner = A @ V.T, V @ V.T + DEPTH_KNOWN[: len(V), : len(V)]
+        found = np.linalg.solve(inner, np.concatenate([AV.T, (V @ r)[:, None]], axis=1))
+        evidence.G += weight * (A @ A.T - AV @ found[:, :-1])
+        evidence.g += weight * (A @ r - AV @ found[:, -1])
+        evidence.c += weight * float(r @ r - (V @ r) @ found[:, -1])
+
+
+def _depth_changes(patches: Array, slope: Array, filtering: Array) -> Array:
+    """Change of a tile's filtered errors with its depth and the depth's slopes, rows (3, ...)."""
+    n = patches.shape[1]
+    t = (np.arange(n) - n / 2) / n
+    planes = np.stack([np.ones((n, n)), *np.meshgrid(t, t)])
+    return np.asarray(
+        sum(
+            rows(np.fft.rfft2(planes * np.tensordot(one.ravel(), patches, 1)) * by)
+            for one, by in zip(slope, filtering, strict=True)
+        )
+    )
+
+
+# ---- curves
+
+
+def cost(evidence: Sequence[MaskEvidence], points: Array, half: float, instants: int = 200) -> float:
+    """Chi-square of curves (2, POINTS, 2) of half-width `half`, and of their unsteadiness."""
+    unsteady = STEADY * float(np.sum(points * (unsteadiness() @ points)))
+    return unsteady + sum(e.chi_square(masks_at(points, half, e.w, e.R, instants)) for e in evidence)
+
+
+def _equations(
+    evidence: Sequence[MaskEvidence], points: Array, half: float, free: Sequence[int], instants: int
+) -> tuple[Array, Array]:
+    """Normal matrix and gradient of the cost over the points of the free curves, x before y."""
+    H = np.kron(np.eye(2 * len(free)), STEADY * unsteadiness())
+    gradient = H @ points[list(free)].swapaxes(1, 2).ravel()
+    for e in evidence:
+        scale, area = e.w / half, e.masks[0].size
+        d = -e.masks.reshape(2, -1)
+        J = np.zeros((2, area, len(H)))
+        for k, one in enumerate(points):
+            d[k] += drawn(one * scale, e.R, LINE * e.w, instants).ravel()
+            if k in free:
+                begin = 2 * POINTS * free.index(k)
+                J[k, :, begin : begin + 2 * POINTS] = scale * drawn_change(one * scale, e.R, LINE * e.w, instants)
+        J = J.reshape(2 * area, -1)
+        H += J.T @ e.G @ J
+        gradient += J.T @ (e.G @ d.ravel() - e.g)
+    return H, gradient
+
+
+def fitted(
+    evidence: Sequence[MaskEvidence],
+    points: Array,
+    half: float,
+    free: Sequence[int] = (0, 1),
+    instants: int = 200,
+    rounds: int = 30,
+    least: float = 1e-4,
+) -> tuple[float, Array]:
+    """Cost and points of the curves near `points` of least cost, the `free` ones moved: Levenberg and Marquardt."""
+    value, damping = cost(evidence, points, half, instants), 1e-3
+    for _ in range(rounds):
+        H, gradient = _equations(evidence, points, half, free, instants)
+        diagonal, before = np.eye(len(H)) * np.trace(H) / len(H), value
+        for _ in range(7):
+            step = np.linalg.solve(H + damping * diagonal, gradient)
+            tried = points.copy()
+            tried[list(free)] -= step.reshape(len(free), 2, POINTS).swapaxes(1, 2)
+            there = cost(evidence, tried, half, instants)
+            if there < value:
+                points, value, damping = tried, there, max(damping / 5, 1e-9)
+                break
+            damping *= 5
+        if before - value < least * before:
+            break
+    return value, points

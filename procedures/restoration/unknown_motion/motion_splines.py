@@ -1,0 +1,162 @@
+"""A motion path finer than pixels: the smooth curve whose line, summed over pixels, is a mask.
+
+A thin line known to whole pixels cannot be stretched to other depths (5.3); a curve can. Curves are cubic splines in
+time, so that how long the rig stays somewhere is part of them; how they are ordered in time does not matter.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from scipy.interpolate import BSpline
+from scipy.ndimage import gaussian_filter
+
+from procedures.restoration.masks.blur_models import LINE, path_shape, unit
+from procedures.restoration.masks.blur_operator import Array, MaskStack
+from procedures.restoration.masks.line_rasterisation import share_changes, shares
+
+# of the spline, each way: closed curves of the fourth order come out to 0.002 pixel at a half-width of 3, their masks
+# to 0.1 to 0.3 %; with 20 points to 0.012 pixel and 0.2 to 0.8 %, which strong edges tell from noise at 40 dB
+POINTS = 28
+INSTANTS = 400
+STEP = 0.05
+# widths of the line, pixels, and weights of steadiness, from a coarse fit that few curves miss to the line itself
+COARSE = ((0.7, 1e-11), (0.4, 2e-12))
+FINE = ((0.2, 1e-12), (0.0, 1e-12))
+
+
+@cache
+def basis(instants: int = INSTANTS) -> Array:
+    """Values of the splines at the middles of equal times, (instants, POINTS)."""
+    return _splines((np.arange(instants) + 0.5) / instants)
+
+
+@cache
+def whole() -> Array:
+    """Values of the splines at equal times from beginning to end, (INSTANTS + 1, POINTS)."""
+    return _splines(np.linspace(0, 1, INSTANTS + 1))
+
+
+def _splines(times: Array) -> Array:
+    knots = np.concatenate([np.zeros(3), np.linspace(0, 1, POINTS - 2), np.ones(3)])
+    return np.asarray(BSpline.design_matrix(times, knots, 3).toarray())
+
+
+@cache
+def unsteadiness() -> Array:
+    """Matrix B of the mean squared third derivative c' B c of a curve of control points c: its kinks."""
+    third = np.diff(basis(), 3, axis=0) * INSTANTS**3
+    return np.asarray(third.T @ third / INSTANTS)
+
+
+def drawn(points: Array, R: int, sigma: float, instants: int = INSTANTS) -> Array:
+    """Mask (2R + 1, 2R + 1) of the curve of control points (POINTS, 2), pixels x, y, its line of width sigma.
+
+    Its sum is 1, less what falls beside the mask.
+    """
+    path = basis(instants) @ points
+    (columns, across), (rows, down) = (shares(path[:, k], R, sigma) for k in (0, 1))
+    return np.asarray(rows.T @ columns / max(float(across @ down), 1e-9))
+
+
+def drawn_change(points: Array, R: int, sigma: float, instants: int = INSTANTS) -> Array:
+    """How the mask changes with the points' x, then y, ((2R + 1)^2, 2 POINTS), but for what samples make of it."""
+    B = basis(instants)
+    path = B @ points
+    (columns, across), (rows, down) = (
+        (shares(path[:, k], R, sigma)[0], share_changes(path[:, k], R, sigma)) for k in (0, 1)
+    )
+    parts = [(b[:, :, None] * a[:, None, :]).reshape(instants, -1).T @ B for b, a in ((rows, across), (down, columns))]
+    return np.concatenate(parts, axis=1) / instants
+
+
+def path_stack(points: Array, half: float, max_w: float, R: int) -> MaskStack:
+    """Masks of the curve of half-width `half` at every w: the curve stretched about the middle of the masks (5.3)."""
+    levels = np.maximum(np.arange(int(np.ceil(max_w / STEP)) + 2) * STEP, 0.02)
+    return MaskStack(np.stack([unit(drawn(points * w / half, R, LINE * w)) for w in levels]), STEP)
+
+
+def half_width(points: Array) -> float:
+    """w of curves (..., POINTS, 2): how far any of them leaves the middle, its line included, pixels."""
+    return float(np.abs(whole() @ points).max()) / (1 - 3 * LINE)
+
+
+def shapes_of(points: Array) -> Array:
+    """Shapes on [-1, 1] of both curves (2, POINTS, 2), of one scale."""
+    curves = whole() @ points
+    return np.stack([path_shape(one, extent=float(np.abs(curves).max())) for one in curves])
+
+
+# ---- search of a curve
+
+
+def _cost(points: Array, target: Array, sigma: float, steady: float, instants: int) -> float:
+    mask = drawn(points, len(target) // 2, sigma, instants)
+    return float(np.sum((mask - target) ** 2) + steady * np.sum(points * (unsteadiness() @ points)))
+
+
+def fitted(points: Array, target: Array, sigma: float, steady: float, instants: int) -> tuple[float, Array]:
+    """Cost and points of the curve near `points` that draws the target best: Levenberg and Marquardt."""
+    cost, damping = _cost(points, target, sigma, steady, instants), 1e-3
+    stiff = np.kron(np.eye(2), steady * unsteadiness())
+    for _ in range(25):
+        mask, J = (draw(points, len(target) // 2, sigma, instants) for draw in (drawn, drawn_change))
+        H = J.T @ J + stiff
+        gradient = J.T @ (mask - target).ravel() + stiff @ points.T.ravel()
+        step, before = np.trace(J.T @ J) / len(H), cost
+        for _ in range(6):
+            tried = points - np.linalg.solve(H + damping * step * np.eye(len(H)), gradient).reshape(2, -1).T
+            value = _cost(tried, target, sigma, steady, instants)
+            if value < cost:
+                points, cost, damping = tried, value, max(damping / 5, 1e-7)
+                break
+            damping *= 5
+        if before - cost < 1e-4 * before:
+            break
+    return cost, points
+
+
+def _moments(target: Array) -> tuple[Array, Array]:
+    """Mean and standard deviation of a mask's light along x and y, pixels."""
+    R = len(target) // 2
+    at = np.arange(-R, R + 1.0)
+    along = np.stack([target.sum(axis=0), target.sum(axis=1)]) / target.sum()
+    mean = along @ at
+    return np.asarray(mean), np.sqrt(np.maximum(along @ at**2 - mean**2, 0.01))
+
+
+def _begun(target: Array, rng: np.random.Generator) -> Array:
+    """Control points of a curve of low random oscillations with the target's place and extent."""
+    mean, spread = _moments(target)
+    t, orders = (np.arange(POINTS) + 0.5) / POINTS, np.arange(1, 6)
+    points = np.cos(np.pi * np.outer(t, orders)) @ (rng.standard_normal((5, 2)) / orders[:, None])
+    points = points - points.mean(axis=0)
+    return np.asarray(points / points.std(axis=0) * spread + mean)
+
+
+def recorded(path: Array, mask: Array, half: float) -> Array:
+    """Points of the curve that draws a mask, begun from the recorded path (n, 2) in any unit, at equal times."""
+    mean, spread = _moments(mask)
+    times = (np.arange(INSTANTS) + 0.5) / INSTANTS * (len(path) - 1)
+    even = np.stack([np.interp(times, np.arange(len(path)), path[:, k]) for k in (0, 1)], axis=1)
+    even = (even - even.mean(axis=0)) * np.linalg.norm(spread) / np.linalg.norm(even.std(axis=0)) + mean
+    points, target, line = np.linalg.lstsq(basis(), even, rcond=None)[0], np.pad(mask, 2), LINE * half
+    for sigma, steady in (*COARSE[1:], *FINE):
+        wide = max(sigma, line)
+        _, points = fitted(points, _softened(target, wide, line), wide, steady, 300)
+    return np.asarray(points)
+
+
+def _softened(target: Array, sigma: float, line: float) -> Array:
+    return np.asarray(gaussian_filter(target, np.sqrt(max(sigma**2 - line**2, 0)), mode="constant"))
+
+
+def candidates(mask: Array, half: float, rng: np.random.Generator, number: int) -> list[Array]:
+    """Points of curves of half-width about `half` that draw a mask nearly, from as many beginnings."""
+    target, line = np.pad(mask, 2), LINE * half
+    found = [_begun(target, rng) for _ in range(number)]
+    for sigma, steady in (*COARSE, FINE[0]):
+        wide = max(sigma, line)
+        found = [fitted(points, _softened(target, wide, line), wide, steady, 150)[1] for points in found]
+    return found

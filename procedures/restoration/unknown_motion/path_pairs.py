@@ -1,0 +1,85 @@
+"""Pairs of curves, among all that a flat part cannot tell apart, that the frame around contradicts least."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from procedures.restoration.masks.blur_operator import Array
+from procedures.restoration.unknown_motion.cross_relation import INSTANTS, Disagreement
+from procedures.restoration.unknown_motion.mask_evidence import MaskEvidence, fitted, masks_at
+
+# of each pool so many curves are paired, and so many of the pairs descend
+PAIRED, DESCENDING = 14, 20
+# descents of a pair, the evidence taken anew for each, of which the best is kept
+DESCENTS = 2
+# share of their norm by which curves' masks differ that are two, at what size of the flat part's
+DIFFERENT, LARGER = 0.1, 1.3
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two curves (2, POINTS, 2), pixels in the flat part, and how much the frame contradicts them."""
+
+    points: Array
+    disagreement: float
+
+
+def distinct(flat: Sequence[MaskEvidence], points: Array, half: float, k: int, pool: Sequence[Array]) -> list[Array]:
+    """The curves of a pool that draw the flat part's masks best as curve k, pulled there, none like another.
+
+    flat : what the flat part says of its masks; points : (2, POINTS, 2), of half-width `half`.
+    """
+    found = []
+    for one in pool:
+        cost, pair = fitted(flat, replaced(points, k, one), half, (k,), INSTANTS)
+        found.append((cost, pair[k]))
+    R = int(np.ceil(LARGER * half + 1))
+    curves: list[Array] = []
+    drawn: list[Array] = []
+    for _, one in sorted(found, key=lambda each: each[0]):
+        mask = masks_at(one[None], half, LARGER * half, R)
+        if all(np.linalg.norm(mask - other) > DIFFERENT * np.linalg.norm(mask) for other in drawn):
+            curves.append(one)
+            drawn.append(mask)
+    return curves[:PAIRED]
+
+
+def replaced(points: Array, k: int, one: Array) -> Array:
+    """Both curves, curve k another."""
+    pair = points.copy()
+    pair[k] = one
+    return pair
+
+
+class Search:
+    """Curves that the flat part allows and the frame around contradicts least; flat : what it says of its masks."""
+
+    def __init__(self, around: Disagreement, flat: Sequence[MaskEvidence]) -> None:
+        self.around, self.flat = around, flat
+
+    def begun(self, points: Array, pools: Sequence[Sequence[Array]]) -> list[Pair]:
+        """Pairs of one curve of each pool that the frame contradicts least, the flat part's `points` in their place."""
+        curves = [distinct(self.flat, points, self.around.half, k, pool) for k, pool in enumerate(pools)]
+        seen = [[self.around.seen(one) for one in those] for those in curves]
+        pairs = [
+            Pair(np.stack([curves[0][a], curves[1][b]]), self.around.of(first, second))
+            for a, first in enumerate(seen[0])
+            for b, second in enumerate(seen[1])
+        ]
+        return sorted(pairs, key=lambda pair: pair.disagreement)[:DESCENDING]
+
+    def descended(self, points: Array) -> Pair:
+        """The best pair met in descending from `points`."""
+        met = []
+        for _ in range(DESCENTS):
+            evidence = [*self.flat, *self.around.evidence(points)]
+            points = fitted(evidence, points, self.around.half, (0, 1), INSTANTS, 15, 1e-3)[1]
+            met.append(Pair(points, self.around.of(*(self.around.seen(one) for one in points))))
+        return min(met, key=lambda pair: pair.disagreement)
+
+    def best(self, beginnings: Sequence[Array]) -> list[Pair]:
+        """Where the descents from beginnings, (2, POINTS, 2) each, end, the best first."""
+        return sorted((self.descended(one) for one in beginnings), key=lambda one: one.disagreement)

@@ -1,0 +1,364 @@
+"""Motion paths from every depth of the scene: other depths show a path at other sizes, and so between the pixels.
+
+A flat part gives the masks to whole pixels (`blind`), which many curves draw equally well. Those that other depths
+agree with are looked for first (`pairs`); then the frame is restored with them, and turned to what that leaves
+(`turns`), until no better ones are found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from procedures.outcome import Outcome, Verdict
+from procedures.restoration.first_depth.initial_depth import matched
+from procedures.restoration.joint.data_term import DataTerm, restore_picture
+from procedures.restoration.joint.estimate import LEAST_START_SIGMA, RestorationParameters, restoration_of
+from procedures.restoration.joint.gauss_newton import Weights, joint_step
+from procedures.restoration.joint.priors import steps_allowed
+from procedures.restoration.joint.schedule import DEPTH_SLOPE, Scheme
+from procedures.restoration.masks.blur_models import mask_stack
+from procedures.restoration.masks.blur_operator import Array, Blur, MaskStack
+from procedures.restoration.unknown_motion.basin_hopping import Turns
+from procedures.restoration.unknown_motion.blind import Prototypes
+from procedures.restoration.unknown_motion.cross_relation import Disagreement
+from procedures.restoration.unknown_motion.mask_evidence import (
+    MaskEvidence,
+    Tile,
+    filters,
+    fitted,
+    gather,
+    left_over,
+    masks_at,
+)
+from procedures.restoration.unknown_motion.motion_splines import basis, candidates, half_width, path_stack, shapes_of
+from procedures.restoration.unknown_motion.path_pairs import Search
+
+Box = tuple[int, int, int, int]
+
+TILE = 24
+# most pixels of the frame that are looked at: beyond, more of them make the paths no better, but slower
+MOST = 120_000
+# joint steps of picture and depth after matching: with fewer the depth is not yet as good as the curves deserve
+JOINT = 8
+# levels of w for which a tile's masks are made, pixels
+LEVEL = 0.05
+# mean squared error of a tile, of noise 1, beyond which a depth step or a wrong depth is rather in it
+DOUBT = 10.0
+# beginnings of each curve, pairs whose depth is matched, those of them with which the frame is restored, and most
+# restorations with what the best becomes
+BEGINNINGS, MATCHED, RESTORED, MORE = 96, 6, 3, 5
+# of these restorations
+SCHEME = Scheme(10, 12, 12, 2, 10)
+# fall of what is left unexplained, of the noise, below which nothing more is found
+LEAST_FALL = 0.003
+
+# mean squared difference of neighbours expected of the picture while paths are sought, white = 1
+CONTRAST = 6.3e-3
+# what is left unexplained, of the noise, with the curves of the rig, and beyond which they are others
+LEFT, MOST_LEFT = 0.75, 0.87
+REMEDY = "record the rig's motion, or mark a larger flat part with more detail"
+
+
+@dataclass(frozen=True)
+class MotionShapes:
+    """Shapes (2, n, n) on [-1, 1] of two motions, their half-width in the flat part, pixels.
+
+    path : the curves found, (2, n, 2) pixels x, y in the flat part; None where the shapes are known to pixels only.
+    doubt : why they are not to be trusted at other depths, or None.
+    """
+
+    shapes: Array
+    half_width: float
+    path: Array | None = None
+    doubt: str | None = None
+
+    def judged(self, outcome: Outcome[Any]) -> Outcome[Any]:
+        """A restoration with these shapes: doubtful where they are, if nothing else was wrong."""
+        if self.doubt is None or outcome.verdict is not Verdict.PASS:
+            return outcome
+        return Outcome(outcome.value, Verdict.DOUBTFUL, self.doubt, REMEDY)
+
+
+@dataclass(frozen=True)
+class _View:
+    """What paths are fitted to: photographs (2, 1, H, W), the flat part and its w, and the noise."""
+
+    z: Array
+    flat: tuple[slice, slice]
+    half: float
+    max_w: float
+    sigma: float = LEAST_START_SIGMA
+
+    @property
+    def R(self) -> int:
+        return int(np.ceil(self.max_w + 0.5))
+
+    @property
+    def weights(self) -> Weights:
+        """Of the priors of picture and depth."""
+        return Weights(self.sigma**2 / CONTRAST, self.sigma**2 / DEPTH_SLOPE**2)
+
+    def pinned(self, w: Array) -> Array:
+        """Depth (H, W) with the flat part at its own w."""
+        w = np.array(w, dtype=np.float64)
+        w[self.flat] = self.half
+        return w
+
+    def part(self) -> _View:
+        """Of the flat part alone."""
+        z = self.z[:, :, *self.flat]
+        return replace(self, z=z, flat=(slice(0, z.shape[2]), slice(0, z.shape[3])))
+
+    def data(self, stacks: list[MaskStack]) -> DataTerm:
+        shape = (self.z.shape[2], self.z.shape[3])
+        trust = np.ones((2, 1, *shape), np.float32)
+        return DataTerm(self.z.astype(np.float32), [Blur(s, shape, np.float32) for s in stacks], trust)
+
+    def stacks(self, points: Array) -> list[MaskStack]:
+        return [path_stack(one, self.half, self.max_w, self.R) for one in points]
+
+    def depth(self, stacks: list[MaskStack]) -> Array:
+        """A first depth (H, W) for these masks."""
+        return self.pinned(matched(self.z, stacks, np.full(2, LEAST_START_SIGMA)).w)
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """Where the fit stands: points (2, POINTS, 2), depth (H, W), picture (1, H + 2R, W + 2R), what is left.
+
+    evidence : what the frame says of the masks.
+    """
+
+    points: Array
+    w: Array
+    u: Array
+    energy: float = np.inf
+    evidence: tuple[MaskEvidence, ...] = ()
+
+
+def motion_of_scene(
+    photographs: list[Array],
+    region: Box,
+    found: Prototypes,
+    max_w: float,
+    rng: np.random.Generator,
+    known: Array | None = None,
+) -> MotionShapes:
+    """Shapes fine enough for every depth, from those found in a flat part, x, y, width, height, and the frame around.
+
+    photographs : two arrays (C, H, W); found : `blind.prototype_shapes` of the part; known : control points
+    (2, POINTS, 2) to begin from, pixels in the flat part, if they are known roughly. Where no curves explain the frame
+    better than the masks to whole pixels, those are given back, with the doubt.
+    """
+    if min(region[2:]) < TILE:
+        return MotionShapes(found.shapes, found.half_width, None, f"the flat part is narrower than {TILE} pixels")
+    view = _view(photographs, region, found.half_width - 0.4, max_w)
+    view, coarse = _pixels(view, found)
+    fit = _settled(view, found, known, rng)
+    if fit.energy > coarse:
+        return MotionShapes(found.shapes, found.half_width, None, "motion is known to whole pixels only: no path fits")
+    left = f"the motion's paths leave {fit.energy:.2f} of the noise unexplained, where {LEFT} is usual"
+    doubt = left if fit.energy > MOST_LEFT else None
+    return MotionShapes(shapes_of(fit.points), half_width(fit.points), basis() @ fit.points, doubt)
+
+
+def _view(photographs: list[Array], region: Box, half: float, max_w: float) -> _View:
+    """The frame about the flat part, as much of it as is looked at."""
+    x, y, width, height = region
+    H, W = photographs[0].shape[1:]
+    margin = max(H, W)
+    while (min(H, y + height + margin) - max(0, y - margin)) * (min(W, x + width + margin) - max(0, x - margin)) > MOST:
+        margin -= 8
+    top, left = max(0, y - margin), max(0, x - margin)
+    part = (slice(top, y + height + margin), slice(left, x + width + margin))
+    z = np.stack([p.mean(axis=0)[part] for p in photographs])[:, None]
+    flat = (slice(y - top, y - top + height), slice(x - left, x - left + width))
+    return _View(z, flat, half, max(max_w, 1.2 * half))
+
+
+def _pixels(view: _View, found: Prototypes) -> tuple[_View, float]:
+    """The view with its noise, and what masks known to whole pixels leave unexplained of it."""
+    stacks = [mask_stack(s, view.max_w * found.half_width / view.half, R=view.R + 1) for s in found.shapes]
+    coarse = replace(view, half=found.half_width, max_w=stacks[0].max_w - 2 * stacks[0].step)
+    w = coarse.depth(stacks)
+    R = stacks[0].R
+    e = _errors(coarse, stacks, w, np.pad(view.z.mean(axis=0), ((0, 0), (R, R), (R, R)), mode="edge"))[1]
+    left = [(flat, float(r @ r) / TILE**2) for flat, r in _left(coarse, stacks, w, e)]
+    sigma = float(np.sqrt(np.median([m for flat, m in left if flat])))
+    return replace(view, sigma=sigma), _energy([m / sigma**2 for _, m in left])
+
+
+def _origins(points: Array) -> list[Array]:
+    """Whole pixels by which the paths' origin may lie beside the masks' middle: at their means, or between extremes.
+
+    Masks of whole pixels keep the fractions of a pixel, so that whole ones are all that is to be found.
+    """
+    paths = basis() @ points
+    ends = (paths.min(axis=(0, 1)) + paths.max(axis=(0, 1))) / 2
+    each = [np.round(at) for at in (paths.mean(axis=(0, 1)), ends)]
+    return each[:1] if (each[0] == each[1]).all() else each
+
+
+# ---- the flat part, and what begins there
+
+
+def _begun(view: _View, found: Prototypes, known: Array | None, pools: list[list[Array]]) -> list[Array]:
+    """Pairs of curves that draw the flat part's masks, those that the frame around contradicts least."""
+    points = known
+    if points is None:
+        points = np.stack([_nearest(pool, mask) for pool, mask in zip(pools, found.masks, strict=True)])
+    points, evidence = _of_flat_part(view, points)
+    w = view.depth(view.stacks(points))
+    search = Search(Disagreement(view.z[:, 0] / view.sigma, view.flat, view.half, w), evidence)
+    beginnings = [one.points for one in search.begun(points, pools)] if pools else [points]
+    return [one.points for one in search.best(beginnings)[:MATCHED]]
+
+
+def _nearest(pool: list[Array], mask: Array) -> Array:
+    """Of a pool of curves that which draws a mask best."""
+    R = len(mask) // 2
+    return min(pool, key=lambda one: float(np.sum((masks_at(one[None], 1.0, 1.0, R)[0] - mask) ** 2)))
+
+
+def _of_flat_part(view: _View, points: Array) -> tuple[Array, tuple[MaskEvidence, ...]]:
+    """Curves fitted to the flat part alone, and what it says of the masks."""
+    part = view.part()
+    fit = _fresh(part, points, np.full(part.z.shape[2:], view.half))
+    for _ in range(2):
+        stacks = part.stacks(fit.points)
+        for _ in range(2):
+            fit = replace(fit, u=_errors(part, stacks, fit.w, fit.u)[0])
+        fit = _evidence(part, fit, stacks)
+        fit = replace(fit, points=fitted(fit.evidence, fit.points, view.half)[1])
+    return fit.points, fit.evidence
+
+
+# ---- the frame
+
+
+def _settled(view: _View, found: Prototypes, known: Array | None, rng: np.random.Generator) -> _Fit:
+    """The best fit of curves, picture and depth to the frame that is met."""
+    pools = [candidates(mask, found.half_width - 0.5, rng, BEGINNINGS) for mask in found.masks] if known is None else []
+    turns = Turns(pools, rng)
+    matched = [
+        (_matched(view, points - by), turns.beside(by))
+        for points in _begun(view, found, known, pools)
+        for by in _origins(points)
+    ]
+    tried = [
+        (_turned(view, _restored(view, fit.points), those), those)
+        for fit, those in sorted(matched, key=lambda one: one[0].energy)[:RESTORED]
+    ]
+    fit, turns = min(tried, key=lambda one: one[0].energy)
+    for _ in range(MORE):
+        other = _turned(view, fit, turns)
+        if other.energy > fit.energy - LEAST_FALL:
+            return min(fit, other, key=lambda one: one.energy)
+        fit = other
+    return fit
+
+
+def _fresh(view: _View, points: Array, w: Array) -> _Fit:
+    """A fit whose picture is the photographs' mean."""
+    R = view.R
+    return _Fit(points, w, np.pad(view.z.mean(axis=0), ((0, 0), (R, R), (R, R)), mode="edge").astype(np.float32))
+
+
+def _matched(view: _View, points: Array) -> _Fit:
+    """A fit with the depth that the curves' masks match, followed by a few joint steps with a first picture."""
+    stacks = view.stacks(points)
+    fit = _fresh(view, points, view.depth(stacks))
+    for _ in range(2):
+        fit = replace(fit, u=_errors(view, stacks, fit.w, fit.u)[0])
+    R, weights = view.R, view.weights
+    inside = (slice(R, -R), slice(R, -R))
+    data = view.data(stacks)
+    u, wide = fit.u, np.pad(fit.w, R, mode="edge").astype(np.float32)
+    for _ in range(JOINT):
+        u, wide = joint_step(data, u, wide, weights, 18, (1.0, 1.0), steps_allowed(wide, weights.step))
+        wide[inside] = view.pinned(wide[inside])
+    return _judged(view, replace(fit, u=u, w=wide[inside].astype(np.float64)), stacks)
+
+
+def _restored(view: _View, points: Array) -> _Fit:
+    """A fit with the picture and the depth of a whole restoration, and what it says of the masks."""
+    stacks, R = view.stacks(points), view.R
+    found = restoration_of(list(view.z), stacks, RestorationParameters(scheme=SCHEME))
+    u = np.pad(found.sharp, ((0, 0), (R, R), (R, R)), mode="edge").astype(np.float32)
+    return _judged(view, _evidence(view, _Fit(points, view.pinned(found.w), u), stacks), stacks)
+
+
+def _turned(view: _View, fit: _Fit, turns: Turns) -> _Fit:
+    """The frame restored anew with the best curves that are met from those of a fit."""
+    return _restored(view, turns.taken(fit.evidence, fit.points, view.half))
+
+
+def _errors(view: _View, stacks: list[MaskStack], w: Array, u: Array) -> tuple[Array, Array]:
+    """The picture improved for masks and depth, and the photographs' errors (2, H, W)."""
+    data = view.data(stacks)
+    data.focus(np.pad(w, data.R, mode="edge").astype(np.float32))
+    u = restore_picture(data, u.astype(np.float32), view.weights.picture, 20)
+    return u, data.residual(u)[:, 0].astype(np.float64)
+
+
+def _tiles(view: _View) -> Iterator[tuple[bool, tuple[slice, slice]]]:
+    """Tiles of the frame, in step with the flat part, and whether each lies in it."""
+    rows, columns = view.flat
+    H, W = view.z.shape[2:]
+    for y in _begins(rows.start, H):
+        for x in _begins(columns.start, W):
+            inside = rows.start <= y <= rows.stop - TILE and columns.start <= x <= columns.stop - TILE
+            yield inside, (slice(y, y + TILE), slice(x, x + TILE))
+
+
+def _begins(start: int, length: int) -> list[int]:
+    """Where tiles begin: in step with `start`, and at both ends of the frame where much would be left out."""
+    found = list(range(start % TILE, length - TILE + 1, TILE))
+    first = [0] if found[0] > TILE // 4 else []
+    last = [length - TILE] if length - TILE - found[-1] > TILE // 4 else []
+    return first + found + last
+
+
+def _level(w: Array) -> float:
+    """The level that stands for a tile's depths."""
+    return max(round(float(np.median(w)) / LEVEL) * LEVEL, 0.3)
+
+
+def _evidence(view: _View, fit: _Fit, stacks: list[MaskStack]) -> _Fit:
+    """The fit with its picture improved, and what the frame says of the masks of every level of w."""
+    u, e = _errors(view, stacks, fit.w, fit.u)
+    tiles: dict[float, list[Tile]] = {}
+    for flat, (y, x) in _tiles(view):
+        level = view.half if flat else _level(fit.w[y, x])
+        around = u[0, y.start : y.stop + 2 * view.R, x.start : x.stop + 2 * view.R].astype(np.float64)
+        tiles.setdefault(level, []).append(Tile(e[:, y, x] / view.sigma, around / view.sigma, flat))
+    found, delta = [], 0.05
+    for w, those in sorted(tiles.items()):
+        evidence = MaskEvidence.about(fit.points, view.half, w, view.R)
+        above, below = (masks_at(fit.points, view.half, w + d, evidence.R) for d in (delta, -delta))
+        gather(evidence, (above - below) / (2 * delta), those, DOUBT)
+        found.append(evidence)
+    return replace(fit, u=u, evidence=tuple(found))
+
+
+def _left(view: _View, stacks: list[MaskStack], w: Array, e: Array) -> Iterator[tuple[bool, Array]]:
+    """What no common picture explains, of every tile, and whether it lies in the flat part."""
+    for flat, (y, x) in _tiles(view):
+        masks = np.stack([s.at(_level(w[y, x])) for s in stacks])
+        yield flat, left_over(e[:, y, x], filters(masks, TILE))
+
+
+def _energy(left: list[float]) -> float:
+    """Mean of the tiles' mean squares, of noise 1, those with a depth step in them counted little."""
+    return float(np.mean(DOUBT * np.log1p(np.array(left) / DOUBT)))
+
+
+def _judged(view: _View, fit: _Fit, stacks: list[MaskStack]) -> _Fit:
+    """The fit with what it leaves unexplained."""
+    u, e = _errors(view, stacks, fit.w, fit.u)
+    left = [float(r @ r) / (TILE * view.sigma) ** 2 for _, r in _left(view, stacks, fit.w, e)]
+    return replace(fit, u=u, energy=_energy(left))

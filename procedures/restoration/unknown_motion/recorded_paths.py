@@ -1,0 +1,93 @@
+"""Prototype masks from recorded motion: the inertial unit gives each path's form, the photographs its size and place.
+
+What is not recorded is the distance of the flat part, which scales both paths, and the pose between the exposures,
+which shifts one mask against the other. Both are found by the cross relation z1 * h2 = z2 * h1.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from scipy.ndimage import shift
+
+from procedures.outcome import BadInput
+from procedures.restoration.masks.blur_operator import Array
+from procedures.restoration.masks.motion import path_mask
+from procedures.restoration.unknown_motion.blind import as_shape, centred, cross_relation, reach
+
+# sizes tried, pixels of half-width; whole pixels of shift tried each way, then quarters about the best
+SIZE_STEP = 0.25
+MOST_SHIFT = 3
+
+
+def read_path(path: Path) -> Array:
+    """A path from a text file: (n, 2), x and y at equal times.
+
+    Raises
+    ------
+    BadInput
+        If it cannot be read as numbers, or they are not finite.
+    """
+    try:
+        found = np.loadtxt(path, dtype=np.float64, ndmin=2)
+    except (OSError, ValueError) as error:
+        raise BadInput(f"path file {path} cannot be read: {error}", "give a text array of two columns") from error
+    if not np.isfinite(found).all():
+        raise BadInput(f"path file {path} contains values that are not numbers", "drop those samples")
+    return found
+
+
+def recorded_masks(parts: Array, paths: list[Array], largest: int) -> Array:
+    """Masks (2, K, K), K = 2 largest + 1, of a flat part (2, H, W) from the paths of the rig, (n, 2) in one unit.
+
+    Raises
+    ------
+    BadInput
+        If there are not two paths of two columns, or a path does not move.
+    """
+    if len(paths) != 2 or any(p.ndim != 2 or p.shape[1] != 2 or len(p) < 2 for p in paths):
+        raise BadInput("two recorded paths of x and y are needed", "give one text array of two columns per photograph")
+    extent = [float(np.abs(p - _middle(p)).max()) for p in paths]
+    if min(extent) == 0:
+        raise BadInput("a recorded path does not move", "record the rig while it vibrates")
+    relation = cross_relation(parts, largest)
+    most = largest - 1.0
+    sizes = np.arange(1.0, most + SIZE_STEP / 2, SIZE_STEP) / max(extent)
+    whole = np.arange(-MOST_SHIFT, MOST_SHIFT + 1.0)
+    best = min((_candidate(relation, paths, s, largest, whole) for s in sizes), key=lambda found: found[0])
+    fine = np.arange(-0.75, 1.0, 0.25)
+    return _candidate(relation, paths, best[2], largest, fine, best[3])[1]
+
+
+def _middle(path: Array) -> Array:
+    return np.asarray((path.max(axis=0) + path.min(axis=0)) / 2)
+
+
+def _candidate(
+    relation: Array, paths: list[Array], size: float, R: int, steps: Array, about: tuple[float, float] = (0.0, 0.0)
+) -> tuple[float, Array, float, tuple[float, float]]:
+    """Least cross relation of one size over shifts of the second mask: its value, masks, size and shift."""
+    first, second = (path_mask((p - _middle(p)) * size, R) for p in paths)
+    best: tuple[float, Array, float, tuple[float, float]] | None = None
+    for dy in about[0] + steps:
+        for dx in about[1] + steps:
+            moved = np.clip(shift(second, (dy, dx), order=1), 0, None)
+            if moved.sum() < 0.99:  # it left the masks
+                continue
+            h = np.concatenate([first.ravel(), moved.ravel() / moved.sum()])
+            # a small mask satisfies the relation by doing little: compare with what the masks' own size explains
+            value = float(h @ relation @ h) / float(h @ h)
+            if best is None or value < best[0]:
+                best = (value, np.stack([first, moved / moved.sum()]), size, (float(dy), float(dx)))
+    if best is None:
+        return np.inf, np.stack([first, second]), size, about
+    return best
+
+
+def recorded_shapes(parts: Array, paths: list[Array], largest: int) -> tuple[Array, float]:
+    """Shapes (2, n, n) on [-1, 1] of recorded motion as it is, and their half-width in the flat part, pixels."""
+    masks = recorded_masks(parts, paths, largest)
+    masks = centred(np.where(masks < 0.02 * masks.max(), 0, masks))
+    half = reach(masks)
+    return np.stack([as_shape(h, half) for h in masks]), half

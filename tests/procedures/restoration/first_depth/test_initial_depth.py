@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from procedures.raw import read_frame
+from procedures.restoration.first_depth import initial_depth
+from procedures.restoration.first_depth.semi_global_matching import semi_global
+from procedures.restoration.masks.blur_models import mask_stack, read_shape
+
+
+@pytest.mark.parametrize("N", [3, 6])
+def test_polynomial_filters_are_exact_on_cubics(N):
+    value, second = initial_depth.polynomial_filters(N)
+    n = np.arange(-N, N + 1.0)
+    cubic = 2 + 0.5 * n - 0.3 * n**2 + 0.1 * n**3
+    assert value @ cubic == pytest.approx(2)
+    assert second @ cubic == pytest.approx(-0.6)
+
+
+def test_relative_blur_of_a_cubic_is_the_difference_of_variances():
+    # Proposition 2 on u = x^2: blurring by a symmetric mask of variance s adds s
+    x = np.arange(60.0)[None, :] * np.ones((60, 1))
+    numerator, curvature = initial_depth.relative_blur(x**2 + 1.5, x**2 + 4.0, 5, "x")
+    np.testing.assert_allclose((numerator / curvature)[10:-10, 10:-10], 2.5, rtol=1e-6)
+
+
+def test_variances_of_masks(defocus_stacks):
+    k = round(4.0 / defocus_stacks[0].step)
+    assert initial_depth.variance(defocus_stacks[0])[k] == pytest.approx(4.0**2 / 4 + 1 / 12, rel=0.02)
+
+
+def test_the_default_start_beats_both_algorithms(shared_data):
+    # measured 0.11, 0.16 and above 1 pixel; weak texture is where they part
+    folder = shared_data / "synthetic" / "restoration"
+    z = np.stack([[read_frame(folder / f"vibration_40dB_{n}.pgm").planes["Y"].samples] for n in (1, 2)]).astype(float)
+    stacks = [mask_stack(read_shape(folder / f"vibration_shape{n}.txt"), 5.2, R=6) for n in (1, 2)]
+    truth = np.load(folder / "w.npy")
+
+    def error(w):
+        return np.sqrt(np.mean((w - truth)[16:-16, 16:-16] ** 2))
+
+    sigmas = np.full(2, 1.4e-3)
+    matched = error(initial_depth.matched(z, stacks, sigmas).w)
+    assert matched < 0.12
+    assert matched < 0.8 * error(initial_depth.algorithm_3(z, stacks, sigmas).w)
+    assert matched < 0.5 * error(initial_depth.algorithm_2(z, stacks, 1.4e-3).w)
+
+
+def test_starts_know_where_they_are_weak(vibrating):
+    start = initial_depth.matched(vibrating.z, vibrating.stacks, np.full(2, 0.002))
+    wrong = np.abs(start.w - vibrating.w[6:-6, 6:-6])
+    sure = start.confidence > np.median(start.confidence)
+    assert ((start.confidence >= 0) & (start.confidence <= 1)).all()
+    assert wrong[sure].mean() < wrong[~sure].mean()
+
+
+def test_whitened_costs_are_one_at_the_truth(vibration_stacks):
+    # constant depth, noise of known size: the windowed mean of a unit variance, away from the frame
+    from scipy.signal import fftconvolve
+
+    rng = np.random.default_rng(5)
+    u = rng.random((140, 140))
+    z = np.stack([[fftconvolve(u, s.at(2.7), mode="valid")] for s in vibration_stacks])
+    z = z + 0.01 * rng.standard_normal(z.shape)
+    cost = initial_depth.cost_volume(z, vibration_stacks, np.full(2, 0.01), np.array([2.7]), 5)[30:-30, 30:-30]
+    # floor in the whitening takes a few per cent; 4600 samples correlated over some 30
+    assert cost.mean() == pytest.approx(1, abs=0.15)
+
+
+def test_matching_fills_what_texture_does_not_say():
+    # a level is certain on the left only; the rest follows it rather than its own slight preference
+    cost = np.full((8, 20, 6), 1.0, np.float32)
+    cost[:, :4, :] = 30
+    cost[:, :4, 2] = 0
+    cost[:, 4:, 5] = 0.98
+    assert (semi_global(cost, 1.0, 8.0).argmin(axis=2) == 2).all()
+
+
+def test_parabolas_refine_the_least_level():
+    levels = np.arange(0.0, 2.0, 0.25)
+    cost = np.tile((levels - 0.9) ** 2, (3, 3, 1)).astype(np.float32)
+    np.testing.assert_allclose(initial_depth.least_level(cost, levels), 0.9, atol=1e-4)

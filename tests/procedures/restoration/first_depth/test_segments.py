@@ -1,0 +1,92 @@
+"""Depth maps cut along their jumps: what belongs together, and how each part goes on beyond its border."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from procedures.restoration.first_depth.segments import continued, joined, mended, segments, surfaces
+
+JUMP = 0.35
+
+
+@pytest.fixture
+def square():
+    """A slope with a square half a pixel and more before it, and which of both each sample is."""
+    y, x = np.mgrid[0:80, 0:100]
+    inside = (y > 35) & (x > 45)
+    return 3.0 - 0.01 * x + 0.9 * inside, inside
+
+
+def test_each_side_of_a_step_is_a_segment(square):
+    w, inside = square
+    labels = segments(w, JUMP, 4)
+    assert labels.max() == 2
+    assert len(np.unique(labels[inside])) == len(np.unique(labels[~inside])) == 1
+
+
+def test_a_gap_in_the_step_joins_nothing(square):
+    w, _ = square
+    y, x = np.mgrid[0:80, 0:100]
+    # ten pixels of the border are a ramp without a jump
+    ramp = (np.abs(y - 60) < 5) & (np.abs(x - 45) < 6)
+    w = np.where(ramp, 3.0 - 0.01 * x + 0.9 * np.clip((x - 39) / 12, 0, 1), w)
+    labels = segments(w, JUMP, 6)
+    assert labels.max() == 2
+    assert labels[75, 95] != labels[5, 5]
+
+
+def test_a_slope_is_cut_nowhere():
+    y, x = np.mgrid[0:80, 0:100]
+    assert segments(1.0 + 0.02 * x + 0.02 * y, JUMP, 4).max() == 1
+
+
+def test_known_borders_last_where_surfaces_part(square):
+    w, inside = square
+    blurred = np.where(np.abs(np.mgrid[0:80, 0:100][1] - 45) < 3, 3.2, w)  # the step has been smoothed a little
+    known = inside.astype(np.int32) + 1
+    labels = segments(blurred, 2.0, 5, known)
+    # a jump of 2 would not be found, and surfaces half that apart would be one
+    assert labels.max() == 1
+    assert segments(blurred, 1.0, 5, known).max() == 2
+
+
+def test_depths_are_continued_as_planes():
+    y, x = np.mgrid[0:40, 0:40]
+    w = 2 + 0.02 * x - 0.01 * y
+    # damped slopes: exact in the middle of what is known, some per cent low ten pixels outside
+    found = continued(w, (x < 20).astype(float), 5.0)
+    np.testing.assert_allclose(found[15:25, 5:24], w[15:25, 5:24], atol=0.06)
+
+
+def test_neighbours_surfaces_meet_across_the_border(square):
+    w, inside = square
+    found = surfaces(w, inside.astype(np.int32) + 1, 6, 2)
+    near = found.near
+    # both surfaces are one slope 0.9 apart, continued by at most eight pixels; damped planes err by some hundredths
+    assert near.any()
+    np.testing.assert_allclose(np.abs(found.own - found.other)[near], 0.9, atol=0.1)
+
+
+def test_the_second_nearest_is_another(square):
+    labels = np.ones((30, 60), np.int32)
+    labels[:, 20:26], labels[:, 26:] = 2, 3
+    w = labels.astype(float)
+    first, second = (surfaces(w, labels, 12, 1, rank) for rank in (1, 2))
+    assert first.other_label[15, 18] == 2
+    assert second.other_label[15, 18] == 3
+
+
+def test_blemishes_are_mended_and_steps_are_not(square):
+    w, inside = square
+    spoilt = w.copy()
+    spoilt[10:18, 70:80] = 1.0
+    labels = inside.astype(np.int32) + 1
+    np.testing.assert_allclose(mended(spoilt, labels, 4, JUMP), w, atol=0.1)
+    np.testing.assert_array_equal(mended(w, labels, 4, JUMP), w)
+
+
+def test_only_neighbours_of_one_segment_are_joined():
+    down, across = joined(np.array([[1, 1], [2, 2]], np.int32))
+    assert not down.any()
+    assert across.all()

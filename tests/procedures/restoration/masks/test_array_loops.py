@@ -1,0 +1,26 @@
+"""Passes over whole arrays: what NumPy and SciPy say of the same, to rounding."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from procedures.restoration.masks.array_loops import advance, gaussian, turn
+
+
+@pytest.mark.parametrize("sigma", [0.7, 4.0, 30.0])  # the last reaches beyond the frame from everywhere
+def test_a_window_of_gaussian_weight(rng, sigma):
+    a = rng.standard_normal((23, 31))
+    np.testing.assert_allclose(
+        gaussian(a, sigma, 3.5), gaussian_filter(a, sigma, truncate=3.5, mode="nearest"), atol=1e-14
+    )
+
+
+def test_conjugate_gradients_move_in_place(rng):
+    x, r, p, q = rng.standard_normal((4, 3, 101, 97))
+    moved, left, turned = x + 0.3 * p, r - 0.3 * q, -0.7 * p + q
+    advance(x, r, p, q, 0.3)
+    turn(p, q, -0.7)
+    for found, expected in ((x, moved), (r, left), (p, turned)):
+        np.testing.assert_allclose(found, expected, atol=1e-14)

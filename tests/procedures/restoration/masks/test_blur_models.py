@@ -1,0 +1,111 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from procedures.outcome import BadInput, BadParameter
+from procedures.restoration.masks import blur_models as models
+
+
+def moments(mask):
+    R = len(mask) // 2
+    y, x = np.mgrid[-R : R + 1, -R : R + 1]
+    cx, cy = (mask * x).sum(), (mask * y).sum()
+    return cx, cy, (mask * (x - cx) ** 2).sum(), (mask * (y - cy) ** 2).sum()
+
+
+SHAPES = {
+    "pillbox": models.pillbox(),
+    "gaussian": models.gaussian(),
+    "hexagon": models.polygon(6),
+    "line": models.uniform_motion(0.4),
+}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+@given(w=st.floats(0.2, 6.0))
+def test_masks_keep_light_and_place(name, w):
+    mask = models.mask(SHAPES[name], w, 7)
+    cx, cy, _, _ = moments(mask)
+    assert mask.sum() == pytest.approx(1)
+    assert (mask >= 0).all()
+    # all four shapes are symmetric under a half turn; 11 samples per pixel place them to their rounding
+    assert np.hypot(cx, cy) < 0.05
+
+
+@pytest.mark.parametrize("w", [2.0, 3.7, 5.5])
+def test_the_blur_circle_has_the_variance_of_a_disc(w):
+    # a disc of radius w has r^2 / 4 along each axis, a pixel adds 1/12
+    _, _, xx, yy = moments(models.mask(models.pillbox(), w, 7))
+    assert [xx, yy] == pytest.approx([w**2 / 4 + 1 / 12] * 2, rel=0.03)
+
+
+def test_steady_motion_has_the_variance_of_its_length():
+    # a line of half-length w: w^2 / 3 along it (5.5), the drawn line ends its thickness before the frame
+    w = 6.0
+    _, _, xx, yy = moments(models.mask(models.uniform_motion(0.0), w, 8))
+    assert xx == pytest.approx((0.94 * w) ** 2 / 3 + 1 / 12, rel=0.02)
+    assert yy < 0.15
+
+
+def test_a_polygon_of_many_blades_is_a_circle():
+    circle, polygon = models.pillbox(), models.polygon(64)
+    assert np.mean(circle != polygon) < 0.01
+
+
+def test_masks_stretch_with_the_ratio():
+    one = models.mask_stack(SHAPES["hexagon"], 3.0, R=6)
+    other = models.mask_stack(SHAPES["hexagon"], 3.0, ratio=1.5, R=6)
+    np.testing.assert_allclose(other.at(2.0), one.at(3.0), atol=2e-3)  # one level off by interpolation at most
+
+
+def test_behind_the_focus_the_shape_is_upside_down():
+    shape = np.zeros((257, 257))
+    shape[:60, 100:160] = 1
+    stack = models.mask_stack(shape, 4.0, ratio=1.0, offset=-2.0, R=5)
+    np.testing.assert_allclose(stack.at(4.0), stack.at(0.0)[::-1, ::-1], atol=1e-12)
+
+
+def test_defocus_and_motion_add_their_variances():
+    defocus = models.mask_stack(SHAPES["pillbox"], 2.0, R=4)
+    motion = models.mask_stack(SHAPES["line"], 2.0, R=4)
+    together = models.both(defocus, motion)
+    expected = np.add(moments(defocus.at(2.0))[2:], moments(motion.at(2.0))[2:])
+    assert moments(together.at(2.0))[2:] == pytest.approx(expected, rel=1e-6)
+
+
+def test_an_axially_symmetric_lens_turns_its_shape_around_the_frame():
+    coma = np.where(SHAPES["pillbox"] > 0, 1 + models._axes()[0], 0.0)
+    field = models.symmetric_field([SHAPES["pillbox"], coma], (3, 3), 3.0)
+    right, left = field.stacks[1][2].at(3.0), field.stacks[1][0].at(3.0)
+    np.testing.assert_allclose(left, right[:, ::-1], atol=2e-3)  # bilinear turning of the shape
+    assert moments(right)[0] > 0.1
+    assert moments(field.middle.at(3.0))[0] == pytest.approx(0, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("1 2\n3 4\n", "odd square"),
+        ("1 2 3\n4 5 6\n", "odd square"),
+        ("1 1 1\n1 -1 1\n1 1 1\n", "not negative"),
+        ("0 0 0\n0 0 0\n0 0 0\n", "empty"),
+        ("a b c\n", "cannot be read"),
+    ],
+)
+def test_a_wrong_shape_file_is_refused(tmp_path, text, complaint):
+    file = tmp_path / "shape.txt"
+    file.write_text(text)
+    with pytest.raises(BadInput, match=complaint):
+        models.read_shape(file)
+
+
+def test_masks_that_cannot_hold_w_are_refused():
+    with pytest.raises(BadParameter, match="half-size"):
+        models.mask_stack(models.pillbox(), 6.0, R=4)
+    with pytest.raises(BadParameter, match="3 blades"):
+        models.polygon(2)
+    with pytest.raises(BadInput, match="does not move"):
+        models.path_shape(np.zeros((10, 2)))

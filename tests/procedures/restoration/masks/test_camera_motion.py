@@ -1,0 +1,139 @@
+"""A rig that shifts and turns: poses from what a unit on it feels, and the blur that they make over the frame."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from procedures.outcome import BadInput, BadParameter, Refused
+from procedures.raw import Felt
+from procedures.restoration.masks import camera_motion as c
+from procedures.restoration.masks.mask_fields import positions
+from procedures.restoration.masks.motion import Exposure, Motion, curve
+
+OPEN_S = 0.2
+OMEGA = 2 * np.pi * 10.0
+SHIFT_M = np.array([2e-3, 1e-3, 5e-4])
+TURN = np.array([3e-3, -4e-3, 0.02])
+PHASES = np.array([0.0, 0.7, 1.9])
+SHAPE = (96, 128)
+FOCAL = 900.0
+GRAVITY = np.array([0.0, 9.81, 0.0])
+
+
+def truth(t):
+    """Position and turn of the rig at times t, picture axes."""
+    return tuple(
+        size * np.cos(OMEGA * np.asarray(t)[:, None] + PHASES + more) for size, more in ((SHIFT_M, 0), (TURN, 1.3))
+    )
+
+
+def ideal(t):
+    """What a unit on it feels, in the unit's axes, and its velocity along the camera's: by differences of the truth."""
+    h = 1e-4
+    before, now, after = (truth(t + d) for d in (-h, 0.0, h))
+    turn, earlier, later = (Rotation.from_rotvec(one[1]) for one in (now, before, after))
+    force = turn.inv().apply((before[0] - 2 * now[0] + after[0]) / h**2 - GRAVITY)
+    rate = (earlier.inv() * later).as_rotvec() / (2 * h)
+    return Felt(t, force * c.FLIPPED, rate * c.FLIPPED), turn.inv().apply((after[0] - before[0]) / (2 * h))
+
+
+def record(zero=0.0):
+    """The same as a real one tells it, at 200 Hz, with zero errors."""
+    felt, _ = ideal(np.arange(-0.3, 0.5, 0.005))
+    return Felt(
+        felt.time_s,
+        felt.acceleration_m_s2 + zero * np.array([0.3, -0.1, 0.2]),
+        felt.rotation_rad_s + zero * np.array([0.01, 0.02, -0.03]),
+    )
+
+
+@pytest.fixture(scope="module")
+def poses():
+    return c.poses_of(record(zero=1.0), OPEN_S)
+
+
+def test_poses_come_back_from_what_the_unit_feels(poses):
+    position, turn = truth(np.linspace(0, OPEN_S, c.INSTANTS))
+    # a line and a parabola, fitted where eight periods count most, take some hundredths of the motion with them
+    assert np.abs(poses.turn_rad - turn).max() < 0.01 * np.abs(turn).max()
+    assert np.abs(poses.position_m - position).max() < 0.03 * np.abs(position).max()
+
+
+def test_curves_are_those_of_the_velocity_field(poses):
+    # (5.1) integrated step by step over the same motion
+    t = np.linspace(-0.05, OPEN_S, 1001)
+    felt, speed = ideal(t)
+    x, y, inverse = 0.06, -0.04, 0.8
+    exposure = Exposure(0.0, OPEN_S, reference_s=0.0)
+    count = int(np.sum((t >= -1e-9) & (t <= OPEN_S)))
+    projected = c.drawn(c.Poses(*truth(np.linspace(0, OPEN_S, count))), x, y, np.array([inverse]))[0]
+    first = projected[0] + (x, y)
+    stepped = curve(
+        Motion(t, speed, felt.rotation_rad_s * c.FLIPPED), *first, 1 / inverse, steps=1001, exposure=exposure
+    )
+    # midpoint rule; the depth at the first instant is that at rest to 2e-3
+    assert np.abs(projected + np.array([x, y]) - stepped).max() < 0.005 * np.abs(projected).max()
+
+
+def test_a_rig_that_only_rolls_blurs_the_corners_and_not_the_middle():
+    n = 200
+    roll = np.column_stack([np.zeros((n, 2)), 0.02 * np.sin(np.linspace(0, 2 * np.pi, n))])
+    shift = np.column_stack([2e-3 * np.cos(np.linspace(0, 2 * np.pi, n)), np.zeros((n, 2))])
+    blur = c.motion_blur([c.Poses(shift, roll)], FOCAL, SHAPE, 1.0)
+    (field,) = blur.fields
+    rows, columns = positions(field.grid, SHAPE, field.R)
+    far = field.stacks[0][0].at(0.0)
+    t = np.arange(-field.R, field.R + 1)
+    spread = np.sqrt((far.sum(axis=1) @ t**2) + (far.sum(axis=0) @ t**2))
+    distance = np.hypot(rows[0] - (SHAPE[0] - 1) / 2, columns[0] - (SHAPE[1] - 1) / 2)
+    # a sine's standard deviation is its amplitude's over the root of 2; the pixel's softness adds 0.3^2 and shares 1/3
+    assert spread == pytest.approx(0.02 * distance / 2**0.5, rel=0.25)
+    assert blur.px_per_inverse_m == pytest.approx(2e-3 * FOCAL, rel=0.03)
+    assert blur.unit.per_pixel == pytest.approx(1 / blur.px_per_inverse_m)
+
+
+def test_a_rig_that_does_not_turn_needs_one_place():
+    shift = 2e-3 * np.column_stack([np.cos(np.linspace(0, 6, 99)), np.sin(np.linspace(0, 6, 99)), np.zeros(99)])
+    assert c.motion_blur([c.Poses(shift, np.zeros((99, 3)))], FOCAL, SHAPE, 1.0).fields[0].grid == (1, 1)
+
+
+def spoilt():
+    felt = record()
+    t = felt.time_s
+    return {
+        "late": (replace(felt, time_s=t + 0.4), "cover the exposure"),
+        "order": (replace(felt, time_s=t[::-1]), "increase"),
+        "few": (Felt(t[:5], felt.acceleration_m_s2[:5], felt.rotation_rad_s[:5]), "16 samples"),
+        "nan": (replace(felt, acceleration_m_s2=felt.acceleration_m_s2 * np.nan), "not numbers"),
+        "degrees": (replace(felt, rotation_rad_s=np.degrees(felt.rotation_rad_s)), "turned by"),
+    }
+
+
+@pytest.mark.parametrize("kind", ["late", "order", "few", "nan", "degrees"])
+def test_records_that_cannot_be_meant_are_refused(kind):
+    felt, complaint = spoilt()[kind]
+    with pytest.raises(BadInput, match=complaint) as refusal:
+        c.poses_of(felt, OPEN_S)
+    assert refusal.value.remedy
+
+
+def test_motion_that_tells_nothing_is_refused(poses):
+    still = c.Poses(np.zeros((9, 3)), poses.turn_rad[:9])
+    with pytest.raises(Refused, match="must move along"):
+        c.motion_blur([still], FOCAL, SHAPE, 1.0)
+    with pytest.raises(Refused, match="no depth shows"):
+        c.motion_blur([poses], FOCAL, SHAPE, 0.05)
+    with pytest.raises(BadParameter, match="must be positive"):
+        c.motion_blur([poses], 0.0, SHAPE, 1.0)
+    with pytest.raises(BadParameter, match="too large"):
+        c.motion_blur([poses], FOCAL, SHAPE, 40.0)
+
+
+def test_a_unit_at_rest_feels_gravity_and_no_motion():
+    t = np.arange(-0.1, 0.4, 0.005)
+    still = c.poses_of(Felt(t, np.tile([0.3, 9.8, -0.2], (len(t), 1)), np.zeros((len(t), 3))), OPEN_S)
+    assert np.abs(still.position_m).max() < 1e-12

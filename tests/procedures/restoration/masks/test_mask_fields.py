@@ -1,0 +1,96 @@
+"""Masks that vary over the frame: one stack is a grid of one, and what a field blurred is restored with the field."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from procedures.outcome import BadParameter, Verdict
+from procedures.restoration.first_depth import initial_depth
+from procedures.restoration.joint.estimate import RestorationParameters, noise_of, refocused, restore
+from procedures.restoration.joint.schedule import Scheme
+from procedures.restoration.masks.blur_models import symmetric_field
+from procedures.restoration.masks.mask_fields import MaskField, alike, one_grid, positions
+
+from ..conftest import scene
+
+
+def coma(strength):
+    """A disc whose light crowds towards +x."""
+    t = np.linspace(-1, 1, 65)
+    x, y = np.meshgrid(t, t)
+    return np.where(x**2 + y**2 <= 1, 1 + strength * x, 0.0)
+
+
+@pytest.fixture(scope="module")
+def lens():
+    """A lens whose coma grows from the middle to the corners, at two apertures."""
+    shapes = [coma(0.0), coma(0.5), coma(0.99)]
+    return [symmetric_field(shapes, (2, 3), 4.4, ratio, R=6) for ratio in (1.0, 1.25)]
+
+
+@pytest.fixture(scope="module")
+def photographs(lens):
+    return scene(lens, (80, 96), 40.0)
+
+
+def test_a_field_of_equal_stacks_restores_as_the_stack_does(vibrating):
+    parameters = RestorationParameters(scheme=Scheme(1, 2, 2, 1, 2), dtype=np.float64)
+    one = restore(list(vibrating.z), vibrating.stacks, parameters).value
+    fields = [MaskField(((stack, stack), (stack, stack))) for stack in vibrating.stacks]
+    many = restore(list(vibrating.z), fields, parameters).value
+    # tiles of the start reflect at their own rims, which reaches the rim of the whitening's response
+    assert np.median(np.abs(many.w - one.w)) < 1e-3
+    assert np.median(np.abs(many.sharp - one.sharp)) < 1e-3
+
+
+def test_what_a_lens_with_coma_blurred_is_restored_with_its_field(photographs, lens):
+    parameters = RestorationParameters(scheme=Scheme(2, 4, 4, 1, 8))
+    found = restore(list(photographs.z), lens, parameters)
+    assert found.verdict in (Verdict.PASS, Verdict.DOUBTFUL)
+    assert photographs.depth_error(found.value.w) < 0.3
+    middle = [one.middle for one in lens]
+    alone = restore(list(photographs.z), middle, parameters)
+    assert photographs.picture_error(found.value.sharp) < 0.85 * photographs.picture_error(alone.value.sharp)
+    assert photographs.picture_error(found.value.sharp) < 0.65 * photographs.picture_error(photographs.z[0])
+    view = refocused(found.value, lens[0], 2.0, 2.0)
+    assert view.shape == found.value.sharp.shape
+
+
+def test_the_starts_take_fields(photographs, lens):
+    sigmas = np.full(2, noise_of(photographs.z, lens))
+    errors = [
+        np.median(np.abs(start.w - photographs.w[lens[0].R : -lens[0].R, lens[0].R : -lens[0].R]))
+        for start in (
+            initial_depth.matched(photographs.z, lens, sigmas),
+            initial_depth.algorithm_3(photographs.z, lens, sigmas),
+        )
+    ]
+    assert max(errors) < 0.25
+    assert initial_depth.algorithm_2(photographs.z, lens, sigmas[0]).w.shape == (80, 96)
+
+
+def test_nodes_lie_over_the_frame_that_the_masks_extend():
+    y, x = positions((3, 1), (101, 61), 5)
+    np.testing.assert_allclose(y, [-5, 50, 105])
+    assert x == pytest.approx([30])
+
+
+def test_a_stack_beside_a_field_is_the_same_everywhere(vibration_stacks):
+    a, b = vibration_stacks
+    field = MaskField(((a, b),))
+    first, second = one_grid([field, a])
+    assert first is field
+    assert second.grid == (1, 2)
+    assert not alike([field, a])
+    assert alike([MaskField(((a, a),)), a])
+
+
+def test_fields_that_do_not_fit_together_are_refused(vibration_stacks, defocus_stacks):
+    a, b = vibration_stacks
+    with pytest.raises(BadParameter, match="agree in size"):
+        MaskField(((a, defocus_stacks[0]),))
+    with pytest.raises(BadParameter, match="rows of equal length"):
+        MaskField(((a, b), (a,)))
+    with pytest.raises(BadParameter, match="grids of masks differ: 1 x 2 and 2 x 2"):
+        one_grid([MaskField(((a, b),)), MaskField(((a, b), (b, a)))])

@@ -1,0 +1,67 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from procedures.outcome import BadParameter
+from procedures.restoration.masks.thin_lens import CameraSetting, motion_half_width_px, relation
+
+FIRST = CameraSetting(focal_length_mm=50.0, f_number=2.8, focus_mm=1500.0, pitch_um=6.0)
+
+
+def test_the_plane_of_focus_is_sharp():
+    assert FIRST.blur_radius_px(1500.0) == pytest.approx(0)
+
+
+def test_blur_circles_follow_similar_triangles():
+    # (4.4): r = rho (l' - zeta) / l', l' where the distance is imaged
+    distance = 900.0
+    imaged = 1 / (1 / 50.0 - 1 / distance)
+    r_mm = FIRST.aperture_radius_mm * (imaged - FIRST.image_distance_mm) / imaged
+    assert FIRST.blur_radius_px(distance) == pytest.approx(r_mm / 6e-3)
+
+
+def test_distance_and_blur_are_inverse():
+    distances = np.array([600.0, 1200.0, 1500.0, 4000.0])
+    np.testing.assert_allclose(FIRST.distance_mm(FIRST.blur_radius_px(distances)), distances)
+
+
+def test_no_distance_blurs_more_than_infinity():
+    assert np.isinf(FIRST.distance_mm(FIRST.blur_radius_px(np.inf) - 1))
+
+
+@pytest.mark.parametrize(
+    "second",
+    [
+        CameraSetting(50.0, 4.0, 1500.0, 6.0),
+        CameraSetting(50.0, 2.8, 1100.0, 6.0),
+        CameraSetting(55.0, 3.5, 900.0, 6.0),
+    ],
+)
+def test_the_two_radii_are_linear_in_each_other(second):
+    alpha, beta = relation(FIRST, second)
+    distances = np.array([500.0, 800.0, 3000.0])
+    np.testing.assert_allclose(second.blur_radius_px(distances), alpha * FIRST.blur_radius_px(distances) + beta)
+
+
+def test_only_the_aperture_changed_leaves_the_ratio_of_f_numbers():
+    assert relation(FIRST, CameraSetting(50.0, 5.6, 1500.0, 6.0)) == pytest.approx((0.5, 0.0))
+
+
+def test_uncertainty_of_distance_grows_with_its_square():
+    near, far = FIRST.distance_uncertainty_mm(np.array([1000.0, 2000.0]), 0.1)
+    assert far / near == pytest.approx(4)
+    # and is the derivative of the distance
+    shift = FIRST.distance_mm(FIRST.blur_radius_px(1000.0) - 1e-4) - 1000.0
+    assert near == pytest.approx(float(shift) * 0.1 / 1e-4, rel=1e-3)
+
+
+def test_motion_shrinks_with_distance():
+    w = motion_half_width_px(FIRST, 0.5, np.array([1000.0, 2000.0]))
+    assert w[0] == pytest.approx(2 * w[1])
+
+
+@pytest.mark.parametrize("wrong", [(0, 2.8, 1500, 6), (50, 2.8, 40, 6)])
+def test_impossible_settings_are_refused(wrong):
+    with pytest.raises(BadParameter):
+        CameraSetting(*map(float, wrong))

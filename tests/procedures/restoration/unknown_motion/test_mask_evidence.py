@@ -1,0 +1,120 @@
+"""What tiles say of masks: nothing of a common picture or a depth, the rest as a sum of squares."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from procedures.restoration.masks.blur_models import LINE
+from procedures.restoration.unknown_motion.mask_evidence import (
+    MaskEvidence,
+    Tile,
+    cost,
+    filters,
+    fitted,
+    gather,
+    left_over,
+    masks_at,
+    rows,
+)
+
+from ..motions import FLAT_W, curves
+
+SIZE, R = 24, 5
+
+
+@pytest.fixture
+def points():
+    return curves()
+
+
+@pytest.fixture
+def around(rng):
+    return rng.standard_normal((SIZE + 2 * R, SIZE + 2 * R))
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(8)
+
+
+def blurred(around, mask):
+    """A tile of the convolution of what is around it with a mask."""
+    size = mask.shape[0]
+    views = np.lib.stride_tricks.sliding_window_view(around, mask.shape)[..., ::-1, ::-1]
+    trim = (around.shape[0] - SIZE - size + 1) // 2
+    return np.tensordot(views, mask, 2)[trim : trim + SIZE, trim : trim + SIZE]
+
+
+def test_rows_keep_scalar_products(rng):
+    x, y = rng.standard_normal((2, SIZE, SIZE))
+    assert rows(np.fft.rfft2(x)) @ rows(np.fft.rfft2(y)) == pytest.approx(np.sum(x * y))
+
+
+def test_a_common_picture_leaves_nothing(rng, points):
+    masks = masks_at(points, FLAT_W, FLAT_W, 4)
+    v = np.fft.rfft2(rng.standard_normal((SIZE, SIZE)))
+    wrapped = np.zeros((2, SIZE, SIZE))
+    wrapped[:, :9, :9] = masks
+    errors = np.fft.irfft2(v * np.fft.rfft2(np.roll(wrapped, (-4, -4), (1, 2))), (SIZE, SIZE))
+    assert np.linalg.norm(left_over(errors, filters(masks, SIZE))) < 1e-10 * np.linalg.norm(errors)
+
+
+def test_of_noise_a_half_is_left(rng, points):
+    errors = rng.standard_normal((200, 2, SIZE, SIZE))
+    filtering = filters(masks_at(points, FLAT_W, FLAT_W, 4), SIZE)
+    left = np.mean([np.sum(left_over(one, filtering) ** 2) for one in errors]) / SIZE**2
+    # two samples a pixel, of which the picture takes one; the floor under the spectra takes some per cent
+    assert 0.85 < left < 1.02
+
+
+def test_chi_square_is_that_of_other_masks(rng, points, around):
+    about = MaskEvidence.about(points, FLAT_W, FLAT_W, R)
+    errors = rng.standard_normal((2, SIZE, SIZE))
+    gather(about, np.zeros_like(about.masks), [Tile(errors, around, flat=True)], 10.0)
+    other = masks_at(points + 0.1 * rng.standard_normal(points.shape), FLAT_W, FLAT_W, about.R)
+    changed = errors - np.stack([blurred(around, d) for d in other - about.masks])
+    expected = np.sum(left_over(changed, filters(about.masks, SIZE)) ** 2)
+    assert about.chi_square(other) == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_wrong_depth_is_not_held_against_masks(points, around):
+    about = MaskEvidence.about(points, FLAT_W, FLAT_W, R)
+    slope = (masks_at(points, FLAT_W, FLAT_W + 0.01, about.R) - masks_at(points, FLAT_W, FLAT_W - 0.01, about.R)) / 0.02
+    tile = Tile(0.3 * np.stack([blurred(around, d) for d in slope]), around, flat=False)
+    gather(about, slope, [tile], 10.0)
+    assert about.c < 1e-3 * np.sum(left_over(tile.errors, filters(about.masks, SIZE)) ** 2)
+
+
+def test_a_curve_is_fitted_to_what_is_said_of_three_sizes(rng, points):
+    # masks known entry by entry, to 0.0003, at three sizes; lines about as wide as samples lie apart
+    half = 2 * FLAT_W
+    points, said = 2 * points, []
+    for w in (0.8 * half, half, 1.4 * half):
+        one = MaskEvidence.about(points, half, w, 8)
+        one.add(np.eye(one.masks.size), np.zeros(one.masks.size), 1e7)
+        said.append(one)
+    begun = points + rng.normal(0, 0.1, points.shape)
+    value, found = fitted(said, begun, half)
+    assert value == pytest.approx(cost(said, found, half))
+    assert value < 0.01 * cost(said, begun, half)
+    before, after, true = (masks_at(p, half, 1.2 * half, 8) for p in (begun, found, points))
+    # three beginnings of four end at 0.16 of it and less, one at 0.3
+    assert np.linalg.norm(after - true) < 0.35 * np.linalg.norm(before - true)
+
+
+def test_a_curve_that_is_not_free_stays(rng, points):
+    one = MaskEvidence.about(points, FLAT_W, FLAT_W, R)
+    one.add(np.eye(one.masks.size), np.zeros(one.masks.size), 1e4)
+    begun = points + rng.normal(0, 0.05, points.shape)
+    found = fitted([one], begun, FLAT_W, (1,))[1]
+    assert (found[0] == begun[0]).all()
+    assert (found[1] != begun[1]).any()
+
+
+def test_masks_keep_their_line(points):
+    # a line's width grows with the masks (5.3)
+    large = masks_at(points, FLAT_W, 2 * FLAT_W, 8)
+    assert large.shape == (2, 17, 17)
+    assert large.sum(axis=(1, 2)) == pytest.approx([1, 1], abs=1e-6)
+    assert LINE * 2 * FLAT_W < 0.1

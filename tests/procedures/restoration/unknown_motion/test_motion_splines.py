@@ -1,0 +1,71 @@
+"""Curves finer than pixels: they draw masks, and are found from them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from procedures.restoration.masks.blur_models import LINE, mask
+from procedures.restoration.unknown_motion import motion_splines
+
+HALF = 3.0
+
+
+@pytest.fixture(scope="module")
+def points():
+    """A smooth wandering of half-width 3 about the masks' middle."""
+    t = (np.arange(motion_splines.POINTS) + 0.5) / motion_splines.POINTS
+    wander = np.stack([np.cos(2 * np.pi * t) + 0.5 * np.sin(3 * np.pi * t), np.sin(2 * np.pi * t)], axis=1)
+    wander -= (wander.max(axis=0) + wander.min(axis=0)) / 2
+    return wander * HALF / motion_splines.half_width(wander)
+
+
+@pytest.mark.parametrize("w", [1.7, 3.0, 4.6])
+def test_a_curve_draws_the_masks_of_its_shape(points, w):
+    # both are summed at eleven samples per pixel; the shape is linear between its own 257, the curve has 400 instants
+    shape = motion_splines.shapes_of(points[None])[0]
+    drawn = motion_splines.drawn(points * w / HALF, 6, LINE * w)
+    true = mask(shape, w, 6)
+    assert np.linalg.norm(drawn - true) < 0.005 * np.linalg.norm(true)
+
+
+def test_derivatives_are_those_of_the_mask(points):
+    at, step = 0.3, 1e-5
+    change = np.random.default_rng(1).standard_normal(points.shape)
+    J = motion_splines.drawn_change(points, 5, at)
+    above, below = (motion_splines.drawn(points + s * step * change, 5, at) for s in (1, -1))
+    numeric = ((above - below) / (2 * step)).ravel()
+    # of the exact integral: sums over samples d apart differ by some (d / sigma)^2 / 24 = 0.4 %
+    assert np.linalg.norm(J @ change.T.ravel() - numeric) < 0.01 * np.linalg.norm(numeric)
+
+
+def test_a_mask_keeps_all_light(points):
+    assert motion_splines.drawn(points, 5, 0.1).sum() == pytest.approx(1, abs=1e-6)
+
+
+def test_light_beside_a_mask_is_lost(points):
+    beside = points + np.array([3.0, 0.0])
+    shown = (np.abs(motion_splines.basis() @ beside) < 2.5).all(axis=1).mean()
+    assert motion_splines.drawn(beside, 2, 0.06).sum() == pytest.approx(shown, abs=0.03)
+
+
+def test_a_line_finer_than_samples_keeps_its_light(points):
+    # samples nine hundredths of a pixel apart catch a line of a hundredth now and then, the whole of it in all
+    assert motion_splines.drawn(points, 5, 0.01).sum() == pytest.approx(1, abs=1e-6)
+
+
+def test_curves_are_found_from_a_mask(points):
+    target = motion_splines.drawn(points, 4, LINE * HALF)
+    found = motion_splines.candidates(target, HALF, np.random.default_rng(3), 12)
+    again = [motion_splines.drawn(one, 4, LINE * HALF) for one in found]
+    # many curves draw one mask; a line a fifth of a pixel wide, steady ones are let off some per cent of it
+    assert min(np.linalg.norm(mask - target) for mask in again) < 0.08 * np.linalg.norm(target)
+    assert len(found) == 12
+
+
+def test_a_recorded_path_begins_the_curve(points):
+    # recorded in metres, about another place; what the record gets wrong the mask puts right
+    shaken = motion_splines.basis() @ (points + np.random.default_rng(5).normal(0, 0.05, points.shape))
+    found = motion_splines.recorded(1e-4 * shaken + 0.3, motion_splines.drawn(points, 4, LINE * HALF), HALF)
+    apart = motion_splines.basis() @ (found - points)
+    assert np.sqrt(np.mean(apart**2)) < 0.15

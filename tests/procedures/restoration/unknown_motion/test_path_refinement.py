@@ -1,0 +1,67 @@
+"""Paths from a flat part, made finer by what lies at other depths."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from procedures.outcome import Outcome, Verdict
+from procedures.restoration.joint.schedule import Scheme
+from procedures.restoration.masks.blur_models import LINE, mask
+from procedures.restoration.unknown_motion import basin_hopping, motion_splines, path_refinement
+from procedures.restoration.unknown_motion import path_pairs as pairs
+from procedures.restoration.unknown_motion.blind import Prototypes, as_shape
+
+from .. import motions
+from ..motions import BOX, FLAT_W
+
+
+@pytest.fixture(scope="module")
+def curves():
+    return motions.curves()
+
+
+@pytest.fixture(scope="module")
+def photographs():
+    return motions.photographs()
+
+
+@pytest.fixture(scope="module")
+def found(curves):
+    """Masks of the flat part, known to whole pixels."""
+    masks = np.stack([motion_splines.drawn(one, 2, LINE * FLAT_W) for one in curves])
+    return Prototypes(masks, np.stack([as_shape(h, 2.5) for h in masks]), 2.5, 0.001)
+
+
+def test_other_depths_put_the_curves_in_their_place(photographs, found, curves, monkeypatch):
+    # a tenth of a pixel off in the flat part, as curves that draw one mask differ
+    begun = curves + np.random.default_rng(1).normal(0, 0.1, curves.shape)
+    monkeypatch.setattr(path_refinement, "MORE", 0)
+    monkeypatch.setattr(path_refinement, "SCHEME", Scheme(4, 6, 6, 1, 6))
+    monkeypatch.setattr(pairs, "DESCENTS", 1)
+    monkeypatch.setattr(basin_hopping, "BENDS", 0)
+    motion = path_refinement.motion_of_scene(photographs, BOX, found, 3.5, np.random.default_rng(0), begun)
+    assert motion.path is not None
+
+    def error(shapes, half):
+        """Of the masks of both at the farther of the scene's depths."""
+        w = 1.4
+        pairs = zip(shapes, motion_splines.shapes_of(curves), strict=True)
+        return sum(np.sum((mask(a, w * half, 5) - mask(b, w * FLAT_W, 5)) ** 2) for a, b in pairs) ** 0.5
+
+    before = error(motion_splines.shapes_of(begun), motion_splines.half_width(begun))
+    assert error(motion.shapes, motion.half_width) < 0.5 * before
+
+
+def test_a_part_too_narrow_leaves_a_doubt(photographs, found):
+    motion = path_refinement.motion_of_scene(photographs, (0, 0, 20, 96), found, 3.5, np.random.default_rng(0))
+    assert motion.path is None
+    outcome = motion.judged(Outcome(1.0))
+    assert outcome.verdict is Verdict.DOUBTFUL
+    assert "narrower" in outcome.reason
+    assert "mark a larger" in outcome.remedy
+
+
+def test_what_is_wrong_otherwise_comes_first(found):
+    motion = path_refinement.MotionShapes(found.shapes, 2.5, None, "doubt")
+    assert motion.judged(Outcome(None, Verdict.REFUSED, "other", "do")).reason == "other"

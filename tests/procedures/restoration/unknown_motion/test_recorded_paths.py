@@ -1,0 +1,81 @@
+"""Recorded motion: the paths are known, their size in the flat part and the shift between the photographs are not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter, shift
+from scipy.signal import fftconvolve
+
+from procedures.outcome import BadInput
+from procedures.restoration.masks.motion import path_mask
+from procedures.restoration.unknown_motion import recorded_paths
+from procedures.restoration.unknown_motion.blind import prototype_shapes
+
+T = np.linspace(0, 2 * np.pi, 400)
+# metres, of different extents as two exposures have them
+PATHS = [
+    1e-4 * np.stack([np.cos(T) + 0.3 * np.cos(2 * T), np.sin(T)], axis=1),
+    0.7e-4 * np.stack([np.sin(2 * T), np.cos(T) + 0.4 * np.sin(3 * T)], axis=1),
+]
+
+
+@pytest.fixture(scope="module")
+def flat():
+    """A flat wall through both motions of half-width 2 at 40 dB, the second photograph a pixel to the side."""
+    rng = np.random.default_rng(5)
+    u = 0.5 + 0.2 * np.sign(gaussian_filter(rng.standard_normal((76, 76)), 2.5)) + 0.02 * rng.standard_normal((76, 76))
+    masks = [path_mask((p - (p.max(axis=0) + p.min(axis=0)) / 2) * 2.0 / 1.3e-4, 4) for p in PATHS]
+    masks[1] = np.clip(shift(masks[1], (0, 1), order=1), 0, None)
+    z = np.stack([fftconvolve(u, h, mode="valid") for h in masks])
+    return z + rng.standard_normal(z.shape) * z.std() / 100, masks
+
+
+def likeness(a, b):
+    return float(fftconvolve(a, b[::-1, ::-1]).max() / np.linalg.norm(a) / np.linalg.norm(b))
+
+
+@pytest.fixture(scope="module")
+def found(flat):
+    return recorded_paths.recorded_masks(flat[0], PATHS, 4)
+
+
+def test_size_and_shift_of_recorded_paths_are_found(flat, found):
+    # sizes are tried at quarters of a pixel: half a step off keeps the correlation above 0.98
+    assert [likeness(a, b) > 0.98 for a, b in zip(found, flat[1], strict=True)] == [True, True]
+    x = np.arange(-4, 5)
+    between = [(h * x).sum() for h in found]
+    true = [(h * x).sum() for h in flat[1]]
+    assert between[1] - between[0] == pytest.approx(true[1] - true[0], abs=0.15)
+
+
+def test_the_search_begins_from_the_record(flat, found):
+    blind = prototype_shapes(flat[0], 4, rounds=3, first=found)
+    assert [likeness(a, b) > 0.95 for a, b in zip(blind.masks, flat[1], strict=True)] == [True, True]
+
+
+def test_fixed_shapes_fill_their_square(flat):
+    shapes, half = recorded_paths.recorded_shapes(flat[0], PATHS, 4)
+    assert 1.5 <= half <= 3.5
+    assert shapes.shape[1] == shapes.shape[2]
+
+
+@pytest.mark.parametrize(
+    ("paths", "complaint"),
+    [
+        ([PATHS[0]], "two recorded"),
+        ([PATHS[0], PATHS[1][:, :1]], "two columns|two recorded"),
+        ([PATHS[0] * 0] * 2, "move"),
+    ],
+)
+def test_paths_that_are_none_are_refused(flat, paths, complaint):
+    with pytest.raises(BadInput, match=complaint):
+        recorded_paths.recorded_masks(flat[0], paths, 4)
+
+
+def test_a_path_file_that_is_none_is_refused(tmp_path):
+    (tmp_path / "path.txt").write_text("1 nan\n2 3\n")
+    with pytest.raises(BadInput, match="not numbers"):
+        recorded_paths.read_path(tmp_path / "path.txt")
+    with pytest.raises(BadInput, match="cannot be read"):
+        recorded_paths.read_path(tmp_path / "none.txt")

@@ -1,0 +1,132 @@
+"""The plan of the two photographs: what its checks say of walls and light, and its way to the PSF."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from procedures.outcome import Verdict
+from procedures.plan import Shoot
+from procedures.raw import Plane, RawFrame
+from procedures.reading.exposure import Exposure
+from procedures.two_photo.plan import (
+    asked_for,
+    check_far,
+    check_near,
+    estimate,
+    mean_plane,
+    plan,
+    sharpness,
+    to_far,
+)
+from procedures.two_photo.sharpness import fineness
+
+from .wall import TEXELS, gaussian, leaves, photograph, samples_of
+
+RATIO = 4.4
+FACTS = {"ratio": RATIO, "near_mm": 1000.0}
+OTF = gaussian(0.42, 0.37)
+NEAR_PX, FAR_PX = 480, 160
+
+
+def frame(samples, **exposure):
+    plane = Plane("Y", samples.astype(np.float32), 1 / 16383)
+    return RawFrame(Path("frame.dng"), "", {"Y": plane}, Exposure(**exposure))
+
+
+@pytest.fixture(scope="module")
+def wall():
+    """Near and far photographs, two of each, of a wall of which the near ones show the middle."""
+    rng = np.random.default_rng(4)
+    texels = leaves(int(FAR_PX * RATIO * TEXELS * 1.05), rng)
+
+    def view(scale, n):
+        middle = len(texels) / 2 + 0.3
+        return np.array(
+            [[scale, 0, middle - scale * (n - 1) / 2], [0, scale, middle - scale * (n - 1) / 2], [0, 0, 1.0]]
+        )
+
+    sharp = (
+        photograph(texels, view(TEXELS, NEAR_PX), NEAR_PX, OTF, TEXELS),
+        photograph(texels, view(TEXELS * RATIO, FAR_PX), FAR_PX, OTF, TEXELS * RATIO),
+    )
+    return [[0.8 * image + rng.normal(0, 0.003, image.shape) for _ in range(2)] for image in sharp]
+
+
+def test_the_wall_is_good_and_the_light_the_same(wall):
+    near = check_near(frame(wall[0][0]), FACTS)
+    assert near.good, near.say
+    far = check_far(frame(wall[1][0]), {**FACTS, **near.facts})
+    assert far.good, far.say
+
+
+def test_a_smooth_wall_is_not_good(wall):
+    rng = np.random.default_rng(1)
+    smooth = 0.5 + 0.05 * np.linspace(0, 6, 300) + rng.normal(0, 0.003, (300, 300))
+    advice = check_near(frame(smooth), FACTS)
+    assert not advice.good
+    assert "rougher wall" in advice.say
+
+
+def test_light_that_went_away_between_the_photographs_is_told(wall):
+    near = check_near(frame(wall[0][0]), FACTS)
+    advice = check_far(frame(0.6 * wall[1][0]), {**FACTS, **near.facts})
+    assert not advice.good
+    assert "darker than from nearby" in advice.say
+
+
+def test_another_aperture_from_afar_is_told(wall):
+    near = check_near(frame(wall[0][0], f_number=8.0, exposure_s=0.02), FACTS)
+    advice = check_far(frame(wall[1][0], f_number=4.0, exposure_s=0.02), {**FACTS, **near.facts})
+    assert "aperture f/ is 4 in place of 8" in advice.say
+
+
+def test_the_sharper_wall_has_the_higher_score(wall):
+    soft = cv2.GaussianBlur(wall[0][0], (0, 0), 1.0)
+    rng = np.random.default_rng(1)
+    assert sharpness(frame(wall[0][0]), FACTS) > 1.5 * sharpness(frame(soft + rng.normal(0, 0.003, soft.shape)), FACTS)
+
+
+def test_the_far_place_is_so_many_times_as_far():
+    assert to_far({**FACTS, "at_z_mm": 200.0}) == {"z_mm": pytest.approx(200.0 + (RATIO - 1) * 1000.0)}
+    assert to_far(FACTS) == {}
+
+
+@pytest.mark.parametrize(("facts", "s"), [({}, None), ({"s": 2.0}, 2)])
+def test_the_photographs_tell_how_finely_to_sample_unless_it_is_given(facts, s):
+    assert asked_for(facts).s == s
+
+
+def test_the_mean_of_frames_has_less_noise(wall):
+    both = mean_plane("Y", [frame(one) for one in wall[0]]).samples
+    noise = np.std(wall[0][0] - wall[0][1]) / 2**0.5
+    assert np.std(both - wall[0][0]) == pytest.approx(noise / 2**0.5, rel=0.02)
+
+
+def test_near_and_far_photographs_become_the_psf(wall):
+    frames = [frame(one) for place in wall for one in place]
+    outcome = estimate(frames, {**FACTS, "near_frames": 2.0})["Y"]
+    assert outcome.verdict is not Verdict.REFUSED, outcome.reason
+    assert outcome.value.scale == pytest.approx((RATIO, RATIO), rel=2e-3)
+    truth = samples_of(OTF, 3, 13)
+    # the published walls leave 2 to 8 per cent; this one is small
+    assert np.linalg.norm(outcome.value.psf.h - truth) < 0.1 * np.linalg.norm(truth)
+
+
+def test_enough_is_two_photographs_from_either_place(wall):
+    shoots = [request for step in plan().steps for request in step.requests if isinstance(request, Shoot)]
+    assert [shoot.purpose for shoot in shoots] == ["near", "far"]
+    near = shoots[0]
+    one = near.estimate(frame(wall[0][0]), FACTS)
+    assert not near.enough([one], FACTS).good
+    assert near.enough([one, one], FACTS).facts == {"near_frames": 2.0}
+
+
+def test_a_photograph_smaller_than_a_patch_is_as_fine_as_a_large_one(rng):
+    noise = rng.normal(0, 1, (400, 400)).astype(np.float32)
+    # white: as much power in both bands, whatever the size; 40 x 52 has some hundred frequencies in a band
+    assert fineness(noise, 0.0) == pytest.approx(1.0, abs=0.05)
+    assert fineness(noise[:40, :52], 0.0) == pytest.approx(1.0, abs=0.3)
