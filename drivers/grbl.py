@@ -11,7 +11,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from drivers.clock import Clock, SystemClock
-from drivers.connection import anything
 from drivers.errors import (
     BadConfiguration,
     DeviceError,
@@ -23,11 +22,12 @@ from drivers.errors import (
     Rejected,
     WasReset,
 )
-from drivers.grbl_link import GrblLink, Report
-from drivers.grbl_protocol import HOLD, JOG_CANCEL, MOTORS_HELD, PAUSES, RESET, RESUMABLE, RESUME, Event
+from drivers.homing_state import HOME
 from drivers.interfaces import Condition, Doubt, Identity, Transport, Travel
-from drivers.moving import OneMover, check_arrival, check_target
-from drivers.trust import HOME
+from drivers.move_checks import OneMover, check_arrival, check_target
+from drivers.protocols.grbl import HOLD, JOG_CANCEL, MOTORS_HELD, PAUSES, RESET, RESUMABLE, RESUME, Event
+from drivers.protocols.grbl_link import GrblLink, Report
+from drivers.wire.connection import anything
 
 RESUME_S = 5.0
 """How long a controller may take to start again after its door was closed."""

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.clock import Clock, SystemClock
-from drivers.connection import line_condition, opened
 from drivers.errors import BadConfiguration, EmergencyStopped, NoAnswer, Rejected
-from drivers.imu_frames import Samples, Text, WitFrame
 from drivers.interfaces import Condition, Identity, ImuBlock, Transport
+from drivers.protocols.imu import Samples, Text, WitFrame
+from drivers.wire.connection import line_condition, opened
 
 G_M_S2 = 9.80665
 RATES_HZ = {0.2: 1, 0.5: 2, 1.0: 3, 2.0: 4, 5.0: 5, 10.0: 6, 20.0: 7, 50.0: 8, 100.0: 9, 200.0: 0x0B}

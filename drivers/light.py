@@ -11,11 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from drivers.clock import Clock, SystemClock
-from drivers.connection import line_condition, opened
 from drivers.errors import BadConfiguration, EmergencyStopped, LineLost
-from drivers.grbl_link import GrblLink
 from drivers.interfaces import Condition, Identity, Transport
-from drivers.splitters import BAD, MORE, FrameSplitter
+from drivers.protocols.framing import BAD, MORE, FrameSplitter
+from drivers.protocols.grbl_link import GrblLink
+from drivers.wire.connection import line_condition, opened
 
 PARAMETERS, SEND, SERIAL = 3, 6, 10
 CHANNELS = 512

@@ -9,10 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from drivers.clock import Clock, SystemClock
-from drivers.connection import line_condition, opened
 from drivers.errors import EmergencyStopped, NoAnswer, NoReading
 from drivers.interfaces import Condition, Distance, Identity, Transport
-from drivers.splitters import BAD, MORE, FrameSplitter
+from drivers.protocols.framing import BAD, MORE, FrameSplitter
+from drivers.wire.connection import line_condition, opened
 
 RESULT, LASER, STATUS, VERSION = 0x0022, 0x01BE, 0x0000, 0x000A
 MEASURE_AUTO, MEASURE_SLOW = bytes.fromhex("AA0000200001000021"), bytes.fromhex("AA0000200001000122")

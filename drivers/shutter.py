@@ -11,11 +11,11 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from drivers.clock import Clock, SystemClock
-from drivers.connection import anything, line_condition, opened
 from drivers.errors import EmergencyStopped, LineLost, MoveFailed, NoAnswer, Rejected
-from drivers.grbl_link import GrblLink
 from drivers.interfaces import Condition, Identity, ShutterTimes, Transport
-from drivers.splitters import LineSplitter
+from drivers.protocols.framing import LineSplitter
+from drivers.protocols.grbl_link import GrblLink
+from drivers.wire.connection import anything, line_condition, opened
 
 REPLY_S = 0.5
 BOOT_S = 3.0  # boot loader and start of an Arduino that was reset by the opening of its port

@@ -17,11 +17,11 @@ import serial
 from serial.tools import list_ports
 
 from drivers.clock import Clock, SystemClock
-from drivers.connection import anything
 from drivers.errors import DeviceError, LineLost, NoAnswer
 from drivers.interfaces import Parser
-from drivers.outgoing import WRITE_S, Outgoing
-from drivers.transcript import Transcript
+from drivers.wire.connection import anything
+from drivers.wire.outgoing import WRITE_S, Outgoing
+from drivers.wire.transcript import Transcript
 
 E = TypeVar("E")
 T = TypeVar("T")

@@ -11,7 +11,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from drivers.clock import Clock, SystemClock
-from drivers.connection import anything, opened
 from drivers.errors import (
     Alarm,
     DeviceError,
@@ -21,10 +20,11 @@ from drivers.errors import (
     NoAnswer,
     Rejected,
 )
+from drivers.homing_state import HOME, UNHOMED, Trust
 from drivers.interfaces import Condition, Identity, Transport, Travel
-from drivers.moving import OneMover, check_arrival, check_target
-from drivers.trust import HOME, UNHOMED, Trust
-from drivers.zaber_protocol import FLAGS, REJECTIONS, UNREFERENCED, Alert, Event, Reply, checksum
+from drivers.move_checks import OneMover, check_arrival, check_target
+from drivers.protocols.zaber import FLAGS, REJECTIONS, UNREFERENCED, Alert, Event, Reply, checksum
+from drivers.wire.connection import anything, opened
 
 REPLY_S = 0.5
 SPEED_UNIT = 1.6384  # of the setting per microstep per second, firmware 6 and 7

@@ -39,7 +39,7 @@ from drivers.interfaces import (
     Shutter,
     Stage,
 )
-from drivers.transcript import Transcript
+from drivers.wire.transcript import Transcript
 from station.device_makers import MAKERS, Parts
 from station.stopping import Asked, Stop, stop_all, stops_on_wires
 
@@ -215,7 +215,7 @@ def inspect_raw(path: Path) -> Facts:
 
 def simulated_bench(folder: Path, *, seed: int = 0, faults: bool = False, virtual_time: bool = False) -> Bench:
     """A bench whose devices are simulated in this process; `bench.simulated` is the truth behind it."""
-    from simulators.bench import Setup, SimulatedBench, random_trouble
+    from simulators.bench.bench import Setup, SimulatedBench, random_trouble
 
     spoilt, mishaps = random_trouble(seed) if faults else ({}, ())
     truth = SimulatedBench(folder, Setup(seed=seed, faults=spoilt, mishaps=mishaps, virtual_time=virtual_time))

@@ -18,8 +18,8 @@ from procedures.pattern_print.sheet import Size
 from procedures.pattern_print.source import Source
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf
 from procedures.raw import RawFrame, read_frame
-from simulators.camera import Photograph
-from simulators.demonstration import PITCH_UM, SETUPS, Setup, photograph
+from simulators.bench.demonstration import PITCH_UM, SETUPS, Setup, photograph
+from simulators.camera.camera import Photograph
 from station.calibrate import Calibrated, calibrate, diffraction_limit
 from station.compare import Comparison, compare
 from station.progress import Progress, silent

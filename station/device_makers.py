@@ -13,18 +13,18 @@ from drivers.folder_camera import FolderCamera, Tether
 from drivers.frames import Inspect
 from drivers.gphoto import GphotoCamera
 from drivers.grbl import GrblAxis, GrblStage
-from drivers.grbl_link import GrblLink
-from drivers.grbl_protocol import GrblParser
 from drivers.imu import FastImu, WitImu
-from drivers.imu_frames import FastParser, WitParser
 from drivers.interfaces import Device, Parser
 from drivers.light import DmxLight, DmxParser, GrblLight, Panel
+from drivers.protocols.grbl import GrblParser
+from drivers.protocols.grbl_link import GrblLink
+from drivers.protocols.imu import FastParser, WitParser
+from drivers.protocols.zaber import ZaberParser
 from drivers.rangefinder import BoschParser, BoschRangefinder, JrtParser, JrtRangefinder
 from drivers.shutter import DeafParser, RelayShutter, RtsShutter, StrigParser, StrigShutter
-from drivers.transcript import Transcript
 from drivers.transport import SerialTransport
+from drivers.wire.transcript import Transcript
 from drivers.zaber import ZaberAxis, ZaberStage
-from drivers.zaber_protocol import ZaberParser
 
 
 @dataclass(frozen=True)

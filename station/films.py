@@ -8,7 +8,7 @@ import numpy as np
 
 from procedures.ray_histogram.film import Film
 from procedures.ray_histogram.film_files import read_film, write_film
-from simulators.rays import Scene, ThinLensCamera, cast
+from simulators.rays.path_tracer import Scene, ThinLensCamera, cast
 from station.progress import Progress, silent
 
 PASS = 32

@@ -17,12 +17,12 @@ from procedures.outcome import BadParameter
 from procedures.ray_histogram.comparison import decibels, shown_error
 from procedures.ray_histogram.film import Film
 from procedures.ray_histogram.multiscale import FilteredFilm, filter_film
-from simulators.dng import Shot
-from simulators.optics import Optics
-from simulators.ray_scenes import SCENES
-from simulators.rays import ThinLensCamera
-from simulators.rendered import photograph_render
-from simulators.sensor import Sensor
+from simulators.camera.dng import Shot
+from simulators.camera.optics import Optics
+from simulators.camera.rendered import photograph_render
+from simulators.camera.sensor import Sensor
+from simulators.rays.path_tracer import ThinLensCamera
+from simulators.rays.ray_scenes import SCENES
 from station.films import passes, render_film
 from station.linear_pictures import display_png
 from station.progress import Progress, silent

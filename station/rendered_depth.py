@@ -22,12 +22,12 @@ from procedures.restoration.joint.estimate import Restoration, RestorationParame
 from procedures.restoration.joint.kernel_sizes import stacks_of
 from procedures.restoration.masks.blur_models import pillbox
 from procedures.restoration.masks.thin_lens import CameraSetting
-from simulators.dng import Shot
-from simulators.optics import Optics
-from simulators.ray_scenes import leaves_in_depth
-from simulators.rays import ThinLensCamera, blur_diameter_px, depth_map
-from simulators.rendered import blur_and_sample, photograph_render
-from simulators.sensor import Sensor
+from simulators.camera.dng import Shot
+from simulators.camera.optics import Optics
+from simulators.camera.rendered import blur_and_sample, photograph_render
+from simulators.camera.sensor import Sensor
+from simulators.rays.path_tracer import ThinLensCamera, blur_diameter_px, depth_map
+from simulators.rays.ray_scenes import leaves_in_depth
 from station.films import passes, render_film
 from station.linear_pictures import display_png
 from station.progress import Progress, silent

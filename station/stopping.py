@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from drivers.interfaces import Device
-from drivers.transcript import Transcript
+from drivers.wire.transcript import Transcript
 
 PATIENCE_S = 0.25
 """How long a stop waits for ports that take nothing; their threads go on trying."""

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternPsf
 from procedures.quality import Diffraction
-from simulators.optics import WAVELENGTHS_UM
+from simulators.camera.optics import WAVELENGTHS_UM
 from station.compare import align
 from station.reproduce import cameras
 from station.reproduce.figures import Curve, curves, pictures

@@ -17,12 +17,12 @@ from procedures.outcome import Refused
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
 from procedures.raw import Plane
-from simulators.camera import Lens, Photograph, SimulatedCamera
-from simulators.optics import CircularPupil, FourSpots, LShapedAperture, Optics, PixelAperture
-from simulators.projection import Pose
-from simulators.scene import Scene
-from simulators.sensor import Sensor
-from simulators.sheets import PlacedSheet, Sheet, draw, leaves
+from simulators.camera.camera import Lens, Photograph, SimulatedCamera
+from simulators.camera.optics import CircularPupil, FourSpots, LShapedAperture, Optics, PixelAperture
+from simulators.camera.sensor import Sensor
+from simulators.camera.sheets import PlacedSheet, Sheet, draw, leaves
+from simulators.world.projection import Pose
+from simulators.world.scene import Scene
 
 Array = npt.NDArray[np.float64]
 

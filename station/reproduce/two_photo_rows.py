@@ -12,9 +12,9 @@ from procedures.outcome import Refused
 from procedures.pattern import Chart
 from procedures.raw import Plane, read_frame
 from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf, estimate_psf
-from simulators.camera import SimulatedCamera
-from simulators.optics import GaussianBlur, Optics
-from simulators.truth import true_psf
+from simulators.camera.camera import SimulatedCamera
+from simulators.camera.optics import GaussianBlur, Optics
+from simulators.camera.truth import true_psf
 from station.compare import align
 from station.reproduce import cameras, patterns, rivals
 from station.reproduce.figures import Curve, curves, pictures

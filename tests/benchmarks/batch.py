@@ -26,9 +26,9 @@ sys.path.insert(0, str(ROOT))
 import numpy as np  # noqa: E402  (one thread must be asked for before numpy loads)
 
 from procedures.pattern import Chart  # noqa: E402
-from simulators.camera import pixels_at  # noqa: E402
-from simulators.demonstration import EXPOSURE_S, ISO, SETUPS, S, stage  # noqa: E402
-from simulators.scene import Scene  # noqa: E402
+from simulators.bench.demonstration import EXPOSURE_S, ISO, SETUPS, S, stage  # noqa: E402
+from simulators.camera.camera import pixels_at  # noqa: E402
+from simulators.world.scene import Scene  # noqa: E402
 
 BOUND_MB, BOUND_RATIO = 600, 1.8
 PROCEDURE = 'procedure = "pattern"\nplanes = ["G1"]\n[limits]\nmtf50_horizontal = { min = 0.4 }\n'

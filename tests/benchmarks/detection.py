@@ -16,10 +16,10 @@ import numpy as np
 
 from procedures.pattern import X_CORNERS, Chart
 from procedures.pattern_psf.chart_finding.detection import find_charts
-from simulators.camera import SimulatedCamera
-from simulators.clutter import random_clutter
-from simulators.scene import Scene, Wall
-from simulators.sensor import Sensor
+from simulators.camera.camera import SimulatedCamera
+from simulators.camera.sensor import Sensor
+from simulators.world.clutter import random_clutter
+from simulators.world.scene import Scene, Wall
 
 RUNS = 5
 BOUND_S = 0.5

@@ -17,9 +17,9 @@ import numpy as np
 
 from procedures.pattern import Chart
 from procedures.raw import read_frame
-from simulators.camera import SimulatedCamera
-from simulators.scene import Scene
-from simulators.sensor import Sensor
+from simulators.camera.camera import SimulatedCamera
+from simulators.camera.sensor import Sensor
+from simulators.world.scene import Scene
 
 RUNS = 3
 BOUND_S, BOUND_GIB = 2.5, 1.0

@@ -33,13 +33,13 @@ from procedures.pattern_psf.centre import mark_offset
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.raw import Plane, RawFrame
 from procedures.reading.exposure import Exposure
-from simulators.camera import Lens, SimulatedCamera
-from simulators.demonstration import OPTICS, PITCH_UM
-from simulators.optics import CircularPupil, FourSpots, GaussianBlur, Optics, PixelAperture
-from simulators.pupil import Wavefront
-from simulators.scene import Scene
-from simulators.sensor import Sensor
-from simulators.truth import TruePsf, true_mtf, true_psf
+from simulators.bench.demonstration import OPTICS, PITCH_UM
+from simulators.camera.camera import Lens, SimulatedCamera
+from simulators.camera.optics import CircularPupil, FourSpots, GaussianBlur, Optics, PixelAperture
+from simulators.camera.pupil import Wavefront
+from simulators.camera.sensor import Sensor
+from simulators.camera.truth import TruePsf, true_mtf, true_psf
+from simulators.world.scene import Scene
 from station.compare import align
 from station.field import FieldResult, Measured, PlaneField, conclude, measure, measure_frames
 

@@ -24,8 +24,8 @@ from procedures.ray_histogram.comparison import decibels, shown_error
 from procedures.ray_histogram.film import Film
 from procedures.ray_histogram.film_files import write_film
 from procedures.ray_histogram.multiscale import FilteredFilm, filter_film
-from simulators.ray_scenes import SCENES
-from simulators.rays import Scene, ThinLensCamera, cast
+from simulators.rays.path_tracer import Scene, ThinLensCamera, cast
+from simulators.rays.ray_scenes import SCENES
 from station.ray_page import RenderRow, ray_page
 
 SAMPLES = (16, 64, 256)

@@ -20,12 +20,12 @@ from procedures.raw import Felt
 from procedures.restoration.joint.estimate import RestorationParameters, restore
 from procedures.restoration.joint.schedule import Scheme
 from procedures.restoration.masks.camera_motion import INSTANTS, Poses, motion_blur, poses_of
-from simulators.bench import Setup, SimulatedBench
-from simulators.body import Opening
-from simulators.imu import G
-from simulators.sensor import Sensor
-from simulators.view import Mount
-from simulators.world import Drive
+from simulators.bench.bench import Setup, SimulatedBench
+from simulators.bench.body import Opening
+from simulators.bench.view import Mount
+from simulators.camera.sensor import Sensor
+from simulators.devices.imu import G
+from simulators.world.world import Drive
 
 Array = NDArray[np.float64]
 

@@ -37,7 +37,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: a process wi
 
 from procedures.outcome import ProcedureError
 from procedures.raw import read_frame
-from simulators.body import Opening
+from simulators.bench.body import Opening
 from station import plans, session_report
 from station.acquisition import Run
 from station.bench import simulated_bench

@@ -14,10 +14,10 @@ import numpy as np
 from scipy import fft
 
 from procedures.pattern import Chart
-from simulators.camera import SimulatedCamera
-from simulators.scene import Scene
-from simulators.sensor import Sensor
-from simulators.trials import Trials, random_camera, random_scene
+from simulators.bench.random_scenes import Trials, random_camera, random_scene
+from simulators.camera.camera import SimulatedCamera
+from simulators.camera.sensor import Sensor
+from simulators.world.scene import Scene
 
 RUNS = 5
 CHART = Chart.from_seed()

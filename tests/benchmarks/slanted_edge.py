@@ -29,10 +29,10 @@ from procedures.pattern_psf.estimate import estimate_psf  # noqa: E402
 from procedures.raw import Plane  # noqa: E402
 from procedures.slanted_edge.estimate import estimate_edge  # noqa: E402
 from procedures.slanted_edge.strip import Roi  # noqa: E402
-from simulators.camera import Lens, SimulatedCamera  # noqa: E402
-from simulators.optics import Optics  # noqa: E402
-from simulators.scene import Scene  # noqa: E402
-from simulators.sensor import Sensor  # noqa: E402
+from simulators.camera.camera import Lens, SimulatedCamera  # noqa: E402
+from simulators.camera.optics import Optics  # noqa: E402
+from simulators.camera.sensor import Sensor  # noqa: E402
+from simulators.world.scene import Scene  # noqa: E402
 
 MTF50 = 0.25
 

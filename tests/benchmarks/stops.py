@@ -35,8 +35,8 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from simulators.bench import Setup, SimulatedBench
-from simulators.ports import PtyPort
+from simulators.bench.bench import Setup, SimulatedBench
+from simulators.devices.ports import PtyPort
 from station.bench import simulated_tables
 from station.toml_text import toml_text
 

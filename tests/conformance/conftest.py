@@ -17,20 +17,20 @@ from drivers.folder_camera import FolderCamera
 from drivers.frames import Facts
 from drivers.gphoto import GphotoCamera
 from drivers.grbl import GrblAxis, GrblStage
-from drivers.grbl_link import GrblLink
-from drivers.grbl_protocol import GrblParser
 from drivers.imu import FastImu, WitImu
-from drivers.imu_frames import FastParser, WitParser
 from drivers.light import DmxLight, DmxParser, GrblLight
+from drivers.protocols.grbl import GrblParser
+from drivers.protocols.grbl_link import GrblLink
+from drivers.protocols.imu import FastParser, WitParser
+from drivers.protocols.zaber import ZaberParser
 from drivers.rangefinder import BoschParser, BoschRangefinder, JrtParser, JrtRangefinder
 from drivers.shutter import DeafParser, RelayShutter, RtsShutter, StrigParser, StrigShutter
 from drivers.transport import SerialTransport
 from drivers.zaber import ZaberAxis, ZaberStage
-from drivers.zaber_protocol import ZaberParser
-from simulators.bench import Setup, SimulatedBench
-from simulators.clock import VirtualClock
-from simulators.grbl import GrblController
-from simulators.serial_device import Cable, plug
+from simulators.bench.bench import Setup, SimulatedBench
+from simulators.devices.grbl import GrblController
+from simulators.devices.serial_device import Cable, plug
+from simulators.world.clock import VirtualClock
 
 GRBL_AXES = [GrblAxis("z_mm", "X", 3000.0, travel=1500.0), GrblAxis("x_mm", "Y", 1500.0, travel=300.0)]
 ZABER_AXES = [

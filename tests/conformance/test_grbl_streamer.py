@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from simulators.bench import Setup, SimulatedBench
+from simulators.bench.bench import Setup, SimulatedBench
 
 grbl_streamer = pytest.importorskip("grbl_streamer", reason="grbl-streamer is not installed (extra `peers`)")
 

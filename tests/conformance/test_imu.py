@@ -77,7 +77,7 @@ def test_silence_is_an_error_not_an_empty_block(imu, imu_rig):
 def test_it_feels_a_move_ring_down(imu, imu_rig):
     if imu_rig.bench is None:
         pytest.skip("nothing moves at a real one here")
-    from simulators.motion import travel_line
+    from simulators.world.motion import travel_line
 
     imu.start(200.0)
     axis = imu_rig.bench.world.axes["x_mm"]

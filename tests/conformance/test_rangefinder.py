@@ -17,7 +17,7 @@ def test_it_measures_what_is_there(rangefinder, rangefinder_rig):
     readings = [rangefinder.measure().distance_mm for _ in range(5)]
     assert all(reading > 0 for reading in readings)
     if rangefinder_rig.bench is not None:
-        from simulators.instruments import HOUSING_MM
+        from simulators.devices.instruments import HOUSING_MM
 
         true_mm = rangefinder_rig.bench.world.distance_mm(rangefinder_rig.clock.now_s()) + HOUSING_MM
         # noise of at most 0.6 mm and whole millimetres (0.3 mm): five standard deviations

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from simulators.bench import Setup, SimulatedBench
+from simulators.bench.bench import Setup, SimulatedBench
 
 ascii_ = pytest.importorskip("zaber_motion.ascii", reason="zaber-motion is not installed (extra `peers`)")
 from zaber_motion.exceptions import BadDataException  # noqa: E402

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from simulators.bench import Setup, SimulatedBench
+from simulators.bench.bench import Setup, SimulatedBench
 
 
 def frame(opening) -> bytes:

@@ -16,7 +16,7 @@ from drivers.errors import (
     WasReset,
 )
 from drivers.grbl import GrblAxis, GrblStage
-from drivers.grbl_protocol import GrblParser
+from drivers.protocols.grbl import GrblParser
 from drivers.transport import SerialTransport
 
 AXES = [GrblAxis("z_mm", "X", 3000.0), GrblAxis("x_mm", "Y", 1500.0)]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivers.imu import FastImu, Sample, WitImu, block_of
-from drivers.imu_frames import FastParser, WitParser
+from drivers.protocols.imu import FastParser, WitParser
 from drivers.transport import SerialTransport
 
 

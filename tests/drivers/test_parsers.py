@@ -10,15 +10,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers import grbl_protocol as grbl
 from drivers import shutter as strig
-from drivers import zaber_protocol as zaber
-from drivers.imu_frames import FastParser, Samples, Text, WitFrame, WitParser, cobs_decode, crc16
 from drivers.light import DmxFrame, DmxParser, frame
+from drivers.protocols import grbl as grbl
+from drivers.protocols import zaber as zaber
+from drivers.protocols.imu import FastParser, Samples, Text, WitFrame, WitParser, cobs_decode, crc16
 from drivers.rangefinder import BoschFrame, BoschParser, JrtFrame, JrtParser, JrtRangefinder, crc8
 from drivers.transport import SerialTransport
-from simulators.imu import ccitt, stuff
-from simulators.instruments import bosch
+from simulators.devices.imu import ccitt, stuff
+from simulators.devices.instruments import bosch
 
 FUZZ_BYTES = 1_000_000
 

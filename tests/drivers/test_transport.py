@@ -10,13 +10,13 @@ from types import SimpleNamespace
 
 import pytest
 
-from drivers import outgoing
 from drivers.clock import SystemClock
 from drivers.errors import EmergencyStopped, LineLost, NoAnswer
-from drivers.grbl_protocol import GrblParser, Ok, Status
-from drivers.splitters import LineSplitter
-from drivers.transcript import Transcript
+from drivers.protocols.framing import LineSplitter
+from drivers.protocols.grbl import GrblParser, Ok, Status
 from drivers.transport import SerialTransport, resolve
+from drivers.wire import outgoing
+from drivers.wire.transcript import Transcript
 
 
 class Lines:

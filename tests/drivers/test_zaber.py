@@ -7,9 +7,9 @@ from itertools import pairwise
 import pytest
 
 from drivers.errors import Alarm, BadConfiguration, MoveFailed, NoAnswer, Rejected
+from drivers.protocols.zaber import FLAGS, REJECTIONS, ZaberParser, checksum
 from drivers.transport import SerialTransport
 from drivers.zaber import ZaberAxis, ZaberStage
-from drivers.zaber_protocol import FLAGS, REJECTIONS, ZaberParser, checksum
 
 STEP = 0.000234375
 AXES = [ZaberAxis("pan_deg", 1, STEP, zero=-30.0, speed_per_s=10.0), ZaberAxis("tilt_deg", 2, STEP, zero=-20.0)]

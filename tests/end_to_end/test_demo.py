@@ -14,7 +14,7 @@ import pytest
 from click.testing import CliRunner
 
 from procedures.raw import read_frame
-from simulators.demonstration import SETUPS, Setup
+from simulators.bench.demonstration import SETUPS, Setup
 from station import demo
 from station.__main__ import main
 

@@ -12,7 +12,7 @@ import pytest
 from procedures.field.field_file import read_field
 from procedures.field.plan import BEFORE, FEWEST, NEAR, locations
 from procedures.pattern_psf.checks import wanted_distance_mm
-from simulators.hands import Person
+from simulators.bench.simulated_operator import Person
 from station.acquisition import Run
 from station.bench import simulated_bench
 from station.field_input import photographs

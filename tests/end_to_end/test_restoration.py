@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter, shift
 
 from procedures.outcome import Verdict
 from procedures.restoration.plan import estimate
-from simulators.sensor import Sensor
+from simulators.camera.sensor import Sensor
 from station.acquisition import Run
 from station.bench import simulated_bench
 from station.derive import Frames, felt_during

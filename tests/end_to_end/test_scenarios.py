@@ -14,7 +14,7 @@ import pytest
 
 from drivers.errors import DeviceError
 from drivers.frames import Facts
-from simulators.bench import Setup, SimulatedBench, random_trouble
+from simulators.bench.bench import Setup, SimulatedBench, random_trouble
 from station.bench import make_bench, simulated_tables
 
 COUNT = int(os.environ.get("STATION_SCENARIOS", "100"))

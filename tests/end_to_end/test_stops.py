@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from simulators.bench import Setup, SimulatedBench
+from simulators.bench.bench import Setup, SimulatedBench
 from station.bench import simulated_tables
 from station.toml_text import toml_text
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from procedures.outcome import Verdict
-from simulators.sensor import Sensor
+from simulators.camera.sensor import Sensor
 from station.acquisition import Run
 from station.bench import simulated_bench
 from station.compare import align

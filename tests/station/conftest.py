@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from procedures.pattern import Chart
-from simulators.demonstration import EXPOSURE_S, ISO, Setup, stage
+from simulators.bench.demonstration import EXPOSURE_S, ISO, Setup, stage
 
 
 @pytest.fixture(scope="session")

@@ -8,7 +8,7 @@ import pytest
 from procedures.outcome import BadParameter
 from procedures.raw import read_frame
 from procedures.ray_histogram.film_files import read_film
-from simulators.ray_scenes import SCENES
+from simulators.rays.ray_scenes import SCENES
 from station.films import PASS, render_film
 from station.rendered import RenderPlan, rendered_demo, steps
 

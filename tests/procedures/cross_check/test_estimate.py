@@ -13,11 +13,11 @@ from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternPsf, estimate_psf
 from procedures.raw import Plane
 from procedures.slanted_edge.strip import Roi, strip_of
-from simulators.camera import Lens, SimulatedCamera
-from simulators.optics import Optics
-from simulators.scene import Scene, Wall
-from simulators.sensor import Sensor
-from simulators.truth import true_mtf
+from simulators.camera.camera import Lens, SimulatedCamera
+from simulators.camera.optics import Optics
+from simulators.camera.sensor import Sensor
+from simulators.camera.truth import true_mtf
+from simulators.world.scene import Scene, Wall
 
 WHITE_E = 2e4
 OPTICS = Optics.typical(f_number=5.6, pitch_um=7.52, gaussian_px=0.3)

@@ -6,10 +6,10 @@ import pytest
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import estimate_psf
 from procedures.raw import Plane
-from simulators.camera import Lens, SimulatedCamera
-from simulators.optics import Optics
-from simulators.scene import Scene
-from simulators.sensor import Sensor
+from simulators.camera.camera import Lens, SimulatedCamera
+from simulators.camera.optics import Optics
+from simulators.camera.sensor import Sensor
+from simulators.world.scene import Scene
 
 from .lens import FieldCamera, grid, nodes
 

@@ -11,7 +11,7 @@ from procedures.numerics.kernel_tail import tail_kernels
 from procedures.pattern_psf.centre import mark_offset
 from procedures.psf import Psf
 from procedures.psf_field import Node
-from simulators.camera import Lens
+from simulators.camera.camera import Lens
 
 S, K = 4, 17
 SHAPE = (500, 750)  # rows, columns of a plane

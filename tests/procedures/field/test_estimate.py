@@ -12,9 +12,9 @@ from procedures.outcome import Refused
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.raw import Plane, RawFrame, read_frame
-from simulators.camera import Lens, SimulatedCamera
-from simulators.scene import Scene, Shape
-from simulators.sensor import Sensor
+from simulators.camera.camera import Lens, SimulatedCamera
+from simulators.camera.sensor import Sensor
+from simulators.world.scene import Scene, Shape
 
 CHART = Chart.from_seed()
 MIDDLE = np.full((1, 2), CELLS / 2)

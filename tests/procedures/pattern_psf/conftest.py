@@ -9,10 +9,10 @@ from procedures.pattern import Chart
 from procedures.pattern_psf.chart_finding.detection import find_chart
 from procedures.pattern_psf.registration import Registration, refine_corners, register_marks
 from procedures.raw import Plane
-from simulators.camera import Lens, Photograph, SimulatedCamera
-from simulators.optics import Optics
-from simulators.scene import Light, Scene, Wall
-from simulators.sensor import Sensor
+from simulators.camera.camera import Lens, Photograph, SimulatedCamera
+from simulators.camera.optics import Optics
+from simulators.camera.sensor import Sensor
+from simulators.world.scene import Light, Scene, Wall
 
 CHART = Chart.from_seed()
 PITCH_UM = 7.52

@@ -22,10 +22,10 @@ from procedures.pattern_psf.checks import (
 from procedures.pattern_psf.pose import ChartPose, Optics, chart_pose
 from procedures.plan import Facts
 from procedures.raw import read_frame
-from simulators.camera import Lens, SimulatedCamera, pixels_at
-from simulators.projection import Pose
-from simulators.scene import Light, PlacedChart, Scene
-from simulators.sensor import Sensor
+from simulators.camera.camera import Lens, SimulatedCamera, pixels_at
+from simulators.camera.sensor import Sensor
+from simulators.world.projection import Pose
+from simulators.world.scene import Light, PlacedChart, Scene
 
 CAMERA = SimulatedCamera(Lens(focal_length_mm=24.0), Sensor(rows=360, columns=480), pitch_um=5.94)
 CHART = Chart.from_seed()

@@ -14,9 +14,9 @@ from procedures.pattern_psf.centre import mark_offset
 from procedures.pattern_psf.chart_finding.detection import find_charts
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
 from procedures.raw import Plane, read_frame
-from simulators.camera import SimulatedCamera
-from simulators.scene import Scene
-from simulators.sensor import Sensor
+from simulators.camera.camera import SimulatedCamera
+from simulators.camera.sensor import Sensor
+from simulators.world.scene import Scene
 
 from .alignment import aligned_error
 from .conftest import CHART, PITCH_UM, Bench, photograph

@@ -20,8 +20,8 @@ from procedures.physics.sensor import Aperture, LowPass, Parts, aperture_otf
 from procedures.psf import Psf
 from procedures.quality import Diffraction
 from procedures.raw import Plane
-from simulators.camera import Lens, SimulatedCamera
-from simulators.optics import (
+from simulators.camera.camera import Lens, SimulatedCamera
+from simulators.camera.optics import (
     WAVELENGTHS_UM,
     CircularPupil,
     FourSpots,
@@ -30,10 +30,10 @@ from simulators.optics import (
     Optics,
     PixelAperture,
 )  # fmt: skip
-from simulators.pupil import Wavefront, aberrated_otf, circular_otf
-from simulators.scene import Scene
-from simulators.sensor import Sensor
-from simulators.truth import true_psf
+from simulators.camera.pupil import Wavefront, aberrated_otf, circular_otf
+from simulators.camera.sensor import Sensor
+from simulators.camera.truth import true_psf
+from simulators.world.scene import Scene
 
 S, K = 4, 17
 PITCH_UM, F_NUMBER = 5.0, 5.6

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from procedures.raw import Plane
-from simulators.optics import GaussianBlur, Optics
-from simulators.projection import Projection
-from simulators.render import Picture, Region, render_region
-from simulators.scene import Light, Scene, Shape, Wall
-from simulators.sensor import Sensor
-from simulators.truth import true_mtf
+from simulators.camera.optics import GaussianBlur, Optics
+from simulators.camera.render import Picture, Region, render_region
+from simulators.camera.sensor import Sensor
+from simulators.camera.truth import true_mtf
+from simulators.world.projection import Projection
+from simulators.world.scene import Light, Scene, Shape, Wall
 
 FAR = 4000.0
 FULL_WELL_E, WHITE, BLACK = 4095 * 0.641, 0.9, 0.1

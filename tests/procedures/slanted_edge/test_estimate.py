@@ -11,9 +11,9 @@ from procedures.outcome import BadParameter, Outcome, Verdict
 from procedures.raw import read_frame
 from procedures.slanted_edge.estimate import EdgeMtf, estimate_edge, estimate_edges
 from procedures.slanted_edge.strip import Roi
-from simulators.optics import Optics
-from simulators.pupil import Wavefront
-from simulators.scene import Light
+from simulators.camera.optics import Optics
+from simulators.camera.pupil import Wavefront
+from simulators.world.scene import Light
 
 from .scenes import edge_light, exposed, gaussian, plane, true_mtf50
 

@@ -9,7 +9,7 @@ from procedures.pattern_psf.estimate import PatternParameters
 from procedures.pattern_psf.estimate import estimate_psf as from_chart
 from procedures.raw import Plane
 from procedures.two_photo.estimate import estimate_psf as from_wall
-from simulators.optics import Optics
+from simulators.camera.optics import Optics
 
 from ..pattern_psf.conftest import CHART, PITCH_UM, photograph
 from .wall import photographs

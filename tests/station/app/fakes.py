@@ -12,7 +12,7 @@ import numpy as np
 from drivers.clock import SystemClock
 from drivers.errors import DeviceError
 from drivers.interfaces import Condition, Identity, Travel
-from drivers.transcript import Transcript
+from drivers.wire.transcript import Transcript
 from procedures.plan import Advice, Ask, Plan, Reading, Step
 from procedures.raw import Plane
 from station.bench import Bench

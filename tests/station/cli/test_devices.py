@@ -8,8 +8,8 @@ import sys
 import pytest
 from click.testing import CliRunner
 
+from drivers.protocols.zaber import Reply, ZaberParser
 from drivers.transport import SerialTransport
-from drivers.zaber_protocol import Reply, ZaberParser
 from station.__main__ import main
 
 

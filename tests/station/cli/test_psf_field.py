@@ -7,9 +7,9 @@ import pytest
 
 from procedures.field.field_file import read_field
 from procedures.pattern import CELLS, Chart
-from simulators.camera import SimulatedCamera
-from simulators.scene import Scene
-from simulators.sensor import Sensor
+from simulators.camera.camera import SimulatedCamera
+from simulators.camera.sensor import Sensor
+from simulators.world.scene import Scene
 
 CHART = Chart.from_seed()
 WHITE_E = 4e5

@@ -13,10 +13,10 @@ from click.testing import CliRunner
 from procedures.raw import Felt, read_frame
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
 from procedures.restoration.masks.blur_operator import Blur
-from simulators.bench import Setup, SimulatedBench
-from simulators.body import Opening
-from simulators.sensor import Sensor
-from simulators.view import Mount
+from simulators.bench.bench import Setup, SimulatedBench
+from simulators.bench.body import Opening
+from simulators.bench.view import Mount
+from simulators.camera.sensor import Sensor
 from station.__main__ import main
 from station.restoration_inputs import imu_table, read_imu
 

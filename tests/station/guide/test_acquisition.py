@@ -9,7 +9,7 @@ import pytest
 
 from drivers.errors import FrameMissing
 from procedures.plan import Advice, Ask, Go, Look
-from simulators.mishaps import Mishap
+from simulators.bench.device_faults import Mishap
 from station.acquisition import Run
 from station.operator import CurveSeen, Doing, RunBegan, RunEnded, Seen, StepEnded, Stopped, Trouble
 from station.scripted import Scripted

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from drivers.interfaces import ImuBlock
-from simulators.clock import VirtualClock
+from simulators.world.clock import VirtualClock
 from station.settling import Patience, Settling, Unrest
 
 NOISE = 0.02

@@ -7,7 +7,7 @@ import os
 
 import pytest
 
-from simulators.bench import random_trouble
+from simulators.bench.bench import random_trouble
 from station.acquisition import Run
 from station.operator import Trouble
 from station.scripted import Scripted

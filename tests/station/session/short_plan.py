@@ -11,10 +11,10 @@ from procedures.pattern import Chart
 from procedures.pattern_psf.combine import combine
 from procedures.pattern_psf.estimate import PatternParameters, estimate_psf
 from procedures.plan import Advice, Decide, Estimate, Home, Look, Plan, Shoot, Step
-from simulators.body import Opening
-from simulators.sensor import Sensor
-from simulators.view import View, bench_camera
-from simulators.world import World
+from simulators.bench.body import Opening
+from simulators.bench.view import View, bench_camera
+from simulators.camera.sensor import Sensor
+from simulators.world.world import World
 from station.plans import Entry
 
 SHOTS = 2

@@ -1,0 +1,231 @@
+"""What GRBL 1.1, grblHAL and FluidNC say: bytes to events, and their codes by name with the remedy.
+
+Every command line is answered by exactly one `Ok` or `Failed`; everything else is pushed and must not be counted.
+Sources: gnea/grbl doc/markdown/interface.md, jogging.md, doc/csv; grblHAL/core errors.h, alarms.h.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+
+from drivers.homing_state import HOME
+from drivers.protocols.framing import LineSplitter
+
+STATUS, HOLD, RESUME, RESET, JOG_CANCEL = b"?", b"!", b"~", b"\x18", b"\x85"
+
+CODE = "a command was garbled on the wire: check the cable, and that no other program uses the port"
+ERRORS: dict[int, tuple[str, str]] = {
+    1: ("a letter was expected", CODE),
+    2: ("a number could not be read", CODE),
+    3: ("unknown $ command", CODE),
+    4: ("a value must not be negative", CODE),
+    5: ("homing is switched off", "set $22=1 and connect limit switches"),
+    6: ("step pulse below 3 us", "set $0 to 3 or more"),
+    7: ("settings memory could not be read", "restore the settings with $RST=$ and set them again"),
+    8: ("not possible while it moves", "wait until the stage is idle"),
+    9: ("locked by an alarm or a jog", HOME),
+    10: ("soft limits need homing", "set $22=1"),
+    11: ("the line is too long", CODE),
+    12: ("step rate too high", "lower $110-$112"),
+    13: ("the safety door is open", "close the door"),
+    14: ("the line is too long to be stored", "shorten it"),
+    15: ("the jog's target lies outside the travel", "choose a target inside the travel"),
+    16: ("not a jog command", CODE),
+    17: ("laser mode needs PWM", "set $32=0"),
+    20: ("unsupported G-code", CODE),
+    21: ("two commands of one modal group", CODE),
+    22: ("no feed rate", "set the axis' feed"),
+    23: ("an integer was expected", CODE),
+    24: ("two commands need the axis words", CODE),
+    25: ("a word is repeated", CODE),
+    26: ("no axis words", CODE),
+    27: ("line number out of range", CODE),
+    28: ("a value is missing", CODE),
+    29: ("coordinate systems beyond G59 are not supported", CODE),
+    30: ("G53 needs G0 or G1", CODE),
+    31: ("axis words are not used by the command", CODE),
+    32: ("the arc has no axis words in its plane", CODE),
+    33: ("the arc's target is invalid", CODE),
+    34: ("the arc's radius is invalid", CODE),
+    35: ("the arc has no offsets in its plane", CODE),
+    36: ("unused words", CODE),
+    37: ("tool length offset on another axis", CODE),
+    38: ("tool number too large", CODE),
+    39: ("a value is out of range", CODE),
+    40: ("a tool change is pending", "finish it at the controller"),
+    43: ("feed above the maximum", "lower the axis' feed"),
+    45: ("a limit switch is engaged", "move the carriage off its switch by hand, then home"),
+    46: ("homing is required", HOME),
+    50: ("the emergency stop is pressed", "release it, then home"),
+    51: ("a motor driver reports a fault", "switch the drivers off and on, check the motors, then home"),
+    52: ("a setting was refused", "correct the setting"),
+    53: ("a setting needs another to be switched on", "correct the setting"),
+    79: ("a critical event has happened", "reset the controller, then home"),
+}
+ALARMS: dict[int, tuple[str, str]] = {
+    1: ("hard limit: a switch was hit", "move the carriage off the switch, then home"),
+    2: ("soft limit: a target outside the travel", HOME),
+    3: ("reset while moving, position lost", HOME),
+    4: ("probe in the wrong state", HOME),
+    5: ("probe found no contact", HOME),
+    6: ("reset while homing", HOME),
+    7: ("the door was opened while homing", "close the door, then home"),
+    8: ("the switch stayed closed after pull-off", "increase $27 or mend the switch, then home"),
+    9: ("no limit switch was found", "check the switch's cable and $130-$132, then home"),
+    10: ("emergency stop pressed, or a dual axis failed", "release the emergency stop, then home"),
+    11: ("homing is required", HOME),
+    12: ("a limit switch is engaged", "move the carriage off its switch, then home"),
+    15: ("a dual axis failed", "check both of its switches, then home"),
+    16: ("self test failed", "switch the controller off and on"),
+    17: ("a motor driver reports a fault", "switch the drivers off and on, check the motors, then home"),
+}
+PAUSES: dict[tuple[str, int], tuple[str, str]] = {
+    ("Door", 0): ("stands at the door, which is closed again", "resume at the controller, or try again"),
+    ("Door", 1): ("stands at the door", "close it and resume"),
+    ("Door", 2): ("slows down: the door was opened", "close it and resume"),
+    ("Door", 3): ("starts again after the door", "wait"),
+    ("Hold", 0): ("stands: feed hold was pressed", "resume at the controller, or try again"),
+    ("Hold", 1): ("slows down: feed hold was pressed", "resume at the controller, or try again"),
+}
+"""What a person at the machine has brought about, by state and sub-state."""
+RESUMABLE = (("Door", 0), ("Hold", 0))
+MOTORS_HELD = 255.0
+"""`$1`: milliseconds after which motors at rest are let go; this value keeps them on."""
+
+
+def error_text(code: int) -> tuple[str, str]:
+    """Reason and remedy of `error:code`."""
+    return ERRORS.get(code, (f"error {code}, which is in no list known here", "read the controller's manual"))
+
+
+def alarm_text(code: int) -> tuple[str, str]:
+    """Reason and remedy of `ALARM:code`."""
+    return ALARMS.get(code, (f"alarm {code}, which is in no list known here", "reset the controller, then home"))
+
+
+@dataclass(frozen=True)
+class Ok:
+    """The line was accepted: planned, not done."""
+
+
+@dataclass(frozen=True)
+class Failed:
+    """`error:N`: the line was refused."""
+
+    code: int
+
+
+@dataclass(frozen=True)
+class AlarmRaised:
+    """`ALARM:N`: the controller stopped and locked itself."""
+
+    code: int
+
+
+@dataclass(frozen=True)
+class Status:
+    """`<...>`: state, sub-state, and whichever fields this report carried, by name."""
+
+    state: str
+    sub: int = 0
+    fields: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def override(self) -> float | None:
+        """The feed override in percent, where this report carries it."""
+        told = self.numbers("Ov")
+        return told[0] if told else None
+
+    def numbers(self, name: str) -> tuple[float, ...] | None:
+        """A field's numbers; None if the report carries none or they cannot be read."""
+        try:
+            return tuple(float(part) for part in self.fields[name].split(","))
+        except (KeyError, ValueError):
+            return None
+
+
+@dataclass(frozen=True)
+class Setting:
+    """`$number=value` in the answer to `$$`."""
+
+    number: int
+    value: float
+
+
+@dataclass(frozen=True)
+class Feedback:
+    """`[TAG:text]`."""
+
+    tag: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Banner:
+    """The greeting after power-up or reset: position and modes are at their start."""
+
+    firmware: str
+    version: str
+
+
+@dataclass(frozen=True)
+class Unread:
+    """A line that is none of the others."""
+
+    raw: bytes
+
+
+Event = Ok | Failed | AlarmRaised | Status | Setting | Feedback | Banner | Unread
+
+STATES = {"Idle", "Run", "Hold", "Jog", "Alarm", "Door", "Check", "Home", "Sleep", "Tool"}
+_NUMBERED = re.compile(r"(error|ALARM):(\d{1,4})")
+_SETTING = re.compile(r"\$(\d{1,4})=(-?\d{1,10}(?:\.\d{0,10})?)(?: .*)?")
+_FEEDBACK = re.compile(r"\[([A-Z0-9+]{2,12}):(.*)\]")
+_FLUIDNC = re.compile(r"Grbl \S+ \[FluidNC v?(\S+) .*")
+_BANNER = re.compile(r"(Grbl|GrblHAL) (\d+\.\S+) \[.*")
+_FIELD = re.compile(r"[A-Za-z]{1,4}:[0-9A-Za-z.,:+-]*")
+
+
+def read_status(text: str) -> Status | None:
+    """The report between `<` and `>`, whatever the order of its fields; None if it is damaged."""
+    head, *fields = text.split("|")
+    state, _, sub = head.partition(":")
+    if state not in STATES or (sub and not sub.isdigit()) or not all(_FIELD.fullmatch(part) for part in fields):
+        return None
+    pairs = (part.partition(":") for part in fields)
+    return Status(state, int(sub or 0), {name: value for name, _, value in pairs})
+
+
+def read_line(raw: bytes) -> Event:
+    """The event one line means."""
+    try:
+        line = raw.decode("ascii").strip()
+    except UnicodeDecodeError:
+        return Unread(raw)
+    if line == "ok":
+        return Ok()
+    if line.startswith("<") and line.endswith(">"):
+        return read_status(line[1:-1]) or Unread(raw)
+    if found := _NUMBERED.fullmatch(line):
+        return Failed(int(found[2])) if found[1] == "error" else AlarmRaised(int(found[2]))
+    if found := _SETTING.fullmatch(line):
+        return Setting(int(found[1]), float(found[2]))
+    if found := _FEEDBACK.fullmatch(line):
+        return Feedback(found[1], found[2])
+    if found := _FLUIDNC.fullmatch(line):
+        return Banner("FluidNC", found[1])
+    if found := _BANNER.fullmatch(line):
+        return Banner("grblHAL" if found[1] == "GrblHAL" else "GRBL", found[2])
+    return Unread(raw)
+
+
+class GrblParser:
+    """Bytes to events, one per line."""
+
+    def __init__(self) -> None:
+        self._lines = LineSplitter()
+
+    def feed(self, data: bytes) -> list[Event]:
+        """The events completed by these bytes."""
+        return [read_line(line) for line in self._lines.feed(data)]

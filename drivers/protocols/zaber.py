@@ -1,0 +1,146 @@
+"""What Zaber ASCII devices say: bytes to events, checksums, rejections and warning flags by name.
+
+`@01 0 [id] OK IDLE -- data[:CC]` replies, `#01 0 text` information, `!01 1 IDLE --` alerts. CC is two hex digits of
+minus the sum of the bytes between the first one and the colon.
+Source: Zaber ASCII protocol manual.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from drivers.homing_state import HOME
+from drivers.protocols.framing import LineSplitter
+
+REJECTIONS: dict[str, tuple[str, str]] = {
+    "BADDATA": ("the value is out of range, or the axis has no reference", HOME),
+    "BADCOMMAND": ("it does not know the command", "check the firmware version"),
+    "BADAXIS": ("there is no such axis", "correct the axis number"),
+    "BADMESSAGEID": ("the message id was damaged", "check the cable"),
+    "PARKED": ("it is parked", "unpark it"),
+    "DEVICEMOVING": ("it is moving", "stop it first"),
+    "STATUSBUSY": ("it is moving", "stop it first"),
+    "DEVICEONLY": ("the command is for the device, not an axis", "send it to axis 0"),
+    "AGAIN": ("it cannot do that now", "try again"),
+    "FULL": ("its queue is full", "wait"),
+    "NOTSUPPORTED": ("it is not supported", "use another device"),
+    "DRIVERDISABLED": ("its motor driver is off", "enable the driver"),
+    "REMOTE": ("another protocol controls it", "release it there"),
+}
+FLAGS: dict[str, tuple[str, str]] = {
+    "FF": ("critical system error", "switch it off and on, then home"),
+    "FN": ("peripheral not supported", "connect a supported peripheral"),
+    "FZ": ("peripheral inactive", "activate the peripheral"),
+    "FH": ("emergency stop pressed at the device", "release it, then home"),
+    "FV": ("supply voltage out of range", "check the power supply"),
+    "FO": ("motor driver disabled", "enable the driver, then home"),
+    "FC": ("current inrush error", "check the power supply"),
+    "FM": ("motor temperature error", "let it cool"),
+    "FD": ("driver disabled", "switch it off and on, then home"),
+    "FQ": ("encoder error", "check the encoder, then home"),
+    "FI": ("index error", HOME),
+    "FA": ("analogue encoder not synchronised", HOME),
+    "FR": ("overdrive limit exceeded", "reduce the load"),
+    "FS": ("stalled and stopped", "remove what blocks it, then home"),
+    "FB": ("stream or following error", "reduce the speed"),
+    "FP": ("excessive twist", "untwist the axis, then home"),
+    "FE": ("limit error", "move it off its limit, then home"),
+    "FT": ("excessive temperature", "let it cool"),
+    "WL": ("an unexpected limit was hit", HOME),
+    "WV": ("supply voltage out of range", "check the power supply"),
+    "WT": ("system temperature high", "let it cool"),
+    "WS": ("stalled with recovery", "remove what blocks it"),
+    "WM": ("moved by hand", HOME),
+    "WP": ("encoder position unknown", HOME),
+    "WR": ("no reference position", HOME),
+    "WH": ("not homed", HOME),
+    "NC": ("under manual control", "leave its knob alone"),
+    "NI": ("a movement was interrupted", "move again"),
+    "ND": ("a streamed movement was interrupted", "move again"),
+    "NR": ("set to run, still accelerating", "wait"),
+    "NT": ("triggered", "wait"),
+    "NU": ("settings are being updated", "wait"),
+    "NJ": ("joining", "wait"),
+}
+UNREFERENCED = ("WR", "WH", "WP")
+
+
+def checksum(body: bytes) -> bytes:
+    """The two digits for what stands between the first byte and the colon."""
+    return f"{-sum(body) & 0xFF:02X}".encode()
+
+
+@dataclass(frozen=True)
+class Reply:
+    """An answer to a command; `number` is the message id, None if it carried none; `checked`: by a good checksum."""
+
+    device: int
+    axis: int
+    number: int | None
+    accepted: bool
+    busy: bool
+    flag: str
+    data: str
+    checked: bool = False
+
+
+@dataclass(frozen=True)
+class Alert:
+    """Something happened by itself: mostly, a movement ended."""
+
+    device: int
+    axis: int
+    busy: bool
+    flag: str
+
+
+@dataclass(frozen=True)
+class Info:
+    """Further information."""
+
+    device: int
+    axis: int
+    text: str
+
+
+@dataclass(frozen=True)
+class Unread:
+    """A line that is none of the others, or whose checksum is wrong."""
+
+    raw: bytes
+
+
+Event = Reply | Alert | Info | Unread
+_REPLY = re.compile(r"@(\d\d) (\d)(?: (\d\d|--))? (OK|RJ) (IDLE|BUSY) (\S\S) (.*)")
+_ALERT = re.compile(r"!(\d\d) (\d)(?: (?:\d\d|--))? (IDLE|BUSY) (\S\S).*")
+_INFO = re.compile(r"#(\d\d) (\d)(?: (?:\d\d|--))? (.*)")
+
+
+def read_line(raw: bytes) -> Event:
+    """The event one line means."""
+    checked = len(raw) > 3 and raw[-3:-2] == b":"
+    if checked and checksum(raw[1:-3]) != raw[-2:]:
+        return Unread(raw)
+    body = raw[:-3] if checked else raw
+    line = body.decode("ascii", "replace")
+    if found := _REPLY.fullmatch(line):
+        number = int(found[3]) if found[3] and found[3] != "--" else None
+        accepted, busy = found[4] == "OK", found[5] == "BUSY"
+        return Reply(int(found[1]), int(found[2]), number, accepted, busy, found[6], found[7], checked)
+    if found := _ALERT.fullmatch(line):
+        return Alert(int(found[1]), int(found[2]), found[3] == "BUSY", found[4])
+    if found := _INFO.fullmatch(line):
+        return Info(int(found[1]), int(found[2]), found[3])
+    return Unread(raw)
+
+
+class ZaberParser:
+    """Bytes to events, one per line."""
+
+    def __init__(self) -> None:
+        self._lines = LineSplitter()
+
+    def feed(self, data: bytes) -> list[Event]:
+        """The events completed by these bytes."""
+        return [read_line(line) for line in self._lines.feed(data)]

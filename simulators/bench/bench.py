@@ -1,0 +1,158 @@
+"""A whole simulated bench: one world, its devices at the ends of cables, and a body that drops RAW files.
+
+Every cable is reachable as `sim://NAME/DEVICE`; `simulators.devices.ports` opens them to other programs too.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from drivers.transport import register_scheme
+from simulators.bench.body import BodySettings, CameraBody, Opening
+from simulators.bench.device_faults import Fate, Mishap, random_faults, random_mishaps
+from simulators.bench.simulated_operator import Hands
+from simulators.bench.view import View
+from simulators.camera.subjects import SUBJECTS
+from simulators.devices.cable_faults import Faults
+from simulators.devices.grbl import GrblController
+from simulators.devices.grbl_state import Outputs
+from simulators.devices.imu import FastModule, WitModule
+from simulators.devices.instruments import BoschModule, DmxWidget, JrtModule
+from simulators.devices.ports import PtyPort, TcpPort
+from simulators.devices.serial_device import Cable, SerialDevice, SimClock, plug, unplug
+from simulators.devices.shutter import RtsLine, StrigBox
+from simulators.devices.zaber import ZaberChain
+from simulators.world.clock import FastClock, VirtualClock
+from simulators.world.world import Drive, Room, World
+
+_numbers = itertools.count(1)
+CABLES = ("stage", "head", "shutter", "rts", "imu", "fast_imu", "rangefinder", "bosch", "light")
+Develop = Callable[[Opening], bytes]
+UNIT_PER_STEP = {"pan_deg": 0.000234375, "tilt_deg": 0.000234375, "y_mm": 0.00049609375}
+
+
+@dataclass(frozen=True)
+class Setup:
+    """Which bench to simulate.
+
+    `faults` by cable, `mishaps` to devices; `develop` makes the RAW file of an opening, by default a rendering of the
+    chart. `virtual_time` lets time jump while it is waited for; otherwise it runs `speed` times as fast as real time.
+    """
+
+    seed: int = 0
+    room: Room = field(default_factory=Room)
+    body: BodySettings = field(default_factory=BodySettings)
+    faults: Mapping[str, Faults] = field(default_factory=dict)
+    develop: Develop | None = None
+    mishaps: tuple[Mishap, ...] = ()
+    virtual_time: bool = False
+    speed: float = 1.0
+
+
+class SimulatedBench:
+    """Rail and height on GRBL, a pan-tilt head on Zaber, a STRIG/1 box with a body, two IMUs, two lasers, a lamp."""
+
+    def __init__(self, folder: Path, setup: Setup | None = None) -> None:
+        setup = setup or Setup()
+        self.clock: SimClock = VirtualClock() if setup.virtual_time else FastClock(setup.speed)
+        self.world = World(setup.room)
+        self.folder = folder
+        self._seed = setup.seed
+        root = np.random.default_rng(setup.seed)
+        sensing, picture = root.spawn(2)
+        self.view = View(self.world, picture)
+        self.subject = "chart"
+        self.motions: tuple[tuple[Drive, ...], ...] = ()
+        self._room = setup.room
+        develop = setup.develop or self.view.develop
+        self.body = CameraBody(self.world, folder, develop, self.clock, replace(setup.body))
+        self.clock.attach(self.body)
+        self.devices = self._devices(sensing)
+        self.name = f"bench{next(_numbers)}"
+        self.cables = {name: Cable(device, self.clock, setup.faults.get(name)) for name, device in self.devices.items()}
+        self._fate = Fate(self, setup.mishaps)
+        self._ports: list[PtyPort | TcpPort] = []
+        register_scheme("simulators")
+        for name, cable in self.cables.items():
+            plug(f"{self.name}/{name}", cable)
+
+    def _devices(self, rng: np.random.Generator) -> dict[str, SerialDevice]:
+        axes, seeds = self.world.axes, rng.spawn(4)
+        outputs = Outputs(self._relay, self.world.set_lamp)
+        chain = {number: [(axes[name], UNIT_PER_STEP[name])] for number, name in ((1, "pan_deg"), (2, "tilt_deg"))}
+        return {
+            "stage": GrblController({"X": axes["z_mm"], "Y": axes["x_mm"], "Z": axes["y_mm"]}, outputs=outputs),
+            "head": ZaberChain(chain),
+            "shutter": StrigBox(self.body),
+            "rts": RtsLine(self.body),
+            "imu": WitModule(self.world, seeds[0]),
+            "fast_imu": FastModule(self.world, seeds[1]),
+            "rangefinder": JrtModule(self.world, seeds[2]),
+            "bosch": BoschModule(self.world, seeds[3]),
+            "light": DmxWidget(self.world),
+        }
+
+    @cached_property
+    def hands(self) -> Hands:
+        """A person at this bench, who begins with an empty room; without him the chart hangs straight and in focus."""
+        return Hands(self, self._seed)
+
+    def show(self, subject: str) -> None:
+        """Stand before "chart", "wall" or "depth"; a person who had begun with another subject begins again."""
+        if subject == self.subject:
+            return
+        self.__dict__.pop("hands", None)
+        shown = SUBJECTS[subject](np.random.default_rng(self._seed))
+        self.subject, self.view.sheets, self.motions = subject, shown.sheets, shown.motions
+        lens = replace(self.view.camera.lens, f_number=shown.f_number)
+        self.view.camera = replace(self.view.camera, lens=lens)
+        self.world.room = replace(self._room, arm_mm=float("inf")) if shown.motions else self._room
+
+    def _relay(self, on: bool, now_s: float) -> None:
+        if on:
+            self.body.close(now_s)
+        else:
+            self.body.release(now_s)
+
+    def address(self, device: str) -> str:
+        """The URL of a device's port."""
+        return f"sim://{self.name}/{device}"
+
+    def open_ports(self, devices: Sequence[str] = CABLES) -> dict[str, tuple[str, str]]:
+        """Each cable's pseudo-terminal and TCP address for other programs, by device; the bare RTS line has neither.
+
+        One program at a time: a cable that is in use is refused, wherever it is asked for.
+        """
+        found = {}
+        for name, cable in self.cables.items():
+            if name != "rts" and name in devices:
+                pty = PtyPort(cable) if hasattr(os, "openpty") else None
+                tcp = TcpPort(cable)
+                self._ports += [tcp, *([pty] if pty else [])]
+                found[name] = (pty.address if pty else "", tcp.address)
+        return found
+
+    def close(self) -> None:
+        """Take the addresses away."""
+        for port in self._ports:
+            port.end()
+        for port in self._ports:
+            port.close()
+        for name, cable in self.cables.items():
+            unplug(f"{self.name}/{name}")
+            self.clock.detach(cable)
+        self.clock.detach(self.body)
+        self.clock.detach(self._fate)
+
+
+def random_trouble(seed: int) -> tuple[dict[str, Faults], tuple[Mishap, ...]]:
+    """Faults of cables and mishaps of devices for the first minutes of a bench."""
+    cables, devices = np.random.default_rng(seed).spawn(2)
+    return random_faults(cables, CABLES), tuple(random_mishaps(devices))

@@ -1,0 +1,157 @@
+"""The body on the contacts: exposes when they close, and drops a RAW file into a folder when it is done.
+
+What the file contains is the renderer's business; when it appears, under which name, and what may go wrong with it
+is this one's.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+from simulators.devices.serial_device import SimClock
+from simulators.world.world import World
+
+NEVER = float("inf")
+
+
+@dataclass(frozen=True)
+class Opening:
+    """One opening of the shutter: when light comes in, and how long; the frame's noise follows from its number."""
+
+    begin_s: float
+    exposure_s: float
+    number: int
+
+
+@dataclass
+class BodySettings:
+    """What is set on the body, and what it does wrong on request.
+
+    `bulb`: the exposure is as long as the contact is closed. `pause_s` and `pieces`: the file grows in so many pieces
+    with pauses between them. `companion`: a JPEG comes with each RAW. `rename`: it is written as `.part` first.
+    """
+
+    exposure_s: float = 0.02
+    bulb: bool = False
+    lag_s: float = 0.055
+    readout_s: float = 0.4
+    pieces: int = 1
+    pause_s: float = 0.3
+    companion: bool = False
+    rename: bool = False
+    lose_frames: frozenset[int] = frozenset()
+    half_frames: frozenset[int] = frozenset()
+
+
+@dataclass
+class CameraBody:
+    """A tethered body whose software saves to `folder`. `develop(opening)` gives the bytes of the RAW file.
+
+    Where time passes by itself, the body's later doings run in timers, so that no wire waits for the developing; where
+    it jumps, they are events of the clock.
+
+    `next_number` is the next opening's. The files go on counting where those end that lie in the folder already.
+    """
+
+    world: World
+    folder: Path
+    develop: Callable[[Opening], bytes]
+    clock: SimClock
+    settings: BodySettings = field(default_factory=BodySettings)
+    openings: list[Opening] = field(default_factory=list)
+    next_number: int = 1
+    _begun_s: float = NEVER
+    _agenda: list[tuple[float, Callable[[], None]]] = field(default_factory=list)
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def close(self, now_s: float) -> None:
+        """The contact closes: after the lag the shutter opens, and shakes the bench."""
+        self._begun_s = now_s + self.settings.lag_s
+        self.world.shake(self._begun_s)
+        if not self.settings.bulb:
+            self._expose(self._begun_s, self.settings.exposure_s)
+
+    def release(self, now_s: float) -> None:
+        """The contact opens: a bulb exposure ends."""
+        if self.settings.bulb and self._begun_s != NEVER:
+            self._expose(self._begun_s, max(now_s + self.settings.lag_s - self._begun_s, 0.001))
+        self._begun_s = NEVER
+
+    def flash_s(self) -> float | None:
+        """The hot shoe closes when the shutter is open."""
+        return None if self._begun_s == NEVER else self._begun_s
+
+    def _expose(self, begin_s: float, exposure_s: float) -> None:
+        opening = Opening(begin_s, exposure_s, self.next_number)
+        self.next_number += 1
+        self.openings.append(opening)
+        count = len(self.openings)
+        if count not in self.settings.lose_frames:
+            self._plan(begin_s + exposure_s + self.settings.readout_s, lambda: self._save(opening, count))
+
+    def _plan(self, moment_s: float, action: Callable[[], None]) -> None:
+        real_s = self.clock.real_s(moment_s)
+        if real_s is not None:
+            timer = threading.Timer(real_s, action)
+            timer.daemon = True
+            timer.start()
+            return
+        with self._lock:
+            self._agenda.append((moment_s, action))
+            self._agenda.sort(key=lambda entry: entry[0])
+
+    def next_event_s(self) -> float | None:
+        """When the next file grows."""
+        with self._lock:
+            return self._agenda[0][0] if self._agenda else None
+
+    def wake(self) -> None:
+        """Do what is due."""
+        while (action := self._due(self.clock.now_s())) is not None:
+            action()
+
+    def _due(self, now_s: float) -> Callable[[], None] | None:
+        with self._lock:
+            return self._agenda.pop(0)[1] if self._agenda and self._agenda[0][0] <= now_s else None
+
+    def settled(self) -> bool:
+        """It does all at once."""
+        return True
+
+    def settle(self, real_s: float) -> None:
+        """Nothing to wait for."""
+
+    @cached_property
+    def _files_before(self) -> int:
+        """The number of the last file that an earlier body left in the folder."""
+        numbers = (path.stem.removeprefix("IMG_") for path in self.folder.glob("IMG_*.*"))
+        return max((int(number) for number in numbers if number.isdecimal()), default=0)
+
+    def _save(self, opening: Opening, count: int) -> None:
+        data, settings = self.develop(opening), self.settings
+        final = self.folder / f"IMG_{self._files_before + count:04d}.DNG"
+        path = final.with_suffix(".part") if settings.rename else final
+        if count in settings.half_frames:
+            data = data[: len(data) // 2]
+        if settings.companion:
+            final.with_suffix(".JPG").write_bytes(b"\xff\xd8\xff\xe0 a preview \xff\xd9")
+        size = -(-len(data) // settings.pieces)
+        start_s = self.clock.now_s()
+        for i in range(settings.pieces):
+            part = data[i * size : (i + 1) * size]
+            grow = _append(path, part, final if i == settings.pieces - 1 else path)
+            self._plan(start_s + i * settings.pause_s, grow)
+
+
+def _append(path: Path, part: bytes, final: Path) -> Callable[[], None]:
+    def action() -> None:
+        with path.open("ab") as file:
+            file.write(part)
+        if final != path:
+            path.rename(final)
+
+    return action

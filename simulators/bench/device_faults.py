@@ -1,0 +1,127 @@
+"""What happens to a bench by itself, at random from a seed: to its cables, and to the devices behind them."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from simulators.devices.cable_faults import Faults
+from simulators.devices.grbl import GrblController
+from simulators.devices.instruments import JrtModule
+from simulators.devices.shutter import StrigBox
+from simulators.devices.zaber import ZaberChain
+
+if TYPE_CHECKING:
+    from simulators.bench.bench import SimulatedBench
+
+CABLE_FAULTS = ("lost", "garbage", "duplicate", "delay", "silent", "unplugged", "replugged", "wrong_baud")
+MISHAPS = ("reset", "alarm", "box_reset", "stall", "range_error", "lose_frame", "half_frame")
+
+
+@dataclass(frozen=True)
+class Mishap:
+    """Something that happens at a moment."""
+
+    moment_s: float
+    kind: str
+    number: int
+
+
+def cable_fault(kind: str, rng: np.random.Generator) -> Faults:
+    """A cable with one kind of fault, beginning within the first minutes."""
+    begin_s = float(rng.uniform(0, 120))
+    rate = float(10 ** rng.uniform(-3.5, -1.5))
+    match kind:
+        case "lost":
+            return Faults(rng, begin_s=begin_s, lost=rate)
+        case "garbage":
+            return Faults(rng, begin_s=begin_s, garbage=rate)
+        case "duplicate":
+            return Faults(rng, begin_s=begin_s, duplicate=min(30 * rate, 0.3))
+        case "delay":
+            return Faults(rng, begin_s=begin_s, delay_s=float(rng.uniform(0.01, 2.0)))
+        case "silent":
+            return Faults(rng, silent=((begin_s, begin_s + float(rng.uniform(0.2, 60.0))),))
+        case "unplugged":
+            return Faults(rng, unplugged_at_s=begin_s)
+        case "replugged":
+            return Faults(rng, unplugged_at_s=begin_s, replugged_at_s=begin_s + float(rng.uniform(1, 60)))
+        case "wrong_baud":
+            return Faults(rng, wrong_baud=True)
+    raise ValueError(f"no fault is called {kind!r}; use one of {CABLE_FAULTS}")
+
+
+def random_faults(rng: np.random.Generator, cables: Sequence[str], chance: float = 0.5) -> dict[str, Faults]:
+    """One kind of fault on some of the cables."""
+    return {
+        name: cable_fault(str(own.choice(CABLE_FAULTS)), own)
+        for name, own in zip(cables, rng.spawn(len(cables)), strict=True)
+        if own.random() < chance
+    }
+
+
+def random_mishaps(rng: np.random.Generator, mean: float = 3.0, within_s: float = 150.0) -> list[Mishap]:
+    """A few things that happen within a span."""
+    return [
+        Mishap(float(rng.uniform(0, within_s)), str(rng.choice(MISHAPS)), int(rng.integers(1, 5)))
+        for _ in range(rng.poisson(mean))
+    ]
+
+
+class Fate:
+    """Lets mishaps happen to a bench when their time has come."""
+
+    def __init__(self, bench: SimulatedBench, mishaps: Sequence[Mishap]) -> None:
+        self._bench = bench
+        self._due = sorted(mishaps, key=lambda one: one.moment_s)
+        for mishap in mishaps:
+            real_s = bench.clock.real_s(mishap.moment_s)
+            if real_s is not None:
+                timer = threading.Timer(real_s, self._strike, (mishap,))
+                timer.daemon = True
+                timer.start()
+        bench.clock.attach(self)
+
+    def next_event_s(self) -> float | None:
+        """The next mishap."""
+        return self._due[0].moment_s if self._due else None
+
+    def wake(self) -> None:
+        """Let happen what is due."""
+        while self._due and self._due[0].moment_s <= self._bench.clock.now_s():
+            self._strike(self._due.pop(0))
+
+    def settled(self) -> bool:
+        """It does all at once."""
+        return True
+
+    def settle(self, real_s: float) -> None:
+        """Nothing to wait for."""
+
+    def _strike(self, mishap: Mishap) -> None:
+        body, devices = self._bench.body, self._bench.devices
+        stage, head, box, laser = (devices[name] for name in ("stage", "head", "shutter", "rangefinder"))
+        assert isinstance(stage, GrblController)
+        assert isinstance(head, ZaberChain)
+        assert isinstance(box, StrigBox)
+        assert isinstance(laser, JrtModule)
+        number = mishap.number
+        acts: dict[str, tuple[str, Callable[[float], None]]] = {
+            "reset": ("stage", stage.restart),
+            "alarm": ("stage", lambda now_s: stage.alarm((1, 3, 10, 17)[number - 1], now_s)),
+            "box_reset": ("shutter", box.restart),
+            "stall": ("head", lambda now_s: setattr(head.devices[1].motors[0], "stalls", True)),
+            "range_error": ("rangefinder", lambda now_s: setattr(laser, "status", (1, 4, 7, 8)[number - 1])),
+        }
+        coming = frozenset({len(body.openings) + number})
+        if mishap.kind == "lose_frame":
+            body.settings.lose_frames |= coming
+        elif mishap.kind == "half_frame":
+            body.settings.half_frames |= coming
+        else:
+            name, act = acts[mishap.kind]
+            self._bench.cables[name].happen(act)

@@ -1,0 +1,179 @@
+"""What the bench's camera photographs: chart or sheets from where it is, blurred by the path it took meanwhile."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path as FilePath
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from procedures.pattern import Chart
+from simulators.bench.body import Opening
+from simulators.camera.camera import Lens, Photograph, SimulatedCamera
+from simulators.camera.optics import Optics, Path
+from simulators.camera.sensor import Sensor
+from simulators.camera.sheets import Frame, PlacedSheet, Sheet, draw, draw_moving
+from simulators.camera.truth import ChartTruth
+from simulators.world.projection import Pose as ChartPose
+from simulators.world.projection import Projection
+from simulators.world.scene import Light, PlacedChart, Scene, Wall
+from simulators.world.world import Array, Pose, World
+
+INSTANTS_PER_S = 480  # of an exposure: modes up to 60 Hz are met eight times a period
+FEWEST, MOST = 8, 96
+NEGLIGIBLE_PX = 0.01
+NEGLIGIBLE_DEG = 0.05
+
+
+def bench_camera() -> SimulatedCamera:
+    """A small sensor behind 24 mm: half to one and a half sensor pixels per 0.3 mm cell over the bench's rail."""
+    return SimulatedCamera(Lens(focal_length_mm=24.0), Sensor(rows=480, columns=640), pitch_um=5.94)
+
+
+def instants(opening: Opening) -> Array:
+    """Times, equally spaced over an exposure, at which the camera's path is looked at."""
+    count = min(max(round(INSTANTS_PER_S * opening.exposure_s), FEWEST), MOST)
+    return np.asarray(opening.begin_s + opening.exposure_s * (np.arange(count) + 0.5) / count)
+
+
+@dataclass(frozen=True)
+class Mount:
+    """How the chart hangs: off the middle of the stage's travel, and turned as `projection.Pose` says."""
+
+    right_mm: float = 0.0
+    down_mm: float = 0.0
+    yaw_deg: float = 0.0
+    pitch_deg: float = 0.0
+    roll_deg: float = 0.0
+
+    def turn(self) -> Rotation:
+        """Its turn against a chart that hangs straight."""
+        return Rotation.from_euler("ZYX", [self.roll_deg, self.yaw_deg, self.pitch_deg], degrees=True)
+
+
+def mean_pose(centres: Array, turns: Rotation) -> ChartPose:
+    """Of a flat thing, from its centre and turn at each instant of an exposure."""
+    x, y, z = (float(value) for value in centres.mean(axis=0))
+    roll, yaw, pitch = (float(angle) for angle in turns.mean().as_euler("ZYX", degrees=True))
+    return ChartPose((x, y, z), yaw, pitch, roll)
+
+
+def turning(pose: Pose) -> bool:
+    """Whether a camera turns so much that no one path tells how the whole frame is blurred."""
+    return max(float(np.ptp(angle)) for angle in (pose.pan_deg, pose.tilt_deg, pose.roll_deg)) > NEGLIGIBLE_DEG
+
+
+@dataclass
+class View:
+    """The camera in the world, in front of a chart, or of sheets, in the middle of the stage's travel.
+
+    `focus_mm` None focuses on the chart before each exposure; a fixed focus drifts by `focus_drift_mm_per_c`.
+    `mount` None: nothing hangs there. `sheets`: what hangs there in place of the chart, from the back to the front, in
+    light that does not change over them; a photograph's truths are theirs, in texels. `slope`: how the light changes
+    over the chart, from its centre to its sides. The noise of a frame follows from the seed of `rng` and the opening's
+    number, however many were taken before it.
+    """
+
+    world: World
+    rng: np.random.Generator
+    camera: SimulatedCamera = field(default_factory=bench_camera)
+    chart: Chart = field(default_factory=Chart.from_seed)
+    cell_mm: float = 0.3
+    focus_mm: float | None = None
+    focus_drift_mm_per_c: float = -1.5
+    mount: Mount | None = field(default_factory=Mount)
+    slope: tuple[float, float] = (0.0, 0.0)
+    sheets: tuple[Sheet, ...] = ()
+    taken: list[Photograph] = field(default_factory=list)
+
+    def chart_seen(self, pose: Pose, behind_mm: float = 0.0) -> tuple[Array, Rotation]:
+        """The chart's centre in the camera's frame at each instant, (n, 3) mm, and its turn; or what hangs behind."""
+        mount = self.mount or Mount()
+        middle = {name: (low + high) / 2 for name, (low, high) in self.world.room.travel.items()}
+        right, down = middle["x_mm"] - pose.x_mm + mount.right_mm, pose.y_mm - middle["y_mm"] + mount.down_mm
+        offset = np.column_stack([right, down, pose.z_mm + behind_mm])
+        turned = pose.turn.inv()
+        return np.asarray(turned.apply(offset)), turned * mount.turn()
+
+    def photograph(self, opening: Opening, path: FilePath | None = None) -> Photograph:
+        """Expose once; the path of the chart's centre over the sensor becomes part of the blur."""
+        taken = self._of_sheets(opening, path) if self.sheets and self.mount else self._of_chart(opening, path)
+        self.taken.append(taken)
+        return taken
+
+    def _of_chart(self, opening: Opening, path: FilePath | None) -> Photograph:
+        centres, turns = self.chart_seen(self.world.pose(instants(opening)))
+        centre = centres.mean(axis=0)
+        placed = PlacedChart(self.chart, mean_pose(centres, turns), self.cell_mm)
+        middle_s = opening.begin_s + opening.exposure_s / 2
+        light = Light(self.world.lamp(middle_s)) if self.mount is None else self._light(placed, middle_s)
+        scene = Scene((placed,) if self.mount else (), Wall(centre[2] + 500.0), light)
+        focus_mm = self._focus_mm(middle_s, float(centre[2]))
+        camera = replace(self.camera, focus_mm=focus_mm, optics=self._optics(centres, focus_mm))
+        return camera.photograph(scene, self._noise(opening.number), path, exposure_s=opening.exposure_s)
+
+    def _of_sheets(self, opening: Opening, path: FilePath | None) -> Photograph:
+        pose, middle_s = self.world.pose(instants(opening)), opening.begin_s + opening.exposure_s / 2
+        camera = replace(self.camera, focus_mm=self._focus_mm(middle_s, float(pose.z_mm.mean())))
+        placed = [self._placed(sheet, pose, camera) for sheet in self.sheets]
+        sensor, projection = camera.sensor, camera.projection(camera.focused_at(Scene()))
+        seen = self._drawn(placed, pose, projection, (sensor.rows, sensor.columns), sensor.tile)
+        light = self.world.lamp(middle_s) * seen
+        rng = self._noise(opening.number)
+        taken = camera.photograph(Scene(), rng, path, exposure_s=opening.exposure_s, light=light)
+        truths = (ChartTruth(projection.pinhole() @ one.to_space(), projection, one.optics) for one in placed)
+        return replace(taken, truths=tuple(truths))
+
+    def _placed(self, sheet: Sheet, pose: Pose, camera: SimulatedCamera) -> PlacedSheet:
+        """Where a sheet is in the mean, and its blur: by the optics, its distance from the focus, and its path.
+
+        Where the camera turns, the path is another everywhere: it is drawn instant by instant.
+        """
+        centres, turns = self.chart_seen(pose, sheet.behind_mm)
+        focus_mm = camera.focused_at(Scene())
+        path = centres.mean(axis=0)[None] if turning(pose) else centres
+        placed = PlacedSheet(sheet, mean_pose(centres, turns), self._optics(path, focus_mm))
+        return replace(placed, optics=replace(camera, optics=placed.optics).optics_at(placed, focus_mm))
+
+    def _drawn(
+        self, placed: Sequence[PlacedSheet], pose: Pose, projection: Projection, shape: tuple[int, int],
+        tile: Mapping[tuple[int, int], str],
+    ) -> Frame:  # fmt: skip
+        if not turning(pose):
+            return draw(placed, projection, shape, tile)
+        ways = [self.chart_seen(pose, one.sheet.behind_mm) for one in placed]
+        instants = [[mean_pose(centres[k : k + 1], turns[k : k + 1]) for centres, turns in ways]
+                    for k in range(pose.x_mm.size)]  # fmt: skip
+        return draw_moving(placed, instants, projection, shape, tile)
+
+    def _noise(self, number: int) -> np.random.Generator:
+        seed = self.rng.bit_generator.seed_seq
+        assert isinstance(seed, np.random.SeedSequence)
+        return np.random.default_rng(np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, number)))
+
+    def _light(self, placed: PlacedChart, t_s: float) -> Light:
+        return replace(self.camera.light_on(placed, self.slope), level=self.world.lamp(t_s))
+
+    def _focus_mm(self, t_s: float, distance_mm: float) -> float:
+        if self.focus_mm is None:
+            return distance_mm
+        return self.focus_mm + self.focus_drift_mm_per_c * (self.world.temperature_c(t_s) - self.world.room.ambient_c)
+
+    def _optics(self, centres: Array, focus_mm: float) -> Optics:
+        """The camera's optics with the movement of the chart's image during the exposure."""
+        sharp = self.camera.optics or Optics.typical(f_number=self.camera.lens.f_number, pitch_um=self.camera.pitch_um)
+        image = self.camera.projection(focus_mm).principal_px * centres[:, :2] / centres[:, 2:]
+        way = image - image.mean(axis=0)
+        if np.abs(way).max() < NEGLIGIBLE_PX:
+            return sharp
+        return sharp.also(Path(tuple((float(x), float(y)) for x, y in way)))
+
+    def develop(self, opening: Opening) -> bytes:
+        """The bytes of the DNG of one opening."""
+        with tempfile.TemporaryDirectory() as folder:
+            path = FilePath(folder) / "frame.dng"
+            self.photograph(opening, path)
+            return path.read_bytes()

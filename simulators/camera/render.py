@@ -1,0 +1,238 @@
+"""The picture on the sensor: scene through projection and optics, sampled at the centres of the pixels.
+
+The ideal picture is seen exactly through small hats on a grid finer than the pixels, its spectrum multiplied by the
+optical transfer function over that of a hat, and sampled at the pixels' centres by folding the spectrum: so it aliases
+as in a camera. What the fine grid itself aliases is the only approximation; with 8 samples per pixel it changes no
+pixel of a chart by more than 6e-5 of full light (`tests/simulators/camera/test_render.py`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+from scipy import fft
+
+from simulators.camera.optics import Complex, Optics
+from simulators.world.projection import Projection
+from simulators.world.raster import Segments, coverage
+from simulators.world.scene import Light, PlacedChart, Scene, Stroke, strokes
+
+Array = npt.NDArray[np.float64]
+Frame = npt.NDArray[np.float32]
+
+LEAST_MARGIN_PX = 24
+"""Sensor pixels rendered around what is kept, at least: the Fourier transform takes a region for periodic."""
+
+SURROUND_PX = 16
+"""Sensor pixels around a chart's sheet that are rendered as exactly as the chart."""
+FINE_SIDE = 3072
+"""Fine samples along a side that are transformed at once, margins apart: larger regions are rendered in tiles."""
+PLAIN_OVERSAMPLING = 2
+"""Fine samples per sensor pixel where there is no chart: the picture is right to a few per cent of an edge there."""
+TILE_PX = 512
+"""Side of the tiles in which the rest of a frame is drawn."""
+
+
+STRIP_ROWS = 256
+"""Fine rows that are painted at once: a strip stays in the cache, and a slanted line meets few columns of it."""
+
+
+@dataclass(frozen=True)
+class Region:
+    """A rectangle of sensor pixels: its first pixel (x, y), its size."""
+
+    x: int
+    y: int
+    width: int
+    height: int
+
+    def meets(self, bounds: tuple[float, float, float, float]) -> bool:
+        """Whether something from x to x and y to y may be seen on it, or within a pixel of it."""
+        x0, x1, y0, y1 = bounds
+        return x0 <= self.x + self.width and x1 >= self.x - 1 and y0 <= self.y + self.height and y1 >= self.y - 1
+
+    def tiles(self, side: int) -> Iterator[Region]:
+        """It, cut into equal tiles no longer than `side`."""
+        columns, rows = -(-self.width // side), -(-self.height // side)
+        xs = [self.x + self.width * i // columns for i in range(columns + 1)]
+        ys = [self.y + self.height * i // rows for i in range(rows + 1)]
+        for y0, y1 in pairwise(ys):
+            for x0, x1 in pairwise(xs):
+                yield Region(x0, y0, x1 - x0, y1 - y0)
+
+    def grown(self, pixels: int) -> Region:
+        """The same with a margin on all sides, from even pixels on; its sizes even, and products of small primes."""
+        x, y = (2 * ((p - pixels) // 2) for p in (self.x, self.y))
+        right, bottom = self.x + self.width + pixels, self.y + self.height + pixels
+        width, height = (2 * fft.next_fast_len(-(-n // 2), real=True) for n in (right - x, bottom - y))
+        return Region(x, y, width, height)
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """The ideal picture of a scene on the sensor, without blur: outlines from the back to the front, and the light."""
+
+    outlines: Sequence[Stroke]
+    background: float
+    light: Light
+
+    @classmethod
+    def of(cls, scene: Scene, projection: Projection) -> Picture:
+        """What a lens draws of a scene."""
+        return cls(list(strokes(scene, projection)), scene.wall.reflectance, scene.light)
+
+    def behind(self) -> list[Stroke]:
+        """What belongs to no chart."""
+        return [stroke for stroke in self.outlines if stroke.chart is None]
+
+    def by_chart(self) -> dict[PlacedChart, list[Stroke]]:
+        """The charts, the farthest first, and what belongs to each."""
+        charts = {stroke.chart: None for stroke in self.outlines if stroke.chart}
+        return {one: [stroke for stroke in self.outlines if stroke.chart is one] for one in charts}
+
+
+def render_region(
+    picture: Picture,
+    optics: Optics,
+    region: Region,
+    colours: Mapping[tuple[int, int], str],
+    *,
+    oversampling: int,
+    margin_px: int | None = None,
+) -> Array:
+    """Light on the pixels of a region, 1 where reflectance and illumination are 1, (height, width).
+
+    Parameters
+    ----------
+    colours : mapping of (x, y) to str
+        The colour of each pixel of the mosaic's tile, by position: {(0, 0): "Y"} without a mosaic.
+    oversampling : int
+        Fine samples per sensor pixel along each axis.
+    margin_px : int or None
+        Sensor pixels to render around the region; None: as far as the optics reach.
+    """
+    period = 1 + max(x for x, _ in colours)
+    wide = region.grown(margin_px or max(LEAST_MARGIN_PX, optics.margin_px()))
+    spectrum = fft.rfft2(_ideal(picture, wide, oversampling), workers=2, overwrite_x=True)
+    light = np.empty((wide.height, wide.width))
+    for (px, py), colour in colours.items():
+        filtered = spectrum * transfer(optics, colour, wide, oversampling)
+        light[py::period, px::period] = _sample(filtered, (px, py), oversampling, period)
+    top, left = region.y - wide.y, region.x - wide.x
+    return light[top : top + region.height, left : left + region.width]
+
+
+def render_frame(
+    picture: Picture,
+    optics: Callable[[PlacedChart | None], Optics],
+    shape: tuple[int, int],
+    colours: Mapping[tuple[int, int], str],
+    *,
+    oversampling: int,
+) -> Frame:
+    """Light on a whole frame (rows, columns), float32: exact around every chart, plain elsewhere.
+
+    Around a chart there are `oversampling` fine samples per sensor pixel along each axis. What else stands on the wall
+    is drawn with fewer, in tiles, and only in tiles that something touches.
+
+    Parameters
+    ----------
+    optics : callable
+        The optics at a chart, or at the wall (None): they may differ by distance and place in the frame.
+    """
+    y, x = (np.arange(size, dtype=np.float64) for size in shape)
+    frame = np.empty(shape, dtype=np.float32)
+    for top in range(0, shape[0], STRIP_ROWS):
+        light = picture.light.at(x[None, :], y[top : top + STRIP_ROWS, None])
+        frame[top : top + STRIP_ROWS] = picture.background * light
+    for region in _busy_tiles(picture.behind(), shape):
+        light = render_region(picture, optics(None), region, colours, oversampling=PLAIN_OVERSAMPLING)
+        _paste(frame, region, np.maximum(light, 0.0))  # so coarse a grid may undershoot beside an edge
+    for placed, pieces in picture.by_chart().items():
+        around = bounding_region(pieces, shape, SURROUND_PX)
+        if around is not None:
+            local = optics(placed)
+            for tile in around.tiles(FINE_SIDE // oversampling):
+                _paste(frame, tile, render_region(picture, local, tile, colours, oversampling=oversampling))
+    return frame
+
+
+def bounding_region(pieces: Sequence[Stroke], shape: tuple[int, int], pixels: int) -> Region | None:
+    """The part of a frame (rows, columns) that strokes touch, with so many pixels around them; None if they miss it."""
+    boxes = np.array([stroke.bounds for stroke in pieces])
+    x0, y0 = (max(int(np.floor(boxes[:, i].min())) - pixels, 0) for i in (0, 2))
+    x1, y1 = (min(int(np.ceil(boxes[:, i].max())) + pixels + 1, size) for i, size in ((1, shape[1]), (3, shape[0])))
+    return Region(x0, y0, x1 - x0, y1 - y0) if x1 > x0 and y1 > y0 else None
+
+
+def transfer(optics: Optics, colour: str, wide: Region, oversampling: int) -> Array | Complex:
+    """What the fine picture's spectrum is multiplied by: the optics' transfer function over that of its hats."""
+    return _transfer(optics, colour, wide.height * oversampling, wide.width * oversampling, oversampling)
+
+
+@lru_cache(maxsize=4)
+def _transfer(optics: Optics, colour: str, rows: int, columns: int, oversampling: int) -> Array | Complex:
+    fy = oversampling * fft.fftfreq(rows)[:, None]
+    fx = oversampling * fft.rfftfreq(columns)[None, :]
+    hat: Array = (np.sinc(fx / oversampling) * np.sinc(fy / oversampling)) ** 2
+    return optics.otf(fx, fy, colour) / hat
+
+
+def _ideal(ideal: Picture, wide: Region, n: int) -> Array:
+    """The picture without blur through hats: n samples to a pixel, the first on the first pixel's centre."""
+    picture = np.full((n * wide.height, n * wide.width), ideal.background)
+    for stroke in ideal.outlines:
+        if wide.meets(stroke.bounds):
+            _paint(picture, stroke, (wide.x, wide.y), n)
+    x, y = (np.arange(n * size) / n + first for size, first in ((wide.width, wide.x), (wide.height, wide.y)))
+    for top in range(0, len(y), STRIP_ROWS):
+        picture[top : top + STRIP_ROWS] *= ideal.light.at(x[None, :], y[top : top + STRIP_ROWS, None])
+    return picture
+
+
+def _paint(picture: Array, stroke: Stroke, first: tuple[int, int], n: int) -> None:
+    """Put one stroke on the fine picture, strip by strip, touching only the samples that it reaches."""
+    starts, ends = ((points - first) * n for points in (stroke.segments.starts, stroke.segments.ends))
+    whole = Segments(starts, ends, stroke.segments.weights)
+    top = max(math.floor(starts[:, 1].min()), 0)
+    bottom = min(math.ceil(starts[:, 1].max()) + 1, picture.shape[0])
+    for y0 in range(top, bottom, STRIP_ROWS):
+        y1 = min(y0 + STRIP_ROWS, bottom)
+        near = whole.inside(y0 - 1, y1)
+        x = np.concatenate([near.starts[:, 0], near.ends[:, 0]])
+        if not len(x):
+            continue
+        x0, x1 = max(math.floor(x.min()), 0), min(math.ceil(x.max()) + 1, picture.shape[1])
+        if x1 > x0:
+            area = coverage(near.moved(x0, y0), (y1 - y0, x1 - x0))
+            part = picture[y0:y1, x0:x1]
+            part += area * (stroke.reflectance - part if stroke.opaque else stroke.reflectance)
+
+
+def _sample(spectrum: Complex, phase: tuple[int, int], n: int, period: int) -> Array:
+    """The fine picture of a spectrum at every `period`-th pixel from pixel `phase` (x, y) on, by folding its rows."""
+    rows, step = spectrum.shape[0], n * period
+    fy = n * fft.fftfreq(rows)[:, None]
+    shifted = spectrum * np.exp(2j * np.pi * fy * phase[1]) if phase[1] else spectrum
+    folded = shifted.reshape(step, rows // step, -1).sum(axis=0) / step
+    columns = 2 * (spectrum.shape[1] - 1)
+    lines = fft.irfft(fft.ifft(folded, axis=0), columns, axis=1)
+    return np.asarray(lines[:, n * phase[0] :: step], dtype=np.float64)
+
+
+def _paste(frame: Frame, region: Region, part: Array) -> None:
+    frame[region.y : region.y + region.height, region.x : region.x + region.width] = part
+
+
+def _busy_tiles(pieces: Sequence[Stroke], shape: tuple[int, int]) -> Iterator[Region]:
+    """The tiles of a frame that some stroke may touch."""
+    for tile in Region(0, 0, shape[1], shape[0]).tiles(TILE_PX):
+        around = tile.grown(SURROUND_PX)
+        if any(around.meets(stroke.bounds) for stroke in pieces):
+            yield tile

@@ -1,0 +1,227 @@
+"""Pictures on flat sheets, one before the other, as a camera sees them: warped, blurred each for itself, laid over.
+
+Where charts are drawn from their outlines, these are drawn from texels: a smooth picture, read between its texels by
+cubic convolution and so fine that what the optics pass is in the samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from scipy import fft
+
+from simulators.camera.optics import Optics
+from simulators.world.projection import Pose, Projection, apply_homography
+
+Array = npt.NDArray[np.float64]
+Frame = npt.NDArray[np.float32]
+Spectrum = npt.NDArray[np.complex64]
+
+OVERSAMPLING = 3
+"""Fine samples per sensor pixel along each axis: apertures and photosites pass next to nothing above half of it."""
+SMOOTH_TEXELS = 0.7
+"""Standard deviation of what makes a picture smooth enough to be read between its texels."""
+SUPERSAMPLED = 4
+"""Bits of subtexels at which the leaves' outlines are drawn."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sheet:
+    """A picture on a flat sheet.
+
+    Attributes
+    ----------
+    reflectance : (rows, columns) float32
+    texel_mm : float
+        Side of a texel.
+    behind_mm : float
+        How far behind the place where a chart would hang.
+    cover : (rows, columns) float32 or None
+        1 where the sheet is, 0 where one sees past it; None: it goes on beyond its picture, mirrored.
+    """
+
+    reflectance: Frame
+    texel_mm: float
+    behind_mm: float = 0.0
+    cover: Frame | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedSheet:
+    """A sheet in space, `pose` being that of its middle, and what blurs it."""
+
+    sheet: Sheet
+    pose: Pose
+    optics: Optics
+
+    def to_space(self) -> Array:
+        """Texels (x, y, 1) to space in mm, homogeneous, (3, 3)."""
+        rows, columns = self.sheet.reflectance.shape
+        c = self.sheet.texel_mm
+        centred = np.array([[c, 0.0, -c * (columns - 1) / 2], [0.0, c, -c * (rows - 1) / 2], [0.0, 0.0, 1.0]])
+        return np.asarray(self.pose.plane_to_space() @ centred, dtype=np.float64)
+
+
+def leaves(
+    shape: tuple[int, int],
+    rng: np.random.Generator,
+    *,
+    largest: float,
+    background: float = 0.4,
+    per_leaf: float = 300.0,
+) -> Frame:
+    """Discs over discs whose number falls with the cube of their size: detail of all sizes, (rows, columns) float32.
+
+    Parameters
+    ----------
+    largest : radius of the largest in texels; the smallest have 2
+    per_leaf : texels of the picture for each leaf
+    """
+    rows, columns = shape
+    picture = np.full(shape, background, np.float32)
+    count = round(rows * columns / per_leaf)
+    radius = (2.0**-2 - rng.random(count) * (2.0**-2 - largest**-2)) ** -0.5
+    places, levels = rng.random((count, 2)) * (columns, rows), rng.uniform(0.06, 0.9, count)
+    unit = 2**SUPERSAMPLED
+    for (x, y), r, level in zip(places, radius, levels, strict=True):
+        cv2.circle(picture, (int(unit * x), int(unit * y)), int(unit * r), float(level), -1, shift=SUPERSAMPLED)
+    return smooth(picture)
+
+
+def smooth(picture: Frame) -> Frame:
+    """A picture without what cannot be read between its texels."""
+    return np.asarray(cv2.GaussianBlur(picture, (0, 0), SMOOTH_TEXELS), dtype=np.float32)
+
+
+def draw(
+    sheets: Sequence[PlacedSheet],
+    projection: Projection,
+    shape: tuple[int, int],
+    colours: Mapping[tuple[int, int], str],
+) -> Frame:
+    """Light on a frame (rows, columns), 1 where reflectance and illumination are 1, for a lens without distortion.
+
+    Each sheet is blurred by its own optics, and so is its cover, over what lies farther back.
+
+    Parameters
+    ----------
+    sheets : from the back to the front, the first without a cover
+    colours : the colour of each pixel of the mosaic's tile, by position (x, y)
+    """
+    n, period = OVERSAMPLING, 1 + max(x for x, _ in colours)
+    margin = 2 * -(-max(one.optics.margin_px() for one in sheets) // 2)
+    wide = tuple(n * fft.next_fast_len(size + 2 * margin, real=True) for size in shape)
+    spectra = [_spectra(one, projection, margin, wide) for one in sheets]
+    frame = np.empty(shape, np.float32)
+    for colour in sorted(set(colours.values())):
+        light = _laid_over(spectra, [_transfer(one.optics, colour, wide) for one in sheets], wide)
+        seen = light[n * margin : n * (margin + shape[0]) : n, n * margin : n * (margin + shape[1]) : n]
+        for x, y in (place for place, its in colours.items() if its == colour):
+            frame[y::period, x::period] = seen[y::period, x::period]
+    return np.maximum(frame, 0.0)
+
+
+def draw_moving(
+    sheets: Sequence[PlacedSheet],
+    poses: Sequence[Sequence[Pose]],
+    projection: Projection,
+    shape: tuple[int, int],
+    colours: Mapping[tuple[int, int], str],
+) -> Frame:
+    """Light on a frame as `draw` has it, from sheets that move against the camera: the mean of all instants.
+
+    Each sheet is blurred where `sheets` place it, then seen from where it is at each instant, and hides what it hides
+    then.
+
+    Parameters
+    ----------
+    poses : at equally spaced instants, of each sheet
+    """
+    n, period = OVERSAMPLING, 1 + max(x for x, _ in colours)
+    # from sensor pixels at an instant to those where the sheet was drawn
+    ways = [
+        [_drawn(one, projection) @ np.linalg.inv(_drawn(replace(one, pose=pose), projection))
+         for one, pose in zip(sheets, instant, strict=True)]
+        for instant in poses
+    ]  # fmt: skip
+    margin = 2 * -(-(max(one.optics.margin_px() for one in sheets) + _farthest(ways, shape)) // 2)
+    wide = tuple(n * fft.next_fast_len(size + 2 * margin, real=True) for size in shape)
+    to_fine = np.array([[n, 0, n * margin], [0, n, n * margin], [0, 0, 1.0]])
+    spectra = [_spectra(one, projection, margin, wide) for one in sheets]
+    frame = np.empty(shape, np.float32)
+    for colour in sorted(set(colours.values())):
+        layers = [_layer(one, _transfer(placed.optics, colour, wide), wide)
+                  for one, placed in zip(spectra, sheets, strict=True)]  # fmt: skip
+        for x, y in (place for place, its in colours.items() if its == colour):
+            part = frame[y::period, x::period]
+            from_part = np.array([[period, 0, x], [0, period, y], [0, 0, 1.0]])
+            instants = ([to_fine @ M @ from_part for M in way] for way in ways)
+            part[:] = sum(_seen(layers, maps, part.shape) for maps in instants) / len(ways)
+    return np.maximum(frame, 0.0)
+
+
+def _drawn(placed: PlacedSheet, projection: Projection) -> Array:
+    """A sheet's texels to sensor pixels, (3, 3)."""
+    return projection.pinhole() @ placed.to_space()
+
+
+def _farthest(ways: Sequence[Sequence[Array]], shape: tuple[int, int]) -> int:
+    """Pixels that the frame's corners move, at most."""
+    corners = np.array([[x, y] for x in (0, shape[1] - 1) for y in (0, shape[0] - 1)], dtype=np.float64)
+    moved = (np.abs(apply_homography(M, corners) - corners).max() for way in ways for M in way)
+    return int(np.ceil(max(moved)))
+
+
+def _layer(spectra: tuple[Spectrum, Spectrum | None], transfer: Spectrum, wide: tuple[int, ...]) -> list[Frame]:
+    """A sheet's picture, and its cover if it has one, as the optics leave them."""
+    return [np.asarray(fft.irfft2(one * transfer, wide), np.float32) for one in spectra if one is not None]
+
+
+def _seen(layers: Sequence[Sequence[Frame]], maps: Sequence[Array], shape: tuple[int, ...]) -> Frame:
+    """Layers over each other, each read through its map from pixels to fine samples."""
+    light = np.zeros(shape, np.float32)
+    for layer, M in zip(layers, maps, strict=True):
+        flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
+        picture, *cover = (cv2.warpPerspective(one, M, shape[::-1], flags=flags) for one in layer)
+        light = np.asarray(light * (1 - cover[0]) + picture if cover else picture, np.float32)
+    return light
+
+
+def _laid_over(
+    spectra: Sequence[tuple[Spectrum, Spectrum | None]], transfers: Sequence[Spectrum], wide: tuple[int, ...]
+) -> Frame:
+    light = np.zeros(wide, np.float32)
+    for (picture, cover), transfer in zip(spectra, transfers, strict=True):
+        if cover is not None:
+            light *= 1 - fft.irfft2(cover * transfer, wide)
+            light += fft.irfft2(picture * transfer, wide)
+        else:
+            light = fft.irfft2(picture * transfer, wide)
+    return light
+
+
+def _spectra(
+    placed: PlacedSheet, projection: Projection, margin: int, wide: tuple[int, ...]
+) -> tuple[Spectrum, Spectrum | None]:
+    """Of a sheet's picture where it covers, and of its cover, on fine samples."""
+    to_sensor = np.array([[1 / OVERSAMPLING, 0, -margin], [0, 1 / OVERSAMPLING, -margin], [0, 0, 1]])
+    M = np.linalg.inv(_drawn(placed, projection)) @ to_sensor
+
+    def read(texels: Frame, border: int) -> Frame:
+        flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
+        return np.asarray(cv2.warpPerspective(texels, M, wide[::-1], flags=flags, borderMode=border), dtype=np.float32)
+
+    if placed.sheet.cover is None:
+        return fft.rfft2(read(placed.sheet.reflectance, cv2.BORDER_REFLECT)), None
+    picture = read(placed.sheet.reflectance * placed.sheet.cover, cv2.BORDER_CONSTANT)
+    return fft.rfft2(picture), fft.rfft2(read(placed.sheet.cover, cv2.BORDER_CONSTANT))
+
+
+def _transfer(optics: Optics, colour: str, wide: tuple[int, ...]) -> Spectrum:
+    fy = OVERSAMPLING * fft.fftfreq(wide[0])[:, None]
+    fx = OVERSAMPLING * fft.rfftfreq(wide[1])[None, :]
+    return np.asarray(optics.otf(fx, fy, colour), dtype=np.complex64)

@@ -1,0 +1,83 @@
+"""What else than the chart a simulated bench may stand before."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from simulators.camera.camera import NOMINAL_F_NUMBER
+from simulators.camera.sheets import Frame, Sheet, leaves, smooth
+from simulators.world.world import Drive
+
+WALL_MM = (640.0, 480.0)
+WALL_TEXEL_MM = 0.16
+LARGEST_MM = 40.0
+"""Radius of the wall's largest leaves; the smallest are below a pixel from the near end of the rail."""
+
+
+SHAKE_HZ, SHAKE_MM = 10.0, 1.9
+ROLL_DEG, PAN_DEG = 0.5, 0.06
+MOTIONS = (
+    (
+        *(Drive("x_mm", SHAKE_MM, SHAKE_HZ), Drive("y_mm", 0.5 * SHAKE_MM, 2 * SHAKE_HZ, 0.6)),
+        *(Drive("roll_deg", ROLL_DEG, SHAKE_HZ, 0.4), Drive("pan_deg", PAN_DEG, SHAKE_HZ, 2.0)),
+        Drive("tilt_deg", PAN_DEG, 2 * SHAKE_HZ, 1.0),
+    ),
+    (
+        *(Drive("y_mm", SHAKE_MM, SHAKE_HZ), Drive("x_mm", 0.5 * SHAKE_MM, 2 * SHAKE_HZ, 1.1)),
+        *(Drive("roll_deg", ROLL_DEG, SHAKE_HZ, 2.4), Drive("pan_deg", PAN_DEG, 2 * SHAKE_HZ, 0.3)),
+        Drive("tilt_deg", PAN_DEG, SHAKE_HZ, 1.7),
+    ),
+)
+"""Two loops, one along x and one along y, while the rig nods and rolls: twice around in the lamp's exposure."""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """Sheets from the back to the front; none: the chart.
+
+    `f_number`: the lens is stopped down to it. `motions`: what the rig's shaker can do; only that turns the camera of
+    such a rig, along which it otherwise shifts.
+    """
+
+    sheets: tuple[Sheet, ...] = ()
+    f_number: float = NOMINAL_F_NUMBER
+    motions: tuple[tuple[Drive, ...], ...] = ()
+
+
+def wall(rng: np.random.Generator) -> Subject:
+    """A flat wall with detail of all sizes, wider than the camera sees from the far end of the rail."""
+    columns, rows = (round(size / WALL_TEXEL_MM) for size in WALL_MM)
+    picture = leaves((rows, columns), rng, largest=LARGEST_MM / WALL_TEXEL_MM)
+    return Subject((Sheet(picture, WALL_TEXEL_MM),))
+
+
+def depth(rng: np.random.Generator) -> Subject:
+    """Three walls of leaves, one behind the other, before a rig that shakes: the nearest on the left, a round one."""
+    back, middle, front = (
+        Sheet(leaves((900, 1200), rng, largest=120.0, per_leaf=80.0), texel_mm) for texel_mm in (0.6, 0.45, 0.35)
+    )
+    x, y = (np.arange(n) - (n - 1) / 2 for n in (1200, 900))
+    disc = np.hypot(0.45 * x - 60.0, 0.45 * y[:, None] + 40.0) < 45.0
+    left = np.broadcast_to(0.35 * x < 10.0, (900, 1200))
+    sheets = (
+        replace(back, behind_mm=1050.0),
+        replace(middle, cover=_cover(disc), behind_mm=350.0),
+        replace(front, cover=_cover(left), behind_mm=-150.0),
+    )
+    return Subject(sheets, 16.0, MOTIONS)
+
+
+def _cover(inside: npt.NDArray[np.bool_]) -> Frame:
+    return smooth(inside.astype(np.float32))
+
+
+SUBJECTS: Mapping[str, Callable[[np.random.Generator], Subject]] = {
+    "chart": lambda rng: Subject(),
+    "wall": wall,
+    "depth": depth,
+}
+"""By the name that plans call them."""

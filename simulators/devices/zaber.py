@@ -1,0 +1,296 @@
+"""A chain of Zaber devices at byte level; each axis moves one axis of the world.
+
+Checksums, message ids, warning flags and alerts as in firmware 6 and 7. An axis wakes up without reference, homes to
+its low end, and refuses absolute moves before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from simulators.world.motion import Axis, brake_line, travel_line
+
+NEVER = float("inf")
+SPEED_UNIT = 1.6384
+FAULT_FLAGS = [
+    "FF",
+    "FN",
+    "FZ",
+    "FH",
+    "FV",
+    "FO",
+    "FC",
+    "FM",
+    "FD",
+    "FQ",
+    "FI",
+    "FA",
+    "FR",
+    "FS",
+    "FB",
+    "FP",
+    "FE",
+    "FT",
+]
+PRIORITY = [*FAULT_FLAGS, "WL", "WV", "WT", "WS", "WM", "WP", "WR", "WH", "NC", "NI"]
+
+
+@dataclass
+class Motor:
+    """One axis of a device: where it hangs in the world, units per microstep, its settings and flags."""
+
+    axis: Axis
+    unit_per_step: float
+    settings: dict[str, float] = field(default_factory=dict)
+    flags: list[str] = field(default_factory=lambda: ["WR"])
+    zero: float = 0.0
+    busy_until_s: float = NEVER
+    homing: bool = False
+    stalls: bool = False
+
+    def __post_init__(self) -> None:
+        steps = int((self.axis.high - self.axis.low) / self.unit_per_step)
+        speed = (self.axis.high - self.axis.low) / 10 / self.unit_per_step * SPEED_UNIT
+        self.settings = {"limit.min": 0, "limit.max": steps, "maxspeed": round(speed), "accel": 205, "resolution": 64}
+        self.zero = self.axis.position(0.0)
+
+    def steps(self, now_s: float) -> int:
+        """What the device believes its position to be."""
+        return round((self.axis.position(now_s) - self.zero) / self.unit_per_step)
+
+    def flag(self) -> str:
+        """The flag of highest priority."""
+        return min(self.flags, key=PRIORITY.index, default="--")
+
+    def go(self, place: float, now_s: float) -> None:
+        """Move to a place in the world; an old movement is broken off and flagged."""
+        start_s = now_s
+        if self.busy_until_s != NEVER:
+            start_s = self.halt(now_s, self._acceleration())
+            self.flags = sorted({*self.flags, "NI"})
+        else:
+            self.flags = [flag for flag in self.flags if flag != "NI"]
+        speed = self.settings["maxspeed"] / SPEED_UNIT * self.unit_per_step
+        self.busy_until_s = max(travel_line([self.axis], [place], start_s, speed, self._acceleration()), now_s)
+        if self.stalls:
+            self.busy_until_s = (start_s + self.busy_until_s) / 2
+
+    def halt(self, now_s: float, acceleration: float | None) -> float:
+        """Stop, dead without acceleration; the time of rest."""
+        if acceleration is None:
+            self.axis.halt(now_s)
+            return now_s
+        return brake_line([self.axis], now_s, acceleration)
+
+    def _acceleration(self) -> float:
+        return (self.axis.high - self.axis.low) / 5
+
+    def ended(self, now_s: float) -> None:
+        """The movement is over."""
+        self.busy_until_s = NEVER
+        if self.stalls:
+            self.stalls, self.homing = False, False
+            self.halt(now_s, None)
+            self.flags = sorted({*self.flags, "FS"})
+        elif self.homing:
+            self.homing = False
+            self.zero = self.axis.low
+            self.flags = [flag for flag in self.flags if flag not in ("WR", "WH")]
+
+
+@dataclass
+class Device:
+    """One device: its address, identity and motors."""
+
+    address: int
+    motors: list[Motor]
+    deviceid: int = 50081
+    serial: int = 12345
+    version: str = "7.36"
+    checksum: bool = False
+    alert: bool = False
+
+
+def lrc(body: bytes) -> bytes:
+    """Two hex digits that make the sum zero."""
+    return b"%02X" % ((256 - sum(body) % 256) % 256)
+
+
+class ZaberChain:
+    """Devices on one line."""
+
+    baud = 115200
+
+    def __init__(self, axes: Mapping[int, Sequence[tuple[Axis, float]]]) -> None:
+        self.devices = {
+            number: Device(number, [Motor(axis, unit) for axis, unit in motors], serial=12340 + number)
+            for number, motors in axes.items()
+        }
+        self._line = bytearray()
+        self._out = bytearray()
+
+    def set_lines(self, rts: bool, dtr: bool, now_s: float) -> None:
+        """It has no modem lines."""
+
+    def receive(self, data: bytes, now_s: float) -> None:
+        """Lines that begin with a slash; CR, LF or both end them."""
+        for byte in data:
+            if byte in b"\r\n":
+                line, self._line = bytes(self._line), bytearray()
+                start = line.rfind(b"/")
+                if start >= 0:
+                    self._obey(line[start + 1 :], now_s)
+            elif len(self._line) < 256:
+                self._line.append(byte)
+
+    def advance(self, now_s: float) -> bytes:
+        """Movements that have ended, with their alerts; what was said."""
+        while (moment_s := self.next_event_s()) is not None and moment_s <= now_s:
+            for device in self.devices.values():
+                for number, motor in enumerate(device.motors, 1):
+                    if motor.busy_until_s <= moment_s:
+                        motor.ended(moment_s)
+                        if device.alert:
+                            self._say(device, f"!{device.address:02d} {number} IDLE {motor.flag()}")
+        said = bytes(self._out)
+        self._out.clear()
+        return said
+
+    def next_event_s(self) -> float | None:
+        """The end of the next movement."""
+        moments = [motor.busy_until_s for device in self.devices.values() for motor in device.motors]
+        return None if min(moments, default=NEVER) == NEVER else min(moments)
+
+    def _say(self, device: Device, line: str) -> None:
+        text = line.encode()
+        if device.checksum:
+            text += b":" + lrc(text[1:])
+        self._out += text + b"\r\n"
+
+    def _obey(self, line: bytes, now_s: float) -> None:
+        if line[-3:-2] == b":":
+            if lrc(line[:-3]) != line[-2:].upper():
+                return
+            line = line[:-3]
+        words = line.decode("ascii", "replace").split()
+        numbers: list[int] = []
+        while words and len(numbers) < 3 and (words[0].isdigit() or (len(numbers) == 2 and words[0] == "--")):
+            word = words.pop(0)
+            numbers.append(int(word) if word != "--" else -1)
+        address, axis = (*numbers, 0, 0)[:2]
+        reply_id = f" {numbers[2]:02d}" if len(numbers) > 2 and numbers[2] >= 0 else ""
+        for device in self.devices.values():
+            if address in (0, device.address):
+                self._answer(device, axis, reply_id, words, now_s)
+
+    def _answer(self, device: Device, axis: int, reply_id: str, words: list[str], now_s: float) -> None:
+        motors = device.motors if axis == 0 else device.motors[axis - 1 : axis]
+        verdict, data = self._do(device, motors, axis, words, now_s) if motors else ("RJ", "BADAXIS")
+        shown = motors or device.motors
+        busy = "BUSY" if any(motor.busy_until_s != NEVER for motor in shown) else "IDLE"
+        flag = next((motor.flag() for motor in shown if motor.flags), "--")
+        self._say(device, f"@{device.address:02d} {axis}{reply_id} {verdict} {busy} {flag} {data}")
+
+    def _do(self, device: Device, motors: list[Motor], axis: int, words: list[str], now_s: float) -> tuple[str, str]:
+        match words:
+            case []:
+                return "OK", "0"
+            case ["get", name]:
+                return self._get(device, motors, name, now_s)
+            case ["set", name, value] if _number(value):
+                return self._set(device, motors, name, float(value))
+            case ["home"]:
+                for motor in motors:
+                    motor.homing = True
+                    motor.go(motor.axis.low, now_s)
+                return "OK", "0"
+            case ["move", *how]:
+                return self._move(motors, how, now_s)
+            case ["stop"] | ["estop"]:
+                for motor in motors:
+                    self._stop(motor, words[0] == "estop", now_s)
+                return "OK", "0"
+            case ["warnings", *clear]:
+                return self._warnings(motors, bool(clear))
+            case ["tools", "echo", *text]:
+                return "OK", " ".join(text) or "0"
+            case ["system", "reset"] | ["io", *_] | ["renumber", *_]:
+                return ("OK", "0") if axis == 0 else ("RJ", "DEVICEONLY")
+        return "RJ", "BADCOMMAND"
+
+    def _stop(self, motor: Motor, dead: bool, now_s: float) -> None:
+        if motor.busy_until_s != NEVER:
+            motor.homing = False
+            motor.flags = sorted({*motor.flags, "NI"})
+            motor.busy_until_s = motor.halt(now_s, None if dead else motor._acceleration())
+
+    def _warnings(self, motors: list[Motor], clear: bool) -> tuple[str, str]:
+        flags = sorted({flag for motor in motors for flag in motor.flags})
+        if clear:
+            for motor in motors:
+                motor.flags = [flag for flag in motor.flags if flag in ("WR", "WH")]
+        return "OK", " ".join([f"{len(flags):02d}", *flags])
+
+    def _get(self, device: Device, motors: list[Motor], name: str, now_s: float) -> tuple[str, str]:
+        own: dict[str, object] = {
+            "deviceid": device.deviceid,
+            "device.id": device.deviceid,
+            "system.serial": device.serial,
+            "version": device.version,
+            "version.build": 7000,
+            "system.axiscount": len(device.motors),
+            "comm.checksum": int(device.checksum),
+            "comm.alert": int(device.alert),
+            "comm.address": device.address,
+            "system.access": 1,
+            "system.voltage": 24.1,
+        }
+        if name in own:
+            return "OK", str(own[name])
+        if name in ("pos", "encoder.pos"):
+            return "OK", " ".join(str(motor.steps(now_s)) for motor in motors)
+        if all(name in motor.settings for motor in motors):
+            return "OK", " ".join(f"{motor.settings[name]:g}" for motor in motors)
+        return "RJ", "BADCOMMAND"
+
+    def _set(self, device: Device, motors: list[Motor], name: str, value: float) -> tuple[str, str]:
+        if name == "comm.checksum":
+            device.checksum = bool(value)
+        elif name == "comm.alert":
+            device.alert = bool(value)
+        elif all(name in motor.settings for motor in motors):
+            if value < 0 or (name == "maxspeed" and value < 1):
+                return "RJ", "BADDATA"
+            for motor in motors:
+                motor.settings[name] = value
+        else:
+            return "RJ", "BADCOMMAND"
+        return "OK", "0"
+
+    def _move(self, motors: list[Motor], how: list[str], now_s: float) -> tuple[str, str]:
+        targets = [self._target(motor, how, now_s) for motor in motors]
+        for motor, target in zip(motors, targets, strict=True):
+            low, high = motor.settings["limit.min"], motor.settings["limit.max"]
+            if target is None or "WR" in motor.flags or not low <= target <= high:
+                return "RJ", "BADDATA"
+        for motor, target in zip(motors, targets, strict=True):
+            if target is not None:
+                motor.go(motor.zero + target * motor.unit_per_step, now_s)
+        return "OK", "0"
+
+    def _target(self, motor: Motor, how: list[str], now_s: float) -> float | None:
+        match how:
+            case ["min" | "max" as end]:
+                return motor.settings[f"limit.{end}"]
+            case ["abs", number] if _number(number):
+                return float(number)
+            case ["rel", number] if _number(number):
+                return motor.steps(now_s) + float(number)
+            case ["vel", number] if _number(number):
+                return motor.settings["limit.max" if float(number) > 0 else "limit.min"]
+        return None
+
+
+def _number(text: str) -> bool:
+    return text.lstrip("-").replace(".", "", 1).isdigit() and text.isascii()

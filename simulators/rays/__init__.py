@@ -1,0 +1,1 @@
+"""A small path tracer: Monte Carlo samples of scenes in depth."""

@@ -1,0 +1,326 @@
+"""A small path tracer: samples of a scene in depth, with real light falloff, indirect light, defocus and motion.
+
+It hands raw samples over, `receive(rows, columns, colours)`, and knows nothing of what is made of them: a film takes
+them in, and whoever calls decides when there are enough. What has been cast before is not cast again: the count of
+samples per pixel is all that a pause, or a round of adaptive sampling, has to remember.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from simulators.rays.ray_paths import Lens, measure_depths, trace
+from simulators.rays.ray_shapes import BOX, GEOMETRY, PLANE, RECTANGLE, SPHERE, Doubles, Ints, Vector, World
+
+Receive = Callable[[Ints, Ints, Doubles], None]
+Progress = Callable[[int, int], None]
+
+TILE = 32
+"""Pixels along one side of a tile."""
+BATCH = 1 << 16
+"""Samples handed over at once, about."""
+
+
+@dataclass(frozen=True)
+class Material:
+    """What a surface does with light.
+
+    Attributes
+    ----------
+    albedo : (red, green, blue)
+        Share of light scattered to all sides.
+    gloss, exponent : float
+        Share of light scattered about the mirror direction instead, and how narrowly.
+    emission : (red, green, blue)
+        Radiance of a light, from the front of a rectangle (along edge u x edge v).
+    texture : (rows, columns) or (rows, columns, 3) or None
+        Factors of the albedo over a rectangle: columns along edge u, rows along edge v; texels are flat.
+    """
+
+    albedo: Vector = (0.5, 0.5, 0.5)
+    gloss: float = 0.0
+    exponent: float = 1.0
+    emission: Vector = (0.0, 0.0, 0.0)
+    texture: npt.NDArray[np.floating] | None = None
+
+
+@dataclass(frozen=True)
+class Plane:
+    """All points of a plane; the normal is made a unit vector."""
+
+    point_mm: Vector
+    normal: Vector
+    material: Material
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A sphere."""
+
+    centre_mm: Vector
+    radius_mm: float
+    material: Material
+
+
+@dataclass(frozen=True)
+class Rectangle:
+    """A rectangle from a corner along two perpendicular edges; the only shape that shows a texture, or shines."""
+
+    corner_mm: Vector
+    edge_u_mm: Vector
+    edge_v_mm: Vector
+    material: Material
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box of these half sizes, turned about the vertical."""
+
+    centre_mm: Vector
+    half_mm: Vector
+    material: Material
+    turn_rad: float = 0.0
+
+
+Shape = Plane | Sphere | Rectangle | Box
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Shapes in millimetres, x right, y down, z forward, and the radiance where there is no shape."""
+
+    shapes: Sequence[Shape]
+    sky: Vector = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class ThinLensCamera:
+    """A thin lens in focus at one distance; a pinhole where `f_number` is infinite.
+
+    Attributes
+    ----------
+    rows, columns : int
+        Pixels of the picture.
+    focal_mm, f_number, focus_mm : float
+        Focal length, ratio of it to the aperture's diameter, distance of the plane in focus from the lens.
+    pitch_um : float
+        Pixel pitch of the sensor.
+    position_mm, target_mm : (x, y, z)
+        Where the lens is when the shutter opens, and what it is pointed at.
+    exposure_s : float
+        Time the shutter is open; a moving camera smears.
+    velocity_mm_s, spin_rad_s : (x, y, z)
+        Motion of the lens, and rotation about it as axis times angle per second.
+    """
+
+    rows: int
+    columns: int
+    focal_mm: float = 50.0
+    f_number: float = np.inf
+    focus_mm: float = 1000.0
+    pitch_um: float = 100.0
+    position_mm: Vector = (0.0, 0.0, 0.0)
+    target_mm: Vector = (0.0, 0.0, 1.0)
+    exposure_s: float = 0.0
+    velocity_mm_s: Vector = (0.0, 0.0, 0.0)
+    spin_rad_s: Vector = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if self.focus_mm <= self.focal_mm:
+            raise ValueError(f"a lens of {self.focal_mm} mm cannot focus at {self.focus_mm} mm; focus farther away")
+        if self.rows < 1 or self.columns < 1 or self.f_number <= 0:
+            raise ValueError(f"{self.rows} x {self.columns} pixels at f/{self.f_number}; all must be positive")
+
+
+def blur_diameter_px(camera: ThinLensCamera, distance_mm: npt.ArrayLike) -> Doubles:
+    """Diameter of the disc, in pixels, in which the camera sees a point at this distance along its axis."""
+    aperture_mm = camera.focal_mm / camera.f_number
+    astray = np.abs(1.0 - camera.focus_mm / np.asarray(distance_mm, np.float64))
+    return np.asarray(astray * aperture_mm / _pixel_at_focus_mm(camera), np.float64)
+
+
+def depth_map(scene: Scene, camera: ThinLensCamera) -> Doubles:
+    """Distance from the lens along its axis of what is seen at each pixel's centre, (rows, columns), mm.
+
+    Infinite where there is nothing. With `blur_diameter_px` it is the true defocus of every pixel.
+    """
+    depth = np.empty((camera.rows, camera.columns))
+    measure_depths(build_world(scene), build_lens(camera), depth)
+    return depth
+
+
+def cast(
+    scene: Scene,
+    camera: ThinLensCamera,
+    wanted: int | Ints,
+    receive: Receive,
+    *,
+    seed: int,
+    taken: Ints | None = None,
+    threads: int = 1,
+    progress: Progress | None = None,
+) -> None:
+    """Cast samples until every pixel has had as many as wanted, and hand them over tile by tile.
+
+    A sample depends on the seed, its pixel and its number alone: not on tiles, threads, pauses, or what else is cast.
+
+    Parameters
+    ----------
+    wanted : int or (rows, columns) int
+        Samples per pixel, in all.
+    receive : callable
+        Takes rows (n,), columns (n,) and linear colours (n, 3); called from the caller's thread.
+    taken : (rows, columns) int, optional
+        Samples each pixel has had already, those that were dropped included.
+    progress : callable, optional
+        Told samples cast and to cast in this call.
+
+    Raises
+    ------
+    ValueError
+        If `wanted` or `taken` are not of the picture's size, or the scene has no shapes.
+    """
+    goal = _per_pixel(camera, wanted, "wanted")
+    start = _per_pixel(camera, 0 if taken is None else taken, "taken")
+    world, lens = build_world(scene), build_lens(camera)
+    word = np.uint64(seed % 2**64)
+
+    def trace_batch(batch: tuple[Ints, Ints, Ints]) -> tuple[Ints, Ints, Doubles]:
+        row, column, number = batch
+        colour = np.empty((row.size, 3))
+        trace(world, lens, word, row, column, number, colour)
+        return row, column, colour
+
+    total = int(np.maximum(goal - start, 0).sum())
+    done = 0
+    with ThreadPoolExecutor(threads) as pool:
+        for several in _groups(_batches(start, goal), 2 * threads):
+            for row, column, colour in pool.map(trace_batch, several):
+                receive(row, column, colour)
+                done += row.size
+                if progress is not None:
+                    progress(done, total)
+
+
+def _groups(batches: Iterator[tuple[Ints, Ints, Ints]], size: int) -> Iterator[list[tuple[Ints, Ints, Ints]]]:
+    """A few batches at a time, so that no more than that wait in memory."""
+    group = []
+    for batch in batches:
+        group.append(batch)
+        if len(group) == size:
+            yield group
+            group = []
+    yield group
+
+
+def _batches(start: Ints, goal: Ints) -> Iterator[tuple[Ints, Ints, Ints]]:
+    """Rows, columns and numbers of the samples to cast, tile by tile, several batches where a tile has many."""
+    rows, columns = goal.shape
+    for top in range(0, rows, TILE):
+        for left in range(0, columns, TILE):
+            tile = np.s_[top : top + TILE, left : left + TILE]
+            first, last = start[tile], goal[tile]
+            step = max(1, BATCH // first.size)
+            for number in range(int(first.min()), int(last.max()), step):
+                low = np.maximum(first, number)
+                many = np.maximum(np.minimum(last, number + step) - low, 0)
+                if many.any():
+                    yield _samples(low, many, top, left)
+
+
+def _samples(low: Ints, many: Ints, top: int, left: int) -> tuple[Ints, Ints, Ints]:
+    """One entry per sample: `many` consecutive numbers from `low` in each pixel of a tile."""
+    y, x = np.indices(many.shape)
+    repeats = many.ravel()
+    begins = np.repeat(np.cumsum(repeats) - repeats, repeats)
+    number = np.arange(begins.size) - begins + np.repeat(low.ravel(), repeats)
+    return np.repeat(y.ravel() + top, repeats), np.repeat(x.ravel() + left, repeats), number
+
+
+def _per_pixel(camera: ThinLensCamera, samples: int | Ints, what: str) -> Ints:
+    try:
+        return np.broadcast_to(np.asarray(samples, np.int64), (camera.rows, camera.columns))
+    except ValueError:
+        size = f"{camera.rows} x {camera.columns}"
+        raise ValueError(f"the picture is {size}; got samples {what} of shape {np.shape(samples)}") from None
+
+
+def build_world(scene: Scene) -> World:
+    """The scene as the kernels read it."""
+    if not scene.shapes:
+        raise ValueError("a scene needs at least one shape; got none")
+    materials = [shape.material for shape in scene.shapes]
+    places, texels = [], [np.zeros((0, 3))]
+    for material in materials:
+        place, flat = _texels(material, sum(map(len, texels)))
+        places.append(place)
+        texels.append(flat)
+    shining = [i for i, m in enumerate(materials) if any(m.emission) and isinstance(scene.shapes[i], Rectangle)]
+    if len(shining) < sum(any(m.emission) for m in materials):
+        raise ValueError("only rectangles shine; give the other shapes no emission")
+    rows = [_geometry(shape) for shape in scene.shapes]
+    return World(
+        np.array([kind for kind, _ in rows], np.int64),
+        np.array([np.pad(row, (0, GEOMETRY - len(row))) for _, row in rows], np.float64),
+        np.arange(len(rows), dtype=np.int64),
+        np.array([m.albedo for m in materials], np.float64),
+        np.array([(m.gloss, m.exponent) for m in materials], np.float64),
+        np.array([m.emission for m in materials], np.float64),
+        np.array(places, np.int64),
+        np.concatenate(texels),
+        np.array(shining, np.int64),
+        np.array(scene.sky, np.float64),
+    )
+
+
+def _texels(material: Material, first: int) -> tuple[tuple[int, int, int, int], Doubles]:
+    """Where the material's texels are to be among all, and they themselves, (n, 3)."""
+    if material.texture is None:
+        return (0, 0, 0, 0), np.zeros((0, 3))
+    texture = np.asarray(material.texture, np.float64)
+    colours = texture if texture.ndim == 3 else np.repeat(texture[..., None], 3, axis=2)
+    return (first, *colours.shape[:2], 1), colours.reshape(-1, 3)
+
+
+def _geometry(shape: Shape) -> tuple[int, list[float]]:
+    """Kind and numbers of a shape, as `ray_shapes` documents them."""
+    if isinstance(shape, Plane):
+        normal = np.array(shape.normal) / np.linalg.norm(shape.normal)
+        return PLANE, [*shape.point_mm, *normal]
+    if isinstance(shape, Sphere):
+        return SPHERE, [*shape.centre_mm, shape.radius_mm]
+    if isinstance(shape, Rectangle):
+        return RECTANGLE, [*shape.corner_mm, *shape.edge_u_mm, *shape.edge_v_mm]
+    c, s = np.cos(shape.turn_rad), np.sin(shape.turn_rad)
+    return BOX, [*shape.centre_mm, *shape.half_mm, c, 0.0, s, 0.0, 1.0, 0.0]
+
+
+def build_lens(camera: ThinLensCamera) -> Lens:
+    """The camera as the kernels read it."""
+    forward = np.subtract(camera.target_mm, camera.position_mm)
+    forward = forward / np.linalg.norm(forward)
+    right = np.cross((0.0, 1.0, 0.0), forward)
+    if not right.any():
+        raise ValueError("the camera cannot look straight up or down; move the target or the camera aside")
+    right /= np.linalg.norm(right)
+    return Lens(
+        np.array(camera.position_mm, np.float64),
+        np.array([right, np.cross(forward, right), forward]),
+        np.array(camera.velocity_mm_s, np.float64) * camera.exposure_s,
+        np.array(camera.spin_rad_s, np.float64) * camera.exposure_s,
+        camera.focal_mm / camera.f_number / 2,
+        camera.focus_mm,
+        _pixel_at_focus_mm(camera),
+        camera.rows,
+        camera.columns,
+    )
+
+
+def _pixel_at_focus_mm(camera: ThinLensCamera) -> float:
+    """Size of a pixel's image on the plane in focus: the sensor is at f d / (d - f) behind the lens."""
+    return camera.pitch_um / 1000 * (camera.focus_mm - camera.focal_mm) / camera.focal_mm

@@ -1,0 +1,206 @@
+"""What stands before the camera: sheets with charts on them, things in front of and behind them, and the light.
+
+Everything is flat polygons in planes, painted from the back to the front, each with its exact outline.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.pattern import BLACK_BLOCKS, BLOCK, BLOCKS, CELLS, EDGE_END, Chart, block_corner, edge_areas, triangles
+from simulators.world.projection import Pose, Projection, apply_homography
+from simulators.world.raster import Segments, outline
+
+Array = npt.NDArray[np.float64]
+
+PAPER = 0.9
+"""Reflectance of matt white paper."""
+INK = 0.04
+"""Reflectance of black toner on it."""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A flat polygon of one reflectance, its sides not crossing: vertices (x, y) in the units of its plane."""
+
+    vertices: tuple[tuple[float, float], ...]
+    reflectance: float
+
+
+@dataclass(frozen=True)
+class Light:
+    """Illumination over the frame: a second-order polynomial about a point of the sensor.
+
+    With (u, v) = ((x, y) - centre_px) / radius_px it is
+    level (1 + slope . (u, v) + bend . (u^2, u v, v^2)).
+    """
+
+    level: float = 1.0
+    slope: tuple[float, float] = (0.0, 0.0)
+    bend: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    centre_px: tuple[float, float] = (0.0, 0.0)
+    radius_px: float = 1.0
+
+    def at(self, x: Array, y: Array) -> Array:
+        """Illumination at sensor points, broadcast over x and y; never negative."""
+        u, v = (x - self.centre_px[0]) / self.radius_px, (y - self.centre_px[1]) / self.radius_px
+        (a, b), (c, d, e) = self.slope, self.bend
+        across: Array = self.level * (1 + u * (a + c * u))
+        down: Array = self.level * v * (b + e * v)
+        light = across + down
+        if d:
+            light += self.level * d * u * v
+        return np.asarray(np.maximum(light, 0.0), dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedChart:
+    """A printed chart in space.
+
+    Attributes
+    ----------
+    pose : Pose
+        Of the chart's centre, cell (128, 128), and of its plane.
+    cell_mm : float
+        Side of one printed cell.
+    mirrored : bool
+        Printed or seen through the back: x runs to the left.
+    margin_cells : float
+        White paper around the frame of blocks.
+    covers : tuple of Shape
+        Things in front of the chart, in pattern coordinates (cells).
+    """
+
+    chart: Chart
+    pose: Pose
+    cell_mm: float
+    mirrored: bool = False
+    paper: float = PAPER
+    ink: float = INK
+    margin_cells: float = 16.0
+    covers: tuple[Shape, ...] = ()
+
+    def to_space(self) -> Array:
+        """Pattern coordinates (x, y, 1) to space in mm, homogeneous, (3, 3)."""
+        c, middle = self.cell_mm, CELLS / 2
+        across = -c if self.mirrored else c
+        centred = np.array([[across, 0.0, -across * middle], [0.0, c, -c * middle], [0.0, 0.0, 1.0]])
+        return np.asarray(self.pose.plane_to_space() @ centred, dtype=np.float64)
+
+    def sheet(self) -> Array:
+        """Corners of the paper in pattern coordinates, (4, 2)."""
+        low = -BLOCK - self.margin_cells
+        high = (EDGE_END if self.chart.edges else BLOCK * (BLOCKS - 1)) + self.margin_cells
+        return np.array([[low, low], [high, low], [high, high], [low, high]])
+
+
+@dataclass(frozen=True)
+class Wall:
+    """A frontal plane behind everything, with things drawn on it in mm from the optical axis."""
+
+    distance_mm: float = 4000.0
+    reflectance: float = 0.35
+    shapes: tuple[Shape, ...] = ()
+
+    def to_space(self) -> Array:
+        """Points (x_mm, y_mm, 1) of the wall to space, (3, 3)."""
+        return np.diag([1.0, 1.0, self.distance_mm])
+
+
+@dataclass(frozen=True)
+class Scene:
+    """All that the camera sees."""
+
+    charts: tuple[PlacedChart, ...] = ()
+    wall: Wall = field(default_factory=Wall)
+    light: Light = field(default_factory=Light)
+
+    def by_distance(self) -> list[PlacedChart]:
+        """The charts, the farthest first."""
+        return sorted(self.charts, key=lambda one: -one.pose.centre_mm[2])
+
+
+@dataclass(frozen=True, eq=False)
+class Stroke:
+    """One outline on the sensor, painted over what is there (opaque) or added to it (print on paper).
+
+    `chart` is the one that it belongs to, None for what is on the wall.
+    """
+
+    segments: Segments
+    reflectance: float
+    opaque: bool
+    chart: PlacedChart | None
+
+    @cached_property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """Smallest and largest x, then y, in sensor pixels."""
+        ends = self.segments.starts
+        (x0, y0), (x1, y1) = ends.min(axis=0), ends.max(axis=0)
+        return float(x0), float(x1), float(y0), float(y1)
+
+
+def strokes(scene: Scene, projection: Projection) -> Iterator[Stroke]:
+    """The scene as outlines on the sensor, from the back to the front."""
+    for shape in scene.wall.shapes:
+        yield _painted(shape, projection, scene.wall.to_space(), None)
+    for placed in scene.by_distance():
+        H = placed.to_space()
+        corners = tuple((float(x), float(y)) for x, y in placed.sheet())
+        yield _painted(Shape(corners, placed.paper), projection, H, placed)
+        yield Stroke(_on_sensor(chart_outlines(placed.chart), projection, H), placed.ink - placed.paper, False, placed)
+        for shape in placed.covers:
+            yield _painted(shape, projection, H, placed)
+
+
+def chart_outlines(chart: Chart) -> Segments:
+    """The outlines of all that is black on the chart, in cells, cut into sides of one cell; the inside adds 1."""
+    parts = [_noise_outlines(chart)]
+    for column, row in BLACK_BLOCKS:
+        x, y = block_corner(column, row)
+        square = np.array([[x, y], [x + BLOCK, y], [x + BLOCK, y + BLOCK], [x, y + BLOCK]])
+        parts.append(_subdivided(outline(square), BLOCK))
+    parts.extend(_subdivided(outline(triangle), BLOCK) for triangle in triangles())
+    if chart.edges:
+        parts.extend(_subdivided(outline(area), CELLS) for area in edge_areas())
+    starts, ends, weights = (
+        np.concatenate([getattr(p, name) for p in parts]) for name in ("starts", "ends", "weights")
+    )
+    return Segments(starts, ends, weights)
+
+
+def _noise_outlines(chart: Chart) -> Segments:
+    """Sides between a black and a white cell: downwards they add what is on their right less what is on their left."""
+    black = np.pad(1.0 - chart.cells, 1)
+    i, j = np.nonzero(np.diff(black[1:-1, :], axis=1))
+    upright = np.diff(black[1:-1, :], axis=1)[i, j]
+    top = np.column_stack([j, i]).astype(np.float64)
+    k, m = np.nonzero(np.diff(black[:, 1:-1], axis=0))
+    flat = -np.diff(black[:, 1:-1], axis=0)[k, m]
+    left = np.column_stack([m, k]).astype(np.float64)
+    starts, ends = np.concatenate([top, left]), np.concatenate([top + np.array([0, 1]), left + np.array([1, 0])])
+    return Segments(starts, ends, np.concatenate([upright, flat]))
+
+
+def _subdivided(segments: Segments, n: int) -> Segments:
+    """Each segment as n equal ones: straight lines bend when a lens distorts them."""
+    t = np.linspace(0.0, 1.0, n + 1)[None, :, None]
+    points = segments.starts[:, None] * (1 - t) + segments.ends[:, None] * t
+    return Segments(points[:, :-1].reshape(-1, 2), points[:, 1:].reshape(-1, 2), np.repeat(segments.weights, n))
+
+
+def _painted(shape: Shape, projection: Projection, H: Array, chart: PlacedChart | None) -> Stroke:
+    sides = _subdivided(outline(np.array(shape.vertices, dtype=np.float64)), 64)
+    return Stroke(_on_sensor(sides, projection, H), shape.reflectance, True, chart)
+
+
+def _on_sensor(segments: Segments, projection: Projection, to_space: Array) -> Segments:
+    """Outlines of a plane as the lens draws them; turned round where the map mirrors, so that inside stays inside."""
+    H = projection.pinhole() @ to_space
+    starts, ends = (projection.distort(apply_homography(H, p)) for p in (segments.starts, segments.ends))
+    return Segments(starts, ends, segments.weights * np.sign(np.linalg.det(H)))
