@@ -1,6 +1,6 @@
 """What a guided procedure asks of operator and bench, as data: one plan for the terminal, for batch runs and tests.
 
-A plan is a list of steps, a step a list of requests. Whoever runs a plan (`station.acquisition`) carries the requests
+A plan is a list of steps, a step a list of requests. Whoever runs a plan (`station.guide.run`) carries the requests
 out in order and keeps what they teach as facts, by name, for the requests that follow. Requests that depend on facts
 hold functions of them; those functions are pure, so that replaying a session asks the same things again.
 """

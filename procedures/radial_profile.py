@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from procedures.numerics.kernel_tail import tail_border, tail_kernels
 from procedures.psf import Psf
-from station.exports import csv_bytes
+from station.results.exports import csv_bytes
 
 Array = npt.NDArray[np.float64]
 

@@ -7,17 +7,17 @@ from pathlib import Path
 
 import click
 
-from station.cli.lazy import LazyGroup
+from station.cli.terminal.lazy import LazyGroup
 
 # name -> (module under station.cli, function, help line)
 COMMANDS = {
     "pattern": ("pattern", "pattern", "Write the printable noise chart."),
-    "psf": ("psf", "psf", "Estimate a point spread function."),
-    "mtf": ("mtf", "mtf", "Measure a modulation transfer function."),
+    "psf": ("psf.group", "psf", "Estimate a point spread function."),
+    "mtf": ("mtf.group", "mtf", "Measure a modulation transfer function."),
     "restore": ("restore", "restore", "Restore a sharp picture and depth from blurred photographs."),
     "rays": ("rays", "rays", "Remove the noise of a Monte Carlo render."),
     "batch": ("batch", "batch", "Estimate the PSFs of folders of photographs."),
-    "session": ("session", "session", "List, resume, recompute and compare sessions."),
+    "session": ("session.group", "session", "List, resume, recompute and compare sessions."),
     "devices": ("devices", "devices", "Show what is configured and what answers."),
     "simulate": ("simulate", "simulate", "Open the simulated bench for other programs."),
     "demo": ("demo", "demo", "Calibrate a simulated camera, start to end."),

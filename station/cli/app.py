@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING
 import click
 
 from procedures.outcome import BadParameter
-from station.jobs import at_once
-from station.lab import StationLab
-from station.signals import ENDING, EXIT_DEVICE
+from station.app.background import at_once
+from station.common.stop_signals import ENDING, EXIT_DEVICE
+from station.guide.workspace import StationLab
 
 if TYPE_CHECKING:
-    from station.app import StationApp
+    from station.app.app import StationApp
 
 CONFIG = Path("station.toml")
 PATIENCE_S = 3.0
@@ -29,7 +29,7 @@ def run_app(*, simulate: bool, config: Path | None, sessions: Path, seed: int) -
     """Run the application until the operator leaves it; exits with its code. Raises BadParameter without a terminal."""
     if not (sys.stdin.isatty() and sys.stdout.isatty() and sys.stderr.isatty()):
         raise BadParameter("the application needs a terminal", "start it in one, or use station --plain")
-    from station.app import StationApp, share_the_lock
+    from station.app.app import StationApp, share_the_lock
 
     lab = StationLab(sessions=sessions, config=config or usual_config(), simulate=simulate, seed=seed)
     app = StationApp(lab)

@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING
 
 import click
 
-from station.cli.errors import INTERRUPTED
-from station.cli.log import Fact, log, log_json_option, logs_json
+from station.common.errors import INTERRUPTED
+from station.common.log import Fact, log, log_json_option, logs_json
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from station.batch import Batch
-    from station.batch_frames import Item
-    from station.batch_item import Row
-    from station.procedure_file import Procedure
+    from station.batch.item import Row
+    from station.batch.procedure_file import Procedure
+    from station.batch.run import Batch
+    from station.calibration.folder_photographs import Item
 
 SOME_FAILED = 1
 HEADINGS = {
@@ -58,11 +58,11 @@ def batch(
     What was done before with the same procedure is not done again. The first Ctrl-C finishes what runs, the second
     stops at once; what is done is kept.
     """
-    from station.batch import run_batch
-    from station.batch_item import PASS, Job, finished
-    from station.procedure_file import PATTERN, read_procedure
-    from station.signals import guarded
-    from station.workers import Stop
+    from station.batch.item import PASS, Job, finished
+    from station.batch.procedure_file import PATTERN, read_procedure
+    from station.batch.process_pool import Stop
+    from station.batch.run import run_batch
+    from station.common.stop_signals import guarded
 
     if cluster is not None:  # its workers may stand in other folders
         folders, out = tuple(folder.absolute() for folder in folders), out.absolute()
@@ -86,8 +86,8 @@ def batch(
 
 
 def _items(folders: tuple[Path, ...], out: Path, procedure: Procedure) -> list[Item]:
-    from station.batch_frames import find_frames, in_pairs, singly
-    from station.procedure_file import TWO_PHOTO
+    from station.batch.procedure_file import TWO_PHOTO
+    from station.calibration.folder_photographs import find_frames, in_pairs, singly
 
     frames = find_frames(folders, out)
     return in_pairs(frames, procedure.endings) if procedure.name == TWO_PHOTO else singly(frames)
@@ -112,7 +112,7 @@ def _heard(total: int) -> Iterator[Callable[[Row], None]]:
     """Tells every row as it comes, with rate and time left: a bar where a person watches, lines otherwise."""
     import time
 
-    from station.progress import Pace, bar
+    from station.common.progress import Pace, bar
 
     pace = Pace(total, time.monotonic)
 
@@ -132,7 +132,7 @@ def _heard(total: int) -> Iterator[Callable[[Row], None]]:
 
 
 def _sentence(row: Row) -> str:
-    from station.names import printable
+    from station.common.sanitise import printable
 
     words = f"{printable(' + '.join(row.files))}: {row.verdict}"
     words += f"; {printable(row.reason)}" if row.reason else ""
@@ -158,7 +158,7 @@ def _planes(done: Batch) -> Table:
     from rich import box
     from rich.table import Table
 
-    from station.batch import statistics
+    from station.batch.run import statistics
 
     table = Table("plane", *HEADINGS.values(), "verdicts", box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
     for name, entry in statistics(done.rows).items():
@@ -174,7 +174,7 @@ def _wrong(done: Batch) -> Table:
     from rich.markup import escape
     from rich.table import Table
 
-    from station.names import printable
+    from station.common.sanitise import printable
 
     table = Table("photograph", "verdict", "reason", box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
     for row in done.failed[:MOST_NAMED]:

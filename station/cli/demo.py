@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING
 
 import click
 
-from station.cli.errors import REFUSED
-from station.cli.log import log, log_json_option
-from station.cli.progress import progress as progress_shown
+from station.cli.terminal.progress import progress as progress_shown
+from station.common.errors import REFUSED
+from station.common.log import log, log_json_option
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from station.demo import Checked, Demonstration, Summary
-    from station.operator import Result
+    from station.demo.demo import Checked, Demonstration, Summary
+    from station.guide.frontend import Result
 
 COLOURS = {"pass": "green", "doubtful": "yellow", "refused": "red"}
 HEADINGS = {"horizontal": "MTF50, rows", "vertical": "MTF50, columns"}
@@ -38,7 +38,7 @@ def demo(out: Path, seed: int, rendered: bool, guided: bool, as_json: bool) -> N
     """Photograph the chart with a simulated camera, estimate the PSFs from its files, and compare with the truth."""
     if guided:
         raise click.exceptions.Exit(_guide(out, seed, as_json=as_json))
-    from station.demo import run_demo, steps, summary
+    from station.demo.demo import run_demo, steps, summary
 
     with progress_shown(steps()) as progress:
         found, text = run_demo(out, seed, progress=progress)
@@ -56,8 +56,8 @@ def demo(out: Path, seed: int, rendered: bool, guided: bool, as_json: bool) -> N
 def _guide(out: Path, seed: int, *, as_json: bool) -> int:
     """A whole session by a scripted operator; what the program is to return."""
     from station.cli.guide import exit_code
-    from station.guided_demo import run_guided
-    from station.results import RECORD
+    from station.demo.guided_demo import run_guided
+    from station.results.result_files import RECORD
 
     def tell(sentence: str, remedy: str) -> None:
         log("step", sentence, level="warning" if remedy else "info", remedy=remedy)
@@ -74,7 +74,7 @@ def _guide(out: Path, seed: int, *, as_json: bool) -> int:
 
 def plane_lines(result: Result) -> list[str]:
     """Each plane's verdict, with its MTF50 where there is one."""
-    from station.stated import stated
+    from station.common.uncertainty_text import stated
 
     lines = []
     for plane, verdict in result.verdicts.items():
@@ -87,7 +87,7 @@ def plane_lines(result: Result) -> list[str]:
 
 def _render(out: Path, seed: int) -> None:
     """The scenes in depth, into a folder of their own; what was rendered there before is used again."""
-    from station.rendered import PAGE, RenderPlan, rendered_demo, steps
+    from station.demo.rendered import PAGE, RenderPlan, rendered_demo, steps
 
     plan = RenderPlan(seed=seed)
     with progress_shown(steps(plan)) as progress:
@@ -139,8 +139,8 @@ def _table(found: Demonstration, width: int) -> Table:
 
 
 def _cells(plane: Checked, directions: Sequence[str]) -> list[str]:
-    from station.page import percent
-    from station.stated import stated
+    from station.common.uncertainty_text import stated
+    from station.reports.page import percent
 
     verdict = str(plane.calibrated.record.verdict)
     cells = [f"  {plane.name}"]

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.cli.columns import columns
-from station.cli.log import log, log_json_option
+from station.cli.terminal.columns import columns
+from station.common.log import log, log_json_option
 
 if TYPE_CHECKING:
-    from station.bench import Row
+    from station.bench.opening import Row
 
 FAILED = 3
 """The exit code of device errors."""
@@ -29,8 +29,8 @@ FAILED = 3
 @log_json_option
 def devices(config: Path, simulate: bool, seed: int, faults: bool, wire_log: Path | None, as_json: bool) -> None:
     """Show each device: driver, address, what answered, its state, and what to do where something is wrong."""
-    from station.bench import make_bench, read_config, simulated_bench
-    from station.signals import guarded
+    from station.bench.opening import make_bench, read_config, simulated_bench
+    from station.common.stop_signals import guarded
 
     with tempfile.TemporaryDirectory(prefix="station-") as folder:
         if wire_log is not None:

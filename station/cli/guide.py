@@ -11,21 +11,21 @@ import click
 
 from procedures.outcome import BadParameter
 from procedures.plan import Ask
+from station.app.background import at_once
 from station.cli.app import usual_config
-from station.cli.errors import INTERRUPTED, REFUSED
-from station.jobs import at_once
-from station.lab import StationLab
-from station.operator import Event, Result, RunEnded, Stopped
-from station.plain import Plain
-from station.signals import EXIT_DEVICE, guarded
+from station.common.errors import INTERRUPTED, REFUSED
+from station.common.stop_signals import EXIT_DEVICE, guarded
+from station.guide.frontend import Event, Result, RunEnded, Stopped
+from station.guide.line_frontend import Plain
+from station.guide.workspace import StationLab
 
 if TYPE_CHECKING:
-    from station.lab import Running
+    from station.guide.workspace import Running
 
 
 def run_plain(*, simulate: bool, config: Path | None, sessions: Path, seed: int, plan: str | None) -> None:
     """Guide the operator through a plan in a new session; exits with the contract's codes."""
-    from station.plans import DEFAULT
+    from station.guide.catalogue import DEFAULT
 
     lab = StationLab(sessions=sessions, config=config or usual_config(), simulate=simulate, seed=seed)
     lab.virtual_time = True  # a simulated bench's time may jump: nobody watches it move

@@ -62,7 +62,7 @@ def pattern(
     from procedures.pattern_print.sheet import Size
     from procedures.pattern_print.source import Source
     from procedures.pattern_psf.pose import Optics
-    from station.files import write_whole
+    from station.common.atomic_files import write_whole
 
     check_ending(out)
     size = Size(width_mm)
@@ -82,8 +82,8 @@ def _explain(optics: Optics, f_number: float | None) -> None:
     from procedures.pattern_psf.checks import RATIO
     from procedures.pattern_psf.gamma.words import gamma_diagram
     from procedures.quality import WAVELENGTHS_NM, Diffraction
-    from station.diagrams import diagram_lines
-    from station.glyphs import glyphs_for
+    from station.drawing.diagrams import diagram_lines
+    from station.drawing.glyphs import glyphs_for
 
     limit = Diffraction(f_number, optics.plane_pitch_um, WAVELENGTHS_NM["G"]) if f_number is not None else None
     ascii = glyphs_for(os.environ, sys.stderr.encoding).ascii

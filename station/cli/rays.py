@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.cli.log import log, log_json_option
+from station.common.log import log, log_json_option
 
 if TYPE_CHECKING:
     import numpy as np
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from procedures.ray_histogram.film import Film
     from procedures.ray_histogram.multiscale import FilteredFilm
-    from station.results import ResultFolder
+    from station.results.result_files import ResultFolder
 
     Picture = npt.NDArray[np.float64]
 
@@ -62,7 +62,7 @@ def rays(
     from procedures.ray_histogram.film_files import read_film
     from procedures.ray_histogram.filter import FilterParameters
     from procedures.ray_histogram.multiscale import filter_film
-    from station.results import ResultFolder, software, write_record
+    from station.results.result_files import ResultFolder, software, write_record
 
     parameters = FilterParameters(**options)
     with ResultFolder(out) as folder:
@@ -118,8 +118,8 @@ def _write_pictures(folder: ResultFolder, film: Film, found: FilteredFilm, truth
     import numpy as np
 
     from procedures.ray_histogram.comparison import psnr_db
-    from station.linear_pictures import display_png, float_tiff
-    from station.ray_page import RenderRow, ray_page
+    from station.demo.ray_page import RenderRow, ray_page
+    from station.drawing.linear_pictures import display_png, float_tiff
 
     folder.write("filtered.tiff", float_tiff(found.picture))
     folder.write("filtered.png", display_png(found.picture))

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import click
 
-from station.cli.log import log, log_json_option
-from station.cli.progress import progress as progress_shown
+from station.cli.terminal.progress import progress as progress_shown
+from station.common.log import log, log_json_option
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from station.reproduce.runner import Reproduction
+    from station.demo.reproduce.runner import Reproduction
 
 DISAGREES = 1
 COLOURS = {"pass": "green", "fail": "red", "left out": "yellow"}
@@ -38,10 +38,10 @@ def reproduce(name: str | None, full: bool, out: Path, data: Path | None, as_jso
 
     Returns 0 when something was computed and all of it agrees with what was published, 1 otherwise.
     """
-    from station.reproduce.catalogue import ROWS
-    from station.reproduce.row import Setting
-    from station.reproduce.runner import PAGE, chosen
-    from station.reproduce.runner import reproduce as run
+    from station.demo.reproduce.catalogue import ROWS
+    from station.demo.reproduce.row import Setting
+    from station.demo.reproduce.runner import PAGE, chosen
+    from station.demo.reproduce.runner import reproduce as run
 
     setting = Setting(data, full, os.cpu_count() or 1)
     with progress_shown(len(chosen(ROWS, name))) as progress:
@@ -66,7 +66,7 @@ def _table(found: Reproduction) -> Table:
     from rich.table import Table
     from rich.text import Text
 
-    from station.reproduce.page import shown
+    from station.demo.reproduce.page import shown
 
     table = Table(box=None, pad_edge=False)
     for heading in ("row", "published in", "numbers", "result"):

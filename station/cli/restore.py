@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.cli.errors import REFUSED
-from station.cli.log import log, log_json_option
-from station.cli.planes import raw_option, told_layout
+from station.cli.psf.planes import raw_option, told_layout
 from station.cli.restore_blur import BlurOptions
+from station.common.errors import REFUSED
+from station.common.log import log, log_json_option
 
 if TYPE_CHECKING:
     from procedures.raw import RawFrame
@@ -130,9 +130,9 @@ def restore(
     from procedures.restoration.joint.estimate import restore as restored
     from procedures.restoration.joint.estimate import told_in
     from procedures.restoration.masks.checks import check_max_w
-    from station.restoration_page import restoration_page
-    from station.restoration_results import write_refusal, write_restoration
-    from station.results import ResultFolder
+    from station.reports.restoration_files import write_refusal, write_restoration
+    from station.reports.restoration_page import restoration_page
+    from station.results.result_files import ResultFolder
 
     if blur.max_w is not None:
         check_max_w(blur.max_w)

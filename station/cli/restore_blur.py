@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.cli.log import log
+from station.common.log import log
 
 if TYPE_CHECKING:
     from procedures.raw import RawFrame
     from procedures.restoration.masks.blur_operator import Array
     from procedures.restoration.unknown_motion.path_refinement import MotionShapes
-    from station.restoration_inputs import BlurInput
+    from station.calibration.restoration_inputs import BlurInput
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class BlurOptions:
     def read(self, frames: list[RawFrame], photographs: list[Array]) -> BlurInput:
         """The masks of every photograph."""
         from procedures.restoration.joint.kernel_sizes import DEFAULT_MAX_W
-        from station.restoration_inputs import from_arrays, from_imu_records, from_shapes
+        from station.calibration.restoration_inputs import from_arrays, from_imu_records, from_shapes
 
         count, size = len(frames), (photographs[0].shape[1], photographs[0].shape[2])
         each = (1.0, *self.ratios, *(self.ratios[-1:] * count))[:count] if self.ratios else ()

@@ -19,8 +19,8 @@ import click
 @click.option("--for-s", type=click.FloatRange(min=0), help="End after so many seconds.  [default: on Ctrl-C]")
 def simulate(seed: int, faults: bool, folder: Path, as_json: bool, for_s: float | None) -> None:
     """Open the simulated bench and print where each device answers, until Ctrl-C."""
-    from station.bench import simulated_bench
-    from station.signals import guarded
+    from station.bench.opening import simulated_bench
+    from station.common.stop_signals import guarded
 
     folder.mkdir(parents=True, exist_ok=True)
     bench = simulated_bench(folder, seed=seed, faults=faults)

@@ -138,8 +138,8 @@ def child(photographs: Path, told: Path, busy: bool) -> None:
     """The application with a run that estimates without end."""
     from fakes import PLAN, FakeLab, FakeRun
 
-    from station.app import StationApp, share_the_lock
-    from station.operator import Doing, RunEnded, StepBegan
+    from station.app.app import StationApp, share_the_lock
+    from station.guide.frontend import Doing, RunEnded, StepBegan
 
     def script(run: FakeRun) -> RunEnded:
         from procedures.pattern import Chart

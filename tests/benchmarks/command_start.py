@@ -40,7 +40,9 @@ def main() -> None:
         processor_s(command, 1)
         times = {
             "import numpy": processor_s(["-c", "import numpy"], runs),
-            "import station.calibrate": processor_s(["-c", "import station.calibrate"], runs),
+            "import station.calibration.plane_records": processor_s(
+                ["-c", "import station.calibration.plane_records"], runs
+            ),
             "station psf pattern": processor_s(command, runs),
         }
     print(

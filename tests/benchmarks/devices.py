@@ -16,7 +16,7 @@ import serial
 from drivers.errors import DeviceError
 from drivers.rangefinder import BoschParser, BoschRangefinder
 from drivers.transport import SerialTransport
-from station.bench import Bench, simulated_bench
+from station.bench.opening import Bench, simulated_bench
 
 RUNS, TRIPS, STOPS, IDLE_S = 5, 2000, 200, 20.0
 BOUND_PER_S, BOUND_STOP_MS, BOUND_IDLE = 5000.0, 20.0, 0.02

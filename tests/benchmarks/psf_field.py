@@ -40,8 +40,8 @@ from simulators.camera.pupil import Wavefront
 from simulators.camera.sensor import Sensor
 from simulators.camera.truth import TruePsf, true_mtf, true_psf
 from simulators.world.scene import Scene
-from station.compare import align
-from station.field import FieldResult, Measured, PlaneField, conclude, measure, measure_frames
+from station.calibration.field import FieldResult, Measured, PlaneField, conclude, measure, measure_frames
+from station.demo.truth_comparison import align
 
 S, K = 4, 17
 PIXELS = 102.4  # s/t = 1.6
@@ -236,7 +236,7 @@ def accuracy(folder: Path) -> None:
 
 def concluded(measured: Measured) -> FieldResult:
     """The fields, with maps of few places: the truth takes a second each."""
-    import station.field as module
+    import station.calibration.field as module
 
     module.derive = lambda field: derive(field, MAP_COLUMNS)
     return conclude(measured)

@@ -12,7 +12,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from station.rendered import RenderPlan, rendered_demo
+from station.demo.rendered import RenderPlan, rendered_demo
 
 
 def main() -> None:

@@ -38,21 +38,21 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: a process wi
 from procedures.outcome import ProcedureError
 from procedures.raw import read_frame
 from simulators.bench.body import Opening
-from station import plans, session_report
-from station.acquisition import Run
-from station.bench import simulated_bench
-from station.disk import Disk
-from station.operator import Doing
-from station.recompute import recompute
-from station.results import RECORD, SEAL
-from station.scripted import Scripted
-from station.session import Session
-from station.session_reading import read_session, sessions_in, verify
+from station.bench.opening import simulated_bench
+from station.common.durable_files import Disk
+from station.guide import catalogue, session_report
+from station.guide.frontend import Doing
+from station.guide.recompute import recompute
+from station.guide.run import Run
+from station.guide.scripted import Scripted
+from station.results.result_files import RECORD, SEAL
+from station.sessions.reader import read_session, sessions_in, verify
+from station.sessions.session import Session
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "station" / "session"))
 from short_plan import ENTRY, SHOTS, estimate, photographs, plan
 
-plans.PLANS |= ENTRY
+catalogue.PLANS |= ENTRY
 session_report.session_page = lambda folder: "no part of this: it takes longer than all the rest"
 
 KINDS = ("time", "before", "half", "after", "frame", "full", "limit")

@@ -37,8 +37,8 @@ from pathlib import Path
 
 from simulators.bench.bench import Setup, SimulatedBench
 from simulators.devices.ports import PtyPort
-from station.bench import simulated_tables
-from station.toml_text import toml_text
+from station.bench.opening import simulated_tables
+from station.common.toml_text import toml_text
 
 BOUND_MS = 20.0
 SPEED = 20.0

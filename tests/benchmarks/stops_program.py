@@ -19,14 +19,14 @@ from pathlib import Path
 from typing import Any
 
 from procedures.plan import Advice, Go, Home, Plan, Request, Shoot, Step
-from station import plans
-from station.app import StationApp
+from station.app.app import StationApp
 from station.cli import app as app_command
 from station.cli.guide import Watched, conduct
-from station.lab import StationLab
+from station.guide import catalogue
+from station.guide.workspace import StationLab
 
 WHERE, FRONT, CONFIG, SESSIONS, CONTROL, STATUS = sys.argv[1:]
-plans.PLANS |= {"stops": plans.Entry("__main__", "stops")}
+catalogue.PLANS |= {"stops": catalogue.Entry("__main__", "stops")}
 LABS: list[StationLab] = []
 
 
@@ -105,7 +105,7 @@ def application() -> None:
 
 
 def main() -> None:
-    from station.app import share_the_lock
+    from station.app.app import share_the_lock
 
     if FRONT == "app":
         share_the_lock()

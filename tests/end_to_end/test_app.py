@@ -9,10 +9,10 @@ from pathlib import Path
 
 from textual.pilot import Pilot
 
-from station.app import StationApp
-from station.lab import StationLab
-from station.screens.guide import GuideScreen
-from station.shown_result import find_results
+from station.app.app import StationApp
+from station.app.screens.guide import GuideScreen
+from station.guide.workspace import StationLab
+from station.results.shown_result import find_results
 
 PATIENCE_S = 240.0
 """Real seconds for the whole of it on a slow machine."""

@@ -9,8 +9,8 @@ import pytest
 from procedures.outcome import Verdict
 from procedures.pattern_psf.estimate import estimate_psf
 from procedures.raw import read_frame
-from station.bench import simulated_bench
-from station.compare import compare
+from station.bench.opening import simulated_bench
+from station.demo.truth_comparison import compare
 
 
 @pytest.fixture

@@ -15,8 +15,8 @@ from click.testing import CliRunner
 
 from procedures.raw import read_frame
 from simulators.bench.demonstration import SETUPS, Setup
-from station import demo
 from station.__main__ import main
+from station.demo import demo
 
 PLANES = ("R", "G1", "G2", "B")
 VOID = {"meta", "br", "img", "hr", "link", "input"}

@@ -13,15 +13,15 @@ from procedures.field.field_file import read_field
 from procedures.field.plan import BEFORE, FEWEST, NEAR, locations
 from procedures.pattern_psf.checks import wanted_distance_mm
 from simulators.bench.simulated_operator import Person
-from station.acquisition import Run
-from station.bench import simulated_bench
-from station.field_input import photographs
-from station.operator import Doing, Result, Seen
-from station.plans import plan_named
-from station.recompute import recompute
-from station.scripted import Scripted
-from station.session import Session
-from station.session_report import session_page
+from station.bench.opening import simulated_bench
+from station.calibration.field_photographs import photographs
+from station.guide.catalogue import plan_named
+from station.guide.frontend import Doing, Result, Seen
+from station.guide.recompute import recompute
+from station.guide.run import Run
+from station.guide.scripted import Scripted
+from station.guide.session_report import session_page
+from station.sessions.session import Session
 
 
 def as_left(bench) -> dict:

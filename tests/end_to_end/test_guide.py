@@ -10,14 +10,14 @@ import pytest
 from procedures.outcome import Verdict
 from procedures.plan import Ask
 from procedures.raw import read_frame
-from station.acquisition import Run
-from station.bench import simulated_bench
-from station.compare import compare
-from station.derive import compute
-from station.operator import CurveSeen, Result, RunBegan, StepEnded
-from station.plans import plan_named
-from station.scripted import Scripted
-from station.session import Session
+from station.bench.opening import simulated_bench
+from station.demo.truth_comparison import compare
+from station.guide.catalogue import plan_named
+from station.guide.frontend import CurveSeen, Result, RunBegan, StepEnded
+from station.guide.run import Run
+from station.guide.scripted import Scripted
+from station.guide.session_result import compute
+from station.sessions.session import Session
 
 
 @pytest.fixture(scope="module")

@@ -14,14 +14,14 @@ from scipy.ndimage import gaussian_filter, shift
 from procedures.outcome import Verdict
 from procedures.restoration.plan import estimate
 from simulators.camera.sensor import Sensor
-from station.acquisition import Run
-from station.bench import simulated_bench
-from station.derive import Frames, felt_during
-from station.operator import Result
-from station.plans import plan_named
-from station.restoration_inputs import read_imu
-from station.scripted import Scripted
-from station.session import Session
+from station.bench.opening import simulated_bench
+from station.calibration.restoration_inputs import read_imu
+from station.guide.catalogue import plan_named
+from station.guide.frontend import Result
+from station.guide.run import Run
+from station.guide.scripted import Scripted
+from station.guide.session_result import Frames, felt_during
+from station.sessions.session import Session
 
 NEAREST, ROUND, BACK = np.s_[10:110, 10:80], np.s_[5:45, 115:155], np.s_[76:110, 112:150]
 """Parts of the plane that show one sheet each, by where these hang."""

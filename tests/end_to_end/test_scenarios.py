@@ -15,7 +15,7 @@ import pytest
 from drivers.errors import DeviceError
 from drivers.frames import Facts
 from simulators.bench.bench import Setup, SimulatedBench, random_trouble
-from station.bench import make_bench, simulated_tables
+from station.bench.opening import make_bench, simulated_tables
 
 COUNT = int(os.environ.get("STATION_SCENARIOS", "100"))
 SEEDS = [int(os.environ["STATION_SCENARIO"])] if "STATION_SCENARIO" in os.environ else range(COUNT)

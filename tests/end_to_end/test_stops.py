@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from simulators.bench.bench import Setup, SimulatedBench
-from station.bench import simulated_tables
-from station.toml_text import toml_text
+from station.bench.opening import simulated_tables
+from station.common.toml_text import toml_text
 
 ROOT = Path(__file__).resolve().parents[2]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"}

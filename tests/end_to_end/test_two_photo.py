@@ -11,14 +11,14 @@ import pytest
 
 from procedures.outcome import Verdict
 from simulators.camera.sensor import Sensor
-from station.acquisition import Run
-from station.bench import simulated_bench
-from station.compare import align
-from station.derive import compute
-from station.operator import Result
-from station.plans import plan_named
-from station.scripted import Scripted
-from station.session import Session
+from station.bench.opening import simulated_bench
+from station.demo.truth_comparison import align
+from station.guide.catalogue import plan_named
+from station.guide.frontend import Result
+from station.guide.run import Run
+from station.guide.scripted import Scripted
+from station.guide.session_result import compute
+from station.sessions.session import Session
 
 
 @pytest.fixture(scope="module")

@@ -48,7 +48,7 @@ def test_noise_of_a_frame_follows_from_its_number_alone(world, view):
 
 
 def test_half_a_frame_is_not_read(view, tmp_path):
-    from station.bench import inspect_raw
+    from station.bench.opening import inspect_raw
 
     path = tmp_path / "half.dng"
     data = view.develop(Opening(0.0, 0.02, 1))

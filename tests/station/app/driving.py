@@ -10,7 +10,7 @@ from pathlib import Path
 
 from textual.pilot import Pilot
 
-from station.app import StationApp
+from station.app.app import StationApp
 
 SCREENS = Path(__file__).parent / "screens"
 WRITE = "STATION_WRITE_SCREENS"

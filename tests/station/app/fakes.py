@@ -15,10 +15,10 @@ from drivers.interfaces import Condition, Identity, Travel
 from drivers.wire.transcript import Transcript
 from procedures.plan import Advice, Ask, Plan, Reading, Step
 from procedures.raw import Plane
-from station.bench import Bench
-from station.desk import Desk
-from station.lab import Kept, Opened
-from station.operator import Doing, RunBegan, RunEnded, Seen, StepBegan, StepEnded, Stopped
+from station.app.mailbox import Desk
+from station.bench.opening import Bench
+from station.guide.frontend import Doing, RunBegan, RunEnded, Seen, StepBegan, StepEnded, Stopped
+from station.guide.workspace import Kept, Opened
 
 STEPS = ("print", "distance", "focus", "shots")
 PLAN = Plan("pattern", "PSF from a chart", tuple(Step(n, n.capitalize(), f"Instruction of {n}.", ()) for n in STEPS))

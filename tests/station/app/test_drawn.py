@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from procedures.raw import Plane
-from station.glyphs import ASCII, UNICODE, glyphs_for, visible
-from station.operator import Doing
-from station.plots import GUTTER, Curve, Frame, plot
-from station.preview import Thumbnail, in_letters, lay_out, shrink, thumbnail
-from station.widgets import left_of, progress_in_words
+from station.app.terminal_images import Thumbnail, in_letters, lay_out, shrink, thumbnail
+from station.app.widgets import left_of, progress_in_words
+from station.drawing.glyphs import ASCII, UNICODE, glyphs_for, visible
+from station.drawing.terminal_plots import GUTTER, Curve, Frame, plot
+from station.guide.frontend import Doing
 
 SIDES = st.integers(1, 40)
 

@@ -8,10 +8,10 @@ import time
 import pytest
 
 from procedures.plan import Ask
-from station.app import StationApp
-from station.commands import BENCH, BY_NAME, EVERYWHERE, GUIDE, RESULTS
-from station.lab import Kept
-from station.operator import Doing, RunEnded
+from station.app.app import StationApp
+from station.app.commands import BENCH, BY_NAME, EVERYWHERE, GUIDE, RESULTS
+from station.guide.frontend import Doing, RunEnded
+from station.guide.workspace import Kept
 
 from .driving import Driver, drive
 from .fakes import FakeLab, FakeRun, chosen_step
@@ -121,7 +121,7 @@ def test_the_first_paint_needs_neither_numpy_nor_bench(tmp_path):
     import subprocess
     import sys
 
-    code = "import sys, station.app, station.cli.app; print([m for m in ('numpy', 'numba', 'cv2') if m in sys.modules])"
+    code = "import sys, station.app.app, station.cli.app; print([m for m in ('numpy', 'numba', 'cv2') if m in sys.modules])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip() == "[]"
 
 

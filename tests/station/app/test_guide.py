@@ -12,10 +12,10 @@ from drivers.errors import BadConfiguration, MoveFailed
 from procedures.pattern_psf.gamma.words import gamma_diagram
 from procedures.pattern_psf.pose import Optics
 from procedures.plan import Ask
-from station.app import StationApp
-from station.glyphs import ASCII, UNICODE
-from station.lab import Kept, Opened
-from station.operator import CurveSeen, Doing, RunEnded, Shown, Stopped, Trouble
+from station.app.app import StationApp
+from station.drawing.glyphs import ASCII, UNICODE
+from station.guide.frontend import CurveSeen, Doing, RunEnded, Shown, Stopped, Trouble
+from station.guide.workspace import Kept, Opened
 
 from .driving import Driver, drive
 from .fakes import STEPS, FakeLab, FakeRun, chosen_step, doing, seen

@@ -12,13 +12,13 @@ from drivers.errors import OutsideTravel
 from procedures.outcome import Verdict
 from procedures.psf import Psf
 from procedures.quality import assess
-from station.app import StationApp
-from station.glyphs import ASCII
-from station.operator import RunEnded
-from station.preview import psf_thumbnail
-from station.results import PlaneRecord, ResultFolder, write_psf_result
-from station.screens.result_view import mtf_plot, plane_in_words
-from station.screens.results import read_all
+from station.app.app import StationApp
+from station.app.screens.result_view import mtf_plot, plane_in_words
+from station.app.screens.results import read_all
+from station.app.terminal_images import psf_thumbnail
+from station.drawing.glyphs import ASCII
+from station.guide.frontend import RunEnded
+from station.results.result_files import PlaneRecord, ResultFolder, write_psf_result
 
 from .driving import Driver, drive
 from .fakes import FakeLab, FakeRun

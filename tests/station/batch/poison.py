@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 import signal
 
-from station.batch_frames import Item
-from station.batch_item import Job, Row, work
+from station.batch.item import Job, Row, work
+from station.calibration.folder_photographs import Item
 
 
 def poisoned(item: Item, job: Job) -> Row:

@@ -7,8 +7,8 @@ import pytest
 
 from procedures.outcome import BadInput, BadParameter
 from procedures.pattern import Chart
-from station.limits import Limit
-from station.procedure_file import read_procedure
+from station.batch.procedure_file import read_procedure
+from station.results.limits import Limit
 
 WHOLE = """
 procedure = "pattern"

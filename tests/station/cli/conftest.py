@@ -11,8 +11,8 @@ from click.testing import CliRunner
 from procedures.outcome import Outcome, Quantity, Verdict
 from procedures.psf import Psf
 from procedures.quality import assess
-from station import calibrate
 from station.__main__ import main
+from station.calibration import plane_records
 
 
 def gaussian_psf(s, k):
@@ -70,8 +70,8 @@ def doubtful():
 @pytest.fixture
 def estimator(monkeypatch):
     stand_in = Estimator({}, [])
-    monkeypatch.setattr(calibrate, "estimate_psf", stand_in)
-    monkeypatch.setattr(calibrate, "check_edges", lambda plane, found: ())
+    monkeypatch.setattr(plane_records, "estimate_psf", stand_in)
+    monkeypatch.setattr(plane_records, "check_edges", lambda plane, found: ())
     return stand_in
 
 

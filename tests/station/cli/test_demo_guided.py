@@ -7,18 +7,18 @@ from pathlib import Path
 import pytest
 
 from procedures.outcome import Quantity, Verdict
-from station import plans
 from station.cli.demo import plane_lines
-from station.guided_demo import Teller
-from station.operator import Doing, Result, StepBegan, Trouble
-from station.session_reading import read_session
+from station.demo.guided_demo import Teller
+from station.guide import catalogue
+from station.guide.frontend import Doing, Result, StepBegan, Trouble
+from station.sessions.reader import read_session
 
 
 @pytest.fixture
 def printed_only(monkeypatch):
     """The pattern's plan up to the print, which needs no photographs."""
-    whole = plans.plan_named("pattern")
-    monkeypatch.setattr(plans, "plan_named", lambda name: replace(whole, steps=whole.steps[:1]))
+    whole = catalogue.plan_named("pattern")
+    monkeypatch.setattr(catalogue, "plan_named", lambda name: replace(whole, steps=whole.steps[:1]))
 
 
 def test_the_guide_is_gone_through_without_a_terminal_into_a_session(run, printed_only, tmp_path):
@@ -36,7 +36,7 @@ def test_the_guide_is_gone_through_without_a_terminal_into_a_session(run, printe
 def test_what_is_done_again_is_told_once_in_a_step():
     told = []
     teller = Teller(lambda sentence, remedy: told.append((sentence, remedy)))
-    step = plans.plan_named("pattern").steps[0]
+    step = catalogue.plan_named("pattern").steps[0]
     for event in (
         Doing("exposing"),
         Doing("exposing"),

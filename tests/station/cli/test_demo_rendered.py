@@ -4,20 +4,20 @@ from types import SimpleNamespace
 
 import pytest
 
-from station.rendered import RenderPlan
+from station.demo.rendered import RenderPlan
 
 
 @pytest.fixture
 def calibrated(monkeypatch):
     """The demonstration's calibrations, done at once."""
-    monkeypatch.setattr("station.demo.run_demo", lambda out, seed, progress: (SimpleNamespace(refused=()), "{}\n"))
+    monkeypatch.setattr("station.demo.demo.run_demo", lambda out, seed, progress: (SimpleNamespace(refused=()), "{}\n"))
 
 
 @pytest.fixture
 def small(monkeypatch):
     """A plan of one small scene, with the seed that was asked for."""
     small = {"columns": 32, "samples": 8, "converged": 16, "scenes": ("room",), "restored": False}
-    monkeypatch.setattr("station.rendered.RenderPlan", lambda seed: RenderPlan(seed=seed, **small))
+    monkeypatch.setattr("station.demo.rendered.RenderPlan", lambda seed: RenderPlan(seed=seed, **small))
 
 
 def test_scenes_are_rendered_on_request(run, calibrated, small, tmp_path):

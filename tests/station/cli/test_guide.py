@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from procedures.outcome import Verdict
 from station.__main__ import main
 from station.cli.guide import exit_code
-from station.operator import Result, RunEnded
+from station.guide.frontend import Result, RunEnded
 
 
 def result(verdict):

@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from station.reproduce import catalogue, gamma_rows
-from station.reproduce.row import Check, Found, Row
+from station.demo.reproduce import catalogue, gamma_rows
+from station.demo.reproduce.row import Check, Found, Row
 
 
 def test_a_row_is_computed_and_agrees(run, tmp_path):

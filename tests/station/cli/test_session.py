@@ -4,10 +4,10 @@ import json
 
 import pytest
 
-from station.session import Session
+from station.sessions.session import Session
 
-from ..session.test_index import make
-from ..session.work import FixedClock
+from ..sessions.test_index import make
+from ..sessions.work import FixedClock
 
 HOSTILE = "\x1b[31mRED\x1b[0m\n\u202e../../x"
 

@@ -9,13 +9,13 @@ import cv2
 import numpy as np
 
 from drivers.clock import SystemClock
-from station.acquisition import Run
-from station.derive import compute
-from station.operator import Result
-from station.plans import plan_named
-from station.scripted import Scripted
-from station.session import Session
-from station.settling import Patience
+from station.guide.catalogue import plan_named
+from station.guide.frontend import Result
+from station.guide.run import Run
+from station.guide.scripted import Scripted
+from station.guide.session_result import compute
+from station.guide.vibration import Patience
+from station.sessions.session import Session
 
 from . import benches
 

@@ -7,11 +7,11 @@ import json
 import pytest
 
 from procedures.plan import Advice, Go, Plan, Step, Stop, Tour
-from station.acquisition import Run
-from station.operator import Doing
-from station.scripted import Scripted
-from station.session import Session
-from station.watching import LEAVE_OUT
+from station.guide.frontend import Doing
+from station.guide.photographing import LEAVE_OUT
+from station.guide.run import Run
+from station.guide.scripted import Scripted
+from station.sessions.session import Session
 
 from . import benches
 

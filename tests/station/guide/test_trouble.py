@@ -8,10 +8,10 @@ import os
 import pytest
 
 from simulators.bench.bench import random_trouble
-from station.acquisition import Run
-from station.operator import Trouble
-from station.scripted import Scripted
-from station.session import Session
+from station.guide.frontend import Trouble
+from station.guide.run import Run
+from station.guide.scripted import Scripted
+from station.sessions.session import Session
 
 from . import benches
 

@@ -8,12 +8,12 @@ import cv2
 import numpy as np
 
 from drivers.clock import SystemClock
-from station.acquisition import Run
-from station.operator import Result, Seen
-from station.plans import plan_named
-from station.scripted import Scripted
-from station.session import Session
-from station.settling import Patience
+from station.guide.catalogue import plan_named
+from station.guide.frontend import Result, Seen
+from station.guide.run import Run
+from station.guide.scripted import Scripted
+from station.guide.vibration import Patience
+from station.sessions.session import Session
 
 RATIO = 3.6
 

@@ -9,7 +9,7 @@ from procedures.pattern import Chart
 from procedures.pattern_psf.gamma.amplification import gamma, gamma_bound, gamma_of_fit
 from procedures.pattern_psf.gamma.curve import expected_gamma, gamma_curve
 from procedures.pattern_psf.rasterise import whole_chart
-from station.reproduce import patterns
+from station.demo.reproduce import patterns
 
 PUBLISHED = {9: (0.19, 0.10), 17: (0.69, 0.35), 25: (1.54, 0.70), 33: (2.98, 1.15)}
 """Thesis, tables 1.1 and 2.2: by k, gamma of the Bernoulli pattern at s = 4, and the bound."""

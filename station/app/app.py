@@ -1,0 +1,178 @@
+"""The operator's application: mounts screens and routes commands."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from textual import on
+from textual.binding import BindingType
+from textual.command import CommandPalette, Provider
+from textual.screen import Screen
+
+from station.app.commands import (
+    BY_NAME,
+    EVERYWHERE,
+    Command,
+    CommandsByName,
+    EndRun,
+    Leave,
+    NewSession,
+    ShowBench,
+    ShowGuide,
+    ShowHelp,
+    ShowPalette,
+    ShowResults,
+    StopEverything,
+    bindings,
+)
+from station.app.screens.dialogs import Choose, Help
+from station.app.screens.parts import StationScreen
+from station.app.screens.start import StartScreen
+from station.app.widgets import DeviceBar, KeyLine, Part, literal
+from station.app.working_app import BENCH, GUIDE, RESULTS, WorkingApp
+from station.common.stop_signals import EXIT_DEVICE
+
+if TYPE_CHECKING:
+    from station.drawing.glyphs import Glyphs
+    from station.guide.workspace import Lab
+
+PATIENCE_S = 5.0
+"""How long the program waits for a run to end after an emergency stop, before it leaves all the same."""
+STAY, AFTER_THIS, NOW = range(3)
+
+
+def share_the_lock() -> None:
+    """Let threads take turns every half millisecond.
+
+    A paint gives Python's lock away at every look for input, some fifty times, and waits this long each time to have it
+    back from an estimate. By default it is 5 ms.
+    """
+    sys.setswitchinterval(0.0005)
+
+
+class StationApp(WorkingApp):
+    """The application; its value is the exit code."""
+
+    TITLE = "Calibration station"
+    ENABLE_COMMAND_PALETTE = False  # ours is opened by a command like every other
+    COMMANDS: ClassVar[set[type[Provider] | Callable[[], type[Provider]]]] = {CommandsByName}
+    BINDINGS: ClassVar[list[BindingType]] = bindings(EVERYWHERE)
+    DEFAULT_MODE = GUIDE
+    HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (110, "-wide")]  # noqa: RUF012 - Textual declares it so
+    CSS_PATH = Path(__file__).with_name("app.tcss")
+
+    def __init__(self, lab: Lab, glyphs: Glyphs | None = None) -> None:
+        super().__init__(lab, glyphs)
+        self.add_mode(GUIDE, lambda: StartScreen(*lab.names))
+        self.add_mode(BENCH, lambda: self._styled(_bench_screen()))
+        self.add_mode(RESULTS, lambda: self._styled(_results_screen(lab.sessions)))
+
+    def _styled(self, screen: Screen[Any]) -> Screen[Any]:
+        """A screen whose styles count as up to date, as they are: nothing has changed the stylesheet.
+
+        Textual would read all of it again when a mode is first shown, and hold the loop for a tenth of a second.
+        """
+        screen._css_update_count = self._css_update_count
+        return screen
+
+    # --- commands ------------------------------------------------------------------------------------------------
+
+    def offered(self) -> list[type[Command]]:
+        """The commands that can be given now: those of the screen, then those of every screen."""
+        front = self.front
+        here = [command for command in front.COMMANDS_HERE if front.can(command)]
+        stop, help_, *others = (command for command in EVERYWHERE if self._can(command))
+        return [stop, help_, *here, *others]
+
+    def _can(self, command: type[Command]) -> bool:
+        if command is EndRun:
+            return self.running("run") is not None or self.running("by hand") is not None
+        modes = {ShowGuide: GUIDE, ShowBench: BENCH, ShowResults: RESULTS}
+        return modes.get(command) != self.current_mode
+
+    async def action_command(self, name: str) -> None:
+        """Give a command: the screen that is shown hears it first."""
+        command = BY_NAME[name]
+        if command is StopEverything:
+            self.stop_everything()
+        elif command in self.offered() or command.urgent:
+            self.front.post_message(command())
+        else:
+            self.notify(self.bench_taken or "That cannot be done now.", markup=False)
+
+    @on(ShowGuide)
+    def _show_guide(self) -> None:
+        self._show_mode(GUIDE)
+
+    @on(ShowBench)
+    def _show_bench(self) -> None:
+        self._show_mode(BENCH)
+
+    @on(ShowResults)
+    def _show_results(self) -> None:
+        self._show_mode(RESULTS)
+
+    def _show_mode(self, mode: str) -> None:
+        if self.running("load"):
+            self.notify("One moment: the program is still loading.", markup=False)
+        else:
+            self.switch_mode(mode)
+
+    @on(ShowHelp)
+    def _show_help(self) -> None:
+        self.push_screen(Help(self.offered()))
+
+    @on(ShowPalette)
+    def _show_palette(self) -> None:
+        if not isinstance(self.screen, CommandPalette):
+            self.push_screen(CommandPalette())
+
+    @on(NewSession)
+    def _new_session(self) -> None:
+        if self._guide is not None and self.front is self._guide:
+            self._guide = self._session = None
+            self._subject = self._alarm = ""
+            self.pop_screen()
+            self._start("sessions", self.lab.kept)
+
+    @on(Leave)
+    def _leave(self) -> None:
+        if self.running("run") is None and self.running("by hand") is None:
+            self.exit(0)
+            return
+        answers = ("stay", "quit after this exposure", "stop every device now, and quit")
+        self.push_screen(Choose("Something is running.", answers), self._leave_how)
+
+    def _leave_how(self, how: int | None) -> None:
+        if how in (AFTER_THIS, NOW):
+            self._afterwards = lambda: self.exit(0)
+            if how == NOW:
+                self.stop_everything()
+                self.set_timer(PATIENCE_S, lambda: self.exit(EXIT_DEVICE))
+            self._end_run_then_go_on()
+
+    # --- the frame of every screen ---------------------------------------------------------------------------------
+
+    def fill_frame(self, shown: StationScreen) -> None:
+        """Title, devices and keys of a screen as they are now."""
+        if shown.is_mounted:
+            title = " - ".join(part for part in (self.TITLE, self._subject) if part)
+            words = literal(f" {self._alarm} ", "bold reverse") if self._alarm else literal(f" {title}")
+            shown.query_one("#title", Part).update(words)
+            shown.query_one(DeviceBar).show(self._states, self._bench_words)
+            shown.query_one(KeyLine).show()
+
+
+def _bench_screen() -> Screen[Any]:
+    from station.app.screens.bench import BenchScreen
+
+    return BenchScreen()
+
+
+def _results_screen(sessions: Path) -> Screen[Any]:
+    from station.app.screens.results import ResultsScreen
+
+    return ResultsScreen(sessions)

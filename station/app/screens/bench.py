@@ -1,0 +1,285 @@
+"""The bench: devices and what they answered, homing, moving by hand, light, and what passes on the wires."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, cast
+
+from textual import on
+from textual.app import ComposeResult
+from textual.binding import BindingType
+from textual.containers import Horizontal
+
+from station.app.background import Finished
+from station.app.commands import (
+    BENCH,
+    AxisAfter,
+    AxisBefore,
+    Brighter,
+    Command,
+    Connect,
+    Darker,
+    HomeStages,
+    JogBack,
+    JogForward,
+    NextWire,
+    StepLarger,
+    StepSmaller,
+    bindings,
+)
+from station.app.screens.parts import StationScreen
+from station.app.widgets import Part, lines_of, literal
+
+if TYPE_CHECKING:
+    from drivers.interfaces import Condition
+    from station.bench.opening import Bench, Row
+
+STEPS = (0.01, 0.1, 1.0, 10.0, 100.0)
+LIGHT_STEP = 0.1
+WIRE_EVERY_S = 0.25
+NO_BENCH = "No bench is configured: write a station.toml, or start with --simulate."
+BUSY = "The guide is at work: end its run first (Ctrl+C)."
+
+
+@dataclass(frozen=True)
+class Axis:
+    """An axis that can be moved by hand: of which device, and the range it is known to have."""
+
+    device: str
+    name: str
+    low: float
+    high: float
+
+    @property
+    def unit(self) -> str:
+        """The last part of its name."""
+        return self.name.rpartition("_")[2]
+
+
+class BenchScreen(StationScreen):
+    """Everything on the bench by hand."""
+
+    COMMANDS_HERE = BENCH
+    BINDINGS: ClassVar[list[BindingType]] = bindings(BENCH)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._axes: Sequence[Axis] = ()
+        self._positions: Mapping[str, float] = {}
+        self._wire_shown: tuple[str, list[str]] = ("", [])
+        self._axis, self._step, self._wire = 0, 2, 0
+
+    def body(self) -> ComposeResult:
+        """Devices, axes, wire, and what came of the last command."""
+        yield Part(id="rows")
+        with Horizontal(id="hand"):
+            yield Part(id="axes")
+            yield Part(id="wire")
+        yield Part(id="said")
+
+    def on_mount(self) -> None:
+        """Look at the wire now and then."""
+        super().on_mount()
+        self.set_interval(WIRE_EVERY_S, self._show_wire)
+        self._show()
+
+    @property
+    def bench(self) -> Bench | None:
+        """The application's."""
+        found: Bench | None = self.app.bench  # type: ignore[attr-defined]
+        return found
+
+    def can(self, command: type[Command]) -> bool:
+        """Nothing without a bench, nothing but looking while a run has it."""
+        if command is NextWire:
+            return self.bench is not None
+        return self.bench is not None and not self.app.bench_taken  # type: ignore[attr-defined]
+
+    # --- what is told
+
+    def refresh_frame(self) -> None:
+        """The devices may have been connected, or be in another state."""
+        super().refresh_frame()
+        if self.is_mounted:
+            self._axes = list(_axes(self.bench)) if self.bench is not None else []
+            self._show()
+
+    def done(self, finished: Finished) -> None:
+        """What came of a command."""
+        if finished.problem is not None:
+            self._say(f"{finished.problem.reason}. {finished.problem.remedy}.")
+        elif isinstance(finished.value, Said):
+            self._positions = finished.value.positions
+            self._say(finished.value.words)
+        self._show()
+
+    def _say(self, words: str) -> None:
+        self.query_one("#said", Part).update(literal(words, "bold"))
+
+    def _show(self) -> None:
+        glyphs = self.query_one("#rows", Part).glyphs
+        known: Sequence[Row] = self.app.rows  # type: ignore[attr-defined]
+        rows = [row_in_words(row, self._condition(row), glyphs.good, glyphs.bad) for row in known]
+        self.query_one("#rows", Part).update(lines_of(*(rows or ["" if self.bench else NO_BENCH])))
+        lines = [f"Move by hand, in steps of {STEPS[self._step]:g}"]
+        for i, axis in enumerate(self._axes):
+            at = f"{self._positions[axis.name]:.3f}" if axis.name in self._positions else "?"
+            mark = glyphs.now if i == self._axis else " " * len(glyphs.now)
+            lines.append(f"{mark} {axis.name:10} {at:>10}  ({axis.low:.4g} to {axis.high:.4g})")
+        self.query_one("#axes", Part).update(lines_of(*lines))
+        if taken := self.app.bench_taken:  # type: ignore[attr-defined]
+            self._say(taken)
+        self._show_wire()
+
+    def _condition(self, row: Row) -> Condition:
+        """How the device is now, rather than when it was connected."""
+        return self.app.conditions.get(row.name, row.condition)  # type: ignore[attr-defined,no-any-return]
+
+    def _show_wire(self) -> None:
+        part, bench = self.query_one("#wire", Part), self.bench
+        wires = {} if bench is None else bench.transcripts
+        if not wires or not self.is_active:
+            return
+        name = list(wires)[self._wire % len(wires)]
+        passed = wires[name].last(max(1, part.size.height - 1))
+        lines = [f"{p.time_s:9.3f} {p.way} {p.data!r}"[: max(20, part.size.width)] for p in passed]
+        if (name, lines) != self._wire_shown:
+            self._wire_shown = name, lines
+            part.update(lines_of(literal(f"Wire of {name} (W: next)", "bold"), *lines))
+
+    # --- commands
+
+    def _do(self, words: str, work: Callable[[Bench], Any]) -> None:
+        bench = self.bench
+        if bench is None:
+            self._say(NO_BENCH)
+        elif self.app.bench_taken:  # type: ignore[attr-defined]
+            self._say(BUSY)
+        else:
+            self._say(words)
+            self.app.by_hand(lambda: work(bench))  # type: ignore[attr-defined]
+
+    @on(Connect)
+    def connect(self) -> None:
+        """Connect every device."""
+        self._do("Connecting every device.", lambda bench: bench.rows())
+
+    @on(HomeStages)
+    def home(self) -> None:
+        """Home every stage."""
+        self._do("Homing: keep clear of everything that moves.", _home)
+
+    @on(JogBack)
+    def jog_back(self) -> None:
+        """One step down."""
+        self._jog(-STEPS[self._step])
+
+    @on(JogForward)
+    def jog_forward(self) -> None:
+        """One step up."""
+        self._jog(STEPS[self._step])
+
+    def _jog(self, by: float) -> None:
+        if self._axes:
+            axis = self._axes[self._axis]
+            self._do(f"Moving {axis.name} by {by:g} {axis.unit}.", lambda bench: _jog(bench, axis, by))
+
+    @on(AxisBefore)
+    def axis_before(self) -> None:
+        """The axis above."""
+        self._axis = max(0, self._axis - 1)
+        self._show()
+
+    @on(AxisAfter)
+    def axis_after(self) -> None:
+        """The axis below."""
+        self._axis = max(0, min(self._axis + 1, len(self._axes) - 1))
+        self._show()
+
+    @on(StepSmaller)
+    def step_smaller(self) -> None:
+        """A tenth."""
+        self._step = max(0, self._step - 1)
+        self._show()
+
+    @on(StepLarger)
+    def step_larger(self) -> None:
+        """Ten times."""
+        self._step = min(self._step + 1, len(STEPS) - 1)
+        self._show()
+
+    @on(Darker)
+    def darker(self) -> None:
+        """Less light."""
+        self._do("Dimming.", lambda bench: _light(bench, -LIGHT_STEP))
+
+    @on(Brighter)
+    def brighter(self) -> None:
+        """More light."""
+        self._do("Brightening.", lambda bench: _light(bench, LIGHT_STEP))
+
+    @on(NextWire)
+    def next_wire(self) -> None:
+        """The next device's wire."""
+        self._wire += 1
+        self._show_wire()
+
+
+def row_in_words(row: Row, now: Condition, good: str, bad: str) -> str:
+    """A device: what answered and how it is, or what is wrong and what to do."""
+    mark = good if now.usable else bad
+    who = f"{row.identity.model} {row.identity.firmware}".strip() if row.identity else "no answer"
+    words = f"{mark} {row.name:12} {row.driver:8} {who}: {now.word}"
+    if row.error is not None:
+        return f"{words}. {row.error.reason}. {row.error.remedy}"
+    return words if now.usable else f"{words}. {now.remedy}"
+
+
+# --- in the thread -----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Said:
+    """What came of a command, and where the axes are."""
+
+    words: str
+    positions: Mapping[str, float]
+
+
+def _axes(bench: Bench) -> list[Axis]:
+    """The axes of stages that have been connected."""
+    found = []
+    for device, stage in bench.devices.items():
+        if hasattr(stage, "move_to") and device in bench.identities:
+            found += [Axis(device, name, one.low, one.high) for name, one in cast(Any, stage).travel().items()]
+    return found
+
+
+def _home(bench: Bench) -> Said:
+    stops = bench.stops
+    for device in bench.devices.values():
+        if hasattr(device, "home"):
+            device.home(lambda: bench.check_stops(stops))
+    return Said("Every stage has found its reference.", _positions(bench))
+
+
+def _jog(bench: Bench, axis: Axis, by: float) -> Said:
+    stage: Any = bench.devices[axis.device]
+    target = stage.position()[axis.name] + by
+    stage.move_to(**{axis.name: target})
+    return Said(f"{axis.name} is at {stage.position()[axis.name]:.3f} {axis.unit}.", _positions(bench))
+
+
+def _light(bench: Bench, by: float) -> Said:
+    level = min(max(bench.light.level() + by, 0.0), 1.0)
+    bench.light.set_level(level)
+    return Said(f"The lamp is at {100 * level:.0f} %.", _positions(bench))
+
+
+def _positions(bench: Bench) -> dict[str, float]:
+    there: dict[str, float] = {}
+    for device, stage in bench.devices.items():
+        if hasattr(stage, "position") and device in bench.identities:
+            there.update(stage.position())
+    return there

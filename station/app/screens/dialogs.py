@@ -1,0 +1,73 @@
+"""Help, and the questions that must be answered before anything else."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Vertical, VerticalScroll
+from textual.screen import ModalScreen
+
+from station.app.commands import Command
+from station.app.screens.parts import Choices
+from station.app.widgets import Part, lines_of, literal
+
+HEAD = "Help: Escape closes this, the arrows scroll it"
+INTRODUCTION = """\
+The guide (F2) leads from the printed chart to the report, one step at a time. At the bottom it always says what to do \
+next; Enter says that it is done. The rail on the left shows which steps are done, which one is now, which are to do.
+F12 stops everything, on every screen. It is a convenience, not a safety device: fit a switch that cuts the motors' \
+power.
+Everything that was photographed is kept at once; the program may be ended at any moment and go on later."""
+
+
+class Dialog(ModalScreen[int | None]):
+    """A box over the screen; Escape closes it."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "dismiss(None)", show=False)]
+
+
+class Help(Dialog):
+    """What the keys do."""
+
+    def __init__(self, commands: Sequence[type[Command]]) -> None:
+        super().__init__()
+        self._commands = commands
+
+    def compose(self) -> ComposeResult:
+        """The introduction, then a line for every key."""
+        keys = [f"{command.key_name():>4}  {command.help()}" for command in self._commands]
+        with Vertical(), VerticalScroll():
+            yield Part(id="introduction")
+            yield Part(id="help-keys")
+        self._lines = keys
+
+    def on_mount(self) -> None:
+        """Fill it in."""
+        paragraphs = INTRODUCTION.split("\n")
+        self.query_one("#introduction", Part).update(lines_of(literal(HEAD, "bold"), *paragraphs, ""))
+        self.query_one("#help-keys", Part).update(lines_of(*self._lines, ""))
+
+
+class Choose(Dialog):
+    """A question with a few answers; gives the place of the one that was taken."""
+
+    def __init__(self, question: str, answers: Sequence[str]) -> None:
+        super().__init__()
+        self._question, self._answers = question, answers
+
+    def compose(self) -> ComposeResult:
+        """Question and answers."""
+        with Vertical():
+            yield Part(self._question)
+            yield Choices(self._answers, id="answers")
+
+    def on_mount(self) -> None:
+        """The answers have the keyboard."""
+        self.query_one(Choices).focus()
+
+    def on_choices_chosen(self, event: Choices.Chosen) -> None:
+        """Taken."""
+        self.dismiss(event.index)

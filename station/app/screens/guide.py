@@ -1,0 +1,239 @@
+"""The guide: the rail of steps, the step's instruction, the picture and the live numbers, and what to do next."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial, singledispatchmethod
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from textual.app import ComposeResult
+from textual.binding import BindingType
+from textual.containers import Horizontal, Vertical, VerticalScroll
+
+from station.app.commands import GUIDE, Command, EndRun, GoOn, NewSession, ShowResults, StepBack, bindings
+from station.app.mailbox import Glimpse, Judged, News, Question
+from station.app.screens.parts import AnswerBox, StationScreen
+from station.app.screens.result_view import mtf_plot
+from station.app.terminal_images import psf_thumbnail
+from station.app.widgets import CurveView, Part, Picture, ProgressLine, Rail, Readings, lines_of, literal, verdict_words
+from station.drawing.diagrams import drawn
+from station.drawing.terminal_plots import Curve, Frame, plot
+from station.guide.frontend import CurveSeen, Doing, RunBegan, RunEnded, Shown, StepBegan, StepEnded, Trouble
+
+if TYPE_CHECKING:
+    from station.app.background import Problem
+    from station.app.screens.result_view import Plotted
+    from station.drawing.glyphs import Glyphs
+
+ENDINGS = {
+    "finished": "Done.",
+    "stopped": "The run was ended. What was taken is kept.",
+    "emergency": "Everything was stopped. Look at the bench first. Going on homes the stages.",
+}
+MARGIN = 0.2
+"""Above and below a curve, as a share of its height."""
+AFTER_THE_END: dict[str, type[Command]] = {"see the results": ShowResults, "another session": NewSession}
+AFTER_A_STOP: dict[str, type[Command]] = {"go on where it stopped": GoOn, "another session": NewSession}
+
+
+class GuideScreen(StationScreen):
+    """One step at a time."""
+
+    COMMANDS_HERE = GUIDE
+    BINDINGS: ClassVar[list[BindingType]] = bindings(GUIDE)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._began: RunBegan | None = None
+        self._done: tuple[str, ...] = ()
+        self._now: str | None = None
+        self._at_rest = False
+        self._doing_last = False
+        self._verdict: tuple[str, ...] = ()
+
+    def body(self) -> ComposeResult:
+        """Rail, step, progress, what to do next."""
+        with Horizontal(id="middle"):
+            yield Rail(id="rail")
+            with Vertical(id="main"):
+                yield Part(id="instruction")
+                with Horizontal(id="sight"):
+                    yield Picture("no photograph yet", id="picture")
+                    with VerticalScroll(id="numbers", can_focus=False):
+                        yield Readings(id="readings")
+                        yield CurveView(id="curve")
+        yield Part(id="trouble")
+        yield ProgressLine(id="progress")
+        yield AnswerBox(id="answer")
+
+    @property
+    def answers(self) -> AnswerBox:
+        """The box below."""
+        return self.query_one(AnswerBox)
+
+    def can(self, command: type[Command]) -> bool:
+        """A run is gone on with when it rests, stepped back in when there is a step before."""
+        if command is GoOn:
+            return self._at_rest and not self.finished
+        if command is StepBack:
+            return self.step_before is not None
+        return command is not NewSession or self._at_rest
+
+    @property
+    def finished(self) -> bool:
+        """Whether every step is done."""
+        return self._began is not None and len(self._done) == len(self._began.plan.steps)
+
+    @property
+    def step_before(self) -> str | None:
+        """The step that was done last."""
+        return self._done[-1] if self._done else None
+
+    def _before(self, name: str) -> tuple[str, ...]:
+        """The steps that are done before this one: those after it are to be done again."""
+        steps = [step.name for step in self._began.plan.steps] if self._began is not None else []
+        return tuple(one for one in self._done if one in steps[: steps.index(name)]) if name in steps else self._done
+
+    # --- what the run tells
+
+    @singledispatchmethod
+    def show(self, news: News) -> None:
+        """Show what the run tells."""
+        raise TypeError(f"no run tells {news!r}")
+
+    @show.register
+    def _(self, began: RunBegan) -> None:
+        self._began, self._done, self._now, self._at_rest = began, began.done, None, False
+        self.query_one("#trouble", Part).say("")
+        self._show_rail()
+
+    @show.register
+    def _(self, began: StepBegan) -> None:
+        self._now = began.step.name
+        self._done = self._before(began.step.name)
+        self.query_one("#trouble", Part).say("")
+        words = (literal(began.step.title, "bold"), began.step.instruction)
+        self.query_one("#instruction", Part).update(lines_of(*words, *self._verdict))
+        if not self._verdict:
+            self.query_one(Readings).show(())
+            self._show_curve(None)
+        self._show_rail()
+
+    @show.register
+    def _(self, ended: StepEnded) -> None:
+        self._now = None
+        self._done = (*(name for name in self._done if name != ended.step.name), ended.step.name)
+        self._show_rail()
+
+    @show.register
+    def _(self, doing: Doing) -> None:
+        self.query_one(ProgressLine).show(doing)
+        self._doing_last = True
+        if not self.answers.open:
+            self.answers.tell("Nothing to do now: the station is at work.")
+
+    @show.register
+    def _(self, seen: Glimpse) -> None:
+        self._doing_last, self._verdict = False, ()
+        self.query_one(Picture).show(seen.picture)
+        self.query_one(Readings).show(seen.advice.readings)
+        if not self.answers.open:
+            self.answers.tell(seen.advice.say)
+
+    @show.register
+    def _(self, curve: CurveSeen) -> None:
+        x, y = np.array(curve.places, dtype=float), np.array(curve.scores, dtype=float)
+        known = y[np.isfinite(y)]
+        low, top = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
+        room = MARGIN * (top - low) or MARGIN
+        span = (float(x.min()), float(x.max())) if len(x) > 1 else (float(x[0]) - 1, float(x[0]) + 1)
+        drawn = [Curve(x, y), Curve(x, y, letter="o", points=True)]
+        frame = Frame(span, (low - room, top + room), f"sharpness over {curve.axis}")
+        self._show_curve(lambda width, height, ascii: plot(drawn, frame, width, height, ascii=ascii))
+
+    @show.register
+    def _(self, shown: Shown) -> None:
+        steps = self._began.plan.steps if self._began is not None else ()
+        title = [literal(step.title, "bold") for step in steps if step.name == self._now]
+        self.query_one("#instruction", Part).update(lines_of(*title, shown.diagram.say))
+        self._show_curve(partial(drawn, shown.diagram))
+
+    @show.register
+    def _(self, trouble: Trouble) -> None:
+        self._doing_last = False
+        self.query_one("#trouble", Part).say(f"{self.glyphs.bad} {trouble.reason}. {trouble.remedy}.", "bold")
+
+    @show.register
+    def _(self, judged: Judged) -> None:
+        self._doing_last = False
+        result = judged.result
+        planes = [f"{name}: {verdict_words(verdict, self.glyphs)}" for name, verdict in result.verdicts.items()]
+        words = [f"{verdict_words(result.verdict, self.glyphs)}   {'   '.join(planes)}", result.reason, result.remedy]
+        self._verdict = tuple(text for text in words if text)
+        self.query_one("#instruction", Part).update(lines_of(literal("Result", "bold"), *self._verdict))
+        self.query_one(Readings).show(())
+        shown = [plane for plane in (judged.shown.planes.values() if judged.shown else ()) if plane.h is not None]
+        if shown and shown[0].h is not None:
+            one = next((plane for plane in shown if plane.name == "G1"), shown[0])
+            assert one.h is not None
+            self.query_one(Picture).show(psf_thumbnail(one.h, f"PSF of plane {one.name}"))
+            self._show_curve(mtf_plot([one]))
+
+    @show.register
+    def _(self, question: Question) -> None:
+        progress = self.query_one(ProgressLine)
+        if self._doing_last:  # it was said for this question: where the file to print lies
+            progress.hold()
+        else:
+            progress.show(None)
+        self.answers.ask(question.ask)
+        self._doing_last = False
+
+    @show.register
+    def _(self, ended: RunEnded) -> None:
+        report = f" The report is {ended.report}." if ended.report else ""
+        finished = ended.how == "finished"
+        self.rest(ENDINGS.get(ended.how, "The run has ended.") + report, AFTER_THE_END if finished else AFTER_A_STOP)
+        if finished:
+            self.app.bell()
+
+    def fail(self, problem: Problem) -> None:
+        """The run could not begin, or broke off."""
+        self.query_one("#trouble", Part).say(f"{self.glyphs.bad} {problem.reason}. {problem.remedy}.", "bold")
+        self.rest("The run broke off. What was taken is kept.", AFTER_A_STOP)
+
+    def rest(self, sentence: str, offers: Mapping[str, type[Command]]) -> None:
+        """Nothing runs: what can be done next."""
+        self._now, self._at_rest = None, True
+        self.query_one(ProgressLine).show(None)
+        self.answers.offer(sentence, offers)
+        self._show_rail()
+        self.refresh_frame()
+
+    def begin(self, words: str) -> None:
+        """A run is about to begin."""
+        self._at_rest = False
+        self.query_one("#trouble", Part).say("")
+        self.answers.tell(words)
+        self.refresh_frame()
+
+    def ending(self) -> None:
+        """The operator has asked to end the run."""
+        self.answers.tell(f"Ending after this exposure. {EndRun.key_name()} again: end now, stopping every device.")
+
+    # --- parts
+
+    @property
+    def glyphs(self) -> Glyphs:
+        """The application's."""
+        return self.query_one(Rail).glyphs
+
+    def _show_rail(self) -> None:
+        if self._began is not None:
+            self.query_one(Rail).show(self._began.plan, self._done, self._now)
+
+    def _show_curve(self, drawn: Plotted | None) -> None:
+        curve = self.query_one(CurveView)
+        curve.display = drawn is not None
+        curve.show(drawn)

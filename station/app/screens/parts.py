@@ -1,0 +1,259 @@
+"""What the screens share: their frame, choices by key, and the box where the guide's questions are answered."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, ClassVar
+
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Vertical
+from textual.message import Message
+from textual.screen import Screen
+from textual.widgets import Input
+
+from station.app.commands import Command
+from station.app.widgets import DeviceBar, KeyLine, Part, lines_of, literal
+
+if TYPE_CHECKING:
+    from procedures.plan import Ask, Fact
+
+
+SPACE = "\N{NO-BREAK SPACE}"
+"""Between a mark and its line: a long word shall not leave the mark alone."""
+DONE = "done: press Enter"
+
+
+class StationScreen(Screen[None]):
+    """A screen with the devices, the emergency stop and the keys always in sight."""
+
+    COMMANDS_HERE: ClassVar[tuple[type[Command], ...]] = ()
+
+    class Ready(Message):
+        """Its parts are there: it can be told what to show."""
+
+        def __init__(self, screen: StationScreen) -> None:
+            super().__init__()
+            self.screen = screen
+
+    def body(self) -> ComposeResult:
+        """What is between title and devices."""
+        raise NotImplementedError
+
+    def compose(self) -> ComposeResult:
+        """Title, body, devices, keys."""
+        yield Part(id="title")
+        yield from self.body()
+        yield DeviceBar(id="devices")
+        yield KeyLine(id="keys")
+
+    def on_mount(self) -> None:
+        """Show what the application knows already."""
+        self.refresh_frame()
+        self.post_message(self.Ready(self))
+
+    def on_screen_resume(self) -> None:
+        """Show what has changed while another screen was shown."""
+        self.refresh_frame()
+
+    def refresh_frame(self) -> None:
+        """Devices, title and keys as they are now."""
+        self.app.fill_frame(self)  # type: ignore[attr-defined]
+
+    def can(self, command: type[Command]) -> bool:
+        """Whether a command of this screen can be given now."""
+        return True
+
+
+class Choices(Part, can_focus=True):
+    """A few lines, one of them chosen: by arrows and Enter, or by its number."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("up,left", "move(-1)", show=False),
+        Binding("down,right", "move(1)", show=False),
+        Binding("enter,space", "take", show=False),
+        *(Binding(str(n), f"number({n})", show=False) for n in range(1, 10)),
+    ]
+
+    class Chosen(Message):
+        """One was taken: its place in the list."""
+
+        def __init__(self, choices: Choices, index: int) -> None:
+            super().__init__()
+            self.choices, self.index = choices, index
+
+    class Beyond(Message):
+        """An arrow was pressed at the end of the list: by how much it would have led beyond."""
+
+        def __init__(self, by: int) -> None:
+            super().__init__()
+            self.by = by
+
+    class Moved(Message):
+        """Another one is chosen, and not taken yet."""
+
+        def __init__(self, index: int) -> None:
+            super().__init__()
+            self.index = index
+
+    def __init__(self, lines: Sequence[str] = (), **options: str) -> None:
+        super().__init__("", **options)
+        self.lines, self.at = list(lines), 0
+
+    def on_mount(self) -> None:
+        """Show them."""
+        self.set_lines(self.lines)
+
+    def set_lines(self, lines: Sequence[str], at: int = 0) -> None:
+        """Other lines, with the one at `at` chosen."""
+        self.lines, self.at = list(lines), at
+        self._show()
+
+    def _show(self) -> None:
+        several = len(self.lines) > 1
+        shown = []
+        for i, line in enumerate(self.lines):
+            mark = self.glyphs.now if i == self.at else " " * len(self.glyphs.now)
+            number = f"{i + 1}{SPACE}" if several and i < 9 else ""
+            style = "bold reverse" if i == self.at and self.has_focus else ""
+            shown.append(literal(f"{mark}{SPACE}{number}{line}", style))
+        self.update(lines_of(*shown))
+
+    def on_focus(self) -> None:
+        """Make it seen."""
+        self._show()
+
+    def on_blur(self) -> None:
+        """Make it seen."""
+        self._show()
+
+    def action_move(self, by: int) -> None:
+        """Up and down, staying at the ends."""
+        before, self.at = self.at, min(max(self.at + by, 0), max(len(self.lines) - 1, 0))
+        self._show()
+        self.scroll_visible(animate=False)
+        self.post_message(self.Moved(self.at) if self.at != before else self.Beyond(by))
+
+    def action_take(self) -> None:
+        """The one that is chosen."""
+        if self.lines:
+            self.post_message(self.Chosen(self, self.at))
+
+    def action_number(self, number: int) -> None:
+        """The one of that number."""
+        if number <= len(self.lines):
+            self.at = number - 1
+            self._show()
+            self.action_take()
+
+
+class AnswerBox(Vertical):
+    """What to do next, in one sentence; below it, where a question is open, the means to answer it."""
+
+    class Given(Message):
+        """An answer."""
+
+        def __init__(self, fact: Fact) -> None:
+            super().__init__()
+            self.fact = fact
+
+    _ask: Ask | None = None
+    _offers: Sequence[type[Command]] = ()
+
+    def compose(self) -> ComposeResult:
+        """The sentence, what is wrong with the answer, and both ways to answer."""
+        yield Part(id="next")
+        yield Part(id="wrong")
+        yield Input(id="typed", compact=True)
+        yield Choices(id="choices")
+
+    def on_mount(self) -> None:
+        """Nothing is asked yet."""
+        self.tell("")
+
+    @property
+    def open(self) -> bool:
+        """Whether a question waits."""
+        return self._ask is not None
+
+    @property
+    def question(self) -> str:
+        """The question that waits; empty where none does."""
+        return self._ask.question if self._ask is not None else ""
+
+    def tell(self, sentence: str) -> None:
+        """No question: a sentence only."""
+        self._ask, self._offers = None, ()
+        self._show(sentence, typed=False, choices=False)
+
+    def ask(self, ask: Ask) -> None:
+        """A question, with its usual answer ready."""
+        from station.guide.answers import words
+
+        self._ask = ask
+        typed = ask.kind in ("number", "text")
+        self._show(ask.question + _wanted(ask), typed=typed, choices=not typed)
+        if typed:
+            box = self.query_one("#typed", Input)
+            box.value = words(ask.default)
+            box.cursor_position = len(box.value)
+            box.focus()
+        else:
+            choices = self.query_one(Choices)
+            lines = ask.choices if ask.kind == "choice" else (DONE,)
+            choices.set_lines(lines, lines.index(str(ask.default)) if str(ask.default) in lines else 0)
+            choices.focus()
+
+    def offer(self, sentence: str, offers: Mapping[str, type[Command]]) -> None:
+        """What can be done next: commands, by what they are called here."""
+        self._ask, self._offers = None, list(offers.values())
+        self._show(sentence, typed=False, choices=True)
+        choices = self.query_one(Choices)
+        choices.set_lines([f"{words} ({command.key_name()})" for words, command in offers.items()])
+        choices.focus()
+
+    def _show(self, sentence: str, *, typed: bool, choices: bool) -> None:
+        self.query_one("#next", Part).update(literal(sentence, "bold"))
+        self.query_one("#wrong", Part).say("")
+        self.query_one("#typed").display = typed
+        self.query_one("#choices").display = choices
+
+    def on_input_submitted(self, event: Input.Submitted) -> None:
+        """What was typed."""
+        event.stop()
+        self._answer(event.value)
+
+    def on_choices_chosen(self, event: Choices.Chosen) -> None:
+        """What was chosen."""
+        event.stop()
+        if self._offers:
+            self.screen.post_message(self._offers[event.index]())
+            return
+        self._answer(str(event.index + 1) if self._ask and self._ask.kind == "choice" else "")
+
+    def _answer(self, text: str) -> None:
+        if self._ask is None:
+            return
+        from station.guide.answers import parse
+
+        try:
+            fact = parse(self._ask, text)
+        except ValueError as error:
+            self.query_one("#wrong", Part).say(str(error))
+            return
+        self.tell("One moment.")
+        self.post_message(self.Given(fact))
+
+
+def _wanted(ask: Ask) -> str:
+    """Unit and limits of a number: " (50 to 2000 mm)"."""
+    if ask.kind != "number":
+        return ""
+    ends = [f"{end:g}" for end in (ask.low, ask.high) if end is not None]
+    if len(ends) == 1:
+        ends.insert(0, "at most" if ask.low is None else "at least")
+        told = " ".join(ends)
+    else:
+        told = " to ".join(ends)
+    told = f"{told} {ask.unit}".strip()
+    return f" ({told})" if told else ""

@@ -1,0 +1,74 @@
+"""Results in characters: MTF curves with their bands, verdicts, numbers, and two results side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from procedures.outcome import Quantity
+from station.app.widgets import verdict_words
+from station.common.uncertainty_text import stated
+from station.drawing.glyphs import Glyphs
+from station.drawing.terminal_plots import Curve, Frame, plot
+from station.results.shown_result import Change, ShownPlane
+
+Plotted = Callable[[int, int, bool], list[str]]
+
+SHOWN = (
+    ("mtf50_horizontal", "MTF50, rows"),
+    ("mtf50_vertical", "MTF50, columns"),
+    ("mtf_nyquist_radial", "MTF at Nyquist"),
+    ("fwhm_horizontal", "FWHM, rows"),
+    ("fwhm_vertical", "FWHM, columns"),
+    ("encircled_energy_80", "80 % energy in"),
+    ("strehl", "Strehl ratio"),
+)
+COVERAGE = 1.96
+"""Standard uncertainties that a band of 95 % reaches either way."""
+LETTERS = "*o"
+
+
+def mtf_plot(planes: Sequence[ShownPlane]) -> Plotted | None:
+    """The radial MTF of each plane with its 95 % band, the second one dashed; None where no plane has one."""
+    curves: list[Curve] = []
+    for plane, letter in zip([one for one in planes if one.mtf is not None], LETTERS, strict=False):
+        assert plane.mtf is not None
+        band = plane.mtf.get("radial_uncertainty")
+        dashed = bool(curves)
+        wide = None if band is None else COVERAGE * band
+        curves.append(Curve(plane.mtf["frequency"], plane.mtf["radial"], wide, letter=letter, dashed=dashed))
+    if not curves:
+        return None
+    last = max(float(np.max(curve.x)) for curve in curves)
+    frame = Frame((0.0, last), (0.0, 1.05), "MTF, cycles/pixel")
+    return lambda width, height, ascii: plot(curves, frame, width, height, ascii=ascii)
+
+
+def plane_in_words(plane: ShownPlane, glyphs: Glyphs) -> list[str]:
+    """Verdict, reason and remedy, then the numbers with unit and uncertainty."""
+    lines = [f"Plane {plane.name}: {verdict_words(plane.verdict, glyphs)}"]
+    lines += [text for text in (plane.reason, plane.remedy) if text]
+    for key, words in SHOWN:
+        if key in plane.numbers:
+            one = plane.numbers[key]
+            value = stated(one.value, one.uncertainty).replace("±", glyphs.plus_minus)
+            lines.append(f"{words:14} {value} {_unit(one)}")
+    return lines
+
+
+def changes_in_words(found: Sequence[Change], glyphs: Glyphs) -> list[str]:
+    """Both values of each number, and how far they are apart in standard uncertainties."""
+    by_name = {change.name: change for change in found}
+    lines = []
+    for key, words in SHOWN:
+        if key in by_name:
+            one = by_name[key]
+            pair = " | ".join(stated(q.value, q.uncertainty) for q in (one.one, one.other))
+            apart = "" if np.isnan(one.sigmas) else f"  apart by {abs(one.sigmas):.1f} sigma"
+            lines.append(f"{words:14} {pair.replace('±', glyphs.plus_minus)} {_unit(one.one)}{apart}")
+    return lines
+
+
+def _unit(one: Quantity) -> str:
+    return "" if one.unit == "1" else one.unit

@@ -1,0 +1,169 @@
+"""The results: PSF picture, MTF curves with their bands, verdicts and numbers; two of them side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from textual import on
+from textual.app import ComposeResult
+from textual.binding import BindingType
+from textual.containers import Horizontal, Vertical, VerticalScroll
+
+from procedures.outcome import ProcedureError
+from station.app.background import Job
+from station.app.commands import RESULTS, Command, Compare, NextPlane, Reload, bindings
+from station.app.screens.parts import Choices, StationScreen
+from station.app.screens.result_view import changes_in_words, mtf_plot, plane_in_words
+from station.app.terminal_images import psf_thumbnail
+from station.app.widgets import CurveView, Part, Picture, lines_of
+from station.drawing.glyphs import Glyphs
+from station.results.shown_result import ShownPlane, ShownResult, changes, find_results, read_result
+
+NONE_YET = "There is no result yet: the guide (F2) leads to one."
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A result folder, and what is in it or why it cannot be shown."""
+
+    folder: Path
+    result: ShownResult | None = None
+    wrong: str = ""
+
+    def name(self) -> str:
+        """The session's name, and which of its results."""
+        return f"{self.folder.parent.parent.name}  {self.folder.name}"
+
+
+def read_all(sessions: Path) -> list[Entry]:
+    """Every result under a folder of sessions, newest first."""
+    entries = []
+    for folder in find_results(sessions):
+        try:
+            entries.append(Entry(folder, read_result(folder)))
+        except ProcedureError as error:
+            entries.append(Entry(folder, wrong=str(error)))
+        except Exception as error:  # one damaged result must not hide the others, whatever is in it
+            entries.append(Entry(folder, wrong=f"{folder} cannot be shown: {error!r}"))
+    return entries
+
+
+class ResultsScreen(StationScreen):
+    """A list of results, and the one that is chosen."""
+
+    COMMANDS_HERE = RESULTS
+    BINDINGS: ClassVar[list[BindingType]] = bindings(RESULTS)
+
+    def __init__(self, sessions: Path) -> None:
+        super().__init__()
+        self._sessions = sessions
+        self._entries: Sequence[Entry] = ()
+        self._chosen: Entry | None = None
+        self._beside: Entry | None = None
+        self._plane = ""
+
+    def body(self) -> ComposeResult:
+        """List, pictures, numbers."""
+        with Horizontal(id="middle"):
+            with VerticalScroll(id="list", can_focus=False):
+                yield Choices(id="found")
+            with Vertical(id="shown"):
+                with Horizontal(id="pictures"):
+                    yield Picture(id="psf")
+                    yield CurveView(id="mtf")
+                with VerticalScroll(id="numbers", can_focus=False):
+                    yield Part(NONE_YET, id="words")
+
+    def on_mount(self) -> None:
+        """Read the results."""
+        super().on_mount()
+        self.query_one(Choices).focus()
+
+    def on_screen_resume(self) -> None:
+        """Read them again: a run may have added one."""
+        super().on_screen_resume()
+        self.look_again()
+
+    @on(Reload)
+    def look_again(self) -> None:
+        """Read the folders in a thread."""
+        Job("results", lambda: read_all(self._sessions), self.app.tell).start()  # type: ignore[attr-defined]
+
+    def show_entries(self, entries: Sequence[Entry]) -> None:
+        """What was read; the one that was chosen stays chosen."""
+        self._entries = entries
+        at = next((i for i, one in enumerate(entries) if self._chosen and one.folder == self._chosen.folder), 0)
+        self.query_one(Choices).set_lines([self._line(one) for one in entries], at)
+        if entries:
+            self._choose(entries[at])
+
+    def _line(self, one: Entry) -> str:
+        kept = " (kept to compare)" if self._beside and one.folder == self._beside.folder else ""
+        return one.name() + kept
+
+    @on(Choices.Moved)
+    @on(Choices.Chosen)
+    def _chosen_in_list(self, event: Choices.Moved | Choices.Chosen) -> None:
+        event.stop()
+        self._choose(self._entries[event.index])
+
+    def _choose(self, entry: Entry) -> None:
+        self._chosen = entry
+        self._show()
+
+    @on(NextPlane)
+    def next_plane(self) -> None:
+        """The plane after this one."""
+        result = self._chosen.result if self._chosen else None
+        names = list(result.planes) if result else []
+        if names:
+            self._plane = names[(names.index(self._shown_plane(names)) + 1) % len(names)]
+            self._show()
+
+    @on(Compare)
+    def compare(self) -> None:
+        """Keep the chosen one, or nothing."""
+        self._beside = None if self._beside is not None else self._chosen
+        self.show_entries(self._entries)
+
+    def can(self, command: type[Command]) -> bool:
+        """Planes and comparison need a result."""
+        return command is Reload or self._chosen is not None
+
+    # --- showing
+
+    def _shown_plane(self, names: Sequence[str]) -> str:
+        return self._plane if self._plane in names else "G1" if "G1" in names else names[0]
+
+    def _plane_of(self, entry: Entry | None) -> ShownPlane | None:
+        if entry is None or entry.result is None or not entry.result.planes:
+            return None
+        return entry.result.planes[self._shown_plane(list(entry.result.planes))]
+
+    def _show(self) -> None:
+        one, other = self._plane_of(self._chosen), self._plane_of(self._beside)
+        if self._chosen is not None and one is None:
+            self.query_one("#words", Part).update(lines_of(self._chosen.wrong or "it names no planes"))
+        if one is None:
+            self._draw(None, ())
+        elif other is None or self._beside == self._chosen:
+            self._draw(one, (one,))
+            self.query_one("#words", Part).update(lines_of(*plane_in_words(one, self._glyphs)))
+        else:
+            self._draw(one, (other, one))
+            told = changes_in_words(changes(other, one), self._glyphs)
+            head = f"Plane {one.name}: kept (solid) | chosen (dashed)"
+            self.query_one("#words", Part).update(lines_of(head, *(told or ["they have no number in common"])))
+
+    def _draw(self, one: ShownPlane | None, curves: Sequence[ShownPlane]) -> None:
+        h = None if one is None else one.h
+        picture = None if one is None or h is None else psf_thumbnail(h, f"PSF of plane {one.name}")
+        self.query_one(Picture).show(picture)
+        self.query_one(CurveView).show(mtf_plot(curves))
+
+    @property
+    def _glyphs(self) -> Glyphs:
+        return self.query_one(Picture).glyphs

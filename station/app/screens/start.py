@@ -1,0 +1,124 @@
+"""The first screen: begin a new session, or go on with one. Enter, Enter, Enter begins with what is usual."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, ClassVar
+
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Vertical, VerticalScroll
+from textual.message import Message
+from textual.widgets import Input
+
+from station.app.screens.parts import Choices, StationScreen
+from station.app.widgets import Part
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from station.guide.workspace import Kept
+
+USUAL_PLAN = {"pattern": "pattern PSF"}
+"""What is offered until the plans have been loaded."""
+
+
+class StartScreen(StationScreen):
+    """Camera, lens, plan; below them the sessions there are."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("down", "app.focus_next", show=False),
+        Binding("up", "app.focus_previous", show=False),
+    ]
+
+    class Begin(Message):
+        """A new session is wanted."""
+
+        def __init__(self, plan: str, camera: str, lens: str) -> None:
+            super().__init__()
+            self.plan, self.camera, self.lens = plan, camera, lens
+
+    class Resume(Message):
+        """An old one is."""
+
+        def __init__(self, folder: Path) -> None:
+            super().__init__()
+            self.folder = folder
+
+    def __init__(self, camera: str, lens: str) -> None:
+        super().__init__()
+        self._names = camera, lens
+        self._plans: Mapping[str, str] = USUAL_PLAN
+        self._kept: Sequence[Kept] = ()
+
+    def body(self) -> ComposeResult:
+        """The form."""
+        camera, lens = self._names
+        with VerticalScroll(id="form", can_focus=False):
+            yield Part("Calibrate a camera: press Enter to go from line to line, the last one begins.")
+            yield Part("Camera (the body, as you call it)", classes="label")
+            yield Input(camera, id="camera", compact=True, max_length=80)
+            yield Part("Lens", classes="label")
+            yield Input(lens, id="lens", compact=True, max_length=80)
+            yield Part("What to measure", classes="label")
+            yield Choices(self._plan_lines(), id="plans")
+            with Vertical(id="old"):
+                yield Part("Or go on with a session (arrow down, then Enter)", classes="label", id="old-label")
+                yield Choices(id="kept")
+
+    def on_mount(self) -> None:
+        """Begin at the first line; the sessions come when they have been read."""
+        super().on_mount()
+        self.query_one("#old").display = False
+        self.query_one("#camera").focus()
+
+    def show_plans(self, plans: Mapping[str, str]) -> None:
+        """The plans, once they are loaded."""
+        self._plans = plans
+        self.query_one("#plans", Choices).set_lines(self._plan_lines())
+
+    def _plan_lines(self) -> list[str]:
+        return [f"{title}: press Enter to begin" for title in self._plans.values()]
+
+    def show_kept(self, kept: Sequence[Kept]) -> None:
+        """The sessions; those that are not finished first."""
+        self._kept = sorted(kept, key=lambda one: one.ended == "finished")
+        if kept:
+            self._propose(kept[0].camera, kept[0].lens)
+        self.query_one("#old").display = bool(self._kept)
+        self.query_one("#kept", Choices).set_lines([kept_in_words(one) for one in self._kept])
+
+    def _propose(self, *names: str) -> None:
+        """Camera and lens of the last session, unless something else was typed."""
+        for part, usual, last in zip(("camera", "lens"), self._names, names, strict=True):
+            box = self.query_one(f"#{part}", Input)
+            if box.value == usual:
+                box.value = last
+                box.action_select_all()
+        self._names = (names[0], names[1])
+
+    def on_input_submitted(self, event: Input.Submitted) -> None:
+        """To the next line."""
+        self.focus_next()
+
+    def on_choices_beyond(self, event: Choices.Beyond) -> None:
+        """To the line below or above."""
+        if event.by > 0:
+            self.focus_next()
+        else:
+            self.focus_previous()
+
+    def on_choices_chosen(self, event: Choices.Chosen) -> None:
+        """Begin, or go on."""
+        if event.choices.id == "kept":
+            self.post_message(self.Resume(self._kept[event.index].folder))
+            return
+        camera, lens = (self.query_one(f"#{name}", Input).value.strip() or name for name in ("camera", "lens"))
+        self.post_message(self.Begin(list(self._plans)[event.index], camera, lens))
+
+
+def kept_in_words(one: Kept) -> str:
+    """A session on one line: when, what, how far."""
+    steps = f"{len(one.done)} step{'s' * (len(one.done) != 1)} done"
+    state = "finished" if one.ended == "finished" else f"{steps}, {one.ended}" if one.ended else steps
+    return f"{one.began[:16].replace('T', ' ')}  {one.camera}, {one.lens}, {one.plan}: {state}"

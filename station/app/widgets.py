@@ -1,0 +1,331 @@
+"""What the screens are made of: pictures in half blocks, curves, the rail of steps, live numbers, devices, progress.
+
+Every word from outside passes `literal`: markup, escape sequences and control characters show as what they are.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
+from typing import TYPE_CHECKING, cast
+
+from rich.segment import Segment
+from rich.style import Style
+from textual.content import Content
+from textual.strip import Strip
+from textual.widget import Widget
+from textual.widgets import Static
+
+from station.drawing.glyphs import Glyphs, visible
+
+if TYPE_CHECKING:
+    from procedures.plan import Plan, Reading
+    from station.app.background import DeviceState
+    from station.app.commands import Offers
+    from station.app.terminal_images import Cells, Thumbnail
+    from station.guide.frontend import Doing
+
+GREYS = 32
+"""Levels told apart in half blocks; runs of one level are one segment."""
+PLAIN = Style()  # Textual's filter for NO_COLOR wants a style on every segment
+MARK = Style(color="black", bgcolor="yellow", bold=True)
+BAR = 16
+"""Cells of the progress bar."""
+
+
+def literal(text: str, style: str = "") -> Content:
+    """The text as it is, on one line, in a style."""
+    return Content.styled(visible(text), style) if style else Content(visible(text))
+
+
+def lines_of(*lines: Content | str) -> Content:
+    """Lines one below the other."""
+    return Content("\n").join(line if isinstance(line, Content) else literal(line) for line in lines)
+
+
+class Part(Static):
+    """A widget of ours: knows the terminal's glyphs, takes no focus, reads no markup."""
+
+    def __init__(self, text: str = "", **options: str) -> None:
+        super().__init__(literal(text), markup=False, **options)  # type: ignore[arg-type]
+
+    @property
+    def glyphs(self) -> Glyphs:
+        """The application's."""
+        return cast(Glyphs, self.app.glyphs)  # type: ignore[attr-defined]
+
+    def say(self, text: str, style: str = "") -> None:
+        """Show a sentence, or nothing and take no room."""
+        self.update(literal(text, style))
+        self.display = bool(text)
+
+
+# --- pictures and curves -----------------------------------------------------------------------------------------
+
+
+@lru_cache(maxsize=GREYS * GREYS)
+def _half_block(upper: int, lower: int) -> Style:
+    bright, dark = (round(level * 255 / (GREYS - 1)) for level in (upper, lower))
+    return Style.parse(f"rgb({bright},{bright},{bright}) on rgb({dark},{dark},{dark})")
+
+
+class Drawn(Widget):
+    """Something whose lines are drawn anew when it changes or its size does."""
+
+    _strips: tuple[Strip, ...] = ()
+
+    @property
+    def glyphs(self) -> Glyphs:
+        """The application's."""
+        return cast(Glyphs, self.app.glyphs)  # type: ignore[attr-defined]
+
+    def redraw(self) -> None:
+        """Draw it for the size it has."""
+        self._strips = self.draw(self.size.width, self.size.height) if self.size.area else ()
+        self.refresh()
+
+    def draw(self, width: int, height: int) -> tuple[Strip, ...]:
+        """Its lines."""
+        raise NotImplementedError
+
+    def on_resize(self) -> None:
+        """Draw it for the new size."""
+        self.redraw()
+
+    def render_line(self, y: int) -> Strip:
+        """One of the lines."""
+        strip = self._strips[y] if y < len(self._strips) else _text_strip("")
+        return strip.adjust_cell_length(self.size.width, self.rich_style).apply_style(Style(bgcolor=None))
+
+
+class Picture(Drawn):
+    """A thumbnail, two pixels to a cell, its marks as crosses, its caption below; `words` where there is none."""
+
+    def __init__(self, words: str = "", **options: str) -> None:
+        super().__init__(**options)  # type: ignore[arg-type]
+        self.words = words
+        self.picture: Thumbnail | None = None
+
+    def show(self, picture: Thumbnail | None) -> None:
+        """Another picture."""
+        self.picture = picture
+        self.redraw()
+
+    def draw(self, width: int, height: int) -> tuple[Strip, ...]:
+        """The picture as large as it fits."""
+        if self.picture is None:
+            return tuple(_text_strip(line) for line in [""] * (height // 2) + [f"{visible(self.words):^{width}}"])
+        from station.app.terminal_images import in_letters, lay_out
+
+        cells = lay_out(self.picture, width, max(1, height - 1))
+        rows = [_text_strip(line) for line in in_letters(cells)] if self.glyphs.ascii else _half_blocks(cells)
+        return (*rows, _text_strip(visible(self.picture.caption)))
+
+
+def _half_blocks(cells: Cells) -> list[Strip]:
+    levels = cells.levels.astype(int) * GREYS // 256
+    strips = []
+    for row in range(len(levels) // 2):
+        pairs = zip(levels[2 * row].tolist(), levels[2 * row + 1].tolist(), strict=True)
+        segments = [
+            Segment("+", MARK) if (row, column) in cells.marked else Segment("▀", _half_block(upper, lower))
+            for column, (upper, lower) in enumerate(pairs)
+        ]
+        strips.append(Strip(Segment.simplify(segments), levels.shape[1]))
+    return strips
+
+
+class CurveView(Drawn):
+    """Curves in characters; `plot(width, height, ascii)` gives the lines."""
+
+    plot: Callable[[int, int, bool], list[str]] | None = None
+
+    def show(self, plot: Callable[[int, int, bool], list[str]] | None) -> None:
+        """Other curves."""
+        self.plot = plot
+        self.redraw()
+
+    def draw(self, width: int, height: int) -> tuple[Strip, ...]:
+        """The curves as large as they fit."""
+        lines = self.plot(width, height, self.glyphs.ascii) if self.plot is not None else []
+        return tuple(_text_strip(line) for line in lines)
+
+
+def _text_strip(text: str) -> Strip:
+    return Strip([Segment(text, PLAIN)])
+
+
+# --- the guide's parts -------------------------------------------------------------------------------------------
+
+
+class Rail(Part):
+    """The steps: a mark and a word for each."""
+
+    def show(self, plan: Plan, done: Sequence[str], now: str | None) -> None:
+        """Where the plan stands."""
+        width = max(8, self.size.width or 24)
+        self.update(
+            lines_of(
+                literal(plan.title, "bold"), "", *(self._entry(s.name, s.title, done, now, width) for s in plan.steps)
+            )
+        )
+
+    def _entry(self, name: str, title: str, done: Sequence[str], now: str | None, width: int) -> Content:
+        if name == now:
+            mark, word, style = self.glyphs.now, "now", "bold reverse"
+        elif name in done:
+            mark, word, style = self.glyphs.done, "done", ""
+        else:
+            mark, word, style = self.glyphs.todo, "to do", "dim"
+        room = width - len(mark) - len(word) - 2
+        return literal(f"{mark} {visible(title)[:room]:<{room}} {word}", style)
+
+
+class Readings(Part):
+    """Live numbers with target and tolerance, each with the word for how it is."""
+
+    def show(self, readings: Sequence[Reading]) -> None:
+        """Other numbers."""
+        self.update(lines_of(*(line for one in readings for line in self._entry(one))))
+        self.display = bool(readings)
+
+    def _entry(self, one: Reading) -> tuple[Content, ...]:
+        mark = self.glyphs.good if one.good else self.glyphs.bad
+        value = f"{one.value:.3g} {one.unit}".strip()
+        first = literal(f"{mark} {one.name}: {value}", "" if one.good else "bold")
+        limits = limits_in_words(one)
+        return (first, literal(f"   {limits}", "dim")) if limits else (first,)
+
+
+def limits_in_words(one: Reading) -> str:
+    """The tolerance: "wanted 0.7 to 0.9"."""
+    if one.low is None and one.high is None:
+        return ""
+    if one.high is None:
+        wanted = f"at least {one.low:.4g}"
+    elif one.low is None:
+        wanted = f"at most {one.high:.4g}"
+    else:
+        wanted = f"{one.low:.3g} to {one.high:.3g}"
+    return f"wanted {wanted}"
+
+
+class ProgressLine(Part):
+    """What happens now: a sentence, the parts done, the time it takes and has still to take."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic, **options: str) -> None:
+        super().__init__("", **options)
+        self._clock = clock
+        self._doing: Doing | None = None
+        self._since_s = 0.0
+        self._first: tuple[Doing, float] | None = None
+
+    def on_mount(self) -> None:
+        """Tick: a sentence that stands still looks like a program that does."""
+        self.set_interval(1.0, self.tick)
+
+    def show(self, doing: Doing | None) -> None:
+        """Another thing happens; None: nothing does."""
+        now_s = self._clock()
+        if doing is not None and (self._first is None or self._first[0].say != doing.say):
+            self._first = doing, now_s
+        self._doing, self._since_s = doing, now_s
+        self.tick()
+        if doing is None:
+            self.update("")
+
+    def hold(self) -> None:
+        """The sentence stays, and time does not count."""
+        if self._doing is not None:
+            self.update(literal(self._doing.say))
+            self._doing = None
+
+    def tick(self) -> None:
+        """Bring the times up to date."""
+        if self._doing is not None and self._first is not None:
+            first, began_s = self._first
+            elapsed_s = self._clock() - self._since_s
+            left_s = left_of(first, self._doing, self._since_s - began_s)
+            self.update(literal(progress_in_words(self._doing, elapsed_s, left_s, self.glyphs)))
+
+
+def left_of(first: Doing, doing: Doing, took_s: float) -> float | None:
+    """The time that the rest takes if it goes on as from `first` to `doing`; None where that cannot be told."""
+    parts = doing.done - first.done
+    if doing.left_s is not None or parts <= 0 or doing.total <= 0:
+        return doing.left_s
+    return took_s / parts * (doing.total - doing.done)
+
+
+def progress_in_words(doing: Doing, elapsed_s: float, left_s: float | None, glyphs: Glyphs) -> str:
+    """A bar where parts are counted, the sentence, and the times."""
+    words = [doing.say]
+    if doing.total > 0:
+        filled = min(BAR, doing.done * BAR // doing.total)
+        words = [glyphs.full * filled + glyphs.empty * (BAR - filled), f"{doing.done} of {doing.total}", doing.say]
+    if left_s is not None:
+        words.append(f"about {seconds_in_words(max(0.0, left_s - elapsed_s))} left")
+    elif elapsed_s >= 2:
+        words.append(f"for {seconds_in_words(elapsed_s)}")
+    return "  ".join(words)
+
+
+def seconds_in_words(seconds: float) -> str:
+    """12 s, 3 min 20 s."""
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes} min {rest} s" if minutes else f"{rest} s"
+
+
+# --- on every screen ---------------------------------------------------------------------------------------------
+
+
+class DeviceBar(Part):
+    """Every device with its mark; those that cannot be used come first and say why. The way to stop them all."""
+
+    def show(self, states: Sequence[DeviceState], words: str) -> None:
+        """How the devices are; `words` where there are none."""
+        stop = literal(" F12 STOP ALL ", "bold reverse")
+        bad = [one for one in states if not one.condition.usable]
+        parts = [literal(f"{self.glyphs.bad} {one.name}: {one.condition.word}.", "bold") for one in bad]
+        parts += self._usable([one for one in states if one.condition.usable])
+        self.update(Content("  ").join([stop, *(parts or [literal(words)])]))
+
+    def _usable(self, states: Sequence[DeviceState]) -> list[Content]:
+        if self.size.width >= WIDE:
+            return [literal(f"{self.glyphs.good} {one.name}: {one.condition.word}") for one in states]
+        names = " ".join(one.name for one in states)
+        return [literal(f"{self.glyphs.good} {names}")] if states else []
+
+
+WIDE = 110
+"""Columns from which there is room for words beside the names."""
+
+
+class KeyLine(Part):
+    """The keys of this screen: as many as there is room for."""
+
+    def on_mount(self) -> None:
+        """Fill it when the width is known."""
+        self.call_after_refresh(self.show)
+
+    def on_resize(self) -> None:
+        """Another width, another choice."""
+        self.show()
+
+    def show(self) -> None:
+        """Write the keys that can be pressed now."""
+        entries: list[Content] = []
+        room = self.size.width
+        for command in cast("Offers", self.app).offered():
+            entry = Content.assemble((command.pair or command.key_name(), "bold reverse"), f" {command.word}")
+            if command.word and entry.cell_length <= room:
+                room -= entry.cell_length + 2
+                entries.append(entry)
+        self.update(Content("  ").join(entries))
+
+
+def verdict_words(verdict: str, glyphs: Glyphs) -> str:
+    """A verdict as mark and word."""
+    marks: Mapping[str, str] = {"pass": glyphs.good, "refused": glyphs.bad}
+    return f"{marks.get(verdict, '?')} {verdict.upper()}"

@@ -1,0 +1,188 @@
+"""A batch's procedure as a file says it: what to estimate, how, and what is good enough.
+
+```toml
+procedure = "pattern"               # or "two-photo"
+planes = ["G1"]                     # or ["all"]; by default G1 of a RAW file, Y of a grey image
+coverage = 2                        # guard bands, in standard uncertainties
+parameters = { s = "auto", k = "auto", solver = "ls" }
+chart = { seed = 1 }                # or bits = "cells.pgm", beside this file
+optics = { pixel_pitch_um = 3.76, f_number = 8, wavelength_nm = 530 }
+trust_typed = false                 # true: optics count against what the cameras noted in their files
+raw = "1920x1080,RGGB,u16le,64,1023"          # where the photographs are a sensor's samples without a header
+pairs = { near = "_near", far = "_far" }      # two-photo: how the names of a pair's photographs end
+
+[limits]
+mtf50_horizontal = { min = 0.25 }
+energy_above_nyquist = { max = 0.05, planes = ["G1", "G2"] }
+```
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from procedures.outcome import BadParameter
+from procedures.pattern import DEFAULT_SEED
+from procedures.pattern_print.source import Source
+from procedures.pattern_psf.estimate import PatternParameters
+from procedures.psf import Sampling
+from procedures.raw import GREY_PLANE, MOSAIC_PLANES
+from procedures.reading.sensor_dump import DumpLayout
+from procedures.two_photo.estimate import TwoPhotoParameters
+from station.common.sanitise import printable
+from station.common.toml_table import Table
+from station.results.limits import NUMBERS, Limit
+
+PATTERN, TWO_PHOTO = "pattern", "two-photo"
+DEFAULTS: Mapping[str, Sampling] = {PATTERN: PatternParameters(), TWO_PHOTO: TwoPhotoParameters()}
+ALL = "all"
+OPTICS = ("pixel_pitch_um", "f_number", "wavelength_nm")
+
+
+@dataclass(frozen=True, eq=False)
+class Procedure:
+    """What is done with every photograph, or pair of them.
+
+    Attributes
+    ----------
+    name : "pattern" or "two-photo"
+    parameters : PatternParameters or TwoPhotoParameters
+    planes : tuple of str
+        Empty for the default one of each file, ("all",) for all.
+    chart : Source or None
+        The cells that were photographed; None for two photographs of a wall.
+    optics : mapping of str to float
+        Of pixel_pitch_um, f_number and wavelength_nm those that are given.
+    limits : tuple of Limit
+    endings : (str, str)
+        How the names of a pair's photographs end.
+    layout : DumpLayout or None
+        How the samples lie in photographs without a header; None where each file tells it itself.
+    trust_typed : bool
+        Whether `optics` count against what a camera noted in its files.
+    """
+
+    name: str
+    parameters: Sampling
+    planes: tuple[str, ...] = ()
+    chart: Source | None = None
+    optics: Mapping[str, float] = field(default_factory=dict)
+    limits: tuple[Limit, ...] = ()
+    endings: tuple[str, str] = ("_near", "_far")
+    layout: DumpLayout | None = None
+    trust_typed: bool = False
+
+    def told(self) -> dict[str, Any]:
+        """The parameters as a record tells them, in the manner of `station psf`."""
+        chart = {} if self.chart is None else {"chart": self.chart.origin}
+        layout = {"raw": str(self.layout)} if self.layout else {}
+        trust = {"trust_typed": True} if self.trust_typed else {}
+        return {**self.parameters.told(), **chart, **self.optics, **layout, **trust}
+
+    def fingerprint(self) -> dict[str, Any]:
+        """All that a result depends on, as plain data."""
+        limits = [[one.number, repr(one.least), repr(one.most), one.coverage, *one.planes] for one in self.limits]
+        return {"procedure": self.name, "planes": list(self.planes), "limits": limits, **self.told()}
+
+
+def read_procedure(path: Path) -> Procedure:
+    """The procedure that a file describes.
+
+    Raises
+    ------
+    BadParameter
+        If it cannot be read, has a key that is not known (the nearest one is named) or a value that cannot be meant.
+    BadInput
+        If the chart's cells cannot be read.
+    """
+    table = Table.read(path)
+    name = table.get("procedure", str, PATTERN)
+    if name not in DEFAULTS:
+        raise table.wrong("procedure", f"is {printable(name)!r}", f"use one of {', '.join(DEFAULTS)}")
+    procedure = Procedure(
+        name,
+        _parameters(table.table("parameters"), DEFAULTS[name]),
+        _planes(table),
+        _chart(table.table("chart"), path.parent) if name == PATTERN else None,
+        _optics(table.table("optics")),
+        _limits(table.table("limits"), table.get("coverage", float, 2.0)),
+        _endings(table.table("pairs")) if name == TWO_PHOTO else Procedure.endings,
+        _layout(table),
+        table.get("trust_typed", bool, False),
+    )
+    table.end()
+    return procedure
+
+
+def _auto(table: Table, name: str, default: int | None) -> int | None:
+    """A whole number, or "auto" for what the program chooses."""
+    return table.number_or(name, "auto", default)
+
+
+def _parameters(table: Table, default: Sampling) -> Sampling:
+    s, k, solver = (
+        _auto(table, "s", default.s),
+        _auto(table, "k", default.k),
+        table.get("solver", str, default.solver),
+    )
+    table.end()
+    return type(default)(s=s, k=k, solver=solver)
+
+
+def _planes(table: Table, known: tuple[str, ...] = (*MOSAIC_PLANES, GREY_PLANE, ALL)) -> tuple[str, ...]:
+    planes = table.words("planes")
+    for plane in planes:
+        if plane not in known:
+            raise table.wrong("planes", f"has {printable(plane)!r}", f"use one of {', '.join(known)}")
+    return (ALL,) if ALL in planes else planes
+
+
+def _chart(table: Table, beside: Path) -> Source:
+    seed, bits = table.get("seed", int, DEFAULT_SEED), table.get("bits", str, "")
+    if bits and table.has("seed"):
+        raise table.wrong("bits", "and chart.seed are both given", "give one of them")
+    table.end()
+    try:
+        return Source.from_file(beside / bits) if bits else Source.from_seed(seed)
+    except ValueError as error:  # a path with a null character in it
+        raise table.wrong("bits", "is no file's name") from error
+
+
+def _layout(table: Table) -> DumpLayout | None:
+    return DumpLayout.parse(table.get("raw", str, "")) if table.has("raw") else None
+
+
+def _optics(table: Table) -> dict[str, float]:
+    found = {name: table.get(name, float, 0.0) for name in OPTICS if table.has(name)}
+    table.end()
+    for name, value in found.items():
+        if not 0 < value < math.inf:
+            raise table.wrong(name, f"must be more than 0; it is {value:g}")
+    return found
+
+
+def _limits(table: Table, coverage: float) -> tuple[Limit, ...]:
+    if not 0 <= coverage < math.inf:
+        raise BadParameter(f"coverage must not be negative; it is {coverage:g}", "2 leaves 2.5 % on either side")
+    return tuple(_limit(name, one, coverage) for name, one in table.tables(NUMBERS).items())
+
+
+def _limit(name: str, table: Table, coverage: float) -> Limit:
+    least, most = table.get("min", float, -math.inf), table.get("max", float, math.inf)
+    planes = _planes(table, (*MOSAIC_PLANES, GREY_PLANE))
+    table.end()
+    if not least <= most or (math.isinf(least) and math.isinf(most)):
+        raise table.wrong("min", "and max must leave a range", "give min, max, or min below max")
+    return Limit(name, least, most, coverage, planes)
+
+
+def _endings(table: Table) -> tuple[str, str]:
+    near, far = table.get("near", str, Procedure.endings[0]), table.get("far", str, Procedure.endings[1])
+    table.end()
+    if not near or not far or near == far:
+        raise table.wrong("near", "and pairs.far must be two different endings", 'write near = "_near", far = "_far"')
+    return near, far

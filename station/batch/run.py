@@ -1,0 +1,249 @@
+"""Many photographs without a terminal: shared out, kept as they are finished, told in one table.
+
+A batch's folder holds `results/NAME-HASH/` for each photograph (the files of `station psf`), `results.jsonl` with one
+line for each (written as they are finished, put in order at the end), `summary.csv` with one line for each plane, and
+`result.json`. A photograph that was finished by an earlier run with the same procedure and program is not done again.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import json
+import shutil
+import time
+from collections import Counter
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from procedures.outcome import BadParameter
+from station.batch.item import LOST, RESULTS, USABLE, VERDICTS, Job, PlaneRow, Row, work
+from station.batch.process_pool import Lost, Stop, run_in_processes
+from station.calibration.folder_photographs import Item
+from station.common.atomic_files import write_whole
+from station.common.sanitise import cell
+from station.results.result_files import RECORD, plain, sealed_text, software
+
+SCHEMA = "station/batch/1"
+LINES, TABLE = "results.jsonl", "summary.csv"
+STATISTICS = ("mtf50_horizontal", "mtf50_vertical", "energy_above_nyquist", "residual_std")
+"""Numbers that the summary tells of all photographs together."""
+Work = Callable[[Item, Job], Row]
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """What became of the items, in their order; `undone` were not begun before the batch was stopped."""
+
+    job: Job
+    rows: tuple[Row, ...]
+    undone: int
+    duration_s: float
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many items there are of each verdict that there is, the best first."""
+        counted = Counter(row.verdict for row in self.rows)
+        return {verdict: counted[verdict] for verdict in VERDICTS if counted[verdict]}
+
+    @property
+    def failed(self) -> tuple[Row, ...]:
+        """The items that are not usable."""
+        return tuple(row for row in self.rows if row.verdict not in USABLE)
+
+
+def run_batch(
+    items: Sequence[Item],
+    job: Job,
+    *,
+    jobs: int = 1,
+    cluster: str | None = None,
+    stop: Stop | None = None,
+    heard: Callable[[Row], None] = lambda row: None,
+    function: Work = work,
+) -> tuple[Batch, str]:
+    """Work on all items, keep what comes of each at once, then write the summaries; returns the record's text too.
+
+    Parameters
+    ----------
+    jobs : int
+        Processes at a time.
+    cluster : str, optional
+        The address of a Dask cluster, or "local" for one of `jobs` processes here.
+    stop : Stop, optional
+        May be asked to stop from a signal or another thread.
+    heard : callable
+        Is told of every row as it comes.
+    function : callable
+        The work itself.
+
+    Raises
+    ------
+    BadParameter
+        If the folder cannot be written, or there is no such cluster.
+    """
+    start, stop = time.perf_counter(), stop or Stop()
+    rows: dict[int, Row] = {}
+    with _own(job.out), _lines(job.out) as tell:
+        with closing(_answers(items, job, jobs, cluster, stop, function)) as answers:
+            for number, answer in answers:
+                row = _lost(items[number], answer) if isinstance(answer, Lost) else answer
+                rows[number] = row
+                tell(row)
+                heard(row)
+        batch = Batch(
+            job, tuple(rows[i] for i in sorted(rows)), len(items) - len(rows), round(time.perf_counter() - start, 3)
+        )
+        return batch, _write(batch)
+
+
+def _answers(
+    items: Sequence[Item], job: Job, jobs: int, cluster: str | None, stop: Stop, function: Work
+) -> Generator[tuple[int, Row | Lost], None, None]:
+    if cluster is None:
+        return run_in_processes(function, job, items, min(jobs, len(items)), stop)
+    from station.batch.dask_pool import run_on_cluster
+
+    return run_on_cluster(function, job, items, min(jobs, len(items)), stop, cluster)
+
+
+def _lost(item: Item, lost: Lost) -> Row:
+    remedy = "look at this photograph by itself; if the system ran out of memory, use fewer --jobs"
+    return Row(item.files, LOST, lost.reason, remedy)
+
+
+# --- the batch's folder ------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def _own(out: Path) -> Iterator[None]:
+    """The folder for one batch at a time; what killed workers left half written is removed before and after."""
+    try:
+        (out / RESULTS).mkdir(parents=True, exist_ok=True)
+        lock = (out / ".lock").open("w")
+    except OSError as error:
+        raise _unwritable(out, error) from error
+    with lock:
+        _lock(lock, out)
+        _sweep(out)
+        yield
+        _sweep(out)
+
+
+def _lock(lock: Any, out: Path) -> None:
+    """Held until the file is closed, also by a kill. Windows has no such lock: there two batches are not kept apart."""
+    try:
+        import fcntl
+    except ImportError:
+        return
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        raise BadParameter(f"another batch is writing {out}", "wait for it, or name another folder") from error
+
+
+def _sweep(out: Path) -> None:
+    for unfinished in (out / RESULTS).glob("*/.unfinished-*"):
+        shutil.rmtree(unfinished, ignore_errors=True)
+        if not any(unfinished.parent.iterdir()):
+            unfinished.parent.rmdir()
+
+
+def _unwritable(out: Path, error: OSError) -> BadParameter:
+    reason = f"the results need a folder that can be written; {out}: {error.strerror}"
+    return BadParameter(reason, "name another folder with --out, or make room")
+
+
+@contextmanager
+def _lines(out: Path) -> Iterator[Callable[[Row], None]]:
+    """Writes a line for each row, at once."""
+    try:
+        with (out / LINES).open("w", encoding="utf-8") as file:
+
+            def tell(row: Row) -> None:
+                file.write(_line(row))
+                file.flush()
+
+            yield tell
+    except OSError as error:
+        raise _unwritable(out, error) from error
+
+
+def _line(row: Row) -> str:
+    return json.dumps(plain(asdict(row)), ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _write(batch: Batch) -> str:
+    """The batch's own files; returns the record's text."""
+    out = batch.job.out
+    files = {LINES: "".join(map(_line, batch.rows)).encode(), TABLE: _table(batch.rows)}
+    for name, data in files.items():
+        write_whole(out / name, data)
+    text = sealed_text(_record(batch), {name: hashlib.sha256(data).hexdigest() for name, data in files.items()})
+    write_whole(out / RECORD, text.encode())
+    return text
+
+
+def _record(batch: Batch) -> dict[str, Any]:
+    procedure = batch.job.procedure
+    return {
+        "schema": SCHEMA,
+        **procedure.fingerprint(),
+        "photographs": len(batch.rows),
+        "undone": batch.undone,
+        "reused": sum(row.reused for row in batch.rows),
+        "verdicts": batch.counts,
+        "planes": statistics(batch.rows),
+        "failed": [{"files": row.files, "verdict": row.verdict, "reason": row.reason} for row in batch.failed],
+        "software": software(),
+        "duration_s": batch.duration_s,
+    }
+
+
+def statistics(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
+    """Of every plane how many are of each verdict, and the median, least and greatest of some numbers."""
+    found: dict[str, dict[str, Any]] = {}
+    for name in sorted({name for row in rows for name in row.planes}):
+        planes = [row.planes[name] for row in rows if name in row.planes]
+        counted = Counter(plane.verdict for plane in planes)
+        entry: dict[str, Any] = {"verdicts": {verdict: counted[verdict] for verdict in VERDICTS if counted[verdict]}}
+        for number in STATISTICS:
+            values = [plane.numbers[number]["value"] for plane in planes if number in plane.numbers]
+            if values:
+                entry[number] = {"n": len(values), "median": median(values), "min": min(values), "max": max(values)}
+        found[name] = entry
+    return found
+
+
+def _table(rows: Sequence[Row]) -> bytes:
+    """One line for each plane, or for the item where it has none; no cell is a formula."""
+    planes = [(row, name, plane) for row in rows for name, plane in _planes(row)]
+    numbers = sorted({number for _, _, plane in planes if plane is not None for number in plane.numbers})
+    text = io.StringIO(newline="")
+    table = csv.writer(text, lineterminator="\n")
+    head = ["files", "verdict", "plane", "plane_verdict", "reason", "remedy", "folder", "sha256"]
+    table.writerow([*head, *(column for number in numbers for column in (number, f"{number}_uncertainty"))])
+    for row, name, plane in planes:
+        told = row if plane is None else plane
+        words = (" + ".join(row.files), row.verdict, name, plane.verdict if plane else "", told.reason, told.remedy)
+        cells = [cell(word) for word in (*words, row.folder, " ".join(row.sha256))]
+        table.writerow(cells + [_number(plane.numbers if plane else {}, *column) for column in _columns(numbers)])
+    return text.getvalue().encode()
+
+
+def _planes(row: Row) -> list[tuple[str, PlaneRow | None]]:
+    return [*row.planes.items()] or [("", None)]
+
+
+def _columns(numbers: Sequence[str]) -> list[tuple[str, str]]:
+    return [(number, kind) for number in numbers for kind in ("value", "uncertainty")]
+
+
+def _number(numbers: Mapping[str, Mapping[str, Any]], name: str, kind: str) -> str:
+    value = numbers.get(name, {}).get(kind)
+    return "" if value is None else f"{value:.9g}"

@@ -1,0 +1,1 @@
+"""station.toml becomes open devices; the one door to simulated benches."""

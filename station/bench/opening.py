@@ -1,0 +1,252 @@
+"""station.toml becomes open devices. The one door to the simulators: a simulated bench is configured like a real one.
+
+```toml
+[devices.stage]
+driver = "grbl"
+port = "usb:A10K8QZV"           # or /dev/ttyUSB0, COM3, socket://host:port, rfc2217://host:port
+axes = [{ name = "z_mm", letter = "X", feed_per_min = 3000 }]
+
+[devices.shutter]
+driver = "strig"                # or "rts", or "relay" with on = "stage"
+port = "/dev/ttyACM0"
+
+[devices.camera]
+driver = "folder"               # or "gphoto", extra `tether`
+folder = "incoming"
+shutter = "shutter"
+```
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, cast
+
+from drivers.clock import Clock, SystemClock
+from drivers.errors import BadConfiguration, DeviceError, EmergencyStopped, NotConnected
+from drivers.frames import Facts
+from drivers.interfaces import (
+    Camera,
+    Condition,
+    Device,
+    Identity,
+    Imu,
+    Light,
+    Rangefinder,
+    Shutter,
+    Stage,
+)
+from drivers.wire.transcript import Transcript
+from station.bench.device_makers import MAKERS, Parts
+from station.bench.stopping import Asked, Stop, stop_all, stops_on_wires
+
+AFTER = ("on", "shutter")  # keys that name a device which must be there first
+
+
+@dataclass(frozen=True)
+class Row:
+    """One device as `station devices` shows it: what answered and how it is, or what is wrong."""
+
+    name: str
+    driver: str
+    address: str
+    identity: Identity | None
+    condition: Condition
+    error: DeviceError | None = None
+
+
+@dataclass
+class Bench:
+    """The devices by name, in the order in which they are connected, and the clock they live by."""
+
+    devices: dict[str, Device]
+    drivers: Mapping[str, str]
+    clock: Clock
+    identities: dict[str, Identity] = field(default_factory=dict)
+    transcripts: Mapping[str, Transcript] = field(default_factory=dict)
+    _on_close: Sequence[Callable[[], None]] = ()
+    simulated: Any = None
+    _stops: list[Asked] = field(default_factory=list)
+
+    def connect(self) -> None:
+        """Connect all devices; those that answer stay connected. Raises NotConnected naming all the others."""
+        failures = {row.name: row.error for row in self.rows() if row.error is not None}
+        if failures:
+            raise NotConnected(failures)
+
+    def rows(self) -> list[Row]:
+        """Each device after an attempt to connect it."""
+        return [self._row(name) for name in self.devices]
+
+    def _row(self, name: str) -> Row:
+        device, driver = self.devices[name], self.drivers[name]
+        try:
+            self.identities[name] = identity = device.connect()
+        except DeviceError as error:
+            return Row(name, driver, device.address, None, device.condition(), error)
+        return Row(name, driver, device.address, identity, device.condition())
+
+    def _find(self, name: str) -> Device:
+        if name not in self.devices:
+            raise BadConfiguration(f"no device is called {name}", f"add [devices.{name}] to station.toml")
+        return self.devices[name]
+
+    @property
+    def stage(self) -> Stage:
+        """The rail or gantry. Raises BadConfiguration if there is none; so do the others."""
+        return cast(Stage, self._find("stage"))
+
+    @property
+    def head(self) -> Stage:
+        """The pan-tilt head."""
+        return cast(Stage, self._find("head"))
+
+    @property
+    def camera(self) -> Camera:
+        """The camera."""
+        return cast(Camera, self._find("camera"))
+
+    @property
+    def shutter(self) -> Shutter:
+        """The shutter box."""
+        return cast(Shutter, self._find("shutter"))
+
+    @property
+    def imu(self) -> Imu:
+        """The IMU on the camera."""
+        return cast(Imu, self._find("imu"))
+
+    @property
+    def rangefinder(self) -> Rangefinder:
+        """The laser."""
+        return cast(Rangefinder, self._find("rangefinder"))
+
+    @property
+    def light(self) -> Light:
+        """The lamp."""
+        return cast(Light, self._find("light"))
+
+    def log_wires(self, folder: Path | None) -> None:
+        """From now on, write what passes on each wire into a file of its own in this folder; into none where None."""
+        for name, transcript in self.transcripts.items():
+            transcript.write_to(folder / f"wire-{name}.txt" if folder else None)
+
+    def emergency_stop(self) -> None:
+        """Stop everything, side by side, stages first; from any thread, any number of times."""
+        asked = Asked(self.clock.now_s())
+        self._stops.append(asked)
+        stop_all(sorted(self.devices.values(), key=lambda device: not hasattr(device, "move_to")))
+        asked.done.set()
+
+    @property
+    def stops(self) -> int:
+        """How many emergency stops there were."""
+        return len(self._stops)
+
+    def stops_since(self, number: int) -> list[Stop]:
+        """The emergency stops after the first `number`, and when each was on which wire."""
+        return stops_on_wires(self._stops[number:], self.transcripts)
+
+    def check_stops(self, number: int) -> None:
+        """Raises EmergencyStopped where there were more emergency stops than `number`."""
+        if self.stops != number:
+            raise EmergencyStopped("everything was stopped", "make it safe, then home")
+
+    def close(self) -> None:
+        """Give all lines back, in the reverse order."""
+        for device in reversed(self.devices.values()):
+            device.close()
+        for end in self._on_close:
+            end()
+
+
+def read_config(path: Path) -> dict[str, Any]:
+    """The devices' tables of a station.toml. Raises BadConfiguration."""
+    try:
+        config = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise BadConfiguration(f"there is no {path}", "write one, or use --simulate") from error
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise BadConfiguration(f"{path} cannot be read: {error}", "correct it") from error
+    devices = config.get("devices")
+    if not isinstance(devices, dict) or not devices or not all(isinstance(one, dict) for one in devices.values()):
+        raise BadConfiguration(f"{path} configures no devices", "add tables like [devices.stage]")
+    return devices
+
+
+def make_bench(
+    tables: Mapping[str, Mapping[str, Any]], *, folder: Path, clock: Clock | None = None, wire_log: Path | None = None
+) -> Bench:
+    """The configured devices, not yet connected; relative folders begin at `folder`. Raises BadConfiguration."""
+    clock = clock or SystemClock()
+    made: dict[str, Device] = {}
+    transcripts: dict[str, Transcript] = {}
+    waiting = dict(tables)
+    while waiting:
+        ready = [name for name, table in waiting.items() if all(table.get(key) not in waiting for key in AFTER)]
+        if not ready:
+            raise BadConfiguration(f"devices wait for each other: {', '.join(waiting)}", "correct `on` and `shutter`")
+        for name in ready:
+            made[name] = _make(name, waiting.pop(name), Parts(made, folder, clock, inspect_raw, wire_log, transcripts))
+    return Bench(made, {name: str(tables[name]["driver"]) for name in made}, clock, transcripts=transcripts)
+
+
+def _make(name: str, table: Mapping[str, Any], parts: Parts) -> Device:
+    driver = table.get("driver")
+    if driver not in MAKERS:
+        raise BadConfiguration(f"devices.{name}: there is no driver {driver!r}", f"use one of {', '.join(MAKERS)}")
+    options = {key: value for key, value in table.items() if key != "driver"}
+    try:
+        return MAKERS[driver](name, parts, **options)
+    except TypeError as error:
+        raise BadConfiguration(f"devices.{name}: {error}", f"see the options of driver {driver!r} in README") from error
+
+
+def inspect_raw(path: Path) -> Facts:
+    """What a RAW file says about its exposure, once it has been read as a whole. Raises BadInput if it cannot be."""
+    from procedures.raw import read_frame
+
+    told = read_frame(path).exposure
+    return Facts(told.exposure_s, None if told.iso is None else round(told.iso), told.f_number)
+
+
+def simulated_bench(folder: Path, *, seed: int = 0, faults: bool = False, virtual_time: bool = False) -> Bench:
+    """A bench whose devices are simulated in this process; `bench.simulated` is the truth behind it."""
+    from simulators.bench.bench import Setup, SimulatedBench, random_trouble
+
+    spoilt, mishaps = random_trouble(seed) if faults else ({}, ())
+    truth = SimulatedBench(folder, Setup(seed=seed, faults=spoilt, mishaps=mishaps, virtual_time=virtual_time))
+    bench = make_bench(simulated_tables(truth.address, folder), folder=folder, clock=truth.clock)
+    bench.simulated, bench._on_close = truth, (truth.close,)
+    return bench
+
+
+def simulated_tables(address: Callable[[str], str], folder: Path) -> dict[str, dict[str, Any]]:
+    """The configuration of the simulated bench, as it would stand in station.toml."""
+    letters = (("z_mm", "X", 3000.0), ("x_mm", "Y", 1500.0), ("y_mm", "Z", 1500.0))
+    pan_tilt = (("pan_deg", 1, -30.0), ("tilt_deg", 2, -20.0))
+    step = 0.000234375
+    return {
+        "stage": {
+            "driver": "grbl",
+            "port": address("stage"),
+            "axes": [{"name": name, "letter": letter, "feed_per_min": feed} for name, letter, feed in letters],
+        },
+        "head": {
+            "driver": "zaber",
+            "port": address("head"),
+            "axes": [
+                {"name": name, "device": number, "unit_per_step": step, "zero": low, "speed_per_s": 10.0}
+                for name, number, low in pan_tilt
+            ],
+        },
+        "shutter": {"driver": "strig", "port": address("shutter")},
+        "camera": {"driver": "folder", "folder": str(folder), "shutter": "shutter"},
+        "imu": {"driver": "wit", "port": address("imu")},
+        "fast_imu": {"driver": "fast", "port": address("fast_imu")},
+        "rangefinder": {"driver": "jrt", "port": address("rangefinder")},
+        "light": {"driver": "dmx", "port": address("light")},
+    }

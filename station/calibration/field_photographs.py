@@ -1,0 +1,94 @@
+"""Which photographs a field is made of: those of a folder, or the accepted ones of a session; their focus positions."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from procedures.outcome import BadInput, BadParameter
+from procedures.reading.exposure import check_typed, read_exposure
+from station.calibration.folder_photographs import GREY_SUFFIXES, RAW_SUFFIXES
+from station.sessions.layout import ORIGINALS, inside, is_session
+from station.sessions.reader import read_session
+
+
+def photographs(folder: Path) -> list[Path]:
+    """The photographs of a folder by name; of a session those that its journal says count.
+
+    Raises
+    ------
+    BadParameter
+        If there is no such folder, or no photograph in it.
+    """
+    if not folder.is_dir():
+        raise BadParameter(f"there is no folder {folder}", "name the folder of the photographs, or a session's")
+    session = is_session(folder)
+    found = _accepted(folder) if session else _plain(folder)
+    if not found:
+        what = "accepted photographs" if session else "photographs"
+        raise BadParameter(f"there are no {what} in {folder}", "name a folder that holds RAW, PGM, PNG or TIFF files")
+    return found
+
+
+def _accepted(folder: Path) -> list[Path]:
+    """The photographs of a session that count, in the order of their shots."""
+    return [inside(folder, shot.path) for shot in read_session(folder).state.counting()]
+
+
+def _plain(folder: Path) -> list[Path]:
+    """The photographs that lie in the folder itself, or in its `originals`, by name."""
+    place = folder / ORIGINALS if (folder / ORIGINALS).is_dir() else folder
+    found = (path for path in place.iterdir() if path.suffix.lower() in RAW_SUFFIXES | GREY_SUFFIXES)
+    return sorted(path for path in found if path.is_file() and not path.name.startswith("."))
+
+
+def check_noted(paths: Sequence[Path], typed: Mapping[str, float | None], insist: str) -> None:
+    """Refuse settings that contradict what a camera wrote into one of the files, before hours of work on them.
+
+    Raises BadParameter; files that cannot be opened are left to whoever reads them.
+    """
+    if not any(typed.values()):
+        return
+    for path in paths:
+        try:
+            with path.open("rb") as file:
+                noted = read_exposure(file)
+        except OSError:
+            continue
+        check_typed(noted, typed, str(path), insist)
+
+
+def focus_positions(table: Path) -> dict[str, float]:
+    """Focus position by name of photograph, from a CSV file of two columns: name, position.
+
+    Raises
+    ------
+    BadInput
+        If a row has no number; a first row of words is taken for headings.
+    """
+    try:
+        with open(table, newline="", encoding="utf-8-sig") as file:
+            rows = [row for row in csv.reader(file) if any(cell.strip() for cell in row)]
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadInput(f"{table} cannot be read: {error}", "give a CSV file: name, focus position") from error
+    positions = {}
+    for number, row in enumerate(rows):
+        value = _number(row[1]) if len(row) > 1 else None
+        if value is not None:
+            positions[row[0].strip()] = value
+        elif number > 0:
+            raise BadInput(
+                f"{table}, row {number + 1}: a name and a focus position are needed; got {','.join(row)!r}",
+                "write for example: frame-01.dng,12.35",
+            )
+    return positions
+
+
+def _number(text: str) -> float | None:
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None

@@ -1,0 +1,1 @@
+"""`station mtf ...`, one file a command."""

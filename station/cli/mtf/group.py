@@ -1,0 +1,15 @@
+"""`station mtf ...`: the ways to measure an MTF alone, one file each."""
+
+from __future__ import annotations
+
+import click
+
+from station.cli.terminal.lazy import LazyGroup
+
+# name -> (module under station.cli, function, help line)
+MTF_COMMANDS = {"edge": ("mtf_edge", "mtf_edge", "Across slanted edges, ISO 12233 e-SFR.")}
+
+
+@click.group(cls=LazyGroup, table=MTF_COMMANDS)
+def mtf() -> None:
+    """Measure a modulation transfer function."""

@@ -1,0 +1,1 @@
+"""`station psf ...`, one file a command."""

@@ -1,0 +1,89 @@
+"""`station psf field`: the PSF of each plane over the whole frame, from photographs of charts at many places."""
+
+from __future__ import annotations
+
+import time
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from station.cli.psf.planes import (
+    INSIST,
+    OPTICS,
+    chart_options,
+    chart_source,
+    finish,
+    psf_options,
+    tell_record,
+    told_layout,
+    told_trust,
+)
+from station.cli.terminal.progress import progress
+from station.common.log import log
+
+if TYPE_CHECKING:
+    from procedures.reading.sensor_dump import DumpLayout
+
+FAILED_ITEMS = 1
+
+
+@click.command("field")
+@click.argument("folder", type=click.Path(path_type=Path))
+@chart_options
+@click.option(
+    "--focus", type=click.Path(path_type=Path), help="A CSV table: photograph's name, focus position in mm (a bracket)."
+)
+@psf_options(s=4, k=17, solver="ls", report=True)
+def psf_field(
+    folder: Path,
+    bits: Path | None,
+    seed: int | None,
+    focus: Path | None,
+    plane: str | None,
+    layout: DumpLayout | None,
+    out: Path,
+    report: bool,
+    as_json: bool,
+    **options: Any,
+) -> None:
+    """Estimate the PSF over the frame from FOLDER: photographs of one or several charts each, or a session.
+
+    All planes are estimated unless --plane names one.
+    """
+    start = time.perf_counter()
+    source = chart_source(bits, seed)
+    from procedures.pattern_psf.estimate import PatternParameters
+    from station.calibration.field import conclude, measure
+    from station.calibration.field_photographs import check_noted, focus_positions, photographs
+    from station.calibration.plane_records import diffraction_limit
+    from station.reports.field_files import write_field_result
+    from station.results.result_files import ResultFolder
+
+    trusted = options.pop("trust_typed")
+    optics = {name: options.pop(name) for name in OPTICS}
+    parameters = PatternParameters(**options)
+    paths = photographs(folder)
+    if not trusted:
+        check_noted(paths, optics, INSIST)
+    positions = focus_positions(focus) if focus else None
+    names = None if plane in (None, "all") else [str(plane)]
+    with ResultFolder(out) as results, progress(len(paths)) as told:
+        measured = measure(paths, names, source.chart, parameters, told, layout)
+        for miss in measured.misses:
+            log(
+                "missed", f"{miss.source} {miss.plane} {miss.place}: {miss.reason}", level="warning", remedy=miss.remedy
+            )
+        exposure = measured.exposures[0].exposure if measured.exposures else None
+        limit = partial(diffraction_limit, exposure, **optics) if exposure else (lambda plane: None)
+        found = conclude(measured, positions, limit)
+        known = {name: value for name, value in optics.items() if value is not None}
+        given = {**options, "chart": source.origin, **known, **told_layout(layout), **told_trust(trusted)}
+        text = write_field_result(results, found, parameters=given, report=report, start=start)
+    for one in found.planes:
+        tell_record(one.record)
+    log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))
+    finish([one.record for one in found.planes], text, as_json=as_json)
+    if measured.failed:
+        raise click.exceptions.Exit(FAILED_ITEMS)

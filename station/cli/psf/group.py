@@ -1,0 +1,19 @@
+"""`station psf ...`: the ways to estimate a point spread function, one file each."""
+
+from __future__ import annotations
+
+import click
+
+from station.cli.terminal.lazy import LazyGroup
+
+# name -> (module under station.cli, function, help line)
+PSF_COMMANDS = {
+    "pattern": ("psf.pattern", "psf_pattern", "From one photograph of the noise chart."),
+    "two-photo": ("psf.two_photo", "psf_two_photo", "From two photographs of a wall at different distances."),
+    "field": ("psf.field", "psf_field", "Over the whole frame, from charts at many places."),
+}
+
+
+@click.group(cls=LazyGroup, table=PSF_COMMANDS)
+def psf() -> None:
+    """Estimate a point spread function."""

@@ -1,0 +1,72 @@
+"""`station psf pattern`: the PSF of each plane from one photograph of the noise chart."""
+
+from __future__ import annotations
+
+import time
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from station.cli.psf.planes import (
+    OPTICS,
+    chart_options,
+    chart_source,
+    finish,
+    psf_options,
+    read_planes,
+    tell_each,
+    told_layout,
+    told_trust,
+    write_result,
+)
+
+if TYPE_CHECKING:
+    from procedures.reading.sensor_dump import DumpLayout
+
+
+@click.command("pattern")
+@click.argument("image", type=click.Path(path_type=Path))
+@chart_options
+@click.option(
+    "--physics", is_flag=True, help="Also explain the PSF by photosites, low-pass filter, diffraction and aberrations."
+)
+@psf_options(s="auto", k="auto", solver="ls")
+def psf_pattern(
+    image: Path,
+    bits: Path | None,
+    seed: int | None,
+    physics: bool,
+    plane: str | None,
+    layout: DumpLayout | None,
+    out: Path,
+    report: bool,
+    as_json: bool,
+    **options: Any,
+) -> None:
+    """Estimate the PSF from IMAGE, a photograph of the noise chart."""
+    start = time.perf_counter()
+    from procedures.pattern_psf.estimate import PatternParameters
+    from station.calibration.plane_records import calibrate, diffraction_limit
+    from station.results.result_files import ResultFolder
+
+    trusted = options.pop("trust_typed")
+    optics = {name: options.pop(name) for name in OPTICS}
+    parameters = PatternParameters(**options)
+    with ResultFolder(out) as folder:
+        source = chart_source(bits, seed)
+        frame = read_planes(image, plane, layout, typed=None if trusted else optics)
+        limit = partial(diffraction_limit, frame.exposure, **optics)
+        planes = tell_each(calibrate(frame, source.chart, parameters, limit, physics=physics))
+        known = {name: value for name, value in optics.items() if value is not None}
+        given = {
+            **parameters.told(),
+            "physics": physics,
+            "chart": source.origin,
+            **known,
+            **told_layout(layout),
+            **told_trust(trusted),
+        }
+        text = write_result(folder, planes, "pattern", [frame], parameters=given, report=report, start=start)
+    finish([one.record for one in planes], text, as_json=as_json)

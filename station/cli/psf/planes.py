@@ -1,0 +1,235 @@
+"""What the commands share that turn photographs into PSFs: their options, reading, telling, writing."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from station.common.errors import REFUSED
+from station.common.log import log, log_json_option
+
+if TYPE_CHECKING:
+    from procedures.pattern_print.source import Source
+    from procedures.raw import RawFrame
+    from procedures.reading.sensor_dump import DumpLayout
+    from station.calibration.plane_records import Calibrated
+    from station.results.result_files import PlaneRecord, ResultFolder
+
+LEVELS = {"pass": "info", "doubtful": "warning", "refused": "error"}
+"""Of a log line, by verdict."""
+OPTICS = ("pixel_pitch_um", "f_number", "wavelength_nm")
+"""Options that describe the diffraction limit."""
+
+INSIST = "add --trust-typed"
+
+Command = Callable[..., Any]
+
+
+class AutoInt(click.ParamType):  # type: ignore[type-arg]  # generic in some releases only
+    """A whole number, or "auto": None, for what the program chooses from the photograph."""
+
+    name = "auto|N"
+
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> int | None:
+        """The number, None for "auto"."""
+        if isinstance(value, int) or value is None:
+            return value
+        if value == "auto":
+            return None
+        try:
+            return int(str(value))
+        except ValueError:
+            self.fail(f"give a whole number, or auto; got {value!r}", param, ctx)
+
+
+AUTO = AutoInt()
+
+
+def _layout(context: click.Context, option: click.Parameter, text: str | None) -> DumpLayout | None:
+    if text is None:
+        return None
+    from procedures.reading.sensor_dump import DumpLayout
+
+    return DumpLayout.parse(text)
+
+
+raw_option = click.option(
+    "--raw",
+    "layout",
+    callback=_layout,
+    metavar="WxH,RGGB,u16le,BLACK,WHITE",
+    help="The photographs are a sensor's samples without a header: size, colours, kind of sample, levels.",
+)
+
+
+def told_layout(layout: DumpLayout | None) -> dict[str, str]:
+    """What a record says of the layout that was given."""
+    return {"raw": str(layout)} if layout else {}
+
+
+def told_trust(trusted: bool) -> dict[str, bool]:
+    """What a record says where what was typed counted against what the camera noted."""
+    return {"trust_typed": True} if trusted else {}
+
+
+def psf_options(s: int | str, k: int | str, solver: str, *, report: bool = False) -> Callable[[Command], Command]:
+    """The options of every PSF command, with a procedure's own defaults.
+
+    A page takes as long to draw as its planes to be estimated, so it is written where it is asked for.
+    """
+    options: list[Callable[[Command], Command]] = [
+        click.option("-s", "s", type=AUTO, default=s, show_default=True, help="PSF samples per pixel of the plane."),
+        click.option("-k", "k", type=AUTO, default=k, show_default=True, help="PSF samples along one side, odd."),
+        click.option("--solver", type=click.Choice(["ls", "clip", "nnls"]), default=solver, show_default=True),
+        click.option(
+            "--pixel-pitch-um", type=click.FloatRange(min=0.1), help="The sensor's pitch, for the Strehl ratio."
+        ),
+        click.option(
+            "--f-number", type=click.FloatRange(min=0.1), help="The aperture.  [default: as the camera noted it]"
+        ),
+        click.option("--wavelength-nm", type=click.FloatRange(min=100), help="[default: R 600, G 530, B 460, Y 550]"),
+        click.option(
+            "--trust-typed", is_flag=True, help="Take --f-number and --pixel-pitch-um against what the camera noted."
+        ),
+        click.option("--plane", help="R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]"),
+        raw_option,
+        click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results."),
+        click.option(
+            "--report/--no-report", default=report, show_default=True, help="Write report.html too, for people."
+        ),
+        click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout too."),
+        log_json_option,
+    ]
+
+    def add(command: Command) -> Command:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return add
+
+
+def chart_options(command: Command) -> Command:
+    """The options that tell which chart was printed."""
+    bits = click.option("--bits", type=click.Path(path_type=Path), help="The chart's 256 x 256 cells as a grey image.")
+    seed = click.option(
+        "--seed", type=click.IntRange(0, 2**63 - 1), help="The chart's seed; 1 if neither this nor --bits is given."
+    )
+    return bits(seed(command))
+
+
+def chart_source(bits: Path | None, seed: int | None) -> Source:
+    """The chart that the options tell."""
+    if bits is not None and seed is not None:
+        raise click.UsageError("the chart comes from --bits or from --seed; give one of them")
+    from procedures.pattern import DEFAULT_SEED
+    from procedures.pattern_print.source import Source
+
+    return Source.from_file(bits) if bits else Source.from_seed(DEFAULT_SEED if seed is None else seed)
+
+
+def read_planes(
+    image: Path,
+    plane: str | None,
+    layout: DumpLayout | None = None,
+    *,
+    typed: Mapping[str, float | None] | None = None,
+) -> RawFrame:
+    """The planes asked for, of one photograph; the default one where none is named.
+
+    `typed` are settings that must not contradict what the camera noted. Raises BadParameter where they do.
+    """
+    from procedures.raw import default_plane, read_frame
+    from procedures.reading.exposure import check_typed
+
+    chosen = plane or default_plane(image, layout)
+    frame = read_frame(image, None if chosen == "all" else [chosen], layout)
+    check_typed(frame.exposure, typed or {}, str(image), INSIST)
+    rows, columns = next(iter(frame.planes.values())).samples.shape
+    sentence = f"read {image}: {', '.join(frame.planes)}, {columns} x {rows} pixels a plane"
+    log("read", sentence, path=str(image), sha256=frame.sha256, planes=",".join(frame.planes))
+    return frame
+
+
+def tell_each(calibrated: Iterable[Calibrated[Any]]) -> list[Calibrated[Any]]:
+    """The planes, each told as it comes."""
+    found = []
+    for one in calibrated:
+        tell_record(one.record, one.duration_s)
+        found.append(one)
+    return found
+
+
+def write_result(
+    folder: ResultFolder,
+    found: Sequence[Calibrated[Any]],
+    procedure: str,
+    frames: Sequence[RawFrame],
+    *,
+    parameters: Mapping[str, object],
+    report: bool,
+    start: float,
+) -> str:
+    """Write the result of photographs, and its report where it is wanted; returns the record's text."""
+    from station.results.result_files import write_psf_result
+
+    if report:
+        from station.reports.pattern_report import (  # it draws: that import is slow
+            PAGE,
+            calibration_page,
+            report_of_files,
+        )
+
+        folder.write(PAGE, calibration_page(report_of_files(procedure, frames, found, parameters)).encode())
+    text = write_psf_result(
+        folder,
+        [one.record for one in found],
+        {
+            "procedure": procedure,
+            "input": [{"path": str(frame.path), "sha256": frame.sha256} for frame in frames],
+            "parameters": parameters,
+            "duration_s": round(time.perf_counter() - start, 3),
+        },
+    )
+    record = str(folder.path / "result.json")
+    log("written", f"wrote {record}", path=record)
+    return text
+
+
+def finish(records: Sequence[PlaneRecord], text: str, *, as_json: bool) -> None:
+    """Write the record to stdout where it is wanted, and leave with the code of a refusal if a plane was refused."""
+    if as_json:
+        click.echo(text, nl=False)
+    if any(record.verdict == "refused" for record in records):
+        raise click.exceptions.Exit(REFUSED)
+
+
+def tell_record(record: PlaneRecord, duration_s: float | None = None) -> None:
+    """One line on stderr about a plane."""
+    verdict = str(record.verdict)
+    took = {} if duration_s is None else {"dur_ms": round(1000 * duration_s)}
+    log(
+        "plane",
+        _sentence(record),
+        level=LEVELS[verdict],
+        remedy=record.remedy,
+        plane=record.name,
+        verdict=verdict,
+        **took,
+    )
+
+
+def _sentence(record: PlaneRecord) -> str:
+    """What a person wants to know of a plane in one line."""
+    parts = [f"{record.name}: {record.verdict}"]
+    parts += [record.reason] if record.reason else []
+    numbers = record.quality.numbers if record.quality else {}
+    for name in ("mtf50_horizontal", "mtf50_vertical"):
+        if name in numbers:
+            number = numbers[name]
+            parts.append(f"{name} {number.value:.4f} ± {number.uncertainty:.4f} {number.unit}")
+    return "; ".join(parts)

@@ -1,0 +1,58 @@
+"""`station psf two-photo`: the PSF of each plane from two photographs of a wall at different distances."""
+
+from __future__ import annotations
+
+import time
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from station.cli.psf.planes import (
+    OPTICS,
+    finish,
+    psf_options,
+    read_planes,
+    tell_each,
+    told_layout,
+    told_trust,
+    write_result,
+)
+
+if TYPE_CHECKING:
+    from procedures.reading.sensor_dump import DumpLayout
+
+
+@click.command("two-photo")
+@click.argument("a", type=click.Path(path_type=Path))
+@click.argument("b", type=click.Path(path_type=Path))
+@psf_options(s="auto", k="auto", solver="ls")
+def psf_two_photo(
+    a: Path,
+    b: Path,
+    plane: str | None,
+    layout: DumpLayout | None,
+    out: Path,
+    report: bool,
+    as_json: bool,
+    **options: Any,
+) -> None:
+    """Estimate the PSF from A and B, photographs of one textured wall at distances more than s times apart."""
+    start = time.perf_counter()
+    from procedures.two_photo.estimate import TwoPhotoParameters
+    from station.calibration.plane_records import calibrate_pair, diffraction_limit
+    from station.results.result_files import ResultFolder
+
+    trusted = options.pop("trust_typed")
+    optics = {name: options.pop(name) for name in OPTICS}
+    parameters = TwoPhotoParameters(**options)
+    with ResultFolder(out) as folder:
+        typed = None if trusted else optics
+        first, second = (read_planes(image, plane, layout, typed=typed) for image in (a, b))
+        limit = partial(diffraction_limit, first.exposure, **optics)
+        planes = tell_each(calibrate_pair(first, second, parameters, limit))
+        given = {**parameters.told(), **{k: v for k, v in optics.items() if v is not None}, **told_layout(layout)}
+        given |= told_trust(trusted)
+        text = write_result(folder, planes, "two-photo", [first, second], parameters=given, report=report, start=start)
+    finish([one.record for one in planes], text, as_json=as_json)

@@ -1,0 +1,51 @@
+"""`station session resume`: a session goes on where it stopped, as plain lines on stdin and stdout."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+from station.cli.session.group import find_session, session_argument
+from station.common.log import log_json_option
+
+
+@click.command("resume")
+@session_argument
+@click.option(
+    "--config", type=click.Path(path_type=Path), help="The bench.  [default: station.toml where there is one]"
+)
+@click.option("--simulate", is_flag=True, help="Use the simulated bench, as a session that began on it does.")
+@click.option("--without", type=click.IntRange(min=1), multiple=True, help="Give up a shot whose photograph is lost.")
+@click.option("--back-to", metavar="STEP", help="Do this step and those after it again.")
+@log_json_option
+def session_resume(
+    name: str, root: Path, config: Path | None, simulate: bool, without: tuple[int, ...], back_to: str | None
+) -> None:
+    """Go on with SESSION at the first step that is not done; stages home again first."""
+    from station.cli.app import usual_config
+    from station.cli.guide import Watched, conduct
+    from station.guide.workspace import StationLab
+    from station.sessions.reader import read_session
+
+    record = read_session(folder := find_session(name, root))
+    if back_to is not None:
+        _check_step(record.state.plan, back_to)
+    simulated = simulate or record.config.get("config", {}).get("simulate") is True
+    seed = record.state.seed
+    lab = StationLab(sessions=folder.parent, config=config or usual_config(), simulate=simulated, seed=seed)
+    lab.virtual_time = True  # a simulated bench's time may jump: nobody watches it move
+    operator = Watched(sys.stdin, sys.stdout)
+    code = conduct(lab, operator, lambda: lab.resume(folder, operator, back_to=back_to, without=without))
+    raise click.exceptions.Exit(code)
+
+
+def _check_step(plan: str, name: str) -> None:
+    """Raises BadParameter where the plan has no step of that name."""
+    from procedures.outcome import BadParameter
+    from station.guide.catalogue import plan_named
+
+    names = [step.name for step in plan_named(plan).steps]
+    if name not in names:
+        raise BadParameter(f"the plan {plan} has no step {name!r}", f"choose one of {', '.join(names)}")

@@ -1,0 +1,89 @@
+"""`station session show`: one session, checked."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from station.cli.session.group import find_session, session_argument
+from station.cli.terminal.columns import columns
+from station.common.log import log, log_json_option
+
+if TYPE_CHECKING:
+    from station.sessions.reader import SessionRecord
+    from station.sessions.state import Shot
+
+
+@click.command("show")
+@session_argument
+@click.option("--check/--no-check", default=True, help="Hash photographs and results.  [default: check]")
+@click.option("--json", "as_json", is_flag=True, help="Write what the journal says as JSON to stdout.")
+@log_json_option
+def session_show(name: str, root: Path, check: bool, as_json: bool) -> None:
+    """Show what SESSION, a folder or a name in --sessions, holds."""
+    from station.common.durable_files import holds
+    from station.common.sanitise import printable
+    from station.sessions.layout import SUMS
+    from station.sessions.reader import check_whole, read_session, sums, unknown_files, verify, verify_results
+
+    record = read_session(find_session(name, root))
+    click.echo(json.dumps(_plain(record), indent=1) if as_json else _words(record))
+    for words in record.oddities:
+        log("odd", words, level="warning")
+    for file in unknown_files(record.folder, record.state):
+        log("unknown", f"the journal does not speak of {printable(file)}", level="warning")
+    if check:
+        if not holds(record.folder / SUMS, hashlib.sha256(sums(record.folder, record.state)).hexdigest()):
+            log("unlike", f"{SUMS} is not what the journal tells; whoever resumes writes it anew", level="warning")
+        verify(record.folder, record.state)
+        verify_results(record)
+        check_whole(record)
+        count = sum(not shot.lost for shot in record.state.shots)
+        log("checked", f"all {count} photographs are as they were taken, all results as written", photographs=count)
+
+
+def _plain(record: SessionRecord) -> dict[str, Any]:
+    from station.results.result_files import plain
+
+    return {"schema": "station/session/1", "folder": str(record.folder), "state": plain(asdict(record.state))}
+
+
+def _words(record: SessionRecord) -> str:
+    state = record.state
+    about = [
+        ("session", record.folder.name),
+        ("camera", state.camera),
+        ("lens", state.lens),
+        ("plan", state.plan),
+        ("begun", state.began[:19].replace("T", " ") + " UTC"),
+        ("steps done", ", ".join(state.done) or "none"),
+        ("ended", state.ended or "open"),
+    ]
+    parts = [columns(about)]
+    if state.facts:
+        parts.append(columns([("fact", "value"), *((name, _value(fact)) for name, fact in state.facts.items())]))
+    if state.shots:
+        parts.append(columns([SHOT_HEADING, *(_shot_row(shot) for shot in state.shots)]))
+    if state.results:
+        rows = [
+            (one.folder, one.step, " ".join(map(str, one.shots)), one.verdict, one.at[:16]) for one in state.results
+        ]
+        parts.append(columns([("result", "step", "from shots", "verdict", "at"), *rows]))
+    return "\n\n".join(parts)
+
+
+SHOT_HEADING = ("shot", "file", "step", "purpose", "counts", "why not")
+
+
+def _shot_row(shot: Shot) -> tuple[str, ...]:
+    counts = {True: "yes", False: "no", None: "not judged"}[shot.counts]
+    return str(shot.number), shot.path, shot.step, shot.purpose, counts, shot.reason
+
+
+def _value(fact: object) -> str:
+    return f"{fact:g}" if isinstance(fact, float) else str(fact)

@@ -1,0 +1,44 @@
+"""A group of commands that imports each only when it is called: the help must not import numpy."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping
+from typing import Any
+
+import click
+
+from station.common.errors import explained
+
+Table = Mapping[str, tuple[str, str, str]]
+"""name -> (module under station.cli, function, help line)"""
+
+
+class LazyGroup(click.Group):
+    """A group that imports a command's module when the command is called, and explains its errors."""
+
+    def __init__(self, *args: Any, table: Table, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.table = table
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Names in the order they are declared."""
+        return list(self.table)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """The command itself, imported now."""
+        if cmd_name not in self.table:
+            return None
+        module, function, _ = self.table[cmd_name]
+        command: click.Command = getattr(importlib.import_module(f"station.cli.{module}"), function)
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Help lines from the table, without importing anything."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, line) for name, (_, _, line) in self.table.items()])
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the command; what it raises becomes a sentence and an exit code."""
+        with explained():
+            return super().invoke(ctx)

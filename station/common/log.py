@@ -1,0 +1,62 @@
+"""Progress and log lines on stderr: sentences for people, or with `--log-json` one object each for programs."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from datetime import UTC, datetime
+from typing import Any
+
+import click
+
+from station.common.sanitise import printable
+
+Fact = str | float | int | None
+
+_LOG_JSON = "station.log_json"
+
+
+def log_json_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Give a command the option `--log-json`."""
+    option = click.option(
+        "--log-json",
+        is_flag=True,
+        expose_value=False,
+        is_eager=True,
+        callback=lambda context, _, chosen: context.meta.__setitem__(_LOG_JSON, chosen),
+        help="Write every progress and log line as a JSON object.",
+    )
+    return option(command)
+
+
+def logs_json() -> bool:
+    """Whether the running command writes its lines as JSON objects."""
+    context = click.get_current_context(silent=True)
+    return context is not None and bool(context.meta.get(_LOG_JSON))
+
+
+def log(event: str, sentence: str, *, level: str = "info", remedy: str = "", **facts: Fact) -> None:
+    """Write one line to stderr: the sentence, and what to do about it, or the event with its facts.
+
+    Parameters
+    ----------
+    event : str
+        A stable name for programs.
+    level : "info", "warning" or "error"
+    facts
+        Values of the event; numbers that are not finite become null.
+    """
+    if logs_json():
+        entry = {"ts": datetime.now(UTC).isoformat(timespec="milliseconds"), "level": level, "event": event}
+        told = {"message": sentence, **({"remedy": remedy} if remedy else {})}
+        click.echo(json.dumps({**entry, **told, **_finite(facts)}, allow_nan=False), err=True)
+        return
+    shown = printable(sentence)  # a file's name in it may hold what a terminal obeys
+    click.echo(shown if level == "info" else f"{level}: {shown}", err=True)
+    if remedy:
+        click.echo(f"  what to do: {printable(remedy)}", err=True)
+
+
+def _finite(facts: dict[str, Fact]) -> dict[str, Fact]:
+    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in facts.items()}

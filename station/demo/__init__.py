@@ -1,0 +1,1 @@
+"""What needs simulators and known truth: the demonstration, the papers' tables, rendered scenes."""

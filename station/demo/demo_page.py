@@ -1,0 +1,76 @@
+"""The demonstration's page: what was found beside what is true."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from procedures.pattern_print.sheet import Size
+from station.reports import otf_figures, psf_figures
+from station.reports.page import exposure_words, render
+from station.results.result_files import software
+
+if TYPE_CHECKING:
+    from station.demo.demo import Demonstration, Shot, Summary
+    from station.demo.truth_comparison import Comparison
+
+SHOWN_PLANE = "G1"
+"""Of which plane photograph and residual are drawn."""
+
+
+def demonstration_page(found: Demonstration, summary: Summary) -> str:
+    """The demonstration's report."""
+    return render(
+        "demo.html",
+        found=found,
+        summary=summary,
+        size=Size(300.0),
+        ratios=psf_figures.ratios_figure(_compared(found, lambda one: [one.ratio]), "ratios"),
+        sigmas=psf_figures.sigmas_figure(
+            _compared(found, lambda one: [against.sigmas for against in one.mtf50.values()]), "sigmas"
+        ),
+        places=psf_figures.places_figure(_places(found), "places"),
+        pictures={shot.setup.name: _pictures(shot, f"p{i}") for i, shot in enumerate(found.shots, 1)},
+        shown_plane=SHOWN_PLANE,
+        exposure=exposure_words,
+        software=software(),
+    )
+
+
+def _compared(found: Demonstration, numbers: Callable[[Comparison], Sequence[float]]) -> psf_figures.Rows:
+    """Numbers of every plane that was compared, by photograph."""
+    return [
+        (shot.setup.title, {one.name: numbers(one.comparison) for one in shot.planes if one.comparison is not None})
+        for shot in found.shots
+    ]
+
+
+def _places(found: Demonstration) -> list[Any]:
+    """The charts' outlines in fractions of the frame."""
+    outlines = []
+    for shot in found.shots:
+        for plane in shot.planes[:1]:
+            if plane.calibrated.found is not None:
+                rows, columns = shot.frame.planes[plane.name].samples.shape
+                outlines.append(psf_figures.chart_outline(plane.calibrated.found) / (columns, rows))
+    return outlines
+
+
+def _pictures(shot: Shot, name: str) -> Mapping[str, Any]:
+    """The figures of one photograph: of its shown plane, and of every plane."""
+    pictures: dict[str, Any] = {"planes": {}}
+    for plane in shot.planes:
+        estimate, against = plane.calibrated.found, plane.comparison
+        if estimate is None or against is None:
+            continue
+        here = f"{name}-{plane.name}"
+        pictures["planes"][plane.name] = {
+            "psf": psf_figures.psf_figure(estimate.psf, against.aligned, f"{here}-psf"),
+            "mtf": otf_figures.mtf_figure(estimate.quality, against.otf, f"{here}-mtf", estimate.diffraction),
+        }
+        if plane.name == SHOWN_PLANE:
+            samples = shot.frame.planes[plane.name]
+            pictures["diagnostics"] = estimate.diagnostics
+            pictures["photograph"] = psf_figures.photograph_figure(samples, estimate, f"{here}-photograph")
+            pictures["residual"] = psf_figures.residual_figure(plane.name, estimate, f"{here}-residual")
+    return pictures

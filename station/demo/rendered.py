@@ -1,0 +1,178 @@
+"""The simulated bench, rendered: light traced through scenes in depth, filtered, photographed and shown.
+
+Films are kept as they grow, in `films` beside the results: a render that was interrupted goes on where it stopped.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from procedures.outcome import BadParameter
+from procedures.ray_histogram.comparison import decibels, shown_error
+from procedures.ray_histogram.film import Film
+from procedures.ray_histogram.multiscale import FilteredFilm, filter_film
+from simulators.camera.dng import Shot
+from simulators.camera.optics import Optics
+from simulators.camera.rendered import photograph_render
+from simulators.camera.sensor import Sensor
+from simulators.rays.path_tracer import ThinLensCamera
+from simulators.rays.ray_scenes import SCENES
+from station.common.progress import Progress, silent
+from station.demo.ray_page import RenderRow, StripRow, ray_page
+from station.demo.render_films import passes, render_film
+from station.demo.rendered_depth import DepthPlan, RestoredDepth, depth_entry, depth_row, restored_depth
+from station.demo.rendered_depth import steps as depth_steps
+from station.drawing.linear_pictures import display_png
+from station.results.result_files import ResultFolder, software, write_record
+
+SCHEMA = "station/rendered/1"
+PAGE = "rays.html"
+REFERENCE_SEED = 1 << 32
+"""Added to the seed of the converged renders: their noise must not be that of the filtered ones."""
+
+
+@dataclass(frozen=True)
+class RenderPlan:
+    """What to render.
+
+    Attributes
+    ----------
+    columns : int
+        Of pictures 4 : 3; a multiple of 8, so that mosaics have whole tiles.
+    samples, converged : int
+        Per pixel, of what is filtered and of what it is compared with.
+    restored : bool
+        Whether a scene in depth is photographed at two apertures too, and restored.
+    """
+
+    columns: int = 320
+    samples: int = 64
+    converged: int = 512
+    seed: int = 1
+    scenes: tuple[str, ...] = tuple(SCENES)
+    restored: bool = True
+
+    def __post_init__(self) -> None:
+        unknown = sorted(set(self.scenes) - set(SCENES))
+        if unknown:
+            raise BadParameter(f"no scene {unknown[0]!r}", f"choose from {', '.join(SCENES)}")
+        if self.columns < 32 or self.columns % 8:
+            raise BadParameter(f"pictures of {self.columns} columns", "choose a multiple of 8, 32 or more")
+        if self.samples < 2 or self.converged < 2:
+            raise BadParameter(f"{min(self.samples, self.converged)} samples per pixel", "choose at least 2")
+
+    @property
+    def rows(self) -> int:
+        """Three quarters of the columns."""
+        return 3 * self.columns // 4
+
+
+@dataclass(frozen=True, eq=False)
+class Rendered:
+    """One scene: as rendered, filtered, converged, and the SHA-256 of its photograph, `NAME.dng`."""
+
+    name: str
+    film: Film
+    filtered: FilteredFilm
+    reference: Film
+    sha256: str
+
+    @property
+    def psnr_db(self) -> dict[str, float]:
+        """Against the converged render, its noise apart."""
+        pictures = (("rendered", self.film.mean), ("filtered", self.filtered.picture))
+        return {name: decibels(shown_error(picture, self.reference)) for name, picture in pictures}
+
+
+def rendered_demo(
+    out: Path, plan: RenderPlan | None = None, *, threads: int = 1, progress: Progress = silent
+) -> tuple[tuple[Rendered, ...], RestoredDepth | None, str]:
+    """Render, filter, photograph, restore and show; returns the scenes, the one restored, and the record's text.
+
+    Parameters
+    ----------
+    out : Path
+        Receives `films` as they grow, and pictures, photographs, page and record all at once when everything is done.
+    """
+    start = time.perf_counter()
+    plan = plan or RenderPlan()
+    with ResultFolder(out) as folder:
+        scenes = tuple(_render(folder, out / "films", name, plan, threads, progress) for name in plan.scenes)
+        depth = None
+        if plan.restored:
+            pair = DepthPlan(plan.rows, plan.columns, plan.samples, plan.seed)
+            depth = restored_depth(folder, out / "films", pair, threads=threads, progress=progress)
+        rows: list[RenderRow | StripRow] = [_row(one) for one in scenes]
+        rows += [depth_row(depth)] if depth else []
+        folder.write(PAGE, ray_page("The simulated bench, rendered", tuple(rows)))
+        record = {
+            "schema": SCHEMA,
+            "parameters": asdict(plan),
+            "scenes": {one.name: _entry(one) for one in scenes},
+            "restored": depth and depth_entry(depth),
+            "software": software(),
+            "duration_s": round(time.perf_counter() - start, 3),
+        }
+        return scenes, depth, write_record(folder, record)
+
+
+def _render(
+    folder: ResultFolder, films: Path, name: str, plan: RenderPlan, threads: int, progress: Progress
+) -> Rendered:
+    """One scene from its light to its files."""
+    scene, camera = SCENES[name](plan.rows, plan.columns)
+    stem = f"{name}-{plan.columns}x{plan.rows}-seed{plan.seed}"
+    film, reference = (
+        render_film(scene, camera, samples, seed, films / f"{stem}-{samples}.npz", threads=threads, progress=progress)
+        for samples, seed in ((plan.samples, plan.seed), (plan.converged, plan.seed + REFERENCE_SEED))
+    )
+    filtered = filter_film(film, threads=threads)
+    folder.write(f"{name}.png", display_png(filtered.picture))
+    path = folder.staging / f"{name}.dng"
+    _photograph(name, filtered, camera, plan, path)
+    progress(f"{name}: filtered and photographed")
+    return Rendered(name, film, filtered, reference, hashlib.sha256(path.read_bytes()).hexdigest())
+
+
+def _photograph(name: str, filtered: FilteredFilm, camera: ThinLensCamera, plan: RenderPlan, path: Path) -> None:
+    """The filtered picture through a typical lens on a sensor of the bench, as a DNG."""
+    sensor = Sensor(rows=plan.rows, columns=plan.columns)
+    rng = np.random.default_rng([plan.seed, *name.encode()])
+    shot = Shot(f_number=5.6, focal_length_mm=camera.focal_mm, subject_distance_mm=camera.focus_mm, comment=name)
+    photograph_render(filtered.picture, Optics.typical(), sensor, rng, path, shot=shot)
+
+
+def _row(one: Rendered) -> RenderRow:
+    samples, converged = (round(float(film.count.mean())) for film in (one.film, one.reference))
+    pictures = (
+        (f"{samples} samples", one.film.mean),
+        ("filtered", one.filtered.picture),
+        (f"{converged} samples", one.reference.mean),
+    )
+    gain = one.psnr_db["filtered"] - one.psnr_db["rendered"]
+    fact = (
+        f"PSNR {one.psnr_db['rendered']:.2f} dB as rendered, {one.psnr_db['filtered']:.2f} dB filtered:"
+        f" the quality of {10 ** (gain / 10):.0f} times the samples."
+    )
+    return RenderRow(one.name, pictures, one.filtered.similar, (fact,))
+
+
+def _entry(one: Rendered) -> dict[str, Any]:
+    return {
+        "psnr_db": one.psnr_db,
+        "similar_median": list(one.filtered.median_similar),
+        "dropped_samples": int(one.film.dropped.sum()),
+        "photograph": {"path": f"{one.name}.dng", "sha256": one.sha256},
+    }
+
+
+def steps(plan: RenderPlan) -> int:
+    """How many steps are told when nothing was rendered before."""
+    films = passes(plan.samples) + passes(plan.converged)
+    return len(plan.scenes) * (films + 1) + (depth_steps(plan.samples) if plan.restored else 0)

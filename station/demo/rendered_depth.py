@@ -1,0 +1,270 @@
+"""A rendered scene in depth, photographed at two apertures and restored; what is found beside what the renderer knows.
+
+Exposure times make up for the apertures: both photographs are of the same mean.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.outcome import Outcome
+from procedures.raw import read_frame
+from procedures.ray_histogram.multiscale import filter_film
+from procedures.restoration.joint.estimate import Restoration, RestorationParameters, restore
+from procedures.restoration.joint.kernel_sizes import stacks_of
+from procedures.restoration.masks.blur_models import pillbox
+from procedures.restoration.masks.thin_lens import CameraSetting
+from simulators.camera.dng import Shot
+from simulators.camera.optics import Optics
+from simulators.camera.rendered import blur_and_sample, photograph_render
+from simulators.camera.sensor import Sensor
+from simulators.rays.path_tracer import ThinLensCamera, blur_diameter_px, depth_map
+from simulators.rays.ray_scenes import leaves_in_depth
+from station.common.progress import Progress, silent
+from station.demo.ray_page import StripRow
+from station.demo.render_films import passes, render_film
+from station.drawing.linear_pictures import display_png
+from station.results.result_files import ResultFolder
+
+Array = npt.NDArray[np.float64]
+
+NAME = "leaves-in-depth"
+APERTURES = (1.4, 1.0)
+RATIO = APERTURES[0] / APERTURES[1]
+PLANE = "G1"
+PITCH = 2
+"""Sensor pixels from one sample of a plane of the mosaic to the next."""
+WHITE_E = 25e3
+EXPOSURE_S = 0.02
+
+
+@dataclass(frozen=True)
+class DepthPlan:
+    """Size of the photographs, samples per pixel of each render, seed, and how to restore."""
+
+    rows: int
+    columns: int
+    samples: int
+    seed: int
+    parameters: RestorationParameters | None = None
+
+    @property
+    def sensor(self) -> Sensor:
+        """The one of the bench."""
+        return Sensor(rows=self.rows, columns=self.columns)
+
+    def camera(self, f_number: float) -> ThinLensCamera:
+        """At one aperture."""
+        return leaves_in_depth(self.rows, self.columns, f_number)[1]
+
+    @property
+    def max_w(self) -> float:
+        """The half-width of blur of infinity in the first photograph, in samples of a plane: the most there is."""
+        return float(blur_diameter_px(self.camera(APERTURES[0]), np.inf)) / 2 / PITCH
+
+
+@dataclass(frozen=True, eq=False)
+class RestoredDepth:
+    """A restoration beside the truth.
+
+    Attributes
+    ----------
+    photographs : two of (rows, columns)
+        The plane of the two files, 1 = saturation.
+    sharp, w : (rows, columns)
+        What a pinhole sees through the same optics, on the same scale, and the true half-width of blur in samples of
+        the first photograph's plane.
+    sha256 : of the files, by name.
+    """
+
+    plan: DepthPlan
+    photographs: tuple[Array, Array]
+    outcome: Outcome[Restoration]
+    sharp: Array
+    w: Array
+    sha256: dict[str, str]
+
+    @property
+    def found(self) -> Restoration:
+        """What the restoration gave."""
+        if self.outcome.value is None:
+            raise ValueError("a restoration without a value has nothing to compare")
+        return self.outcome.value
+
+    @cached_property
+    def rim(self) -> int:
+        """Samples at the edges that light from beyond the frame reaches: left out of every figure."""
+        return _reach(self.plan)
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """Errors of w (samples), of distance, and of the picture (grey levels of 255), the rim left out."""
+        inside = np.s_[self.rim : -self.rim, self.rim : -self.rim]
+        error = (self.found.w - self.w)[inside]
+        setting = _setting(self.plan)
+        near, true = (setting.distance_mm(-np.asarray(w[inside], np.float64)) for w in (self.found.w, self.w))
+        pictures = {"photographs": self.photographs, "restored": (self.found.sharp[0],)}
+        levels = {name: [_rms((one - self.sharp)[inside] / _white(self.plan)) * 255 for one in several]
+                  for name, several in pictures.items()}  # fmt: skip
+        return {
+            "w_px": {
+                "rms_error": _rms(error),
+                "median_error": float(np.median(np.abs(error))),
+                "mean_error": float(error.mean()),
+                "rms_error_of_start": _rms((self.found.start.w - self.w)[inside]),
+                "true": [float(self.w[inside].min()), float(self.w[inside].max())],
+            },
+            "distance_median_relative_error": float(np.median(np.abs(near / true - 1))),
+            "rms_error_of_picture": levels,
+            "rim_px": self.rim,
+        }
+
+
+def restored_depth(
+    folder: ResultFolder, films: Path, plan: DepthPlan, *, threads: int = 1, progress: Progress = silent
+) -> RestoredDepth:
+    """Render, filter, photograph at two apertures, restore from the two files; writes them and `NAME-w.npy`."""
+    sharp = _picture(films, plan, np.inf, threads, progress)
+    names = tuple(f"{NAME}-f{f_number:g}.dng" for f_number in APERTURES)
+    for name, f_number in zip(names, APERTURES, strict=True):
+        picture = _picture(films, plan, f_number, threads, progress)
+        _photograph(picture, plan, f_number, folder.staging / name)
+    files = [folder.staging / name for name in names]
+    first, second = (read_frame(file, [PLANE]).planes[PLANE].samples.astype(np.float64) for file in files)
+    stacks = stacks_of([pillbox()] * 2, (1.0, RATIO), plan.max_w, first.shape)
+    outcome = restore([first[None], second[None]], stacks, plan.parameters)
+    sha256 = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in files}
+    result = RestoredDepth(plan, (first, second), outcome, _seen(sharp, plan), true_w(plan), sha256)
+    folder.write(f"{NAME}-w.npy", _npy(result.found.w))
+    folder.write(f"{NAME}-restored.png", display_png(result.found.sharp[0] / _white(plan)))
+    progress(f"{NAME}: restored")
+    return result
+
+
+def true_w(plan: DepthPlan) -> Array:
+    """Half-width of blur of what each sample of the first photograph's plane sees along its middle ray, in samples."""
+    scene, camera = leaves_in_depth(plan.rows, plan.columns, APERTURES[0])
+    return _plane(blur_diameter_px(camera, depth_map(scene, camera)) / 2 / PITCH, plan)
+
+
+def steps(samples: int) -> int:
+    """How many steps are told when nothing was rendered before."""
+    return 3 * passes(samples) + 1
+
+
+def depth_row(one: RestoredDepth) -> StripRow:
+    """The restoration on the page."""
+    figures, white = one.figures, _white(one.plan)
+    w, levels = figures["w_px"], figures["rms_error_of_picture"]
+    before = tuple(
+        (f"f/{n:g}, plane {PLANE}", photo / white) for n, photo in zip(APERTURES, one.photographs, strict=True)
+    )
+    after = (("restored", one.found.sharp[0] / white), ("through a pinhole", one.sharp / white))
+    depth = (
+        ("w found", _spread(one, one.found.w)),
+        ("true w", _spread(one, one.w)),
+        ("error of w; grey is none", _error(one)),
+    )
+    command = f"station restore {' '.join(one.sha256)} --blur defocus --shape pillbox --ratio {RATIO}"
+    facts = (
+        f"{one.outcome.verdict}{f': {one.outcome.reason}' if one.outcome.reason else ''}.",
+        f"w, half the blur's width, is {w['true'][0]:.2f} to {w['true'][1]:.2f} samples: root mean square error "
+        f"{w['rms_error']:.3f}, median {w['median_error']:.3f}, and in the median "
+        f"{figures['distance_median_relative_error']:.1%} of the distance.",
+        f"Grey levels of 255 from the pinhole's picture: {levels['restored'][0]:.1f} restored; the photographs "
+        f"{levels['photographs'][0]:.1f} and {levels['photographs'][1]:.1f}.",
+        f"The same from the files: {command} --max-w {one.plan.max_w} --out FOLDER",
+    )
+    return StripRow(f"{NAME}, restored from two apertures", (before + after, depth), facts)
+
+
+def depth_entry(one: RestoredDepth) -> dict[str, Any]:
+    """The restoration in the record."""
+    return {
+        "scene": NAME,
+        "verdict": str(one.outcome.verdict),
+        "reason": one.outcome.reason,
+        "photographs": [{"path": name, "sha256": digest} for name, digest in one.sha256.items()],
+        "plane": PLANE,
+        "parameters": {"blur": "defocus", "shape": "pillbox", "ratio": RATIO, "max_w": one.plan.max_w},
+        **one.figures,
+        "diagnostics": asdict(one.found.diagnostics),
+    }
+
+
+def _picture(films: Path, plan: DepthPlan, f_number: float, threads: int, progress: Progress) -> Array:
+    """The filtered render at one aperture; no two share their noise."""
+    scene, camera = leaves_in_depth(plan.rows, plan.columns, f_number)
+    stem = f"{NAME}-f{f_number:g}-{plan.columns}x{plan.rows}-seed{plan.seed}-{plan.samples}"
+    seed = int.from_bytes(hashlib.sha256(stem.encode()).digest()[:8])
+    film = render_film(scene, camera, plan.samples, seed, films / f"{stem}.npz", threads=threads, progress=progress)
+    return np.asarray(filter_film(film, threads=threads).picture, np.float64)
+
+
+def _photograph(picture: Array, plan: DepthPlan, f_number: float, path: Path) -> None:
+    camera = plan.camera(f_number)
+    shot = Shot(
+        exposure_s=EXPOSURE_S * (f_number / APERTURES[0]) ** 2,
+        f_number=f_number,
+        focal_length_mm=camera.focal_mm,
+        subject_distance_mm=camera.focus_mm,
+        comment=NAME,
+    )
+    rng = np.random.default_rng([plan.seed, round(10 * f_number)])
+    photograph_render(picture, Optics.typical(f_number=f_number), plan.sensor, rng, path, white_e=WHITE_E, shot=shot)
+
+
+def _seen(picture: Array, plan: DepthPlan) -> Array:
+    """A picture on the plane without noise, through the first photograph's optics, 1 = saturation."""
+    light = blur_and_sample(picture[..., 1], Optics.typical(f_number=APERTURES[0]), "G", 1)
+    return _plane(light, plan) * _white(plan)
+
+
+def _plane(values: Array, plan: DepthPlan) -> Array:
+    x, y = plan.sensor.planes[PLANE]
+    return values[y::PITCH, x::PITCH]
+
+
+def _white(plan: DepthPlan) -> float:
+    """A white sheet in green, 1 = saturation."""
+    sensor = plan.sensor
+    return WHITE_E / sensor.gain_e_per_dn / (sensor.white - min(sensor.black))
+
+
+def _reach(plan: DepthPlan) -> int:
+    """Half-size of the masks, samples."""
+    return int(np.ceil(plan.max_w * RATIO + 0.5))
+
+
+def _setting(plan: DepthPlan) -> CameraSetting:
+    """The first photograph's camera, with the pitch of a plane."""
+    camera = plan.camera(APERTURES[0])
+    return CameraSetting(camera.focal_mm, camera.f_number, camera.focus_mm, camera.pitch_um * PITCH)
+
+
+def _spread(one: RestoredDepth, w: npt.NDArray[np.floating[Any]]) -> Array:
+    """w with the least true one black and the greatest white."""
+    return np.asarray((w - one.w.min()) / np.ptp(one.w), np.float64)
+
+
+def _error(one: RestoredDepth) -> Array:
+    """Half white where w is right, brighter where it is too large."""
+    return np.asarray(0.5 + (one.found.w - one.w) / np.ptp(one.w), np.float64)
+
+
+def _rms(error: npt.NDArray[np.floating[Any]]) -> float:
+    return float(np.sqrt(np.mean(np.square(error, dtype=np.float64))))
+
+
+def _npy(array: npt.NDArray[np.floating[Any]]) -> bytes:
+    data = io.BytesIO()
+    np.save(data, np.asarray(array, np.float32), allow_pickle=False)
+    return data.getvalue()

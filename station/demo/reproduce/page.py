@@ -1,0 +1,31 @@
+"""The page: every row with what was published, what we get, and whether it passes."""
+
+from __future__ import annotations
+
+import math
+
+from station.demo.reproduce.catalogue import NOT_HERE
+from station.demo.reproduce.runner import Reproduction, State
+from station.reports.page import render
+from station.results.result_files import software
+
+PLAIN_FROM, PLAIN_TO = 1e-3, 1e5
+"""Numbers outside are written with their power of ten."""
+
+
+def reproduction_page(found: Reproduction) -> str:
+    """One HTML page that needs nothing else."""
+    return render(
+        "reproduce.html", found=found, State=State, shown=shown, not_here=NOT_HERE, software=software(),
+    )  # fmt: skip
+
+
+def shown(value: float) -> str:
+    """A number to four digits: 0.1961, 31806, 2.1×10¹²."""
+    if not math.isfinite(value):
+        return "none"
+    if value and not PLAIN_FROM <= abs(value) < PLAIN_TO:
+        mantissa, power = f"{value:.2e}".split("e")
+        return f"{mantissa}×10^{int(power)}".replace("-", "−")
+    digits = max(0, 3 - (math.floor(math.log10(abs(value))) if value else 0))
+    return f"{value:.{digits}f}".replace("-", "−")

@@ -1,0 +1,192 @@
+"""Rows computed one after the other; none stops the others."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+from markupsafe import Markup
+
+from procedures.outcome import BadParameter, ProcedureError
+from station.common.progress import Progress, silent
+from station.demo.reproduce.row import Check, Found, Row, Setting
+from station.results.result_files import ResultFolder, software, write_record
+
+SCHEMA = "station/demo/reproduce/1"
+PAGE = "index.html"
+
+
+class State(StrEnum):
+    """What became of a row."""
+
+    PASS = "pass"
+    FAIL = "fail"
+    LEFT_OUT = "left out"
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """One check of a row, our number, and whether it passes."""
+
+    check: Check
+    ours: float
+
+    @property
+    def passes(self) -> bool:
+        """Whether it agrees with what was published."""
+        return self.check.agrees(self.ours)
+
+
+@dataclass(frozen=True, eq=False)
+class Done:
+    """A row and what became of it; one left out or broken has a reason and no lines."""
+
+    row: Row
+    state: State
+    lines: tuple[Line, ...] = ()
+    figures: tuple[Markup, ...] = ()
+    remark: str = ""
+    reason: str = ""
+    seconds: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Reproduction:
+    """All rows that were asked for."""
+
+    done: tuple[Done, ...]
+    full: bool
+    seconds: float
+
+    def count(self, state: State) -> int:
+        """How many rows ended so."""
+        return sum(one.state is state for one in self.done)
+
+    @property
+    def agrees(self) -> bool:
+        """Whether something was computed, and all of it passes."""
+        return self.count(State.PASS) > 0 and self.count(State.FAIL) == 0
+
+
+def chosen(rows: Sequence[Row], name: str | None) -> tuple[Row, ...]:
+    """The rows of that name or chapter, all without one. Raises BadParameter, with the names, if there is none."""
+    found = tuple(row for row in rows if name in (None, row.name, row.chapter))
+    if not found:
+        names = ", ".join(row.name for row in rows)
+        chapters = ", ".join(dict.fromkeys(row.chapter for row in rows))
+        raise BadParameter(f"no row {name!r}", f"name a row ({names}) or a chapter ({chapters})")
+    return found
+
+
+def reproduce(
+    out: Path, rows: Sequence[Row], setting: Setting, *, name: str | None = None, progress: Progress = silent
+) -> tuple[Reproduction, str]:
+    """Compute the rows, write page and record; returns what became of them, and the record's text.
+
+    Parameters
+    ----------
+    out : Path
+        Receives `index.html` and `result.json`.
+    name : str, optional
+        A row or a chapter; without one all rows are computed, the long ones only where the setting is full.
+    """
+    start = time.perf_counter()
+    asked = chosen(rows, name)
+    with ResultFolder(out) as folder:
+        done = []
+        for row in asked:
+            one = computed(row, setting, named=row.name == name)
+            done.append(one)
+            progress(_sentence(one))
+        found = Reproduction(tuple(done), setting.full, time.perf_counter() - start)
+        folder.write(PAGE, _page(found).encode())
+        return found, write_record(folder, _record(found, setting))
+
+
+def computed(row: Row, setting: Setting, *, named: bool = False) -> Done:
+    """A row's numbers held to the published ones, or why there are none.
+
+    A row that breaks fails with its error, so that the others are kept; with STATION_TRACEBACK it shows where.
+    """
+    missing = _missing(row, setting, named=named)
+    if missing:
+        return Done(row, State.LEFT_OUT, reason=missing)
+    start = time.perf_counter()
+    try:
+        found = row.compute(setting)
+        lines = tuple(Line(check, value) for check, value in zip(row.checks, found.values, strict=True))
+    except ProcedureError as error:
+        return Done(row, State.FAIL, reason=error.reason, seconds=time.perf_counter() - start)
+    except Exception as error:
+        if os.environ.get("STATION_TRACEBACK"):
+            raise
+        reason = f"the row stopped on something it did not foresee: {type(error).__name__}: {error}"
+        return Done(row, State.FAIL, reason=reason, seconds=time.perf_counter() - start)
+    return _judged(row, found, lines, time.perf_counter() - start)
+
+
+def _judged(row: Row, found: Found, lines: tuple[Line, ...], seconds: float) -> Done:
+    state = State.PASS if all(line.passes for line in lines) else State.FAIL
+    return Done(row, state, lines, found.figures, found.remark, seconds=seconds)
+
+
+def _missing(row: Row, setting: Setting, *, named: bool) -> str:
+    """Why a row is left out; nothing where it can be computed."""
+    if row.long and not (setting.full or named):
+        return "it takes long; compute it with --full, or by its name"
+    try:
+        for name in row.needs:
+            setting.path(name)
+    except BadParameter as error:
+        return f"{error.reason}: {error.remedy}"
+    return ""
+
+
+def _sentence(one: Done) -> str:
+    reason = f": {one.reason}" if one.reason else ""
+    return f"{one.row.name}: {one.state}{reason} ({one.seconds:.1f} s)"
+
+
+def _page(found: Reproduction) -> str:
+    from station.demo.reproduce.page import reproduction_page  # here: templates are slow to load
+
+    return reproduction_page(found)
+
+
+def _record(found: Reproduction, setting: Setting) -> dict[str, Any]:
+    return {
+        "schema": SCHEMA,
+        "procedure": "reproduce",
+        "parameters": {"full": setting.full, "data": None if setting.data is None else str(setting.data)},
+        "summary": {state.value.replace(" ", "_"): found.count(state) for state in State},
+        "rows": [_entry(one) for one in found.done],
+        "software": software(),
+        "duration_s": round(found.seconds, 3),
+    }
+
+
+def _entry(one: Done) -> dict[str, Any]:
+    row = one.row
+    return {
+        "name": row.name,
+        "chapter": row.chapter,
+        "place": row.place,
+        "title": row.title,
+        "state": str(one.state),
+        "reason": one.reason,
+        "remark": one.remark,
+        "tolerance": row.tolerance,
+        "checks": [_line_entry(line) for line in one.lines],
+        "duration_s": round(one.seconds, 3),
+    }
+
+
+def _line_entry(line: Line) -> dict[str, Any]:
+    check = line.check
+    told = {"quantity": check.quantity, "unit": check.unit, "published": check.published}
+    return {**told, "ours": line.ours, "low": check.low, "high": check.high, "pass": line.passes}

@@ -1,0 +1,62 @@
+"""A picture of measured edges for people: where each lies, its spread function, its MTF with a 95 % band."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from typing import Any
+
+import matplotlib
+import numpy as np
+import numpy.typing as npt
+from matplotlib.figure import Figure
+
+from procedures.raw import Plane
+from procedures.slanted_edge.estimate import EdgeMtf, EdgeOutcome
+from station.drawing.style import CONFIDENT, FAINT, INK, MARK, STYLE
+
+SHOWN = 6
+"""Edges drawn; a result's record and table have all."""
+
+
+def edge_picture(plane: Plane, edges: Sequence[EdgeOutcome]) -> bytes:
+    """A PNG with one line for each measured edge, the best first."""
+    shown = [(one.value, one.verdict) for one in edges if one.value is not None][:SHOWN]
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(10, 2.9 * len(shown)), dpi=100, layout="constrained")
+        axes = figure.subplots(len(shown), 3, squeeze=False)
+        for row, (edge, verdict) in zip(axes, shown, strict=True):
+            _region(row[0], plane.samples, edge, str(verdict))
+            _spread(row[1], edge)
+            _transfer(row[2], edge)
+        data = io.BytesIO()
+        figure.savefig(data, format="png", metadata={"Software": None})
+    return data.getvalue()
+
+
+def _region(axes: Any, samples: npt.NDArray[np.float32], edge: EdgeMtf, verdict: str) -> None:
+    roi = edge.roi
+    part = samples[roi.y : roi.y + roi.height, roi.x : roi.x + roi.width]
+    extent = (roi.x - 0.5, roi.x + roi.width - 0.5, roi.y + roi.height - 0.5, roi.y - 0.5)
+    axes.imshow(part, cmap="gray", extent=extent, interpolation="none", vmin=0)
+    x, y = edge.course.T
+    axes.plot(x, y, color=MARK, lw=0.8)
+    axes.set_title(f"{edge.orientation}, {edge.numbers['angle'].value:.2f} degrees: {verdict}")
+    axes.locator_params(nbins=4)
+
+
+def _spread(axes: Any, edge: EdgeMtf) -> None:
+    axes.plot(edge.distances, edge.esf, ".", ms=2, color=INK)
+    axes.set(xlabel="pixels from the edge", title="edge spread function")
+
+
+def _transfer(axes: Any, edge: EdgeMtf) -> None:
+    spread = CONFIDENT * edge.uncertainty
+    axes.fill_between(edge.frequencies, edge.mtf - spread, edge.mtf + spread, color=INK, alpha=0.25, lw=0)
+    axes.plot(edge.frequencies, edge.mtf, color=INK, lw=1.2)
+    axes.axvline(0.5, color=FAINT, lw=0.7)
+    axes.set(xlim=(0, 1), ylim=(0, 1.05), xlabel="cycles/pixel")
+    if "mtf50" in edge.numbers:
+        number = edge.numbers["mtf50"]
+        axes.plot(number.value, 0.5, "o", ms=4, color=MARK)
+        axes.set_title(f"MTF50 {number.value:.4f} ± {number.uncertainty:.4f} cycles/pixel")

@@ -1,0 +1,1 @@
+"""Runs a plan: asks, moves, settles, exposes, checks, and keeps what counts."""

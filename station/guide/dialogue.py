@@ -1,0 +1,180 @@
+"""What a run says and asks: questions with what is known as their default, troubles as questions, stopping."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Protocol, TypeVar
+
+from drivers.errors import DeviceError, EmergencyStopped
+from procedures.outcome import ProcedureError
+from procedures.plan import Advice, Ask, Fact, Facts
+from procedures.reading.exposure import TYPED
+from station.guide.frontend import Doing, Event, Operator, Stopped, Trouble
+from station.sessions.session import Session
+
+T = TypeVar("T")
+AGAIN, SKIP, STOP = "try again", "skip", "stop"
+INSISTED = "insisted_"
+"""Before a name: the fact that the operator's answer holds against what the camera noted."""
+HAND = "hand_"
+"""Before a name: the fact what the operator's hands were asked for under that name, all in all."""
+
+
+class Skipped(Exception):
+    """The operator goes on without what could not be done."""
+
+
+class Hands(Protocol):
+    """What stands for a person's hands and eyes at a simulated bench."""
+
+    def knows(self, key: str) -> Fact | None:
+        """What a person there would answer; None where the question's own default will do."""
+        ...
+
+    def do(self, key: str, facts: Facts) -> None:
+        """What the person did who confirms this question."""
+        ...
+
+    def take_up(self, facts: Facts) -> None:
+        """Everything is as an earlier run, which knew these facts, left it."""
+        ...
+
+    def follow(self, by_hand: Mapping[str, float]) -> None:
+        """What was asked for in numbers: turn the chart, the focus ring, the exposure dial."""
+        ...
+
+
+class Conversation:
+    """Between a run and its operator, with the session as memory."""
+
+    def __init__(self, operator: Operator, session: Session, hands: Hands | None) -> None:
+        self._operator = operator
+        self._session = session
+        self._hands = hands
+        self.stopping = threading.Event()
+        self.emergency = threading.Event()
+
+    # --- telling and asking
+
+    def hear(self, event: Event) -> None:
+        """Tell the operator."""
+        self._operator.hear(event)
+
+    def doing(self, say: str, done: int = 0, total: int = 0, left_s: float | None = None) -> None:
+        """Tell what happens now; the moment to stop if that was asked for."""
+        self.check()
+        self.hear(Doing(say, done, total, left_s))
+
+    def check(self) -> None:
+        """Raises Stopped if the operator has asked to stop."""
+        if self.stopping.is_set() or self.emergency.is_set():
+            raise Stopped
+
+    @property
+    def facts(self) -> Facts:
+        """What is known so far."""
+        return self._session.state.facts
+
+    def learn(self, facts: Facts) -> None:
+        """Keep what is new."""
+        new = {name: value for name, value in facts.items() if self.facts.get(name) != value}
+        if new:
+            self._session.learn(new)
+
+    def ask(self, ask: Ask) -> Fact:
+        """The answer. What is known under its key is the default. Raises Stopped."""
+        default = self.facts.get(ask.key)
+        if default is None and self._hands is not None:
+            default = self._hands.knows(ask.key)
+        return self._operator.answer(ask if default is None else replace(ask, default=default))
+
+    def agreed(self, ask: Ask) -> Fact:
+        """The answer; where the camera noted something else, the operator says which of the two is right."""
+        noted, answer = self.facts.get(ask.key), self.ask(ask)
+        if ask.key not in TYPED or not isinstance(noted, float | int) or not isinstance(answer, float | int):
+            return answer
+        words, unit, near = TYPED[ask.key]
+        if abs(answer / noted - 1) <= near:
+            return answer
+        question = (
+            f"You gave {answer:g}{unit} for the {words}; before, it was noted as {noted:g}{unit}. Which is right?"
+        )
+        told, before = f"{answer:g}{unit}", f"{noted:g}{unit}"
+        insisted = self.choose(f"which_{ask.key}", question, (before, told)) == told
+        self.learn({INSISTED + ask.key: insisted})
+        return answer if insisted else noted
+
+    def learn_noted(self, facts: Facts) -> None:
+        """Keep what a photograph tells, but for what the operator insisted on."""
+        self.learn({name: value for name, value in facts.items() if not self.facts.get(INSISTED + name)})
+
+    def confirmed(self, ask: Ask) -> bool:
+        """Whether the operator has done it; simulated hands then have."""
+        done = bool(self.ask(replace(ask, default=True)))
+        if done and self._hands is not None:
+            self._hands.do(ask.key, self.facts)
+        return done
+
+    def by_hand(self, advice: Advice, why: str = "") -> None:
+        """Ask for what the advice says, and keep what was asked for all in all."""
+        question = f"{advice.say} ({why})" if why else advice.say
+        self.ask(Ask("by_hand", question))
+        wanted = {**advice.moves, **advice.by_hand}
+        if self._hands is not None:
+            self._hands.follow(wanted)
+        before = {name: self.facts.get(HAND + name, 0.0) for name in wanted}
+        self.learn({HAND + name: float(before[name]) + change for name, change in wanted.items()})
+
+    def choose(self, key: str, question: str, choices: tuple[str, ...]) -> str:
+        """One of the choices; the first is what is usually meant."""
+        return str(self.ask(Ask(key, question, "choice", default=choices[0], choices=choices)))
+
+    def take_up(self) -> None:
+        """Simulated hands bring the room to where an earlier run left it."""
+        if self._hands is not None:
+            self._hands.take_up(self.facts)
+
+    # --- trouble
+
+    def attempt(
+        self, work: Callable[[], T], mend: Callable[[Exception], None] = lambda error: None, *, always: bool = False
+    ) -> T:
+        """What the work gives. Where it fails the operator decides; before it is tried again, it is mended.
+
+        Parameters
+        ----------
+        always : do it even where the operator has asked to stop: what was begun must be kept
+
+        Raises
+        ------
+        Skipped
+            If the operator goes on without it.
+        Stopped
+            If he stops, or the emergency stop was pressed.
+        """
+        failure: Exception | None = None
+        while True:
+            if not always:
+                self.check()
+            try:
+                if failure is not None:
+                    mend(failure)
+                return work()
+            except EmergencyStopped as error:
+                self.emergency.set()
+                raise Stopped from error
+            except (DeviceError, ProcedureError) as error:
+                if not always:
+                    self.check()  # what fails because everything was stopped is no trouble
+                failure = error
+                self._trouble(error)
+
+    def _trouble(self, error: DeviceError | ProcedureError) -> None:
+        self.hear(Trouble(error.reason, error.remedy))
+        answer = self.choose("trouble", "What now?", (AGAIN, SKIP, STOP))
+        if answer == SKIP:
+            raise Skipped
+        if answer == STOP:
+            raise Stopped

@@ -1,0 +1,166 @@
+"""One exposure: wait until the rig is still, ask the devices how they are, expose, keep the file, then read it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any, Protocol
+
+from drivers.errors import DeviceError, EmergencyStopped
+from drivers.interfaces import Exposure, ImuBlock
+from procedures.plan import Facts
+from procedures.raw import RawFrame, read_frame
+from station.guide.active_devices import Rig, Snapshot
+from station.guide.dialogue import Conversation, Skipped
+from station.guide.frontend import Stopped, Trouble
+from station.guide.vibration import Patience, Settling, Tremor, Unrest
+
+if TYPE_CHECKING:
+    from drivers.clock import Clock
+    from station.sessions.session import Session, Shot
+
+
+MOTION_HZ = 200.0
+MOTION_RIM_S = 0.2
+"""What is kept of the IMU's record before and after the exposure: lag of the shutter, and comparison of clocks."""
+LONGEST_OPEN_S = 2.0
+"""Exposure that is allowed for where none was asked for."""
+
+
+class Photographer(Protocol):
+    """What answers a request with a file: the bench's camera, or the operator."""
+
+    def expose(self) -> Exposure:
+        """One photograph. Raises DeviceError."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Taken:
+    """A photograph that is in the session: its entry there, its planes, and the facts of its moment."""
+
+    shot: Shot
+    frame: RawFrame
+    facts: Facts
+
+
+class Exposer:
+    """Takes photographs into a session."""
+
+    def __init__(
+        self,
+        rig: Rig,
+        camera: Photographer,
+        session: Session,
+        talk: Conversation,
+        clock: Clock,
+        patience: Patience | None = None,
+    ) -> None:
+        self._rig = rig
+        self._camera = camera
+        self._session = session
+        self._talk = talk
+        self.settling = Settling(rig.imu, clock, patience)
+
+    def take(self, purpose: str, step: str, *, moving: bool = False) -> Taken:
+        """One photograph: when the rig is still, or with the IMU recorded while it moves. Raises Skipped, Stopped."""
+        tremor = None if moving else self._talk.attempt(self._still, self._rig.mend)
+        shot = self._kept(purpose, step, tremor, moving=moving)
+        frame = self._talk.attempt(lambda: read_frame(self._session.original(shot)))
+        return Taken(shot, frame, {**self._talk.facts, **shot_facts(shot)})
+
+    def _still(self) -> Tremor | None:
+        """Wait until the rig is still; an IMU that fails is waited without."""
+        self._talk.doing("waiting until the rig is still")
+        try:
+            return self.settling.wait()
+        except (Unrest, EmergencyStopped):
+            raise
+        except DeviceError as error:
+            self.settling.imu = None
+            self._talk.hear(Trouble(error.reason, f"going on without the IMU; {error.remedy}"))
+            return self.settling.wait()
+
+    def _kept(self, purpose: str, step: str, tremor: Tremor | None, *, moving: bool) -> Shot:
+        """Expose, and take the file in; a full disk lets the file wait where the camera put it."""
+        number = self._talk.attempt(lambda: self._session.expect(step, purpose))
+        kept: dict[str, Any] = {}
+
+        def expose() -> Exposure:
+            known = set(self._rig.silent)
+            snapshot = self._rig.snapshot()
+            for name in set(snapshot.silent) - known:
+                self._talk.hear(
+                    Trouble(f"the {name} does not tell: {snapshot.silent[name]}", "look after it; the run goes on")
+                )
+            kept.update(record(snapshot, tremor))
+            self._talk.doing("exposing")
+            self._rig.announce(number)
+            if not moving:
+                return self._camera.expose()
+            exposure, block = self._felt()
+            kept.update(motion_record(exposure, block))
+            return exposure
+
+        try:
+            exposure = self._talk.attempt(expose, self._rig.mend)
+        except (Skipped, Stopped):
+            self._session.note("gave_up", step=step, purpose=purpose)
+            raise
+        adopt = partial(self._session.adopt, exposure, step=step, purpose=purpose, snapshot=kept)
+        return self._talk.attempt(adopt, always=True)
+
+    def _felt(self) -> tuple[Exposure, ImuBlock | None]:
+        """One photograph, and what the IMU felt meanwhile; None where there is none, or it fails."""
+        imu = self._rig.imu
+        try:
+            if imu is not None:
+                imu.start(MOTION_HZ)
+        except EmergencyStopped:
+            raise
+        except DeviceError as error:
+            self._talk.hear(Trouble(error.reason, f"going on without the IMU; {error.remedy}"))
+            imu = None
+        exposure = self._camera.expose()
+        if imu is None:
+            return exposure, None
+        try:
+            block = imu.read_block(0.0)
+            imu.stop()
+        except DeviceError as error:  # the photograph is there: it must be kept
+            self._talk.hear(Trouble(error.reason, f"the motion is not known; {error.remedy}"))
+            return exposure, None
+        return exposure, block
+
+
+def motion_record(exposure: Exposure, block: ImuBlock | None) -> dict[str, Any]:
+    """What the session keeps of the IMU: its samples about the time the shutter was open, by the host's clock."""
+    if block is None or not len(block.host_s):
+        return {}
+    shutter, open_s = exposure.shutter, exposure.settings.exposure_s or LONGEST_OPEN_S
+    begin_s = shutter.closed_s - MOTION_RIM_S if shutter else -float("inf")
+    end_s = shutter.closed_s + open_s + 2 * MOTION_RIM_S if shutter else float("inf")
+    inside = (block.host_s >= begin_s) & (block.host_s <= end_s)
+    return {
+        "motion": {
+            "host_s": [round(float(t), 6) for t in block.host_s[inside]],
+            "acceleration_m_s2": [[round(float(v), 5) for v in row] for row in block.acceleration_m_s2[inside]],
+            "rotation_rad_s": [[round(float(v), 6) for v in row] for row in block.rotation_rad_s[inside]],
+            "lost": block.lost,
+        }
+    }
+
+
+def record(snapshot: Snapshot, tremor: Tremor | None) -> dict[str, Any]:
+    """What the session keeps of a moment."""
+    kept = snapshot.record()
+    if tremor is not None:
+        kept |= {"acceleration_m_s2": tremor.acceleration_m_s2, "rotation_rad_s": tremor.rotation_rad_s}
+    return kept
+
+
+def shot_facts(shot: Shot) -> Facts:
+    """The facts of a photograph's moment, from what the session kept of it."""
+    axes = {f"at_{name}": float(value) for name, value in shot.snapshot.get("axes", {}).items()}
+    others = {name: value for name, value in shot.snapshot.items() if isinstance(value, int | float)}
+    return {**axes, **others}

@@ -1,0 +1,55 @@
+"""The guided plan of a field, with the estimate that puts the field together from its photographs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from procedures.field import plan as guide
+from procedures.outcome import Outcome, Refused, Verdict
+from procedures.pattern_psf.checks import known_chart, parameters_of
+from procedures.plan import Facts, Plan
+from procedures.quality import Quality
+from procedures.raw import RawFrame
+from station.calibration.field import FieldResult, PlaneField, conclude, measure_frames
+from station.calibration.plane_records import diffraction_limit
+
+
+@dataclass(frozen=True, eq=False)
+class OfField:
+    """One plane's part of a field, with the whole."""
+
+    field: FieldResult
+    plane: PlaneField
+
+    @property
+    def quality(self) -> Quality | None:
+        """Of the PSF at the frame's centre."""
+        return self.plane.record.quality
+
+
+def plan() -> Plan:
+    """The plan."""
+    return guide.plan(estimate)
+
+
+def estimate(frames: Sequence[RawFrame], facts: Facts) -> Mapping[str, Outcome[Any]]:
+    """Every plane's field from all photographs; a refusal in its place where they give none."""
+    measured = measure_frames(frames, known_chart(facts), parameters_of(facts))
+    exposure = measured.exposures[0].exposure if measured.exposures else None
+    pitch_um = float(facts["pixel_pitch_um"]) if "pixel_pitch_um" in facts else None
+    limit = partial(diffraction_limit, exposure, pixel_pitch_um=pitch_um) if exposure else (lambda plane: None)
+    try:
+        found = conclude(measured, limit=limit)
+    except Refused as refusal:
+        names = frames[0].planes if frames else ()
+        return {name: Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy) for name in names}
+    return {one.record.name: _outcome(found, one) for one in found.planes}
+
+
+def _outcome(found: FieldResult, one: PlaneField) -> Outcome[OfField]:
+    record = one.record
+    value = None if record.verdict is Verdict.REFUSED else OfField(found, one)
+    return Outcome(value, record.verdict, record.reason, record.remedy)

@@ -1,0 +1,222 @@
+"""What a run does with photographs: look and mend until it is good, scan an axis, take shots that count."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from procedures.advice import time_words
+from procedures.outcome import Outcome, Verdict
+from procedures.plan import Advice, Go, Look, Scan, Shoot, Stop, Tour
+from procedures.raw import RawFrame, read_frame
+from station.guide.active_devices import AT, Rig
+from station.guide.dialogue import AGAIN, STOP, Conversation, Skipped
+from station.guide.exposure import Exposer, Taken, shot_facts
+from station.guide.frontend import CurveSeen, Doing, Seen, Stopped
+from station.sessions.session import Session, Shot
+
+EXPOSURE = "exposure_ev"
+LOOK_AGAIN, GO_ON = "look again", "go on"
+LEAVE_OUT = "leave it out"
+PREVIEW = ("G1", "Y")
+"""Of which plane a preview is shown."""
+Outcomes = Mapping[str, Outcome[Any]]
+
+
+class Watching:
+    """Photographs for one purpose after the other, and what follows from them."""
+
+    def __init__(self, rig: Rig, exposer: Exposer, session: Session, talk: Conversation) -> None:
+        self._rig = rig
+        self._exposer = exposer
+        self._session = session
+        self._talk = talk
+        self.step = ""
+
+    def moved(self) -> None:
+        """Something moved: keep where it is and how far it can go, and let it settle."""
+        self._exposer.settling.moved()
+        self._talk.learn(self._talk.attempt(self._rig.axis_facts, self._rig.mend))
+
+    # --- look until it is good
+
+    def look(self, look: Look) -> None:
+        """Look and mend until the check is content, or the operator is. Raises Skipped, Stopped."""
+        while not any(self._look_once(look) for _ in range(look.tries)):
+            question = f"After {look.tries} looks it is not as it should be. Look again, or go on with it as it is?"
+            answer = self._talk.choose("look", question, (LOOK_AGAIN, GO_ON, STOP))
+            if answer == STOP:
+                raise Stopped
+            if answer == GO_ON:
+                return
+
+    def _look_once(self, look: Look) -> bool:
+        taken = self._exposer.take(look.purpose, self.step)
+        advice = self._talk.attempt(lambda: look.check(taken.frame, taken.facts))
+        self._session.judge(taken.shot, False, "a trial" if advice.good else advice.say)
+        self._show(taken.frame, advice)
+        self._talk.learn_noted(advice.facts)
+        if not advice.good:
+            self._follow(advice, taken.frame)
+        return advice.good
+
+    def _show(self, frame: RawFrame, advice: Advice) -> None:
+        name = next((name for name in PREVIEW if name in frame.planes), next(iter(frame.planes)))
+        self._talk.hear(Seen(frame.planes[name], advice))
+
+    def _follow(self, advice: Advice, frame: RawFrame) -> None:
+        """Do what the advice says: by the bench or the camera's cable where they can, else by hand."""
+        exposure_s = frame.exposure.exposure_s
+        if set(advice.by_hand) == {EXPOSURE} and exposure_s is not None and self._rig.sets_exposure:
+            wanted_s = exposure_s * 2 ** advice.by_hand[EXPOSURE]
+            self._talk.doing(f"setting the exposure time to {time_words(wanted_s)}")
+            self._talk.attempt(lambda: self._rig.set_exposure(wanted_s), self._rig.mend)
+            return
+        target = self._talk.attempt(lambda: self._rig.target(advice.moves), self._rig.mend)
+        obstacle = self._rig.obstacle(target)
+        if obstacle is None:
+            self._go_to(target)
+        else:
+            self._talk.by_hand(advice, obstacle)
+            self._exposer.settling.moved()
+
+    def _go_to(self, places: Mapping[str, float]) -> None:
+        self._talk.doing("moving: keep clear")
+        self._talk.attempt(lambda: self._rig.go_to(places), self._rig.mend)
+        self.moved()
+
+    # --- scan an axis
+
+    def scan(self, scan: Scan) -> None:
+        """A trial at each place, then on to the best. Raises Skipped, Stopped."""
+        places = [float(place) for place in scan.places(self._talk.facts)]
+        here, scores = self._here(scan.axis), []
+        for i, place in enumerate(places):
+            self._set(scan, place, here)
+            here = place
+            self._talk.doing(scan.purpose, i + 1, len(places))
+            taken = self._exposer.take(scan.purpose, self.step)
+            scores.append(self._talk.attempt(lambda t=taken: scan.score(t.frame, t.facts)))  # type: ignore[misc]
+            self._session.judge(taken.shot, False, "a trial")
+            self._show(taken.frame, Advice(True, ""))
+            self._talk.hear(CurveSeen(scan.axis, tuple(places[: i + 1]), tuple(scores)))
+        if places:
+            advice = scan.choose(places, scores)
+            self._talk.learn_noted(advice.facts)
+            self._talk.doing(advice.say)
+            self._set(scan, here + advice.moves.get(scan.axis, 0.0), here)
+
+    def _here(self, axis: str) -> float:
+        """Where the axis is; 0 for one that is set by hand."""
+        return float(self._talk.facts.get(AT + axis, 0.0)) if axis in self._rig.axes() else 0.0
+
+    def _set(self, scan: Scan, place: float, here: float) -> None:
+        """Bring the axis to a place: by the bench, or by hand from where it is."""
+        if scan.axis in self._rig.axes():
+            self._go_to({scan.axis: place})
+        elif place != here:
+            self._talk.by_hand(Advice(False, scan.say(place - here), by_hand={scan.axis: place - here}))
+            self._exposer.settling.moved()
+
+    # --- shots that count
+
+    def shoot(self, shoot: Shoot) -> None:
+        """Shots until they are enough; those that an interrupted run took are looked at first. Raises Stopped."""
+        results: list[Outcomes] = []
+        for shot in self._earlier(shoot.purpose):
+            self._judge(shoot, self._read_again(shot), results)
+        for _ in range(shoot.most):
+            if results and self._enough(shoot, results):
+                return
+            self._judge(shoot, self._exposer.take(shoot.purpose, self.step, moving=shoot.record_motion), results)
+        if not (results and self._enough(shoot, results)):
+            self._talk.doing(f"{shoot.most} shots were taken: going on with those that count")
+
+    def _earlier(self, purpose: str) -> list[Shot]:
+        """The shots of this step and purpose that count, or were not judged before the interruption."""
+        shots = self._session.state.shots
+        return [s for s in shots if (s.step, s.purpose) == (self.step, purpose) and s.counts is not False]
+
+    def _read_again(self, shot: Shot) -> Taken:
+        """A photograph that an interrupted run took."""
+        frame = self._talk.attempt(lambda: read_frame(self._session.original(shot)))
+        return Taken(shot, frame, {**self._talk.facts, **shot_facts(shot)})
+
+    def _enough(self, shoot: Shoot, results: list[Outcomes]) -> bool:
+        advice = shoot.enough(results, self._talk.facts)
+        self._talk.learn_noted(advice.facts)
+        self._talk.doing(advice.say, len(results), shoot.most)
+        return advice.good
+
+    def _judge(self, shoot: Shoot, taken: Taken, results: list[Outcomes]) -> None:
+        """Whether the shot counts, and why not; what it gives is added to the results."""
+        advice = self._talk.attempt(lambda: shoot.check(taken.frame, taken.facts))
+        if advice.good:
+            self._talk.hear(Doing(f"estimating from shot {taken.shot.number}"))
+            found = self._talk.attempt(lambda: shoot.estimate(taken.frame, taken.facts))
+            refused = [one for one in found.values() if one.verdict is Verdict.REFUSED]
+            if len(refused) < len(found):
+                results.append(found)
+            else:
+                advice = Advice(False, f"{refused[0].reason}: {refused[0].remedy}")
+        self._keep(taken, advice)
+        if not advice.good:
+            self._follow(advice, taken.frame)
+
+    def _keep(self, taken: Taken, advice: Advice) -> None:
+        """Whether the shot counts, for the session and the operator."""
+        if advice.good:
+            self._talk.learn_noted(advice.facts)
+        self._session.judge(taken.shot, advice.good, "" if advice.good else advice.say)
+        self._show(taken.frame, advice)
+
+    # --- one shot at each of several places
+
+    def tour(self, tour: Tour, go: Callable[[Go], None]) -> None:
+        """A shot that counts at each place where none was taken yet; `go` moves there. Raises Stopped."""
+        stops = tour.stops(self._talk.facts)
+        for number, stop in enumerate(stops, 1):
+            if self._visited(stop):
+                continue
+            self._talk.doing(stop.name, number, len(stops))
+            reason = self._visit(stop, tour.tries, go)
+            if reason:
+                self._session.note("left_out", step=self.step, place=stop.name, reason=reason)
+                self._talk.hear(Doing(f"{stop.name} is left out: {reason}"))
+
+    def _visited(self, stop: Stop) -> bool:
+        """Whether a shot of this place counts; one that was not judged before an interruption is judged now."""
+        for shot in self._earlier(stop.name):
+            if shot.counts is None:
+                taken = self._read_again(shot)
+                self._keep(taken, self._checked(stop, taken))
+        return any(shot.counts for shot in self._earlier(stop.name))
+
+    def _checked(self, stop: Stop, taken: Taken) -> Advice:
+        return self._talk.attempt(lambda: stop.check(taken.frame, taken.facts))
+
+    def _visit(self, stop: Stop, tries: int, go: Callable[[Go], None]) -> str:
+        """Go there and try until a shot counts: "", or why the place is left out."""
+        try:
+            go(stop.go)
+            while True:
+                for _ in range(tries):
+                    taken = self._exposer.take(stop.name, self.step)
+                    advice = self._checked(stop, taken)
+                    self._keep(taken, advice)
+                    if advice.good:
+                        return ""
+                    self._follow(advice, taken.frame)
+                if not self._goes_on_trying(stop, tries):
+                    return advice.say
+        except Skipped:
+            self._rig.leave_out_lost()
+            return "the operator skipped it"
+
+    def _goes_on_trying(self, stop: Stop, tries: int) -> bool:
+        """What the operator decides about a place where no shot counts. Raises Stopped."""
+        question = f"{stop.name}: {tries} shots do not count. Leave this place out, or try again?"
+        answer = self._talk.choose("place", question, (LEAVE_OUT, AGAIN, STOP))
+        if answer == STOP:
+            raise Stopped
+        return answer == AGAIN

@@ -1,0 +1,155 @@
+"""A session's results once more, from its photographs and its journal alone, compared byte for byte."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from procedures.outcome import BadParameter
+from station.common.durable_files import sha256_of
+from station.guide.catalogue import plan_named
+from station.guide.session_result import compute
+from station.results.result_files import RECORD
+from station.results.result_seal import is_sealed
+from station.sessions.compute_environment import KERNELS, machine
+from station.sessions.reader import read_session, verify
+from station.sessions.state import Derived, State, replay
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One result against what was computed again.
+
+    Attributes
+    ----------
+    result : folder of the result, from the session's
+    same, different, missing, added : names of files, by how the new ones compare to those that the journal tells
+    keys : where the records differ, the entries that do
+    kernels : the processors' family whose kernels of linear algebra gave the same bits, where this one's own did not
+    machine : what is another now than when the result was drawn: (what, then, now)
+    """
+
+    result: str
+    same: tuple[str, ...]
+    different: tuple[str, ...]
+    missing: tuple[str, ...]
+    added: tuple[str, ...]
+    keys: tuple[str, ...] = ()
+    machine: tuple[tuple[str, str, str], ...] = ()
+    kernels: str = ""
+
+    @property
+    def identical(self) -> bool:
+        """Whether every file is the same to the last bit."""
+        return not (self.different or self.missing or self.added)
+
+
+def recompute(folder: Path, numbers: tuple[int, ...] = ()) -> Iterator[Comparison]:
+    """Every result of a session computed again, or those of these numbers.
+
+    Each is computed from what the journal held when it was drawn, into a folder that is removed again. It is compared
+    with the hashes in the journal, so that a result whose files were altered afterwards is told as well. Where it was
+    drawn on another family of processors, it is computed once more as that one would, as far as this one can.
+
+    Raises
+    ------
+    BadParameter
+        If there is no such result.
+    Damaged
+        If a photograph is not what was taken.
+    """
+    record = read_session(folder)
+    results = record.state.results
+    wanted = numbers or tuple(range(1, len(results) + 1))
+    for number in wanted:
+        if not 1 <= number <= len(results):
+            raise BadParameter(
+                f"{folder.name} has {len(results)} results, and none of number {number}", "choose another"
+            )
+    verify(folder, record.state)
+    lines = record.contents.lines
+    drawn = [i for i, line in enumerate(lines) if line.event == "derived"]
+    for number in wanted:
+        found = _again(folder, results[number - 1], replay(lines[: drawn[number - 1]]))
+        then = kernels_of(results[number - 1].about.get("machine", {}))
+        if not found.identical and then and then != kernels_of(machine()) and KERNELS not in os.environ:
+            found = _as_then(folder, number, then) or found
+        yield found
+
+
+def kernels_of(computer: Mapping[str, Any]) -> str:
+    """The family of processors whose kernels OpenBLAS used; "" where that is not one."""
+    libraries = str(computer.get("blas", "")).split(", ")
+    families = {words[2] for one in libraries if (words := one.split())[:1] == ["openblas"] and len(words) == 3}
+    return families.pop() if len(families) == 1 else ""
+
+
+def _as_then(folder: Path, number: int, kernels: str) -> Comparison | None:
+    """The comparison by a process whose OpenBLAS computes as that family would; None where it is not the same."""
+    words = [sys.executable, "-m", "station", "session", "recompute", str(folder.absolute())]
+    environment = {**os.environ, KERNELS: kernels}
+    done = subprocess.run(
+        [*words, "--result", str(number), "--json"], env=environment, capture_output=True, check=False
+    )
+    if done.returncode != 0:
+        return None
+    (told,) = json.loads(done.stdout)["results"]
+    del told["identical"]
+    return Comparison(**{**{name: _tuples(value) for name, value in told.items()}, "kernels": kernels})
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(_tuples(part) for part in value) if isinstance(value, list) else value
+
+
+def _again(folder: Path, result: Derived, state: State) -> Comparison:
+    with tempfile.TemporaryDirectory(prefix="station-") as raw:
+        fresh = Path(raw, "result")
+        compute(folder, state, plan_named(state.plan), fresh, sealed=is_sealed(folder / result.folder))
+        found = {path.relative_to(fresh).as_posix(): sha256_of(path) for path in fresh.rglob("*") if path.is_file()}
+        keys = _differing(folder / result.folder / RECORD, fresh / RECORD)
+    on_disk = {name: _hash(folder / result.folder / name) for name in result.files}
+    same = [name for name, digest in found.items() if result.files.get(name) == digest == on_disk.get(name)]
+    return Comparison(
+        result.folder,
+        tuple(sorted(same)),
+        tuple(sorted(name for name in found if name in result.files and name not in same)),
+        tuple(sorted(name for name in result.files if name not in found)),
+        tuple(sorted(name for name in found if name not in result.files)),
+        keys,
+        _other_machine(result.about.get("machine", {})),
+    )
+
+
+def _hash(path: Path) -> str:
+    try:
+        return sha256_of(path)
+    except OSError:
+        return ""
+
+
+def _differing(old: Path, new: Path) -> tuple[str, ...]:
+    """The entries in which two records differ."""
+    try:
+        before, now = (_flat(json.loads(path.read_bytes())) for path in (old, new))
+    except (OSError, ValueError):
+        return ()
+    return tuple(sorted(name for name in before.keys() | now.keys() if before.get(name) != now.get(name)))
+
+
+def _flat(value: Any, name: str = "") -> dict[str, Any]:
+    if isinstance(value, Mapping):
+        return {k: v for key, part in value.items() for k, v in _flat(part, f"{name}.{key}" if name else key).items()}
+    return {name: value}
+
+
+def _other_machine(then: Mapping[str, Any]) -> tuple[tuple[str, str, str], ...]:
+    before, now = _flat(then), _flat(machine())
+    return tuple((k, str(before.get(k)), str(now.get(k))) for k in sorted(before) if before[k] != now.get(k))

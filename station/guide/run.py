@@ -1,0 +1,321 @@
+"""Runs a plan: asks, moves, settles, exposes, checks. The only code that measures through drivers.
+
+Whatever comes from the camera is in the session before anyone looks at it. Whatever a device or the disk refuses
+becomes a sentence and a question: try again, skip, or stop.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import asdict
+from functools import singledispatchmethod
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from drivers.clock import SystemClock
+from procedures.outcome import ProcedureError
+from procedures.plan import (
+    Advice,
+    Ask,
+    Decide,
+    Estimate,
+    Give,
+    Go,
+    Home,
+    Look,
+    Measure,
+    Plan,
+    Request,
+    Scan,
+    SetLight,
+    Shoot,
+    Show,
+    Step,
+    Tour,
+)
+from station.common.atomic_files import write_whole
+from station.guide.active_devices import AT, DISTANCE, LIGHT_LEVEL, Rig
+from station.guide.dialogue import Conversation, Skipped
+from station.guide.exposure import Exposer, Photographer
+from station.guide.frontend import (
+    Doing,
+    Operator,
+    Result,
+    RunBegan,
+    RunEnded,
+    Shown,
+    StepBegan,
+    StepEnded,
+    Stopped,
+    Trouble,
+)
+from station.guide.manual_camera import FOLDER, HandCamera
+from station.guide.photographing import Watching
+from station.guide.session_result import derive
+from station.guide.vibration import Patience
+from station.sessions.session import Session
+
+if TYPE_CHECKING:
+    from station.bench.opening import Bench
+
+PAGE = "report.html"
+ACCEPT, RETAKE = "accept", "retake"
+
+
+class Reopened(Exception):
+    """The operator goes back to an earlier step."""
+
+
+class Run:
+    """A plan on a bench (or on none), with a session as memory and an operator before it."""
+
+    def __init__(
+        self, plan: Plan, bench: Bench | None, session: Session, operator: Operator, patience: Patience | None = None
+    ) -> None:
+        self.plan = plan
+        self._session = session
+        self._patience = patience
+        self._rig = Rig(bench)
+        self._clock = bench.clock if bench else SystemClock()
+        if bench and bench.simulated:
+            bench.simulated.show(plan.subject)
+        hands = bench.simulated.hands if bench and bench.simulated else None
+        self._talk = Conversation(operator, session, hands)
+        self._step = plan.steps[0]
+        self._watch: Watching | None = None
+
+    # --- from outside
+
+    def ask_to_stop(self) -> None:
+        """End after what is being done now: this exposure, this move. From any thread."""
+        self._talk.stopping.set()
+
+    def stop_now(self) -> None:
+        """Stop everything that moves, and end. From any thread; waits for nothing."""
+        self._talk.emergency.set()
+        self._rig.emergency_stop()
+
+    def go(self) -> RunEnded:
+        """Carry the plan out from the first step that is not done. Blocks until the end; never raises Stopped."""
+        done = self._session.state.done
+        self._talk.hear(RunBegan(self.plan, self._session.folder, tuple(done)))
+        try:
+            self._tell_notices()
+            if self._next() is not None:
+                self._prepare(resumed=bool(done))
+            while (step := self._next()) is not None:
+                self._carry_out(step)
+            ended = RunEnded("finished", self._report())
+        except ProcedureError as error:
+            self._talk.hear(Trouble(error.reason, error.remedy))
+            ended = RunEnded("stopped")
+        except Stopped:
+            ended = RunEnded("emergency" if self._talk.emergency.is_set() else "stopped")
+        except BaseException:  # a fault of the program, or its end: nothing may move on behind it
+            self.stop_now()
+            with suppress(Exception):
+                self._ended(RunEnded("emergency"))
+            raise
+        return self._ended(ended)
+
+    def _tell_notices(self) -> None:
+        """What the session has mended, and what will have to be repeated."""
+        for notice in self._session.state.notices:
+            self._talk.hear(Doing(notice))
+        self._session.told()
+
+    def _report(self) -> Path | None:
+        """The session's report, drawn when all is done; None where there is no result to draw."""
+        if not self._session.state.results:
+            return None
+        from station.guide.session_report import session_page  # here: it draws, and that import is slow
+
+        drawn = self._session.folder / self._session.state.results[-1].folder / PAGE
+        if drawn.is_file():
+            return drawn
+        path = self._session.folder / PAGE
+        self._talk.hear(Doing("writing the report"))
+        try:
+            self._talk.attempt(lambda: write_whole(path, session_page(self._session.folder).encode()), always=True)
+        except Skipped:
+            return None
+        return path
+
+    def _ended(self, ended: RunEnded) -> RunEnded:
+        with suppress(ProcedureError):  # a full disk: the run ends all the same
+            self._tell_notices()
+            for stop in self._rig.stops():
+                self._session.note("halted", **stop.record())
+            self._session.end(ended.how)
+        if self._rig.bench is not None:
+            self._rig.bench.log_wires(None)
+        self._talk.hear(ended)
+        return ended
+
+    # --- steps
+
+    def _prepare(self, *, resumed: bool) -> None:
+        """Connect everything; after an interruption, bring the axes and the lamp back to where they were."""
+        if self._rig.bench is not None:
+            self._rig.bench.log_wires(self._session.wire_folder())
+        for name in self._rig.unconnected():
+            self._talk.doing(f"connecting the {name}")
+            try:
+                self._talk.attempt(lambda name=name: self._rig.connect(name))  # type: ignore[misc]
+            except Skipped:
+                self._rig.left_out.add(name)
+        if self._rig.bench is not None:
+            told = {name: asdict(identity) for name, identity in self._rig.bench.identities.items()}
+            self._talk.attempt(lambda: self._session.note("devices", devices=told))
+        for name, doubt in self._rig.doubts().items():
+            self._talk.hear(Trouble(f"{name}: {doubt.reason}", doubt.remedy))
+            self._talk.attempt(lambda n=name, d=doubt: self._session.note("doubted", device=n, reason=d.reason))  # type: ignore[misc]
+        if resumed:
+            self._restore()
+
+    def _restore(self) -> None:
+        facts = self._talk.facts
+        places = {name.removeprefix(AT): float(value) for name, value in facts.items() if name.startswith(AT)}
+        if LIGHT_LEVEL in facts:
+            self._do(SetLight(lambda facts: float(facts[LIGHT_LEVEL])))
+        if places:
+            self._do(Home())
+            self._do(Go(lambda facts: places, lambda facts: "going back to where the camera was"))
+        self._talk.take_up()
+
+    def _next(self) -> Step | None:
+        done = self._session.state.done
+        return next((step for step in self.plan.steps if step.name not in done), None)
+
+    def _carry_out(self, step: Step) -> None:
+        self._step = step
+        self._session.begin_step(step.name)
+        self._talk.hear(StepBegan(step))
+        try:
+            for request in step.requests:
+                self._do(request)
+        except Reopened:
+            return
+        self._session.finish_step(step.name)
+        self._talk.hear(StepEnded(step))
+
+    def _do(self, request: Request) -> None:
+        self._talk.check()
+        try:
+            self._carry(request)
+        except Skipped:
+            self._rig.leave_out_lost()
+            self._talk.hear(Doing("skipped; the run goes on with what is known"))
+
+    # --- requests
+
+    @singledispatchmethod
+    def _carry(self, request: Request) -> None:
+        raise TypeError(f"no plan asks for {request!r}")
+
+    @_carry.register
+    def _(self, ask: Ask) -> None:
+        if ask.kind == "confirm":
+            self._talk.learn({ask.key: self._talk.confirmed(ask)})
+        else:
+            self._talk.learn({ask.key: self._talk.agreed(ask)})
+
+    @_carry.register
+    def _(self, give: Give) -> None:
+        path = self._session.folder / give.name
+        data = give.make(self._talk.facts)
+        self._talk.attempt(lambda: write_whole(path, data))
+        self._talk.doing(give.say(str(path)))
+
+    @_carry.register
+    def _(self, show: Show) -> None:
+        diagram = show.diagram(self._talk.facts)
+        if diagram is not None:
+            self._talk.hear(Shown(diagram))
+
+    @_carry.register
+    def _(self, home: Home) -> None:
+        if self._rig.movers():
+            self._talk.doing("homing: keep clear of everything that moves")
+            self._talk.attempt(self._rig.home, self._rig.mend)
+            self._moved()
+
+    @_carry.register
+    def _(self, go: Go) -> None:
+        facts = {**self._talk.facts, **self._rig.snapshot().facts()}
+        places, say = go.to(facts), go.say(facts)
+        if not say:
+            return
+        obstacle = self._rig.obstacle(places)
+        if obstacle is None:
+            self._talk.doing(say)
+            self._talk.attempt(lambda: self._rig.go_to(places), self._rig.mend)
+            self._moved()
+        else:
+            self._talk.by_hand(Advice(False, say), obstacle)
+
+    @_carry.register
+    def _(self, light: SetLight) -> None:
+        level = light.level(self._talk.facts)
+        if self._talk.attempt(lambda: self._rig.set_light(level), self._rig.mend):
+            self._talk.learn({LIGHT_LEVEL: level})
+
+    @_carry.register
+    def _(self, measure: Measure) -> None:
+        distance_mm = self._talk.attempt(self._rig.measure_mm, self._rig.mend)
+        if distance_mm is not None:
+            self._talk.learn({DISTANCE: distance_mm})
+
+    @_carry.register
+    def _(self, look: Look) -> None:
+        self._watching().look(look)
+
+    @_carry.register
+    def _(self, scan: Scan) -> None:
+        self._watching().scan(scan)
+
+    @_carry.register
+    def _(self, shoot: Shoot) -> None:
+        self._watching().shoot(shoot)
+
+    @_carry.register
+    def _(self, tour: Tour) -> None:
+        self._watching().tour(tour, self._carry)
+
+    @_carry.register
+    def _(self, estimate: Estimate) -> None:
+        say = "estimating from all shots that count"
+        self._talk.doing(say)
+
+        def told(done: int, total: int) -> None:
+            self._talk.hear(Doing(say, done, total))
+
+        found = self._talk.attempt(lambda: derive(self._session, self.plan, self._step.name, told))
+        verdicts = {name: outcome.verdict for name, outcome in found.outcomes.items()}
+        qualities = {name: getattr(one.value, "quality", None) for name, one in found.outcomes.items()}
+        numbers = {name: quality.numbers for name, quality in qualities.items() if quality is not None}
+        self._talk.hear(Result(found.folder, verdicts, found.verdict, found.reason, found.remedy, numbers))
+
+    @_carry.register
+    def _(self, decide: Decide) -> None:
+        if self._talk.choose("verdict", "Accept it, or take the shots again?", (ACCEPT, RETAKE)) == RETAKE:
+            self._session.reopen(decide.retake)
+            raise Reopened
+
+    # --- photographs
+
+    def _watching(self) -> Watching:
+        """What looks through the camera: the bench's, or the operator's own."""
+        if self._watch is None:
+            camera: Photographer = self._rig
+            if not self._rig.has_camera:
+                folder = Path(str(self._talk.ask(FOLDER)))
+                self._talk.learn({FOLDER.key: str(folder)})
+                camera = self._talk.attempt(lambda: HandCamera(folder, self._talk.ask, self._clock))
+            exposer = Exposer(self._rig, camera, self._session, self._talk, self._clock, self._patience)
+            self._watch = Watching(self._rig, exposer, self._session, self._talk)
+        self._watch.step = self._step.name
+        return self._watch
+
+    def _moved(self) -> None:
+        self._watching().moved()

@@ -1,0 +1,116 @@
+"""A session's report: its last result, drawn again from the photographs, with bench and journal beside it.
+
+A plan that writes its results its own way has drawn their page with them: that is its report.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from procedures.outcome import Refused
+from procedures.pattern_psf.combine import CombinedPsf
+from procedures.pattern_psf.estimate import PatternPsf
+from procedures.raw import Exposure
+from station.common.sanitise import printable
+from station.guide.catalogue import plan_named, writer_of
+from station.guide.session_result import Computed, compute
+from station.reports.page import exposure_words
+from station.reports.pattern_report import Line, PlaneSheet, Report, Shot, calibration_page
+from station.sessions.reader import SessionRecord, read_session, verify, verify_results
+from station.sessions.state import State, replay
+
+PAGE = "report.html"
+UNITS = {"_m_s2": "m/s²", "_rad_s": "rad/s", "_mm": "mm", "_deg": "°", "_um": "µm", "_s": "s"}
+
+
+def session_page(folder: Path) -> str:
+    """The report of a session's last result, as HTML.
+
+    Raises
+    ------
+    Refused
+        If it has no result.
+    Damaged
+        If a photograph is not what was taken, or the page not what was written.
+    """
+    record = read_session(folder)
+    if not record.state.results:
+        raise Refused(f"{folder.name} has no result yet", "go on with it: station session resume")
+    verify(folder, record.state)
+    own = folder / record.state.results[-1].folder / PAGE
+    if writer_of(record.state.plan) and own.is_file():
+        verify_results(record)
+        return own.read_text(encoding="utf-8")
+    drawn = max(i for i, line in enumerate(record.contents.lines) if line.event == "derived")
+    state = replay(record.contents.lines[:drawn])
+    computed = compute(folder, state, plan_named(state.plan))
+    return calibration_page(_report(record, state, computed))
+
+
+def _report(record: SessionRecord, state: State, computed: Computed) -> Report:
+    last = record.state.results[-1]
+    return Report(
+        subject=f"{printable(state.camera)}, {printable(state.lens)}",
+        procedure=state.plan,
+        planes=[
+            PlaneSheet(one, _one_shot(computed.outcomes[one.name].value), computed.frames[0].planes[one.name])
+            for one in computed.records
+        ],
+        shots=list(_shots(record.state, {frame.sha256: frame.exposure for frame in computed.frames})),
+        parameters={name: printable(value) for name, value in state.facts.items()},
+        conditions=list(_conditions(state)),
+        devices=[Line(name, words) for name, words in _devices(record)],
+        made=last.at[:16].replace("T", " ") + " UTC",
+        software=last.about["machine"]["software"],
+    )
+
+
+def _one_shot(found: Any) -> PatternPsf | None:
+    """An estimate with marks and residual: of several shots, the first."""
+    if isinstance(found, CombinedPsf):
+        return found.shots[0]
+    return found if isinstance(found, PatternPsf) else None
+
+
+def _shots(state: State, noted: Mapping[str, Exposure]) -> Iterator[Shot]:
+    """The photographs that the result comes from, then those that do not count, with the reason."""
+    for shot in sorted(state.shots, key=lambda shot: not shot.counts):
+        exposure = noted.get(shot.sha256) if shot.counts else None
+        words = exposure_words(exposure) if exposure else ""
+        taken = printable(exposure.captured_at or "") if exposure else ""
+        note = "" if shot.counts else printable(f"{shot.purpose}: does not count, {shot.reason or 'it was not judged'}")
+        yield Shot(shot.path, shot.sha256, words, taken, note)
+
+
+def _conditions(state: State) -> Iterator[Line]:
+    """What the devices said when the counting shots were taken, from the least to the greatest."""
+    told: dict[str, list[float]] = {}
+    for shot in state.counting():
+        for name, value in {**shot.snapshot.get("axes", {}), **shot.snapshot}.items():
+            if isinstance(value, int | float):
+                told.setdefault(name, []).append(float(value))
+    for name, values in sorted(told.items()):
+        low, high = f"{min(values):.5g}", f"{max(values):.5g}"
+        words, unit = _unit_of(printable(name))
+        yield Line(words, f"{low if low == high else f'{low} to {high}'} {unit}".rstrip())
+
+
+def _unit_of(name: str) -> tuple[str, str]:
+    """A name that carries its unit, in words: z_mm is z in mm."""
+    for ending, unit in UNITS.items():
+        if name.endswith(ending):
+            return name.removesuffix(ending).replace("_", " "), unit
+    return name.replace("_", " "), ""
+
+
+def _devices(record: SessionRecord) -> Iterator[tuple[str, str]]:
+    """What answered, as the journal has it last; else what was configured."""
+    identities: Mapping[str, Any] = {}
+    for line in record.contents.lines:
+        if line.event == "devices":
+            identities = line.data["devices"]
+    for name, one in identities.items():
+        words = [str(one.get(key) or "") for key in ("model", "firmware", "serial", "address")]
+        yield printable(name), printable(", ".join(word for word in words if word))

@@ -1,0 +1,195 @@
+"""The result of a session: estimated from the photographs that count, written whole. The same way every time."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from procedures.outcome import Outcome, Verdict
+from procedures.plan import Estimate, Plan
+from procedures.raw import Felt, RawFrame, read_frame
+from station.calibration.plane_records import plane_record
+from station.guide.catalogue import numbers_of, writer_of
+from station.results.result_files import PlaneRecord, ResultFolder, write_psf_result
+from station.sessions.compute_environment import same_bits
+from station.sessions.journal import Damaged
+from station.sessions.layout import inside
+from station.sessions.session import Session
+from station.sessions.state import Shot, State
+
+ORDER = (Verdict.PASS, Verdict.DOUBTFUL, Verdict.REFUSED)
+
+
+@dataclass(frozen=True, eq=False)
+class Derivation:
+    """What was found, and the verdict on the whole: the worst of its planes'."""
+
+    folder: Path
+    outcomes: Mapping[str, Outcome[Any]]
+    verdict: Verdict
+    reason: str
+    remedy: str
+
+
+Counted = Callable[[int, int], None]
+
+
+def uncounted(done: int, total: int) -> None:
+    """Nobody counts."""
+
+
+MEMORY = 500e6
+"""Bytes of photographs kept in memory; planes of float32 take some four times the file's bytes."""
+
+
+class Frames(Sequence[RawFrame]):
+    """Photographs that are read when they are asked for; as many stay in memory as have room there.
+
+    Raises Damaged where one that is read has another hash than it is told to have.
+    """
+
+    def __init__(self, paths: Sequence[Path], felt: Sequence[Felt | None] = (), hashes: Sequence[str] = ()) -> None:
+        self._paths, self._felt, self._hashes = paths, felt or (None,) * len(paths), hashes
+        largest = max((path.stat().st_size for path in paths), default=1)
+        self._read = lru_cache(max(1, int(MEMORY / (4 * largest))))(read_frame)
+
+    def __len__(self) -> int:
+        return len(self._paths)
+
+    def __getitem__(self, index: Any) -> Any:
+        if isinstance(index, slice):
+            return Frames(self._paths[index], self._felt[index], self._hashes[index])
+        frame, felt = self._read(self._paths[index]), self._felt[index]
+        if self._hashes and frame.sha256 != self._hashes[index]:
+            raise Damaged(f"{frame.path} is not what was taken any more", "bring it back from a copy")
+        return frame if felt is None else replace(frame, felt=felt)
+
+
+def felt_during(shot: Shot) -> Felt | None:
+    """The motion recorded with a photograph; None where it was not, or not when the shutter opened."""
+    motion, shutter = shot.snapshot.get("motion"), shot.exposure.get("shutter")
+    if not motion or not shutter or shutter.get("flash_s") is None:
+        return None
+    times, acceleration, rotation = (
+        np.array(motion[key], dtype=np.float64) for key in ("host_s", "acceleration_m_s2", "rotation_rad_s")
+    )
+    return Felt(times - float(shutter["flash_s"]), acceleration, rotation)
+
+
+class Told(Sequence[RawFrame]):
+    """Frames that tell when an estimate turns to the next one: how far it is, without the estimate's doing."""
+
+    def __init__(self, frames: Sequence[RawFrame], progress: Counted) -> None:
+        self._frames, self._progress = frames, progress
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    def __getitem__(self, index: Any) -> Any:
+        if isinstance(index, int) and 0 <= index < len(self):
+            self._progress(index, len(self))
+        return self._frames[index]
+
+
+def derive(session: Session, plan: Plan, step: str, progress: Counted = uncounted) -> Derivation:
+    """Estimate from the session's counting photographs, write the result and keep it. Raises ProcedureError."""
+    start_s, state = session.clock.now_s(), session.state
+    outcomes = compute(session.folder, state, plan, session.result_folder(), progress).outcomes
+    verdict, reason, remedy = verdict_of_planes(outcomes)
+    duration_s = session.clock.now_s() - start_s
+    numbers = [shot.number for shot in state.counting()]
+    told = {"reason": reason, "remedy": remedy, "duration_s": duration_s}
+    kept = session.keep_result(step=step, shots=numbers, verdict=str(verdict), **told)
+    return Derivation(session.folder / kept.folder, outcomes, verdict, reason, remedy)
+
+
+@dataclass(frozen=True, eq=False)
+class Computed:
+    """A result with all that it comes from: photographs, what was found by plane, what is recorded of it."""
+
+    frames: Sequence[RawFrame]
+    outcomes: Mapping[str, Outcome[Any]]
+    records: Sequence[PlaneRecord]
+
+
+def compute(
+    folder: Path,
+    state: State,
+    plan: Plan,
+    into: Path | None = None,
+    progress: Counted = uncounted,
+    *,
+    sealed: bool = True,
+) -> Computed:
+    """The result of a session in this state, written into a folder; the same files, bit for bit, at every call.
+
+    `progress` hears of every photograph that an estimate begins with, and of how many there are; `sealed` is of the
+    result's folder.
+
+    Raises
+    ------
+    ProcedureError
+        If a photograph cannot be read, or the result not be written.
+    """
+    shots = state.counting()
+    paths, felt = [inside(folder, shot.path) for shot in shots], [felt_during(shot) for shot in shots]
+    frames = Frames(paths, felt, [shot.sha256 for shot in shots])
+    with same_bits():
+        outcomes = estimate_of(plan).estimate(Told(frames, progress), state.facts)
+        numbers, writer = numbers_of(plan.name), writer_of(plan.name)
+        found = {} if writer else outcomes
+        records = [plane_record(frames[0].planes[name], outcome, numbers) for name, outcome in found.items()]
+        if into is not None and writer:
+            with ResultFolder(into, sealed=sealed) as results:
+                importlib.import_module(writer).write_result(results, outcomes, frames, _about(plan, state))
+        elif into is not None:
+            with ResultFolder(into, sealed=sealed) as results:
+                write_psf_result(results, records, _about(plan, state))
+    return Computed(frames, outcomes, records)
+
+
+def _about(plan: Plan, state: State) -> dict[str, Any]:
+    """What a record says besides its numbers; when it was drawn and how long that took is in the journal."""
+    return {
+        "procedure": plan.name,
+        "input": [{"path": shot.path, "sha256": shot.sha256} for shot in state.counting()],
+        "parameters": dict(state.facts),
+    }
+
+
+def verdict_of_planes(outcomes: Mapping[str, Outcome[Any]]) -> tuple[Verdict, str, str]:
+    """The worst verdict, with the reasons and remedies of the planes that have it."""
+    if not outcomes:
+        return Verdict.REFUSED, "no shot counts", "take the shots again"
+    worst = max((one.verdict for one in outcomes.values()), key=ORDER.index)
+    if worst is Verdict.PASS:
+        return worst, "", ""
+    found = {name: one for name, one in outcomes.items() if one.verdict is worst}
+    return worst, _together({n: o.reason for n, o in found.items()}), _together({n: o.remedy for n, o in found.items()})
+
+
+def _together(sentences: Mapping[str, str]) -> str:
+    """Sentences by plane; what several planes say is said once."""
+    planes: dict[str, list[str]] = {}
+    for name, sentence in sentences.items():
+        planes.setdefault(sentence, []).append(name)
+    return "; ".join(f"{', '.join(names)}: {sentence}" for sentence, names in planes.items() if sentence)
+
+
+def estimate_of(plan: Plan) -> Estimate:
+    """The plan's estimate. Raises KeyError where it has none."""
+    for request in requests_of(plan):
+        if isinstance(request, Estimate):
+            return request
+    raise KeyError(f"the plan {plan.name} estimates nothing")
+
+
+def requests_of(plan: Plan) -> Sequence[object]:
+    """All requests in their order."""
+    return [request for step in plan.steps for request in step.requests]

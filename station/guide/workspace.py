@@ -1,0 +1,232 @@
+"""What a front end works with: the bench, the sessions kept in a folder, and runs on them.
+
+Importing this is quick; numpy and all that comes with it is loaded by the first method that needs it, which a front
+end calls from a thread once its first screen is painted.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import threading
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+if TYPE_CHECKING:
+    from station.bench.opening import Bench, Row
+    from station.guide.frontend import Operator, RunEnded
+    from station.sessions.session import Session
+
+
+@dataclass(frozen=True)
+class Kept:
+    """A session in the folder of sessions, as far as its journal can be read."""
+
+    folder: Path
+    plan: str
+    camera: str
+    lens: str
+    began: str
+    done: tuple[str, ...]
+    ended: str | None
+
+
+@dataclass(frozen=True)
+class Opened:
+    """The bench as it was opened: None where none is configured; what each device answered."""
+
+    bench: Bench | None
+    rows: Sequence[Row] = ()
+
+
+class Running(Protocol):
+    """A run, as `station.guide.run.Run` is one."""
+
+    def go(self) -> RunEnded:
+        """Carry it out; blocks."""
+        ...
+
+    def ask_to_stop(self) -> None:
+        """End after this exposure; from any thread."""
+        ...
+
+    def stop_now(self) -> None:
+        """Stop the bench, then end; from any thread."""
+        ...
+
+
+class Lab(Protocol):
+    """Bench and sessions. Methods that touch the disk or wires block; `emergency_stop` does not."""
+
+    sessions: Path
+    names: tuple[str, str]
+    """Camera and lens that a new session is likely about."""
+
+    def open(self) -> Opened:
+        """The bench, connected as far as it answers. Raises DeviceError."""
+        ...
+
+    def plans(self) -> Mapping[str, str]:
+        """The titles of the plans, by name; the first is the usual one."""
+        ...
+
+    def kept(self) -> Sequence[Kept]:
+        """The sessions there are, newest first."""
+        ...
+
+    def begin(self, plan: str, camera: str, lens: str, operator: Operator) -> Running:
+        """A run of a new session. Raises ProcedureError."""
+        ...
+
+    def resume(self, folder: Path, operator: Operator, *, back_to: str | None = None) -> Running:
+        """A run that goes on with a session, from the step `back_to` or where it stopped. Raises ProcedureError."""
+        ...
+
+    def emergency_stop(self) -> None:
+        """Stop every device now."""
+        ...
+
+    def close(self) -> None:
+        """Give everything back."""
+        ...
+
+
+class StationLab:
+    """The lab of a station.toml, of the simulated bench, or of hands alone where neither is there."""
+
+    def __init__(self, *, sessions: Path, config: Path | None, simulate: bool = False, seed: int = 0) -> None:
+        self.sessions = sessions
+        self.names = ("simulated camera", "simulated lens") if simulate else ("camera", "lens")
+        self._config, self._simulate, self._seed = config, simulate, seed
+        self._tables: Mapping[str, Any] = {}
+        self._opening = threading.Lock()
+        self._bench: Bench | None = None
+        self._opened: Opened | None = None
+        self._session: Session | None = None
+        self._running: Running | None = None
+        self._scratch: tempfile.TemporaryDirectory[str] | None = None
+
+    def open(self) -> Opened:
+        """The bench; opened by the first call, which others wait for."""
+        with self._opening:
+            if self._opened is None:
+                self._bench = self._make_bench()
+                self._opened = Opened(self._bench, self._bench.rows() if self._bench is not None else ())
+            return self._opened
+
+    def _make_bench(self) -> Bench | None:
+        from station.bench.opening import make_bench, read_config, simulated_bench
+
+        if self._simulate:
+            self._scratch = tempfile.TemporaryDirectory(prefix="station-", ignore_cleanup_errors=True)
+            return simulated_bench(Path(self._scratch.name), seed=self._seed, virtual_time=self.virtual_time)
+        if self._config is not None:
+            self._tables = read_config(self._config)
+            return make_bench(self._tables, folder=self._config.resolve().parent)
+        return None
+
+    virtual_time = False
+    """Whether the simulated bench's time jumps while it is waited for: for tests."""
+
+    def plans(self) -> Mapping[str, str]:
+        """The titles of the plans, by name."""
+        from station.guide.catalogue import PLANS
+
+        return {name: entry.title for name, entry in PLANS.items()}
+
+    def kept(self) -> Sequence[Kept]:
+        """The sessions whose journals can be read, newest first."""
+        from procedures.outcome import ProcedureError
+
+        found = []
+        for folder in sorted(self.sessions.glob("*/")) if self.sessions.is_dir() else ():
+            try:
+                found.append(_kept(folder))
+            except (ProcedureError, OSError):
+                continue  # `station session list` says what is wrong with it
+        return sorted(found, key=lambda one: one.began, reverse=True)
+
+    def begin(self, plan: str, camera: str, lens: str, operator: Operator) -> Running:
+        """A run of a new session."""
+        from drivers.clock import SystemClock
+        from station.sessions.session import Session
+
+        bench = self.open().bench
+        clock = bench.clock if bench is not None else SystemClock()
+        settings = self._settings(bench)
+        session = Session.create(
+            self.sessions, plan=plan, camera=camera, lens=lens, config=settings, clock=clock, seed=self._seed
+        )
+        return self._run(session, operator)
+
+    def resume(
+        self, folder: Path, operator: Operator, *, back_to: str | None = None, without: Collection[int] = ()
+    ) -> Running:
+        """A run that goes on with a session; `without` gives up shots whose photographs are lost."""
+        from drivers.clock import SystemClock
+        from station.sessions.session import Session
+
+        bench = self.open().bench
+        self._leave_session()
+        session = Session.open(folder, bench.clock if bench is not None else SystemClock(), without=without)
+        if back_to is not None:
+            session.reopen(back_to)
+        return self._run(session, operator)
+
+    def _settings(self, bench: Bench | None) -> dict[str, Any]:
+        """What a session freezes: how its bench was configured."""
+        drivers = dict(bench.drivers) if bench is not None else {}
+        return {"simulate": self._simulate, "drivers": drivers, "devices": self._tables}
+
+    def _run(self, session: Session, operator: Operator) -> Running:
+        from station.guide.catalogue import plan_named
+        from station.guide.run import Run
+
+        self._leave_session()
+        self._session = session
+        self._running = Run(plan_named(session.state.plan), self.open().bench, session, operator)
+        return self._running
+
+    def _leave_session(self) -> None:
+        if self._session is not None:
+            self._session.close()
+            self._session = None
+
+    def emergency_stop(self) -> None:
+        """Stop every device; whatever is still being opened is not moving yet."""
+        if self._bench is not None:
+            self._bench.emergency_stop()
+
+    @property
+    def has_run(self) -> bool:
+        """Whether a run was begun."""
+        return self._running is not None
+
+    def stop_run(self) -> None:
+        """Stop every device, and end the run that was begun last, if there is one."""
+        if self._running is not None:
+            self._running.stop_now()
+        else:
+            self.emergency_stop()
+
+    def ask_run_to_stop(self) -> None:
+        """Let the run that was begun last end after what it is at; before there is one, end the program."""
+        if self._running is None:
+            raise KeyboardInterrupt
+        self._running.ask_to_stop()
+
+    def close(self) -> None:
+        """Close session and bench."""
+        self._leave_session()
+        if self._bench is not None:
+            self._bench.close()
+        if self._scratch is not None:
+            self._scratch.cleanup()
+
+
+def _kept(folder: Path) -> Kept:
+    from station.sessions.reader import read_session
+
+    state = read_session(folder).state
+    return Kept(folder, state.plan, state.camera, state.lens, state.began, state.done, state.ended)

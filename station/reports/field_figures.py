@@ -1,0 +1,159 @@
+"""The figures of a field's page: maps over the frame, the mosaic of PSFs, the places and the lens's axis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import matplotlib
+import numpy as np
+import numpy.typing as npt
+from markupsafe import Markup
+from matplotlib.patches import Ellipse, Rectangle
+
+from procedures.field.chromatic import LateralColour
+from procedures.field.maps import FieldMap
+from procedures.field.models import Axis
+from procedures.psf_field import PsfField
+from station.drawing.style import FAINT, INK, MARK, PLANE_COLOURS, STYLE, axes_grid, colour_bar, svg
+
+Array = npt.NDArray[np.float64]
+
+MOSAIC = 7
+"""PSFs along the frame's longer side of the mosaic."""
+NINETY_FIVE = 2.448
+"""Radius of the ellipse that holds 95 % of a Gaussian in the plane, in standard deviations."""
+ERRORS = "YlOrBr"
+"""Colours of uncertainties."""
+SIGNED = ("astigmatism", "focus_astigmatism", "lateral_colour_radial", "lateral_colour_tangential")
+"""Maps whose zero is the middle of the colours."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Panel:
+    """One picture of a map: its title, the values and their limits, colours, unit."""
+
+    title: str
+    values: Array
+    limits: tuple[float, float]
+    colours: str
+    unit: str
+
+
+def field_map_figure(one: FieldMap, nodes: Array, shape: tuple[int, int], name: str) -> Markup:
+    """A map and its standard uncertainty side by side, the nodes as dots."""
+    unit = "" if one.unit == "1" else one.unit
+    panels = [_Panel(one.title, one.value, _limits(one), "RdBu_r" if one.name in SIGNED else "viridis", unit)]
+    if one.uncertainty is not None:
+        panels.append(_Panel("standard uncertainty", one.uncertainty, _from_zero(one.uncertainty), ERRORS, unit))
+    return _panels(panels, one, nodes, shape, name)
+
+
+def errors_figure(maps: Sequence[FieldMap], nodes: Array, shape: tuple[int, int], name: str) -> Markup:
+    """The predicted errors side by side, each in its own scale."""
+    panels = [_Panel(one.title, one.value, _from_zero(one.value), ERRORS, one.unit) for one in maps]
+    return _panels(panels, maps[0], nodes, shape, name)
+
+
+def _panels(panels: Sequence[_Panel], places: FieldMap, nodes: Array, shape: tuple[int, int], name: str) -> Markup:
+    (rows, columns), width = shape, 3.2
+    figure, axes_of = axes_grid(
+        width * len(panels), width * 0.72 * min(rows / columns, 1.5) + 0.66, 1, len(panels),
+        rim_in=(0.08, 0.62, 0.26, 0.3), wspace=0.32,
+    )  # fmt: skip
+    x, y = places.x, places.y
+    extent = (x[0] - _step(x), x[-1] + _step(x), y[-1] + _step(y), y[0] - _step(y))
+    for axes, panel in zip(axes_of[0], panels, strict=True):
+        low, high = panel.limits
+        image = axes.imshow(
+            panel.values, cmap=panel.colours, vmin=low, vmax=high, interpolation="none", extent=extent
+        )  # fmt: skip
+        axes.plot(*nodes.T, ".", color=INK, ms=2)
+        axes.add_patch(Rectangle((-0.5, -0.5), columns, rows, fill=False, ec=FAINT, lw=0.8))
+        axes.set(xlim=(-1, columns), ylim=(rows, -1), xticks=[], yticks=[])
+        axes.spines[:].set_visible(False)
+        axes.set_title(panel.title, fontsize=9)
+        axes.set_xlabel(panel.unit)
+        colour_bar(figure, axes, image, (1.03, 0.05, 0.04, 0.9))
+    return svg(figure, name, "; ".join(f"{panel.title} {panel.unit}" for panel in panels) + ", over the frame")
+
+
+def _step(values: Array) -> float:
+    return float(values[1] - values[0]) / 2 if len(values) > 1 else 0.5
+
+
+def _most(values: Array) -> float:
+    return float(np.nanmax(values)) if np.isfinite(values).any() else 1.0
+
+
+def _from_zero(errors: Array) -> tuple[float, float]:
+    """From none to a little over the greatest, so that an even error is no dark picture."""
+    return 0.0, 1.3 * _most(errors)
+
+
+def _limits(one: FieldMap) -> tuple[float, float]:
+    """From the least value to the greatest; as far below zero as above it where the sign matters."""
+    if not np.isfinite(one.value).any():
+        return 0.0, 1.0
+    if one.name in SIGNED:
+        most = _most(np.abs(one.value))
+        return -most, most
+    return float(np.nanmin(one.value)), _most(one.value)
+
+
+def mosaic_figure(field: PsfField, name: str) -> Markup:
+    """The PSF at equally spaced places between the nodes, all in one scale."""
+    (x0, y0), (x1, y1) = field.positions.min(axis=0), field.positions.max(axis=0)
+    rows = int(np.clip(round(MOSAIC * (y1 - y0) / max(x1 - x0, 1e-9)), 2, 2 * MOSAIC))
+    x, y = np.linspace(x0, x1, MOSAIC), np.linspace(y0, y1, rows)
+    points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    tiles = np.pad(field.samples(points), ((0, 0), (0, 1), (0, 1)), constant_values=np.nan)
+    side = field.k + 1
+    picture = tiles.reshape(rows, MOSAIC, side, side).transpose(0, 2, 1, 3).reshape(rows * side, MOSAIC * side)
+    figure, ((axes,),) = axes_grid(6.0, 6.0 * rows / MOSAIC + 0.1, rim_in=(0.05, 0.05, 0.05, 0.05))
+    # the root shows the faint flare that tells coma from blur
+    axes.imshow(np.sqrt(np.maximum(picture, 0))[:-1, :-1], cmap="viridis", interpolation="none")
+    axes.set(xticks=[], yticks=[])
+    axes.spines[:].set_visible(False)
+    return svg(figure, name, f"the PSF of {field.plane} at {len(points)} places")
+
+
+def places_figure(field: PsfField, axis: Axis | None, name: str) -> Markup:
+    """The frame, its nodes and what they enclose, and the axis of the lens with its 95 % ellipse."""
+    rows, columns = field.shape
+    figure, ((axes,),) = axes_grid(4.4, 4.1 * min(rows / columns, 1.5) + 0.5, rim_in=(0.08, 0.08, 0.4, 0.08))
+    axes.add_patch(Rectangle((-0.5, -0.5), columns, rows, fill=False, ec=FAINT, lw=0.8))
+    axes.fill(*field.hull.rim.T, fc=PLANE_COLOURS[field.plane], alpha=0.1, lw=0)
+    axes.plot(*field.positions.T, ".", color=PLANE_COLOURS[field.plane], ms=5, label="nodes")
+    centre = np.array([columns - 1, rows - 1]) / 2
+    axes.plot(*centre, "+", color=FAINT, ms=10, label="frame's centre")
+    if axis is not None:
+        half = np.hypot(rows, columns) / 2
+        at = centre + half * axis.position
+        values, vectors = np.linalg.eigh(axis.covariance)
+        width, height = 2 * NINETY_FIVE * half * np.sqrt(np.maximum(values, 0))
+        turn = float(np.degrees(np.arctan2(vectors[1, 0], vectors[0, 0])))
+        axes.add_patch(Ellipse((at[0], at[1]), width, height, angle=turn, fill=False, ec=MARK, lw=1.2))
+        axes.plot(*at, "x", color=MARK, ms=6, label="lens's axis, 95 %")
+    axes.set(xlim=(-2, columns + 1), ylim=(rows + 1, -2), xticks=[], yticks=[], aspect="equal")
+    axes.spines[:].set_visible(False)
+    with matplotlib.rc_context(STYLE):
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=3, fontsize=7.5, handletextpad=0.3)
+    return svg(figure, name, "the frame, the nodes, and where the lens's axis meets it")
+
+
+def colour_figure(colour: LateralColour, name: str) -> Markup:
+    """Lateral colour as arrows at the charts: measured, with the fitted surface's beside them."""
+    rows, columns = colour.shape
+    figure, ((axes,),) = axes_grid(3.6, 3.3 * min(rows / columns, 1.5) + 0.5, rim_in=(0.08, 0.08, 0.25, 0.08))
+    axes.add_patch(Rectangle((-0.5, -0.5), columns, rows, fill=False, ec=FAINT, lw=0.8))
+    fitted, _ = colour.at(colour.positions)
+    longest = float(np.linalg.norm(colour.shift, axis=1).max())
+    scale = longest / (0.1 * columns) if longest else 1.0
+    options = {"angles": "xy", "scale_units": "xy", "scale": scale, "width": 0.006}
+    axes.quiver(*colour.positions.T, *fitted.T, color=FAINT, **options)
+    axes.quiver(*colour.positions.T, *colour.shift.T, color=PLANE_COLOURS[colour.plane], **options)
+    axes.set(xlim=(-2, columns + 1), ylim=(rows + 1, -2), xticks=[], yticks=[], aspect="equal")
+    axes.spines[:].set_visible(False)
+    axes.set_xlabel(f"longest arrow: {longest:.3f} sensor pixel")
+    return svg(figure, name, f"shift of {colour.plane} against {colour.reference} over the frame")

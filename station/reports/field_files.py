@@ -1,0 +1,131 @@
+"""The files of a field's result: the record, the PSF at the frame's centre, `field.h5` and the page."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from procedures.field.chromatic import LateralColour
+from procedures.field.field_file import write_field
+from procedures.field.maps import FieldMap
+from procedures.outcome import Outcome
+from procedures.raw import RawFrame
+from station.calibration.field import FieldResult, PlaneField
+from station.reports.field_page import field_page
+from station.results.result_files import PlaneRecord, ResultFolder, json_text, software, write_psf_result
+
+FILE, PAGE = "field.h5", "report.html"
+CANDIDATES_TOLD = 8
+
+
+def write_field_result(
+    folder: ResultFolder, found: FieldResult, *, parameters: Mapping[str, Any], start: float, report: bool = True
+) -> str:
+    """Write all files, and the page where it is wanted; returns the record's text."""
+    about = {
+        "procedure": "field",
+        "input": [{"path": str(path), "sha256": sha256} for path, sha256 in found.measured.frames],
+        "parameters": dict(parameters),
+    }
+    return _write(folder, found, about, start, report=report)
+
+
+def write_result(
+    folder: ResultFolder, outcomes: Mapping[str, Outcome[Any]], frames: Sequence[RawFrame], about: Mapping[str, Any]
+) -> str:
+    """The result of a guided field: the same files, or the record of its refusal."""
+    found = next((one.value.field for one in outcomes.values() if one.value is not None), None)
+    if found is None:
+        refused = [PlaneRecord(name, one.verdict, one.reason, one.remedy) for name, one in outcomes.items()]
+        return write_psf_result(folder, refused, about)
+    return _write(folder, found, about)
+
+
+def _write(
+    folder: ResultFolder,
+    found: FieldResult,
+    source: Mapping[str, Any],
+    start: float | None = None,
+    *,
+    report: bool = True,
+) -> str:
+    """All files; `source` tells procedure, input and parameters, `start` when it began where that is to be told."""
+    measured = found.measured
+    about: dict[str, Any] = {
+        **source,
+        "field": {
+            "file": FILE,
+            "frames": len(measured.frames),
+            "failed": measured.failed,
+            "misses": [asdict(miss) for miss in measured.misses],
+            "doubtful_nodes": sum(measured.doubts),
+            "planes": {one.record.name: _told(one) for one in found.planes if one.interpolation is not None},
+            "lateral_colour": {colour.plane: _colour_told(colour) for colour in found.colours},
+            **_focus_told(found),
+        },
+    }
+    fitted = {one.record.name: one.interpolation for one in found.planes if one.interpolation is not None}
+    if fitted:
+        maps = {one.record.name: _maps(found, one) for one in found.planes}
+        write_field(folder.staging / FILE, fitted, maps, found.colours, _provenance(about))
+    if start is not None:
+        about["duration_s"] = round(time.perf_counter() - start, 3)
+    if report:
+        folder.write(PAGE, field_page(found, about, software()).encode())
+    return write_psf_result(folder, [one.record for one in found.planes], about)
+
+
+def _maps(found: FieldResult, one: PlaneField) -> tuple[FieldMap, ...]:
+    """A plane's maps; those of best focus belong to the reference plane."""
+    if found.focus is not None and one is found.planes[found.reference]:
+        return (*one.maps, *found.focus.maps())
+    return one.maps
+
+
+def _provenance(about: Mapping[str, Any]) -> dict[str, str]:
+    """Texts for the file's attributes."""
+    kept = {name: about[name] for name in ("procedure", "input", "parameters")}
+    return {**{name: json_text({name: value}) for name, value in kept.items()}, "software": json_text(software())}
+
+
+def _told(one: PlaneField) -> dict[str, Any]:
+    """What the record says about a plane's field."""
+    found = one.interpolation
+    if found is None:
+        return {}
+    by_name = {name.name: name for name in one.maps}
+    errors = {name: float(np.nanmedian(by_name[name].value)) for name in ("error_noise", "error_interpolation")}
+    return {
+        "model": found.field.model.name,
+        "components": len(found.field.components),
+        "enclosed_share": float(np.isfinite(by_name["error_noise"].value).mean()),
+        **errors,
+        "candidates": [asdict(candidate) for candidate in found.candidates[:CANDIDATES_TOLD]],
+        **{name: asdict(quantity) for name, quantity in one.numbers.items()},
+    }
+
+
+def _colour_told(colour: LateralColour) -> dict[str, Any]:
+    """Lateral colour in figures: how far apart the planes are where it is most."""
+    radial, _ = colour.maps()
+    if radial.uncertainty is None or not np.isfinite(radial.value).any():
+        return {"reference": colour.reference}
+    most = np.unravel_index(np.nanargmax(np.abs(radial.value)), radial.value.shape)
+    largest = {
+        "value": float(radial.value[most]),
+        "unit": radial.unit,
+        "uncertainty": float(radial.uncertainty[most]),
+        "method": "radial shift where it is greatest, from the planes' maps of the charts",
+        "n": len(colour.shift),
+    }
+    return {"reference": colour.reference, "degree": colour.surface.degree, "largest_radial": largest}
+
+
+def _focus_told(found: FieldResult) -> dict[str, Any]:
+    if found.focus is not None:
+        return {"focus": {name: asdict(quantity) for name, quantity in found.focus.numbers().items()}}
+    return {"focus_refused": found.focus_refusal} if found.focus_refusal else {}

@@ -1,0 +1,96 @@
+"""The page of a field: what was measured, one picture per map, the mosaic of PSFs, and how to read the file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from procedures.outcome import Verdict
+from station.calibration.field import FieldResult, PlaneField
+from station.reports import field_figures
+from station.reports.page import render
+
+READER = """\
+import h5py, numpy as np
+with h5py.File("field.h5") as file:
+    field, x, y = file["PLANE/anywhere"], X, Y
+    i, j = np.argmin(abs(field["y"][:] - y)), np.argmin(abs(field["x"][:] - x))
+    psf = field["base"][:] + np.tensordot(field["coefficients"][i, j], field["components"][:], axes=1)
+"""
+"""Five lines that read the PSF at (X, Y) of a plane."""
+
+
+PAIRS = "grid-template-columns: repeat(auto-fit, minmax(min(100%, 480px), 1fr))"
+"""Figures of two panels need more than a third of the page each."""
+
+
+def field_page(found: FieldResult, about: Mapping[str, Any], software: Mapping[str, Any]) -> str:
+    """The page."""
+    verdicts = [one.record.verdict for one in found.planes]
+    worst = next(v for v in (Verdict.REFUSED, Verdict.DOUBTFUL, Verdict.PASS) if v in verdicts)
+    fitted = [one for one in found.planes if one.interpolation is not None]
+    return render(
+        "field.html",
+        found=found,
+        about=about,
+        worst=worst,
+        planes=[_plane(one) for one in fitted],
+        shown=next((i for i, one in enumerate(fitted) if one is found.planes[found.reference]), 0),
+        pairs=PAIRS,
+        refused=[one.record for one in found.planes if one.interpolation is None],
+        colours=[_colour(colour, i) for i, colour in enumerate(found.colours)],
+        focus=_focus(found),
+        reader=_reader(fitted[0]) if fitted else "",
+        software=software,
+    )
+
+
+def _reader(one: PlaneField) -> str:
+    """The five lines, for a place in the middle of a plane."""
+    rows, columns = one.maps[0].y[-1], one.maps[0].x[-1]
+    return READER.replace("PLANE", one.record.name).replace("X, Y", f"{columns / 2:.1f}, {rows / 2:.1f}")
+
+
+def _plane(one: PlaneField) -> dict[str, Any]:
+    """What the template shows of a plane."""
+    found, name = one.interpolation, one.record.name
+    if found is None:
+        return {}
+    field = found.field
+    drawn = [m for m in one.maps if m.uncertainty is not None]
+    errors = [m for m in one.maps if m.uncertainty is None]
+    pictures = [(m, field_figures.field_map_figure(m, field.positions, field.shape, f"{name}-{m.name}")) for m in drawn]
+    return {
+        "record": one.record,
+        "found": found,
+        "numbers": one.numbers,
+        "error": _medians(one),
+        "maps": pictures,
+        "errors": field_figures.errors_figure(errors, field.positions, field.shape, f"{name}-errors"),
+        "mosaic": field_figures.mosaic_figure(field, f"{name}-mosaic"),
+        "places": field_figures.places_figure(field, found.axis, f"{name}-places"),
+    }
+
+
+def _medians(one: PlaneField) -> dict[str, float]:
+    return {m.name: float(np.nanmedian(m.value)) for m in one.maps if m.uncertainty is None}
+
+
+def _colour(colour: Any, number: int) -> dict[str, Any]:
+    maps = [
+        field_figures.field_map_figure(m, colour.positions, colour.shape, f"colour{number}-{m.name}")
+        for m in colour.maps()
+    ]
+    return {"colour": colour, "arrows": field_figures.colour_figure(colour, f"colour{number}"), "maps": maps}
+
+
+def _focus(found: FieldResult) -> dict[str, Any] | None:
+    surface = found.focus
+    if surface is None:
+        return None
+    maps = [
+        field_figures.field_map_figure(m, surface.positions, surface.shape, f"focus-{m.name}") for m in surface.maps()
+    ]
+    return {"numbers": surface.numbers(), "maps": maps}

@@ -1,0 +1,306 @@
+"""A calibration's report: one page with the verdict first, then every plane, and all that is needed to believe it.
+
+Whoever calibrates fills a `Report`: a command with the files it read, a session with its bench and its journal too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.budget import TERMS
+from procedures.outcome import Quantity
+from procedures.pattern_psf.error_parts import Variation
+from procedures.pattern_psf.estimate import PatternPsf
+from procedures.radial_profile import radial_profile
+from procedures.raw import Exposure, Plane, RawFrame
+from procedures.two_photo.estimate import TwoPhotoPsf
+from station.calibration.plane_records import Calibrated
+from station.common.sanitise import printable
+from station.reports import otf_figures, psf_figures
+from station.reports.page import NUMBERS, exposure_words, render
+from station.results.budget_table import BudgetTable, budget_table
+from station.results.limits import Judged, Judgement
+from station.results.result_files import PlaneRecord, quantities, software
+
+Array = npt.NDArray[np.float64]
+
+PAGE = "report.html"
+ORDER = ("pass", "doubtful", "fail", "refused")
+"""Verdicts of planes, the best first."""
+WORDS = {"pass": "pass", "doubtful": "doubtful", "fail": "outside the limits", "refused": "refused"}
+METHODS = {
+    "pattern": "M. Delbracio, P. Musé, A. Almansa: Non-parametric Sub-pixel Local Point Spread Function Estimation. "
+    "Image Processing On Line 2, 2012. doi:10.5201/ipol.2012.admm-nppsf",
+    "two-photo": "M. Delbracio, A. Almansa, P. Musé: Recovering the Subpixel PSF from Two Photographs at Different "
+    "Distances. Image Processing On Line 3, 2013. doi:10.5201/ipol.2013.77",
+}
+"""The publication that each procedure is built on."""
+MORE_NUMBERS = (
+    ("mtf50_radial", "MTF50, mean over directions"),
+    ("mtf_nyquist_horizontal", "MTF at Nyquist along rows"),
+    ("mtf_nyquist_vertical", "MTF at Nyquist along columns"),
+    ("encircled_energy_50", "Radius of 50 % energy"),
+    ("ellipse_angle", "Direction of the long axis"),
+)
+"""What a report tells beside the numbers of every page."""
+PLAIN = (
+    ("residual_std", "Residual, in standard deviations of the noise"),
+    ("gamma", "Noise amplification γ = Σ 1/σᵢ² of this view"),
+    ("gamma_bound", "The least γ that any chart could have"),
+    ("pixels_per_pattern", "Width of the noise region, in pixels"),
+    ("s_over_t", "Sampling ratio s/t"),
+    ("gain", "Contrast of the far photograph over the near one's"),
+    ("noise", "Noise, of the scale from black to white"),
+)
+"""Numbers without uncertainty, and their words."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """One line of what is told: a condition, a device."""
+
+    name: str
+    words: str
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One photograph that the result comes from.
+
+    Attributes
+    ----------
+    file, sha256 : str
+    exposure : str
+        What the camera noted, for people.
+    taken : str
+        When, as the camera or the journal has it.
+    note : str
+        What became of it: accepted, retaken and why.
+    """
+
+    file: str
+    sha256: str
+    exposure: str = ""
+    taken: str = ""
+    note: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneSheet:
+    """One plane of the report.
+
+    Attributes
+    ----------
+    record : PlaneRecord
+        The result.
+    found : PatternPsf, optional
+        The estimate from a chart, for its marks and its residual; where there are many shots, that of one of them.
+    photograph : Plane, optional
+        The samples it was found in; of two photographs the near one.
+    outline : (n, 2) float64, optional
+        Of the far photograph in the near one, in its pixels (x, y).
+    judged : sequence of Judgement
+        The numbers against the limits that were set.
+    """
+
+    record: PlaneRecord
+    found: PatternPsf | None = None
+    photograph: Plane | None = None
+    outline: Array | None = None
+    judged: Sequence[Judgement] = ()
+
+    @property
+    def verdict(self) -> str:
+        """The worst of the estimate's and the limits' verdicts."""
+        return max([str(self.record.verdict), *(str(one.judged) for one in self.judged)], key=ORDER.index)
+
+    @property
+    def against(self) -> str:
+        """All that speaks against the plane, in sentences."""
+        failed = [one.words for one in self.judged if one.judged is not Judged.PASS]
+        return "; ".join(words for words in (self.record.reason, *failed) if words)
+
+    @property
+    def numbers(self) -> list[tuple[str, Quantity]]:
+        """The numbers with their words, in the order of pages."""
+        known = dict(quantities(self.record))
+        return [(words, known[name]) for name, words in (*NUMBERS, *MORE_NUMBERS) if name in known]
+
+    @property
+    def budget(self) -> BudgetTable | None:
+        """The headline numbers' uncertainties taken apart."""
+        quality = self.record.quality
+        return budget_table(quality) if quality is not None else None
+
+    @property
+    def halves(self) -> list[tuple[str, Variation]]:
+        """The numbers in the halves of the chart, with their words."""
+        words = dict(NUMBERS)
+        return [(words.get(one.name, one.name), one) for one in self.record.variations]
+
+    @property
+    def plain(self) -> list[tuple[str, float]]:
+        """The numbers that have no uncertainty."""
+        return [(words, float(one)) for name, words in PLAIN if isinstance(one := self.record.numbers.get(name), float)]
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """What a report tells.
+
+    Attributes
+    ----------
+    subject : str
+        What was calibrated: camera and lens, or the photograph.
+    procedure : str
+        "pattern" or "two-photo".
+    conditions, devices : sequence of Line
+        Light, temperature, distance, operator, ...; the bench, one line for each device.
+    made : str
+        When, where that is known.
+    """
+
+    subject: str
+    procedure: str
+    planes: Sequence[PlaneSheet]
+    shots: Sequence[Shot]
+    parameters: Mapping[str, object]
+    conditions: Sequence[Line] = ()
+    devices: Sequence[Line] = ()
+    made: str = ""
+    software: Mapping[str, Any] = field(default_factory=software)
+
+    @property
+    def verdict(self) -> str:
+        """The worst of the planes'."""
+        return max((plane.verdict for plane in self.planes), key=ORDER.index, default="refused")
+
+    @property
+    def headline(self) -> str:
+        """How many planes have which verdict; of a single one its verdict."""
+        verdicts = [plane.verdict for plane in self.planes]
+        if len(verdicts) == 1:
+            return f"{self.planes[0].record.name} {'passes' if verdicts[0] == 'pass' else f'is {WORDS[verdicts[0]]}'}"
+        counts = [f"{verdicts.count(one)} {WORDS[one]}" for one in ORDER[1:] if one in verdicts]
+        return ", ".join([f"{verdicts.count('pass')} of {len(verdicts)} planes pass", *counts])
+
+
+def calibration_page(report: Report) -> str:
+    """The report as HTML, its pictures inside; everything in it that came from outside is escaped."""
+    sheets = [(sheet, _pictures(sheet, f"p{i}")) for i, sheet in enumerate(report.planes, 1)]
+    return render(
+        "calibration.html",
+        report=report,
+        sheets=sheets,
+        method=METHODS.get(report.procedure, ""),
+        sources=_sources(report.planes),
+        phase_known=f"{otf_figures.PHASE_KNOWN_DEG:g}",
+    )
+
+
+def _sources(sheets: Sequence[PlaneSheet]) -> list[str]:
+    """What the uncertainties of any plane are made of, in words."""
+    told = {column for sheet in sheets if sheet.budget is not None for column in sheet.budget.columns}
+    return [words for words in TERMS.values() if words in told]
+
+
+def _pictures(sheet: PlaneSheet, name: str) -> Mapping[str, Any]:
+    """The figures of a plane, as far as there is something to draw."""
+    record, pictures = sheet.record, dict[str, Any]()
+    if record.psf is not None:
+        pictures["psf"] = psf_figures.psf_figure(record.psf, None, f"{name}-psf")
+        pictures["energy"] = psf_figures.energy_figure(radial_profile(record.psf), f"{name}-energy")
+        pictures["phase"] = otf_figures.phase_figure(record.psf, f"{name}-phase")
+        pictures["map"] = otf_figures.mtf_map_figure(record.psf, f"{name}-map", record.diffraction)
+    if record.quality is not None:
+        pictures["mtf"] = otf_figures.mtf_figure(record.quality, None, f"{name}-mtf", record.diffraction)
+    if record.inter_image is not None:
+        pictures["inter_image"] = psf_figures.kernel_figure(record.inter_image, f"{name}-kernel")
+    if sheet.found is not None and sheet.photograph is not None:
+        pictures["chart"] = {
+            "photograph": psf_figures.photograph_figure(sheet.photograph, sheet.found, f"{name}-photograph"),
+            "residual": psf_figures.residual_figure(record.name, sheet.found, f"{name}-residual"),
+            "diagnostics": sheet.found.diagnostics,
+        }
+    if sheet.outline is not None and sheet.photograph is not None:
+        pictures["pair"] = psf_figures.pair_figure(sheet.photograph, sheet.outline, f"{name}-pair")
+    return pictures
+
+
+# --- of files alone ----------------------------------------------------------------------------------------------
+
+
+def report_of_files(
+    procedure: str,
+    frames: Sequence[RawFrame],
+    calibrated: Sequence[Calibrated[Any]],
+    parameters: Mapping[str, object],
+    judged: Mapping[str, Sequence[Judgement]] | None = None,
+) -> Report:
+    """The report of a command: what the files themselves tell about camera and conditions.
+
+    Parameters
+    ----------
+    frames : the photographs, the first being the one in which charts were found
+    judged : by the plane's name
+    """
+    exposure = frames[0].exposure
+    return Report(
+        subject=camera_words(exposure) or printable(frames[0].path.name),
+        procedure=procedure,
+        planes=[_sheet(one, frames, (judged or {}).get(one.record.name, ())) for one in calibrated],
+        shots=[shot_of(frame) for frame in frames],
+        parameters=parameters,
+        conditions=_conditions(exposure),
+    )
+
+
+def _sheet(one: Calibrated[Any], frames: Sequence[RawFrame], judged: Sequence[Judgement]) -> PlaneSheet:
+    """A plane with what its figures need: the chart's photograph, or the near one and where the far one lies in it."""
+    name, found = one.record.name, one.found
+    if isinstance(found, PatternPsf):
+        return PlaneSheet(one.record, found, frames[0].planes[name], judged=judged)
+    if isinstance(found, TwoPhotoPsf):
+        near, far = (frames[i].planes[name] for i in ((1, 0) if found.swapped else (0, 1)))
+        return PlaneSheet(one.record, None, near, found.warp.forward(_rim(far)), judged)
+    return PlaneSheet(one.record, judged=judged)
+
+
+def _rim(plane: Plane) -> Array:
+    """A plane's outline, closed, (n, 2), in its pixels (x, y)."""
+    rows, columns = plane.samples.shape
+    corners = np.array([[0, 0], [columns, 0], [columns, rows], [0, rows], [0, 0]]) - 0.5
+    t = np.linspace(0, 1, 17)[:, None]
+    return np.concatenate([a + t * (b - a) for a, b in pairwise(corners)])
+
+
+def shot_of(frame: RawFrame, note: str = "") -> Shot:
+    """A photograph as its file tells of it."""
+    exposure = frame.exposure
+    return Shot(
+        printable(frame.path), frame.sha256, exposure_words(exposure), printable(exposure.captured_at or ""), note
+    )
+
+
+def camera_words(exposure: Exposure) -> str:
+    """Camera and lens, as far as the camera noted them."""
+    return ", ".join(printable(one) for one in (exposure.camera, exposure.lens) if one)
+
+
+def _conditions(exposure: Exposure) -> list[Line]:
+    """What the camera noted about the first photograph."""
+    distance = exposure.subject_distance_mm
+    noted = {
+        "Camera": exposure.camera,
+        "Lens": exposure.lens,
+        "Exposure": exposure_words(exposure),
+        "Distance noted by the camera": f"{distance:.0f} mm" if distance else "",
+        "Taken": exposure.captured_at,
+    }
+    return [Line(name, printable(words)) for name, words in noted.items() if words]

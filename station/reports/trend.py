@@ -1,0 +1,97 @@
+"""How a camera's numbers change over its sessions: a weighted line through each, and whether it drifts at all."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.numerics.weighted_line import Line, weighted_line
+from procedures.raw import GREY_PLANE, MOSAIC_PLANES
+from station.sessions.index import Measured
+
+Array = npt.NDArray[np.float64]
+
+QUANTITIES = ("mtf50_horizontal", "mtf50_vertical")
+YEAR_S = 365.25 * 86400.0
+FEWEST = 3
+"""Sessions from which a drift can be told: with two, scatter and drift are one."""
+SIGNIFICANT = 0.01
+"""Probability of a slope as steep by chance, below which it is called a drift."""
+
+
+@dataclass(frozen=True)
+class Trend:
+    """One quantity of one plane of a camera with one lens, by one plan, over time.
+
+    Attributes
+    ----------
+    points : the sessions, oldest first
+    line : over years since the first session; None where all are of one moment, or there are too few
+    """
+
+    lens: str
+    plan: str
+    plane: str
+    quantity: str
+    unit: str
+    points: tuple[Measured, ...]
+    line: Line | None
+
+    @property
+    def years(self) -> Array:
+        """When the sessions began, in years since the first."""
+        return years_of(self.points)
+
+    @property
+    def drifts(self) -> bool | None:
+        """Whether the slope is significant; None where it cannot be told."""
+        if self.line is None or self.line.n < FEWEST:
+            return None
+        return self.line.p_value < SIGNIFICANT
+
+    @property
+    def finding(self) -> str:
+        """The same in a few words."""
+        if self.line is None or self.drifts is None:
+            return f"needs {FEWEST} sessions at different times"
+        if self.drifts:
+            return "falls" if self.line.slope < 0 else "rises"
+        return "no drift seen"
+
+
+def years_of(points: Sequence[Measured]) -> Array:
+    """When the sessions of the points began, in years since the first of them, (n,)."""
+    return np.array([years_between(points[0].began, point.began) for point in points])
+
+
+def years_between(before: str, after: str) -> float:
+    """Years from one moment to another, both in ISO 8601."""
+    return (datetime.fromisoformat(after) - datetime.fromisoformat(before)).total_seconds() / YEAR_S
+
+
+def trends(measured: Sequence[Measured]) -> list[Trend]:
+    """A trend for every lens, plan, plane and quantity; refused planes have no numbers and are left out."""
+    groups = itertools.groupby(sorted(measured, key=_series), _series)
+    return [_trend(tuple(points)) for _, points in groups]
+
+
+def _series(one: Measured) -> tuple[str, str, str, int, str, str]:
+    """What may be compared over time; in the order of lists, planes as in the mosaic."""
+    planes = (*MOSAIC_PLANES, GREY_PLANE)
+    place = planes.index(one.plane) if one.plane in planes else len(planes)
+    return one.lens, one.plan, one.quantity, place, one.plane, one.unit
+
+
+def _trend(points: tuple[Measured, ...]) -> Trend:
+    years = years_of(points)
+    line = None
+    if len(np.unique(years)) > 1:
+        values, uncertainties = ([getattr(p, name) for p in points] for name in ("value", "uncertainty"))
+        line = weighted_line(years, np.array(values), np.array(uncertainties))
+    first = points[0]
+    return Trend(first.lens, first.plan, first.plane, first.quantity, first.unit, points, line)

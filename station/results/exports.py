@@ -1,0 +1,122 @@
+"""A plane's PSF for other programs: FITS, float TIFF, its numbers as a table; its profile is `radial_profile`'s."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.outcome import Quantity
+from procedures.psf import Psf
+from station.common.sanitise import cell
+from station.drawing.linear_pictures import described_tiff, float_tiff
+
+Array = npt.NDArray[np.float64]
+
+FITS_BLOCK = 2880
+FITS_CARD = 80
+GAUSSIAN_RADIUS = "gaussian_radius"
+
+
+def psf_tiff(psf: Psf) -> bytes:
+    """The support's samples as a TIFF, (k, k) float32, sum 1; its description tells the share of the light outside."""
+    share, uncertainty = psf.energy_outside
+    return described_tiff(
+        float_tiff(psf.h),
+        f"support of a PSF, {psf.s} samples per pixel, sum 1; "
+        f"energy_outside_support = {share:.6g}, standard uncertainty {uncertainty:.2g}",
+    )
+
+
+# --- FITS --------------------------------------------------------------------------------------------------------
+
+
+def psf_fits(psf: Psf, plane: str, version: str | None) -> bytes:
+    """The support's samples as FITS, and their standard uncertainties in a second image, both (k, k) float64.
+
+    Beside the samples, of sum 1, stand EOUTSIDE, the share of all light outside them, and EOUTUNC, its standard
+    uncertainty; TAILDENS is A of the mean far tail A / r^3 per square pixel, r in pixels, where all light is 1. The
+    first row of the data is the photograph's upper one; the world coordinates are pixels of the plane from the PSF's
+    centre, x to the right and y down. Source: FITS standard 4.0, sections 3, 4 and 8.
+    """
+    sigma = np.sqrt(np.maximum(np.diag(psf.covariance), 0)).reshape(psf.h.shape)
+    middle = psf.k // 2 + 1
+    grid: list[tuple[str, object]] = [
+        ("CRPIX1", float(middle)), ("CRPIX2", float(middle)), ("CRVAL1", 0.0), ("CRVAL2", 0.0),
+        ("CDELT1", 1 / psf.s), ("CDELT2", 1 / psf.s), ("CTYPE1", "X"), ("CTYPE2", "Y"),
+        ("CUNIT1", "pixel"), ("CUNIT2", "pixel"), ("PLANE", plane), ("SAMPLING", psf.s),
+        ("CREATOR", f"calibration-station {version or ''}".strip()),
+    ]  # fmt: skip
+    share, uncertainty = psf.energy_outside
+    outside: list[tuple[str, object]] = [
+        ("EOUTSIDE", share), ("EOUTUNC", uncertainty), ("TAILDENS", psf.tail_density_px),
+        ("COMMENT", "Samples: the support, of sum 1. EOUTSIDE: energy_outside_support,"),
+        ("COMMENT", "the share of all light outside it; EOUTUNC: its uncertainty."),
+        ("COMMENT", "TAILDENS: A of the far tail A/r^3 per square pixel, all light 1."),
+    ]  # fmt: skip
+    size: list[tuple[str, object]] = [("BITPIX", -64), ("NAXIS", 2), ("NAXIS1", psf.k), ("NAXIS2", psf.k)]
+    primary = [("SIMPLE", True), *size, ("EXTEND", True), ("EXTNAME", "PSF"), *grid, *outside]
+    second = [("XTENSION", "IMAGE"), *size, ("PCOUNT", 0), ("GCOUNT", 1), ("EXTNAME", "UNCERTAINTY"), *grid]
+    return _unit(primary, psf.h) + _unit(second, sigma)
+
+
+def _unit(cards: Sequence[tuple[str, object]], data: Array) -> bytes:
+    """A header and its data, each filled up to whole blocks."""
+    header = "".join(_card(name, value) for name, value in cards) + "END".ljust(FITS_CARD)
+    return _filled(header.encode("ascii"), b" ") + _filled(data.astype(">f8").tobytes(), b"\0")
+
+
+def _card(name: str, value: object) -> str:
+    if name == "COMMENT":
+        return f"{name:<8}{value}".ljust(FITS_CARD)[:FITS_CARD]
+    if isinstance(value, bool):
+        text = f"{'T' if value else 'F':>20}"
+    elif isinstance(value, str):
+        text = "'" + value.encode("ascii", "replace").decode().replace("'", "''").ljust(8) + "'"
+    else:
+        text = f"{value!r:>20}"
+    return f"{name:<8}= {text}".ljust(FITS_CARD)[:FITS_CARD]
+
+
+def _filled(data: bytes, filling: bytes) -> bytes:
+    return data + filling * (-len(data) % FITS_BLOCK)
+
+
+# --- the numbers -------------------------------------------------------------------------------------------------
+
+
+def gaussian_radius(mtf50: Quantity, pitch: int) -> Quantity:
+    """What RAW developers take for a PSF: the standard deviation, in sensor pixels, of the Gaussian with this MTF50.
+
+    `mtf50` is the radial mean's of the whole PSF, so that the Gaussian blurs as much as lens and sensor, veil included.
+
+    RawTherapee calls it "Radius" of Capture Sharpening, and deconvolves the demosaicked picture with that Gaussian.
+    From exp(-2 pi^2 sigma^2 f^2) = 1/2: sigma = sqrt(ln 2 / 2) / (pi f).
+    """
+    sigma = math.sqrt(math.log(2) / 2) / (math.pi * mtf50.value) * pitch
+    method = "sigma of the Gaussian with the same radial MTF50 as the whole PSF"
+    return Quantity(sigma, "sensor pixel", sigma * mtf50.uncertainty / mtf50.value, method, mtf50.n)
+
+
+Numbers = Iterator[tuple[str, str, Quantity]]
+"""Plane, name, number."""
+
+
+def numbers_table(numbers: Numbers) -> bytes:
+    """All numbers as CSV: plane, name, value, uncertainty, unit, method, samples."""
+    rows = [
+        [plane, name, f"{one.value:.9g}", f"{one.uncertainty:.9g}", cell(one.unit), cell(one.method), str(one.n)]
+        for plane, name, one in numbers
+    ]
+    return csv_bytes([["plane", "name", "value", "uncertainty", "unit", "method", "n"], *rows])
+
+
+def csv_bytes(rows: Sequence[Sequence[str]]) -> bytes:
+    """Rows of texts as CSV."""
+    text = io.StringIO(newline="")
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue().encode()

@@ -1,0 +1,157 @@
+"""A result folder as the results screen shows it: verdicts, numbers, PSF and MTF of each plane, read back from disk."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.outcome import BadInput, Quantity, Verdict
+from station.common.durable_files import read_own
+from station.results.result_files import RECORD
+
+Array = npt.NDArray[np.float64]
+
+DIRECTIONS = ("horizontal", "vertical", "radial")
+LARGEST_BYTES = 64_000_000
+"""Of the file of a PSF; a support of 2000 x 2000 samples takes half of it."""
+PLANE_LETTERS = 8
+"""Plane names longer than this are of no camera; they would also be file names."""
+
+
+@dataclass(frozen=True, eq=False)
+class ShownPlane:
+    """What is known of one plane; `h` is (k, k), `mtf` has columns of (n,) by name; both None where refused."""
+
+    name: str
+    verdict: Verdict
+    reason: str
+    remedy: str
+    numbers: Mapping[str, Quantity]
+    h: Array | None
+    mtf: Mapping[str, Array] | None
+
+
+@dataclass(frozen=True, eq=False)
+class ShownResult:
+    """A result and where it lies."""
+
+    folder: Path
+    procedure: str
+    planes: Mapping[str, ShownPlane]
+
+
+def read_result(folder: Path) -> ShownResult:
+    """The PSF result in a folder. Raises BadInput, naming what is missing or damaged."""
+    record = _record(folder / RECORD)
+    entries = record.get("planes")
+    if not isinstance(entries, dict) or not all(_is_plane(name, entry) for name, entry in entries.items()):
+        raise BadInput(f"{folder / RECORD} names no planes", "recompute the session")
+    planes = {name: _plane(folder, name, entry) for name, entry in entries.items()}
+    return ShownResult(folder, str(record.get("procedure", "")), planes)
+
+
+def find_results(sessions: Path) -> list[Path]:
+    """The folders of all results under a folder of sessions, newest first."""
+    found = [record.parent for record in sessions.glob(f"*/derived/*/{RECORD}") if not record.parent.is_symlink()]
+    return sorted(found, key=lambda folder: (folder / RECORD).lstat().st_mtime, reverse=True)
+
+
+def _record(path: Path) -> dict[str, Any]:
+    try:
+        record = json.loads(read_own(path))
+    except (OSError, ValueError, RecursionError) as error:
+        raise BadInput(f"{path} cannot be read: {error}", "recompute the session") from error
+    if not isinstance(record, dict):
+        raise BadInput(f"{path} is no record of a result", "recompute the session")
+    return record
+
+
+def _is_plane(name: str, entry: object) -> bool:
+    return name.isalnum() and len(name) <= PLANE_LETTERS and isinstance(entry, dict)
+
+
+def _plane(folder: Path, name: str, entry: Mapping[str, Any]) -> ShownPlane:
+    try:
+        verdict = Verdict(entry.get("verdict", ""))
+    except ValueError as error:
+        raise BadInput(f"{folder / RECORD}: plane {name} has no verdict", "recompute the session") from error
+    numbers = {key: found for key, value in entry.items() if (found := _quantity(value)) is not None}
+    reason, remedy = str(entry.get("reason", "")), str(entry.get("remedy", ""))
+    refused = verdict is Verdict.REFUSED
+    h = None if refused else _samples(folder / f"psf_{name}.npy")
+    mtf = None if refused else _columns(folder / f"mtf_{name}.csv")
+    return ShownPlane(name, verdict, reason, remedy, numbers, h, mtf)
+
+
+def _quantity(value: object) -> Quantity | None:
+    if not isinstance(value, dict) or not {"value", "unit", "uncertainty"} <= value.keys():
+        return None
+    number, uncertainty = (_number(value[key]) for key in ("value", "uncertainty"))
+    return Quantity(number, str(value["unit"]), uncertainty, str(value.get("method", "")), _count(value.get("n", 0)))
+
+
+def _number(value: object) -> float:
+    try:
+        return float(value) if isinstance(value, int | float) else math.nan
+    except OverflowError:
+        return math.nan
+
+
+def _count(value: object) -> int:
+    number = _number(value)
+    return int(number) if math.isfinite(number) else 0
+
+
+def _samples(path: Path) -> Array:
+    try:
+        data = read_own(path) if path.stat().st_size <= LARGEST_BYTES else b""
+        h = np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
+    except (OSError, ValueError, EOFError, MemoryError, OverflowError, RecursionError) as error:
+        raise BadInput(f"{path} cannot be read: {error}", "recompute the session") from error
+    if h.ndim != 2 or h.shape[0] != h.shape[1] or h.size == 0 or h.dtype.kind != "f" or not np.isfinite(h).all():
+        raise BadInput(f"{path} is no PSF", "recompute the session")
+    return np.asarray(h, dtype=np.float64)
+
+
+def _columns(path: Path) -> dict[str, Array]:
+    try:
+        names, *rows = read_own(path).decode().split()
+        table = np.array([[float(word) for word in row.split(",")] for row in rows], dtype=np.float64)
+        columns = dict(zip(names.split(","), table.T, strict=True))
+    except (OSError, ValueError) as error:
+        raise BadInput(f"{path} cannot be read: {error}", "recompute the session") from error
+    shown = [columns.get(name, np.array([np.nan])) for name in ("frequency", *DIRECTIONS)]
+    if not all(column.size and np.isfinite(column).all() for column in shown) or shown[0].max() <= 0:
+        raise BadInput(f"{path} is no table of an MTF", "recompute the session")
+    return columns
+
+
+# --- two results side by side ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Change:
+    """One number in two results."""
+
+    name: str
+    one: Quantity
+    other: Quantity
+
+    @property
+    def sigmas(self) -> float:
+        """Other less one, in standard uncertainties of the difference; NaN where both are exact."""
+        spread = math.hypot(self.one.uncertainty, self.other.uncertainty)
+        return (self.other.value - self.one.value) / spread if spread > 0 else math.nan
+
+
+def changes(one: ShownPlane, other: ShownPlane) -> list[Change]:
+    """The numbers that both have."""
+    return [Change(name, value, other.numbers[name]) for name, value in one.numbers.items() if name in other.numbers]

@@ -1,0 +1,1 @@
+"""Sessions: folders that a person can read, with journals that lose nothing."""

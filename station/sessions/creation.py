@@ -1,0 +1,36 @@
+"""A new session's folder: furnished under a hidden name, then given its own, so that it is whole or not there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from station.common.durable_files import Disk, NotKept, kept
+from station.sessions.journal import Contents, Journal, Line
+from station.sessions.layout import CONFIG, FOLDERS, JOURNAL, read_config
+
+
+def furnish(folder: Path, config: bytes, first: Line, disk: Disk) -> None:
+    """Everything that a session needs, on the disk."""
+    for name in FOLDERS:
+        with kept(folder / name):
+            (folder / name).mkdir()
+    for name, data in ((CONFIG, config), (JOURNAL, b"")):
+        disk.write_whole(folder / name, data)
+    _, first_sum = read_config(folder)
+    journal = Journal(folder / JOURNAL, Contents((), first_sum, 0), disk)
+    try:
+        journal.append(first.event, first.at, first.clock_s, first.data)
+    finally:
+        journal.close()
+
+
+def settle(raw: Path, name: str, disk: Disk) -> Path:
+    """Give the folder its name, with a number where that is taken."""
+    for number in range(1, 10_000):
+        folder = raw.with_name(name if number == 1 else f"{name}-{number}")
+        if not folder.exists() and not folder.is_symlink():
+            with kept(folder):
+                disk.replace(raw, folder)
+                disk.sync_folder(folder.parent)
+            return folder
+    raise NotKept(f"{raw.parent} has 9999 sessions of the name {name}", "name another folder with --sessions")

@@ -1,0 +1,194 @@
+"""An append-only journal of JSON lines: each with its number and a hash over all before it.
+
+```
+{"seq":3,"at":"2026-03-14T09:26:53.589+00:00","clock_s":12.5,"event":"judged","shot":1,"counts":true,"sum":"9f2c..."}
+```
+
+`sum` is the SHA-256 of the sum before and of the line up to it; the first line's "sum before" is the hash of the
+session's frozen configuration. So a line that was altered, taken out, or put in is found, and so is another
+configuration. A last line that is not whole was being written when the power went: nobody was told that it is kept.
+That the last lines are gone, no chain can tell; `journal.head` does (see `station.sessions.journal_head`).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from procedures.outcome import ProcedureError
+from station.common.durable_files import Disk, not_kept, read_own
+from station.sessions.journal_head import HEAD, Head, HeadFile
+
+BEGIN, SUM, END = b'{"seq":', b',"sum":"', b'"}\n'
+"""How each line begins and ends; inside a text of JSON, its quotes would be escaped."""
+
+
+class Damaged(ProcedureError):
+    """A session is not what was written: what is wrong, and what to do."""
+
+    exit_code = 4
+
+
+@dataclass(frozen=True)
+class Line:
+    """One entry: its number from 1, when (UTC, and by the bench's clock), what happened, about what; its sum."""
+
+    seq: int
+    at: str
+    clock_s: float
+    event: str
+    data: Mapping[str, Any]
+    sum: str = ""
+
+
+@dataclass(frozen=True)
+class Contents:
+    """What a journal holds: its lines, the last sum, the length of the whole lines, and what was torn after them."""
+
+    lines: tuple[Line, ...]
+    last_sum: str
+    length: int
+    torn: bytes = b""
+
+
+def read_journal(path: Path, first_sum: str) -> Contents:
+    """Every whole line, checked. Raises Damaged where a line before the last is not what was written."""
+    try:
+        data = read_own(path)
+    except OSError as error:
+        raise Damaged(
+            f"{path} cannot be read: {error.strerror}", "bring the session's folder back from a copy"
+        ) from error
+    return parse(data, first_sum, str(path))
+
+
+def parse(data: bytes, first_sum: str, name: str) -> Contents:
+    """The lines of a journal's bytes. Raises Damaged."""
+    lines: list[Line] = []
+    last, start = first_sum, 0
+    while start < len(data):
+        end = data.find(b"\n", start) + 1
+        text = data[start : end or len(data)]
+        line = _read(text) if end else None
+        if line is None:
+            if start + len(text) < len(data) or text.count(BEGIN) > 1:
+                raise _altered(name, len(lines) + 1, "is no line of a journal")
+            return Contents(tuple(lines), last, start, text)
+        body, _, told = text.rpartition(SUM)
+        found = _sum(last, body)
+        if told != found.encode() + END or line.seq != len(lines) + 1:
+            raise _altered(name, len(lines) + 1, "is not what was written after the line before it")
+        lines.append(line)
+        last, start = found, end
+    return Contents(tuple(lines), last, start)
+
+
+def _altered(name: str, number: int, what: str) -> Damaged:
+    return Damaged(
+        f"{name}: line {number} {what}",
+        "bring the journal back from a copy; `station psf` still takes the photographs in originals/",
+    )
+
+
+def _read(text: bytes) -> Line | None:
+    """The line, None where it is no whole one."""
+    try:
+        entry = json.loads(text)
+        seq, at, clock_s, event = (entry.pop(name) for name in ("seq", "at", "clock_s", "event"))
+        total, data = str(entry.pop("sum")), _restored(entry)
+    except (ValueError, KeyError, AttributeError, TypeError, RecursionError):
+        return None
+    known = isinstance(seq, int) and isinstance(at, str) and isinstance(clock_s, int | float)
+    if not (known and isinstance(event, str)):
+        return None
+    return Line(seq, at, float(clock_s), event, data, total)
+
+
+def _sum(before: str, body: bytes) -> str:
+    return hashlib.sha256(before.encode() + body).hexdigest()
+
+
+class Journal:
+    """The journal of a session that is open: what is appended is on the disk when `append` returns."""
+
+    def __init__(self, path: Path, contents: Contents, disk: Disk) -> None:
+        self.path = path
+        self._disk = disk
+        self._lines, self._last_sum, self._length = list(contents.lines), contents.last_sum, contents.length
+        try:
+            self._descriptor = disk.open(path, os.O_RDWR | os.O_APPEND)
+        except OSError as error:
+            raise not_kept(path, error) from error
+        try:
+            self._head = HeadFile(path.with_name(HEAD), disk)
+        except BaseException:
+            os.close(self._descriptor)
+            raise
+
+    @property
+    def lines(self) -> Sequence[Line]:
+        """All lines so far."""
+        return self._lines
+
+    def append(self, event: str, at: str, clock_s: float, data: Mapping[str, Any]) -> Line:
+        """Add a line; what a failed attempt left is cut away first. Raises NotKept: then the line is not there."""
+        begin = {"seq": len(self._lines) + 1, "at": at, "clock_s": clock_s, "event": event}
+        body = json.dumps({**begin, **_jsonable(data)}, separators=(",", ":"), allow_nan=False).encode()[:-1]
+        total = _sum(self._last_sum, body)
+        text, head = body + SUM + total.encode() + END, Head(len(self._lines) + 1, total)
+        try:
+            self._cut()
+            self._head.announce(head)
+            self._disk.write_all(self._descriptor, text)
+        except OSError as error:
+            with contextlib.suppress(OSError):  # the next append cuts again, and so does whoever opens the journal
+                self._cut()
+                self._head.retract(head)
+            raise not_kept(self.path, error) from error
+        line = _read(text)
+        assert line is not None
+        self._lines.append(line)
+        self._last_sum, self._length = total, self._length + len(text)
+        return line
+
+    def _cut(self) -> None:
+        """Take away what stands after the last whole line."""
+        if os.fstat(self._descriptor).st_size != self._length:
+            os.ftruncate(self._descriptor, self._length)
+            self._disk.sync(self._descriptor)
+
+    def close(self) -> None:
+        """Give the files back."""
+        os.close(self._descriptor)
+        self._head.close()
+
+
+def _jsonable(value: Any) -> Any:
+    """The same in what JSON has: numbers that are not finite as `{"not_finite": "nan"}`, paths as text."""
+    if isinstance(value, Mapping):
+        return {str(name): _jsonable(part) for name, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [_jsonable(part) for part in value]
+    if value is None or isinstance(value, bool | str | int):
+        return value
+    if isinstance(value, Path):
+        return str(value)
+    if hasattr(value, "item"):  # a number of numpy's
+        return _jsonable(value.item())
+    number = float(value)
+    return number if math.isfinite(number) else {"not_finite": repr(number)}
+
+
+def _restored(value: Any) -> Any:
+    if isinstance(value, dict):
+        if list(value) == ["not_finite"]:
+            return float(value["not_finite"])
+        return {name: _restored(part) for name, part in value.items()}
+    return [_restored(part) for part in value] if isinstance(value, list) else value

@@ -1,0 +1,146 @@
+"""A session as it lies on the disk: read and checked, without a lock, and nothing is written."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from station.common.durable_files import holds, sha256_of
+from station.sessions.journal import Contents, Damaged, read_journal
+from station.sessions.journal_head import HEAD, Gap, gap
+from station.sessions.layout import (
+    CONFIG,
+    DERIVED,
+    JOURNAL,
+    ORIGINALS,
+    check_layout,
+    has_parts,
+    is_session,
+    read_config,
+)
+from station.sessions.state import State, replay
+
+
+@dataclass(frozen=True)
+class SessionRecord:
+    """What a session's folder tells: its frozen configuration, its journal, and the state that this comes to.
+
+    `gap` is what the journal lacks by its head.
+    """
+
+    folder: Path
+    config: Mapping[str, Any]
+    contents: Contents
+    state: State
+    gap: Gap
+
+    @property
+    def has_head(self) -> bool:
+        """Whether it was ever opened by a version that writes the journal's head."""
+        return _has_head(self.contents)
+
+    @property
+    def oddities(self) -> tuple[str, ...]:
+        """What is odd about the journal, in words."""
+        torn = "the last line of the journal was not whole and did not count" if self.contents.torn else ""
+        return tuple(words for words in (torn, self.lost) if words)
+
+    @property
+    def lost(self) -> str:
+        """Which lines are gone, in words, or why nobody can tell; "" where they are all there or the last is torn."""
+        return "" if self.contents.torn and self.gap.lines == 1 else self.gap.words
+
+
+def read_session(folder: Path) -> SessionRecord:
+    """A session's configuration and journal, checked; photographs are checked by `verify`.
+
+    Raises
+    ------
+    BadInput
+        If the folder is no session.
+    Damaged
+        If the configuration or the journal is not what was written.
+    """
+    check_layout(folder)
+    config, first_sum = read_config(folder)
+    for pause_s in (*BETWEEN_WRITES_S, 0.0):
+        contents = read_journal(folder / JOURNAL, first_sum)
+        found = gap(folder / HEAD, [line.sum for line in contents.lines], expected=_has_head(contents))
+        if not found.words:
+            break
+        time.sleep(pause_s)
+    return SessionRecord(folder, config, contents, replay(contents.lines), found)
+
+
+BETWEEN_WRITES_S = (0.01, 0.05)
+"""How long another program is waited for that is just writing head and line."""
+
+
+def _has_head(contents: Contents) -> bool:
+    return any(line.event == "opened" and line.data.get("head") for line in contents.lines)
+
+
+def unknown_files(folder: Path, state: State) -> list[str]:
+    """Photographs in originals/ and results in derived/ that the journal does not speak of."""
+    known = {shot.path for shot in (*state.shots, state.adopting) if shot} | {one.folder for one in state.results}
+    originals = [path for path in (folder / ORIGINALS).iterdir() if not path.name.startswith(".")]
+    results = [path for path in (folder / DERIVED).iterdir() if path.name.isdecimal()]
+    return [name for path in sorted(originals + results) if (name := path.relative_to(folder).as_posix()) not in known]
+
+
+def verify(folder: Path, state: State, without: Collection[int] = ()) -> None:
+    """Every photograph has the hash that the journal tells. Raises Damaged, naming all that have not."""
+    here = [shot for shot in state.shots if not shot.lost and shot.number not in without]
+    wrong = [shot for shot in here if not holds(folder / shot.path, shot.sha256)]
+    if wrong:
+        names = ", ".join(f"{shot.path} (shot {shot.number}, SHA-256 {shot.sha256})" for shot in wrong)
+        numbers = " ".join(f"--without {shot.number}" for shot in wrong)
+        raise Damaged(
+            f"{folder.name}: missing or changed: {names}",
+            f"bring these files back from a copy, or give them up: station session resume {numbers}",
+        )
+
+
+def damaged_results(folder: Path, state: State) -> list[str]:
+    """Files of results that are missing, or not what the journal tells."""
+    files = [(f"{one.folder}/{name}", digest) for one in state.results for name, digest in one.files.items()]
+    return [name for name, digest in files if not holds(folder / name, digest)]
+
+
+def verify_results(record: SessionRecord) -> None:
+    """Every file of every result and every transcript of the wires is what the journal tells. Raises Damaged."""
+    folder, wires = record.folder, [line.data for line in record.contents.lines if line.event == "wired"]
+    files = [(f"{one['folder']}/{name}", digest) for one in wires for name, digest in one["files"].items()]
+    if wrong := damaged_results(folder, record.state) + [name for name, one in files if not holds(folder / name, one)]:
+        raise Damaged(
+            f"{folder.name}: {', '.join(wrong)}: missing, or not what was written",
+            "bring these files back from a copy; `station session resume --back-to STEP` computes a new result",
+        )
+
+
+def check_whole(record: SessionRecord) -> None:
+    """The journal has all lines that were written, as far as its head tells. Raises Damaged."""
+    if record.lost:
+        raise Damaged(
+            f"{record.folder.name}: {record.lost}",
+            f"bring {JOURNAL} and {HEAD} back from a copy; or resume: what lies in the folder is kept, and named",
+        )
+
+
+def sums(folder: Path, state: State) -> bytes:
+    """The hashes of configuration, photographs and results, as `sha256sum` writes them."""
+    entries = {CONFIG: sha256_of(folder / CONFIG)}
+    entries |= {shot.path: shot.sha256 for shot in state.shots if not shot.lost}
+    for result in state.results:
+        entries |= {f"{result.folder}/{name}": digest for name, digest in result.files.items()}
+    return "".join(f"{digest}  {name}\n" for name, digest in entries.items()).encode()
+
+
+def sessions_in(root: Path) -> Iterator[Path]:
+    """The folders of all sessions in a folder, damaged ones too, oldest name first; hidden ones are none yet."""
+    if root.is_dir():
+        named = [path for path in root.iterdir() if not path.name.startswith(".")]
+        yield from sorted(path for path in named if is_session(path) or has_parts(path))

@@ -1,0 +1,275 @@
+"""What a session's journal says: its shots, facts and finished steps, replayed line by line. Pure."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from procedures.plan import Fact
+from station.sessions.journal import Damaged, Line
+
+ORIGINAL = re.compile(r"originals/[A-Za-z0-9][A-Za-z0-9._-]*")
+DERIVED = re.compile(r"derived/[1-9][0-9]{0,5}")
+RETAKEN = "put aside for a retake"
+LOST = "its photograph is lost"
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One photograph of the session.
+
+    Attributes
+    ----------
+    number : counted from 1 in the order of the exposures
+    path : from the session's folder, inside originals/
+    purpose, step : what it was taken for
+    counts : whether the result is drawn from it; None until it was judged
+    reason : why it does not count
+    exposure : when it was asked for and received by the bench's clock, settings, shutter times, where it came from
+    snapshot : what the devices said of themselves then
+    lost : whether its photograph was given up
+    """
+
+    number: int
+    path: str
+    sha256: str
+    size_bytes: int
+    purpose: str
+    step: str
+    counts: bool | None = None
+    reason: str = ""
+    exposure: Mapping[str, Any] = field(default_factory=dict)
+    snapshot: Mapping[str, Any] = field(default_factory=dict)
+    lost: bool = False
+
+
+@dataclass(frozen=True)
+class Derived:
+    """One result: its folder from the session's, the SHA-256 of its files, from which shots and step it comes.
+
+    `about` is what the journal says besides: verdicts, how long it took, the machine.
+    """
+
+    folder: str
+    files: Mapping[str, str]
+    shots: tuple[int, ...]
+    step: str
+    verdict: str
+    at: str
+    about: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Awaited:
+    """An exposure that was asked for and whose photograph is not in the session (yet)."""
+
+    step: str
+    purpose: str
+
+
+@dataclass(frozen=True)
+class State:
+    """A session as its journal tells it.
+
+    Attributes
+    ----------
+    plan, camera, lens : of what, by which plan
+    began : when it was created, UTC, ISO 8601
+    seed : of everything random in it
+    done : names of the finished steps in their order
+    step : name of the step that was begun and not finished, "" where there is none
+    facts : what was learnt, by name
+    standing : the last result, as long as neither facts nor shots have changed since
+    adopting : a shot whose photograph was being taken in, None mostly
+    awaited : an exposure that was asked for and has not come, None mostly
+    notices : what the operator must hear and was not told yet: repeated exposures, files found, a torn line
+    ended : how the plan ended, None while it has not
+    """
+
+    plan: str
+    camera: str
+    lens: str
+    began: str
+    seed: int
+    done: tuple[str, ...] = ()
+    step: str = ""
+    facts: Mapping[str, Fact] = field(default_factory=dict)
+    shots: tuple[Shot, ...] = ()
+    results: tuple[Derived, ...] = ()
+    standing: Derived | None = None
+    adopting: Shot | None = None
+    awaited: Awaited | None = None
+    notices: tuple[str, ...] = ()
+    strangers: Mapping[str, str] = field(default_factory=dict)
+    ended: str | None = None
+
+    def shot(self, number: int) -> Shot:
+        """The shot of that number. Raises KeyError."""
+        for shot in self.shots:
+            if shot.number == number:
+                return shot
+        raise KeyError(number)
+
+    def counting(self) -> tuple[Shot, ...]:
+        """The shots that results are drawn from."""
+        return tuple(shot for shot in self.shots if shot.counts)
+
+    @property
+    def next_number(self) -> int:
+        """Of the next shot."""
+        return max((shot.number for shot in self.shots), default=0) + 1
+
+
+def replay(lines: Iterable[Line]) -> State:
+    """The state after all lines. Raises Damaged where one says what cannot be."""
+    state: State | None = None
+    for line in lines:
+        try:
+            state = _created(line) if state is None else after(state, line)
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise Damaged(
+                f"line {line.seq} of the journal ({line.event}) cannot be understood: {error!r}",
+                "it may come from a newer version of the program: update, or bring the journal back from a copy",
+            ) from error
+    if state is None:
+        raise Damaged("the journal has no line", "bring it back from a copy")
+    return state
+
+
+def _created(line: Line) -> State:
+    if line.event != "created":
+        raise ValueError("a journal begins with `created`")
+    plan, camera, lens, began = (str(line.data[name]) for name in ("plan", "camera", "lens", "began"))
+    return State(plan, camera, lens, began, int(line.data["seed"]))
+
+
+def after(state: State, line: Line) -> State:
+    """The state after one more line; events that are none of a state's business leave it as it is."""
+    change = CHANGES.get(line.event)
+    if change is None:
+        return state
+    changed = change(state, line)
+    untouched = changed.facts is state.facts and changed.counting() == state.counting()
+    return changed if untouched else replace(changed, standing=None)
+
+
+def _told(state: State, line: Line) -> State:
+    return replace(state, notices=())
+
+
+def _noticed(state: State, line: Line) -> State:
+    return replace(state, notices=(*state.notices, str(line.data["say"])))
+
+
+def _learned(state: State, line: Line) -> State:
+    return replace(state, facts={**state.facts, **line.data["facts"]})
+
+
+def _step_began(state: State, line: Line) -> State:
+    return replace(state, step=str(line.data["step"]), ended=None)
+
+
+def _step_ended(state: State, line: Line) -> State:
+    name = str(line.data["step"])
+    return replace(state, step="", done=(*(step for step in state.done if step != name), name))
+
+
+def _reopened(state: State, line: Line) -> State:
+    """The steps from this one on are to be done again: their shots stay, and count no more."""
+    name = str(line.data["step"])
+    steps = (*state.done, *([state.step] if state.step else []))
+    again = steps[steps.index(name) :] if name in steps else ()
+    shots = tuple(
+        replace(shot, counts=False, reason=RETAKEN) if shot.step in again and shot.counts is not False else shot
+        for shot in state.shots
+    )
+    done = tuple(step for step in state.done if step not in again)
+    return replace(state, done=done, step="", shots=shots, ended=None)
+
+
+def _exposing(state: State, line: Line) -> State:
+    return replace(state, awaited=Awaited(str(line.data["step"]), str(line.data["purpose"])))
+
+
+def _gave_up(state: State, line: Line) -> State:
+    return replace(state, awaited=None, adopting=None)
+
+
+def _adopting(state: State, line: Line) -> State:
+    return replace(state, adopting=_shot(line.data))
+
+
+def _adopted(state: State, line: Line) -> State:
+    shot = state.adopting
+    if shot is None or shot.number != line.data["shot"]:
+        raise ValueError("no shot was being adopted")
+    return replace(state, adopting=None, awaited=None, shots=(*state.shots, shot))
+
+
+def _judged(state: State, line: Line) -> State:
+    return _with_shot(state, line, counts=bool(line.data["counts"]), reason=str(line.data["reason"]))
+
+
+def _lost(state: State, line: Line) -> State:
+    return _with_shot(state, line, counts=False, reason=LOST, lost=True)
+
+
+def _with_shot(state: State, line: Line, **change: Any) -> State:
+    old = state.shot(line.data["shot"])
+    return replace(state, shots=tuple(replace(shot, **change) if shot is old else shot for shot in state.shots))
+
+
+def _derived(state: State, line: Line) -> State:
+    data = dict(line.data)
+    folder = str(data.pop("folder"))
+    if not DERIVED.fullmatch(folder):
+        raise ValueError(f"results lie in derived/, not in {folder}")
+    told = {name: str(data.pop(name)) for name in ("step", "verdict")}
+    files, shots = dict(data.pop("files")), tuple(int(number) for number in data.pop("shots"))
+    result = Derived(folder, files, shots, **told, at=line.at, about=data)
+    return replace(state, results=(*state.results, result), standing=result)
+
+
+def _found(state: State, line: Line) -> State:
+    return replace(state, strangers={**state.strangers, str(line.data["path"]): str(line.data["sha256"])})
+
+
+def _ended(state: State, line: Line) -> State:
+    return replace(state, ended=str(line.data["how"]))
+
+
+CHANGES: Mapping[str, Callable[[State, Line], State]] = {
+    "told": _told,
+    "noticed": _noticed,
+    "learned": _learned,
+    "step_began": _step_began,
+    "step_ended": _step_ended,
+    "reopened": _reopened,
+    "exposing": _exposing,
+    "gave_up": _gave_up,
+    "adopting": _adopting,
+    "adopted": _adopted,
+    "judged": _judged,
+    "lost": _lost,
+    "derived": _derived,
+    "found": _found,
+    "ended": _ended,
+}
+
+
+def _shot(data: Mapping[str, Any]) -> Shot:
+    path = str(data["path"])
+    if not ORIGINAL.fullmatch(path):
+        raise ValueError(f"photographs lie in originals/, not in {path}")
+    return Shot(
+        int(data["shot"]),
+        path,
+        str(data["sha256"]),
+        int(data["size_bytes"]),
+        str(data["purpose"]),
+        str(data["step"]),
+        exposure=dict(data["exposure"]),
+        snapshot=dict(data["snapshot"]),
+    )

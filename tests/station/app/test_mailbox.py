@@ -1,0 +1,125 @@
+"""The desk between a run and its operator, and jobs."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+
+from drivers.errors import NoAnswer
+from procedures.plan import Advice, Ask
+from station.app.background import Finished, Job
+from station.app.mailbox import Desk, Glimpse, Question, Sitting
+from station.guide.frontend import Doing, Seen, StepBegan, StepEnded, Stopped
+
+from .fakes import PLAN, plane
+
+ASK = Ask("k", "?")
+
+
+def test_what_stands_now_replaces_its_forerunner_and_nothing_else_is_lost():
+    rings: list[int] = []
+    desk = Desk(lambda: rings.append(1))
+    step = PLAN.steps[0]
+    desk.hear(StepBegan(step))
+    for i in range(50):
+        desk.hear(Doing("exposing", i, 50))
+        desk.hear(Seen(plane(), Advice(True, f"frame {i}")))
+    desk.hear(StepEnded(step))
+    news = desk.take()
+    assert [type(one) for one in news] == [StepBegan, Doing, Glimpse, StepEnded]
+    assert news[1] == Doing("exposing", 49, 50)
+    assert desk.take() == []
+    assert len(rings) == 1  # once until it is taken
+
+
+def test_an_answer_goes_to_whoever_asked():
+    rung = threading.Event()
+    desk, answers = Desk(rung.set), []
+    asking = threading.Thread(target=lambda: answers.append(desk.answer(ASK)))
+    asking.start()
+    assert rung.wait(5)
+    assert desk.take() == [Question(ASK)]
+    desk.reply(3.5)
+    asking.join(5)
+    assert answers == [3.5]
+
+
+def test_an_answer_given_before_the_question_does_not_count():
+    rung = threading.Event()
+    desk, answers = Desk(rung.set), []
+    desk.reply("early")
+    asking = threading.Thread(target=lambda: answers.append(desk.answer(ASK)))
+    asking.start()
+    assert rung.wait(5)
+    desk.reply("late")
+    asking.join(5)
+    assert answers == ["late"]
+
+
+def test_stopping_ends_the_question_that_waits_and_all_that_follow():
+    desk = Desk(lambda: desk_stops())
+
+    def desk_stops() -> None:
+        threading.Thread(target=desk.stop).start()
+
+    for _ in range(2):
+        with pytest.raises(Stopped):
+            desk.answer(ASK)
+
+
+def finished(job_of: object) -> Finished:
+    heard: list[Finished] = []
+    done = threading.Event()
+
+    def tell(one: Finished) -> None:
+        heard.append(one)
+        done.set()
+
+    Job("test", job_of, tell).start()  # type: ignore[arg-type]
+    assert done.wait(5)
+    return heard[0]
+
+
+def fails() -> None:
+    raise NoAnswer("the laser said nothing", "switch it on")
+
+
+def test_a_job_ends_in_a_value_or_a_sentence():
+    assert finished(lambda: 7).value == 7
+    problem = finished(fails).problem
+    assert problem is not None
+    assert (problem.reason, problem.remedy) == ("the laser said nothing", "switch it on")
+    unforeseen = finished(lambda: {}["x"]).problem  # type: ignore[index]
+    assert unforeseen is not None
+    assert "KeyError" in unforeseen.reason
+
+
+def test_cancelling_asks_first_then_halts():
+    asked, halted, end = threading.Event(), threading.Event(), threading.Event()
+    job = Job("test", lambda: end.wait(5), lambda one: None, ask=asked.set, halt=halted.set).start()
+    assert job.cancel()
+    assert asked.wait(5)
+    assert not halted.is_set()
+    assert not job.cancel()
+    assert halted.wait(5)
+    end.set()
+
+
+def test_a_run_that_was_asked_to_end_before_it_began_ends():
+    calls: list[str] = []
+
+    class Run:
+        def go(self) -> str:
+            calls.append("go")
+            return "ended"
+
+        def ask_to_stop(self) -> None:
+            calls.append("ask")
+
+        def stop_now(self) -> None: ...
+
+    sitting = Sitting(lambda desk: Run(), lambda: None, lambda: None)  # type: ignore[arg-type,return-value]
+    sitting.ask()
+    sitting.work()
+    assert calls == ["ask", "go"]

@@ -1,0 +1,330 @@
+"""Batches through the command and its function: what is found, named, kept, resumed, and where it may write."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from procedures.outcome import BadParameter
+from procedures.raw import read_frame
+from station.__main__ import main
+from station.batch import item as batch_item
+from station.batch.item import Job, finished, kept_row, work
+from station.batch.procedure_file import read_procedure
+from station.batch.run import _own, run_batch
+from station.calibration.folder_photographs import Item, find_frames, singly
+
+ROOT = Path(__file__).parents[3]
+LIMITS = "[limits]\nmtf50_horizontal = { min = 0.4 }\n"
+BROKEN = {"truncated": "unreadable", "empty": "unreadable", "text": "unreadable", "dark": "refused"}
+GOOD = {"frame0", "frame1", "frame2", "sub/frame0"}
+
+
+def spoil(folder, chart_photograph):
+    whole = chart_photograph(folder / "frame0.dng").read_bytes()
+    (folder / "truncated.dng").write_bytes(whole[: len(whole) // 2])
+    (folder / "empty.dng").touch()
+    (folder / "text.dng").write_text("no photograph")
+    chart_photograph(folder / "dark.dng", exposure_s=1e-6)
+
+
+def rows_of(out):
+    return [json.loads(line) for line in (out / "results.jsonl").read_text().splitlines()]
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory, chart_photograph):
+    """Eight photographs, four of them broken, through the command with two processes."""
+    folder = tmp_path_factory.mktemp("batch")
+    for seed, name in enumerate(["frame0", "frame1", "frame2", "sub/frame0"]):
+        chart_photograph(folder / "in" / f"{name}.dng", seed)
+    spoil(folder / "in", chart_photograph)
+    (folder / "p.toml").write_text(LIMITS)
+    words = [folder / "in", "--procedure", folder / "p.toml", "--out", folder / "out", "--jobs", 2]
+    result = CliRunner(env={"COLUMNS": "250"}).invoke(main, ["batch", *map(str, words)], prog_name="station")
+    return SimpleNamespace(folder=folder, out=folder / "out", result=result, rows=rows_of(folder / "out"))
+
+
+def test_good_photographs_pass_and_broken_ones_are_named(done):
+    assert done.result.exit_code == 1, done.result.output
+    verdicts = {Path(row["files"][0]).relative_to(done.folder / "in"): row["verdict"] for row in done.rows}
+    expected = {Path(f"{name}.dng"): "pass" for name in GOOD} | {Path(f"{n}.dng"): v for n, v in BROKEN.items()}
+    assert verdicts == expected
+    for row in done.rows:
+        assert bool(row["reason"]) == (row["verdict"] != "pass")
+        assert bool(row["remedy"]) == (row["verdict"] != "pass")
+
+
+def test_table_counts_and_names(done):
+    assert "4 pass, 1 refused, 3 unreadable" in " ".join(done.result.stdout.split())
+    assert all(f"{name}.dng" in done.result.stdout for name in BROKEN)
+    assert "8 of 8, " in done.result.stderr
+    assert "left:" in done.result.stderr
+
+
+def test_every_result_is_as_the_psf_command_writes_it(done):
+    for row in done.rows:
+        folder = done.out / row["folder"]
+        record = json.loads((folder / "result.json").read_text())
+        assert (record["schema"], record["procedure"]) == ("station/psf/1", "pattern")
+        assert record["input"][0]["sha256"] == row["sha256"][0]
+        if row["verdict"] == "pass":
+            assert np.load(folder / "psf_G1.npy").sum() == pytest.approx(1)
+            (limit,) = row["planes"]["G1"]["limits"]
+            assert (limit["judged"], limit["least"], limit["most"]) == ("pass", 0.4, None)
+
+
+def test_summary_has_a_line_for_each_plane(done):
+    with (done.out / "summary.csv").open(newline="") as file:
+        lines = list(csv.DictReader(file))
+    assert [line["verdict"] for line in lines] == [row["verdict"] for row in done.rows]
+    for line, row in zip(lines, done.rows, strict=True):
+        if row["verdict"] == "pass":
+            mtf50 = row["planes"]["G1"]["numbers"]["mtf50_horizontal"]
+            assert float(line["mtf50_horizontal"]) == pytest.approx(mtf50["value"])
+            assert float(line["mtf50_horizontal_uncertainty"]) == pytest.approx(mtf50["uncertainty"])
+
+
+def test_record_tells_the_batch(done):
+    record = json.loads((done.out / "result.json").read_text())
+    assert record["schema"] == "station/batch/1"
+    assert record["verdicts"] == {"pass": 4, "refused": 1, "unreadable": 3}
+    assert record["planes"]["G1"]["mtf50_horizontal"]["n"] == 4
+    assert {Path(one["files"][0]).stem for one in record["failed"]} == set(BROKEN)
+
+
+def again(source, out, text=LIMITS):
+    """The rows of photographs, in this process."""
+    job = Job(procedure_of(source.parent, text), out, finished(out))
+    return [work(item, job) for item in singly(find_frames([source], out))]
+
+
+def test_optics_that_contradict_a_file_are_named_and_can_be_insisted_on(done, tmp_path):
+    (tmp_path / "in").mkdir()
+    shutil.copy(done.folder / "in" / "frame0.dng", tmp_path / "in")
+    text = "optics = { f_number = 11, pixel_pitch_um = 5 }\n"
+    (row,) = again(tmp_path / "in", tmp_path / "out", text)
+    assert row.verdict == "unreadable"
+    assert "the f-number was given as 11, and the camera noted 2.8" in row.reason
+    assert row.remedy.endswith("to insist, write trust_typed = true")
+    (row,) = again(tmp_path / "in", tmp_path / "out", "trust_typed = true\n" + text)
+    # it is insisted on, and estimated; the photograph's own far tail tells that it is wrong all the same
+    assert row.verdict == "doubtful"
+    assert "from what the f-number tells" in row.reason
+
+
+def procedure_of(folder, text):
+    (folder / "p.toml").write_text(text)
+    return read_procedure(folder / "p.toml")
+
+
+def test_nothing_is_done_twice_even_under_another_name(done, tmp_path):
+    out, source = tmp_path / "out", tmp_path / "in"
+    shutil.copytree(done.out, out)
+    shutil.copytree(done.folder / "in", source)
+    (source / "frame1.dng").rename(source / "renamed.dng")
+    before = {path: path.stat().st_mtime_ns for path in out.rglob("*")}
+    rows = again(source, out)
+    assert all(row.reused for row in rows)
+    assert {path: path.stat().st_mtime_ns for path in out.rglob("*")} == before
+    assert {Path(row.files[0]).name: row.verdict for row in rows}["renamed.dng"] == "pass"
+
+
+@pytest.mark.parametrize("spoil", ["deleted", "emptied", "flipped"])
+def test_kept_result_with_a_file_that_is_not_what_was_written_is_not_used(done, tmp_path, spoil):
+    spoils = {
+        "deleted": lambda path: path.unlink(),
+        "emptied": lambda path: path.write_bytes(b""),
+        "flipped": lambda path: path.write_bytes(path.read_bytes()[:-20] + bytes([path.read_bytes()[-20] ^ 1])),
+    }
+    row = next(row for row in done.rows if row["verdict"] == "pass")
+    names = [path.name for path in (done.out / row["folder"]).iterdir()]
+    assert {"result.json", "psf_G1.npy", "numbers.csv", "budget.csv"} <= set(names)
+    for name in names:
+        shutil.copytree(done.out / row["folder"], tmp_path / name / row["folder"])
+        assert kept_row(tmp_path / name, row["folder"])[0].verdict == "pass"
+        spoils[spoil](tmp_path / name / row["folder"] / name)
+        assert kept_row(tmp_path / name, row["folder"]) == (
+            None, f"{name} of the result that was there: missing, or not what was written"
+        )  # fmt: skip
+
+
+def test_result_that_was_damaged_is_done_again_and_that_is_said(tmp_path, chart_photograph):
+    source, out = chart_photograph(tmp_path / "in" / "one.dng").parent, tmp_path / "out"
+    (first,) = again(source, out)
+    (out / first.folder / "psf_G1.npy").write_bytes(b"")
+    (second,) = again(source, out)
+    assert (second.reused, second.folder, second.planes) == (False, first.folder, first.planes)
+    assert second.redone.startswith("psf_G1.npy of the result that was there")
+    (third,) = again(source, out)
+    assert (third.reused, third.redone) == (True, "")
+
+
+def test_photograph_that_is_replaced_while_it_is_worked_on_is_told_by_the_hash_of_what_was_decoded(
+    tmp_path, chart_photograph, monkeypatch
+):
+    path = chart_photograph(tmp_path / "in" / "one.dng")
+    whole, decoded = path.read_bytes(), []
+
+    def replaced(*file, **data):
+        path.write_bytes(b"another file")
+        decoded.append(read_frame(*file, **data))
+        return decoded[0]
+
+    monkeypatch.setattr(batch_item, "default_plane", lambda path, layout: "G1")
+    monkeypatch.setattr(batch_item, "read_frame", replaced)
+    (row,) = again(path.parent, tmp_path / "out")
+    assert row.verdict == "pass"
+    assert row.sha256 == [decoded[0].sha256] == [hashlib.sha256(whole).hexdigest()]
+
+
+def test_changed_procedure_and_half_written_results_are_done_again(tmp_path, chart_photograph):
+    source, out = chart_photograph(tmp_path / "in" / "one.dng").parent, tmp_path / "out"
+    (first,) = again(source, out)
+    (out / first.folder / "result.json").unlink()
+    (torn,) = again(source, out)
+    (stricter,) = again(source, out, LIMITS.replace("0.4", "0.9"))
+    assert (first.verdict, torn.reused, torn.folder) == ("pass", False, first.folder)
+    assert (stricter.verdict, stricter.reused) == ("fail", False)
+    assert stricter.folder != first.folder
+    assert "the limit mtf50_horizontal ≥ 0.9 is missed" in stricter.reason
+
+
+def test_poison_is_named_and_kept_from_nothing_else(tmp_path, chart_photograph, errands):
+    import poison
+
+    for name in ("a", "poison", "z"):
+        chart_photograph(tmp_path / "in" / f"{name}.dng")
+    items = singly(find_frames([tmp_path / "in"], tmp_path / "out"))
+    job = Job(procedure_of(tmp_path, LIMITS), tmp_path / "out")
+    batch, _ = run_batch(items, job, function=poison.poisoned)
+    assert [row.verdict for row in batch.rows] == ["pass", "lost", "pass"]
+    assert "SIGKILL" in batch.rows[1].reason
+    assert not batch.rows[1].folder  # nothing is kept of it, so that it is tried again
+    assert rows_of(tmp_path / "out")[1]["verdict"] == "lost"
+
+
+def test_two_batches_in_one_folder_are_refused(tmp_path):
+    job = Job(procedure_of(tmp_path, ""), tmp_path / "out")
+    with _own(job.out), pytest.raises(BadParameter, match="another batch is writing"):
+        run_batch([Item((tmp_path / "a.dng",))], job)
+
+
+def test_what_killed_workers_leave_is_removed(tmp_path):
+    left = tmp_path / "results" / "a-0123456789abcdef" / ".unfinished-x"
+    left.mkdir(parents=True)
+    with _own(tmp_path):
+        assert not left.parent.exists()
+
+
+HOSTILE = ["<script>alert(1)</script>", "=cmd|'!A0", "line\nbreak", "\x1b[2Jclear", "...", "'; rm -rf x", "[red]x[/]"]
+
+
+def test_hostile_names_write_nothing_outside_and_break_nothing(tmp_path, chart_photograph):
+    source, out = tmp_path / "in", tmp_path / "out"
+    good = chart_photograph(tmp_path / "good.dng").read_bytes()
+    source.mkdir()
+    for name in HOSTILE:
+        (source / f"{name.replace('/', '_')}.dng").write_bytes(good if name[0] == "<" else b"x")
+    (source / os.fsdecode(b"\xff\xfe.dng")).write_bytes(b"x")
+    (tmp_path / "p.toml").write_text("")
+    words = [source, "--procedure", tmp_path / "p.toml", "--out", out, "--jobs", 1, "--reports"]
+    result = CliRunner().invoke(main, ["batch", *map(str, words)], prog_name="station")
+    assert result.exit_code == 1, result.output
+    assert len(rows_of(out)) == len(HOSTILE) + 1
+    assert {path.name for path in tmp_path.iterdir()} == {"good.dng", "in", "out", "p.toml"}
+    folders = {path.name for path in (out / "results").iterdir()}
+    assert all(name.isascii() and name.isprintable() and "/" not in name for name in folders)
+    assert "\x1b" not in result.output
+    cells = [cell for line in csv.reader(io.StringIO((out / "summary.csv").read_text())) for cell in line]
+    assert not [one for one in cells if one.startswith(("=", "@", "+", "\t", "\r"))]
+    (page,) = out.rglob("report.html")
+    assert "<script" not in page.read_text()
+
+
+@pytest.fixture
+def interrupted(tmp_path, chart_photograph):
+    """interrupted(times): a batch of many photographs with one process, and Ctrl-C while it works on them."""
+    frame = chart_photograph(tmp_path / "in" / "0.dng")
+    for i in range(1, 150):  # different files, one photograph: its last byte is not of the chart
+        (tmp_path / "in" / f"{i}.dng").write_bytes(frame.read_bytes()[:-2] + i.to_bytes(2, "little"))
+    (tmp_path / "p.toml").write_text(LIMITS)
+    words = ["batch", tmp_path / "in", "--procedure", tmp_path / "p.toml", "--out", tmp_path / "out", "--jobs", "1"]
+
+    def run(times):
+        command = [sys.executable, "-m", "station", *map(str, words)]
+        process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        while not (tmp_path / "out" / "results.jsonl").exists() or not rows_of(tmp_path / "out"):
+            assert process.poll() is None
+            time.sleep(0.02)
+        process.send_signal(signal.SIGINT)
+        while "finishing what runs" not in process.stderr.readline():
+            assert process.poll() is None
+        if times == 2:  # what runs may be finished before it comes
+            process.send_signal(signal.SIGINT)
+        process.communicate(timeout=60)
+        assert process.returncode == 130
+        return rows_of(tmp_path / "out")
+
+    return run
+
+
+@pytest.mark.parametrize("times", [1, 2])
+def test_interrupted_batch_keeps_what_is_done(interrupted, tmp_path, times):
+    kept = interrupted(times)
+    assert 1 <= len(kept) < 150
+    assert all(row["verdict"] == "pass" and (tmp_path / "out" / row["folder"] / "result.json").exists() for row in kept)
+    if times == 1:
+        assert json.loads((tmp_path / "out" / "result.json").read_text())["undone"] == 150 - len(kept)
+    job = Job(procedure_of(tmp_path, LIMITS), tmp_path / "out", finished(tmp_path / "out"))
+    again = [work(Item((Path(row["files"][0]),)), job) for row in kept]
+    assert all(row.reused for row in again)
+
+
+def test_strict_counts_doubt_as_failure_and_json_is_the_record(tmp_path, chart_photograph):
+    chart_photograph(tmp_path / "in" / "a.dng")
+    row = singly([tmp_path / "in" / "a.dng"])[0]
+    procedure = procedure_of(tmp_path, "")
+    mtf50 = work(row, Job(procedure, tmp_path / "first")).planes["G1"].numbers["mtf50_horizontal"]["value"]
+    (tmp_path / "p.toml").write_text(LIMITS.replace("0.4", repr(mtf50)))
+    words = ["batch", tmp_path / "in", "--procedure", tmp_path / "p.toml", "--out", tmp_path / "out", "--json"]
+    codes = {}
+    for more in ((), ("--strict",)):
+        done = CliRunner().invoke(main, [*map(str, words), "--log-json", *more], prog_name="station")
+        codes[more] = done.exit_code
+        assert json.loads(done.stdout)["verdicts"] == {"doubtful": 1}
+        events = [json.loads(line) for line in done.stderr.splitlines()]
+        assert [one["event"] for one in events] == ["found", "item", "written"]
+    assert codes == {(): 0, ("--strict",): 1}
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["in"], "Missing option '--procedure'"),
+        (["in", "--procedure", "none.toml"], "none.toml must be a TOML file"),
+        (["none", "--procedure", "p.toml"], "there is no folder none"),
+        (["in", "--procedure", "p.toml", "--jobs", "0"], "0 is not in the range"),
+    ],
+)
+def test_usage_is_exit_2_and_leaves_nothing(tmp_path, monkeypatch, words, sentence):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "in").mkdir()
+    (tmp_path / "p.toml").touch()
+    done = CliRunner().invoke(main, ["batch", *words, "--out", "out"], prog_name="station")
+    assert (done.exit_code, Path("out").exists()) == (2, False)
+    assert sentence in done.stderr

@@ -1,0 +1,258 @@
+from __future__ import annotations
+
+import hashlib
+import os
+import signal
+import threading
+
+import pytest
+
+from drivers.errors import BadConfiguration, EmergencyStopped, NotConnected
+from station.bench.opening import inspect_raw, make_bench, read_config, simulated_bench, simulated_tables
+from station.common.stop_signals import ENDING, guarded
+from station.guide.active_devices import Rig
+
+
+@pytest.fixture
+def bench(tmp_path):
+    bench = simulated_bench(tmp_path, virtual_time=True)
+    yield bench
+    bench.close()
+
+
+def written(tmp_path, text):
+    path = tmp_path / "station.toml"
+    path.write_text(text)
+    return path
+
+
+def test_all_devices_of_the_simulated_bench_answer(bench):
+    bench.connect()
+    assert set(bench.identities) == set(bench.devices)
+
+
+def test_a_whole_measurement_through_interfaces_alone(bench):
+    bench.connect()
+    bench.stage.home()
+    bench.head.home()
+    bench.head.move_to(pan_deg=0.0, tilt_deg=0.0)
+    bench.stage.move_to(z_mm=750.0, x_mm=150.0, y_mm=100.0)
+    bench.light.set_level(1.0)
+    bench.imu.start(100.0)
+    assert bench.imu.read_block(1.0).lost == 0
+    exposure = bench.camera.expose()
+    assert inspect_raw(exposure.path).exposure_s == pytest.approx(0.02)
+    # the laser's housing is 120 mm behind the principal plane; 0.6 mm of noise, the rail warm by less than a degree
+    assert bench.rangefinder.measure().distance_mm == pytest.approx(800 + 750 + 120, abs=4.0)
+
+
+def test_what_passes_on_each_wire_goes_into_a_file_until_it_is_told_otherwise(bench, tmp_path):
+    folder = tmp_path / "wire"
+    folder.mkdir()
+    bench.log_wires(folder)
+    bench.connect()
+    bench.light.set_level(1.0)
+    bench.log_wires(None)
+    size = (folder / "wire-light.txt").stat().st_size
+    assert size > 0
+    assert (folder / "wire-stage.txt").stat().st_size > 0
+    bench.light.set_level(0.5)
+    assert (folder / "wire-light.txt").stat().st_size == size
+
+
+def test_every_loose_cable_is_named_at_once(bench, tmp_path):
+    tables = simulated_tables(bench.simulated.address, tmp_path)
+    tables["stage"]["port"] = "/dev/nowhere"
+    tables["light"]["port"] = "usb:NOSUCH"
+    broken = make_bench(tables, folder=tmp_path, clock=bench.clock)
+    with pytest.raises(NotConnected, match="2 devices are not connected") as failed:
+        broken.connect()
+    assert set(failed.value.failures) == {"stage", "light"}
+    assert "/dev/nowhere" in str(failed.value)
+    assert broken.camera.condition().usable
+    broken.close()
+
+
+def test_a_device_may_be_named_before_the_one_it_needs(bench, tmp_path):
+    tables = simulated_tables(bench.simulated.address, tmp_path)
+    backwards = dict(reversed(tables.items()))
+    assert list(make_bench(backwards, folder=tmp_path).devices).index("camera") > 0
+
+
+def test_one_emergency_stop_reaches_all(bench):
+    bench.connect()
+    bench.stage.home()
+    bench.head.home()
+    bench.emergency_stop()
+    bench.emergency_stop()
+    for stage, goal in ((bench.stage, {"z_mm": 1.0}), (bench.head, {"pan_deg": 1.0})):
+        with pytest.raises(EmergencyStopped):
+            stage.move_to(**goal)
+
+
+def test_relay_and_light_may_share_the_stages_controller(bench, tmp_path):
+    tables = simulated_tables(bench.simulated.address, tmp_path)
+    tables["shutter"] = {"driver": "relay", "on": "stage"}
+    tables["light"] = {"driver": "grbl_light", "on": "stage", "pwm_hz": 1000.0}
+    shared = make_bench(tables, folder=tmp_path, clock=bench.clock)
+    shared.connect()
+    shared.stage.home()
+    shared.light.set_level(0.5)
+    assert bench.simulated.world.lamp(1e9) == pytest.approx(0.5)
+    assert shared.camera.expose().size_bytes > 0
+    shared.close()
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("", "configures no devices"),
+        ("devices = 3", "configures no devices"),
+        ("[devices.stage", "cannot be read"),
+    ],
+)
+def test_a_file_that_configures_nothing_is_refused(tmp_path, text, complaint):
+    with pytest.raises(BadConfiguration, match=complaint):
+        read_config(written(tmp_path, text))
+
+
+def test_a_file_that_is_not_there_is_refused(tmp_path):
+    with pytest.raises(BadConfiguration, match="write one, or use --simulate"):
+        read_config(tmp_path / "station.toml")
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ('[devices.stage]\nport = "/dev/x"', r"devices.stage: there is no driver None; use one of grbl, zaber"),
+        ('[devices.stage]\ndriver = "grbl"\nport = "x"', r"devices.stage: .*axes"),
+        ('[devices.stage]\ndriver = "grbl"\nport = "x"\naxes = [{ nom = "z" }]', r"devices.stage: .*nom"),
+        ('[devices.light]\ndriver = "dmx"\nport = "x"\ncolour = 1', r"devices.light: .*colour"),
+        ('[devices.light]\ndriver = "grbl_light"', "neither port nor on"),
+        ('[devices.shutter]\ndriver = "relay"\non = "camera"', "camera is no GRBL stage"),
+        ('[devices.camera]\ndriver = "folder"\nfolder = "in"\nshutter = "box"', "box is no shutter"),
+        (
+            '[devices.a]\ndriver = "relay"\non = "b"\n[devices.b]\ndriver = "relay"\non = "a"',
+            "devices wait for each other: a, b",
+        ),
+    ],
+)
+def test_a_mistake_in_a_table_names_the_device_and_the_option(tmp_path, text, complaint):
+    with pytest.raises(BadConfiguration, match=complaint):
+        make_bench(read_config(written(tmp_path, text)), folder=tmp_path)
+
+
+def test_a_device_that_is_not_configured_is_named(tmp_path):
+    tables = read_config(written(tmp_path, '[devices.imu]\ndriver = "wit"\nport = "/dev/x"'))
+    with pytest.raises(BadConfiguration, match=r"no device is called stage; add \[devices.stage\]"):
+        _ = make_bench(tables, folder=tmp_path).stage
+
+
+def test_every_byte_is_logged_where_one_asks_for_it(bench, tmp_path):
+    tables = {"imu": simulated_tables(bench.simulated.address, tmp_path)["imu"]}
+    logged = make_bench(tables, folder=tmp_path, clock=bench.clock, wire_log=tmp_path)
+    logged.connect()
+    logged.close()
+    lines = (tmp_path / "wire-imu.txt").read_text().splitlines()
+    assert lines[0].split(maxsplit=2)[1:] == [">", repr(b"\xff\xaa'\x03\x00")]  # the question for register 3
+    assert any(" < " in line for line in lines)
+
+
+def test_every_interrupt_stops_and_the_first_asks_what_runs_to_end():
+    told, stopped = [], threading.Event()
+    with guarded(stopped.set, lambda: told.append("ask")):
+        os.kill(os.getpid(), signal.SIGINT)
+        assert stopped.wait(10.0)
+        assert told == ["ask"]
+        stopped.clear()
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGINT)
+        assert stopped.wait(10.0)
+    assert told == ["ask"]
+
+
+@pytest.mark.parametrize("number", [number for number in ENDING if number != signal.SIGINT])
+def test_every_other_end_stops_and_ends_with_the_device_code(number):
+    told = []
+    with pytest.raises(SystemExit) as ended, guarded(lambda: told.append("stop"), lambda: None):
+        os.kill(os.getpid(), number)
+    assert "stop" in told
+    assert ended.value.code == 3
+
+
+def test_a_stop_waits_for_no_computation_of_the_main_thread():
+    # one long call in which the main thread takes no step of Python's, and so runs no handler of its own
+    told = []
+
+    def compute():
+        threading.Timer(0.05, lambda: os.kill(os.getpid(), signal.SIGTERM)).start()
+        try:
+            hashlib.pbkdf2_hmac("sha256", b"", b"", 1_000_000)
+        finally:
+            told.append("computed")
+
+    with pytest.raises(SystemExit), guarded(lambda: told.append("stop"), lambda: None):
+        compute()
+    assert told[:2] == ["stop", "computed"]
+
+
+def test_an_exception_that_ends_the_program_stops():
+    told = []
+    with pytest.raises(ZeroDivisionError), guarded(lambda: told.append("stop"), lambda: None):
+        raise ZeroDivisionError
+    assert told == ["stop"]
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="no terminals that hang up here")
+def test_a_program_that_was_told_not_to_mind_its_terminal_does_not():
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with guarded(lambda: pytest.fail("stopped"), lambda: None):
+            os.kill(os.getpid(), signal.SIGHUP)
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+def test_no_device_waits_for_another_and_each_stop_has_its_time(bench):
+    bench.connect()
+    bench.stage.home()
+    held = threading.Event()
+    bench.devices["light"].emergency_stop = lambda: held.wait(30.0)
+    bench.emergency_stop()
+    held.set()
+    (stop,) = bench.stops_since(0)
+    assert {"stage", "head", "shutter"} <= set(stop.wires)
+    assert all(at_s is not None and at_s >= stop.asked_s for at_s in stop.wires.values())
+    assert set(stop.record()["after_ms"]) == set(stop.wires)
+
+
+def test_a_wire_that_took_no_stop_is_named(bench):
+    bench.connect()
+    bench.stage.link._transport._port.close()
+    bench.emergency_stop()
+    (stop,) = bench.stops_since(0)
+    assert stop.wires["stage"] is None
+    assert stop.wires["head"] is not None
+
+
+def test_nothing_homes_after_a_stop_that_came_before(bench):
+    bench.connect()
+    rig = Rig(bench)
+    bench.emergency_stop()
+    with pytest.raises(EmergencyStopped, match="everything was stopped"):
+        rig.home()
+    assert not bench.simulated.world.axes["z_mm"].moves(bench.clock.now_s())
+    Rig(bench).home()
+
+
+def test_an_interrupt_stops_a_move_that_the_main_thread_waits_for(tmp_path):
+    # the lock that the main thread waits with must not keep the handler from stopping
+    bench = simulated_bench(tmp_path)
+    bench.stage.connect()
+    timer = threading.Timer(0.3, lambda: os.kill(os.getpid(), signal.SIGTERM))
+    timer.start()
+    with pytest.raises(SystemExit), guarded(bench.emergency_stop, lambda: None):
+        bench.stage.home()
+    timer.join()
+    assert not bench.simulated.world.axes["z_mm"].moves(bench.clock.now_s())
+    bench.close()

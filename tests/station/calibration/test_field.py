@@ -1,0 +1,114 @@
+"""Nodes put together: bracket, planes, verdicts; and the page of all that."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from procedures.field.estimate import FrameNodes, Miss
+from procedures.outcome import Refused
+from procedures.psf import Psf
+from procedures.psf_field import Node
+from procedures.raw import Plane, RawFrame
+from procedures.reading.exposure import Exposure
+from station.calibration import field as module
+from station.calibration.field import Measured, conclude
+from station.reports.field_page import field_page
+from station.results.result_files import software
+
+S, K, SHAPE = 4, 13, (300, 450)
+COVARIANCE = 1e-7 * np.eye(K * K)
+POSITIONS_MM = {"near.dng": -0.5, "middle.dng": 0.0, "far.dng": 0.5}
+TILT_MM = (0.16, -0.08)
+
+
+def gaussian(sigma: float) -> np.ndarray:
+    x = (np.arange(K) - K // 2) / S
+    h = np.exp(-(x**2 + (x**2)[:, None]) / (2 * sigma**2))
+    return h / h.sum()
+
+
+def measured(rng, sources=POSITIONS_MM, places=5, planes=("R", "G1")) -> Measured:
+    """A blur that is least where the tilted plane of best focus meets the position: sigma^2 = 0.5^2 + 0.3 z^2."""
+    found = Measured()
+    for name in planes:
+        found.planes[name] = Plane(name, np.broadcast_to(np.float32(0), SHAPE), 1 / 16383, 2)
+        found.nodes[name] = []
+    grid = [(x, y) for y in np.linspace(40, 260, places) for x in np.linspace(50, 400, places)]
+    for source, z in sources.items():
+        found.frames.append((Path(source), "0" * 64))
+        for number, (x, y) in enumerate(grid, 1):
+            half = np.hypot(*SHAPE) / 2
+            best = TILT_MM[0] * (x - 224.5) / half + TILT_MM[1] * (y - 149.5) / half
+            h = gaussian(np.sqrt(0.25 + 0.3 * (z - best) ** 2))
+            for name in planes:
+                noisy = h + 3e-4 * rng.standard_normal((K, K))
+                at = np.array([x, y]) + 0.002 * rng.standard_normal(2)
+                psf = Psf(noisy / noisy.sum(), S, COVARIANCE)
+                found.nodes[name].append(Node(at, 4e-6 * np.eye(2), 2 * at, psf, source, number))
+    return found
+
+
+@pytest.fixture(scope="module")
+def bracket():
+    return conclude(measured(np.random.default_rng(1)), POSITIONS_MM)
+
+
+def test_a_bracket_tells_the_tilt_and_the_field_is_that_of_the_sharpest_position(bracket):
+    numbers = bracket.focus.numbers()
+    for name, expected in zip(("focus_tilt_x", "focus_tilt_y"), TILT_MM, strict=True):
+        assert numbers[name].value == pytest.approx(expected, abs=4 * numbers[name].uncertainty + 0.004)
+    centre = bracket.planes[0].record.psf.h
+    # noise of one sample 3e-4 before the mean of many
+    np.testing.assert_allclose(centre, gaussian(0.5), atol=1e-3)
+
+
+def test_the_page_shows_the_best_focus_and_lateral_colour(bracket):
+    page = field_page(bracket, {"input": [], "parameters": {}, "duration_s": 1.0}, software())
+    for words in ("Best focus", "focus tilt x", "Lateral colour", "R against G1"):
+        assert words in page
+
+
+def test_a_bracket_too_short_says_so_and_the_field_is_told_all_the_same():
+    two = {name: POSITIONS_MM[name] for name in ("near.dng", "middle.dng")}
+    found = conclude(measured(np.random.default_rng(1), two), two)
+    assert found.focus is None
+    assert "3 focus positions or more" in found.focus_refusal
+    assert found.planes[0].interpolation is not None
+
+
+def test_planes_with_too_few_nodes_are_refused_by_name():
+    found = conclude(measured(np.random.default_rng(1), {"one.dng": 0.0}, places=2))
+    assert [str(one.record.verdict) for one in found.planes] == ["refused", "refused"]
+    assert "plane R has 4" in found.planes[0].record.reason
+    assert found.colours == ()
+
+
+def test_nothing_at_all_is_refused_with_the_first_reason():
+    empty = Measured(misses=[Miss("a.dng", "a.dng is empty", "copy it again")], failed=["a.dng"])
+    with pytest.raises(Refused, match="none of 1 photographs gives a PSF"):
+        conclude(empty)
+
+
+def test_a_photograph_of_another_size_is_named(monkeypatch, tmp_path):
+    sizes = {"a.dng": (20, 30), "b.dng": (20, 40), "c.dng": (20, 30)}
+    psf = Psf(gaussian(0.5), S, COVARIANCE)
+
+    def read(path, names, layout=None):
+        plane = Plane("Y", np.zeros(sizes[path.name], dtype=np.float32), 1.0)
+        return RawFrame(path, "0" * 64, {"Y": plane}, Exposure())
+
+    def nodes(frame, chart, parameters, each):
+        node = Node(np.zeros(2), np.eye(2), np.zeros(2), psf, frame.path.name, 1)
+        return FrameNodes({"Y": [node]}, {"Y": sizes[frame.path.name]}, [], 0)
+
+    monkeypatch.setattr(module, "read_frame", read)
+    monkeypatch.setattr(module, "measure_frame", nodes)
+    told = []
+    found = module.measure([tmp_path / name for name in sizes], None, None, None, told.append)
+    assert found.failed == ["b.dng"]
+    assert "has not the planes and sizes of a.dng" in found.misses[0].reason
+    assert told == list(sizes)
+    assert [node.source for node in found.nodes["Y"]] == ["a.dng", "c.dng"]

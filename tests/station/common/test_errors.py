@@ -1,0 +1,69 @@
+from __future__ import annotations
+
+import json
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from procedures.outcome import BadInput, BadParameter, Refused
+from station.common.errors import explained
+from station.common.log import log, log_json_option
+
+
+class StageLost(Exception):
+    """Shaped like the drivers' errors, which procedures and command line do not know."""
+
+    exit_code = 3
+
+    def __init__(self):
+        super().__init__("lost")
+        self.reason = "the stage does not answer"
+        self.remedy = "check its cable"
+
+
+def failing(error, *words):
+    @click.command()
+    @log_json_option
+    def command():
+        with explained():
+            raise error
+
+    return CliRunner().invoke(command, words)
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [(BadParameter("r", "m"), 2), (StageLost(), 3), (BadInput("r", "m"), 4), (Refused("r", "m"), 5)],
+)
+def test_our_errors_keep_their_exit_code(error, code):
+    done = failing(error)
+    assert done.exit_code == code
+    assert done.stderr == f"error: {error.reason}\n  what to do: {error.remedy}\n"
+    assert done.stdout == ""
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), click.Abort()])
+def test_interruption_is_130(error):
+    assert failing(error).exit_code == 130
+
+
+def test_usage_errors_stay_clicks_own():
+    assert failing(click.UsageError("no such thing")).exit_code == 2
+
+
+def test_error_is_an_object_where_logs_are_json():
+    entry = json.loads(failing(BadInput("it is empty", "copy it again"), "--log-json").stderr)
+    told = {"level": "error", "event": "failed", "message": "it is empty", "remedy": "copy it again", "exit_code": 4}
+    assert entry.items() >= told.items()
+
+
+def test_facts_that_are_not_finite_are_null():
+    @click.command()
+    @log_json_option
+    def command():
+        log("step", "one step", share=float("nan"), n=3)
+
+    entry = json.loads(CliRunner().invoke(command, ["--log-json"]).stderr, parse_constant=pytest.fail)
+    assert (entry["share"], entry["n"]) == (None, 3)
+    assert CliRunner().invoke(command).stderr == "one step\n"

@@ -1,0 +1,26 @@
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from station.drawing.palette_png import smaller
+
+
+def decoded(png):
+    return cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED)
+
+
+@pytest.mark.parametrize("colours", [2, 256])
+def test_picture_of_few_colours_gets_smaller_and_stays_the_same(rng, colours):
+    palette = rng.integers(0, 256, (colours, 4), dtype=np.uint8)
+    picture = palette[rng.integers(0, colours, (60, 80))]
+    png = cv2.imencode(".png", picture)[1].tobytes()
+    assert len(smaller(png)) < 0.6 * len(png)
+    np.testing.assert_array_equal(decoded(smaller(png)), picture)
+
+
+def test_picture_of_many_colours_is_left_alone(rng):
+    png = cv2.imencode(".png", rng.integers(0, 256, (40, 40, 4), dtype=np.uint8))[1].tobytes()
+    assert smaller(png) == png
+    assert smaller(b"no picture") == b"no picture"

@@ -1,0 +1,46 @@
+"""What an operator answers beside what the camera noted."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from procedures.plan import Ask
+from station.guide.dialogue import Conversation
+from station.guide.scripted import Scripted
+
+FOCAL = Ask("focal_length_mm", "What is the lens's focal length?", "number", "mm", low=1.0, high=5000.0)
+
+
+def conversation(typed, which="", **facts):
+    """A conversation that knows facts, with an operator who types this and then chooses."""
+    known = dict(facts)
+    session = SimpleNamespace(state=SimpleNamespace(facts=known), learn=known.update)
+    operator = Scripted({"focal_length_mm": typed, "which_focal_length_mm": which})
+    return Conversation(operator, session, None), operator, known
+
+
+@pytest.mark.parametrize(("typed", "facts"), [(50.0, {}), (51.5, {"focal_length_mm": 50.0})])
+def test_answer_that_agrees_or_stands_alone_is_taken(typed, facts):
+    talk, operator, _ = conversation(typed, **facts)
+    assert talk.agreed(FOCAL) == typed
+    assert len(operator.asked) == 1
+
+
+def test_answer_that_contradicts_the_camera_is_asked_about_with_both():
+    talk, operator, known = conversation(35.0, "50 mm", focal_length_mm=50.0)
+    assert talk.agreed(FOCAL) == 50.0
+    assert operator.asked[-1].question == (
+        "You gave 35 mm for the focal length; before, it was noted as 50 mm. Which is right?"
+    )
+    assert operator.asked[-1].choices == ("50 mm", "35 mm")
+    talk.learn_noted({"focal_length_mm": 50.0, "iso": 100})
+    assert (known["focal_length_mm"], known["iso"]) == (50.0, 100)
+
+
+def test_operator_who_insists_is_not_overruled_by_the_next_photograph():
+    talk, _, known = conversation(35.0, "35 mm", focal_length_mm=50.0)
+    talk.learn({"focal_length_mm": talk.agreed(FOCAL)})
+    talk.learn_noted({"focal_length_mm": 50.0, "iso": 100})
+    assert (known["focal_length_mm"], known["iso"]) == (35.0, 100)

@@ -1,0 +1,139 @@
+"""The guide as lines: what stands there, what may be typed, and every way to stop."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pytest
+
+from procedures.outcome import Quantity, Verdict
+from procedures.plan import Advice, Ask, Diagram, Reading
+from procedures.raw import Plane
+from station.guide.answers import parse
+from station.guide.frontend import CurveSeen, Doing, Result, RunEnded, Seen, Shown, Stopped, Trouble
+from station.guide.line_frontend import Plain
+
+REFUSED = Verdict.REFUSED
+WIDTH = Ask("width", "How wide?", "number", "mm", 300.0, low=32.0, high=3600.0)
+CHOICE = Ask("trouble", "What now?", "choice", default="try again", choices=("try again", "skip", "stop"))
+PLANE = Plane("G1", np.zeros((4, 4), dtype=np.float32), 1e-4)
+
+
+def told(*events, typed="", asks=()):
+    out = io.StringIO()
+    plain = Plain(io.StringIO(typed), out)
+    for event in events:
+        plain.hear(event)
+    answers = [plain.answer(ask) for ask in asks]
+    return out.getvalue(), answers
+
+
+@pytest.mark.parametrize(
+    ("ask", "text", "answer"),
+    [
+        (WIDTH, "", 300.0),
+        (WIDTH, "96,5 mm", 96.5),
+        (CHOICE, "2", "skip"),
+        (CHOICE, "st", "stop"),
+        (CHOICE, "", "try again"),
+        (Ask("done", "Do it."), "", True),
+        (Ask("done", "Do it."), "n", False),
+        (Ask("camera", "Which?", "text"), " D90 ", "D90"),
+    ],
+)
+def test_what_is_typed_becomes_an_answer(ask, text, answer):
+    assert parse(ask, text) == answer
+
+
+@pytest.mark.parametrize(
+    ("ask", "text", "why"),
+    [
+        (WIDTH, "wide", "a number in mm"),
+        (WIDTH, "10", "between 32 and 3600 mm"),
+        (WIDTH, "nan", "between 32 and 3600 mm"),
+        (CHOICE, "s", "one of: try again, skip, stop"),
+        (Ask("done", "Do it."), "what?", "Press Enter"),
+        (Ask("camera", "Which?", "text"), "", "Type a line"),
+    ],
+)
+def test_what_is_no_answer_is_said_to_be_none(ask, text, why):
+    with pytest.raises(ValueError, match=why):
+        parse(ask, text)
+
+
+def test_a_wrong_answer_is_asked_again():
+    text, (answer,) = told(typed="far\n5\n40\n", asks=[WIDTH])
+    assert answer == 40.0
+    assert text.count("How wide?") == 3
+
+
+@pytest.mark.parametrize("typed", ["", "s\n", "stop\n", "Q\n"])
+def test_the_end_of_input_and_the_letter_s_stop(typed):
+    with pytest.raises(Stopped):
+        told(typed=typed, asks=[WIDTH])
+
+
+def test_a_look_is_told_with_its_tolerance_where_it_is_outside():
+    readings = (
+        Reading("white", 31.4, "%", 55, 90),
+        Reading("s/t", 1.1, "", 1.0, 1.3),
+        Reading("yaw", 2.61, "°", -1.5, 1.5),
+    )
+    text, _ = told(Seen(PLANE, Advice(False, "Open up.", readings)))
+    assert text.splitlines() == ["   white 31 % (55 to 90 %); s/t 1.10; yaw 2.6° (-1.5 to 1.5°)", "   -> Open up."]
+
+
+def test_what_was_just_advised_is_not_asked_in_the_same_words_again():
+    text, _ = told(
+        Seen(PLANE, Advice(False, "Open up.")), typed="\n", asks=[Ask("by_hand", "Open up. (the rail ends)")]
+    )
+    assert text.count("Open up.") == 1
+    assert "(the rail ends)" in text
+
+
+def test_troubles_results_and_ends_are_told_in_lines():
+    numbers = {"G1": {"mtf50_horizontal": Quantity(0.412, "cycles/pixel", 0.003, "", 9)}}
+    text, _ = told(
+        Doing("exposing", 1, 3, 12.0),
+        CurveSeen("z_mm", (1.0, 2.0), (0.5, float("nan"))),
+        Trouble("no frame came", "check the cable"),
+        Result(
+            "out", {"G1": Verdict.PASS, "B": Verdict.REFUSED}, Verdict.REFUSED, "too dark", "expose longer", numbers
+        ),
+        RunEnded("finished", "report.html"),
+    )
+    for line in (
+        "   exposing (1 of 3), 12 s left",
+        "   z mm     2.00: cannot be told",
+        "!! no frame came",
+        "   What to do: check the cable.",
+        "   G1 pass: MTF50 0.4120 ± 0.0030 cycles/pixel",
+        "   B refused",
+        "   Why: too dark.",
+        "Finished.",
+        "Report: report.html",
+    ):
+        assert line.rstrip() in [one.rstrip() for one in text.splitlines()]
+
+
+def test_who_stops_reading_does_not_stop_the_run():
+    class Closed(io.StringIO):
+        def write(self, text):
+            raise BrokenPipeError
+
+    plain = Plain(io.StringIO("50\n"), Closed())
+    plain.hear(Doing("exposing"))
+    assert plain.answer(WIDTH) == 50.0
+
+
+def test_a_curve_that_explains_is_drawn_said_and_told_as_a_table():
+    diagram = Diagram(
+        "gamma over s/t", (0.7, 1.0, 1.3), (1.9, 0.6, 0.4), "It is least at 1.3.", (("s/t", "gamma"), ("0.7", "1.90"))
+    )
+    text, _ = told(Shown(diagram))
+    lines = text.splitlines()
+    assert "gamma over s/t" in lines[10]
+    assert any("o" in line for line in lines[:10])
+    assert "   It is least at 1.3." in lines
+    assert lines[-2:] == ["   s/t  gamma", "   0.7   1.90"]

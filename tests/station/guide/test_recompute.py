@@ -1,0 +1,146 @@
+"""A session's results can be computed again from its folder, bit for bit; whatever is not so is named."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from functools import partial
+
+import pytest
+from click.testing import CliRunner
+from threadpoolctl import threadpool_limits
+
+from procedures.outcome import BadParameter
+from station.__main__ import main
+from station.common.durable_files import sha256_of
+from station.guide import catalogue
+from station.guide.recompute import kernels_of, recompute
+from station.guide.session_result import Frames, compute, derive
+from station.sessions.journal import Damaged
+from station.sessions.session import Session
+
+from ..sessions.short_plan import ENTRY, SHOTS, photographs, plan
+from ..sessions.work import FixedClock, exposure_of, today
+
+CAMERA = "<script>alert(1)</script>{{ 7 * 7 }}"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A session with two results: one drawn from all shots, one after the last was put aside."""
+    root = tmp_path_factory.mktemp("recompute")
+    about = {"plan": "short", "camera": CAMERA, "lens": "</title>", "config": {}, "clock": FixedClock()}
+    with pytest.MonkeyPatch.context() as patch, Session.create(root, **about, today=today) as session:
+        patch.setattr(catalogue, "PLANS", {**catalogue.PLANS, **ENTRY})
+        session.learn({"mean": 0.25, "note": "<img src=x onerror=alert(1)>"})
+        for name, data in photographs().items():
+            path = root / f"{name}.dng"
+            path.write_bytes(data)
+            shot = session.adopt(exposure_of(path), step="shots", purpose=name, snapshot={"axes": {"z_mm": 3.5}})
+            session.judge(shot, name != "look", "<b>a trial</b>")
+        derive(session, plan(), "estimate")
+        session.judge(session.state.shots[-1], False, "put aside")
+        session.learn({"mean": 0.5})
+        derive(session, plan(), "estimate")
+    return session.folder
+
+
+@pytest.fixture(autouse=True)
+def _known_plan(monkeypatch):
+    monkeypatch.setattr(catalogue, "PLANS", {**catalogue.PLANS, **ENTRY})
+
+
+def test_every_result_is_computed_again_bit_for_bit_by_any_number_of_threads(folder):
+    with threadpool_limits(2, user_api="blas"):
+        found = list(recompute(folder))
+    assert [one.result for one in found] == ["derived/1", "derived/2"]
+    assert all(one.identical and "psf_G1.npy" in one.same for one in found)
+    assert all(one.machine == () for one in found)
+
+
+def test_result_of_a_version_that_told_no_hashes_comes_out_the_same(folder, tmp_path, monkeypatch):
+    shutil.copytree(folder, earlier := tmp_path / "earlier")
+    monkeypatch.setattr("station.guide.session_result.compute", partial(compute, sealed=False))
+    with Session.open(earlier, FixedClock(), today=today) as session:
+        session.learn({"mean": 0.75})
+        derive(session, plan(), "estimate")
+    assert "files" not in json.loads((earlier / "derived/3/result.json").read_text())
+    (found,) = recompute(earlier, (3,))
+    assert found.identical
+
+
+def test_each_result_comes_from_what_was_known_when_it_was_drawn(folder):
+    records = [json.loads((folder / f"derived/{i}/result.json").read_text()) for i in (1, 2)]
+    assert [record["parameters"]["mean"] for record in records] == [0.25, 0.5]
+    assert [len(record["input"]) for record in records] == [SHOTS, SHOTS - 1]
+
+
+@pytest.mark.parametrize(
+    ("blas", "family"),
+    [
+        ("openblas 0.3.30 SkylakeX, openblas 0.3.31 SkylakeX", "SkylakeX"),
+        ("openblas 0.3.30 SkylakeX, openblas 0.3.31 Haswell", ""),
+        ("mkl 2024.0", ""),
+        ("", ""),
+    ],
+)
+def test_family_of_processors_is_known_where_all_libraries_agree(blas, family):
+    assert kernels_of({"blas": blas}) == family
+
+
+def test_photographs_are_read_when_asked_for_and_kept_as_far_as_there_is_room(folder, monkeypatch):
+    paths, read = sorted((folder / "originals").iterdir()), []
+    monkeypatch.setattr("station.guide.session_result.read_frame", lambda path: read.append(path) or path)
+    assert list(Frames(paths)) == list(Frames(paths)[:1]) + list(Frames(paths)[1:])
+    roomy = Frames(paths)
+    read.clear()
+    assert list(roomy) + list(roomy) == paths * 2
+    assert read == paths
+    monkeypatch.setattr("station.guide.session_result.MEMORY", 0)
+    cramped = Frames(paths)
+    read.clear()
+    assert list(cramped) + list(cramped) == paths * 2
+    assert read == paths * 2
+
+
+def test_photograph_that_is_replaced_after_it_was_checked_is_no_part_of_a_result(folder):
+    paths = sorted((folder / "originals").iterdir())
+    told = [sha256_of(path) for path in paths]
+    assert [frame.sha256 for frame in Frames(paths, hashes=told)] == told
+    with pytest.raises(Damaged, match="not what was taken any more"):
+        list(Frames(paths, hashes=told[::-1]))
+
+
+def test_result_that_is_not_there_is_named(folder):
+    with pytest.raises(BadParameter, match="none of number 3"):
+        list(recompute(folder, (3,)))
+
+
+def test_file_that_was_altered_is_named(folder):
+    path = folder / "derived/2/result.json"
+    whole = path.read_bytes()
+    path.write_bytes(whole.replace(b'"mean": 0.5', b'"mean": 0.6'))
+    done = CliRunner().invoke(main, ["session", "recompute", str(folder), "--result", "2"])
+    path.write_bytes(whole)
+    assert done.exit_code == 1
+    assert "derived/2: result.json differ; in the record: parameters.mean" in done.stderr
+
+
+def test_photograph_that_was_altered_is_found_before_anything_is_computed(folder):
+    path = next((folder / "originals").iterdir())
+    whole = path.read_bytes()
+    path.chmod(0o644)
+    path.write_bytes(whole[:-1] + b"x")
+    with pytest.raises(Damaged, match="missing or changed"):
+        list(recompute(folder))
+    path.write_bytes(whole)
+
+
+def test_report_tells_all_and_nothing_in_it_is_taken_for_html(folder):
+    done = CliRunner().invoke(main, ["session", "report", str(folder)])
+    assert done.exit_code == 0, done.stderr
+    page = (folder / "report.html").read_text()
+    assert "&lt;script&gt;alert(1)&lt;/script&gt;{{ 7 * 7 }}" in page
+    assert "&lt;b&gt;a trial&lt;/b&gt;" in page
+    for markup in ("<script", "<img", "<b>a", ", </title>"):
+        assert markup not in page

@@ -1,0 +1,289 @@
+"""A run carries its plan out, keeps everything, and makes a sentence and a question of whatever goes wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.errors import FrameMissing
+from procedures.plan import Advice, Ask, Go, Look
+from simulators.bench.device_faults import Mishap
+from station.guide.frontend import CurveSeen, Doing, RunBegan, RunEnded, Seen, StepEnded, Stopped, Trouble
+from station.guide.run import Run
+from station.guide.scripted import Scripted
+from station.guide.vibration import Patience
+from station.sessions.reader import read_session
+from station.sessions.session import Session
+
+from . import benches
+
+
+@pytest.fixture
+def bench(tmp_path):
+    with benches.quick_bench(tmp_path) as bench:
+        yield bench
+
+
+@pytest.fixture
+def session(tmp_path, bench):
+    with benches.new_session(tmp_path, bench) as session:
+        yield session
+
+
+def events(operator, kind):
+    return [event for event in operator.heard if isinstance(event, kind)]
+
+
+def test_a_plan_is_carried_out_step_by_step_and_all_photographs_are_kept(bench, session):
+    operator = Scripted({"width": 5.0})
+    assert Run(benches.short_plan(), bench, session, operator).go() == RunEnded("finished")
+    assert isinstance(operator.heard[0], RunBegan)
+    assert [event.step.name for event in events(operator, StepEnded)] == ["rig", "trials", "shots"]
+    state = session.state
+    assert state.done == ("rig", "trials", "shots")
+    assert state.ended == "finished"
+    assert state.facts["width"] == 5.0
+    assert [(shot.purpose, shot.counts) for shot in state.shots] == [
+        ("trial", False), ("scan", False), ("scan", False), ("scan", False), ("shot", True), ("shot", True),
+    ]  # fmt: skip
+    assert len(events(operator, Seen)) == 6
+    assert len(list(Path(bench.simulated.folder).iterdir())) == 6
+
+
+def test_the_bench_goes_where_the_plan_and_the_scan_say(bench, session):
+    operator = Scripted()
+    Run(benches.short_plan(), bench, session, operator).go()
+    curve = events(operator, CurveSeen)[-1]
+    # best of 600, 620, 640 is the one nearest to 615
+    assert curve.scores == pytest.approx((-15.0, -5.0, -25.0), abs=0.1)
+    assert bench.stage.position()["z_mm"] == pytest.approx(620.0, abs=0.02)
+    assert bench.light.level() == pytest.approx(0.8)
+    assert session.state.facts["distance_mm"] == pytest.approx(800.0 + 700.0 + 120.0, abs=3)
+
+
+def test_shots_keep_what_the_devices_said(bench, session):
+    Run(benches.short_plan(), bench, session, Scripted()).go()
+    shot = session.state.counting()[0]
+    assert shot.snapshot["axes"]["z_mm"] == pytest.approx(620.0, abs=0.02)
+    assert shot.snapshot["light_level"] == pytest.approx(0.8)
+    assert 0 < shot.snapshot["acceleration_m_s2"] < 0.1
+    assert shot.exposure["shutter"]["closed_s"] > 0
+
+
+def test_nothing_is_exposed_before_the_rig_is_still(bench, session):
+    Run(benches.short_plan(), bench, session, Scripted()).go()
+    world = bench.simulated.world
+    for opening in bench.simulated.body.openings:
+        sway = world.sway(np.array([opening.begin_s - 0.01]))
+        # a tenth of a pixel of the bench's camera at 1.4 m is 40 um of pan's arm, 0.0017 deg
+        assert abs(sway["pan_deg"][0][0]) < 0.0017
+        assert abs(sway["z_mm"][0][0]) < 0.05
+
+
+def test_a_look_mends_by_the_bench_what_the_bench_can(bench, session):
+    def nearer(frame, facts):
+        off = 900.0 - facts["at_z_mm"]
+        return Advice(abs(off) < 1, f"move by {off:.0f} mm", moves={"z_mm": off})
+
+    operator = Scripted()
+    Run(benches.short_plan(look=Look("trial", nearer)), bench, session, operator).go()
+    assert not [ask for ask in operator.asked if ask.key == "by_hand"]
+    assert session.state.facts["low_z_mm"] == 0.0
+
+
+@pytest.mark.parametrize(("moves", "why"), [({"z_mm": 5000.0}, "goes from 0 to 1500"), ({"lens_mm": 1.0}, "")])
+def test_what_the_bench_cannot_is_asked_of_the_operator(bench, session, moves, why):
+    looks = []
+
+    def far(frame, facts):
+        looks.append(1)
+        return Advice(len(looks) > 1, "Move it.", moves=moves)
+
+    operator = Scripted()
+    Run(benches.short_plan(look=Look("trial", far)), bench, session, operator).go()
+    (ask,) = [ask for ask in operator.asked if ask.key == "by_hand"]
+    assert ask.question.startswith("Move it.")
+    assert why in ask.question
+    name, change = next(iter(moves.items()))
+    assert session.state.facts[f"hand_{name}"] == change
+
+
+def test_a_camera_that_takes_its_settings_through_its_cable_is_not_set_by_hand(bench, session):
+    looks, wanted = [], []
+
+    def dark(frame, facts):
+        looks.append(1)
+        return Advice(len(looks) > 1, "Expose longer.", by_hand={"exposure_ev": 1.0})
+
+    bench.drivers = {**bench.drivers, "camera": "gphoto"}
+    bench.devices["camera"].configure = wanted.append
+    operator = Scripted()
+    Run(benches.short_plan(look=Look("trial", dark)), bench, session, operator).go()
+    assert [settings.exposure_s for settings in wanted] == [pytest.approx(0.04)]
+    assert "by_hand" not in [ask.key for ask in operator.asked]
+
+
+def test_after_some_looks_the_operator_decides(bench, session):
+    never = Look("trial", lambda frame, facts: Advice(False, "Not yet."), tries=2)
+    answers = iter(["look again", "go on"])
+    operator = Scripted({"look": lambda ask: next(answers)})
+    assert Run(benches.short_plan(look=never), bench, session, operator).go().how == "finished"
+    assert sum(shot.purpose == "trial" for shot in session.state.shots) == 4
+
+
+# --- stopping ----------------------------------------------------------------------------------------------------
+
+
+def test_asking_to_stop_ends_after_this_exposure_and_the_session_goes_on_later(bench, session, tmp_path):
+    def listen(event):
+        if isinstance(event, Doing) and event.say == "exposing" and len(session.state.shots) == 4:
+            run.ask_to_stop()
+
+    run = Run(benches.short_plan(), bench, session, Scripted(listen=listen))
+    assert run.go().how == "stopped"
+    assert session.state.done == ("rig", "trials")
+    taken = len(session.state.shots)
+    assert taken == 5  # the exposure that was under way is kept
+    session.close()
+    with Session.open(session.folder, bench.clock) as again:
+        operator = Scripted()
+        assert Run(benches.short_plan(), bench, again, operator).go().how == "finished"
+        assert events(operator, RunBegan)[0].done == ("rig", "trials")
+        assert len(again.state.shots) == taken + 1
+        assert bench.stage.position()["z_mm"] == pytest.approx(620.0, abs=0.02)  # homed, and back
+
+
+def test_the_emergency_stop_ends_the_run_at_once(bench, session):
+    def listen(event):
+        if isinstance(event, Doing) and event.say == "going to 700 mm":
+            run.stop_now()
+
+    run = Run(benches.short_plan(), bench, session, Scripted(listen=listen))
+    assert run.go().how == "emergency"
+    assert session.state.ended == "emergency"
+    assert not bench.simulated.body.openings
+    (halted,) = halts(session)
+    # the twins are behind the same clock: what was asked for at a moment is on the wire at it or after it
+    assert all(at_s >= halted["asked_s"] for at_s in halted["on_the_wire_s"].values())
+    assert {"stage", "head", "shutter"} <= set(halted["on_the_wire_s"])
+
+
+def halts(session):
+    return [line.data for line in read_session(session.folder).contents.lines if line.event == "halted"]
+
+
+@pytest.mark.parametrize("fault", [ZeroDivisionError, KeyboardInterrupt, SystemExit])
+def test_what_ends_the_program_stops_the_bench_and_ends_the_session(bench, session, fault):
+    def listen(event):
+        if isinstance(event, Doing) and event.say == "going to 700 mm":
+            raise fault
+
+    with pytest.raises(fault):
+        Run(benches.short_plan(), bench, session, Scripted(listen=listen)).go()
+    assert session.state.ended == "emergency"
+    assert len(halts(session)) == 1
+
+
+def test_a_door_is_a_sentence_and_trying_again_once_it_is_closed_goes_on(bench, session):
+    twin, cable = bench.simulated.devices["stage"], bench.simulated.cables["stage"]
+
+    def listen(event):
+        if isinstance(event, Doing) and event.say == "going to 700 mm":
+            cable.happen(lambda now_s: twin.door(True, now_s))
+
+    def close_and_try_again(ask):
+        cable.happen(lambda now_s: twin.door(False, now_s))
+        return "try again"
+
+    operator = Scripted({"trouble": close_and_try_again}, listen=listen)
+    assert Run(benches.short_plan(), bench, session, operator).go().how == "finished"
+    (trouble,) = events(operator, Trouble)
+    assert "stands at the door" in trouble.reason
+    assert trouble.remedy == "close it and resume"
+
+
+def test_motors_that_let_go_are_doubted_before_anything_moves(bench, session):
+    bench.simulated.devices["stage"].settings[1] = 25
+    operator = Scripted()
+    assert Run(benches.short_plan(), bench, session, operator).go().how == "finished"
+    (trouble,) = events(operator, Trouble)
+    assert "the motors let go 25 ms after each move" in trouble.reason
+    lines = [line.event for line in read_session(session.folder).contents.lines]
+    assert lines.index("doubted") < lines.index("step_began")
+
+
+def test_an_operator_who_stops_at_a_question_stops_the_run(bench, session):
+    def stop(ask):
+        raise Stopped
+
+    operator = Scripted({"width": stop})
+    assert Run(benches.short_plan(), bench, session, operator).go().how == "stopped"
+
+
+# --- trouble -----------------------------------------------------------------------------------------------------
+
+
+def test_a_lost_frame_is_told_and_taken_again(tmp_path):
+    with (
+        benches.quick_bench(tmp_path, mishaps=[Mishap(1.0, "lose_frame", 1)]) as bench,
+        benches.new_session(tmp_path, bench) as session,
+    ):
+        operator = Scripted()
+        assert Run(benches.short_plan(), bench, session, operator).go().how == "finished"
+        (trouble,) = events(operator, Trouble)
+        assert "no complete RAW file" in trouble.reason
+        assert len(session.state.shots) == 6
+        assert len(bench.simulated.body.openings) == 7
+
+
+@pytest.mark.parametrize(("kind", "moment_s"), [("alarm", 19.0), ("reset", 19.0), ("reset", 40.0), ("stall", 19.0)])
+def test_a_rail_that_lost_its_position_is_told_and_homed_again(tmp_path, kind, moment_s):
+    with (
+        benches.quick_bench(tmp_path, mishaps=[Mishap(moment_s, kind, 1)]) as bench,
+        benches.new_session(tmp_path, bench) as session,
+    ):
+        operator = Scripted()
+        assert Run(benches.short_plan(), bench, session, operator).go().how == "finished"
+        assert events(operator, Trouble) or kind == "stall"  # the head, which this plan does not move
+        assert bench.stage.position()["z_mm"] == pytest.approx(620.0, abs=0.02)
+        there = bench.simulated.world.axes["z_mm"].position(bench.clock.now_s())
+        assert there == pytest.approx(620.0, abs=0.02)  # not only by what the controller believes
+
+
+def test_what_is_skipped_is_done_without(bench, session):
+    operator = Scripted({"trouble": "skip"})
+    beyond = Go(lambda facts: {"z_mm": 9999.0}, lambda facts: "going too far")
+    run = Run(benches.short_plan(go=beyond), bench, session, operator)
+    assert run.go().how == "finished"
+
+
+def test_an_imu_that_falls_silent_is_done_without(bench, session):
+    bench.devices["imu"].start = lambda rate_hz: (_ for _ in ()).throw(FrameMissing("no samples", "check its cable"))
+    operator = Scripted()
+    assert Run(benches.short_plan(), bench, session, operator).go().how == "finished"
+    assert [trouble.reason for trouble in events(operator, Trouble)] == ["no samples"]
+
+
+# --- without a bench ---------------------------------------------------------------------------------------------
+
+
+def test_without_a_bench_photographs_come_from_a_folder(tmp_path, bench):
+    frames = tmp_path / "card"
+    frames.mkdir()
+    count = iter(range(1, 100))
+
+    def photograph(ask: Ask):
+        number = next(count)
+        if number == 2:
+            return True  # the file has not come yet
+        (frames / f"DSC_{number}.dng").write_bytes(benches.frame_bytes(number))
+        return True
+
+    operator = Scripted({"frames_folder": str(frames), "photographed": photograph})
+    with benches.new_session(tmp_path, bench) as session:
+        assert Run(benches.short_plan(), None, session, operator, Patience(quiet=1.0)).go().how == "finished"
+        assert len(session.state.shots) == 6
+    (trouble,) = events(operator, Trouble)
+    assert "no new photograph" in trouble.reason

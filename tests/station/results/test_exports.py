@@ -1,0 +1,107 @@
+"""What other programs read: FITS by its standard, TIFF, the radial profile and the numbers."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from dataclasses import replace
+
+import cv2
+import exifread
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from procedures.outcome import Quantity
+from procedures.psf import Psf, Tail
+from station.results.exports import gaussian_radius, numbers_table, psf_fits, psf_tiff
+
+
+def gaussian(sigma_px, s=4, k=33, sd=1e-4):
+    x = (np.arange(k) - k // 2) / s
+    h = np.exp(-(x[:, None] ** 2 + x**2) / (2 * sigma_px**2))
+    return Psf(h / h.sum(), s, np.eye(k * k) * sd**2)
+
+
+def units(data):
+    """Header and image of each unit of a FITS file, read by the standard's fixed format."""
+    while data:
+        cards = []
+        while not cards or cards[-1] != "END":
+            cards.append(data[:80].decode("ascii").rstrip())
+            data = data[80:]
+        data = data[-len(cards) % 36 * 80 :]
+        values = {card[:8].rstrip(): card[10:].strip().strip("'").rstrip() for card in cards[:-1]}
+        shape = int(values["NAXIS2"]), int(values["NAXIS1"])
+        size = 8 * shape[0] * shape[1]
+        yield values, np.frombuffer(data[:size], ">f8").reshape(shape)
+        data = data[size + -size % 2880 :]
+
+
+def test_fits_holds_samples_and_uncertainties():
+    psf = gaussian(0.6)
+    data = psf_fits(psf, "G1", "0.1.0")
+    assert len(data) % 2880 == 0
+    (primary, samples), (second, sigma) = units(data)
+    assert (primary["SIMPLE"], primary["BITPIX"], primary["PLANE"]) == ("T", "-64", "G1")
+    assert (float(primary["CRPIX1"]), float(primary["CDELT1"])) == (17.0, 0.25)
+    assert second["XTENSION"] == "IMAGE"
+    np.testing.assert_array_equal(samples, psf.h)
+    np.testing.assert_allclose(sigma, 1e-4)
+
+
+def with_tail(psf):
+    """With 0.04 within the reach of the tail, beside 1 inside the support."""
+    return replace(psf, tail=Tail(np.array([0.04]), np.array([[1e-6]]), np.zeros((psf.k**2, 1))))
+
+
+def test_what_lies_outside_the_support_stands_beside_it():
+    psf = with_tail(gaussian(0.6))
+    share, uncertainty = psf.energy_outside
+    assert 0.04 / 1.04 < share < 0.06  # 0.04 beside the support's 1, and what goes on beyond the shapes' end
+    (primary, samples), (second, _) = units(psf_fits(psf, "G1", "0.1.0"))
+    np.testing.assert_array_equal(samples, psf.h)
+    assert float(primary["EOUTSIDE"]) == pytest.approx(share)
+    assert float(primary["EOUTUNC"]) == pytest.approx(uncertainty)
+    assert float(primary["TAILDENS"]) == pytest.approx(psf.tail_density_px)
+    assert "EOUTSIDE" not in second
+    data = psf_tiff(psf)
+    tags = exifread.process_file(io.BytesIO(data))
+    assert f"energy_outside_support = {share:.6g}" in str(tags["Image ImageDescription"])
+    np.testing.assert_array_equal(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED), np.float32(psf.h))
+
+
+def test_fits_is_read_by_astropy():
+    fits = pytest.importorskip("astropy.io.fits")
+    psf = gaussian(0.6)
+    with fits.open(io.BytesIO(psf_fits(psf, "it's", None))) as found:
+        found.verify("exception")
+        np.testing.assert_array_equal(found[0].data, psf.h)
+        assert found[0].header["PLANE"] == "it's"
+        assert found["UNCERTAINTY"].data.shape == psf.h.shape
+
+
+def test_tiff_holds_the_samples_as_float32():
+    psf = gaussian(0.6)
+    image = cv2.imdecode(np.frombuffer(psf_tiff(psf), np.uint8), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(image, psf.h.astype(np.float32))
+
+
+@given(st.floats(0.2, 3), st.sampled_from([1, 2]))
+def test_gaussian_radius_of_a_gaussian_is_its_own(sigma, pitch):
+    f50 = math.sqrt(math.log(2) / 2) / (math.pi * sigma)
+    assert math.exp(-2 * math.pi**2 * sigma**2 * f50**2) == pytest.approx(0.5)
+    found = gaussian_radius(Quantity(f50, "cycles/pixel", 0.01 * f50, "", 9), pitch)
+    assert found.value == pytest.approx(sigma * pitch)
+    assert found.uncertainty == pytest.approx(0.01 * found.value)
+
+
+def test_numbers_are_rows_with_unit_and_method():
+    table = numbers_table(iter([("G1", "mtf50", Quantity(0.5, "cycles/pixel", 0.01, "=crossing, first", 12))]))
+    (row,) = csv.DictReader(io.StringIO(table.decode()))
+    assert row == {
+        "plane": "G1", "name": "mtf50", "value": "0.5", "uncertainty": "0.01", "unit": "cycles/pixel",
+        "method": "'=crossing, first", "n": "12",
+    }  # fmt: skip

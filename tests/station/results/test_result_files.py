@@ -1,0 +1,156 @@
+from __future__ import annotations
+
+import csv
+import errno
+import json
+import os
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from procedures.budget import taken_apart
+from procedures.outcome import BadParameter, Outcome, Quantity, Verdict
+from procedures.physics.estimate import Physics
+from procedures.psf import Psf
+from procedures.quality import Diffraction, assess
+from station.drawing.psf_picture import psf_picture
+from station.results.result_files import PlaneRecord, ResultFolder, write_psf_result
+
+
+def psf_of(h, s=4):
+    return Psf(h, s, np.zeros((h.size, h.size)))
+
+
+def delta(k, row, column):
+    h = np.zeros((k, k))
+    h[row, column] = 1.0
+    return h
+
+
+def test_physics_of_a_psf_stands_in_its_plane(tmp_path):
+    h = delta(3, 1, 1)
+    number = Quantity(0.95, "pixel", 0.01, "known", 9)
+    physics = Physics("square", "four spots", None, {"side": number}, 250.0, 240, 0.001, h, (("square", 0.0),))
+    record = PlaneRecord("G1", Verdict.PASS, psf=psf_of(h), physics=Outcome(physics, Verdict.DOUBTFUL, "why", "what"))
+    with ResultFolder(tmp_path) as folder:
+        told = json.loads(write_psf_result(folder, [record], {}))["planes"]["G1"]["physics"]
+    assert (told["verdict"], told["reason"], told["remedy"]) == ("doubtful", "why", "what")
+    assert (told["aperture"], told["low_pass_filter"], told["missing_corner_deg"]) == ("square", "four spots", None)
+    assert told["side"]["value"] == 0.95
+    assert told["candidates"] == [{"model": "square", "criterion": 0.0}]
+
+
+def test_every_term_of_every_number_is_told_beside_it(tmp_path):
+    x = (np.arange(13) - 6) / 3
+    h = np.exp(-(x[:, None] ** 2 + x**2))
+    psf = Psf(h / h.sum(), 3, 1e-8 * np.eye(169))
+    limit = Diffraction(8.0, 8.0, 530.0)
+    quality = taken_apart(assess(psf, n=5000, diffraction=limit), {"strehl": {"noise": 3e-4, "light": 4e-4}})
+    record = PlaneRecord("G1", Verdict.PASS, psf=psf, quality=quality, diffraction=limit)
+    with ResultFolder(tmp_path) as folder:
+        told = json.loads(write_psf_result(folder, [record], {}))["planes"]["G1"]
+    with (tmp_path / "budget.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == ["plane", "number", "term", "uncertainty", "unit"]
+    strehl = {row["term"]: float(row["uncertainty"]) for row in rows if row["number"] == "strehl"}
+    assert (strehl["noise"], strehl["light"]) == (3e-4, 4e-4)
+    for name, number in quality.numbers.items():
+        terms = [float(row["uncertainty"]) for row in rows if row["number"] == name]
+        assert np.linalg.norm(terms) == pytest.approx(number.uncertainty, rel=1e-6)
+    assert told["diffraction"]["cutoff"] == pytest.approx(8.0 / (0.53 * 8.0))
+
+
+def test_nothing_is_visible_before_it_is_published(tmp_path):
+    with ResultFolder(tmp_path / "out") as folder:
+        folder.write("psf_Y.npy", b"half")
+        assert not (tmp_path / "out" / "psf_Y.npy").exists()
+    assert not (tmp_path / "out").exists()
+
+
+def test_folder_that_was_there_stays(tmp_path):
+    with ResultFolder(tmp_path):
+        pass
+    assert tmp_path.is_dir()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_full_disk_is_named_and_the_older_result_stays(tmp_path, monkeypatch):
+    (tmp_path / "result.json").write_text("older")
+    with ResultFolder(tmp_path) as folder:
+        monkeypatch.setattr(Path, "write_bytes", full_disk)
+        with pytest.raises(BadParameter, match="No space left") as refusal:
+            folder.write("psf_Y.npy", b"")
+    assert "make room" in refusal.value.remedy
+    assert [path.name for path in tmp_path.iterdir()] == ["result.json"]
+
+
+def full_disk(*_):
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def test_record_is_the_last_file_to_appear(tmp_path, monkeypatch):
+    moved = []
+    replace = os.replace
+    monkeypatch.setattr(os, "replace", lambda source, target: (moved.append(target.name), replace(source, target)))
+    with ResultFolder(tmp_path) as folder:
+        for name in ("result.json", "psf_Y.npy", "covariance_Y.npy"):
+            folder.write(name, b"")
+        folder.publish()
+    assert moved == ["covariance_Y.npy", "psf_Y.npy", "result.json"]
+
+
+def test_record_of_the_older_result_goes_before_its_files_are_replaced(tmp_path, monkeypatch):
+    (tmp_path / "result.json").write_text("{}")
+    monkeypatch.setattr(os, "replace", lambda *_: pytest.fail("power is lost"))
+    with ResultFolder(tmp_path) as folder:
+        folder.write("psf_Y.npy", b"")
+        with pytest.raises(pytest.fail.Exception):
+            folder.publish()
+    assert not (tmp_path / "result.json").exists()
+
+
+def test_saved_psf_is_the_same_to_the_last_bit(tmp_path, rng):
+    h = rng.normal(size=(5, 5))
+    with ResultFolder(tmp_path) as folder:
+        write_psf_result(folder, [PlaneRecord("G1", Verdict.PASS, psf=psf_of(h))], {})
+    np.testing.assert_array_equal(np.load(tmp_path / "psf_G1.npy", allow_pickle=False), h)
+    assert json.loads((tmp_path / "result.json").read_text())["planes"]["G1"]["verdict"] == "pass"
+
+
+def shown(psf):
+    """The picture, and where it has the colour of the greatest value."""
+    picture = cv2.imdecode(np.frombuffer(psf_picture(psf, "Y"), np.uint8), cv2.IMREAD_COLOR).astype(int)
+    yellow = np.abs(picture[:, :560] - (37, 231, 253)).max(axis=2) < 3
+    return picture, np.argwhere(yellow)
+
+
+@pytest.mark.parametrize(("row", "column"), [(2, 8), (8, 2), (14, 14)])
+def test_picture_shows_rows_downwards_and_columns_to_the_right(row, column):
+    _, bright = shown(psf_of(delta(17, row, column)))
+    top_left, bottom_right = bright.min(axis=0), bright.max(axis=0)
+    # 480 // 17 = 28 picture pixels a sample, from (64, 40) on
+    np.testing.assert_array_equal(top_left, [40 + 28 * row, 64 + 28 * column])
+    np.testing.assert_array_equal(bottom_right - top_left, [27, 27])
+
+
+@pytest.mark.parametrize(("s", "k"), [(2, 3), (3, 13), (8, 65)])
+def test_picture_of_any_size_is_drawn(s, k):
+    picture, _ = shown(psf_of(delta(k, k // 2, k // 2), s))
+    assert min(picture.shape[:2]) >= 480
+
+
+def test_folders_inside_are_published_too_and_foreign_files_stay(tmp_path):
+    inner = tmp_path / "results" / "one"
+    inner.mkdir(parents=True)
+    for name in ("psf_R.npy", "notes.txt"):
+        (inner / name).write_text("older")
+    with ResultFolder(tmp_path) as folder:
+        with ResultFolder(folder.staging / "results" / "one") as part:
+            part.write("psf_B.npy", b"new")
+            part.publish()
+        folder.write("result.json", b"{}")
+        folder.publish()
+    assert sorted(path.name for path in inner.iterdir()) == ["notes.txt", "psf_B.npy"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["result.json", "results"]

@@ -1,0 +1,98 @@
+"""The power is cut, or the disk is full, at every single operation of a session."""
+
+from __future__ import annotations
+
+import pytest
+
+from procedures.outcome import ProcedureError
+from station.sessions.session import Session
+
+from .faulty_disk import FaultyDisk, PowerCut
+from .work import Camera, FixedClock, Work, result_of, today
+
+
+@pytest.fixture(scope="module")
+def uninterrupted(tmp_path_factory):
+    """The result of a session that nothing disturbed, and how many operations it took."""
+    root = tmp_path_factory.mktemp("whole")
+    disk, work = FaultyDisk(), Work(root / "sessions", Camera(root / "incoming"))
+    session = work.go(disk)
+    assert not work.notices
+    return result_of(session.folder), session.state, disk.count
+
+
+def check(session: Session, work: Work, uninterrupted) -> None:
+    """Nothing is lost, nothing counts twice, whatever was repeated was said, and the result is the same."""
+    result, state, _ = uninterrupted
+    assert result_of(session.folder) == result
+    assert session.state.facts == state.facts
+    assert [shot.sha256 for shot in session.state.counting()] == [shot.sha256 for shot in state.counting()]
+    shots = {shot.number: shot.sha256 for shot in session.state.shots}
+    assert {number: shots.get(number) for number in work.kept} == work.kept
+    lost = len(work.camera.exposures) - len(shots)
+    again = [notice for notice in work.notices if "it will be taken again" in notice]
+    assert lost <= len(again) <= lost + 1  # one that was announced in the journal may not have been fired yet
+
+
+EVERY = pytest.mark.parametrize("every", [11, pytest.param(1, marks=pytest.mark.slow)])
+"""Of the operations, those that are tried; the numbers of operations per line have no factor in common with 11."""
+
+
+@EVERY
+@pytest.mark.parametrize("lose", [False, True], ids=["killed", "power cut"])
+@pytest.mark.parametrize("how", ["before", "half", "after"])
+def test_interrupted_at_any_operation_the_result_is_the_same(tmp_path, uninterrupted, how, lose, every):
+    for at in range(1, uninterrupted[2] + 1, every):
+        root = tmp_path / str(at)
+        work = Work(root / "sessions", Camera(root / "incoming"))
+        disk = FaultyDisk(at, how)
+        with pytest.raises(PowerCut):
+            work.go(disk)
+        if lose:
+            disk.lose()
+        check(work.go(FaultyDisk()), work, uninterrupted)
+
+
+@pytest.mark.parametrize("how", ["before", "half", "after"])
+def test_interrupted_while_it_is_opened_it_repeats_no_exposure_in_silence(tmp_path, how):
+    for at in range(1, 60):
+        about = {"plan": "p", "camera": "c", "lens": "l", "config": {}}
+        with Session.create(tmp_path / str(at), **about, clock=FixedClock(), today=today, disk=FaultyDisk()) as session:
+            session.expect("shots", "frame")
+        try:
+            Session.open(session.folder, FixedClock(), today=today, disk=FaultyDisk(at, how)).close()
+        except PowerCut:
+            pass
+        else:
+            assert at == 3 * 4 + 1  # opened, noticed, gave up: four operations each
+            break
+        with Session.open(session.folder, FixedClock(), today=today, disk=FaultyDisk()) as session:
+            assert sum("an exposure for frame (shots)" in one for one in session.state.notices) == 1
+
+
+@EVERY
+def test_full_at_any_operation_is_a_sentence_and_with_room_again_it_goes_on(tmp_path, uninterrupted, every):
+    for at in range(1, uninterrupted[2] + 1, every):
+        root = tmp_path / str(at)
+        work = Work(root / "sessions", Camera(root / "incoming"))
+        with pytest.raises(ProcedureError, match="No space left") as refusal:
+            work.go(FaultyDisk(at, "full"))
+        assert refusal.value.exit_code == 75
+        check(work.go(FaultyDisk()), work, uninterrupted)
+
+
+def test_disk_that_was_full_takes_the_same_shot_once_there_is_room(tmp_path):
+    disk = FaultyDisk()
+    about = {"plan": "p", "camera": "c", "lens": "l", "config": {}}
+    with Session.create(tmp_path, **about, clock=FixedClock(), today=today, disk=disk) as session:
+        exposure = Camera(tmp_path / "incoming").expose("frame")
+        disk.at, disk.how = disk.count + 3, "full"
+        with pytest.raises(ProcedureError, match="No space left"):
+            session.adopt(exposure, step="shots", purpose="frame", snapshot={})
+        assert exposure.path.is_file()
+        assert session.state.shots == ()
+        assert list((session.folder / "originals").iterdir()) == []
+        disk.full = False
+        shot = session.adopt(exposure, step="shots", purpose="frame", snapshot={})
+        assert session.state.shots == (shot,)
+        assert session.original(shot).read_bytes() == exposure.path.read_bytes()

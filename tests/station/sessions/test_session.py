@@ -1,0 +1,238 @@
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from procedures.outcome import BadInput
+from station.common.durable_files import Changed, Disk
+from station.sessions.journal import Damaged
+from station.sessions.layout import Busy
+from station.sessions.reader import read_session
+from station.sessions.session import Session
+
+from .work import Camera, FixedClock, Work, today
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+@pytest.fixture
+def about():
+    return {"plan": "test", "camera": "Box", "lens": "50 mm", "config": {"s": 4}, "clock": FixedClock(), "today": today}
+
+
+@pytest.fixture
+def session(tmp_path, about):
+    with Session.create(tmp_path / "sessions", **about) as session:
+        yield session
+
+
+@pytest.fixture
+def camera(tmp_path):
+    return Camera(tmp_path / "incoming")
+
+
+def take(session, camera, what="frame", step="shots"):
+    session.expect(step, what)
+    return session.adopt(camera.expose(what), step=step, purpose=what, snapshot={"axes": {"z_mm": 3.5}})
+
+
+def again(session, **options) -> Session:
+    session.close()
+    return Session.open(session.folder, FixedClock(), today=today, **options)
+
+
+@pytest.fixture
+def finished(tmp_path):
+    work = Work(tmp_path / "sessions", Camera(tmp_path / "incoming"))
+    return work.go(Disk())
+
+
+def test_folder_says_when_what_and_by_which_plan(session):
+    assert session.folder.name == "2026-03-14-box-50-mm-test"
+    config = tomllib.loads((session.folder / "session.toml").read_text())
+    assert (config["camera"], config["config"]) == ("Box", {"s": 4})
+
+
+def test_folder_is_open_to_whom_the_umask_lets_in(tmp_path, about):
+    for mask, mode in ((0o077, 0o700), (0o022, 0o755)):
+        before = os.umask(mask)
+        try:
+            with Session.create(tmp_path / str(mask), **about) as session:
+                assert session.folder.stat().st_mode & 0o777 == mode
+                assert (session.folder / "originals").stat().st_mode & 0o777 == mode
+                shot = take(session, Camera(tmp_path / f"incoming-{mask}"))
+                assert session.original(shot).stat().st_mode & 0o777 == mode & 0o444
+        finally:
+            os.umask(before)
+
+
+def test_second_session_of_the_day_gets_a_number(session, tmp_path, about):
+    with Session.create(tmp_path / "sessions", **about) as second:
+        assert second.folder.name == "2026-03-14-box-50-mm-test-2"
+
+
+def test_photograph_is_kept_read_only_and_stays_where_the_camera_put_it(session, camera):
+    shot = take(session, camera)
+    original = session.original(shot)
+    assert original.stat().st_mode & 0o222 == 0
+    assert original.read_bytes() == (camera.folder / "IMG_0001.DNG").read_bytes()
+    assert shot.snapshot == {"axes": {"z_mm": 3.5}}
+    assert shot.exposure["settings"]["exposure_s"] == 0.02
+
+
+def test_coreutils_check_its_hashes(finished):
+    done = subprocess.run(["sha256sum", "--check", "SHA256SUMS"], cwd=finished.folder, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert len(done.stdout.splitlines()) == 1 + 3 + 2  # configuration, photographs, files of the result
+
+
+def test_opened_again_it_is_what_it_was(session, camera):
+    session.learn({"distance_mm": 1550.0, "done": True, "name": "é"})
+    session.begin_step("shots")
+    session.judge(take(session, camera), True)
+    session.finish_step("shots")
+    before = session.state
+    with again(session) as reopened:
+        assert reopened.state == before
+
+
+def test_known_facts_are_not_written_again(session):
+    session.learn({"distance_mm": 1550.0})
+    size = (session.folder / "journal.jsonl").stat().st_size
+    session.learn({"distance_mm": 1550.0})
+    assert (session.folder / "journal.jsonl").stat().st_size == size
+
+
+def test_step_that_is_reopened_takes_those_after_it_along_and_its_shots_count_no_more(session, camera):
+    for step in ("focus", "shots", "estimate"):
+        session.begin_step(step)
+        session.judge(take(session, camera, step, step), True)
+        session.finish_step(step)
+    session.begin_step("verdict")
+    session.reopen("shots")
+    assert session.state.done == ("focus",)
+    assert [shot.step for shot in session.state.counting()] == ["focus"]
+    assert {shot.reason for shot in session.state.shots if not shot.counts} == {"put aside for a retake"}
+    with again(session) as reopened:
+        assert reopened.state.done == ("focus",)
+
+
+def test_same_photograph_does_not_count_twice(session, camera):
+    first = session.judge(take(session, camera, "same"), True)
+    second = session.judge(take(session, camera, "same"), True)
+    assert first.counts
+    assert not second.counts
+    assert "shot 1, bit for bit" in second.reason
+
+
+def test_file_that_changed_since_it_was_exposed_is_not_taken(session, camera):
+    exposure = camera.expose("frame")
+    exposure.path.write_bytes(b"something else")
+    with pytest.raises(Changed, match="not any more what was exposed"):
+        session.adopt(exposure, step="shots", purpose="frame", snapshot={})
+    assert list((session.folder / "originals").iterdir()) == []
+    assert session.adopt(camera.expose("next"), step="shots", purpose="frame", snapshot={}).number == 1
+    assert "taken again" in session.state.notices[0]
+
+
+def test_exposure_without_a_photograph_is_told_to_whoever_resumes(session):
+    session.expect("shots", "frame")
+    with again(session) as reopened:
+        (notice,) = reopened.state.notices
+        assert "an exposure for frame (shots)" in notice
+    with again(reopened) as reopened:
+        assert reopened.state.notices == (notice,)
+        reopened.told()
+    with again(reopened) as reopened:
+        assert reopened.state.notices == ()
+
+
+def test_trials_of_a_step_that_was_not_finished_are_said_to_be_repeated(session, camera):
+    session.begin_step("focus")
+    session.judge(take(session, camera, step="focus"), False, "a trial")
+    with again(session) as reopened:
+        (notice,) = reopened.state.notices
+        assert "the step focus was not finished and begins again; of its 1 photographs" in notice
+        reopened.begin_step("focus")
+        reopened.finish_step("focus")
+        reopened.told()
+    with again(reopened) as reopened:
+        assert reopened.state.notices == ()
+
+
+@pytest.mark.parametrize("spoil", [lambda path: path.unlink(), lambda path: path.write_bytes(b"x")])
+def test_photograph_that_is_missing_or_changed_is_named_and_can_be_given_up(session, camera, spoil):
+    for what in ("a", "b"):
+        session.judge(take(session, camera, what), True)
+    path = session.folder / "originals" / "0001-IMG_0001.DNG"
+    path.chmod(0o644)
+    spoil(path)
+    with pytest.raises(Damaged, match=r"0001-IMG_0001.DNG \(shot 1") as refusal:
+        again(session)
+    assert "--without 1" in refusal.value.remedy
+    with again(session, without=[1]) as reopened:
+        assert [shot.number for shot in reopened.state.counting()] == [2]
+        assert reopened.state.shot(1).lost
+    with again(reopened) as reopened:
+        assert reopened.state.next_number == 3
+
+
+def test_altered_journal_and_configuration_are_refused(session):
+    session.learn({"distance_mm": 1550.0})
+    session.learn({"more": 1.0})
+    session.close()
+    for name in ("session.toml", "journal.jsonl"):
+        path = session.folder / name
+        whole = path.read_bytes()
+        path.write_bytes(whole.replace(b"Box", b"Fox"))
+        with pytest.raises(Damaged, match=re.escape(str(session.folder))):
+            Session.open(session.folder, FixedClock(), today=today)
+        path.write_bytes(whole)
+    again(session).close()
+
+
+def test_strange_file_among_the_photographs_is_named_once_and_not_used(session):
+    (session.folder / "originals" / "holiday.jpg").write_bytes(b"x")
+    with again(session) as reopened:
+        assert "'holiday.jpg' lies in originals/" in reopened.state.notices[0]
+        assert reopened.state.shots == ()
+        reopened.told()
+    with again(reopened) as reopened:
+        assert reopened.state.notices == ()
+
+
+def test_second_program_is_refused_by_the_name_of_the_first(session):
+    with pytest.raises(Busy, match=rf"open in another program \(.+, process {os.getpid()}\)") as refusal:
+        Session.open(session.folder, FixedClock())
+    assert refusal.value.exit_code == 75
+
+
+def test_lock_of_a_program_that_died_is_taken_over(session):
+    session.close()
+    program = "import os, sys, pathlib, station.sessions.layout as s; s.Lock(pathlib.Path(sys.argv[1])); os._exit(0)"
+    subprocess.run([sys.executable, "-c", program, session.folder], check=True, cwd=ROOT)
+    assert "process" in (session.folder / ".lock").read_text()
+    Session.open(session.folder, FixedClock(), today=today).close()
+
+
+def test_it_is_read_while_another_program_works_in_it(session):
+    session.learn({"distance_mm": 1550.0})
+    assert read_session(session.folder).state == session.state
+
+
+def test_folder_that_is_no_session_is_named(tmp_path):
+    with pytest.raises(BadInput, match="no session"):
+        Session.open(tmp_path, FixedClock())
+
+
+def test_wire_transcripts_of_each_opening_have_a_folder_of_their_own(session):
+    first = session.wire_folder()
+    with again(session) as reopened:
+        assert reopened.wire_folder() != first
+        assert reopened.wire_folder().parent == session.folder / "wire"
