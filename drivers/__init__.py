@@ -4,6 +4,6 @@ Knows neither the procedures nor the simulators that stand in for its devices. `
 device promises, `errors` what can go wrong, `transport` owns the serial line and alone imports `serial`.
 
 A new device is a parser (pure bytes to events), a class with the methods of its interface over a `Transport`, a twin
-of the same stem in `simulators`, one line in `station/bench/device_makers.py`, and one in `tests/conformance/conftest.py`:
-the promises of its kind are then tested by themselves.
+of the same stem in `simulators.devices`, one line in `station/bench/device_makers.py`, and one in
+`tests/conformance/conftest.py`: the promises of its kind are then tested by themselves.
 """

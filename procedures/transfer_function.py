@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import numpy.typing as npt
 
@@ -9,6 +11,8 @@ from procedures.numerics.kernel_tail import tail_spectra
 from procedures.psf import Psf
 
 Array = npt.NDArray[np.float64]
+Otf = Callable[[Array, Array], npt.NDArray[np.complex128]]
+"""A transfer function at frequencies (fx, fy) in cycles per pixel of the plane."""
 
 
 def phase_along(psf: Psf, f: Array, angle: float) -> tuple[Array, Array]:

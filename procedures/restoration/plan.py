@@ -27,10 +27,10 @@ from procedures.plan import (
     Step,
 )
 from procedures.raw import Plane, RawFrame
-from procedures.restoration.joint.estimate import RestorationParameters, Unit, restore, told_in
+from procedures.restoration.joint.estimate import RestorationParameters, restore, told_in
 from procedures.restoration.joint.kernel_sizes import reach_of_masks, stacks_of
 from procedures.restoration.joint.schedule import Scheme
-from procedures.restoration.masks.blur_models import pillbox
+from procedures.restoration.masks.blur_models import Unit, pillbox
 from procedures.restoration.masks.camera_motion import Poses, motion_blur, planar_stacks, poses_of, px_per_inverse_m
 from procedures.restoration.masks.checks import check_extent, check_max_w
 from procedures.restoration.masks.mask_fields import Masks

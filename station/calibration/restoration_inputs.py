@@ -14,9 +14,9 @@ import numpy.typing as npt
 
 from procedures.outcome import BadInput, BadParameter
 from procedures.raw import Felt
-from procedures.restoration.joint.estimate import Unit
 from procedures.restoration.joint.kernel_sizes import default_max_w, fitting_ratios, stacks_of
 from procedures.restoration.masks import blur_models
+from procedures.restoration.masks.blur_models import Unit
 from procedures.restoration.masks.camera_motion import motion_blur, poses_of
 from procedures.restoration.masks.checks import check_extent
 from procedures.restoration.masks.mask_fields import Masks

@@ -1,1 +1,1 @@
-"""What every room needs: names made safe, uncertainty as text, files that are whole, TOML, progress, stop signals, errors."""
+"""What every room needs: safe names, uncertainty as text, whole files, TOML, progress, stop signals, errors."""

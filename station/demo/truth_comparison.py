@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,9 +12,9 @@ import numpy.typing as npt
 from procedures.outcome import Quantity
 from procedures.pattern_psf.centre import mark_offset
 from procedures.pattern_psf.estimate import PatternPsf
+from procedures.transfer_function import Otf
 
 Array = npt.NDArray[np.float64]
-Otf = Callable[[Array, Array], npt.NDArray[np.complex128]]
 
 FINE_STEP = 0.001
 """Step, in cycles per pixel, of the curve on which the truth's MTF50 is read."""

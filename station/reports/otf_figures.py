@@ -12,9 +12,8 @@ from matplotlib.axes import Axes
 
 from procedures.psf import Psf
 from procedures.quality import Diffraction, Quality, frequencies
-from procedures.transfer_function import mtf_map, phase_along
+from procedures.transfer_function import Otf, mtf_map, phase_along
 from procedures.two_photo.diagnostics import CLEAR
-from station.demo.truth_comparison import Otf
 from station.drawing.style import ALONG, CONFIDENT, FAINT, INK, STYLE, axes_grid, colour_bar, svg
 
 Array = npt.NDArray[np.float64]

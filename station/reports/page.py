@@ -48,7 +48,7 @@ DIAGNOSTICS = (
 def render(template: str, **context: Any) -> str:
     """A page from a template of this package; what it is given is text and is escaped, unless it is markup."""
     environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("station"),
+        loader=jinja2.PackageLoader("station.reports"),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,

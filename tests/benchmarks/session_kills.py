@@ -49,7 +49,7 @@ from station.results.result_files import RECORD, SEAL
 from station.sessions.reader import read_session, sessions_in, verify
 from station.sessions.session import Session
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "station" / "session"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "station" / "sessions"))
 from short_plan import ENTRY, SHOTS, estimate, photographs, plan
 
 catalogue.PLANS |= ENTRY

@@ -17,6 +17,7 @@ from procedures.restoration.joint.data_term import DataTerm
 from procedures.restoration.joint.noise_and_contrast import noise_gain, picture_uncertainty
 from procedures.restoration.joint.schedule import Schedule, Scheme
 from procedures.restoration.masks import checks
+from procedures.restoration.masks.blur_models import Unit
 from procedures.restoration.masks.blur_operator import Array
 from procedures.restoration.masks.mask_fields import MaskField, Masks, one_grid
 
@@ -82,14 +83,6 @@ class Diagnostics:
     noise_gain: float
     saturated: float
     at_limit: float
-
-
-@dataclass(frozen=True)
-class Unit:
-    """What w is told in: its name, and how much of it a pixel is."""
-
-    name: str = "pixel"
-    per_pixel: float = 1.0
 
 
 @dataclass(frozen=True)

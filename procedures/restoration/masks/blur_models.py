@@ -6,6 +6,7 @@ stretched to [-w, w], integrated over pixels (4.12, 5.3).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -230,3 +231,22 @@ def symmetric_field(
         return mask_stack(rotated(shape, float(np.arctan2(y, x))), max_w, ratio=ratio, R=need)
 
     return MaskField(tuple(tuple(at(float(y), float(x)) for x in columns) for y in rows))
+
+
+@dataclass(frozen=True)
+class Unit:
+    """What w is told in: its name, and how much of it a pixel is."""
+
+    name: str = "pixel"
+    per_pixel: float = 1.0
+
+
+def as_shape(mask: Array, half_width: float, size: int = 257) -> Array:
+    """The mask as a shape on [-1, 1], its half-width at 1: what (5.3) stretches to every other depth.
+
+    Even over every pixel, so that the mask itself comes back where the shape is stretched to it; interpolated, it would
+    be blurred by a pixel once more.
+    """
+    R = mask.shape[0] // 2
+    at = np.clip(np.floor(np.linspace(-1, 1, size) * half_width + R + 0.5), 0, 2 * R).astype(int)
+    return np.asarray(np.clip(mask[np.ix_(at, at)], 0, None))

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from procedures.outcome import BadInput, BadParameter, Refused
 from procedures.raw import Felt
-from procedures.restoration.joint.estimate import Unit
+from procedures.restoration.masks.blur_models import Unit
 from procedures.restoration.masks.blur_operator import MaskStack
 from procedures.restoration.masks.checks import check_extent
 from procedures.restoration.masks.mask_fields import MaskField, positions

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from procedures.outcome import BadInput
 from procedures.psf_field import PsfField
-from procedures.restoration.masks.blur_models import mask_stack
+from procedures.restoration.masks.blur_models import as_shape, mask_stack
 from procedures.restoration.masks.mask_fields import MaskField, positions
-from procedures.restoration.unknown_motion.blind import as_shape
 
 Array = NDArray[np.float64]
 

@@ -19,6 +19,7 @@ from scipy.signal import fftconvolve
 from procedures.outcome import BadInput, Refused
 from procedures.restoration.joint.data_term import conjugate_gradients
 from procedures.restoration.joint.priors import diffuse, total_variation
+from procedures.restoration.masks.blur_models import as_shape
 from procedures.restoration.masks.blur_operator import Array
 
 
@@ -193,14 +194,3 @@ def reach(masks: Array) -> float:
     R = masks.shape[1] // 2
     rows, columns = np.nonzero(masks.sum(axis=0))
     return float(max(np.abs(rows - R).max(), np.abs(columns - R).max())) + 0.5
-
-
-def as_shape(mask: Array, half_width: float, size: int = 257) -> Array:
-    """The mask as a shape on [-1, 1], its half-width at 1: what (5.3) stretches to every other depth.
-
-    Even over every pixel, so that the mask itself comes back where the shape is stretched to it; interpolated, it would
-    be blurred by a pixel once more.
-    """
-    R = mask.shape[0] // 2
-    at = np.clip(np.floor(np.linspace(-1, 1, size) * half_width + R + 0.5), 0, 2 * R).astype(int)
-    return np.asarray(np.clip(mask[np.ix_(at, at)], 0, None))

@@ -12,9 +12,10 @@ import numpy as np
 from scipy.ndimage import shift
 
 from procedures.outcome import BadInput
+from procedures.restoration.masks.blur_models import as_shape
 from procedures.restoration.masks.blur_operator import Array
 from procedures.restoration.masks.motion import path_mask
-from procedures.restoration.unknown_motion.blind import as_shape, centred, cross_relation, reach
+from procedures.restoration.unknown_motion.blind import centred, cross_relation, reach
 
 # sizes tried, pixels of half-width; whole pixels of shift tried each way, then quarters about the best
 SIZE_STEP = 0.25

@@ -121,7 +121,8 @@ def test_the_first_paint_needs_neither_numpy_nor_bench(tmp_path):
     import subprocess
     import sys
 
-    code = "import sys, station.app.app, station.cli.app; print([m for m in ('numpy', 'numba', 'cv2') if m in sys.modules])"
+    code = "import sys, station.app.app, station.cli.app; "
+    code += "print([m for m in ('numpy', 'numba', 'cv2') if m in sys.modules])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip() == "[]"
 
 

@@ -7,10 +7,10 @@ import pytest
 
 from procedures.outcome import Outcome, Verdict
 from procedures.restoration.joint.schedule import Scheme
-from procedures.restoration.masks.blur_models import LINE, mask
+from procedures.restoration.masks.blur_models import LINE, as_shape, mask
 from procedures.restoration.unknown_motion import basin_hopping, motion_splines, path_refinement
 from procedures.restoration.unknown_motion import path_pairs as pairs
-from procedures.restoration.unknown_motion.blind import Prototypes, as_shape
+from procedures.restoration.unknown_motion.blind import Prototypes
 
 from .. import motions
 from ..motions import BOX, FLAT_W
