@@ -10,7 +10,6 @@ import numpy.typing as npt
 
 from procedures.numerics.kernel_tail import tail_border, tail_kernels
 from procedures.psf import Psf
-from station.results.exports import csv_bytes
 
 Array = npt.NDArray[np.float64]
 
@@ -65,17 +64,6 @@ def radial_profile(psf: Psf) -> Profile:
         _sigma(psf, (inside - energy[:, None] * psf.weights) / psf.light),
         psf.k // 2 / psf.s,
     )
-
-
-def profile_table(psf: Psf, pitch: int) -> bytes:
-    """The profile as CSV, radii in pixels of the plane and of the sensor; `pitch` is how many of these are one."""
-    found = radial_profile(psf)
-    columns = {"radius": found.radius, "radius_sensor_pixels": found.radius * pitch}
-    columns |= {"density": found.density, "density_uncertainty": found.density_uncertainty}
-    columns |= {"energy": found.energy, "energy_uncertainty": found.energy_uncertainty}
-    columns |= {"inside_support": (found.radius <= found.support).astype(np.float64)}
-    rows = zip(*columns.values(), strict=True)
-    return csv_bytes([list(columns), *([f"{value:.9g}" for value in row] for row in rows)])
 
 
 def _sigma(psf: Psf, slope: Array) -> Array:

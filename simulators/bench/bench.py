@@ -77,7 +77,7 @@ class SimulatedBench:
         self.devices = self._devices(sensing)
         self.name = f"bench{next(_numbers)}"
         self.cables = {name: Cable(device, self.clock, setup.faults.get(name)) for name, device in self.devices.items()}
-        self._fate = Fate(self, setup.mishaps)
+        self._fate = Fate(self.body, self.cables, self.clock, setup.mishaps)
         self._ports: list[PtyPort | TcpPort] = []
         register_scheme("simulators")
         for name, cable in self.cables.items():

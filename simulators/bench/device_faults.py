@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from simulators.bench.body import CameraBody
 from simulators.devices.cable_faults import Faults
 from simulators.devices.grbl import GrblController
 from simulators.devices.instruments import JrtModule
+from simulators.devices.serial_device import Cable, SimClock
 from simulators.devices.shutter import StrigBox
 from simulators.devices.zaber import ZaberChain
-
-if TYPE_CHECKING:
-    from simulators.bench.bench import SimulatedBench
 
 CABLE_FAULTS = ("lost", "garbage", "duplicate", "delay", "silent", "unplugged", "replugged", "wrong_baud")
 MISHAPS = ("reset", "alarm", "box_reset", "stall", "range_error", "lose_frame", "half_frame")
@@ -75,16 +73,18 @@ def random_mishaps(rng: np.random.Generator, mean: float = 3.0, within_s: float 
 class Fate:
     """Lets mishaps happen to a bench when their time has come."""
 
-    def __init__(self, bench: SimulatedBench, mishaps: Sequence[Mishap]) -> None:
-        self._bench = bench
+    def __init__(
+        self, body: CameraBody, cables: Mapping[str, Cable], clock: SimClock, mishaps: Sequence[Mishap]
+    ) -> None:
+        self._body, self._cables, self._clock = body, cables, clock
         self._due = sorted(mishaps, key=lambda one: one.moment_s)
         for mishap in mishaps:
-            real_s = bench.clock.real_s(mishap.moment_s)
+            real_s = clock.real_s(mishap.moment_s)
             if real_s is not None:
                 timer = threading.Timer(real_s, self._strike, (mishap,))
                 timer.daemon = True
                 timer.start()
-        bench.clock.attach(self)
+        clock.attach(self)
 
     def next_event_s(self) -> float | None:
         """The next mishap."""
@@ -92,7 +92,7 @@ class Fate:
 
     def wake(self) -> None:
         """Let happen what is due."""
-        while self._due and self._due[0].moment_s <= self._bench.clock.now_s():
+        while self._due and self._due[0].moment_s <= self._clock.now_s():
             self._strike(self._due.pop(0))
 
     def settled(self) -> bool:
@@ -103,8 +103,8 @@ class Fate:
         """Nothing to wait for."""
 
     def _strike(self, mishap: Mishap) -> None:
-        body, devices = self._bench.body, self._bench.devices
-        stage, head, box, laser = (devices[name] for name in ("stage", "head", "shutter", "rangefinder"))
+        body = self._body
+        stage, head, box, laser = (self._cables[name].device for name in ("stage", "head", "shutter", "rangefinder"))
         assert isinstance(stage, GrblController)
         assert isinstance(head, ZaberChain)
         assert isinstance(box, StrigBox)
@@ -124,4 +124,4 @@ class Fate:
             body.settings.half_frames |= coming
         else:
             name, act = acts[mishap.kind]
-            self._bench.cables[name].happen(act)
+            self._cables[name].happen(act)

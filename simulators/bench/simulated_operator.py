@@ -9,15 +9,14 @@ from __future__ import annotations
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
-from simulators.bench.view import Mount
-
-if TYPE_CHECKING:
-    from simulators.bench.bench import SimulatedBench
-    from simulators.world.world import Drive
+from simulators.bench.body import CameraBody
+from simulators.bench.view import Mount, View
+from simulators.devices.serial_device import SimClock
+from simulators.world.world import Drive, World
 
 Known = str | float | bool
 HAND = "hand_"
@@ -66,11 +65,21 @@ class Person:
     slope: tuple[float, float] = (-0.13, 0.04)
 
 
+class Standing(Protocol):
+    """What hands and eyes reach of a bench; `motions` are what shakes the rig during each photograph."""
+
+    world: World
+    view: View
+    body: CameraBody
+    clock: SimClock
+    motions: tuple[tuple[Drive, ...], ...]
+
+
 class Hands:
     """What a person does at this bench."""
 
-    def __init__(self, bench: SimulatedBench, seed: int, person: Person | None = None) -> None:
-        self._bench = bench
+    def __init__(self, at: Standing, seed: int, person: Person | None = None) -> None:
+        self._at = at
         self._seed = seed
         self._person = person or Person()
         self._asked: dict[str, float] = {}
@@ -79,7 +88,7 @@ class Hands:
 
     def empty_the_room(self) -> None:
         """No chart, the camera set to anything."""
-        view, body = self._bench.view, self._bench.body
+        view, body = self._at.view, self._at.body
         view.mount, view.slope, view.focus_mm = None, self._person.slope, 1000 / self._dioptres
         body.settings.exposure_s = self._person.exposure_s
 
@@ -90,22 +99,22 @@ class Hands:
 
     def knows(self, key: str) -> Known | None:
         """What is read off here: rulers to a quarter of a millimetre, the camera's data sheet."""
-        camera = self._bench.view.camera
+        camera = self._at.view.camera
         ruler = round(400 * self._person.printer) / 4
         known: dict[str, Known] = {
             "chart_width_mm": self._person.width_mm,
             "ruler_mm": ruler,
             "focal_length_mm": camera.lens.focal_length_mm,
             "pixel_pitch_um": camera.pitch_um,
-            "near_mm": round(self._bench.world.distance_mm(self._bench.clock.now_s()) / TAPE_MM) * TAPE_MM,
+            "near_mm": round(self._at.world.distance_mm(self._at.clock.now_s()) / TAPE_MM) * TAPE_MM,
             "ratio": self._person.ratio,
-            **(self._of_depth() if self._bench.motions else {}),
+            **(self._of_depth() if self._at.motions else {}),
         }
         return known.get(key)
 
     def _of_depth(self) -> dict[str, Known]:
         """What is seen of a scene in depth and its rig: where the nearest sheet is, and how far its details smear."""
-        camera = self._bench.view.camera
+        camera = self._at.view.camera
         rows, columns = (size // camera.plane_pitch_px for size in (camera.sensor.rows, camera.sensor.columns))
         f_number = camera.lens.f_number
         return {
@@ -120,7 +129,7 @@ class Hands:
 
     def do(self, key: str, facts: Mapping[str, Known]) -> None:
         """Confirmed: it was done."""
-        view = self._bench.view
+        view = self._at.view
         match key:
             case "printed":
                 view.cell_mm = float(facts.get("chart_width_mm", self._person.width_mm)) / 320 * self._person.printer
@@ -130,10 +139,10 @@ class Hands:
                 view.mount = self._before_wall()
             case "first":
                 self._shake(())
-            case "first_moves" | "second" if self._bench.motions:
-                self._shake(self._bench.motions[key == "second"])
+            case "first_moves" | "second" if self._at.motions:
+                self._shake(self._at.motions[key == "second"])
             case "focused" | "refocused" | "focused_near" | "focused_far":
-                distance_mm = self._bench.world.distance_mm(self._bench.clock.now_s())
+                distance_mm = self._at.world.distance_mm(self._at.clock.now_s())
                 error = self._rng(key).uniform(-EYES_DIOPTRES, EYES_DIOPTRES)
                 self._dioptres = 1000 / distance_mm + float(error)
                 self._asked["focus_steps"] = 0.0
@@ -155,12 +164,12 @@ class Hands:
         self._apply()
 
     def _shake(self, drives: tuple[Drive, ...]) -> None:
-        self._bench.world.drive(drives, self._bench.clock.now_s())
+        self._at.world.drive(drives, self._at.clock.now_s())
 
     def _before_wall(self) -> Mount:
         """The wall's middle before the camera where it is, seen squarely as far as the eye can tell."""
-        world, rng = self._bench.world, self._rng("wall")
-        pose = world.pose(np.array([self._bench.clock.now_s()]))
+        world, rng = self._at.world, self._rng("wall")
+        pose = world.pose(np.array([self._at.clock.now_s()]))
         x_mm, y_mm = (sum(world.room.travel[name]) / 2 for name in ("x_mm", "y_mm"))
         yaw, pitch, roll = (float(angle) for angle in rng.normal(0.0, SQUARE_DEG, 3))
         return Mount(float(pose.x_mm[0]) - x_mm, y_mm - float(pose.y_mm[0]), yaw, pitch, roll)
@@ -178,7 +187,7 @@ class Hands:
         )
 
     def _apply(self) -> None:
-        view, body = self._bench.view, self._bench.body
+        view, body = self._at.view, self._at.body
         if view.mount is not None and not view.sheets:
             view.mount = self._mount()
         body.settings.exposure_s = _nearest_third(self._person.exposure_s * 2 ** self._asked.get("exposure_ev", 0.0))
@@ -188,7 +197,7 @@ class Hands:
     def _focus(self) -> None:
         """The ring as it stands: so many small steps towards infinity from where eye or autofocus left it."""
         dioptres = self._dioptres - STEP_DIOPTRES * self._asked.get("focus_steps", 0.0)
-        self._bench.view.focus_mm = 1000 / max(dioptres, 1e-3)
+        self._at.view.focus_mm = 1000 / max(dioptres, 1e-3)
 
 
 def _nearest_third(seconds: float) -> float:

@@ -21,7 +21,8 @@ from station.calibration.folder_photographs import Item
 from station.calibration.plane_records import Calibrated, calibrate, calibrate_pair, diffraction_limit
 from station.common.sanitise import encodable, printable, safe_stem
 from station.results.limits import Judged, Judgement, judge
-from station.results.result_files import RECORD, PlaneRecord, ResultFolder, software, write_psf_result
+from station.results.plane_record import PlaneRecord
+from station.results.result_files import RECORD, ResultFolder, software, write_psf_result
 from station.results.result_seal import damage
 
 RESULTS = "results"

@@ -25,7 +25,7 @@ from procedures.raw import Plane, RawFrame, read_frame
 from procedures.reading.sensor_dump import DumpLayout
 from station.calibration.plane_records import Limit
 from station.common.progress import Progress, silent
-from station.results.result_files import PlaneRecord
+from station.results.plane_record import PlaneRecord
 
 REFERENCE = "G1"
 """The plane that lateral colour is told against."""

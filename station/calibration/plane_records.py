@@ -16,7 +16,7 @@ from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estim
 from procedures.psf import Psf
 from procedures.quality import WAVELENGTHS_NM, Diffraction, Quality
 from procedures.raw import Exposure, Plane, RawFrame
-from station.results.result_files import PlaneRecord
+from station.results.plane_record import PlaneRecord
 
 if TYPE_CHECKING:
     from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf

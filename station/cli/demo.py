@@ -16,7 +16,7 @@ from station.common.log import log, log_json_option
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from station.demo.demo import Checked, Demonstration, Summary
+    from station.demo.demonstration import Checked, Demonstration, Summary
     from station.guide.frontend import Result
 
 COLOURS = {"pass": "green", "doubtful": "yellow", "refused": "red"}
@@ -38,7 +38,8 @@ def demo(out: Path, seed: int, rendered: bool, guided: bool, as_json: bool) -> N
     """Photograph the chart with a simulated camera, estimate the PSFs from its files, and compare with the truth."""
     if guided:
         raise click.exceptions.Exit(_guide(out, seed, as_json=as_json))
-    from station.demo.demo import run_demo, steps, summary
+    from station.demo.demo import run_demo, steps
+    from station.demo.demonstration import summary
 
     with progress_shown(steps()) as progress:
         found, text = run_demo(out, seed, progress=progress)

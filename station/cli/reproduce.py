@@ -14,7 +14,7 @@ from station.common.log import log, log_json_option
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from station.demo.reproduce.runner import Reproduction
+    from station.demo.reproduce.reproduction import Reproduction
 
 DISAGREES = 1
 COLOURS = {"pass": "green", "fail": "red", "left out": "yellow"}

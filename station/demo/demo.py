@@ -2,27 +2,26 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from procedures.outcome import Verdict
 from procedures.pattern_print.formats import encode
 from procedures.pattern_print.sheet import Size
 from procedures.pattern_print.source import Source
-from procedures.pattern_psf.estimate import PatternParameters, PatternPsf
+from procedures.pattern_psf.estimate import PatternParameters
 from procedures.raw import RawFrame, read_frame
 from simulators.bench.demonstration import PITCH_UM, SETUPS, Setup, photograph
 from simulators.camera.camera import Photograph
-from station.calibration.plane_records import Calibrated, calibrate, diffraction_limit
+from station.calibration.plane_records import calibrate, diffraction_limit
 from station.common.progress import Progress, silent
-from station.demo.truth_comparison import Comparison, compare
+from station.demo.demonstration import Checked, Demonstration, Shot, summary
+from station.demo.truth_comparison import compare
 from station.results.result_files import RECORD, ResultFolder, json_text, software, write_psf_result
 
 SCHEMA = "station/demo/1"
@@ -30,101 +29,6 @@ CHART = "chart.pdf"
 PAGE = "index.html"
 STEPS_PER_PHOTOGRAPH = 5
 """The photograph, then its four planes."""
-
-
-@dataclass(frozen=True, eq=False)
-class Checked:
-    """One plane: what was found, and how near the truth it is, None where it was refused."""
-
-    calibrated: Calibrated[PatternPsf]
-    comparison: Comparison | None
-
-    @property
-    def name(self) -> str:
-        """The plane's."""
-        return self.calibrated.record.name
-
-
-@dataclass(frozen=True, eq=False)
-class Shot:
-    """One photograph as it was read back from its file, and its planes.
-
-    Attributes
-    ----------
-    path : Path
-        Of the DNG, from the demonstration's folder.
-    """
-
-    setup: Setup
-    path: Path
-    frame: RawFrame
-    planes: tuple[Checked, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Demonstration:
-    """Everything a demonstration found."""
-
-    seed: int
-    chart: Source
-    parameters: PatternParameters
-    shots: tuple[Shot, ...]
-
-    @property
-    def planes(self) -> tuple[Checked, ...]:
-        """The planes of all photographs."""
-        return tuple(plane for shot in self.shots for plane in shot.planes)
-
-    @property
-    def refused(self) -> tuple[Checked, ...]:
-        """The planes without a PSF."""
-        return tuple(plane for plane in self.planes if plane.comparison is None)
-
-
-@dataclass(frozen=True)
-class Summary:
-    """How well all planes together agree with the truth.
-
-    Attributes
-    ----------
-    ratio_mean, ratio_least, ratio_most : float
-        Of the PSFs' errors over what was expected.
-    centre_px : float
-        Largest distance of a centre from where it should be.
-    mtf50_n, mtf50_within : int
-        How many MTF50 there are, and how many lie within 2.5 standard uncertainties of the truth.
-    """
-
-    planes: int
-    passed: int
-    doubtful: int
-    refused: int
-    ratio_mean: float
-    ratio_least: float
-    ratio_most: float
-    centre_px: float
-    mtf50_n: int
-    mtf50_within: int
-
-
-def summary(demonstration: Demonstration) -> Summary:
-    """The demonstration in ten numbers; NaN where every plane was refused."""
-    verdicts = [plane.calibrated.record.verdict for plane in demonstration.planes]
-    compared = [plane.comparison for plane in demonstration.planes if plane.comparison is not None]
-    ratios = [one.ratio for one in compared] or [math.nan]
-    sigmas = [against.sigmas for one in compared for against in one.mtf50.values()]
-    return Summary(
-        planes=len(verdicts),
-        passed=verdicts.count(Verdict.PASS),
-        doubtful=verdicts.count(Verdict.DOUBTFUL),
-        refused=verdicts.count(Verdict.REFUSED),
-        ratio_mean=float(np.mean(ratios)),
-        ratio_least=min(ratios),
-        ratio_most=max(ratios),
-        centre_px=max((one.centre_error_px for one in compared), default=math.nan),
-        mtf50_n=len(sigmas),
-        mtf50_within=sum(abs(sigma) <= 2.5 for sigma in sigmas),
-    )
 
 
 def steps(setups: tuple[Setup, ...] = SETUPS) -> int:

@@ -11,7 +11,7 @@ from station.reports.page import exposure_words, render
 from station.results.result_files import software
 
 if TYPE_CHECKING:
-    from station.demo.demo import Demonstration, Shot, Summary
+    from station.demo.demonstration import Demonstration, Shot, Summary
     from station.demo.truth_comparison import Comparison
 
 SHOWN_PLANE = "G1"

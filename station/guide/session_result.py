@@ -16,7 +16,8 @@ from procedures.plan import Estimate, Plan
 from procedures.raw import Felt, RawFrame, read_frame
 from station.calibration.plane_records import plane_record
 from station.guide.catalogue import numbers_of, writer_of
-from station.results.result_files import PlaneRecord, ResultFolder, write_psf_result
+from station.results.plane_record import PlaneRecord
+from station.results.result_files import ResultFolder, write_psf_result
 from station.sessions.compute_environment import same_bits
 from station.sessions.journal import Damaged
 from station.sessions.layout import inside

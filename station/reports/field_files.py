@@ -16,7 +16,8 @@ from procedures.outcome import Outcome
 from procedures.raw import RawFrame
 from station.calibration.field import FieldResult, PlaneField
 from station.reports.field_page import field_page
-from station.results.result_files import PlaneRecord, ResultFolder, json_text, software, write_psf_result
+from station.results.plane_record import PlaneRecord
+from station.results.result_files import ResultFolder, json_text, software, write_psf_result
 
 FILE, PAGE = "field.h5", "report.html"
 CANDIDATES_TOLD = 8

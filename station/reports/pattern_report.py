@@ -26,7 +26,8 @@ from station.reports import otf_figures, psf_figures
 from station.reports.page import NUMBERS, exposure_words, render
 from station.results.budget_table import BudgetTable, budget_table
 from station.results.limits import Judged, Judgement
-from station.results.result_files import PlaneRecord, quantities, software
+from station.results.plane_record import PlaneRecord
+from station.results.result_files import quantities, software
 
 Array = npt.NDArray[np.float64]
 

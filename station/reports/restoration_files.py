@@ -15,6 +15,7 @@ from procedures.outcome import Outcome
 from procedures.raw import RawFrame
 from procedures.restoration.joint.estimate import Restoration
 from procedures.restoration.plan import shown
+from station.drawing.depth_pictures import coloured, encoded, levels, picture
 from station.results.result_files import RECORD, ResultFolder, plain, software, write_record
 
 SCHEMA = "station/restore/1"
@@ -76,7 +77,7 @@ def write_result(
 ) -> str:
     """The result of a guided restoration: the files of `write_restoration`, or the record of its refusal."""
     from station.calibration.restoration_inputs import imu_table
-    from station.reports.restoration_page import restoration_page  # here: it imports this module
+    from station.reports.restoration_page import restoration_page  # here: it draws, which is slow to load
 
     (outcome,) = outcomes.values()
     if outcome.value is None:
@@ -88,38 +89,6 @@ def write_result(
     outcome = replace(outcome, value=timeless)  # the files are the same whenever they are computed
     photographs = [shown(frame).samples.astype(np.float64)[None] for frame in (frames[0], frames[len(frames) - 1])]
     return write_restoration(folder, outcome, about, restoration_page(outcome, photographs, about))
-
-
-def picture(sharp: Array) -> Array:
-    """(C, H, W) as an image file holds it: (H, W), or (H, W, 3) as blue, green, red of RAW planes."""
-    if len(sharp) == 1:
-        return np.asarray(sharp[0])
-    red, blue = sharp[0], sharp[-1]
-    return np.stack([blue, sharp[1:-1].mean(axis=0), red], axis=-1)
-
-
-def levels(image: Array, black: float, white: float) -> npt.NDArray[np.uint8]:
-    """8-bit levels of an image between two values."""
-    return np.asarray(np.clip((image - black) / max(white - black, 1e-12) * 255 + 0.5, 0, 255), dtype=np.uint8)
-
-
-def coloured(w: Array) -> npt.NDArray[np.uint8]:
-    """The depth map in false colours, its least to its greatest w."""
-    import cv2
-
-    return np.asarray(
-        cv2.applyColorMap(levels(w, float(w.min()), float(w.max())), cv2.COLORMAP_VIRIDIS), dtype=np.uint8
-    )
-
-
-def encoded(kind: str, image: npt.NDArray[Any]) -> bytes:
-    """The bytes of an image file."""
-    import cv2
-
-    done, data = cv2.imencode(kind, image)
-    if not done:
-        raise RuntimeError(f"OpenCV could not encode {kind}")
-    return data.tobytes()
 
 
 def _npy(array: Array) -> bytes:

@@ -13,9 +13,9 @@ from markupsafe import Markup
 from procedures.outcome import Outcome
 from procedures.restoration.joint.estimate import Restoration, refocused
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
+from station.drawing.depth_pictures import encoded, levels, picture
 from station.reports import psf_figures
 from station.reports.page import render
-from station.reports.restoration_files import encoded, levels, picture
 from station.results.result_files import software
 
 Array = npt.NDArray[np.floating[Any]]

@@ -14,7 +14,7 @@ from station.results.exports import csv_bytes
 
 if TYPE_CHECKING:
     from procedures.quality import Quality
-    from station.results.result_files import PlaneRecord
+    from station.results.plane_record import PlaneRecord
 
 HEADLINE = (
     ("mtf50_horizontal", "MTF50 along rows"),

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from procedures.outcome import Quantity
 from procedures.psf import Psf
+from procedures.radial_profile import radial_profile
 from station.common.sanitise import cell
 from station.drawing.linear_pictures import described_tiff, float_tiff
 
@@ -113,6 +114,17 @@ def numbers_table(numbers: Numbers) -> bytes:
         for plane, name, one in numbers
     ]
     return csv_bytes([["plane", "name", "value", "uncertainty", "unit", "method", "n"], *rows])
+
+
+def profile_table(psf: Psf, pitch: int) -> bytes:
+    """The profile as CSV, radii in pixels of the plane and of the sensor; `pitch` is how many of these are one."""
+    found = radial_profile(psf)
+    columns = {"radius": found.radius, "radius_sensor_pixels": found.radius * pitch}
+    columns |= {"density": found.density, "density_uncertainty": found.density_uncertainty}
+    columns |= {"energy": found.energy, "energy_uncertainty": found.energy_uncertainty}
+    columns |= {"inside_support": (found.radius <= found.support).astype(np.float64)}
+    rows = zip(*columns.values(), strict=True)
+    return csv_bytes([list(columns), *([f"{value:.9g}" for value in row] for row in rows)])
 
 
 def csv_bytes(rows: Sequence[Sequence[str]]) -> bytes:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from station.results.result_files import PlaneRecord
+from station.results.plane_record import PlaneRecord
 
 QUANTITIES = (
     *(f"{kind}_{along}" for kind in ("mtf50", "mtf_nyquist") for along in ("horizontal", "vertical", "radial")),

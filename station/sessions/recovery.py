@@ -7,7 +7,7 @@ import os
 import shutil
 from collections.abc import Collection
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from station.common.durable_files import holds, sha256_of
 from station.results.result_files import RECORD
@@ -15,13 +15,33 @@ from station.sessions.compute_environment import machine
 from station.sessions.journal_head import HEAD
 from station.sessions.layout import DERIVED, ORIGINALS
 from station.sessions.reader import SessionRecord, damaged_results, unknown_files
-from station.sessions.state import Shot
-
-if TYPE_CHECKING:
-    from station.sessions.session import Session
+from station.sessions.state import Shot, State
 
 
-def recover(session: Session, record: SessionRecord, without: Collection[int] = ()) -> None:
+class OpenSession(Protocol):
+    """What recovery does with a session that is open for writing."""
+
+    folder: Path
+    leftovers: tuple[Path, ...]
+
+    @property
+    def state(self) -> State:
+        """What the journal says now."""
+
+    def note(self, event: str, **data: Any) -> None:
+        """Append a line to the journal."""
+
+    def notice(self, say: str) -> None:
+        """Something the operator must hear."""
+
+    def take_in(self, shot: Shot, source: Path) -> Shot:
+        """Copy a photograph that was announced, and confirm it."""
+
+    def write_sums(self) -> None:
+        """The hashes of all originals, as a file."""
+
+
+def recover(session: OpenSession, record: SessionRecord, without: Collection[int] = ()) -> None:
     """Sweep up, say what was torn or lost, take in what was announced, and name what is missing or strange.
 
     Parameters
@@ -58,7 +78,7 @@ def recover(session: Session, record: SessionRecord, without: Collection[int] = 
     session.write_sums()
 
 
-def finish_adopting(session: Session, shot: Shot) -> None:
+def finish_adopting(session: OpenSession, shot: Shot) -> None:
     """Take in a photograph that was announced, if it is still there as it was; else say that it is lost."""
     source = Path(shot.exposure["path"])
     if holds(session.folder / shot.path, shot.sha256) or holds(source, shot.sha256):
@@ -73,14 +93,14 @@ def finish_adopting(session: Session, shot: Shot) -> None:
     )
 
 
-def _say_and_give_up(session: Session, say: str, **what: Any) -> None:
+def _say_and_give_up(session: OpenSession, say: str, **what: Any) -> None:
     """In this order: between the two the power may go, and nothing is repeated in silence."""
     if say not in session.state.notices:
         session.notice(say)
     session.note("gave_up", **what)
 
 
-def _give_up_awaited(session: Session) -> None:
+def _give_up_awaited(session: OpenSession) -> None:
     awaited = session.state.awaited
     if awaited is None:
         return
@@ -93,7 +113,7 @@ def _give_up_awaited(session: Session) -> None:
     )
 
 
-def _name_unfinished(session: Session) -> None:
+def _name_unfinished(session: OpenSession) -> None:
     """A step that was begun and not finished begins anew: shots that count are used, trials are taken anew."""
     step = session.state.step
     others = [shot for shot in session.state.shots if shot.step == step and not shot.counts and not shot.lost]
@@ -105,7 +125,7 @@ def _name_unfinished(session: Session) -> None:
         session.notice(say)
 
 
-def _name_strangers(session: Session) -> None:
+def _name_strangers(session: OpenSession) -> None:
     """Photographs and results that the journal does not speak of are named, once, and left alone."""
     unknown = unknown_files(session.folder, session.state)
     for relative in unknown:
@@ -119,7 +139,7 @@ def _name_strangers(session: Session) -> None:
     session.leftovers = tuple(session.folder / one for one in unknown if one.startswith(DERIVED))
 
 
-def _discard_unconfirmed(session: Session) -> None:
+def _discard_unconfirmed(session: OpenSession) -> None:
     """Results that nobody was told of, which is sure only where the journal is known to be whole."""
     for relative in unknown_files(session.folder, session.state):
         if relative.startswith(DERIVED) and not (session.folder / relative).is_symlink():

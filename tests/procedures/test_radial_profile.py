@@ -11,7 +11,8 @@ import pytest
 
 from procedures.psf import Psf, Tail
 from procedures.quality import assess
-from procedures.radial_profile import profile_table, radial_profile
+from procedures.radial_profile import radial_profile
+from station.results.exports import profile_table
 
 
 def gaussian(sigma_px, s=4, k=33, sd=1e-4):

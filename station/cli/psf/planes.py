@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from procedures.raw import RawFrame
     from procedures.reading.sensor_dump import DumpLayout
     from station.calibration.plane_records import Calibrated
-    from station.results.result_files import PlaneRecord, ResultFolder
+    from station.results.plane_record import PlaneRecord
+    from station.results.result_files import ResultFolder
 
 LEVELS = {"pass": "info", "doubtful": "warning", "refused": "error"}
 """Of a log line, by verdict."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from station.demo.reproduce.catalogue import NOT_HERE
-from station.demo.reproduce.runner import Reproduction, State
+from station.demo.reproduce.reproduction import Reproduction, State
 from station.reports.page import render
 from station.results.result_files import software
 

@@ -5,72 +5,17 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from markupsafe import Markup
-
 from procedures.outcome import BadParameter, ProcedureError
 from station.common.progress import Progress, silent
-from station.demo.reproduce.row import Check, Found, Row, Setting
+from station.demo.reproduce.reproduction import Done, Line, Reproduction, State
+from station.demo.reproduce.row import Found, Row, Setting
 from station.results.result_files import ResultFolder, software, write_record
 
-SCHEMA = "station/demo/reproduce/1"
+SCHEMA = "station/reproduce/1"
 PAGE = "index.html"
-
-
-class State(StrEnum):
-    """What became of a row."""
-
-    PASS = "pass"
-    FAIL = "fail"
-    LEFT_OUT = "left out"
-
-
-@dataclass(frozen=True, eq=False)
-class Line:
-    """One check of a row, our number, and whether it passes."""
-
-    check: Check
-    ours: float
-
-    @property
-    def passes(self) -> bool:
-        """Whether it agrees with what was published."""
-        return self.check.agrees(self.ours)
-
-
-@dataclass(frozen=True, eq=False)
-class Done:
-    """A row and what became of it; one left out or broken has a reason and no lines."""
-
-    row: Row
-    state: State
-    lines: tuple[Line, ...] = ()
-    figures: tuple[Markup, ...] = ()
-    remark: str = ""
-    reason: str = ""
-    seconds: float = 0.0
-
-
-@dataclass(frozen=True, eq=False)
-class Reproduction:
-    """All rows that were asked for."""
-
-    done: tuple[Done, ...]
-    full: bool
-    seconds: float
-
-    def count(self, state: State) -> int:
-        """How many rows ended so."""
-        return sum(one.state is state for one in self.done)
-
-    @property
-    def agrees(self) -> bool:
-        """Whether something was computed, and all of it passes."""
-        return self.count(State.PASS) > 0 and self.count(State.FAIL) == 0
 
 
 def chosen(rows: Sequence[Row], name: str | None) -> tuple[Row, ...]:

@@ -18,7 +18,8 @@ from station.app.screens.results import read_all
 from station.app.terminal_images import psf_thumbnail
 from station.drawing.glyphs import ASCII
 from station.guide.frontend import RunEnded
-from station.results.result_files import PlaneRecord, ResultFolder, write_psf_result
+from station.results.plane_record import PlaneRecord
+from station.results.result_files import ResultFolder, write_psf_result
 
 from .driving import Driver, drive
 from .fakes import FakeLab, FakeRun

@@ -24,7 +24,8 @@ from station.calibration.plane_records import calibrate
 from station.reports.otf_figures import mtf_figure
 from station.reports.pattern_report import Line, PlaneSheet, Report, Shot, calibration_page, report_of_files
 from station.results.limits import Limit, judge
-from station.results.result_files import PlaneRecord, quantities
+from station.results.plane_record import PlaneRecord
+from station.results.result_files import quantities
 
 SVG = "{http://www.w3.org/2000/svg}svg"
 HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(1)>\"' {{ 7*7 }} \x1b[2J"

@@ -14,7 +14,7 @@ from procedures.outcome import Verdict
 from procedures.psf import Psf
 from procedures.quality import Diffraction, assess
 from station.results.limits import QUANTITIES, Judged, Limit, judge
-from station.results.result_files import PlaneRecord
+from station.results.plane_record import PlaneRecord
 
 
 @lru_cache

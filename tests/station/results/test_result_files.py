@@ -16,7 +16,8 @@ from procedures.physics.estimate import Physics
 from procedures.psf import Psf
 from procedures.quality import Diffraction, assess
 from station.drawing.psf_picture import psf_picture
-from station.results.result_files import PlaneRecord, ResultFolder, write_psf_result
+from station.results.plane_record import PlaneRecord
+from station.results.result_files import ResultFolder, write_psf_result
 
 
 def psf_of(h, s=4):

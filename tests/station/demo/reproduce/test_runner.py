@@ -9,8 +9,9 @@ from markupsafe import Markup
 from procedures.outcome import BadParameter, Refused
 from station.demo.reproduce.catalogue import NOT_HERE, ROWS
 from station.demo.reproduce.page import shown
+from station.demo.reproduce.reproduction import State
 from station.demo.reproduce.row import Check, Found, Row, Setting
-from station.demo.reproduce.runner import State, chosen, computed, reproduce
+from station.demo.reproduce.runner import chosen, computed, reproduce
 
 
 def row(name="one", compute=lambda setting: Found((1.0,)), **more):
