@@ -7,7 +7,7 @@ hold functions of them; those functions are pure, so that replaying a session as
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -20,6 +20,12 @@ Facts = Mapping[str, Fact]
 
 With a frame come facts of its moment: for every axis where it is and the ends of its travel, `at_z_mm`, `low_z_mm`,
 `high_z_mm` and so on; `distance_mm` where a rangefinder measured.
+"""
+Outcomes = Mapping[str, Outcome[Any]]
+"""What was found, by plane."""
+Known = MutableMapping[Hashable, Outcome[Any]]
+"""What was estimated already, by all that it depends on: the photograph's hash, plane, chart, settings. A run holds one
+from its first shot to its report, so that no plane of a photograph is estimated twice.
 """
 
 
@@ -181,14 +187,15 @@ class Scan:
 class Shoot:
     """Take shots that count until they are enough. A shot that `check` refuses is kept, but does not count.
 
+    `estimate(frame, facts, results, known)` is what a shot gives, beside the results of the shots before it.
     `enough(results, facts)`: from the outcomes of `estimate` of the shots so far, whether to go on. `record_motion`:
     the IMU is recorded during each exposure, which is not waited for until the rig is still.
     """
 
     purpose: str
     check: Callable[[RawFrame, Facts], Advice]
-    estimate: Callable[[RawFrame, Facts], Mapping[str, Outcome[Any]]]
-    enough: Callable[[Sequence[Mapping[str, Outcome[Any]]], Facts], Advice]
+    estimate: Callable[[RawFrame, Facts, Sequence[Outcomes], Known], Outcomes]
+    enough: Callable[[Sequence[Outcomes], Facts], Advice]
     most: int = 16
     record_motion: bool = False
 
@@ -219,9 +226,9 @@ class Tour:
 
 @dataclass(frozen=True)
 class Estimate:
-    """Draw the result from all shots that count, by plane, and judge it."""
+    """Draw the result from all shots that count, by plane, and judge it; `known` is what their judging gave."""
 
-    estimate: Callable[[Sequence[RawFrame], Facts], Mapping[str, Outcome[Any]]]
+    estimate: Callable[[Sequence[RawFrame], Facts, Known], Outcomes]
 
 
 @dataclass(frozen=True)

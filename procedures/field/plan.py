@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +17,6 @@ from procedures.advice import changed_settings
 from procedures.choice import START_S
 from procedures.field.locations import MARGIN, Location, chosen_locations, direction, pan_tilt_deg, rail_mm, ray
 from procedures.numerics.warps import apply_homography
-from procedures.outcome import Outcome
 from procedures.pattern import CELLS
 from procedures.pattern_psf.chart_finding.detection import Sighting, find_charts
 from procedures.pattern_psf.checks import (
@@ -37,11 +35,27 @@ from procedures.pattern_psf.checks import (
 from procedures.pattern_psf.plan import plan as pattern_plan
 from procedures.pattern_psf.pose import chart_pose
 from procedures.pattern_psf.radiometry import measure_light
-from procedures.plan import Advice, Ask, Decide, Estimate, Fact, Facts, Go, Look, Plan, Reading, Step, Stop, Tour
+from procedures.plan import (
+    Advice,
+    Ask,
+    Decide,
+    Estimate,
+    Fact,
+    Facts,
+    Go,
+    Known,
+    Look,
+    Outcomes,
+    Plan,
+    Reading,
+    Step,
+    Stop,
+    Tour,
+)
 from procedures.raw import Plane, RawFrame
 
 Array = npt.NDArray[np.float64]
-Estimator = Callable[[Sequence[RawFrame], Facts], Mapping[str, Outcome[Any]]]
+Estimator = Callable[[Sequence[RawFrame], Facts, Known], Outcomes]
 BEFORE = ("print", "mount", "distance", "square", "focus")
 """Steps that are the pattern PSF's."""
 USUAL, FEWEST, MOST = 9, 6, 400

@@ -50,7 +50,12 @@ def chart_of(seed: int) -> Chart:
 
 def known_chart(facts: Facts) -> Chart:
     """The chart that was printed."""
-    return chart_of(int(facts.get("chart_seed", DEFAULT_SEED)))
+    return chart_of(chart_seed(facts))
+
+
+def chart_seed(facts: Facts) -> int:
+    """The seed of its cells."""
+    return int(facts.get("chart_seed", DEFAULT_SEED))
 
 
 def parameters_of(facts: Facts) -> PatternParameters:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from procedures.pattern_psf.checks import (
     RATIO,
     best_place,
     best_tried,
+    chart_seed,
     check_distance,
     check_light,
     check_shot,
@@ -44,8 +45,10 @@ from procedures.plan import (
     Give,
     Go,
     Home,
+    Known,
     Look,
     Measure,
+    Outcomes,
     Plan,
     Reading,
     Scan,
@@ -66,7 +69,6 @@ RING = (-2.0, -1.0, 0.0, 1.0, 2.0)
 """Small turns of the focus ring, from where autofocus or the eye put it; positive towards infinity."""
 RAIL = (-1.5, -0.75, 0.0, 0.75, 1.5)
 """The same on the rail, in depths of focus."""
-Outcomes = Mapping[str, Outcome[Any]]
 
 
 def plan() -> Plan:
@@ -234,18 +236,27 @@ FOCUS = (
 # --- shots -------------------------------------------------------------------------------------------------------
 
 
-def estimate_shot(frame: RawFrame, facts: Facts, like: Outcomes | None = None) -> Outcomes:
-    """The PSF of every plane of one shot, sampled as those of another shot where one is given."""
-    return {
-        name: _estimate_plane(plane, facts, like.get(name) if like else None) for name, plane in frame.planes.items()
-    }
+def estimate_shot(frame: RawFrame, facts: Facts, results: Sequence[Outcomes], known: Known) -> Outcomes:
+    """The PSF of every plane of one shot, sampled as those of the first of the shots before it that gave any."""
+    like = _first_found(results)
+    return {name: _estimate_plane(frame, plane, facts, like.get(name), known) for name, plane in frame.planes.items()}
 
 
-def _estimate_plane(plane: Plane, facts: Facts, like: Outcome[Any] | None) -> Outcome[Any]:
-    parameters = parameters_of(facts)
+def _first_found(results: Sequence[Outcomes]) -> Outcomes:
+    """Of every plane the first shot that was not refused."""
+    return {name: one for outcomes in reversed(results) for name, one in outcomes.items() if one.value is not None}
+
+
+def _estimate_plane(
+    frame: RawFrame, plane: Plane, facts: Facts, like: Outcome[Any] | None, known: Known
+) -> Outcome[Any]:
+    parameters, limit = parameters_of(facts), diffraction(plane, facts)
     if like is not None and like.value is not None:
         parameters = replace(parameters, s=like.value.psf.s, k=like.value.psf.k, chosen=True)
-    return estimate_psf(plane, known_chart(facts), parameters, diffraction(plane, facts))
+    key = (frame.sha256, plane.name, chart_seed(facts), parameters, limit)
+    if key not in known:
+        known[key] = estimate_psf(plane, known_chart(facts), parameters, limit)
+    return known[key]
 
 
 def diffraction(plane: Plane, facts: Facts) -> Diffraction | None:
@@ -293,15 +304,10 @@ SHOTS = (
 # --- estimate ----------------------------------------------------------------------------------------------------
 
 
-def _first_found(found: Sequence[Outcomes]) -> Outcomes:
-    """Of every plane the first shot that was not refused."""
-    return {name: one for outcomes in reversed(found) for name, one in outcomes.items() if one.value is not None}
-
-
-def estimate(frames: Sequence[RawFrame], facts: Facts) -> Outcomes:
+def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes:
     """The PSF of every plane from all shots, and whether they agree."""
     found: list[Outcomes] = []
     for frame in frames:
-        found.append(estimate_shot(frame, facts, _first_found(found)))
+        found.append(estimate_shot(frame, facts, found, known))
     names = list(found[0]) if found else []
     return {name: combine([one[name] for one in found]) for name in names}

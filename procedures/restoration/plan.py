@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -19,7 +19,9 @@ from procedures.plan import (
     Decide,
     Estimate,
     Facts,
+    Known,
     Look,
+    Outcomes,
     Plan,
     Reading,
     SetLight,
@@ -38,7 +40,6 @@ from procedures.restoration.unknown_motion.blind import prototype_shapes
 from procedures.restoration.unknown_motion.path_refinement import MotionShapes, motion_of_scene
 
 Array = npt.NDArray[np.float64]
-Outcomes = Mapping[str, Outcome[Any]]
 
 PICTURE = "picture"
 """The one outcome's name."""
@@ -154,7 +155,7 @@ def aperture_ratio(facts: Facts) -> float:
 def shots(which: str, ask: Ask) -> tuple[Any, ...]:
     """One photograph that counts; the IMU is recorded meanwhile."""
 
-    def estimate_one(frame: RawFrame, facts: Facts) -> Outcomes:
+    def estimate_one(frame: RawFrame, facts: Facts, results: Sequence[Outcomes], known: Known) -> Outcomes:
         return {PICTURE: Outcome(float(np.mean(shown(frame).samples)))}
 
     def enough(results: Sequence[Outcomes], facts: Facts) -> Advice:
@@ -168,7 +169,7 @@ def shots(which: str, ask: Ask) -> tuple[Any, ...]:
 # --- estimate ----------------------------------------------------------------------------------------------------
 
 
-def estimate(frames: Sequence[RawFrame], facts: Facts) -> Outcomes:
+def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes:
     """The sharp picture and w of every pixel, from the first and the last photograph that count."""
     if len(frames) < 2:
         raise BadInput(f"restoration needs two photographs; {len(frames)} count", "take both again")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -20,7 +20,9 @@ from procedures.plan import (
     Facts,
     Go,
     Home,
+    Known,
     Look,
+    Outcomes,
     Plan,
     Reading,
     Scan,
@@ -48,7 +50,6 @@ FRAMES = 2
 """Photographs at either distance; their mean is used."""
 RING = (-2.0, -1.0, 0.0, 1.0, 2.0)
 """Small turns of the focus ring, from where autofocus or the eye put it; positive towards infinity."""
-Outcomes = Mapping[str, Outcome[Any]]
 
 
 def plan() -> Plan:
@@ -227,7 +228,7 @@ def focus(place: str) -> tuple[Any, ...]:
 def shoot(place: str) -> tuple[Any, ...]:
     """The photographs that count, at one of the distances."""
 
-    def estimate_one(frame: RawFrame, facts: Facts) -> Outcomes:
+    def estimate_one(frame: RawFrame, facts: Facts, results: Sequence[Outcomes], known: Known) -> Outcomes:
         return {name: Outcome(float(np.mean(one.samples))) for name, one in frame.planes.items()}
 
     def enough(results: Sequence[Outcomes], facts: Facts) -> Advice:
@@ -240,7 +241,7 @@ def shoot(place: str) -> tuple[Any, ...]:
 # --- estimate ----------------------------------------------------------------------------------------------------
 
 
-def estimate(frames: Sequence[RawFrame], facts: Facts) -> Outcomes:
+def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes:
     """Every plane's PSF from the mean of the near and the mean of the far photographs."""
     count = int(float(facts.get("near_frames", FRAMES)))
     near, far = frames[:count], frames[count:]

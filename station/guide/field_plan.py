@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 from procedures.field import plan as guide
 from procedures.outcome import Outcome, Refused, Verdict
 from procedures.pattern_psf.checks import known_chart, parameters_of
-from procedures.plan import Facts, Plan
+from procedures.plan import Facts, Known, Outcomes, Plan
 from procedures.quality import Quality
 from procedures.raw import RawFrame
 from station.calibration.field import FieldResult, PlaneField, conclude, measure_frames
@@ -35,7 +34,7 @@ def plan() -> Plan:
     return guide.plan(estimate)
 
 
-def estimate(frames: Sequence[RawFrame], facts: Facts) -> Mapping[str, Outcome[Any]]:
+def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes:
     """Every plane's field from all photographs; a refusal in its place where they give none."""
     measured = measure_frames(frames, known_chart(facts), parameters_of(facts))
     exposure = measured.exposures[0].exposure if measured.exposures else None

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
 
 from procedures.advice import time_words
-from procedures.outcome import Outcome, Verdict
-from procedures.plan import Advice, Go, Look, Scan, Shoot, Stop, Tour
+from procedures.outcome import Verdict
+from procedures.plan import Advice, Go, Known, Look, Outcomes, Scan, Shoot, Stop, Tour
 from procedures.raw import RawFrame, read_frame
 from station.guide.active_devices import AT, Rig
 from station.guide.dialogue import AGAIN, STOP, Conversation, Skipped
 from station.guide.exposure import Exposer, Taken, shot_facts
 from station.guide.frontend import CurveSeen, Doing, Seen, Stopped
+from station.sessions.compute_environment import same_bits
 from station.sessions.session import Session, Shot
 
 EXPOSURE = "exposure_ev"
@@ -20,14 +20,14 @@ LOOK_AGAIN, GO_ON = "look again", "go on"
 LEAVE_OUT = "leave it out"
 PREVIEW = ("G1", "Y")
 """Of which plane a preview is shown."""
-Outcomes = Mapping[str, Outcome[Any]]
 
 
 class Watching:
     """Photographs for one purpose after the other, and what follows from them."""
 
-    def __init__(self, rig: Rig, exposer: Exposer, session: Session, talk: Conversation) -> None:
+    def __init__(self, rig: Rig, exposer: Exposer, session: Session, talk: Conversation, known: Known) -> None:
         self._rig = rig
+        self._known = known
         self._exposer = exposer
         self._session = session
         self._talk = talk
@@ -153,7 +153,8 @@ class Watching:
         advice = self._talk.attempt(lambda: shoot.check(taken.frame, taken.facts))
         if advice.good:
             self._talk.hear(Doing(f"estimating from shot {taken.shot.number}"))
-            found = self._talk.attempt(lambda: shoot.estimate(taken.frame, taken.facts))
+            with same_bits():  # as the result is computed, which is made of the same estimates
+                found = self._talk.attempt(lambda: shoot.estimate(taken.frame, taken.facts, results, self._known))
             refused = [one for one in found.values() if one.verdict is Verdict.REFUSED]
             if len(refused) < len(found):
                 results.append(found)

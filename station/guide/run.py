@@ -6,6 +6,7 @@ becomes a sentence and a question: try again, skip, or stop.
 
 from __future__ import annotations
 
+import hashlib
 from contextlib import suppress
 from dataclasses import asdict
 from functools import singledispatchmethod
@@ -22,6 +23,7 @@ from procedures.plan import (
     Give,
     Go,
     Home,
+    Known,
     Look,
     Measure,
     Plan,
@@ -51,7 +53,7 @@ from station.guide.frontend import (
 )
 from station.guide.manual_camera import FOLDER, HandCamera
 from station.guide.photographing import Watching
-from station.guide.session_result import derive
+from station.guide.session_result import Computed, derive
 from station.guide.vibration import Patience
 from station.sessions.session import Session
 
@@ -83,6 +85,8 @@ class Run:
         self._talk = Conversation(operator, session, hands)
         self._step = plan.steps[0]
         self._watch: Watching | None = None
+        self._known: Known = {}
+        self._computed: Computed | None = None
 
     # --- from outside
 
@@ -128,7 +132,7 @@ class Run:
         """The session's report, drawn when all is done; None where there is no result to draw."""
         if not self._session.state.results:
             return None
-        from station.guide.session_report import session_page  # here: it draws, and that import is slow
+        from station.guide.session_report import REPORTED, session_page  # here: it draws, and that import is slow
 
         drawn = self._session.folder / self._session.state.results[-1].folder / PAGE
         if drawn.is_file():
@@ -136,7 +140,9 @@ class Run:
         path = self._session.folder / PAGE
         self._talk.hear(Doing("writing the report"))
         try:
-            self._talk.attempt(lambda: write_whole(path, session_page(self._session.folder).encode()), always=True)
+            page = session_page(self._session.folder, self._computed).encode()
+            self._talk.attempt(lambda: write_whole(path, page), always=True)
+            self._session.note(REPORTED, sha256=hashlib.sha256(page).hexdigest())
         except Skipped:
             return None
         return path
@@ -290,9 +296,10 @@ class Run:
         def told(done: int, total: int) -> None:
             self._talk.hear(Doing(say, done, total))
 
-        found = self._talk.attempt(lambda: derive(self._session, self.plan, self._step.name, told))
-        verdicts = {name: outcome.verdict for name, outcome in found.outcomes.items()}
-        qualities = {name: getattr(one.value, "quality", None) for name, one in found.outcomes.items()}
+        found = self._talk.attempt(lambda: derive(self._session, self.plan, self._step.name, told, self._known))
+        self._computed = found.computed
+        verdicts = {name: outcome.verdict for name, outcome in found.computed.outcomes.items()}
+        qualities = {name: getattr(one.value, "quality", None) for name, one in found.computed.outcomes.items()}
         numbers = {name: quality.numbers for name, quality in qualities.items() if quality is not None}
         self._talk.hear(Result(found.folder, verdicts, found.verdict, found.reason, found.remedy, numbers))
 
@@ -313,7 +320,7 @@ class Run:
                 self._talk.learn({FOLDER.key: str(folder)})
                 camera = self._talk.attempt(lambda: HandCamera(folder, self._talk.ask, self._clock))
             exposer = Exposer(self._rig, camera, self._session, self._talk, self._clock, self._patience)
-            self._watch = Watching(self._rig, exposer, self._session, self._talk)
+            self._watch = Watching(self._rig, exposer, self._session, self._talk, self._known)
         self._watch.step = self._step.name
         return self._watch
 

@@ -5,6 +5,7 @@ A plan that writes its results its own way has drawn their page with them: that 
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -22,11 +23,13 @@ from station.sessions.reader import SessionRecord, read_session, verify, verify_
 from station.sessions.state import State, replay
 
 PAGE = "report.html"
+REPORTED = "reported"
+"""The journal's word for a page that was drawn: its hash tells whether the file is still that."""
 UNITS = {"_m_s2": "m/s²", "_rad_s": "rad/s", "_mm": "mm", "_deg": "°", "_um": "µm", "_s": "s"}
 
 
-def session_page(folder: Path) -> str:
-    """The report of a session's last result, as HTML.
+def session_page(folder: Path, computed: Computed | None = None) -> str:
+    """The report of a session's last result, as HTML; computed again where what it was made of is not at hand.
 
     Raises
     ------
@@ -43,10 +46,22 @@ def session_page(folder: Path) -> str:
     if writer_of(record.state.plan) and own.is_file():
         verify_results(record)
         return own.read_text(encoding="utf-8")
+    if (page := _kept_page(folder, record)) is not None:
+        return page
     drawn = max(i for i, line in enumerate(record.contents.lines) if line.event == "derived")
     state = replay(record.contents.lines[:drawn])
-    computed = compute(folder, state, plan_named(state.plan))
-    return calibration_page(_report(record, state, computed))
+    return calibration_page(_report(record, state, computed or compute(folder, state, plan_named(state.plan))))
+
+
+def _kept_page(folder: Path, record: SessionRecord) -> str | None:
+    """The page that was drawn with the last result; None where there is none, or it is not what was written."""
+    told = [line for line in record.contents.lines if line.event in ("derived", REPORTED)]
+    try:
+        text = (folder / PAGE).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return None
+    same = told[-1].event == REPORTED and told[-1].data["sha256"] == hashlib.sha256(text.encode()).hexdigest()
+    return text if same else None
 
 
 def _report(record: SessionRecord, state: State, computed: Computed) -> Report:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from procedures.outcome import Outcome, Verdict
-from procedures.plan import Estimate, Plan
+from procedures.plan import Estimate, Known, Plan
 from procedures.raw import Felt, RawFrame, read_frame
 from station.calibration.plane_records import plane_record
 from station.guide.catalogue import numbers_of, writer_of
@@ -28,11 +28,20 @@ ORDER = (Verdict.PASS, Verdict.DOUBTFUL, Verdict.REFUSED)
 
 
 @dataclass(frozen=True, eq=False)
+class Computed:
+    """A result with all that it comes from: photographs, what was found by plane, what is recorded of it."""
+
+    frames: Sequence[RawFrame]
+    outcomes: Mapping[str, Outcome[Any]]
+    records: Sequence[PlaneRecord]
+
+
+@dataclass(frozen=True, eq=False)
 class Derivation:
     """What was found, and the verdict on the whole: the worst of its planes'."""
 
     folder: Path
-    outcomes: Mapping[str, Outcome[Any]]
+    computed: Computed
     verdict: Verdict
     reason: str
     remedy: str
@@ -98,25 +107,21 @@ class Told(Sequence[RawFrame]):
         return self._frames[index]
 
 
-def derive(session: Session, plan: Plan, step: str, progress: Counted = uncounted) -> Derivation:
-    """Estimate from the session's counting photographs, write the result and keep it. Raises ProcedureError."""
+def derive(
+    session: Session, plan: Plan, step: str, progress: Counted = uncounted, known: Known | None = None
+) -> Derivation:
+    """Draw the result from the session's counting photographs, write it and keep it. Raises ProcedureError.
+
+    `known` is what was estimated already, when the shots were judged.
+    """
     start_s, state = session.clock.now_s(), session.state
-    outcomes = compute(session.folder, state, plan, session.result_folder(), progress).outcomes
-    verdict, reason, remedy = verdict_of_planes(outcomes)
+    computed = compute(session.folder, state, plan, session.result_folder(), progress, known=known)
+    verdict, reason, remedy = verdict_of_planes(computed.outcomes)
     duration_s = session.clock.now_s() - start_s
     numbers = [shot.number for shot in state.counting()]
     told = {"reason": reason, "remedy": remedy, "duration_s": duration_s}
     kept = session.keep_result(step=step, shots=numbers, verdict=str(verdict), **told)
-    return Derivation(session.folder / kept.folder, outcomes, verdict, reason, remedy)
-
-
-@dataclass(frozen=True, eq=False)
-class Computed:
-    """A result with all that it comes from: photographs, what was found by plane, what is recorded of it."""
-
-    frames: Sequence[RawFrame]
-    outcomes: Mapping[str, Outcome[Any]]
-    records: Sequence[PlaneRecord]
+    return Derivation(session.folder / kept.folder, computed, verdict, reason, remedy)
 
 
 def compute(
@@ -127,11 +132,12 @@ def compute(
     progress: Counted = uncounted,
     *,
     sealed: bool = True,
+    known: Known | None = None,
 ) -> Computed:
     """The result of a session in this state, written into a folder; the same files, bit for bit, at every call.
 
     `progress` hears of every photograph that an estimate begins with, and of how many there are; `sealed` is of the
-    result's folder.
+    result's folder; `known` holds estimates of the same photographs that need not be made again.
 
     Raises
     ------
@@ -142,7 +148,7 @@ def compute(
     paths, felt = [inside(folder, shot.path) for shot in shots], [felt_during(shot) for shot in shots]
     frames = Frames(paths, felt, [shot.sha256 for shot in shots])
     with same_bits():
-        outcomes = estimate_of(plan).estimate(Told(frames, progress), state.facts)
+        outcomes = estimate_of(plan).estimate(Told(frames, progress), state.facts, {} if known is None else known)
         numbers, writer = numbers_of(plan.name), writer_of(plan.name)
         found = {} if writer else outcomes
         records = [plane_record(frames[0].planes[name], outcome, numbers) for name, outcome in found.items()]

@@ -300,7 +300,7 @@ def main() -> int:
     frames = photographs()
     warm = Path(tempfile.mkdtemp(prefix="kills-"))
     (warm / "frame.dng").write_bytes(frames["look"])
-    estimate([read_frame(warm / "frame.dng")], {})  # what is compiled now need not be in each process
+    estimate([read_frame(warm / "frame.dng")], {}, {})  # what is compiled now need not be in each process
     reference = warm / "reference"
     finished, duration_s = run(reference, frames, Fault())
     if not finished:

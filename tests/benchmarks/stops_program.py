@@ -62,7 +62,7 @@ def before_the_move(facts: object) -> str:
 def plan() -> Plan:
     """What is done before it is stopped."""
     good = Advice(True, "")
-    shoot = Shoot("shots", lambda f, k: good, lambda f, k: {}, lambda r, k: good, record_motion=True)
+    shoot = Shoot("shots", lambda f, k: good, lambda f, k, r, n: {}, lambda r, k: good, record_motion=True)
     move = Go(lambda facts: {"z_mm": 100.0}, before_the_move)
     requests: dict[str, tuple[Request, ...]] = {"homing": (Home(),), "move": (Home(), move), "exposure": (shoot,)}
     return Plan("stops", "Stops", (Step("only", "Only", "", requests[WHERE]),))

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import shutil
 from functools import partial
 from types import SimpleNamespace
 
 import pytest
 
 from procedures.outcome import Verdict
+from procedures.pattern_psf import plan as pattern_plan
+from procedures.pattern_psf.estimate import estimate_psf
 from procedures.plan import Ask
 from procedures.raw import read_frame
 from station.bench.opening import simulated_bench
@@ -16,12 +19,27 @@ from station.guide.catalogue import plan_named
 from station.guide.frontend import CurveSeen, Result, RunBegan, StepEnded
 from station.guide.run import Run
 from station.guide.scripted import Scripted
+from station.guide.session_report import session_page
 from station.guide.session_result import compute
 from station.sessions.session import Session
 
 
 @pytest.fixture(scope="module")
-def done(tmp_path_factory):
+def estimated():
+    """The planes that the plan has estimated, each time it did."""
+    found = []
+
+    def counted(plane, *rest):
+        found.append(plane.name)
+        return estimate_psf(plane, *rest)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pattern_plan, "estimate_psf", counted)
+        yield found
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory, estimated):
     """One run, stopped before its shots and gone on with on another bench, as after a power cut."""
     root = tmp_path_factory.mktemp("guide")
     plan = plan_named("pattern")
@@ -52,7 +70,24 @@ def done(tmp_path_factory):
         session.close()
         bench.close()
     told.folder = folder
+    told.estimated = list(estimated)
     return told
+
+
+def test_every_plane_of_every_counting_shot_was_estimated_once(done):
+    shots = [shot for shot in done.state.counting() if shot.purpose == "shot"]
+    assert len(shots) >= 3
+    assert sorted(done.estimated) == sorted(name for _ in shots for name in ("R", "G1", "G2", "B"))
+
+
+def test_the_report_of_the_run_is_kept_and_not_computed_again(done, estimated, tmp_path):
+    before, page = len(estimated), done.ends[1].report.read_text()
+    assert session_page(done.folder) == page
+    assert len(estimated) == before
+    altered = shutil.copytree(done.folder, tmp_path / "altered")
+    (altered / "report.html").write_text("something else")
+    assert session_page(altered).startswith("<!doctype html>")
+    assert len(estimated) == 2 * before
 
 
 def test_it_goes_through_and_ends_with_a_report(done):

@@ -43,7 +43,7 @@ def done(tmp_path_factory):
     state = session.state
     frames = [session.folder / shot.path for shot in state.counting()]
     known = Frames(frames, [felt_during(shot) for shot in state.counting()])
-    straight = estimate(known, {**state.facts, "pixel_pitch_um": 0.0})["picture"].value.sharp[0]
+    straight = estimate(known, {**state.facts, "pixel_pitch_um": 0.0}, {})["picture"].value.sharp[0]
     session.close()
     bench.close()
     w = np.load(result.folder / "w.npy")

@@ -84,7 +84,7 @@ def test_parts_are_marked_or_those_with_the_most_detail():
 
 
 def test_two_photographs_become_picture_and_depth(pair):
-    outcome = estimate([frame(one[0]) for one in pair.z], FACTS)["picture"]
+    outcome = estimate([frame(one[0]) for one in pair.z], FACTS, {})["picture"]
     assert outcome.verdict is not Verdict.REFUSED, outcome.reason
     # the published way ends near 0.1 pixel after twenty rounds; this is four
     assert pair.depth_error(outcome.value.w) < 0.4
@@ -93,7 +93,7 @@ def test_two_photographs_become_picture_and_depth(pair):
 
 def test_one_photograph_is_not_enough(pair):
     with pytest.raises(BadInput, match="two photographs; 1 count"):
-        estimate([frame(pair.z[0, 0])], FACTS)
+        estimate([frame(pair.z[0, 0])], FACTS, {})
 
 
 def test_the_imu_is_recorded_during_both():

@@ -108,7 +108,7 @@ def test_the_mean_of_frames_has_less_noise(wall):
 
 def test_near_and_far_photographs_become_the_psf(wall):
     frames = [frame(one) for place in wall for one in place]
-    outcome = estimate(frames, {**FACTS, "near_frames": 2.0})["Y"]
+    outcome = estimate(frames, {**FACTS, "near_frames": 2.0}, {})["Y"]
     assert outcome.verdict is not Verdict.REFUSED, outcome.reason
     assert outcome.value.scale == pytest.approx((RATIO, RATIO), rel=2e-3)
     truth = samples_of(OTF, 3, 13)
@@ -120,7 +120,7 @@ def test_enough_is_two_photographs_from_either_place(wall):
     shoots = [request for step in plan().steps for request in step.requests if isinstance(request, Shoot)]
     assert [shoot.purpose for shoot in shoots] == ["near", "far"]
     near = shoots[0]
-    one = near.estimate(frame(wall[0][0]), FACTS)
+    one = near.estimate(frame(wall[0][0]), FACTS, [], {})
     assert not near.enough([one], FACTS).good
     assert near.enough([one, one], FACTS).facts == {"near_frames": 2.0}
 

@@ -54,7 +54,7 @@ def good(frame, facts):
     return Advice(True, "good")
 
 
-def found(frame, facts):
+def found(frame, facts, results, known):
     return {name: Outcome(None, Verdict.PASS) for name in frame.planes}
 
 

@@ -43,7 +43,7 @@ def fine(frame, facts):
     return Advice(True, "")
 
 
-def brightness(frame, facts):
+def brightness(frame, facts, results, known):
     """What a shot is looked at for here: an outcome that takes no time."""
     return {"G1": Outcome(float(frame.planes["G1"].samples.mean()))}
 
@@ -52,7 +52,7 @@ def enough(results, facts):
     return Advice(len(results) >= SHOTS, f"{len(results)} of {SHOTS}")
 
 
-def estimate(frames, facts):
+def estimate(frames, facts, known):
     return {"G1": combine([estimate_psf(frame.planes["G1"], CHART, PARAMETERS) for frame in frames])}
 
 
