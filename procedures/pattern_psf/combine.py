@@ -106,11 +106,16 @@ class CombinedPsf:
         agreement = {"chi_square": self.chi_square, "chance": self.chance, "spread": self.spread}
         return {**means, **agreement, "centre_scatter_px": self.centre_px, "shots": float(len(self.shots))}
 
-    def __getattr__(self, name: str) -> float:
-        """The shots' mean of a number that each of them has."""
-        if name not in ("gamma", "gamma_bound", "residual_std", "pixels_per_pattern", "s_over_t"):
-            raise AttributeError(name)
-        return float(np.mean([getattr(shot, name) for shot in self.shots]))
+    @property
+    def inter_image(self) -> None:
+        """Photographs of a chart have none."""
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The shots' means of the numbers that have no uncertainty, and how far the shots agree."""
+        each = [shot.values for shot in self.shots]
+        means = {name: float(np.mean([one[name] for one in each])) for name in each[0]}
+        return {**means, "chi_square": self.chi_square, "spread": self.spread}
 
 
 def combine(found: Sequence[Outcome[PatternPsf]]) -> Outcome[CombinedPsf]:

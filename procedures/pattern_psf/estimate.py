@@ -125,6 +125,21 @@ class PatternPsf:
     residual: Array
     residual_origin: tuple[int, int]
 
+    @property
+    def inter_image(self) -> None:
+        """One photograph has none."""
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The numbers that have no uncertainty."""
+        return {
+            "gamma": self.gamma,
+            "gamma_bound": self.gamma_bound,
+            "residual_std": self.residual_std,
+            "pixels_per_pattern": self.pixels_per_pattern,
+            "s_over_t": self.s_over_t,
+        }
+
 
 def estimate_psf(
     plane: Plane,

@@ -91,6 +91,20 @@ class TwoPhotoPsf:
     warp: CubicWarp
     diagnostics: Mapping[str, float]
 
+    @property
+    def diffraction(self) -> None:
+        """Whoever gives photographs knows what limits them."""
+
+    @property
+    def variations(self) -> tuple[()]:
+        """Nothing is told of the parts of a wall."""
+        return ()
+
+    @property
+    def values(self) -> dict[str, float | tuple[float, float]]:
+        """The numbers that have no uncertainty."""
+        return {"scale": self.scale, "gain": self.gain, "noise": self.noise, "residual_std": self.residual_std}
+
 
 def estimate_psf(
     a: Plane, b: Plane, parameters: TwoPhotoParameters | None = None, diffraction: Diffraction | None = None

@@ -15,7 +15,7 @@ from procedures.outcome import ProcedureError
 from procedures.plan import Advice, Ask, Fact
 from station.app.terminal_images import Thumbnail, thumbnail
 from station.guide.frontend import CurveSeen, Doing, Event, Result, RunEnded, Seen, Stopped
-from station.results.shown_result import ShownResult, read_result
+from station.results.reader import ReadResult, read_result
 
 if TYPE_CHECKING:
     from station.guide.workspace import Running
@@ -34,7 +34,7 @@ class Judged:
     """`Result`, with what the folder holds where it can be read."""
 
     result: Result
-    shown: ShownResult | None
+    shown: ReadResult | None
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ class Desk:
             self._lock.notify_all()
 
 
-def _shown(result: Result) -> ShownResult | None:
+def _shown(result: Result) -> ReadResult | None:
     try:
         return read_result(result.folder)
     except ProcedureError:

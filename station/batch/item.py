@@ -18,10 +18,10 @@ from procedures.reading.exposure import check_typed
 from procedures.two_photo.estimate import TwoPhotoParameters
 from station.batch.procedure_file import ALL, Procedure
 from station.calibration.folder_photographs import Item
-from station.calibration.plane_records import Calibrated, calibrate, calibrate_pair, diffraction_limit
+from station.calibration.planes import calibrate, calibrate_pair, diffraction_limit
 from station.common.sanitise import encodable, printable, safe_stem
 from station.results.limits import Judged, Judgement, judge
-from station.results.plane_record import PlaneRecord
+from station.results.plane_result import PlaneResult
 from station.results.result_files import RECORD, ResultFolder, software, write_psf_result
 from station.results.result_seal import damage
 
@@ -136,11 +136,10 @@ def _estimate(
         calibrated = _calibrated(job.procedure, frames)
     except ProcedureError as error:
         row = replace(_failure(item, error), sha256=hashes, folder=folder)
-        records: list[PlaneRecord] = []
+        calibrated = []
     else:
-        records = [one.record for one in calibrated]
-        judged = {record.name: judge(record, job.procedure.limits) for record in records}
-        row = _row_of(item, records, judged, hashes, folder)
+        judged = {record.name: judge(record, job.procedure.limits) for record in calibrated}
+        row = _row_of(item, calibrated, judged, hashes, folder)
         if job.reports:
             _write_page(place, job.procedure, frames, calibrated, judged)
     about = {
@@ -150,7 +149,7 @@ def _estimate(
         "batch": asdict(row),
         "duration_s": round(time.perf_counter() - start, 3),
     }
-    write_psf_result(place, records, about)
+    write_psf_result(place, calibrated, about)
     return row
 
 
@@ -163,7 +162,7 @@ def _read(path: Path, data: bytes, procedure: Procedure) -> RawFrame:
     return frame
 
 
-def _calibrated(procedure: Procedure, frames: Sequence[RawFrame]) -> list[Calibrated[Any]]:
+def _calibrated(procedure: Procedure, frames: Sequence[RawFrame]) -> list[PlaneResult]:
     """Every plane of a photograph or of a pair, one after the other."""
     optics = cast(dict[str, Any], {"pixel_pitch_um": None, **procedure.optics})
     limit = partial(diffraction_limit, frames[0].exposure, **optics)
@@ -176,7 +175,7 @@ def _calibrated(procedure: Procedure, frames: Sequence[RawFrame]) -> list[Calibr
 
 def _row_of(
     item: Item,
-    records: Iterable[PlaneRecord],
+    records: Iterable[PlaneResult],
     judged: Mapping[str, Sequence[Judgement]],
     hashes: Sequence[str],
     folder: str,
@@ -187,14 +186,14 @@ def _row_of(
     return Row(item.files, worst.verdict, reason, worst.remedy, hashes, folder, planes)
 
 
-def plane_row(record: PlaneRecord, judged: Sequence[Judgement]) -> PlaneRow:
+def plane_row(record: PlaneResult, judged: Sequence[Judgement]) -> PlaneRow:
     """A plane's verdict by its estimate and its limits, the worse of both, with all that speaks against it."""
     verdicts = [str(record.verdict), *(str(one.judged) for one in judged)]
     against = [record.reason, *(one.words for one in judged if one.judged is not Judged.PASS)]
     numbers: dict[str, Mapping[str, Any]] = {
-        name: {"value": value} for name, value in record.numbers.items() if isinstance(value, int | float)
+        name: {"value": value} for name, value in record.values.items() if isinstance(value, int | float)
     }
-    for name, one in record.quality.numbers.items() if record.quality else ():
+    for name, one in record.numbers.items():
         numbers[name] = {"value": one.value, "uncertainty": one.uncertainty, "unit": one.unit}
     return PlaneRow(
         max(verdicts, key=VERDICTS.index),
@@ -218,7 +217,7 @@ def _write_page(
     place: ResultFolder,
     procedure: Procedure,
     frames: Sequence[RawFrame],
-    calibrated: Sequence[Calibrated[Any]],
+    calibrated: Sequence[PlaneResult],
     judged: Mapping[str, Sequence[Judgement]],
 ) -> None:
     from station.reports.pattern_report import (  # here: it draws, and that import is slow

@@ -23,9 +23,9 @@ from procedures.psf_field import Node
 from procedures.quality import assess
 from procedures.raw import Plane, RawFrame, read_frame
 from procedures.reading.sensor_dump import DumpLayout
-from station.calibration.plane_records import Limit
+from station.calibration.planes import Limit
 from station.common.progress import Progress, silent
-from station.results.plane_record import PlaneRecord
+from station.results.plane_result import PlaneResult
 
 REFERENCE = "G1"
 """The plane that lateral colour is told against."""
@@ -66,7 +66,7 @@ class Measured:
 class PlaneField:
     """One plane's answer; the record's PSF is that of the frame's centre. No interpolation where it was refused."""
 
-    record: PlaneRecord
+    record: PlaneResult
     interpolation: Interpolation | None = None
     maps: tuple[FieldMap, ...] = ()
     numbers: Mapping[str, Quantity] = field(default_factory=dict)
@@ -249,18 +249,18 @@ def _plane_field(plane: Plane, nodes: Sequence[Node], limit: Limit) -> PlaneFiel
     try:
         found = interpolate(plane.name, shape, nodes)
     except Refused as refusal:
-        return PlaneField(PlaneRecord(plane.name, Verdict.REFUSED, refusal.reason, refusal.remedy))
+        return PlaneField(PlaneResult(plane.name, Verdict.REFUSED, refusal.reason, refusal.remedy))
     maps = derive(found.field)
     centre = found.field.at((shape[1] - 1) / 2, (shape[0] - 1) / 2)
     verdict, reason, remedy = verdict_of(_rules(found, maps))
-    record = PlaneRecord(
+    record = PlaneResult.of(
         plane.name,
         verdict,
-        reason,
-        remedy,
-        psf=centre,
-        quality=assess(centre, n=len(nodes), diffraction=limit(plane)),
-        numbers={"nodes": len(nodes), "components": len(found.field.components)},
+        centre,
+        assess(centre, n=len(nodes), diffraction=limit(plane)),
+        reason=reason,
+        remedy=remedy,
+        values={"nodes": len(nodes), "components": len(found.field.components)},
     )
     return PlaneField(record, found, maps, _numbers(found, maps))
 

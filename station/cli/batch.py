@@ -23,12 +23,6 @@ if TYPE_CHECKING:
     from station.calibration.folder_photographs import Item
 
 SOME_FAILED = 1
-HEADINGS = {
-    "mtf50_horizontal": "MTF50, rows",
-    "mtf50_vertical": "MTF50, columns",
-    "energy_above_nyquist": "above Nyquist",
-    "residual_std": "residual",
-}
 MOST_NAMED = 40
 """Photographs that are not usable, on the screen; the files name them all."""
 
@@ -158,11 +152,14 @@ def _planes(done: Batch) -> Table:
     from rich import box
     from rich.table import Table
 
-    from station.batch.run import statistics
+    from station.batch.run import STATISTICS, statistics
+    from station.results.number_names import short
 
-    table = Table("plane", *HEADINGS.values(), "verdicts", box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
+    table = Table(
+        "plane", *(short(name) for name in STATISTICS), "verdicts", box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False
+    )
     for name, entry in statistics(done.rows).items():
-        medians = [f"{entry[number]['median']:.4f}" if number in entry else "—" for number in HEADINGS]
+        medians = [f"{entry[number]['median']:.4f}" if number in entry else "—" for number in STATISTICS]
         verdicts = ", ".join(f"{count} {verdict}" for verdict, count in entry["verdicts"].items())
         table.add_row(name, *medians, verdicts)
     table.caption = "Medians over all photographs."

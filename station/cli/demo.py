@@ -143,7 +143,7 @@ def _cells(plane: Checked, directions: Sequence[str]) -> list[str]:
     from station.common.uncertainty_text import stated
     from station.reports.page import percent
 
-    verdict = str(plane.calibrated.record.verdict)
+    verdict = str(plane.result.verdict)
     cells = [f"  {plane.name}"]
     if plane.comparison is None:
         cells += [""] * (2 * len(directions) + 2)

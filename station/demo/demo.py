@@ -18,7 +18,7 @@ from procedures.pattern_psf.estimate import PatternParameters
 from procedures.raw import RawFrame, read_frame
 from simulators.bench.demonstration import PITCH_UM, SETUPS, Setup, photograph
 from simulators.camera.camera import Photograph
-from station.calibration.plane_records import calibrate, diffraction_limit
+from station.calibration.planes import calibrate, diffraction_limit
 from station.common.progress import Progress, silent
 from station.demo.demonstration import Checked, Demonstration, Shot, summary
 from station.demo.truth_comparison import compare
@@ -95,7 +95,7 @@ def _shoot(
         "duration_s": round(time.perf_counter() - start, 3),
     }
     with ResultFolder(root / "results" / setup.name) as folder:
-        write_psf_result(folder, [plane.calibrated.record for plane in planes], about)
+        write_psf_result(folder, [plane.result for plane in planes], about)
     return Shot(setup, path, frame, planes)
 
 
@@ -110,13 +110,13 @@ def _check(
     """Every plane estimated from the file, and compared with the PSF that made it."""
     limit = partial(diffraction_limit, frame.exposure, pixel_pitch_um=PITCH_UM)
     for one in calibrate(frame, chart.chart, parameters, limit):
-        progress(f"{setup.title}: {one.record.name} {one.record.verdict}")
+        progress(f"{setup.title}: {one.name} {one.verdict}")
         if one.found is None:
             yield Checked(one, None)
         else:
             psf = one.found.psf
-            true = truth.true_psf(one.record.name, psf.s, psf.k)
-            yield Checked(one, compare(one.found, true.h, true.floor, partial(truth.true_otf, one.record.name)))
+            true = truth.true_psf(one.name, psf.s, psf.k)
+            yield Checked(one, compare(one.found, true.h, true.floor, partial(truth.true_otf, one.name)))
 
 
 def _record(found: Demonstration, duration_s: float) -> dict[str, Any]:
@@ -143,7 +143,7 @@ def _shot_entry(shot: Shot) -> dict[str, Any]:
 
 
 def _plane_entry(plane: Checked) -> dict[str, Any]:
-    record, against = plane.calibrated.record, plane.comparison
+    record, against = plane.result, plane.comparison
     entry: dict[str, Any] = {"verdict": str(record.verdict), "reason": record.reason, "remedy": record.remedy}
     if against is not None:
         entry |= {"error": against.error, "expected_error": against.expected, "centre_px": list(against.centre_px)}

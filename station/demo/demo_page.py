@@ -50,9 +50,9 @@ def _places(found: Demonstration) -> list[Any]:
     outlines = []
     for shot in found.shots:
         for plane in shot.planes[:1]:
-            if plane.calibrated.found is not None:
+            if plane.result.found is not None:
                 rows, columns = shot.frame.planes[plane.name].samples.shape
-                outlines.append(psf_figures.chart_outline(plane.calibrated.found) / (columns, rows))
+                outlines.append(psf_figures.chart_outline(plane.result.found) / (columns, rows))
     return outlines
 
 
@@ -60,7 +60,7 @@ def _pictures(shot: Shot, name: str) -> Mapping[str, Any]:
     """The figures of one photograph: of its shown plane, and of every plane."""
     pictures: dict[str, Any] = {"planes": {}}
     for plane in shot.planes:
-        estimate, against = plane.calibrated.found, plane.comparison
+        estimate, against = plane.result.found, plane.comparison
         if estimate is None or against is None:
             continue
         here = f"{name}-{plane.name}"

@@ -10,24 +10,24 @@ import numpy as np
 
 from procedures.outcome import Verdict
 from procedures.pattern_print.source import Source
-from procedures.pattern_psf.estimate import PatternParameters, PatternPsf
+from procedures.pattern_psf.estimate import PatternParameters
 from procedures.raw import RawFrame
 from simulators.bench.demonstration import Setup
-from station.calibration.plane_records import Calibrated
 from station.demo.truth_comparison import Comparison
+from station.results.plane_result import PlaneResult
 
 
 @dataclass(frozen=True, eq=False)
 class Checked:
     """One plane: what was found, and how near the truth it is, None where it was refused."""
 
-    calibrated: Calibrated[PatternPsf]
+    result: PlaneResult
     comparison: Comparison | None
 
     @property
     def name(self) -> str:
         """The plane's."""
-        return self.calibrated.record.name
+        return self.result.name
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +94,7 @@ class Summary:
 
 def summary(demonstration: Demonstration) -> Summary:
     """The demonstration in ten numbers; NaN where every plane was refused."""
-    verdicts = [plane.calibrated.record.verdict for plane in demonstration.planes]
+    verdicts = [plane.result.verdict for plane in demonstration.planes]
     compared = [plane.comparison for plane in demonstration.planes if plane.comparison is not None]
     ratios = [one.ratio for one in compared] or [math.nan]
     sigmas = [against.sigmas for one in compared for against in one.mtf50.values()]

@@ -1,4 +1,4 @@
-"""The guided procedures by name: their plans, and what their records hold."""
+"""The guided procedures by name: their plans, and who writes their results."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from procedures.plan import Plan
 
 @dataclass(frozen=True)
 class Entry:
-    """A plan: where it is, what it is in a few words, and what its records take beside PSF and quality.
+    """A plan: where it is, and what it is in a few words.
 
     A plan without a PSF names the module under `station` whose `write_result(folder, outcomes, frames, about)` writes
     its result.
@@ -19,7 +19,6 @@ class Entry:
 
     module: str
     title: str
-    numbers: tuple[str, ...] = ()
     writer: str = ""
 
 
@@ -27,12 +26,10 @@ PLANS = {
     "pattern": Entry(
         "procedures.pattern_psf.plan",
         "the PSF from a printed noise chart",
-        ("gamma", "gamma_bound", "residual_std", "pixels_per_pattern", "s_over_t", "chi_square", "spread"),
     ),
     "two-photo": Entry(
         "procedures.two_photo.plan",
         "the PSF from two photographs of a textured wall",
-        ("scale", "gain", "noise", "residual_std"),
     ),
     "field": Entry(
         "station.guide.field_plan",
@@ -63,8 +60,3 @@ def plan_named(name: str) -> Plan:
 def writer_of(name: str) -> str:
     """The module that writes a plan's result, "" where that is a PSF. Raises BadParameter."""
     return _entry(name).writer
-
-
-def numbers_of(name: str) -> tuple[str, ...]:
-    """What the records of a plan take beside PSF and quality. Raises BadParameter."""
-    return _entry(name).numbers

@@ -10,10 +10,10 @@ from procedures.field import plan as guide
 from procedures.outcome import Outcome, Refused, Verdict
 from procedures.pattern_psf.checks import known_chart, parameters_of
 from procedures.plan import Facts, Known, Outcomes, Plan
-from procedures.quality import Quality
 from procedures.raw import RawFrame
 from station.calibration.field import FieldResult, PlaneField, conclude, measure_frames
-from station.calibration.plane_records import diffraction_limit
+from station.calibration.planes import diffraction_limit
+from station.results.plane_result import PlaneResult
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,9 +24,9 @@ class OfField:
     plane: PlaneField
 
     @property
-    def quality(self) -> Quality | None:
-        """Of the PSF at the frame's centre."""
-        return self.plane.record.quality
+    def result(self) -> PlaneResult:
+        """That of the PSF at the frame's centre."""
+        return self.plane.record
 
 
 def plan() -> Plan:

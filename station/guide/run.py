@@ -299,8 +299,7 @@ class Run:
         found = self._talk.attempt(lambda: derive(self._session, self.plan, self._step.name, told, self._known))
         self._computed = found.computed
         verdicts = {name: outcome.verdict for name, outcome in found.computed.outcomes.items()}
-        qualities = {name: getattr(one.value, "quality", None) for name, one in found.computed.outcomes.items()}
-        numbers = {name: quality.numbers for name, quality in qualities.items() if quality is not None}
+        numbers = {one.name: one.numbers for one in found.computed.results if one.numbers}
         self._talk.hear(Result(found.folder, verdicts, found.verdict, found.reason, found.remedy, numbers))
 
     @_carry.register

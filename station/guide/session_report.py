@@ -71,7 +71,7 @@ def _report(record: SessionRecord, state: State, computed: Computed) -> Report:
         procedure=state.plan,
         planes=[
             PlaneSheet(one, _one_shot(computed.outcomes[one.name].value), computed.frames[0].planes[one.name])
-            for one in computed.records
+            for one in computed.results
         ],
         shots=list(_shots(record.state, {frame.sha256: frame.exposure for frame in computed.frames})),
         parameters={name: printable(value) for name, value in state.facts.items()},

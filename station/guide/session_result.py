@@ -7,16 +7,16 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
 from procedures.outcome import Outcome, Verdict
 from procedures.plan import Estimate, Known, Plan
 from procedures.raw import Felt, RawFrame, read_frame
-from station.calibration.plane_records import plane_record
-from station.guide.catalogue import numbers_of, writer_of
-from station.results.plane_record import PlaneRecord
+from station.calibration.planes import plane_result
+from station.guide.catalogue import writer_of
+from station.results.plane_result import PlaneResult
 from station.results.result_files import ResultFolder, write_psf_result
 from station.sessions.compute_environment import same_bits
 from station.sessions.journal import Damaged
@@ -27,13 +27,22 @@ from station.sessions.state import Shot, State
 ORDER = (Verdict.PASS, Verdict.DOUBTFUL, Verdict.REFUSED)
 
 
+@runtime_checkable
+class OfPlane(Protocol):
+    """A plane's part of something larger, such as a field."""
+
+    @property
+    def result(self) -> PlaneResult:
+        """The plane's result."""
+
+
 @dataclass(frozen=True, eq=False)
 class Computed:
-    """A result with all that it comes from: photographs, what was found by plane, what is recorded of it."""
+    """A result with all that it comes from: photographs, what was found by plane, and the planes' results."""
 
     frames: Sequence[RawFrame]
     outcomes: Mapping[str, Outcome[Any]]
-    records: Sequence[PlaneRecord]
+    results: Sequence[PlaneResult]
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,16 +158,18 @@ def compute(
     frames = Frames(paths, felt, [shot.sha256 for shot in shots])
     with same_bits():
         outcomes = estimate_of(plan).estimate(Told(frames, progress), state.facts, {} if known is None else known)
-        numbers, writer = numbers_of(plan.name), writer_of(plan.name)
-        found = {} if writer else outcomes
-        records = [plane_record(frames[0].planes[name], outcome, numbers) for name, outcome in found.items()]
+        writer = writer_of(plan.name)
+        if writer:
+            results = [one.value.result for one in outcomes.values() if isinstance(one.value, OfPlane)]
+        else:
+            results = [plane_result(frames[0].planes[name], outcome) for name, outcome in outcomes.items()]
         if into is not None and writer:
-            with ResultFolder(into, sealed=sealed) as results:
-                importlib.import_module(writer).write_result(results, outcomes, frames, _about(plan, state))
+            with ResultFolder(into, sealed=sealed) as place:
+                importlib.import_module(writer).write_result(place, outcomes, frames, _about(plan, state))
         elif into is not None:
-            with ResultFolder(into, sealed=sealed) as results:
-                write_psf_result(results, records, _about(plan, state))
-    return Computed(frames, outcomes, records)
+            with ResultFolder(into, sealed=sealed) as place:
+                write_psf_result(place, results, _about(plan, state))
+    return Computed(frames, outcomes, results)
 
 
 def _about(plan: Plan, state: State) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from procedures.outcome import Outcome
 from procedures.raw import RawFrame
 from station.calibration.field import FieldResult, PlaneField
 from station.reports.field_page import field_page
-from station.results.plane_record import PlaneRecord
+from station.results.plane_result import PlaneResult
 from station.results.result_files import ResultFolder, json_text, software, write_psf_result
 
 FILE, PAGE = "field.h5", "report.html"
@@ -41,7 +41,7 @@ def write_result(
     """The result of a guided field: the same files, or the record of its refusal."""
     found = next((one.value.field for one in outcomes.values() if one.value is not None), None)
     if found is None:
-        refused = [PlaneRecord(name, one.verdict, one.reason, one.remedy) for name, one in outcomes.items()]
+        refused = [PlaneResult(name, one.verdict, one.reason, one.remedy) for name, one in outcomes.items()]
         return write_psf_result(folder, refused, about)
     return _write(folder, found, about)
 

@@ -9,21 +9,14 @@ import jinja2
 from procedures.raw import Exposure
 from station.common.uncertainty_text import stated
 from station.drawing.style import PLANE_COLOURS
-from station.results.exports import GAUSSIAN_RADIUS
+from station.results.number_names import titled
 
-NUMBERS = (
-    ("mtf50_horizontal", "MTF50 along rows"),
-    ("mtf50_vertical", "MTF50 along columns"),
-    ("mtf_nyquist_radial", "MTF at Nyquist"),
-    ("energy_above_nyquist", "Energy above Nyquist"),
-    ("fwhm_horizontal", "Half maximum along rows"),
-    ("fwhm_vertical", "Half maximum along columns"),
-    ("encircled_energy_80", "Radius of 80 % energy"),
-    ("ellipticity", "Ellipticity"),
-    ("centroid_x_support", "Centroid x, of the support"),
-    ("centroid_y_support", "Centroid y, of the support"),
-    ("strehl", "Strehl ratio with photosite"),
-    (GAUSSIAN_RADIUS, "Gaussian radius for RAW developers"),
+NUMBERS = titled(
+    (
+        *("mtf50_horizontal", "mtf50_vertical", "mtf_nyquist_radial", "energy_above_nyquist"),
+        *("fwhm_horizontal", "fwhm_vertical", "encircled_energy_80", "ellipticity"),
+        *("centroid_x_support", "centroid_y_support", "strehl", "gaussian_radius"),
+    )
 )
 """The numbers that a page tells of every plane, in their order."""
 DIAGNOSTICS = (

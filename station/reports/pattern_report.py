@@ -20,14 +20,14 @@ from procedures.pattern_psf.estimate import PatternPsf
 from procedures.radial_profile import radial_profile
 from procedures.raw import Exposure, Plane, RawFrame
 from procedures.two_photo.estimate import TwoPhotoPsf
-from station.calibration.plane_records import Calibrated
 from station.common.sanitise import printable
 from station.reports import otf_figures, psf_figures
 from station.reports.page import NUMBERS, exposure_words, render
 from station.results.budget_table import BudgetTable, budget_table
 from station.results.limits import Judged, Judgement
-from station.results.plane_record import PlaneRecord
-from station.results.result_files import quantities, software
+from station.results.number_names import VALUES, titled
+from station.results.plane_result import PlaneResult
+from station.results.result_files import software
 
 Array = npt.NDArray[np.float64]
 
@@ -42,24 +42,10 @@ METHODS = {
     "Distances. Image Processing On Line 3, 2013. doi:10.5201/ipol.2013.77",
 }
 """The publication that each procedure is built on."""
-MORE_NUMBERS = (
-    ("mtf50_radial", "MTF50, mean over directions"),
-    ("mtf_nyquist_horizontal", "MTF at Nyquist along rows"),
-    ("mtf_nyquist_vertical", "MTF at Nyquist along columns"),
-    ("encircled_energy_50", "Radius of 50 % energy"),
-    ("ellipse_angle", "Direction of the long axis"),
+MORE_NUMBERS = titled(
+    ("mtf50_radial", "mtf_nyquist_horizontal", "mtf_nyquist_vertical", "encircled_energy_50", "ellipse_angle")
 )
 """What a report tells beside the numbers of every page."""
-PLAIN = (
-    ("residual_std", "Residual, in standard deviations of the noise"),
-    ("gamma", "Noise amplification γ = Σ 1/σᵢ² of this view"),
-    ("gamma_bound", "The least γ that any chart could have"),
-    ("pixels_per_pattern", "Width of the noise region, in pixels"),
-    ("s_over_t", "Sampling ratio s/t"),
-    ("gain", "Contrast of the far photograph over the near one's"),
-    ("noise", "Noise, of the scale from black to white"),
-)
-"""Numbers without uncertainty, and their words."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +84,7 @@ class PlaneSheet:
 
     Attributes
     ----------
-    record : PlaneRecord
+    record : PlaneResult
         The result.
     found : PatternPsf, optional
         The estimate from a chart, for its marks and its residual; where there are many shots, that of one of them.
@@ -110,7 +96,7 @@ class PlaneSheet:
         The numbers against the limits that were set.
     """
 
-    record: PlaneRecord
+    record: PlaneResult
     found: PatternPsf | None = None
     photograph: Plane | None = None
     outline: Array | None = None
@@ -130,7 +116,7 @@ class PlaneSheet:
     @property
     def numbers(self) -> list[tuple[str, Quantity]]:
         """The numbers with their words, in the order of pages."""
-        known = dict(quantities(self.record))
+        known = self.record.numbers
         return [(words, known[name]) for name, words in (*NUMBERS, *MORE_NUMBERS) if name in known]
 
     @property
@@ -148,7 +134,8 @@ class PlaneSheet:
     @property
     def plain(self) -> list[tuple[str, float]]:
         """The numbers that have no uncertainty."""
-        return [(words, float(one)) for name, words in PLAIN if isinstance(one := self.record.numbers.get(name), float)]
+        known = self.record.values
+        return [(one.words, value) for name, one in VALUES.items() if isinstance(value := known.get(name), float)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,7 +227,7 @@ def _pictures(sheet: PlaneSheet, name: str) -> Mapping[str, Any]:
 def report_of_files(
     procedure: str,
     frames: Sequence[RawFrame],
-    calibrated: Sequence[Calibrated[Any]],
+    results: Sequence[PlaneResult],
     parameters: Mapping[str, object],
     judged: Mapping[str, Sequence[Judgement]] | None = None,
 ) -> Report:
@@ -255,22 +242,22 @@ def report_of_files(
     return Report(
         subject=camera_words(exposure) or printable(frames[0].path.name),
         procedure=procedure,
-        planes=[_sheet(one, frames, (judged or {}).get(one.record.name, ())) for one in calibrated],
+        planes=[_sheet(one, frames, (judged or {}).get(one.name, ())) for one in results],
         shots=[shot_of(frame) for frame in frames],
         parameters=parameters,
         conditions=_conditions(exposure),
     )
 
 
-def _sheet(one: Calibrated[Any], frames: Sequence[RawFrame], judged: Sequence[Judgement]) -> PlaneSheet:
+def _sheet(one: PlaneResult, frames: Sequence[RawFrame], judged: Sequence[Judgement]) -> PlaneSheet:
     """A plane with what its figures need: the chart's photograph, or the near one and where the far one lies in it."""
-    name, found = one.record.name, one.found
+    name, found = one.name, one.found
     if isinstance(found, PatternPsf):
-        return PlaneSheet(one.record, found, frames[0].planes[name], judged=judged)
+        return PlaneSheet(one, found, frames[0].planes[name], judged=judged)
     if isinstance(found, TwoPhotoPsf):
         near, far = (frames[i].planes[name] for i in ((1, 0) if found.swapped else (0, 1)))
-        return PlaneSheet(one.record, None, near, found.warp.forward(_rim(far)), judged)
-    return PlaneSheet(one.record, judged=judged)
+        return PlaneSheet(one, None, near, found.warp.forward(_rim(far)), judged)
+    return PlaneSheet(one, judged=judged)
 
 
 def _rim(plane: Plane) -> Array:

@@ -11,21 +11,17 @@ from procedures.budget import TERMS
 from procedures.outcome import Quantity
 from station.common.sanitise import cell
 from station.results.exports import csv_bytes
+from station.results.number_names import titled
 
 if TYPE_CHECKING:
     from procedures.quality import Quality
-    from station.results.plane_record import PlaneRecord
+    from station.results.plane_result import PlaneResult
 
-HEADLINE = (
-    ("mtf50_horizontal", "MTF50 along rows"),
-    ("mtf50_vertical", "MTF50 along columns"),
-    ("mtf_nyquist_horizontal", "MTF at Nyquist along rows"),
-    ("mtf_nyquist_vertical", "MTF at Nyquist along columns"),
-    ("energy_above_nyquist", "Energy above Nyquist"),
-    ("encircled_energy_80", "Radius of 80 % energy"),
-    ("fwhm_horizontal", "Half maximum along rows"),
-    ("fwhm_vertical", "Half maximum along columns"),
-    ("strehl", "Strehl ratio with photosite"),
+HEADLINE = titled(
+    (
+        *("mtf50_horizontal", "mtf50_vertical", "mtf_nyquist_horizontal", "mtf_nyquist_vertical"),
+        *("energy_above_nyquist", "encircled_energy_80", "fwhm_horizontal", "fwhm_vertical", "strehl"),
+    )
 )
 """The numbers whose uncertainty a page takes apart, in their order."""
 NEGLIGIBLE = 1e-3
@@ -112,12 +108,12 @@ def _counts(quality: Quality, name: str, term: str) -> bool:
     return quality.budgets[name].get(term, 0.0) > NEGLIGIBLE * quality.numbers[name].uncertainty
 
 
-def budget_csv(planes: Sequence[PlaneRecord]) -> bytes:
+def budget_csv(planes: Sequence[PlaneResult]) -> bytes:
     """Every term that adds to a number of a plane, as CSV: plane, number, term, uncertainty, unit."""
     return csv_bytes([["plane", "number", "term", "uncertainty", "unit"], *(row for p in planes for row in _rows(p))])
 
 
-def _rows(plane: PlaneRecord) -> Iterator[list[str]]:
+def _rows(plane: PlaneResult) -> Iterator[list[str]]:
     if plane.quality is None:
         return
     for name, number in plane.quality.numbers.items():

@@ -11,18 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from station.results.plane_record import PlaneRecord
+from station.results.number_names import QUANTITIES, VALUES
+from station.results.plane_result import PlaneResult
 
-QUANTITIES = (
-    *(f"{kind}_{along}" for kind in ("mtf50", "mtf_nyquist") for along in ("horizontal", "vertical", "radial")),
-    *("centroid_x_support", "centroid_y_support", "fwhm_horizontal", "fwhm_vertical", "energy_above_nyquist"),
-    *("encircled_energy_50", "encircled_energy_80", "ellipticity", "ellipse_angle", "strehl"),
-)
-"""Numbers with an uncertainty."""
-PLAIN = ("gamma", "gamma_bound", "residual_std", "pixels_per_pattern", "s_over_t", "gain", "noise")
-"""Numbers without: they have no guard band."""
-NUMBERS = (*QUANTITIES, *PLAIN)
-"""What a limit can be set for."""
+NUMBERS = (*QUANTITIES, *VALUES)
+"""What a limit can be set for; values without an uncertainty have no guard band."""
 
 
 class Judged(StrEnum):
@@ -68,14 +61,14 @@ class Judgement:
     words: str
 
 
-def judge(record: PlaneRecord, limits: Sequence[Limit]) -> tuple[Judgement, ...]:
+def judge(record: PlaneResult, limits: Sequence[Limit]) -> tuple[Judgement, ...]:
     """The plane's numbers against the limits that hold for it; none where it was refused."""
-    if record.quality is None:
+    if not record.numbers:
         return ()
     return tuple(_judge(record, limit) for limit in limits if not limit.planes or record.name in limit.planes)
 
 
-def _judge(record: PlaneRecord, limit: Limit) -> Judgement:
+def _judge(record: PlaneResult, limit: Limit) -> Judgement:
     value, uncertainty = _number(record, limit.number)
     judged = _judged(value, limit.coverage * uncertainty, limit)
     least, most = (bound if math.isfinite(bound) else None for bound in (limit.least, limit.most))
@@ -83,12 +76,12 @@ def _judge(record: PlaneRecord, limit: Limit) -> Judgement:
     return Judgement(limit.number, judged, value, uncertainty, least, most, words)
 
 
-def _number(record: PlaneRecord, name: str) -> tuple[float | None, float]:
+def _number(record: PlaneResult, name: str) -> tuple[float | None, float]:
     """A number of a plane with its standard uncertainty."""
-    if record.quality is not None and name in record.quality.numbers:
-        quantity = record.quality.numbers[name]
+    if name in record.numbers:
+        quantity = record.numbers[name]
         return quantity.value, quantity.uncertainty
-    plain = record.numbers.get(name)
+    plain = record.values.get(name)
     return (float(plain), 0.0) if isinstance(plain, int | float) else (None, 0.0)
 
 

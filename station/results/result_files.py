@@ -11,7 +11,7 @@ import os
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import cache
 from importlib import metadata
@@ -23,14 +23,14 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.cross_check.estimate import EdgeCheck
-from procedures.outcome import BadParameter, Outcome, Quantity
-from procedures.quality import Quality, energy_outside_support
+from procedures.outcome import BadParameter, Outcome
+from procedures.quality import energy_outside_support
 from station.common.durable_files import Disk, hashes_in
 from station.common.sanitise import encodable
 from station.drawing.psf_picture import psf_picture
 from station.results.budget_table import budget_csv
-from station.results.exports import GAUSSIAN_RADIUS, gaussian_radius, numbers_table, profile_table, psf_fits, psf_tiff
-from station.results.plane_record import PlaneRecord
+from station.results.exports import numbers_table, profile_table, psf_fits, psf_tiff
+from station.results.plane_result import PlaneResult
 
 if TYPE_CHECKING:
     from procedures.physics.estimate import Physics
@@ -131,7 +131,7 @@ _RESULT_FILE = re.compile(
 )
 
 
-def write_psf_result(folder: ResultFolder, planes: Sequence[PlaneRecord], about: Mapping[str, Any]) -> str:
+def write_psf_result(folder: ResultFolder, planes: Sequence[PlaneResult], about: Mapping[str, Any]) -> str:
     """Write the files of every plane and the record; returns the record's text.
 
     Parameters
@@ -141,7 +141,9 @@ def write_psf_result(folder: ResultFolder, planes: Sequence[PlaneRecord], about:
     for plane in planes:
         _write_plane(folder, plane)
     if any(plane.quality is not None for plane in planes):
-        folder.write("numbers.csv", numbers_table((plane.name, *one) for plane in planes for one in quantities(plane)))
+        folder.write(
+            "numbers.csv", numbers_table((plane.name, *one) for plane in planes for one in plane.numbers.items())
+        )
         folder.write("budget.csv", budget_csv(planes))
     record = {
         "schema": SCHEMA,
@@ -154,7 +156,7 @@ def write_psf_result(folder: ResultFolder, planes: Sequence[PlaneRecord], about:
     return write_record(folder, record)
 
 
-def _sampling(planes: Sequence[PlaneRecord]) -> dict[str, Any]:
+def _sampling(planes: Sequence[PlaneResult]) -> dict[str, Any]:
     """s and k as they were used: one number where all planes have the same, else one a plane."""
     used = {plane.name: plane.psf for plane in planes if plane.psf is not None}
     found: dict[str, Any] = {}
@@ -183,7 +185,7 @@ def json_text(record: Mapping[str, Any]) -> str:
     return json.dumps(plain(record), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def _write_plane(folder: ResultFolder, plane: PlaneRecord) -> None:
+def _write_plane(folder: ResultFolder, plane: PlaneResult) -> None:
     if plane.psf is not None:
         folder.write(f"psf_{plane.name}.npy", _npy(plane.psf.h))
         folder.write(f"covariance_{plane.name}.npy", _npy(plane.psf.covariance))
@@ -193,28 +195,16 @@ def _write_plane(folder: ResultFolder, plane: PlaneRecord) -> None:
         folder.write(f"psf_{plane.name}.png", psf_picture(plane.psf, f"{plane.name}  {plane.verdict}"))
     if plane.inter_image is not None:
         folder.write(f"inter_image_{plane.name}.npy", _npy(plane.inter_image))
-    if plane.quality is not None:
-        folder.write(f"mtf_{plane.name}.csv", mtf_table(plane.quality))
+    if plane.curves:
+        folder.write(f"mtf_{plane.name}.csv", mtf_table(plane.curves))
 
 
-def quantities(plane: PlaneRecord) -> Iterator[tuple[str, Quantity]]:
-    """The numbers of a plane, and what follows from them for RAW developers; none where it was refused."""
-    numbers = plane.quality.numbers if plane.quality is not None else {}
-    yield from numbers.items()
-    if "mtf50_radial" in numbers:
-        yield GAUSSIAN_RADIUS, gaussian_radius(numbers["mtf50_radial"], plane.pitch)
-
-
-def mtf_table(quality: Quality) -> bytes:
+def mtf_table(curves: Mapping[str, Array]) -> bytes:
     """The MTF as CSV: frequency in cycles/pixel; horizontal, vertical, radial mean, each with its uncertainty."""
-    columns = {"frequency": quality.frequencies}
-    for direction in ("horizontal", "vertical", "radial"):
-        columns[direction] = getattr(quality, f"mtf_{direction}")
-        columns[f"{direction}_uncertainty"] = getattr(quality, f"mtf_{direction}_uncertainty")
     text = io.StringIO(newline="")
     table = csv.writer(text, lineterminator="\n")
-    table.writerow(columns)
-    table.writerows([f"{value:.9g}" for value in row] for row in zip(*columns.values(), strict=True))
+    table.writerow(curves)
+    table.writerows([f"{value:.9g}" for value in row] for row in zip(*curves.values(), strict=True))
     return text.getvalue().encode()
 
 
@@ -231,9 +221,9 @@ def _version(distribution: str) -> str | None:
         return None
 
 
-def _plane_entry(plane: PlaneRecord) -> dict[str, Any]:
+def _plane_entry(plane: PlaneResult) -> dict[str, Any]:
     entry: dict[str, Any] = {"verdict": str(plane.verdict), "reason": plane.reason, "remedy": plane.remedy}
-    entry.update(plane.numbers)
+    entry.update(plane.values)
     if plane.psf is not None:
         n = next((quantity.n for quantity in plane.quality.numbers.values()), 0) if plane.quality else 0
         outside = asdict(energy_outside_support(plane.psf, n))

@@ -40,9 +40,7 @@ def main() -> None:
         processor_s(command, 1)
         times = {
             "import numpy": processor_s(["-c", "import numpy"], runs),
-            "import station.calibration.plane_records": processor_s(
-                ["-c", "import station.calibration.plane_records"], runs
-            ),
+            "import station.calibration.planes": processor_s(["-c", "import station.calibration.planes"], runs),
             "station psf pattern": processor_s(command, runs),
         }
     print(

@@ -12,7 +12,7 @@ from textual.pilot import Pilot
 from station.app.app import StationApp
 from station.app.screens.guide import GuideScreen
 from station.guide.workspace import StationLab
-from station.results.shown_result import find_results
+from station.results.reader import find_results
 
 PATIENCE_S = 240.0
 """Real seconds for the whole of it on a slow machine."""

@@ -173,11 +173,11 @@ class GuideScreen(StationScreen):
         self._verdict = tuple(text for text in words if text)
         self.query_one("#instruction", Part).update(lines_of(literal("Result", "bold"), *self._verdict))
         self.query_one(Readings).show(())
-        shown = [plane for plane in (judged.shown.planes.values() if judged.shown else ()) if plane.h is not None]
-        if shown and shown[0].h is not None:
+        shown = [plane for plane in (judged.shown.planes.values() if judged.shown else ()) if plane.samples is not None]
+        if shown and shown[0].samples is not None:
             one = next((plane for plane in shown if plane.name == "G1"), shown[0])
-            assert one.h is not None
-            self.query_one(Picture).show(psf_thumbnail(one.h, f"PSF of plane {one.name}"))
+            assert one.samples is not None
+            self.query_one(Picture).show(psf_thumbnail(one.samples, f"PSF of plane {one.name}"))
             self._show_curve(mtf_plot([one]))
 
     @show.register

@@ -11,33 +11,32 @@ from station.app.widgets import verdict_words
 from station.common.uncertainty_text import stated
 from station.drawing.glyphs import Glyphs
 from station.drawing.terminal_plots import Curve, Frame, plot
-from station.results.shown_result import Change, ShownPlane
+from station.results.number_names import short
+from station.results.plane_result import PlaneResult
+from station.results.reader import Change
 
 Plotted = Callable[[int, int, bool], list[str]]
 
-SHOWN = (
-    ("mtf50_horizontal", "MTF50, rows"),
-    ("mtf50_vertical", "MTF50, columns"),
-    ("mtf_nyquist_radial", "MTF at Nyquist"),
-    ("fwhm_horizontal", "FWHM, rows"),
-    ("fwhm_vertical", "FWHM, columns"),
-    ("encircled_energy_80", "80 % energy in"),
-    ("strehl", "Strehl ratio"),
+SHOWN = tuple(
+    (name, short(name))
+    for name in (
+        *("mtf50_horizontal", "mtf50_vertical", "mtf_nyquist_radial", "fwhm_horizontal", "fwhm_vertical"),
+        *("encircled_energy_80", "strehl"),
+    )
 )
 COVERAGE = 1.96
 """Standard uncertainties that a band of 95 % reaches either way."""
 LETTERS = "*o"
 
 
-def mtf_plot(planes: Sequence[ShownPlane]) -> Plotted | None:
+def mtf_plot(planes: Sequence[PlaneResult]) -> Plotted | None:
     """The radial MTF of each plane with its 95 % band, the second one dashed; None where no plane has one."""
     curves: list[Curve] = []
-    for plane, letter in zip([one for one in planes if one.mtf is not None], LETTERS, strict=False):
-        assert plane.mtf is not None
-        band = plane.mtf.get("radial_uncertainty")
+    for plane, letter in zip([one for one in planes if one.curves], LETTERS, strict=False):
+        band = plane.curves.get("radial_uncertainty")
         dashed = bool(curves)
         wide = None if band is None else COVERAGE * band
-        curves.append(Curve(plane.mtf["frequency"], plane.mtf["radial"], wide, letter=letter, dashed=dashed))
+        curves.append(Curve(plane.curves["frequency"], plane.curves["radial"], wide, letter=letter, dashed=dashed))
     if not curves:
         return None
     last = max(float(np.max(curve.x)) for curve in curves)
@@ -45,7 +44,7 @@ def mtf_plot(planes: Sequence[ShownPlane]) -> Plotted | None:
     return lambda width, height, ascii: plot(curves, frame, width, height, ascii=ascii)
 
 
-def plane_in_words(plane: ShownPlane, glyphs: Glyphs) -> list[str]:
+def plane_in_words(plane: PlaneResult, glyphs: Glyphs) -> list[str]:
     """Verdict, reason and remedy, then the numbers with unit and uncertainty."""
     lines = [f"Plane {plane.name}: {verdict_words(plane.verdict, glyphs)}"]
     lines += [text for text in (plane.reason, plane.remedy) if text]

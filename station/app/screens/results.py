@@ -20,7 +20,8 @@ from station.app.screens.result_view import changes_in_words, mtf_plot, plane_in
 from station.app.terminal_images import psf_thumbnail
 from station.app.widgets import CurveView, Part, Picture, lines_of
 from station.drawing.glyphs import Glyphs
-from station.results.shown_result import ShownPlane, ShownResult, changes, find_results, read_result
+from station.results.plane_result import PlaneResult
+from station.results.reader import ReadResult, changes, find_results, read_result
 
 NONE_YET = "There is no result yet: the guide (F2) leads to one."
 
@@ -30,7 +31,7 @@ class Entry:
     """A result folder, and what is in it or why it cannot be shown."""
 
     folder: Path
-    result: ShownResult | None = None
+    result: ReadResult | None = None
     wrong: str = ""
 
     def name(self) -> str:
@@ -138,7 +139,7 @@ class ResultsScreen(StationScreen):
     def _shown_plane(self, names: Sequence[str]) -> str:
         return self._plane if self._plane in names else "G1" if "G1" in names else names[0]
 
-    def _plane_of(self, entry: Entry | None) -> ShownPlane | None:
+    def _plane_of(self, entry: Entry | None) -> PlaneResult | None:
         if entry is None or entry.result is None or not entry.result.planes:
             return None
         return entry.result.planes[self._shown_plane(list(entry.result.planes))]
@@ -158,8 +159,8 @@ class ResultsScreen(StationScreen):
             head = f"Plane {one.name}: kept (solid) | chosen (dashed)"
             self.query_one("#words", Part).update(lines_of(head, *(told or ["they have no number in common"])))
 
-    def _draw(self, one: ShownPlane | None, curves: Sequence[ShownPlane]) -> None:
-        h = None if one is None else one.h
+    def _draw(self, one: PlaneResult | None, curves: Sequence[PlaneResult]) -> None:
+        h = None if one is None else one.samples
         picture = None if one is None or h is None else psf_thumbnail(h, f"PSF of plane {one.name}")
         self.query_one(Picture).show(picture)
         self.query_one(CurveView).show(mtf_plot(curves))

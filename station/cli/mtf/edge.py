@@ -67,7 +67,7 @@ def mtf_edge(
     start = time.perf_counter()
     from procedures.slanted_edge.strip import Roi
     from station.calibration.edges import measure_edges, write_edge_result
-    from station.calibration.plane_records import diffraction_limit
+    from station.calibration.planes import diffraction_limit
     from station.results.result_files import ResultFolder
 
     with ResultFolder(out) as folder:

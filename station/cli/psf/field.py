@@ -16,7 +16,7 @@ from station.cli.psf.planes import (
     chart_source,
     finish,
     psf_options,
-    tell_record,
+    tell_result,
     told_layout,
     told_trust,
 )
@@ -57,7 +57,7 @@ def psf_field(
     from procedures.pattern_psf.estimate import PatternParameters
     from station.calibration.field import conclude, measure
     from station.calibration.field_photographs import check_noted, focus_positions, photographs
-    from station.calibration.plane_records import diffraction_limit
+    from station.calibration.planes import diffraction_limit
     from station.reports.field_files import write_field_result
     from station.results.result_files import ResultFolder
 
@@ -82,7 +82,7 @@ def psf_field(
         given = {**options, "chart": source.origin, **known, **told_layout(layout), **told_trust(trusted)}
         text = write_field_result(results, found, parameters=given, report=report, start=start)
     for one in found.planes:
-        tell_record(one.record)
+        tell_result(one.record)
     log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))
     finish([one.record for one in found.planes], text, as_json=as_json)
     if measured.failed:

@@ -48,7 +48,7 @@ def psf_pattern(
     """Estimate the PSF from IMAGE, a photograph of the noise chart."""
     start = time.perf_counter()
     from procedures.pattern_psf.estimate import PatternParameters
-    from station.calibration.plane_records import calibrate, diffraction_limit
+    from station.calibration.planes import calibrate, diffraction_limit
     from station.results.result_files import ResultFolder
 
     trusted = options.pop("trust_typed")
@@ -69,4 +69,4 @@ def psf_pattern(
             **told_trust(trusted),
         }
         text = write_result(folder, planes, "pattern", [frame], parameters=given, report=report, start=start)
-    finish([one.record for one in planes], text, as_json=as_json)
+    finish(planes, text, as_json=as_json)

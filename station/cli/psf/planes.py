@@ -16,8 +16,7 @@ if TYPE_CHECKING:
     from procedures.pattern_print.source import Source
     from procedures.raw import RawFrame
     from procedures.reading.sensor_dump import DumpLayout
-    from station.calibration.plane_records import Calibrated
-    from station.results.plane_record import PlaneRecord
+    from station.results.plane_result import PlaneResult
     from station.results.result_files import ResultFolder
 
 LEVELS = {"pass": "info", "doubtful": "warning", "refused": "error"}
@@ -156,18 +155,18 @@ def read_planes(
     return frame
 
 
-def tell_each(calibrated: Iterable[Calibrated[Any]]) -> list[Calibrated[Any]]:
+def tell_each(calibrated: Iterable[PlaneResult]) -> list[PlaneResult]:
     """The planes, each told as it comes."""
     found = []
     for one in calibrated:
-        tell_record(one.record, one.duration_s)
+        tell_result(one)
         found.append(one)
     return found
 
 
 def write_result(
     folder: ResultFolder,
-    found: Sequence[Calibrated[Any]],
+    found: Sequence[PlaneResult],
     procedure: str,
     frames: Sequence[RawFrame],
     *,
@@ -188,7 +187,7 @@ def write_result(
         folder.write(PAGE, calibration_page(report_of_files(procedure, frames, found, parameters)).encode())
     text = write_psf_result(
         folder,
-        [one.record for one in found],
+        found,
         {
             "procedure": procedure,
             "input": [{"path": str(frame.path), "sha256": frame.sha256} for frame in frames],
@@ -201,7 +200,7 @@ def write_result(
     return text
 
 
-def finish(records: Sequence[PlaneRecord], text: str, *, as_json: bool) -> None:
+def finish(records: Sequence[PlaneResult], text: str, *, as_json: bool) -> None:
     """Write the record to stdout where it is wanted, and leave with the code of a refusal if a plane was refused."""
     if as_json:
         click.echo(text, nl=False)
@@ -209,10 +208,10 @@ def finish(records: Sequence[PlaneRecord], text: str, *, as_json: bool) -> None:
         raise click.exceptions.Exit(REFUSED)
 
 
-def tell_record(record: PlaneRecord, duration_s: float | None = None) -> None:
+def tell_result(record: PlaneResult) -> None:
     """One line on stderr about a plane."""
     verdict = str(record.verdict)
-    took = {} if duration_s is None else {"dur_ms": round(1000 * duration_s)}
+    took = {"dur_ms": round(1000 * record.duration_s)} if record.duration_s else {}
     log(
         "plane",
         _sentence(record),
@@ -224,13 +223,12 @@ def tell_record(record: PlaneRecord, duration_s: float | None = None) -> None:
     )
 
 
-def _sentence(record: PlaneRecord) -> str:
+def _sentence(record: PlaneResult) -> str:
     """What a person wants to know of a plane in one line."""
     parts = [f"{record.name}: {record.verdict}"]
     parts += [record.reason] if record.reason else []
-    numbers = record.quality.numbers if record.quality else {}
     for name in ("mtf50_horizontal", "mtf50_vertical"):
-        if name in numbers:
-            number = numbers[name]
+        if name in record.numbers:
+            number = record.numbers[name]
             parts.append(f"{name} {number.value:.4f} ± {number.uncertainty:.4f} {number.unit}")
     return "; ".join(parts)

@@ -41,7 +41,7 @@ def psf_two_photo(
     """Estimate the PSF from A and B, photographs of one textured wall at distances more than s times apart."""
     start = time.perf_counter()
     from procedures.two_photo.estimate import TwoPhotoParameters
-    from station.calibration.plane_records import calibrate_pair, diffraction_limit
+    from station.calibration.planes import calibrate_pair, diffraction_limit
     from station.results.result_files import ResultFolder
 
     trusted = options.pop("trust_typed")
@@ -55,4 +55,4 @@ def psf_two_photo(
         given = {**parameters.told(), **{k: v for k, v in optics.items() if v is not None}, **told_layout(layout)}
         given |= told_trust(trusted)
         text = write_result(folder, planes, "two-photo", [first, second], parameters=given, report=report, start=start)
-    finish([one.record for one in planes], text, as_json=as_json)
+    finish(planes, text, as_json=as_json)

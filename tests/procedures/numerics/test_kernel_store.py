@@ -140,7 +140,7 @@ def test_what_cannot_be_handed_over_is_left_to_numba(value):
 
 
 def test_what_a_chart_is_estimated_with_imports_neither_scipy_nor_the_compiler():
-    words = "import sys; import station.calibration.plane_records, station.results.result_files; "
+    words = "import sys; import station.calibration.planes, station.results.result_files; "
     words += "import procedures.pattern_psf.estimate; "
     words += "print(sorted({'numba', 'scipy', 'matplotlib', 'rawpy', 'h5py', 'exifread'} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", words], cwd=ROOT, capture_output=True, text=True, check=True)

@@ -18,7 +18,7 @@ from station.app.screens.results import read_all
 from station.app.terminal_images import psf_thumbnail
 from station.drawing.glyphs import ASCII
 from station.guide.frontend import RunEnded
-from station.results.plane_record import PlaneRecord
+from station.results.plane_result import PlaneResult
 from station.results.result_files import ResultFolder, write_psf_result
 
 from .driving import Driver, drive
@@ -104,8 +104,8 @@ def gaussian(width_px: float, k: int = 17, s: int = 4) -> Psf:
 
 def write_result(sessions: Path, name: str, width_px: float) -> Path:
     psf = gaussian(width_px)
-    good = PlaneRecord("G1", Verdict.PASS, psf=psf, quality=assess(psf, n=9000))
-    bad = PlaneRecord("R", Verdict.REFUSED, "too dark", "light the chart")
+    good = PlaneResult.of("G1", Verdict.PASS, psf, assess(psf, n=9000))
+    bad = PlaneResult("R", Verdict.REFUSED, "too dark", "light the chart")
     folder = sessions / name / "derived" / "1"
     with ResultFolder(folder) as result:
         write_psf_result(result, [bad, good], {"procedure": "pattern"})

@@ -20,12 +20,11 @@ from procedures.pattern_psf.estimate import PatternParameters
 from procedures.quality import Diffraction
 from procedures.raw import read_frame
 from procedures.reading.exposure import Exposure
-from station.calibration.plane_records import calibrate
+from station.calibration.planes import calibrate
 from station.reports.otf_figures import mtf_figure
 from station.reports.pattern_report import Line, PlaneSheet, Report, Shot, calibration_page, report_of_files
 from station.results.limits import Limit, judge
-from station.results.plane_record import PlaneRecord
-from station.results.result_files import quantities
+from station.results.plane_result import PlaneResult
 
 SVG = "{http://www.w3.org/2000/svg}svg"
 HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(1)>\"' {{ 7*7 }} \x1b[2J"
@@ -37,7 +36,7 @@ def report(chart_photograph, tmp_path_factory):
     frame = read_frame(chart_photograph(tmp_path_factory.mktemp("report") / "a.dng"), ["G1", "G2"])
     calibrated = list(calibrate(frame, Chart.from_seed(), PatternParameters()))
     limits = [Limit("mtf50_horizontal", least=0.4), Limit("mtf50_vertical", least=0.9, planes=("G2",))]
-    judged = {one.record.name: judge(one.record, limits) for one in calibrated}
+    judged = {one.name: judge(one, limits) for one in calibrated}
     return report_of_files("pattern", [frame], calibrated, {"s": 4, "k": 17}, judged)
 
 
@@ -63,7 +62,7 @@ def test_verdict_comes_first_and_the_worst_decides(page, report):
 def test_every_number_has_its_uncertainty_unit_and_method(page, report):
     text = " ".join("".join(strictly(page).itertext()).split())
     for sheet in report.planes:
-        assert len(sheet.numbers) == len(list(quantities(sheet.record)))
+        assert len(sheet.numbers) == len(sheet.record.numbers)
         for title, number in sheet.numbers:
             assert title in text
             assert number.method in text
@@ -131,7 +130,7 @@ def test_same_result_is_the_same_page(page, report):
 
 
 def test_whatever_is_told_cannot_break_the_page(report):
-    record = PlaneRecord("G1", Verdict.REFUSED, HOSTILE, HOSTILE)
+    record = PlaneResult("G1", Verdict.REFUSED, HOSTILE, HOSTILE)
     hostile = Report(
         HOSTILE,
         "pattern",
@@ -159,7 +158,7 @@ def test_what_exif_says_cannot_break_the_page(report, chart_photograph, tmp_path
 
 
 def test_refused_plane_has_its_reason_and_remedy_and_no_pictures():
-    record = PlaneRecord("Y", Verdict.REFUSED, "no chart in the photograph", "show the whole chart")
+    record = PlaneResult("Y", Verdict.REFUSED, "no chart in the photograph", "show the whole chart")
     told = Report("a.pgm", "pattern", [PlaneSheet(record)], [], {})
     tree = strictly(calibration_page(told))
     assert told.headline == "Y is refused"

@@ -14,7 +14,7 @@ from procedures.outcome import Verdict
 from procedures.psf import Psf
 from procedures.quality import Diffraction, assess
 from station.results.limits import QUANTITIES, Judged, Limit, judge
-from station.results.plane_record import PlaneRecord
+from station.results.plane_result import PlaneResult
 
 
 @lru_cache
@@ -24,7 +24,7 @@ def record(sd=1e-4, name="G1"):
     h = np.exp(-(x[:, None] ** 2 + x**2) / 2)
     psf = Psf(h / h.sum(), 4, np.eye(289) * sd**2)
     quality = assess(psf, n=1000, diffraction=Diffraction(5.6, 4.0, 550))
-    return PlaneRecord(name, Verdict.PASS, psf=psf, quality=quality, numbers={"gamma": 0.5, "scale": (4.0, 4.0)})
+    return PlaneResult.of(name, Verdict.PASS, psf, quality, values={"gamma": 0.5, "scale": (4.0, 4.0)})
 
 
 def one(limit, plane=None):
@@ -79,4 +79,4 @@ def test_limit_of_some_planes_holds_for_them_only():
 
 
 def test_refused_plane_is_not_judged():
-    assert judge(PlaneRecord("G1", Verdict.REFUSED), [Limit("gamma", most=1.0)]) == ()
+    assert judge(PlaneResult("G1", Verdict.REFUSED), [Limit("gamma", most=1.0)]) == ()

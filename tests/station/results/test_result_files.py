@@ -16,7 +16,7 @@ from procedures.physics.estimate import Physics
 from procedures.psf import Psf
 from procedures.quality import Diffraction, assess
 from station.drawing.psf_picture import psf_picture
-from station.results.plane_record import PlaneRecord
+from station.results.plane_result import PlaneResult
 from station.results.result_files import ResultFolder, write_psf_result
 
 
@@ -34,7 +34,7 @@ def test_physics_of_a_psf_stands_in_its_plane(tmp_path):
     h = delta(3, 1, 1)
     number = Quantity(0.95, "pixel", 0.01, "known", 9)
     physics = Physics("square", "four spots", None, {"side": number}, 250.0, 240, 0.001, h, (("square", 0.0),))
-    record = PlaneRecord("G1", Verdict.PASS, psf=psf_of(h), physics=Outcome(physics, Verdict.DOUBTFUL, "why", "what"))
+    record = PlaneResult.of("G1", Verdict.PASS, psf_of(h), physics=Outcome(physics, Verdict.DOUBTFUL, "why", "what"))
     with ResultFolder(tmp_path) as folder:
         told = json.loads(write_psf_result(folder, [record], {}))["planes"]["G1"]["physics"]
     assert (told["verdict"], told["reason"], told["remedy"]) == ("doubtful", "why", "what")
@@ -49,7 +49,7 @@ def test_every_term_of_every_number_is_told_beside_it(tmp_path):
     psf = Psf(h / h.sum(), 3, 1e-8 * np.eye(169))
     limit = Diffraction(8.0, 8.0, 530.0)
     quality = taken_apart(assess(psf, n=5000, diffraction=limit), {"strehl": {"noise": 3e-4, "light": 4e-4}})
-    record = PlaneRecord("G1", Verdict.PASS, psf=psf, quality=quality, diffraction=limit)
+    record = PlaneResult.of("G1", Verdict.PASS, psf, quality, diffraction=limit)
     with ResultFolder(tmp_path) as folder:
         told = json.loads(write_psf_result(folder, [record], {}))["planes"]["G1"]
     with (tmp_path / "budget.csv").open(encoding="utf-8", newline="") as file:
@@ -115,7 +115,7 @@ def test_record_of_the_older_result_goes_before_its_files_are_replaced(tmp_path,
 def test_saved_psf_is_the_same_to_the_last_bit(tmp_path, rng):
     h = rng.normal(size=(5, 5))
     with ResultFolder(tmp_path) as folder:
-        write_psf_result(folder, [PlaneRecord("G1", Verdict.PASS, psf=psf_of(h))], {})
+        write_psf_result(folder, [PlaneResult.of("G1", Verdict.PASS, psf_of(h))], {})
     np.testing.assert_array_equal(np.load(tmp_path / "psf_G1.npy", allow_pickle=False), h)
     assert json.loads((tmp_path / "result.json").read_text())["planes"]["G1"]["verdict"] == "pass"
 

@@ -1,4 +1,4 @@
-"""A result folder as the results screen shows it: verdicts, numbers, PSF and MTF of each plane, read back from disk."""
+"""Results read back from their folders: verdicts, numbers, PSF and MTF of each plane, and two beside each other."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from procedures.outcome import BadInput, Quantity, Verdict
 from station.common.durable_files import read_own
+from station.results.plane_result import PlaneResult
 from station.results.result_files import RECORD
 
 Array = npt.NDArray[np.float64]
@@ -27,35 +28,22 @@ PLANE_LETTERS = 8
 
 
 @dataclass(frozen=True, eq=False)
-class ShownPlane:
-    """What is known of one plane; `h` is (k, k), `mtf` has columns of (n,) by name; both None where refused."""
-
-    name: str
-    verdict: Verdict
-    reason: str
-    remedy: str
-    numbers: Mapping[str, Quantity]
-    h: Array | None
-    mtf: Mapping[str, Array] | None
-
-
-@dataclass(frozen=True, eq=False)
-class ShownResult:
-    """A result and where it lies."""
+class ReadResult:
+    """A result as its folder tells it."""
 
     folder: Path
     procedure: str
-    planes: Mapping[str, ShownPlane]
+    planes: Mapping[str, PlaneResult]
 
 
-def read_result(folder: Path) -> ShownResult:
+def read_result(folder: Path) -> ReadResult:
     """The PSF result in a folder. Raises BadInput, naming what is missing or damaged."""
     record = _record(folder / RECORD)
     entries = record.get("planes")
     if not isinstance(entries, dict) or not all(_is_plane(name, entry) for name, entry in entries.items()):
         raise BadInput(f"{folder / RECORD} names no planes", "recompute the session")
     planes = {name: _plane(folder, name, entry) for name, entry in entries.items()}
-    return ShownResult(folder, str(record.get("procedure", "")), planes)
+    return ReadResult(folder, str(record.get("procedure", "")), planes)
 
 
 def find_results(sessions: Path) -> list[Path]:
@@ -78,7 +66,7 @@ def _is_plane(name: str, entry: object) -> bool:
     return name.isalnum() and len(name) <= PLANE_LETTERS and isinstance(entry, dict)
 
 
-def _plane(folder: Path, name: str, entry: Mapping[str, Any]) -> ShownPlane:
+def _plane(folder: Path, name: str, entry: Mapping[str, Any]) -> PlaneResult:
     try:
         verdict = Verdict(entry.get("verdict", ""))
     except ValueError as error:
@@ -87,8 +75,8 @@ def _plane(folder: Path, name: str, entry: Mapping[str, Any]) -> ShownPlane:
     reason, remedy = str(entry.get("reason", "")), str(entry.get("remedy", ""))
     refused = verdict is Verdict.REFUSED
     h = None if refused else _samples(folder / f"psf_{name}.npy")
-    mtf = None if refused else _columns(folder / f"mtf_{name}.csv")
-    return ShownPlane(name, verdict, reason, remedy, numbers, h, mtf)
+    mtf = {} if refused else _columns(folder / f"mtf_{name}.csv")
+    return PlaneResult(name, verdict, reason, remedy, numbers, mtf, h)
 
 
 def _quantity(value: object) -> Quantity | None:
@@ -152,6 +140,6 @@ class Change:
         return (self.other.value - self.one.value) / spread if spread > 0 else math.nan
 
 
-def changes(one: ShownPlane, other: ShownPlane) -> list[Change]:
+def changes(one: PlaneResult, other: PlaneResult) -> list[Change]:
     """The numbers that both have."""
     return [Change(name, value, other.numbers[name]) for name, value in one.numbers.items() if name in other.numbers]

@@ -1,4 +1,4 @@
-"""From photographs to the records of their planes: what every way of calibrating shares."""
+"""From photographs to the results of their planes: what every way of calibrating shares."""
 
 from __future__ import annotations
 
@@ -6,25 +6,25 @@ import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
+from dataclasses import replace
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from procedures.cross_check.estimate import check_edges
 from procedures.outcome import BadInput, Outcome, Refused, Verdict
 from procedures.pattern import Chart
-from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
+from procedures.pattern_psf.estimate import PatternParameters, estimate_psf
 from procedures.psf import Psf
 from procedures.quality import WAVELENGTHS_NM, Diffraction, Quality
 from procedures.raw import Exposure, Plane, RawFrame
-from station.results.plane_record import PlaneRecord
+from station.results.plane_result import PlaneResult
 
 if TYPE_CHECKING:
-    from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf
+    import numpy as np
+    import numpy.typing as npt
 
-NUMBERS = ("gamma", "gamma_bound", "residual_std", "pixels_per_pattern", "s_over_t")
-"""What a record takes from an estimate beside its PSF."""
-PAIR_NUMBERS = ("scale", "gain", "noise", "residual_std")
-"""The same of two photographs."""
+    from procedures.choice import Trial
+    from procedures.pattern_psf.error_parts import Variation
+    from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf
 
 
 class Found(Protocol):
@@ -39,23 +39,33 @@ class Found(Protocol):
         """What it says about the camera."""
 
     @property
+    def values(self) -> Mapping[str, float | tuple[float, float]]:
+        """The numbers that have no uncertainty."""
+
+    @property
     def diagnostics(self) -> Mapping[str, float]:
         """What the verdict was drawn from."""
 
+    @property
+    def diffraction(self) -> Diffraction | None:
+        """What limits the plane, where it is known."""
 
-T = TypeVar("T")
+    @property
+    def choice(self) -> tuple[Trial, ...]:
+        """What was tried of s and k."""
+
+    @property
+    def variations(self) -> tuple[Variation, ...]:
+        """What differs within the frame."""
+
+    @property
+    def inter_image(self) -> npt.NDArray[np.float64] | None:
+        """The kernel between two photographs."""
+
+
 F = TypeVar("F", bound=Found)
 Limit = Callable[[Plane], Diffraction | None]
 """The diffraction limit of a plane, None where it is not known."""
-
-
-@dataclass(frozen=True, eq=False)
-class Calibrated(Generic[T]):
-    """One plane's answer: what is recorded of it, and all that was found, None where it was refused."""
-
-    record: PlaneRecord
-    found: T | None
-    duration_s: float
 
 
 def calibrate(
@@ -66,7 +76,7 @@ def calibrate(
     *,
     threads: int | None = None,
     physics: bool = False,
-) -> Iterator[Calibrated[PatternPsf]]:
+) -> Iterator[PlaneResult]:
     """Every plane of a photograph in its order; one that is refused does not keep the others.
 
     Parameters
@@ -87,15 +97,15 @@ def calibrate(
         for plane in frame.planes.values():
             check_known(limit(plane))
 
-    def estimate(plane: Plane) -> Calibrated[PatternPsf]:
+    def estimate(plane: Plane) -> PlaneResult:
         start = time.perf_counter()
         outcome = estimate_psf(plane, chart, parameters, limit(plane))
-        record = plane_record(plane, outcome, NUMBERS)
+        result = plane_result(plane, outcome)
         if outcome.value is not None:
-            record = replace(record, edges=check_edges(plane, outcome.value))
+            result = replace(result, edges=check_edges(plane, outcome.value))
             if physics:
-                record = replace(record, physics=estimate_physics(outcome.value.psf, limit(plane), plane.pitch))
-        return Calibrated(record, outcome.value, time.perf_counter() - start)
+                result = replace(result, physics=estimate_physics(outcome.value.psf, limit(plane), plane.pitch))
+        return replace(result, duration_s=time.perf_counter() - start)
 
     yield from _side_by_side(estimate, list(frame.planes.values()), threads)
 
@@ -107,7 +117,7 @@ def calibrate_pair(
     limit: Limit = lambda plane: None,
     *,
     threads: int | None = None,
-) -> Iterator[Calibrated[TwoPhotoPsf]]:
+) -> Iterator[PlaneResult]:
     """Every plane of two photographs of one wall, in any order, as `calibrate` does.
 
     Raises
@@ -121,11 +131,11 @@ def calibrate_pair(
             "give two photographs of one camera, in one format",
         )
 
-    def estimate(plane: Plane) -> Calibrated[TwoPhotoPsf]:
+    def estimate(plane: Plane) -> PlaneResult:
         start = time.perf_counter()
         outcome = _of_pair(a, b, plane.name, parameters, limit(plane))
-        record = replace(plane_record(plane, outcome, PAIR_NUMBERS), diffraction=limit(plane))
-        return Calibrated(record, outcome.value, time.perf_counter() - start)
+        taken = time.perf_counter() - start
+        return replace(plane_result(plane, outcome), diffraction=limit(plane), duration_s=taken)
 
     yield from _side_by_side(estimate, list(a.planes.values()), threads)
 
@@ -145,31 +155,32 @@ def _of_pair(
 
 
 def _side_by_side(
-    estimate: Callable[[Plane], Calibrated[T]], planes: Sequence[Plane], threads: int | None
-) -> Iterator[Calibrated[T]]:
+    estimate: Callable[[Plane], PlaneResult], planes: Sequence[Plane], threads: int | None
+) -> Iterator[PlaneResult]:
     with ThreadPoolExecutor(min(len(planes), threads or os.cpu_count() or 1)) as pool:
         yield from pool.map(estimate, planes)
 
 
-def plane_record(plane: Plane, outcome: Outcome[F], numbers: Sequence[str]) -> PlaneRecord:
-    """What is kept of an answer; `numbers` are the names of what it holds beside PSF and quality."""
+def plane_result(plane: Plane, outcome: Outcome[F]) -> PlaneResult:
+    """The answer of an estimate as the result that travels."""
     found = outcome.value
     if found is None:
-        return PlaneRecord(plane.name, outcome.verdict, outcome.reason, outcome.remedy, pitch=plane.pitch)
-    return PlaneRecord(
+        return PlaneResult(plane.name, outcome.verdict, outcome.reason, outcome.remedy, pitch=plane.pitch)
+    return PlaneResult.of(
         plane.name,
         outcome.verdict,
-        outcome.reason,
-        outcome.remedy,
-        psf=found.psf,
-        quality=found.quality,
-        numbers={number: getattr(found, number) for number in numbers},
+        found.psf,
+        found.quality,
+        reason=outcome.reason,
+        remedy=outcome.remedy,
+        values=found.values,
         diagnostics=found.diagnostics,
-        inter_image=getattr(found, "inter_image", None),
         pitch=plane.pitch,
-        choice=getattr(found, "choice", ()),
-        variations=getattr(found, "variations", ()),
-        diffraction=getattr(found, "diffraction", None),
+        found=found,
+        inter_image=found.inter_image,
+        choice=found.choice,
+        variations=found.variations,
+        diffraction=found.diffraction,
     )
 
 

@@ -1,0 +1,97 @@
+"""What is known of one plane: the one result that travels from the estimate to files, report, screen and index."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.cross_check.estimate import EdgeCheck
+from procedures.outcome import Outcome, Quantity, Verdict
+from procedures.psf import Psf
+from procedures.quality import Diffraction, Quality
+from station.results.exports import GAUSSIAN_RADIUS, gaussian_radius
+
+if TYPE_CHECKING:
+    from procedures.choice import Trial
+    from procedures.pattern_psf.error_parts import Variation
+    from procedures.physics.estimate import Physics
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneResult:
+    """One plane's answer, whatever made it: files, report, screen and index are made from this.
+
+    A refused one has a reason and a remedy, and no PSF. One that was read back from a result's files has what those
+    hold: verdict, numbers, curves and samples.
+
+    Attributes
+    ----------
+    numbers : every number with its unit and standard uncertainty, by name
+    curves : the MTF as columns of (n,): frequency, and by direction the value and its uncertainty
+    samples : (k, k) of the PSF's support, sum 1
+    values : numbers without an uncertainty: gamma, residual_std, scale, ...
+    diagnostics : further numbers for those who look into a verdict
+    pitch : sensor pixels per pixel of the plane
+    found : the estimate itself, for figures that need its marks, residual or map
+    psf, quality : the PSF with its covariance, and what it says with the budget of every number
+    inter_image : the kernel between two photographs, where the PSF comes from two
+    choice : what was tried of s and k, the last one chosen
+    variations : numbers that differ in the halves of the chart
+    edges : the chart's slanted edges beside the PSF, where the photograph shows some
+    diffraction : what limits the plane, where f-number and pitch are known
+    physics : the model of sensor and lens that explains the PSF, where one was asked for
+    """
+
+    name: str
+    verdict: Verdict
+    reason: str = ""
+    remedy: str = ""
+    numbers: Mapping[str, Quantity] = field(default_factory=dict)
+    curves: Mapping[str, Array] = field(default_factory=dict)
+    samples: Array | None = None
+    values: Mapping[str, float | Sequence[float]] = field(default_factory=dict)
+    diagnostics: Mapping[str, float] = field(default_factory=dict)
+    pitch: int = 1
+    found: Any = None
+    psf: Psf | None = None
+    quality: Quality | None = None
+    inter_image: Array | None = None
+    choice: tuple[Trial, ...] = ()
+    variations: tuple[Variation, ...] = ()
+    edges: tuple[EdgeCheck, ...] = ()
+    diffraction: Diffraction | None = None
+    physics: Outcome[Physics] | None = None
+    duration_s: float = 0.0
+
+    @classmethod
+    def of(cls, name: str, verdict: Verdict, psf: Psf, quality: Quality | None = None, **more: Any) -> PlaneResult:
+        """The result of a PSF and what it says; `more` are further attributes."""
+        pitch = more.get("pitch", 1)
+        numbers, curves = ({}, {}) if quality is None else (dict(numbers_of(quality, pitch)), curves_of(quality))
+        return cls(name, verdict, numbers=numbers, curves=curves, samples=psf.h, psf=psf, quality=quality, **more)
+
+
+def numbers_of(quality: Quality, pitch: int) -> Iterator[tuple[str, Quantity]]:
+    """The numbers, and what follows from them for RAW developers."""
+    yield from quality.numbers.items()
+    if "mtf50_radial" in quality.numbers:
+        yield GAUSSIAN_RADIUS, gaussian_radius(quality.numbers["mtf50_radial"], pitch)
+
+
+def curves_of(quality: Quality) -> dict[str, Array]:
+    """The MTF along both axes and its mean over directions, each with its standard uncertainty."""
+    return {
+        "frequency": quality.frequencies,
+        "horizontal": quality.mtf_horizontal,
+        "horizontal_uncertainty": quality.mtf_horizontal_uncertainty,
+        "vertical": quality.mtf_vertical,
+        "vertical_uncertainty": quality.mtf_vertical_uncertainty,
+        "radial": quality.mtf_radial,
+        "radial_uncertainty": quality.mtf_radial_uncertainty,
+    }
