@@ -207,5 +207,5 @@ def test_a_damaged_result_hides_no_other_and_whatever_is_shown_of_it_can_be_draw
     if entries["a"].result is not None:
         plane = entries["a"].result.planes["G1"]
         assert plane_in_words(plane, ASCII)
-        psf_thumbnail(plane.h, "")
+        psf_thumbnail(plane.samples, "")
         mtf_plot([plane])(60, 20, True)

@@ -12,7 +12,7 @@ from procedures.outcome import Outcome, Quantity, Verdict
 from procedures.psf import Psf
 from procedures.quality import assess
 from station.__main__ import main
-from station.calibration import plane_records
+from station.calibration import planes
 
 
 def gaussian_psf(s, k):
@@ -33,11 +33,17 @@ def found(s=None, k=None):
     return SimpleNamespace(
         psf=psf,
         quality=quality,
-        gamma=0.5,
-        gamma_bound=0.35,
-        residual_std=np.float64(1.02),
-        pixels_per_pattern=101.3,
-        s_over_t=1.58,
+        values={
+            "gamma": 0.5,
+            "gamma_bound": 0.35,
+            "residual_std": np.float64(1.02),
+            "pixels_per_pattern": 101.3,
+            "s_over_t": 1.58,
+        },
+        choice=(),
+        variations=(),
+        diffraction=None,
+        inter_image=None,
         diagnostics={"saturated_share": 0.0, "whiteness": float("nan")},
     )
 
@@ -70,8 +76,8 @@ def doubtful():
 @pytest.fixture
 def estimator(monkeypatch):
     stand_in = Estimator({}, [])
-    monkeypatch.setattr(plane_records, "estimate_psf", stand_in)
-    monkeypatch.setattr(plane_records, "check_edges", lambda plane, found: ())
+    monkeypatch.setattr(planes, "estimate_psf", stand_in)
+    monkeypatch.setattr(planes, "check_edges", lambda plane, found: ())
     return stand_in
 
 

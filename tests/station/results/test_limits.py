@@ -33,7 +33,7 @@ def one(limit, plane=None):
 
 
 def test_every_number_of_an_estimate_can_have_a_limit():
-    assert set(record().quality.numbers) == set(QUANTITIES)
+    assert set(record().numbers) == set(QUANTITIES)
 
 
 @pytest.mark.parametrize(("sigmas", "judged"), [(-2.1, "pass"), (-1.9, "doubtful"), (1.9, "doubtful"), (2.1, "fail")])
@@ -68,7 +68,7 @@ def test_number_that_the_psf_has_not_is_doubtful_and_said():
 def test_uncertainty_that_is_not_known_passes_nothing(uncertainty):
     plane = record()
     number = replace(plane.quality.numbers["strehl"], uncertainty=uncertainty)
-    plane = replace(plane, quality=replace(plane.quality, numbers={"strehl": number}))
+    plane = replace(plane, numbers={"strehl": number})
     assert one(Limit("strehl", least=0.0), plane).judged == Judged.DOUBTFUL
 
 
