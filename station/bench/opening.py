@@ -42,6 +42,7 @@ from drivers.interfaces import (
 from drivers.wire.transcript import Transcript
 from station.bench.device_makers import MAKERS, Parts
 from station.bench.stopping import Asked, Stop, stop_all, stops_on_wires
+from station.bench.surroundings import SimulatedSurroundings, Surroundings
 
 AFTER = ("on", "shutter")  # keys that name a device which must be there first
 
@@ -68,6 +69,7 @@ class Bench:
     identities: dict[str, Identity] = field(default_factory=dict)
     transcripts: Mapping[str, Transcript] = field(default_factory=dict)
     _on_close: Sequence[Callable[[], None]] = ()
+    surroundings: Surroundings = field(default_factory=Surroundings)
     simulated: Any = None
     _stops: list[Asked] = field(default_factory=list)
 
@@ -220,6 +222,7 @@ def simulated_bench(folder: Path, *, seed: int = 0, faults: bool = False, virtua
     spoilt, mishaps = random_trouble(seed) if faults else ({}, ())
     truth = SimulatedBench(folder, Setup(seed=seed, faults=spoilt, mishaps=mishaps, virtual_time=virtual_time))
     bench = make_bench(simulated_tables(truth.address, folder), folder=folder, clock=truth.clock)
+    bench.surroundings = SimulatedSurroundings(truth)
     bench.simulated, bench._on_close = truth, (truth.close,)
     return bench
 

@@ -255,9 +255,9 @@ class Rig:
         return Snapshot(axes, distance_mm, level, dict(self.silent))
 
     def announce(self, number: int) -> None:
-        """The next frame is the session's shot of this number: a simulated one has its noise from that."""
-        if self.bench is not None and self.bench.simulated is not None:
-            self.bench.simulated.body.next_number = number
+        """The next frame is the session's shot of this number."""
+        if self.bench is not None:
+            self.bench.surroundings.number_next_frame(number)
 
     def emergency_stop(self) -> None:
         """Everything stops, now; nothing homes any more."""

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 from drivers.errors import DeviceError, EmergencyStopped
 from procedures.outcome import ProcedureError
 from procedures.plan import Advice, Ask, Fact, Facts
 from procedures.reading.exposure import TYPED
+from station.bench.surroundings import Hands
 from station.guide.frontend import Doing, Event, Operator, Stopped, Trouble
 from station.sessions.session import Session
 
@@ -24,26 +25,6 @@ HAND = "hand_"
 
 class Skipped(Exception):
     """The operator goes on without what could not be done."""
-
-
-class Hands(Protocol):
-    """What stands for a person's hands and eyes at a simulated bench."""
-
-    def knows(self, key: str) -> Fact | None:
-        """What a person there would answer; None where the question's own default will do."""
-        ...
-
-    def do(self, key: str, facts: Facts) -> None:
-        """What the person did who confirms this question."""
-        ...
-
-    def take_up(self, facts: Facts) -> None:
-        """Everything is as an earlier run, which knew these facts, left it."""
-        ...
-
-    def follow(self, by_hand: Mapping[str, float]) -> None:
-        """What was asked for in numbers: turn the chart, the focus ring, the exposure dial."""
-        ...
 
 
 class Conversation:

@@ -35,6 +35,7 @@ from procedures.plan import (
     Step,
     Tour,
 )
+from station.bench.surroundings import Surroundings
 from station.common.atomic_files import write_whole
 from station.guide.active_devices import AT, DISTANCE, LIGHT_LEVEL, Rig
 from station.guide.dialogue import Conversation, Skipped
@@ -79,10 +80,9 @@ class Run:
         self._patience = patience
         self._rig = Rig(bench)
         self._clock = bench.clock if bench else SystemClock()
-        if bench and bench.simulated:
-            bench.simulated.show(plan.subject)
-        hands = bench.simulated.hands if bench and bench.simulated else None
-        self._talk = Conversation(operator, session, hands)
+        around = bench.surroundings if bench else Surroundings()
+        around.stand_before(plan.subject)
+        self._talk = Conversation(operator, session, around.hands)
         self._step = plan.steps[0]
         self._watch: Watching | None = None
         self._known: Known = {}
