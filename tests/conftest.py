@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
+ABSENT = "no shared data"
 
 
 @pytest.fixture
@@ -22,5 +23,14 @@ def shared_data() -> Path:
     """The folder of photographs and known truths that is kept beside the project."""
     folder = Path(os.environ.get("STATION_SHARED_DATA", ROOT.parent / "shared" / "data"))
     if not folder.is_dir():
-        pytest.skip(f"no shared data at {folder}; set STATION_SHARED_DATA to its folder")
+        pytest.skip(f"{ABSENT} at {folder}; set STATION_SHARED_DATA to its folder")
     return folder
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say in one line how many tests were left out because the shared data are not here."""
+    left_out = [one for one in terminalreporter.stats.get("skipped", []) if ABSENT in str(one.longrepr)]
+    if left_out:
+        terminalreporter.write_line(
+            f"{len(left_out)} tests need shared data and were left out: set STATION_SHARED_DATA"
+        )
