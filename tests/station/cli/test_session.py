@@ -95,7 +95,7 @@ def test_show_takes_a_path_or_a_name(run, session, root):
 
 
 def test_show_finds_a_photograph_that_is_not_there(session, root):
-    from ..session.work import Camera
+    from ..sessions.work import Camera
 
     (folder,) = root.glob("*other*")
     with Session.open(folder, FixedClock()) as opened:
