@@ -7,11 +7,13 @@ from dataclasses import dataclass
 from functools import partial
 
 from procedures.field import plan as guide
+from procedures.field.conclusion import FieldResult, PlaneField, conclude
+from procedures.field.measuring import measure_frames
 from procedures.outcome import Outcome, Refused, Verdict
 from procedures.pattern_psf.checks import known_chart, parameters_of
 from procedures.plan import Facts, Known, Outcomes, Plan
 from procedures.raw import RawFrame
-from station.calibration.field import FieldResult, PlaneField, conclude, measure_frames
+from station.calibration.field import centre_result
 from station.calibration.planes import diffraction_limit
 from station.results.plane_result import PlaneResult
 
@@ -26,7 +28,7 @@ class OfField:
     @property
     def result(self) -> PlaneResult:
         """That of the PSF at the frame's centre."""
-        return self.plane.record
+        return centre_result(self.plane)
 
 
 def plan() -> Plan:
@@ -45,10 +47,9 @@ def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes
     except Refused as refusal:
         names = frames[0].planes if frames else ()
         return {name: Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy) for name in names}
-    return {one.record.name: _outcome(found, one) for one in found.planes}
+    return {one.name: _outcome(found, one) for one in found.planes}
 
 
 def _outcome(found: FieldResult, one: PlaneField) -> Outcome[OfField]:
-    record = one.record
-    value = None if record.verdict is Verdict.REFUSED else OfField(found, one)
-    return Outcome(value, record.verdict, record.reason, record.remedy)
+    value = None if one.verdict is Verdict.REFUSED else OfField(found, one)
+    return Outcome(value, one.verdict, one.reason, one.remedy)

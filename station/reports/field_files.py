@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 
 from procedures.field.chromatic import LateralColour
+from procedures.field.conclusion import FieldResult, PlaneField
 from procedures.field.field_file import write_field
 from procedures.field.maps import FieldMap
 from procedures.outcome import Outcome
 from procedures.raw import RawFrame
-from station.calibration.field import FieldResult, PlaneField
+from station.calibration.field import centre_result
 from station.reports.field_page import field_page
 from station.results.plane_result import PlaneResult
 from station.results.result_files import ResultFolder, json_text, software, write_psf_result
@@ -64,20 +65,20 @@ def _write(
             "failed": measured.failed,
             "misses": [asdict(miss) for miss in measured.misses],
             "doubtful_nodes": sum(measured.doubts),
-            "planes": {one.record.name: _told(one) for one in found.planes if one.interpolation is not None},
+            "planes": {one.name: _told(one) for one in found.planes if one.interpolation is not None},
             "lateral_colour": {colour.plane: _colour_told(colour) for colour in found.colours},
             **_focus_told(found),
         },
     }
-    fitted = {one.record.name: one.interpolation for one in found.planes if one.interpolation is not None}
+    fitted = {one.name: one.interpolation for one in found.planes if one.interpolation is not None}
     if fitted:
-        maps = {one.record.name: _maps(found, one) for one in found.planes}
+        maps = {one.name: _maps(found, one) for one in found.planes}
         write_field(folder.staging / FILE, fitted, maps, found.colours, _provenance(about))
     if start is not None:
         about["duration_s"] = round(time.perf_counter() - start, 3)
     if report:
         folder.write(PAGE, field_page(found, about, software()).encode())
-    return write_psf_result(folder, [one.record for one in found.planes], about)
+    return write_psf_result(folder, [centre_result(one) for one in found.planes], about)
 
 
 def _maps(found: FieldResult, one: PlaneField) -> tuple[FieldMap, ...]:

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from procedures.field.conclusion import FieldResult, PlaneField
 from procedures.outcome import Verdict
-from station.calibration.field import FieldResult, PlaneField
+from station.calibration.field import centre_result
 from station.reports import field_figures
 from station.reports.page import render
 
@@ -28,7 +29,7 @@ PAIRS = "grid-template-columns: repeat(auto-fit, minmax(min(100%, 480px), 1fr))"
 
 def field_page(found: FieldResult, about: Mapping[str, Any], software: Mapping[str, Any]) -> str:
     """The page."""
-    verdicts = [one.record.verdict for one in found.planes]
+    verdicts = [one.verdict for one in found.planes]
     worst = next(v for v in (Verdict.REFUSED, Verdict.DOUBTFUL, Verdict.PASS) if v in verdicts)
     fitted = [one for one in found.planes if one.interpolation is not None]
     return render(
@@ -39,7 +40,7 @@ def field_page(found: FieldResult, about: Mapping[str, Any], software: Mapping[s
         planes=[_plane(one) for one in fitted],
         shown=next((i for i, one in enumerate(fitted) if one is found.planes[found.reference]), 0),
         pairs=PAIRS,
-        refused=[one.record for one in found.planes if one.interpolation is None],
+        refused=[centre_result(one) for one in found.planes if one.interpolation is None],
         colours=[_colour(colour, i) for i, colour in enumerate(found.colours)],
         focus=_focus(found),
         reader=_reader(fitted[0]) if fitted else "",
@@ -50,12 +51,12 @@ def field_page(found: FieldResult, about: Mapping[str, Any], software: Mapping[s
 def _reader(one: PlaneField) -> str:
     """The five lines, for a place in the middle of a plane."""
     rows, columns = one.maps[0].y[-1], one.maps[0].x[-1]
-    return READER.replace("PLANE", one.record.name).replace("X, Y", f"{columns / 2:.1f}, {rows / 2:.1f}")
+    return READER.replace("PLANE", one.name).replace("X, Y", f"{columns / 2:.1f}, {rows / 2:.1f}")
 
 
 def _plane(one: PlaneField) -> dict[str, Any]:
     """What the template shows of a plane."""
-    found, name = one.interpolation, one.record.name
+    found, name = one.interpolation, one.name
     if found is None:
         return {}
     field = found.field
@@ -63,7 +64,7 @@ def _plane(one: PlaneField) -> dict[str, Any]:
     errors = [m for m in one.maps if m.uncertainty is None]
     pictures = [(m, field_figures.field_map_figure(m, field.positions, field.shape, f"{name}-{m.name}")) for m in drawn]
     return {
-        "record": one.record,
+        "record": centre_result(one),
         "found": found,
         "numbers": one.numbers,
         "error": _medians(one),

@@ -27,7 +27,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
+from procedures.field.conclusion import FieldResult, PlaneField, conclude
 from procedures.field.maps import MAPS, FieldMap, derive, radius_direction
+from procedures.field.measuring import Measured, measure, measure_frames
 from procedures.pattern import Chart
 from procedures.pattern_psf.centre import mark_offset
 from procedures.pattern_psf.estimate import PatternParameters
@@ -40,7 +42,6 @@ from simulators.camera.pupil import Wavefront
 from simulators.camera.sensor import Sensor
 from simulators.camera.truth import TruePsf, true_mtf, true_psf
 from simulators.world.scene import Scene
-from station.calibration.field import FieldResult, Measured, PlaneField, conclude, measure, measure_frames
 from station.demo.truth_comparison import align
 
 S, K = 4, 17
@@ -227,16 +228,16 @@ def accuracy(folder: Path) -> None:
     found = concluded(measure(sorted(folder.glob("grid-*.dng")), None, Chart.from_seed(), PatternParameters(S, K)))
     for number, one in enumerate(found.planes):
         tell_field(one)
-        if one.record.name in COMPARED:
+        if one.name in COMPARED:
             off: Off = {}
-            compare_maps(found, number, partial(place_in_colour, plane=one.record.name), off)
+            compare_maps(found, number, partial(place_in_colour, plane=one.name), off)
             tell(off)
     colour_coverage(found)
 
 
 def concluded(measured: Measured) -> FieldResult:
     """The fields, with maps of few places: the truth takes a second each."""
-    import station.calibration.field as module
+    import procedures.field.conclusion as module
 
     module.derive = lambda field: derive(field, MAP_COLUMNS)
     return conclude(measured)
@@ -269,7 +270,7 @@ def draws(count: int) -> None:
 
 def tell_field(one: PlaneField) -> None:
     """The model, the axis, and of the planes compared the errors of the samples at the nodes and between them."""
-    field, name, axis = one.interpolation.field, one.record.name, one.interpolation.axis
+    field, name, axis = one.interpolation.field, one.name, one.interpolation.axis
     where = "not told" if axis is None else f"{axis.position.round(3)} ± {np.sqrt(np.diag(axis.covariance)).round(3)}"
     print(f"{name}: {len(field.nodes)} nodes, {field.model.name}, {len(field.components)} components, "
           f"axis {where}, true {LENS.axis}")  # fmt: skip

@@ -54,8 +54,10 @@ def psf_field(
     """
     start = time.perf_counter()
     source = chart_source(bits, seed)
+    from procedures.field.conclusion import conclude
+    from procedures.field.measuring import measure
     from procedures.pattern_psf.estimate import PatternParameters
-    from station.calibration.field import conclude, measure
+    from station.calibration.field import centre_result
     from station.calibration.field_photographs import check_noted, focus_positions, photographs
     from station.calibration.planes import diffraction_limit
     from station.reports.field_files import write_field_result
@@ -82,8 +84,8 @@ def psf_field(
         given = {**options, "chart": source.origin, **known, **told_layout(layout), **told_trust(trusted)}
         text = write_field_result(results, found, parameters=given, report=report, start=start)
     for one in found.planes:
-        tell_result(one.record)
+        tell_result(centre_result(one))
     log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))
-    finish([one.record for one in found.planes], text, as_json=as_json)
+    finish([centre_result(one) for one in found.planes], text, as_json=as_json)
     if measured.failed:
         raise click.exceptions.Exit(FAILED_ITEMS)

@@ -7,14 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from procedures.field import measuring
+from procedures.field.conclusion import conclude
 from procedures.field.estimate import FrameNodes, Miss
+from procedures.field.measuring import Measured
 from procedures.outcome import Refused
 from procedures.psf import Psf
 from procedures.psf_field import Node
 from procedures.raw import Plane, RawFrame
 from procedures.reading.exposure import Exposure
-from station.calibration import field as module
-from station.calibration.field import Measured, conclude
 from station.reports.field_page import field_page
 from station.results.result_files import software
 
@@ -60,7 +61,7 @@ def test_a_bracket_tells_the_tilt_and_the_field_is_that_of_the_sharpest_position
     numbers = bracket.focus.numbers()
     for name, expected in zip(("focus_tilt_x", "focus_tilt_y"), TILT_MM, strict=True):
         assert numbers[name].value == pytest.approx(expected, abs=4 * numbers[name].uncertainty + 0.004)
-    centre = bracket.planes[0].record.psf.h
+    centre = bracket.planes[0].centre.h
     # noise of one sample 3e-4 before the mean of many
     np.testing.assert_allclose(centre, gaussian(0.5), atol=1e-3)
 
@@ -81,8 +82,8 @@ def test_a_bracket_too_short_says_so_and_the_field_is_told_all_the_same():
 
 def test_planes_with_too_few_nodes_are_refused_by_name():
     found = conclude(measured(np.random.default_rng(1), {"one.dng": 0.0}, places=2))
-    assert [str(one.record.verdict) for one in found.planes] == ["refused", "refused"]
-    assert "plane R has 4" in found.planes[0].record.reason
+    assert [str(one.verdict) for one in found.planes] == ["refused", "refused"]
+    assert "plane R has 4" in found.planes[0].reason
     assert found.colours == ()
 
 
@@ -104,10 +105,10 @@ def test_a_photograph_of_another_size_is_named(monkeypatch, tmp_path):
         node = Node(np.zeros(2), np.eye(2), np.zeros(2), psf, frame.path.name, 1)
         return FrameNodes({"Y": [node]}, {"Y": sizes[frame.path.name]}, [], 0)
 
-    monkeypatch.setattr(module, "read_frame", read)
-    monkeypatch.setattr(module, "measure_frame", nodes)
+    monkeypatch.setattr(measuring, "read_frame", read)
+    monkeypatch.setattr(measuring, "measure_frame", nodes)
     told = []
-    found = module.measure([tmp_path / name for name in sizes], None, None, None, told.append)
+    found = measuring.measure([tmp_path / name for name in sizes], None, None, None, told.append)
     assert found.failed == ["b.dng"]
     assert "has not the planes and sizes of a.dng" in found.misses[0].reason
     assert told == list(sizes)

@@ -1,0 +1,194 @@
+"""What the nodes of many photographs say together: each plane's field, maps and numbers, lateral colour, best focus."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from procedures.field.chromatic import LateralColour, lateral_colour
+from procedures.field.estimate import Miss
+from procedures.field.focus import FocusSurface, focus_surface, sharpest
+from procedures.field.interpolate import Interpolation, interpolate
+from procedures.field.maps import FieldMap, derive
+from procedures.field.measuring import Measured, Told, silent
+from procedures.outcome import Quantity, Refused, Rule, Verdict, verdict_of
+from procedures.psf import Psf
+from procedures.psf_field import Node
+from procedures.quality import Diffraction, Quality, assess
+from procedures.raw import Plane
+
+Limit = Callable[[Plane], Diffraction | None]
+"""The diffraction limit of a plane, None where it is not known."""
+REFERENCE = "G1"
+"""The plane that lateral colour is told against."""
+LARGE_ERROR = 0.1
+"""Of the PSF's norm: an interpolation that errs by more is doubted."""
+SMALL_SHARE = 0.3
+"""Of the frame: nodes that enclose less are doubted."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneField:
+    """One plane's answer; nothing but the verdict where it was refused.
+
+    Attributes
+    ----------
+    centre : the PSF at the frame's centre, and what it says
+    nodes : how many the field is made of
+    numbers : of the whole field: the axis of the lens, and the median of each map
+    """
+
+    name: str
+    verdict: Verdict
+    reason: str = ""
+    remedy: str = ""
+    centre: Psf | None = None
+    quality: Quality | None = None
+    nodes: int = 0
+    interpolation: Interpolation | None = None
+    maps: tuple[FieldMap, ...] = ()
+    numbers: Mapping[str, Quantity] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class FieldResult:
+    """The whole answer; `reference` is the number of the plane that lateral colour and focus are told of."""
+
+    measured: Measured
+    planes: tuple[PlaneField, ...]
+    colours: tuple[LateralColour, ...]
+    reference: int
+    focus: FocusSurface | None
+    focus_refusal: str = ""
+
+
+def conclude(
+    measured: Measured, focus: Mapping[str, float] | None = None, limit: Limit = lambda plane: None,
+    told: Told = silent,
+) -> FieldResult:  # fmt: skip
+    """Field, maps and numbers of every plane, lateral colour between them, best focus where positions are known.
+
+    Parameters
+    ----------
+    focus : mapping of photograph's name to focus position in mm, optional
+        The field is then that of the sharpest position.
+
+    Raises
+    ------
+    Refused
+        If no photograph gave any node.
+    """
+    if not any(measured.nodes.values()):
+        why = measured.misses[0] if measured.misses else Miss("", "there is none", "")
+        raise Refused(f"none of {len(measured.failed)} photographs gives a PSF; the first: {why.reason}", why.remedy)
+    reference = REFERENCE if REFERENCE in measured.nodes else next(iter(measured.nodes))
+    brackets = {name: _bracket(nodes, focus or {}) for name, nodes in measured.nodes.items()}
+    best = sharpest(brackets[reference]) if focus else 0.0
+    kept = {name: bracket.get(best, []) for name, bracket in brackets.items()}
+    planes = []
+    for name, nodes in kept.items():
+        planes.append(_plane_field(measured.planes[name], nodes, limit))
+        told(f"field of {name}")
+    surface, refusal = None, ""
+    if focus:
+        try:
+            surface = focus_surface(brackets[reference], _shape(measured.planes[reference]))
+        except Refused as error:
+            refusal = f"{error.reason}; {error.remedy}"
+    colours = _colours(measured, kept, reference)
+    return FieldResult(measured, tuple(planes), colours, list(kept).index(reference), surface, refusal)
+
+
+def _bracket(nodes: Sequence[Node], focus: Mapping[str, float]) -> dict[float, list[Node]]:
+    """Nodes by focus position; all at 0 where none is known, those of photographs without one left out otherwise."""
+    found: dict[float, list[Node]] = {}
+    for node in nodes:
+        if not focus or node.source in focus:
+            found.setdefault(focus.get(node.source, 0.0), []).append(node)
+    return found
+
+
+def _colours(measured: Measured, kept: Mapping[str, Sequence[Node]], reference: str) -> tuple[LateralColour, ...]:
+    """Lateral colour of every plane against the reference, as far as there are charts enough."""
+    found = []
+    for name, nodes in kept.items():
+        plane = measured.planes[name]
+        if name != reference:
+            try:
+                found.append(lateral_colour(name, nodes, reference, kept[reference], _shape(plane), plane.pitch))
+            except Refused:
+                continue  # the plane's own record says that there are too few
+    return tuple(found)
+
+
+def _shape(plane: Plane) -> tuple[int, int]:
+    rows, columns = plane.samples.shape
+    return int(rows), int(columns)
+
+
+def _plane_field(plane: Plane, nodes: Sequence[Node], limit: Limit) -> PlaneField:
+    shape = _shape(plane)
+    try:
+        found = interpolate(plane.name, shape, nodes)
+    except Refused as refusal:
+        return PlaneField(plane.name, Verdict.REFUSED, refusal.reason, refusal.remedy)
+    maps = derive(found.field)
+    centre = found.field.at((shape[1] - 1) / 2, (shape[0] - 1) / 2)
+    verdict, reason, remedy = verdict_of(_rules(found, maps))
+    quality = assess(centre, n=len(nodes), diffraction=limit(plane))
+    numbers = _numbers(found, maps)
+    return PlaneField(plane.name, verdict, reason, remedy, centre, quality, len(nodes), found, maps, numbers)
+
+
+def _rules(found: Interpolation, maps: Sequence[FieldMap]) -> list[Rule]:
+    """What makes a field doubtful."""
+    by_name = {one.name: one for one in maps}
+    error = float(np.nanmedian(by_name["error_interpolation"].value))
+    enclosed = float(np.isfinite(by_name["error_noise"].value).mean())
+    rows, columns = found.field.shape
+    centred = bool(found.field.inside(np.array([[(columns - 1) / 2, (rows - 1) / 2]]))[0])
+    return [
+        Rule(
+            Verdict.DOUBTFUL,
+            not centred,
+            "the frame's centre lies beyond the nodes: its PSF is that of the nearest place among them",
+            "photograph the chart on all sides of the centre",
+        ),
+        Rule(
+            Verdict.DOUBTFUL,
+            error > LARGE_ERROR,
+            f"between the nodes the PSF is told to {error:.0%} of its norm only",
+            "photograph the chart at more places",
+        ),
+        Rule(
+            Verdict.DOUBTFUL,
+            enclosed < SMALL_SHARE,
+            f"the nodes enclose {enclosed:.0%} of the frame",
+            "photograph the chart nearer to the frame's corners too",
+        ),
+    ]
+
+
+def _numbers(found: Interpolation, maps: Sequence[FieldMap]) -> dict[str, Quantity]:
+    """What is told of a plane in figures: the axis of its lens, and the median of each map."""
+    field, n = found.field, len(found.field.nodes)
+    numbers = {}
+    if found.axis is not None:
+        half = float(np.hypot(*field.shape)) / 2
+        for i, name in enumerate("xy"):
+            numbers[f"decentring_{name}"] = Quantity(
+                float(found.axis.position[i]) * half,
+                "pixel",
+                float(np.sqrt(found.axis.covariance[i, i])) * half,
+                "axis of symmetry of the PSFs, from the frame's centre",
+                n,
+            )
+    for one in maps:
+        if one.uncertainty is not None and np.isfinite(one.value).any():
+            spread = float(np.nanmedian(one.uncertainty))
+            numbers[f"{one.name}_median"] = Quantity(
+                float(np.nanmedian(one.value)), one.unit, spread, "median over the field, and of the uncertainty", n
+            )
+    return numbers

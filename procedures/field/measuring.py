@@ -1,0 +1,150 @@
+"""The nodes of many photographs: measured one by one, side by side, none of them stopping the others."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from procedures.field.estimate import Each, FrameNodes, Miss, measure_frame
+from procedures.outcome import ProcedureError, Refused
+from procedures.pattern import Chart
+from procedures.pattern_psf.estimate import PatternParameters
+from procedures.psf_field import Node
+from procedures.raw import Plane, RawFrame, read_frame
+from procedures.reading.sensor_dump import DumpLayout
+
+Told = Callable[[str], object]
+"""Hears of every photograph and plane that is done."""
+
+
+def silent(done: str) -> None:
+    """Nobody listens."""
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """All nodes of all photographs.
+
+    Attributes
+    ----------
+    frames : list of (path, SHA-256)
+        That gave nodes.
+    planes : mapping of name to Plane
+        Of the first photograph: pitch, origin and shape; its samples are not kept.
+    exposures : list of RawFrame
+        What the camera noted, without samples.
+    nodes : mapping of plane to nodes
+    misses : what gave no node, and why
+    failed : names of the photographs that gave none at all
+    doubts : number of nodes whose verdict was doubtful
+    """
+
+    frames: list[tuple[Path, str]] = field(default_factory=list)
+    planes: dict[str, Plane] = field(default_factory=dict)
+    exposures: list[RawFrame] = field(default_factory=list)
+    nodes: dict[str, list[Node]] = field(default_factory=dict)
+    misses: list[Miss] = field(default_factory=list)
+    failed: list[str] = field(default_factory=list)
+    doubts: list[int] = field(default_factory=list)
+
+
+def measure(
+    paths: Sequence[Path], names: Sequence[str] | None, chart: Chart, parameters: PatternParameters,
+    told: Told = silent, layout: DumpLayout | None = None,
+) -> Measured:  # fmt: skip
+    """The nodes of all photographs, several at a time; one that fails is named, and the rest goes on.
+
+    Parameters
+    ----------
+    names : sequence of str or None
+        The planes; None for all.
+    layout : DumpLayout, optional
+        How the samples lie in photographs without a header.
+    """
+    found = Measured()
+    read = partial(read_frame, names=names, layout=layout)
+    for path, answer in zip(paths, _side_by_side(paths, read, chart, parameters), strict=True):
+        if isinstance(answer, ProcedureError):
+            found.misses.append(Miss(path.name, answer.reason, answer.remedy))
+            found.failed.append(path.name)
+        else:
+            _gather(found, *answer)
+        told(path.name)
+    return found
+
+
+def measure_frames(frames: Iterable[RawFrame], chart: Chart, parameters: PatternParameters) -> Measured:
+    """The nodes of photographs that are read one after the other; their charts are shared out among the cores."""
+    found = Measured()
+    with ThreadPoolExecutor(os.cpu_count() or 1) as charts:
+        for frame in frames:
+            try:
+                nodes = measure_frame(frame, chart, parameters, charts.map)
+            except Refused as refusal:
+                found.misses.append(Miss(frame.path.name, refusal.reason, refusal.remedy))
+                found.failed.append(frame.path.name)
+            else:
+                _gather(found, _without_samples(frame), nodes)
+    return found
+
+
+Answer = tuple[RawFrame, FrameNodes] | ProcedureError
+
+
+def _side_by_side(
+    paths: Sequence[Path], read: Callable[[Path], RawFrame], chart: Chart, parameters: PatternParameters
+) -> Iterator[Answer]:
+    """Answers in the order of the photographs. Threads: nearly all the time goes into code that lets others run.
+
+    Where there are fewer photographs than cores, their charts are shared out instead.
+    """
+    cores = os.cpu_count() or 1
+    with ThreadPoolExecutor(min(len(paths), cores)) as frames, ThreadPoolExecutor(cores) as charts:
+        each: Each = charts.map if len(paths) < cores else map
+
+        def one(path: Path) -> Answer:
+            try:
+                frame = read(path)
+                return _without_samples(frame), measure_frame(frame, chart, parameters, each)
+            except ProcedureError as error:
+                return error
+
+        try:
+            yield from frames.map(one, paths)
+        finally:
+            frames.shutdown(cancel_futures=True)
+            charts.shutdown(cancel_futures=True)
+
+
+def _without_samples(frame: RawFrame) -> RawFrame:
+    """What is kept of a photograph while others are measured."""
+    nothing = np.zeros((0, 0), dtype=np.float32)
+    return replace(frame, planes={name: replace(plane, samples=nothing) for name, plane in frame.planes.items()})
+
+
+def _gather(found: Measured, frame: RawFrame, measured: FrameNodes) -> None:
+    """Add one photograph; Miss where it is not of the size or planes of the first."""
+    shapes = {name: plane.samples.shape for name, plane in found.planes.items()}
+    if found.planes and measured.shapes != shapes:
+        reason = f"{frame.path.name} has not the planes and sizes of {found.frames[0][0].name}"
+        found.misses.append(Miss(frame.path.name, reason, "give photographs of one camera, in one format"))
+        found.failed.append(frame.path.name)
+        return
+    if not found.planes:
+        for name, plane in frame.planes.items():
+            empty = np.broadcast_to(np.float32(0), measured.shapes[name])
+            found.planes[name] = replace(plane, samples=empty)
+    found.frames.append((frame.path, frame.sha256))
+    found.exposures.append(frame)
+    found.misses.extend(measured.misses)
+    found.doubts.append(measured.doubts)
+    for name, nodes in measured.nodes.items():
+        found.nodes.setdefault(name, []).extend(nodes)
+    if not any(measured.nodes.values()):
+        found.failed.append(frame.path.name)
