@@ -236,6 +236,11 @@ class Optics:
             product = product * blur.otf(fx, fy, WAVELENGTHS_UM[colour], self.pitch_um)
         return product
 
+    def cutoff(self, colour: str) -> float:
+        """The frequency beyond which nothing passes, in cycles per sensor pixel; infinite without a pupil."""
+        f_numbers = [blur.f_number for blur in self.blurs if isinstance(blur, CircularPupil)]
+        return self.pitch_um / (WAVELENGTHS_UM[colour] * max(f_numbers)) if f_numbers else math.inf
+
     def margin_px(self) -> int:
         """Sensor pixels around a region whose light reaches it, in any colour."""
         longest = max(WAVELENGTHS_UM.values())

@@ -122,8 +122,9 @@ def render_region(
     spectrum = fft.rfft2(_ideal(picture, wide, oversampling), workers=2, overwrite_x=True)
     light = np.empty((wide.height, wide.width))
     for (px, py), colour in colours.items():
-        filtered = spectrum * transfer(optics, colour, wide, oversampling)
-        light[py::period, px::period] = _sample(filtered, (px, py), oversampling, period)
+        factors = transfer(optics, colour, wide, oversampling)
+        filtered = spectrum[:, : factors.shape[1]] * factors
+        light[py::period, px::period] = _sample(filtered, (px, py), oversampling, period, wide.width * oversampling)
     top, left = region.y - wide.y, region.x - wide.x
     return light[top : top + region.height, left : left + region.width]
 
@@ -172,7 +173,10 @@ def bounding_region(pieces: Sequence[Stroke], shape: tuple[int, int], pixels: in
 
 
 def transfer(optics: Optics, colour: str, wide: Region, oversampling: int) -> Array | Complex:
-    """What the fine picture's spectrum is multiplied by: the optics' transfer function over that of its hats."""
+    """What the fine picture's spectrum is multiplied by: the optics' transfer function over that of its hats.
+
+    Its columns end where the pupil passes nothing more.
+    """
     return _transfer(optics, colour, wide.height * oversampling, wide.width * oversampling, oversampling)
 
 
@@ -180,6 +184,7 @@ def transfer(optics: Optics, colour: str, wide: Region, oversampling: int) -> Ar
 def _transfer(optics: Optics, colour: str, rows: int, columns: int, oversampling: int) -> Array | Complex:
     fy = oversampling * fft.fftfreq(rows)[:, None]
     fx = oversampling * fft.rfftfreq(columns)[None, :]
+    fx = fx[:, fx[0] <= optics.cutoff(colour)]
     hat: Array = (np.sinc(fx / oversampling) * np.sinc(fy / oversampling)) ** 2
     return optics.otf(fx, fy, colour) / hat
 
@@ -215,13 +220,15 @@ def _paint(picture: Array, stroke: Stroke, first: tuple[int, int], n: int) -> No
             part += area * (stroke.reflectance - part if stroke.opaque else stroke.reflectance)
 
 
-def _sample(spectrum: Complex, phase: tuple[int, int], n: int, period: int) -> Array:
-    """The fine picture of a spectrum at every `period`-th pixel from pixel `phase` (x, y) on, by folding its rows."""
+def _sample(spectrum: Complex, phase: tuple[int, int], n: int, period: int, columns: int) -> Array:
+    """The fine picture of a spectrum at every `period`-th pixel from pixel `phase` (x, y) on, by folding its rows.
+
+    columns : of the fine picture; the spectrum is zero beyond its own.
+    """
     rows, step = spectrum.shape[0], n * period
     fy = n * fft.fftfreq(rows)[:, None]
     shifted = spectrum * np.exp(2j * np.pi * fy * phase[1]) if phase[1] else spectrum
     folded = shifted.reshape(step, rows // step, -1).sum(axis=0) / step
-    columns = 2 * (spectrum.shape[1] - 1)
     lines = fft.irfft(fft.ifft(folded, axis=0), columns, axis=1)
     return np.asarray(lines[:, n * phase[0] :: step], dtype=np.float64)
 
