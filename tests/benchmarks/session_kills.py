@@ -53,7 +53,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "station" / "sessio
 from short_plan import ENTRY, SHOTS, estimate, photographs, plan
 
 catalogue.PLANS |= ENTRY
-session_report.session_page = lambda folder: "no part of this: it takes longer than all the rest"
+session_report.session_page = lambda folder, computed: "no part of this: it takes longer than all the rest"
 
 KINDS = ("time", "before", "half", "after", "frame", "full", "limit")
 
