@@ -21,14 +21,19 @@ from procedures.restoration.joint.gauss_newton import Weights, joint_step
 from procedures.restoration.joint.noise_and_contrast import fitted_by_depth, moments
 from procedures.restoration.joint.priors import depth_variation, roughness, steps_allowed, total_variation
 from procedures.restoration.joint.restart_regions import DOUBT, Pair, left_over, repaired
-from procedures.restoration.joint.schedule import DEPTH_SLOPE, Schedule, Scheme, Statistics
+from procedures.restoration.joint.schedule import (
+    DEPTH_SLOPE,
+    PlaceEdges,
+    RestartRegions,
+    Schedule,
+    Scheme,
+    Statistics,
+    openings,
+)
 from procedures.restoration.masks.blur_operator import Array, Blur
 
 # change of w within two pixels that is taken for a depth step: at 0.35 small steps smeared by matching were missed
 JUMP = 0.28
-ANEW = "parts anew"
-# distance from one half at which a share is believed as it is in placing steps from near: medians cut their corners
-DECIDED = 0.25
 # weight of the depth's prior beyond which it bridges steps; it yields with this power of what is left over there, of
 # the frame's median, up to so much of it
 STRONG, YIELDING, MOST_LEFT = 0.2, 5, 2.0
@@ -146,21 +151,21 @@ def rounds(problem: Problem, state: State) -> Iterator[State]:
 
 
 def one_round(problem: Problem, state: State) -> State:
-    """The state after one more round: steps placed or parts begun again if it is their turn, then joint steps."""
+    """The state after one more round: what opens it, then a joint step."""
     start = time.perf_counter()
     weights = problem.schedule.at(state.n, state.known)
-    what = _due(state.n, problem.scheme.rounds)
+    opening = openings(problem.scheme.rounds)[state.n]
     u, w, labels = state.u, state.w, state.labels
-    if what == ANEW:
+    if isinstance(opening, RestartRegions):
         u, w, labels = _repaired(problem, state, weights)
     else:
-        if what:
-            u, w, labels = _placed(problem, state, what, weights)
+        if opening is not None:
+            u, w, labels = _placed(problem, state, opening, weights)
         u, w = _joint(problem, u, w, labels, weights, settled=state.n > 0)
     final = problem.schedule.final(state.known)
     value, residual = cost(problem, u, w, final)
     done = Round(
-        state.n, f"{what} + joint" if what else "joint", value, residual,
+        state.n, f"{opening.said} + joint" if opening else "joint", value, residual,
         float(np.abs(w - state.w).mean()), time.perf_counter() - start, weights,
     )  # fmt: skip
     return State(state.n + 1, u, w, _statistics(problem, u, w, weights, residual), (*state.history, done), labels)
@@ -193,26 +198,16 @@ def _repaired(problem: Problem, state: State, weights: Weights) -> tuple[Array, 
     return found.u, found.w, found.labels
 
 
-def _placed(problem: Problem, state: State, what: str, weights: Weights) -> tuple[Array, Array, Labels]:
+def _placed(problem: Problem, state: State, step: PlaceEdges, weights: Weights) -> tuple[Array, Array, Labels]:
     """Picture, depth and segments with the depth steps put in their place, from afar or from near."""
-    far = "far" in what
-    reach, doubt = (problem.reach, problem.reach - 1) if far else {"steps near": (5, 2), "steps nearer": (3, 1)}[what]
+    reach, doubt = (step.reach, step.doubt) if step.reach is not None else (problem.reach, problem.reach - 1)
     labels = segments(state.w, JUMP, doubt, state.labels)
-    w = mended(state.w, labels, doubt, JUMP) if far else state.w
+    w = mended(state.w, labels, doubt, JUMP) if step.far else state.w
     # from afar a step is looked for only where the first depth did not fit
-    where = problem.misfit if far else None
-    layers = layers_of(w, labels, reach, doubt, JUMP, 2 if "between" in what else 1, where)
-    soft = max(weights.picture, 1e-3 if far else 1e-5)
-    decided = 1.0 if far else DECIDED
-    return place_steps(problem.data, problem.other, state.u, w, labels, layers, soft, decided=decided)
-
-
-def _due(n: int, total: int) -> str:
-    """What opens round n: depth steps placed from afar at first, then twice from near; thrice parts begun again."""
-    again = {round(part * total): ANEW for part in (0.35, 0.5, 0.65)}
-    late = {round(0.3 * total): "steps near", round(0.55 * total): "steps nearer"}
-    early = {0: "steps far", 1: "steps far, between", 2: "steps far"}
-    return {**again, **late, **early}.get(n, "") if total > 1 else ""
+    where = problem.misfit if step.far else None
+    layers = layers_of(w, labels, reach, doubt, JUMP, step.layers, where)
+    soft = max(weights.picture, step.softness)
+    return place_steps(problem.data, problem.other, state.u, w, labels, layers, soft, decided=step.decided)
 
 
 def _statistics(problem: Problem, u: Array, w: Array, weights: Weights, residual: float) -> Statistics:

@@ -46,6 +46,54 @@ def _plain(found: re.Match[str]) -> str:
     return "x" if found.group() == "×" else ""
 
 
+@dataclass(frozen=True)
+class PlaceEdges:
+    """Puts the depth steps in their place before a joint step.
+
+    reach, doubt : pixels about a step in which it is looked for, and in which w is not believed; None for what the
+    first depth needs. decided : distance from one half at which a pixel's share of two layers is believed as it is,
+    since medians cut corners; 1 for never. layers : how many lie between a step's two sides, at most. softness : least
+    weight of the picture's prior meanwhile.
+    """
+
+    said: str
+    reach: int | None = None
+    doubt: int = 0
+    decided: float = 0.25
+    layers: int = 1
+    softness: float = 1e-5
+
+    @property
+    def far(self) -> bool:
+        """Whether it works about the first depth's steps, which may lie some pixels off."""
+        return self.reach is None
+
+
+@dataclass(frozen=True)
+class RestartRegions:
+    """Begins the parts again that the restoration does not explain, and keeps what came out better."""
+
+    said: str = "parts anew"
+
+
+Opening = PlaceEdges | RestartRegions | None
+"""What a round does before its joint step."""
+FAR = PlaceEdges("steps far", decided=1.0, softness=1e-3)
+BETWEEN = PlaceEdges("steps far, between", decided=1.0, layers=2, softness=1e-3)
+NEAR = PlaceEdges("steps near", reach=5, doubt=2)
+NEARER = PlaceEdges("steps nearer", reach=3, doubt=1)
+
+
+def openings(rounds: int) -> tuple[Opening, ...]:
+    """What opens each round: depth steps placed from afar at first, then twice from near; thrice parts begun again."""
+    if rounds < 2:
+        return (None,) * rounds
+    again = {round(part * rounds): RestartRegions() for part in (0.35, 0.5, 0.65)}
+    late = {round(0.3 * rounds): NEAR, round(0.55 * rounds): NEARER}
+    chosen: dict[int, Opening] = {**again, **late, 0: FAR, 1: BETWEEN, 2: FAR}
+    return tuple(chosen.get(n) for n in range(rounds))
+
+
 # While w is still a tenth of a pixel off, a weak prior lets the picture fit the depth's error: the first quarter of the
 # rounds holds these weights, then they fall geometrically. Grey values in [0, 1], w in pixels.
 FIRST_PICTURE = 3e-4

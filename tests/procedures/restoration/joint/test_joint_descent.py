@@ -12,7 +12,7 @@ from procedures.restoration.first_depth import initial_depth, segments
 from procedures.restoration.joint import depth_edges, joint_descent
 from procedures.restoration.joint.data_term import conjugate_gradients, restore_picture
 from procedures.restoration.joint.gauss_newton import Weights, joint_step
-from procedures.restoration.joint.schedule import Schedule, Scheme
+from procedures.restoration.joint.schedule import NEAR, Schedule, Scheme
 
 from ..conftest import scene
 
@@ -102,7 +102,7 @@ def test_steps_move_to_where_the_photographs_put_them(vibrating, problem):
     assert set(np.unique(relabelled)) <= set(np.unique(labels))
 
 
-@pytest.mark.parametrize(("decided", "kept"), [(joint_descent.DECIDED, True), (1.0, False)])
+@pytest.mark.parametrize(("decided", "kept"), [(NEAR.decided, True), (1.0, False)])
 def test_a_border_keeps_its_corner_where_the_share_is_decided(vibrating, problem, decided, kept):
     # the near square's corner: four of its nine neighbours and itself are near, so the median is far
     y, x = int(np.ceil(vibrating.w.shape[0] * 0.55)), int(vibrating.w.shape[1] * 0.5) + 1
