@@ -79,7 +79,7 @@ class SimulatedBench:
         self.cables = {name: Cable(device, self.clock, setup.faults.get(name)) for name, device in self.devices.items()}
         self._fate = Fate(self.body, self.cables, self.clock, setup.mishaps)
         self._ports: list[PtyPort | TcpPort] = []
-        register_scheme("simulators")
+        register_scheme("simulators.devices")
         for name, cable in self.cables.items():
             plug(f"{self.name}/{name}", cable)
 
