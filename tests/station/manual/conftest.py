@@ -65,7 +65,7 @@ def run():
 
 @pytest.fixture
 def make_example_file(chart_photograph):
-    """make_example_file(name): writes the file, or what is in the folder, that an example reads into the current one."""
+    """make_example_file(name): writes the file or folder that an example reads into the current folder."""
     makers = {
         "photo.dng": lambda path: chart_photograph(path, 1),
         "shoot1": lambda path: chart_photograph(path / "frame0.dng", 2),

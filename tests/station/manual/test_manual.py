@@ -1,4 +1,4 @@
-"""The manual: every link leads somewhere, nothing in its reference is forgotten, and it reads in terminal and browser."""
+"""The manual: links lead somewhere, nothing in its reference is forgotten, it reads in terminal and browser."""
 
 from __future__ import annotations
 
