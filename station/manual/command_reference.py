@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Iterator
 
 import click
@@ -30,8 +31,9 @@ def _section(command: click.Command, context: click.Context) -> Iterator[str]:
     yield ""
     yield f"`{context.command_path} {usage}`"
     yield ""
-    yield (command.help or "").replace("\b", "").strip()
-    records = [one for one in (param.get_help_record(context) for param in command.get_params(context)) if one]
+    yield inspect.cleandoc(command.help or "")
+    options = [one for one in command.get_params(context) if isinstance(one, click.Option)]
+    records = [one for one in (option.get_help_record(context) for option in options) if one]
     if records:
         yield ""
         yield "| option | |"

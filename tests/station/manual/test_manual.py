@@ -89,6 +89,11 @@ def test_reference_has_every_command_with_every_option():
                 assert max(param.opts, key=len) in section, (path, param.name)
 
 
+def test_what_a_command_says_of_itself_is_prose():
+    # a paragraph that is indented would be a block of code
+    assert not re.search(r"^    \S", text_of("commands"), re.MULTILINE)
+
+
 def test_every_number_that_is_told_is_defined():
     x = (np.arange(17) - 8) / 4
     h = np.exp(-(x[:, None] ** 2 + x**2))
