@@ -17,6 +17,8 @@ from simulators.camera.sensor import Sensor
 from simulators.world.scene import Scene
 from station.__main__ import main
 
+from ..sessions.test_index import make as make_session
+
 PROCEDURE = """\
 procedure = "pattern"
 planes = ["G1"]
@@ -69,6 +71,7 @@ def make_example_file(chart_photograph):
     makers = {
         "photo.dng": lambda path: chart_photograph(path, 1),
         "shoot1": lambda path: chart_photograph(path / "frame0.dng", 2),
+        "guided": make_session,
         "lens.toml": lambda path: path.write_text(PROCEDURE, encoding="utf-8"),
         "dump.raw": lambda path: path.write_bytes(edge_levels().astype(">u2").tobytes()),
         "frames": lambda path: (path.mkdir(), cv2.imwrite(str(path / "charts.pgm"), six_charts())),
