@@ -27,6 +27,12 @@ class Outcome(Generic[T]):
     reason: str = ""
     remedy: str = ""
 
+    def result(self) -> T:
+        """The value, doubtful or not. Raises Refused, which says why and what to do, where there is none."""
+        if self.value is None:
+            raise Refused(self.reason, self.remedy)
+        return self.value
+
 
 @dataclass(frozen=True)
 class Quantity:

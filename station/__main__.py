@@ -21,6 +21,8 @@ COMMANDS = {
     "devices": ("devices", "devices", "Show what is configured and what answers."),
     "simulate": ("simulate", "simulate", "Open the simulated bench for other programs."),
     "demo": ("demo", "demo", "Calibrate a simulated camera, start to end."),
+    "init": ("init", "init", "Write commented files to begin with."),
+    "manual": ("manual", "manual", "Show the manual, or write it as pages for a browser."),
     "reproduce": ("reproduce", "reproduce", "Compute the papers' tables and figures again."),
 }
 

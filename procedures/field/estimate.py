@@ -9,16 +9,19 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from procedures.outcome import Outcome, Refused, Verdict
+from procedures.field.interpolate import interpolate
+from procedures.outcome import BadInput, Outcome, Refused, Verdict
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.centre import mark_offset
 from procedures.pattern_psf.chart_finding.detection import Sighting, find_charts
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
-from procedures.psf_field import Node
+from procedures.psf_field import Node, PsfField
 from procedures.raw import Plane, RawFrame
 
 Array = npt.NDArray[np.float64]
 
+FIELD = PatternParameters(s=4, k=17)
+"""How the nodes of a field are sampled where nothing else is asked for: they must all have the same s."""
 MIDDLE: Array = np.full((1, 2), CELLS / 2)
 """The chart's centre, in cells: the node's place."""
 
@@ -103,6 +106,56 @@ def measure_frame(frame: RawFrame, chart: Chart, parameters: PatternParameters, 
             nodes[plane.name].append(node_of(outcome.value, plane, source, number))
     shapes = {name: (plane.samples.shape[0], plane.samples.shape[1]) for name, plane in frame.planes.items()}
     return FrameNodes(nodes, shapes, misses, doubts)
+
+
+def estimate_field(
+    frames: Iterable[RawFrame], chart: Chart, parameters: PatternParameters | None = None, each: Each = map
+) -> dict[str, Outcome[PsfField]]:
+    """The PSF over the frame, by plane, from photographs that show the chart at six places or more between them.
+
+    Parameters
+    ----------
+    frames : iterable of RawFrame
+        Of one camera, lens, aperture and focus. They may be read while they are gone through: none is kept.
+    parameters : PatternParameters, optional
+        By default s = 4 and k = 17. All nodes need the same s.
+    each : Each
+        How the charts of a photograph are gone through; `map` takes one after the other.
+
+    Returns
+    -------
+    dict of str to Outcome[PsfField]
+        Refused for a plane whose nodes are too few, on one line or not alike.
+
+    Raises
+    ------
+    Refused
+        If there is no chart in a photograph, or no photograph.
+    BadInput
+        If the photographs have different planes or sizes.
+    """
+    nodes: dict[str, list[Node]] = {}
+    shapes: Mapping[str, tuple[int, int]] = {}
+    for frame in frames:
+        measured = measure_frame(frame, chart, parameters or FIELD, each)
+        if shapes and measured.shapes != shapes:
+            raise BadInput(
+                f"the photographs of a field need the same planes and sizes; {frame.path.name} has others",
+                "give photographs of one camera, in one format",
+            )
+        shapes = measured.shapes
+        for name, found in measured.nodes.items():
+            nodes.setdefault(name, []).extend(found)
+    if not shapes:
+        raise Refused("a field needs photographs; there is none", "give photographs of the chart")
+    return {name: _field_of(name, shapes[name], nodes[name]) for name in shapes}
+
+
+def _field_of(plane: str, shape: tuple[int, int], nodes: Sequence[Node]) -> Outcome[PsfField]:
+    try:
+        return Outcome(interpolate(plane, shape, nodes).field)
+    except Refused as refusal:
+        return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
 
 
 def node_of(found: PatternPsf, plane: Plane, source: str, number: int) -> Node:

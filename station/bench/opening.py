@@ -204,7 +204,8 @@ def _make(name: str, table: Mapping[str, Any], parts: Parts) -> Device:
     try:
         return MAKERS[driver](name, parts, **options)
     except TypeError as error:
-        raise BadConfiguration(f"devices.{name}: {error}", f"see the options of driver {driver!r} in README") from error
+        remedy = f"see the options of driver {driver!r} in `station manual station-toml`"
+        raise BadConfiguration(f"devices.{name}: {error}", remedy) from error
 
 
 def inspect_raw(path: Path) -> Facts:

@@ -7,13 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procedures.field.estimate import measure_frame
-from procedures.outcome import Refused
+from procedures.field import estimate
+from procedures.field.estimate import FrameNodes, estimate_field, measure_frame
+from procedures.outcome import BadInput, Refused, Verdict
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.estimate import PatternParameters
+from procedures.quality import assess
 from procedures.raw import Plane, RawFrame, read_frame
 from simulators.camera.camera import Lens, SimulatedCamera
 from simulators.camera.sensor import Sensor
+from simulators.camera.truth import true_mtf
 from simulators.world.scene import Scene, Shape
 
 CHART = Chart.from_seed()
@@ -67,3 +70,46 @@ def test_a_frame_without_charts_is_refused():
     plane = Plane("Y", np.full((120, 160), 0.5, dtype=np.float32), 1 / 65535)
     with pytest.raises(Refused, match=r"flat\.pgm: no chart"):
         measure_frame(RawFrame(Path("flat.pgm"), "", {"Y": plane}, None), CHART, PARAMETERS)
+
+
+# --- a field without the application -------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def six():
+    """Six charts in a grey frame, and the optics, which are the same all over it."""
+    sensor = Sensor(280, 310, None, bits=16, full_well_e=5.2e5, gain_e_per_dn=8.0)
+    camera = SimulatedCamera(sensor=sensor, pitch_um=7.5, white_e_per_s=2e7, oversampling=5)
+    places = [(x, y) for y in (0.25, 0.75) for x in (0.18, 0.5, 0.82)]
+    charts = tuple(camera.place(CHART, pixels=66, at=at, roll_deg=2.0) for at in places)
+    photograph = camera.photograph(Scene(charts), np.random.default_rng(4))
+    plane = Plane("Y", photograph.plane("Y").astype(np.float32), 1 / 65535)
+    return RawFrame(Path("six.pgm"), "", {"Y": plane}, None), photograph.truths[0].optics
+
+
+def test_a_field_tells_the_cameras_mtf50_at_a_place_between_the_charts(six):
+    frame, optics = six
+    psf = estimate_field([frame], CHART, PARAMETERS)["Y"].result().at(100.0, 140.0)
+    found = assess(psf, n=6).numbers["mtf50_horizontal"]
+    f = np.arange(0.0, 1.0, 1e-3)
+    true = f[np.flatnonzero(true_mtf(optics, f, 0.0) < 0.5)[0]]
+    # four standard uncertainties, and a step of the frequencies
+    assert abs(found.value - true) < 4 * found.uncertainty + 1e-3
+
+
+def test_a_plane_with_too_few_charts_is_refused_with_the_reason(shot):
+    outcomes = estimate_field([read_frame(shot.path, ["G1"])], CHART, PARAMETERS)
+    assert outcomes["G1"].verdict is Verdict.REFUSED
+    assert "6 places of the frame or more; plane G1 has 2" in outcomes["G1"].reason
+
+
+def test_photographs_of_a_field_are_of_one_size(six, monkeypatch):
+    sizes = iter([(280, 310), (280, 312)])
+    monkeypatch.setattr(estimate, "measure_frame", lambda *_: FrameNodes({"Y": []}, {"Y": next(sizes)}, [], 0))
+    with pytest.raises(BadInput, match=r"same planes and sizes; six\.pgm has others"):
+        estimate_field([six[0], six[0]], CHART)
+
+
+def test_a_field_of_no_photographs_is_refused():
+    with pytest.raises(Refused, match="there is none"):
+        estimate_field([], CHART)

@@ -1,0 +1,66 @@
+"""`station manual`: the manual, a page at a time in the terminal, or all of it as pages for a browser."""
+
+from __future__ import annotations
+
+import io
+import shutil
+import sys
+from pathlib import Path
+
+import click
+
+NARROWEST, WIDEST = 40, 100
+"""Columns between which a page is laid out."""
+
+
+@click.command("manual")
+@click.argument("topic", required=False)
+@click.option("--html", "folder", type=click.Path(path_type=Path), metavar="DIR", help="Write all pages for a browser.")
+@click.pass_context
+def manual(context: click.Context, topic: str | None, folder: Path | None) -> None:
+    """Show the manual's page TOPIC, or the list of all pages."""
+    from station.manual.pages import find_page, for_terminal, index_text, read_pages
+
+    pages = read_pages(_drawn_from_the_program(context, topic if folder is None else None))
+    text = find_page(pages, topic).text if topic else index_text(pages)
+    if folder is None:
+        click.echo_via_pager(_laid_out(for_terminal(text)))
+        return
+    from station.manual.browser_pages import write_manual
+
+    click.echo(write_manual(pages, folder))
+
+
+def _drawn_from_the_program(context: click.Context, topic: str | None) -> dict[str, str]:
+    """What pages say that is drawn from the program itself: all of it, or that of the one topic."""
+    drawn = {"commands": _commands, "numbers": _diagnostics}
+    return {name: draw(context) for name, draw in drawn.items() if topic in (None, name)}
+
+
+def _commands(context: click.Context) -> str:
+    from station.manual.command_reference import commands_text
+
+    program = context.find_root().command
+    assert isinstance(program, click.Group)
+    return commands_text(program)
+
+
+def _diagnostics(context: click.Context) -> str:
+    from procedures.pattern_psf.diagnostics import Diagnostics
+    from procedures.two_photo.diagnostics import Diagnostics as OfPair
+    from procedures.two_photo.likeness import Likeness, NearLook
+    from station.manual.field_reference import fields_text
+
+    tables = {"Diagnostics of the chart": Diagnostics, "Diagnostics of two photographs": OfPair}
+    return fields_text({**tables, "Likeness of two photographs": Likeness, "The near photograph by itself": NearLook})
+
+
+def _laid_out(markdown: str) -> str:
+    """The page as a terminal shows it: coloured where stdout is one, plain where it is piped."""
+    from rich.console import Console
+    from rich.markdown import Markdown
+
+    page = io.StringIO()
+    width = min(max(shutil.get_terminal_size().columns, NARROWEST), WIDEST)
+    Console(file=page, width=width, force_terminal=sys.stdout.isatty()).print(Markdown(markdown, hyperlinks=False))
+    return page.getvalue()

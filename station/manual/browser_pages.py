@@ -1,0 +1,61 @@
+"""The manual as HTML pages that need nothing else: no script, no network, one style with the reports."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from markdown_it import MarkdownIt
+from markdown_it.token import Token
+from markupsafe import Markup
+
+from procedures.outcome import BadParameter
+from station.common.atomic_files import write_whole
+from station.manual.pages import PARTS, Page, index_text
+from station.reports.page import render
+
+INDEX = "index"
+
+
+def write_manual(pages: Sequence[Page], folder: Path) -> Path:
+    """Write all pages and their index into a folder; returns the index. Raises BadParameter if it cannot be written."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadParameter(f"{folder} cannot be made: {error.strerror}", "name another folder with --html") from error
+    for page in pages:
+        write_whole(folder / f"{page.name}.html", _html(page, pages).encode())
+    index = folder / f"{INDEX}.html"
+    write_whole(index, _html(Page("", INDEX, index_text(pages)), pages).encode())
+    return index
+
+
+def _html(page: Page, pages: Sequence[Page]) -> str:
+    menu = [(called, [one for one in pages if one.part == part]) for part, called in PARTS.items()]
+    return render("manual.html", title=page.title, body=Markup(html_of(page.text)), menu=menu, here=page.name)
+
+
+def html_of(markdown: str) -> str:
+    """The body of a page: links lead to pages beside it, headings have names that links can end in."""
+    reader = MarkdownIt("commonmark", {"html": False}).enable("table")
+    tokens = reader.parse(markdown)
+    for token, following in zip(tokens, [*tokens[1:], None], strict=True):
+        if token.type == "heading_open" and following is not None:
+            token.attrSet("id", section_name(following.content))
+        for child in token.children or ():
+            _lead_beside(child)
+    return str(reader.renderer.render(tokens, reader.options, {}))
+
+
+def _lead_beside(token: Token) -> None:
+    """Turn a link to another page's Markdown into one to its HTML in the same folder."""
+    href = str(token.attrGet("href") or "")
+    page, mark, section = href.partition("#")
+    if token.type == "link_open" and page.endswith(".md"):
+        token.attrSet("href", f"{Path(page).stem}.html{mark}{section}")
+
+
+def section_name(heading: str) -> str:
+    """What a link to a heading ends in: its words in small letters with hyphens."""
+    return re.sub(r"[^\w-]", "", heading.lower().replace(" ", "-"))

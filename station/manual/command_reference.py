@@ -1,0 +1,47 @@
+"""The reference of all commands, drawn from the commands themselves."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterator
+
+import click
+
+
+def commands_text(program: click.Group) -> str:
+    """Every command with its arguments and options, as Markdown."""
+    root = click.Context(program, info_name="station")
+    return "\n".join("\n".join(_section(command, context)) for command, context in _commands(program, root))
+
+
+def _commands(command: click.Command, context: click.Context) -> Iterator[tuple[click.Command, click.Context]]:
+    """The command and all below it that do something, in the order in which the help lists them."""
+    if not isinstance(command, click.Group) or command.invoke_without_command:
+        yield command, context
+    if isinstance(command, click.Group):
+        for name in command.list_commands(context):
+            one = command.get_command(context, name)
+            if one is not None and not one.hidden:
+                yield from _commands(one, click.Context(one, info_name=name, parent=context))
+
+
+def _section(command: click.Command, context: click.Context) -> Iterator[str]:
+    usage = " ".join(command.collect_usage_pieces(context))
+    yield f"## {context.command_path}"
+    yield ""
+    yield f"`{context.command_path} {usage}`"
+    yield ""
+    yield inspect.cleandoc(command.help or "")
+    options = [one for one in command.get_params(context) if isinstance(one, click.Option)]
+    records = [one for one in (option.get_help_record(context) for option in options) if one]
+    if records:
+        yield ""
+        yield "| option | |"
+        yield "|---|---|"
+        yield from (f"| `{_cell(names)}` | {_cell(told)} |" for names, told in records)
+    yield ""
+
+
+def _cell(text: str) -> str:
+    """A text that does not end its cell of a table."""
+    return " ".join(text.split()).replace("|", "\\|")

@@ -1,0 +1,36 @@
+"""Fields of result types as tables, drawn from the docstrings that define them."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Iterator, Mapping
+
+ENTRY = re.compile(r"(?P<names>\w+(?:, \w+)*) : \S")
+
+
+def fields_text(tables: Mapping[str, type]) -> str:
+    """A section for each title: the attributes of a class, by name, as its docstring defines them."""
+    return "\n".join("\n".join(_section(title, kind)) for title, kind in tables.items())
+
+
+def _section(title: str, kind: type) -> Iterator[str]:
+    yield from (f"## {title}", "", "| name | definition |", "|---|---|")
+    for names, told in attributes(kind):
+        shown = ", ".join(f"`{name}`" for name in names)
+        yield f"| {shown} | {told.replace('|', chr(92) + '|')} |"
+    yield ""
+
+
+def attributes(kind: type) -> list[tuple[list[str], str]]:
+    """Names and definition of every entry in a docstring's section of attributes, as numpydoc writes it."""
+    lines = inspect.getdoc(kind) or ""
+    _, _, section = lines.partition("Attributes\n----------\n")
+    found: list[tuple[list[str], list[str]]] = []
+    for line in section.splitlines():
+        entry = ENTRY.match(line)
+        if entry:
+            found.append((entry["names"].split(", "), []))
+        elif found and line.strip():
+            found[-1][1].append(line.strip())
+    return [(names, " ".join(told)) for names, told in found]

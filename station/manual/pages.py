@@ -1,0 +1,74 @@
+"""The manual's pages as they stand in this package, and the one that a reader means."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+
+from procedures.outcome import BadParameter
+
+PARTS = {"tutorial": "Tutorial", "how-to": "How to", "reference": "Reference", "explanation": "Explanation"}
+"""Folders of this package, and what they are called, in their order."""
+PAGE_LINK = re.compile(r"\[([^\]]*)\]\((?:\.\./)?(?:[\w-]+/)?([\w-]+)\.md(#[\w-]+)?\)")
+"""A link from page to page: its words, the page's name, its section."""
+
+
+@dataclass(frozen=True)
+class Page:
+    """One page: the folder of its part, its name, which is the topic, and its Markdown."""
+
+    part: str
+    name: str
+    text: str
+
+    @property
+    def title(self) -> str:
+        """Its first heading."""
+        return self.text.partition("\n")[0].removeprefix("# ").strip()
+
+
+def read_pages(generated: Mapping[str, str] | None = None) -> list[Page]:
+    """All pages, part by part, by their titles.
+
+    Parameters
+    ----------
+    generated : mapping of a page's name to Markdown, optional
+        What is added at the end of that page.
+    """
+    found = []
+    for part in PARTS:
+        pages = [
+            Page(part, file.name.removesuffix(".md"), file.read_text(encoding="utf-8"))
+            for file in files(__package__).joinpath(part).iterdir()
+            if file.name.endswith(".md")
+        ]
+        found += sorted(pages, key=lambda page: page.title)
+    more = generated or {}
+    return [Page(one.part, one.name, one.text + ("\n" + more[one.name] if one.name in more else "")) for one in found]
+
+
+def find_page(pages: Sequence[Page], topic: str) -> Page:
+    """The page of a topic. Raises BadParameter, with the nearest topics, where there is none."""
+    for page in pages:
+        if page.name == topic.lower():
+            return page
+    names = [page.name for page in pages]
+    near = difflib.get_close_matches(topic.lower(), names, n=3, cutoff=0.4)
+    raise BadParameter(f"the manual has no page {topic!r}", f"read {', '.join(near or names)}")
+
+
+def index_text(pages: Sequence[Page]) -> str:
+    """The list of all pages, as Markdown."""
+    lines = ["# The manual of the calibration station"]
+    for part, called in PARTS.items():
+        lines += ["", f"## {called}", ""]
+        lines += [f"- [{page.title}]({part}/{page.name}.md)" for page in pages if page.part == part]
+    return "\n".join(lines) + "\n"
+
+
+def for_terminal(text: str) -> str:
+    """The Markdown with links to other pages as the command that shows them."""
+    return PAGE_LINK.sub(r"\1 (`station manual \2`)", text)

@@ -1,0 +1,124 @@
+"""The library's door: every name is there, typed, and loaded only when it is used."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import os
+import re
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import procedures
+from simulators.bench.demonstration import EXPOSURE_S, ISO, Setup, stage
+from simulators.camera.truth import true_mtf
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = (ROOT / "station" / "manual" / "how-to" / "library.md", ROOT / "README.md")
+
+
+def python_blocks(page: Path) -> list[str]:
+    """The Python blocks of a page."""
+    return re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+
+
+def five_lines(page: Path) -> str:
+    """The first of them."""
+    return python_blocks(page)[0]
+
+
+@pytest.fixture(scope="module")
+def photograph(tmp_path_factory):
+    """A folder with photo.dng, a chart before the demonstration's lens, and the optics that drew it."""
+    camera, scene = stage(Setup("small", "Small", (0.5, 0.5), 1.0, rows=260, columns=260), procedures.Chart.from_seed())
+    path = tmp_path_factory.mktemp("script") / "photo.dng"
+    shot = camera.photograph(scene, np.random.default_rng(3), path, exposure_s=EXPOSURE_S, iso=ISO)
+    return path.parent, shot.truths[0].optics
+
+
+def in_python(code: str, folder: Path, **environ: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=False,
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1", **environ},
+    )  # fmt: skip
+
+
+def test_types_and_program_agree_on_where_every_name_is():
+    # what a checker reads under TYPE_CHECKING, against what a running program gets
+    source = Path(procedures.__file__).read_text(encoding="utf-8")
+    block = next(node for node in ast.parse(source).body if isinstance(node, ast.If))
+    imported = {
+        (alias.asname or alias.name): getattr(importlib.import_module(node.module or ""), alias.name)
+        for node in block.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert sorted(imported) == sorted(procedures.__all__)
+    assert all(getattr(procedures, name) is value for name, value in imported.items())
+
+
+def test_unknown_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="has no attribute 'psf_of_everything'"):
+        procedures.psf_of_everything  # noqa: B018
+
+
+def test_the_door_loads_nothing_by_itself(tmp_path):
+    code = "import sys, procedures; print('numpy' in sys.modules, 'estimate_psf' in dir(procedures))"
+    done = in_python(code, tmp_path, PYTHONPATH=str(ROOT))
+    assert done.stdout.split() == ["False", "True"], done.stderr
+
+
+def test_five_lines_tell_the_camera_s_mtf50_with_its_error_bar(photograph, monkeypatch, capsys):
+    folder, optics = photograph
+    monkeypatch.chdir(folder)
+    exec(five_lines(PAGES[0]), {})
+    lines = re.findall(r"(\w+) = (\S+) ± (\S+)", capsys.readouterr().out)
+    told = {name: (float(value), float(bar)) for name, value, bar in lines}
+    value, uncertainty = told["mtf50_horizontal"]
+    f = np.arange(0.0, 1.0, 1e-3)
+    mtf = true_mtf(optics, f, 0.0, colour="G", pitch=2)
+    true = f[np.flatnonzero(mtf < 0.5)[0]]
+    # four standard uncertainties, and half a step of the frequencies
+    assert abs(value - true) < 4 * uncertainty + 1e-3
+    assert 0 < uncertainty < 0.05 * value
+
+
+def test_readme_and_manual_show_the_same_lines():
+    assert five_lines(PAGES[0]) == five_lines(PAGES[1])
+
+
+def test_a_refused_outcome_says_why_when_its_result_is_asked_for():
+    outcome = procedures.Outcome[float](None, procedures.Verdict.REFUSED, "no chart was found", "show the whole chart")
+    with pytest.raises(procedures.Refused, match="no chart was found; show the whole chart"):
+        outcome.result()
+
+
+@pytest.mark.slow
+def test_a_wheel_gives_the_five_lines_and_their_types(photograph, tmp_path):
+    folder, _ = photograph
+    built = subprocess.run(
+        [sys.executable, "-m", "hatchling", "build", "--target", "wheel", "--directory", str(tmp_path)],
+        cwd=ROOT, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert built.returncode == 0, built.stderr
+    (wheel,) = tmp_path.glob("*.whl")
+    site = tmp_path / "site"
+    zipfile.ZipFile(wheel).extractall(site)
+    scripts = [tmp_path / f"script_{number}.py" for number, _ in enumerate(python_blocks(PAGES[0]))]
+    for script, block in zip(scripts, python_blocks(PAGES[0]), strict=True):
+        script.write_text(block, encoding="utf-8")
+    code = f"import procedures; print(procedures.__file__); exec(open({str(scripts[0])!r}, encoding='utf-8').read())"
+    done = in_python(code, folder, PYTHONPATH=str(site))
+    assert done.stdout.startswith(str(site)), done.stderr
+    assert "mtf50_horizontal = " in done.stdout
+    environ = {**os.environ, "MYPYPATH": "", "PYTHONPATH": str(site)}
+    typed = subprocess.run(
+        [sys.executable, "-m", "mypy", "--strict", "--cache-dir", str(tmp_path / "cache"), *map(str, scripts)],
+        cwd=tmp_path, env=environ, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert typed.returncode == 0, typed.stdout + typed.stderr

@@ -1,0 +1,62 @@
+"""`station init`: what it writes can be read as it stands, and every line that is commented out means something."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from drivers.errors import BadConfiguration
+from station.batch.procedure_file import PATTERN, read_procedure
+from station.bench.opening import make_bench, read_config
+
+SETTING = re.compile(r"^#(?=\[|\w+ = )", re.MULTILINE)
+
+
+@pytest.fixture
+def written(run, tmp_path):
+    done = run("init", tmp_path)
+    assert done.exit_code == 0, done.output
+    assert done.stdout.splitlines() == [str(tmp_path / "station.toml"), str(tmp_path / "procedure.toml")]
+    return tmp_path
+
+
+def without_comment_marks(path):
+    path.write_text(SETTING.sub("", path.read_text(encoding="utf-8")), encoding="utf-8")
+    return path
+
+
+def test_bench_is_empty_until_it_is_filled_in(written):
+    with pytest.raises(BadConfiguration, match="configures no devices"):
+        read_config(written / "station.toml")
+
+
+def test_every_device_of_the_example_can_be_made(written):
+    tables = read_config(without_comment_marks(written / "station.toml"))
+    bench = make_bench(tables, folder=written)
+    assert set(bench.devices) == {"stage", "head", "shutter", "camera", "imu", "rangefinder", "light"}
+    bench.close()
+
+
+def test_procedure_asks_for_an_estimate_and_nothing_else(written):
+    procedure = read_procedure(written / "procedure.toml")
+    assert procedure.name == PATTERN
+    assert (procedure.planes, dict(procedure.optics), procedure.limits) == ((), {}, ())
+
+
+def test_every_setting_of_the_procedure_is_known(written):
+    procedure = read_procedure(without_comment_marks(written / "procedure.toml"))
+    assert {limit.number for limit in procedure.limits} == {
+        "mtf50_horizontal", "mtf50_vertical", "energy_above_nyquist",
+    }  # fmt: skip
+    assert procedure.layout is not None
+    assert set(procedure.optics) == {"pixel_pitch_um", "f_number", "wavelength_nm"}
+
+
+def test_nothing_that_is_there_is_touched(run, tmp_path):
+    (tmp_path / "procedure.toml").write_text("mine", encoding="utf-8")
+    done = run("init", tmp_path)
+    assert done.exit_code == 2
+    assert "has procedure.toml already" in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["procedure.toml"]
+    assert (tmp_path / "procedure.toml").read_text(encoding="utf-8") == "mine"

@@ -1,0 +1,43 @@
+"""The command lines that the manual and the README show are run as they stand."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from station.__main__ import main
+
+ROOT = Path(__file__).resolve().parents[3]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "station" / "manual").glob("*/*.md"))]
+FENCE = re.compile(r"^```sh run(?P<slow> slow)?(?: exit (?P<code>\d+))?\n(?P<lines>.*?)^```", re.MULTILINE | re.DOTALL)
+
+
+def examples():
+    for page in PAGES:
+        for number, block in enumerate(FENCE.finditer(page.read_text(encoding="utf-8")), 1):
+            marks = [pytest.mark.slow] if block["slow"] else []
+            yield pytest.param(block["lines"], int(block["code"] or 0), id=f"{page.stem}-{number}", marks=marks)
+
+
+@pytest.mark.parametrize(("lines", "code"), list(examples()))
+def test_example_does_what_the_page_says(lines, code, tmp_path, monkeypatch, make_example_file):
+    monkeypatch.chdir(tmp_path)
+    for line in lines.splitlines():
+        program, *words = shlex.split(line, comments=True)
+        assert program == "station"
+        for word in words:
+            make_example_file(word)
+        done = CliRunner().invoke(main, words, prog_name="station")
+        assert done.exit_code == code, f"{line}\n{done.output}"
+
+
+def test_every_task_has_an_example_that_is_run():
+    shown = {page.stem for page in PAGES if FENCE.search(page.read_text(encoding="utf-8"))}
+    tasks = {page.stem for page in PAGES if page.parent.name == "how-to"}
+    # the wall needs two photographs of one wall, which take longer to render than all other files together; the
+    # library's lines are run by tests/procedures/test_library.py
+    assert tasks - shown == {"two-photographs", "library"}

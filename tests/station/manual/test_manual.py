@@ -1,0 +1,167 @@
+"""The manual: links lead somewhere, nothing in its reference is forgotten, it reads in terminal and browser."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from dataclasses import fields
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import click
+import html5lib
+import numpy as np
+import pytest
+
+from procedures.field.focus import _COMBINATIONS
+from procedures.field.maps import ERRORS, MAPS
+from procedures.outcome import BadParameter
+from procedures.pattern_psf.diagnostics import Diagnostics
+from procedures.physics.pupil import TERMS as ABERRATIONS
+from procedures.psf import Psf
+from procedures.quality import Diffraction, assess
+from procedures.restoration.joint.estimate import Diagnostics as OfRestoration
+from station.__main__ import main
+from station.bench.device_makers import MAKERS
+from station.manual.browser_pages import html_of, section_name
+from station.manual.command_reference import commands_text
+from station.manual.field_reference import attributes
+from station.manual.pages import Page, find_page, for_terminal, read_pages
+from station.results.limits import NUMBERS
+
+PAGES = read_pages({"commands": commands_text(main)})
+LINK = re.compile(r"\]\(([^)\s]+)\)")
+
+
+def text_of(name):
+    return find_page(PAGES, name).text
+
+
+# --- pages ---------------------------------------------------------------------------------------------------------
+
+
+def test_every_page_has_a_title_and_a_name_of_its_own():
+    names = [page.name for page in PAGES]
+    assert len(set(names)) == len(names)
+    assert all(page.text.startswith("# ") and page.title for page in PAGES)
+    assert {page.part for page in PAGES} == {"tutorial", "how-to", "reference", "explanation"}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_link_leads_to_a_page_and_a_section(page):
+    folder = Path(inspect.getfile(Page)).parent / page.part
+    for link in LINK.findall(page.text):
+        place, _, section = link.partition("#")
+        target = (folder / place).resolve()
+        assert target.is_file(), link
+        if section:
+            headings = re.findall(r"^#+ (.*)$", target.read_text(encoding="utf-8"), re.MULTILINE)
+            assert section in map(section_name, headings), link
+
+
+def test_an_unknown_topic_names_the_nearest():
+    with pytest.raises(BadParameter, match=r"no page 'senors'.*sensor"):
+        find_page(PAGES, "senors")
+
+
+def test_a_link_in_the_terminal_is_the_command_that_follows_it():
+    assert for_terminal("See [Numbers](../reference/numbers.md#of-a-psf).") == "See Numbers (`station manual numbers`)."
+
+
+# --- reference -----------------------------------------------------------------------------------------------------
+
+
+def commands(command, path=("station",)):
+    if isinstance(command, click.Group):
+        for name in command.list_commands(click.Context(command)):
+            yield from commands(command.get_command(click.Context(command), name), (*path, name))
+    else:
+        yield " ".join(path), command
+
+
+def test_reference_has_every_command_with_every_option():
+    text = text_of("commands")
+    for path, command in commands(main):
+        section = text.partition(f"## {path}\n")[2].partition("\n## ")[0]
+        assert section, path
+        for param in command.params:
+            if isinstance(param, click.Option) and not param.hidden:
+                assert max(param.opts, key=len) in section, (path, param.name)
+
+
+def test_what_a_command_says_of_itself_is_prose():
+    # a paragraph that is indented would be a block of code
+    assert not re.search(r"^    \S", text_of("commands"), re.MULTILINE)
+
+
+def test_every_number_that_is_told_is_defined():
+    x = (np.arange(17) - 8) / 4
+    h = np.exp(-(x[:, None] ** 2 + x**2))
+    psf = Psf(h / h.sum(), 4, np.eye(289) * 1e-8)
+    told = {*assess(psf, n=1, diffraction=Diffraction(8.0, 5.0, 550.0)).numbers, *NUMBERS, *ABERRATIONS}
+    told |= {name for name, *_ in (*MAPS, *ERRORS, *_COMBINATIONS)} | {one.name for one in fields(OfRestoration)}
+    defined = set(re.findall(r"`(\w+)`", text_of("numbers")))
+    assert told <= defined, told - defined
+
+
+def test_docstrings_define_every_diagnostic():
+    assert {name for names, _ in attributes(Diagnostics) for name in names} == {f.name for f in fields(Diagnostics)}
+    assert all(told for _, told in attributes(Diagnostics))
+
+
+@pytest.mark.parametrize("driver", MAKERS)
+def test_station_toml_has_every_driver_with_its_options(driver):
+    row = re.search(rf"^\| `{driver}` \|.*$", text_of("station-toml"), re.MULTILINE)
+    assert row is not None
+    options = [
+        name
+        for name, one in inspect.signature(MAKERS[driver]).parameters.items()
+        if one.kind is inspect.Parameter.KEYWORD_ONLY
+    ]
+    assert options
+    assert all(f"`{name}`" in row[0] for name in options)
+
+
+# --- terminal and browser ------------------------------------------------------------------------------------------
+
+
+def test_command_shows_the_list_and_a_page(run):
+    shown = run("manual")
+    assert shown.exit_code == 0, shown.output
+    assert "station manual numbers" in shown.output
+    page = run("manual", "exit-codes")
+    assert "75" in page.output
+    assert "\x1b" not in page.output  # plain where it is no terminal
+
+
+def test_command_says_which_topics_there_are(run):
+    done = run("manual", "numbrs")
+    assert done.exit_code == 2
+    assert "numbers" in done.output
+
+
+@pytest.fixture
+def written(run, tmp_path):
+    folder = tmp_path / "manual"
+    done = run("manual", "--html", folder)
+    assert done.exit_code == 0, done.output
+    return folder
+
+
+def test_pages_for_a_browser_need_nothing_from_outside(written):
+    pages = sorted(written.glob("*.html"))
+    assert len(pages) == len(PAGES) + 1
+    for page in pages:
+        root = html5lib.parse(page.read_text(encoding="utf-8"), namespaceHTMLElements=False)
+        ids = {one.get("id") for one in root.iter() if one.get("id")}
+        assert not list(root.iter("script"))
+        for link in root.iter("a"):
+            parts = urlsplit(link.get("href"))
+            assert not parts.scheme
+            assert (written / (parts.path or page.name)).is_file(), link.get("href")
+            assert parts.path or parts.fragment in ids
+        assert not [one for one in root.iter() if one.get("src")]
+
+
+def test_markdown_cannot_bring_markup_of_its_own():
+    assert "<script>" not in html_of("# T\n\n<script>alert(1)</script>\n")
