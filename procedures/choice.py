@@ -74,7 +74,7 @@ class Trial:
 
 def assess_trial(psf: Psf) -> Trial:
     """What a PSF says of its own s and k."""
-    uncertainties, crossings = [], []
+    uncertainties, crossings, C = [], [], psf.parameter_covariance
     for angle in (0.0, np.pi / 2):
         found = mtf50_along(psf, angle)
         crossings.append(None if found is None else found[0])
@@ -82,7 +82,7 @@ def assess_trial(psf: Psf) -> Trial:
         waves = psf.spectra(f * np.cos(angle), f * np.sin(angle))
         value = complex((waves @ psf.parameters)[0]) / psf.light
         slope = (np.real(np.conj(value) / abs(value) * waves[0]) - abs(value) * psf.weights) / psf.light
-        uncertainties.append(float(np.sqrt(max(slope @ psf.parameter_covariance @ slope, 0.0))))
+        uncertainties.append(float(np.sqrt(max(slope @ C @ slope, 0.0))))
     pair = (crossings[0], crossings[1])
     return Trial(psf.s, psf.k, pair, float(np.mean(uncertainties)), truncation(psf), band_edge(psf))
 
@@ -93,7 +93,8 @@ def band_edge(psf: Psf) -> float:
     f = psf.s / 2 * np.linspace(RIM, 1, 4)[:, None]
     waves = psf.spectra((f * np.cos(turn)).ravel(), (f * np.sin(turn)).ravel())
     power = np.abs(waves @ psf.parameters) ** 2
-    noise = np.einsum("ij,ij->i", np.conj(waves) @ psf.parameter_covariance, waves).real
+    C = psf.parameter_covariance
+    noise = sum(np.einsum("ij,ij->i", part @ C, part) for part in (waves.real, waves.imag))
     return float(np.sqrt(max(float(np.mean(power - noise)), 0.0))) / psf.light
 
 

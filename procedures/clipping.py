@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.ordered import distinct, quantile
+
 Array = npt.NDArray[np.float64]
 
 NOMINAL = 0.998
@@ -77,8 +79,8 @@ def find_clipping(
 
 def _step(values: Array, quantisation: float) -> float:
     """The distance of neighbouring values: more than `quantisation` where few bits became many."""
-    distinct = np.unique(values[:: max(1, len(values) // LOOKED_AT)])
-    return max(quantisation, float(np.quantile(np.diff(distinct), 0.1)) if len(distinct) > 1 else 0.0)
+    levels = distinct(values[:: max(1, len(values) // LOOKED_AT)])
+    return max(quantisation, quantile(np.diff(levels), 0.1) if len(levels) > 1 else 0.0)
 
 
 def _cut_off(values: Array, step: float, noise: float, enough: float, of_edge: bool) -> float:
@@ -95,7 +97,7 @@ def _cut_off(values: Array, step: float, noise: float, enough: float, of_edge: b
 
 def _abrupt(values: Array, pile: float, fuzzy: float) -> bool:
     """Whether far fewer values lie on the approach to the upper end than on that to the lower one, fuzzy by so much."""
-    low = float(np.quantile(values, LOW))
+    low = quantile(values, LOW)
     near = max(NEAR * (pile - low), fuzzy)
     far = near + (FAR - NEAR) * (pile - low)
     above, below = (

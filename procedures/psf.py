@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -132,10 +133,10 @@ class Psf:
         """Distance of the samples from the centre along one axis, (k,), in pixels of the plane."""
         return (np.arange(self.k) - self.k // 2) / self.s
 
-    @property
+    @cached_property
     def parameters(self) -> Array:
         """The samples and the tail's amplitudes, (k^2 + q,)."""
-        return np.concatenate([self.h.ravel(), self.tail.amplitudes])
+        return _unchanging(np.concatenate([self.h.ravel(), self.tail.amplitudes]))
 
     @property
     def parameter_covariance(self) -> Array:
@@ -144,21 +145,26 @@ class Psf:
             return self.covariance
         return np.block([[self.covariance, self.tail.cross], [self.tail.cross.T, self.tail.covariance]])
 
-    @property
+    @cached_property
     def weights(self) -> Array:
         """What each parameter adds to the light, (k^2 + q,): 1 for a sample, a shape's energy for an amplitude."""
         sums = tail_sums(self.k)[: len(self.tail.amplitudes)] if len(self.tail.amplitudes) else np.zeros(0)
-        return np.concatenate([np.ones(self.k**2), sums])
+        return _unchanging(np.concatenate([np.ones(self.k**2), sums]))
 
-    @property
+    @cached_property
     def light(self) -> float:
         """All the light, where that inside the support is 1."""
         return float(self.weights @ self.parameters)
 
     @property
+    def share_outside(self) -> float:
+        """Share of the light outside the support."""
+        return 1 - float(self.h.sum()) / self.light
+
+    @property
     def energy_outside(self) -> tuple[float, float]:
         """Share of the light outside the support, and its standard uncertainty."""
-        share = 1 - float(self.h.sum()) / self.light
+        share = self.share_outside
         slope = self.weights * (1 - share) - np.concatenate([np.ones(self.k**2), np.zeros_like(self.tail.amplitudes)])
         slope = slope / self.light
         return share, float(np.sqrt(max(slope @ self.parameter_covariance @ slope, 0.0)))
@@ -192,6 +198,12 @@ class Psf:
         rim = tail_border(self.k) - self.k // 2
         outside = np.tensordot(tail_kernels(self.k)[:q], image, axes=2)
         return np.concatenate([image[rim:-rim, rim:-rim].ravel(), outside])
+
+
+def _unchanging(array: Array) -> Array:
+    """The array, which is kept and shared by all who ask for it."""
+    array.flags.writeable = False
+    return array
 
 
 def extended(parameters: Array, k: int) -> Array:

@@ -18,7 +18,7 @@ from procedures.numerics.bessel import j1
 from procedures.numerics.kernel_tail import SHAPES, tail_spectra
 from procedures.outcome import Quantity
 from procedures.psf import Psf
-from procedures.spatial_numbers import Found, encircled, spatial_numbers, width
+from procedures.spatial_numbers import CIRCLES, Found, circle, name_of_circle, section_widths, spatial_numbers
 
 Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
@@ -181,9 +181,8 @@ def truncation(psf: Psf) -> float:
     `ROUGHNESS`, alike over a square pixel and independently from the next, the OTF strays by
     ROUGHNESS E sqrt(pi / 2) / (2 pi R).
     """
-    share, _ = psf.energy_outside
     radius = psf.k / 2 / psf.s
-    return ROUGHNESS * abs(share) * float(np.sqrt(np.pi / 2)) / (2 * np.pi * radius)
+    return ROUGHNESS * abs(psf.share_outside) * float(np.sqrt(np.pi / 2)) / (2 * np.pi * radius)
 
 
 def _stray(psf: Psf, f: Array) -> Array:
@@ -327,10 +326,13 @@ def _within_band(psf: Psf, share: float, diffraction: Diffraction | None) -> dic
     n = np.arange(psf.k)
     low = share * np.sinc(share * (n[:, None] - n))
     narrow = Psf(low @ psf.h @ low.T, psf.s, psf.covariance, psf.tail)
-    found = [width(narrow, "fwhm_horizontal", 1), width(narrow, "fwhm_vertical", 0), *encircled(narrow, (0.5, 0.8))]
+    horizontal, vertical = section_widths(narrow)
+    whole = narrow.extended()
+    values = {"fwhm_horizontal": horizontal, "fwhm_vertical": vertical}
+    values |= {name_of_circle(part): circle(narrow, whole, part).radius for part in CIRCLES}
     if diffraction is not None:
-        found.append(_strehl(narrow, diffraction))
-    return {one.name: one.value for one in found}
+        values["strehl"] = _strehl(narrow, diffraction).value
+    return values
 
 
 def energy_outside_support(psf: Psf, n: int) -> Quantity:

@@ -19,6 +19,10 @@ Indices = npt.NDArray[np.intp]
 
 FINE = 4
 """Points per sample between which the energy inside a circle is summed."""
+FINE_SECTION = 16
+"""The same of a section whose width is read."""
+CIRCLES = (0.5, 0.8)
+"""Shares of all light whose radii are told."""
 AROUND = 4
 """Samples around the support that its interpolation needs."""
 
@@ -41,11 +45,11 @@ def spatial_numbers(psf: Psf) -> list[Found]:
     found = [
         _of_support(psf, "centroid_x_support", np.tile(x, psf.k)),
         _of_support(psf, "centroid_y_support", np.repeat(x, psf.k)),
-        width(psf, "fwhm_horizontal", 1),
-        width(psf, "fwhm_vertical", 0),
+        _width(psf, "fwhm_horizontal", 1),
+        _width(psf, "fwhm_vertical", 0),
         Found("energy_above_nyquist", above, "1", "share of |OTF|^2", slope),
     ]
-    return [*found, *encircled(psf, (0.5, 0.8)), *_ellipse_numbers(psf)]
+    return [*found, *_encircled(psf), *_ellipse_numbers(psf)]
 
 
 def energy_within(psf: Psf, radius_px: float) -> tuple[float, Array]:
@@ -53,10 +57,8 @@ def energy_within(psf: Psf, radius_px: float) -> tuple[float, Array]:
     image, light = psf.extended(), psf.light
     size = min(2 * (int(np.ceil(radius_px * psf.s)) + AROUND) + 1, len(image))
     rim = (len(image) - size) // 2
-    M, r, _ = _fine_grid(size, psf.s)
-    weight = (np.clip((radius_px - r) * FINE * psf.s + 0.5, 0, 1) / FINE**2).reshape(len(M), len(M))
     by_image = np.zeros_like(image)
-    by_image[rim : len(image) - rim, rim : len(image) - rim] = M.T @ weight @ M
+    by_image[rim : len(image) - rim, rim : len(image) - rim] = _fine_grid(size, psf.s).within(radius_px)
     share = float(np.sum(by_image * image)) / light
     return share, (psf.contract(by_image) - share * psf.weights) / light
 
@@ -82,25 +84,29 @@ def _of_support(psf: Psf, name: str, x: Array) -> Found:
     return Found(name, value, "pixel", "first moment inside the support, from the PSF's centre", gradient)
 
 
-def width(psf: Psf, name: str, axis: int) -> Found:
-    """Full width at half maximum of the band-limited section through the centre, along rows (1) or columns (0)."""
+def section_widths(psf: Psf) -> tuple[float, float]:
+    """Full widths at half maximum of the band-limited sections through the centre, along rows and along columns."""
+    middle = psf.k // 2
+    horizontal, vertical = _widths(np.stack([psf.h[middle], psf.h[:, middle]]), psf.s).tolist()
+    return horizontal, vertical
+
+
+def _width(psf: Psf, name: str, axis: int) -> Found:
+    """One of `section_widths`, along rows (1) or columns (0)."""
     middle = psf.k // 2
     profile = psf.h[middle] if axis else psf.h[:, middle]
     used = middle * psf.k + np.arange(psf.k) if axis else middle + psf.k * np.arange(psf.k)
-    steps = 1e-4 * max(float(np.abs(profile).max()), 1e-30) * np.eye(psf.k)
-    value = float(_widths(profile[None], psf.s)[0])
-    slope = (_widths(profile + steps, psf.s) - _widths(profile - steps, psf.s)) / (2 * steps[0, 0])
+    step = 1e-4 * max(float(np.abs(profile).max()), 1e-30)
+    steps = step * np.vstack([np.zeros(psf.k), np.eye(psf.k), -np.eye(psf.k)])
+    value, *moved = _widths(profile + steps, psf.s).tolist()
     gradient = np.zeros(len(psf.parameters))
-    gradient[used] = slope
+    gradient[used] = (np.array(moved[: psf.k]) - moved[psf.k :]) / (2 * step)
     return Found(name, value, "pixel", "band-limited section through the centre", gradient)
 
 
 def _widths(profiles: Array, s: int) -> Array:
     """Full widths at half maximum (b,) of band-limited sections (b, k), in pixels; NaN where there is none."""
-    fine = 16
-    k = profiles.shape[1]
-    t = np.arange((k - 1) * fine + 1) / fine
-    values = profiles @ np.sinc(t[:, None] - np.arange(k)).T
+    values = profiles @ _between(profiles.shape[1])
     peak = values.argmax(axis=1)[:, None]
     below = values < np.take_along_axis(values, peak, 1) / 2
     at = np.arange(values.shape[1])
@@ -108,7 +114,14 @@ def _widths(profiles: Array, s: int) -> Array:
     there = right.any(axis=1) & left.any(axis=1)
     high, low = right.argmax(axis=1), values.shape[1] - 1 - left[:, ::-1].argmax(axis=1)
     width = _half_way(values, peak, high, high - 1) - _half_way(values, peak, low, np.minimum(low + 1, at[-1]))
-    return np.asarray(np.where(there, width, np.nan) / (fine * s))
+    return np.asarray(np.where(there, width, np.nan) / (FINE_SECTION * s))
+
+
+@lru_cache(maxsize=8)
+def _between(k: int) -> Array:
+    """Band-limited interpolation of k samples, `FINE_SECTION` points a sample: (k, n)."""
+    t = np.arange((k - 1) * FINE_SECTION + 1) / FINE_SECTION
+    return np.asarray(np.sinc(t - np.arange(k)[:, None]))
 
 
 def _half_way(values: Array, peak: Indices, outer: Indices, inner: Indices) -> Array:
@@ -128,56 +141,114 @@ def _noise_of_energy(psf: Psf) -> tuple[float, float]:
     """What noise of the samples adds, on average, to the energy inside the Nyquist square and to the whole."""
     S = _nyquist_kernel(psf.k, psf.s)
     C = psf.covariance.reshape(psf.k, psf.k, psf.k, psf.k)
-    inside = np.einsum("jb,jb->", S, np.einsum("ia,iajb->jb", S, C.transpose(0, 2, 1, 3)))
+    inside = np.sum(S * np.tensordot(S, C, axes=((0, 1), (0, 2))))
     return float(inside), float(np.trace(psf.covariance))
 
 
+@dataclass(frozen=True)
+class _FineGrid:
+    """Points between the samples of an image, `FINE` a sample, each for a square of light.
+
+    Attributes
+    ----------
+    M : (n, size) float64
+        Band-limited interpolation along one axis.
+    r : (n^2,) float64
+        The points' distances from the centre, in pixels.
+    order : (n^2,) int
+        The points by their distance.
+    rising : (n^2,) float64
+        The distances in that order.
+    side : float
+        Of a point's square, in pixels: circles enter it linearly.
+    """
+
+    M: Array
+    r: Array
+    order: Indices
+    rising: Array
+    side: float
+
+    def within(self, radius_px: float) -> Array:
+        """What each sample (size, size) adds to the light inside a circle."""
+        share = np.clip((radius_px - self.r) / self.side + 0.5, 0, 1) / FINE**2
+        return np.asarray(self.M.T @ share.reshape(len(self.M), len(self.M)) @ self.M)
+
+
 @lru_cache(maxsize=8)
-def _fine_grid(size: int, s: int) -> tuple[Array, Array, Indices]:
-    """Between the samples of an image: the matrix of band-limited interpolation (n, size), the points' distances from
-    the centre in pixels (n^2,), and their order by distance."""
+def _fine_grid(size: int, s: int) -> _FineGrid:
+    """The grid of an image (size, size)."""
     t = (np.arange(FINE * (size - 1) + 1) - FINE * (size // 2)) / FINE
     r = np.hypot(t, t[:, None]).ravel() / s
-    return np.sinc(t[:, None] - (np.arange(size) - size // 2)), r, np.argsort(r, kind="stable")
+    order = np.argsort(r, kind="stable")
+    return _FineGrid(np.sinc(t[:, None] - (np.arange(size) - size // 2)), r, order, r[order], 1 / (FINE * s))
 
 
-def encircled(psf: Psf, shares: tuple[float, ...]) -> list[Found]:
-    """Radii about the marks' centre within which shares of all light lie, of the band-limited PSF."""
-    whole = psf.extended()
-    found = []
-    for share in shares:
-        one = None
-        # most circles lie inside the support: the far samples are only looked at where they must be
-        for size in {min(psf.k + 2 * AROUND, len(whole)): None, len(whole): None}:
-            one = _circle(psf, whole, size, share)
-            if np.isfinite(one.value):
-                break
-        assert one is not None
-        found.append(one)
-    return found
+@dataclass(frozen=True)
+class Circle:
+    """The circle about the marks' centre within which a share of all light lies; NaN where there is none.
+
+    Attributes
+    ----------
+    radius : float
+        In pixels.
+    density : float
+        By how much the share grows with the radius, per pixel.
+    size : int
+        Side of the central square of samples that it was found by.
+    """
+
+    radius: float
+    density: float
+    size: int
 
 
-def _circle(psf: Psf, whole: Array, size: int, share: float) -> Found:
-    """The radius of a share of all light, by the central samples of the image; NaN where they hold less of it."""
-    rim = (len(whole) - size) // 2
-    image, light = whole[rim : len(whole) - rim, rim : len(whole) - rim], psf.light
-    M, r, order = _fine_grid(size, psf.s)
-    cell = 1 / (FINE * psf.s)  # side of a fine point's square, which the circle enters linearly
-    fine = (M @ image @ M.T).ravel() / FINE**2
-    within = r[order] < (size // 2) / psf.s
-    running = np.cumsum(fine[order][within]) / light
-    name, method = f"encircled_energy_{share * 100:.0f}", f"radius of {share:.0%} of all light"
+def circle(psf: Psf, image: Array, share: float) -> Circle:
+    """The circle of a share of all light of the band-limited PSF, whose `extended()` image is given.
+
+    Most circles lie inside the support: the far samples are only looked at where they must be.
+    """
+    near = _circle(psf, image, min(psf.k + 2 * AROUND, len(image)), share)
+    return near if np.isfinite(near.radius) or near.size == len(image) else _circle(psf, image, len(image), share)
+
+
+def _circle(psf: Psf, image: Array, size: int, share: float) -> Circle:
+    """The same by the central samples of the image alone."""
+    rim, grid = (len(image) - size) // 2, _fine_grid(size, psf.s)
+    fine = grid.M @ image[rim : len(image) - rim, rim : len(image) - rim] @ grid.M.T
+    light = fine.ravel()[grid.order] / (FINE**2 * psf.light)
+    r, side = grid.rising, grid.side
+    running = np.cumsum(light[: np.searchsorted(r, (size // 2) / psf.s)])
     if not len(running) or running.max() < share or running[0] >= share:
-        return Found(name, np.nan, "pixel", method, np.full(len(psf.parameters), np.nan))
-    radius, density = float(r[order[np.argmax(running >= share)]]), 1.0
+        return Circle(np.nan, np.nan, size)
+    radius, density = float(r[np.argmax(running >= share)]), 1.0
     for _ in range(6):  # Newton's steps on the smooth sum
-        density = float(fine[np.abs(radius - r) < cell / 2].sum()) / cell / light
-        radius += (share - float(np.clip((radius - r) / cell + 0.5, 0, 1) @ fine) / light) / density
-    weight = np.clip((radius - r) / cell + 0.5, 0, 1).reshape(len(M), len(M)) / FINE**2
-    by_image = np.zeros_like(whole)
-    by_image[rim : len(whole) - rim, rim : len(whole) - rim] = M.T @ weight @ M
-    gradient = (share * psf.weights - psf.contract(by_image)) / light / density
-    return Found(name, radius, "pixel", method, gradient)
+        first, last = np.searchsorted(r, (radius - side, radius + side)).tolist()
+        near, met = light[first:last], (radius - r[first:last]) / side
+        density = float(near[np.abs(met) < 0.5].sum()) / side
+        inside = float(light[:first].sum() + np.clip(met + 0.5, 0, 1) @ near)
+        radius += (share - inside) / density
+    return Circle(radius, density, size)
+
+
+def name_of_circle(share: float) -> str:
+    """The name of the radius of a share of all light."""
+    return f"encircled_energy_{share * 100:.0f}"
+
+
+def _encircled(psf: Psf) -> list[Found]:
+    """Radii about the marks' centre within which shares of all light lie, of the band-limited PSF."""
+    image, found = psf.extended(), []
+    for share in CIRCLES:
+        one, by_image = circle(psf, image, share), np.zeros_like(image)
+        gradient = np.full(len(psf.parameters), np.nan)
+        if np.isfinite(one.radius):
+            rim = (len(image) - one.size) // 2
+            within = _fine_grid(one.size, psf.s).within(one.radius)
+            by_image[rim : len(image) - rim, rim : len(image) - rim] = within
+            gradient = (share * psf.weights - psf.contract(by_image)) / psf.light / one.density
+        found.append(Found(name_of_circle(share), one.radius, "pixel", f"radius of {share:.0%} of all light", gradient))
+    return found
 
 
 def _moment_weight(psf: Psf) -> Array:

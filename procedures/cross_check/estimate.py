@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.cross_check.surroundings import without_surroundings
+from procedures.numerics.ordered import quantile
 from procedures.outcome import Quantity
 from procedures.pattern import BLOCK, CELLS, EDGE_END, EDGES
 from procedures.pattern_psf.estimate import PatternPsf
@@ -160,5 +161,5 @@ def _shows_edge(strip: Strip, line: Line, found: PatternPsf) -> bool:
     sides = [strip.samples[strip.usable & (d * sign > CLEAR_PX)] for sign in (-1, 1)]
     if min(map(len, sides)) < LEAST_SIDE**2 / 2:
         return False
-    contrast = abs(float(np.median(sides[0]) - np.median(sides[1])))
+    contrast = abs(quantile(sides[0], 0.5) - quantile(sides[1], 0.5))
     return contrast > LEAST_CONTRAST * found.diagnostics["contrast"]

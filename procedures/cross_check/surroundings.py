@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numerics import transforms
+from procedures.numerics.ordered import quantile
 from procedures.slanted_edge.strip import Strip
 
 Array = npt.NDArray[np.float64]
@@ -44,7 +45,7 @@ def without_surroundings(samples: Array32, strip: Strip, course: Array, density_
     along, across = course.T if strip.turned else course.T[::-1]
     line = np.polyfit(along, across, 1)
     beyond = v > np.polyval(line, u)
-    levels = [float(np.median(part[inside & side])) for side in (~beyond, beyond)]
+    levels = [quantile(part[inside & side], 0.5) for side in (~beyond, beyond)]
     other = np.where(inside, 0.0, part - np.where(beyond, levels[1], levels[0]))
     seen = _through_tail(other, density_px)[top : top + roi.height, left : left + roi.width]
     return strip.samples - (seen.T if strip.turned else seen)

@@ -1,8 +1,9 @@
 """Bessel's functions J0 and J1 and the integral of J0, by Bessel's own integrals: SciPy's take longer to import.
 
 J_n(x) is the mean over theta of cos(n theta - x sin theta) (NIST DLMF 10.9.2), its integral over x of the first that of
-sin(x sin theta) / sin theta. Over whole periods the trapezoidal rule errs by J_N(x) for N points, nothing from
-N = x + 20 or so on (Trefethen and Weideman, SIAM Review 56, 2014).
+sin(x sin theta) / sin theta. What is even about both axes of theta stays of them: a quarter of a turn has all of it.
+Over whole periods the trapezoidal rule errs by J_N(x) for N points, nothing from N = 2 x + 80 on (Trefethen and
+Weideman, SIAM Review 56, 2014).
 """
 
 from __future__ import annotations
@@ -21,28 +22,28 @@ LARGEST_BLOCK = 1 << 20
 
 def j0(x: npt.ArrayLike) -> Array:
     """J0 at real x, to 1e-14."""
-    return _mean(x, lambda x, sine, theta: np.cos(x * sine))
+    return _mean(x, lambda x, sine: np.cos(x * sine))
 
 
 def j1(x: npt.ArrayLike) -> Array:
     """J1 at real x, to 1e-14."""
-    return _mean(x, lambda x, sine, theta: np.cos(theta - x * sine))
+    return _mean(x, lambda x, sine: np.sin(x * sine) * sine)
 
 
 def integral_of_j0(x: npt.ArrayLike) -> Array:
     """The integral of J0 from 0 to real x, to 1e-14 of x."""
-    return _mean(x, lambda x, sine, theta: np.sin(x * sine) / sine)
+    return _mean(x, lambda x, sine: np.sin(x * sine) / sine)
 
 
-def _mean(x: npt.ArrayLike, integrand: Callable[[Array, Array, Array], Array]) -> Array:
-    """Mean of the integrand over theta, at points that are none of its removable poles."""
+def _mean(x: npt.ArrayLike, integrand: Callable[[Array, Array], Array]) -> Array:
+    """Mean over theta of an integrand of x and sin theta, at points that are none of its removable poles."""
     values = np.asarray(x, dtype=np.float64)
     flat = values.ravel()
-    points = int(np.abs(flat).max(initial=0.0)) + MORE_POINTS
-    theta = 2 * np.pi * (np.arange(2 * points) + 0.5) / (2 * points)
-    rows = max(LARGEST_BLOCK // len(theta), 1)
+    points = (int(np.abs(flat).max(initial=0.0)) + MORE_POINTS) // 2 + 1
+    sine = np.sin(np.pi / 2 * (np.arange(points) + 0.5) / points)
+    rows = max(LARGEST_BLOCK // points, 1)
     out = np.empty(len(flat))
     for first in range(0, len(flat), rows):
         part = slice(first, first + rows)
-        out[part] = integrand(flat[part, None], np.sin(theta), theta).mean(axis=1)
+        out[part] = integrand(flat[part, None], sine).mean(axis=1)
     return out.reshape(values.shape)

@@ -14,7 +14,7 @@ import os
 import re
 import tempfile
 from collections.abc import Callable
-from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,6 +24,8 @@ import llvmlite.binding as llvm
 from procedures.numerics.native_call import RETURNED_NONE, Shape, flattened, layout, taken
 
 SUFFIX = ".kernel"
+HIDDEN = ("define linkonce_odr ", "define internal ")
+"""What the functions that a kernel calls are told as, and are made: others may bring their own of the same name."""
 RUN_TIME = """
 define internal ptr @NRT_MemInfo_alloc_aligned(i64 %size, i32 %align) {
   %wide = zext i32 %align to i64
@@ -88,6 +90,7 @@ def extracted(library: Any, name: str, answer: Shape) -> Code:
     for ours in _OURS:
         text = re.sub(rf"^declare [^\n]*@{ours}\([^\n]*\n", "", text, flags=re.MULTILINE)
     text = text.replace("= common local_unnamed_addr global ptr null", "= internal global ptr null")
+    text = text.replace(*HIDDEN)
     try:
         module = llvm.parse_assembly(text + RUN_TIME)
         module.verify()
@@ -129,12 +132,16 @@ def _processor() -> tuple[str, str]:
 @functools.cache
 def environment() -> str:
     """What machine code depends on beside its source."""
-    return f"{llvmlite.__version__} {version('numba')} {_processor()} {RUN_TIME}"
+    numba = find_spec("numba")  # its metadata would take longer to read than the code to load
+    if numba is None or numba.origin is None:
+        raise ImportError("kernels are compiled by numba, which is not installed")
+    version = Path(numba.origin).with_name("_version.py").read_text()
+    return f"{llvmlite.__version__} {version} {_processor()} {RUN_TIME} {HIDDEN}"
 
 
 def loaded(code: Code) -> Callable[..., Any]:
     """The function, for Python. It raises ArithmeticError where the machine code reports an error."""
-    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine())
+    engine = _engine_without(code.name)
     engine.add_object_file(llvm.ObjectFileRef.from_data(code.binary))
     engine.finalize_object()
     address = engine.get_function_address(code.name)
@@ -154,8 +161,21 @@ def loaded(code: Code) -> Callable[..., Any]:
             raise ArithmeticError(f"machine code of {code.name} ended with {status}")
         return taken(code.answer, answer, free)
 
-    call.engine = engine  # type: ignore[attr-defined]  # it owns the code
     return call
+
+
+_engines: list[tuple[Any, set[str]]] = []
+
+
+def _engine_without(name: str) -> Any:
+    """LLVM's linker: one for all functions, as making it takes longer than the linking, but for names that repeat."""
+    for engine, names in _engines:
+        if name not in names:
+            names.add(name)
+            return engine
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine())
+    _engines.append((engine, {name}))
+    return engine
 
 
 @functools.cache

@@ -9,6 +9,7 @@ own. The first shape is that tail. The others are how a true one differs from it
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +18,7 @@ from procedures.numerics import transforms
 from procedures.numerics.bessel import integral_of_j0, j0, j1
 
 Array = npt.NDArray[np.float64]
+Array32 = npt.NDArray[np.float32]
 
 REACH = 64
 """Samples of the s grid from the centre to where the shapes end, for supports up to half of that. Beyond it the mean
@@ -66,45 +68,54 @@ def tail_columns(
     # only every s-th sample is wanted: along y by folding the spectrum, which is exact
     shape = (s * transforms.next_fast_len(-(-u.shape[0] // s)), transforms.next_fast_len(u.shape[1]))
     seen = transforms.rfft2(u, shape)
-    found = np.empty((len(rows), shapes))
+    found, places = np.empty((len(rows), shapes)), rows * shape[1] + s * columns
     for j, spectrum in enumerate(_spectra(k, *shape)[:shapes]):
         folded = (seen * spectrum).reshape(s, shape[0] // s, -1).sum(axis=0)
-        image = transforms.irfft2(folded, (shape[0] // s, shape[1]))
-        found[:, j] = image[rows, s * columns]
+        found[:, j] = transforms.irfft2(folded, (shape[0] // s, shape[1])).ravel()[places]
     return found / s
 
 
-def far_light(picture: Array, corner: tuple[int, int], shape: tuple[int, int], s: int, k: int) -> Array:
+def far_light(
+    picture: npt.NDArray[np.floating[Any]],
+    corner: tuple[int, int],
+    shape: tuple[int, int],
+    s: int,
+    k: int,
+    levels: tuple[float, float] = (-0.5, 0.5),
+) -> Array32:
     """What comes from beyond the reach by a mean tail of energy 1 within it: a picture through 1/r^3, (rows, columns).
 
     Parameters
     ----------
-    picture : (rows, columns) float64
+    picture : (rows, columns) float
         What is seen, at pixels; nothing is sharp from so far away, so that it may be the photograph itself.
     corner : (x, y)
         First pixel of the window that is wanted.
     shape : (rows, columns)
         Size of the window.
+    levels : (float, float)
+        What counts as -1/2 and as 1/2 in the picture.
     """
     x, y = corner
     rows, columns = (
         np.clip(np.arange(a - FAR, a + n + FAR), 0, most - 1)
         for a, n, most in ((y, shape[0], picture.shape[0]), (x, shape[1], picture.shape[1]))
     )
-    part = picture[np.ix_(rows, columns)]
+    around = (picture[np.ix_(rows, columns)] - levels[0]) / (levels[1] - levels[0]) - 0.5
+    part = around.astype(np.float32)
     size = tuple(transforms.next_fast_len(n) for n in part.shape)
     seen = transforms.irfft2(transforms.rfft2(part, size) * _far_spectrum(size[0], size[1], s, k), size)
     return np.asarray(seen[FAR : FAR + shape[0], FAR : FAR + shape[1]])
 
 
 @lru_cache(maxsize=8)
-def _far_spectrum(rows: int, columns: int, s: int, k: int) -> npt.NDArray[np.complex128]:
+def _far_spectrum(rows: int, columns: int, s: int, k: int) -> npt.NDArray[np.complex64]:
     """Spectrum of the tail from the reach to `FAR`, on a grid of pixels."""
     r = np.hypot(
         *np.meshgrid(transforms.fftfreq(rows, 1 / rows), transforms.fftfreq(columns, 1 / columns), indexing="ij")
     )
     weight = np.clip(r - tail_border(k) / s + 0.5, 0, 1) * (r <= FAR)
-    return np.asarray(transforms.rfft2(weight * tail_density(k) / (s * np.maximum(r, 1) ** 3)))
+    return np.asarray(transforms.rfft2(weight * tail_density(k) / (s * np.maximum(r, 1) ** 3)), dtype=np.complex64)
 
 
 @lru_cache(maxsize=4)
@@ -118,11 +129,13 @@ def _spectra(k: int, rows: int, columns: int) -> npt.NDArray[np.complex64]:
     return np.stack([transforms.rfft2(one) for one in shifted])
 
 
+@lru_cache(maxsize=8)
 def tail_sums(k: int) -> Array:
     """Energy of each shape (q,): of the first the whole tail's, without an end, over that within the reach."""
-    sums = tail_kernels(k).sum(axis=(1, 2))
+    sums = np.asarray(tail_kernels(k).sum(axis=(1, 2)))
     sums[0] += _beyond(k)
-    return np.asarray(sums)
+    sums.flags.writeable = False  # shared by all callers
+    return sums
 
 
 def tail_density(k: int) -> float:
@@ -147,18 +160,33 @@ def _spectra_at(x_bytes: bytes, y_bytes: bytes, k: int) -> Array:
     fx, fy = np.frombuffer(x_bytes), np.frombuffer(y_bytes)
     half = tail_border(k)
     quadrants = tail_kernels(k)[:, half:, half:]
-    n = np.arange(half + 1)
-    times = np.where(n > 0, 2.0, 1.0)  # how often a column of the quadrant stands in the whole
-    x, y = 2 * np.pi * fx[:, None] * n, 2 * np.pi * fy[:, None] * n
-    even, odd = (np.cos(x) * times, np.cos(y) * times), (2 * np.sin(x), -2 * np.sin(y))
+    times = np.where(np.arange(half + 1) > 0, 2.0, 1.0)  # how often a column of the quadrant stands in the whole
+    x, y = _waves(fx, half), _waves(fy, half)
+    even, odd = (x.real * times, y.real * times), (2 * x.imag, -2 * y.imag)
     within = np.empty((len(fx), len(SHAPES)))
     for j, quadrant in enumerate(quadrants):
         across, down = odd if SHAPES[j].startswith("sin") else even
         within[:, j] = np.sum((down @ quadrant) * across, axis=1)
-    x = 2 * np.pi * np.hypot(fx, fy) * half
-    within[:, 0] += _beyond(k) * (j0(x) + x * (integral_of_j0(x) - 1 - j1(x)))
+    within[:, 0] += _beyond(k) * _transform_beyond(2 * np.pi * np.hypot(fx, fy) * half)
     within.flags.writeable = False  # shared by all callers
     return within
+
+
+def _waves(f: Array, last: int) -> npt.NDArray[np.complex128]:
+    """exp(2 pi i f n) at frequencies (n,) for n from 0 to the last: (n, last + 1)."""
+    steps = np.exp(2j * np.pi * f)
+    return np.concatenate([np.ones((len(f), 1)), np.cumprod(np.repeat(steps[:, None], last, axis=1), axis=1)], axis=1)
+
+
+def _transform_beyond(x: Array) -> Array:
+    """Hankel transform g of 1/r^3 beyond the reach at x (n,), found once where several are the same to rounding."""
+    order = np.argsort(x)
+    rising = x[order]
+    new = np.diff(rising, prepend=-1.0) > 1e-13 * rising[-1]
+    r = rising[new]
+    g = np.empty_like(x)
+    g[order] = (j0(r) + r * (integral_of_j0(r) - 1 - j1(r)))[np.cumsum(new) - 1]
+    return g
 
 
 def _beyond(k: int) -> float:

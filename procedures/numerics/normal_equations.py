@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics.solvers import cholesky_solve
+from procedures.numerics.solvers import cholesky_inverse, cholesky_solve
+from procedures.numerics.triangular import inverse_lower, solve_factored
 
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
@@ -23,23 +25,52 @@ class NormalEquations:
         A'A - A'Z (Z'Z)^-1 Z'A: the inverse is the covariance of h for unit noise, nuisance parameters included.
     b : (n,) float64
         A'r - A'Z (Z'Z)^-1 Z'r.
-    AZ : (n, p), ZZ : (p, p), Zr : (p,)
-        What gives the nuisance parameters back.
+    L : (n, n) float64
+        Cholesky's factor of G.
+    AZ : (n, p), ZZ : (p, p) float64
+        A'Z and Z'Z.
+    E : (p, n) float64
+        (Z'Z)^-1 Z'A: by what the nuisance parameters fall as the kernel grows.
+    t : (p,) float64
+        (Z'Z)^-1 Z'r: the nuisance parameters without a kernel.
     """
 
     G: Array
     b: Array
+    L: Array
     AZ: Array
     ZZ: Array
-    Zr: Array
+    E: Array
+    t: Array
+
+    @property
+    def kernel(self) -> Array:
+        """The solution h (n,)."""
+        return np.asarray(solve_factored(self.L, self.b))
+
+    @property
+    def AA(self) -> Array:
+        """A'A (n, n): the information on h where the nuisance parameters are known."""
+        return np.asarray(self.G + self.AZ @ self.E)
+
+    @cached_property
+    def inverse(self) -> Array:
+        """G^-1 (n, n)."""
+        inverse = inverse_lower(self.L)
+        return np.asarray(inverse.T @ inverse)
 
     def nuisance(self, h: Array) -> Array:
         """The nuisance parameters (p,) that go with the kernel h (n,)."""
-        return np.asarray(np.linalg.solve(self.ZZ, self.Zr - self.AZ.T @ h))
+        return np.asarray(self.t - self.E @ h)
 
     def response(self, change: Array) -> Array:
         """How the nuisance parameters (p,) follow a change of the kernel (n,)."""
-        return np.asarray(-np.linalg.solve(self.ZZ, self.AZ.T @ change))
+        return np.asarray(-self.E @ change)
+
+    def with_right_side(self, p: Products) -> NormalEquations:
+        """The same for the Ar and Zr of other products, whose matrices are the same."""
+        t = cholesky_solve(self.ZZ, p.Zr)
+        return replace(self, b=p.Ar - self.AZ @ t, t=t)
 
 
 def gram(A: Array32) -> Array:
@@ -116,10 +147,29 @@ def products(AA: Array, A: Array32, Z: Array, r: Array) -> Products:
     return Products(AA, AZr[:, :-1], Z.T @ Z, AZr[:, -1], Z.T @ r)
 
 
+def products_within(whole: Array32, n: int, Z: Array, r: Array) -> Products:
+    """The same as `products`, for A the first n columns of a matrix (m, n + p + 1), whose others are written over.
+
+    All in one product, which takes little longer than A'A by itself; Z'Z and Z'r stay in double precision.
+    """
+    whole[:, n:-1], whole[:, -1] = Z, r
+    G = gram(whole)
+    return Products(G[:n, :n], G[:n, n:-1], Z.T @ Z, G[:n, -1], Z.T @ r)
+
+
 def eliminate(p: Products) -> NormalEquations:
-    """Normal equations of min |A h + Z t - r| for h alone, t eliminated."""
-    X = cholesky_solve(p.ZZ, np.column_stack([p.AZ.T, p.Zr]))
-    return NormalEquations(p.AA - p.AZ @ X[:, :-1], p.Ar - p.AZ @ X[:, -1], p.AZ, p.ZZ, p.Zr)
+    """Normal equations of min |A h + Z t - r| for h alone, t eliminated.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If A and Z do not determine h and t.
+    """
+    inverse = cholesky_inverse(p.ZZ)
+    E, t = inverse @ p.AZ.T, inverse @ p.Zr
+    G = p.AA - p.AZ @ E
+    L = np.asarray(np.linalg.cholesky(G), dtype=np.float64)
+    return NormalEquations(G, p.Ar - p.AZ @ t, L, p.AZ, p.ZZ, E, t)
 
 
 def normalised(h: Array, covariance: Array) -> tuple[Array, Array]:

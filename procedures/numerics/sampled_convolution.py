@@ -12,7 +12,13 @@ Array32 = npt.NDArray[np.float32]
 
 @compiled
 def sample_convolution(
-    raster: Array32, rows: npt.NDArray[np.int64], columns: npt.NDArray[np.int64], weight: Array32, s: int, k: int
+    raster: Array32,
+    rows: npt.NDArray[np.int64],
+    columns: npt.NDArray[np.int64],
+    weight: Array32,
+    s: int,
+    k: int,
+    more: int = 0,
 ) -> Array32:  # pragma: no cover - compiled
     """The matrix S_s U: convolution with a raster, sampled at pixels, each row scaled by its weight.
 
@@ -24,17 +30,19 @@ def sample_convolution(
         The pixels.
     weight : (m,) float32
         One over the standard deviation of the pixel's sample.
+    more : int
+        Columns that the caller fills.
 
     Returns
     -------
-    (m, k^2) float32
+    (m, k^2 + more) float32
 
     References
     ----------
     Delbracio, Muse, Almansa, IPOL 2012, section 4.7.
     """
     m = len(rows)
-    A = np.empty((m, k * k), np.float32)
+    A = np.empty((m, k * k + more), np.float32)
     for p in range(m):
         top, left, w = s * rows[p], s * columns[p], weight[p]
         for i in range(k):
@@ -60,4 +68,17 @@ def convolve_at(
             for j in range(k):
                 total += turned[i, j] * line[left + j]
         out[p] = total
+    return out
+
+
+@vectorised
+def sums_of_groups(
+    A: Array32, group: npt.NDArray[np.int64], factor: Array32, count: int
+) -> Array32:  # pragma: no cover - compiled
+    """The sums of a matrix' rows (m, n), times a factor each (m,), over the groups that they belong to: (count, n)."""
+    out = np.zeros((count, A.shape[1]), np.float32)
+    for p in range(len(A)):
+        total, row, f = out[group[p]], A[p], factor[p]
+        for j in range(len(row)):
+            total[j] += f * row[j]
     return out

@@ -1,4 +1,4 @@
-"""Cholesky's factor put to use with NumPy alone: SciPy's linear algebra takes longer to import than this to work."""
+"""Cholesky's factor put to use without SciPy: its linear algebra takes longer to import than this to work."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
+from procedures.numerics.compiled import vectorised
 
 Matrix = npt.NDArray[np.floating[Any]]
 
@@ -15,7 +17,26 @@ BLOCK = 48
 
 def solve_factored(L: Matrix, b: Matrix) -> Matrix:
     """Solution x of L L' x = b for lower triangular L (n, n) and b (n,) or (n, p)."""
+    if b.ndim == 1:
+        return _substituted(np.ascontiguousarray(L), b.astype(L.dtype))
     return _solve_upper(L.T, solve_lower(L, b))
+
+
+@vectorised
+def _substituted(L: Matrix, b: Matrix) -> Matrix:  # pragma: no cover - compiled
+    """`solve_factored` for one column, by its elements; both in one precision."""
+    x = b.copy()
+    for i in range(len(L)):
+        row, total = L[i], x[i]
+        for j in range(i):
+            total -= row[j] * x[j]
+        x[i] = total / row[i]
+    for i in range(len(L) - 1, -1, -1):
+        row = L[i]
+        x[i] /= row[i]
+        for j in range(i):
+            x[j] -= row[j] * x[i]
+    return x
 
 
 def solve_lower(L: Matrix, b: Matrix) -> Matrix:

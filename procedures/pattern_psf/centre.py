@@ -15,6 +15,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics import transforms
+
 Array = npt.NDArray[np.float64]
 
 SUPERSAMPLING = 4  # points per sample of the s grid along each axis, for the antialiased mark
@@ -90,12 +92,12 @@ def _view(h: Array, J: Array) -> _View:
 
 def _correlation(slope: Array, field: Array, k: int) -> Array:
     """Sums of `field` times `slope` shifted by each of the PSF's samples, (k^2,)."""
-    margin = (slope.shape[0] - field.shape[0]) // 2
-    first = margin - k // 2
     n = field.shape[0]
+    first = (slope.shape[0] - n) // 2 - k // 2
     part = slope[first : first + n + k - 1, first : first + n + k - 1]
-    windows = np.lib.stride_tricks.sliding_window_view(part, (n, n))
-    return np.asarray(np.einsum("ijuv,uv->ij", windows, field)[::-1, ::-1].ravel())
+    # a correlation that goes round: of its places, the first k x k lie within
+    spectrum = transforms.rfft2(part) * np.conj(transforms.rfft2(field, part.shape))
+    return np.asarray(transforms.irfft2(spectrum, part.shape)[k - 1 :: -1, k - 1 :: -1].ravel())
 
 
 def _x_corner(J: Array, reach: int) -> Array:

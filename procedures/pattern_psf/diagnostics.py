@@ -7,14 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procedures.choice import band_edge
-from procedures.numerics.solvers import cholesky_solve
+from procedures.choice import Trial
 from procedures.pattern_psf.error_parts import ErrorParts
 from procedures.pattern_psf.radiometry import Light
 from procedures.pattern_psf.refine import GEOMETRY, RESPONSE, SPREAD, TAIL, Fit, TailPrior
 from procedures.pattern_psf.registration import Registration, map_distance, mark_residuals
 from procedures.psf import Psf
-from procedures.quality import truncation
 from procedures.sharpening import missing_light
 
 Array = npt.NDArray[np.float64]
@@ -112,6 +110,7 @@ def diagnose(
     outliers: float,
     parts: ErrorParts,
     prior: TailPrior | None,
+    trial: Trial,
 ) -> Diagnostics:
     """Measure what the verdict needs.
 
@@ -129,6 +128,8 @@ def diagnose(
         Share of the samples left out.
     parts : ErrorParts
     prior : TailPrior or None
+    trial : Trial
+        The last one of s and k, whose PSF it is.
     """
     marks = mark_residuals(fit.registration, corners)
     pixels_per_cell = 1 / np.sqrt(abs(np.linalg.det(fit.registration.jacobian())))
@@ -153,8 +154,8 @@ def diagnose(
         s_over_t=float(psf.s * pixels_per_cell),
         noise_correlation=light.noise_correlation,
         mismatch=max(parts.mismatch.values(), default=1.0),
-        truncation=truncation(psf),
-        band_edge=band_edge(psf),
+        truncation=trial.truncation,
+        band_edge=trial.band_edge,
         tail_sigmas=_tail_sigmas(fit, psf.s, prior),
         missing_light=missing_light(psf),
         crushed=light.crushed,
@@ -171,11 +172,9 @@ def _tail_sigmas(fit: Fit, s: int, prior: TailPrior | None) -> float:
         return 0.0
     expected = prior.energy(s, round(len(fit.h) ** 0.5))
     known, found = (prior.share * expected) ** 2, float(fit.light[TAIL])
-    of_tail = np.zeros(len(fit.equations.ZZ))
-    of_tail[GEOMETRY + TAIL] = 1
-    e = np.linalg.solve(fit.equations.ZZ, of_tail)
-    through = fit.equations.AZ @ e
-    c = float(e[GEOMETRY + TAIL] + through @ cholesky_solve(fit.equations.G, through))
+    equations, place = fit.equations, GEOMETRY + TAIL
+    through = equations.E[place]
+    c = float(np.linalg.inv(equations.ZZ)[place, place] + through @ equations.inverse @ through)
     alone = c / max(1 - c / known, 1e-6)
     away = found + alone * (found - expected) / known - expected
     return float(away / np.sqrt(alone * fit.residual_std**2 + known))

@@ -118,8 +118,7 @@ def _freed(equations: NormalEquations, gradients: Array) -> tuple[dict[str, Arra
     """Variances (b,) of the numbers for unit noise, the groups freed one after the other; and F^-1 g, (b, n + p)."""
     AZ, ZZ = equations.AZ, equations.ZZ
     n, b = len(AZ), len(gradients)
-    AA = equations.G + AZ @ np.linalg.solve(ZZ, AZ.T)
-    solved = cholesky_solve(AA, np.hstack([AZ, gradients[:, :n].T]))
+    solved = cholesky_solve(equations.AA, np.hstack([AZ, gradients[:, :n].T]))
     of_Z, of_g = solved[:, : AZ.shape[1]], solved[:, AZ.shape[1] :]
     left = ZZ - AZ.T @ of_Z  # information of the nuisance parameters when h is free
     pull = gradients[:, n:].T - AZ.T @ of_g  # (p, b)

@@ -15,13 +15,14 @@ import numpy.typing as npt
 
 from procedures.budget import taken_apart, with_settling
 from procedures.choice import FINEST, Trial, choose, settling
+from procedures.numerics.kernel_tail import far_light
 from procedures.outcome import Outcome, Refused, Verdict
 from procedures.pattern import BLOCK, CELLS, Chart
 from procedures.pattern_psf.chart_finding.detection import Sighting, check_usable, find_chart
 from procedures.pattern_psf.diagnostics import Diagnostics, diagnose
 from procedures.pattern_psf.error_parts import ErrorParts, Variation, error_parts
 from procedures.pattern_psf.gamma.amplification import gamma_bound, gamma_of_fit
-from procedures.pattern_psf.observation import noise_window, observe
+from procedures.pattern_psf.observation import count_inside, noise_window, observe
 from procedures.pattern_psf.radiometry import Light, measure_light
 from procedures.pattern_psf.refine import GEOMETRY, Fit, TailPrior, refine, without_outliers
 from procedures.pattern_psf.registration import (
@@ -215,12 +216,12 @@ def _estimate(
         return _Attempt(fit, outliers, *solution(fit, s, k, parameters.solver))
 
     cell_px = block_size_px(marks_map) / BLOCK
-    count = len(observe(samples, marks_map, light, noise_window(marks_map, samples.shape)))
+    count = count_inside(marks_map, noise_window(marks_map, samples.shape))
     found, tried = choose(attempt, lambda one: one.psf, count, finest(cell_px), s=parameters.s, k=parameters.k)
     quality = assess(found.psf, n=len(found.fit.observation), diffraction=diffraction)
     parts = error_parts(found.fit, found.psf, quality, WATCHED)
     quality = taken_apart(with_settling(quality, settling(tried)), parts.parts)
-    diagnostics = diagnose(found.fit, found.psf, light, corners, marks_map, found.outliers, parts, prior)
+    diagnostics = diagnose(found.fit, found.psf, light, corners, marks_map, found.outliers, parts, prior, tried[-1])
     verdict, reason, remedy = judge(
         diagnostics, found.fit, Doubts(parameters, parameters.chosen, tried, parts.variations)
     )
@@ -291,7 +292,6 @@ def _fit(
 ) -> tuple[Fit, float]:
     """The joint fit, and the share of samples left out of it as outliers."""
     window = noise_window(registration, samples.shape)
-    surroundings = (samples - light.black[0]) / light.contrast - 0.5
     hidden = not np.isfinite(corners).all()
     observation = observe(samples, registration, light, window, margin_px=k / (2 * s) if hidden else 0.0)
     m, n = len(observation), k * k
@@ -300,10 +300,12 @@ def _fit(
             f"{n} PSF values need at least {2 * n} samples of the noise region; the photograph has {m}",
             "move closer, or lower k",
         )
-    fit = refine(observation, chart, registration, window, s, k, surroundings, prior)
+    levels = float(light.black[0]), float(light.white[0])
+    far = far_light(samples, (window.x, window.y), (window.rows, window.columns), s, k, levels)
+    fit = refine(observation, chart, registration, window, s, k, far, prior)
     kept = without_outliers(fit)
     if len(kept) < m - max(10, 1e-3 * m):
-        fit = refine(kept, chart, registration, window, s, k, surroundings, prior)
+        fit = refine(kept, chart, registration, window, s, k, far, prior)
     return fit, 1 - len(kept) / m
 
 

@@ -15,6 +15,7 @@ from procedures.pattern_psf.registration import Registration
 
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
+Indices = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -80,16 +81,27 @@ def observe(
         Pixels nearer than this to the region's rim are left out: the PSF's radius, when marks are hidden and what
         lies beyond the rim is not known.
     """
-    x, y = np.meshgrid(np.arange(window.columns), np.arange(window.rows))
-    columns, rows = x.ravel(), y.ravel()
+    rows, columns = _inside(registration, window, margin_px)
     points = np.column_stack([columns + window.x, rows + window.y]).astype(np.float64)
-    cells = registration.to_pattern(points)
-    margin = margin_px * np.abs(registration.jacobian()).sum(axis=1).max()
-    inside = ((cells >= margin) & (cells <= CELLS - margin)).all(axis=1)
-    rows, columns, points = rows[inside], columns[inside], points[inside]
     place = ((points - registration.centre) / registration.radius).T
     quadratics = quadratic(*place)
     contrast = quadratics @ (light.white - light.black)
     value = (window.cut(samples)[rows, columns] - quadratics @ light.black) / contrast
     weight = contrast / np.sqrt(light.variance_at(value))
     return Observation(rows, columns, points, value, weight, quadratics, cubic_monomials(*place))
+
+
+def count_inside(registration: Registration, window: Window) -> int:
+    """How many samples of a window lie in the noise region."""
+    return len(_inside(registration, window, 0.0)[0])
+
+
+def _inside(registration: Registration, window: Window, margin_px: float) -> tuple[Indices, Indices]:
+    """Rows and columns (m,) of the window's pixels that lie in the noise region, away from its rim."""
+    x, y = np.meshgrid(np.arange(window.columns), np.arange(window.rows))
+    columns, rows = x.ravel(), y.ravel()
+    points = np.column_stack([columns + window.x, rows + window.y]).astype(np.float64)
+    u, v = registration.to_pattern(points).T
+    margin = margin_px * np.abs(registration.jacobian()).sum(axis=1).max()
+    inside = (u >= margin) & (u <= CELLS - margin) & (v >= margin) & (v <= CELLS - margin)
+    return rows[inside], columns[inside]

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.clipping import find_clipping
+from procedures.numerics.ordered import quantile
 from procedures.pattern import BLACK_BLOCKS, BLOCK, BLOCKS, CELLS, WHITE_BLOCKS
 from procedures.pattern_psf.registration import Registration, block_size_px
 
@@ -76,7 +77,7 @@ def measure_light(samples: npt.NDArray[np.float32], registration: Registration, 
     points, block = _block_pixels(registration, samples.shape)
     black, variance_black, blacks, in_black = _fit_blocks(samples, registration, points, block, BLACK_BLOCKS)
     white, variance_white, whites, in_white = _fit_blocks(samples, registration, points, block, WHITE_BLOCKS)
-    levels = np.array([np.median(value) for value in whites if len(value)])
+    levels = np.array([quantile(value, 0.5) for value in whites if len(value)])
     floor = quantisation**2 / 12
     dark, bright = float(np.sqrt(variance_black)), float(np.sqrt(variance_white))
     clipped = find_clipping(np.concatenate(whites), quantisation, dark_noise=dark)
@@ -155,7 +156,7 @@ def _robust_fit(designs: list[Array], values: list[Array]) -> Array:
     for _ in range(10):
         fit = np.linalg.lstsq(design * weight[:, None], level * weight, rcond=None)[0]
         left = np.abs(level - design @ fit)
-        weight = 1 / np.sqrt(1 + (left / (2 * np.median(left) + 1e-4)) ** 4)
+        weight = 1 / np.sqrt(1 + (left / (2 * quantile(left, 0.5) + 1e-4)) ** 4)
     kept = [used[i] for i in np.flatnonzero(weight > 0.2)]
     return np.asarray(
         np.linalg.lstsq(np.vstack([designs[i] for i in kept]), np.concatenate([values[i] for i in kept]), rcond=None)[0]

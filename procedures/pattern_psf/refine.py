@@ -20,10 +20,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics.kernel_tail import SHAPES, far_light, tail_border, tail_columns, tail_density, tail_sums
-from procedures.numerics.normal_equations import NormalEquations, Products, eliminate, gram, products
-from procedures.numerics.sampled_convolution import convolve_at, sample_convolution
-from procedures.numerics.solvers import cholesky_solve
+from procedures.numerics.kernel_tail import SHAPES, tail_border, tail_columns, tail_density, tail_sums
+from procedures.numerics.normal_equations import NormalEquations, Products, eliminate, gram, products, products_within
+from procedures.numerics.ordered import quantile
+from procedures.numerics.sampled_convolution import convolve_at, sample_convolution, sums_of_groups
 from procedures.numerics.warps import displacement_columns
 from procedures.pattern import Chart
 from procedures.pattern_psf.centre import mark_offset
@@ -37,6 +37,7 @@ Array32 = npt.NDArray[np.float32]
 
 GEOMETRY = 18  # nuisance columns of the displacement: nine cubics each for x and y
 RESPONSE, SPREAD, TAIL = 11, 12, 13  # places of beta, delta and the tail's first amplitude among the light's numbers
+NUISANCE = GEOMETRY + TAIL + len(SHAPES)
 DIFFERS = np.array([0.5, 0.2, 0.2, 0.3, 0.3])
 """How far the shapes beside the mean tail are expected to go, over its energy: an excess close to the support, and
 variation with twice and four times the direction. Without it their noise would rule them."""
@@ -143,19 +144,20 @@ class _Model:
     raster: Raster
     window: Window
     k: int
-    far_light: Array
+    far_light: Array32
     tail: TailPrior | None = None
 
     def read(self, registration: Registration, border: int) -> Array32:
         """The chart on the s grid of the window, with a border."""
         return self.raster.read(registration, self.window, border)
 
-    def system(self, o: Observation, u: Array32) -> Array32:
-        """The weighted convolution matrix, for the chart `u` with a border of the support's or more."""
+    def system(self, o: Observation, u: Array32, more: int = 0) -> Array32:
+        """The weighted convolution matrix, for the chart `u` with a border of the support's or more; and more columns
+        that are to be filled."""
         extra = (u.shape[0] - (self.raster.s * (self.window.rows - 1) + self.k)) // 2
         inner = u[extra : len(u) - extra, extra : u.shape[1] - extra]
         weight = o.weight.astype(np.float32)
-        return np.asarray(sample_convolution(inner, o.rows, o.columns, weight, self.raster.s, self.k))
+        return np.asarray(sample_convolution(inner, o.rows, o.columns, weight, self.raster.s, self.k, more))
 
     def far(self, fit: Fit, u: Array32) -> Array:
         """What is no part of h: the outlines seen through the PSF, the chart `u` seen through the tail, (m, 7)."""
@@ -175,7 +177,7 @@ class _Model:
 
 def without_outliers(fit: Fit, limit: float = 6.0) -> Observation:
     """The observation without the samples that no noise explains: specks, scratches, a wire before the chart."""
-    scale = 1.4826 * np.median(np.abs(fit.residual))
+    scale = 1.4826 * quantile(np.abs(fit.residual), 0.5)
     return fit.observation.where(np.abs(fit.residual) < limit * scale)
 
 
@@ -186,7 +188,7 @@ def refine(
     window: Window,
     s: int,
     k: int,
-    surroundings: Array,
+    far: Array32,
     tail: TailPrior | None = None,
 ) -> Fit:
     """The joint estimate of PSF, map and light, from the marks' map on; of the printed edges where they tell.
@@ -202,12 +204,11 @@ def refine(
     window : Window
     s, k : int
         Samples per pixel, and their number along the PSF's side.
-    surroundings : (rows, columns) float64
-        The plane with black -1/2 and white 1/2: what the far tail sees around.
+    far : (rows, columns) float32
+        What comes into the window from beyond the tail's reach, black -1/2 and white 1/2, from `far_light`.
     tail : TailPrior, optional
         What is known of the far tail.
     """
-    far = far_light(surroundings, (window.x, window.y), (window.rows, window.columns), s, k)
     model = _Model(whole_chart(chart), band_limited_chart(chart, registration, s), window, k, far, tail)
     stride = max(2, len(observation) // (COARSE_SAMPLES * k * k))
     enough = len(observation) // stride >= COARSE_SAMPLES * k * k
@@ -228,26 +229,25 @@ def refine(
     fit = replace(fit, observation=observation)
     for _ in range(FINE_STEPS):
         start = _centred(fit, model)
-        fit, system = _fine_step(start, model)
+        fit, whole = _fine_step(start, model)
         moved = map_distance(start.registration, fit.registration, coarse.points[::29])
         if moved < STILL_PX:
             break
-    return replace(fit, still=bool(moved < 10 * STILL_PX), scores=_scores(fit, *system))
+    return replace(fit, still=bool(moved < 10 * STILL_PX), scores=_scores(fit, whole))
 
 
-def _scores(fit: Fit, A: Array32, weighted: Array) -> Array:
-    """The share of every tile in A'r and Z'r, (TILES^2, k^2 + p)."""
+def _scores(fit: Fit, whole: Array32) -> Array:
+    """The share of every tile in A'r and Z'r, (TILES^2, k^2 + p); A and Z are the system's columns but the last."""
     o = fit.observation
     row, column = (np.minimum(place * TILES // (place.max() + 1), TILES - 1) for place in (o.rows, o.columns))
-    shares = np.zeros((len(o), TILES * TILES), dtype=np.float32)
-    shares[np.arange(len(o)), row * TILES + column] = fit.residual
-    return np.hstack([shares.T @ A, shares.T @ weighted.astype(np.float32)]).astype(np.float64)
+    sums = sums_of_groups(whole, row * TILES + column, fit.residual.astype(np.float32), TILES * TILES)
+    return np.asarray(sums[:, :-1], dtype=np.float64)
 
 
 def _first_fit(o: Observation, A: Array32, AA: Array, registration: Registration) -> Fit:
     """The PSF by the marks' map with the light's quadratics free."""
     equations = eliminate(products(AA, A, o.quadratics * o.weight[:, None], o.y * o.weight))
-    h = cholesky_solve(equations.G, equations.b)
+    h = equations.kernel
     light = np.zeros(TAIL + len(SHAPES))
     light[:6] = equations.nuisance(h)
     prediction = (A @ h.astype(np.float32)) / o.weight + o.quadratics @ light[:6]
@@ -268,16 +268,17 @@ def _coarse_step(fit: Fit, model: _Model, A: Array32, AA: Array) -> Fit:
     return _advanced(start, A, Z, eliminate(products(AA, A, Z * fit.observation.weight[:, None], start.residual)))
 
 
-def _fine_step(fit: Fit, model: _Model) -> tuple[Fit, tuple[Array32, Array]]:
+def _fine_step(fit: Fit, model: _Model) -> tuple[Fit, Array32]:
     """A Gauss-Newton step of everything, with the printed edges where it leaves more than noise; and its system."""
-    u = model.read(fit.registration, tail_border(model.k))
-    A = model.system(fit.observation, u)
+    n, u = model.k**2, model.read(fit.registration, tail_border(model.k))
+    whole = model.system(fit.observation, u, NUISANCE + 1)
+    A = whole[:, :n]
     start, Z = _linearised(fit, A, model, model.far(fit, u))
     weighted = Z * fit.observation.weight[:, None]
-    parts = _with_tail_known(products(gram(A), A, weighted, start.residual), start, model)
+    parts = _with_tail_known(products_within(whole, n, weighted, start.residual), start, model)
     found = _advanced(start, A, Z, eliminate(parts))
     if found.residual_std < PRINT_TELLS:
-        return found, (A, weighted)
+        return found, whole
     edges = model.edges(fit)
     rms, noise = edges.widths(found.residual)
     estimator, moved = edges.estimator(rms, noise), np.zeros(len(found.residual))
@@ -285,8 +286,9 @@ def _fine_step(fit: Fit, model: _Model) -> tuple[Fit, tuple[Array32, Array]]:
         offsets = estimator(found.residual + moved)
         moved = edges.C.seen(offsets)
         shifted = replace(start, prediction=start.prediction + moved / start.observation.weight)
-        found = _advanced(shifted, A, Z, eliminate(parts.with_right_side(A, weighted, shifted.residual)))
-    return replace(found, edges=offsets, edge_rms=rms), (A, weighted)
+        parts = parts.with_right_side(A, weighted, shifted.residual)
+        found = _advanced(shifted, A, Z, found.equations.with_right_side(parts))
+    return replace(found, edges=offsets, edge_rms=rms), whole
 
 
 def _with_tail_known(parts: Products, fit: Fit, model: _Model) -> Products:
@@ -301,7 +303,7 @@ def _with_tail_known(parts: Products, fit: Fit, model: _Model) -> Products:
     tail = fit.light[TAIL]
     if tail == 0:  # not fitted yet
         equations = eliminate(parts.with_prior(precision, pull))
-        tail = equations.nuisance(cholesky_solve(equations.G, equations.b))[first]
+        tail = equations.nuisance(equations.kernel)[first]
     precision[first + 1 :] = 1 / (DIFFERS * max(abs(tail), 1e-3)) ** 2
     pull[first + 1 :] = -fit.light[TAIL + 1 :]
     return parts.with_prior(precision, pull)
@@ -310,7 +312,7 @@ def _with_tail_known(parts: Products, fit: Fit, model: _Model) -> Products:
 def _advanced(start: Fit, A: Array32, Z: Array, equations: NormalEquations) -> Fit:
     """The fit with the increments that solve the equations, and the prediction they make, to first order."""
     o, n = start.observation, Z.shape[1]
-    dh = cholesky_solve(equations.G, equations.b)
+    dh = equations.kernel
     t = equations.nuisance(dh)
     light = start.light.copy()
     light[: n - GEOMETRY] += t[GEOMETRY:]
@@ -338,5 +340,6 @@ def _linearised(fit: Fit, A: Array32, model: _Model, far: Array) -> tuple[Fit, A
 def _geometry_columns(A: Array32, h: Array, o: Observation, s: int, k: int) -> Array:
     """Change of the prediction with the displacement's coefficients, (m, 18)."""
     slope_y, slope_x = np.gradient(h.reshape(k, k))
-    slopes = A @ np.column_stack([slope_x.ravel(), slope_y.ravel()]).astype(np.float32)
+    # one product each: those of a matrix and two columns take longer
+    slopes = np.column_stack([A @ slope.ravel().astype(np.float32) for slope in (slope_x, slope_y)])
     return displacement_columns(slopes.astype(np.float64) * (s / o.weight)[:, None], o.cubics)

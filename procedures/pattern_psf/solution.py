@@ -58,10 +58,10 @@ def _with_tail(fit: Fit) -> Array:
     Given h, the nuisance parameters are linear in it: t = (Z'Z)^-1 (Z'r - Z'A h).
     """
     equations = fit.equations
-    Zi = cholesky_inverse(equations.ZZ)[GEOMETRY + TAIL :]
-    C = cholesky_inverse(equations.G)
-    cross = -C @ (equations.AZ @ Zi.T)
-    own = Zi[:, GEOMETRY + TAIL :] - (Zi @ equations.AZ.T) @ cross
+    of_tail = slice(GEOMETRY + TAIL, None)
+    C, E = equations.inverse, equations.E[of_tail]
+    cross = -C @ E.T
+    own = cholesky_inverse(equations.ZZ)[of_tail, of_tail] - E @ cross
     return np.block([[C, cross], [cross.T, own]]) * fit.residual_std**2
 
 
@@ -85,7 +85,7 @@ def _centre_covariance(fit: Fit, covariance: Array, forth: Array) -> Array:
     middle = fit.registration.to_sensor(np.full((1, 2), CELLS / 2))
     monomials = fit.registration.monomials(middle)[0] - o.cubics.mean(axis=0)
     displaced = np.kron(np.eye(2), monomials)
-    with_h = np.linalg.solve(equations.ZZ, equations.AZ.T)[:GEOMETRY] * fit.h.sum()
+    with_h = equations.E[:GEOMETRY] * fit.h.sum()
     own = cholesky_inverse(equations.ZZ)[:GEOMETRY, :GEOMETRY] * fit.residual_std**2
     moved = forth + displaced @ with_h
     return np.asarray(moved @ covariance @ moved.T + displaced @ own @ displaced.T)

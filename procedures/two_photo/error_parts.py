@@ -124,8 +124,7 @@ def tiles_say(fit: Fit, kernel: Kernel, recovered: Recovered, gradients: Array) 
     weights = kernel.inverse @ by_kernel.T
     kept, nuisance = np.split(fit.scores, [len(weights)], axis=1)
     kept = kept + np.outer(fit.counts / fit.counts.sum(), kernel.given_back)
-    eliminated = np.linalg.solve(fit.equations.ZZ, fit.equations.AZ.T @ weights)
-    return np.asarray(kept @ weights - nuisance @ eliminated)
+    return np.asarray(kept @ weights - nuisance @ (fit.equations.E @ weights))
 
 
 def _of_sum_one(change: Array, recovered: Recovered) -> Array:

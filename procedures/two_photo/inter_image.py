@@ -20,7 +20,6 @@ import numpy.typing as npt
 from procedures.numerics.kernel_tail import SHAPES, tail_border, tail_columns
 from procedures.numerics.normal_equations import NormalEquations, Products, eliminate, gram, products
 from procedures.numerics.sampled_convolution import sample_convolution
-from procedures.numerics.solvers import cholesky_solve
 from procedures.numerics.splines import photograph_spline, read_spline
 from procedures.numerics.warps import CubicWarp, displacement_columns, homography_jacobian
 from procedures.two_photo.region import Samples, common_region
@@ -244,7 +243,7 @@ def _first_fit(samples: Samples, near: NearImage, warp: CubicWarp, k: int) -> Fi
     """The kernel by the first map, the added light free."""
     A, place = _system(samples, near.read(warp, tail_border(k)), near.s, k), _place(samples, warp)
     equations = eliminate(products(gram(A), A, place, samples.y))
-    kernel = cholesky_solve(equations.G, equations.b)
+    kernel = equations.kernel
     seen = (A @ kernel.astype(np.float32)).astype(np.float64)
     light = np.zeros(LIGHT)
     light[:6] = equations.nuisance(kernel)
@@ -299,7 +298,7 @@ def _step(fit: Fit, k: int, *, whole: bool) -> Fit:
     residual = samples.y - before
     parts = products(gram(A), A, Z, residual)
     equations = _with_tail_known(parts, fit, float(np.mean(residual**2))) if whole else eliminate(parts)
-    change, tail = np.split(cholesky_solve(equations.G, equations.b), [k * k])
+    change, tail = np.split(equations.kernel, [k * k])
     t = np.concatenate([equations.nuisance(np.append(change, tail)), tail])
     displacement = t[:GEOMETRY].reshape(2, 9)
     moves = (monomials[::29] - monomials.mean(axis=0)) @ displacement.T
@@ -344,6 +343,6 @@ def _with_tail_known(parts: Products, fit: Fit, variance: float) -> NormalEquati
     mean = abs(float(fit.tail[0]))
     if mean == 0:  # not fitted yet: by itself first
         alone = eliminate(parts.with_kept(TAIL, np.full(TAIL - 1, 1e9 * np.trace(parts.ZZ)), np.zeros(TAIL - 1)))
-        mean = abs(float(cholesky_solve(alone.G, alone.b)[first]))
+        mean = abs(float(alone.kernel[first]))
     precision = variance / (DIFFERS * max(mean, 1e-3)) ** 2
     return eliminate(parts.with_kept(TAIL, precision, -fit.tail[1:]))

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics.compiled import compiled
+from procedures.numerics.compiled import compiled, vectorised
 from procedures.pattern import BLOCK
 from procedures.pattern_psf.chart_finding.marks import SAME_AXIS, Saddles
 from procedures.pattern_psf.chart_finding.spatial_bins import Field, alike, all_nearest, bins_within, field_of, nearest
@@ -87,6 +87,24 @@ def _is_step(field: Field, i: int, j: int) -> bool:
     return bool(abs((d * d * axis.conjugate()).real) > ALONG_AXIS * square * abs(axis))
 
 
+@vectorised
+def _may_be_steps(field: Field, i: int, first: int, last: int, fit: npt.NDArray[np.bool_]) -> None:
+    """Which of the saddles from the first to before the last are alike one, a lattice step away and not backwards.
+
+    All of `_is_step` but the direction, for many at a time; and of a line's two directions one, or both where it is
+    nearly level: the second step may turn a little.
+    """
+    x, y = field.points[i].real, field.points[i].imag
+    u, v, merit = field.axes[i].real, field.axes[i].imag, field.merits[i]
+    points, axes, merits = field.points[first:last], field.axes[first:last], field.merits[first:last]
+    for n in range(last - first):
+        dx, dy = points[n].real - x, points[n].imag - y
+        square = dx * dx + dy * dy
+        near = (square > MIN_STEP * MIN_STEP) & (square < MAX_STEP * MAX_STEP) & (dy >= -BOTH_WAYS * abs(dx))
+        like = (merits[n] < SAME_STRENGTH * merit) & (merit < SAME_STRENGTH * merits[n])
+        fit[n] = near & like & (axes[n].real * u + axes[n].imag * v > SAME_AXIS)
+
+
 @compiled
 def _is_free(field: Field, i: int, j: int) -> bool:
     """Whether no like saddle lies in the middle of two."""
@@ -109,16 +127,18 @@ def _triples(field: Field) -> Indices:
     """Triples (n, 3) of like saddles, equally spaced on a line, a line once or in both directions."""
     out = np.empty((1024, 3), np.int64)
     count = 0
+    fit = np.empty(len(field.points), np.bool_)
     for i in range(len(field.points)):
         place = field.points[i]
         top, bottom, first, last = bins_within(field, place, MAX_STEP)
-        for row in range(top, bottom + 1):
-            for j in range(field.starts[row * field.columns + first], field.starts[row * field.columns + last + 1]):
-                step = field.points[j] - place
-                # one of a line's two directions, or both where it is nearly level: the second step may turn a little
-                backwards = step.imag < -BOTH_WAYS * abs(step.real)
-                if backwards or not _is_step(field, i, j):
+        highest = int((place.imag - BOTH_WAYS * MAX_STEP - field.top) / field.side)
+        for row in range(max(top, highest), bottom + 1):
+            start, end = field.starts[row * field.columns + first], field.starts[row * field.columns + last + 1]
+            _may_be_steps(field, i, start, end, fit)
+            for j in range(start, end):
+                if not fit[j - start] or not _is_step(field, i, j):
                     continue
+                step = field.points[j] - place
                 k = nearest(field, field.points[j] + step, COLLINEAR * abs(step), j, SAME_AXIS, SAME_STRENGTH)
                 if k >= 0 and _is_step(field, j, k) and _is_free(field, i, j) and _is_free(field, j, k):
                     if count == len(out):

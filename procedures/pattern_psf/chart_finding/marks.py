@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.ordered import quantile
 from procedures.pattern_psf.chart_finding.saddle_kernels import best_of_tiles, ring_purity, saddles
 from procedures.pattern_psf.chart_finding.spatial_bins import field_of, unrivalled
 
@@ -99,7 +100,7 @@ def _noise(image: Picture) -> float:
         energies.append(cv2.resize(band * band, tiles, interpolation=cv2.INTER_AREA).ravel())
     energy = np.concatenate(energies) if energies else np.zeros(0)
     energy = energy[energy > 1e-10 * energy.max(initial=0.0)]
-    return float(np.sqrt(np.quantile(energy, QUIET) / (HIGH_PASS**2).sum())) if len(energy) else 0.0
+    return float(np.sqrt(quantile(energy, QUIET) / (HIGH_PASS**2).sum())) if len(energy) else 0.0
 
 
 def _noise_gain() -> float:

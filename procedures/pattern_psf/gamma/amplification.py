@@ -45,11 +45,9 @@ def gamma_of_fit(equations: NormalEquations, constant: int, weight: Array) -> fl
     weight : (m,) float64
         One over each sample's noise.
     """
-    AZ, ZZ = equations.AZ, equations.ZZ
-    AA = equations.G + AZ @ np.linalg.solve(ZZ, AZ.T)
-    level = AZ[:, constant] / 2  # every entry of A gains a half
+    level = equations.AZ[:, constant] / 2  # every entry of A gains a half
     squares = float(weight @ weight)
-    return gamma(AA + level[:, None] + level + squares / 4) * squares / len(weight)
+    return gamma(equations.AA + level[:, None] + level + squares / 4) * squares / len(weight)
 
 
 def gamma_bound(m: int, n: int) -> float:

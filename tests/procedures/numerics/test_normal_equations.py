@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procedures.numerics.normal_equations import eliminate, gram, normalised, products
+from procedures.numerics.normal_equations import eliminate, gram, normalised, products, products_within
 
 
 def test_elimination_equals_the_whole_least_squares_problem(rng: np.random.Generator) -> None:
@@ -16,6 +16,19 @@ def test_elimination_equals_the_whole_least_squares_problem(rng: np.random.Gener
     np.testing.assert_allclose(equations.nuisance(h), whole[12:], atol=2e-6)
     covariance = np.linalg.inv(np.hstack([A, Z]).T @ np.hstack([A, Z]))[:12, :12]
     np.testing.assert_allclose(np.linalg.inv(equations.G), covariance, atol=1e-7)
+
+
+def test_one_system_serves_another_right_side(rng: np.random.Generator) -> None:
+    A, Z = rng.standard_normal((200, 12)).astype(np.float32), rng.standard_normal((200, 4))
+    r, other = rng.standard_normal((2, 200))
+    whole = np.hstack([A, np.empty((200, 5), np.float32)])
+    parts = products_within(whole, 12, Z, r).with_right_side(A, Z, other)
+    equations = eliminate(products_within(whole, 12, Z, r)).with_right_side(parts)
+    expected = np.linalg.lstsq(np.hstack([A, Z]), other, rcond=None)[0]
+    np.testing.assert_allclose(equations.kernel, expected[:12], atol=2e-6)  # products in float32
+    np.testing.assert_allclose(equations.nuisance(equations.kernel), expected[12:], atol=2e-6)
+    np.testing.assert_allclose(equations.inverse, np.linalg.inv(equations.G), atol=1e-12)
+    np.testing.assert_allclose(equations.AA, A.T @ A, atol=2e-4)
 
 
 def test_normalised_covariance_has_no_error_of_the_sum(rng: np.random.Generator) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.signal
 
-from procedures.numerics.sampled_convolution import convolve_at, sample_convolution
+from procedures.numerics.sampled_convolution import convolve_at, sample_convolution, sums_of_groups
 
 S, K, ROWS, COLUMNS = 3, 5, 20, 24
 
@@ -27,3 +27,10 @@ def test_matrix_is_convolution_then_sampling(raster, pixels, rng) -> None:
     A = sample_convolution(raster, *pixels, weight, S, K)
     np.testing.assert_allclose(A @ h.ravel(), 2 * expected, rtol=0, atol=1e-5)  # float32 sums of 25
     np.testing.assert_allclose(convolve_at(raster, *pixels, h, S), expected, rtol=0, atol=1e-5)
+
+
+def test_sums_of_groups_are_those_of_their_rows(rng):
+    A, group = rng.standard_normal((40, 7)).astype(np.float32), rng.integers(0, 5, 40)
+    factor = rng.standard_normal(40).astype(np.float32)
+    expected = [(A * factor[:, None])[group == g].sum(axis=0) for g in range(6)]
+    np.testing.assert_allclose(sums_of_groups(A, group, factor, 6), expected, atol=1e-5)  # single precision

@@ -1,0 +1,27 @@
+"""Quantiles and distinct values by sorting: NumPy's own import its masked arrays, a tenth of a whole command's time."""
+
+from __future__ import annotations
+
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+Value = TypeVar("Value", bound=np.generic)
+
+
+def quantile(values: npt.NDArray[np.floating[Any]], share: float) -> float:
+    """The value under which a share of the values (n > 0,) lies, linear between two of them."""
+    place = share * (len(values) - 1)
+    below = int(place)
+    above = min(below + 1, len(values) - 1)
+    low, high = np.partition(values, (below, above))[[below, above]].tolist()
+    return float(low + (high - low) * (place - below))
+
+
+def distinct(values: npt.NDArray[Value]) -> npt.NDArray[Value]:
+    """The different ones of the values (n,), in rising order."""
+    found = np.sort(values)
+    new = np.ones(len(found), dtype=np.bool_)
+    new[1:] = found[1:] != found[:-1]
+    return np.asarray(found[new])
