@@ -25,6 +25,15 @@ BLOCKS = 10
 DEFAULT_SEED = 1
 """The seed of the station's own chart."""
 
+# samples of the PSF in a cell, s/t: what the noise costs over them is told by `pattern_psf.gamma_curve`
+AIM_S_OVER_T = 1.3
+"""Where a chart is best photographed from: gamma is within some per cent of its least."""
+BEST_S_OVER_T = (1.0, 1.5)
+"""Within these the PSF's error by noise is at most a third over its least."""
+GOOD_S_OVER_T = (0.7, 1.8)
+"""Within these it is at most some two and a half times its least; at 2 the cells lack the finest detail of the PSF, and
+gamma has no bound."""
+
 # (column, row) of blocks, clockwise from the top left
 X_CORNER_BLOCKS = (
     (0, 0), (3, 0), (6, 0), (9, 0),

@@ -19,7 +19,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics.kernel_tail import tail_kernels, tail_sums
+from procedures.numerics.kernel_tail import DIFFERS, LEAST_TAIL, tail_kernels, tail_sums
 from procedures.numerics.scattered import Hull
 from procedures.psf import Psf
 
@@ -172,13 +172,16 @@ class PsfField:
         return Psf.of(p, self.noise(x, y) + self.interpolation(x, y), self.k, self.s)
 
     def noise(self, x: float, y: float) -> Array:
-        """Covariance (p, p) of h(x, y) that comes from the nodes' own."""
+        """Covariance (p, p) of h(x, y) that comes from the nodes' own.
+
+        What the tail's priors leave is the same at every node: as many nodes as there are do not make it smaller.
+        """
         T = self._transfer(x, y)
-        rest, cross, inner = self._covariances
+        rest, cross, inner, common = self._covariances
         mixed = (cross @ T.reshape(len(T), -1).T) @ self.components
         by_node = T.transpose(1, 0, 2)
         coefficients = np.sum(by_node @ inner @ by_node.transpose(0, 2, 1), axis=0)
-        return np.asarray(rest + mixed + mixed.T + self.components.T @ coefficients @ self.components)
+        return np.asarray(rest + mixed + mixed.T + self.components.T @ coefficients @ self.components + common)
 
     def interpolation(self, x: float, y: float) -> Array:
         """Covariance (p, p) of what the model leaves out.
@@ -215,19 +218,23 @@ class PsfField:
         return np.asarray(self.components.T @ self.lack @ self.components)
 
     @cached_property
-    def _covariances(self) -> tuple[Array, Array, Array]:
-        """sum m^2 Q C Q^T (p, p); m_i Q C_i B^T side by side (p, N r); B C_i B^T (N, r, r)."""
+    def _covariances(self) -> tuple[Array, Array, Array, Array]:
+        """sum m^2 Q C Q^T (p, p); m_i Q C_i B^T side by side (p, N r); B C_i B^T (N, r, r); all without what is common
+        to the nodes, and the mean of that (p, p)."""
         n, (r, size) = len(self.nodes), self.components.shape
         rest, cross, inner = np.zeros((size, size)), np.zeros((n, size, r)), np.zeros((n, r, r))
+        common = np.zeros((size, size))
         A, B = self.components.T, self.analysis
         for i, (node, m) in enumerate(zip(self.nodes, self.share, strict=True)):
-            C = node.psf.parameter_covariance
+            of_priors = held_by_priors(node.psf)
+            common += m * of_priors
+            C = node.psf.parameter_covariance - of_priors
             half = C @ B.T
             inner[i] = B @ half
             cross[i] = m * (half - A @ inner[i])
             rest += m * m * C
         rest = rest - A @ (B @ rest)
-        return rest - (rest @ B.T) @ A.T, cross.transpose(1, 0, 2).reshape(size, n * r), inner
+        return rest - (rest @ B.T) @ A.T, cross.transpose(1, 0, 2).reshape(size, n * r), inner, common
 
     def _transfer(self, x: float, y: float) -> Array:
         """T at one place, (r, N, r)."""
@@ -237,6 +244,21 @@ class PsfField:
     def _placed(self, points: Array) -> Array:
         """Points of the plane, the nearest among the nodes for those beyond, as the model takes them."""
         return in_half_diagonals(self.hull.nearest(np.asarray(points, dtype=np.float64)), self.shape)
+
+
+def held_by_priors(psf: Psf) -> Array:
+    """The part of a PSF's covariance (p, p) that the priors of its tail's shapes leave, not noise: C L C.
+
+    C is the covariance, the inverse of the samples' information F and the priors' L together: noise alone makes C F C.
+    """
+    C, n, q = psf.parameter_covariance, psf.k**2, len(psf.tail.amplitudes)
+    if q < 2:
+        return np.zeros_like(C)
+    expected = DIFFERS[: q - 1] * max(abs(float(psf.tail.amplitudes[0])), LEAST_TAIL)
+    root = C[:, n + 1 :] / expected
+    # as shares of what was expected the shapes' variances are 1 at the most, but for what residuals widen C by
+    most = float(np.linalg.eigvalsh(root[n + 1 :] / expected[:, None])[-1])
+    return np.asarray(root @ root.T) / max(most, 1.0)
 
 
 def in_half_diagonals(points: Array, shape: tuple[int, int]) -> Array:

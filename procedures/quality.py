@@ -185,6 +185,12 @@ def truncation(psf: Psf) -> float:
     return ROUGHNESS * abs(psf.share_outside) * float(np.sqrt(np.pi / 2)) / (2 * np.pi * radius)
 
 
+def stray_energy(psf: Psf) -> float:
+    """Standard uncertainty of the share outside the support from the same: ROUGHNESS E / (R sqrt(8 pi))."""
+    share, _ = psf.energy_outside
+    return ROUGHNESS * abs(share) * psf.s / (psf.k / 2 * float(np.sqrt(8 * np.pi)))
+
+
 def _stray(psf: Psf, f: Array) -> Array:
     """The truncation's uncertainty at frequencies (n,): none at 0, where all light is counted."""
     radius = psf.k / 2 / psf.s
@@ -337,7 +343,8 @@ def _within_band(psf: Psf, share: float, diffraction: Diffraction | None) -> dic
 
 def energy_outside_support(psf: Psf, n: int) -> Quantity:
     """The share of all light outside the support: of this support, not of the camera."""
-    share, uncertainty = psf.energy_outside
+    share, noise = psf.energy_outside
+    uncertainty = float(np.hypot(noise, stray_energy(psf)))
     return Quantity(share, "1", uncertainty, "share of all light outside the support", n)
 
 

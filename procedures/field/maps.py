@@ -13,11 +13,13 @@ import numpy.typing as npt
 
 from procedures.psf import Psf
 from procedures.psf_field import PsfField
-from procedures.quality import mtf50_along
+from procedures.quality import mtf50_along, mtf_along, stray_energy, truncation
 from procedures.spatial_numbers import energy_above_nyquist
 
 Array = npt.NDArray[np.float64]
 
+STEP = 0.005
+"""Cycles per pixel on both sides of MTF50 between which the curve's slope is taken."""
 COLUMNS = 21
 """Places of a map along the frame's longer side."""
 
@@ -100,16 +102,28 @@ def derive(field: PsfField, columns: int = COLUMNS) -> tuple[FieldMap, ...]:
 def numbers_of(psf: Psf, radius: float) -> tuple[Array, Array]:
     """The numbers of MAPS at one place, and their standard uncertainties; NaN where there is none.
 
+    What the tail's few shapes leave out is in the uncertainties: it is the same at all nodes.
     `radius` is the direction from the frame's centre, in radians.
     """
-    sagittal, meridional = (mtf50_along(psf, angle) or _none(psf) for angle in (radius + np.pi / 2, radius))
+    angles = (radius + np.pi / 2, radius)
+    sagittal, meridional = (mtf50_along(psf, angle) or _none(psf) for angle in angles)
     astigmatism = sagittal[0] - meridional[0], sagittal[1] - meridional[1]
     numbers = (sagittal, meridional, astigmatism, energy_above_nyquist(psf))
     slopes = np.array([slope for _, slope in numbers])
     variance = np.einsum("ij,ij->i", slopes @ psf.parameter_covariance, slopes)
-    outside = psf.energy_outside if len(psf.tail.amplitudes) else (np.nan, np.nan)
-    values = np.array([*(value for value, _ in numbers), outside[0]])
-    return values, np.append(np.sqrt(np.maximum(variance, 0)), outside[1])
+    left_out = [_left_out(psf, one[0], angle) for one, angle in zip((sagittal, meridional), angles, strict=True)]
+    uncertainty = np.hypot(np.sqrt(np.maximum(variance, 0)), np.array([*left_out, np.linalg.norm(left_out), 0.0]))
+    outside, noise = psf.energy_outside if len(psf.tail.amplitudes) else (np.nan, np.nan)
+    values = np.array([*(value for value, _ in numbers), outside])
+    return values, np.append(uncertainty, np.hypot(noise, stray_energy(psf)))
+
+
+def _left_out(psf: Psf, mtf50: float, angle: float) -> float:
+    """Standard uncertainty of an MTF50 by what the tail's shapes leave out of the OTF; NaN where there is none."""
+    if not np.isfinite(mtf50):
+        return np.nan
+    before, after = mtf_along(psf, mtf50 + np.array([-STEP, STEP]), angle)[0]
+    return truncation(psf) * 2 * STEP / max(float(before - after), 1e-9)
 
 
 def _none(psf: Psf) -> tuple[float, Array]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from procedures.pattern import AIM_S_OVER_T, GOOD_S_OVER_T
 from procedures.pattern_print import distance
 from procedures.pattern_print.panel import Drawing, Panel, Stroke, Text, wrapped
 from procedures.pattern_print.rulers import rulers
@@ -102,12 +103,14 @@ def _metres(distance_m: float) -> str:
 
 
 def _explanation(panel: Panel, noise_mm: float) -> Drawing:
+    low, high = GOOD_S_OVER_T
     paragraphs = (
         f"There the noise, {noise_mm:.6g} mm wide, covers {distance.ideal_pixels():g} pixels of a plane, for "
         f"s={distance.SAMPLES_PER_PIXEL} samples of the PSF per pixel. A plane of a Bayer RAW has a pixel for every "
         "second photosite; without a mosaic (monochrome) stand twice as far.",
-        "s/t = s × pixels / 256: 1 is ideal, 0.7 to 2 good, that is from 0.5 to 1.4 times the distances above, as long "
-        "as the noise is at least 60 pixels wide.",
+        f"s/t = s × pixels / 256: {AIM_S_OVER_T:g} is best, {low:g} to {high:g} good, that is "
+        f"{1 / AIM_S_OVER_T:.2g} times the distances above, or {1 / high:.2g} to {1 / low:.2g} times, as long as the "
+        "noise is at least 60 pixels wide.",
         "Distance = focal length × noise width / (pixels × pixel pitch of the plane): a smaller chart needs less room.",
     )
     y = TOP + 13.4 + 4.1 * len(distance.FOCAL_LENGTHS_MM) + 6.4

@@ -1,7 +1,8 @@
 """From how far to photograph a chart of some size: the distance at which s/t is 1.
 
 With t cells of the pattern per pixel of a plane, t = 256 / pixels for a noise region `pixels` wide, so that
-s/t = s pixels / 256. At 1 the chart is as fine as the samples of the PSF; 0.7 to 2 is good.
+s/t = s pixels / 256. At 1 the chart is as fine as the samples of the PSF; `procedures.pattern` has what is best
+and what is good.
 """
 
 from __future__ import annotations

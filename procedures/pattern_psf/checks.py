@@ -15,7 +15,7 @@ import numpy.typing as npt
 from procedures.advice import changed_settings, exposure_advice, paper_level
 from procedures.choice import START_K, START_S
 from procedures.numerics.warps import fit_homography
-from procedures.pattern import CELLS, DEFAULT_SEED, Chart
+from procedures.pattern import AIM_S_OVER_T, BEST_S_OVER_T, CELLS, DEFAULT_SEED, Chart
 from procedures.pattern_print.rulers import LENGTH_MM
 from procedures.pattern_print.sheet import Size
 from procedures.pattern_psf.chart_finding.detection import Sighting, find_charts
@@ -35,7 +35,7 @@ FLAT = 0.8
 """Least share of the brightest white block's light that the darkest must have."""
 CENTRED = 0.12
 """How far the chart's centre may lie from the frame's, in parts of the frame's width."""
-RATIO, RATIO_LOW, RATIO_HIGH = 1.3, 1.0, 1.5
+RATIO, (RATIO_LOW, RATIO_HIGH) = AIM_S_OVER_T, BEST_S_OVER_T
 """Aim and tolerance of s/t. At 1 the chart is as fine as the PSF's samples; with a camera that is sharper than its
 pixels, the same number of shots has half the error at 1.3 (simulated: 24 mm at f/5.6 on pixels of 11.9 um)."""
 SQUARE_DEG, ROLL_DEG = 1.5, 5.0
@@ -186,7 +186,7 @@ def wanted_distance_mm(facts: Facts, pitch: int = 2) -> float:
 
 
 def check_distance(frame: RawFrame, facts: Facts) -> Advice:
-    """s/t near 1, and the chart in the middle of the frame."""
+    """s/t near its best, and the chart in the middle of the frame."""
     plane = shown(frame)
     sighting = seen_chart(plane, facts)
     if isinstance(sighting, Advice):

@@ -14,10 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.budget import taken_apart, with_settling
-from procedures.choice import FINEST, Trial, choose, settling
+from procedures.choice import FINEST, START_S, Trial, choose, settling
 from procedures.numerics.kernel_tail import far_light
 from procedures.outcome import Outcome, Refused, Verdict
-from procedures.pattern import BLOCK, CELLS, Chart
+from procedures.pattern import AIM_S_OVER_T, BLOCK, CELLS, GOOD_S_OVER_T, Chart
 from procedures.pattern_psf.chart_finding.detection import Sighting, check_usable, find_chart
 from procedures.pattern_psf.diagnostics import Diagnostics, diagnose
 from procedures.pattern_psf.error_parts import ErrorParts, Variation, error_parts
@@ -47,7 +47,10 @@ PUPIL_SPREAD = 0.1
 """Standard uncertainty of the far tail that f-number and pitch tell, over it: a colour's spread of wavelengths, pupils
 that are no circles or partly shaded, f-numbers as they are rounded."""
 SAMPLES_PER_CELL = 2.0
-"""Largest s/t."""
+"""Largest s/t that is chosen, where the camera passes more than a smaller one holds: the cells' own spectrum is zero
+there at the band's edge."""
+MOST_SWEEPS = 3
+"""How often samples that no noise explains are left out: large specks hide small ones."""
 LEAST_STEPS = 16
 """Digital numbers between black and white from which rounding is no worse than noise."""
 
@@ -178,13 +181,13 @@ def estimate_psf(
             None,
             Verdict.REFUSED,
             f"the photograph must determine the PSF's values {_asked(parameters)}; it does not",
-            "photograph the chart from a distance where s/t is near 1, or lower s or k",
+            f"photograph the chart from a distance where s/t is near {AIM_S_OVER_T:g}, or lower s or k",
         )
 
 
-def finest(cell_px: float) -> int:
-    """The largest s that cells of a side in pixels allow: their own spectrum is zero at one cycle per cell."""
-    return int(np.clip(np.floor(SAMPLES_PER_CELL / cell_px + 1e-9), 2, FINEST))
+def finest(cell_px: float, most: float = SAMPLES_PER_CELL) -> int:
+    """The largest s, of at most so many samples in a cell, for cells of a side in pixels."""
+    return int(np.clip(np.floor(most / cell_px + 1e-9), 2, FINEST))
 
 
 def _asked(parameters: PatternParameters) -> str:
@@ -217,7 +220,10 @@ def _estimate(
 
     cell_px = block_size_px(marks_map) / BLOCK
     count = count_inside(marks_map, noise_window(marks_map, samples.shape))
-    found, tried = choose(attempt, lambda one: one.psf, count, finest(cell_px), s=parameters.s, k=parameters.k)
+    first_s = min(START_S, finest(cell_px, GOOD_S_OVER_T[1]))
+    found, tried = choose(
+        attempt, lambda one: one.psf, count, finest(cell_px), start_s=first_s, s=parameters.s, k=parameters.k
+    )
     quality = assess(found.psf, n=len(found.fit.observation), diffraction=diffraction)
     parts = error_parts(found.fit, found.psf, quality, WATCHED)
     quality = taken_apart(with_settling(quality, settling(tried)), parts.parts)
@@ -303,10 +309,12 @@ def _fit(
     levels = float(light.black[0]), float(light.white[0])
     far = far_light(samples, (window.x, window.y), (window.rows, window.columns), s, k, levels)
     fit = refine(observation, chart, registration, window, s, k, far, prior)
-    kept = without_outliers(fit)
-    if len(kept) < m - max(10, 1e-3 * m):
+    for _ in range(MOST_SWEEPS):
+        kept = without_outliers(fit)
+        if len(kept) >= len(fit.observation) - max(10, 1e-3 * m) or len(kept) < 2 * n:
+            break
         fit = refine(kept, chart, registration, window, s, k, far, prior)
-    return fit, 1 - len(kept) / m
+    return fit, 1 - len(fit.observation) / m
 
 
 def _result(

@@ -150,7 +150,7 @@ def towards_distance(facts: Facts) -> dict[str, float]:
 def say_distance(facts: Facts) -> str:
     """What the operator does where there is no rail; a rail that has not learnt the laser's offset finds its way."""
     if "at_z_mm" in facts:
-        return "going to the distance where s/t is near 1" if towards_distance(facts) else ""
+        return f"going to the distance where s/t is near {RATIO:g}" if towards_distance(facts) else ""
     return f"Put the camera {wanted_distance_mm(facts) / 1000:.2f} m from the chart, by a tape measure."
 
 

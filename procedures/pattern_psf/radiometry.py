@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +15,11 @@ from procedures.pattern import BLACK_BLOCKS, BLOCK, BLOCKS, CELLS, WHITE_BLOCKS
 from procedures.pattern_psf.registration import Registration, block_size_px
 
 Array = npt.NDArray[np.float64]
+
+SPECK = 6.0
+"""Robust standard deviations, and digital numbers, from its surface beyond which a block's sample is no light."""
+FEWEST = 12
+"""Samples of a block from which a surface is laid through them."""
 
 
 @dataclass(frozen=True)
@@ -75,8 +82,10 @@ def measure_light(samples: npt.NDArray[np.float32], registration: Registration, 
     Delbracio, Muse, Almansa, IPOL 2012, section 4.4.
     """
     points, block = _block_pixels(registration, samples.shape)
-    black, variance_black, blacks, in_black = _fit_blocks(samples, registration, points, block, BLACK_BLOCKS)
-    white, variance_white, whites, in_white = _fit_blocks(samples, registration, points, block, WHITE_BLOCKS)
+    seen = _seen_in(samples, registration, points, block, quantisation)
+    black, variance_black, in_black = _fit_blocks(seen, BLACK_BLOCKS)
+    white, variance_white, in_white = _fit_blocks(seen, WHITE_BLOCKS)
+    blacks, whites = ([seen(one).value for one in wanted] for wanted in (BLACK_BLOCKS, WHITE_BLOCKS))
     levels = np.array([quantile(value, 0.5) for value in whites if len(value)])
     floor = quantisation**2 / 12
     dark, bright = float(np.sqrt(variance_black)), float(np.sqrt(variance_white))
@@ -119,32 +128,75 @@ def _block_pixels(
     return points[clear], blocks[clear].astype(np.int64)
 
 
-def _fit_blocks(
+@dataclass(frozen=True)
+class _Block:
+    """The pixels of one block (n, 2), their quadratics and samples, and which of them are no specks."""
+
+    pixels: npt.NDArray[np.int64]
+    design: Array
+    value: Array
+    clean: npt.NDArray[np.bool_]
+
+    @property
+    def left(self) -> Array:
+        """The clean samples about their own surface: of second order, as light of the neighbours comes in."""
+        return _about_surface(self.design, self.value, self.clean)[self.clean]
+
+
+def _seen_in(
     samples: npt.NDArray[np.float32],
     registration: Registration,
     points: npt.NDArray[np.int64],
     block: npt.NDArray[np.int64],
-    wanted: tuple[tuple[int, int], ...],
-) -> tuple[Array, float, list[Array], float]:
-    """Quadratic through the wanted blocks' pixels, their variance about a quadratic per block, their values, and the
-    correlation of neighbours."""
-    designs, values, square, freedom = [], [], 0.0, 0
-    neighbours = np.zeros(2)
+    quantisation: float,
+) -> Callable[[tuple[int, int]], _Block]:
+    """What is seen in the block of a column and row."""
     number = block[:, 0] + BLOCKS * block[:, 1]
-    for column, row in wanted:
-        inside = points[number == column + BLOCKS * row]
-        value = samples[inside[:, 1], inside[:, 0]].astype(np.float64)
-        design = quadratic(*((inside - registration.centre) / registration.radius).T)
-        if len(value) > 12:  # a surface of second order: light of the neighbours comes in from all sides
-            left = value - design @ np.linalg.lstsq(design, value, rcond=None)[0]
+
+    @cache
+    def seen(place: tuple[int, int]) -> _Block:
+        pixels = points[number == place[0] + BLOCKS * place[1]]
+        value = samples[pixels[:, 1], pixels[:, 0]].astype(np.float64)
+        design = quadratic(*((pixels - registration.centre) / registration.radius).T)
+        return _Block(pixels, design, value, _clean(design, value, SPECK * quantisation))
+
+    return seen
+
+
+def _about_surface(design: Array, value: Array, kept: npt.NDArray[np.bool_]) -> Array:
+    """The samples (n,) less the surface through those kept."""
+    return np.asarray(value - design @ np.linalg.lstsq(design[kept], value[kept], rcond=None)[0])
+
+
+def _clean(design: Array, value: Array, least: float) -> npt.NDArray[np.bool_]:
+    """Which samples of a block no speck, scratch or rim of a shadow lies on, if most are clean."""
+    if len(value) <= FEWEST:
+        return np.ones(len(value), dtype=bool)
+    kept, away = np.zeros(len(value), dtype=bool), np.abs(value - quantile(value, 0.5))
+    for _ in range(4):
+        last, kept = kept, np.asarray(away <= max(SPECK * 1.4826 * quantile(away, 0.5), least))
+        if np.count_nonzero(kept) <= FEWEST or np.array_equal(kept, last):
+            break
+        away = np.abs(_about_surface(design, value, kept))
+    return kept
+
+
+def _fit_blocks(
+    seen: Callable[[tuple[int, int]], _Block], wanted: tuple[tuple[int, int], ...]
+) -> tuple[Array, float, float]:
+    """Quadratic through the wanted blocks' pixels, their variance about a quadratic per block, and the correlation of
+    neighbours."""
+    blocks = [seen(place) for place in wanted]
+    square, freedom, neighbours = 0.0, 0, np.zeros(2)
+    for one in blocks:
+        left = one.left if np.count_nonzero(one.clean) > FEWEST else np.zeros(0)
+        if len(left):
             square += float(left @ left)
-            freedom += len(value) - design.shape[1]
-            neighbours += _neighbour_correlation(inside, left)
-        designs.append(design)
-        values.append(value)
-    coefficients = _robust_fit(designs, values)
+            freedom += len(left) - one.design.shape[1]
+            neighbours += _neighbour_correlation(one.pixels[one.clean], left)
+    coefficients = _robust_fit([one.design[one.clean] for one in blocks], [one.value[one.clean] for one in blocks])
     correlation = float(max(neighbours, key=abs)) / square if square > 0 else 0.0
-    return coefficients, square / max(freedom, 1), values, correlation
+    return coefficients, square / max(freedom, 1), correlation
 
 
 def _robust_fit(designs: list[Array], values: list[Array]) -> Array:

@@ -20,7 +20,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics.kernel_tail import SHAPES, tail_border, tail_columns, tail_density, tail_sums
+from procedures.numerics.kernel_tail import (
+    DIFFERS,
+    LEAST_TAIL,
+    SHAPES,
+    tail_border,
+    tail_columns,
+    tail_density,
+    tail_sums,
+)
 from procedures.numerics.normal_equations import NormalEquations, Products, eliminate, gram, products, products_within
 from procedures.numerics.ordered import quantile
 from procedures.numerics.sampled_convolution import convolve_at, sample_convolution, sums_of_groups
@@ -38,9 +46,6 @@ Array32 = npt.NDArray[np.float32]
 GEOMETRY = 18  # nuisance columns of the displacement: nine cubics each for x and y
 RESPONSE, SPREAD, TAIL = 11, 12, 13  # places of beta, delta and the tail's first amplitude among the light's numbers
 NUISANCE = GEOMETRY + TAIL + len(SHAPES)
-DIFFERS = np.array([0.5, 0.2, 0.2, 0.3, 0.3])
-"""How far the shapes beside the mean tail are expected to go, over its energy: an excess close to the support, and
-variation with twice and four times the direction. Without it their noise would rule them."""
 LOST = 0.1  # agreement by the marks' map under which these are other cells, or none can be seen
 PRINT_TELLS = 1.06  # residual over noise from which the printed edges are worth estimating
 COARSE_STEPS, FINE_STEPS, SWEEPS = 4, 4, 2
@@ -304,7 +309,7 @@ def _with_tail_known(parts: Products, fit: Fit, model: _Model) -> Products:
     if tail == 0:  # not fitted yet
         equations = eliminate(parts.with_prior(precision, pull))
         tail = equations.nuisance(equations.kernel)[first]
-    precision[first + 1 :] = 1 / (DIFFERS * max(abs(tail), 1e-3)) ** 2
+    precision[first + 1 :] = 1 / (DIFFERS * max(abs(tail), LEAST_TAIL)) ** 2
     pull[first + 1 :] = -fit.light[TAIL + 1 :]
     return parts.with_prior(precision, pull)
 

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from procedures.choice import Trial
 from procedures.outcome import Refused, Rule, Verdict, verdict_of
+from procedures.pattern import AIM_S_OVER_T, GOOD_S_OVER_T
 from procedures.pattern_psf.diagnostics import Diagnostics, unexplained
 from procedures.pattern_psf.error_parts import Variation
 from procedures.pattern_psf.refine import Fit
@@ -26,7 +27,7 @@ SPREAD_OUT = 0.25
 """Spread of the ink, in cells, that the model of thin outlines does not describe any more."""
 OTHER_APERTURE = 3.0
 """Standard uncertainties between the far tail and the f-number's, from which one of them is wrong."""
-DUG_OUT = 3.5
+DUG_OUT = 3.0
 """Standard uncertainties of missing light from which a picture was sharpened."""
 CRUSHED = 0.05
 """Share of black samples at one value from which black is cut off."""
@@ -97,6 +98,13 @@ def _refusals(d: Diagnostics) -> list[Rule]:
         *_unseen(d.agreement, d.unexplained),
         Rule(
             refused,
+            d.unexplained > 0.15 and abs(d.noise_correlation) > CORRELATED,
+            f"{d.unexplained:.0%} of the noise region is neither the chart nor noise, and its noise is correlated "
+            f"by {d.noise_correlation:.2f}: the picture was demosaiced, smoothed, turned or resized",
+            "use the RAW file",
+        ),
+        Rule(
+            refused,
             d.unexplained > 0.15,
             f"{d.unexplained:.0%} of the noise region is neither the chart nor noise: the registration slipped, or "
             "something lies before the chart",
@@ -154,9 +162,9 @@ def _doubts(d: Diagnostics, fit: Fit) -> list[Rule]:
         ),
         Rule(
             doubtful,
-            not 0.7 <= d.s_over_t <= 2,
-            f"the sampling ratio s/t is {d.s_over_t:.2f}; 0.7 to 2 is good",
-            f"photograph from {d.s_over_t:.2g} times the distance",
+            not GOOD_S_OVER_T[0] <= d.s_over_t <= GOOD_S_OVER_T[1],
+            f"the sampling ratio s/t is {d.s_over_t:.2f}; {GOOD_S_OVER_T[0]:g} to {GOOD_S_OVER_T[1]:g} is good",
+            f"photograph from {d.s_over_t / AIM_S_OVER_T:.2g} times the distance",
         ),
         Rule(
             doubtful,

@@ -79,7 +79,7 @@ class Diagnostics:
         Share of the common region's samples that were left out because no noise explains them.
     travelled_px, moved_px : float
         How far the map moved from the first homography, and in the last step, in far pixels.
-    left_over, colour, smoothing, streaks, light_turned, missing_light, beyond_light : float
+    left_over, colour, smoothing, streaks, detail, light_turned, missing_light, beyond_light : float
         See `likeness.Likeness`.
     softness_x, softness_y, sharpening, turned, wall_power : float
         See `likeness.NearLook`.
@@ -121,6 +121,7 @@ class Diagnostics:
     colour: float
     smoothing: float
     streaks: float
+    detail: float
     light_turned: float
     beyond_light: float
     softness_x: float
@@ -181,6 +182,7 @@ def diagnose(
         left_over=alike.left_over,
         colour=alike.colour,
         smoothing=alike.smoothing,
+        detail=alike.detail,
         streaks=alike.streaks,
         light_turned=alike.light_turned,
         beyond_light=alike.beyond_light,

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics.kernel_tail import SHAPES, tail_border, tail_columns
+from procedures.numerics.kernel_tail import DIFFERS, LEAST_TAIL, SHAPES, tail_border, tail_columns
 from procedures.numerics.normal_equations import NormalEquations, Products, eliminate, gram, products
 from procedures.numerics.sampled_convolution import sample_convolution
 from procedures.numerics.splines import photograph_spline, read_spline
@@ -31,8 +31,6 @@ Indices = npt.NDArray[np.int64]
 GEOMETRY, LIGHT = 18, 11
 """Nuisance parameters: nine cubics each for x and y; six quadratics added, five multiplied."""
 TAIL = len(SHAPES)
-DIFFERS = np.array([0.5, 0.2, 0.2, 0.3, 0.3])
-"""How far the tail's other shapes are expected to go, over the energy of the mean tail; as for the chart."""
 TILES = 6
 """Tiles along each side of the region: large beside the kernel, small beside what shades, moves or defocuses."""
 MAX_STEPS = 8
@@ -344,5 +342,5 @@ def _with_tail_known(parts: Products, fit: Fit, variance: float) -> NormalEquati
     if mean == 0:  # not fitted yet: by itself first
         alone = eliminate(parts.with_kept(TAIL, np.full(TAIL - 1, 1e9 * np.trace(parts.ZZ)), np.zeros(TAIL - 1)))
         mean = abs(float(alone.kernel[first]))
-    precision = variance / (DIFFERS * max(mean, 1e-3)) ** 2
+    precision = variance / (DIFFERS * max(mean, LEAST_TAIL)) ** 2
     return eliminate(parts.with_kept(TAIL, precision, -fit.tail[1:]))

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import map_coordinates
+from scipy.ndimage import map_coordinates, uniform_filter
 
 from procedures.psf import Psf
 from procedures.sharpening import missing_light
@@ -98,6 +98,8 @@ class Likeness:
         another light or response leaves coarse detail over.
     streaks : float
         Power of what is left over at fine detail along x, over that along y: 1 for noise.
+    detail : float
+        Power of what is left over where the far photograph has detail, over that where it has none: 1 for noise.
     near : NearLook
         What the near photograph's spectrum says.
     light_turned : float
@@ -113,6 +115,7 @@ class Likeness:
     colour: float
     smoothing: float
     streaks: float
+    detail: float
     near: NearLook
     light_turned: float
     missing_light: float
@@ -124,7 +127,8 @@ def likeness(fit: Fit, psf: Psf, near: Array32) -> Likeness:
     left_over, colour, smoothing, streaks = remains(fit)
     look = near_look(_common(fit, near), psf)
     return Likeness(
-        left_over, colour, smoothing, streaks, look, light_turned(psf), missing_light(psf), beyond_light(psf)
+        *(left_over, colour, smoothing, streaks, at_detail(fit), look),
+        *(light_turned(psf), missing_light(psf), beyond_light(psf)),
     )
 
 
@@ -150,6 +154,19 @@ def remains(fit: Fit) -> tuple[float, float, float, float]:
         for one, other in ((coarse, fine), (middle, finest))
     )
     return float(np.sqrt(share)), colour, smoothing, streaks
+
+
+def at_detail(fit: Fit) -> float:
+    """`detail` of `Likeness`: the quarter of the samples that stand out most from their neighbours, over the quarter
+    that does least, once what grows with the light is taken out."""
+    prediction = np.full(fit.near.shape, fit.prediction.mean())
+    prediction[fit.samples.rows, fit.samples.columns] = fit.prediction
+    stands_out = np.abs(prediction - uniform_filter(prediction, 3))[fit.samples.rows, fit.samples.columns]
+    power = fit.residual**2
+    by_light = np.polyval(np.polyfit(fit.prediction, power, 1), fit.prediction)
+    power = power / np.maximum(by_light, 0.1 * power.mean())
+    low, high = np.quantile(stands_out, (0.25, 0.75))
+    return float(power[stands_out > high].mean() / power[stands_out < low].mean())
 
 
 def _common(fit: Fit, near: Array32) -> Array32:

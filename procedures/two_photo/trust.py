@@ -27,6 +27,8 @@ BEYOND_LIGHT, DUG_OUT = 0.02, 4.0
 """Excess over what cosines allow, and light missing around the core in standard uncertainties."""
 SMOOTHED = 0.8
 """Noise of the near photograph over the far one's."""
+AT_DETAIL = 1.5
+"""Power of the remains at the wall's detail over that where it has none."""
 TURNED = 0.1
 """Growth of the spectrum's variation with direction, per factor e of the frequency."""
 OTHER_FOCUS = 0.15
@@ -144,6 +146,13 @@ def _remains(d: Diagnostics) -> list[Rule]:
             f"what the near photograph does not explain is {max(d.streaks, 1 / d.streaks):.1f} times as strong along "
             "one axis as along the other: the camera moved in the far exposure, or the photograph was processed",
             "take both from a tripod, without touching the camera, as RAW files",
+        ),
+        Rule(
+            doubtful,
+            d.detail > AT_DETAIL,
+            f"what the near photograph does not explain is {d.detail:.1f} times as strong at the wall's detail as "
+            "where it has none: the far photograph was smoothed all but for its edges",
+            "use the RAW files, or choose a flat wall",
         ),
     ]
 

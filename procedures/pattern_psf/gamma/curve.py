@@ -18,7 +18,7 @@ from procedures.pattern_psf.gamma.amplification import gamma_bound
 
 Array = npt.NDArray[np.float64]
 
-RATIOS = (0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.7)
+RATIOS = (0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.7, 1.8, 1.9)
 """Where the curve is drawn."""
 NODES = 200
 """Of the quadrature over the band: the spectra turn over some ten times in it at most."""

@@ -81,8 +81,8 @@ def algorithm_2(
     stacks: Sequence[Masks],
     sigma: float,
     *,
-    N: int = 6,
-    window: int = 9,
+    N: int = 5,
+    window: int = 17,
     median: int = 11,
     direction: str = "both",
 ) -> DepthStart:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import gaussian_filter, maximum_filter
 
 from procedures.restoration.masks.blur_models import gaussian, mask_stack
 from procedures.restoration.masks.blur_operator import Blur, MaskStack
@@ -23,6 +23,8 @@ RIM = 16
 """Left out of the errors: what lies there was blurred from beyond the frame."""
 REACH = 8
 GREY_LEVELS = 255
+STEP, BESIDE = 0.5, 12
+"""Change of w from pixel to pixel that is a step, and how far about it windows see both sides, pixels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +42,12 @@ class Pair:
     def w_error(self, w: npt.NDArray[np.floating]) -> float:
         """Root mean square error of a depth map, pixels."""
         return float(np.sqrt(np.mean(_inside(w - self.w) ** 2)))
+
+    def away_from_steps(self, w: npt.NDArray[np.floating]) -> float:
+        """The same where no step of the depth lies within `BESIDE` pixels."""
+        steps = np.hypot(*np.gradient(self.w)) > STEP
+        away = np.logical_not(_inside(maximum_filter(steps, 2 * BESIDE + 1)))
+        return float(np.sqrt(np.mean(_inside(w - self.w)[away] ** 2)))
 
 
 def _inside(a: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:

@@ -10,6 +10,7 @@ import pytest
 from procedures.field.interpolate import interpolate, rebuild
 from procedures.outcome import Refused
 from procedures.psf import Psf
+from procedures.psf_field import held_by_priors
 
 from .conftest import SEED
 from .lens import SHAPE, FieldCamera, K, S, grid, nodes
@@ -48,19 +49,40 @@ def test_the_noise_of_a_place_is_that_of_repeated_measurements(camera, covarianc
     count = len(found.field.components)
     base = [n.psf.parameters for n in nodes(camera, grid(), 0 * covariance, rng, centre_px=0.0)]
     drawn = []
-    values, vectors = np.linalg.eigh(covariance)
-    root = vectors * np.sqrt(np.maximum(values, 0))
+    held = [held_by_priors(node.psf) for node in found.field.nodes]
+    roots = [root_of(covariance - one) for one in held]
     for _ in range(40):
         noisy = []
-        for node, p in zip(found.field.nodes, base, strict=True):
+        for node, p, root in zip(found.field.nodes, base, roots, strict=True):
             noisy.append(replace(node, psf=Psf.of(p + root @ rng.standard_normal(len(root)), covariance, K, S)))
         field = replace(found.field, nodes=tuple(noisy))
         drawn.append(field.parameters(np.array([[200.0, 330.0]]))[0])
-    spread, expected = np.var(drawn, axis=0, ddof=1), np.diag(found.field.noise(200.0, 330.0))
+    of_priors = np.tensordot(found.field.share, held, axes=1)
+    spread, expected = np.var(drawn, axis=0, ddof=1), np.diag(found.field.noise(200.0, 330.0) - of_priors)
     assert spread[: K * K].sum() == pytest.approx(expected[: K * K].sum(), rel=0.1)
     # each amplitude is one number; all six together to two of 22 %
     np.testing.assert_allclose(np.mean(spread[K * K :] / expected[K * K :]), 1, rtol=0.44)
     assert count > 2
+
+
+def root_of(covariance):
+    values, vectors = np.linalg.eigh(covariance)
+    return vectors * np.sqrt(np.maximum(values, 0))
+
+
+def test_what_the_priors_of_the_tail_leave_does_not_average_out(found):
+    # cos 4 and sin 4 are known by their priors alone: a share of 0.3 of the mean tail, at every node the same
+    base = found.field.nodes[0].psf
+    of_shapes = (0.3 * base.tail.amplitudes[0]) ** 2
+    C = np.zeros_like(found.field.lack_rest)
+    C[-2:, -2:] = of_shapes * np.eye(2)
+    C[0, 0] = 1e-6
+    psfs = [Psf.of(base.parameters, C, K, S)] * len(found.field.nodes)
+    nodes_ = tuple(replace(node, psf=psf) for node, psf in zip(found.field.nodes, psfs, strict=True))
+    noise = replace(found.field, nodes=nodes_).noise(375.0, 250.0)
+    # the other parameter's noise comes in through the components, by parts in a thousand
+    np.testing.assert_allclose(np.diag(noise)[-2:], of_shapes, rtol=0.01)
+    assert noise[0, 0] < 0.5 * 1e-6
 
 
 def test_every_psf_has_sum_1(found, places):

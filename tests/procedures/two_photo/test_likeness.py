@@ -56,6 +56,7 @@ def test_a_good_pair_passes(pair: Pair) -> None:
         ("far moved 1", "along one axis"),
         ("far gradient 0.3", "no PSF of light"),
         ("near gradient 0.3", "fine detail has another direction"),
+        ("far smoothed", "all but for its edges"),
         ("far gamma 0.8", "what the near photograph does not explain is coarse"),
     ],
 )

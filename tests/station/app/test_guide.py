@@ -317,6 +317,6 @@ def test_a_curve_that_explains_stands_beside_its_sentence_and_leaves_room_for_th
         await driver.begin()
         await driver.until(MOVED.question)
         await driver.until("At s/t 1.3 (18.08 m) gamma is 0.36")
-        await driver.until("(13.84")
+        await driver.until("(12.39")
 
     drive(StationApp(FakeLab(tmp_path, explained)), use, size)

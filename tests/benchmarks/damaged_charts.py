@@ -1,0 +1,75 @@
+"""Damaged copies of the published photograph of the chart: how many are refused, doubted, passed, and which pass wrong.
+
+A pass is wrong where MTF50, along rows or columns, lies farther than three of its stated standard uncertainties from
+the undamaged photograph's. An unsharp mask of a tenth leaves a PSF that a lens could have, too: such copies are told
+apart, and are not counted.
+
+python tests/benchmarks/damaged_charts.py [words that the copies' names must hold]
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections import Counter
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT))
+
+import numpy as np  # noqa: E402  (one thread must be asked for before numpy loads)
+
+from procedures.outcome import Verdict  # noqa: E402
+from procedures.pattern import Chart  # noqa: E402
+from procedures.pattern_psf.estimate import PatternPsf, estimate_psf  # noqa: E402
+from procedures.raw import Plane, read_frame  # noqa: E402
+from tests.procedures.pattern_psf.damage import CHANGES, SLIGHT, damaged  # noqa: E402
+
+DATA = Path(os.environ.get("STATION_SHARED_DATA", ROOT.parent / "shared" / "data")) / "pattern_photo"
+NUMBERS = ("mtf50_horizontal", "mtf50_vertical")
+FAR = 3.0
+"""Stated standard uncertainties from the undamaged value beyond which nothing may pass."""
+STEPS = 255
+
+
+def sigmas(found: PatternPsf, undamaged: PatternPsf) -> float:
+    """How far MTF50 is off, in stated uncertainties: the larger of both directions'."""
+    a, b = found.quality.numbers, undamaged.quality.numbers
+    if any(name not in a for name in NUMBERS):
+        return float("inf")
+    return max(abs(a[name].value - b[name].value) / a[name].uncertainty for name in NUMBERS)
+
+
+def main() -> None:
+    """Print every copy, and the counts."""
+    photograph = read_frame(DATA / "img_example.pgm").planes["Y"]
+    chart = Chart.from_image(read_frame(DATA / "pattern_noise.pgm").planes["Y"].samples)
+    base = estimate_psf(photograph, chart).value
+    assert base is not None
+    verdicts, wrong = Counter[str](), []
+    for name in CHANGES | SLIGHT:
+        if not all(word in name for word in sys.argv[1:]):
+            continue
+        samples = np.round(STEPS * damaged(photograph.samples, name)) / STEPS
+        outcome = estimate_psf(Plane("Y", samples.astype(np.float32), 1 / STEPS), chart)
+        verdicts[outcome.verdict] += name in CHANGES
+        if outcome.value is None:
+            print(f"{name:30s} refused   {outcome.reason}", flush=True)
+            continue
+        off = sigmas(outcome.value, base)
+        one, true = (found.quality.numbers.get(NUMBERS[0]) for found in (outcome.value, base))
+        told = "no MTF50" if one is None or true is None else (
+            f"{one.value / true.value - 1:+7.2%} ± {one.uncertainty / one.value:.2%}"
+        )  # fmt: skip
+        far = off > FAR and outcome.verdict is Verdict.PASS
+        wrong += [name] if far and name in CHANGES else []
+        mark = "WRONG" if far else ""
+        print(f"{name:30s} {outcome.verdict:9s} {told}, {off:5.1f} σ {mark:5s} {outcome.reason}", flush=True)
+    count = verdicts.total()
+    print(f"{count} copies: {dict(verdicts)}; refused {verdicts[Verdict.REFUSED] / count:.0%}")
+    print(f"passes farther than {FAR:g} stated uncertainties from the undamaged value: {', '.join(wrong) or 'none'}")
+
+
+if __name__ == "__main__":
+    main()
