@@ -7,7 +7,7 @@ bring several files (RAW and JPEG) in any order, so all are collected until the 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeout
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from queue import SimpleQueue
 from typing import Any, TypeVar
 
 from drivers.clock import Clock, SystemClock
-from drivers.errors import BadConfiguration, DeviceError, FrameMissing, LineLost, NoAnswer
+from drivers.errors import BadConfiguration, DeviceError, FrameMissing, LineLost, NoAnswer, Rejected
 from drivers.frames import Inspect, check_settings, is_raw, sha256_of
 from drivers.interfaces import CameraSettings, Condition, Exposure, Identity, Shutter
 
@@ -31,7 +31,16 @@ REMEDIES = {
     -7: "check the camera's cable",
     -110: "the camera is busy: wait, or switch it off and on",
 }
-WIDGETS = {"exposure_s": "shutterspeed", "iso": "iso", "f_number": "f-number"}
+WIDGETS = {
+    "exposure_s": ("shutterspeed", "shutterspeed2", "exptime"),
+    "iso": ("iso", "isospeed"),
+    "f_number": ("aperture", "f-number"),
+}
+"""What makes call these settings: Canon's aperture is an `aperture`, Nikon's and Sony's an `f-number`."""
+NEAREST = 0.12
+"""How far what is wanted may lie beyond the choices: half a third of a stop."""
+TAKES_S = 3.0
+"""How long a body may take to take a setting."""
 
 
 @dataclass(frozen=True)
@@ -169,21 +178,60 @@ class GphotoCamera:
     def configure(self, settings: CameraSettings) -> None:
         """Set what the body lets be set, by the nearest choice it offers. Raises DeviceError."""
         self.settings = settings
-        for name, widget in WIDGETS.items():
+        for name, widgets in WIDGETS.items():
             wanted = getattr(settings, name)
             if wanted is not None:
-                self._do(partial(self._choose, widget, float(wanted)))
+                self._do(partial(self._choose, widgets, float(wanted)))
 
-    def _choose(self, name: str, wanted: float) -> None:
+    def _choose(self, names: Sequence[str], wanted: float) -> None:
+        """Set the first of these that the body has to the nearest choice, and see that it took. Raises Rejected."""
         try:
             config = self._camera.get_config()
-            widget = config.get_child_by_name(name)
+        except self._gp.GPhoto2Error as error:
+            if error.code == self._gp.GP_ERROR_NOT_SUPPORTED:
+                return  # set on the body by hand; the file will tell whether it was
+            raise
+        name, widget = next(((n, w) for n in names if (w := self._child(config, n)) is not None), ("", None))
+        if widget is None:
+            return
+        choice = self._nearest(name, widget, wanted)
+        if choice is None or widget.get_value() == choice:
+            return
+        if widget.get_readonly():
+            raise self._not_taken(name, choice, widget.get_value())
+        widget.set_value(choice)
+        self._camera.set_config(config)
+        deadline_s = self.clock.now_s() + TAKES_S
+        while (now := self._camera.get_config().get_child_by_name(name).get_value()) != choice:
+            if self.clock.now_s() > deadline_s:
+                raise self._not_taken(name, choice, now)
+            self.clock.sleep(0.1)
+
+    def _child(self, config: Any, name: str) -> Any:
+        try:
+            return config.get_child_by_name(name)
         except self._gp.GPhoto2Error:
-            return  # set on the body by hand; the file will tell whether it was
-        choices = {text: value for text in widget.get_choices() if (value := read_choice(text)) is not None}
-        if choices:
-            widget.set_value(min(choices, key=lambda text: abs(choices[text] / wanted - 1)))
-            self._camera.set_config(config)
+            return None
+
+    def _nearest(self, name: str, widget: Any, wanted: float) -> str | None:
+        """The choice nearest to what is wanted, None where the body offers none. Raises Rejected."""
+        choices = {text: value for text in widget.get_choices() if (value := read_choice(text))}
+        if not choices:
+            return None
+        nearest: str = min(choices, key=lambda text: abs(choices[text] / wanted - 1))
+        if not min(choices.values()) / (1 + NEAREST) <= wanted <= max(choices.values()) * (1 + NEAREST):
+            offered = f"{min(choices, key=choices.__getitem__)} .. {max(choices, key=choices.__getitem__)}"
+            raise Rejected(
+                f"the camera ({self.address}) has no {name} of {wanted:g}: it offers {offered}, {nearest} the nearest",
+                "choose a value that it has, or turn its dial to M",
+            )
+        return nearest
+
+    def _not_taken(self, name: str, choice: str, now: str) -> Rejected:
+        return Rejected(
+            f"the camera ({self.address}) did not take {name} = {choice}: it stands at {now}",
+            "turn its dial to M, and switch off what sets it by itself",
+        )
 
     def files(self) -> list[Place]:
         """Every RAW file inside the body. Raises DeviceError."""

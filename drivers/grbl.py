@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 
 from drivers.clock import Clock, SystemClock
 from drivers.errors import (
@@ -22,6 +21,7 @@ from drivers.errors import (
     Rejected,
     WasReset,
 )
+from drivers.grbl_envelope import Envelope, GrblAxis, envelope
 from drivers.homing_state import HOME
 from drivers.interfaces import Condition, Doubt, Identity, Transport, Travel
 from drivers.move_checks import OneMover, check_arrival, check_target
@@ -31,22 +31,6 @@ from drivers.wire.connection import anything
 
 RESUME_S = 5.0
 """How long a controller may take to start again after its door was closed."""
-
-
-@dataclass(frozen=True)
-class GrblAxis:
-    """One axis: its name with the unit, the controller's letter, its feed, and where its zero lies in machine space.
-
-    `origin` None puts zero at the low end of the travel; `direction` -1 counts from the high end downwards.
-    `travel` is needed only where the controller does not tell it ($130-$132).
-    """
-
-    name: str
-    letter: str
-    feed_per_min: float
-    origin: float | None = None
-    direction: int = 1
-    travel: float | None = None
 
 
 class GrblStage:
@@ -72,7 +56,7 @@ class GrblStage:
         self._one_mover = OneMover()
         self._homing = False
         self._stops = 0
-        self._travel: dict[str, Travel] = {}
+        self._envelopes: dict[str, Envelope] = {}
 
     @property
     def address(self) -> str:
@@ -84,7 +68,7 @@ class GrblStage:
         identity = self.link.connect(reset=self._reset_on_open == "expect")
         try:
             self._check_limits()
-            self._travel = {axis.name: self._travel_of(axis) for axis in self._axes}
+            self._envelopes = {axis.name: self._envelope(axis) for axis in self._axes}
             self._user(self.link.report())
         except DeviceError:
             self.link.close()
@@ -92,33 +76,27 @@ class GrblStage:
         return identity
 
     def _check_limits(self) -> None:
-        for flag, name in ((20, "soft limits"), (22, "homing")):
-            if self.link.setting(flag, 1.0) != 1.0:
-                raise BadConfiguration(f"{name} are off at {self.address} (${flag}=0)", "set $22=1, then $20=1")
+        for number, name in ((20, "soft limits"), (22, "homing")):
+            if self.link.controls.flag(number) is False:
+                raise BadConfiguration(f"{name} are off at {self.address} (${number}=0)", "set $22=1, then $20=1")
 
-    def _travel_of(self, axis: GrblAxis) -> Travel:
-        length = self.link.setting(130 + self._index(axis), axis.travel)
-        if length is None:
+    def _envelope(self, axis: GrblAxis) -> Envelope:
+        found = envelope(axis, self.link.letters.index(axis.letter), self.link.controls)
+        if found is None:
             raise BadConfiguration(
-                f"{self.address} does not tell the travel of {axis.letter}", "set travel for the axis"
+                f"{self.address} does not tell the travel of {axis.letter}", "set travel or space for the axis"
             )
-        ends = sorted(self._to_user(axis, machine, length) for machine in (-length, 0.0))
-        return Travel(*ends)
+        if found.travel.low >= found.travel.high:
+            raise BadConfiguration(
+                f"{axis.name} has no travel between its switches at {self.address}",
+                "set a smaller $27, or the true $130",
+            )
+        return found
 
-    def _index(self, axis: GrblAxis) -> int:
-        return self.link.letters.index(axis.letter)
-
-    def _origin(self, axis: GrblAxis, length: float) -> float:
-        if axis.origin is not None:
-            return axis.origin
-        return -length if axis.direction > 0 else 0.0
-
-    def _to_user(self, axis: GrblAxis, machine: float, length: float) -> float:
-        return axis.direction * (machine - self._origin(axis, length)) + 0.0
-
-    def _to_machine(self, axis: GrblAxis, user: float) -> float:
-        travel = self._travel[axis.name]
-        return axis.direction * user + self._origin(axis, travel.high - travel.low)
+    @property
+    def envelopes(self) -> Mapping[str, Envelope]:
+        """What the controller lets each axis do; known after `connect`."""
+        return dict(self._envelopes)
 
     def close(self) -> None:
         """Give the line back."""
@@ -126,7 +104,7 @@ class GrblStage:
 
     def travel(self) -> Mapping[str, Travel]:
         """The range of each axis."""
-        return dict(self._travel)
+        return {name: one.travel for name, one in self._envelopes.items()}
 
     def condition(self) -> Condition:
         """What it is doing, from the last report."""
@@ -158,12 +136,11 @@ class GrblStage:
 
     def _user(self, report: Report) -> dict[str, float]:
         there = {}
-        for axis in self._axes:
-            if self._index(axis) >= len(report.machine):
-                told = f"{self.address} reports {len(report.machine)} axes, none for {axis.letter}"
+        for name, one in self._envelopes.items():
+            if one.index >= len(report.machine):
+                told = f"{self.address} reports {len(report.machine)} axes, none for {one.axis.letter}"
                 raise BadConfiguration(told, "correct the axis' letter")
-            travel = self._travel[axis.name]
-            there[axis.name] = self._to_user(axis, report.machine[self._index(axis)], travel.high - travel.low)
+            there[name] = one.to_user(report.machine[one.index])
         return there
 
     def moving(self) -> bool:
@@ -184,7 +161,19 @@ class GrblStage:
                 self._find_switches(undisturbed)
             finally:
                 self._homing = False
+            self._check_machine_space()
             self.link.trust.give(epoch)
+
+    def _check_machine_space(self) -> None:
+        """Raises BadConfiguration where the axes stand, after homing, outside what the controller was taken for."""
+        machine = self.link.settled_report().machine
+        for name, one in self._envelopes.items():
+            if not one.homed_inside(machine[one.index]):
+                raise BadConfiguration(
+                    f"{name} stands at machine position {machine[one.index]:g} after homing, outside the machine space"
+                    f" {one.low:g} .. {one.high:g}",
+                    "set `space` of the axis to its ends in machine coordinates",
+                )
 
     def _find_switches(self, allowed: Callable[[], None]) -> None:
         """Home. Where that ends without the controller's answer, reset it: it would search on."""
@@ -204,29 +193,27 @@ class GrblStage:
 
         The firmware homes all axes it has, also those that nobody configured here: $130 and up.
         """
-        lengths = {self._index(axis): self._travel[axis.name].high - self._travel[axis.name].low for axis in self._axes}
-        lengths |= {i: told for i in range(len(self.link.letters)) if (told := self.link.setting(130 + i, None))}
-        seek = self.link.setting(25, None) or 500.0
-        rates = {i: min(seek, self.link.setting(110 + i, seek) or seek) for i in lengths}
+        controls = self.link.controls
+        lengths = {one.index: one.high - one.low for one in self._envelopes.values()}
+        lengths |= {i: told for i in range(len(self.link.letters)) if (told := controls.positive(130 + i))}
+        seek = controls.positive(25, 500.0) or 500.0
+        rates = {i: min(seek, controls.positive(110 + i, seek) or seek) for i in lengths}
         return 10.0 + sum(2 * 2.5 * length / rates[i] * 60 for i, length in lengths.items())
 
     def move_to(self, **target: float) -> None:
         """Go there in a straight line and return when still. Raises DeviceError."""
         with self._one_mover:
             self.link.require_trust()
-            check_target(target, self._travel)
+            check_target(target, self.travel())
             goal = dict(target)
             report = self.link.settled_report()
             self._check_pause(report)
             start = self._user(report)
-            feed, duration_s = self._pace({name: goal[name] - start[name] for name in goal})
+            feed, duration_s = self.pace({name: goal[name] - start[name] for name in goal})
             if duration_s == 0.0:
                 return
-            words = " ".join(
-                f"{axis.letter}{self._to_machine(axis, goal[axis.name]):.3f}"
-                for axis in self._axes
-                if axis.name in goal
-            )
+            ways = [(self._envelopes[name], value) for name, value in goal.items()]
+            words = " ".join(f"{one.axis.letter}{one.to_machine(value):.3f}" for one, value in ways)
             stops = self._stops
             try:
                 self.link.command(f"$J=G53 G90 G21 {words} F{feed:.1f}", allowed=self.link.trust.require)
@@ -239,18 +226,17 @@ class GrblStage:
                 raise
             self._arrived(goal, self._user(report), stops)
 
-    def _pace(self, way: Mapping[str, float]) -> tuple[float, float]:
-        """Feed along the line so that no axis exceeds its own, and the seconds it takes."""
+    def pace(self, way: Mapping[str, float]) -> tuple[float, float]:
+        """Feed along the line so that no axis exceeds its own or the controller's, and the seconds it takes."""
         length = math.hypot(*way.values())
-        moved = [axis for axis in self._axes if abs(way.get(axis.name, 0.0)) > self._resolution(axis) / 2]
+        parts = [(self._envelopes[name], abs(part)) for name, part in way.items()]
+        moved = [(one, part / length) for one, part in parts if part > one.resolution / 2]
         if not moved:
             return 0.0, 0.0
-        feed = min(axis.feed_per_min * length / abs(way[axis.name]) for axis in moved)
-        acceleration = min(self.link.setting(120 + self._index(axis), 10.0) or 10.0 for axis in moved)
-        return feed, length / feed * 60 + feed / 60 / acceleration
-
-    def _resolution(self, axis: GrblAxis) -> float:
-        return max(1 / (self.link.setting(100 + self._index(axis), 250.0) or 250.0), 0.001)
+        feed = min(min(one.axis.feed_per_min, one.rate_per_min) / share for one, share in moved)
+        acceleration = min(one.acceleration_per_s2 / share for one, share in moved)
+        top = min(feed / 60, math.sqrt(length * acceleration))  # a short way is over before it is at its feed
+        return feed, length / top + top / acceleration
 
     def _until_still(self, duration_s: float) -> Report:
         """Two equal reports of Idle in a row. Raises NoAnswer when twice the time and two seconds have passed."""
@@ -283,10 +269,9 @@ class GrblStage:
         return NoAnswer(late, "check feed and mechanics")
 
     def _arrived(self, goal: Mapping[str, float], there: Mapping[str, float], stops: int) -> None:
-        for axis in self._axes:
-            if axis.name in goal:
-                tolerance = 1.5 * self._resolution(axis)
-                check_arrival(axis.name, goal[axis.name], there[axis.name], tolerance, self._stops != stops)
+        for name, target in goal.items():
+            tolerance = 1.5 * self._envelopes[name].resolution
+            check_arrival(name, target, there[name], tolerance, self._stops != stops)
 
     def _give_up_moving(self) -> None:
         """Leave nothing moving behind an error; what cannot be reached by now is beyond software."""

@@ -158,6 +158,7 @@ class GrblLight:
         self.link = link
         self._owns_link = owns_link
         self._level = 0.0
+        self._resets = 0
 
     @property
     def address(self) -> str:
@@ -180,18 +181,22 @@ class GrblLight:
             self.link.close()
 
     def condition(self) -> Condition:
-        """The level."""
-        return line_condition(self.link.is_open, f"{100 * self._level:.0f} %")
+        """The level; off after a reset of the controller, whoever asked for it."""
+        if self.link.is_open and self._level and self._resets != self.link.resets:
+            reason = f"off: a reset of the controller ended its {100 * self._level:.0f} %"
+            return Condition(reason, False, "set the level again")
+        return line_condition(self.link.is_open, f"{100 * self.level():.0f} %")
 
     def set_level(self, level: float) -> None:
         """Set the duty cycle. Raises DeviceError."""
         full = self.link.setting(30, 1000.0) or 1000.0
+        resets = self.link.resets
         self.link.command(f"M3 S{full * check_level(level):.1f}", 5.0)
-        self._level = level
+        self._level, self._resets = level, resets
 
     def level(self) -> float:
-        """What it was last set to."""
-        return self._level
+        """What it was last set to; 0 after a reset of the controller, which switches its outputs off."""
+        return self._level if self._resets == self.link.resets else 0.0
 
     def emergency_stop(self) -> None:
         """Reset the controller, which switches the output off."""

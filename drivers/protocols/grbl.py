@@ -154,6 +154,14 @@ class Setting:
 
 
 @dataclass(frozen=True)
+class ConfigItem:
+    """`$/path=value`: one item of FluidNC's configuration."""
+
+    path: str
+    value: str
+
+
+@dataclass(frozen=True)
 class Feedback:
     """`[TAG:text]`."""
 
@@ -176,22 +184,30 @@ class Unread:
     raw: bytes
 
 
-Event = Ok | Failed | AlarmRaised | Status | Setting | Feedback | Banner | Unread
+Event = Ok | Failed | AlarmRaised | Status | Setting | ConfigItem | Feedback | Banner | Unread
 
 STATES = {"Idle", "Run", "Hold", "Jog", "Alarm", "Door", "Check", "Home", "Sleep", "Tool"}
 _NUMBERED = re.compile(r"(error|ALARM):(\d{1,4})")
 _SETTING = re.compile(r"\$(\d{1,4})=(-?\d{1,10}(?:\.\d{0,10})?)(?: .*)?")
+_CONFIG = re.compile(r"\$/([A-Za-z0-9_/]+)=(.*)")
 _FEEDBACK = re.compile(r"\[([A-Z0-9+]{2,12}):(.*)\]")
 _FLUIDNC = re.compile(r"Grbl \S+ \[FluidNC v?(\S+) .*")
 _BANNER = re.compile(r"(Grbl|GrblHAL) (\d+\.\S+) \[.*")
-_FIELD = re.compile(r"[A-Za-z]{1,4}:[0-9A-Za-z.,:+-]*")
+_NUMBER = r"-?\d{1,10}(?:\.\d{0,10})?"
+_NUMERIC = re.compile(rf"(?:[MW]Pos|WCO|FS?|Ov|Bf|Ln):{_NUMBER}(?:,{_NUMBER})*")
+_OTHER = re.compile(r"(?!(?:[MW]Pos|WCO|FS?|Ov|Bf|Ln):)[A-Za-z]{1,8}:[^|<>]*")
+"""A field that is read holds numbers; others may hold anything, as the path of FluidNC's `SD:12.00,/job.nc`."""
 
 
 def read_status(text: str) -> Status | None:
     """The report between `<` and `>`, whatever the order of its fields; None if it is damaged."""
     head, *fields = text.split("|")
     state, _, sub = head.partition(":")
-    if state not in STATES or (sub and not sub.isdigit()) or not all(_FIELD.fullmatch(part) for part in fields):
+    if (
+        state not in STATES
+        or (sub and not sub.isdigit())
+        or not all(_NUMERIC.fullmatch(part) or _OTHER.fullmatch(part) for part in fields)
+    ):
         return None
     pairs = (part.partition(":") for part in fields)
     return Status(state, int(sub or 0), {name: value for name, _, value in pairs})
@@ -211,6 +227,8 @@ def read_line(raw: bytes) -> Event:
         return Failed(int(found[2])) if found[1] == "error" else AlarmRaised(int(found[2]))
     if found := _SETTING.fullmatch(line):
         return Setting(int(found[1]), float(found[2]))
+    if found := _CONFIG.fullmatch(line):
+        return ConfigItem(found[1], found[2])
     if found := _FEEDBACK.fullmatch(line):
         return Feedback(found[1], found[2])
     if found := _FLUIDNC.fullmatch(line):

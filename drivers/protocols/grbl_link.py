@@ -7,8 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
 from drivers.errors import Alarm, DeviceError, LineLost, NoAnswer, Rejected, WasReset
+from drivers.fluidnc import items, read_settings, read_spaces
+from drivers.grbl_envelope import Controls
 from drivers.homing_state import HOME, UNHOMED, Trust
 from drivers.interfaces import Identity, Transport
 from drivers.protocols.grbl import (
@@ -18,6 +21,7 @@ from drivers.protocols.grbl import (
     STATUS,
     AlarmRaised,
     Banner,
+    ConfigItem,
     Event,
     Failed,
     Feedback,
@@ -29,10 +33,13 @@ from drivers.protocols.grbl import (
 )
 from drivers.wire.connection import anything, opened
 
+T = TypeVar("T")
 REPLY_S = 1.0
 STATUS_S = 0.5
 STILL = ("Idle", "Alarm", "Sleep", "Check")
 GREETING_S = 2.5  # an Arduino's boot loader waits up to two seconds
+RESETS = 4
+"""Resets asked for in that time: GRBL hears none for half a second after `ALARM:1` and `ALARM:2`."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +73,10 @@ class GrblLink:
         self.trust = Trust()
         self._ready = False
         self._settings: dict[int, float] = {}
+        self._spaces: dict[int, tuple[float, float]] = {}
+        self._options = ""
+        self.resets = 0
+        self._repeats_errors = False
         self._offset: tuple[float, ...] | None = None
         self._in_step = True
         self._banner: Banner | None = None
@@ -80,6 +91,11 @@ class GrblLink:
     def is_open(self) -> bool:
         """Whether it was greeted and the line is still there."""
         return self._ready and self._transport.is_open
+
+    @property
+    def controls(self) -> Controls:
+        """What the controller is set to."""
+        return Controls(self._settings, self._options, self._spaces)
 
     def setting(self, number: int, default: float | None) -> float | None:
         """The controller's `$number`, or `default` where it tells none."""
@@ -96,7 +112,9 @@ class GrblLink:
                 identity = self._identify()
             except WasReset:  # a boot loader and our own reset may both greet
                 identity = self._identify()
-            self._settings = self._read_settings()
+            self._settings, self._spaces = self._twice_alike(self._read_settings), {}
+            if identity.model == "FluidNC":
+                self._read_configuration()
         self._ready, self.trust.why = True, UNHOMED
         return identity
 
@@ -118,8 +136,11 @@ class GrblLink:
 
     def _reset(self) -> bool:
         self._banner = None
-        self._transport.write(RESET)
-        return self._transport.wait(lambda: self._banner is not None, GREETING_S)
+        for _ in range(RESETS):
+            self._transport.write(RESET)
+            if self._transport.wait(lambda: self._banner is not None, GREETING_S / RESETS):
+                return True
+        return False
 
     def _identify(self) -> Identity:
         try:
@@ -129,20 +150,39 @@ class GrblLink:
         told = {event.tag: event.text for event in said if isinstance(event, Feedback)}
         version, _, name = told.get("VER", "").partition(":")
         options = told.get("OPT", "").split(",")
+        self._options = options[0]
         if len(options) > 2 and options[2].isdigit():
             self.rx_bytes = int(options[2])
         firmware = told.get("FIRMWARE") or (self._banner.firmware if self._banner else "GRBL")
+        self._repeats_errors = firmware == "grblHAL"
         return Identity(model=firmware, firmware=version, serial=name, address=self.address)
 
     def _read_settings(self) -> dict[int, float]:
-        """The answer to `$$`, twice alike: without checksums, a damaged digit looks like another travel."""
-        before: dict[int, float] | None = None
-        for _ in range(4):
-            now = {event.number: event.value for event in self.command("$$") if isinstance(event, Setting)}
+        return {event.number: event.value for event in self.command("$$") if isinstance(event, Setting)}
+
+    def _twice_alike(self, read: Callable[[], T]) -> T:
+        """What the controller tells twice alike: without checksums, a damaged digit looks like another travel."""
+        before = read()
+        for _ in range(3):
+            now = read()
             if now == before:
                 return now
             before = now
         raise NoAnswer(f"{self.address} tells other settings each time", "check the cable")
+
+    def _read_configuration(self) -> None:
+        """FluidNC's own settings; its numbered ones are some of them, for programs that ask for nothing else."""
+        letters = self.letters[: len(self.report().machine)]
+        told = self._twice_alike(lambda: {item: self._item(item) for item in items(letters)})
+        self._settings |= read_settings(letters, told.get)
+        self._spaces = read_spaces(letters, told.get)
+
+    def _item(self, path: str) -> str | None:
+        try:
+            said = self.command(f"$/{path}")
+        except Rejected:  # not in this version, or not configured
+            return None
+        return next((event.value for event in said if isinstance(event, ConfigItem) and event.path == path), None)
 
     def command(self, line: str, timeout_s: float = REPLY_S, allowed: Callable[[], None] = anything) -> list[Event]:
         """Send one line; the events up to its response. Raises Rejected, Alarm, WasReset, NoAnswer.
@@ -163,6 +203,7 @@ class GrblLink:
             self._in_step = False
             raise
         if isinstance(reply, Failed):
+            self._in_step = not self._repeats_errors
             reason, remedy = error_text(reply.code)
             raise Rejected(f"{self.address} refused {line!r}: {reason}", remedy, f"error:{reply.code}")
         if isinstance(reply, AlarmRaised):
@@ -172,7 +213,10 @@ class GrblLink:
         return said
 
     def _resynchronise(self) -> None:
-        """After a reply that never came: `$G` alone answers `[GC:`, and the response after that is its own."""
+        """After a reply that never came: `$G` alone answers `[GC:`, and the response after that is its own.
+
+        It also ends grblHAL's way of refusing every line after one that was wrong.
+        """
         seen: list[Event] = []
 
         def answer(event: Event) -> bool | None:
@@ -274,4 +318,5 @@ class GrblLink:
             self.trust.lose(self._alarm(event.code))
         elif isinstance(event, Banner):
             self._banner = event
+            self.resets += 1
             self.trust.lose(self._restarted())

@@ -1,1 +1,1 @@
-"""Devices at byte level: what is on the other end of a simulated cable."""
+"""What is at the ends of the cables: protocol, timing and state of each device, byte by byte."""

@@ -1,12 +1,12 @@
-"""What a simulated GRBL controller remembers: modes, planned lines, and what is going on."""
+"""What a simulated GRBL controller remembers besides its settings: what is going on, and where it counts from."""
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-NEVER = float("inf")
+from simulators.devices.grbl_code import Code
+from simulators.devices.grbl_motion import NEVER
 
 
 @dataclass(frozen=True)
@@ -18,42 +18,45 @@ class Outputs:
 
 
 @dataclass
-class Modes:
-    """G-code modes, as after a reset."""
+class Run:
+    """What is going on, and what the main loop waits for.
 
-    inches: bool = False
-    relative: bool = False
-    motion: int = 0
-    feed: float = 0.0
+    `waiting` is a line that waits until nothing moves; `owed` a response that comes when a pause is over; `limit` tells
+    that a target outside was seen and the machine slows down for its alarm.
+    """
 
-
-@dataclass(frozen=True)
-class Block:
-    """One planned straight line, in machine space, mm/min."""
-
-    target: tuple[float, ...]
-    feed: float
-    jog: bool
-
-
-@dataclass(frozen=True)
-class Sync:
-    """A block that waits until the planner is empty: then outputs switch, then the dwell."""
-
-    dwell_s: float
-    switches: tuple[int, ...]
-    speed: float
+    state: str = "Alarm"
+    braking: bool = False
+    homing: bool = False
+    waiting: Code | None = None
+    dwelling: Code | None = None
+    busy_until_s: float = NEVER
+    owed: str = ""
+    limit: bool = False
 
 
 @dataclass
-class Run:
-    """What is going on: the line being driven, when it ends, what the main loop waits for."""
+class Offsets:
+    """Coordinate systems and kept places by their G number; what G92 and G43.1 have set."""
 
-    state: str = "Alarm"
-    hold: int = 0
-    plan: deque[Block] = field(default_factory=deque)
-    current: Block | None = None
-    motion_end_s: float = NEVER
-    busy_until_s: float = NEVER
-    homing: bool = False
-    sync: Sync | None = None
+    axes: int
+    names: tuple[float, ...] = (54, 55, 56, 57, 58, 59, 28, 30)
+    systems: dict[float, tuple[float, ...]] = field(default_factory=dict)
+    shift: tuple[float, ...] = ()
+    length: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.clear()
+
+    def clear(self) -> None:
+        """All zero."""
+        none = (0.0,) * self.axes
+        self.systems = dict.fromkeys(self.names, none)
+        self.shift, self.length = none, 0.0
+
+    def total(self, system: int) -> tuple[float, ...]:
+        """Work zero in machine space."""
+        lengths = [0.0] * self.axes
+        if self.axes > 2:
+            lengths[2] = self.length
+        return tuple(a + b + c for a, b, c in zip(self.systems[system], self.shift, lengths, strict=True))

@@ -48,6 +48,8 @@ class Motor:
     busy_until_s: float = NEVER
     homing: bool = False
     stalls: bool = False
+    parked: bool = False
+    driven: bool = True
 
     def __post_init__(self) -> None:
         steps = int((self.axis.high - self.axis.low) / self.unit_per_step)
@@ -63,16 +65,21 @@ class Motor:
         """The flag of highest priority."""
         return min(self.flags, key=PRIORITY.index, default="--")
 
-    def go(self, place: float, now_s: float) -> None:
-        """Move to a place in the world; an old movement is broken off and flagged."""
+    def refuses(self) -> str:
+        """Why it does not move: parked, or its driver is off."""
+        return "PARKED" if self.parked else "" if self.driven else "DRIVERDISABLED"
+
+    def go(self, place: float, now_s: float, speed: float | None = None, acceleration: float | None = None) -> None:
+        """Move to a place in the world; an old movement is broken off and flagged. In the device's own units."""
         start_s = now_s
         if self.busy_until_s != NEVER:
             start_s = self.halt(now_s, self._acceleration())
             self.flags = sorted({*self.flags, "NI"})
         else:
             self.flags = [flag for flag in self.flags if flag != "NI"]
-        speed = self.settings["maxspeed"] / SPEED_UNIT * self.unit_per_step
-        self.busy_until_s = max(travel_line([self.axis], [place], start_s, speed, self._acceleration()), now_s)
+        fast = (speed or self.settings["maxspeed"]) / SPEED_UNIT * self.unit_per_step
+        rise = self._acceleration() * (acceleration or self.settings["accel"]) / self.settings["accel"]
+        self.busy_until_s = max(travel_line([self.axis], [place], start_s, fast, rise), now_s)
         if self.stalls:
             self.busy_until_s = (start_s + self.busy_until_s) / 2
 
@@ -85,6 +92,23 @@ class Motor:
 
     def _acceleration(self) -> float:
         return (self.axis.high - self.axis.low) / 5
+
+    def wake(self, now_s: float) -> None:
+        """Power-up: the reference is lost, and here is zero, unless it was parked."""
+        self.axis.halt(now_s)
+        self.busy_until_s, self.homing, self.driven = NEVER, False, True
+        if self.parked:
+            self.parked = False
+            self.flags = [flag for flag in self.flags if flag in ("WR", "WH")]
+        else:
+            self.flags, self.zero = ["WR"], self.axis.position(now_s)
+
+    def switch(self, on: bool, now_s: float) -> None:
+        """The motor's current, on or off; without it, it stands and says so."""
+        self.driven = on
+        self.flags = [flag for flag in self.flags if flag != "FO"] + ([] if on else ["FO"])
+        if not on and self.busy_until_s != NEVER:
+            self.busy_until_s, self.homing = self.halt(now_s, None), False
 
     def ended(self, now_s: float) -> None:
         """The movement is over."""
@@ -200,6 +224,8 @@ class ZaberChain:
                 return self._get(device, motors, name, now_s)
             case ["set", name, value] if _number(value):
                 return self._set(device, motors, name, float(value))
+            case ["home"] if refusal := next(filter(None, (motor.refuses() for motor in motors)), ""):
+                return "RJ", refusal
             case ["home"]:
                 for motor in motors:
                     motor.homing = True
@@ -215,8 +241,25 @@ class ZaberChain:
                 return self._warnings(motors, bool(clear))
             case ["tools", "echo", *text]:
                 return "OK", " ".join(text) or "0"
-            case ["system", "reset"] | ["io", *_] | ["renumber", *_]:
-                return ("OK", "0") if axis == 0 else ("RJ", "DEVICEONLY")
+            case ["tools", "parking", "park" | "unpark" as how]:
+                return self._park(motors, how == "park")
+            case ["driver", "enable" | "disable" as how]:
+                for motor in motors:
+                    motor.switch(how == "enable", now_s)
+                return "OK", "0"
+            case ["system", "reset"] | ["io", *_] | ["renumber", *_] if axis != 0:
+                return "RJ", "DEVICEONLY"
+            case ["system", "reset"]:
+                for motor in device.motors:
+                    motor.wake(now_s)
+                device.alert = device.checksum = False
+                return "OK", "0"
+            case ["io", "info"]:
+                return "OK", "0 0 0 0"  # analog out and in, digital out and in: these stages have none
+            case ["io", *_]:
+                return "RJ", "BADDATA"
+            case ["renumber", *_]:
+                return "OK", "0"
         return "RJ", "BADCOMMAND"
 
     def _stop(self, motor: Motor, dead: bool, now_s: float) -> None:
@@ -224,6 +267,15 @@ class ZaberChain:
             motor.homing = False
             motor.flags = sorted({*motor.flags, "NI"})
             motor.busy_until_s = motor.halt(now_s, None if dead else motor._acceleration())
+
+    def _park(self, motors: list[Motor], park: bool) -> tuple[str, str]:
+        if park and any(motor.busy_until_s != NEVER for motor in motors):
+            return "RJ", "STATUSBUSY"
+        if park and any("WR" in motor.flags for motor in motors):
+            return "RJ", "BADDATA"  # what has no reference has no place to keep
+        for motor in motors:
+            motor.parked = park
+        return "OK", "0"
 
     def _warnings(self, motors: list[Motor], clear: bool) -> tuple[str, str]:
         flags = sorted({flag for motor in motors for flag in motor.flags})
@@ -248,6 +300,8 @@ class ZaberChain:
         }
         if name in own:
             return "OK", str(own[name])
+        if name in ("parking.state", "driver.enabled"):
+            return "OK", " ".join(str(int(m.parked if name == "parking.state" else m.driven)) for m in motors)
         if name in ("pos", "encoder.pos"):
             return "OK", " ".join(str(motor.steps(now_s)) for motor in motors)
         if all(name in motor.settings for motor in motors):
@@ -269,14 +323,19 @@ class ZaberChain:
         return "OK", "0"
 
     def _move(self, motors: list[Motor], how: list[str], now_s: float) -> tuple[str, str]:
+        how, (speed, acceleration) = how[:2], _pace(how)
+        if refusal := next(filter(None, (motor.refuses() for motor in motors)), ""):
+            return "RJ", refusal
         targets = [self._target(motor, how, now_s) for motor in motors]
+        if None in (speed, acceleration):
+            return "RJ", "BADDATA"
         for motor, target in zip(motors, targets, strict=True):
             low, high = motor.settings["limit.min"], motor.settings["limit.max"]
             if target is None or "WR" in motor.flags or not low <= target <= high:
                 return "RJ", "BADDATA"
         for motor, target in zip(motors, targets, strict=True):
             if target is not None:
-                motor.go(motor.zero + target * motor.unit_per_step, now_s)
+                motor.go(motor.zero + target * motor.unit_per_step, now_s, speed, acceleration)
         return "OK", "0"
 
     def _target(self, motor: Motor, how: list[str], now_s: float) -> float | None:
@@ -290,6 +349,16 @@ class ZaberChain:
             case ["vel", number] if _number(number):
                 return motor.settings["limit.max" if float(number) > 0 else "limit.min"]
         return None
+
+
+def _pace(how: list[str]) -> tuple[float | None, float | None]:
+    """Speed and acceleration after `abs N`, `rel N`, `min` or `max`; 0 for the device's own, None for nonsense."""
+    told = how[1:] if how[:1] in (["min"], ["max"]) else how[2:]
+    values = [float(text) if _number(text) and float(text) > 0 else None for text in told[:2]]
+    if len(told) > 2 or (told and how[0] in ("vel", "stored")):
+        return None, None
+    speed, acceleration = (*values, 0.0, 0.0)[:2]
+    return speed, acceleration
 
 
 def _number(text: str) -> bool:

@@ -1,20 +1,20 @@
-"""Which driver a name in station.toml means, and which options it takes."""
+"""Which driver a name in station.toml means; what its options may be was checked before (device_check)."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from drivers.clock import Clock
-from drivers.errors import BadConfiguration
 from drivers.folder_camera import FolderCamera, Tether
 from drivers.frames import Inspect
 from drivers.gphoto import GphotoCamera
-from drivers.grbl import GrblAxis, GrblStage
+from drivers.grbl import GrblStage
+from drivers.grbl_envelope import GrblAxis
 from drivers.imu import FastImu, WitImu
-from drivers.interfaces import Device, Parser
+from drivers.interfaces import Device, Parser, Shutter
 from drivers.light import DmxLight, DmxParser, GrblLight, Panel
 from drivers.protocols.grbl import GrblParser
 from drivers.protocols.grbl_link import GrblLink
@@ -50,13 +50,8 @@ class Parts:
     def link(self, on: str | None, name: str, port: str | None) -> tuple[GrblLink, bool]:
         """The stage's GRBL controller, or one of its own; and whether it is."""
         if on is None:
-            if port is None:
-                raise BadConfiguration(f"devices.{name} has neither port nor on", 'set on = "stage", or a port')
-            return GrblLink(self.wire(name, port, GrblParser)), True
-        stage = self.made.get(on)
-        if not isinstance(stage, GrblStage):
-            raise BadConfiguration(f"devices.{name}: {on} is no GRBL stage", "name one in `on`")
-        return stage.link, False
+            return GrblLink(self.wire(name, str(port), GrblParser)), True
+        return cast(GrblStage, self.made[on]).link, False
 
 
 def _grbl(
@@ -90,16 +85,14 @@ def _relay(name: str, parts: Parts, *, on: str | None = None, port: str | None =
 
 
 def _folder(name: str, parts: Parts, *, folder: str, shutter: str, **tether: Any) -> FolderCamera:
-    box: Any = parts.made.get(shutter)
-    if not hasattr(box, "fire"):
-        raise BadConfiguration(f"devices.{name}: {shutter} is no shutter", "name one in `shutter`")
+    box = cast(Shutter, parts.made[shutter])
     return FolderCamera(parts.folder / folder, box, parts.inspect, tether=Tether(**tether), clock=parts.clock)
 
 
 def _gphoto(
     name: str, parts: Parts, *, folder: str, model: str = "", port: str = "", shutter: str | None = None
 ) -> GphotoCamera:
-    box: Any = parts.made[shutter] if shutter else None
+    box = cast(Shutter, parts.made[shutter]) if shutter else None
     place = parts.folder / folder
     return GphotoCamera(place, parts.inspect, model=model, port=port, shutter=box, clock=parts.clock)
 

@@ -40,9 +40,12 @@ from drivers.interfaces import (
     Stage,
 )
 from drivers.wire.transcript import Transcript
+from station.bench.device_check import Checked
 from station.bench.device_makers import MAKERS, Parts
 from station.bench.stopping import Asked, Stop, stop_all, stops_on_wires
 from station.bench.surroundings import SimulatedSurroundings, Surroundings
+from station.common.sanitise import printable
+from station.common.toml_lines import key_lines
 
 AFTER = ("on", "shutter")  # keys that name a device which must be there first
 
@@ -166,16 +169,20 @@ class Bench:
 
 
 def read_config(path: Path) -> dict[str, Any]:
-    """The devices' tables of a station.toml. Raises BadConfiguration."""
+    """The devices' tables of a station.toml, every value checked. Raises BadConfiguration with the line."""
     try:
-        config = tomllib.loads(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
+        config = tomllib.loads(text)
     except FileNotFoundError as error:
         raise BadConfiguration(f"there is no {path}", "write one, or use --simulate") from error
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise BadConfiguration(f"{path} cannot be read: {error}", "correct it") from error
+    except tomllib.TOMLDecodeError as error:
+        raise BadConfiguration(f"{path} is no TOML: {printable(error)}", "correct that line") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadConfiguration(f"{path} cannot be read: {printable(error)}", "correct it") from error
     devices = config.get("devices")
-    if not isinstance(devices, dict) or not devices or not all(isinstance(one, dict) for one in devices.values()):
+    if not isinstance(devices, dict) or not devices:
         raise BadConfiguration(f"{path} configures no devices", "add tables like [devices.stage]")
+    Checked(devices, path.name, key_lines(text)).check()
     return devices
 
 
@@ -183,29 +190,21 @@ def make_bench(
     tables: Mapping[str, Mapping[str, Any]], *, folder: Path, clock: Clock | None = None, wire_log: Path | None = None
 ) -> Bench:
     """The configured devices, not yet connected; relative folders begin at `folder`. Raises BadConfiguration."""
+    Checked(tables).check()
     clock = clock or SystemClock()
     made: dict[str, Device] = {}
     transcripts: dict[str, Transcript] = {}
-    waiting = dict(tables)
-    while waiting:
-        ready = [name for name, table in waiting.items() if all(table.get(key) not in waiting for key in AFTER)]
-        if not ready:
-            raise BadConfiguration(f"devices wait for each other: {', '.join(waiting)}", "correct `on` and `shutter`")
-        for name in ready:
-            made[name] = _make(name, waiting.pop(name), Parts(made, folder, clock, inspect_raw, wire_log, transcripts))
+    for name in sorted(tables, key=lambda one: _depth(tables, one)):
+        options = {key: value for key, value in tables[name].items() if key != "driver"}
+        parts = Parts(made, folder, clock, inspect_raw, wire_log, transcripts)
+        made[name] = MAKERS[tables[name]["driver"]](name, parts, **options)
     return Bench(made, {name: str(tables[name]["driver"]) for name in made}, clock, transcripts=transcripts)
 
 
-def _make(name: str, table: Mapping[str, Any], parts: Parts) -> Device:
-    driver = table.get("driver")
-    if driver not in MAKERS:
-        raise BadConfiguration(f"devices.{name}: there is no driver {driver!r}", f"use one of {', '.join(MAKERS)}")
-    options = {key: value for key, value in table.items() if key != "driver"}
-    try:
-        return MAKERS[driver](name, parts, **options)
-    except TypeError as error:
-        remedy = f"see the options of driver {driver!r} in `station manual station-toml`"
-        raise BadConfiguration(f"devices.{name}: {error}", remedy) from error
+def _depth(tables: Mapping[str, Mapping[str, Any]], name: str) -> int:
+    """How many devices must be there before this one, one after another."""
+    named = [tables[name][key] for key in AFTER if key in tables[name]]
+    return max((1 + _depth(tables, other) for other in named), default=0)
 
 
 def inspect_raw(path: Path) -> Facts:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import click
 
@@ -13,7 +14,8 @@ from station.cli.terminal.columns import columns
 from station.common.log import log, log_json_option
 
 if TYPE_CHECKING:
-    from station.bench.opening import Row
+    from drivers.interfaces import Stage
+    from station.bench.opening import Bench, Row
 
 FAILED = 3
 """The exit code of device errors."""
@@ -26,10 +28,18 @@ FAILED = 3
 @click.option("--faults", is_flag=True, help="Let the simulated bench fail now and then.")
 @click.option("--wire-log", type=click.Path(path_type=Path), help="Write every byte on the wires to this folder.")
 @click.option("--json", "as_json", is_flag=True, help="Write the rows as JSON to stdout.")
+@click.option(
+    "--commission", is_flag=True,
+    help="Take the stages into service: read their controllers, drive them with your consent, say what to change.",
+)  # fmt: skip
+@click.option("--output", type=click.Path(path_type=Path), help="Write the commissioned stages' tables to this file.")
 @log_json_option
-def devices(config: Path, simulate: bool, seed: int, faults: bool, wire_log: Path | None, as_json: bool) -> None:
+def devices(
+    config: Path, simulate: bool, seed: int, faults: bool, wire_log: Path | None, as_json: bool, commission: bool,
+    output: Path | None,
+) -> None:  # fmt: skip
     """Show each device: driver, address, what answered, its state, and what to do where something is wrong."""
-    from station.bench.opening import make_bench, read_config, simulated_bench
+    from station.bench.opening import make_bench, read_config, simulated_bench, simulated_tables
     from station.common.stop_signals import guarded
 
     with tempfile.TemporaryDirectory(prefix="station-") as folder:
@@ -37,11 +47,15 @@ def devices(config: Path, simulate: bool, seed: int, faults: bool, wire_log: Pat
             wire_log.mkdir(parents=True, exist_ok=True)
         if simulate:
             bench = simulated_bench(Path(folder), seed=seed, faults=faults)
+            tables = simulated_tables(bench.simulated.address, Path(folder))
         else:
-            bench = make_bench(read_config(config), folder=config.resolve().parent, wire_log=wire_log)
+            tables = read_config(config)
+            bench = make_bench(tables, folder=config.resolve().parent, wire_log=wire_log)
         try:
             with guarded(bench.emergency_stop, interrupt):
                 rows = bench.rows()
+                if commission:
+                    _commission(bench, rows, tables, output)
         finally:
             bench.close()
     click.echo(json.dumps([entry(row) for row in rows], indent=1) if as_json else table(rows))
@@ -56,6 +70,43 @@ def devices(config: Path, simulate: bool, seed: int, faults: bool, wire_log: Pat
         log("device", f"{row.name}: {row.error.reason}", level="error", remedy=row.error.remedy)
     if wrong:
         raise click.exceptions.Exit(FAILED)
+
+
+class AtTheTerminal:
+    """The operator beside the stage, asked on the terminal; remarks go to stderr."""
+
+    def tell(self, words: str) -> None:
+        """A line."""
+        click.echo(words, err=True)
+
+    def agrees(self, question: str) -> bool:
+        """Yes or no; no where nothing is typed."""
+        return click.confirm(question, default=False, err=True)
+
+    def measures(self, question: str) -> float | None:
+        """A number above 0, asked until it is one; nothing for None."""
+        while text := click.prompt(question, default="", show_default=False, err=True).strip():
+            try:
+                value = float(text.replace(",", "."))
+            except ValueError:
+                value = 0.0
+            if 0 < value < float("inf"):
+                return value
+            self.tell(f"a length above 0 is needed, as 299.5; {text!r} is none")
+        return None
+
+
+def _commission(bench: Bench, rows: list[Row], tables: Mapping[str, Any], output: Path | None) -> None:
+    """Each stage that answered, one after another."""
+    from station.bench.commission import commission
+
+    stages = [row.name for row in rows if row.error is None and hasattr(bench.devices[row.name], "move_to")]
+    written = []
+    for name in stages:
+        written.append(commission(name, cast("Stage", bench.devices[name]), tables[name], AtTheTerminal(), bench.clock))
+    if output is not None and written:
+        output.write_text("\n".join(written), encoding="utf-8")
+        log("written", f"the tables of {', '.join(stages)} are in {output}")
 
 
 def interrupt() -> None:

@@ -18,6 +18,8 @@ EXIT_DEVICE = 3
 """The exit code after an emergency stop."""
 ENDING = tuple(getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT") if hasattr(signal, n))
 """Ctrl-C, the system's end, a terminal or an ssh line that is gone, Ctrl-\\."""
+SUSPENDING = tuple(getattr(signal, n) for n in ("SIGTSTP",) if hasattr(signal, n))
+"""Ctrl-Z."""
 TURN_S = 0.0005
 """How long a thread may keep Python's lock while the stop waits for it; by default it is 5 ms."""
 STOPPED_S = 1.0
@@ -29,7 +31,7 @@ Handler = Callable[[int, FrameType | None], object]
 def guarded(
     emergency_stop: Callable[[], None], ask_to_stop: Callable[[], None], *, terminated: int = EXIT_DEVICE
 ) -> Iterator[None]:
-    """Within, INT, TERM, HUP, QUIT and any exception stop the bench, at once.
+    """Within, INT, TERM, HUP, QUIT and any exception stop the bench, at once; and TSTP, before it suspends the program.
 
     `ask_to_stop` is called in the main thread after the first Ctrl-C, to end what runs there; a second one raises
     KeyboardInterrupt. The others end the program with `terminated`. Must be entered in the main thread;
@@ -46,7 +48,7 @@ def guarded(
         asked = True
         ask_to_stop()
 
-    with _woken(emergency_stop), handled(hear), _short_turns():
+    with _woken(emergency_stop), handled(hear), _stopped_before_suspended(emergency_stop), _short_turns():
         try:
             yield
         except BaseException:
@@ -70,6 +72,27 @@ def handled(hear: Handler) -> Iterator[None]:
 
 
 @contextmanager
+def _stopped_before_suspended(emergency_stop: Callable[[], None]) -> Iterator[None]:
+    """Within, Ctrl-Z stops the bench before the program is suspended: nobody would hear of an axis that goes on."""
+
+    def hear(number: int, frame: FrameType | None) -> None:
+        emergency_stop()
+        signal.signal(number, signal.SIG_DFL)
+        signal.raise_signal(number)  # it goes on here when somebody says `fg`
+        signal.signal(number, hear)
+
+    heard = {number: signal.getsignal(number) for number in SUSPENDING}
+    heard = {number: before for number, before in heard.items() if before != signal.SIG_IGN}
+    for number in heard:
+        signal.signal(number, hear)
+    try:
+        yield
+    finally:
+        for number, before in heard.items():
+            signal.signal(number, before)
+
+
+@contextmanager
 def _woken(emergency_stop: Callable[[], None]) -> Iterator[None]:
     """Within, a thread waits that these signals wake; on leaving, the stop it is at is waited for."""
     ear, mouth = socket.socketpair()
@@ -77,7 +100,7 @@ def _woken(emergency_stop: Callable[[], None]) -> Iterator[None]:
 
     def listen() -> None:
         while heard := ear.recv(64):
-            if any(number in heard for number in ENDING):
+            if any(number in heard for number in (*ENDING, *SUSPENDING)):
                 emergency_stop()
 
     thread = threading.Thread(target=listen, name="signals", daemon=True)

@@ -26,7 +26,7 @@ def toml_text(table: Mapping[str, Any]) -> str:
 
 
 def _section(table: Mapping[str, Any], path: tuple[str, ...]) -> list[str]:
-    text = [f"{_key(name)} = {_value(value)}\n" for name, value in table.items() if not _skipped(value)]
+    text = [f"{_key(name)} = {toml_value(value)}\n" for name, value in table.items() if not _skipped(value)]
     if path and (text or not any(isinstance(value, Mapping) for value in table.values())):
         text.insert(0, f"\n[{'.'.join(_key(part) for part in path)}]\n")
     for name, value in table.items():
@@ -39,7 +39,8 @@ def _skipped(value: Any) -> bool:
     return value is None or isinstance(value, Mapping)
 
 
-def _value(value: Any) -> str:
+def toml_value(value: Any) -> str:
+    """One value as it would stand in a file. Raises TypeError for what TOML has no form for."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, int):
@@ -51,9 +52,9 @@ def _value(value: Any) -> str:
     if isinstance(value, datetime | date | time):
         return value.isoformat()
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{_key(k)} = {_value(v)}" for k, v in value.items() if v is not None) + "}"
+        return "{" + ", ".join(f"{_key(k)} = {toml_value(v)}" for k, v in value.items() if v is not None) + "}"
     if isinstance(value, list | tuple):
-        return "[" + ", ".join(_value(part) for part in value) + "]"
+        return "[" + ", ".join(toml_value(part) for part in value) + "]"
     raise TypeError(f"TOML has numbers, text, dates, lists and tables, but no {type(value).__name__}")
 
 

@@ -218,8 +218,8 @@ class Tries:
             program.go(b"c" if self.place == "clogged" else b"g")
         stage = self.bench.devices["stage"]
         there: dict[str, Callable[[], object]] = {
-            "homing": lambda: stage._run.homing,  # type: ignore[attr-defined]
-            "move": lambda: stage._run.state == "Jog",  # type: ignore[attr-defined]
+            "homing": lambda: stage.state == "Home",  # type: ignore[attr-defined]
+            "move": lambda: stage.state == "Jog",  # type: ignore[attr-defined]
             "exposure": lambda: self.ports["shutter"].come_s(b"SHOT", 0.0),
         }
         end_s = time.monotonic() + PATIENCE_S

@@ -16,7 +16,8 @@ from drivers.clock import Clock, SystemClock
 from drivers.folder_camera import FolderCamera
 from drivers.frames import Facts
 from drivers.gphoto import GphotoCamera
-from drivers.grbl import GrblAxis, GrblStage
+from drivers.grbl import GrblStage
+from drivers.grbl_envelope import GrblAxis
 from drivers.imu import FastImu, WitImu
 from drivers.light import DmxLight, DmxParser, GrblLight
 from drivers.protocols.grbl import GrblParser
@@ -25,11 +26,11 @@ from drivers.protocols.imu import FastParser, WitParser
 from drivers.protocols.zaber import ZaberParser
 from drivers.rangefinder import BoschParser, BoschRangefinder, JrtParser, JrtRangefinder
 from drivers.shutter import DeafParser, RelayShutter, RtsShutter, StrigParser, StrigShutter
-from drivers.transport import SerialTransport
+from drivers.transport import SerialTransport, register_scheme
 from drivers.zaber import ZaberAxis, ZaberStage
 from simulators.bench.bench import Setup, SimulatedBench
 from simulators.devices.grbl import GrblController
-from simulators.devices.serial_device import Cable, plug
+from simulators.devices.serial_device import Cable, plug, unplug
 from simulators.world.clock import VirtualClock
 
 GRBL_AXES = [GrblAxis("z_mm", "X", 3000.0, travel=1500.0), GrblAxis("x_mm", "Y", 1500.0, travel=300.0)]
@@ -42,6 +43,8 @@ ZABER_AXES = [
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--driver", default=None, help="run the promises of this driver only, e.g. grbl")
     parser.addoption("--port", default=None, help="the real port of that driver, any pyserial URL")
+    parser.addoption("--grbl-firmware", default=None, help="GRBL for an ATmega328P (see grbl_transcript.py): elf")
+    parser.addoption("--grbl-box", default=None, help="the program of grbl_box.c, which runs it in simavr")
 
 
 @dataclass
@@ -115,6 +118,63 @@ def simavr_port(simavr_box: tuple[Path, Path]) -> Iterator[str]:
         yield next(line.strip() for line in said if line.startswith("/dev/"))
         process.kill()
         process.wait()
+
+
+class FirmwareInSimavr:
+    """A real GRBL at the end of a cable, in the time of the tests: its processor runs as far as their clock."""
+
+    baud = 115200
+    STEP_S = 0.02
+    SETTINGS = (
+        *(f"${110 + i}=1000" for i in range(3)), *(f"${120 + i}=100" for i in range(3)),
+        *(f"${130 + i}=40" for i in range(3)), "$25=1000", "$24=300", "$26=20", "$22=1", "$20=1", "$21=1", "$1=255",
+    )  # fmt: skip
+    """A small quick machine with hard limits; its switches are 10 mm from where it begins."""
+
+    def __init__(self, firmware: str, box: str) -> None:
+        command = [box, firmware, str(10 * 250), "lockstep"]
+        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        self._ran_s, self._said = 0.0, bytearray()
+        self._run("", 3.0)
+        for line in self.SETTINGS:
+            self._run(f"send {(line + chr(10)).encode().hex()}", 0.3)
+        self._ran_s, self._said = 0.0, bytearray()
+
+    def _run(self, order: str, duration_s: float) -> None:
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._process.stdin.write(f"{order}\nrun {1000 * duration_s}\n")
+        self._process.stdin.flush()
+        told = next(line for line in self._process.stdout if line.startswith("said "))
+        self._said += bytes.fromhex(told.split(" ")[1])
+        self._ran_s += duration_s + (len(order) - 5) // 2 * 10 / 115200 * bool(order)
+
+    def set_lines(self, rts: bool, dtr: bool, now_s: float) -> None:
+        """A board that is not wired to be reset by DTR."""
+
+    def receive(self, data: bytes, now_s: float) -> None:
+        """Bytes at their speed."""
+        self._catch_up(now_s)
+        self._run(f"send {data.hex()}", 0.0)
+
+    def _catch_up(self, now_s: float) -> None:
+        if now_s > self._ran_s:
+            self._run("", now_s - self._ran_s)
+
+    def advance(self, now_s: float) -> bytes:
+        """Run until now; what it said."""
+        self._catch_up(now_s)
+        said, self._said = bytes(self._said), bytearray()
+        return said
+
+    def next_event_s(self) -> float | None:
+        """Nobody knows: look every few milliseconds."""
+        return self._ran_s + self.STEP_S
+
+    def end(self) -> None:
+        """Switch it off."""
+        self._process.kill()
+        self._process.communicate()
 
 
 Wire = Callable[..., SerialTransport[Any]]
@@ -199,11 +259,31 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
         if f"{kind}_rig" in metafunc.fixturenames:
             chosen = metafunc.config.getoption("--driver", default=None)
             names = [name for name in makers if chosen in (None, name)]
+            if kind == "stage" and metafunc.config.getoption("--grbl-firmware", default=None):
+                names = ["grbl_firmware"]
             metafunc.parametrize(f"{kind}_rig", names, indirect=True)
+
+
+def _firmware_rig(request: pytest.FixtureRequest) -> Iterator[Rig]:
+    options = request.config.getoption
+    firmware, clock = FirmwareInSimavr(options("--grbl-firmware"), options("--grbl-box")), VirtualClock()
+    register_scheme("simulators")
+    plug("firmware/stage", Cable(firmware, clock))
+    wire = SerialTransport("sim://firmware/stage", GrblParser, clock=clock)
+    stage = GrblStage(wire, GRBL_AXES, clock=clock)
+    try:
+        yield Rig(stage, clock, None)
+    finally:
+        stage.close()
+        unplug("firmware/stage")
+        firmware.end()
 
 
 def _make_rig(request: pytest.FixtureRequest, folder: Path) -> Iterator[Rig]:
     port = request.config.getoption("--port", default=None)
+    if request.param == "grbl_firmware":
+        yield from _firmware_rig(request)
+        return
     if request.param == "strig_simavr" and port is None:
         port = request.getfixturevalue("simavr_port")
     maker = {k: v for one in KINDS.values() for k, v in one.items()}[request.param]

@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 import hashlib
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
-from drivers.errors import BadConfiguration, DeviceError, FrameMissing, FrameWrong, LineLost
+from drivers.errors import BadConfiguration, DeviceError, FrameMissing, FrameWrong, LineLost, Rejected
 from drivers.frames import Facts
 from drivers.gphoto import GphotoCamera, Place, read_choice
 from drivers.interfaces import CameraSettings, ShutterTimes
@@ -163,3 +170,128 @@ def test_a_body_set_to_jpeg_is_said(camera):
 )
 def test_choices_are_read(text, value):
     assert read_choice(text) == pytest.approx(value)
+
+
+class Widget:
+    """One setting of a body, which takes what it is told, or not."""
+
+    def __init__(self, choices, value, *, takes=True, fixed=False):
+        self.choices, self.value, self.takes, self.fixed = choices, value, takes, fixed
+
+    def get_choices(self):
+        return self.choices
+
+    def get_value(self):
+        return self.value
+
+    def set_value(self, value):
+        self.value = value if self.takes else self.value
+
+    def get_readonly(self):
+        return self.fixed
+
+
+class Settable:
+    """A body with these settings and no others."""
+
+    def __init__(self, gp, widgets):
+        self.gp, self.widgets, self.sent = gp, widgets, 0
+
+    def get_config(self):
+        return self
+
+    def set_config(self, config):
+        self.sent += 1
+
+    def get_child_by_name(self, name):
+        if name not in self.widgets:
+            raise self.gp.GPhoto2Error(-2)
+        return self.widgets[name]
+
+    def exit(self):
+        pass
+
+
+@pytest.fixture
+def settable(camera, monkeypatch):
+    def body(**widgets):
+        monkeypatch.setattr("drivers.gphoto.TAKES_S", 0.0)
+        camera._camera = Settable(camera._gp, {name.replace("_", "-"): one for name, one in widgets.items()})
+        return camera._camera
+
+    return body
+
+
+APERTURES = ["f/2.8", "f/4", "f/5.6", "f/8"]
+
+
+@pytest.mark.parametrize("name", ["aperture", "f_number"])
+def test_the_aperture_has_a_name_by_make(camera, settable, name):
+    body = settable(**{name: Widget(APERTURES, "f/4")})
+    camera.configure(CameraSettings(f_number=5.6))
+    assert next(iter(body.widgets.values())).value == "f/5.6"
+    camera.configure(CameraSettings(f_number=5.6))
+    assert body.sent == 1  # what stands already is not sent again
+
+
+@pytest.mark.parametrize("how", [{"takes": False}, {"fixed": True}])
+def test_a_setting_that_did_not_take_is_an_error(camera, settable, how):
+    settable(shutterspeed=Widget(["1/50", "1/100", "Bulb"], "1/100", **how))
+    with pytest.raises(Rejected, match=r"did not take shutterspeed = 1/50: it stands at 1/100; turn its dial to M"):
+        camera.configure(CameraSettings(exposure_s=0.02))
+
+
+def test_what_a_body_does_not_offer_is_an_error(camera, settable):
+    settable(aperture=Widget(APERTURES, "f/4"))
+    with pytest.raises(
+        Rejected, match=r"no aperture of 1.4: it offers f/2.8 .. f/8, f/2.8 the nearest; choose a value"
+    ):
+        camera.configure(CameraSettings(f_number=1.4))
+
+
+PTP_BODY = """
+import json, sys
+from pathlib import Path
+import drivers.gphoto as gphoto
+from drivers.errors import DeviceError
+from drivers.frames import Facts
+from drivers.interfaces import CameraSettings
+saved = Path(sys.argv[1])
+camera = gphoto.GphotoCamera(saved, lambda path: Facts(exposure_s=0.02), patience_s=5.0)
+told = {"model": camera.connect().model}
+camera.configure(CameraSettings(exposure_s=0.02, f_number=5.6))
+config = camera._do(camera._camera.get_config)
+told["set"] = [config.get_child_by_name(name).get_value() for name in ("shutterspeed", "f-number")]
+try:
+    camera.expose()
+except DeviceError as error:
+    told["jpeg"] = error.reason
+gphoto.is_raw = lambda path: path.suffix == ".JPG"  # this body knows nothing else
+exposures = [camera.expose() for _ in range(2)]
+told["frames"] = [(one.path.name, one.size_bytes, one.sha256) for one in exposures]
+camera.close()
+print(json.dumps(told))
+"""
+
+
+def test_libgphoto2s_own_ptp_body_is_set_triggered_and_fetched(tmp_path):
+    # in a process of its own: which bodies libgphoto2 has is settled when it is loaded
+    gphoto2 = pytest.importorskip("gphoto2", reason="gphoto2 is not installed (extra `tether`)")
+    if not (Path(gphoto2.__file__).parent / "libgphoto2" / "vusb").is_dir():
+        pytest.skip("this libgphoto2 came without its virtual PTP body")
+    store, saved = tmp_path / "store", tmp_path / "saved"
+    store.mkdir()
+    saved.mkdir()
+    picture = cv2.imencode(".jpg", np.zeros((40, 60, 3), np.uint8))[1].tobytes()
+    (store / "seed.jpg").write_bytes(picture)  # what it gives as every photograph
+    env = {**os.environ, "VCAMERADIR": str(store)}
+    command = [sys.executable, "-c", PTP_BODY, str(saved)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=env, timeout=60.0)
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert told["model"] == "Nikon DSC D750"
+    assert told["set"] == ["0.0200s", "f/5.6"]
+    assert "no RAW file came" in told["jpeg"]
+    assert ".JPG" in told["jpeg"]
+    assert len({name for name, _, _ in told["frames"]}) == 2
+    assert all(rest == [len(picture), hashlib.sha256(picture).hexdigest()] for _, *rest in told["frames"])

@@ -42,6 +42,9 @@ STREAMS: dict[str, tuple[Callable[[], Any], list[bytes], list[Any]]] = {
             b"Grbl 3.7 [FluidNC v3.7.8 (wifi) '$' for help]\r\n",
             b"[VER:1.1h.20190830:]\r\n",
             b"<Hold:0|WPos:1.5,2,-3|Bf:15,128|Pn:XYZ>\r\n",
+            b"<Run|MPos:1.000,2.000|FS:500,0|A:|TLR:0|H:1,7|SD:12.50,/jobs/a part.nc>\r\n",
+            b"<Run|MPos:1.0x0,2.000|FS:500,0>\r\n",
+            b"$/axes/x/max_travel_mm=300.000\r\n",
         ],
         [
             grbl.Banner("GRBL", "1.1h"),
@@ -54,6 +57,20 @@ STREAMS: dict[str, tuple[Callable[[], Any], list[bytes], list[Any]]] = {
             grbl.Banner("FluidNC", "3.7.8"),
             grbl.Feedback("VER", "1.1h.20190830:"),
             grbl.Status("Hold", 0, {"WPos": "1.5,2,-3", "Bf": "15,128", "Pn": "XYZ"}),
+            grbl.Status(
+                "Run",
+                0,
+                {
+                    "MPos": "1.000,2.000",
+                    "FS": "500,0",
+                    "A": "",
+                    "TLR": "0",
+                    "H": "1,7",
+                    "SD": "12.50,/jobs/a part.nc",
+                },
+            ),
+            grbl.Unread(b"<Run|MPos:1.0x0,2.000|FS:500,0>"),
+            grbl.ConfigItem("axes/x/max_travel_mm", "300.000"),
         ],
     ),
     "zaber": (

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from simulators.devices.grbl import GrblController
 from simulators.world.motion import Axis
@@ -70,15 +72,15 @@ def test_after_homing_it_stands_a_pull_off_from_its_switches(homed):
     [
         (b"X", 2),
         (b"5", 1),
-        (b"G2 X-1", 20),
+        (b"G5 X-1", 20),
         (b"G1 X-1", 22),
-        (b"G0 G1 X-1 F1", 21),
+        (b"G0 G1 X-1 F1", 24),
         (b"X-1 X-2", 25),
         (b"G4", 28),
         (b"$J=X-1", 22),
         (b"$J=G0 X-1 F1", 16),
         (b"$J=G53 X-999 F1", 15),
-        (b"$Q", 3),
+        (b"$Q", 2),
         (b"G0 X-1 " + b"(" + b"x" * 80 + b")", None),
         (b"G0 " + b"X" * 90, 11),
     ],
@@ -92,9 +94,11 @@ def test_an_empty_line_is_ok(homed):
 
 
 def test_a_g_code_target_outside_is_an_alarm_that_only_reset_ends(homed):
-    assert homed.ask(b"G0 X-500\n") == ["ALARM:2", "[MSG:Reset to continue]"]
+    assert homed.ask(b"G0 X-500\n", 0.1) == ["ALARM:2"]
+    assert homed.ask(RESET + b"?", 0.3) == []  # for half a second it hears nothing
+    assert homed.ask(wait_s=0.2) == ["[MSG:Reset to continue]"]
     assert homed.ask(b"?$X\n") == []
-    assert homed.ask(RESET)[:2] == ["", "Grbl 1.1h ['$' for help]"]
+    assert homed.ask(RESET)[:3] == ["ok", "", "Grbl 1.1h ['$' for help]"]
     assert homed.state() == "Alarm"
 
 
@@ -134,7 +138,8 @@ def test_a_feed_hold_is_resumed_where_it_stopped(homed):
 def test_a_reset_in_motion_loses_the_position(homed):
     homed.ask(b"G1 X-101 F3000\n", 1.0)
     said = homed.ask(RESET)
-    assert said[0] == "ALARM:3"
+    assert said == ["ALARM:3"]
+    assert homed.ask(b"?$X\n", 0.6)[:2] == ["", "Grbl 1.1h ['$' for help]"]
     assert homed.state() == "Alarm"
     assert not homed.axes["X"].moves(homed.now_s)
 
@@ -175,3 +180,90 @@ def test_a_dedicated_line_tells_modes_and_offsets(grbl):
 def test_inches_are_inches(homed):
     homed.ask(b"G20 G1 X-2 F100\n", 60.0)
     assert homed.axes["X"].position(homed.now_s) == pytest.approx(200 - 50.8)
+
+
+PARTS = [
+    "G0",
+    "G1",
+    "G4",
+    "G20",
+    "G21",
+    "G28",
+    "G53",
+    "G90",
+    "G91",
+    "G92",
+    "M3",
+    "M5",
+    "M8",
+    "X-1",
+    "Y-2.5",
+    "Z1",
+    "F100",
+    "F-1",
+    "P0.01",
+    "S500",
+    "L2",
+    "N3",
+    "(a",
+    ")",
+    ";",
+    "$",
+    "=",
+    "J",
+    "x",
+    "9",
+    "%",
+]
+WORDS = st.lists(st.sampled_from([*PARTS, " "]))
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.lists(WORDS.map("".join), min_size=1, max_size=5))
+def test_whatever_line_comes_gets_one_response(texts):
+    bare = Bare(settings={22: 0, 20: 0})
+    bare.ask(wait_s=1.0)
+    for text in texts:
+        said = bare.ask(text.encode() + b"\n", 120.0)
+        responses = [line for line in said if line == "ok" or line.startswith("error:")]
+        assert len(responses) == 1, (text, said)
+
+
+def test_a_line_longer_than_every_buffer_is_refused_and_the_next_is_heard(homed):
+    assert homed.ask(b"G0 X-" + b"1" * 500 + b"\nG21\n") == ["error:11", "ok"]
+
+
+def test_a_switch_that_is_hit_is_an_alarm(homed):
+    homed.ask(b"$21=1\n$20=0\n")
+    # machine zero is where the switch closes: 51 mm away at 50 mm/s
+    assert homed.ask(b"G1 X-51 F3000\nG4 P0.01\nG1 X1\n", 20.0) == [
+        "ok",
+        "ok",
+        "ok",
+        "ALARM:1",
+        "[MSG:Reset to continue]",
+    ]
+    assert homed.axes["X"].position(homed.now_s) == pytest.approx(200.0, abs=1e-6)
+    assert not homed.axes["X"].moves(homed.now_s)
+
+
+def test_reports_in_inches_have_four_decimals(homed):
+    homed.ask(b"$13=1\n")
+    assert homed.ask(b"?")[0].startswith("<Idle|MPos:-0.0394,-0.0394|FS:0.0,0")
+
+
+def test_a_jog_has_its_own_errors(homed):
+    lines = [b"$J=X-2", b"$J=X-2 F-5", b"$J=X-2 F100 N-1", b"$J=X-2 F100 M3", b"$J=X-2 F100 S5", b"$J=G54 X-2 F100"]
+    assert [homed.ask(line + b"\n")[0] for line in lines] == [f"error:{n}" for n in (22, 4, 4, 16, 36, 16)]
+
+
+def test_a_held_controller_executes_no_line_until_it_goes_on(homed):
+    homed.ask(b"!")
+    assert homed.ask(b"$G\n", 5.0) == []
+    assert homed.ask(b"~")[-1] == "ok"
+
+
+def test_kept_lines_run_at_every_start(homed):
+    homed.ask(b"$N0=G20 M8\n")
+    assert homed.ask(RESET, 1.0)[-1] == ">G20M8:ok"
+    assert "G20" in homed.ask(b"$G\n")[0]

@@ -4,6 +4,7 @@ import json
 import signal
 import subprocess
 import sys
+import tomllib
 
 import pytest
 from click.testing import CliRunner
@@ -42,6 +43,16 @@ def test_without_configuration_it_says_what_to_do(tmp_path):
     done = CliRunner().invoke(main, ["devices", "--config", str(tmp_path / "none.toml")])
     assert done.exit_code == 2
     assert "use --simulate" in done.stderr
+
+
+def test_commissioning_asks_first_and_writes_the_tables(tmp_path):
+    output = tmp_path / "stages.toml"
+    told = CliRunner().invoke(main, ["devices", "--simulate", "--commission", "--output", str(output)], input="n\n\n")
+    assert told.exit_code == 0, told.output
+    assert told.stderr.count("Is the way free, and the emergency stop at hand? [y/N]") == 2
+    tables = tomllib.loads(output.read_text())["devices"]
+    assert [axis["name"] for axis in tables["stage"]["axes"]] == ["z_mm", "x_mm", "y_mm"]
+    assert tables["head"]["driver"] == "zaber"
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals here")

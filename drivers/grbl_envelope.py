@@ -1,0 +1,123 @@
+"""What a GRBL-like controller lets an axis do, as its own settings say: how far, how fast, how hard.
+
+Machine space is `[-L, 0]` on plain GRBL. Where homing sets the origin (`Z` among the options of `$I`, bit 3 of
+grblHAL's `$22`) it begins at the switch: `[0, L]` for an axis that homes downwards. FluidNC tells its ends.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from drivers.interfaces import Travel
+
+FORCE_ORIGIN = 8
+"""grblHAL's bit of `$22`: homing makes its place the origin."""
+
+
+@dataclass(frozen=True)
+class GrblAxis:
+    """One axis: its name with the unit, the controller's letter, its feed, and where its zero lies in machine space.
+
+    `origin` None puts zero at the low end of the machine space; `direction` -1 counts from the high end downwards.
+    `travel`, and `space` (its two ends in machine coordinates), are needed only where the controller tells none.
+    """
+
+    name: str
+    letter: str
+    feed_per_min: float
+    origin: float | None = None
+    direction: int = 1
+    travel: float | None = None
+    space: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Controls:
+    """A controller's settings by number, the letters of its build options, and what FluidNC's configuration adds."""
+
+    settings: Mapping[int, float]
+    options: str = ""
+    spaces: Mapping[int, tuple[float, float]] | None = None
+
+    def setting(self, number: int, default: float | None = None) -> float | None:
+        """`$number`, or `default` where the controller tells none."""
+        return self.settings.get(number, default)
+
+    def flag(self, number: int) -> bool | None:
+        """Whether bit 0 of `$number` is set: grblHAL keeps more in the others; None where it is not told."""
+        told = self.settings.get(number)
+        return None if told is None else bool(int(told) & 1)
+
+    def positive(self, number: int, default: float | None = None) -> float | None:
+        """`$number` where it is above 0, else `default`."""
+        told = self.settings.get(number)
+        return told if told else default
+
+    @property
+    def margin(self) -> float:
+        """How far to keep from the ends: with hard limits, a switch at an end would be an alarm."""
+        return (self.setting(27) or 0.0) if self.flag(21) else 0.0
+
+    def homes_down(self, index: int) -> bool:
+        """Whether that axis looks for its switch at the low end."""
+        return bool(int(self.setting(23) or 0) >> index & 1)
+
+    def space(self, index: int, length: float) -> tuple[float, float]:
+        """Both ends of an axis in machine coordinates."""
+        if self.spaces is not None and index in self.spaces:
+            return self.spaces[index]
+        forced = "Z" in self.options or bool(int(self.setting(22) or 0) & FORCE_ORIGIN)
+        return (0.0, length) if forced and self.homes_down(index) else (-length, 0.0)
+
+
+@dataclass(frozen=True)
+class Envelope:
+    """One configured axis within its controller's limits; machine coordinates to the axis' own and back."""
+
+    axis: GrblAxis
+    index: int
+    low: float
+    high: float
+    margin: float
+    rate_per_min: float
+    acceleration_per_s2: float
+    resolution: float
+
+    @property
+    def zero(self) -> float:
+        """The machine coordinate of the axis' own zero."""
+        if self.axis.origin is not None:
+            return self.axis.origin
+        return self.low if self.axis.direction > 0 else self.high
+
+    @property
+    def travel(self) -> Travel:
+        """Where it may be sent."""
+        ends = (self.to_user(self.low + self.margin), self.to_user(self.high - self.margin))
+        return Travel(*sorted(ends))
+
+    def to_user(self, machine: float) -> float:
+        """The axis' own coordinate."""
+        return self.axis.direction * (machine - self.zero) + 0.0
+
+    def to_machine(self, user: float) -> float:
+        """The controller's coordinate."""
+        return self.axis.direction * user + self.zero
+
+    def homed_inside(self, machine: float) -> bool:
+        """Whether a position after homing can be true of this space."""
+        return self.low - self.resolution <= machine <= self.high + self.resolution
+
+
+def envelope(axis: GrblAxis, index: int, controls: Controls) -> Envelope | None:
+    """The axis within its controller's limits; None where neither tells how long it is."""
+    length = controls.positive(130 + index, axis.travel)
+    space = axis.space or (None if length is None else controls.space(index, length))
+    if space is None:
+        return None
+    rate = controls.positive(110 + index, axis.feed_per_min) or axis.feed_per_min
+    acceleration = controls.positive(120 + index, 10.0) or 10.0
+    steps = controls.positive(100 + index, 250.0) or 250.0
+    low, high = sorted(space)
+    return Envelope(axis, index, low, high, controls.margin, rate, acceleration, max(1 / steps, 0.001))

@@ -1,0 +1,239 @@
+"""The options of each driver in station.toml: which there are, what they may be, what is an example."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from station.common.toml_text import toml_value
+
+
+class Rule(Protocol):
+    """What a value must be."""
+
+    @property
+    def words(self) -> str:
+        """What it must be, to go on after "must be"."""
+        ...
+
+    @property
+    def example(self) -> str:
+        """A good value, as one would write it."""
+        ...
+
+    def holds(self, value: Any) -> bool:
+        """Whether this value will do."""
+        ...
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number between two ends; `above` its low end where that is given."""
+
+    example: str
+    low: float = -math.inf
+    high: float = math.inf
+    above: bool = False
+
+    @property
+    def words(self) -> str:
+        """What it must be."""
+        if self.low == -math.inf:
+            return "a number"
+        if self.high < math.inf:
+            return f"a number {'above' if self.above else 'from'} {self.low:g} up to {self.high:g}"
+        return f"a number above {self.low:g}" if self.above else f"a number not below {self.low:g}"
+
+    def holds(self, value: Any) -> bool:
+        """Whether it is one."""
+        if type(value) not in (int, float) or not math.isfinite(value):
+            return False
+        return self.low <= value <= self.high and not (self.above and value == self.low)
+
+
+@dataclass(frozen=True)
+class Whole:
+    """A whole number between two ends, both included."""
+
+    example: str
+    low: int
+    high: int
+
+    @property
+    def words(self) -> str:
+        """What it must be."""
+        return f"a whole number from {self.low} to {self.high}"
+
+    def holds(self, value: Any) -> bool:
+        """Whether it is one."""
+        return type(value) is int and self.low <= value <= self.high
+
+
+@dataclass(frozen=True)
+class OneOf:
+    """One of these values."""
+
+    values: tuple[Any, ...]
+
+    @property
+    def words(self) -> str:
+        """What it must be."""
+        return "one of " + ", ".join(map(toml_value, self.values))
+
+    @property
+    def example(self) -> str:
+        """The first."""
+        return toml_value(self.values[0])
+
+    def holds(self, value: Any) -> bool:
+        """Whether it is one."""
+        return any(type(value) is type(one) and value == one for one in self.values)
+
+
+@dataclass(frozen=True)
+class Text:
+    """Text that is not empty, and matches a pattern where there is one."""
+
+    example: str
+    words: str = "text in quotes"
+    pattern: str = r"(?s).*\S.*"
+
+    def holds(self, value: Any) -> bool:
+        """Whether it is one."""
+        return isinstance(value, str) and re.fullmatch(self.pattern, value) is not None
+
+
+@dataclass(frozen=True)
+class Ends:
+    """The low and the high end of something."""
+
+    example: str = "[-300.0, 0.0]"
+    words: str = "two numbers, the smaller one first"
+
+    def holds(self, value: Any) -> bool:
+        """Whether it is that."""
+        number = Number("0")
+        return isinstance(value, list) and len(value) == 2 and all(map(number.holds, value)) and value[0] < value[1]
+
+
+@dataclass(frozen=True)
+class Several:
+    """A list with at least one value under a rule, none of them twice."""
+
+    each: Rule
+
+    @property
+    def words(self) -> str:
+        """What it must be."""
+        return f"a list in [ ] with at least one value, each {self.each.words}, none twice"
+
+    @property
+    def example(self) -> str:
+        """A list of one."""
+        return f"[{self.each.example}]"
+
+    def holds(self, value: Any) -> bool:
+        """Whether it is that."""
+        good = isinstance(value, list) and value and all(map(self.each.holds, value))
+        return bool(good) and len(set(value)) == len(value)
+
+
+@dataclass(frozen=True)
+class Option:
+    """One key: its rule, and whether it must be there."""
+
+    rule: Rule
+    required: bool = False
+
+
+@dataclass(frozen=True)
+class Options:
+    """The keys of a table; `rows` are those of each table in its list of axes, which must differ in `unlike`."""
+
+    keys: Mapping[str, Option]
+    rows: Mapping[str, Option] | None = None
+    unlike: tuple[tuple[str, ...], ...] = ()
+
+
+PORT = Option(Text('"/dev/ttyUSB0"', "the name of a port in quotes"), required=True)
+MAYBE_PORT = Option(PORT.rule)
+BAUD = Option(Whole("115200", 300, 4_000_000))
+NAME = Option(Text('"z_mm"', "a name that ends in its unit, _mm or _deg", r"[a-z][a-z0-9_]*_(mm|deg)"), required=True)
+FOLDER = Option(Text('"incoming"', "the name of a folder in quotes"), required=True)
+DEVICE = Text('"stage"', "the name of a device in quotes")
+SECONDS = Option(Number("0.5", 0.0))
+POLL = Option(Number("0.2", 0.0, 5.0, above=True))
+LAMP = {"warm_up_s": SECONDS, "pwm_hz": Option(Number("1000", 0.0))}
+LINE = {"port": PORT, "baud": BAUD}
+ON_A_STAGE = {"on": Option(DEVICE), "port": MAYBE_PORT}
+
+OPTIONS: dict[str, Options] = {
+    "grbl": Options(
+        {**LINE, "poll_s": POLL, "reset_on_open": Option(OneOf(("expect", "avoid")))},
+        {
+            "name": NAME,
+            "letter": Option(OneOf(("X", "Y", "Z", "A", "B", "C")), required=True),
+            "feed_per_min": Option(Number("1500", 0.0, above=True), required=True),
+            "origin": Option(Number("0.0")),
+            "direction": Option(OneOf((1, -1))),
+            "travel": Option(Number("300", 0.0, above=True)),
+            "space": Option(Ends()),
+        },
+        (("name",), ("letter",)),
+    ),
+    "zaber": Options(
+        {**LINE, "poll_s": POLL},
+        {
+            "name": NAME,
+            "device": Option(Whole("1", 1, 99), required=True),
+            "axis": Option(Whole("1", 1, 9)),
+            "unit_per_step": Option(Number("0.000234375", 0.0, above=True), required=True),
+            "zero": Option(Number("0.0")),
+            "speed_per_s": Option(Number("10", 0.0, above=True)),
+        },
+        (("name",), ("device", "axis")),
+    ),
+    "strig": Options(LINE),
+    "rts": Options({"port": PORT}),
+    "relay": Options(ON_A_STAGE),
+    "folder": Options(
+        {
+            "folder": FOLDER,
+            "shutter": Option(DEVICE, required=True),
+            "pulse_s": Option(Number("0.1", 0.0, above=True)),
+            "focus_s": SECONDS,
+            "bulb": Option(OneOf((True, False))),
+            "rest_s": SECONDS,
+            "patience_s": Option(Number("20", 0.0, above=True)),
+            "poll_s": POLL,
+        }
+    ),
+    "gphoto": Options(
+        {
+            "folder": FOLDER,
+            "model": Option(Text('"Canon EOS R5"')),
+            "port": Option(Text('"usb:001,004"', "libgphoto2's name of a port in quotes")),
+            "shutter": Option(DEVICE),
+        }
+    ),
+    "wit": Options(LINE),
+    "fast": Options(
+        {
+            **LINE,
+            "full_scale_g": Option(Number("8", 0.0, above=True)),
+            "full_scale_deg_s": Option(Number("500", 0.0, above=True)),
+        }
+    ),
+    "jrt": Options(LINE),
+    "bosch": Options(LINE),
+    "dmx": Options({"port": PORT, "channels": Option(Several(Whole("1", 1, 512))), **LAMP}),
+    "grbl_light": Options({**ON_A_STAGE, **LAMP}),
+}
+STAGES, SHUTTERS = ("grbl",), ("strig", "rts", "relay")
+REFERS = {"on": (STAGES, "GRBL stage"), "shutter": (SHUTTERS, "shutter")}
+"""Keys that name another device, the drivers it may have, and what it is called."""
+EITHER = {"relay": ("on", "port"), "grbl_light": ("on", "port")}
+"""Drivers that need one of two keys."""

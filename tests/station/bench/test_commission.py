@@ -1,0 +1,114 @@
+"""A stage taken into service at the simulated bench: consent, what is told, what is to be changed, the table."""
+
+from __future__ import annotations
+
+import tomllib
+
+import pytest
+
+from station.bench.commission import commission
+from station.bench.opening import make_bench, simulated_bench, simulated_tables
+
+
+class Scripted:
+    """Answers questions that hold a word; no to all others."""
+
+    def __init__(self, agreed=(), lengths=()):
+        self.agreed, self.lengths = agreed, dict(lengths)
+        self.told = []
+
+    def tell(self, words):
+        self.told.append(words)
+
+    def agrees(self, question):
+        return any(word in question for word in self.agreed)
+
+    def measures(self, question):
+        return next((length for word, length in self.lengths.items() if word in question), None)
+
+    @property
+    def text(self):
+        return "\n".join(self.told)
+
+
+@pytest.fixture
+def bench(tmp_path):
+    bench = simulated_bench(tmp_path, virtual_time=True)
+    yield bench
+    bench.close()
+
+
+@pytest.fixture
+def take(bench, tmp_path):
+    """Commission the stage with this person, after its controller and its table were changed."""
+
+    def take(person, settings=None, **axis):
+        bench.simulated.devices["stage"].settings.update(settings or {})
+        table = simulated_tables(bench.simulated.address, tmp_path)["stage"]
+        table["axes"][0] |= axis
+        own = make_bench({"stage": table}, folder=tmp_path, clock=bench.clock)
+        own.connect()
+        try:
+            return tomllib.loads(commission("stage", own.stage, table, person, bench.clock))["devices"]["stage"]
+        finally:
+            own.close()
+
+    return take
+
+
+def test_nothing_moves_without_consent(take, bench):
+    person = Scripted()
+    take(person)
+    assert "stage was not moved" in person.text
+    assert bench.simulated.world.axes["z_mm"].extremes() == (750.0, 750.0)  # where it stood
+
+
+def test_it_is_driven_from_end_to_end_timed_and_measured(take, bench):
+    person = Scripted(("Homing", "z_mm"), {"z_mm": 1500.0})
+    table = take(person)
+    # 1500 mm at 50 mm/s and 200 mm/s^2: 30.25 s, and two polls of 0.2 s until it is known to stand
+    assert "z_mm went 1500 in 30." in person.text
+    assert "took" not in person.text
+    assert "ruler" not in person.text
+    low, high = bench.simulated.world.axes["z_mm"].extremes()
+    assert (low, high) == pytest.approx((0.0, 1500.0))
+    assert bench.simulated.world.axes["x_mm"].position(bench.clock.now_s()) == pytest.approx(299.0)  # not agreed to
+    assert table["axes"][0] == {"name": "z_mm", "letter": "X", "feed_per_min": 3000.0}
+
+
+def test_what_the_controller_cannot_do_is_written_as_it_can(take):
+    person = Scripted()
+    table = take(person, {110: 500.0, 1: 25.0, 21: 0.0})
+    assert "z_mm is asked for 3000 per min, and its controller does 500 ($110)" in person.text
+    assert "write feed_per_min = 500, or raise $110" in person.text
+    assert "set $1=255" in person.text
+    assert "set $21=1" in person.text
+    assert table["axes"][0]["feed_per_min"] == 500.0
+
+
+def test_a_ruler_corrects_the_steps_per_millimetre(take):
+    person = Scripted(("Homing", "z_mm"), {"z_mm": 1485.0})
+    take(person)
+    # it went 1485 where 1500 was meant: 250 steps per mm are too few by 1500 / 1485
+    assert "z_mm went 1485 by the ruler where it was sent 1500: multiply $100 by 1.01010" in person.text
+
+
+def test_a_move_that_takes_too_long_is_named(take, bench):
+    bench.simulated.devices["stage"].feed_override = 60
+    person = Scripted(("Homing", "z_mm"))
+    take(person)
+    assert "z_mm took" not in person.text  # connecting resets the controller, and its overrides
+
+    class Meddler(Scripted):
+        def agrees(self, question):
+            bench.simulated.devices["stage"].feed_override = 60
+            return super().agrees(question)
+
+    person = Meddler(("Homing", "z_mm"))
+    take(person)
+    assert "where its settings say 30.2 s: set the feed override to 100 %" in person.text
+
+
+def test_a_machine_space_of_its_own_is_written(take):
+    table = take(Scripted(), space=[0.0, 1500.0])
+    assert table["axes"][0]["space"] == [0.0, 1500.0]

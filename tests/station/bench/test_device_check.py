@@ -1,0 +1,284 @@
+"""Wrong station.toml files: each refused with key, value, line and remedy, in words that are not Python's."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+
+import pytest
+from click.testing import CliRunner
+
+from drivers.errors import BadConfiguration
+from station.__main__ import main
+from station.bench.device_makers import MAKERS
+from station.bench.device_options import OPTIONS
+from station.bench.opening import make_bench, read_config
+from station.common.toml_lines import key_lines
+
+GOOD = {
+    "stage": {
+        "driver": '"grbl"',
+        "port": '"/dev/a"',
+        "baud": "115200",
+        "poll_s": "0.2",
+        "reset_on_open": '"expect"',
+        "axes": {
+            "name": '"z_mm"',
+            "letter": '"X"',
+            "feed_per_min": "3000",
+            "origin": "-1.5",
+            "direction": "-1",
+            "travel": "300",
+            "space": "[-300, 0]",
+        },
+    },
+    "head": {
+        "driver": '"zaber"',
+        "port": '"/dev/b"',
+        "baud": "115200",
+        "poll_s": "0.1",
+        "axes": {
+            "name": '"pan_deg"',
+            "device": "1",
+            "axis": "1",
+            "unit_per_step": "0.0002",
+            "zero": "-30",
+            "speed_per_s": "10",
+        },
+    },
+    "shutter": {"driver": '"strig"', "port": '"/dev/c"', "baud": "115200"},
+    "camera": {
+        "driver": '"folder"',
+        "folder": '"incoming"',
+        "shutter": '"shutter"',
+        "pulse_s": "0.1",
+        "bulb": "false",
+        "rest_s": "0.5",
+        "patience_s": "20",
+        "focus_s": "0",
+        "poll_s": "0.1",
+    },
+    "tether": {
+        "driver": '"gphoto"',
+        "folder": '"in"',
+        "model": '"EOS"',
+        "port": '"usb:001,004"',
+        "shutter": '"relay"',
+    },
+    "relay": {"driver": '"relay"', "on": '"stage"'},
+    "fast": {
+        "driver": '"fast"',
+        "port": '"/dev/d"',
+        "baud": "115200",
+        "full_scale_g": "8",
+        "full_scale_deg_s": "500",
+    },
+    "light": {"driver": '"dmx"', "port": '"/dev/e"', "channels": "[1, 2]", "warm_up_s": "60", "pwm_hz": "0"},
+    "lamp": {"driver": '"grbl_light"', "on": '"stage"', "warm_up_s": "0.5"},
+}
+
+NO_NUMBER = ['"fast"', "true", "nan", "inf", "[1]", "{a = 1}"]
+ABOVE_0 = ["0", "-1", *NO_NUMBER]
+NOT_BELOW_0 = ["-0.5", *NO_NUMBER]
+WHOLE = ["0", "-3", "1.5", "true", '"1"', "100000000"]
+TEXT = ["3", "true", '""', "[1]"]
+WRONG = {
+    "stage": {
+        "port": TEXT,
+        "baud": WHOLE,
+        "poll_s": [*ABOVE_0, "60"],
+        "reset_on_open": ['"avoidd"', "true", "1", '""'],
+        "axes": {
+            "name": ['"z"', '"Z_mm"', '"z_inch"', '""', "3"],
+            "letter": ['"x"', '"Q"', "1", '"XY"'],
+            "feed_per_min": ABOVE_0,
+            "origin": NO_NUMBER,
+            "direction": ["2", "0", "1.0", "true", '"up"'],
+            "travel": ABOVE_0,
+            "space": ["[0, -300]", "[0]", "300", '["a", "b"]', "[0, nan]", "[1, 1]"],
+        },
+    },
+    "head": {
+        "baud": WHOLE,
+        "axes": {
+            "name": ['"pan"', "1"],
+            "device": [*WHOLE, "100"],
+            "axis": [*WHOLE, "10"],
+            "unit_per_step": ABOVE_0,
+            "zero": NO_NUMBER,
+            "speed_per_s": ABOVE_0,
+        },
+    },
+    "shutter": {"driver": ['"strigg"', "1", '""'], "port": TEXT},
+    "camera": {
+        "folder": TEXT,
+        "shutter": ['"box"', '"stage"', "1", '"camera"'],
+        "pulse_s": ABOVE_0,
+        "bulb": ["1", '"yes"'],
+        "rest_s": NOT_BELOW_0,
+        "focus_s": NOT_BELOW_0,
+        "poll_s": [*ABOVE_0, "6"],
+        "patience_s": ABOVE_0,
+    },
+    "tether": {"shutter": ['"head"', "false"], "model": TEXT},
+    "relay": {"on": ['"rail"', '"head"', "2"]},
+    "fast": {"full_scale_g": ABOVE_0, "full_scale_deg_s": ABOVE_0},
+    "light": {
+        "channels": ["[]", "[0]", "[513]", "1", "[1, 1]", '["a"]', "[1.5]"],
+        "warm_up_s": NOT_BELOW_0,
+        "pwm_hz": NOT_BELOW_0,
+    },
+}
+PYTHON = re.compile(r"\b(None|True|False|dict|float|int|str|list object|tuple|\w*Error|Traceback|argument|self)\b")
+
+
+def text_of(tables):
+    """The file, axes as tables on one line, and nowhere a key before its table."""
+    rows = []
+    for name, table in tables.items():
+        rows.append(f"[devices.{name}]  # a remark = 1")
+        for key, value in table.items():
+            if isinstance(value, dict):
+                value = "[\n    { " + ", ".join(f"{k} = {v}" for k, v in value.items()) + " },\n]"
+            rows.append(f"{key} = {value}")
+        rows.append("")
+    return "\n".join(rows)
+
+
+def spoilt(name, key, value):
+    tables = {one: dict(table) for one, table in GOOD.items()}
+    if isinstance(key, tuple):
+        tables[name]["axes"] = GOOD[name]["axes"] | {key[1]: value}
+    else:
+        tables[name][key] = value
+    return text_of(tables)
+
+
+def cases():
+    for name, keys in WRONG.items():
+        for key, values in keys.items():
+            if isinstance(values, dict):
+                yield from ((name, ("axes", one), value) for one, wrong in values.items() for value in wrong)
+            else:
+                yield from ((name, key, value) for value in values)
+
+
+def refusal(tmp_path, text):
+    path = tmp_path / "station.toml"
+    path.write_text(text)
+    with pytest.raises(BadConfiguration) as refused:
+        read_config(path)
+    return refused.value
+
+
+def test_the_good_file_is_good(tmp_path):
+    path = tmp_path / "station.toml"
+    path.write_text(text_of(GOOD))
+    bench = make_bench(read_config(path), folder=tmp_path)
+    assert set(bench.devices) == set(GOOD)
+
+
+def test_every_driver_has_its_options_told():
+    assert set(MAKERS) == set(OPTIONS)
+
+
+def test_there_are_two_hundred():
+    assert len(list(cases())) >= 200
+
+
+@pytest.mark.parametrize(("name", "key", "value"), list(cases()))
+def test_a_wrong_value_is_refused_with_key_value_line_and_remedy(tmp_path, name, key, value):
+    text = spoilt(name, key, value)
+    error = refusal(tmp_path, text)
+    word = key[1] if isinstance(key, tuple) else key
+    start = text.index(f"[devices.{name}]")
+    line = text.count("\n", 0, text.index(f"{word} = {value}", start)) + 1
+    assert f"station.toml, line {line}: devices.{name}" in error.reason
+    assert word in error.reason
+    assert value in error.reason
+    assert error.remedy.split()[0] in ("write", "use", "add", "name", "give", "begin")
+    assert not PYTHON.search(error.reason.replace(value, "") + error.remedy)
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("", "configures no devices; add tables like"),
+        ("devices = 3", "configures no devices"),
+        ("[devices]\nstage = 3", r"line 2: devices.stage: 3 is no table; begin one with \[devices.stage\]"),
+        ("[devices.stage", "is no TOML: .*; correct that line"),
+        ("[devices.stage]\ndriver = grbl", "is no TOML: .*line 2"),
+        ('[devices.stage]\ndriver = "grbl"\ndriver = "grbl"\n', "is no TOML: .*line 3"),
+        ('[devices.stage]\nport = "/dev/x"', "line 1: devices.stage.driver: it has no driver; use one of"),
+        ('\n[devices.stage]\ndriver = "grlb"', 'line 3: .* there is no driver "grlb"; write driver = "grbl"'),
+        ('[devices.stage]\ndriver = "grbl"\nport = "x"', r"line 1: .*axes is missing; write axes = \[\{ name"),
+        ('[devices.stage]\ndriver = "grbl"\nport = "x"\naxes = []', r"line 4: devices.stage.axes: \[\] is given"),
+        (
+            '[devices.stage]\ndriver = "grbl"\nport = "x"\naxes = [{ nom = "z" }]',
+            r"line 4: .*axes\[1\].nom: .* no such option; use one of",
+        ),
+        ('[devices.stage]\ndriver = "grbl"\nport = "x"\naxes = [{ name = "z_mm" }]', r"\[1\]: letter is missing"),
+        ('[devices.light]\ndriver = "dmx"\nport = "x"\ncolour = 1', "line 4: devices.light.colour: 1 is given"),
+        ('[devices.light]\ndriver = "dmx"\nport = "x"\nchanels = [1]', "write channels"),
+        ('[devices.light]\ndriver = "dmx"', 'port is missing; write port = "/dev/ttyUSB0"'),
+        ('[devices.light]\ndriver = "grbl_light"', "it has neither port nor on"),
+        (
+            '[devices.a]\ndriver = "wit"\nport = "x"\n[devices.b]\ndriver = "jrt"\nport = "x"',
+            'line 6: devices.b.port: "x" is given to a',
+        ),
+        ('[devices.a]\ndriver = "relay"\non = "b"\n[devices.b]\ndriver = "relay"\non = "a"', "b is no GRBL stage"),
+    ],
+)
+def test_a_file_that_lacks_or_muddles_something(tmp_path, text, complaint):
+    path = tmp_path / "station.toml"
+    path.write_text(text)
+    with pytest.raises(BadConfiguration, match=complaint) as refused:
+        read_config(path)
+    assert not PYTHON.search(str(refused.value))
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "told"),
+    [("name", '"z_mm"', 'name = "z_mm" is given to two axes'), ("letter", '"X"', 'letter = "X" is given to two axes')],
+)
+def test_two_axes_are_not_one(tmp_path, key, value, told):
+    second = {"name": '"x_mm"', "letter": '"Y"', "feed_per_min": "1"} | {key: value}
+    axis = "{ " + ", ".join(f"{k} = {v}" for k, v in second.items()) + " }"
+    first = '{ name = "z_mm", letter = "X", feed_per_min = 1 }'
+    text = f'[devices.stage]\ndriver = "grbl"\nport = "x"\naxes = [\n  {first},\n  {axis},\n]\n'
+    error = refusal(tmp_path, text)
+    assert error.reason == f"station.toml, line 6: devices.stage.axes[2].{key}: {told}"
+
+
+def test_the_command_tells_it_without_a_traceback(tmp_path):
+    path = tmp_path / "station.toml"
+    path.write_text(spoilt("stage", ("axes", "feed_per_min"), "0"))
+    done = CliRunner().invoke(main, ["devices", "--config", str(path)])
+    assert done.exit_code == 2
+    assert "devices.stage.axes[1].feed_per_min: 0 is given, and it must be a number above 0" in done.stderr
+    assert "write feed_per_min = 1500" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_lines_are_found_among_strings_remarks_and_nested_tables():
+    text = '''# [devices.no]
+title = """
+[devices.fake]
+key = 1"""
+a."b c".d = [ 1, # two = 2
+  { e = "}", f = [ 3, 4 ] }, ]
+
+[[rows]]
+x = 'it\\'
+[[rows]]
+  x = "\\"]" # y = 2
+y.z = 2026-01-01T00:00:00Z
+'''
+    lines = key_lines(text)
+    assert tomllib.loads(text)["rows"][1]["y"]
+    assert lines[("title",)] == 2
+    assert lines[("a", "b c", "d")] == 5
+    assert lines[("a", "b c", "d", 1, "e")] == lines[("a", "b c", "d", 1, "f", 1)] == 6
+    assert [lines[("rows", n, "x")] for n in (0, 1)] == [9, 11]
+    assert lines[("rows", 1, "y", "z")] == 12
+    assert ("devices", "fake", "key") not in lines
