@@ -16,6 +16,7 @@ from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estim
 from procedures.psf import Psf
 from procedures.quality import WAVELENGTHS_NM, Diffraction, Quality
 from procedures.raw import Exposure, Plane, RawFrame
+from station.calibration.sensor_models import NO_SENSOR, KnownSensor
 from station.results.result_files import PlaneRecord
 
 if TYPE_CHECKING:
@@ -66,6 +67,7 @@ def calibrate(
     *,
     threads: int | None = None,
     physics: bool = False,
+    sensor: KnownSensor = NO_SENSOR,
 ) -> Iterator[Calibrated[PatternPsf]]:
     """Every plane of a photograph in its order; one that is refused does not keep the others.
 
@@ -75,6 +77,8 @@ def calibrate(
         Planes estimated at a time; by default as many as there are cores.
     physics : bool
         Whether a model of sensor and lens is fitted to every PSF.
+    sensor : KnownSensor, optional
+        What the sensor's own calibration tells; a plane that it does not tell of is estimated without.
 
     Raises
     ------
@@ -89,10 +93,12 @@ def calibrate(
 
     def estimate(plane: Plane) -> Calibrated[PatternPsf]:
         start = time.perf_counter()
-        outcome = estimate_psf(plane, chart, parameters, limit(plane))
+        outcome = estimate_psf(plane, chart, parameters, limit(plane), sensor=sensor.models.get(plane.name))
         record = plane_record(plane, outcome, NUMBERS)
         if outcome.value is not None:
             record = replace(record, edges=check_edges(plane, outcome.value))
+            if plane.name in sensor.noise:
+                record = replace(record, information=sensor.information(plane.name, outcome.value.psf))
             if physics:
                 record = replace(record, physics=estimate_physics(outcome.value.psf, limit(plane), plane.pitch))
         return Calibrated(record, outcome.value, time.perf_counter() - start)
