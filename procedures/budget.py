@@ -17,6 +17,7 @@ Budget = Mapping[str, float]
 TERMS = {
     "noise": "noise of the samples",
     "light": "light and response",
+    "sensor": "the sensor's response, as calibrated",
     "geometry": "geometry",
     "print": "printed edges",
     "tail": "energy outside the support",

@@ -13,6 +13,7 @@ from station.cli.terminal.lazy import LazyGroup
 COMMANDS = {
     "pattern": ("pattern", "pattern", "Write the printable noise chart."),
     "psf": ("psf.group", "psf", "Estimate a point spread function."),
+    "sensor": ("sensor", "sensor", "Measure gain, noise and non-uniformity of a sensor (EMVA 1288)."),
     "mtf": ("mtf.group", "mtf", "Measure a modulation transfer function."),
     "restore": ("restore", "restore", "Restore a sharp picture and depth from blurred photographs."),
     "rays": ("rays", "rays", "Remove the noise of a Monte Carlo render."),

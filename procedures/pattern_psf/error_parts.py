@@ -29,6 +29,12 @@ GROUPS = {
     "tail": slice(GEOMETRY + TAIL, None),
 }
 """Columns of the nuisance parameters by what they are, in the order in which they are freed."""
+CALIBRATED = {
+    "light": slice(GEOMETRY, GEOMETRY + RESPONSE),
+    "sensor": slice(GEOMETRY + RESPONSE, GEOMETRY + RESPONSE + 1),
+    **{group: columns for group, columns in GROUPS.items() if group != "light"},
+}
+"""The same where the sensor's response is known from its own calibration, to a tolerance."""
 
 
 @dataclass(frozen=True)
@@ -69,20 +75,23 @@ class ErrorParts:
     variations: tuple[Variation, ...]
 
 
-def error_parts(fit: Fit, psf: Psf, quality: Quality, watched: tuple[str, ...]) -> ErrorParts:
+def error_parts(
+    fit: Fit, psf: Psf, quality: Quality, watched: tuple[str, ...], groups: Mapping[str, slice] = GROUPS
+) -> ErrorParts:
     """The uncertainties of all numbers taken apart.
 
     Parameters
     ----------
     watched : names of the numbers whose variation over the chart is told
+    groups : GROUPS, or CALIBRATED
     """
     names = list(quality.gradients)
     gradients = _by_fitted(np.array([quality.gradients[name] for name in names]), fit, psf)
-    freed, weights = _freed(fit.equations, gradients)
+    freed, weights = _freed(fit.equations, gradients, groups)
     whole = np.array([quality.budgets[name]["noise"] ** 2 for name in names])
     added = {"noise": freed["noise"]}
     last = freed["noise"]
-    for group in GROUPS:
+    for group in groups:
         added[group] = np.maximum(freed[group] - last, 0)
         last = freed[group]
     scale = fit.residual_std**2
@@ -114,7 +123,7 @@ def _by_fitted(gradients: Array, fit: Fit, psf: Psf) -> Array:
     return fitted
 
 
-def _freed(equations: NormalEquations, gradients: Array) -> tuple[dict[str, Array], Array]:
+def _freed(equations: NormalEquations, gradients: Array, groups: Mapping[str, slice]) -> tuple[dict[str, Array], Array]:
     """Variances (b,) of the numbers for unit noise, the groups freed one after the other; and F^-1 g, (b, n + p)."""
     AZ, ZZ = equations.AZ, equations.ZZ
     n, b = len(AZ), len(gradients)
@@ -125,7 +134,7 @@ def _freed(equations: NormalEquations, gradients: Array) -> tuple[dict[str, Arra
     variances = {"noise": np.einsum("bi,ib->b", gradients[:, :n], of_g)}
     free = np.zeros(AZ.shape[1], dtype=bool)
     moved = np.zeros((AZ.shape[1], b))
-    for group, columns in GROUPS.items():
+    for group, columns in groups.items():
         free[columns] = True
         solution = np.linalg.solve(left[np.ix_(free, free)], pull[free])
         variances[group] = variances["noise"] + np.sum(pull[free] * solution, axis=0)

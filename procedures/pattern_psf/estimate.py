@@ -20,10 +20,10 @@ from procedures.outcome import Outcome, Refused, Verdict
 from procedures.pattern import AIM_S_OVER_T, BLOCK, CELLS, GOOD_S_OVER_T, Chart
 from procedures.pattern_psf.chart_finding.detection import Sighting, check_usable, find_chart
 from procedures.pattern_psf.diagnostics import Diagnostics, diagnose
-from procedures.pattern_psf.error_parts import ErrorParts, Variation, error_parts
+from procedures.pattern_psf.error_parts import CALIBRATED, GROUPS, ErrorParts, Variation, error_parts
 from procedures.pattern_psf.gamma.amplification import gamma_bound, gamma_of_fit
 from procedures.pattern_psf.observation import count_inside, noise_window, observe
-from procedures.pattern_psf.radiometry import Light, measure_light
+from procedures.pattern_psf.radiometry import Light, bend_of_chart, measure_light, straighten, with_sensor
 from procedures.pattern_psf.refine import GEOMETRY, Fit, TailPrior, refine, without_outliers
 from procedures.pattern_psf.registration import (
     Registration,
@@ -37,6 +37,7 @@ from procedures.pattern_psf.trust import Doubts, check_cells, judge
 from procedures.psf import Psf, Sampling
 from procedures.quality import Diffraction, Quality, assess
 from procedures.raw import Plane
+from procedures.sensor_model import SensorModel
 
 Array = npt.NDArray[np.float64]
 
@@ -151,6 +152,7 @@ def estimate_psf(
     parameters: PatternParameters | None = None,
     diffraction: Diffraction | None = None,
     sighting: Sighting | None = None,
+    sensor: SensorModel | None = None,
 ) -> Outcome[PatternPsf]:
     """The PSF of a plane that shows the chart, or the reason why it has none.
 
@@ -165,6 +167,8 @@ def estimate_psf(
         What limits this plane: where it is given, the Strehl ratio is reported too.
     sighting : Sighting, optional
         The chart to use, of several in the photograph (`detection.find_charts`); None: the only one is found.
+    sensor : SensorModel, optional
+        What the sensor's own calibration tells: its response is undone and not fitted, its noise weighs the samples.
 
     Returns
     -------
@@ -173,7 +177,7 @@ def estimate_psf(
     """
     parameters = parameters or PatternParameters()
     try:
-        return _estimate(plane, chart, parameters, diffraction, sighting)
+        return _estimate(plane, chart, parameters, diffraction, sighting, sensor)
     except Refused as refusal:
         return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
     except np.linalg.LinAlgError:
@@ -201,18 +205,24 @@ def _estimate(
     parameters: PatternParameters,
     diffraction: Diffraction | None,
     sighting: Sighting | None,
+    sensor: SensorModel | None,
 ) -> Outcome[PatternPsf]:
     """The chain itself; raises Refused."""
+    plane = plane if sensor is None else straighten(plane, sensor)
     samples = plane.samples
     corners, marks_map = _register(samples, sighting)
     light = measure_light(samples, marks_map, plane.quantisation)
     _check_light(light, plane.quantisation)
-    prior = None if diffraction is None else TailPrior(diffraction.tail_density_px, PUPIL_SPREAD)
+    light = light if sensor is None else with_sensor(light, sensor, plane)
+    known = _Known(
+        None if diffraction is None else TailPrior(diffraction.tail_density_px, PUPIL_SPREAD),
+        None if sensor is None else bend_of_chart(light, sensor, plane),
+    )
     best = marks_map
 
     def attempt(s: int, k: int) -> _Attempt:
         nonlocal best
-        fit, outliers = _fit(samples, chart, corners, best, light, s, k, prior)
+        fit, outliers = _fit(samples, chart, corners, best, light, s, k, known)
         check_cells(fit)
         if fit.still:
             best = fit.registration
@@ -225,15 +235,25 @@ def _estimate(
         attempt, lambda one: one.psf, count, finest(cell_px), start_s=first_s, s=parameters.s, k=parameters.k
     )
     quality = assess(found.psf, n=len(found.fit.observation), diffraction=diffraction)
-    parts = error_parts(found.fit, found.psf, quality, WATCHED)
+    parts = error_parts(found.fit, found.psf, quality, WATCHED, GROUPS if sensor is None else CALIBRATED)
     quality = taken_apart(with_settling(quality, settling(tried)), parts.parts)
-    diagnostics = diagnose(found.fit, found.psf, light, corners, marks_map, found.outliers, parts, prior, tried[-1])
+    diagnostics = diagnose(
+        found.fit, found.psf, light, corners, marks_map, found.outliers, parts, known.tail, tried[-1]
+    )
     verdict, reason, remedy = judge(
         diagnostics, found.fit, Doubts(parameters, parameters.chosen, tried, parts.variations)
     )
     if verdict is Verdict.REFUSED:
         return Outcome(None, verdict, reason, remedy)
     return Outcome(_result(found, quality, parts, tried, diagnostics, corners, diffraction), verdict, reason, remedy)
+
+
+@dataclass(frozen=True)
+class _Known:
+    """What is known before the fit: the far tail, by diffraction; beta's uncertainty, by the sensor's calibration."""
+
+    tail: TailPrior | None
+    bend: float | None
 
 
 @dataclass(frozen=True)
@@ -294,7 +314,7 @@ def _fit(
     light: Light,
     s: int,
     k: int,
-    prior: TailPrior | None,
+    known: _Known,
 ) -> tuple[Fit, float]:
     """The joint fit, and the share of samples left out of it as outliers."""
     window = noise_window(registration, samples.shape)
@@ -308,12 +328,12 @@ def _fit(
         )
     levels = float(light.black[0]), float(light.white[0])
     far = far_light(samples, (window.x, window.y), (window.rows, window.columns), s, k, levels)
-    fit = refine(observation, chart, registration, window, s, k, far, prior)
+    fit = refine(observation, chart, registration, window, s, k, far, known.tail, known.bend)
     for _ in range(MOST_SWEEPS):
         kept = without_outliers(fit)
         if len(kept) >= len(fit.observation) - max(10, 1e-3 * m) or len(kept) < 2 * n:
             break
-        fit = refine(kept, chart, registration, window, s, k, far, prior)
+        fit = refine(kept, chart, registration, window, s, k, far, known.tail, known.bend)
     return fit, 1 - len(fit.observation) / m
 
 

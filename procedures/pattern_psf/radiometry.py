@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -11,8 +11,11 @@ import numpy.typing as npt
 
 from procedures.clipping import find_clipping
 from procedures.numerics.ordered import quantile
+from procedures.outcome import Refused
 from procedures.pattern import BLACK_BLOCKS, BLOCK, BLOCKS, CELLS, WHITE_BLOCKS
 from procedures.pattern_psf.registration import Registration, block_size_px
+from procedures.raw import Plane
+from procedures.sensor_model import SensorModel
 
 Array = npt.NDArray[np.float64]
 
@@ -20,6 +23,10 @@ SPECK = 6.0
 """Robust standard deviations, and digital numbers, from its surface beyond which a block's sample is no light."""
 FEWEST = 12
 """Samples of a block from which a surface is laid through them."""
+SATURATES = 0.97
+"""Of the signal at saturation: from here on it is no longer known to rise with the light."""
+LEAST_BEND = 1e-4
+"""Uncertainty of the response below which no calibration is believed: a fit of its first powers is no better."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +47,8 @@ class Light:
         Share of the black blocks' samples that are cut off.
     noise_correlation : float
         Of neighbouring samples in the blocks, along rows and columns: the larger one.
+    variance_middle : float or None
+        Variance half way between black and white, where the sensor's calibration tells.
     """
 
     black: Array
@@ -50,6 +59,7 @@ class Light:
     flatness: float
     crushed: float = 0.0
     noise_correlation: float = 0.0
+    variance_middle: float | None = None
 
     @property
     def contrast(self) -> float:
@@ -57,9 +67,14 @@ class Light:
         return float(self.white[0] - self.black[0])
 
     def variance_at(self, level: Array) -> Array:
-        """Noise variance at levels between black (0) and white (1): linear, as photon and read noise make it."""
-        slope = max(self.variance_white - self.variance_black, 0.0)
-        return np.asarray(self.variance_black + slope * np.clip(level, 0, 1))
+        """Noise variance at levels between black (0) and white (1): linear, as photon and read noise make it, or a
+        parabola where it is known half way."""
+        slope, inside = max(self.variance_white - self.variance_black, 0.0), np.clip(level, 0, 1)
+        variance = self.variance_black + slope * inside
+        if self.variance_middle is None:
+            return np.asarray(variance)
+        sag = self.variance_middle - (self.variance_black + self.variance_white) / 2
+        return np.asarray(variance + 4 * sag * inside * (1 - inside))
 
 
 def quadratic(x: Array, y: Array) -> Array:
@@ -101,6 +116,48 @@ def measure_light(samples: npt.NDArray[np.float32], registration: Registration, 
         crushed.black,
         max(in_black, in_white, key=abs) if min(variance_black, variance_white) > 2 * floor else in_white,
     )
+
+
+def with_sensor(light: Light, sensor: SensorModel, plane: Plane) -> Light:
+    """The same light with the noise that the sensor's own calibration tells at its black and white.
+
+    Parameters
+    ----------
+    plane : Plane
+        Its samples straightened by the sensor's response, as `straighten` does.
+
+    Raises
+    ------
+    Refused
+        If white lies where the sensor saturates.
+    """
+    levels = np.array([light.black[0], (light.black[0] + light.white[0]) / 2, light.white[0]])
+    straight = levels / plane.quantisation + plane.black - sensor.dark_level
+    signal = sensor.bent(straight)
+    if signal[2] > SATURATES * sensor.saturation:
+        raise Refused(
+            f"the chart's white must lie below the sensor's saturation; it is at {signal[2] / sensor.saturation:.0%}",
+            "expose less: white at 80 % of the scale is right",
+        )
+    black, middle, white = (float(v) for v in sensor.straightened_variance(straight) * plane.quantisation**2)
+    return replace(light, variance_black=black, variance_middle=middle, variance_white=white)
+
+
+def straighten(plane: Plane, sensor: SensorModel) -> Plane:
+    """The plane as a sensor of straight response would have given it."""
+    signal = plane.samples / plane.quantisation + (plane.black - sensor.dark_level)
+    straight = sensor.straightened(signal) - (plane.black - sensor.dark_level)
+    return replace(plane, samples=(straight * plane.quantisation).astype(np.float32))
+
+
+def bend_of_chart(light: Light, sensor: SensorModel, plane: Plane) -> float:
+    """Standard uncertainty of the response's beta over the chart's contrast, by the sensor's calibration.
+
+    A parabola that departs by d from a line over the whole range has 4 d for its beta, and over a part of the range
+    that part of it.
+    """
+    share = light.contrast / plane.quantisation / sensor.saturation
+    return max(4 * sensor.bend_uncertainty * share, LEAST_BEND)
 
 
 def _neighbour_correlation(points: npt.NDArray[np.int64], left: Array) -> tuple[float, float]:

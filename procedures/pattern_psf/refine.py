@@ -151,6 +151,7 @@ class _Model:
     k: int
     far_light: Array32
     tail: TailPrior | None = None
+    bend: float | None = None
 
     def read(self, registration: Registration, border: int) -> Array32:
         """The chart on the s grid of the window, with a border."""
@@ -195,6 +196,7 @@ def refine(
     k: int,
     far: Array32,
     tail: TailPrior | None = None,
+    bend: float | None = None,
 ) -> Fit:
     """The joint estimate of PSF, map and light, from the marks' map on; of the printed edges where they tell.
 
@@ -213,8 +215,10 @@ def refine(
         What comes into the window from beyond the tail's reach, black -1/2 and white 1/2, from `far_light`.
     tail : TailPrior, optional
         What is known of the far tail.
+    bend : float, optional
+        Standard uncertainty of beta, where the response was straightened by the sensor's own calibration.
     """
-    model = _Model(whole_chart(chart), band_limited_chart(chart, registration, s), window, k, far, tail)
+    model = _Model(whole_chart(chart), band_limited_chart(chart, registration, s), window, k, far, tail, bend)
     stride = max(2, len(observation) // (COARSE_SAMPLES * k * k))
     enough = len(observation) // stride >= COARSE_SAMPLES * k * k
     coarse = observation.where(slice(None, None, stride)) if enough else observation
@@ -280,7 +284,7 @@ def _fine_step(fit: Fit, model: _Model) -> tuple[Fit, Array32]:
     A = whole[:, :n]
     start, Z = _linearised(fit, A, model, model.far(fit, u))
     weighted = Z * fit.observation.weight[:, None]
-    parts = _with_tail_known(products_within(whole, n, weighted, start.residual), start, model)
+    parts = _with_known(products_within(whole, n, weighted, start.residual), start, model)
     found = _advanced(start, A, Z, eliminate(parts))
     if found.residual_std < PRINT_TELLS:
         return found, whole
@@ -296,10 +300,13 @@ def _fine_step(fit: Fit, model: _Model) -> tuple[Fit, Array32]:
     return replace(found, edges=offsets, edge_rms=rms), whole
 
 
-def _with_tail_known(parts: Products, fit: Fit, model: _Model) -> Products:
-    """The products with what is known of the tail's amplitudes before they are fitted."""
+def _with_known(parts: Products, fit: Fit, model: _Model) -> Products:
+    """The products with what is known of the response and of the tail's amplitudes before they are fitted."""
     first, known = GEOMETRY + TAIL, model.tail
     precision, pull = np.zeros((2, len(parts.ZZ)))
+    if model.bend is not None:
+        precision[GEOMETRY + RESPONSE] = 1 / model.bend**2
+        pull[GEOMETRY + RESPONSE] = -fit.light[RESPONSE]
     if known is not None:
         expected = known.energy(model.raster.s, model.k)
         precision[first] = 1 / (known.share * expected) ** 2

@@ -16,6 +16,7 @@ from procedures.pattern_psf.estimate import PatternParameters, estimate_psf
 from procedures.psf import Psf
 from procedures.quality import WAVELENGTHS_NM, Diffraction, Quality
 from procedures.raw import Exposure, Plane, RawFrame
+from station.calibration.sensor_models import NO_SENSOR, KnownSensor
 from station.results.plane_result import PlaneResult
 
 if TYPE_CHECKING:
@@ -76,6 +77,7 @@ def calibrate(
     *,
     threads: int | None = None,
     physics: bool = False,
+    sensor: KnownSensor = NO_SENSOR,
 ) -> Iterator[PlaneResult]:
     """Every plane of a photograph in its order; one that is refused does not keep the others.
 
@@ -85,6 +87,8 @@ def calibrate(
         Planes estimated at a time; by default as many as there are cores.
     physics : bool
         Whether a model of sensor and lens is fitted to every PSF.
+    sensor : KnownSensor, optional
+        What the sensor's own calibration tells; a plane that it does not tell of is estimated without.
 
     Raises
     ------
@@ -99,10 +103,12 @@ def calibrate(
 
     def estimate(plane: Plane) -> PlaneResult:
         start = time.perf_counter()
-        outcome = estimate_psf(plane, chart, parameters, limit(plane))
+        outcome = estimate_psf(plane, chart, parameters, limit(plane), sensor=sensor.models.get(plane.name))
         result = plane_result(plane, outcome)
         if outcome.value is not None:
             result = replace(result, edges=check_edges(plane, outcome.value))
+            if plane.name in sensor.noise:
+                result = replace(result, information=sensor.information(plane.name, outcome.value.psf))
             if physics:
                 result = replace(result, physics=estimate_physics(outcome.value.psf, limit(plane), plane.pitch))
         return replace(result, duration_s=time.perf_counter() - start)

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from procedures.choice import Trial
     from procedures.pattern_psf.error_parts import Variation
     from procedures.physics.estimate import Physics
+    from procedures.sensor.information import Information
 
 Array = npt.NDArray[np.float64]
 
@@ -46,6 +47,7 @@ class PlaneResult:
     edges : the chart's slanted edges beside the PSF, where the photograph shows some
     diffraction : what limits the plane, where f-number and pitch are known
     physics : the model of sensor and lens that explains the PSF, where one was asked for
+    information : what pictures can tell, where the sensor's own calibration tells its noise
     """
 
     name: str
@@ -67,6 +69,7 @@ class PlaneResult:
     edges: tuple[EdgeCheck, ...] = ()
     diffraction: Diffraction | None = None
     physics: Outcome[Physics] | None = None
+    information: Information | None = None
     duration_s: float = 0.0
 
     @classmethod

@@ -29,11 +29,13 @@ from station.common.durable_files import Disk, hashes_in
 from station.common.sanitise import encodable
 from station.drawing.psf_picture import psf_picture
 from station.results.budget_table import budget_csv
-from station.results.exports import numbers_table, profile_table, psf_fits, psf_tiff
+from station.results.exports import csv_bytes, numbers_table, profile_table, psf_fits, psf_tiff
 from station.results.plane_result import PlaneResult
 
 if TYPE_CHECKING:
     from procedures.physics.estimate import Physics
+    from procedures.sensor.information import Information
+    from procedures.sensor.measured import Measured
 
 RECORD = "result.json"
 SEAL = "sha256"
@@ -127,7 +129,7 @@ class ResultFolder:
 
 
 _RESULT_FILE = re.compile(
-    r"(psf|covariance|mtf|edge|inter_image|profile)_(R|G1|G2|B|Y)\.(npy|csv|png|fits|tiff)|numbers\.csv|budget\.csv|report\.html|field\.h5"
+    r"(psf|covariance|mtf|edge|inter_image|profile|transfer|spectrogram|histogram|defects|nps|information)_(R|G1|G2|B|Y)\.(npy|csv|png|fits|tiff)|numbers\.csv|budget\.csv|emva1288\.xml|report\.html|field\.h5"
 )
 
 
@@ -187,14 +189,16 @@ def json_text(record: Mapping[str, Any]) -> str:
 
 def _write_plane(folder: ResultFolder, plane: PlaneResult) -> None:
     if plane.psf is not None:
-        folder.write(f"psf_{plane.name}.npy", _npy(plane.psf.h))
-        folder.write(f"covariance_{plane.name}.npy", _npy(plane.psf.covariance))
+        folder.write(f"psf_{plane.name}.npy", npy(plane.psf.h))
+        folder.write(f"covariance_{plane.name}.npy", npy(plane.psf.covariance))
         folder.write(f"psf_{plane.name}.fits", psf_fits(plane.psf, plane.name, software()["version"]))
         folder.write(f"psf_{plane.name}.tiff", psf_tiff(plane.psf))
         folder.write(f"profile_{plane.name}.csv", profile_table(plane.psf, plane.pitch))
         folder.write(f"psf_{plane.name}.png", psf_picture(plane.psf, f"{plane.name}  {plane.verdict}"))
+    if plane.information is not None:
+        folder.write(f"information_{plane.name}.csv", information_table(plane.information))
     if plane.inter_image is not None:
-        folder.write(f"inter_image_{plane.name}.npy", _npy(plane.inter_image))
+        folder.write(f"inter_image_{plane.name}.npy", npy(plane.inter_image))
     if plane.curves:
         folder.write(f"mtf_{plane.name}.csv", mtf_table(plane.curves))
 
@@ -206,6 +210,18 @@ def mtf_table(curves: Mapping[str, Array]) -> bytes:
     table.writerow(curves)
     table.writerows([f"{value:.9g}" for value in row] for row in zip(*curves.values(), strict=True))
     return text.getvalue().encode()
+
+
+def information_table(found: Information) -> bytes:
+    """NPS, NEQ and noise-equivalent MTF as CSV, over all frequencies of the upper half plane, in cycles/pixel."""
+    rows = [["frequency_x", "frequency_y", "mtf", "nps", "neq", "neq_uncertainty", "equivalent_mtf",
+             "equivalent_mtf_uncertainty"]]  # fmt: skip
+    maps = (found.mtf, found.nps, found.neq, found.neq_uncertainty, found.equivalent_mtf,
+            found.equivalent_mtf_uncertainty)  # fmt: skip
+    for j in range(len(found.frequencies) // 2 + 1):
+        for i, fx in enumerate(found.frequencies):
+            rows.append([f"{value:.7g}" for value in (fx, abs(found.frequencies[j]), *(one[j, i] for one in maps))])
+    return csv_bytes(rows)
 
 
 def software() -> dict[str, Any]:
@@ -240,9 +256,18 @@ def _plane_entry(plane: PlaneResult) -> dict[str, Any]:
         entry["edges"] = [_edge_entry(edge) for edge in plane.edges]
     if plane.physics is not None:
         entry["physics"] = _physics_entry(plane.physics)
+    if plane.information is not None:
+        entry["information"] = {name: interval_entry(number) for name, number in plane.information.numbers.items()}
     if plane.diagnostics:
         entry["diagnostics"] = dict(plane.diagnostics)
     return entry
+
+
+def interval_entry(number: Measured) -> dict[str, Any]:
+    """A number with its 95 % interval."""
+    told = asdict(number)
+    interval = [told.pop("low"), told.pop("high")]
+    return {**told, "interval": interval}
 
 
 def _edge_entry(check: EdgeCheck) -> dict[str, Any]:
@@ -269,7 +294,8 @@ def _physics_entry(outcome: Outcome[Physics]) -> dict[str, Any]:
     return entry
 
 
-def _npy(array: Array) -> bytes:
+def npy(array: Array) -> bytes:
+    """An array as the bytes of a file of NumPy, float64."""
     data = io.BytesIO()
     np.save(data, np.asarray(array, dtype=np.float64), allow_pickle=False)
     return data.getvalue()

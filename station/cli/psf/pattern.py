@@ -32,12 +32,19 @@ if TYPE_CHECKING:
 @click.option(
     "--physics", is_flag=True, help="Also explain the PSF by photosites, low-pass filter, diffraction and aberrations."
 )
+@click.option(
+    "--sensor",
+    type=click.Path(path_type=Path),
+    metavar="RESULT.json",
+    help="Of station sensor: its response is undone, its noise weighs the samples.",
+)
 @psf_options(s="auto", k="auto", solver="ls")
 def psf_pattern(
     image: Path,
     bits: Path | None,
     seed: int | None,
     physics: bool,
+    sensor: Path | None,
     plane: str | None,
     layout: DumpLayout | None,
     out: Path,
@@ -49,6 +56,7 @@ def psf_pattern(
     start = time.perf_counter()
     from procedures.pattern_psf.estimate import PatternParameters
     from station.calibration.planes import calibrate, diffraction_limit
+    from station.calibration.sensor_models import NO_SENSOR, read_sensor
     from station.results.result_files import ResultFolder
 
     trusted = options.pop("trust_typed")
@@ -57,12 +65,14 @@ def psf_pattern(
     with ResultFolder(out) as folder:
         source = chart_source(bits, seed)
         frame = read_planes(image, plane, layout, typed=None if trusted else optics)
+        known_sensor = read_sensor(sensor, frame) if sensor else NO_SENSOR
         limit = partial(diffraction_limit, frame.exposure, **optics)
-        planes = tell_each(calibrate(frame, source.chart, parameters, limit, physics=physics))
+        planes = tell_each(calibrate(frame, source.chart, parameters, limit, physics=physics, sensor=known_sensor))
         known = {name: value for name, value in optics.items() if value is not None}
         given = {
             **parameters.told(),
             "physics": physics,
+            **known_sensor.told(),
             "chart": source.origin,
             **known,
             **told_layout(layout),

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from types import SimpleNamespace
 
@@ -54,9 +54,11 @@ class Estimator:
 
     answers: dict[str, Outcome]
     asked: list
+    sensors: list = field(default_factory=list)
 
-    def __call__(self, plane, chart, parameters, diffraction=None):
+    def __call__(self, plane, chart, parameters, diffraction=None, *, sensor=None):
         self.asked.append((plane, chart, parameters, diffraction))
+        self.sensors.append(sensor)
         answer = self.answers.get(plane.name, Outcome(found(parameters.s, parameters.k)))
         if isinstance(answer, BaseException):
             raise answer

@@ -1,0 +1,129 @@
+"""What a camera's pictures can tell, whatever is done to them afterwards: NEQ and information capacity.
+
+With the large-area signal S, the modulation transfer function MTF and the noise power NPS of the same linear plane,
+
+    NEQ(u, v) = S^2 MTF(u, v)^2 / NPS(u, v)
+
+is the number of quanta per pixel that an ideal counter would need for that signal-to-noise ratio at (u, v). A filter,
+such as sharpening, multiplies MTF^2 and NPS by the same, so that neither NEQ nor what follows from it changes.
+NPS holds what was folded into the band; so does a picture.
+
+References
+----------
+Dainty, Shaw, Image Science, 1974, chapter 8; Shannon, A mathematical theory of communication, 1948, section 25.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.psf import Psf
+from procedures.sensor.measured import Measured, measured
+from procedures.sensor.noise_power import NEIGHBOURS, NoisePower
+
+Array = npt.NDArray[np.float64]
+
+SCENE = 1 / 3
+"""Variance of the scene over the square of its mean: levels evenly spread from black to twice the mean, no two pixels
+alike. Less varied scenes carry less."""
+DRAWS = 200
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """Of one plane at one place.
+
+    Attributes
+    ----------
+    frequencies : (n,) float64
+        Along one axis, cycles per pixel, as `numpy.fft.fftfreq` orders them.
+    mtf, nps, neq, neq_uncertainty : (n, n) float64
+        [fy, fx].
+    equivalent_mtf, equivalent_mtf_uncertainty : (n, n) float64
+        sqrt(NEQ / NEQ at 0): the MTF of a camera with white noise that is worth the same.
+    numbers : mapping of str to Measured
+    """
+
+    frequencies: Array
+    mtf: Array
+    nps: Array
+    neq: Array
+    neq_uncertainty: Array
+    equivalent_mtf: Array
+    equivalent_mtf_uncertainty: Array
+    numbers: Mapping[str, Measured]
+
+
+def information(psf: Psf, noise: NoisePower, rng: np.random.Generator) -> Information:
+    """NEQ, noise-equivalent MTF and information capacity, with the uncertainties of PSF and noise.
+
+    Parameters
+    ----------
+    psf : Psf
+        Of the plane that the noise was measured in: in pixels of that plane.
+    rng : Generator
+        Of the draws of the PSF.
+    """
+    f = noise.frequencies
+    mtf = _drawn_mtf(psf, f, rng)
+    neq = noise.signal**2 * mtf**2 / noise.power
+    places, weights = _zero_weights()
+    neq[:, 0, 0] = sum(w * neq[:, i, j] for w, (i, j) in zip(weights, places, strict=True))
+    of_zero = float(np.linalg.norm(weights))
+    share = 1 / np.sqrt(noise.blocks)  # of the NPS at each frequency
+    spread = np.hypot(np.std(neq[1:], axis=0), neq[0] * share)
+    base = neq[:, :1, :1]
+    equivalent = np.sqrt(neq / base)
+    of_equivalent = np.hypot(np.std(equivalent[1:], axis=0), equivalent[0] * share / 2 * np.hypot(1, of_zero))
+    numbers = _numbers(neq, noise, share, of_zero)
+    return Information(f, mtf[0], noise.power, neq[0], spread, equivalent[0], of_equivalent, numbers)
+
+
+def _drawn_mtf(psf: Psf, f: Array, rng: np.random.Generator) -> Array:
+    """|OTF| over the band of the PSF and of draws of it, (1 + draws, n, n)."""
+    fx, fy = np.meshgrid(f, f)
+    waves = psf.spectra(fx.ravel(), fy.ravel())
+    values, vectors = np.linalg.eigh(psf.parameter_covariance)
+    steps = vectors * np.sqrt(np.maximum(values, 0))
+    drawn = np.vstack([psf.parameters, psf.parameters + rng.standard_normal((DRAWS, len(values))) @ steps.T])
+    mtf = np.abs(waves @ drawn.T) / (drawn @ psf.weights)
+    # the modulus of what is only noise is not 0: take the noise's share off
+    lift = np.maximum(np.mean(mtf[:, 1:] ** 2, axis=1) - mtf[:, 0] ** 2, 0)
+    mtf = np.sqrt(np.maximum(mtf**2 - lift[:, None], 0))
+    return np.asarray(mtf.T.reshape(-1, len(f), len(f)))
+
+
+def _zero_weights() -> tuple[list[tuple[int, int]], Array]:
+    """Places around frequency 0 and their weights: a paraboloid through them tells the value at 0, which changes of the
+    light spoil."""
+    places = [(i, j) for i in range(-2, 3) for j in range(-2, 3) if i or j]
+    design = np.array([[1.0, i * i + j * j] for i, j in places])
+    return places, np.asarray(np.linalg.pinv(design)[0])
+
+
+def _numbers(neq: Array, noise: NoisePower, share: float, of_zero: float) -> Mapping[str, Measured]:
+    """Capacity, quanta at frequency 0, and quanta at half of Nyquist."""
+    snr = SCENE * neq
+    capacity = np.mean(np.log2(1 + snr), axis=(1, 2)) / 2
+    slope = snr[0] / (1 + snr[0]) / (2 * np.log(2) * snr[0].size)
+    # frequencies come in pairs of opposite sign that are the same
+    from_noise = share * np.sqrt(2 * NEIGHBOURS * np.sum(slope**2))
+    n = noise.blocks * noise.power.size
+    quarter = len(noise.power) // 4
+    zero, half = neq[0, 0, 0], np.sqrt(neq[:, 0, quarter] * neq[:, quarter, 0])
+    return {
+        "information_capacity": measured(
+            float(capacity[0]), float(np.hypot(np.std(capacity[1:]), from_noise)), "bit/pixel",
+            "Shannon, of a scene of levels evenly spread from black to twice the mean", n, least=0.0,
+        ),
+        "neq_zero": measured(float(zero), float(zero * share * of_zero * np.sqrt(NEIGHBOURS)), "quanta/pixel",
+                             "noise-equivalent quanta at low frequency", n, least=0.0),
+        "neq_quarter": measured(
+            float(half[0]), float(np.hypot(np.std(half[1:]), half[0] * share / np.sqrt(2))), "quanta/pixel",
+            "noise-equivalent quanta at 1/4 cycles/pixel, of rows and columns the geometric mean", n, least=0.0,
+        ),
+    }  # fmt: skip

@@ -1,0 +1,72 @@
+"""The power spectrum of temporal noise (NPS), from the difference of two pictures of even light.
+
+Blocks of the difference are transformed under a window; the mean of their squares, divided by the window's power, has
+the variance for its mean over the band. IEC 62220-1, in two dimensions and in pixels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.sensor.levels import Numbers
+
+Array = npt.NDArray[np.float64]
+
+BLOCK = 32
+"""Side of a block, in pixels: the spectrum is told at so many frequencies along each axis."""
+NEIGHBOURS = (35 / 18) ** 2
+"""By how much a sum over frequencies varies more than one of independent ones, under Hann's window along both axes."""
+
+
+@dataclass(frozen=True, eq=False)
+class NoisePower:
+    """The NPS at one signal.
+
+    Attributes
+    ----------
+    power : (n, n) float64
+        [fy, fx] as `numpy.fft.fftfreq` orders them; DN^2 per (cycle/pixel)^2: its mean is the variance.
+    signal : float
+        Mean less dark at which it was measured, DN.
+    blocks : int
+        Blocks that were averaged: each value has the relative standard uncertainty 1 / sqrt(blocks).
+    """
+
+    power: Array
+    signal: float
+    blocks: int
+
+    @property
+    def frequencies(self) -> Array:
+        """Along one axis, cycles per pixel, in the order of `power`."""
+        return np.asarray(np.fft.fftfreq(len(self.power)), dtype=np.float64)
+
+
+def measure_noise_power(pictures: Sequence[Numbers], signal: float, block: int = BLOCK) -> NoisePower | None:
+    """The NPS of pictures (rows, columns) taken two by two; None where no block fits into them.
+
+    Parameters
+    ----------
+    signal : float
+        Their mean less that in the dark.
+    """
+    window = np.hanning(block + 1)[:-1]
+    taper = window[:, None] * window[None, :]
+    total, count = np.zeros((block, block)), 0
+    for a, b in zip(pictures[::2], pictures[1::2], strict=False):
+        difference = (np.asarray(b, dtype=np.float64) - a) / np.sqrt(2)
+        blocks = _blocks(difference - difference.mean(), block)
+        total += np.sum(np.abs(np.fft.fft2(blocks * taper)) ** 2, axis=0)
+        count += len(blocks)
+    return NoisePower(total / count / np.sum(taper**2), signal, count) if count else None
+
+
+def _blocks(picture: Array, side: int) -> Array:
+    """The whole blocks of a picture, (n, side, side)."""
+    down, across = (length // side for length in picture.shape)
+    cut = picture[: down * side, : across * side]
+    return cut.reshape(down, side, across, side).swapaxes(1, 2).reshape(-1, side, side)

@@ -1,0 +1,186 @@
+"""Gain, noise, saturation and what follows from them. EMVA 1288 release 4.0 linear, sections 2.3, 2.4 and 6.6.
+
+mu_y and sigma_y^2 are mean and temporal variance of the digital numbers y, K the gain in digital numbers (DN) per
+electron, eta the quantum efficiency, sigma_d the dark noise in electrons, sigma_q^2 = 1/12 DN^2 that of rounding:
+
+    mu_y = mu_y.dark + K eta mu_p,    sigma_y^2 = K^2 sigma_d^2 + sigma_q^2 + K (mu_y - mu_y.dark)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.sensor.curves import Curves
+from procedures.sensor.linearity import Response
+from procedures.sensor.measured import Measured, from_draws, measured
+
+Array = npt.NDArray[np.float64]
+
+REGRESSION = 0.7
+"""Of the signal at saturation, up to which gain and responsivity are fitted."""
+LEAST_DARK_VARIANCE = 0.24
+"""DN^2: below this rounding rules, and dark noise is only known to be less."""
+
+
+@dataclass(frozen=True, eq=False)
+class Transfer:
+    """What the photon transfer curve tells, over the draws.
+
+    Attributes
+    ----------
+    gain : (1 + draws,) float64
+        K, as the standard fits it: a line through 0.
+    gain_at_dark : (1 + draws,) float64
+        K of small signals, the response's curvature allowed for.
+    bent : float
+        Standard uncertainty of K from that curvature, where it is seen: the linear model has no place for it.
+    responsivity : (1 + draws,) float64
+        Digital numbers per unit of light.
+    dark_deviation : (1 + draws,) float64
+        Temporal noise in the dark, DN.
+    saturation : int
+        Index of the level at saturation.
+    fitted : (levels,) bool
+        Levels that gain and responsivity are fitted to.
+    """
+
+    gain: Array
+    gain_at_dark: Array
+    bent: float
+    responsivity: Array
+    dark_deviation: Array
+    saturation: int
+    fitted: npt.NDArray[np.bool_]
+
+
+def saturation_index(variance: Array) -> int:
+    """The level of the largest temporal variance (levels,): from there on the numbers are cut off."""
+    return int(np.argmax(variance))
+
+
+def saturation_range(curves: Curves, top: int) -> tuple[int, int]:
+    """First and last level between which the largest temporal variance lies: noise may have raised the one found, and
+    between levels nothing is known."""
+    spread = np.std(curves.variance[1:], axis=0)
+    might = curves.variance[0] > curves.variance[0, top] - 2 * np.hypot(spread, spread[top])
+    near = np.flatnonzero(might)
+    return max(int(near[0]) - 1, 0), min(int(near[-1]) + 1, len(might) - 1)
+
+
+def fit_transfer(curves: Curves, response: Response) -> Transfer:
+    """Gain, responsivity and dark noise of the measured curves and of all draws."""
+    top = saturation_index(curves.variance[0])
+    fitted = curves.signal[0] <= REGRESSION * curves.signal[0, top]
+    gain = _through_zero(curves.signal[:, fitted], curves.excess[:, fitted])
+    # photon noise passes through the slope of the response, so that against slope^2 x light it is a line again
+    seen = response.small_signal(curves.light) * response.relative_slope(curves.light) ** 2
+    gain_at_dark = _through_zero(seen[:, fitted], curves.excess[:, fitted])
+    difference = gain - gain_at_dark
+    clear = abs(difference[0]) > 2 * np.std(difference[1:])
+    return Transfer(
+        gain,
+        gain_at_dark,
+        abs(float(difference[0])) if clear else 0.0,
+        _through_zero(curves.light[:, fitted], curves.signal[:, fitted]),
+        np.sqrt(np.maximum(dark_variance(curves), LEAST_DARK_VARIANCE)),
+        top,
+        fitted,
+    )
+
+
+def dark_variance(curves: Curves) -> Array:
+    """Temporal variance in the dark without dark current, (1 + draws,): at exposure 0 where three exposures tell."""
+    if len(curves.dark_exposure_s) < 3:
+        return curves.dark_variance[:, 0]
+    return line(curves.dark_exposure_s, curves.dark_variance)[0]
+
+
+def line(x: Array, y: Array) -> tuple[Array, Array]:
+    """Offsets and slopes (...,) of the least-squares lines through y (..., n) over x (n,)."""
+    away = x - x.mean()
+    slope = (y @ away) / (away @ away)
+    return y.mean(axis=-1) - slope * x.mean(), slope
+
+
+def _through_zero(x: Array, y: Array) -> Array:
+    """Slopes of the least-squares lines through the origin, over the last axis."""
+    return np.asarray(np.sum(x * y, axis=-1) / np.sum(x * x, axis=-1))
+
+
+def transfer_numbers(curves: Curves, found: Transfer, *, photons_known: bool) -> Mapping[str, Measured]:
+    """The numbers of sensitivity and noise, by name."""
+    n = curves.samples * int(found.fitted.sum())
+    bent = found.bent / found.gain[0]
+    gain, dark = found.gain, found.dark_deviation
+
+    def told(values: Array, unit: str, method: str, *, share: float = 0.0) -> Measured:
+        return from_draws(values, unit, method, n, beside=abs(float(values[0])) * share)
+
+    noise_e = np.sqrt(np.maximum(dark**2 - 1 / 12, 0)) / gain
+    threshold_e = np.sqrt(dark**2 / gain**2 + 0.25) + 0.5
+    numbers = {
+        "system_gain": told(gain, "DN/e-", "line through 0 of the photon transfer curve, to 70 % of saturation",
+                            share=bent),
+        "system_gain_at_dark": told(found.gain_at_dark, "DN/e-", "the same, the response's curvature allowed for"),
+        "inverse_gain": told(1 / gain, "e-/DN", "1 / K", share=bent),
+        "temporal_dark_noise": told(noise_e, "e-", "variance in the dark less that of rounding, over K", share=bent),
+        "temporal_dark_noise_dn": told(dark, "DN", "variance in the dark, rounding included"),
+        "sensitivity_threshold": told(threshold_e, "e-", "electrons at which the signal is its own noise", share=bent),
+        "responsivity": told(found.responsivity, "DN/photon" if photons_known else "DN per unit of light",
+                             "line through 0 of the characteristic curve, to 70 % of saturation"),
+    }  # fmt: skip
+    if photons_known:
+        efficiency = found.responsivity / gain
+        numbers["quantum_efficiency"] = told(efficiency, "1", "responsivity over gain", share=bent)
+        numbers["sensitivity_threshold_photons"] = told(
+            threshold_e / efficiency, "photons", "photons at which the signal is its own noise", share=bent
+        )
+    return {**numbers, **_saturation_numbers(curves, found, threshold_e, bent, n, photons_known=photons_known)}
+
+
+def _saturation_numbers(
+    curves: Curves, found: Transfer, threshold_e: Array, bent: float, n: int, *, photons_known: bool
+) -> Mapping[str, Measured]:
+    """What follows from the light at saturation: it lies somewhere between the levels beside the one found."""
+    at, light, signal = found.saturation, curves.light[0], curves.signal[0]
+    first, last = saturation_range(curves, at)
+    low, high = light[first] / light[at], light[last] / light[at]
+    capacity = found.responsivity * curves.light[:, at] / found.gain
+    unit, where = "e-", "light of the largest temporal variance; the levels beside it are the interval"
+    numbers = {
+        "saturation_capacity": _between(capacity, low, high, 1.0, bent, unit, where, n),
+        "snr_max": _between(np.sqrt(capacity), low, high, 0.5, bent, "1", "root of the saturation capacity", n),
+        "dynamic_range": _between(capacity / threshold_e, low, high, 1.0, 0.0, "1",
+                                  "saturation capacity over sensitivity threshold", n),
+        "saturation_signal": _between(curves.signal[:, at], signal[first] / signal[at],
+                                      signal[last:].max() / signal[at], 1.0, 0.0, "DN",
+                                      "mean less dark at the largest temporal variance", n),
+    }  # fmt: skip
+    if photons_known:
+        numbers["saturation_photons"] = _between(curves.light[:, at], low, high, 1.0, 0.0, "photons", where, n)
+    for name, factor in (("dynamic_range", 20.0), ("snr_max", 20.0)):
+        numbers[f"{name}_db"] = _decibels(numbers[name], factor)
+    return numbers
+
+
+def _between(
+    values: Array, low: float, high: float, power: float, bent: float, unit: str, method: str, n: int
+) -> Measured:
+    """A number that goes with a power of the light at saturation, which lies between two factors of the value."""
+    value = float(values[0])
+    own = float(np.hypot(np.std(values[1:]), value * bent * power))
+    number = measured(value, own, unit, method, n)
+    ends = (number.low - value * (1 - low**power), number.high + value * (high**power - 1))
+    spread = float(np.hypot(own, value * (high**power - low**power) / np.sqrt(12)))
+    return Measured(value, unit, spread, method, n, *ends)
+
+
+def _decibels(number: Measured, factor: float) -> Measured:
+    """A ratio as a level."""
+    value, low, high = (factor * float(np.log10(max(part, 1e-300))) for part in (number.value, number.low, number.high))
+    spread = factor / np.log(10) * number.uncertainty / number.value
+    return Measured(value, "dB", float(spread), number.method, number.n, low, high)

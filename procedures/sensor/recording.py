@@ -1,0 +1,47 @@
+"""What is recorded of a sensor: dark and bright levels, a dark and a flat stack."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.sensor.levels import Level
+from procedures.sensor.stacks import Stack
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """One plane's levels and stacks, in digital numbers.
+
+    Attributes
+    ----------
+    darks : tuple of Level
+        Without light, by exposure time.
+    lights : tuple of Level
+        By light.
+    photons_known : bool
+        Whether `light` is photons per pixel.
+    dark_stack, flat_stack : Stack or None
+    """
+
+    darks: tuple[Level, ...]
+    lights: tuple[Level, ...]
+    photons_known: bool
+    dark_stack: Stack | None
+    flat_stack: Stack | None
+
+    @property
+    def dark_weights(self) -> Array:
+        """How each bright level's dark is made of the dark ones, (bright, dark): between exposures, linear."""
+        known = np.array([level.exposure_s for level in self.darks])
+        wanted = np.array([level.exposure_s for level in self.lights])
+        return np.column_stack([np.interp(wanted, known, row) for row in np.eye(len(known))])
+
+
+def column(levels: tuple[Level, ...], name: str) -> Array:
+    """One attribute of all levels."""
+    return np.array([getattr(level, name) for level in levels], dtype=np.float64)

@@ -1,0 +1,156 @@
+"""Spectrograms of a mean picture along rows and columns, and the periodic patterns that stand out of them.
+
+EMVA 1288 release 4.0 linear, section 8.3: every line is transformed, and the squares of all lines are averaged; the
+root of that, over frequency, is drawn. A pattern that all lines share stands out most in their average.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import median_filter
+
+from procedures.sensor.measured import Measured, measured
+from procedures.sensor.stacks import Stack
+
+Array = npt.NDArray[np.float64]
+
+FALSE_ALARM = 1e-3
+"""Probability that a line of pure noise is said to hold a period."""
+FLOOR_BINS = 101
+"""Frequencies around one whose median power is the floor there."""
+MEDIAN = np.log(2) ** 2
+"""Values whose mean is known as well as the median of one value, of an exponential law; half of them at the ends, where
+the frequencies around one are mirrored."""
+MOST = 8
+LEAST_CYCLES = 3
+"""Periods that a pattern needs within the picture: slower ones are uneven light."""
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrogram:
+    """Root of the mean power over frequency.
+
+    Attributes
+    ----------
+    direction : str
+        "horizontal": along rows, or "vertical".
+    frequencies : (n,) float64
+        In cycles per pixel, from 0 to 1/2.
+    amplitude : (n,) float64
+        In digital numbers, or per cent of the signal; its mean square is the variance.
+    floor : float
+        What temporal noise alone would give.
+    """
+
+    direction: str
+    frequencies: Array
+    amplitude: Array
+    floor: float
+
+
+@dataclass(frozen=True)
+class Period:
+    """A sinusoid that all lines share.
+
+    Attributes
+    ----------
+    pattern : str
+        "row": the rows differ, along a column; or "column".
+    frequency : Measured
+        In cycles per pixel.
+    amplitude : Measured
+        From the middle to the crest.
+    """
+
+    pattern: str
+    frequency: Measured
+    amplitude: Measured
+
+
+def spectrogram(stack: Stack, direction: str, scale: float = 1.0) -> Spectrogram:
+    """The spectrogram of a mean picture along one direction, its values times a scale."""
+    field = stack.mean_picture - stack.mean
+    field = field if direction == "horizontal" else field.T
+    length = field.shape[1]
+    power = np.mean(np.abs(np.fft.rfft(field, axis=1)) ** 2, axis=0) / length
+    floor = float(np.sqrt(stack.left_over[0])) * scale
+    return Spectrogram(direction, np.asarray(np.fft.rfftfreq(length), dtype=np.float64), np.sqrt(power) * scale, floor)
+
+
+def find_periods(picture: Array, pattern: str, unit: str, scale: float = 1.0) -> tuple[Period, ...]:
+    """The sinusoids in which rows, or columns, differ, the strongest first.
+
+    Parameters
+    ----------
+    picture : (rows, columns) float64
+    pattern : "row" or "column"
+    unit : str
+        Of an amplitude, once multiplied by the scale.
+    """
+    profile = picture.mean(axis=1 if pattern == "row" else 0)
+    left = profile - profile.mean()
+    found: list[tuple[float, float]] = []
+    while len(found) < MOST:
+        peak = _highest_peak(left)
+        if peak is None:
+            break
+        frequency, cosine, sine = _refined(left, peak)
+        place = 2 * np.pi * frequency * np.arange(len(left))
+        left = left - cosine * np.cos(place) - sine * np.sin(place)
+        found.append((frequency, float(np.hypot(cosine, sine))))
+    noise = float(np.std(left))
+    told = [_period(pattern, f, a, noise, len(left), unit, scale) for f, a in found]
+    return tuple(sorted(told, key=lambda one: -one.amplitude.value))
+
+
+def _highest_peak(profile: Array) -> float | None:
+    """Frequency of the highest peak over the floor around it; None where noise alone may have made it."""
+    power = np.abs(np.fft.rfft(profile)) ** 2
+    width = min(FLOOR_BINS, len(power) // 2 * 2 - 1)
+    floor = median_filter(power[1:], width, mode="reflect") / np.log(2)  # median of an exponential law over its mean
+    ratio = power[1:] / np.maximum(floor, 1e-300)
+    ratio[: LEAST_CYCLES - 1] = 0
+    best = int(np.argmax(ratio))
+    if ratio[best] < _limit(FALSE_ALARM / len(ratio), MEDIAN * width / 2):
+        return None
+    return (best + 1) / len(profile)
+
+
+def _limit(chance: float, count: float) -> float:
+    """What an exponential number over the mean of so many others exceeds by chance: (1 + t / n)^-n."""
+    return float(count * (chance ** (-1 / count) - 1))
+
+
+def _refined(profile: Array, start: float) -> tuple[float, float, float]:
+    """Frequency, cosine and sine of the sinusoid that fits best, from a bin's frequency on: Gauss-Newton."""
+    n = np.arange(len(profile), dtype=np.float64) - (len(profile) - 1) / 2
+    frequency = _largest(profile, n, start)
+    for _ in range(8):
+        c, s = np.cos(2 * np.pi * frequency * n), np.sin(2 * np.pi * frequency * n)
+        a, b = np.linalg.lstsq(np.column_stack([c, s]), profile, rcond=None)[0]
+        slope = 2 * np.pi * n * (b * c - a * s)
+        *_, step = np.linalg.lstsq(np.column_stack([c, s, slope]), profile - a * c - b * s, rcond=None)[0]
+        frequency += float(np.clip(step, -0.2 / len(profile), 0.2 / len(profile)))
+    phase = 2 * np.pi * frequency * n[0]  # told from the first sample on
+    a, b = a * np.cos(phase) + b * np.sin(phase), b * np.cos(phase) - a * np.sin(phase)
+    return frequency, float(a), float(b)
+
+
+def _largest(profile: Array, n: Array, start: float) -> float:
+    """The strongest of frequencies a tenth of a bin apart, around one."""
+    tried = start + np.linspace(-0.6, 0.6, 13) / len(profile)
+    return float(tried[np.argmax(np.abs(np.exp(-2j * np.pi * np.outer(tried, n)) @ profile))])
+
+
+def _period(pattern: str, f: float, a: float, noise: float, n: int, unit: str, scale: float) -> Period:
+    """With the least uncertainties that noise of a deviation allows. Kay, Estimation Theory, 1993, example 3.14."""
+    method = f"sinusoid fitted to the average of each {pattern}"
+    of_frequency = np.sqrt(6 / n**3) * noise / (np.pi * a)
+    return Period(
+        pattern,
+        measured(f, float(of_frequency), "cycles/pixel", method, n, least=0.0),
+        measured(a * scale, float(np.sqrt(2 / n) * noise * scale), unit, method, n, least=0.0),
+    )

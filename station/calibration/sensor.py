@@ -1,0 +1,204 @@
+"""From a folder of dark and evenly lit pictures to what every plane's sensor is: EMVA 1288."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.outcome import BadInput, Outcome
+from procedures.raw import Exposure, Plane, RawFrame, read_frame
+from procedures.sensor.estimate import SensorResult, characterise
+from procedures.sensor.levels import Level, measure_level
+from procedures.sensor.noise_power import NoisePower, measure_noise_power
+from procedures.sensor.recording import Recording
+from procedures.sensor.stacks import LEAST_PICTURES, Stack, StackSums
+from station.calibration.sensor_folder import DARK, LIGHT, Shots
+
+Numbers = npt.NDArray[np.float64]
+
+LEVEL_PICTURES = 2
+"""Pictures that a level is measured from: those of a stack beyond them are the stack's."""
+SEED = 1288
+"""Of the draws that intervals come from: the same pictures give the same numbers."""
+
+
+@dataclass(frozen=True, eq=False)
+class SensorPlane:
+    """One plane's answer.
+
+    Attributes
+    ----------
+    step : float
+        How many of the file's numbers one digital number is (left-aligned samples).
+    noise : NoisePower or None
+        Spectrum of the temporal noise at the flat stack's signal.
+    """
+
+    name: str
+    outcome: Outcome[SensorResult]
+    shape: tuple[int, ...]
+    step: float
+    noise: NoisePower | None
+
+
+@dataclass(frozen=True, eq=False)
+class SensorFiles:
+    """What was read: the pictures' hashes, camera and sensitivity as the first picture tells them, and the planes."""
+
+    inputs: Sequence[Mapping[str, str]]
+    camera: str | None
+    iso: float | None
+    planes: Sequence[SensorPlane]
+
+
+@dataclass
+class _Gathered:
+    """One plane while its pictures are read."""
+
+    darks: list[Level] = field(default_factory=list)
+    lights: list[Level] = field(default_factory=list)
+    stacks: list[tuple[str, Stack]] = field(default_factory=list)
+    spectra: list[NoisePower | None] = field(default_factory=list)
+    shape: tuple[int, ...] = ()
+    step: float = 0.0
+
+
+def measure_sensor(
+    shots: Sequence[Shots],
+    plane: str | None,
+    tell: Callable[[Iterator[Path]], Iterator[Path]] = lambda paths: paths,
+) -> SensorFiles:
+    """Every plane asked for; the pictures are read once, one after the other.
+
+    Parameters
+    ----------
+    plane : str or None
+        A plane's name; "all" or None for every plane.
+    tell : callable
+        Sees every path as it is read.
+
+    Raises
+    ------
+    BadInput
+        If a picture cannot be read, or pictures differ in size or planes.
+    """
+    gathered: dict[str, _Gathered] = {}
+    inputs: list[dict[str, str]] = []
+    exposures: list[Exposure] = []
+    paths = tell(path for one in shots for path in one.paths)
+    for one in shots:
+        frames = (_read(next(paths), plane, inputs, exposures) for _ in one.paths)
+        _gather(gathered, one, frames)
+    light = any(one.photons is not None for one in shots)
+    planes = [
+        SensorPlane(name, _characterised(of, photons_known=light), of.shape, of.step, _noise_power(of))
+        for name, of in gathered.items()
+    ]
+    first = exposures[0] if exposures else Exposure()
+    return SensorFiles(inputs, first.camera, first.iso, planes)
+
+
+def _read(path: Path, plane: str | None, inputs: list[dict[str, str]], exposures: list[Exposure]) -> RawFrame:
+    frame = read_frame(path, None if plane in (None, "all") else [str(plane)])
+    inputs.append({"path": str(path), "sha256": frame.sha256})
+    exposures.append(frame.exposure)
+    if frame.exposure.iso != exposures[0].iso:
+        raise BadInput(
+            f"all pictures must be of one sensitivity; {path} is of ISO {frame.exposure.iso}, those before it of "
+            f"{exposures[0].iso}",
+            _ONE_CAMERA,
+        )
+    return frame
+
+
+def _gather(gathered: dict[str, _Gathered], shots: Shots, frames: Iterator[RawFrame]) -> None:
+    """Count the pictures of one exposure in, all planes side by side."""
+    first: dict[str, list[Numbers]] = {}
+    sums: dict[str, StackSums] = {}
+    for frame in frames:
+        if gathered and list(frame.planes) != list(gathered):
+            raise BadInput(f"{frame.path} has other planes than the pictures before it", _ONE_CAMERA)
+        for name, plane in frame.planes.items():
+            numbers = _numbers(gathered.setdefault(name, _Gathered()), plane, frame.path)
+            if len(first.setdefault(name, [])) < LEVEL_PICTURES:
+                first[name].append(numbers)
+            if len(shots.paths) >= LEAST_PICTURES:
+                sums.setdefault(name, StackSums()).add(numbers)
+    for name, pictures in first.items():
+        if len(pictures) < LEVEL_PICTURES:
+            raise BadInput(
+                f"{shots.paths[0]} is the only picture of its exposure; temporal noise needs two",
+                "take every level twice, or leave this one out",
+            )
+        of = gathered[name]
+        level = measure_level(pictures, shots.exposure_s, shots.level)
+        (of.darks if shots.kind == DARK else of.lights).append(level)
+        if name in sums:
+            of.stacks.append((shots.kind, sums[name].stack(shots.exposure_s, shots.level)))
+            of.spectra.append(measure_noise_power(pictures, np.nan))
+
+
+_ONE_CAMERA = "give pictures of one camera at one setting, in one format"
+
+
+def _numbers(of: _Gathered, plane: Plane, path: Path) -> Numbers:
+    """The digital numbers as the converter gave them: a file's samples may hold them left-aligned."""
+    shape = plane.samples.shape
+    if of.shape and shape != of.shape:
+        raise BadInput(
+            f"all pictures must be of one size; {path} has {shape[1]} x {shape[0]} pixels in {plane.name}, those "
+            f"before it {of.shape[1]} x {of.shape[0]}",
+            _ONE_CAMERA,
+        )
+    numbers = plane.samples.astype(np.float64) / plane.quantisation + plane.black
+    if float(plane.black).is_integer():
+        np.rint(numbers, out=numbers)  # single precision left them a little off
+    if not of.shape:
+        of.shape, of.step = shape, _step(numbers)
+    return numbers / of.step if of.step != 1 else numbers
+
+
+def _step(numbers: Numbers) -> float:
+    """What all differences of a picture's numbers are multiples of."""
+    values = np.unique(numbers)
+    if len(values) < 3 or not np.array_equal(values, np.rint(values)):
+        return 1.0
+    return float(np.gcd.reduce(np.diff(values).astype(np.int64)))
+
+
+def _characterised(of: _Gathered, *, photons_known: bool) -> Outcome[SensorResult]:
+    dark, flat = (_largest(of.stacks, kind) for kind in (DARK, LIGHT))
+    recording = Recording(
+        _once(of.darks, "exposure_s"),
+        _once(of.lights, "light"),
+        photons_known,
+        dark,
+        flat,
+    )
+    return characterise(recording, np.random.default_rng(SEED))
+
+
+def _noise_power(of: _Gathered) -> NoisePower | None:
+    """Of the flat stack's first pictures, where there is a dark stack too."""
+    dark, flat = (_largest(of.stacks, kind) for kind in (DARK, LIGHT))
+    if dark is None or flat is None:
+        return None
+    found = next(one for one, (_, stack) in zip(of.spectra, of.stacks, strict=True) if stack is flat)
+    return None if found is None else replace(found, signal=flat.mean - dark.mean)
+
+
+def _once(levels: Sequence[Level], name: str) -> tuple[Level, ...]:
+    """The levels in order, one of each: where a stack repeats a level of the ladder, the ladder's, which came first."""
+    found: dict[float, Level] = {}
+    for level in levels:
+        found.setdefault(getattr(level, name), level)
+    return tuple(found[at] for at in sorted(found))
+
+
+def _largest(stacks: Sequence[tuple[str, Stack]], kind: str) -> Stack | None:
+    """The stack of a kind with the most pictures."""
+    return max((stack for of, stack in stacks if of == kind), key=lambda stack: stack.count, default=None)

@@ -1,0 +1,191 @@
+"""The files of a sensor's result: record, tables, and the summary as XML."""
+
+from __future__ import annotations
+
+import time
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.sensor.estimate import Pattern, SensorResult, sensor_model
+from procedures.sensor.general import input_snr
+from procedures.sensor.measured import Measured
+from procedures.sensor.noise import linear_snr, total_snr
+from station.calibration.sensor import SensorFiles, SensorPlane
+from station.results.exports import csv_bytes
+from station.results.result_files import ResultFolder, interval_entry, npy, software, write_record
+
+Array = npt.NDArray[np.float64]
+
+SCHEMA = "station/sensor/1"
+SECTIONS = {
+    "sensitivity": ("quantum_efficiency", "system_gain", "inverse_gain", "responsivity", "temporal_dark_noise",
+                    "sensitivity_threshold", "saturation", "snr_max", "dynamic_range"),
+    "linearity": ("linearity",),
+    "dark_current": ("dark_current",),
+    "spatial": ("dsnu", "prnu"),
+    "defect_pixel": ("defect_pixels",),
+    "general": ("general",),
+}  # fmt: skip
+"""Of the XML summary: section -> beginnings of the numbers' names."""
+
+
+def write_sensor_result(
+    folder: ResultFolder, found: SensorFiles, parameters: Mapping[str, Any], start: float, page: bytes | None
+) -> str:
+    """Write the tables of every plane that was not refused, the XML, the page and the record; the record's text."""
+    for plane in found.planes:
+        if plane.outcome.value is not None:
+            _write_plane(folder, plane.name, plane.outcome.value)
+            if plane.noise is not None:
+                folder.write(f"nps_{plane.name}.npy", npy(plane.noise.power))
+    folder.write("numbers.csv", csv_bytes([_HEAD, *(row for plane in found.planes for row in _number_rows(plane))]))
+    folder.write("emva1288.xml", summary_xml(found))
+    if page is not None:
+        folder.write("report.html", page)
+    record = {
+        "schema": SCHEMA,
+        "procedure": "sensor",
+        "camera": found.camera,
+        "iso": found.iso,
+        "input": list(found.inputs),
+        "parameters": dict(parameters),
+        "planes": {plane.name: _plane_entry(plane) for plane in found.planes},
+        "software": software(),
+        "duration_s": round(time.perf_counter() - start, 3),
+    }
+    return write_record(folder, record)
+
+
+def _plane_entry(plane: SensorPlane) -> dict[str, Any]:
+    """Verdict, all numbers, what other procedures take from the sensor, and what was found in its pictures."""
+    outcome = plane.outcome
+    entry: dict[str, Any] = {"verdict": str(outcome.verdict), "reason": outcome.reason, "remedy": outcome.remedy}
+    found = outcome.value
+    if found is None:
+        return entry
+    entry |= {name: interval_entry(number) for name, number in found.numbers.items()}
+    entry["model"] = asdict(sensor_model(found, plane.step))
+    entry["rows"], entry["columns"] = plane.shape
+    if plane.noise is not None:
+        # digital numbers of the result, squared, per (cycle/pixel)^2
+        entry["noise_power"] = {"file": f"nps_{plane.name}.npy", "signal": plane.noise.signal,
+                                "blocks": plane.noise.blocks}  # fmt: skip
+    for name, pattern in (("dark", found.dark), ("light", found.light)):
+        if pattern is not None:
+            entry[f"periods_{name}"] = [
+                {
+                    "pattern": one.pattern,
+                    "frequency": interval_entry(one.frequency),
+                    "amplitude": interval_entry(one.amplitude),
+                }
+                for one in pattern.periods
+            ]
+    entry["diagnostics"] = {"light_spread": found.curves.light_spread, "gain_bent": found.transfer.bent}
+    return entry
+
+
+_HEAD = ["plane", "number", "value", "unit", "uncertainty", "low_95", "high_95", "method", "n"]
+
+
+def _number_rows(plane: SensorPlane) -> Iterator[list[str]]:
+    numbers = plane.outcome.value.numbers if plane.outcome.value is not None else {}
+    for name, one in numbers.items():
+        told = (f"{value:.9g}" for value in (one.uncertainty, one.low, one.high))
+        yield [plane.name, name, f"{one.value:.9g}", one.unit, *told, one.method, str(one.n)]
+
+
+def _write_plane(folder: ResultFolder, name: str, found: SensorResult) -> None:
+    """The plane's tables."""
+    folder.write(f"transfer_{name}.csv", csv_bytes(_table(transfer_columns(found))))
+    patterns = {"dark": found.dark, "light": found.light}
+    rows = [row for which, pattern in patterns.items() if pattern for row in _spectra(which, pattern)]
+    if rows:
+        folder.write(
+            f"spectrogram_{name}.csv", csv_bytes([["picture", "direction", "frequency", "amplitude", "unit"], *rows])
+        )
+        histograms = [row for which, pattern in patterns.items() if pattern for row in _histogram(which, pattern)]
+        folder.write(
+            f"histogram_{name}.csv", csv_bytes([["picture", "deviation", "unit", "count", "normal"], *histograms])
+        )
+        defects = [row for which, pattern in patterns.items() if pattern for row in _defects(which, pattern)]
+        folder.write(f"defects_{name}.csv", csv_bytes([["picture", "row", "column", "deviation", "unit"], *defects]))
+
+
+def transfer_columns(found: SensorResult) -> dict[str, Array]:
+    """The measured curves by level: light, signal, variances, linearity, and signal-to-noise ratios."""
+    curves = found.curves
+    signal = curves.signal[0]
+    return {
+        "light": curves.light[0],
+        "signal": signal,
+        "signal_uncertainty": np.std(curves.signal[1:], axis=0),
+        "variance": curves.variance[0],
+        "variance_less_dark": curves.excess[0],
+        "variance_uncertainty": np.std(curves.excess[1:], axis=0),
+        "deviation_percent": 100 * found.linearity.deviation[0],
+        "snr": signal / np.sqrt(np.maximum(curves.variance[0], 1 / 12)),
+        "snr_of_light": input_snr(curves)[0],
+        "snr_linear_model": linear_snr(found, curves.light[0]),
+        "snr_total": total_snr(found, curves.light[0]),
+    }
+
+
+def _table(columns: Mapping[str, Array]) -> list[list[str]]:
+    return [list(columns), *([f"{value:.9g}" for value in row] for row in zip(*columns.values(), strict=True))]
+
+
+def _spectra(which: str, pattern: Pattern) -> Iterator[list[str]]:
+    for one in pattern.spectrograms:
+        for frequency, amplitude in zip(one.frequencies, one.amplitude, strict=True):
+            yield [which, one.direction, f"{frequency:.6g}", f"{amplitude:.6g}", pattern.unit]
+
+
+def _histogram(which: str, pattern: Pattern) -> Iterator[list[str]]:
+    shown = pattern.defects.histogram
+    for centre, count, model in zip(shown.centres, shown.counts, shown.model, strict=True):
+        yield [which, f"{centre:.6g}", pattern.unit, str(int(count)), f"{model:.6g}"]
+
+
+def _defects(which: str, pattern: Pattern) -> Iterator[list[str]]:
+    for (row, column), deviation in zip(pattern.defects.places, pattern.defects.deviation, strict=True):
+        yield [which, str(int(row)), str(int(column)), f"{deviation:.6g}", pattern.unit]
+
+
+def summary_xml(found: SensorFiles) -> bytes:
+    """The numbers by the standard's sections, each with unit, value, uncertainty and interval.
+
+    The layout is that of the reference program's results (sections, then quantities with their values), with a plane
+    above the sections and two more values each: it knows no intervals.
+    """
+    top = ElementTree.Element("results", {"standard": "EMVA 1288", "release": "4.0"})
+    if found.camera:
+        ElementTree.SubElement(top, "camera").text = found.camera
+    for plane in found.planes:
+        of = ElementTree.SubElement(top, "plane", {"name": plane.name, "verdict": str(plane.outcome.verdict)})
+        if plane.outcome.value is None:
+            ElementTree.SubElement(of, "reason").text = plane.outcome.reason
+            continue
+        for section, beginnings in SECTIONS.items():
+            _add_section(
+                of, section, {n: q for n, q in plane.outcome.value.numbers.items() if n.startswith(beginnings)}
+            )
+    ElementTree.indent(top, " ")
+    data: bytes = ElementTree.tostring(top, encoding="utf-8", xml_declaration=True)
+    return data + b"\n"
+
+
+def _add_section(parent: ElementTree.Element, name: str, numbers: Mapping[str, Measured]) -> None:
+    section = ElementTree.SubElement(parent, name)
+    for quantity, one in numbers.items():
+        item = ElementTree.SubElement(section, quantity)
+        told: Sequence[tuple[str, object]] = (
+            ("unit", one.unit), ("value", f"{one.value:.9g}"), ("uncertainty", f"{one.uncertainty:.6g}"),
+            ("low", f"{one.low:.9g}"), ("high", f"{one.high:.9g}"), ("method", one.method),
+        )  # fmt: skip
+        for part, value in told:
+            ElementTree.SubElement(item, part).text = str(value)

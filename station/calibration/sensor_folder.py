@@ -1,0 +1,177 @@
+"""Which pictures of a folder are dark, which are of which level of light: from a manifest, or from names and EXIF."""
+
+from __future__ import annotations
+
+import csv
+import io
+import tomllib
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from procedures.outcome import BadInput
+from procedures.reading.exposure import read_exposure
+
+MANIFESTS = ("sensor.toml", "sensor.csv")
+DARK, LIGHT = "dark", "light"
+_REMEDY = "see station sensor --help for what the folder and its manifest hold"
+_RAW_ONLY = "write a manifest (sensor.csv or sensor.toml) that tells every picture's exposure"
+
+
+@dataclass(frozen=True)
+class Shots:
+    """Pictures of one exposure.
+
+    Attributes
+    ----------
+    kind : "dark" or "light"
+    exposure_s : float
+    photons, light : float or None
+        Photons per pixel, or a number proportional to them, where the manifest tells.
+    paths : tuple of Path
+    """
+
+    kind: str
+    exposure_s: float
+    photons: float | None
+    light: float | None
+    paths: tuple[Path, ...]
+
+    @property
+    def level(self) -> float:
+        """What the sensor was given: photons, light, or seconds of it."""
+        if self.kind == DARK:
+            return 0.0
+        return next((given for given in (self.photons, self.light) if given is not None), self.exposure_s)
+
+
+def find_shots(folder: Path) -> tuple[Shots, ...]:
+    """The pictures of a folder by exposure, dark ones first, then by light.
+
+    Raises
+    ------
+    BadInput
+        If there is no manifest and no folder `dark` and `light`, or what is told cannot be meant.
+    """
+    if not folder.is_dir():
+        raise BadInput(f"{folder} is no folder", "name the folder of the sensor's pictures")
+    shots = _told(folder)
+    if len({_told_by(one) for one in shots if one.kind == LIGHT}) > 1:
+        raise BadInput(
+            f"{folder}: light is told of some levels in another way than of others", "give photons to all, or light"
+        )
+    missing = [str(path) for one in shots for path in one.paths if not path.is_file()]
+    if missing:
+        raise BadInput(f"{len(missing)} pictures that are told of are not there, first {missing[0]}", "check the names")
+    return tuple(sorted(shots, key=lambda one: (one.kind != DARK, one.level, one.exposure_s, len(one.paths))))
+
+
+def _told_by(shots: Shots) -> str:
+    return "photons" if shots.photons is not None else "light" if shots.light is not None else "exposure"
+
+
+def _told(folder: Path) -> list[Shots]:
+    """The pictures by whatever tells them."""
+    if (path := folder / "sensor.toml").is_file():
+        return _from_toml(path)
+    if (path := folder / "sensor.csv").is_file():
+        return _from_csv(path)
+    for path in sorted(folder.glob("*.txt")):
+        if path.read_text(errors="replace").startswith("v "):
+            return _from_descriptor(path)
+    return _merged(_from_camera(folder))
+
+
+def _merged(shots: Iterable[Shots]) -> list[Shots]:
+    """Those of one exposure together, in the order in which they are told."""
+    found: dict[tuple[str, float, float | None, float | None], tuple[Path, ...]] = {}
+    for one in shots:
+        key = (one.kind, one.exposure_s, one.photons, one.light)
+        found[key] = (*found.get(key, ()), *one.paths)
+    return [Shots(*key, paths) for key, paths in found.items()]
+
+
+def _shots(where: str, folder: Path, entry: dict[str, Any], files: list[str]) -> Shots:
+    """One entry of a manifest."""
+    kind = str(entry.get("kind", "")).strip().lower()
+    if kind not in (DARK, LIGHT):
+        raise BadInput(f'{where}: kind is "dark" or "light"; got {entry.get("kind")!r}', _REMEDY)
+    if not files or not all(isinstance(name, str) and name for name in files):
+        raise BadInput(f"{where}: every level needs its files", _REMEDY)
+    exposure = _number(where, "exposure_s", entry.get("exposure_s"))
+    if exposure is None:
+        raise BadInput(f"{where}: exposure_s is missing", _REMEDY)
+    given = {
+        name: None if kind == DARK else _number(where, name, entry.get(name), zero=False)
+        for name in ("photons", "light")
+    }
+    return Shots(kind, exposure, given["photons"], given["light"], tuple(folder / name for name in files))
+
+
+def _number(where: str, name: str, value: object, *, zero: bool = True) -> float | None:
+    if value is None or value == "":
+        return None
+    try:
+        number = float(value)  # type: ignore[arg-type]  # whatever it is, float says so
+    except (TypeError, ValueError):
+        number = -1.0
+    if not (0 <= number < float("inf")) or (number == 0 and not zero):
+        raise BadInput(f"{where}: {name} is a number above 0; got {value!r}", _REMEDY)
+    return number
+
+
+def _from_toml(path: Path) -> list[Shots]:
+    try:
+        levels = tomllib.loads(path.read_text()).get("level")
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise BadInput(f"{path} is no TOML: {error}", _REMEDY) from error
+    if not isinstance(levels, list) or not all(isinstance(one, dict) for one in levels):
+        raise BadInput(f"{path} holds [[level]] tables; it has none", _REMEDY)
+    return [
+        _shots(f"{path}, level {n}", path.parent, one, list(one.get("files", []))) for n, one in enumerate(levels, 1)
+    ]
+
+
+def _from_csv(path: Path) -> list[Shots]:
+    table = csv.DictReader(io.StringIO(path.read_text(encoding="utf-8-sig", errors="replace")))
+    if not {"file", "kind", "exposure_s"} <= set(table.fieldnames or ()):
+        raise BadInput(f"{path} needs the columns file, kind, exposure_s; it has {table.fieldnames}", _REMEDY)
+    return _merged(_shots(f"{path}, line {n}", path.parent, row, [row["file"] or ""]) for n, row in enumerate(table, 2))
+
+
+def _from_descriptor(path: Path) -> list[Shots]:
+    """EMVA's own: "b" exposure in ns and photons, or "d" exposure, then "i" and a picture's name for each.
+
+    Separate groups of one exposure stay together: two pictures are the ladder's, more are a stack.
+    """
+    found: list[Shots] = []
+    for n, line in enumerate(path.read_text(errors="replace").splitlines(), 1):
+        words = line.split()
+        if not words or words[0] in ("v", "n"):
+            continue
+        try:
+            if words[0] in ("b", "d"):
+                photons = float(words[2].replace(",", ".")) if words[0] == "b" else None
+                kind = LIGHT if words[0] == "b" else DARK
+                found.append(Shots(kind, float(words[1].replace(",", ".")) * 1e-9, photons, None, ()))
+            elif words[0] == "i":
+                last = found.pop()
+                name = Path(*line.split(maxsplit=1)[1].strip().split("\\"))
+                found.append(Shots(last.kind, last.exposure_s, last.photons, None, (*last.paths, path.parent / name)))
+        except (IndexError, ValueError) as error:
+            raise BadInput(f"{path}, line {n} is no line of an EMVA 1288 descriptor: {line!r}", _REMEDY) from error
+    return found
+
+
+def _from_camera(folder: Path) -> Iterator[Shots]:
+    """RAW files in folders named after what they show."""
+    if not all((folder / kind).is_dir() for kind in (DARK, LIGHT)):
+        raise BadInput(f"{folder} has neither a manifest nor folders {DARK} and {LIGHT}", _REMEDY)
+    for kind in (DARK, LIGHT):
+        for path in sorted(p for p in (folder / kind).rglob("*") if p.is_file() and not p.name.startswith(".")):
+            with path.open("rb") as file:
+                exposure = read_exposure(file).exposure_s
+            if exposure is None:
+                raise BadInput(f"{path} does not tell its exposure time", _RAW_ONLY)
+            yield Shots(kind, exposure, None, None, (path,))

@@ -1,0 +1,109 @@
+"""What a sensor's result tells other procedures: read back from its record."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from procedures.outcome import BadInput
+from procedures.psf import Psf
+from procedures.raw import RawFrame
+from procedures.sensor.noise_power import NoisePower
+from procedures.sensor_model import SensorModel
+
+if TYPE_CHECKING:
+    from procedures.sensor.information import Information
+
+SCHEMA = "station/sensor/1"
+SEED = 1288
+"""Of the draws of uncertainties."""
+_GIVE = "give the result.json of station sensor, of the same camera at the same sensitivity"
+
+
+@dataclass(frozen=True)
+class KnownSensor:
+    """Planes' models and noise spectra by name, and the record that they come from."""
+
+    models: Mapping[str, SensorModel]
+    noise: Mapping[str, NoisePower] = field(default_factory=dict)
+    path: str = ""
+    sha256: str = ""
+
+    def information(self, plane: str, psf: Psf) -> Information:
+        """What pictures of a plane with this PSF can tell."""
+        from procedures.sensor.information import information
+
+        return information(psf, self.noise[plane], np.random.default_rng(SEED))
+
+    def told(self) -> dict[str, Any]:
+        """What a record says of it."""
+        return {"sensor": {"path": self.path, "sha256": self.sha256}} if self.models else {}
+
+
+NO_SENSOR = KnownSensor({})
+
+
+def read_record(path: Path) -> tuple[dict[str, Any], str]:
+    """A sensor's record and its hash. Raises BadInput where the file is none."""
+    try:
+        data = path.read_bytes()
+        record = json.loads(data)
+    except OSError as error:
+        raise BadInput(f"{path} cannot be read: {error.strerror}", _GIVE) from error
+    except ValueError as error:
+        raise BadInput(f"{path} is no JSON", _GIVE) from error
+    if not isinstance(record, dict) or record.get("schema") != SCHEMA:
+        raise BadInput(f"{path} is no result of station sensor", _GIVE)
+    return record, hashlib.sha256(data).hexdigest()
+
+
+def read_sensor(path: Path, frame: RawFrame) -> KnownSensor:
+    """The models of a photograph's planes.
+
+    Raises
+    ------
+    BadInput
+        If the record is none, or of another sensitivity, or tells of none of the planes.
+    """
+    record, sha256 = read_record(path)
+    iso, own = record.get("iso"), frame.exposure.iso
+    if iso and own and iso != own:
+        raise BadInput(f"the sensor was measured at ISO {iso:g}, the photograph is of ISO {own:g}", _GIVE)
+    models = models_of(record)
+    if not set(models) & set(frame.planes):
+        told = ", ".join(models) or "no plane"
+        raise BadInput(f"{path} tells of {told}, the photograph has {', '.join(frame.planes)}", _GIVE)
+    names = [name for name in frame.planes if name in models]
+    noise = {name: one for name in names if (one := _noise(path, record["planes"][name])) is not None}
+    return KnownSensor({name: models[name] for name in names}, noise, str(path), sha256)
+
+
+def _noise(path: Path, plane: Mapping[str, Any]) -> NoisePower | None:
+    """The noise spectrum that lies beside the record; None where it was not measured, or is not there."""
+    told = plane.get("noise_power")
+    if told is None or not (file := path.parent / Path(str(told["file"])).name).is_file():
+        return None
+    try:
+        return NoisePower(np.load(file, allow_pickle=False), float(told["signal"]), int(told["blocks"]))
+    except (OSError, ValueError, KeyError) as error:
+        raise BadInput(f"{file} is no noise spectrum: {error}", _GIVE) from error
+
+
+def models_of(record: Mapping[str, Any]) -> dict[str, SensorModel]:
+    """The models of a record's planes; refused ones have none."""
+    planes = record.get("planes", {})
+    return {name: _model(plane["model"]) for name, plane in planes.items() if "model" in plane}
+
+
+def _model(told: Mapping[str, Any]) -> SensorModel:
+    try:
+        values = {one.name: told[one.name] for one in fields(SensorModel) if one.name in told}
+        return SensorModel(**{**values, "bend": tuple(values.get("bend", ()))})
+    except TypeError as error:
+        raise BadInput(f"the sensor's record is not whole: {error}", _GIVE) from error

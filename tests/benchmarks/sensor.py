@@ -1,0 +1,124 @@
+"""How right a sensor's numbers are: every truth against its 95 % interval, coverage over many sets, the peer, speed.
+
+python tests/benchmarks/sensor.py [truth] [coverage [SETS]] [speed]
+
+truth     one simulated sensor of 1024 x 1280 pixels: K = 0.1, dark noise 30 e-, DSNU 1.5 DN, PRNU 0.5 %, two sinusoids,
+          200 outliers, a response that bends by 1 %
+coverage  small sets of the same kind, 64 x 64 pixels: how often intervals hold the truth
+speed     levels and stacks of 24 megapixels, per picture
+Agreement with the published program is tested in tests/procedures/sensor/test_peer.py.
+"""
+
+from __future__ import annotations
+
+import platform
+import sys
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(ROOT)]
+
+import numpy as np  # noqa: E402
+
+from procedures.sensor.estimate import characterise  # noqa: E402
+from procedures.sensor.levels import measure_level  # noqa: E402
+from procedures.sensor.stacks import StackSums  # noqa: E402
+from procedures.sensor.uniformity import spatial_variances  # noqa: E402
+from tests.procedures.sensor.known_sensor import SHARES, KnownSensor  # noqa: E402
+
+WAVES = {"row_wave": (0.8, 0.0731), "column_wave": (0.6, 0.2113)}
+
+
+def truths(sensor: KnownSensor) -> dict[str, float]:
+    """What the sensor is, by the numbers' names; spatial truths are of its own patterns."""
+    offset, response, places = sensor.patterns
+    good = np.ones(offset.shape, bool)
+    good[tuple(places.T)] = False
+    of_offset = spatial_variances(offset, (0, 0, 0), 1000).value
+    dark = np.hypot(sensor.dark_noise_e, 12**-0.5 / sensor.gain)
+    return {
+        "system_gain": sensor.gain,
+        "system_gain_at_dark": sensor.gain,
+        "temporal_dark_noise": sensor.dark_noise_e,
+        "quantum_efficiency": sensor.efficiency * float(response.mean()),
+        "sensitivity_threshold": (dark**2 + 0.25) ** 0.5 + 0.5,
+        "dark_current": sensor.dark_current_e_s,
+        "linearity_error": sensor.linearity_error(SHARES, 1.0),
+        "dsnu_dn": float(np.std(offset)),
+        "dsnu_row_dn": of_offset["row"] ** 0.5,
+        "dsnu_column_dn": of_offset["column"] ** 0.5,
+        "dsnu_pixel_without_defects_dn": sensor.dsnu_dn,
+        "prnu": 100 * float(np.std(response) / response.mean()),
+        "prnu_without_defects": 100 * float(np.std(response[good]) / response[good].mean()),
+        "defect_pixels_dark": sensor.outliers // 2,
+        "defect_pixels_light": sensor.outliers - sensor.outliers // 2,
+    }
+
+
+def truth() -> None:
+    """One sensor."""
+    sensor = KnownSensor(rows=1024, columns=1280, outliers=200, bend=0.01, dark_current_e_s=200.0, **WAVES)
+    found = characterise(sensor.record(1, exposures_s=(0.01, 1.0, 2.0)), np.random.default_rng(0)).value
+    assert found is not None
+    print(f"{'number':32s} {'truth':>11s} {'found':>11s} {'95 % interval':>25s}")
+    for name, value in truths(sensor).items():
+        one = found.numbers[name]
+        inside = "inside" if one.low <= value <= one.high else "OUTSIDE"
+        print(f"{name:32s} {value:11.5g} {one.value:11.5g} {one.low:12.6g} {one.high:12.6g} {inside}")
+    for period in found.dark.periods:
+        print(
+            f"period in {period.pattern}s: {period.frequency.value:.5f} cycles/pixel, {period.amplitude.value:.4f} DN"
+        )
+    named = {tuple(p) for one in (found.dark, found.light) for p in one.defects.places.tolist()}
+    real = set(map(tuple, sensor.patterns[2].tolist()))
+    print(f"outliers: {len(named & real)} of {len(real)} named, {len(named - real)} others named; light: "
+          f"{len(found.light.periods)} periods")  # fmt: skip
+
+
+def coverage(sets: int) -> None:
+    """How often the intervals of many small sets hold the truth."""
+    sensor = KnownSensor(rows=64, columns=64, dark_current_e_s=200.0, **WAVES)
+    wanted = {n: v for n, v in truths(sensor).items() if not n.startswith(("defect", "linearity"))}
+    hits = dict.fromkeys(wanted, 0)
+    z: dict[str, list[float]] = {name: [] for name in wanted}
+    for seed in range(sets):
+        recording = sensor.record(seed, np.linspace(0.03, 1.2, 24), 20, (0.01, 0.5, 1.0))
+        found = characterise(recording, np.random.default_rng(seed)).value
+        assert found is not None
+        for name, value in wanted.items():
+            one = found.numbers[name]
+            hits[name] += one.low <= value <= one.high
+            z[name].append((one.value - value) / one.uncertainty)
+    print(f"{sets} sets; the standard deviation of a share of 95 % is {100 * (0.95 * 0.05 / sets) ** 0.5:.1f} %")
+    for name, count in hits.items():
+        print(f"{name:32s} {100 * count / sets:5.1f} %  errors over uncertainties: mean {np.mean(z[name]):+.2f}, "
+              f"deviation {np.std(z[name]):.2f}")  # fmt: skip
+
+
+def speed() -> None:
+    """Of 24 megapixels, best of three."""
+    pictures = np.random.default_rng(0).integers(500, 600, (2, 4000, 6000)).astype(np.uint16)
+    level, stack = [], []
+    for _ in range(3):
+        start = time.perf_counter()
+        measure_level(list(pictures), 1.0, 1.0)
+        level.append(time.perf_counter() - start)
+        sums = StackSums()
+        sums.add(pictures[0])
+        start = time.perf_counter()
+        sums.add(pictures[1])
+        stack.append(time.perf_counter() - start)
+    print(f"level of two pictures {min(level):.2f} s, a picture of a stack {min(stack):.2f} s")
+
+
+if __name__ == "__main__":
+    words = sys.argv[1:] or ["truth", "coverage", "500", "speed"]
+    print(f"Python {platform.python_version()}, NumPy {np.__version__}, {platform.machine()}")
+    if "truth" in words:
+        truth()
+    if "coverage" in words:
+        at = words.index("coverage") + 1
+        coverage(int(words[at]) if at < len(words) and words[at].isdigit() else 500)
+    if "speed" in words:
+        speed()

@@ -1,0 +1,75 @@
+"""A sensor calibrated by itself: its bent response is undone and not fitted, its noise weighs the samples."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from procedures.outcome import Verdict
+from procedures.pattern import Chart
+from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
+from procedures.pattern_psf.radiometry import straighten
+from procedures.raw import Plane
+from procedures.sensor_model import SensorModel
+
+from .analytic_camera import View, circular, light
+
+CHART = Chart.from_seed(1)
+OPTICS = circular(1.14, blur_px=0.3)
+SENSOR = SensorModel(
+    gain=0.3, gain_uncertainty=0.001, dark_level=60.0, dark_variance=4.0, saturation=3800.0,
+    signal_at_saturation=4000.0, bend=(-0.05,), bend_uncertainty=0.0003,
+)  # fmt: skip
+
+
+@cache
+def plane() -> Plane:
+    """The chart at 1.5 % to 75 % of saturation, the response bent by 5 %, photon and read noise."""
+    rng = np.random.default_rng(3)
+    electrons = (60 + 2940 * light(OPTICS, CHART, View())) / 0.3
+    x = rng.poisson(np.maximum(electrons, 0)) * 0.3 / 4000
+    numbers = 60 + 4000 * (x - 0.05 * x * x) + rng.normal(0, 2, x.shape)
+    return Plane("Y", ((np.rint(numbers) - 60) / 4035).astype(np.float32), 1 / 4035, black=60.0, white=4095.0)
+
+
+def found(sensor: SensorModel | None) -> PatternPsf:
+    outcome = estimate_psf(plane(), CHART, PatternParameters(s=3, k=13), sensor=sensor)
+    assert outcome.value is not None, outcome.reason
+    return outcome.value
+
+
+def test_response_is_undone_and_known() -> None:
+    without, by_sensor = found(None), found(SENSOR)
+    assert abs(without.diagnostics["response_curvature"]) > 0.02
+    assert abs(by_sensor.diagnostics["response_curvature"]) < 3 * 4 * 0.0003
+    budget = by_sensor.quality.budgets["mtf50_horizontal"]
+    assert 0 < budget["sensor"] < without.quality.budgets["mtf50_horizontal"]["light"]
+    assert without.quality.budgets["mtf50_horizontal"]["sensor"] == 0
+
+
+def test_noise_is_the_sensors() -> None:
+    # the noise was made by that model: what is left is of that size
+    assert found(SENSOR).residual_std == pytest.approx(1, abs=0.03)
+    # a sensor said to have four times the variance leaves half of it
+    noisier = replace(SENSOR, gain=1.2, dark_variance=16.0)
+    assert found(noisier).residual_std == pytest.approx(0.5, abs=0.02)
+
+
+def test_white_beyond_saturation_is_refused() -> None:
+    outcome = estimate_psf(plane(), CHART, sensor=replace(SENSOR, saturation=2000.0))
+    assert outcome.verdict is Verdict.REFUSED
+    assert "below the sensor's saturation" in outcome.reason
+
+
+def test_straightened_is_the_inverse_of_bent() -> None:
+    straight = np.linspace(-20, 3900, 200)
+    # the table's places are a 466th of the range apart: a parabola of 5 % is off by 5 % / 8 / 466^2
+    assert SENSOR.straightened(SENSOR.bent(straight)) == pytest.approx(straight, abs=0.01)
+
+
+def test_straight_response_changes_nothing() -> None:
+    same = straighten(plane(), replace(SENSOR, bend=()))
+    assert same.samples == pytest.approx(plane().samples, abs=1e-6)

@@ -1,0 +1,208 @@
+"""Every number against the sensor that made the pictures; refusals by name."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from procedures.outcome import Verdict
+from procedures.sensor.estimate import SensorResult, characterise, sensor_model
+from procedures.sensor.uniformity import spatial_variances
+
+from .known_sensor import SHARES, KnownSensor
+
+SENSOR = KnownSensor(
+    rows=160,
+    columns=200,
+    row_wave=(0.8, 0.0731),
+    column_wave=(0.6, 0.2113),
+    outliers=200,
+    bend=0.01,
+    dark_current_e_s=200.0,
+)
+
+
+FEWER = np.linspace(0.03, 1.2, 24)
+
+
+def characterised(sensor: KnownSensor, seed: int = 7, **recorded: object) -> SensorResult:
+    outcome = characterise(sensor.record(seed, **recorded), np.random.default_rng(0))
+    assert outcome.value is not None, outcome.reason
+    return outcome.value
+
+
+@pytest.fixture(scope="module")
+def found() -> SensorResult:
+    return characterised(SENSOR, exposures_s=(0.01, 1.0, 2.0))
+
+
+def clipped_variance(mean: float, variance: float, top: float) -> float:
+    """Of a normal number that is cut off at the top."""
+    s = variance**0.5
+    a = (top - mean) / s
+    below, density = norm.cdf(a), norm.pdf(a)
+    first = mean * below - s * density + top * (1 - below)
+    second = (mean**2 + variance) * below - (mean + top) * s * density + top**2 * (1 - below)
+    return float(second - first**2)
+
+
+def saturation_photons(sensor: KnownSensor) -> float:
+    """Where the temporal variance is largest, of noise-free levels close together."""
+    light = np.array([sensor.photons_at(s) for s in np.linspace(0.9, 1.1, 801)])
+    e = sensor.efficiency * light
+    slope = 1 - 2 * sensor.bend * e / sensor.full_scale_e()
+    mean = sensor.offset + sensor.gain * sensor.bent(e)
+    variance = sensor.gain**2 * (slope**2 * e + sensor.dark_noise_e**2)
+    at = np.argmax([clipped_variance(m, v, sensor.top) for m, v in zip(mean, variance, strict=True)])
+    return float(light[at])
+
+
+def truths() -> dict[str, float]:
+    offset, response, places = SENSOR.patterns
+    hot, good = np.zeros(offset.shape, bool), np.ones(offset.shape, bool)
+    hot[tuple(places[:100].T)] = True
+    good[tuple(places.T)] = False
+    of_offset = spatial_variances(offset, (0, 0, 0), 1000).value
+    at = saturation_photons(SENSOR)
+    return {
+        "system_gain": 0.1,
+        "system_gain_at_dark": 0.1,
+        "inverse_gain": 10.0,
+        "temporal_dark_noise": 30.0,
+        "quantum_efficiency": 0.6,
+        "dark_current": 200.0,
+        "dark_current_by_variance": 200.0,
+        "saturation_photons": at,
+        "saturation_capacity": 0.6 * at,
+        "snr_max": (0.6 * at) ** 0.5,
+        "linearity_error": SENSOR.linearity_error(SHARES, 1.0),
+        "dsnu_dn": float(np.std(offset)),
+        "dsnu_row_dn": of_offset["row"] ** 0.5,
+        "dsnu_column_dn": of_offset["column"] ** 0.5,
+        "dsnu_pixel_dn": of_offset["pixel"] ** 0.5,
+        "dsnu_pixel_without_defects_dn": 1.5,
+        "prnu": 100 * float(np.std(response) / np.mean(response)),
+        "prnu_without_defects": 100 * float(np.std(response[good])),
+        "defect_pixels_dark": 100,
+        "defect_pixels_light": 100,
+    }
+
+
+@pytest.mark.parametrize(("name", "truth"), truths().items())
+def test_truth_lies_in_the_interval(found, name, truth):
+    number = found.numbers[name]
+    assert number.low <= truth <= number.high, (number, truth)
+
+
+def test_curvature_is_told_from_gain(found):
+    # 1 % of curvature is 1.5 % of K as a line is fitted; small signals know nothing of it
+    assert found.transfer.bent > 0.0005
+    assert found.numbers["system_gain_at_dark"].uncertainty < 0.002 * 0.1
+    assert found.numbers["system_gain"].uncertainty > 3 * found.numbers["system_gain_at_dark"].uncertainty
+
+
+def test_every_outlier_is_named_and_no_other_pixel(found):
+    named = [tuple(p) for one in (found.dark, found.light) for p in one.defects.places.tolist()]
+    assert sorted(named) == sorted(map(tuple, SENSOR.patterns[2].tolist()))
+
+
+def test_both_sinusoids_are_found_and_no_other(found):
+    row, column = found.dark.periods
+    for one, (pattern, (amplitude, frequency)) in zip(
+        (row, column), (("row", SENSOR.row_wave), ("column", SENSOR.column_wave)), strict=True
+    ):
+        assert one.pattern == pattern
+        assert one.frequency.value == pytest.approx(frequency, abs=3 * one.frequency.uncertainty)
+        assert one.amplitude.value == pytest.approx(amplitude, abs=3 * one.amplitude.uncertainty)
+    assert found.light.periods == ()
+
+
+def test_spectrogram_holds_the_variance(found):
+    # Parseval: the mean square over all frequencies, those folded counted twice, is the variance
+    _, down = found.dark.spectrograms
+    power = down.amplitude**2
+    assert 2 * power[1:-1].sum() + power[[0, -1]].sum() == pytest.approx(
+        SENSOR.rows * (found.numbers["dsnu_dn"].value ** 2 + 9.1 / 40), rel=0.02
+    )
+
+
+def test_model_undoes_the_response(found):
+    model = sensor_model(found)
+    e = np.linspace(0, 0.9, 50) * SENSOR.full_scale_e()
+    straight = model.straightened(SENSOR.gain * SENSOR.bent(e))
+    line = straight[-1] / e[-1] * e
+    assert np.abs(straight - line).max() < 4 * model.bend_uncertainty * model.saturation
+    assert np.abs(SENSOR.gain * SENSOR.bent(e) - straight).max() > 20  # there was something to undo
+
+
+def test_model_of_a_line_changes_nothing_beyond_its_uncertainty():
+    model = sensor_model(characterised(replace(SENSOR, bend=0.0, outliers=0), shares=FEWER, stack=0))
+    signal = np.linspace(-10, 3900, 40)
+    assert np.abs(model.straightened(signal) / model.straightened(signal)[-1] * 3900 - signal).max() < 4 * (
+        model.bend_uncertainty * 3900
+    )
+
+
+def test_noise_that_rows_share_is_no_pattern_of_theirs():
+    number = characterised(KnownSensor(rows=120, columns=120, row_noise_e=20.0), shares=FEWER).numbers["dsnu_row_dn"]
+    # the pattern has no rows of its own beyond 1.5 DN / sqrt(120) by chance
+    assert number.low <= 1.5 / 120**0.5
+
+
+def test_general_model_agrees_with_the_linear_one_on_a_linear_sensor():
+    result = characterised(KnownSensor(rows=120, columns=120), shares=FEWER, stack=0)
+    linear, general = (result.numbers[n] for n in ("sensitivity_threshold_photons", "general_threshold"))
+    assert general.low <= linear.value <= general.high
+
+
+def test_uneven_light_is_doubted_and_left_out_of_the_highpass():
+    sensor = KnownSensor(rows=120, columns=160, shading=0.05)
+    outcome = characterise(sensor.record(2, FEWER, 20), np.random.default_rng(0))
+    assert outcome.verdict is Verdict.DOUBTFUL
+    assert "over the sensor" in outcome.reason
+    numbers = outcome.value.numbers
+    assert numbers["prnu"].value > 1.4  # 5 % from side to side is 1.44 % of deviation
+    # the smallest filter takes 1/77 of independent pixels' amplitude with it
+    assert numbers["prnu_highpass"].value == pytest.approx(0.5, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("sensor", "recorded", "words"),
+    [
+        (KnownSensor(rows=60, columns=60, flicker=0.08), {}, "must not change"),
+        (KnownSensor(rows=60, columns=60), {"shares": np.linspace(0.05, 0.8, 20)}, "beyond saturation"),
+        (KnownSensor(rows=60, columns=60), {"shares": [0.2, 0.5, 1.2]}, "at least 8 levels"),
+        (KnownSensor(rows=60, columns=60, offset=2.0), {}, "cut off"),
+        (KnownSensor(rows=60, columns=60, shading=0.4), {}, "must be even"),
+        (KnownSensor(rows=60, columns=60), {"exposures_s": ()}, "dark pictures is needed"),
+        (KnownSensor(rows=60, columns=60), {"shares": [*np.geomspace(1e-3, 0.04, 8), 0.9, 1.3]}, "linearity needs"),
+    ],
+    ids=["flicker", "no saturation", "few levels", "crushed", "uneven", "no dark", "all dim"],
+)
+def test_pictures_that_cannot_tell_are_refused(sensor, recorded, words):
+    outcome = characterise(sensor.record(3, **recorded), np.random.default_rng(0))
+    assert outcome.verdict is Verdict.REFUSED
+    assert words in outcome.reason
+    assert outcome.remedy
+
+
+@pytest.mark.parametrize(
+    ("sensor", "recorded", "words"),
+    [
+        (KnownSensor(rows=60, columns=60, flicker=0.01), {}, "between two pictures"),
+        (KnownSensor(rows=60, columns=60), {"shares": np.linspace(0.05, 1.2, 12)}, "standard asks for 50"),
+        (KnownSensor(rows=60, columns=60), {"stack": 0}, "without a dark and flat stack"),
+        (KnownSensor(rows=60, columns=60), {"stack": 5}, "only 5 pictures"),
+        (KnownSensor(rows=60, columns=60, bend=0.2), {}, "off a line"),
+        (KnownSensor(rows=60, columns=60), {"exposures_s": (0.01,), "light_s": 2.0}, "as long as"),
+        (KnownSensor(rows=60, columns=60, dark_noise_e=2.0, dsnu_dn=0.0), {}, "rounding rules"),
+    ],
+    ids=["flicker", "few levels", "no stacks", "small stacks", "bent", "short darks", "rounding"],
+)
+def test_pictures_that_tell_less_are_doubted(sensor, recorded, words):
+    outcome = characterise(sensor.record(3, **recorded), np.random.default_rng(0))
+    assert outcome.verdict is Verdict.DOUBTFUL
+    assert words in outcome.reason

@@ -1,0 +1,112 @@
+"""Intervals hold what they say, in draws."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from procedures.sensor.levels import bottom_pile, measure_level
+from procedures.sensor.measured import root, with_share
+from procedures.sensor.spectrograms import find_periods
+from procedures.sensor.stacks import measure_stack
+from procedures.sensor.uniformity import spatial_variances
+
+
+def test_level_knows_its_own_variance(rng):
+    # 400 pairs of 32 x 32 samples of variance 9: the stated variances against the spread, known to 1 / sqrt(800)
+    levels = [measure_level(rng.normal(100, 3, (2, 32, 32)), 1.0, 1.0) for _ in range(400)]
+    for name in ("mean", "variance"):
+        values = [getattr(one, name) for one in levels]
+        stated = np.mean([getattr(one, f"{name}_variance") for one in levels])
+        assert np.var(values) == pytest.approx(stated, rel=4 / 800**0.5 * 1.4)
+    assert np.mean([one.variance for one in levels]) == pytest.approx(9, abs=4 * (2 / 1023) ** 0.5 * 9 / 20)
+
+
+def test_noise_that_rows_share_widens_the_variance(rng):
+    def pair() -> np.ndarray:
+        return rng.normal(0, 1, (2, 64, 64)) + rng.normal(0, 1, (2, 64, 1))
+
+    levels = [measure_level(pair(), 1.0, 1.0) for _ in range(300)]
+    stated = np.mean([one.variance_variance for one in levels])
+    assert np.var([one.variance for one in levels]) == pytest.approx(stated, rel=0.35)
+
+
+def test_change_of_the_light_is_no_noise(rng):
+    first = rng.normal(1000, 5, (100, 100))
+    level = measure_level([first, rng.normal(1100, 5, (100, 100))], 1.0, 1.0)
+    assert level.variance == pytest.approx(25, rel=4 * (2 / 10000) ** 0.5)
+    assert level.change == pytest.approx(100, abs=0.5)
+
+
+def test_single_picture_is_no_level(rng):
+    with pytest.raises(ValueError, match="two pictures"):
+        measure_level([rng.normal(0, 1, (4, 4))], 1.0, 1.0)
+
+
+def test_stack_of_two_is_refused(rng):
+    with pytest.raises(ValueError, match="3 pictures or more; got 2"):
+        measure_stack(rng.normal(0, 1, (2, 4, 4)), 1.0, 1.0)
+
+
+@pytest.mark.parametrize(("offset", "crushed"), [(20, False), (0, True), (3, True)])
+def test_numbers_that_pile_up_at_the_lowest_are_seen(rng, offset, crushed):
+    picture = np.clip(np.rint(rng.normal(offset, 3, (200, 200))), 0, None)
+    assert (bottom_pile(picture) > 0.005) == crushed
+
+
+def test_pile_is_seen_at_any_number(rng):
+    assert bottom_pile(np.clip(np.rint(rng.normal(512, 3, (200, 200))), 512, None)) == pytest.approx(0.57, abs=0.02)
+
+
+def test_rows_columns_and_pixels_are_told_apart(rng):
+    rows, columns = 0.7 * rng.standard_normal((90, 1)), 0.4 * rng.standard_normal((1, 120))
+    pixels = rng.standard_normal((90, 120))
+    found = spatial_variances(rows + columns + pixels, (0.0, 0.0, 0.0), 100)
+    for part, truth in (("row", rows), ("column", columns), ("pixel", pixels)):
+        # rows and columns of independent pixels vary by chance, which is stated
+        # and their covariance with the pixels' averages is twice the product over the root of their number
+        assert found.value[part] == pytest.approx(np.var(truth), rel=0.06, abs=3 * found.uncertainty[part])
+    assert sum(found.value[part] for part in ("row", "column", "pixel")) == pytest.approx(
+        found.value["total"], rel=1e-3
+    )
+
+
+def test_temporal_noise_is_taken_out_of_the_pattern(rng):
+    pattern = rng.standard_normal((50, 60))
+    inside = 0
+    for _ in range(200):
+        stack = measure_stack((pattern + rng.normal(0, 4, pattern.shape) for _ in range(10)), 1.0, 0.0)
+        found = spatial_variances(stack.mean_picture, stack.left_over, stack.count)
+        truth = float(np.var(pattern, ddof=1))
+        inside += abs(found.value["total"] - truth) < 1.96 * found.uncertainty["total"]
+    assert inside / 200 == pytest.approx(0.95, abs=3 * (0.95 * 0.05 / 200) ** 0.5)
+
+
+def test_frequency_and_amplitude_of_a_sinusoid_lie_in_their_intervals(rng):
+    inside = np.zeros(2)
+    place = np.arange(150)[:, None]
+    for _ in range(100):
+        picture = rng.standard_normal((150, 40)) + 0.3 * np.sin(2 * np.pi * 0.1234 * place + 1)
+        (found,) = find_periods(picture, "row", "DN")
+        inside += [
+            found.frequency.low <= 0.1234 <= found.frequency.high,
+            found.amplitude.low <= 0.3 <= found.amplitude.high,
+        ]
+    assert inside / 100 == pytest.approx(0.95, abs=3 * 0.022)
+
+
+def test_pure_noise_holds_no_period(rng):
+    alarms = sum(len(find_periods(rng.standard_normal((128, 16)), "row", "DN")) for _ in range(300))
+    assert alarms <= 3  # 1e-3 each: 0.3 are expected
+
+
+def test_root_of_nothing_reaches_down_to_none():
+    number = root(-0.1, 0.2, 1.0, "DN", "", 1)
+    assert (number.value, number.low) == (0.0, 0.0)
+    assert number.high > 0.5
+
+
+def test_divisor_widens_the_interval():
+    number = with_share(root(4.0, 0.4, 1.0, "DN", "", 1), 0.1)
+    assert number.uncertainty == pytest.approx((0.1**2 + 0.2**2) ** 0.5)
+    assert number.low < 1.62 < number.value < 2.38 < number.high

@@ -1,0 +1,102 @@
+"""`station psf pattern --sensor`: the result of `station sensor` is read back and used."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+
+from procedures.sensor_model import SensorModel
+
+MODEL = SensorModel(0.3, 0.001, 60.0, 4.0, 3800.0, 4000.0, (-0.05, 0.01), 0.0003, 1.5, 0.005)
+SIGNAL, BLOCKS = 1800.0, 400
+
+
+@pytest.fixture
+def photograph(tmp_path):
+    path = tmp_path / "photo.pgm"
+    path.write_bytes(b"P5 4 4 255\n" + bytes(range(16)))
+    return path
+
+
+@pytest.fixture
+def sensor(tmp_path):
+    """A result as `station sensor` leaves it: white noise of 6000 electrons, at 0.3 DN each."""
+    folder = tmp_path / "sensor"
+    folder.mkdir()
+    np.save(folder / "nps_Y.npy", np.full((32, 32), 0.3**2 * 6000))
+    plane = {"verdict": "pass", "model": asdict(MODEL)}
+    plane["noise_power"] = {"file": "nps_Y.npy", "signal": SIGNAL, "blocks": BLOCKS}
+    record = {"schema": "station/sensor/1", "iso": None, "planes": {"Y": plane, "G1": {"verdict": "refused"}}}
+    (folder / "result.json").write_text(json.dumps(record))
+    return folder / "result.json"
+
+
+def test_model_reaches_the_estimate_and_the_record(run, estimator, photograph, sensor, tmp_path):
+    done = run("psf", "pattern", photograph, "--sensor", sensor, "--out", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    assert estimator.sensors == [MODEL]
+    record = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert record["parameters"]["sensor"]["path"] == str(sensor)
+    assert len(record["parameters"]["sensor"]["sha256"]) == 64
+
+
+def test_information_stands_beside_the_psf(run, estimator, photograph, sensor, tmp_path):
+    run("psf", "pattern", photograph, "--sensor", sensor, "--out", tmp_path / "out")
+    told = json.loads((tmp_path / "out" / "result.json").read_text())["planes"]["Y"]["information"]
+    zero = told["neq_zero"]
+    assert zero["interval"][0] < 6000 < zero["interval"][1]  # quanta of white noise are the electrons
+    assert 0 < told["information_capacity"]["value"] < np.log2(1 + 6000 / 3) / 2
+    assert told["information_capacity"]["unit"] == "bit/pixel"
+    rows = list(csv.DictReader((tmp_path / "out" / "information_Y.csv").read_text().splitlines()))
+    assert len(rows) == 17 * 32
+    # the stand-in's Gaussian has a standard deviation of 1 / sqrt 2 pixels and is cut off at two
+    at = next(row for row in rows if row["frequency_x"] == "0.25" and row["frequency_y"] == "0")
+    sigma = 0.5**0.5
+    assert float(at["neq"]) == pytest.approx(6000 * np.exp(-4 * np.pi**2 * sigma**2 / 16), rel=0.02)
+
+
+def test_nothing_is_known_without_it(run, estimator, photograph, tmp_path):
+    run("psf", "pattern", photograph, "--out", tmp_path / "out")
+    assert estimator.sensors == [None]
+    record = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert "sensor" not in record["parameters"]
+    assert "information" not in record["planes"]["Y"]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda record: record.update(schema="station/psf/1"), "no result of station sensor"),
+        (lambda record: record["planes"].pop("Y"), "tells of no plane"),
+        (lambda record: record["planes"]["Y"]["model"].pop("gain"), "not whole"),
+    ],
+    ids=["another record", "another plane", "a part missing"],
+)
+def test_what_is_no_result_of_this_plane_is_refused(run, estimator, photograph, sensor, tmp_path, change, words):
+    record = json.loads(sensor.read_text())
+    change(record)
+    sensor.write_text(json.dumps(record))
+    done = run("psf", "pattern", photograph, "--sensor", sensor, "--out", tmp_path / "out")
+    assert done.exit_code == 4
+    assert words in done.stderr
+    assert not estimator.asked
+
+
+def test_missing_record_is_refused(run, estimator, photograph, tmp_path):
+    done = run("psf", "pattern", photograph, "--sensor", tmp_path / "none.json", "--out", tmp_path / "out")
+    assert done.exit_code == 4
+    assert "cannot be read" in done.stderr
+
+
+def test_another_sensitivity_is_refused(run, estimator, shared_data, sensor, tmp_path):
+    record = json.loads(sensor.read_text())
+    record["iso"] = 51200
+    sensor.write_text(json.dumps(record))
+    raw = shared_data / "raw" / "tinydng_colorchart.dng"
+    done = run("psf", "pattern", raw, "--plane", "G1", "--sensor", sensor, "--out", tmp_path / "out")
+    assert done.exit_code == 4
+    assert "ISO 51200" in done.stderr or "tells of" in done.stderr

@@ -1,0 +1,184 @@
+"""`station sensor`: grey pictures with a manifest, RAW files of the bench's sensor, its files and exit codes."""
+
+from __future__ import annotations
+
+import csv
+import json
+import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
+
+import cv2
+import html5lib
+import numpy as np
+import pytest
+
+from simulators.camera.dng import Shot, write_dng
+from simulators.camera.sensor import Sensor
+
+ROWS, COLUMNS = 96, 128
+TIMES_S = np.linspace(0.003, 0.141, 24)
+WHITE_E_S = 40000 / 0.07
+"""Electrons a second in green: full well, and 14 bit, are reached at 0.07 s."""
+
+
+@pytest.fixture(scope="module")
+def bench_sensor() -> Sensor:
+    return Sensor(rows=ROWS, columns=COLUMNS, prnu=0.01, read_noise_e=12.0, gain_e_per_dn=2.6)
+
+
+@pytest.fixture(scope="module")
+def raw_folder(tmp_path_factory, bench_sensor):
+    """DNG files of dark pictures and even light, as a camera on the bench writes them."""
+    folder = tmp_path_factory.mktemp("raw")
+    rng = np.random.default_rng(4)
+
+    def shoot(kind: str, name: str, exposure_s: float, light: float) -> None:
+        (folder / kind).mkdir(exist_ok=True)
+        mosaic = bench_sensor.expose(np.full((ROWS, COLUMNS), light), WHITE_E_S * exposure_s, rng)
+        shot = Shot(exposure_s=exposure_s)
+        write_dng(folder / kind / f"{name}.dng", mosaic, shot, cfa="RGGB", black=(512,) * 4, white=16383)
+
+    for at, exposure_s in enumerate(TIMES_S):
+        for which in "ab":
+            shoot("light", f"{at:02d}{which}", float(exposure_s), 1.0)
+    for n in range(18):
+        shoot("light", f"flat{n:02d}", float(TIMES_S[6]), 1.0)
+        shoot("dark", f"dark{n:02d}", float(TIMES_S[6]), 0.0)
+    for n in range(2):
+        shoot("dark", f"short{n}", float(TIMES_S[0]), 0.0)
+    return folder
+
+
+@pytest.mark.slow
+def test_bench_sensor_is_found_again_in_its_raw_files(run, raw_folder, bench_sensor, tmp_path):
+    done = run("sensor", raw_folder, "--no-report", "--out", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    record = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert record["schema"] == "station/sensor/1"
+    assert list(record["planes"]) == ["R", "G1", "G2", "B"]
+    for name, plane in record["planes"].items():
+        assert plane["verdict"] == "pass", (name, plane["reason"])
+        for number, truth in (("inverse_gain", 2.6), ("temporal_dark_noise", 12.0)):
+            one = plane[number]
+            # eight of them: three standard uncertainties
+            assert abs(one["value"] - truth) < 3 * one["uncertainty"], (name, number, one)
+            assert one["interval"][0] < one["value"] < one["interval"][1]
+        assert plane["prnu"]["value"] == pytest.approx(1.0, rel=0.06)  # 3072 pixels: 1 / sqrt(2 n) is 1.3 %
+        assert plane["model"]["dark_level"] == pytest.approx(512, abs=0.3)
+    assert "quantum_efficiency" not in record["planes"]["R"]  # photons are not known
+    # full wells of 40000 electrons clip pixels of more response, and the noise of all, some standard deviations before
+    low, high = record["planes"]["G1"]["saturation_capacity"]["interval"]
+    assert low < 40000
+    assert high > 0.97 * 40000
+
+
+@pytest.mark.slow
+def test_every_file_is_there_and_says_the_same(run, raw_folder, tmp_path):
+    run("sensor", raw_folder, "--plane", "G1", "--out", tmp_path)
+    record = json.loads((tmp_path / "result.json").read_text())
+    gain = record["planes"]["G1"]["system_gain"]["value"]
+    assert set(record["files"]) == {
+        "numbers.csv", "emva1288.xml", "report.html", "transfer_G1.csv", "spectrogram_G1.csv", "histogram_G1.csv",
+        "defects_G1.csv", "nps_G1.npy",
+    }  # fmt: skip
+    rows = {row["number"]: row for row in csv.DictReader((tmp_path / "numbers.csv").read_text().splitlines())}
+    assert float(rows["system_gain"]["value"]) == pytest.approx(gain, rel=1e-8)
+    assert rows["system_gain"]["unit"] == "DN/e-"
+    tree = ElementTree.parse(tmp_path / "emva1288.xml")
+    assert float(tree.findtext("plane/sensitivity/system_gain/value")) == pytest.approx(gain, rel=1e-8)
+    assert {section.tag for section in tree.find("plane")} == {
+        "sensitivity", "linearity", "dark_current", "spatial", "defect_pixel", "general",
+    }  # fmt: skip
+    # white noise: the mean of its spectrum is the variance, known to some 2 over the root of the samples
+    noise = np.load(tmp_path / "nps_G1.npy", allow_pickle=False)
+    variance = gain * record["planes"]["G1"]["noise_power"]["signal"] + (12 / 2.6) ** 2
+    assert noise.mean() == pytest.approx(
+        variance, rel=4 * 2 / (1024 * record["planes"]["G1"]["noise_power"]["blocks"]) ** 0.5
+    )
+    page = (tmp_path / "report.html").read_text()
+    parsed = html5lib.HTMLParser(strict=True, namespaceHTMLElements=False).parse(page)
+    assert not parsed.findall(".//script")
+    assert len(parsed.findall(".//figure")) == 11
+    counts = [int(row["count"]) for row in csv.DictReader((tmp_path / "histogram_G1.csv").read_text().splitlines())]
+    assert sum(counts) == 2 * ROWS * COLUMNS // 4
+
+
+@pytest.fixture
+def grey(tmp_path):
+    """A folder of grey pictures, two of each level, and its manifest; returns what writes one more."""
+    folder = tmp_path / "grey"
+    folder.mkdir()
+    rng = np.random.default_rng(0)
+    sensor = Sensor(rows=40, columns=48, cfa=None, bits=12, black=(64,) * 4, gain_e_per_dn=9.0, read_noise_e=20.0)
+    lines = ["file,kind,exposure_s,light"]
+
+    def write(kind: str, light: float, sensor: Sensor = sensor, count: int = 2) -> None:
+        for _ in range(count):
+            name = f"p{len(lines):03d}.png"
+            shape = (sensor.rows, sensor.columns)
+            cv2.imwrite(str(folder / name), sensor.expose(np.full(shape, light), 36000, rng))
+            lines.append(f"{name},{kind},0.01,{light or ''}")
+            (folder / "sensor.csv").write_text("\n".join(lines) + "\n")
+
+    write.folder, write.sensor = folder, sensor
+    return write
+
+
+def ladder(write, top: float) -> None:
+    write("dark", 0.0)
+    for light in np.linspace(0.03, top, 22):
+        write("light", round(float(light), 4))
+
+
+def test_grey_pictures_without_stacks_give_what_they_can(run, grey, tmp_path):
+    ladder(grey, 1.2)
+    done = run("sensor", grey.folder, "--out", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    plane = json.loads((tmp_path / "out" / "result.json").read_text())["planes"]["Y"]
+    assert plane["verdict"] == "doubtful"
+    assert "without a dark and flat stack" in plane["reason"]
+    gain = plane["inverse_gain"]
+    assert abs(gain["value"] - 9.0) < 3 * gain["uncertainty"]
+    assert "dsnu" not in plane
+
+
+def test_left_aligned_numbers_are_told_as_the_converter_gave_them(run, grey, tmp_path):
+    ladder(grey, 1.2)
+    for path in grey.folder.glob("*.png"):
+        cv2.imwrite(str(path), cv2.imread(str(path), cv2.IMREAD_UNCHANGED) * 16)
+    run("sensor", grey.folder, "--out", tmp_path / "out")
+    plane = json.loads((tmp_path / "out" / "result.json").read_text())["planes"]["Y"]
+    assert plane["inverse_gain"]["value"] == pytest.approx(9.0, rel=0.1)
+    assert plane["model"]["gain"] == pytest.approx(16 * plane["system_gain_at_dark"]["value"])
+
+
+def test_ladder_without_saturation_is_refused(run, grey, tmp_path):
+    ladder(grey, 0.7)
+    done = run("sensor", grey.folder, "--out", tmp_path / "out")
+    assert done.exit_code == 5
+    plane = json.loads((tmp_path / "out" / "result.json").read_text())["planes"]["Y"]
+    assert (plane["verdict"], "beyond saturation" in plane["reason"]) == ("refused", True)
+    assert plane["remedy"]
+
+
+def test_pictures_of_two_sizes_are_refused(run, grey, tmp_path):
+    ladder(grey, 1.2)
+    grey("light", 0.5, replace(grey.sensor, rows=50))
+    done = run("sensor", grey.folder, "--out", tmp_path / "out")
+    assert done.exit_code == 4
+    assert "of one size" in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_single_picture_of_a_level_is_refused(run, grey, tmp_path):
+    ladder(grey, 1.2)
+    grey("light", 0.55, count=1)
+    done = run("sensor", grey.folder, "--out", tmp_path / "out")
+    assert done.exit_code == 4
+    assert "temporal noise needs two" in done.stderr
+
+
+def test_help_describes_the_manifest(run):
+    words = run("sensor", "--help").output
+    assert "sensor.csv    file,kind,exposure_s,photons" in words
+    assert "[[level]]" in words

@@ -1,0 +1,83 @@
+"""What a folder's manifest tells, in each of its forms, and what it cannot mean."""
+
+from __future__ import annotations
+
+import pytest
+
+from procedures.outcome import BadInput
+from station.calibration.sensor_folder import find_shots
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for name in ("d1.png", "d2.png", "a1.png", "a2.png"):
+        (tmp_path / name).touch()
+    return tmp_path
+
+
+CSV = """\
+file,kind,exposure_s,photons
+d1.png,dark,0.01,
+d2.png,dark,0.01,
+a1.png,light,0.01,1500
+a2.png,light,0.01,1500
+"""
+TOML = """
+[[level]]
+kind = "dark"
+exposure_s = 0.01
+files = ["d1.png", "d2.png"]
+[[level]]
+kind = "light"
+exposure_s = 0.01
+photons = 1500
+files = ["a1.png", "a2.png"]
+"""
+DESCRIPTOR = "v 4.0\nn 12 8 8\nb 10000000 1500,0\ni a1.png\ni a2.png\nd 10000000\ni d1.png\ni .\\d2.png\n"
+
+
+@pytest.mark.parametrize(("name", "text"), [("sensor.csv", CSV), ("sensor.toml", TOML), ("set.txt", DESCRIPTOR)])
+def test_every_form_tells_the_same(folder, name, text):
+    (folder / name).write_text(text)
+    dark, light = find_shots(folder)
+    assert (dark.kind, dark.level, [p.name for p in dark.paths]) == ("dark", 0.0, ["d1.png", "d2.png"])
+    assert (light.kind, light.photons, [p.name for p in light.paths]) == ("light", 1500.0, ["a1.png", "a2.png"])
+    assert (dark.exposure_s, light.exposure_s) == pytest.approx((0.01, 0.01))
+
+
+def test_light_is_the_exposure_where_nothing_else_is_told(folder):
+    (folder / "sensor.csv").write_text("file,kind,exposure_s\na1.png,light,0.5\n")
+    assert find_shots(folder)[0].level == 0.5
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("sensor.csv", CSV.replace("dark", "grey"), "kind is"),
+        ("sensor.csv", CSV.replace("0.01", "soon"), "exposure_s is a number"),
+        ("sensor.csv", CSV.replace(",0.01,\n", ",,\n"), "exposure_s is missing"),
+        ("sensor.csv", CSV.replace("d1.png", "x1.png"), "not there, first"),
+        ("sensor.csv", CSV.replace(",1500\na2", ",\na2"), "in another way"),
+        ("sensor.csv", "name,kind\n", "needs the columns"),
+        ("sensor.toml", "level = 3", "holds"),
+        ("sensor.toml", "level =", "is no TOML"),
+        ("sensor.toml", TOML.replace('["d1.png", "d2.png"]', "[]"), "needs its files"),
+        ("set.txt", "v 4.0\nq 1\ni a1.png", "no line of an EMVA 1288 descriptor"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused(folder, name, text, words):
+    (folder / name).write_text(text)
+    if name == "set.txt":
+        (folder / name).write_text("v 4.0\ni a1.png\n")
+    with pytest.raises(BadInput, match=words):
+        find_shots(folder)
+
+
+def test_folder_without_manifest_is_refused(folder):
+    with pytest.raises(BadInput, match="neither a manifest"):
+        find_shots(folder)
+
+
+def test_file_is_no_folder(folder):
+    with pytest.raises(BadInput, match="is no folder"):
+        find_shots(folder / "a1.png")
