@@ -19,7 +19,6 @@ shutter = "shutter"
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -40,6 +39,8 @@ from drivers.interfaces import (
     Stage,
 )
 from drivers.wire.transcript import Transcript
+from procedures.outcome import BadInput
+from procedures.reading.text import read_toml
 from station.bench.device_makers import MAKERS, Parts
 from station.bench.stopping import Asked, Stop, stop_all, stops_on_wires
 
@@ -165,12 +166,12 @@ class Bench:
 
 def read_config(path: Path) -> dict[str, Any]:
     """The devices' tables of a station.toml. Raises BadConfiguration."""
+    if not path.exists():
+        raise BadConfiguration(f"there is no {path}", "write one, or use --simulate")
     try:
-        config = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise BadConfiguration(f"there is no {path}", "write one, or use --simulate") from error
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise BadConfiguration(f"{path} cannot be read: {error}", "correct it") from error
+        config = read_toml(path)
+    except BadInput as error:
+        raise BadConfiguration(error.reason, "correct it") from error
     devices = config.get("devices")
     if not isinstance(devices, dict) or not devices or not all(isinstance(one, dict) for one in devices.values()):
         raise BadConfiguration(f"{path} configures no devices", "add tables like [devices.stage]")

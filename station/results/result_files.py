@@ -10,7 +10,6 @@ import math
 import os
 import re
 import shutil
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cache
@@ -28,6 +27,7 @@ from procedures.psf import Psf
 from procedures.quality import Diffraction, Quality, energy_outside_support
 from procedures.radial_profile import profile_table
 from station.common.durable_files import Disk, hashes_in
+from station.common.leftovers import make, release, sweep
 from station.common.sanitise import encodable
 from station.drawing.psf_picture import psf_picture
 from station.results.budget_table import budget_csv
@@ -39,6 +39,8 @@ if TYPE_CHECKING:
     from procedures.physics.estimate import Physics
 
 RECORD = "result.json"
+UNFINISHED = ".unfinished-"
+"""How the name of a folder begins that receives a result."""
 SEAL = "sha256"
 SCHEMA = "station/psf/1"
 CANDIDATES = 5
@@ -106,7 +108,8 @@ class ResultFolder:
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             self._created = missing
-            self.staging = Path(tempfile.mkdtemp(prefix=".unfinished-", dir=self.path))
+            sweep(self.path, f"{UNFINISHED}*")
+            self.staging, self._held = make(UNFINISHED, self.path)
         except OSError as error:
             raise self._unwritable(error) from error
         return self
@@ -115,6 +118,7 @@ class ResultFolder:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         shutil.rmtree(self.staging, ignore_errors=True)
+        release(self._held)
         for folder in self._created:
             if any(folder.iterdir()):
                 break
