@@ -14,6 +14,9 @@ from procedures.outcome import BadParameter
 
 Array = npt.NDArray[np.float64]
 
+MOST_PER_PX, MOST_SAMPLES = 16, 101
+"""Largest s and k: the covariance of 101 x 101 samples takes 0.8 GB."""
+
 
 @dataclass(frozen=True)
 class Sampling:
@@ -40,6 +43,11 @@ class Sampling:
     solver: str
 
     def __post_init__(self) -> None:
+        if (self.s or 0) > MOST_PER_PX or (self.k or 0) > MOST_SAMPLES:
+            raise BadParameter(
+                f"s is at most {MOST_PER_PX} and k at most {MOST_SAMPLES}; got s = {self.s}, k = {self.k}",
+                "choose s = 4 and a k of some pixels times that, or leave them to the program",
+            )
         if self.s is not None and self.s < 2:
             raise BadParameter(f"a subpixel PSF needs s of 2 or more; got s = {self.s}", "choose s = 3 or 4")
         if self.k is not None and (self.k < 3 or self.k % 2 == 0):

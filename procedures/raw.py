@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-import stat
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from io import BufferedReader, BytesIO
+from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -16,20 +15,11 @@ import numpy.typing as npt
 
 from procedures.outcome import BadInput, BadParameter
 from procedures.reading.exposure import Exposure, read_exposure
-from procedures.reading.grey_image import PNG_MAGIC, Samples, read_pgm, read_png, read_tiff
+from procedures.reading.grey_image import PNG_MAGIC, TIFF_MAGIC, Samples, read_pgm, read_png, read_tiff
+from procedures.reading.guard import Room, decoding, open_file, read_file
 from procedures.reading.library_noise import captured_noise
 from procedures.reading.sensor_dump import DumpLayout, has_raw_header
-from procedures.reading.tiff_tags import (
-    ACTIVE_AREA,
-    BLACK_DELTA_COLUMNS,
-    BLACK_DELTA_ROWS,
-    BLACK_LEVEL,
-    BLACK_REPEAT,
-    CFA_PATTERN,
-    Tags,
-    has_directory,
-    mosaic_tags,
-)
+from procedures.reading.tiff_tags import BLACK_LEVEL, CFA_PATTERN, Tags, has_directory, mosaic_tags, written_black
 
 __all__ = [
     "GREY_PLANE",
@@ -142,25 +132,22 @@ def read_frame(
     """
     path = Path(path)
     data = read_photograph(path) if data is None else data
-    read = _reader(path, data, layout)
-    planes, exposure = read(path, BytesIO(data), names)
+    with decoding(str(path), "a photograph", _COPY):
+        read = _reader(path, data, layout)
+        planes, exposure = read(path, BytesIO(data), names)
     return RawFrame(path, hashlib.sha256(data).hexdigest(), planes, exposure)
 
 
 def read_photograph(path: Path) -> bytes:
-    """The content of a photograph's file. Raises BadInput where it cannot be read, or is no file."""
-    with _open(path) as file:
-        try:
-            return file.read()
-        except OSError as error:
-            raise BadInput(f"{path} cannot be read: {error.strerror}", _DISK) from error
+    """The content of a photograph's file. Raises BadInput where it cannot be read, is no file, or is too large."""
+    return read_file(path)
 
 
 def default_plane(path: Path | str, layout: DumpLayout | None = None) -> str:
     """The plane that is meant where none is named: G1 of a mosaic, Y of a grey image. Raises as `read_frame`."""
     if layout:
         return GREY_PLANE if GREY_PLANE in layout.first_pixels() else "G1"
-    with _open(Path(path)) as file:
+    with open_file(Path(path)) as file, decoding(str(path), "a photograph", _COPY):
         return GREY_PLANE if _kind(Path(path), file) in _GREY_READERS else "G1"
 
 
@@ -175,24 +162,23 @@ def _reader(path: Path, data: bytes, layout: DumpLayout | None) -> Callable[...,
 
 _GREY_READERS = {"pgm": read_pgm, "png": read_png, "tiff": read_tiff}
 _EXPORT = "give the camera's RAW file, or export one linear plane as a grey 16 bit TIFF"
-_TIFF_MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _DUMP = "give the camera's RAW file; of a sensor's dump tell the layout: --raw WIDTHxHEIGHT,RGGB,u16le,BLACK,WHITE"
 
 
 def _kind(path: Path, file: BinaryIO) -> str:
     """ "pgm", "png", "tiff" or "raw", by the file's first bytes; only TIFF and RAW are told apart by the suffix."""
     head = file.read(512)
-    holds_mosaic, begins_as_tiff = bool(mosaic_tags(file)), has_directory(file)
+    holds_mosaic, begins_as_tiff = bool(mosaic_tags(file, str(path))), has_directory(file)
     if not head:
         raise BadInput(f"{path} is empty", "copy the photograph from the camera's card again")
     if head[:2] in (b"P2", b"P5"):
         return "pgm"
     if head.startswith(PNG_MAGIC):
         return "png"
-    if head.startswith(_TIFF_MAGIC) and path.suffix.lower() in (".tif", ".tiff") and not holds_mosaic:
+    if head.startswith(TIFF_MAGIC) and path.suffix.lower() in (".tif", ".tiff") and not holds_mosaic:
         return "tiff"
     _refuse_by_name(path, head)
-    if not has_raw_header(head) or (head.startswith(_TIFF_MAGIC) and not begins_as_tiff):
+    if not has_raw_header(head) or (head.startswith(TIFF_MAGIC) and not begins_as_tiff):
         raise BadInput(f"{path} has no header of a RAW format; its size alone does not tell what it holds", _DUMP)
     return "raw"
 
@@ -213,24 +199,6 @@ def _is_text(head: bytes) -> bool:
     except UnicodeDecodeError:
         return False
     return all(letter.isprintable() or letter.isspace() for letter in text)
-
-
-def _open(path: Path) -> BufferedReader:
-    try:
-        mode = path.stat().st_mode
-        if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):  # it would be waited for, or read, without end
-            raise BadInput(f"{path} is a pipe or a device, not a photograph", "copy the photograph into a file")
-        return path.open("rb")
-    except FileNotFoundError as error:
-        link = f"; the link leads to {path.readlink()}, which is not there" if path.is_symlink() else ""
-        raise BadInput(f"there is no file {path}{link}", "check the path") from error
-    except IsADirectoryError as error:
-        raise BadInput(f"{path} is a folder, not a photograph", "name one file in it") from error
-    except OSError as error:
-        raise BadInput(f"{path} cannot be read: {error.strerror}", _DISK) from error
-
-
-_DISK = "check its permissions and the disk"
 
 
 # --- grey images -------------------------------------------------------------------------------------------------
@@ -267,13 +235,14 @@ def _read_dump(
 def _read_mosaic(path: Path, file: BytesIO, names: Sequence[str] | None) -> tuple[dict[str, Plane], Exposure]:
     import rawpy
 
-    tags = mosaic_tags(file)
+    tags = mosaic_tags(file, str(path))
     failure: Exception | None = None
     found: tuple[dict[str, Plane], Exposure] | None = None
     file.seek(0)
     with captured_noise() as noise:
         try:
-            with rawpy.imread(file) as raw:
+            with rawpy.imread(file) as raw:  # which decodes when it is first asked for samples
+                _check_room(path, raw)
                 found = _mosaic_planes(path, raw, tags, names), read_exposure(file, raw)
         except rawpy.LibRawError as error:
             failure = error
@@ -285,6 +254,15 @@ def _read_mosaic(path: Path, file: BytesIO, names: Sequence[str] | None) -> tupl
 
 
 _COPY = "copy it from the camera's card again"
+
+
+BYTES = 4
+"""Of a sample in memory, as it is computed with."""
+
+
+def _check_room(path: Path, raw: Any) -> None:
+    rows, columns = raw.sizes.raw_height, raw.sizes.raw_width
+    Room(str(path)).take(BYTES * rows * columns, f"{columns} x {rows} samples")
 
 
 def _libraw(rawpy: Any) -> str:
@@ -351,31 +329,9 @@ def _black(path: Path, raw: Any, tags: Tags, first: tuple[int, int], shape: tupl
     MaskedAreas, takes 0 where the repeat pattern is left out, and keeps it in place when an odd ActiveArea moves the
     mosaic; else LibRaw's, which is by colour index and not by position.
     """
-    if BLACK_LEVEL not in tags:
-        return np.array(raw.black_level_per_channel[raw.raw_color(*first)], dtype=np.float32)
-    top, left = (int(v) for v in tags.get(ACTIVE_AREA, (0, 0))[:2])
-    row, column = first[0] - top, first[1] - left
-    level = np.asarray(_repeated_black(path, tags)[row % 2, column % 2])
-    if BLACK_DELTA_ROWS in tags:
-        level = level + np.array(tags[BLACK_DELTA_ROWS][row::2][: shape[0]])[:, None]
-    if BLACK_DELTA_COLUMNS in tags:
-        level = level + np.array(tags[BLACK_DELTA_COLUMNS][column::2][: shape[1]])
-    return level.astype(np.float32)
-
-
-def _repeated_black(path: Path, tags: Tags) -> npt.NDArray[np.float64]:
-    """The BlackLevel pattern as (2, 2), by position in the active area."""
-    rows, columns = (int(v) for v in tags.get(BLACK_REPEAT, (1, 1)))
-    levels = np.array(tags[BLACK_LEVEL])
-    if levels.size != rows * columns:
-        reason = f"{path} writes {levels.size} black levels for a repeat pattern of {rows} x {columns}"
-        raise BadInput(reason, "write it again with the DNG tag BlackLevelRepeatDim, or with one black level")
-    if np.ptp(levels) == 0:
-        return np.full((2, 2), levels[0])
-    if 2 % rows or 2 % columns:
-        reason = f"black has to be one level per plane; {path} repeats it every {rows} x {columns} pixels"
-        raise BadInput(reason, "write it again with one black level for each position of the 2 x 2 mosaic")
-    return np.tile(levels.reshape(rows, columns), (2 // rows, 2 // columns))
+    if BLACK_LEVEL in tags:
+        return written_black(tags, first, shape, str(path))
+    return np.array(raw.black_level_per_channel[raw.raw_color(*first)], dtype=np.float32)
 
 
 # --- shared ------------------------------------------------------------------------------------------------------

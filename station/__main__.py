@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from station.cli.terminal.lazy import LazyGroup
+from station.cli.terminal.numbers import SEED
 
 # name -> (module under station.cli, function, help line)
 COMMANDS = {
@@ -33,7 +34,7 @@ COMMANDS = {
 @click.option("--simulate", is_flag=True, help="Work with the simulated bench.")
 @click.option("--config", type=click.Path(path_type=Path), help="The bench's devices; station.toml where there is one.")
 @click.option("--sessions", type=click.Path(path_type=Path), default=Path("sessions"), show_default=True)
-@click.option("--seed", type=int, default=0, help="Of the simulated bench.")
+@click.option("--seed", type=SEED, default=0, help="Of the simulated bench.")
 @click.option("--plain", is_flag=True, help="Guide by plain lines on stdin and stdout.")
 @click.option("--plan", help="What --plain guides through.  [default: pattern]")
 @click.pass_context

@@ -85,6 +85,9 @@ def conclude(
         raise Refused(f"none of {len(measured.failed)} photographs gives a PSF; the first: {why.reason}", why.remedy)
     reference = REFERENCE if REFERENCE in measured.nodes else next(iter(measured.nodes))
     brackets = {name: _bracket(nodes, focus or {}) for name, nodes in measured.nodes.items()}
+    if not brackets[reference]:
+        reason = f"none of the photographs that give a PSF of {reference} has a focus position"
+        raise Refused(reason, "add their names and positions to the table")
     best = sharpest(brackets[reference]) if focus else 0.0
     kept = {name: bracket.get(best, []) for name, bracket in brackets.items()}
     planes = []

@@ -16,6 +16,8 @@ from procedures.numerics.kernel_tail import SHAPES, tail_kernels
 from procedures.outcome import BadInput
 from procedures.psf import Psf, Tail
 from procedures.psf_field import Node, PsfField
+from procedures.reading.guard import Room, decoding, largest_bytes, open_file
+from procedures.reading.hdf5 import Stored, check_ends
 
 if TYPE_CHECKING:
     import h5py
@@ -146,26 +148,31 @@ def read_field(path: Path | str) -> dict[str, PsfField]:
     BadInput
         If it is no such file.
     """
+    open_file(Path(path), "PSF field").close()
+    with decoding(str(path), "HDF5", "give the field.h5 of a result"):
+        check_ends(Path(path), largest_bytes())
+        return _read_file(Path(path))
+
+
+def _read_file(path: Path) -> dict[str, PsfField]:
     import h5py
 
-    try:
-        with h5py.File(path, "r") as file:
-            if file.attrs.get("schema") not in (SCHEMA, WITHOUT_TAIL):
-                raise BadInput(
-                    f"{path} is no PSF field of this version", f"give a file with schema {SCHEMA} or {WITHOUT_TAIL}"
-                )
-            return {name: _read_plane(name, group) for name, group in file.items() if "nodes" in group}
-    except OSError as error:
-        raise BadInput(f"{path} cannot be read as HDF5: {error}", "give the field.h5 of a result") from error
+    with h5py.File(path, "r") as file:
+        if file.attrs.get("schema") not in (SCHEMA, WITHOUT_TAIL):
+            raise BadInput(
+                f"{path} is no PSF field of this version", f"give a file with schema {SCHEMA} or {WITHOUT_TAIL}"
+            )
+        room = Room(str(path))
+        return {name: _read_plane(name, group, room) for name, group in file.items() if "nodes" in group}
 
 
-def _read_plane(name: str, plane: h5py.Group) -> PsfField:
-    stored = plane["nodes"]
+def _read_plane(name: str, plane: h5py.Group, room: Room) -> PsfField:
+    stored = Stored(plane["nodes"], room)
     s = int(plane.attrs["samples_per_pixel"])
-    columns = ("position", "position_covariance", "sensor_position", "source", "number")
-    rows = zip(*(stored[column][:] for column in columns), _read_psfs(stored, s), strict=True)
+    places = (stored.numbers(column) for column in ("position", "position_covariance", "sensor_position"))
+    rows = zip(*places, stored.texts("source"), stored.values("number"), _read_psfs(stored, s), strict=True)
     nodes = [
-        Node(position, spread, on_sensor, psf, source.decode(), int(number))
+        Node(position, spread, on_sensor, psf, source, int(number))
         for position, spread, on_sensor, source, number, psf in rows
     ]
     x, y = plane.attrs["model_axis"]
@@ -174,11 +181,13 @@ def _read_plane(name: str, plane: h5py.Group) -> PsfField:
     return rebuild(name, shape, nodes, recipe, int(plane.attrs["components"]))
 
 
-def _read_psfs(stored: h5py.Group, s: int) -> Iterator[Psf]:
+def _read_psfs(stored: Stored, s: int) -> Iterator[Psf]:
     """The nodes' PSFs, with their tails where the file has them."""
-    with_tail = "tail" in stored
-    for i, (h, covariance) in enumerate(zip(stored["psf"][:], stored["covariance"][:], strict=True)):
-        tail = Tail.none(h.size)
-        if with_tail:
-            tail = Tail(stored["tail"][i], stored["tail_covariance"][i], stored["tail_cross"][i].astype(np.float64))
-        yield Psf(h, s, covariance.astype(np.float64), tail)
+    supports, covariances = stored.numbers("psf"), stored.numbers("covariance")
+    if "tail" in stored:
+        tails = (stored.numbers(name) for name in ("tail", "tail_covariance", "tail_cross"))
+        for h, covariance, *tail in zip(supports, covariances, *tails, strict=True):
+            yield Psf(h, s, covariance, Tail(*tail))
+    else:
+        for h, covariance in zip(supports, covariances, strict=True):
+            yield Psf(h, s, covariance, Tail.none(h.size))

@@ -15,6 +15,7 @@ from typing import Any, Generic, ParamSpec, TypeVar
 
 import numpy as np
 
+from procedures.numerics.kernel_cache import tell_not_kept
 from procedures.numerics.native_call import described, shape_of
 
 P = ParamSpec("P")
@@ -65,7 +66,8 @@ class Kernel(Generic[P, R]):
             source = Path(self._function.__code__.co_filename)
             content = "\n".join([store.environment(), *self._content()])
             path = store.file_of(source, f"{source.stem}.{self._function.__qualname__}", kind, content)
-        except (OSError, ImportError):  # no source file
+        except (OSError, ImportError) as error:  # no source file, or no place for what is made of it
+            tell_not_kept(error)
             return self._by_numba()
         code = store.read(path)
         if code is None:

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import llvmlite
 import llvmlite.binding as llvm
 
+from procedures.numerics.kernel_cache import tell_not_kept
 from procedures.numerics.native_call import RETURNED_NONE, Shape, flattened, layout, taken
 
 SUFFIX = ".kernel"
@@ -196,7 +197,10 @@ def place_of(source: Path) -> Path:
         return Path(told)
     if os.access(beside if beside.exists() else source.parent, os.W_OK):
         return beside
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "calibration-station"
+    try:
+        return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "calibration-station"
+    except RuntimeError as error:  # a user without a home
+        raise OSError(str(error)) from error
 
 
 def file_of(source: Path, stem: str, kind: str, content: str) -> Path:
@@ -228,5 +232,5 @@ def keep(path: Path, code: Code) -> None:
         for one in older:
             if one != path:
                 one.unlink(missing_ok=True)
-    except OSError:
-        return
+    except OSError as error:
+        tell_not_kept(error)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import re
+import struct
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,6 +14,9 @@ import numpy.typing as npt
 
 from procedures.outcome import BadInput
 from procedures.pattern import CELLS, DEFAULT_SEED, Chart
+from procedures.reading.grey_image import LONGEST_HEAD, PNG_MAGIC, TIFF_MAGIC, read_tiff
+from procedures.reading.guard import decoding, read_file
+from procedures.reading.library_noise import captured_noise
 
 GREY_SHARE = 0.01
 """Largest share of an image's pixels that may be neither black nor white: a few damaged ones, no photograph."""
@@ -42,10 +47,7 @@ class Source:
         BadInput
             If the file cannot be read as a grey image of that size, is not black and white, or has one colour only.
         """
-        try:
-            data = path.read_bytes()
-        except OSError as error:
-            raise BadInput(f"{path} cannot be read: {error.strerror}", "give a file that exists") from error
+        data = read_file(path, "picture of cells")
         chart = Chart.from_image(_black_and_white(path, data))
         if chart.cells.min() == chart.cells.max():
             raise BadInput(f"all cells of {path} have one colour", "give random cells, half of them white")
@@ -54,11 +56,7 @@ class Source:
 
 def _black_and_white(path: Path, data: bytes) -> npt.NDArray[np.generic]:
     image = _decoded(path, data)
-    if image.shape != (CELLS, CELLS):
-        raise BadInput(
-            f"the cells come from a grey image of {CELLS} x {CELLS} pixels; {path} has {_size(image)}",
-            "give one pixel per cell, without the chart's frame",
-        )
+    _check_size(path, *image.shape)
     levels = image.astype(np.float64)
     white = levels.max() or 1.0
     grey = float(np.mean((levels > 0.25 * white) & (levels < 0.75 * white)))
@@ -71,13 +69,31 @@ def _black_and_white(path: Path, data: bytes) -> npt.NDArray[np.generic]:
 
 
 def _decoded(path: Path, data: bytes) -> npt.NDArray[np.generic]:
-    # an empty buffer is an exception in OpenCV, any other nonsense a None
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
+    """The picture, once its header tells the right size."""
+    if data.startswith(TIFF_MAGIC):
+        return read_tiff(data, str(path))[0]
+    if data.startswith(PNG_MAGIC) and len(data) > 24:
+        _check_size(path, *reversed(struct.unpack_from(">II", data, 16)))
+    elif header := _PNM_HEADER.match(data[:LONGEST_HEAD]):
+        _check_size(path, int(header["rows"]), int(header["columns"]))
+    else:
+        raise BadInput(f"{path} is no image that can be read", _REMEDY)
+    with decoding(str(path), "an image", _REMEDY), captured_noise():
+        image: npt.NDArray[np.generic] | None = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None:
-        raise BadInput(f"{path} is no image that can be read", "give a PGM or PNG file")
+        raise BadInput(f"{path} is no image that can be read", _REMEDY)
     return image
 
 
-def _size(image: npt.NDArray[np.generic]) -> str:
-    height, width, *channels = image.shape
-    return f"{width} x {height}" + (f" in {channels[0]} channels" if channels else "")
+_REMEDY = "give a PGM or PNG file"
+_GAP = rb"(?:\s|#[^\r\n]*[\r\n])+"
+_PNM_HEADER = re.compile(rb"P[1-6]" + _GAP + rb"(?P<columns>\d{1,9})" + _GAP + rb"(?P<rows>\d{1,9})\b")
+
+
+def _check_size(path: Path, rows: int, columns: int, channels: int = 1) -> None:
+    if (rows, columns, channels) != (CELLS, CELLS, 1):
+        found = f"{columns} x {rows}" + (f" in {channels} channels" if channels != 1 else "")
+        raise BadInput(
+            f"the cells come from a grey image of {CELLS} x {CELLS} pixels; {path} has {found}",
+            "give one pixel per cell, without the chart's frame",
+        )

@@ -8,7 +8,6 @@ with `samples` (rows, columns, n, 3) instead is made into a film when it is read
 from __future__ import annotations
 
 import os
-import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +16,11 @@ import numpy.typing as npt
 
 from procedures.outcome import BadInput
 from procedures.ray_histogram.film import BINS, Film, film_of_samples
+from procedures.reading.arrays import Arrays, read_npz
+from procedures.reading.exr import read_exr
 
-Arrays = dict[str, npt.NDArray[Any]]
+PARTS = ("samples", "image", "hist", "nsamples", "variance", "dropped")
+"""The arrays of a film; others in the same file are not read."""
 
 
 def read_film(path: Path, picture: Path | None = None) -> Film:
@@ -39,7 +41,9 @@ def read_film(path: Path, picture: Path | None = None) -> Film:
     BadInput
         If the file cannot be read as such, or misses something; `Film.checked` judges the contents.
     """
-    return _read_exr(path, picture) if path.suffix.lower() == ".exr" else _film_of_arrays(read_arrays(path))
+    if path.suffix.lower() == ".exr":
+        return _read_exr(path, picture)
+    return _film_of_arrays(*read_npz(path, PARTS, "give a film, or an array `samples`"))
 
 
 def write_film(film: Film, path: Path) -> None:
@@ -58,30 +62,13 @@ def write_film(film: Film, path: Path) -> None:
     os.replace(beside, path)
 
 
-def read_arrays(path: Path) -> Arrays:
-    """The arrays of an npz by name.
-
-    Raises
-    ------
-    BadInput
-        If it cannot be read as such.
-    """
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
-    except (ValueError, EOFError, TypeError, zipfile.BadZipFile) as error:
-        raise BadInput(f"{path} is no npz archive of arrays: {error}", "give a film, or an array `samples`") from error
-    except OSError as error:
-        raise BadInput(f"{path} cannot be read: {error.strerror or error}", "check the path") from error
-
-
-def _film_of_arrays(arrays: Arrays) -> Film:
+def _film_of_arrays(arrays: Arrays, names: list[str]) -> Film:
     if "samples" in arrays:
         return film_of_samples(_real(arrays, "samples"))
     missing = {"image", "hist", "nsamples"} - set(arrays)
     if missing:
         raise BadInput(
-            f"no {', '.join(sorted(missing))} among the arrays {sorted(arrays)}",
+            f"no {', '.join(sorted(missing))} among the arrays {names}",
             "give `image`, `hist` and `nsamples`, or `samples`",
         )
     count = _real(arrays, "nsamples")
@@ -115,36 +102,20 @@ def _whole(numbers: npt.NDArray[Any], what: str) -> npt.NDArray[np.uint32]:
 
 
 def _read_exr(path: Path, picture: Path | None) -> Film:
-    channels = _exr_channels(path)
     names = [f"Bin_{i:04d}" for i in range(3 * BINS + 1)]
+    channels, present = read_exr(path, {*names, *"RGB"})
     missing = [name for name in names if name not in channels]
     if missing:
         raise BadInput(f"{path} has no channel {missing[0]}", f"give histograms as {names[0]} to {names[-1]}")
-    more = sorted(name for name in channels if name.startswith("Bin_") and name not in names)
+    more = [name for name in present if name.startswith("Bin_") and name not in names]
     if more:
         raise BadInput(
             f"{path} has channels up to {more[-1]}: other than {BINS} bins per colour", f"render with {BINS} bins"
         )
-    colours = channels if picture is None else _exr_channels(picture)
+    colours = channels if picture is None else read_exr(picture, "RGB")[0]
     if not {"R", "G", "B"} <= set(colours):
         raise BadInput(f"{picture or path} has no channels R, G and B", "give the OpenEXR of the picture beside it")
     image = np.stack([colours[name] for name in "RGB"], axis=-1)
     histogram = np.stack([channels[name] for name in names[:-1]], axis=-1)
-    return _film_of_arrays(
-        {"image": image, "hist": histogram.reshape(*histogram.shape[:2], 3, BINS), "nsamples": channels[names[-1]]}
-    )
-
-
-def _exr_channels(path: Path) -> Arrays:
-    """The channels of the first part of an OpenEXR file, each (rows, columns)."""
-    try:
-        import OpenEXR
-    except ImportError as error:
-        raise BadInput(f"{path} needs the package OpenEXR", "pip install 'calibration-station[exr]'") from error
-    if not path.is_file():
-        raise BadInput(f"{path} is no file", "check the path")
-    try:
-        with OpenEXR.File(str(path), separate_channels=True) as file:
-            return {name: np.asarray(channel.pixels) for name, channel in file.channels().items()}
-    except RuntimeError as error:
-        raise BadInput(f"{path} is no OpenEXR picture: {error}", "write it again") from error
+    parts = {"image": image, "hist": histogram.reshape(*histogram.shape[:2], 3, BINS), "nsamples": channels[names[-1]]}
+    return _film_of_arrays(parts, [*parts])

@@ -1,1 +1,1 @@
-"""What files say, format by format: grey pictures, sensor dumps, TIFF tags, exposures. `procedures.raw` is the door."""
+"""Foreign files become plain data: one module per format, all behind one guard. Photographs: `procedures.raw`."""

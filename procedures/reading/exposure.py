@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, cast
 
 from procedures.outcome import BadParameter
 
@@ -56,12 +56,34 @@ def _exif_tags(file: BinaryIO) -> Tags:
     import exifread
 
     logging.getLogger("exifread").addHandler(logging.NullHandler())
-    file.seek(0)
     try:
-        tags: Tags = exifread.process_file(file, details=False)
+        tags: Tags = exifread.process_file(cast(BinaryIO, _Rationed(file)), details=False)
     except Exception:  # exposure data are a courtesy: whatever breaks in foreign tags, the pixels are read all the same
         return {}
     return tags
+
+
+RATION = 1 << 26
+"""Bytes that are read for a photograph's notes; all of a camera's take some thousand."""
+LEAST = 64
+"""Bytes that each reading counts at least, for the time that it takes."""
+
+
+class _Rationed:
+    """A file that gives out so many bytes and then no more: tags may announce the whole file a thousand times."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file, self._left = file, RATION
+        file.seek(0)
+        self.seek, self.tell = file.seek, file.tell
+
+    def read(self, n: int = -1) -> bytes:
+        """The next bytes. Raises EOFError where the ration is used up."""
+        data = self._file.read(n if 0 <= n < self._left else self._left)
+        self._left -= max(len(data), LEAST)
+        if self._left <= 0:
+            raise EOFError("the file announces more notes than any camera writes")
+        return data
 
 
 def _from_libraw(raw: Any, tags: Tags) -> dict[str, Field | None]:

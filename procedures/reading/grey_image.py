@@ -11,14 +11,31 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.outcome import BadInput
+from procedures.reading.guard import Room
 from procedures.reading.library_noise import captured_noise
-from procedures.reading.tiff_tags import BITS_PER_SAMPLE, PHOTOMETRIC, WHITE_IS_ZERO, image_directories
+from procedures.reading.tiff_tags import (
+    BITS_PER_SAMPLE,
+    LENGTH,
+    PHOTOMETRIC,
+    SAMPLES_PER_PIXEL,
+    TILE_LENGTH,
+    TILE_WIDTH,
+    WHITE_IS_ZERO,
+    WIDTH,
+    Tags,
+    image_directories,
+)
 
 Samples = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
+TIFF_MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _EXPORT = "export one linear colour plane as an 8 or 16 bit grey PGM, PNG or TIFF, or give the RAW file itself"
 _AGAIN = "copy or export it again"
+BYTES, PLAIN_BYTES = 4, 80
+"""Of a sample in memory: as it is computed with, and as a word of text before that."""
+LONGEST_HEAD = 1 << 16
+"""Bytes within which a PGM's header ends, with its comments."""
 
 
 def read_pgm(data: bytes, name: str) -> tuple[Samples, int]:
@@ -33,7 +50,7 @@ def read_pgm(data: bytes, name: str) -> tuple[Samples, int]:
     ----------
     The Netpbm format specification pgm(5): two bytes a sample, big-endian, from a maxval of 256 on.
     """
-    header = _PGM_HEADER.match(data)
+    header = _PGM_HEADER.match(data[:LONGEST_HEAD])
     if header is None:
         raise BadInput(f"{name} begins like a PGM file but has no width, height and maxval", _AGAIN)
     columns, rows, white = (int(header[group]) for group in ("columns", "rows", "white"))
@@ -56,11 +73,13 @@ _PGM_HEADER = re.compile(
 def _raw_samples(body: bytes, n: int, white: int, name: str) -> Samples:
     kind = np.dtype(np.uint8 if white < 256 else ">u2")
     _check_count(len(body) // kind.itemsize, n, name)
+    Room(name).take(BYTES * n, f"{n} samples")
     return cast(Samples, np.frombuffer(body, kind, n))
 
 
 def _plain_samples(body: bytes, n: int, white: int, name: str) -> Samples:
-    words = re.sub(rb"#[^\r\n]*", b"", body).split()[:n]
+    Room(name).take(PLAIN_BYTES * min(n, len(body) // 2 + 1), f"{n} samples as text")
+    words = re.sub(rb"#[^\r\n]*", b"", body).split(None, n)[:n]
     _check_count(len(words), n, name)
     try:
         levels = np.array(words, dtype=np.int64)
@@ -93,6 +112,8 @@ def read_png(data: bytes, name: str) -> tuple[Samples, int]:
             f"a photograph is one linear grey plane; {name} has {kinds.get(colour, 'no known kind')}", _EXPORT
         )
     _check_depth(depth, name)
+    columns, rows = struct.unpack_from(">II", data, 16)
+    Room(name).take(BYTES * rows * columns, f"{columns} x {rows} samples")
     if not _png_ends(data):
         raise BadInput(f"{name} is truncated: the PNG has no end chunk", _AGAIN)
     return _decode(data, name), (1 << depth) - 1
@@ -116,16 +137,34 @@ def read_tiff(data: bytes, name: str) -> tuple[Samples, int]:
     BadInput
         If the file has colours, another depth than 8 or 16 bit whole numbers, or cannot be decoded whole.
     """
-    for tags in image_directories(io.BytesIO(data))[:1]:
-        _check_depth(int(tags.get(BITS_PER_SAMPLE, (1,))[0]), name)
-        if tags.get(PHOTOMETRIC) == (WHITE_IS_ZERO,):
-            raise BadInput(f"grey levels grow with light; {name} is a TIFF that writes white as 0", _EXPORT)
-    levels = _decode(data, name)
+    for tags in image_directories(io.BytesIO(data), name)[:1]:
+        _check_page(tags, name)
+        levels = _decode(data, name)
+        break
+    else:
+        raise BadInput(f"{name} is truncated or damaged: it cannot be decoded whole", _AGAIN)
     if levels.ndim != 2:
         raise BadInput(f"a photograph is one linear grey plane; {name} has {levels.shape[2]} colour channels", _EXPORT)
     if levels.dtype not in (np.uint8, np.uint16):
         raise BadInput(f"grey levels are whole numbers of 8 or 16 bit; {name} has {levels.dtype}", _EXPORT)
     return levels, int(np.iinfo(levels.dtype).max)
+
+
+def _check_page(tags: Tags, name: str) -> None:
+    """Raise BadInput where a TIFF's page is no grey plane, or announces more than fits into memory."""
+    channels = _first(tags, SAMPLES_PER_PIXEL, 1)
+    if channels != 1:
+        raise BadInput(f"a photograph is one linear grey plane; {name} has {channels} colour channels", _EXPORT)
+    _check_depth(_first(tags, BITS_PER_SAMPLE, 1), name)
+    if _first(tags, PHOTOMETRIC, -1) == WHITE_IS_ZERO:
+        raise BadInput(f"grey levels grow with light; {name} is a TIFF that writes white as 0", _EXPORT)
+    columns, rows = _first(tags, WIDTH, 0), _first(tags, LENGTH, 0)
+    tile = max(columns, _first(tags, TILE_WIDTH, 1)) * max(rows, _first(tags, TILE_LENGTH, 1))
+    Room(name).take(BYTES * tile, f"{columns} x {rows} samples")
+
+
+def _first(tags: Tags, code: int, default: int) -> int:
+    return int((*tags.get(code, ()), default)[0])
 
 
 def _check_depth(depth: int, name: str) -> None:

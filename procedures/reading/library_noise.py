@@ -10,6 +10,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import BinaryIO, cast
 
 # LibRaw's default data callback, OpenCV's logger with its stack lines, libpng and libtiff
 _OWN_LINES = re.compile(
@@ -40,7 +41,7 @@ def captured_noise() -> Iterator[Noise]:
     The file descriptor is shared by all threads, so what others write meanwhile is passed on afterwards, complete.
     """
     noise = Noise()
-    with _one_at_a_time, tempfile.TemporaryFile() as file:
+    with _one_at_a_time, _unnamed_file() as file:
         try:
             kept = os.dup(2)
         except OSError:  # no standard error at all, as under a service manager: nothing to keep clean
@@ -57,6 +58,13 @@ def captured_noise() -> Iterator[Noise]:
             printed = file.read()
             noise.text = b"".join(_OWN_LINES.findall(printed))
             _pass_on(_OWN_LINES.sub(b"", printed))
+
+
+def _unnamed_file() -> BinaryIO:
+    """A file for what is printed: in memory where the system has such files, because a disk may be full."""
+    if hasattr(os, "memfd_create"):
+        return os.fdopen(os.memfd_create("noise"), "w+b")
+    return cast(BinaryIO, tempfile.TemporaryFile())
 
 
 def _pass_on(printed: bytes) -> None:

@@ -3,13 +3,31 @@
 from __future__ import annotations
 
 import logging
+import os
+import signal
+import threading
+import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from importlib.util import find_spec
+from pathlib import Path
+from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
-from procedures.outcome import BadParameter
-from station.batch.process_pool import Lost, Stop, one_thread, single_threads, without_interrupts
+from procedures.outcome import BadParameter, Refused
+from station.batch.allowance import Allowance, is_stopped, limited_memory
+from station.batch.process_pool import (
+    NO_LIMIT,
+    POLL_S,
+    STOPPED_S,
+    TRIES,
+    Lost,
+    Stop,
+    one_thread,
+    single_threads,
+    without_interrupts,
+)
 
 I = TypeVar("I")  # noqa: E741  (an item)
 J = TypeVar("J")
@@ -19,55 +37,81 @@ LOCAL = "local"
 AHEAD = 2
 """Items given out for each thread of the workers: one runs, one waits."""
 PATIENCE_S = 20
+OPEN = "the local cluster speaks without TLS: whoever has an account on this machine can connect to it while it runs"
 
 
 def run_on_cluster(
-    function: Callable[[I, J], R], job: J, items: Sequence[I], jobs: int, stop: Stop, address: str
+    function: Callable[[I, J], R],
+    job: J,
+    items: Sequence[I],
+    jobs: int,
+    stop: Stop,
+    address: str,
+    allowance: Allowance = NO_LIMIT,
+    tls: tuple[Path, Path, Path] | None = None,
 ) -> Generator[tuple[int, R | Lost], None, None]:
     """As `run_in_processes`, on the cluster at an address, or on one of `jobs` processes started here ("local").
 
-    Workers of a cluster must have this program, and see photographs and results under the same paths.
+    Workers of a cluster must have this program, and see photographs and results under the same paths. Its scheduler is
+    trusted: what it and its workers send is unpacked here as Python objects.
+
+    Parameters
+    ----------
+    allowance : Allowance
+        What each item may take of a local cluster; others have limits of their own.
+    tls : (Path, Path, Path), optional
+        Files by which a cluster at tls://... is trusted and trusts: authority, own certificate, own key.
 
     Raises
     ------
     BadParameter
         If Dask is not installed, or no cluster answers at the address.
+    Refused
+        If the cluster goes away while it works.
     """
-    with _client(address, jobs) as client:
-        from distributed import as_completed
-
+    with _client(address, jobs, tls) as client:
         # a task, not data: if the workers that hold it die, it is made again
         shared = client.submit(_same, job, pure=False)
-        waiting = deque(range(len(items)))
-        given: dict[Any, int] = {}
-        running = as_completed(raise_errors=False)
-
-        def give() -> None:
-            if waiting and not stop.asked:
+        allowed = allowance if address == LOCAL else NO_LIMIT
+        waiting, running, ended = deque(range(len(items))), dict[Any, int](), SimpleQueue[Any]()
+        most = AHEAD * max(1, sum(client.nthreads().values()))
+        while True:
+            while waiting and len(running) < most and not stop.asked:
                 number = waiting.popleft()
-                future = client.submit(_alone, function, items[number], shared, pure=False)
-                given[future] = number
-                running.add(future)
-
-        for _ in range(AHEAD * max(1, sum(client.nthreads().values()))):
-            give()
-        for future in running:
-            number = given.pop(future)
+                future = client.submit(_alone, function, items[number], shared, allowed, pure=False)
+                running[future] = number
+                future.add_done_callback(ended.put)
+            if not running:
+                return
+            try:
+                future = ended.get(timeout=POLL_S)
+            except Empty:
+                continue
+            number = running.pop(future)
             if future.status in ("finished", "error"):
                 yield number, _answer(future)
-            else:  # the worker died with the answer before it was fetched
+            elif client.status == "running":  # the worker died with the answer before it was fetched
                 waiting.appendleft(number)
-            give()
+            else:
+                raise Refused(f"the cluster at {address} went away", "start it and the batch again; what is done stays")
 
 
 def _same(job: J) -> J:
     return job
 
 
-def _alone(function: Callable[[I, J], R], item: I, job: J) -> R:
-    """The work, in one thread."""
+def _alone(function: Callable[[I, J], R], item: I, job: J, allowance: Allowance) -> R:
+    """The work, in one thread; a process that takes too long ends itself."""
     one_thread()
-    return function(item, job)
+    end = threading.Timer(allowance.time_s or 0.0, lambda: os.kill(os.getpid(), getattr(signal, "SIGKILL", 9)))
+    end.daemon = True
+    if allowance.time_s is not None:
+        end.start()
+    try:
+        with limited_memory(allowance.memory_bytes):
+            return function(item, job)
+    finally:
+        end.cancel()
 
 
 def _answer(future: Any) -> Any:
@@ -75,35 +119,85 @@ def _answer(future: Any) -> Any:
         return future.result()
     error = future.exception()
     if type(error).__name__ == "KilledWorker":
-        return Lost("the workers that worked on it died, one after the other")
+        return Lost("the workers that worked on it died or took too long, one after the other")
     return Lost(f"the cluster gave it up: {type(error).__name__}: {error}")
 
 
 @contextmanager
-def _client(address: str, jobs: int) -> Iterator[Any]:
+def _client(address: str, jobs: int, tls: tuple[Path, Path, Path] | None) -> Iterator[Any]:
     """A client of the cluster; a local one is started and ended here."""
     try:
-        from distributed import Client, LocalCluster
+        from distributed import Client
     except ImportError as error:
         raise BadParameter("--cluster needs Dask", "pip install 'calibration-station[cluster]'") from error
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters to the operator is said here
     if address != LOCAL:
-        with _connected(Client, address) as client:
+        with _connected(Client, address, tls) as client:
             yield client
         return
-    with single_threads(), without_interrupts():
-        cluster = LocalCluster(
-            n_workers=jobs, threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL
-        )
-    with cluster, Client(cluster) as client:
+    with _local(jobs) as cluster, _watched(cluster), Client(cluster) as client:
         yield client
 
 
-def _connected(connect: Callable[..., Any], address: str) -> Any:
+def _local(jobs: int) -> Any:
+    """Processes here that nobody else can connect to, where the package cryptography is there for it."""
+    import dask
+    from distributed import LocalCluster
+    from distributed.security import Security
+
+    security = Security.temporary() if has_tls() else None
+    with dask.config.set({"distributed.scheduler.allowed-failures": TRIES - 1}), single_threads(), without_interrupts():
+        return LocalCluster(
+            n_workers=jobs,
+            threads_per_worker=1,
+            dashboard_address=None,
+            silence_logs=logging.CRITICAL,
+            security=security,
+            protocol="tls://" if security else None,
+        )
+
+
+def has_tls() -> bool:
+    """Whether a local cluster can be closed to others: Dask makes its certificate by the package cryptography."""
+    return find_spec("cryptography") is not None
+
+
+@contextmanager
+def _watched(cluster: Any) -> Iterator[None]:
+    """Within, processes of a local cluster that are stopped are ended, and Dask starts others in their place.
+
+    A thread looks after them: who waits for an answer that a stopped process holds would wait for ever.
+    """
+    over = threading.Event()
+
+    def look() -> None:
+        since_s: dict[int, float] = {}
+        while not over.wait(POLL_S):
+            now = time.monotonic()
+            processes = {one.pid for one in list(cluster.workers.values()) if one.pid}
+            since_s = {one: since_s.get(one, now) for one in processes if is_stopped(one)}
+            for process in (one for one, first_s in since_s.items() if now - first_s > STOPPED_S):
+                with suppress(ProcessLookupError):
+                    os.kill(process, signal.SIGKILL)
+
+    thread = threading.Thread(target=look, name="stopped processes", daemon=True)
+    thread.start()
     try:
-        return connect(address, timeout=PATIENCE_S)
-    except (OSError, ValueError) as error:
-        reason = f"no cluster answers at {address}: {error}"
-        raise BadParameter(
-            reason, "start `dask scheduler` and `dask worker`, and give the scheduler's address"
-        ) from error
+        yield
+    finally:
+        over.set()
+        thread.join()
+
+
+def _connected(connect: Callable[..., Any], address: str, tls: tuple[Path, Path, Path] | None) -> Any:
+    from distributed.security import Security
+
+    remedy = "start `dask scheduler` and `dask worker`, and give the scheduler's address"
+    try:
+        names = ("tls_ca_file", "tls_client_cert", "tls_client_key")
+        files = {name: str(path) for name, path in zip(names, tls or (), strict=False)}
+        security = Security(**files, require_encryption=True) if tls else None
+        return connect(address, timeout=PATIENCE_S, security=security)
+    except Exception as error:  # whatever listens there may answer anything
+        told = f"{type(error).__name__}: {error}" if not isinstance(error, OSError | ValueError) else error
+        raise BadParameter(f"no cluster answers at {address}: {told}", remedy) from error

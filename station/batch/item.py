@@ -35,6 +35,9 @@ VERDICTS = (PASS, DOUBTFUL, FAIL, REFUSED, UNREADABLE, LOST, FAULT)
 """What can come of a photograph, the best first: inside the limits, not surely inside, outside; no PSF from it; no
 photograph at all; it ended the process that worked on it; it met an error of this program."""
 USABLE = (PASS, DOUBTFUL)
+NO_MEMORY = -4
+"""Code of an OpenCV error (cv::Error::StsNoMem)."""
+MORE_MEMORY = "look at this photograph by itself; if it is meant so, give more --memory-mb, and fewer --jobs"
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +118,7 @@ def work(item: Item, job: Job) -> Row:
 
 def _row(item: Item, job: Job) -> Row:
     if item.trouble:
-        return Row(item.files, UNREADABLE, item.trouble, "rename it, or take it out of the folder")
+        return Row(item.files, UNREADABLE, item.trouble, item.remedy)
     contents = [read_photograph(path) for path in item.paths]
     hashes = [hashlib.sha256(data).hexdigest() for data in contents]
     key = key_of(hashes, job.procedure)
@@ -209,6 +212,8 @@ def _failure(item: Item, error: Exception) -> Row:
     if isinstance(error, ProcedureError):
         verdict = UNREADABLE if isinstance(error, BadInput | BadParameter) else REFUSED
         return Row(item.files, verdict, encodable(error.reason), encodable(error.remedy))
+    if isinstance(error, MemoryError) or getattr(error, "code", None) == NO_MEMORY:
+        return Row(item.files, LOST, "it takes more memory than an item may take here", MORE_MEMORY)
     reason = f"the program failed on something it did not foresee: {type(error).__name__}: {printable(error)}"
     return Row(item.files, FAULT, reason, "report it, with the photograph")
 

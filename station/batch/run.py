@@ -22,6 +22,7 @@ from statistics import median
 from typing import Any
 
 from procedures.outcome import BadParameter
+from station.batch.allowance import Allowance
 from station.batch.item import LOST, RESULTS, USABLE, VERDICTS, Job, PlaneRow, Row, work
 from station.batch.process_pool import Lost, Stop, run_in_processes
 from station.calibration.folder_photographs import Item
@@ -34,6 +35,7 @@ LINES, TABLE = "results.jsonl", "summary.csv"
 STATISTICS = ("mtf50_horizontal", "mtf50_vertical", "energy_above_nyquist", "residual_std")
 """Numbers that the summary tells of all photographs together."""
 Work = Callable[[Item, Job], Row]
+Tls = tuple[Path, Path, Path] | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +65,8 @@ def run_batch(
     *,
     jobs: int = 1,
     cluster: str | None = None,
+    allowance: Allowance | None = None,
+    tls: Tls = None,
     stop: Stop | None = None,
     heard: Callable[[Row], None] = lambda row: None,
     function: Work = work,
@@ -75,6 +79,10 @@ def run_batch(
         Processes at a time.
     cluster : str, optional
         The address of a Dask cluster, or "local" for one of `jobs` processes here.
+    allowance : Allowance, optional
+        What each item may take here; a fair share of this machine's memory, and an hour, where it is not told.
+    tls : (Path, Path, Path), optional
+        Authority, certificate and key for a cluster at tls://...
     stop : Stop, optional
         May be asked to stop from a signal or another thread.
     heard : callable
@@ -90,7 +98,7 @@ def run_batch(
     start, stop = time.perf_counter(), stop or Stop()
     rows: dict[int, Row] = {}
     with _own(job.out), _lines(job.out) as tell:
-        with closing(_answers(items, job, jobs, cluster, stop, function)) as answers:
+        with closing(_answers(items, job, jobs, cluster, allowance, tls, stop, function)) as answers:
             for number, answer in answers:
                 row = _lost(items[number], answer) if isinstance(answer, Lost) else answer
                 rows[number] = row
@@ -103,13 +111,22 @@ def run_batch(
 
 
 def _answers(
-    items: Sequence[Item], job: Job, jobs: int, cluster: str | None, stop: Stop, function: Work
+    items: Sequence[Item],
+    job: Job,
+    jobs: int,
+    cluster: str | None,
+    allowance: Allowance | None,
+    tls: Tls,
+    stop: Stop,
+    function: Work,
 ) -> Generator[tuple[int, Row | Lost], None, None]:
+    jobs = min(jobs, len(items))
+    allowance = allowance or Allowance.fair(jobs)
     if cluster is None:
-        return run_in_processes(function, job, items, min(jobs, len(items)), stop)
+        return run_in_processes(function, job, items, jobs, stop, allowance)
     from station.batch.dask_pool import run_on_cluster
 
-    return run_on_cluster(function, job, items, min(jobs, len(items)), stop, cluster)
+    return run_on_cluster(function, job, items, jobs, stop, cluster, allowance, tls)
 
 
 def _lost(item: Item, lost: Lost) -> Row:

@@ -19,7 +19,6 @@ shutter = "shutter"
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -40,11 +39,12 @@ from drivers.interfaces import (
     Stage,
 )
 from drivers.wire.transcript import Transcript
+from procedures.outcome import BadInput
+from procedures.reading.text import parse_toml, read_text
 from station.bench.device_check import Checked
 from station.bench.device_makers import MAKERS, Parts
 from station.bench.stopping import Asked, Stop, stop_all, stops_on_wires
 from station.bench.surroundings import SimulatedSurroundings, Surroundings
-from station.common.sanitise import printable
 from station.common.toml_lines import key_lines
 
 AFTER = ("on", "shutter")  # keys that name a device which must be there first
@@ -170,15 +170,13 @@ class Bench:
 
 def read_config(path: Path) -> dict[str, Any]:
     """The devices' tables of a station.toml, every value checked. Raises BadConfiguration with the line."""
+    if not path.exists():
+        raise BadConfiguration(f"there is no {path}", "write one, or use --simulate")
     try:
-        text = path.read_text(encoding="utf-8")
-        config = tomllib.loads(text)
-    except FileNotFoundError as error:
-        raise BadConfiguration(f"there is no {path}", "write one, or use --simulate") from error
-    except tomllib.TOMLDecodeError as error:
-        raise BadConfiguration(f"{path} is no TOML: {printable(error)}", "correct that line") from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadConfiguration(f"{path} cannot be read: {printable(error)}", "correct it") from error
+        text = read_text(path, "TOML file", "correct it")
+        config = parse_toml(text, str(path), "correct that line")
+    except BadInput as error:
+        raise BadConfiguration(error.reason, error.remedy) from error
     devices = config.get("devices")
     if not isinstance(devices, dict) or not devices:
         raise BadConfiguration(f"{path} configures no devices", "add tables like [devices.stage]")

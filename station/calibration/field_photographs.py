@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from procedures.outcome import BadInput, BadParameter
 from procedures.reading.exposure import check_typed, read_exposure
+from procedures.reading.text import read_rows
 from station.calibration.folder_photographs import GREY_SUFFIXES, RAW_SUFFIXES
 from station.sessions.layout import ORIGINALS, inside, is_session
 from station.sessions.reader import read_session
@@ -60,19 +60,15 @@ def check_noted(paths: Sequence[Path], typed: Mapping[str, float | None], insist
         check_typed(noted, typed, str(path), insist)
 
 
-def focus_positions(table: Path) -> dict[str, float]:
+def focus_positions(table: Path, photographs: Sequence[Path]) -> dict[str, float]:
     """Focus position by name of photograph, from a CSV file of two columns: name, position.
 
     Raises
     ------
     BadInput
-        If a row has no number; a first row of words is taken for headings.
+        If a row has no number, or none is of one of the photographs; a first row of words is taken for headings.
     """
-    try:
-        with open(table, newline="", encoding="utf-8-sig") as file:
-            rows = [row for row in csv.reader(file) if any(cell.strip() for cell in row)]
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadInput(f"{table} cannot be read: {error}", "give a CSV file: name, focus position") from error
+    rows = [row for row in read_rows(table, "give a CSV file: name, focus position") if any(map(str.strip, row))]
     positions = {}
     for number, row in enumerate(rows):
         value = _number(row[1]) if len(row) > 1 else None
@@ -83,6 +79,10 @@ def focus_positions(table: Path) -> dict[str, float]:
                 f"{table}, row {number + 1}: a name and a focus position are needed; got {','.join(row)!r}",
                 "write for example: frame-01.dng,12.35",
             )
+    if positions.keys().isdisjoint(path.name for path in photographs):
+        named = ", ".join(sorted(positions)[:3]) or "none"
+        reason = f"{table} has the position of none of {len(photographs)} photographs; it names {named}"
+        raise BadInput(reason, f"name the files as they are called, as {photographs[0].name}")
     return positions
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,12 +24,13 @@ class Item:
     Attributes
     ----------
     paths : tuple of Path
-    trouble : str
-        Why nothing can be estimated, "" where something can.
+    trouble, remedy : str
+        Why nothing can be estimated, "" where something can; and what to do.
     """
 
     paths: tuple[Path, ...]
     trouble: str = ""
+    remedy: str = "rename it, or take it out of the folder"
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -42,23 +43,36 @@ class Item:
         return printable(" + ".join(str(path) for path in self.paths))
 
 
-def find_frames(folders: Sequence[Path], out: Path) -> list[Path]:
+def _refuse(folder: Path, error: OSError) -> None:
+    raise BadInput(f"{printable(folder)} cannot be read: {error.strerror}", NOT_READ) from error
+
+
+NOT_READ = "check its permissions, or name the folders beside it"
+
+
+def unread(folder: Path, error: OSError) -> Item:
+    """A folder that cannot be read, as an item that nothing comes of."""
+    return Item((folder,), f"the folder cannot be read: {error.strerror}", NOT_READ)
+
+
+def find_frames(folders: Sequence[Path], out: Path, missed: Callable[[Path, OSError], object] = _refuse) -> list[Path]:
     """Photographs in folders and below, by their suffix, each once, folder by folder and in the order of their names.
 
     Files may be named too, whatever their suffix. Hidden folders are left out, and so is `out`, where results go.
+    `missed` is told of each folder that cannot be read; by default that is refused.
 
     Raises
     ------
     BadParameter
         If one of the folders does not exist, or there is no photograph in all of them.
     BadInput
-        If a folder cannot be read.
+        If a folder cannot be read, and `missed` is left out.
     """
     found: dict[Path, Path] = {}
     for folder in folders:
-        if not folder.exists():
+        if not os.path.lexists(folder):
             raise BadParameter(f"there is no folder {printable(folder)}", "check the path")
-        for path in [folder] if folder.is_file() else _below(folder, out.resolve()):
+        for path in [folder] if folder.is_file() else _below(folder, out.resolve(), missed):
             found.setdefault(path.resolve(), path)
     if not found:
         raise BadParameter(
@@ -67,19 +81,14 @@ def find_frames(folders: Sequence[Path], out: Path) -> list[Path]:
     return list(found.values())
 
 
-def _below(folder: Path, out: Path) -> Iterator[Path]:
-    for root, folders, files in os.walk(folder, onerror=_unreadable):
+def _below(folder: Path, out: Path, missed: Callable[[Path, OSError], object]) -> Iterator[Path]:
+    for root, folders, files in os.walk(folder, onerror=lambda error: missed(Path(error.filename), error)):
         here = Path(root)
         folders[:] = sorted(name for name in folders if not name.startswith(".") and (here / name).resolve() != out)
         for name in sorted(files):
             # a pipe or a device among them would be waited for without end
             if Path(name).suffix.lower() in RAW_SUFFIXES | GREY_SUFFIXES and (here / name).is_file():
                 yield here / name
-
-
-def _unreadable(error: OSError) -> None:
-    reason = f"{printable(error.filename)} cannot be read: {error.strerror}"
-    raise BadInput(reason, "check its permissions, or name the folders beside it") from error
 
 
 def singly(frames: Sequence[Path]) -> list[Item]:

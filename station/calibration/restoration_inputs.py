@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import csv
-import json
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,6 +13,8 @@ import numpy.typing as npt
 
 from procedures.outcome import BadInput, BadParameter
 from procedures.raw import Felt
+from procedures.reading.arrays import check_real, read_npy
+from procedures.reading.text import read_json, read_numbers, read_rows
 from procedures.restoration.joint.kernel_sizes import default_max_w, fitting_ratios, stacks_of
 from procedures.restoration.masks import blur_models
 from procedures.restoration.masks.blur_models import Unit
@@ -29,6 +30,8 @@ Size = tuple[int, int]
 
 COLUMNS = ("t_s", "ax", "ay", "az", "wx", "wy", "wz")
 """Of an IMU's record: seconds from the opening of the shutter; m/s^2 with gravity and rad/s, x right, y up, z back."""
+MOST_SAMPLES_PER_PX = 1000
+"""Of a measured PSF, whoever measured it."""
 FIELD_SUFFIXES = (".h5", ".hdf5")
 
 
@@ -53,17 +56,14 @@ def read_imu(path: Path) -> Felt:
     BadInput
         If it cannot be read, a column lacks, or a row does not hold numbers.
     """
-    try:
-        with open(path, newline="", encoding="utf-8-sig") as file:
-            rows = [(n, row) for n, row in enumerate(csv.reader(file), start=1) if _counts(row)]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise BadInput(f"{path} cannot be read: {error}", f"give a CSV file of {','.join(COLUMNS)}") from error
+    lines = read_rows(path, f"give a CSV file of {','.join(COLUMNS)}")
+    rows = [(n, row) for n, row in enumerate(lines, start=1) if _counts(row)]
     names = [name.strip() for name in rows[0][1]] if rows else []
     lacking = [name for name in COLUMNS if name not in names]
     if lacking:
         raise BadInput(f"{path} has no column {', '.join(lacking)}", f"name them in its first row: {','.join(COLUMNS)}")
     at = [names.index(name) for name in COLUMNS]
-    values = np.array([_numbers(path, n, row, at) for n, row in rows[1:]]).reshape(-1, len(COLUMNS))
+    values = np.array([_numbers(path, n, row, at) for n, row in rows[1:]], dtype=np.float64).reshape(-1, len(COLUMNS))
     return Felt(values[:, 0], values[:, 1:4], values[:, 4:])
 
 
@@ -73,11 +73,13 @@ def _counts(row: list[str]) -> bool:
 
 def _numbers(path: Path, n: int, row: list[str], at: list[int]) -> list[float]:
     try:
-        return [float(row[k]) for k in at]
-    except (ValueError, IndexError) as error:
-        raise BadInput(
-            f"{path}, row {n}: {len(at)} numbers are needed; got {','.join(row)!r}", "drop the row, or export again"
-        ) from error
+        numbers = [float(row[k]) for k in at]
+    except (ValueError, IndexError):
+        numbers = []
+    if not numbers or not all(map(math.isfinite, numbers)):
+        reason = f"{path}, row {n}: {len(at)} finite numbers are needed; got {','.join(row)[:200]!r}"
+        raise BadInput(reason, "drop the row, or export again")
+    return numbers
 
 
 def imu_table(felt: Felt) -> bytes:
@@ -178,9 +180,11 @@ def _shape(name: str, plane: str, shape: Size, samples_per_px: int | None) -> Ar
     if path.suffix.lower() in FIELD_SUFFIXES:
         return measured_field(_field(path, plane), shape)
     if path.suffix.lower() == ".npy":
-        return measured_shape(_array(path), samples_per_px or _samples_beside(path))
+        array = read_npy(path, "PSF", "give a psf_P.npy of a result")
+        check_real(array, str(path))
+        return measured_shape(np.asarray(array, np.float64), samples_per_px or _samples_beside(path))
     if samples_per_px is not None:
-        return measured_shape(_text(path), samples_per_px)
+        return measured_shape(read_numbers(path, "PSF file"), samples_per_px)
     return blur_models.read_shape(path)
 
 
@@ -193,27 +197,17 @@ def _field(path: Path, plane: str) -> Any:
     return fields[plane]
 
 
-def _array(path: Path) -> Array:
-    try:
-        return np.asarray(np.load(path, allow_pickle=False), dtype=np.float64)
-    except (OSError, ValueError) as error:
-        raise BadInput(f"PSF file {path} cannot be read: {error}", "give a psf_P.npy of a result") from error
-
-
-def _text(path: Path) -> Array:
-    try:
-        return np.loadtxt(path, dtype=np.float64, ndmin=2)
-    except (OSError, ValueError) as error:
-        raise BadInput(f"PSF file {path} cannot be read: {error}", "give a text array of numbers") from error
-
-
 def _samples_beside(path: Path) -> int:
     """Samples per pixel of a result's PSF, from the record in its folder. Raises BadParameter if there is none."""
     try:
-        record = json.loads((path.parent / "result.json").read_text(encoding="utf-8"))
+        record = read_json(path.parent / "result.json")
         plane = record.get("planes", {}).get(path.stem.removeprefix("psf_"), {})
-        return int(plane.get("s") or record["parameters"]["s"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise BadParameter(
-            f"{path} has no result.json beside it that tells its samples per pixel", "give --samples-per-pixel"
-        ) from error
+        found = plane.get("s") or record["parameters"]["s"]
+    except (BadInput, KeyError, TypeError, AttributeError) as error:
+        raise BadParameter(f"{path} {_NO_SAMPLES}", "give --samples-per-pixel") from error
+    if type(found) is not int or not 1 <= found <= MOST_SAMPLES_PER_PX:
+        raise BadParameter(f"{path} {_NO_SAMPLES}", "give --samples-per-pixel")
+    return found
+
+
+_NO_SAMPLES = "has no result.json beside it that tells its samples per pixel"

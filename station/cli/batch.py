@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from station.cli.terminal.numbers import Number
 from station.common.errors import INTERRUPTED
 from station.common.log import Fact, log, log_json_option, logs_json
 
@@ -33,6 +34,20 @@ MOST_NAMED = 40
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
 @click.option("--jobs", type=click.IntRange(1, 1024), help="Processes at a time.  [default: as many as cores]")
 @click.option("--cluster", metavar="ADDRESS|local", help="Share the work out by Dask (extra `cluster`).")
+@click.option(
+    "--cluster-tls",
+    "tls",
+    metavar="CA CERT KEY",
+    nargs=3,
+    type=click.Path(path_type=Path),
+    help="Files for a cluster at tls://... : authority, own certificate, own key.",
+)
+@click.option(
+    "--memory-mb",
+    type=click.IntRange(256, 1 << 24),
+    help="What a photograph may take.  [default: its share of the machine]",
+)
+@click.option("--time-s", type=Number(min=1), default=3600, show_default=True, help="How long a photograph may take.")
 @click.option("--reports", is_flag=True, help="Write a page for every photograph too.")
 @click.option("--strict", is_flag=True, help="Count what is doubtful as failed.")
 @click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout in place of the table.")
@@ -43,6 +58,9 @@ def batch(
     out: Path,
     jobs: int | None,
     cluster: str | None,
+    tls: tuple[Path, Path, Path] | None,
+    memory_mb: int | None,
+    time_s: float,
     reports: bool,
     strict: bool,
     as_json: bool,
@@ -52,6 +70,9 @@ def batch(
     What was done before with the same procedure is not done again. The first Ctrl-C finishes what runs, the second
     stops at once; what is done is kept.
     """
+    if tls is not None and not (cluster or "").startswith("tls://"):
+        raise click.UsageError("--cluster-tls goes with --cluster tls://HOST:PORT")
+    from station.batch.allowance import Allowance
     from station.batch.item import PASS, Job, finished
     from station.batch.procedure_file import PATTERN, read_procedure
     from station.batch.process_pool import Stop
@@ -60,13 +81,19 @@ def batch(
 
     if cluster is not None:  # its workers may stand in other folders
         folders, out = tuple(folder.absolute() for folder in folders), out.absolute()
+    _say_who_can_connect(cluster)
     procedure = read_procedure(file)
     items = _items(folders, out, procedure)
     what = "photographs" if procedure.name == PATTERN else "pairs"
     log("found", f"found {len(items)} {what}", items=len(items))
+    jobs = jobs or os.cpu_count() or 1
+    fair = Allowance.fair(min(jobs, len(items)))
+    allowance = Allowance(fair.memory_bytes if memory_mb is None else memory_mb * 1_000_000, time_s)
     job, stop = Job(procedure, out, finished(out), reports), Stop()
     with guarded(lambda: None, lambda: _ask(stop), terminated=INTERRUPTED), _heard(len(items)) as heard, _stopped(out):
-        done, text = run_batch(items, job, jobs=jobs or os.cpu_count() or 1, cluster=cluster, stop=stop, heard=heard)
+        done, text = run_batch(
+            items, job, jobs=jobs, cluster=cluster, allowance=allowance, tls=tls, stop=stop, heard=heard
+        )
     if as_json:
         click.echo(text, nl=False)
     else:
@@ -79,12 +106,20 @@ def batch(
         raise click.exceptions.Exit(SOME_FAILED)
 
 
+def _say_who_can_connect(cluster: str | None) -> None:
+    from station.batch.dask_pool import LOCAL, OPEN, has_tls
+
+    if cluster == LOCAL and not has_tls():
+        log("cluster", OPEN, level="warning", remedy="install the package cryptography, or leave --cluster out")
+
+
 def _items(folders: tuple[Path, ...], out: Path, procedure: Procedure) -> list[Item]:
     from station.batch.procedure_file import TWO_PHOTO
-    from station.calibration.folder_photographs import find_frames, in_pairs, singly
+    from station.calibration.folder_photographs import find_frames, in_pairs, singly, unread
 
-    frames = find_frames(folders, out)
-    return in_pairs(frames, procedure.endings) if procedure.name == TWO_PHOTO else singly(frames)
+    missed: list[Item] = []
+    frames = find_frames(folders, out, lambda folder, error: missed.append(unread(folder, error)))
+    return (in_pairs(frames, procedure.endings) if procedure.name == TWO_PHOTO else singly(frames)) + missed
 
 
 def _ask(stop: object) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Any, cast
 import click
 
 from station.cli.terminal.columns import columns
+from station.cli.terminal.numbers import SEED
 from station.common.log import log, log_json_option
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ FAILED = 3
 @click.command()
 @click.option("--config", type=click.Path(path_type=Path), default=Path("station.toml"), show_default=True)
 @click.option("--simulate", is_flag=True, help="Show the simulated bench instead.")
-@click.option("--seed", type=int, default=0, help="Of the simulated bench.")
+@click.option("--seed", type=SEED, default=0, help="Of the simulated bench.")
 @click.option("--faults", is_flag=True, help="Let the simulated bench fail now and then.")
 @click.option("--wire-log", type=click.Path(path_type=Path), help="Write every byte on the wires to this folder.")
 @click.option("--json", "as_json", is_flag=True, help="Write the rows as JSON to stdout.")
@@ -40,14 +40,15 @@ def devices(
 ) -> None:  # fmt: skip
     """Show each device: driver, address, what answered, its state, and what to do where something is wrong."""
     from station.bench.opening import make_bench, read_config, simulated_bench, simulated_tables
+    from station.common.leftovers import temporary_folder
     from station.common.stop_signals import guarded
 
-    with tempfile.TemporaryDirectory(prefix="station-") as folder:
+    with temporary_folder() as folder:
         if wire_log is not None:
             wire_log.mkdir(parents=True, exist_ok=True)
         if simulate:
-            bench = simulated_bench(Path(folder), seed=seed, faults=faults)
-            tables = simulated_tables(bench.simulated.address, Path(folder))
+            bench = simulated_bench(folder, seed=seed, faults=faults)
+            tables = simulated_tables(bench.simulated.address, folder)
         else:
             tables = read_config(config)
             bench = make_bench(tables, folder=config.resolve().parent, wire_log=wire_log)

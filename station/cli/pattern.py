@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from station.cli.terminal.numbers import SEED, Number
+
 if TYPE_CHECKING:
     from procedures.pattern_psf.pose import Optics
 
@@ -16,11 +18,9 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("out", type=click.Path(path_type=Path), metavar="OUT.{pdf,svg,png,pgm}")
 @click.option(
-    "--width-mm", type=float, default=300.0, show_default=True, help="Width of the whole chart, ten blocks, in mm."
+    "--width-mm", type=Number(), default=300.0, show_default=True, help="Width of the whole chart, ten blocks, in mm."
 )
-@click.option(
-    "--seed", type=click.IntRange(0, 2**63 - 1), help="Cells from this seed; 1 if neither this nor --bits is given."
-)
+@click.option("--seed", type=SEED, help="Cells from this seed; 1 if neither this nor --bits is given.")
 @click.option(
     "--bits", type=click.Path(path_type=Path), metavar="FILE.pgm", help="Cells from a black and white 256x256 image."
 )
@@ -28,11 +28,9 @@ if TYPE_CHECKING:
 @click.option(
     "--cell-pixels", type=int, default=8, show_default=True, help="Pixels along a cell, for PNG and PGM: 1 to 32."
 )
-@click.option(
-    "--focal-length-mm", type=click.FloatRange(min=1), help="Your lens: tells what each distance is good for."
-)
-@click.option("--pixel-pitch-um", type=click.FloatRange(min=0.1), help="Your sensor's, with --focal-length-mm.")
-@click.option("--f-number", type=click.FloatRange(min=0.1), help="Your aperture, with the two.")
+@click.option("--focal-length-mm", type=Number(min=1), help="Your lens: tells what each distance is good for.")
+@click.option("--pixel-pitch-um", type=Number(min=0.1), help="Your sensor's, with --focal-length-mm.")
+@click.option("--f-number", type=Number(min=0.1), help="Your aperture, with the two.")
 @click.option("--monochrome", is_flag=True, help="The sensor has no colour mosaic.")
 def pattern(
     out: Path,

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from station.cli.terminal.numbers import Number
 from station.common.log import log, log_json_option
 
 if TYPE_CHECKING:
@@ -33,17 +34,27 @@ _PATH = click.Path(path_type=Path)
 @click.command("rays")
 @click.argument("samples", type=_PATH)
 @click.option("--picture", type=_PATH, help="The picture's own file, where SAMPLES is an OpenEXR of histograms only.")
-@click.option("--kappa", type=float, default=1.0, show_default=True, help="Chi-square per bin that is half similar.")
-@click.option("--scales", type=int, default=3, show_default=True, help="Scales; 1 leaves noise wider than a block.")
-@click.option("--search", type=int, default=6, show_default=True, help="Half size of the search block, pixels.")
-@click.option("--patch", type=int, default=1, show_default=True, help="Half size of the patches, pixels.")
+@click.option("--kappa", type=Number(), default=1.0, show_default=True, help="Chi-square per bin that is half similar.")
+@click.option(
+    "--scales",
+    type=click.IntRange(max=16),
+    default=3,
+    show_default=True,
+    help="Scales; 1 leaves noise wider than a block.",
+)
+@click.option(
+    "--search", type=click.IntRange(max=64), default=6, show_default=True, help="Half size of the search block, pixels."
+)
+@click.option(
+    "--patch", type=click.IntRange(max=16), default=1, show_default=True, help="Half size of the patches, pixels."
+)
 @click.option(
     "--neighbour", "neighbours", type=_PATH, multiple=True, help="The frame before or after; may be repeated."
 )
 @click.option(
     "--reference", type=_PATH, help="A converged render (npz with `reference` or `image`) to measure against."
 )
-@click.option("--threads", type=click.IntRange(min=1), help="Threads.  [default: one for each processor]")
+@click.option("--threads", type=click.IntRange(1, 1024), help="Threads.  [default: one for each processor]")
 @click.option("--out", type=_PATH, required=True, help="Folder for the results.")
 @click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout too.")
 @log_json_option
@@ -159,9 +170,9 @@ def _reference(path: Path, shape: tuple[int, ...]) -> Picture:
     import numpy as np
 
     from procedures.outcome import BadInput
-    from procedures.ray_histogram.film_files import read_arrays
+    from procedures.reading.arrays import read_npz
 
-    arrays = read_arrays(path)
+    arrays, _ = read_npz(path, ("reference", "image"))
     truth = arrays.get("reference", arrays.get("image"))
     if truth is None or truth.shape != shape:
         came = "no array `reference` or `image`" if truth is None else f"a picture of shape {truth.shape}"

@@ -11,6 +11,7 @@ import click
 
 from station.cli.psf.planes import raw_option, told_layout
 from station.cli.restore_blur import BlurOptions
+from station.cli.terminal.numbers import Number
 from station.common.errors import REFUSED
 from station.common.log import log, log_json_option
 
@@ -65,22 +66,22 @@ class _OneEach(click.Command):
     help="pillbox, gaussian, text arrays, psf_P.npy or field.h5 of a result: one, or one for each image.",
 )
 @click.option(
-    "--samples-per-pixel", type=click.IntRange(1), help="The shapes are PSFs sampled so, not shapes on [-1, 1]."
+    "--samples-per-pixel", type=click.IntRange(1, 1000), help="The shapes are PSFs sampled so, not shapes on [-1, 1]."
 )
 @click.option(
     "--ratio",
     "ratios",
-    type=float,
+    type=Number(),
     multiple=True,
     help="w of photograph 2 (3, ...) over w of 1.  [default: 1, or the ratio of measured kernels' sizes]",
 )
 @click.option(
     "--max-w",
-    type=float,
+    type=Number(),
     help="Largest half-width of blur, pixels of image 1.  [default: 8, or a measured kernel's and one]",
 )
-@click.option("--image-weight", type=float, help="lambda_u.  [default: from the noise]")
-@click.option("--depth-weight", type=float, help="lambda_w, of the bending of w.  [default: from the noise]")
+@click.option("--image-weight", type=Number(), help="lambda_u.  [default: from the noise]")
+@click.option("--depth-weight", type=Number(), help="lambda_w, of the bending of w.  [default: from the noise]")
 @click.option(
     "--scheme", default="20x(20+20)+5x20", show_default=True, help="Rounds of picture and depth, then picture."
 )
@@ -105,9 +106,11 @@ class _OneEach(click.Command):
     metavar="FILE",
     help="Record of each exposure, CSV: t_s,ax,ay,az,wx,wy,wz; s since the shutter opened, m/s², rad/s; x right, y up.",
 )
-@click.option("--focal-px", type=float, help="Focal length in pixels of the plane, for --imu.")
-@click.option("--max-inverse-depth", type=float, help="1 / the least distance in the scene, 1/m, for --imu.")
-@click.option("--exposure-s", type=float, multiple=True, help="Exposure time, for --imu.  [default: as the files tell]")
+@click.option("--focal-px", type=Number(), help="Focal length in pixels of the plane, for --imu.")
+@click.option("--max-inverse-depth", type=Number(), help="1 / the least distance in the scene, 1/m, for --imu.")
+@click.option(
+    "--exposure-s", type=Number(), multiple=True, help="Exposure time, for --imu.  [default: as the files tell]"
+)
 @click.option("--plane", help="R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]")
 @raw_option
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")

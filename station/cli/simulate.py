@@ -8,15 +8,17 @@ from pathlib import Path
 
 import click
 
+from station.cli.terminal.numbers import SEED, Number
+
 
 @click.command()
-@click.option("--seed", type=int, default=0, show_default=True, help="Of all noise, and of the faults.")
+@click.option("--seed", type=SEED, default=0, show_default=True, help="Of all noise, and of the faults.")
 @click.option("--faults", is_flag=True, help="Lose, change and double bytes now and then, and fall silent.")
 @click.option(
     "--folder", type=click.Path(path_type=Path), default=Path("incoming"), show_default=True, help="Where RAW files go."
 )
 @click.option("--json", "as_json", is_flag=True, help="Write the addresses as one JSON object.")
-@click.option("--for-s", type=click.FloatRange(min=0), help="End after so many seconds.  [default: on Ctrl-C]")
+@click.option("--for-s", type=Number(min=0, max=1e9), help="End after so many seconds.  [default: on Ctrl-C]")
 def simulate(seed: int, faults: bool, folder: Path, as_json: bool, for_s: float | None) -> None:
     """Open the simulated bench and print where each device answers, until Ctrl-C."""
     from station.bench.opening import simulated_bench

@@ -11,6 +11,7 @@ import click
 
 from station.common.log import log
 
+SYSTEM = 2  # what was asked for, the system does not allow
 REFUSED = 5
 INTERRUPTED = 130
 SOFTWARE_FAULT = 70  # EX_SOFTWARE of sysexits.h, the family of the contract's 75 "try again later"
@@ -52,6 +53,15 @@ def _tell(error: Exception) -> int:
     if isinstance(error, Explained):
         log("failed", error.reason, level="error", remedy=error.remedy, exit_code=error.exit_code)
         return error.exit_code
+    if isinstance(error, OSError) and error.strerror:  # the system's answer, not the program's fault
+        reason = f"{error.filename or 'a file'}: {error.strerror}"
+        remedy = "check the path, its permissions, and the room on the disk"
+        log("failed", reason, level="error", remedy=remedy, exit_code=SYSTEM)
+        return SYSTEM
+    if isinstance(error, MemoryError):
+        reason, remedy = "it takes more memory than there is", "give smaller files, or end other programs"
+        log("failed", reason, level="error", remedy=remedy, exit_code=REFUSED)
+        return REFUSED
     reason = f"the program failed on something it did not foresee: {type(error).__name__}: {error}"
     remedy = f"run it again with {TRACEBACK}=1 in the environment to see where, and report that"
     log("failed", reason, level="error", remedy=remedy, exit_code=SOFTWARE_FAULT)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
-from procedures.outcome import BadParameter
+from procedures.outcome import BadInput, BadParameter
+from procedures.reading.text import read_toml
 from station.common.sanitise import printable
 
 T = TypeVar("T")
@@ -36,9 +36,9 @@ class Table:
     def read(cls, path: Path) -> Self:
         """The whole file. Raises BadParameter if it cannot be read."""
         try:
-            return cls(tomllib.loads(path.read_text(encoding="utf-8")))
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-            reason = f"{printable(path)} must be a TOML file: {printable(error)}"
+            return cls(read_toml(path))
+        except BadInput as error:
+            reason = f"{printable(path)} must be a TOML file: {printable(error.reason)}"
             raise BadParameter(reason, "correct it, or name another file") from error
 
     def get(self, key: str, kind: type[T], default: T) -> T:

@@ -6,7 +6,6 @@ import json
 import os
 import subprocess
 import sys
-import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import Any
 
 from procedures.outcome import BadParameter
 from station.common.durable_files import sha256_of
+from station.common.leftovers import temporary_folder
 from station.guide.catalogue import plan_named
 from station.guide.session_result import compute
 from station.results.result_files import RECORD
@@ -110,7 +110,7 @@ def _tuples(value: Any) -> Any:
 
 
 def _again(folder: Path, result: Derived, state: State) -> Comparison:
-    with tempfile.TemporaryDirectory(prefix="station-") as raw:
+    with temporary_folder() as raw:
         fresh = Path(raw, "result")
         compute(folder, state, plan_named(state.plan), fresh, sealed=is_sealed(folder / result.folder))
         found = {path.relative_to(fresh).as_posix(): sha256_of(path) for path in fresh.rglob("*") if path.is_file()}
@@ -139,7 +139,7 @@ def _differing(old: Path, new: Path) -> tuple[str, ...]:
     """The entries in which two records differ."""
     try:
         before, now = (_flat(json.loads(path.read_bytes())) for path in (old, new))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return ()
     return tuple(sorted(name for name in before.keys() | now.keys() if before.get(name) != now.get(name)))
 

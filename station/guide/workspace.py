@@ -6,12 +6,14 @@ end calls from a thread once its first screen is painted.
 
 from __future__ import annotations
 
-import tempfile
+import contextlib
 import threading
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
+
+from station.common.leftovers import temporary_folder
 
 if TYPE_CHECKING:
     from station.bench.opening import Bench, Row
@@ -105,7 +107,7 @@ class StationLab:
         self._opened: Opened | None = None
         self._session: Session | None = None
         self._running: Running | None = None
-        self._scratch: tempfile.TemporaryDirectory[str] | None = None
+        self._scratch = contextlib.ExitStack()
 
     def open(self) -> Opened:
         """The bench; opened by the first call, which others wait for."""
@@ -119,8 +121,8 @@ class StationLab:
         from station.bench.opening import make_bench, read_config, simulated_bench
 
         if self._simulate:
-            self._scratch = tempfile.TemporaryDirectory(prefix="station-", ignore_cleanup_errors=True)
-            return simulated_bench(Path(self._scratch.name), seed=self._seed, virtual_time=self.virtual_time)
+            folder = self._scratch.enter_context(temporary_folder())
+            return simulated_bench(folder, seed=self._seed, virtual_time=self.virtual_time)
         if self._config is not None:
             self._tables = read_config(self._config)
             return make_bench(self._tables, folder=self._config.resolve().parent)
@@ -221,8 +223,7 @@ class StationLab:
         self._leave_session()
         if self._bench is not None:
             self._bench.close()
-        if self._scratch is not None:
-            self._scratch.cleanup()
+        self._scratch.close()
 
 
 def _kept(folder: Path) -> Kept:

@@ -10,7 +10,6 @@ import math
 import os
 import re
 import shutil
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import cache
@@ -26,6 +25,7 @@ from procedures.cross_check.estimate import EdgeCheck
 from procedures.outcome import BadParameter, Outcome
 from procedures.quality import energy_outside_support
 from station.common.durable_files import Disk, hashes_in
+from station.common.leftovers import make, release, sweep
 from station.common.sanitise import encodable
 from station.drawing.psf_picture import psf_picture
 from station.results.budget_table import budget_csv
@@ -38,6 +38,8 @@ if TYPE_CHECKING:
     from procedures.sensor.measured import Measured
 
 RECORD = "result.json"
+UNFINISHED = ".unfinished-"
+"""How the name of a folder begins that receives a result."""
 SEAL = "sha256"
 SCHEMA = "station/psf/1"
 CANDIDATES = 5
@@ -70,7 +72,8 @@ class ResultFolder:
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             self._created = missing
-            self.staging = Path(tempfile.mkdtemp(prefix=".unfinished-", dir=self.path))
+            sweep(self.path, f"{UNFINISHED}*")
+            self.staging, self._held = make(UNFINISHED, self.path)
         except OSError as error:
             raise self._unwritable(error) from error
         return self
@@ -79,6 +82,7 @@ class ResultFolder:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         shutil.rmtree(self.staging, ignore_errors=True)
+        release(self._held)
         for folder in self._created:
             if any(folder.iterdir()):
                 break

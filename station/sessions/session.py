@@ -19,7 +19,6 @@ after a crash finishes what was announced and not confirmed.
 from __future__ import annotations
 
 import os
-import secrets
 import shutil
 import threading
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -34,6 +33,7 @@ from drivers.clock import Clock
 from drivers.interfaces import Exposure
 from procedures.plan import Facts
 from station.common.durable_files import READ_ONLY, Disk, NotKept, files_in, hashes_in, holds, holds_all, kept
+from station.common.leftovers import make, release, sweep
 from station.common.toml_text import toml_text
 from station.sessions.compute_environment import machine
 from station.sessions.creation import furnish, settle
@@ -123,14 +123,16 @@ class Session:
         names = (safe_name(camera, "camera"), safe_name(lens, "lens"), safe_name(plan, "plan"))
         with kept(root):
             root.mkdir(parents=True, exist_ok=True)
-            raw = root / f".creating-{secrets.token_hex(8)}"
-            raw.mkdir()
+            sweep(root, ".creating-*")
+            raw, held = make(".creating-", root, 0o777)
         try:
             furnish(raw, toml_text({**head, "seed": seed, "config": config}).encode(), first, disk)
             folder = settle(raw, f"{began:%Y-%m-%d}-{'-'.join(names)}", disk)
         except BaseException:
             shutil.rmtree(raw, ignore_errors=True)
             raise
+        finally:
+            release(held)
         return cls.open(folder, clock, today=today, disk=disk)
 
     @classmethod

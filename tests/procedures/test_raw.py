@@ -193,6 +193,9 @@ def test_interpolated_dng_is_refused(shared_data):
         ((0, 0, 1, 1), {}, "not red, green, green, blue"),
         (ORDERS["RGGB"], {50717: ("I", [200])}, "white level 200 not above its black level 256"),
         (ORDERS["RGGB"], {50713: None}, "4 black levels for a repeat pattern of 1 x 1"),
+        (ORDERS["RGGB"], {50715: ("r", [1.0] * 7)}, "7 differences of black, which is not one for each column"),
+        (ORDERS["RGGB"], {50716: ("r", [])}, "0 differences of black, which is not one for each row"),
+        (ORDERS["RGGB"], {50713: ("H", [0, 0])}, "4 black levels for a repeat pattern of 0 x 0"),
         (ORDERS["RGGB"], {50713: ("H", [4, 4]), 50714: ("R", range(16))}, "black has to be one level per plane"),
     ],
 )

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from procedures.numerics.kernel_cache import jitted
 from procedures.restoration.first_depth.planes import TRUNCATE, fitted
 from procedures.restoration.first_depth.semi_global_matching import DIRECTIONS
 from procedures.restoration.first_depth.slanted_matching import sheared
@@ -82,7 +82,7 @@ def chosen(volume: F32, first: float, step: float, w: Array, beyond: float, choi
     return w
 
 
-@numba.njit(fastmath=True, cache=True)
+@jitted(fastmath=True)
 def _along(
     cost: F32, value: F32, down: F32, across: F32, total: F32, dy: int, dx: int, change: float, jump: float
 ) -> None:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from procedures.numerics.kernel_cache import jitted
 
-@numba.njit(fastmath=True, cache=True)
+
+@jitted(fastmath=True)
 def _along(cost: NDArray[np.float32], total: NDArray[np.float32], dy: int, dx: int, small: float, large: float) -> None:
     """Add to `total` the least cost of every path that arrives along (dy, dx)."""
     height, width, labels = cost.shape

@@ -7,10 +7,10 @@ the depths around each pixel that are near its own, so that it does not bend at 
 from __future__ import annotations
 
 import cv2
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from procedures.numerics.kernel_cache import jitted
 from procedures.restoration.first_depth.segments import continued
 from procedures.restoration.masks.blur_operator import Array
 
@@ -40,7 +40,7 @@ def local_planes(w: Array, sigma: float, near: float) -> Array:
     return found
 
 
-@numba.njit(cache=True, nogil=True)
+@jitted(nogil=True)
 def sheared(volume: NDArray[np.float32], first: Array, levels: int, beyond: float) -> NDArray[np.float32]:
     """The cost volume (H, W, L) counted from a surface: (H, W, levels), interpolated linearly.
 

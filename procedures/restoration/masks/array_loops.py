@@ -11,6 +11,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from procedures.numerics.kernel_cache import jitted
+
 Array = NDArray[np.floating[Any]]
 
 # a second thread is worth its waking from some milliseconds of work on
@@ -87,20 +89,20 @@ def _every_row(weights: Array | float, like: Array) -> Array:
     return np.full(like.shape, weights, like.dtype) if np.ndim(weights) == 0 else np.asarray(weights, like.dtype)
 
 
-@numba.njit(fastmath=True, cache=True, nogil=True)
+@jitted(fastmath=True, nogil=True)
 def _advance(x: Array, r: Array, p: Array, q: Array, step: Any) -> None:
     for n in range(x.size):
         x[n] += step * p[n]
         r[n] -= step * q[n]
 
 
-@numba.njit(fastmath=True, cache=True, nogil=True)
+@jitted(fastmath=True, nogil=True)
 def _turn(p: Array, y: Array, part: Any) -> None:
     for n in range(p.size):
         p[n] = part * p[n] + y[n]
 
 
-@numba.njit(fastmath=True, cache=True, nogil=True)
+@jitted(fastmath=True, nogil=True)
 def _add_diffusion(out: Array, x: Array, weight: Any, down: Array, across: Array) -> None:
     channels, height, width = x.shape
     for c in range(channels):
@@ -118,7 +120,7 @@ def _add_diffusion(out: Array, x: Array, weight: Any, down: Array, across: Array
                 to[j] += weight * g[j - 1] * (row[j] - row[j - 1])
 
 
-@numba.njit(fastmath=True, cache=True, nogil=True)
+@jitted(fastmath=True, nogil=True)
 def _add_bending(out: Array, x: Array, weight: Any, down: Array, across: Array) -> None:
     height, width = x.shape
     for i in range(height):
@@ -143,7 +145,7 @@ def _add_bending(out: Array, x: Array, weight: Any, down: Array, across: Array) 
             out[i + 1, j + 1] += e
 
 
-@numba.njit(fastmath=True, cache=True, nogil=True)
+@jitted(fastmath=True, nogil=True)
 def _window_down(a: Array, half: Array, out: Array, top: int, bottom: int) -> None:
     height, width = a.shape
     for i in range(top, bottom):
@@ -156,7 +158,7 @@ def _window_down(a: Array, half: Array, out: Array, top: int, bottom: int) -> No
                 row[j] += part * (above[j] + below[j])
 
 
-@numba.njit(fastmath=True, cache=True, nogil=True)
+@jitted(fastmath=True, nogil=True)
 def _window_across(a: Array, half: Array, out: Array, top: int, bottom: int) -> None:
     width = a.shape[1]
     reach = half.size - 1

@@ -16,6 +16,7 @@ from scipy.ndimage import map_coordinates
 from scipy.signal import fftconvolve
 
 from procedures.outcome import BadInput, BadParameter
+from procedures.reading.text import read_numbers
 from procedures.restoration.masks.blur_operator import MaskStack
 from procedures.restoration.masks.mask_fields import MaskField
 
@@ -103,20 +104,7 @@ def read_shape(path: Path) -> Array:
     BadInput
         If it cannot be read, is not an odd square, or has negative or no content.
     """
-    remedy = "give a text array of numbers, a row per line"
-    try:
-        rows = [line.split("#")[0].split() for line in path.read_text(encoding="utf-8").splitlines()]
-        shape = [[float(number) for number in row] for row in rows if row]
-    except OSError as error:
-        raise BadInput(f"shape file {path} cannot be read: {error.strerror}", remedy) from error
-    except ValueError as error:
-        told = "it is not text" if isinstance(error, UnicodeDecodeError) else error
-        raise BadInput(f"shape file {path} cannot be read: {told}", remedy) from error
-    widths = {len(row) for row in shape}
-    if len(widths) != 1:
-        found = "is empty" if not widths else f"has rows of {min(widths)} to {max(widths)} numbers"
-        raise BadInput(f"shape file {path} {found}", remedy)
-    return check_shape(np.array(shape), str(path))
+    return check_shape(read_numbers(path, "shape file", "give a text array of numbers, a row per line"), str(path))
 
 
 def check_shape(shape: NDArray[np.floating[Any]], name: str = "shape") -> Array:

@@ -13,6 +13,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from procedures.numerics.kernel_cache import jitted
 from procedures.restoration.masks.simd_vectors import LANES, entry, filled, load, multiply_add, store, total
 
 Array = NDArray[np.floating[Any]]
@@ -65,7 +66,7 @@ def _extent(held: NDArray[np.bool_], R: int) -> tuple[NDArray[np.int64], NDArray
     return np.where(any_held, first, 0), np.where(any_held, last, 0)
 
 
-@numba.njit(fastmath=True, cache=True, nogil=True)
+@jitted(fastmath=True, nogil=True)
 def spread(
     x: Array, u: Array, dw: Array, rate: Any, level: NDArray[np.int32], f: Array, pairs: Pairs, drawn: Array,
     out: Array, top: int, bottom: int,
@@ -144,7 +145,7 @@ def _draw(
             two += 2 * width
 
 
-@numba.njit(fastmath=True, cache=True, nogil=True)
+@jitted(fastmath=True, nogil=True)
 def gather(
     e: Array, level: NDArray[np.int32], f: Array, pairs: Pairs, u: Array, rate: Any, dx: Array, dw: Array,
     top: int, bottom: int,

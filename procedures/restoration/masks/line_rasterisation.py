@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from procedures.numerics.kernel_cache import jitted
 from procedures.restoration.masks.blur_models import SAMPLES
 
 Array = NDArray[np.floating[Any]]
@@ -20,7 +20,7 @@ Array = NDArray[np.floating[Any]]
 TAIL = 5.0
 
 
-@numba.njit(cache=True, nogil=True)
+@jitted(nogil=True)
 def shares(x: Array, R: int, sigma: float) -> tuple[Array, Array]:
     """Light of each instant at x (T,) in each of 2R + 1 pixels, (T, 2R + 1), its line of width sigma pixels.
 
@@ -40,7 +40,7 @@ def shares(x: Array, R: int, sigma: float) -> tuple[Array, Array]:
     return out, light
 
 
-@numba.njit(cache=True, nogil=True)
+@jitted(nogil=True)
 def share_changes(x: Array, R: int, sigma: float) -> Array:
     """How the shares change with x, but for their wavering as a line passes from sample to sample."""
     out = np.zeros((len(x), 2 * R + 1))

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.ndimage import shift
 
 from procedures.outcome import BadInput
+from procedures.reading.text import read_numbers
 from procedures.restoration.masks.blur_models import as_shape
 from procedures.restoration.masks.blur_operator import Array
 from procedures.restoration.masks.motion import path_mask
@@ -30,13 +31,7 @@ def read_path(path: Path) -> Array:
     BadInput
         If it cannot be read as numbers, or they are not finite.
     """
-    try:
-        found = np.loadtxt(path, dtype=np.float64, ndmin=2)
-    except (OSError, ValueError) as error:
-        raise BadInput(f"path file {path} cannot be read: {error}", "give a text array of two columns") from error
-    if not np.isfinite(found).all():
-        raise BadInput(f"path file {path} contains values that are not numbers", "drop those samples")
-    return found
+    return read_numbers(path, "path file", "give a text array of two columns of numbers")
 
 
 def recorded_masks(parts: Array, paths: list[Array], largest: int) -> Array:

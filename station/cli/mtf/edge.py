@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from station.cli.psf.planes import LEVELS, raw_option, read_planes, told_layout
+from station.cli.terminal.numbers import Number
 from station.common.errors import REFUSED
 from station.common.log import log, log_json_option
 
@@ -38,11 +39,9 @@ def _roi(context: click.Context, option: click.Parameter, words: str | None) -> 
     "--roi", callback=_roi, metavar="X,Y,W,H", help="Where the edge is, in pixels of the plane.  [default: all edges]"
 )
 @click.option("--plane", help="R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]")
-@click.option(
-    "--pixel-pitch-um", type=click.FloatRange(min=0.1), help="The sensor's pitch: what diffraction throws far."
-)
-@click.option("--f-number", type=click.FloatRange(min=0.1), help="The aperture.  [default: as the camera noted it]")
-@click.option("--wavelength-nm", type=click.FloatRange(min=100), help="[default: R 600, G 530, B 460, Y 550]")
+@click.option("--pixel-pitch-um", type=Number(min=0.1), help="The sensor's pitch: what diffraction throws far.")
+@click.option("--f-number", type=Number(min=0.1), help="The aperture.  [default: as the camera noted it]")
+@click.option("--wavelength-nm", type=Number(min=100), help="[default: R 600, G 530, B 460, Y 550]")
 @raw_option
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
 @click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout too.")

@@ -69,7 +69,7 @@ def psf_field(
     paths = photographs(folder)
     if not trusted:
         check_noted(paths, optics, INSIST)
-    positions = focus_positions(focus) if focus else None
+    positions = focus_positions(focus, paths) if focus else None
     names = None if plane in (None, "all") else [str(plane)]
     with ResultFolder(out) as results, progress(len(paths)) as told:
         measured = measure(paths, names, source.chart, parameters, told, layout)

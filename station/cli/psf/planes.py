@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from station.cli.terminal.numbers import SEED, Number
 from station.common.errors import REFUSED
 from station.common.log import log, log_json_option
 
@@ -85,13 +86,9 @@ def psf_options(s: int | str, k: int | str, solver: str, *, report: bool = False
         click.option("-s", "s", type=AUTO, default=s, show_default=True, help="PSF samples per pixel of the plane."),
         click.option("-k", "k", type=AUTO, default=k, show_default=True, help="PSF samples along one side, odd."),
         click.option("--solver", type=click.Choice(["ls", "clip", "nnls"]), default=solver, show_default=True),
-        click.option(
-            "--pixel-pitch-um", type=click.FloatRange(min=0.1), help="The sensor's pitch, for the Strehl ratio."
-        ),
-        click.option(
-            "--f-number", type=click.FloatRange(min=0.1), help="The aperture.  [default: as the camera noted it]"
-        ),
-        click.option("--wavelength-nm", type=click.FloatRange(min=100), help="[default: R 600, G 530, B 460, Y 550]"),
+        click.option("--pixel-pitch-um", type=Number(min=0.1), help="The sensor's pitch, for the Strehl ratio."),
+        click.option("--f-number", type=Number(min=0.1), help="The aperture.  [default: as the camera noted it]"),
+        click.option("--wavelength-nm", type=Number(min=100), help="[default: R 600, G 530, B 460, Y 550]"),
         click.option(
             "--trust-typed", is_flag=True, help="Take --f-number and --pixel-pitch-um against what the camera noted."
         ),
@@ -116,9 +113,7 @@ def psf_options(s: int | str, k: int | str, solver: str, *, report: bool = False
 def chart_options(command: Command) -> Command:
     """The options that tell which chart was printed."""
     bits = click.option("--bits", type=click.Path(path_type=Path), help="The chart's 256 x 256 cells as a grey image.")
-    seed = click.option(
-        "--seed", type=click.IntRange(0, 2**63 - 1), help="The chart's seed; 1 if neither this nor --bits is given."
-    )
+    seed = click.option("--seed", type=SEED, help="The chart's seed; 1 if neither this nor --bits is given.")
     return bits(seed(command))
 
 

@@ -16,9 +16,10 @@ from scipy.ndimage import gaussian_filter
 
 from procedures.ray_histogram.comparison import psnr_db
 from procedures.ray_histogram.film import Film
-from procedures.ray_histogram.film_files import read_arrays, read_film
+from procedures.ray_histogram.film_files import read_film
 from procedures.ray_histogram.filter import PAPER
 from procedures.ray_histogram.multiscale import filter_film
+from procedures.reading.arrays import read_npz
 from station.demo.reproduce.figures import Curve, curves, pictures
 from station.demo.reproduce.row import Check, Found, Row, Setting
 
@@ -39,7 +40,7 @@ def _film(path: Path) -> Film:
 
 @cache
 def _reference(path: Path) -> Array:
-    return np.asarray(read_arrays(path)["reference"], dtype=np.float64)
+    return np.asarray(read_npz(path, ("reference",))[0]["reference"], dtype=np.float64)
 
 
 def _of(setting: Setting, samples: int) -> tuple[Film, Array]:

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import struct
+
 import cv2
 import numpy as np
 import pytest
@@ -124,3 +126,21 @@ def test_damaged_png_is_refused(tmp_path, rng, capfd):
     with pytest.raises(BadInput, match="cannot be decoded whole"):
         read_frame(path)
     assert capfd.readouterr() == ("", "")
+
+
+def big_tiff(levels, columns=None):
+    """A BigTIFF of one strip; `columns` is what it announces."""
+    rows, width = levels.shape
+    tags = {256: columns or width, 257: rows, 258: 16, 259: 1, 262: 1, 273: 16, 277: 1, 278: rows, 279: levels.nbytes}
+    entries = b"".join(struct.pack("<HHQQ", code, 4 if code != 258 else 3, 1, value) for code, value in tags.items())
+    head = b"II+\0" + struct.pack("<HHQ", 8, 0, 16 + levels.nbytes)
+    return head + levels.astype("<u2").tobytes() + struct.pack("<Q", len(tags)) + entries + bytes(8)
+
+
+def test_big_tiff_is_read_and_its_size_is_looked_at_as_well(tmp_path):
+    path = tmp_path / "big.tif"
+    path.write_bytes(big_tiff(LEVELS))
+    np.testing.assert_allclose(grey(path).samples * 65535, LEVELS, rtol=1e-6)
+    path.write_bytes(big_tiff(LEVELS, columns=100_000_000))
+    with pytest.raises(BadInput, match="100000000 x 12 samples: 4800 MB in memory"):
+        read_frame(path)

@@ -16,6 +16,10 @@ class Errand:
     deadly: tuple[int, ...] = ()
     deadly_once: tuple[int, ...] = ()
     quits: tuple[int, ...] = ()
+    stops_once: tuple[int, ...] = ()
+    endless: tuple[int, ...] = ()
+    greedy: tuple[int, ...] = ()
+    ballast: bytes = b""
 
 
 def square(item: int, errand: Errand) -> int:
@@ -26,4 +30,21 @@ def square(item: int, errand: Errand) -> int:
         os.kill(os.getpid(), signal.SIGKILL)
     if item in errand.quits:
         os._exit(7)
+    if item in errand.stops_once and not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGSTOP)
+    while item in errand.endless:
+        mark.touch()
+        signal.pause()
+    if item in errand.greedy:
+        try:
+            return len(bytearray(1 << 40))
+        except MemoryError:
+            return -1
     return item * item
+
+
+def deaf(item: int, errand: Errand) -> bool:
+    """Whether the process never hears of Ctrl-C: the mask of its main thread has SIGINT in it, or it is ignored."""
+    status = dict(line.split(":\t") for line in Path("/proc/self/status").read_text().splitlines() if ":\t" in line)
+    return any(int(status[name], 16) & (1 << (signal.SIGINT - 1)) for name in ("SigBlk", "SigIgn"))

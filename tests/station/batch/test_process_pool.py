@@ -2,16 +2,28 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import replace
+from multiprocessing.context import SpawnProcess
+from pathlib import Path
+
 import pytest
 
 from procedures.outcome import BadParameter, Refused
+from station.batch.allowance import Allowance
 from station.batch.dask_pool import run_on_cluster
-from station.batch.process_pool import DEATHS_IN_A_ROW, TRIES, Lost, Stop, run_in_processes
+from station.batch.process_pool import DEATHS_IN_A_ROW, NO_LIMIT, TRIES, Lost, Stop, run_in_processes
 
 
-def run(errands, tmp_path, count=8, jobs=2, stop=None, **trouble):
+def run(errands, tmp_path, count=8, jobs=2, stop=None, allowance=NO_LIMIT, **trouble):
     errand = errands.Errand(tmp_path, **trouble)
-    return dict(run_in_processes(errands.square, errand, range(count), jobs, stop or Stop()))
+    return dict(run_in_processes(errands.square, errand, range(count), jobs, stop or Stop(), allowance))
 
 
 def test_every_item_is_worked_on_once(errands, tmp_path):
@@ -37,6 +49,53 @@ def test_processes_that_die_without_end_are_not_blamed_on_the_items(errands, tmp
         run(errands, tmp_path, count=20, jobs=1, quits=tuple(range(20)))
 
 
+@pytest.mark.skipif(not hasattr(os, "waitid"), reason="the system does not tell which child is stopped")
+def test_process_that_is_stopped_is_ended_and_its_item_done_again(errands, tmp_path, monkeypatch):
+    monkeypatch.setattr("station.batch.process_pool.STOPPED_S", 0.2)
+    monkeypatch.setattr("station.batch.process_pool.POLL_S", 0.1)
+    assert run(errands, tmp_path, stops_once=(1, 4)) == {n: n * n for n in range(8)}
+    assert (tmp_path / "1").exists()
+
+
+def test_process_that_is_stopped_before_it_takes_its_work_holds_nobody(errands, tmp_path, monkeypatch):
+    monkeypatch.setattr("station.batch.process_pool.STOPPED_S", 0.2)
+    monkeypatch.setattr("station.batch.process_pool.POLL_S", 0.1)
+    start, started = SpawnProcess.start, []
+
+    def stopped(process):
+        start(process)
+        if not started:
+            os.kill(process.pid, signal.SIGSTOP)
+        started.append(process)
+
+    monkeypatch.setattr(SpawnProcess, "start", stopped)
+    errand = replace(errands.Errand(tmp_path), ballast=bytes(10_000_000))  # more than any pipe holds
+    found = dict(run_in_processes(errands.square, errand, range(4), 2, Stop()))
+    assert found == {n: n * n for n in range(4)}
+    assert len(started) == 3
+
+
+def test_item_that_takes_too_long_is_named_and_not_tried_again(errands, tmp_path, monkeypatch):
+    monkeypatch.setattr("station.batch.process_pool.POLL_S", 0.1)
+    found = run(errands, tmp_path, count=4, allowance=Allowance(time_s=3.0), endless=(2,))
+    assert found.pop(2) == Lost("it took longer than 3 s")
+    assert found == {n: n * n for n in (0, 1, 3)}
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux holds to a limit of address space")
+def test_item_that_takes_too_much_memory_gets_an_error_and_the_next_ones_their_own_room(errands, tmp_path):
+    allowance = Allowance(memory_bytes=1 << 30)
+    found = run(errands, tmp_path, count=4, jobs=1, allowance=allowance, greedy=(1,))
+    assert found == {0: 0, 1: -1, 2: 4, 3: 9}
+
+
+def test_share_of_memory_is_smaller_for_more_processes_and_never_too_small():
+    one, many = Allowance.fair(1), Allowance.fair(10_000)
+    assert one.time_s == many.time_s == 3600
+    if one.memory_bytes is not None:
+        assert one.memory_bytes > many.memory_bytes == 2_000_000_000
+
+
 def test_what_runs_is_finished_when_asked_to_stop_and_nothing_else_is_begun(errands, tmp_path):
     stop, found = Stop(), {}
     for number, answer in run_in_processes(errands.square, errands.Errand(tmp_path), range(50), 2, stop):
@@ -52,6 +111,87 @@ def test_cluster_gives_the_same_and_survives_a_killed_worker(errands, tmp_path):
     found = dict(run_on_cluster(errands.square, errand, range(8), 2, Stop(), "local"))
     assert (tmp_path / "4").exists()
     assert found == {n: n * n for n in range(8)}
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="a process tells its signals in /proc")
+def test_no_process_of_a_pool_or_a_local_cluster_hears_of_ctrl_c(errands, tmp_path):
+    errand = errands.Errand(tmp_path)
+    assert dict(run_in_processes(errands.deaf, errand, range(2), 2, Stop())) == {0: True, 1: True}
+    pytest.importorskip("distributed")
+    assert dict(run_on_cluster(errands.deaf, errand, range(4), 2, Stop(), "local")) == dict.fromkeys(range(4), True)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not hasattr(os, "waitid"), reason="the system does not tell which child is stopped")
+def test_stopped_process_of_a_local_cluster_is_ended_and_its_item_done_again(errands, tmp_path):
+    pytest.importorskip("distributed")
+    errand = errands.Errand(tmp_path, stops_once=(3,))
+    assert dict(run_on_cluster(errands.square, errand, range(6), 2, Stop(), "local")) == {n: n * n for n in range(6)}
+
+
+CTRL_C = """
+import errands, pathlib, sys
+from station.batch.dask_pool import run_on_cluster
+from station.common.stop_signals import guarded
+from station.batch.process_pool import Stop, run_in_processes
+if __name__ == "__main__":
+    errand, stop = errands.Errand(pathlib.Path(sys.argv[1]), endless=range(9)), Stop()
+    where = (run_on_cluster, "local") if sys.argv[2] == "cluster" else (run_in_processes,)
+    with guarded(lambda: None, stop.ask, terminated=130):
+        list(where[0](errands.square, errand, range(9), 2, stop, *where[1:]))
+"""
+
+
+def group_ends(group):
+    """Whether all processes of a group are gone within some seconds."""
+    for _ in range(200):
+        try:
+            os.killpg(group, 0)
+        except ProcessLookupError:
+            return True
+        time.sleep(0.05)
+    return False
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not hasattr(os, "killpg"), reason="there are no groups of processes")
+@pytest.mark.parametrize("kind", ["pool", "cluster"])
+def test_ctrl_c_twice_ends_endless_work_and_all_its_processes(tmp_path, kind):
+    pytest.importorskip("distributed")
+    script = tmp_path / "ctrl_c.py"
+    script.write_text(CTRL_C)
+    here = Path(__file__).parent
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(here.parents[2]), str(here)])}
+    words = [sys.executable, script, tmp_path, kind]
+    with subprocess.Popen(words, env=environment, start_new_session=True, stderr=subprocess.PIPE) as program:
+        while len(list(tmp_path.glob("[0-9]"))) < 2:
+            assert program.poll() is None
+            time.sleep(0.05)
+        os.killpg(program.pid, signal.SIGINT)  # as a terminal does: parent, workers and their helpers
+        with pytest.raises(subprocess.TimeoutExpired):
+            program.wait(1.0)  # what runs is finished
+        os.killpg(program.pid, signal.SIGINT)
+        said = program.communicate(timeout=60)[1]
+        assert b"KeyboardInterrupt" in said
+        assert program.returncode in (1, -signal.SIGINT)
+    assert group_ends(program.pid)
+
+
+def test_what_is_no_cluster_is_said(errands, tmp_path, monkeypatch):
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("station.batch.dask_pool.PATIENCE_S", 1)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+
+        def greet():
+            line, _ = server.accept()
+            line.sendall(b"HTTP/1.1 400 Bad Request\r\n\r\n" * 100)
+            line.close()
+
+        threading.Thread(target=greet, daemon=True).start()
+        for wrong in (address, "nonsense://x", ""):
+            with pytest.raises(BadParameter, match="no cluster answers at"):
+                list(run_on_cluster(errands.square, errands.Errand(tmp_path), range(2), 2, Stop(), wrong))
 
 
 def test_cluster_that_does_not_answer_is_said(errands, tmp_path, monkeypatch):

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import hashlib
+from pathlib import Path
 
 import pytest
 
@@ -65,11 +66,17 @@ def test_no_folder_and_no_photographs_are_named(tmp_path, make):
 def test_focus_positions_come_with_or_without_headings(tmp_path):
     table = tmp_path / "focus.csv"
     table.write_text("photograph, position_mm\na.dng, 12.5\n\nb.dng,-0.25\n")
-    assert focus_positions(table) == {"a.dng": 12.5, "b.dng": -0.25}
+    assert focus_positions(table, [Path("a.dng")]) == {"a.dng": 12.5, "b.dng": -0.25}
 
 
 def test_a_row_without_a_number_is_named(tmp_path):
     table = tmp_path / "focus.csv"
     table.write_text("a.dng,12.5\nb.dng,far\n")
     with pytest.raises(BadInput, match=r"row 2: .* got 'b\.dng,far'"):
-        focus_positions(table)
+        focus_positions(table, [Path("a.dng")])
+
+
+def test_table_of_other_photographs_is_refused_before_any_work(tmp_path):
+    (tmp_path / "focus.csv").write_text("name,mm\nx.dng,1\ny.dng,2\n")
+    with pytest.raises(BadInput, match=r"the position of none of 1 photographs; it names x\.dng, y\.dng"):
+        focus_positions(tmp_path / "focus.csv", [Path("a.dng")])

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procedures.outcome import BadParameter
-from station.calibration.folder_photographs import find_frames, in_pairs, singly
+from procedures.outcome import BadInput, BadParameter
+from station.calibration.folder_photographs import find_frames, in_pairs, singly, unread
 from station.common.sanitise import cell, encodable, printable, safe_stem
 
 
@@ -94,3 +94,30 @@ def test_no_name_is_a_formula(name):
 def test_harmless_names_stay_as_they_are():
     assert safe_stem(Path("IMG_0042.CR2")) == "IMG_0042"
     assert [cell("a.dng"), printable("ä b.dng"), encodable("ä")] == ["a.dng", "ä b.dng", "ä"]
+
+
+def test_folder_that_cannot_be_read_is_told_and_the_others_are_found(folder, tmp_path, monkeypatch):
+    here = folder("a.dng", "locked/b.dng", "sub/c.dng")
+    scandir = os.scandir
+
+    def refusing(path):
+        if str(path).endswith("locked"):
+            raise PermissionError(13, "Permission denied", str(path))
+        return scandir(path)
+
+    monkeypatch.setattr(os, "scandir", refusing)
+    missed = []
+    found = find_frames([here], tmp_path / "out", lambda path, error: missed.append(unread(path, error)))
+    assert [path.name for path in found] == ["a.dng", "c.dng"]
+    (item,) = missed
+    assert (item.paths, item.trouble) == ((here / "locked",), "the folder cannot be read: Permission denied")
+    with pytest.raises(BadInput, match="locked cannot be read: Permission denied"):
+        find_frames([here], tmp_path / "out")
+
+
+def test_names_of_no_encoding_are_found_and_written_and_shown(folder, tmp_path):
+    here = folder("a.dng")
+    os.rename(here / "a.dng", os.fsencode(here) + b"/\xff\x1b[31m,\n.dng")
+    (item,) = singly(find_frames([here], tmp_path / "out"))
+    assert item.files[0].endswith("/\\udcff\x1b[31m,\n.dng")
+    assert item.shown.endswith("/\\udcff\\x1b[31m,\\n.dng")

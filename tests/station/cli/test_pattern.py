@@ -80,7 +80,7 @@ def test_seed_and_bits_together_are_refused(tmp_path: Path) -> None:
         (["c"], BadParameter, "got c"),
         (["c.pdf", "--width-mm", "12"], BadParameter, "32 to 3600 mm"),
         (["c.png", "--cell-pixels", "0"], BadParameter, "1 to 32 pixels"),
-        (["c.pdf", "--bits", "bits.pgm"], BadInput, "cannot be read"),
+        (["c.pdf", "--bits", "bits.pgm"], BadInput, "there is no file"),
         (["nowhere/c.png"], BadParameter, "cannot be written: No such file or directory"),
         (["file/c.png"], BadParameter, "cannot be written: Not a directory"),
         (["folder.png"], BadParameter, "cannot be written: Is a directory"),

@@ -97,4 +97,4 @@ def test_a_reference_of_another_size_is_refused(run, small, shared_data, tmp_pat
 def test_a_file_that_is_no_film_is_refused(run, shared_data, tmp_path):
     done = run("rays", shared_data / "rays" / "README.md", "--out", tmp_path / "out")
     assert done.exit_code == 4
-    assert "is no npz archive" in done.stderr
+    assert "cannot be read as an npz archive" in done.stderr

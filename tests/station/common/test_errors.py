@@ -67,3 +67,18 @@ def test_facts_that_are_not_finite_are_null():
     entry = json.loads(CliRunner().invoke(command, ["--log-json"]).stderr, parse_constant=pytest.fail)
     assert (entry["share"], entry["n"]) == (None, 3)
     assert CliRunner().invoke(command).stderr == "one step\n"
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "says"),
+    [
+        (PermissionError(13, "Permission denied", "/locked/out"), 2, "/locked/out: Permission denied"),
+        (OSError(28, "No space left on device"), 2, "a file: No space left on device"),
+        (MemoryError(), 5, "more memory than there is"),
+        (OSError("a sentence of some library"), 70, "did not foresee"),
+    ],
+)
+def test_what_the_system_does_not_allow_is_no_fault_of_the_program(error, code, says):
+    done = failing(error)
+    assert (done.exit_code, done.stdout) == (code, "")
+    assert says in done.stderr

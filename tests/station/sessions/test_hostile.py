@@ -198,3 +198,13 @@ def test_hash_in_the_journal_is_of_what_was_exposed(session, tmp_path):
     path.write_bytes(b"frame")
     shot = session.adopt(exposure_of(path), step="shots", purpose="frame", snapshot={})
     assert shot.sha256 == hashlib.sha256(b"frame").hexdigest()
+
+
+def test_half_a_session_of_a_killed_run_is_removed_by_the_next(tmp_path, about):
+    root = tmp_path / "sessions"
+    left = root / ".creating-0123456789abcdef"
+    (left / "originals").mkdir(parents=True)
+    (left / "session.toml").write_text("half")
+    with Session.create(root, **about) as session:
+        assert {path.name for path in root.iterdir()} == {session.folder.name}
+        assert session.folder.stat().st_mode & 0o777 == root.stat().st_mode & 0o777  # as umask says, no narrower

@@ -1,0 +1,73 @@
+"""Text formats: JSON, TOML, CSV, and arrays of numbers, from files of a size that a person's text can have."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import tomllib
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.outcome import BadInput
+from procedures.reading.guard import Room, decoding, read_file
+
+SPREAD = 30
+"""Bytes in memory for each byte of text: a number of two letters becomes an object of 32 bytes in a list."""
+
+
+def read_text(path: Path, kind: str, remedy: str) -> str:
+    """The text of a UTF-8 file, with or without its mark. Raises BadInput."""
+    data = read_file(path, kind)
+    Room(str(path)).take(SPREAD * len(data), f"{len(data)} bytes of text")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise BadInput(f"{kind} {path} cannot be read: it is not text", remedy) from error
+
+
+def read_json(path: Path, remedy: str = "write it again") -> Any:
+    """What a JSON file holds; the words NaN and Infinity are no JSON. Raises BadInput."""
+    text = read_text(path, "JSON file", remedy)
+    with decoding(str(path), "JSON", remedy):
+        return json.loads(text, parse_constant=_refuse)
+
+
+def _refuse(word: str) -> NoReturn:
+    raise ValueError(f"{word} is no number of JSON")
+
+
+def read_toml(path: Path, remedy: str = "correct it, or name another file") -> dict[str, Any]:
+    """The tables of a TOML file. Raises BadInput."""
+    return parse_toml(read_text(path, "TOML file", remedy), str(path), remedy)
+
+
+def parse_toml(text: str, name: str, remedy: str) -> dict[str, Any]:
+    """The tables of a text of TOML. Raises BadInput."""
+    with decoding(name, "TOML", remedy):
+        return tomllib.loads(text)
+
+
+def read_rows(path: Path, remedy: str) -> list[list[str]]:
+    """The rows of a CSV file, cell by cell. Raises BadInput."""
+    text = read_text(path, "CSV file", remedy)
+    with decoding(str(path), "CSV", remedy):
+        return list(csv.reader(io.StringIO(text, newline="")))
+
+
+def read_numbers(path: Path, what: str, remedy: str = "give a text array of numbers") -> npt.NDArray[np.float64]:
+    """A text array, a row per line, `#` before comments: (rows, columns), finite. Raises BadInput."""
+    text = read_text(path, what, remedy)
+    with decoding(str(path), what, remedy):
+        rows = [[float(word) for word in words] for line in text.splitlines() if (words := line.split("#")[0].split())]
+    widths = {len(row) for row in rows}
+    if len(widths) != 1:
+        found = "is empty" if not widths else f"has rows of {min(widths)} to {max(widths)} numbers"
+        raise BadInput(f"{what} {path} {found}", remedy)
+    numbers = np.array(rows)
+    if not np.isfinite(numbers).all():
+        raise BadInput(f"{what} {path} holds values that are no finite numbers", remedy)
+    return numbers

@@ -1,0 +1,23 @@
+"""Mutated files of every format end in a result or a stated refusal; the benchmark of that name reads thousands."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="the readers' memory is limited as Linux does it")
+def test_mutated_files_are_read_or_refused():
+    pytest.importorskip("OpenEXR")
+    script = ROOT / "tests" / "benchmarks" / "fuzz_readers.py"
+    words = [sys.executable, script, "--mutations", "190", "--seed", "20120323"]
+    done = subprocess.run(words, cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "190 mutations" in done.stdout

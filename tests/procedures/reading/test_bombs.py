@@ -1,0 +1,109 @@
+"""What a file announces is held against the limit before anything is decoded: time and memory stay small."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from procedures.outcome import BadInput, BadParameter
+from procedures.raw import read_frame
+from procedures.reading.guard import LIMIT, Room, read_file
+
+from . import bombs
+
+ROOM = 500_000_000
+"""Bytes that a reader may take beside what its libraries take."""
+
+# name -> how it is written, how read, and what is said
+BOMBS = {
+    "picture.tif": ("bombs.tiff(path)", "raw.read_frame(path)", "20000 x 20000 samples"),
+    "tile.tif": ("bombs.tiff(path, side=64, tile=32768)", "raw.read_frame(path)", "64 x 64 samples: 4295 MB"),
+    "picture.png": ("bombs.png(path)", "raw.read_frame(path)", "20000 x 20000 samples"),
+    "cells.png": ("bombs.png(path)", "source.Source.from_file(path)", "has 20000 x 20000"),
+    "tags.dng": ("bombs.dng(path, tags=60_000)", "raw.read_frame(path)", "60013 tags, more than 1000"),
+    "chain.dng": ("bombs.dng(path, tags=900, directories=64)", "raw.read_frame(path)", "more than 32 image dir"),
+    "vast.dng": ("bombs.dng(path, side=20_000)", "raw.read_frame(path)", "20000 x 20000 samples"),
+    "film.npz": ("bombs.npz(path)", "film_files.read_film(path)", "`samples` of 1200000128 bytes"),
+    "psf.npy": ("bombs.npy(path)", "arrays.read_npy(path)", "announces 8796093022208 bytes, 64 are there"),
+    "film.exr": ("bombs.exr(path)", "film_files.read_film(path)", "20000 x 20000 samples of 1 channels"),
+    "field.h5": ("bombs.hdf5(path)", "field_file.read_field(path)", "(100000000, 17)"),
+    "notes.dng": ("bombs.dng(path, notes=60_000)", "raw.read_frame(path)", "s: read"),  # its pixels all the same
+    "deep.json": ("bombs.deep(path, '')", "text.read_json(path)", "RecursionError"),
+    "deep.toml": ("bombs.deep(path, 'x = ')", "text.read_toml(path)", "RecursionError"),
+    "plain.pgm": ("path.write_bytes(b'P2 20000 20000 255 ' + b'1 ' * 20_000_000)", "raw.read_frame(path)", "as text"),
+}
+
+PROGRAM = """
+import os, resource, sys, time
+from pathlib import Path
+import cv2, exifread, h5py, numpy, rawpy, OpenEXR
+from procedures import raw
+from procedures.field import field_file
+from procedures.outcome import BadInput
+from procedures.pattern_print import source
+from procedures.ray_histogram import film_files
+from procedures.reading import arrays, text
+for path, read in {todo!r}:
+    if os.fork():
+        os.wait()
+        continue
+    before = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (before + {room}, before + {room}))
+    path, start = Path(path), time.process_time()
+    try:
+        eval(read)
+        print(f"{{path.name}}: {{time.process_time() - start:.2f}} s: read", flush=True)
+    except BadInput as error:
+        print(f"{{path.name}}: {{time.process_time() - start:.2f}} s: {{error}}", flush=True)
+    os._exit(0)
+"""
+
+
+@pytest.fixture(scope="module")
+def told(tmp_path_factory):
+    """What one program says of each bomb, each read in a process of its own that may take 500 MB more."""
+    if sys.platform != "linux":
+        pytest.skip("the program's own size is read from /proc")
+    folder, todo = tmp_path_factory.mktemp("bombs"), []
+    for name, (write, read, _) in BOMBS.items():
+        eval(write, {"bombs": bombs, "path": folder / name})
+        todo.append((str(folder / name), read))
+    program = PROGRAM.format(todo=todo, room=ROOM)
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    print(done.stdout)
+    return {line.split(":")[0]: line for line in done.stdout.splitlines()}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", BOMBS)
+def test_bomb_is_refused_by_name_within_500_mb(told, name):
+    assert name in told
+    assert BOMBS[name][2] in told[name]
+
+
+def test_limit_is_a_setting_that_the_refusal_names(tmp_path, monkeypatch):
+    path = tmp_path / "wall.pgm"
+    path.write_bytes(b"P5 1000 500 255\n" + bytes(range(250)) * 2000)
+    monkeypatch.setenv(LIMIT, "1.5")  # half a million samples of four bytes are 2 MB
+    with pytest.raises(BadInput, match=r"500000 samples: 2 MB in memory, and one file may take 1\.5") as refused:
+        read_frame(path)
+    assert refused.value.remedy.endswith(f"set {LIMIT}=2")
+    monkeypatch.setenv(LIMIT, "2")
+    assert read_frame(path).planes["Y"].samples.shape == (500, 1000)
+
+
+def test_file_larger_than_the_limit_is_not_read_at_all(tmp_path, monkeypatch):
+    monkeypatch.setenv(LIMIT, "1")
+    with (tmp_path / "long.dng").open("wb") as file:
+        file.truncate(1 << 40)
+    with pytest.raises(BadInput, match=r"long\.dng has too many bytes: 1099512 MB in memory"):
+        read_file(tmp_path / "long.dng")
+
+
+@pytest.mark.parametrize("told", ["lots", "0", "-1", "nan", "inf"])
+def test_limit_that_is_no_number_is_named(monkeypatch, told):
+    monkeypatch.setenv(LIMIT, told)
+    with pytest.raises(BadParameter, match=f"{LIMIT} is a number of megabytes; it is '{told}'"):
+        Room("a.dng")

@@ -1,0 +1,66 @@
+"""No numeric option takes NaN, infinity or a number out of all measure: each ends in exit code 2, which names it."""
+
+from __future__ import annotations
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from station.__main__ import COMMANDS, main
+from station.cli.terminal.lazy import LazyGroup
+from station.cli.terminal.numbers import Number
+
+
+def commands(group, words=()):
+    """Every command with its words."""
+    for name in group.list_commands(None):
+        command = group.get_command(click.Context(group), name)
+        if isinstance(command, click.Group):
+            yield from commands(command, (*words, name))
+        else:
+            yield (*words, name), command
+
+
+ALL = [((), main), *commands(main)]
+FLOATS = [
+    (words, option.opts[0])
+    for words, command in ALL
+    for option in command.params
+    if isinstance(option, click.Option) and isinstance(option.type, click.types.FloatParamType | click.FloatRange)
+]
+
+
+def test_every_option_that_takes_a_real_number_is_looked_at():
+    assert isinstance(main, LazyGroup)
+    assert {words[0] for words, _ in ALL if words} == set(COMMANDS)
+    assert {option for _, option in FLOATS} >= {"--f-number", "--ratio", "--for-s", "--kappa", "--width-mm"}
+    for words, command in ALL:
+        for option in command.params:
+            assert option.type is not click.FLOAT, (words, option.name)
+            assert not isinstance(option.type, click.FloatRange) or isinstance(option.type, Number)
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "-inf", "1e999"])
+@pytest.mark.parametrize(("words", "option"), FLOATS, ids=lambda one: "-".join(one) if isinstance(one, tuple) else one)
+def test_no_real_option_takes_what_is_no_finite_number(words, option, value):
+    done = CliRunner().invoke(main, [*words, f"{option}={value}"], prog_name="station")
+    assert done.exit_code == 2
+    assert "finite" in done.stderr or "range" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["psf", "pattern", "x.dng", "--out", "out", "-s", "1000000"], "s is at most 16"),
+        (["psf", "pattern", "x.dng", "--out", "out", "-k", "99999"], "k at most 101"),
+        (["psf", "pattern", "x.dng", "--out", "out", "-s", "9" * 5000], "auto"),
+        (["simulate", "--for-s", "1e300"], "range"),
+        (["simulate", "--seed", "-1"], "range"),
+        (["rays", "x.npz", "--out", "out", "--search", "1000000"], "range"),
+    ],
+)
+def test_numbers_out_of_all_measure_are_refused(tmp_path, monkeypatch, words, says):
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(main, words, prog_name="station")
+    assert (done.exit_code, list(tmp_path.iterdir())) == (2, [])
+    assert says in done.stderr
