@@ -13,6 +13,8 @@ from station.cli.terminal.lazy import LazyGroup
 COMMANDS = {
     "pattern": ("pattern", "pattern", "Write the printable noise chart."),
     "psf": ("psf.group", "psf", "Estimate a point spread function."),
+    "geometry": ("geometry", "geometry", "Calibrate a camera's geometry: intrinsics, distortion, poses."),
+    "export": ("export", "export", "Write a result as a file of another program."),
     "mtf": ("mtf.group", "mtf", "Measure a modulation transfer function."),
     "restore": ("restore", "restore", "Restore a sharp picture and depth from blurred photographs."),
     "rays": ("rays", "rays", "Remove the noise of a Monte Carlo render."),

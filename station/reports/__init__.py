@@ -1,1 +1,1 @@
-"""Pages for people: one report and its figures for each procedure."""
+"""Pages for people: one report and its figures per procedure."""

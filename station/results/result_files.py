@@ -43,7 +43,7 @@ SEAL = "sha256"
 SCHEMA = "station/psf/1"
 CANDIDATES = 5
 """Physical models told of, the best first."""
-PACKAGES = ("numpy", "scipy", "numba", "opencv-contrib-python-headless", "rawpy")
+PACKAGES = ("numpy", "scipy", "numba", "opencv-contrib-python-headless", "rawpy", "pycolmap")
 
 Array = npt.NDArray[np.float64]
 
@@ -165,7 +165,7 @@ class ResultFolder:
 
 
 _RESULT_FILE = re.compile(
-    r"(psf|covariance|mtf|edge|inter_image|profile)_(R|G1|G2|B|Y)\.(npy|csv|png|fits|tiff)|numbers\.csv|budget\.csv|report\.html|field\.h5"
+    r"(psf|covariance|mtf|edge|inter_image|profile)_(R|G1|G2|B|Y)\.(npy|csv|png|fits|tiff)|numbers\.csv|budget\.csv|report\.html|field\.h5|geometry_\w+\.(npy|csv)"
 )
 
 
