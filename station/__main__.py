@@ -15,6 +15,8 @@ COMMANDS = {
     "pattern": ("pattern", "pattern", "Write the printable noise chart."),
     "psf": ("psf.group", "psf", "Estimate a point spread function."),
     "sensor": ("sensor", "sensor", "Measure gain, noise and non-uniformity of a sensor (EMVA 1288)."),
+    "geometry": ("geometry", "geometry", "Calibrate a camera's geometry: intrinsics, distortion, poses."),
+    "export": ("export", "export", "Write a result as a file of another program."),
     "mtf": ("mtf.group", "mtf", "Measure a modulation transfer function."),
     "restore": ("restore", "restore", "Restore a sharp picture and depth from blurred photographs."),
     "rays": ("rays", "rays", "Remove the noise of a Monte Carlo render."),

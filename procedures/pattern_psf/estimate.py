@@ -19,6 +19,7 @@ from procedures.numerics.kernel_tail import far_light
 from procedures.outcome import Outcome, Refused, Verdict
 from procedures.pattern import AIM_S_OVER_T, BLOCK, CELLS, GOOD_S_OVER_T, Chart
 from procedures.pattern_psf.chart_finding.detection import Sighting, check_usable, find_chart
+from procedures.pattern_psf.correspondences import Correspondences, correspondences
 from procedures.pattern_psf.diagnostics import Diagnostics, diagnose
 from procedures.pattern_psf.error_parts import CALIBRATED, GROUPS, ErrorParts, Variation, error_parts
 from procedures.pattern_psf.gamma.amplification import gamma_bound, gamma_of_fit
@@ -110,6 +111,8 @@ class PatternPsf:
         Photograph minus prediction in units of the noise, over the noise region; NaN where no sample was used.
     residual_origin : (int, int)
         Pixel (x, y) of the plane at which `residual` begins.
+    correspondences : Correspondences
+        Where parts of the chart are seen, each measured by its own cells: what geometry is made of.
     """
 
     psf: Psf
@@ -129,6 +132,7 @@ class PatternPsf:
     marks: Array
     residual: Array
     residual_origin: tuple[int, int]
+    correspondences: Correspondences
 
     @property
     def inter_image(self) -> None:
@@ -369,6 +373,7 @@ def _result(
         marks=corners,
         residual=residual,
         residual_origin=origin,
+        correspondences=correspondences(fit),
     )
 
 

@@ -80,6 +80,8 @@ class Fit:
         sum is 0, and their scatter is that of the answer, whatever the residual is made of.
     still : bool
         Whether the map came to rest.
+    slopes : (m, 2) float64
+        Change of the prediction, in units of the noise, per pixel by which the map is moved along x and y.
     """
 
     registration: Registration
@@ -92,6 +94,7 @@ class Fit:
     edge_rms: float = 0.0
     scores: Array = field(default_factory=lambda: np.zeros((0, 0)))
     still: bool = False
+    slopes: Array = field(default_factory=lambda: np.zeros((0, 2)))
 
     @property
     def residual(self) -> Array:
@@ -242,7 +245,8 @@ def refine(
         moved = map_distance(start.registration, fit.registration, coarse.points[::29])
         if moved < STILL_PX:
             break
-    return replace(fit, still=bool(moved < 10 * STILL_PX), scores=_scores(fit, whole))
+    slopes = _slopes(whole[:, : k * k], fit.h, s, k)
+    return replace(fit, still=bool(moved < 10 * STILL_PX), scores=_scores(fit, whole), slopes=slopes)
 
 
 def _scores(fit: Fit, whole: Array32) -> Array:
@@ -351,7 +355,12 @@ def _linearised(fit: Fit, A: Array32, model: _Model, far: Array) -> tuple[Fit, A
 
 def _geometry_columns(A: Array32, h: Array, o: Observation, s: int, k: int) -> Array:
     """Change of the prediction with the displacement's coefficients, (m, 18)."""
+    return displacement_columns(_slopes(A, h, s, k) / o.weight[:, None], o.cubics)
+
+
+def _slopes(A: Array32, h: Array, s: int, k: int) -> Array:
+    """Change of the weighted prediction per pixel of displacement along x and y, (m, 2)."""
     slope_y, slope_x = np.gradient(h.reshape(k, k))
     # one product each: those of a matrix and two columns take longer
     slopes = np.column_stack([A @ slope.ravel().astype(np.float32) for slope in (slope_x, slope_y)])
-    return displacement_columns(slopes.astype(np.float64) * (s / o.weight)[:, None], o.cubics)
+    return slopes.astype(np.float64) * s

@@ -1,0 +1,172 @@
+"""Camera models: where points before the camera are seen, and how that changes; the formulas are COLMAP's.
+
+COLMAP has its pixel centres at 0.5, this project at integers. The numbers of a `Camera` are this project's; the half
+pixel is added at the one place where they are handed to pycolmap.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+import numpy.typing as npt
+import pycolmap
+
+from procedures.outcome import BadParameter
+
+Array = npt.NDArray[np.float64]
+
+MODELS = ("SIMPLE_RADIAL", "OPENCV", "FULL_OPENCV", "THIN_PRISM_FISHEYE", "RAD_TAN_THIN_PRISM_FISHEYE")
+"""Models that are tried, the poorest first."""
+OTHER_MODELS = ("PINHOLE", "OPENCV_FISHEYE")
+"""Models that are taken where they are asked for, and written into files."""
+COLMAP_CENTRE = 0.5
+PIXELS = ("f", "fx", "fy", "cx", "cy")
+"""Parameters in pixels; the others are plain numbers."""
+STEP_PX, STEP, STEP_SHARE = 1e-2, 1e-6, 1e-5
+"""Of central differences: parameters in pixels, plain ones, and a point over its distance. The formulas are smooth and
+computed in double precision: both errors stay below 1e-6 of the derivative."""
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A camera model with its numbers.
+
+    Attributes
+    ----------
+    model : str
+        A name of COLMAP's camera models.
+    params : (p,) float64
+        In COLMAP's order, `names`; the principal point is in pixels whose centres lie at integers.
+    columns, rows : int
+        Size of the frame.
+    """
+
+    model: str
+    params: Array
+    columns: int
+    rows: int
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What the parameters are called."""
+        return parameter_names(self.model)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Of the parameters: "pixel" or "1"."""
+        return tuple("pixel" if name in PIXELS else "1" for name in self.names)
+
+    @property
+    def focal_px(self) -> tuple[float, float]:
+        """Focal length along x and y."""
+        names = self.names
+        return (self._value("f"),) * 2 if "f" in names else (self._value("fx"), self._value("fy"))
+
+    @property
+    def centre(self) -> tuple[float, float]:
+        """The principal point (x, y)."""
+        return self._value("cx"), self._value("cy")
+
+    def _value(self, name: str) -> float:
+        return float(self.params[self.names.index(name)])
+
+    def with_params(self, params: Array) -> Camera:
+        """The same model with other numbers."""
+        return replace(self, params=np.asarray(params, dtype=np.float64))
+
+    def colmap(self) -> pycolmap.Camera:
+        """The same for pycolmap, its pixel centres at 0.5."""
+        params = self.params + COLMAP_CENTRE * _is_centre(self.model)
+        return pycolmap.Camera(model=self.model, width=self.columns, height=self.rows, params=params)
+
+    @classmethod
+    def from_colmap(cls, camera: pycolmap.Camera) -> Camera:
+        """The camera of one of pycolmap's."""
+        model = camera.model.name
+        params = np.array(camera.params, dtype=np.float64) - COLMAP_CENTRE * _is_centre(model)
+        return cls(model, params, camera.width, camera.height)
+
+    def project(self, points: Array) -> Array:
+        """Where points (n, 3) of the camera's frame (x right, y down, z away) are seen, (n, 2); NaN behind it."""
+        return _projected(self.colmap(), np.ascontiguousarray(points))
+
+    def rays(self, pixels: Array) -> Array:
+        """Directions (x, y, 1) in which pixels (n, 2) look, (n, 3); NaN where the model has none."""
+        flat = self.colmap().cam_from_img(np.ascontiguousarray(pixels + COLMAP_CENTRE))
+        return np.column_stack([np.asarray(flat, dtype=np.float64)[:, :2], np.ones(len(pixels))])
+
+    def by_params(self, points: Array) -> Array:
+        """Derivative (n, 2, p) of where points (n, 3) are seen with respect to the parameters."""
+        theirs, points, columns = self.colmap(), np.ascontiguousarray(points), []
+        params = np.array(theirs.params)
+        for i, unit in enumerate(self.units):
+            step = np.zeros(len(params))
+            step[i] = STEP_PX if unit == "pixel" else STEP
+            theirs.params = (params + step).tolist()
+            more = _projected(theirs, points)
+            theirs.params = (params - step).tolist()
+            columns.append((more - _projected(theirs, points)) / (2 * step[i]))
+        return np.stack(columns, axis=-1)
+
+    def by_points(self, points: Array) -> Array:
+        """Derivative (n, 2, 3) of where points (n, 3) are seen with respect to their place."""
+        step = STEP_SHARE * np.linalg.norm(points, axis=1)
+        theirs, columns = self.colmap(), []
+        for axis in np.eye(3):
+            move = step[:, None] * axis
+            change = _projected(theirs, points + move) - _projected(theirs, points - move)
+            columns.append(change / (2 * step[:, None]))
+        return np.stack(columns, axis=-1)
+
+    def frame_grid(self, columns: int, rows: int) -> Array:
+        """Places (columns * rows, 2) spread evenly over the frame, row by row, rims included."""
+        x, y = np.meshgrid(np.linspace(0, self.columns - 1, columns), np.linspace(0, self.rows - 1, rows))
+        return np.column_stack([x.ravel(), y.ravel()])
+
+
+def simple_camera(
+    model: str, focal_px: tuple[float, float], centre: tuple[float, float], size: tuple[int, int]
+) -> Camera:
+    """A camera without distortion.
+
+    Parameters
+    ----------
+    focal_px, centre : (x, y)
+    size : (columns, rows)
+
+    Raises
+    ------
+    BadParameter
+        If there is no such model.
+    """
+    names = parameter_names(model)
+    known = {"f": sum(focal_px) / 2, "fx": focal_px[0], "fy": focal_px[1], "cx": centre[0], "cy": centre[1]}
+    return Camera(model, np.array([known.get(name, 0.0) for name in names]), *size)
+
+
+def _projected(theirs: pycolmap.Camera, points: Array) -> Array:
+    """Where pycolmap's camera sees points (n, 3), in this project's pixels, (n, 2)."""
+    return np.asarray(theirs.img_from_cam(points), dtype=np.float64) - COLMAP_CENTRE
+
+
+@cache
+def parameter_names(model: str) -> tuple[str, ...]:
+    """The parameters of a model; raises BadParameter where there is no such model."""
+    if model not in (*MODELS, *OTHER_MODELS):
+        known = ", ".join((*MODELS, *OTHER_MODELS))
+        raise BadParameter(f"there is no camera model {model!r}", f"name one of {known}")
+    return tuple(pycolmap.Camera.create_from_model_name(0, model, 1.0, 1, 1).params_info.split(", "))
+
+
+@cache
+def _is_centre(model: str) -> Array:
+    """1 where a parameter is a coordinate of the principal point, (p,)."""
+    return np.array([float(name in ("cx", "cy")) for name in parameter_names(model)])
+
+
+def distortion(camera: Camera, pixels: Array) -> Array:
+    """How far places of the frame (n, 2) lie from where a pinhole of the same focal length has them, in pixels."""
+    pinhole = camera.rays(pixels)[:, :2] * camera.focal_px + camera.centre
+    return np.asarray(pixels - pinhole)

@@ -1,0 +1,140 @@
+"""Which camera model: the one that foretells views that it was not fitted to.
+
+The views are dealt out into two halves. A model is fitted to one half, the chart's shape with it; of each view of the
+other half only the pose is fitted, six numbers for hundreds of points, and what is left over is counted. A model that
+is too poor cannot draw the other views; one that is too rich has followed its own views' noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.geometry.adjustment import (
+    POSE,
+    Adjustment,
+    State,
+    adjust,
+    by_pose,
+    moved_pose,
+)
+from procedures.geometry.bundle import adjust_flat, first_bundle
+from procedures.geometry.cameras import Camera, parameter_names, simple_camera
+from procedures.geometry.shape import ShapeModel
+from procedures.geometry.views import Pose, View
+from procedures.outcome import Refused
+
+Array = npt.NDArray[np.float64]
+
+LEAST_VIEWS = 6
+"""Of which half can be left out."""
+AS_GOOD = 0.005
+"""A simpler model is taken where it leaves no more than this above the best: 0.07 standard deviations of a point; or
+no more than one standard error of the difference, over the views."""
+FIRST = "OPENCV"
+"""The model of `first_state`."""
+POSE_STEPS, POSE_STILL = 20, 1e-3
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A model that was tried.
+
+    Attributes
+    ----------
+    model : str
+    parameters : int
+    left_over : float
+        Mean square of what it leaves in views that it was not fitted to, in units of the points' covariances; inf where
+        it could not be fitted, nan where there were too few views.
+    """
+
+    model: str
+    parameters: int
+    left_over: float
+
+
+def first_state(nodes: Array, views: Sequence[View], size: tuple[int, int], shape: ShapeModel) -> State:
+    """Camera, poses and the chart's shape by a model of few numbers: where every other begins."""
+    bundle = first_bundle(nodes, views, size)
+    start = State(bundle.camera, bundle.poses, np.zeros(len(shape.prior_mm)), np.zeros_like(nodes))
+    return fit_model(FIRST, start, nodes, views, shape).state
+
+
+def fit_model(model: str, start: State, nodes: Array, views: Sequence[View], shape: ShapeModel) -> Adjustment:
+    """A model fitted to views: by pycolmap with the chart's shape of a state, then with the shape free.
+
+    The state's distortion is not handed on, as other models have other numbers; pycolmap finds it again at once.
+    """
+    camera = start.camera
+    plain = simple_camera(model, camera.focal_px, camera.centre, (camera.columns, camera.rows))
+    bundle = adjust_flat(plain, start.poses, nodes + start.deviations_mm(shape), views)
+    return adjust(replace(start, camera=bundle.camera, poses=bundle.poses), nodes, views, shape)
+
+
+def choose_model(
+    models: Sequence[str], start: State, nodes: Array, views: Sequence[View], shape: ShapeModel
+) -> tuple[Trial, ...]:
+    """What was tried, the chosen one first.
+
+    Parameters
+    ----------
+    models : sequence of str
+        The simplest first.
+    start : State
+        Of all views.
+    """
+    if len(views) < LEAST_VIEWS or len(models) == 1:
+        unknown = [Trial(model, len(parameter_names(model)), float("nan")) for model in models]
+        first = next((one for one in unknown if one.model == FIRST), unknown[0])
+        return (first, *(one for one in unknown if one is not first))
+    left = {model: _left_over(model, start, nodes, views, shape) for model in models}
+    freedom = np.array([2 * len(view) - POSE for view in views], dtype=np.float64)
+    trials = [
+        Trial(model, len(parameter_names(model)), float(one.sum() / freedom.sum())) for model, one in left.items()
+    ]
+    best = min(trials, key=lambda trial: trial.left_over)
+    chosen = next(one for one in trials if one is best or _as_good(left[one.model], left[best.model], freedom))
+    return (chosen, *sorted((trial for trial in trials if trial is not chosen), key=lambda trial: trial.left_over))
+
+
+def _as_good(one: Array, best: Array, freedom: Array) -> bool:
+    """Whether what a model leaves of every view is about what the best one leaves."""
+    if not np.isfinite(one).all():
+        return False
+    excess = (one - best) / freedom.mean()
+    error = float(np.std(excess, ddof=1) / np.sqrt(len(excess)))
+    return float(excess.mean()) <= max(AS_GOOD * float(best.sum() / freedom.sum()), error)
+
+
+def _left_over(model: str, start: State, nodes: Array, views: Sequence[View], shape: ShapeModel) -> Array:
+    """What a model leaves of every view when it was fitted to the other half, in units of the covariances, (views,)."""
+    left = np.full(len(views), np.inf)
+    for half in (0, 1):
+        fitted, others = list(range(half, len(views), 2)), list(range(1 - half, len(views), 2))
+        try:
+            part = replace(start, poses=tuple(start.poses[i] for i in fitted))
+            found = fit_model(model, part, nodes, [views[i] for i in fitted], shape).state
+        except Refused:
+            return left
+        for i in others:
+            r = fit_pose(found.camera, start.poses[i], nodes + found.deviations_mm(shape), views[i])[1]
+            left[i] = np.sum(r**2) if np.isfinite(r).all() else np.inf
+    return left
+
+
+def fit_pose(camera: Camera, pose: Pose, nodes: Array, view: View) -> tuple[Pose, Array]:
+    """The pose of a chart of known shape from one near it, and what it leaves over in standard deviations, (n, 2)."""
+    whitening = view.whitening
+    for _ in range(POSE_STEPS):
+        points = pose.apply(nodes[view.index])
+        r = np.einsum("nab,nb->na", whitening, view.points - camera.project(points))
+        J = (whitening @ by_pose(camera.by_points(points), points)).reshape(-1, POSE)
+        step = np.linalg.lstsq(J, r.ravel(), rcond=None)[0]
+        if np.linalg.norm(J @ step) < POSE_STILL:
+            break
+        pose = moved_pose(pose, step)
+    return pose, r

@@ -1,0 +1,150 @@
+"""Where the chart should stand next: the pose that lowers the uncertainty of the projection most.
+
+Every pose of a list is thought to be photographed, its points as noisy as those of the views there are. What it tells
+of camera and chart, its own pose eliminated, is added to what is known, and the projection's uncertainty drawn from the
+sum: at infinity, over the whole frame, the best turn between before and after allowed for, as a turned camera is the
+same camera.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from procedures.geometry.adjustment import POSE, Adjustment, by_pose
+from procedures.geometry.cameras import Camera
+from procedures.geometry.shape import ShapeModel
+from procedures.geometry.views import Pose, View
+
+Array = npt.NDArray[np.float64]
+
+PLACES = (0.2, 0.5, 0.8)
+"""Of the chart's centre, in fractions of the frame, along both sides."""
+TILTS_DEG = ((0.0, 0.0), (35.0, 0.0), (-35.0, 0.0), (0.0, 35.0), (0.0, -35.0))
+"""Yaw (positive: the right edge is nearer) and pitch (positive: the lower edge is farther)."""
+SHARES = (0.7, 1.0, 1.4)
+"""Distances over the views' median."""
+WITHIN = 0.8
+"""Of the chart that must be in the frame."""
+FRAME = (13, 9)
+
+
+@dataclass(frozen=True)
+class NextView:
+    """A pose to photograph.
+
+    Attributes
+    ----------
+    at : (x, y)
+        Of the chart's centre, in fractions of the frame from the top left.
+    yaw_deg, pitch_deg : float
+        Positive where the right edge is the nearer one, where the lower edge is the farther one.
+    distance_mm : float
+    before_px, after_px : float
+        Root mean square error of the projection over the whole frame, without this view and with it.
+    """
+
+    at: tuple[float, float]
+    yaw_deg: float
+    pitch_deg: float
+    distance_mm: float
+    before_px: float
+    after_px: float
+
+
+def next_views(found: Adjustment, nodes: Array, views: tuple[View, ...], shape: ShapeModel) -> list[NextView]:
+    """The poses that can be photographed, the one that helps most first.
+
+    Parameters
+    ----------
+    found : Adjustment
+    nodes : (N, 3) float64
+        The chart's plan.
+    views : tuple of View
+        That the adjustment was made of.
+    shape : ShapeModel
+    """
+    camera, known = found.state.camera, len(found.state.camera.params) + len(found.state.terms_mm)
+    information: Array = np.asarray(np.linalg.inv(_scaled(found)[:known, :known]), dtype=np.float64)
+    usual = float(np.median([np.linalg.norm(pose.t) for pose in found.state.poses]))
+    variances = np.concatenate([np.einsum("naa->na", one.covariance) for one in views])
+    sigma = float(np.sqrt(np.median(variances))) * found.scale
+    A = _projection(camera)
+    before = _rms(A, _scaled(found)[:known, :known])
+    answers = []
+    for at, (yaw, pitch), share in product(product(PLACES, PLACES), TILTS_DEG, SHARES):
+        pose = chart_at(camera, at, yaw, pitch, share * usual)
+        gain = _information(camera, pose, nodes + found.state.deviations_mm(shape), shape, sigma)
+        if gain is not None:
+            after = _rms(A, np.asarray(np.linalg.inv(information + gain), dtype=np.float64))
+            answers.append(NextView(at, yaw, pitch, share * usual, before, after))
+    return sorted(answers, key=lambda one: one.after_px)
+
+
+def _scaled(found: Adjustment) -> Array:
+    return np.asarray(found.covariance * found.scale**2)
+
+
+def chart_at(camera: Camera, at: tuple[float, float], yaw_deg: float, pitch_deg: float, distance_mm: float) -> Pose:
+    """The pose of a chart whose centre is seen at a place, turned against the line of sight to it."""
+    pixel = np.array([[at[0] * (camera.columns - 1), at[1] * (camera.rows - 1)]])
+    ray = camera.rays(pixel)[0]
+    turn = Rotation.from_euler("YX", [yaw_deg, pitch_deg], degrees=True)
+    return Pose(np.asarray(turn.as_matrix()), np.asarray(distance_mm * ray / np.linalg.norm(ray)))
+
+
+def _information(camera: Camera, pose: Pose, nodes: Array, shape: ShapeModel, sigma_px: float) -> Array | None:
+    """What a view tells of camera and chart, (p + q, p + q); None where too little of it is in the frame."""
+    points = pose.apply(nodes)
+    seen = camera.project(points) if (points[:, 2] > 0).all() else np.full((len(points), 2), -1.0)
+    with np.errstate(invalid="ignore"):
+        inside = ((seen >= 0) & (seen <= np.array([camera.columns, camera.rows]) - 1)).all(axis=1)
+    if inside.mean() < WITHIN:
+        return None
+    points = points[inside]
+    by_points = camera.by_points(points)
+    by_terms = by_points @ pose.R @ shape.terms[inside]
+    G = np.concatenate([camera.by_params(points), by_terms], axis=-1).reshape(2 * len(points), -1) / sigma_px
+    P = by_pose(by_points, points).reshape(-1, POSE) / sigma_px
+    cross = P.T @ G
+    return np.asarray(G.T @ G - cross.T @ np.linalg.solve(P.T @ P, cross))
+
+
+def _projection(camera: Camera) -> Array:
+    """How the frame moves with the camera's parameters, at infinity, the best turn taken away, (2 n, p)."""
+    rays = camera.rays(camera.frame_grid(*FRAME))
+    rays = rays[np.isfinite(rays).all(axis=1)]
+    J = camera.by_params(rays).reshape(2 * len(rays), -1)
+    turns = by_pose(camera.by_points(rays), rays)[..., :3].reshape(-1, 3)
+    return np.asarray(J - turns @ np.linalg.lstsq(turns, J, rcond=None)[0])
+
+
+def _rms(A: Array, covariance: Array) -> float:
+    """Root mean square length of the frame's moves, in pixels."""
+    p = A.shape[1]
+    return float(np.sqrt(2 * np.einsum("ma,ab,mb->", A, covariance[:p, :p], A, optimize=True) / len(A)))
+
+
+def next_view_words(one: NextView) -> str:
+    """The pose for people."""
+    return ", ".join(_words(one))
+
+
+def _words(one: NextView) -> Iterator[str]:
+    x, y = ("left", "middle", "right"), ("upper", "middle", "lower")
+    row, column = (names[PLACES.index(share)] for names, share in ((y, one.at[1]), (x, one.at[0])))
+    yield "the middle of the frame" if (row, column) == ("middle", "middle") else f"the {row} {column} of the frame"
+    yield f"{one.distance_mm:.0f} mm away"
+    if one.yaw_deg:
+        edge = "right" if one.yaw_deg > 0 else "left"
+        yield f"its {edge} edge nearer by a turn of {abs(one.yaw_deg):.0f} degrees"
+    if one.pitch_deg:
+        edge = "upper" if one.pitch_deg > 0 else "lower"
+        yield f"its {edge} edge nearer by a turn of {abs(one.pitch_deg):.0f} degrees"
+    if not (one.yaw_deg or one.pitch_deg):
+        yield "frontal"

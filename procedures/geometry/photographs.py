@@ -1,0 +1,77 @@
+"""From a plane of a photograph to a view: where the chart's bins are seen, in sensor pixels."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import ceil
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.geometry.large_chart import reduced, refine_bins
+from procedures.geometry.views import View
+from procedures.outcome import Outcome, Verdict
+from procedures.pattern import CELLS, Chart
+from procedures.pattern_psf.chart_finding.detection import Sighting, find_chart, find_charts
+from procedures.pattern_psf.correspondences import Correspondences
+from procedures.pattern_psf.estimate import PatternParameters, estimate_psf, finest
+from procedures.raw import Plane
+
+Array = npt.NDArray[np.float64]
+
+SAMPLES = 4
+"""Of the PSF per pixel at most: what the geometry is worth does not grow with more."""
+WIDE = 280.0
+"""Pixels of a plane: a wider chart is averaged down first."""
+REACH_PX = 4
+"""Side of the PSF's support, in pixels."""
+
+
+def view_of(plane: Plane, chart: Chart, source: str) -> Outcome[View]:
+    """Where a photograph shows the chart, or the reason why it tells nothing.
+
+    Parameters
+    ----------
+    plane : Plane
+        Linear samples; the one chart may lie anywhere in it, 60 pixels wide or as large as the frame.
+    chart : Chart
+        The cells that were printed.
+    source : str
+        What the view is called.
+
+    Raises
+    ------
+    Refused
+        If there is no chart in it, or one that cannot be used.
+    """
+    factor = _reduction(plane)
+    small = plane if factor == 1 else replace(plane, samples=reduced(plane.samples, factor))
+    sighting = find_chart(small.samples)
+    found = estimate_psf(small, chart, _parameters(sighting), sighting=sighting)
+    if found.value is None:
+        return Outcome(None, Verdict.REFUSED, found.reason, found.remedy)
+    seen = found.value.correspondences
+    if factor == 1:
+        return Outcome(on_sensor(seen, plane, source), found.verdict, found.reason, found.remedy)
+    seen = refine_bins(plane.samples, chart, found.value.registration, seen, factor)
+    return Outcome(on_sensor(seen, plane, source))  # what the small picture's PSF is doubted for is not the geometry's
+
+
+def _reduction(plane: Plane) -> int:
+    """Over how many pixels to average so that the one chart is as wide as its PSF can be estimated; 1: none."""
+    charts = [one for one in find_charts(plane.samples) if not one.mirrored]
+    if len(charts) != 1:
+        return 1
+    return max(1, ceil(float(charts[0].widths().max()) / WIDE))
+
+
+def _parameters(sighting: Sighting) -> PatternParameters:
+    """How finely the PSF is sampled: as the cells allow, without looking for the best."""
+    s = min(SAMPLES, finest(float(sighting.widths().mean()) / CELLS))
+    return PatternParameters(s, REACH_PX * s + 1, chosen=True)
+
+
+def on_sensor(seen: Correspondences, plane: Plane, source: str) -> View:
+    """The view of a plane's correspondences, in sensor pixels."""
+    points = plane.pitch * seen.points + np.array(plane.origin, dtype=np.float64)
+    return View(source, seen.index, points, plane.pitch**2 * seen.covariance)

@@ -1,0 +1,194 @@
+"""A calibrated camera as files that other programs read: OpenCV, ROS, Kalibr, COLMAP, mrcal."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.geometry.cameras import COLMAP_CENTRE, Camera
+from procedures.geometry.conversion import Difference, OpenCvCamera, as_fisheye, as_opencv
+from procedures.outcome import BadInput, BadParameter
+from station.results.result_files import RECORD
+
+Array = npt.NDArray[np.float64]
+
+EXACT = 1e-6
+"""Pixels under which a conversion loses nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class StoredCamera:
+    """The camera of a result: what its record tells."""
+
+    camera: Camera
+    region: Array
+    source: str
+
+
+@dataclass(frozen=True)
+class Export:
+    """A file's text, and what it could not hold; None where it holds all."""
+
+    text: str
+    difference: Difference | None
+
+
+def read_camera(result: Path) -> StoredCamera:
+    """The camera of a geometry's result, a folder or its record.
+
+    Raises
+    ------
+    BadInput
+        If there is no such result, or it has no camera.
+    """
+    record = result / RECORD if result.is_dir() else result
+    try:
+        told: dict[str, Any] = json.loads(record.read_bytes())
+    except (OSError, ValueError) as error:
+        raise BadInput(f"{record} is no result: {error}", "name the folder that `station geometry` wrote") from error
+    if told.get("procedure") != "geometry":
+        kind = told.get("procedure", "nothing known")
+        raise BadInput(f"a camera's file comes from a geometry; {record} is of {kind}", "run `station geometry` first")
+    plane, entry = next(iter(told["planes"].items()))
+    if "camera" not in entry:
+        raise BadInput(f"{record} holds no camera: {entry['reason']}", entry["remedy"])
+    kept = entry["camera"]
+    camera = Camera(kept["model"], np.array(kept["params"], dtype=np.float64), kept["columns"], kept["rows"])
+    return StoredCamera(camera, np.array(entry["region"], dtype=np.float64), f"station geometry, plane {plane}")
+
+
+def export_camera(stored: StoredCamera, form: str) -> Export:
+    """The camera in a format; raises BadParameter where it is not known."""
+    if form not in FORMATS:
+        raise BadParameter(f"a camera is written as {', '.join(FORMATS)}, not {form!r}", "name one of these")
+    return FORMATS[form](stored)
+
+
+def _opencv(stored: StoredCamera) -> Export:
+    """OpenCV's FileStorage, YAML; the matrix and coefficients as `calibrateCamera` gives them."""
+    found = _by_opencv(stored, (4, 5, 8, 12))
+    K = np.array([[found.focal_px[0], 0, found.centre[0]], [0, found.focal_px[1], found.centre[1]], [0, 0, 1]])
+    lines = [
+        "%YAML:1.0",
+        "---",
+        f"image_width: {stored.camera.columns}",
+        f"image_height: {stored.camera.rows}",
+        *_matrix("camera_matrix", K),
+        *_matrix("distortion_coefficients", found.distortion[None]),
+    ]
+    return Export("\n".join(lines) + "\n", _lost(found.difference))
+
+
+def _matrix(name: str, values: Array) -> list[str]:
+    rows, columns = values.shape
+    return [f"{name}: !!opencv-matrix", f"   rows: {rows}", f"   cols: {columns}", "   dt: d",
+            f"   data: {_list(values.ravel())}"]  # fmt: skip
+
+
+def _ros(stored: StoredCamera) -> Export:
+    """ROS camera_info, as camera_calibration_parsers read it."""
+    found = _by_opencv(stored, (5, 8))
+    (fx, fy), (cx, cy) = found.focal_px, found.centre
+    model = "plumb_bob" if len(found.distortion) == 5 else "rational_polynomial"
+    lines = [
+        f"image_width: {stored.camera.columns}",
+        f"image_height: {stored.camera.rows}",
+        "camera_name: camera",
+        *_ros_matrix("camera_matrix", 3, 3, [fx, 0, cx, 0, fy, cy, 0, 0, 1]),
+        f"distortion_model: {model}",
+        *_ros_matrix("distortion_coefficients", 1, len(found.distortion), found.distortion.tolist()),
+        *_ros_matrix("rectification_matrix", 3, 3, [1, 0, 0, 0, 1, 0, 0, 0, 1]),
+        *_ros_matrix("projection_matrix", 3, 4, [fx, 0, cx, 0, 0, fy, cy, 0, 0, 0, 1, 0]),
+    ]
+    return Export("\n".join(lines) + "\n", _lost(found.difference))
+
+
+def _ros_matrix(name: str, rows: int, columns: int, data: Sequence[float]) -> list[str]:
+    return [f"{name}:", f"  rows: {rows}", f"  cols: {columns}", f"  data: {_list(data)}"]
+
+
+def _kalibr(stored: StoredCamera) -> Export:
+    """Kalibr's camera chain: pinhole with the distortion, of its two, that loses less."""
+    plain = as_opencv(stored.camera, stored.region, 4)
+    fisheye, lost = as_fisheye(stored.camera, stored.region)
+    if lost.rms_px < plain.difference.rms_px:
+        intrinsics, coefficients, model = fisheye.params[:4], fisheye.params[4:], "equidistant"
+    else:
+        intrinsics = np.array([*plain.focal_px, *plain.centre])
+        coefficients, model, lost = plain.distortion, "radtan", plain.difference
+    lines = [
+        "cam0:",
+        "  camera_model: pinhole",
+        f"  intrinsics: {_list(intrinsics)}",
+        f"  distortion_model: {model}",
+        f"  distortion_coeffs: {_list(coefficients)}",
+        f"  resolution: [{stored.camera.columns}, {stored.camera.rows}]",
+        "  rostopic: /cam0/image_raw",
+    ]
+    return Export("\n".join(lines) + "\n", _lost(lost))
+
+
+def _colmap(stored: StoredCamera) -> Export:
+    """COLMAP's cameras.txt, its pixel centres at 0.5; every model that is fitted here is one of COLMAP's own."""
+    camera = stored.camera
+    centre = np.array([name in ("cx", "cy") for name in camera.names])
+    numbers = " ".join(repr(float(value)) for value in camera.params + COLMAP_CENTRE * centre)
+    lines = [
+        "# Camera list with one line of data per camera:",
+        "#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]",
+        "# Number of cameras: 1",
+        f"1 {camera.model} {camera.columns} {camera.rows} {numbers}",
+    ]
+    return Export("\n".join(lines) + "\n", None)
+
+
+def _mrcal(stored: StoredCamera) -> Export:
+    """mrcal's .cameramodel, with the outline of what the charts covered as its valid region."""
+    found = _by_opencv(stored, (4, 5, 8, 12))
+    intrinsics = [*found.focal_px, *found.centre, *found.distortion]
+    outline = [*stored.region.tolist(), stored.region[0].tolist()]
+    lines = [
+        f"# {stored.source}",
+        "{",
+        f"    'lensmodel':  'LENSMODEL_OPENCV{len(found.distortion)}',",
+        f"    'intrinsics': {_list(intrinsics)},",
+        f"    'valid_intrinsics_region': [{', '.join(_list(point) for point in outline)}],",
+        "    'extrinsics': [0, 0, 0, 0, 0, 0],",
+        f"    'imagersize': [{stored.camera.columns}, {stored.camera.rows}],",
+        "}",
+    ]
+    return Export("\n".join(lines) + "\n", _lost(found.difference))
+
+
+def _by_opencv(stored: StoredCamera, counts: Sequence[int]) -> OpenCvCamera:
+    """The camera by OpenCV's formula: the fewest coefficients that lose nothing, else those that lose least."""
+    found = []
+    for count in counts:
+        one = as_opencv(stored.camera, stored.region, count)
+        if one.difference.max_px < EXACT:
+            return one
+        found.append(one)
+    return min(found, key=lambda one: one.difference.rms_px)
+
+
+def _lost(difference: Difference) -> Difference | None:
+    return difference if difference.max_px >= EXACT else None
+
+
+def _list(values: Sequence[float] | Array) -> str:
+    return "[" + ", ".join(repr(float(value)) for value in values) + "]"
+
+
+FORMATS: dict[str, Callable[[StoredCamera], Export]] = {
+    "opencv": _opencv,
+    "ros": _ros,
+    "kalibr": _kalibr,
+    "colmap": _colmap,
+    "mrcal": _mrcal,
+}

@@ -1,0 +1,157 @@
+"""The files of a geometry: the record, covariances, tables, and the page."""
+
+from __future__ import annotations
+
+import csv
+import io
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.geometry.cameras import distortion
+from procedures.geometry.estimate import Geometry, PosedView
+from procedures.outcome import Outcome, Quantity
+from station.calibration.geometry import Shoot, ViewRecord
+from station.results.exports import numbers_table
+from station.results.result_files import ResultFolder, software, write_record
+
+Array = npt.NDArray[np.float64]
+
+SCHEMA = "station/geometry/1"
+PAGE = "report.html"
+
+
+def write_geometry_result(
+    folder: ResultFolder,
+    shoot: Shoot,
+    outcome: Outcome[Geometry],
+    *,
+    parameters: Mapping[str, Any],
+    start: float,
+    report: bool = False,
+) -> str:
+    """Write covariances, tables, the page where it is wanted, and the record; returns the record's text."""
+    found = outcome.value
+    if found is not None:
+        _write_tables(folder, shoot, found)
+    about = {
+        "schema": SCHEMA,
+        "procedure": "geometry",
+        "input": [{"path": str(one.path), "sha256": one.sha256} for one in shoot.records],
+        "parameters": dict(parameters),
+        "planes": {shoot.plane: geometry_entry(shoot, outcome)},
+        "software": software(),
+    }
+    if found is not None and report:
+        from station.reports.geometry_page import geometry_page  # it draws: that import is slow
+
+        folder.write(PAGE, geometry_page(shoot, outcome, about).encode())
+    return write_record(folder, {**about, "duration_s": round(time.perf_counter() - start, 3)})
+
+
+def geometry_entry(shoot: Shoot, outcome: Outcome[Geometry]) -> dict[str, Any]:
+    """What the record says of the plane that was measured."""
+    entry: dict[str, Any] = {"verdict": str(outcome.verdict), "reason": outcome.reason, "remedy": outcome.remedy}
+    missed = [_missed_entry(one) for one in shoot.missed]
+    found = outcome.value
+    if found is None:
+        return {**entry, "left_out": missed}
+    camera = found.camera
+    return {
+        **entry,
+        **{name: asdict(number) for name, number in found.numbers().items()},
+        "camera": {
+            "model": camera.model,
+            "columns": camera.columns,
+            "rows": camera.rows,
+            "names": list(camera.names),
+            "params": camera.params.tolist(),
+            "pixel_centres": "at integers; COLMAP's own numbers have 0.5 more in cx and cy",
+        },
+        "models": [asdict(trial) for trial in found.trials],
+        "misfit": {"probability": found.misfit.probability, "rms_px": found.misfit.rms_px},
+        "residual_scale": found.residual_scale,
+        "covered_share": found.covered,
+        "region": found.region.tolist(),
+        "views": [_view_entry(one) for one in found.views],
+        "left_out": missed,
+        "next_view": None if found.next_view is None else asdict(found.next_view),
+        "chart": {
+            **{name: asdict(number) for name, number in found.shape.terms.items()},
+            "node_mm": list(found.shape.node_mm),
+        },
+    }
+
+
+def _missed_entry(record: ViewRecord) -> dict[str, str]:
+    return {"source": record.path.name, "reason": record.reason, "remedy": record.remedy}
+
+
+def _view_entry(one: PosedView) -> dict[str, Any]:
+    """Pose, distance and residual of a view: X_camera = R X_chart + t, in mm from the chart's centre."""
+    return {
+        "source": one.view.source,
+        "points": len(one.view),
+        "distance": asdict(one.distance),
+        "tilt_deg": one.tilt_deg,
+        "residual_rms_px": one.rms_px,
+        "R": one.pose.R.tolist(),
+        "t_mm": one.pose.t.tolist(),
+    }
+
+
+def _write_tables(folder: ResultFolder, shoot: Shoot, found: Geometry) -> None:
+    folder.write("geometry_covariance.npy", _npy(found.covariance))
+    joint = found.adjustment.covariance * found.residual_scale**2
+    folder.write("geometry_joint_covariance.npy", _npy(joint))
+    folder.write("geometry_chart.npy", _npy(found.shape.deviations_mm))
+    folder.write("geometry_residuals.csv", _csv(_residual_rows(found)))
+    folder.write("geometry_projection.csv", _csv(_projection_rows(found)))
+    folder.write("numbers.csv", numbers_table(_numbers(shoot.plane, found)))
+
+
+def _numbers(plane: str, found: Geometry) -> Iterator[tuple[str, str, Quantity]]:
+    for name, number in found.numbers().items():
+        yield plane, name, number
+    for name, number in found.shape.terms.items():
+        yield plane, f"chart_{name}", number
+    for one in found.views:
+        yield plane, f"distance {one.view.source}", one.distance
+
+
+def _residual_rows(found: Geometry) -> Iterator[tuple[object, ...]]:
+    """Every correspondence: where it is seen, what is left, how well it is known."""
+    yield "source", "node", "x", "y", "residual_x", "residual_y", "sigma_x", "sigma_y"
+    for one in found.views:
+        sigma = np.sqrt(np.einsum("naa->na", one.view.covariance))
+        columns = np.hstack([one.view.points, one.residual_px, sigma])
+        for node, row in zip(one.view.index, columns, strict=True):
+            yield one.view.source, int(node), *(f"{value:.6g}" for value in row)
+
+
+def _projection_rows(found: Geometry) -> Iterator[tuple[object, ...]]:
+    """The maps over the frame: uncertainty of the projection at each distance, and what distortion does there."""
+    distances = [f"uncertainty_px_at_{one.distance_mm:g}_mm" for one in found.maps]
+    yield "x", "y", "distortion_x", "distortion_y", *distances
+    first = found.maps[0]
+    x, y = (one.ravel() for one in np.meshgrid(first.x, first.y))
+    moved = distortion(found.camera, np.column_stack([x, y]))
+    columns = [x, y, *moved.T, *(one.value.ravel() for one in found.maps)]
+    for row in zip(*columns, strict=True):
+        yield tuple(f"{value:.6g}" for value in row)
+
+
+def _csv(rows: Iterator[tuple[object, ...]]) -> bytes:
+    text = io.StringIO(newline="")
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue().encode()
+
+
+def _npy(array: Array) -> bytes:
+    data = io.BytesIO()
+    np.save(data, np.asarray(array, dtype=np.float64), allow_pickle=False)
+    return data.getvalue()

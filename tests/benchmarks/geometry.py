@@ -1,0 +1,163 @@
+"""How well the geometry is found and how honest its uncertainty is, on simulated views; against OpenCV's calibration.
+
+python tests/benchmarks/geometry.py [spread | doubts | opencv | speed]... [--draws N]
+
+A camera of 24 megapixels with radial, tangential and thin-prism distortion, 12 views, a print that errs by 0.05 mm at
+every node and a sheet that bends by 0.5 mm; points with noise of 0.01 pixel.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "procedures" / "geometry")]
+
+from simulated_views import CELL_MM, Shoot, TrueCamera, apart, fixed_to_charts, take, true_poses  # noqa: E402
+
+from procedures.geometry.adjustment import adjust  # noqa: E402
+from procedures.geometry.cameras import MODELS  # noqa: E402
+from procedures.geometry.choice import choose_model, first_state, fit_model  # noqa: E402
+from procedures.geometry.estimate import GeometryParameters, calibrate_geometry  # noqa: E402
+from procedures.geometry.shape import own_errors, shape_model  # noqa: E402
+from procedures.geometry.uncertainty import projection_uncertainty  # noqa: E402
+
+SHOOT = Shoot(print_mm=0.05, bend_mm=0.5)
+RICH, POOR = "RAD_TAN_THIN_PRISM_FISHEYE", "OPENCV"
+PLAIN = TrueCamera(radial=(-0.12, 0.06, 0.0), thin_prism=(0.0, 0.0, 0.0, 0.0))
+DISTANCES = (500.0, float("inf"))
+
+
+def spread(draws: int) -> None:
+    """Predicted over empirical spread of the projection over the frame, and its error against the truth."""
+    truth = SHOOT.camera
+    pixels = np.array([(x, y) for x in np.linspace(0.06, 0.94, 9) for y in np.linspace(0.06, 0.94, 6)]) * truth.size
+    seen: dict[float, list[np.ndarray]] = {d: [] for d in DISTANCES}
+    predicted: dict[float, list[np.ndarray]] = {d: [] for d in DISTANCES}
+    errors, start = [], None
+    for draw in range(draws):
+        taken = take(SHOOT, np.random.default_rng(1000 + draw))
+        shape = shape_model(taken.nodes)
+        if start is None:
+            first = first_state(taken.nodes, taken.views, truth.size, shape)
+            start = fit_model(RICH, first, taken.nodes, taken.views, shape).state
+        found = adjust(start, taken.nodes, taken.views, shape)
+        shape = replace(shape, node_mm=own_errors(found.state.errors_mm, found.errors_variance))
+        found = adjust(found.state, taken.nodes, taken.views, shape)
+        for d in DISTANCES:
+            seen[d].append(fixed_to_charts(found.state.camera, found.state.poses, taken, truth, pixels, d))
+            predicted[d].append(projection_uncertainty(found, pixels, d))
+        errors.append(float(np.sqrt(np.mean(np.sum(apart(found.state.camera, truth) ** 2, axis=1)))))
+    print(f"{RICH}, {draws} draws")
+    total = np.sqrt(np.mean(np.square(errors)))
+    print(f"  projection error over 95 % of the frame: rms {total:.4f} pixel, worst draw {max(errors):.4f}")
+    for d in DISTANCES:
+        empirical = np.sqrt(np.sum(np.var(seen[d], axis=0, ddof=1), axis=-1))
+        stated = np.sqrt(np.mean(np.square(predicted[d]), axis=0))
+        mean, wide = (float(np.sqrt(np.mean(one**2))) for one in (stated, empirical))
+        places = f"over places {np.min(stated / empirical):.2f} to {np.max(stated / empirical):.2f}"
+        print(f"  at {d:g} mm: stated {mean:.5f} pixel, spread {wide:.5f}, ratio {mean / wide:.3f}; {places}")
+
+
+def doubts(draws: int) -> None:
+    """How often a model that is too poor is doubted, and how often one that is right."""
+    small = replace(SHOOT, every=2, count=10)
+    for words, shoot in (("too poor", small), ("right", replace(small, camera=PLAIN))):
+        alarms = refused = 0
+        for draw in range(draws):
+            taken = take(shoot, np.random.default_rng(5000 + draw))
+            parameters = GeometryParameters(CELL_MM, model=POOR)
+            found = calibrate_geometry(taken.views, shoot.camera.size, parameters, nodes=taken.nodes)
+            alarms += "too poor" in found.reason
+            refused += found.value is None
+        print(f"{POOR} where it is {words}: doubted in {alarms} of {draws} draws, refused in {refused} "
+              "(12 x 12 nodes, 10 views)", flush=True)  # fmt: skip
+
+
+def opencv(draws: int) -> None:
+    """The projection's error beside that of `calibrateCamera` on ChArUco corners of as many views of as large a board.
+
+    The board has 12 x 12 inner corners on the chart's noise region; its corners err by the same print, and are found
+    to 0.03 pixel.
+    """
+    flags = cv2.CALIB_RATIONAL_MODEL | cv2.CALIB_THIN_PRISM_MODEL
+    for bend in (0.0, 0.5):
+        ours, theirs = [], []
+        for draw in range(draws):
+            shoot = replace(SHOOT, bend_mm=bend)
+            taken = take(shoot, np.random.default_rng(9000 + draw))
+            found = calibrate_geometry(taken.views, shoot.camera.size, GeometryParameters(CELL_MM, model=RICH)).value
+            assert found is not None
+            ours.append(np.sqrt(np.mean(np.sum(apart(found.camera, shoot.camera) ** 2, axis=1))))
+            board = take(replace(shoot, every=2, noise_px=0.03), np.random.default_rng(9500 + draw))
+            objects = [board.nodes[v.index].astype(np.float32) for v in board.views]
+            images = [v.points.astype(np.float32)[:, None] for v in board.views]
+            for chosen in (flags, 0):
+                _, K, distortion, *_ = cv2.calibrateCamera(objects, images, shoot.camera.size, None, None, flags=chosen)
+                theirs.append(
+                    (chosen != 0, np.sqrt(np.mean(np.sum(apart(Peer(K, distortion), shoot.camera) ** 2, axis=1))))
+                )
+        mine = np.sqrt(np.mean(np.square(ours)))
+        for rich in (True, False):
+            his = np.sqrt(np.mean([e**2 for kind, e in theirs if kind is rich]))
+            kind = "rational, thin prism" if rich else "five coefficients"
+            told = f"ours {mine:.4f} pixel rms, OpenCV's {kind} {his:.3f}: {his / mine:.0f} times"
+            print(f"sheet bent by {bend} mm: {told}", flush=True)
+
+
+class Peer:
+    """OpenCV's answer as something that projects."""
+
+    def __init__(self, K: np.ndarray, distortion: np.ndarray) -> None:
+        self.K, self.distortion = K, distortion
+
+    def project(self, points: np.ndarray) -> np.ndarray:
+        """Pixels (n, 2)."""
+        return cv2.projectPoints(points[:, None], np.zeros(3), np.zeros(3), self.K, self.distortion)[0][:, 0]
+
+
+def speed(draws: int) -> None:
+    """Time of bundle adjustment and of the whole, with its choice of the model."""
+    taken = take(SHOOT, np.random.default_rng(1))
+    shape = shape_model(taken.nodes)
+    size = SHOOT.camera.size
+    start = timed("first state", lambda: first_state(taken.nodes, taken.views, size, shape))
+    timed("choice of the model", lambda: choose_model(MODELS, start, taken.nodes, taken.views, shape))
+    timed("one model", lambda: fit_model(RICH, start, taken.nodes, taken.views, shape))
+    timed("everything", lambda: calibrate_geometry(taken.views, size, GeometryParameters(CELL_MM)))
+
+
+def timed(words: str, work: Callable[[], Any]) -> Any:
+    """What some work gives; prints its time."""
+    clock, processor = time.perf_counter(), time.process_time()
+    answer = work()
+    print(f"{words:20s} {time.perf_counter() - clock:6.2f} s, {time.process_time() - processor:6.2f} s of processor")
+    return answer
+
+
+def main() -> None:
+    """Run what is asked for, or all."""
+    parts = {"spread": spread, "doubts": doubts, "opencv": opencv, "speed": speed}
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("parts", nargs="*", choices=[*parts, []])
+    parser.add_argument("--draws", type=int, default=100)
+    given = parser.parse_args()
+    print(f"Python {platform.python_version()}, {platform.machine()}, {os.cpu_count()} cores; "
+          f"{len(true_poses(SHOOT))} views")  # fmt: skip
+    for part in given.parts or parts:
+        parts[part](given.draws)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,91 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from procedures.geometry.estimate import GeometryParameters, calibrate_geometry
+from procedures.outcome import Verdict
+
+from .conftest import PLAIN, SMALL
+from .simulated_views import CELL_MM, apart, fixed_to_charts, similarity, take
+
+
+def test_the_true_parameters_lie_within_their_uncertainties(geometry):
+    truth = {
+        "fx": PLAIN.focal_px[0], "fy": PLAIN.focal_px[1], "cx": PLAIN.centre[0], "cy": PLAIN.centre[1],
+        "k1": PLAIN.radial[0], "k2": PLAIN.radial[1], "p1": PLAIN.tangential[0], "p2": PLAIN.tangential[1],
+    }  # fmt: skip
+    error = np.array([geometry.numbers()[name].value - value for name, value in truth.items()])
+    # Mahalanobis distance of eight numbers: a chi square of 8 degrees, beyond 26 once in a thousand
+    assert error @ np.linalg.solve(geometry.covariance, error) < 26
+
+
+def test_the_frame_is_projected_as_well_as_stated(geometry, taken):
+    pixels = geometry.camera.frame_grid(9, 7)
+    distance = geometry.maps[0].distance_mm
+    poses = [one.pose for one in geometry.views]
+    error = fixed_to_charts(geometry.camera, poses, taken, PLAIN, pixels, distance) - pixels
+    stated = geometry.numbers()[f"projection_uncertainty_at_{distance:.0f}_mm"].value
+    # one draw of a smooth field of a few freedoms: its rms is rarely beyond twice what is expected
+    assert np.sqrt(np.mean(np.sum(error**2, axis=1))) < 2.5 * stated
+    assert np.sqrt(np.mean(np.sum(apart(geometry.camera, PLAIN) ** 2, axis=1))) < 0.02
+
+
+def test_the_sheet_is_found_bent_as_it_is(geometry, taken):
+    R, t, s = similarity(taken.nodes, taken.true_nodes)
+    true = ((taken.true_nodes - t) @ R) / s - taken.nodes
+    error = geometry.shape.deviations_mm - true
+    # 8 views of 0.01 pixel at 10 pixels per mm: 0.0004 mm; out of the plane tilts of 0.5 show half of it
+    assert error[:, :2].std() < 0.002
+    assert error[:, 2].std() < 0.004
+    assert geometry.shape.node_mm[0] == pytest.approx(0.03, rel=0.2)  # of 64 nodes
+
+
+def test_distances_are_right_to_the_scale_of_the_print(geometry, taken):
+    _, _, s = similarity(taken.nodes, taken.true_nodes)
+    for one, pose in zip(geometry.views, taken.poses, strict=True):
+        true = np.linalg.norm(pose.t)
+        assert abs(one.distance.value - true) < 3 * one.distance.uncertainty
+        # without the scale nobody can know they agree a hundred times better; the bent sheet's middle is not its plan's
+        assert one.distance.value * s == pytest.approx(true, rel=1e-3)
+
+
+def test_a_model_too_poor_is_doubted_by_name():
+    taken = take(SMALL, np.random.default_rng(3))
+    parameters = GeometryParameters(CELL_MM, model="OPENCV")
+    found = calibrate_geometry(taken.views, SMALL.camera.size, parameters, nodes=taken.nodes)
+    assert found.verdict is Verdict.DOUBTFUL
+    assert "OPENCV is too poor a model for this lens" in found.reason
+    assert found.value is not None
+    assert found.value.misfit.rms_px > 0.02  # thin prism of 6e-4 r^2: a tenth of a pixel and more at the rim
+
+
+def test_the_model_that_foretells_the_other_views_is_chosen(taken):
+    parameters = GeometryParameters(CELL_MM)
+    found = calibrate_geometry(taken.views, PLAIN.size, parameters, nodes=taken.nodes)
+    assert found.value is not None
+    trials = found.value.trials
+    assert trials[0].model == "OPENCV"
+    assert next(one for one in trials if one.model == "SIMPLE_RADIAL").left_over > 2 * trials[0].left_over
+
+
+def test_two_views_are_refused(taken):
+    found = calibrate_geometry(taken.views[:2], PLAIN.size, GeometryParameters(CELL_MM), nodes=taken.nodes)
+    assert (found.value, found.verdict) == (None, Verdict.REFUSED)
+    assert "needs 3 views of the chart and better 12; there are 2" in found.reason
+
+
+def test_few_views_are_doubted(taken):
+    parameters = GeometryParameters(CELL_MM, model="OPENCV")
+    found = calibrate_geometry(taken.views[:5], PLAIN.size, parameters, nodes=taken.nodes)
+    assert "5 views are too few" in found.reason
+
+
+def test_frontal_views_are_not_passed():
+    frontal = replace(SMALL, camera=PLAIN, tilt_deg=0.5, bend_mm=0.0)
+    taken = take(frontal, np.random.default_rng(6))
+    found = calibrate_geometry(taken.views, PLAIN.size, GeometryParameters(CELL_MM, model="OPENCV"), nodes=taken.nodes)
+    assert found.verdict is not Verdict.PASS
+    assert "tilt" in found.remedy

@@ -1,0 +1,59 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from procedures.geometry.cameras import simple_camera
+from procedures.geometry.choice import first_state, fit_model
+from procedures.geometry.next_view import NextView, chart_at, next_view_words, next_views
+from procedures.geometry.shape import shape_model
+from procedures.geometry.views import View
+
+from .conftest import PLAIN, SMALL
+from .simulated_views import take
+
+
+@pytest.fixture(scope="module")
+def few():
+    """Five views near the middle of the frame, and what they make of the camera."""
+    taken = take(replace(SMALL, camera=PLAIN, print_mm=0.0, width_px=1200.0), np.random.default_rng(3))
+    views = [view for view, pose in zip(taken.views, taken.poses, strict=True) if abs(pose.t[0]) < 0.2 * pose.t[2]][:5]
+    shape = shape_model(taken.nodes, 0.001)
+    start = first_state(taken.nodes, views, PLAIN.size, shape)
+    return taken, views, shape, fit_model("OPENCV", start, taken.nodes, views, shape)
+
+
+def test_the_view_that_is_proposed_does_what_is_promised(few):
+    taken, views, shape, found = few
+    answers = next_views(found, taken.nodes, tuple(views), shape)
+    best, worst = answers[0], answers[-1]
+    reached = []
+    for one in (best, worst):
+        pose = chart_at(found.state.camera, one.at, one.yaw_deg, one.pitch_deg, one.distance_mm)
+        seen = PLAIN.project(pose.apply(taken.true_nodes))
+        inside = np.flatnonzero(((seen >= 0) & (seen <= np.array(PLAIN.size) - 1)).all(axis=1))
+        points = seen[inside] + 0.01 * np.random.default_rng(1).standard_normal((len(inside), 2))
+        more = [*views, View("more", inside, points, np.tile(1e-4 * np.eye(2), (len(inside), 1, 1)))]
+        start = replace(found.state, poses=(*found.state.poses, pose))
+        again = fit_model("OPENCV", start, taken.nodes, more, shape)
+        reached.append(next_views(again, taken.nodes, tuple(more), shape)[0].before_px)
+    assert best.after_px < 0.8 * best.before_px
+    assert reached[0] < reached[1]
+    # promised with the noise that five views' residuals tell, 640 coordinates, and the print's errors known
+    assert reached[0] == pytest.approx(best.after_px, rel=0.25)
+
+
+def test_the_sides_that_are_nearer_are_named_as_they_are():
+    pose = chart_at(_camera(), (0.5, 0.5), 35.0, 0.0, 500.0)
+    right, left = pose.apply(np.array([[50.0, 0, 0], [-50.0, 0, 0]]))
+    assert right[2] < left[2]
+    upper, lower = chart_at(_camera(), (0.5, 0.5), 0.0, 35.0, 500.0).apply(np.array([[0.0, -50, 0], [0.0, 50, 0]]))
+    assert upper[2] < lower[2]
+    told = next_view_words(NextView((0.2, 0.8), 35.0, 0.0, 512.3, 0.1, 0.05))
+    assert told == "the lower left of the frame, 512 mm away, its right edge nearer by a turn of 35 degrees"
+
+
+def _camera():
+    return simple_camera("PINHOLE", (900.0, 900.0), (320.0, 240.0), (641, 481))

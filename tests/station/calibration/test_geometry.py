@@ -1,0 +1,218 @@
+from __future__ import annotations
+
+import ast
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pycolmap
+import pytest
+import yaml
+from click.testing import CliRunner
+
+from procedures.geometry.cameras import Camera
+from procedures.geometry.estimate import GeometryParameters
+from procedures.geometry.views import View
+from procedures.outcome import BadInput, BadParameter, Outcome, Verdict
+from station.__main__ import main
+from station.calibration.geometry import Shoot, ViewRecord, conclude
+from station.calibration.geometry_exports import StoredCamera, export_camera, read_camera
+from station.reports.geometry_files import write_geometry_result
+from station.results.result_files import ResultFolder
+from tests.procedures.geometry.simulated_views import CELL_MM, TrueCamera, take
+from tests.procedures.geometry.simulated_views import Shoot as Photographed
+
+TRUTH = TrueCamera(radial=(-0.12, 0.06, 0.0), thin_prism=(0.0, 0.0, 0.0, 0.0))
+
+
+@pytest.fixture(scope="module")
+def shoot() -> Shoot:
+    taken = take(Photographed(TRUTH, count=6, print_mm=0.02, bend_mm=0.2), np.random.default_rng(12))
+    good = [ViewRecord(Path(f"{view.source}.dng"), "0" * 64, view, Verdict.PASS) for view in taken.views]
+    bad = ViewRecord(Path("dark.dng"), "1" * 64, None, Verdict.REFUSED, "the photograph is too dark", "expose longer")
+    return Shoot("G1", TRUTH.size, (*good, bad))
+
+
+@pytest.fixture(scope="module")
+def outcome(shoot):
+    return conclude(shoot, GeometryParameters(CELL_MM, model="OPENCV"))
+
+
+@pytest.fixture(scope="module")
+def result(shoot, outcome, tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("geometry")
+    with ResultFolder(path) as folder:
+        write_geometry_result(folder, shoot, outcome, parameters={"width_mm": 300.0}, start=0.0, report=True)
+    return path
+
+
+def test_the_record_tells_camera_views_and_what_was_left_out(result, outcome):
+    record = json.loads((result / "result.json").read_text())
+    entry = record["planes"]["G1"]
+    assert (record["schema"], record["procedure"]) == ("station/geometry/1", "geometry")
+    assert entry["verdict"] == str(outcome.verdict)
+    assert entry["fx"]["value"] == pytest.approx(TRUTH.focal_px[0], abs=5 * entry["fx"]["uncertainty"])
+    assert entry["fx"]["unit"] == "pixel"
+    assert [one["source"] for one in entry["views"]] == [f"view{i:02d}" for i in range(6)]
+    assert entry["left_out"] == [
+        {"source": "dark.dng", "reason": "the photograph is too dark", "remedy": "expose longer"}
+    ]
+
+
+def test_the_tables_are_those_of_the_answer(result, outcome):
+    found = outcome.value
+    np.testing.assert_array_equal(np.load(result / "geometry_covariance.npy"), found.covariance)
+    with (result / "geometry_residuals.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == found.points
+    first = found.views[0]
+    assert float(rows[0]["residual_x"]) == pytest.approx(first.residual_px[0, 0], rel=1e-5)
+    assert (
+        (result / "geometry_projection.csv").read_text().startswith("x,y,distortion_x,distortion_y,uncertainty_px_at_")
+    )
+
+
+def test_the_page_says_how_well_the_frame_is_known(result):
+    page = (result / "report.html").read_text()
+    assert "How well the frame is known" in page
+    assert "dark.dng" in page
+    assert page.count("<svg") >= 10
+
+
+def test_a_refusal_names_a_photograph_that_gave_none(shoot):
+    few = Shoot("G1", shoot.size, (shoot.records[0], shoot.records[-1]))
+    found = conclude(few, GeometryParameters(CELL_MM))
+    assert found.verdict is Verdict.REFUSED
+    assert "1 of 2 photographs gave none, dark.dng: the photograph is too dark" in found.reason
+
+
+# --- files of other programs, read back by them ---------------------------------------------------------------------
+
+
+def rays(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    pixels = camera.frame_grid(9, 7)[10:-10]
+    return pixels, camera.rays(pixels)
+
+
+def opencv_pixels(K, distortion, directions) -> np.ndarray:
+    K, distortion = np.asarray(K, dtype=np.float64).reshape(3, 3), np.asarray(distortion, dtype=np.float64)
+    return cv2.projectPoints(directions[:, None], np.zeros(3), np.zeros(3), K, distortion)[0][:, 0]
+
+
+def test_opencv_reads_its_file(result, tmp_path):
+    path = tmp_path / "camera.yml"
+    path.write_text(export_camera(read_camera(result), "opencv").text)
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+    K, distortion = storage.getNode("camera_matrix").mat(), storage.getNode("distortion_coefficients").mat()
+    camera = read_camera(result).camera
+    assert (storage.getNode("image_width").real(), storage.getNode("image_height").real()) == TRUTH.size
+    pixels, directions = rays(camera)
+    np.testing.assert_allclose(opencv_pixels(K, distortion, directions), pixels, atol=1e-5)
+
+
+def test_colmap_reads_its_file_with_its_own_pixel_centres(result, tmp_path):
+    made = export_camera(read_camera(result), "colmap")
+    (tmp_path / "cameras.txt").write_text(made.text)
+    for name in ("images.txt", "points3D.txt"):
+        (tmp_path / name).write_text("")
+    scene = pycolmap.Reconstruction()
+    scene.read_text(str(tmp_path))
+    camera = read_camera(result).camera
+    np.testing.assert_allclose(Camera.from_colmap(scene.cameras[1]).params, camera.params, rtol=1e-15)
+    assert scene.cameras[1].principal_point_x == pytest.approx(camera.centre[0] + 0.5, abs=1e-9)
+    assert made.difference is None
+
+
+def test_ros_camera_info_is_yaml_with_opencvs_numbers(result):
+    told = yaml.safe_load(export_camera(read_camera(result), "ros").text)
+    pixels, directions = rays(read_camera(result).camera)
+    assert told["distortion_model"] == "plumb_bob"
+    seen = opencv_pixels(told["camera_matrix"]["data"], told["distortion_coefficients"]["data"], directions)
+    np.testing.assert_allclose(seen, pixels, atol=1e-5)
+    assert told["projection_matrix"]["data"][:3] == told["camera_matrix"]["data"][:3]
+
+
+def test_kalibrs_chain_is_yaml_with_opencvs_numbers(result):
+    told = yaml.safe_load(export_camera(read_camera(result), "kalibr").text)["cam0"]
+    fx, fy, cx, cy = told["intrinsics"]
+    pixels, directions = rays(read_camera(result).camera)
+    assert (told["distortion_model"], told["resolution"]) == ("radtan", list(TRUTH.size))
+    seen = opencv_pixels([fx, 0, cx, 0, fy, cy, 0, 0, 1], told["distortion_coeffs"], directions)
+    np.testing.assert_allclose(seen, pixels, atol=1e-5)
+
+
+def test_mrcals_model_is_a_python_literal_with_its_keys(result):
+    told = ast.literal_eval(export_camera(read_camera(result), "mrcal").text)
+    assert told["lensmodel"] == "LENSMODEL_OPENCV4"
+    assert len(told["intrinsics"]) == 8
+    assert told["imagersize"] == list(TRUTH.size)
+    assert told["valid_intrinsics_region"][0] == told["valid_intrinsics_region"][-1]
+    pixels, directions = rays(read_camera(result).camera)
+    fx, fy, cx, cy, *distortion = told["intrinsics"]
+    np.testing.assert_allclose(
+        opencv_pixels([fx, 0, cx, 0, fy, cy, 0, 0, 1], distortion, directions), pixels, atol=1e-5
+    )
+
+
+def test_what_a_format_cannot_hold_is_told_in_pixels(result):
+    stored = read_camera(result)
+    lens = Camera("THIN_PRISM_FISHEYE", np.array([*stored.camera.params[:8], 0.01, 0, 2e-3, -1e-3]), *TRUTH.size)
+    made = export_camera(StoredCamera(lens, stored.region, ""), "kalibr")
+    assert made.difference is not None
+    assert 0.1 < made.difference.rms_px < made.difference.max_px
+
+
+def test_what_is_no_camera_is_refused_by_name(tmp_path, result):
+    with pytest.raises(BadInput, match="is no result"):
+        read_camera(tmp_path)
+    (tmp_path / "result.json").write_text('{"procedure": "pattern", "planes": {}}')
+    with pytest.raises(BadInput, match="comes from a geometry"):
+        read_camera(tmp_path)
+    with pytest.raises(BadParameter, match="not 'stl'"):
+        export_camera(read_camera(result), "stl")
+
+
+# --- the commands ---------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def measured(monkeypatch, tmp_path):
+    """Photographs that need no measuring: their names tell which views they are."""
+    taken = take(Photographed(TRUTH, count=6, every=1), np.random.default_rng(13))
+    views = {f"v{i}.pgm": view for i, view in enumerate(taken.views)}
+
+    def seen(plane, chart, source) -> Outcome[View]:
+        return Outcome(replace(views[source], source=source))
+
+    monkeypatch.setattr("station.calibration.geometry.view_of", seen)
+    monkeypatch.setattr("station.calibration.geometry._size", lambda frame, name: TRUTH.size)
+    for name in views:
+        (tmp_path / name).write_bytes(b"P5\n4 4\n255\n" + bytes(16))
+    return [str(tmp_path / name) for name in views]
+
+
+def test_the_commands_calibrate_and_export(measured, tmp_path):
+    out = tmp_path / "out"
+    run = CliRunner().invoke(
+        main, ["geometry", *measured, "--model", "OPENCV", "--no-report", "--json", "--out", str(out)]
+    )
+    assert run.exit_code == 0, run.output
+    entry = json.loads((out / "result.json").read_text())["planes"]["Y"]
+    assert entry["verdict"] == "pass"
+    run = CliRunner().invoke(main, ["export", str(out), "--to", "ros", str(tmp_path / "camera.yaml")])
+    assert run.exit_code == 0, run.output
+    assert yaml.safe_load((tmp_path / "camera.yaml").read_text())["image_width"] == TRUTH.size[0]
+
+
+def test_two_photographs_are_refused_with_the_contracts_code(measured, tmp_path):
+    run = CliRunner().invoke(main, ["geometry", *measured[:2], "--out", str(tmp_path / "out")])
+    assert run.exit_code == 5
+    assert json.loads((tmp_path / "out" / "result.json").read_text())["planes"]["Y"]["verdict"] == "refused"
+
+
+def test_a_wrong_model_is_a_usage_error(measured, tmp_path):
+    run = CliRunner().invoke(main, ["geometry", *measured, "--model", "BROWN", "--out", str(tmp_path / "out")])
+    assert run.exit_code == 2
