@@ -128,6 +128,28 @@ def read_tiff(data: bytes, name: str) -> tuple[Samples, int]:
     return levels, int(np.iinfo(levels.dtype).max)
 
 
+def read_colours(data: bytes, name: str) -> npt.NDArray[np.uint16]:
+    """Samples (rows, columns, 3) of a TIFF or PNG file with red, green and blue of 16 bits.
+
+    Raises
+    ------
+    BadInput
+        If the file has other channels or another depth, or cannot be decoded whole.
+    """
+    if data.startswith(PNG_MAGIC) and not _png_ends(data):
+        raise BadInput(f"{name} is truncated: the PNG has no end chunk", _AGAIN)
+    levels = _decode(data, name)
+    if levels.ndim != 3 or levels.shape[2] != 3:
+        channels = levels.shape[2] if levels.ndim == 3 else 1
+        raise BadInput(f"a colour photograph has red, green and blue; {name} has {channels} channels", _COLOURS)
+    if levels.dtype != np.uint16:
+        raise BadInput(f"a colour photograph has whole numbers of 16 bits; {name} has {levels.dtype}", _COLOURS)
+    return np.ascontiguousarray(levels[..., ::-1])  # OpenCV has blue first
+
+
+_COLOURS = "export it as RGB TIFF or PNG of 16 bits, without transparency"
+
+
 def _check_depth(depth: int, name: str) -> None:
     if depth not in (8, 16):
         raise BadInput(f"grey levels have 8 or 16 bit; {name} has {depth}", _EXPORT)

@@ -1,1 +1,1 @@
-"""From files to results, for commands, guide and batch alike: one entry for each procedure."""
+"""From files to results, for the commands, the guide and the batch alike: one entry per procedure."""

@@ -1,1 +1,1 @@
-"""Pages for people: one report and its figures for each procedure."""
+"""The pages: one report and its figures per procedure."""

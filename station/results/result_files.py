@@ -165,7 +165,7 @@ class ResultFolder:
 
 
 _RESULT_FILE = re.compile(
-    r"(psf|covariance|mtf|edge|inter_image|profile)_(R|G1|G2|B|Y)\.(npy|csv|png|fits|tiff)|numbers\.csv|budget\.csv|report\.html|field\.h5"
+    r"(psf|covariance|mtf|edge|inter_image|profile)_(R|G1|G2|B|Y)\.(npy|csv|png|fits|tiff)|numbers\.csv|budget\.csv|report\.html|field\.h5|corrected\.(tiff|dng)|gain\.csv"
 )
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from procedures.numerics import compiled as procedures_compiled
-from simulators.world.world import compiled as simulators_compiled
+from simulators.world import compiled as simulators_compiled
 
 DECORATORS = {
     "compiled": procedures_compiled.compiled,
