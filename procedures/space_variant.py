@@ -61,6 +61,12 @@ class SpaceVariantBlur:
             out += coefficient * oaconvolve(image, kernel[::-1, ::-1], mode="same")
         return np.asarray(weight * out)
 
+    def at(self, points: Array) -> Array:
+        """The whole PSFs of places (n, 2) of the plane on the image's grid, (n, K, K), each of sum 1."""
+        coefficients = self.field.coefficients(points)
+        found = self._kernels[0] + np.tensordot(coefficients, np.array(self._kernels[1:]), axes=1)
+        return np.asarray(found / found.sum(axis=(1, 2), keepdims=True))
+
     def kernel(self, h: Array) -> Array:
         """A PSF (K, K), K odd, on the image's grid, what that grid cannot show filtered out; its sum is kept."""
         ratio, half = self.samples_per_px / self.field.s, len(h) // 2

@@ -19,6 +19,7 @@ COMMANDS = {
     "export": ("export", "export", "Write a result as a file of another program."),
     "mtf": ("mtf.group", "mtf", "Measure a modulation transfer function."),
     "restore": ("restore", "restore", "Restore a sharp picture and depth from blurred photographs."),
+    "correct": ("correct", "correct", "Sharpen a photograph by the measured PSF field of its lens."),
     "rays": ("rays", "rays", "Remove the noise of a Monte Carlo render."),
     "batch": ("batch", "batch", "Estimate the PSFs of folders of photographs."),
     "session": ("session.group", "session", "List, resume, recompute and compare sessions."),

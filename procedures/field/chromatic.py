@@ -54,6 +54,11 @@ class LateralColour:
         places = in_half_diagonals(np.asarray(points, dtype=np.float64), self.shape)
         return self.surface.at(places), self.surface.covariance(places)
 
+    def shift_at(self, points: Array) -> Array:
+        """The shift alone, (n, 2), at points (n, 2) of the plane; beyond the charts that of the nearest place."""
+        nearest = Hull(self.positions).nearest(np.asarray(points, dtype=np.float64))
+        return np.asarray(self.surface.at(in_half_diagonals(nearest, self.shape)))
+
     def maps(self, columns: int = COLUMNS) -> tuple[FieldMap, FieldMap]:
         """The shift along the radius, outwards positive, and across it, from x towards y positive."""
         x, y = grid(self.shape, columns)

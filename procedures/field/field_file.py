@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from procedures.field.chromatic import LateralColour
+from procedures.field.chromatic import DEGREES, LateralColour
 from procedures.field.interpolate import Interpolation, Recipe, rebuild
 from procedures.field.maps import FieldMap, grid
+from procedures.field.surfaces import fit_surface
 from procedures.numerics.kernel_tail import SHAPES, tail_kernels
 from procedures.outcome import BadInput
 from procedures.psf import Psf, Tail
-from procedures.psf_field import Node, PsfField
+from procedures.psf_field import Node, PsfField, in_half_diagonals
+from procedures.reading.exposure import Exposure
 from procedures.reading.guard import Room, decoding, largest_bytes, open_file
 from procedures.reading.hdf5 import Stored, check_ends
 
@@ -39,6 +43,9 @@ PLANE/anywhere: base + sum over c of coefficients[i, j, c] components[c] is the 
 of base_tail and components_tail is the tail's amplitudes.
 PLANE/maps: numbers of the whole PSF and their standard uncertainties, NaN beyond the nodes.
 lateral_colour/PLANE: shift against the reference plane, in pixels of the sensor."""
+CAMERA = "camera"
+"""The attribute that tells what the photographs were taken with, as JSON."""
+NOTED = ("camera", "lens", "f_number", "focal_length_mm", "subject_distance_mm")
 COLUMNS = 64
 """Places of the rendered field along the frame's longer side."""
 
@@ -49,12 +56,18 @@ def write_field(
     maps: Mapping[str, Sequence[FieldMap]],
     colours: Sequence[LateralColour],
     provenance: Mapping[str, str],
+    camera: Exposure | None = None,
 ) -> None:
-    """Write fields and maps by plane, lateral colour, and texts that say where all comes from."""
+    """Write fields and maps by plane, lateral colour, and texts that say where all comes from.
+
+    `camera` is what all photographs have in common: camera, lens, aperture, focus.
+    """
     import h5py
 
     with h5py.File(path, "w") as file:
         file.attrs.update({"schema": SCHEMA, "conventions": CONVENTIONS, **provenance})
+        if camera is not None:
+            file.attrs[CAMERA] = json.dumps({name: getattr(camera, name) for name in NOTED})
         for name, found in fields.items():
             plane = file.create_group(name)
             _write_plane(plane, found)
@@ -148,22 +161,59 @@ def read_field(path: Path | str) -> dict[str, PsfField]:
     BadInput
         If it is no such file.
     """
+    with _opened(path) as file:
+        room = Room(str(path))
+        return {name: _read_plane(name, group, room) for name, group in _planes(file)}
+
+
+def read_camera(path: Path | str) -> Exposure | None:
+    """Camera, lens, aperture and focus that the field was measured with; None where its file does not tell.
+
+    Raises BadInput as `read_field`.
+    """
+    with _opened(path) as file:
+        text = file.attrs.get(CAMERA)
+    try:
+        told = json.loads(text) if text is not None else None
+    except (TypeError, ValueError):
+        told = None
+    return Exposure(**{name: told.get(name) for name in NOTED}) if isinstance(told, dict) else None
+
+
+def read_colours(path: Path | str) -> dict[str, LateralColour]:
+    """Lateral colour by plane, as it was written; planes without any are left out. Raises BadInput as `read_field`."""
+    with _opened(path) as file:
+        group = file.get("lateral_colour", {})
+        shapes = {name: (int(one.attrs["rows"]), int(one.attrs["columns"])) for name, one in _planes(file)}
+        return {name: _read_colour(name, one, shapes[name]) for name, one in group.items() if name in shapes}
+
+
+def _read_colour(name: str, group: h5py.Group, shape: tuple[int, int]) -> LateralColour:
+    positions, shift, covariance = (group[part][:] for part in ("position", "shift", "covariance"))
+    surface = fit_surface(in_half_diagonals(positions, shape), shift, covariance, DEGREES)
+    return LateralColour(name, str(group.attrs["reference"]), shape, positions, shift, covariance, surface)
+
+
+def _planes(file: h5py.File) -> list[tuple[str, h5py.Group]]:
+    return [(name, group) for name, group in file.items() if "nodes" in group]
+
+
+@contextmanager
+def _opened(path: Path | str) -> Iterator[h5py.File]:
+    """The file, of a version that is known; what is damaged in it is said as such."""
+    import h5py
+
     open_file(Path(path), "PSF field").close()
     with decoding(str(path), "HDF5", "give the field.h5 of a result"):
         check_ends(Path(path), largest_bytes())
-        return _read_file(Path(path))
+        with h5py.File(path, "r") as file:
+            _check_version(file, path)
+            yield file
 
 
-def _read_file(path: Path) -> dict[str, PsfField]:
-    import h5py
-
-    with h5py.File(path, "r") as file:
-        if file.attrs.get("schema") not in (SCHEMA, WITHOUT_TAIL):
-            raise BadInput(
-                f"{path} is no PSF field of this version", f"give a file with schema {SCHEMA} or {WITHOUT_TAIL}"
-            )
-        room = Room(str(path))
-        return {name: _read_plane(name, group, room) for name, group in file.items() if "nodes" in group}
+def _check_version(file: h5py.File, path: Path | str) -> None:
+    if file.attrs.get("schema") not in (SCHEMA, WITHOUT_TAIL):
+        raise BadInput(f"{path} is no PSF field of this version", f"give a file with schema {SCHEMA} or {WITHOUT_TAIL}")
 
 
 def _read_plane(name: str, plane: h5py.Group, room: Room) -> PsfField:

@@ -167,6 +167,41 @@ def _first(tags: Tags, code: int, default: int) -> int:
     return int((*tags.get(code, ()), default)[0])
 
 
+def read_colours(data: bytes, name: str) -> npt.NDArray[np.uint16]:
+    """Samples (rows, columns, 3) of a TIFF or PNG file with red, green and blue of 16 bits.
+
+    Raises
+    ------
+    BadInput
+        If the file has other channels or another depth, or cannot be decoded whole.
+    """
+    columns, rows = _announced(data, name)
+    Room(name).take(3 * BYTES * rows * columns, f"{columns} x {rows} pixels of three colours")
+    if data.startswith(PNG_MAGIC) and not _png_ends(data):
+        raise BadInput(f"{name} is truncated: the PNG has no end chunk", _AGAIN)
+    levels = _decode(data, name)
+    if levels.ndim != 3 or levels.shape[2] != 3:
+        channels = levels.shape[2] if levels.ndim == 3 else 1
+        raise BadInput(f"a colour photograph has red, green and blue; {name} has {channels} channels", _COLOURS)
+    if levels.dtype != np.uint16:
+        raise BadInput(f"a colour photograph has whole numbers of 16 bits; {name} has {levels.dtype}", _COLOURS)
+    return np.ascontiguousarray(levels[..., ::-1])  # OpenCV has blue first
+
+
+def _announced(data: bytes, name: str) -> tuple[int, int]:
+    """Columns and rows that a PNG or TIFF announces. Raises BadInput where it announces none."""
+    if data.startswith(PNG_MAGIC) and len(data) >= 26:
+        columns, rows = struct.unpack_from(">II", data, 16)
+        return columns, rows
+    for tags in image_directories(io.BytesIO(data), name)[:1]:
+        tile = max(1, _first(tags, TILE_WIDTH, 1)), max(1, _first(tags, TILE_LENGTH, 1))
+        return max(_first(tags, WIDTH, 0), tile[0]), max(_first(tags, LENGTH, 0), tile[1])
+    raise BadInput(f"{name} is no TIFF or PNG that can be read", _COLOURS)
+
+
+_COLOURS = "export it as RGB TIFF or PNG of 16 bits, without transparency"
+
+
 def _check_depth(depth: int, name: str) -> None:
     if depth not in (8, 16):
         raise BadInput(f"grey levels have 8 or 16 bit; {name} has {depth}", _EXPORT)

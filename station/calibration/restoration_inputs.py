@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from procedures.outcome import BadInput, BadParameter
 from procedures.raw import Felt
 from procedures.reading.arrays import check_real, read_npy
 from procedures.reading.text import read_json, read_numbers, read_rows
-from procedures.restoration.joint.kernel_sizes import default_max_w, fitting_ratios, stacks_of
+from procedures.restoration.joint.kernel_sizes import BEYOND, default_max_w, fitting_ratios, stacks_of
 from procedures.restoration.masks import blur_models
 from procedures.restoration.masks.blur_models import Unit
 from procedures.restoration.masks.camera_motion import motion_blur, poses_of
@@ -37,12 +37,16 @@ FIELD_SUFFIXES = (".h5", ".hdf5")
 
 @dataclass(frozen=True)
 class BlurInput:
-    """Masks of each photograph, what their w is told in, what the record says of them, and the motion found, if any."""
+    """Masks of each photograph, what their w is told in, what the record says of them, and the motion found, if any.
+
+    finer : the same masks where pixels are n times as fine along each axis, and w counts in those.
+    """
 
     masks: Sequence[Masks]
     unit: Unit = field(default_factory=Unit)
     told: dict[str, Any] = field(default_factory=dict)
     motion: MotionShapes | None = None
+    finer: Callable[[int], Sequence[Masks]] | None = None
 
 
 # --- records of an IMU -------------------------------------------------------------------------------------------
@@ -106,7 +110,11 @@ def from_imu_records(
     blur = motion_blur(poses, focal_px, shape, max_inverse_m)
     told = {"imu": [str(one) for one in files], "exposure_s": list(exposures_s), "focal_px": focal_px}
     told |= {"max_inverse_depth": max_inverse_m, "nodes": list(blur.fields[0].grid), "half_size": blur.fields[0].R}
-    return BlurInput(blur.fields, blur.unit, told)
+
+    def finer(n: int) -> Sequence[Masks]:
+        return motion_blur(poses, n * focal_px, (n * shape[0], n * shape[1]), max_inverse_m).fields
+
+    return BlurInput(blur.fields, blur.unit, told, finer=finer)
 
 
 # --- shapes ------------------------------------------------------------------------------------------------------
@@ -143,16 +151,16 @@ def from_arrays(
     shape = (photographs[0].shape[1], photographs[0].shape[2])
     if not measured:
         each = tuple(ratios) or fitting_ratios(photographs, drawn, widest)
-        return BlurInput(stacks_of(drawn, each, widest, shape), told={"ratio": list(each[1:]), "max_w": widest})
+
+        def finer(n: int) -> Sequence[Masks]:
+            return stacks_of(drawn, each, n * widest + (n - 1) * BEYOND, (n * shape[0], n * shape[1]))
+
+        return BlurInput(finer(1), told={"ratio": list(each[1:]), "max_w": widest}, finer=finer)
     each = tuple(ratios) or tuple(_ratio(found[0], one) for one in found)
-    R = int(np.ceil(widest * max(each) + 0.5))
-    check_extent(R, shape)
-    masks: list[Masks] = [
-        one.masks(widest, R, ratio)
-        if isinstance(one, MeasuredShape)
-        else blur_models.mask_stack(one, widest, ratio=ratio, R=R)
-        for one, ratio in zip(found, each, strict=True)
-    ]
+
+    def of_measured(n: int) -> Sequence[Masks]:
+        return _measured_masks(found, each, n * widest, (n * shape[0], n * shape[1]))
+
     told: dict[str, Any] = {"ratio": list(each[1:]), "max_w": widest}
     told["measured"] = [
         {
@@ -162,7 +170,21 @@ def from_arrays(
         }
         for one in measured
     ]
-    return BlurInput(masks, told=told)
+    return BlurInput(of_measured(1), told=told, finer=of_measured)
+
+
+def _measured_masks(
+    found: Sequence[Array | MeasuredShape], ratios: Sequence[float], max_w: float, shape: Size
+) -> list[Masks]:
+    """Masks of shapes of which some were measured."""
+    R = int(np.ceil(max_w * max(ratios) + 0.5))
+    check_extent(R, shape)
+    return [
+        one.masks(max_w, R, ratio)
+        if isinstance(one, MeasuredShape)
+        else blur_models.mask_stack(one, max_w, ratio=ratio, R=R)
+        for one, ratio in zip(found, ratios, strict=True)
+    ]
 
 
 def _ratio(first: Array | MeasuredShape, other: Array | MeasuredShape) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,10 +16,13 @@ from station.common.errors import REFUSED
 from station.common.log import log, log_json_option
 
 if TYPE_CHECKING:
+    from procedures.outcome import Outcome
     from procedures.raw import RawFrame
     from procedures.reading.sensor_dump import DumpLayout
+    from procedures.restoration.joint.estimate import Restoration
     from procedures.restoration.joint.joint_descent import Round
     from procedures.restoration.masks.blur_operator import Array
+    from station.calibration.restoration_inputs import BlurInput
 
 _LEVELS = {"pass": "info", "doubtful": "warning"}
 
@@ -112,6 +115,11 @@ class _OneEach(click.Command):
     "--exposure-s", type=Number(), multiple=True, help="Exposure time, for --imu.  [default: as the files tell]"
 )
 @click.option("--plane", help="R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]")
+@click.option(
+    "--encoding",
+    type=click.Choice(["linear", "srgb"]),
+    help="The photographs are colour TIFF or PNG files of 16 bits, whose numbers mean this.",
+)
 @raw_option
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
 @click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout too.")
@@ -119,12 +127,16 @@ class _OneEach(click.Command):
 def restore(
     images: tuple[Path, ...],
     plane: str | None,
+    encoding: str | None,
     layout: DumpLayout | None,
     out: Path,
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Restore the sharp picture and the depth map from IMAGES, two or more photographs of one scene."""
+    """Restore the sharp picture and the depth map from IMAGES, two or more photographs of one scene.
+
+    --plane all restores RAW photographs in colour, on the sensor's own grid.
+    """
     start = time.perf_counter()
     if len(images) < 2:
         raise click.UsageError(f"restoration needs two photographs or more, got {len(images)}")
@@ -141,9 +153,11 @@ def restore(
         check_max_w(blur.max_w)
     parameters = _parameters(options)
     with ResultFolder(out) as folder:
-        frames, photographs = _photographs(images, plane, layout)
+        frames, photographs = _photographs(images, plane, layout, encoding)
         source = blur.read(frames, photographs)
-        outcome = told_in(source.unit, restored(photographs, source.masks, parameters, _tell))
+        outcome = _in_colour(
+            told_in(source.unit, restored(photographs, source.masks, parameters, _tell)), frames, source
+        )
         if source.motion is not None:
             outcome = source.motion.judged(outcome)
         about = {
@@ -153,6 +167,7 @@ def restore(
                 **blur.told,
                 **source.told,
                 "planes": list(frames[0].planes),
+                **({"encoding": encoding} if encoding else {}),
                 **told_layout(layout),
                 **options,
             },
@@ -179,17 +194,31 @@ def _parameters(options: dict[str, Any]) -> Any:
     return RestorationParameters(**{**options, "scheme": Scheme.parse(options["scheme"])})
 
 
+def _in_colour(outcome: Outcome[Restoration], frames: list[RawFrame], source: BlurInput) -> Outcome[Restoration]:
+    """The same, of whole mosaics with its picture in colour at every pixel of the sensor."""
+    if outcome.value is None or source.finer is None or len(frames[0].planes) < 4:
+        return outcome
+    from procedures.restoration.colour.estimate import in_colour
+
+    log("colour", "picture in colour on the sensor's grid")
+    found = in_colour(outcome.value, [frame.planes for frame in frames], source.finer(2))
+    return replace(outcome, value=found)
+
+
 def _photographs(
-    images: tuple[Path, ...], plane: str | None, layout: DumpLayout | None
+    images: tuple[Path, ...], plane: str | None, layout: DumpLayout | None, encoding: str | None
 ) -> tuple[list[RawFrame], list[Array]]:
     """Frames, and their planes stacked as channels (C, H, W)."""
     import numpy as np
 
-    from procedures.raw import default_plane, read_frame
+    from procedures.raw import default_plane, read_colour_frame, read_frame
     from procedures.restoration.masks.checks import check_photographs
 
-    chosen = plane or default_plane(images[0], layout)
-    frames = [read_frame(image, None if chosen == "all" else [chosen], layout) for image in images]
+    if encoding:
+        frames = [read_colour_frame(image, encoding) for image in images]
+    else:
+        chosen = plane or default_plane(images[0], layout)
+        frames = [read_frame(image, None if chosen == "all" else [chosen], layout) for image in images]
     for image, frame in zip(images, frames, strict=True):
         log("read", f"read {image}: {', '.join(frame.planes)}", path=str(image), sha256=frame.sha256)
     photographs: list[Array] = [np.stack([p.samples.astype(np.float64) for p in f.planes.values()]) for f in frames]

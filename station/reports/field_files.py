@@ -15,6 +15,7 @@ from procedures.field.field_file import write_field
 from procedures.field.maps import FieldMap
 from procedures.outcome import Outcome
 from procedures.raw import RawFrame
+from station.calibration.camera_notes import exposure_of
 from station.calibration.field import centre_result
 from station.reports.field_page import field_page
 from station.results.plane_result import PlaneResult
@@ -73,7 +74,8 @@ def _write(
     fitted = {one.name: one.interpolation for one in found.planes if one.interpolation is not None}
     if fitted:
         maps = {one.name: _maps(found, one) for one in found.planes}
-        write_field(folder.staging / FILE, fitted, maps, found.colours, _provenance(about))
+        camera = exposure_of(measured.exposures)
+        write_field(folder.staging / FILE, fitted, maps, found.colours, _provenance(about), camera)
     if start is not None:
         about["duration_s"] = round(time.perf_counter() - start, 3)
     if report:

@@ -113,10 +113,11 @@ def restore_picture(
     weight: float,
     iterations: int,
     diffusion: tuple[Array | float, Array | float] = (1.0, 1.0),
+    divide: Array | float = 1.0,
 ) -> Array:
     """The picture of least cost at the depth the data term is focused on: conjugate gradients from u (6.6).
 
-    `diffusion` are the picture prior's weights on differences.
+    `diffusion` are the picture prior's weights on differences; `divide` is a diagonal preconditioner.
     """
 
     def apply(x: Array) -> Array:
@@ -126,4 +127,4 @@ def restore_picture(
 
     downhill = data.blur_adjoint(data.residual(u))
     add_diffusion(downhill, u, -weight, *diffusion)
-    return u + conjugate_gradients(apply, downhill, iterations)
+    return u + conjugate_gradients(apply, downhill, iterations, divide)

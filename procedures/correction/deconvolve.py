@@ -1,0 +1,147 @@
+"""The sharp picture of one tile from the samples of its planes: a convex problem, solved by splitting (ADMM).
+
+The least of  sum_p sum_x w_p(x) (z_p(x) - (h_p * u_c(p))(x))^2 / 2  +  tau sum_x |M D u|(x)
+
+over the colours u_c of the picture. w_p is one over the variance of a sample, and 0 where plane p has none: where the
+mosaic has another colour, at clipped highlights, beyond the frame. So demosaicking, deblurring and going on beyond the
+rim are one problem. With copies v_p = h_p * u_c and y = M D u, what couples pixels is diagonal over frequencies, and
+what couples frequencies is a matter of each pixel.
+
+References
+----------
+Almeida, Figueiredo, Deconvolving images with unknown boundaries using ADMM, IEEE TIP 22 (2013).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import scipy.fft
+
+from procedures.correction.priors import Prior
+from procedures.correction.steps import agree, differences, divergence, length, mixed, shrink, solve
+
+Single = npt.NDArray[np.float32]
+Spectrum = npt.NDArray[np.complex64]
+
+
+@dataclass(frozen=True)
+class Splitting:
+    """How the problem is solved: iterations, and how hard the copies are held to what they are copies of.
+
+    data : against weights of 1, which is their mean over all samples.
+    prior : of the strength tau over the picture's mean difference.
+    """
+
+    iterations: int = 25
+    data: float = 0.3
+    prior: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Tile:
+    """What is known of a tile of n x n samples.
+
+    Attributes
+    ----------
+    z, weight : (P, n, n) float32
+        Samples of each plane, and one over their variance, in units that make it about 1.
+    otf : (P, n, n // 2 + 1) complex64
+        Transfer functions of the planes' PSFs.
+    channel : (P,)
+        Which colour each plane shows.
+    """
+
+    z: Single
+    weight: Single
+    otf: Spectrum
+    channel: Sequence[int]
+
+    @property
+    def n(self) -> int:
+        """Samples along one side."""
+        return int(self.z.shape[-1])
+
+    @property
+    def channels(self) -> int:
+        """Colours of the picture."""
+        return max(self.channel) + 1
+
+
+def deconvolve(
+    tile: Tile, start: Single, prior: Prior, tau: float, gradient: float, how: Splitting | None = None
+) -> Single:
+    """The picture (C, n, n) of least cost, from a first one.
+
+    Parameters
+    ----------
+    start : (C, n, n) float32
+    tau : float
+        Strength of the prior.
+    gradient : float
+        Mean length of the picture's differences, which sets the pace.
+    """
+    how = how or Splitting()
+    penalty = np.float32(how.prior * tau / gradient)
+    solver = _Solver.of(tile, prior, how.data, float(penalty))
+    M = prior.mixing(tile.channels).astype(np.float32)
+    u, data_dual = start, np.zeros_like(tile.z)
+    prior_dual = np.zeros((prior.kinds, *start.shape), dtype=np.float32)
+    seen = _transformed_back(tile.otf * scipy.fft.rfft2(start)[list(tile.channel)], tile.n)
+    for _ in range(how.iterations):
+        agree(seen, tile.z, tile.weight, data_dual, np.float32(how.data))
+        apart = differences(mixed(M, u), prior.second)
+        shrink(apart, prior_dual, np.float32(tau / penalty))
+        pulled = mixed(np.ascontiguousarray(M.T), divergence(apart, prior.second))
+        U = solver(scipy.fft.rfft2(seen), scipy.fft.rfft2(pulled))
+        u = _transformed_back(U, tile.n)
+        seen = _transformed_back(tile.otf * U[list(tile.channel)], tile.n)
+    return u
+
+
+def mean_difference(u: Single, prior: Prior) -> float:
+    """Mean length of a picture's differences (C, n, n) as the prior counts them."""
+    M = prior.mixing(len(u)).astype(np.float32)
+    return float(length(differences(mixed(M, np.ascontiguousarray(u)), prior.second)).mean())
+
+
+def _transformed_back(F: Spectrum, n: int) -> Single:
+    return np.asarray(scipy.fft.irfft2(F, (n, n)), dtype=np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class _Solver:
+    """The picture's spectrum that is nearest to all copies: over frequencies a diagonal and one rank more, inverted."""
+
+    conjugate: Spectrum
+    channel: npt.NDArray[np.int64]
+    inverse: Single
+    coupled: Single
+    penalty: np.float32
+    data: np.float32
+
+    @classmethod
+    def of(cls, tile: Tile, prior: Prior, data: float, penalty: float) -> _Solver:
+        power = np.zeros((tile.channels, *tile.otf.shape[1:]))
+        for p, c in enumerate(tile.channel):
+            power[c] += np.abs(tile.otf[p]) ** 2
+        chroma = prior.chroma**2 if tile.channels > 1 else 1.0
+        stiff = penalty * prior.power(tile.n)
+        inverse = 1 / np.maximum(data * power + chroma * stiff, 1e-12)
+        # M^T M = chroma 1 - (chroma - 1) b b^T with b = (1, 1, 1) / sqrt(3): Sherman and Morrison
+        off = (chroma - 1) * stiff / tile.channels
+        coupled = off / np.maximum(1 - off * inverse.sum(axis=0), 1e-12)
+        return cls(
+            np.conj(tile.otf), np.array(tile.channel), inverse.astype(np.float32), coupled.astype(np.float32),
+            np.float32(penalty), np.float32(data),
+        )  # fmt: skip
+
+    def __call__(self, seen: Spectrum, pulled: Spectrum) -> Spectrum:
+        out = np.empty_like(pulled)
+        solve(
+            seen, self.conjugate, self.channel, pulled, self.inverse, self.coupled, self.data, self.penalty, out
+        )  # fmt: skip
+        return out

@@ -1,0 +1,141 @@
+"""A photograph's samples where they lie on the sensor, balanced, with what each counts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.clipping import NOMINAL
+from procedures.correction.noise import Noise
+from procedures.correction.optics import COLOURS
+from procedures.raw import Plane
+
+Array = npt.NDArray[np.float64]
+Single = npt.NDArray[np.float32]
+
+AT_LEAST = np.float32(-1)
+"""Weight of a clipped sample: it says that there was as much light or more."""
+LEVEL_PX = 5
+"""Samples of a plane over which the level is taken that its noise is told from."""
+MOST_GAIN = 8.0
+
+
+@dataclass(frozen=True, eq=False)
+class Mosaic:
+    """The planes of a photograph on the sensor's grid.
+
+    Attributes
+    ----------
+    planes, noise : by name
+    shape : (int, int)
+        Rows and columns of the sensor.
+    gains : (C,) float32
+        Mean of each colour over green's: what the samples are divided by, so that a grey scene is grey.
+    variance : float
+        Of a usual sample, balanced; weights are 1 there.
+    clipped : float
+        Share of the samples that are clipped.
+    """
+
+    planes: Mapping[str, Plane]
+    noise: Mapping[str, Noise]
+    shape: tuple[int, int]
+    gains: Single
+    variance: float
+    clipped: float
+
+    @classmethod
+    def of(cls, planes: Mapping[str, Plane], noise: Mapping[str, Noise]) -> Mosaic:
+        """The mosaic of planes of one photograph."""
+        pitch = next(iter(planes.values())).pitch
+        ends = [np.array(plane.samples.shape) * pitch for plane in planes.values()]
+        rows, columns = (int(end) for end in np.max(ends, axis=0))
+        gains = _gains(planes)
+        usual = [
+            float(noise[name].variance_at(np.array(np.median(plane.samples)))) / gains[COLOURS[name]] ** 2
+            for name, plane in planes.items()
+        ]
+        clipped = float(np.mean([np.mean(plane.samples >= NOMINAL) for plane in planes.values()]))
+        return cls(planes, noise, (rows, columns), gains, float(np.mean(usual)), clipped)
+
+    @property
+    def channels(self) -> int:
+        """Colours of the picture."""
+        return len(self.gains)
+
+    @property
+    def channel(self) -> Sequence[int]:
+        """The colour that each plane shows."""
+        return [COLOURS[name] for name in self.planes]
+
+    def cut(self, start: tuple[int, int], n: int, ring: int) -> tuple[Single, Single]:
+        """Samples and weights (P, n, n) of a tile; a ring along its rim is not seen."""
+        z, weight = np.zeros((2, len(self.planes), n, n), dtype=np.float32)
+        for p, name in enumerate(self.planes):
+            self._lay(self.planes[name], self.noise[name], start, z[p], weight[p])
+        for one in (weight[:, :ring], weight[:, -ring:], weight[:, :, :ring], weight[:, :, -ring:]):
+            one[...] = 0
+        return z, weight
+
+    def _lay(self, plane: Plane, noise: Noise, start: tuple[int, int], z: Single, weight: Single) -> None:
+        """Put a plane's samples in their places of the tile (n, n)."""
+        import cv2
+
+        n, pitch, gain = len(z), plane.pitch, self.gains[COLOURS[plane.name]]
+        spans = [
+            _span(at, n, origin, pitch, size)
+            for at, origin, size in zip(start, plane.origin[::-1], plane.samples.shape, strict=True)
+        ]
+        (rows, own_rows), (columns, own_columns) = spans
+        samples = plane.samples[own_rows, own_columns]
+        if samples.size == 0:
+            return
+        level = np.asarray(cv2.blur(samples, (LEVEL_PX, LEVEL_PX)), dtype=np.float32)
+        counts = np.float32(self.variance * gain**2) / noise.variance_at(level)
+        counts[samples >= NOMINAL] = AT_LEAST
+        for row, column in plane.bad_pixels - np.array([own_rows.start, own_columns.start]):
+            if 0 <= row < counts.shape[0] and 0 <= column < counts.shape[1]:
+                counts[row, column] = 0
+        z[rows, columns] = samples / gain
+        weight[rows, columns] = counts
+
+    def first(self, z: Single, weight: Single) -> Single:
+        """A first picture (C, n, n): samples spread over their neighbours, mean light where there are none."""
+        import cv2
+
+        tent = np.outer([1, 2, 1], [1, 2, 1]).astype(np.float32)
+        seen = (weight != 0).astype(np.float32)
+        out = np.empty((self.channels, *z.shape[1:]), dtype=np.float32)
+        for c in range(self.channels):
+            own = [p for p, colour in enumerate(self.channel) if colour == c]
+            light, share = sum(z[p] * seen[p] for p in own), sum(seen[p] for p in own)
+            near, much = cv2.filter2D(light, -1, tent), cv2.filter2D(share, -1, tent)
+            mean = float(np.sum(light) / max(float(np.sum(share)), 1.0))
+            out[c] = np.where(much > 0, near / np.maximum(much, 1), mean)
+        return out
+
+
+def _span(start: int, n: int, origin: int, pitch: int, size: int) -> tuple[slice, slice]:
+    """Where a plane's samples lie along one axis of a tile, and which of the plane's they are."""
+    first = max(0, -(-(start - origin) // pitch))
+    last = min(size, -(-(start + n - origin) // pitch))
+    at = first * pitch + origin - start
+    return slice(at, at + max(last - first, 0) * pitch, pitch), slice(first, max(last, first))
+
+
+def _gains(planes: Mapping[str, Plane]) -> Single:
+    """Mean light of each colour over green's, clipped samples left out."""
+    channels = max(COLOURS[name] for name in planes) + 1
+    if channels == 1:
+        return np.ones(1, dtype=np.float32)
+    means = [np.mean([_mean(plane) for name, plane in planes.items() if COLOURS[name] == c]) for c in range(channels)]
+    return np.clip(np.array(means) / max(float(means[1]), 1e-6), 1 / MOST_GAIN, MOST_GAIN).astype(np.float32)
+
+
+def _mean(plane: Plane) -> float:
+    samples = plane.samples[::4, ::4]
+    kept = samples[samples < NOMINAL]
+    return float(kept.mean()) if kept.size else 1.0

@@ -1,0 +1,117 @@
+"""What blurs a photograph on its sensor's grid, at any place: the planes' PSFs, their shifts against each other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+import scipy.fft
+
+from procedures.psf_field import PsfField
+from procedures.raw import Plane
+from procedures.space_variant import SpaceVariantBlur
+
+Array = npt.NDArray[np.float64]
+Spectrum = npt.NDArray[np.complex64]
+Shift = Callable[[Array], Array]
+"""Shift (n, 2), in pixels of the sensor, at points (n, 2) of a plane: how far it lies from the reference plane."""
+
+COLOURS = {"R": 0, "G1": 1, "G2": 1, "B": 2, "Y": 0}
+"""Which colour of the picture a plane shows."""
+CHANGE, MOVE_PX = 0.03, 0.1
+"""Change of the PSF within a tile, over its norm, and of lateral colour, that are let pass."""
+SIDES = (512, 384, 256, 192, 128)
+"""Of tiles, in pixels of the sensor."""
+
+
+@dataclass(frozen=True, eq=False)
+class Optics:
+    """The fields of a photograph's planes, and the planes' places on the sensor.
+
+    Attributes
+    ----------
+    planes : names in the order of the photograph
+    origins : (x, y) of each plane's first pixel on the sensor
+    pitch : sensor pixels per pixel of a plane
+    shifts : lateral colour of the planes that have it
+    """
+
+    fields: Mapping[str, PsfField]
+    origins: Mapping[str, tuple[int, int]]
+    pitch: int
+    shifts: Mapping[str, Shift]
+
+    @classmethod
+    def of(cls, planes: Mapping[str, Plane], fields: Mapping[str, PsfField], shifts: Mapping[str, Shift]) -> Optics:
+        """The optics of a photograph's planes."""
+        first = next(iter(planes.values()))
+        origins = {name: plane.origin for name, plane in planes.items()}
+        return cls({name: fields[name] for name in planes}, origins, first.pitch, shifts)
+
+    @property
+    def channel(self) -> Sequence[int]:
+        """The colour that each plane shows."""
+        return [COLOURS[name] for name in self.fields]
+
+    @cached_property
+    def _blurs(self) -> dict[str, SpaceVariantBlur]:
+        return {name: SpaceVariantBlur(field, self.pitch) for name, field in self.fields.items()}
+
+    def otf(self, x: float, y: float, n: int) -> Spectrum:
+        """Transfer functions of all planes on n x n samples about a place of the sensor, (P, n, n // 2 + 1)."""
+        return np.stack([self._of_plane(name, x, y, n) for name in self.fields])
+
+    def _of_plane(self, name: str, x: float, y: float, n: int) -> Spectrum:
+        place = self._in_plane(name, np.array([[x, y]]))
+        kernel = self._blurs[name].at(place)[0]
+        wrapped = np.zeros((n, n))
+        half = len(kernel) // 2
+        at = (np.arange(len(kernel)) - half) % n
+        np.add.at(wrapped, np.ix_(at, at), kernel)  # what reaches beyond a small tile comes back on its other side
+        F = scipy.fft.rfft2(wrapped)
+        if name in self.shifts:
+            dx, dy = self.shifts[name](place)[0]
+            fy, fx = np.fft.fftfreq(n)[:, None], np.fft.fftfreq(n)[: n // 2 + 1]
+            F = F * np.exp(-2j * np.pi * (fx * dx + fy * dy))
+        return np.asarray(F, dtype=np.complex64)
+
+    def _in_plane(self, name: str, points: Array) -> Array:
+        """Points of the sensor in pixels of the plane."""
+        return np.asarray((points - np.array(self.origins[name])) / self.pitch)
+
+    @property
+    def ring(self) -> int:
+        """Pixels of the sensor that the supports reach."""
+        return max(int(np.ceil(field.k / 2 / field.s * self.pitch)) for field in self.fields.values()) + 2
+
+    def side(self, shape: tuple[int, int]) -> int:
+        """Side of the tiles, in pixels of the sensor, within which the PSFs hardly change."""
+        for n in SIDES:
+            if self._change(shape, n / 2) <= CHANGE and self._move(shape, n / 2) <= MOVE_PX:
+                return n
+        return SIDES[-1]
+
+    def _change(self, shape: tuple[int, int], reach: float) -> float:
+        """Root mean square change of the supports over a quarter of a tile's side, of their norm."""
+        name, field = next(iter(self.fields.items()))
+        here, *moved = (field.samples(self._in_plane(name, places)) for places in _places(shape, reach / 2))
+        return float(np.sqrt(max(np.sum((other - here) ** 2) for other in moved) / np.sum(here**2)))
+
+    def _move(self, shape: tuple[int, int], reach: float) -> float:
+        """Largest change of lateral colour over a quarter of a tile's side, in pixels of the sensor."""
+        most = 0.0
+        for name, shift in self.shifts.items():
+            here, *moved = (shift(self._in_plane(name, places)) for places in _places(shape, reach / 2))
+            most = max(most, *(float(np.abs(other - here).max()) for other in moved))
+        return most
+
+
+def _places(shape: tuple[int, int], step: float) -> tuple[Array, Array, Array]:
+    """Places over the frame, and those a step to the right and below."""
+    rows, columns = shape
+    x, y = np.meshgrid(np.linspace(0, columns - 1 - step, 8), np.linspace(0, rows - 1 - step, 8))
+    places = np.column_stack([x.ravel(), y.ravel()])
+    return places, places + np.array([step, 0]), places + np.array([0, step])

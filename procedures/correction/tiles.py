@@ -1,0 +1,82 @@
+"""Tiles that cover a frame, each with a margin, and the windows that fade one into the next; they sum to 1."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Single = npt.NDArray[np.float32]
+
+FADE = 16
+"""Samples over which one tile fades into the next."""
+DECAY = 12
+"""Samples after which the rim of a tile is no longer felt."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Tiles along one axis of a frame.
+
+    Attributes
+    ----------
+    size : int
+        Samples of the frame.
+    n : int
+        Samples of a tile, even.
+    margin : int
+        Samples at both ends of a tile that count in no window, even.
+    """
+
+    size: int
+    n: int
+    margin: int
+
+    @property
+    def step(self) -> int:
+        """Samples from one tile to the next; even, so that a mosaic lies alike in all tiles."""
+        return self.n - 2 * self.margin - FADE
+
+    @property
+    def starts(self) -> list[int]:
+        """Where each tile begins, in samples of the frame; the first begins before it."""
+        count = max(1, -(-self.size // self.step))
+        return [k * self.step - FADE // 2 - self.margin for k in range(count)]
+
+    def window(self, start: int) -> Single:
+        """What each sample (n,) of the tile counts in the frame."""
+        at = np.arange(self.n) - self.margin
+        rise = np.clip((at + 0.5) / FADE, 0, 1)
+        fall = rise[::-1]
+        place = start + np.arange(self.n)
+        first, last = start == self.starts[0], start == self.starts[-1]
+        rise = np.where(first, 1.0, rise)
+        fall = np.where(last, 1.0, fall)
+        inside = (place >= 0) & (place < self.size)
+        return np.asarray(rise * fall * inside, dtype=np.float32)
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Square tiles over a frame of some rows and columns."""
+
+    rows: Axis
+    columns: Axis
+
+    @classmethod
+    def over(cls, shape: tuple[int, int], n: int, ring: int) -> Grid:
+        """Tiles of n samples, of which a ring of that width is not seen and another fades its effect."""
+        margin = (ring + DECAY + 1) // 2 * 2
+        return cls(Axis(shape[0], n, margin), Axis(shape[1], n, margin))
+
+    def __iter__(self):  # type: ignore[no-untyped-def]
+        """Starts (row, column) of all tiles."""
+        return ((row, column) for row in self.rows.starts for column in self.columns.starts)
+
+    def centre(self, start: tuple[int, int]) -> tuple[float, float]:
+        """(x, y) of the middle of a tile's part of the frame."""
+        return tuple(  # type: ignore[return-value]
+            float(np.clip(at + (axis.n - 1) / 2, 0, axis.size - 1))
+            for at, axis in ((start[1], self.columns), (start[0], self.rows))
+        )

@@ -1,0 +1,125 @@
+"""Colour picture and depth of least cost together: data term on the mosaic, total variation of all colours (6.11).
+
+The unknowns are lightness and two differences of colour. Their differences are taken together in the prior; those of
+colour count more, as edges rarely change colour alone: that carries detail from the colour that was sampled to those
+that were not. All colours are blurred alike, so blurring commutes with this change of unknowns.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from procedures.restoration.joint.data_term import DataTerm, restore_picture
+from procedures.restoration.joint.gauss_newton import Weights, joint_step
+from procedures.restoration.joint.priors import differences, steps_allowed, total_variation
+from procedures.restoration.joint.schedule import DEPTH_SLOPE
+from procedures.restoration.masks.blur_operator import Array, Blur, FieldBlur
+
+CHROMA = 5.0
+"""How much more differences of colour count than differences of lightness."""
+TAU = 0.8
+"""Strength of the prior, of variance over mean difference: at which simulated pictures, grey and in colour, come out
+best."""
+LEAST = 0.1
+"""Of the mean difference: below it total variation is taken as quadratic."""
+
+
+def mixing() -> Array:
+    """Lightness and weighted differences of colour from red, green, blue: (3, 3)."""
+    lightness = np.ones(3) / np.sqrt(3)
+    colour = np.array([[1.0, 0.0, -1.0], [1.0, -2.0, 1.0]]) / np.sqrt([[2.0], [6.0]])
+    return np.vstack([lightness, CHROMA * colour])
+
+
+class MosaicTerm(DataTerm):
+    """Mosaics with their blurs, over pictures (3, H', W') of lightness and differences of colour.
+
+    Parameters
+    ----------
+    z : (P, 3, H, W) balanced samples, red, green, blue
+    trust : (P, 3, H, W) what each counts; 0 where its colour was not sampled
+    """
+
+    def __init__(self, z: Array, blurs: list[Blur | FieldBlur], trust: Array) -> None:
+        super().__init__(z, blurs, trust)
+        self._unmix = np.linalg.inv(mixing()).astype(z.dtype)
+
+    def _seen(self, drawn: list[Array]) -> Array:
+        """What the mosaics show of photographs of lightness and differences."""
+        return self.trust * np.stack([np.tensordot(self._unmix, one, axes=1) for one in drawn])
+
+    def _back(self, e: Array) -> list[Array]:
+        """The adjoint of `_seen`."""
+        return [np.ascontiguousarray(np.tensordot(self._unmix.T, one, axes=1)) for one in self.trust * e]
+
+    def blur(self, u: Array) -> Array:
+        """Mosaics of u, weighted, (P, 3, H, W)."""
+        return self._seen([blur.blur(u) for blur in self.blurs])
+
+    def blur_adjoint(self, e: Array) -> Array:
+        """The adjoint of `blur`."""
+        out = np.zeros((*e.shape[1:-2], *self.extended), e.dtype)
+        for blur, a in zip(self.blurs, self._back(e), strict=True):
+            blur.blur_adjoint(a, out)
+        return out
+
+    def picture_curvature(self, w: Array) -> Array:
+        """Diagonal of the curvature over each of the three unknowns, (3, H', W').
+
+        Joint steps do better with `curvature`, which is even over them: it leaves the colours to follow the depth.
+        """
+        picture, _ = self.curvature(w)
+        share = w.dtype.type(np.mean(self.trust**2))
+        return np.asarray(share * np.sum(self._unmix**2, axis=0)[:, None, None] * picture)
+
+    def residual(self, u: Array) -> Array:
+        """Weighted mosaics minus their prediction."""
+        return self.trust * self.z - self.blur(u)
+
+    def change(self, u: Array, x: Array) -> Array:
+        """Change of the weighted mosaics for x = (du..., dw) stacked."""
+        return self._seen([blur.change(u, x[:-1], x[-1]) for blur in self.blurs])
+
+    def change_adjoint(self, u: Array, e: Array) -> Array:
+        """The adjoint of `change`."""
+        out = np.zeros((len(u) + 1, *self.extended), u.dtype)
+        for blur, a in zip(self.blurs, self._back(e), strict=True):
+            blur.change_adjoint(u, a, (out[:-1], out[-1]))
+        return out
+
+
+def with_depth(data: MosaicTerm, u: Array, w: Array, sigma: float, rounds: int, iterations: int) -> tuple[Array, Array]:
+    """Picture and depth after so many joint steps from a pair. u : (3, H', W') lightness and differences; w : (H', W').
+
+    sigma : of the photographs' noise
+    """
+    for _ in range(rounds):
+        strength, diffusion = prior_of(u, sigma)
+        weights = Weights(strength, sigma**2 / DEPTH_SLOPE**2)
+        u, w = joint_step(data, u, w, weights, iterations, diffusion, steps_allowed(w, weights.step))
+    return u, w
+
+
+def alone(data: MosaicTerm, u: Array, w: Array, sigma: float, rounds: int, iterations: int) -> Array:
+    """The picture at a depth: so many relinearisations (6.10) of its prior."""
+    data.focus(w)
+    curvature = data.picture_curvature(w)
+    for _ in range(rounds):
+        strength, diffusion = prior_of(u, sigma)
+        divide = curvature + u.dtype.type(4 * strength)
+        u = restore_picture(data, u, strength, iterations, diffusion, divide)
+    return u
+
+
+def prior_of(u: Array, sigma: float) -> tuple[float, tuple[Array, Array]]:
+    """Strength of the quadratic prior that stands for total variation at u, and its weights on differences."""
+    mean = max(mean_difference(u[:1]), 1e-5)
+    down, across = (u.dtype.type(mean) * one.astype(u.dtype) for one in total_variation(u, LEAST * mean))
+    return TAU * sigma**2 / mean**2, (down, across)
+
+
+def mean_difference(u: Array) -> float:
+    """Mean length of the differences of channels (C, H, W)."""
+    down, across = differences(u)
+    squares = (down[:, :, :-1] ** 2).sum(axis=0) + (across[:, :-1] ** 2).sum(axis=0)
+    return float(np.sqrt(squares).mean())

@@ -1,0 +1,145 @@
+"""A photograph through a measured field, corrected: reading, checking that both belong together, and the files."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from procedures.correction.checks import check_exposure
+from procedures.correction.estimate import Correction, CorrectionParameters, correct
+from procedures.field.field_file import read_camera, read_colours, read_field
+from procedures.outcome import Outcome, Verdict
+from procedures.raw import RawFrame, read_frame, read_photograph
+from procedures.reading.sensor_dump import DumpLayout
+from station.calibration.camera_notes import CameraNotes, read_notes
+from station.calibration.picture_files import BLACK, WHITE, write_linear_dng, write_tiff
+from station.results.result_files import ResultFolder, software, write_record
+
+SCHEMA = "station/correct/1"
+TIFF, DNG, MAPS, PAGE = "corrected.tiff", "corrected.dng", "gain.csv", "report.html"
+DESCRIPTION = "linear light, 0 black, 65535 white, camera colours not balanced; corrected through its lens's PSF field"
+
+
+@dataclass(frozen=True, eq=False)
+class Corrected:
+    """A photograph, what was found, and what its camera noted."""
+
+    frame: RawFrame
+    outcome: Outcome[Correction]
+    notes: CameraNotes
+    undone: tuple[str, ...]
+    """Planes whose lateral colour was undone."""
+
+
+def correct_photograph(
+    photo: Path,
+    field: Path,
+    parameters: CorrectionParameters,
+    layout: DumpLayout | None = None,
+    progress: Callable[[int, int], None] = lambda done, of: None,
+    *,
+    insisted: bool = False,
+) -> Corrected:
+    """Read both, refuse what does not belong together, and correct.
+
+    Parameters
+    ----------
+    insisted : bool
+        The field is taken whatever camera it is of, and the result doubted.
+
+    Raises
+    ------
+    BadInput, Refused
+        If either cannot be read, or the field is of another camera, lens, aperture or focus.
+    """
+    data = read_photograph(photo)
+    frame = read_frame(photo, layout=layout, data=data)
+    fields, camera = read_field(field), read_camera(field)
+    unknown = ["--insist was given"] if insisted else check_exposure(frame.exposure, camera)
+    shifts = {name: colour.shift_at for name, colour in read_colours(field).items() if name in frame.planes}
+    outcome = correct(frame, fields, shifts, parameters, progress)
+    return Corrected(frame, _doubted(outcome, unknown), read_notes(data, frame.exposure), tuple(shifts))
+
+
+def _doubted(outcome: Outcome[Correction], unknown: list[str]) -> Outcome[Correction]:
+    """The same, doubtful where it is not known whether field and photograph belong together."""
+    if not unknown or outcome.value is None:
+        return outcome
+    reason = f"it is not known whether the field is of this lens and setting: {', '.join(unknown)}"
+    remedy = "compare them yourself, or measure the field from files that hold the camera's notes"
+    told = [(outcome.reason, outcome.remedy), (reason, remedy)]
+    reasons, remedies = ("; ".join(one for one in both if one) for both in zip(*told, strict=True))
+    return replace(outcome, verdict=Verdict.DOUBTFUL, reason=reasons, remedy=remedies)
+
+
+def write_correction(folder: ResultFolder, found: Corrected, about: Mapping[str, Any], page: bytes) -> str:
+    """Stage and publish every file of a correction; returns the record's text. `about` as the record begins."""
+    value = found.outcome.value
+    if value is None:
+        return write_refusal(folder, found, about)
+    write_tiff(folder.staging / TIFF, value.picture, found.notes, DESCRIPTION)
+    write_linear_dng(folder.staging / DNG, value.picture, found.notes)
+    folder.write(MAPS, _maps(value))
+    folder.write(PAGE, page)
+    return write_record(folder, record(found, about))
+
+
+def write_refusal(folder: ResultFolder, found: Corrected, about: Mapping[str, Any]) -> str:
+    """Publish the record of a refusal, which has no other files; returns its text."""
+    return write_record(folder, {"schema": SCHEMA, **about, **_verdict(found), "software": software()})
+
+
+def _verdict(found: Corrected) -> dict[str, str]:
+    outcome = found.outcome
+    return {"verdict": str(outcome.verdict), "reason": outcome.reason, "remedy": outcome.remedy}
+
+
+def record(found: Corrected, about: Mapping[str, Any]) -> dict[str, Any]:
+    """What `result.json` says."""
+    value = found.outcome.value
+    if value is None:
+        raise ValueError("a correction without a value has no numbers")
+    told = value.prediction
+    return {
+        "schema": SCHEMA,
+        **about,
+        **_verdict(found),
+        "encodings": {
+            TIFF: {"encoding": "linear", "black": 0, "white": 65535},
+            DNG: {"encoding": "linear", "black": BLACK, "white": WHITE},
+        },
+        "noise": {name: asdict(one) for name, one in value.noise.items()},
+        "prior": {"tau": value.tau, "mean_difference": value.difference},
+        "tile_px": value.side,
+        "clipped": value.clipped,
+        "lateral_colour_undone": list(found.undone),
+        "predicted": {
+            "mtf50_before": _number(told.before, "cycles/pixel"),
+            "mtf50_after": _number(told.after, "cycles/pixel"),
+            "noise_gain": _number(told.noise_gain, "1"),
+        },
+        "software": software(),
+    }
+
+
+def _number(values: Any, unit: str) -> dict[str, Any]:
+    return {
+        "median": float(np.median(values)), "least": float(values.min()), "greatest": float(values.max()), "unit": unit
+    }  # fmt: skip
+
+
+def _maps(value: Correction) -> bytes:
+    """Predicted MTF50 and noise over the frame, a place per row."""
+    text, told = io.StringIO(newline=""), value.prediction
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(["x_px", "y_px", "mtf50_before_cycles_px", "mtf50_after_cycles_px", "noise_gain"])
+    for i, j in np.ndindex(told.before.shape):
+        row = (told.x[j], told.y[i], told.before[i, j], told.after[i, j], told.noise_gain[i, j])
+        table.writerow([f"{number:.6g}" for number in row])
+    return text.getvalue().encode()

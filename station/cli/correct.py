@@ -1,0 +1,109 @@
+"""`station correct`: an ordinary photograph through the measured field of its lens, undone."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from station.cli.psf.planes import LEVELS, raw_option, told_layout
+from station.cli.terminal.progress import progress
+from station.common.errors import REFUSED
+from station.common.log import log, log_json_option
+
+if TYPE_CHECKING:
+    from procedures.reading.sensor_dump import DumpLayout
+    from station.common.progress import Progress
+
+
+def _by_hundredths(told: Progress) -> Callable[[int, int], None]:
+    """Hundredths of the work, from the number of tiles done and of all."""
+    last = 0
+
+    def heard(done: int, of: int) -> None:
+        nonlocal last
+        if (now := 100 * done // of) > last:
+            told(f"{done} of {of} tiles", now - last)
+            last = now
+
+    return heard
+
+
+@click.command("correct")
+@click.argument("photo", type=click.Path(path_type=Path))
+@click.option(
+    "--field", "field", type=click.Path(path_type=Path), required=True, help="field.h5 of `station psf field`."
+)
+@click.option(
+    "--prior", type=click.Choice(["total-variation", "second-order"]), default="total-variation", show_default=True
+)
+@click.option(
+    "--strength", type=click.FloatRange(0.01, 100), default=1.0, show_default=True,
+    help="Of the prior; 1 is what the photograph's noise asks for.",
+)  # fmt: skip
+@click.option("--iterations", type=click.IntRange(1, 500), default=12, show_default=True)
+@click.option(
+    "--tile-px", type=click.Choice(["128", "192", "256", "384", "512"]), help="[default: as the field varies]"
+)
+@click.option("--insist", is_flag=True, help="Take a field whatever camera, lens, aperture and focus it is of.")
+@raw_option
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
+@click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout too.")
+@log_json_option
+def correct(
+    photo: Path,
+    field: Path,
+    prior: str,
+    strength: float,
+    iterations: int,
+    tile_px: str | None,
+    insist: bool,
+    layout: DumpLayout | None,
+    out: Path,
+    as_json: bool,
+) -> None:
+    """Sharpen PHOTO by the PSF field of its lens: RAW with a 2 x 2 mosaic, or one linear grey plane.
+
+    Demosaicking, deblurring and lateral colour are undone as one problem, as strongly as the photograph's noise allows.
+    """
+    start = time.perf_counter()
+    from dataclasses import replace
+
+    from procedures.correction.estimate import CorrectionParameters
+    from procedures.correction.priors import Prior
+    from station.calibration.correction import correct_photograph, write_correction, write_refusal
+    from station.reports.correction_page import correction_page
+    from station.results.result_files import ResultFolder
+
+    usual = CorrectionParameters()
+    parameters = replace(
+        usual,
+        prior=Prior(prior, strength=strength),
+        splitting=replace(usual.splitting, iterations=iterations),
+        side=int(tile_px) if tile_px else None,
+    )
+    with ResultFolder(out) as folder, progress(100) as told:
+        found = correct_photograph(photo, field, parameters, layout, _by_hundredths(told), insisted=insist)
+        given = {"prior": prior, "strength": strength, "iterations": iterations, "field": str(field)}
+        given |= {"tile_px": tile_px or "auto", **told_layout(layout), **({"insist": True} if insist else {})}
+        about = {
+            "procedure": "correct",
+            "input": [{"path": str(photo), "sha256": found.frame.sha256}],
+            "parameters": given,
+            "duration_s": round(time.perf_counter() - start, 3),
+        }
+        if found.outcome.value is None:
+            text = write_refusal(folder, found, about)
+        else:
+            text = write_correction(folder, found, about, correction_page(found, about))
+    outcome = found.outcome
+    sentence = f"{outcome.verdict}: {outcome.reason or 'the photograph is corrected'}"
+    log("corrected", sentence, level=LEVELS[str(outcome.verdict)], remedy=outcome.remedy)
+    log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))
+    if as_json:
+        click.echo(text, nl=False)
+    if outcome.value is None:
+        raise click.exceptions.Exit(REFUSED)

@@ -1,0 +1,126 @@
+"""A photograph through a simulated lens, corrected through the measured field: what is gained, and how long it takes.
+
+    python tests/benchmarks/correction.py gain            PSNR against the scene: several fields, and none
+    python tests/benchmarks/correction.py speed [MEGAPIXELS]   four planes of a mosaic; 24 by default
+
+The scene is a public photograph (matplotlib's sample of Grace Hopper, of the U.S. Navy), blurred by the lens's own
+transfer functions on a grid of places. Fields are measured at 5 x 5 and 7 x 5 charts with errors as charts have them.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+import cv2
+import matplotlib
+import numpy as np
+
+from procedures.correction.estimate import CorrectionParameters, correct
+from procedures.correction.priors import ORDERS, Prior
+from procedures.field.interpolate import interpolate
+from procedures.field.models import Separate
+from procedures.numerics.scattered import Polynomial
+from procedures.psf import Psf
+from procedures.psf_field import Node, PsfField, in_half_diagonals
+from procedures.raw import Exposure, Plane, RawFrame
+from simulators.camera.camera import Lens
+from tests.procedures.correction.lens_photographs import RGGB, Sensor, blurred, kernels_over, sampled
+from tests.procedures.correction.seen import SmallLens
+from tests.procedures.field.lens import SHAPE, FieldCamera, K, S, grid, nodes
+
+LENS = Lens(f_number=2.8, coma_um=0.2, astigmatism_um=0.22, field_curvature_um=0.2, axis=(0.08, -0.05))
+RIM, EDGE = 40, 20
+SAMPLE_STD = 1.4e-4
+"""Of a PSF's samples, as a chart 100 pixels wide with noise of 0.5 % gives them: 0.0023 over all."""
+
+
+def public_photograph() -> np.ndarray:
+    """Green light of the photograph, mirrored to the frame's size and a rim."""
+    path = Path(matplotlib.__file__).parent / "mpl-data" / "sample_data" / "grace_hopper.jpg"
+    levels = cv2.imread(str(path))[..., 1] / 255
+    light = np.where(levels <= 0.04045, levels / 12.92, ((levels + 0.055) / 1.055) ** 2.4)
+    return np.pad(light, ((0, 0), (160, 160)), mode="reflect")[: SHAPE[0] + 2 * RIM, : SHAPE[1] + 2 * RIM]
+
+
+def constant_field(psf: Psf, measured: list[Node]) -> PsfField:
+    """A field that has one PSF everywhere."""
+    positions, n = np.array([node.position for node in measured]), len(psf.parameters)
+    same = tuple(replace(node, psf=psf) for node in measured)
+    smoother = Polynomial(in_half_diagonals(positions, SHAPE), np.ones(len(same)), 1)
+    none, V = np.zeros((1, 1)), np.eye(1, n)
+    share = np.full(len(same), 1 / len(same))
+    return PsfField("Y", SHAPE, same, share, V, V, np.zeros(1), Separate("none", smoother), none, np.zeros((n, n)))
+
+
+def gaussian_of(psf: Psf) -> Psf:
+    """The Gaussian whose half maximum is as wide as the PSF's."""
+    n = np.sum(psf.h > psf.h.max() / 2) / S**2
+    r2 = psf.offsets_px[:, None] ** 2 + psf.offsets_px**2
+    h = np.exp(-r2 * np.log(2) * np.pi / n)
+    return Psf(h / h.sum(), S, psf.covariance)
+
+
+def gain() -> None:
+    """Print PSNR in dB, of the whole frame and without its rim."""
+    camera, rng = FieldCamera(LENS), np.random.default_rng(5)
+    light = public_photograph()
+    truth = light[RIM:-RIM, RIM:-RIM]
+    through = blurred(light, kernels_over(lambda x, y: sampled(camera.whole(x, y), S, 1), SHAPE, (7, 9)), RIM)
+    sensor = Sensor()
+    frame = RawFrame(Path("simulated"), "", {"Y": Plane("Y", sensor.read(through, rng), 1 / sensor.steps)}, Exposure())
+    covariance = np.eye(K * K + 6) * SAMPLE_STD**2
+    measured = nodes(camera, grid(5, 5, 0.05), covariance, np.random.default_rng(1))
+    closer = nodes(camera, grid(7, 5, 0.03), covariance, np.random.default_rng(1))
+    dense = nodes(camera, grid(7, 7, 0.0), 1e-4 * covariance, np.random.default_rng(1), centre_px=1e-6)
+    mean = Psf.of(np.mean([node.psf.parameters for node in measured], axis=0), covariance, K, S)
+    fields = {
+        "true field (7 x 7, no noise)": interpolate("Y", SHAPE, dense).field,
+        "measured field (5 x 5)": interpolate("Y", SHAPE, measured).field,
+        "measured field (7 x 5)": interpolate("Y", SHAPE, closer).field,
+        "frame-averaged PSF": constant_field(mean, measured),
+        "Gaussian of its width": constant_field(gaussian_of(mean), measured),
+    }
+
+    def line(words: str, picture: np.ndarray) -> None:
+        difference = (picture - truth) ** 2
+        whole, inside = np.mean(difference), np.mean(difference[EDGE:-EDGE, EDGE:-EDGE])
+        print(f"{words:50} {-10 * np.log10(whole):8.2f} {-10 * np.log10(inside):8.2f}")
+
+    print(f"{'PSNR in dB':50} {'frame':>8} {'inside':>8}")
+    line("as it came", frame.planes["Y"].samples)
+    for name, field in fields.items():
+        for prior in ORDERS:
+            found = correct(frame, {"Y": field}, parameters=CorrectionParameters(Prior(prior))).value
+            if found is not None:
+                line(f"{name}, {prior}", found.picture[0])
+
+
+def speed(megapixels: float = 24.0) -> None:
+    """Print the time and memory of a mosaic of so many megapixels, on all cores; reading and writing not included."""
+    columns = round((megapixels * 1e6 * 1.5) ** 0.5 / 4) * 2
+    shape = (round(columns / 1.5), columns)
+    rng = np.random.default_rng(0)
+    field = SmallLens(shape, 0.5, 0.3).field("G1", 1e-4).field
+    light = 0.4 + 0.2 * np.sign(cv2.GaussianBlur(rng.standard_normal(shape, dtype=np.float32), (0, 0), 3))
+    read = {name: light + np.float32(0.003) * rng.standard_normal(shape, dtype=np.float32) for name in RGGB}
+    planes = {name: Plane(name, read[name], 1 / 16383, 2, origin) for name, origin in RGGB.items()}
+    frame = RawFrame(Path("simulated"), "", planes, Exposure())
+    wall, processor = time.perf_counter(), time.process_time()
+    found = correct(frame, dict.fromkeys(RGGB, field)).value
+    wall, processor = time.perf_counter() - wall, time.process_time() - processor
+    side = found.side if found is not None else 0
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+    print(f"{4 * light.size / 1e6:.1f} megapixels, tiles of {side}; {memory:.2f} GB")
+    print(f"{wall:.1f} s on {os.cpu_count()} cores at a load of {os.getloadavg()[0]:.1f}")
+    print(f"{processor:.1f} s of processor, {processor / 2:.1f} s on two cores")
+
+
+if __name__ == "__main__":
+    {"gain": gain, "speed": lambda: speed(*(float(one) for one in sys.argv[2:]))}[(sys.argv[1:] or ["gain"])[0]]()

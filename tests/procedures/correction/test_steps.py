@@ -1,0 +1,73 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from procedures.correction.deconvolve import Splitting, Tile, deconvolve
+from procedures.correction.priors import Prior
+from procedures.correction.steps import differences, divergence
+from procedures.correction.tiles import Axis
+from procedures.outcome import BadParameter
+
+
+@pytest.mark.parametrize("second", [False, True])
+def test_the_divergence_is_the_adjoint_of_the_differences(rng, second):
+    u = rng.standard_normal((3, 12, 12)).astype(np.float32)
+    d = rng.standard_normal((3 if second else 2, 3, 12, 12)).astype(np.float32)
+    forth, back = np.vdot(d, differences(u, second)), np.vdot(u, divergence(d, second))
+    assert forth == pytest.approx(back, abs=1e-3)  # single precision
+
+
+@pytest.mark.parametrize("name", ["total-variation", "second-order"])
+def test_the_power_of_a_prior_is_that_of_its_differences(rng, name):
+    prior, u = Prior(name), rng.standard_normal((1, 16, 16)).astype(np.float32)
+    power = np.abs(np.fft.rfft2(u[0])) ** 2 * prior.power(16)
+    counted = np.full(power.shape, 2.0)
+    counted[:, [0, -1]] = 1
+    # Parseval
+    assert np.sum(counted * power) / 16**2 == pytest.approx(np.sum(differences(u, prior.second) ** 2), rel=1e-5)
+
+
+def test_a_prior_that_cannot_be_meant_is_refused():
+    with pytest.raises(BadParameter, match="one of total-variation, second-order"):
+        Prior("wishes")
+    with pytest.raises(BadParameter, match="positive strength"):
+        Prior(strength=0)
+
+
+@pytest.mark.parametrize(("size", "n"), [(100, 128), (333, 128), (1000, 256)])
+def test_the_windows_of_all_tiles_sum_to_one(size, n):
+    axis, total = Axis(size, n, 20), np.zeros(size)
+    for start in axis.starts:
+        window = axis.window(start)
+        assert not window[:20].any() or start + 20 <= 0 or start == axis.starts[0]
+        inside = slice(max(0, -start), min(n, size - start))
+        total[start + inside.start : start + inside.stop] += window[inside]
+    np.testing.assert_allclose(total, 1, atol=1e-6)
+
+
+def tile_of(u, weight):
+    """What a sensor shows that nothing blurs."""
+    n = u.shape[-1]
+    return Tile(u.astype(np.float32), weight.astype(np.float32), np.ones((1, n, n // 2 + 1), np.complex64), [0])
+
+
+def test_clipped_light_is_at_least_what_was_seen():
+    x = np.arange(32) - 15.5
+    light = 0.2 + 1.2 * np.exp(-(x**2 + x[:, None] ** 2) / 60)
+    seen = np.minimum(light, 1.0)[None]
+    weight = np.where(seen >= 1, -1.0, 1.0)
+    found = deconvolve(tile_of(seen, weight), seen.astype(np.float32), Prior(), 1e-4, 0.05, Splitting(60))
+    assert found[weight < 0].min() > 0.99
+    np.testing.assert_allclose(found[weight > 0], light[None][weight > 0], atol=0.01)
+
+
+def test_without_noise_and_with_all_samples_the_blur_is_undone(rng):
+    n = 48
+    u = np.kron(rng.uniform(0.2, 0.8, (6, 6)), np.ones((8, 8)))[None]
+    f = np.fft.fftfreq(n)
+    H = np.exp(-2 * np.pi**2 * 0.7**2 * (f[:, None] ** 2 + f[: n // 2 + 1] ** 2))[None]
+    seen = np.fft.irfft2(H * np.fft.rfft2(u), (n, n)).astype(np.float32)
+    tile = Tile(seen, np.ones_like(seen), H.astype(np.complex64), [0])
+    found = deconvolve(tile, seen, Prior(), 1e-6, 0.05, Splitting(300, 1.0, 1.0))
+    assert np.std(found - u) < 0.1 * np.std(seen - u)

@@ -1,0 +1,136 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from procedures.outcome import BadInput
+from procedures.raw import Plane, read_colour_frame
+from procedures.restoration.colour.estimate import Steps, pair_at, shifted
+from procedures.restoration.colour.mosaic import depth_on_sensor, mosaics, spread
+from procedures.restoration.masks.blur_models import mask_stack, pillbox
+from procedures.restoration.masks.blur_operator import Blur
+
+PHASES = {
+    "RGGB": {"R": (0, 0), "G1": (1, 0), "G2": (0, 1), "B": (1, 1)},
+    "BGGR": {"R": (1, 1), "G1": (0, 1), "G2": (1, 0), "B": (0, 0)},
+    "GRBG": {"R": (1, 0), "G1": (0, 0), "G2": (1, 1), "B": (0, 1)},
+    "GBRG": {"R": (0, 1), "G1": (1, 1), "G2": (0, 0), "B": (1, 0)},
+}
+LIGHT = np.array([0.6, 1.0, 0.7])
+SIGMA = 1.2e-3
+SHAPE, R = (64, 80), 6
+
+
+@pytest.fixture(scope="module")
+def stacks():
+    return [mask_stack(pillbox(), 4.2, ratio=ratio, R=R) for ratio in (1.0, 1.2)]
+
+
+def photographed(u, w, stacks, origins, seed=0):
+    """Mosaics of light u (3, H + 2R, W + 2R) at depth w, noise 40 dB under its contrast."""
+    rng, found = np.random.default_rng(seed), []
+    for stack in stacks:
+        blur = Blur(stack, SHAPE)
+        blur.focus(w)
+        z = blur.blur(u)
+        z = z + SIGMA * rng.standard_normal(z.shape)
+        found.append(
+            {
+                n: Plane(n, z["RGB".index(n[0]), y::2, x::2].astype(np.float32), 0.0, 2, (x, y))
+                for n, (x, y) in origins.items()
+            }
+        )
+    return found
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """A grey scene with a contrast of some 30 levels, before two depths."""
+    rng, extended = np.random.default_rng(5), (SHAPE[0] + 2 * R, SHAPE[1] + 2 * R)
+    grey = 0.5 + 0.13 * np.sign(gaussian_filter(rng.standard_normal(extended), 5))
+    grey += 0.3 * np.clip(gaussian_filter(rng.standard_normal(extended), 1.2), -0.4, 0)
+    w = np.where(np.arange(extended[1]) > extended[1] / 2, 3.4, 2.4) * np.ones(extended)
+    return gaussian_filter(grey, 0.6), w
+
+
+def restored(u, w, stacks, origins):
+    planes = photographed(u, w, stacks, origins)
+    known = mosaics(planes, np.ones(2))
+    first = spread({n: one.samples for n, one in planes[0].items()}, origins) / known.gains[:, None, None]
+    picture, _, residual = pair_at(known, w[R:-R, R:-R], first, stacks, SIGMA, Steps(joint=0))
+    return picture, residual, first * known.gains[:, None, None]
+
+
+@pytest.mark.parametrize("phase", PHASES)
+def test_a_grey_scene_stays_grey_up_to_the_frame_s_edges(scene, stacks, phase):
+    grey, w = scene
+    picture, residual, first = restored(LIGHT[:, None, None] * grey, w, stacks, PHASES[phase])
+    balanced = picture / LIGHT[:, None, None]
+    # one grey level: the share of the noise, which deblurring makes some three times larger, included
+    assert 255 * np.std(balanced[0] - balanced[2]) < 1
+    truth = LIGHT[:, None, None] * grey[R:-R, R:-R]
+    assert np.sqrt(np.mean((picture - truth) ** 2)) < 0.4 * np.sqrt(np.mean((first - truth) ** 2))
+    assert residual.shape == (2, 1, *SHAPE)
+    assert np.sqrt(np.mean(residual**2)) == pytest.approx(SIGMA, rel=0.25)  # of 20480 samples and 15360 unknowns
+
+
+def test_colours_are_those_of_the_scene(scene, stacks):
+    grey, w = scene
+    tint = np.sign(gaussian_filter(np.random.default_rng(8).standard_normal(grey.shape), 6))
+    u = LIGHT[:, None, None] * grey * np.exp(np.array([0.3, 0.0, -0.2])[:, None, None] * tint)
+    picture, _, first = restored(u, w, stacks, PHASES["RGGB"])
+    truth = u[:, R:-R, R:-R]
+    for c in range(3):
+        assert np.std(picture[c] - truth[c]) < 0.5 * np.std(first[c] - truth[c])
+
+
+def test_a_shift_that_the_masks_are_given_is_no_shift_of_the_picture(scene, stacks):
+    """Masks moved by whole pixels are exact: photographs then show the scene moved by as much."""
+    grey, w = scene
+    moved = shifted(stacks, np.array([[0.0, 0.0], [2.0, -1.0]]))
+    out = []
+    for one in (stacks[1], moved[1].middle):
+        blur = Blur(one, (SHAPE[0] - 2 * (one.R - R), SHAPE[1] - 2 * (one.R - R)))
+        blur.focus(np.full_like(w, 3.0))
+        out.append(blur.blur(grey))
+    margin = moved[1].R - R
+    inside = slice(margin, -margin)
+    expected = np.roll(out[0], (-1, 2), axis=(0, 1))[inside, inside]
+    # stretched masks of the stack are interpolated by splines that keep samples as they are
+    np.testing.assert_allclose(out[1], expected, atol=1e-6)
+
+
+def test_depth_lies_where_the_planes_samples_lie(scene):
+    x = np.arange(12.0)
+    w = depth_on_sensor(np.tile(0.1 * x, (6, 1)), 0.28)
+    # plane pixel i lies at 2 i + 1/2 of the sensor, and w counts in its pixels
+    np.testing.assert_allclose(w[5, 4:-4], 2 * 0.1 * (np.arange(24.0)[4:-4] - 0.5) / 2, atol=1e-12)
+    steps = depth_on_sensor(np.where(x > 5, 4.0, 2.0) * np.ones((6, 1)), 0.28)
+    assert set(np.unique(steps)) == {4.0, 8.0}
+
+
+def test_mosaics_that_lie_otherwise_are_refused(scene, stacks):
+    grey, w = scene
+    planes = photographed(np.repeat(grey[None], 3, axis=0), w, stacks, PHASES["RGGB"])
+    planes[1] = {name: replace(one, origin=PHASES["BGGR"][name]) for name, one in planes[1].items()}
+    with pytest.raises(BadInput, match="mosaics that lie alike"):
+        mosaics(planes, np.ones(2))
+
+
+@pytest.mark.parametrize("suffix", [".tiff", ".png"])
+def test_colour_files_are_read_as_they_are_said_to_be(tmp_path, suffix):
+    light = np.linspace(0, 1, 60).reshape(4, 5, 3)
+    curve = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+    for name, values in (("linear", light), ("srgb", curve)):
+        path = tmp_path / f"{name}{suffix}"
+        cv2.imwrite(str(path), np.rint(65535 * values).astype(np.uint16)[..., ::-1])
+        planes = read_colour_frame(path, name).planes
+        found = np.stack([planes[c].samples for c in "RGB"], axis=-1)
+        np.testing.assert_allclose(found, light, atol=3e-5)  # numbers of 16 bits, at the curve's steepest
+    cv2.imwrite(str(tmp_path / "byte.png"), np.zeros((4, 5, 3), np.uint8))
+    with pytest.raises(BadInput, match="16 bits"):
+        read_colour_frame(tmp_path / "byte.png", "linear")

@@ -1,0 +1,162 @@
+from __future__ import annotations
+
+import io
+import json
+from dataclasses import replace
+
+import cv2
+import exifread
+import numpy as np
+import pytest
+import rawpy
+from click.testing import CliRunner
+
+from procedures.correction.checks import check_exposure
+from procedures.field.field_file import read_camera, write_field
+from procedures.outcome import Refused
+from procedures.reading.exposure import Exposure
+from simulators.camera.dng import Shot, write_dng
+from station.__main__ import main
+from tests.procedures.correction.lens_photographs import RGGB, Sensor
+from tests.procedures.correction.seen import NOTED, RIM, SmallLens, bayer, grey, scene
+
+SHAPE, PLANES = (96, 120), (64, 80)
+SHOT = Shot(
+    f_number=2.8, focal_length_mm=50.0, subject_distance_mm=2000.0, make="Bench", model="One", lens="Bench 50mm"
+)
+CAMERA = replace(NOTED, camera="Bench One")
+
+
+def light(shape, **settings):
+    return scene((shape[0] + 2 * RIM, shape[1] + 2 * RIM), **settings)
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """A mosaic as a DNG, a grey photograph without notes, and the fields of both."""
+    folder = tmp_path_factory.mktemp("correct")
+    lens = SmallLens(PLANES, 0.6)
+    fields = dict.fromkeys(RGGB, lens.field("G1"))
+    write_field(folder / "field.h5", fields, {}, [], {}, CAMERA)
+    seen = bayer(dict.fromkeys(RGGB, lens), light((128, 160), channels=3), Sensor(white_e=60000.0))
+    mosaic = np.zeros((128, 160), dtype=np.uint16)
+    for name, (x, y) in RGGB.items():
+        mosaic[y::2, x::2] = np.rint(512 + 15000 * np.clip(seen.frame.planes[name].samples, 0, 1))
+    write_dng(folder / "photo.dng", mosaic, SHOT, cfa="RGGB", black=(512,) * 4, white=15512, orientation=6)
+    lens = SmallLens(SHAPE, 0.8)
+    plain = grey(lens, light(SHAPE), Sensor(white_e=60000.0))
+    cv2.imwrite(
+        str(folder / "photo.tiff"), np.rint(65535 * plain.frame.planes["Y"].samples.clip(0, 1)).astype(np.uint16)
+    )
+    write_field(folder / "grey.h5", {"Y": lens.field("Y")}, {}, [], {})
+    return folder, seen, plain
+
+
+def run(*words):
+    return CliRunner().invoke(main, ["correct", *map(str, words)], prog_name="station")
+
+
+def stored(out, shape):
+    """The TIFF's samples (rows, columns, channels): its strips lie in order at its end."""
+    data = (out / "corrected.tiff").read_bytes()
+    return np.frombuffer(data[-2 * int(np.prod(shape)) :], dtype="<u2").reshape(shape) / 65535
+
+
+@pytest.fixture(scope="module")
+def done(files, tmp_path_factory):
+    out = tmp_path_factory.mktemp("out")
+    return run(files[0] / "photo.dng", "--field", files[0] / "field.h5", "--out", out, "--json"), out
+
+
+def test_a_raw_photograph_becomes_a_sharper_linear_dng_and_tiff(files, done):
+    result, out = done
+    assert result.exit_code == 0, result.output
+    assert {path.name for path in out.iterdir()} == {
+        "corrected.dng", "corrected.tiff", "gain.csv", "report.html", "result.json",
+    }  # fmt: skip
+    picture = stored(out, (128, 160, 3)).transpose(2, 0, 1)
+    seen = files[1]
+    assert seen.psnr(picture) > seen.psnr(np.stack([seen.light[name] for name in ("R", "G1", "B")]))
+    with rawpy.imread(str(out / "corrected.dng")) as raw:
+        assert raw.raw_type.name == "Stack"
+        levels = raw.raw_image[..., :3].transpose(2, 0, 1).astype(float)
+    np.testing.assert_allclose(np.clip((levels - 2048) / 60000, 0, 1), picture, atol=2 / 60000)  # both round
+
+
+def test_both_files_tell_what_the_camera_noted(done):
+    for name in ("corrected.tiff", "corrected.dng"):
+        tags = exifread.process_file(io.BytesIO((done[1] / name).read_bytes()))
+        told = {key: str(tags[f"EXIF {key}"]) for key in ("FNumber", "FocalLength", "LensModel", "ExposureTime")}
+        assert told == {"FNumber": "14/5", "FocalLength": "50", "LensModel": "Bench 50mm", "ExposureTime": "1/50"}
+        assert tags["Image Orientation"].values == [6]
+        assert str(tags["Image Make"]) == "Bench"
+
+
+def test_the_record_tells_verdict_noise_and_what_is_predicted(done):
+    record = json.loads((done[1] / "result.json").read_text())
+    assert record == json.loads(done[0].stdout)
+    assert (record["schema"], record["verdict"]) == ("station/correct/1", "pass")
+    told = record["predicted"]
+    assert told["mtf50_after"]["median"] > told["mtf50_before"]["median"]
+    assert set(record["noise"]) == set(RGGB)
+    assert record["encodings"]["corrected.tiff"]["encoding"] == "linear"
+    assert "Before and after" in (done[1] / "report.html").read_text()
+
+
+def test_a_grey_photograph_whose_camera_is_not_known_is_doubtful(files, tmp_path):
+    result = run(files[0] / "photo.tiff", "--field", files[0] / "grey.h5", "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    record = json.loads((tmp_path / "result.json").read_text())
+    assert record["verdict"] == "doubtful"
+    assert "does not tell its camera" in record["reason"]
+    picture = stored(tmp_path, (1, *SHAPE))
+    np.testing.assert_allclose(cv2.imread(str(tmp_path / "corrected.tiff"), cv2.IMREAD_UNCHANGED) / 65535, picture[0])
+    plain = files[2]
+    assert plain.psnr(picture) > plain.psnr(plain.frame.planes["Y"].samples[None]) + 2
+
+
+def test_a_field_of_another_aperture_is_refused_and_leaves_nothing(files, tmp_path):
+    lens = SmallLens(PLANES, 0.6)
+    field = tmp_path / "other.h5"
+    write_field(field, {"G1": lens.field("G1")}, {}, [], {}, replace(CAMERA, f_number=5.6))
+    result = run(files[0] / "photo.dng", "--field", field, "--out", tmp_path / "out")
+    assert result.exit_code == 5
+    assert "the field's aperture is f/5.6, the photograph's f/2.8" in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_blurred_photograph_is_refused_as_processed(files, tmp_path):
+    grey_levels = cv2.imread(str(files[0] / "photo.tiff"), cv2.IMREAD_UNCHANGED)
+    noisy = grey_levels + np.random.default_rng(1).normal(0, 900, grey_levels.shape)
+    smooth = cv2.GaussianBlur(noisy, (0, 0), 0.8)
+    cv2.imwrite(str(tmp_path / "smooth.tiff"), smooth.clip(0, 65535).astype(np.uint16))
+    result = run(tmp_path / "smooth.tiff", "--field", files[0] / "grey.h5", "--out", tmp_path / "out")
+    assert result.exit_code == 5, result.output
+    assert "was processed" in json.loads((tmp_path / "out" / "result.json").read_text())["reason"]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"camera": "Other"}, "camera"),
+        ({"lens": "Other"}, "lens"),
+        ({"focal_length_mm": 35.0}, "focal length"),
+        ({"subject_distance_mm": 1000.0}, "focused at 1.00 m, the photograph at 2.00 m"),
+    ],
+)
+def test_a_field_of_another_setting_is_refused_by_name(change, words):
+    with pytest.raises(Refused, match=words):
+        check_exposure(CAMERA, replace(CAMERA, **change))
+
+
+def test_what_the_files_do_not_tell_is_named():
+    assert check_exposure(CAMERA, CAMERA) == []
+    assert check_exposure(replace(CAMERA, lens=None), CAMERA) == ["lens"]
+    assert check_exposure(CAMERA, None) == ["the field does not tell its camera"]
+
+
+def test_a_field_tells_its_camera(files):
+    assert read_camera(files[0] / "field.h5") == replace(Exposure(), **{
+        name: getattr(CAMERA, name) for name in ("camera", "lens", "f_number", "focal_length_mm", "subject_distance_mm")
+    })  # fmt: skip
+    assert read_camera(files[0] / "grey.h5") is None

@@ -1,0 +1,75 @@
+from __future__ import annotations
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy.ndimage import gaussian_filter
+
+from procedures.restoration.masks.blur_models import mask_stack, pillbox
+from procedures.restoration.masks.blur_operator import Blur
+from simulators.camera.dng import Shot, write_dng
+from station.__main__ import main
+
+SHAPE, R = (96, 112), 8
+LIGHT = np.array([0.6, 1.0, 0.7])
+QUICK = ("--blur", "defocus", "--shape", "pillbox", "--ratio", "1.25", "--max-w", "3", "--scheme", "4x(8+8)+1x10")
+
+
+@pytest.fixture(scope="module")
+def light():
+    """Of a grey scene at two depths, seen twice (2, 3, H, W), with a contrast of some 30 levels."""
+    rng, extended = np.random.default_rng(5), (SHAPE[0] + 2 * R, SHAPE[1] + 2 * R)
+    grey = 0.5 + 0.13 * np.sign(gaussian_filter(rng.standard_normal(extended), 6))
+    grey = gaussian_filter(grey + 0.3 * np.clip(gaussian_filter(rng.standard_normal(extended), 1.5), -0.4, 0), 0.6)
+    w = np.where(np.arange(extended[1]) > extended[1] / 2, 4.6, 3.4) * np.ones(extended)
+    seen = []
+    for ratio in (1.0, 1.25):
+        blur = Blur(mask_stack(pillbox(), 5.6, ratio=ratio, R=R), SHAPE)
+        blur.focus(w)
+        seen.append(blur.blur(LIGHT[:, None, None] * grey))
+    seen = np.stack(seen)
+    return seen + 1.2e-3 * rng.standard_normal(seen.shape)
+
+
+def restore(files, out, *words):
+    return CliRunner().invoke(
+        main, ["restore", *map(str, files), *QUICK, *words, "--out", str(out)], prog_name="station"
+    )
+
+
+def test_a_grey_scene_in_two_raw_files_stays_grey(light, tmp_path):
+    files = [tmp_path / "a.dng", tmp_path / "b.dng"]
+    for path, z in zip(files, light, strict=True):
+        mosaic = np.zeros(SHAPE, np.uint16)
+        for (y, x), c in {(0, 0): 1, (0, 1): 0, (1, 0): 2, (1, 1): 1}.items():
+            mosaic[y::2, x::2] = np.rint(500 + 15000 * z[c, y::2, x::2])
+        write_dng(path, mosaic, Shot(), cfa="GRBG", black=(500,) * 4, white=15500)
+    done = restore(files, tmp_path / "out", "--plane", "all")
+    assert done.exit_code == 0, done.output
+    sharp = cv2.imread(str(tmp_path / "out" / "sharp.tiff"), cv2.IMREAD_UNCHANGED)[..., ::-1]
+    assert sharp.shape == (*SHAPE, 3)
+    balanced = sharp / LIGHT
+    # planes stacked as if they lay on one grid differed by half the contrast
+    assert 255 * np.std(balanced[..., 0] - balanced[..., 2]) < 2
+    w = np.load(tmp_path / "out" / "w.npy")
+    assert w.shape == SHAPE
+    # in pixels of a plane, as --max-w: 1.7 and 2.3
+    assert np.median(w[20:-20, 70:]) == pytest.approx(2.3, abs=0.15)
+    assert (tmp_path / "out" / "report.html").exists()
+
+
+def test_colour_files_are_restored_as_their_encoding_says(light, tmp_path):
+    files = [tmp_path / "a.tiff", tmp_path / "b.tiff"]
+    for path, z in zip(files, light, strict=True):
+        curve = np.where(z <= 0.0031308, 12.92 * z, 1.055 * np.maximum(z, 0) ** (1 / 2.4) - 0.055)
+        cv2.imwrite(str(path), np.rint(65535 * curve).astype(np.uint16).transpose(1, 2, 0)[..., ::-1])
+    done = restore(files, tmp_path / "out", "--encoding", "srgb", "--max-w", "6")
+    assert done.exit_code == 0, done.output
+    record = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert record["parameters"]["encoding"] == "srgb"
+    assert record["parameters"]["planes"] == ["R", "G", "B"]
+    sharp = cv2.imread(str(tmp_path / "out" / "sharp.tiff"), cv2.IMREAD_UNCHANGED)[..., ::-1]
+    assert sharp.mean(axis=(0, 1)) == pytest.approx(light[0].mean(axis=(1, 2)), rel=0.02)
