@@ -15,8 +15,10 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from procedures.correction.estimate import correct
     from procedures.field.estimate import estimate_field
     from procedures.field.field_file import read_field
+    from procedures.geometry.estimate import calibrate_geometry
     from procedures.outcome import BadInput, BadParameter, Outcome, ProcedureError, Quantity, Refused, Verdict
     from procedures.pattern import Chart
     from procedures.pattern_print.source import Source
@@ -35,6 +37,7 @@ if TYPE_CHECKING:
     from procedures.restoration.joint.kernel_sizes import stacks_of
     from procedures.restoration.joint.schedule import Scheme
     from procedures.restoration.masks.blur_models import gaussian, pillbox
+    from procedures.sensor.estimate import characterise
     from procedures.slanted_edge.estimate import EdgeMtf, EdgeOutcome, estimate_edge, estimate_edges
     from procedures.slanted_edge.strip import Roi
     from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf
@@ -45,7 +48,8 @@ __all__ = [
     "FilterParameters", "FilteredFilm", "Node", "Outcome", "PatternParameters", "PatternPsf", "Physics", "Plane",
     "ProcedureError", "Psf", "PsfField", "Quality", "Quantity", "RawFrame", "Refused", "Restoration",
     "RestorationParameters", "Roi", "Scheme", "Source", "TwoPhotoParameters", "TwoPhotoPsf", "Verdict", "assess",
-    "estimate_edge", "estimate_edges", "estimate_field", "estimate_physics", "estimate_psf", "estimate_psf_of_pair",
+    "calibrate_geometry", "characterise", "correct", "estimate_edge", "estimate_edges", "estimate_field",
+    "estimate_physics", "estimate_psf", "estimate_psf_of_pair",
     "filter_film", "gaussian", "otf", "pillbox", "read_field", "read_film", "read_frame", "restore", "stacks_of",
 ]  # fmt: skip
 
@@ -85,6 +89,9 @@ _PLACES = {
     "TwoPhotoPsf": "two_photo.estimate",
     "Verdict": "outcome",
     "assess": "quality",
+    "calibrate_geometry": "geometry.estimate",
+    "characterise": "sensor.estimate",
+    "correct": "correction.estimate",
     "estimate_edge": "slanted_edge.estimate",
     "estimate_edges": "slanted_edge.estimate",
     "estimate_field": "field.estimate",
