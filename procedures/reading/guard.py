@@ -62,7 +62,8 @@ def decoding(name: str, kind: str, remedy: str) -> Iterator[None]:
     except MemoryError as error:
         raise BadInput(f"{name} cannot be read as {kind}: it takes more memory than there is", remedy) from error
     except Exception as error:
-        told = f"{type(error).__name__}: {error}".rstrip(": ")
+        plain = isinstance(error, ValueError | OSError) and str(error)  # these are written for people
+        told = str(error) if plain else f"{type(error).__name__}: {error}".rstrip(": ")
         raise BadInput(f"{name} cannot be read as {kind}: {told}", remedy) from error
 
 

@@ -48,7 +48,10 @@ def read_toml(path: Path, remedy: str = "correct it, or name another file") -> d
 def parse_toml(text: str, name: str, remedy: str) -> dict[str, Any]:
     """The tables of a text of TOML. Raises BadInput."""
     with decoding(name, "TOML", remedy):
-        return tomllib.loads(text)
+        try:
+            return tomllib.loads(text)
+        except tomllib.TOMLDecodeError as error:
+            raise BadInput(f"{name} is no TOML: {error}", remedy) from error
 
 
 def read_rows(path: Path, remedy: str) -> list[list[str]]:

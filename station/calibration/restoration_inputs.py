@@ -32,6 +32,8 @@ COLUMNS = ("t_s", "ax", "ay", "az", "wx", "wy", "wz")
 """Of an IMU's record: seconds from the opening of the shutter; m/s^2 with gravity and rad/s, x right, y up, z back."""
 MOST_SAMPLES_PER_PX = 1000
 """Of a measured PSF, whoever measured it."""
+POLYGON = "polygon:"
+MOST_BLADES = 64
 FIELD_SUFFIXES = (".h5", ".hdf5")
 
 
@@ -198,6 +200,8 @@ def _shape(name: str, plane: str, shape: Size, samples_per_px: int | None) -> Ar
         return blur_models.pillbox()
     if name == "gaussian":
         return blur_models.gaussian()
+    if name.startswith(POLYGON):
+        return _polygon(name)
     path = Path(name)
     if path.suffix.lower() in FIELD_SUFFIXES:
         return measured_field(_field(path, plane), shape)
@@ -208,6 +212,20 @@ def _shape(name: str, plane: str, shape: Size, samples_per_px: int | None) -> Ar
     if samples_per_px is not None:
         return measured_shape(read_numbers(path, "PSF file"), samples_per_px)
     return blur_models.read_shape(path)
+
+
+def _polygon(name: str) -> Array:
+    """The aperture of a diaphragm with straight blades: "polygon:7", or "polygon:7:15" turned by 15 degrees."""
+    blades, _, turned = name.removeprefix(POLYGON).partition(":")
+    try:
+        count, angle = int(blades), float(turned or 0.0)
+    except ValueError as error:
+        reason = f"a polygon is told by its blades and its turn in degrees; got {name!r}"
+        raise BadParameter(reason, 'write it like "polygon:7" or "polygon:7:15"') from error
+    if not math.isfinite(angle) or count > MOST_BLADES:
+        reason = f"a polygon has 3 to {MOST_BLADES} blades and a finite turn; got {name!r}"
+        raise BadParameter(reason, "count the diaphragm's blades; where they are many, pillbox is the same")
+    return blur_models.polygon(count, math.radians(angle))
 
 
 def _field(path: Path, plane: str) -> Any:

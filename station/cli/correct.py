@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from station.cli.psf.planes import LEVELS, raw_option, told_layout
+from station.cli.terminal.numbers import Number
 from station.cli.terminal.progress import progress
 from station.common.errors import REFUSED
 from station.common.log import log, log_json_option
@@ -41,7 +42,7 @@ def _by_hundredths(told: Progress) -> Callable[[int, int], None]:
     "--prior", type=click.Choice(["total-variation", "second-order"]), default="total-variation", show_default=True
 )
 @click.option(
-    "--strength", type=click.FloatRange(0.01, 100), default=1.0, show_default=True,
+    "--strength", type=Number(0.01, 100), default=1.0, show_default=True,
     help="Of the prior; 1 is what the photograph's noise asks for.",
 )  # fmt: skip
 @click.option("--iterations", type=click.IntRange(1, 500), default=12, show_default=True)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from station.cli.psf.planes import LEVELS, chart_options, chart_source, raw_option, told_layout
+from station.cli.terminal.numbers import Number
 from station.cli.terminal.progress import progress
 from station.common.errors import REFUSED
 from station.common.log import log, log_json_option
@@ -26,19 +27,19 @@ FAILED_ITEMS = 1
 @chart_options
 @click.option(
     "--width-mm",
-    type=click.FloatRange(min=1),
+    type=Number(min=1),
     default=300.0,
     show_default=True,
     help="Width of the printed chart's ten blocks, as measured.",
 )
 @click.option(
     "--width-uncertainty-mm",
-    type=click.FloatRange(min=0),
+    type=Number(min=0),
     help="Its standard uncertainty; all distances share it.  [default: 0.3 %]",
 )
 @click.option("--model", help="One of COLMAP's camera models.  [default: chosen by views left out]")
 @click.option(
-    "--at-mm", "distances", type=click.FloatRange(min=1), multiple=True, help="Also tell the uncertainty at a distance."
+    "--at-mm", "distances", type=Number(min=1), multiple=True, help="Also tell the uncertainty at a distance."
 )
 @click.option("--plane", help="R, G1, G2, B or Y.  [default: G1 of RAW files, Y of grey images]")
 @raw_option

@@ -66,7 +66,8 @@ class _OneEach(click.Command):
     "--shape",
     "shapes",
     multiple=True,
-    help="pillbox, gaussian, text arrays, psf_P.npy or field.h5 of a result: one, or one for each image.",
+    help="pillbox, gaussian, polygon:BLADES[:DEGREES], text arrays, psf_P.npy or field.h5 of a result: "
+    "one, or one for each image.",
 )
 @click.option(
     "--samples-per-pixel", type=click.IntRange(1, 1000), help="The shapes are PSFs sampled so, not shapes on [-1, 1]."

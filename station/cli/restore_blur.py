@@ -55,7 +55,7 @@ class BlurOptions:
                 f"--shape takes one shape, or one for each of {images} images; got {len(self.shapes)}"
             )
         for name in self.shapes:
-            if self.blur == "motion" and name in ("pillbox", "gaussian"):
+            if self.blur == "motion" and (name in ("pillbox", "gaussian") or name.startswith("polygon:")):
                 raise click.UsageError(f"--shape {name} is a blur of --blur defocus; --blur motion takes text arrays")
 
     def _check_imu(self, images: int) -> None:

@@ -72,7 +72,8 @@ def test_process_that_is_stopped_before_it_takes_its_work_holds_nobody(errands, 
     errand = replace(errands.Errand(tmp_path), ballast=bytes(10_000_000))  # more than any pipe holds
     found = dict(run_in_processes(errands.square, errand, range(4), 2, Stop()))
     assert found == {n: n * n for n in range(4)}
-    assert len(started) == 3
+    # a third where one that works had not taken all of the work before the stopped one was given up
+    assert 2 <= len(started) <= 3
 
 
 def test_item_that_takes_too_long_is_named_and_not_tried_again(errands, tmp_path, monkeypatch):

@@ -98,8 +98,8 @@ def test_a_record_is_read_as_it_is_written(tmp_path):
     ("text", "complaint"),
     [
         ("t_s,ax,ay,az,wx,wy\n0,1,2,3,4,5\n", "no column wz"),
-        ("t_s,ax,ay,az,wx,wy,wz\n0,1,2,3,4,5,fast\n", "row 2: 7 numbers"),
-        ("t_s,ax,ay,az,wx,wy,wz\n0,1,2,3,4,5\n", "row 2: 7 numbers"),
+        ("t_s,ax,ay,az,wx,wy,wz\n0,1,2,3,4,5,fast\n", "row 2: 7 finite numbers"),
+        ("t_s,ax,ay,az,wx,wy,wz\n0,1,2,3,4,5\n", "row 2: 7 finite numbers"),
         ("t_s,ax,ay,az,wx,wy,wz\n0,1,2,3,4,5,6\n", "16 samples"),
         ("", "no column t_s"),
     ],
