@@ -96,7 +96,7 @@ class Diagram:
 
 @dataclass(frozen=True)
 class Ask:
-    """A question to the operator; the answer becomes the fact `key`.
+    """A question to the operator; the answer becomes the fact `key`. Not asked where `when`, of what is known, says no.
 
     `kind` "confirm" is answered by True when it is done, "number" by a float within [low, high] in `unit`, "text" by
     a line, "choice" by one of `choices`. What is known under `key` already is the default, else `default`.
@@ -110,6 +110,7 @@ class Ask:
     low: float | None = None
     high: float | None = None
     choices: tuple[str, ...] = ()
+    when: Callable[[Facts], bool] = lambda facts: True
 
 
 @dataclass(frozen=True)

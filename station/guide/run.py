@@ -221,6 +221,8 @@ class Run:
 
     @_carry.register
     def _(self, ask: Ask) -> None:
+        if not ask.when(self._talk.facts):
+            return
         if ask.kind == "confirm":
             self._talk.learn({ask.key: self._talk.confirmed(ask)})
         else:

@@ -9,17 +9,17 @@ import pytest
 
 from procedures.pattern import Chart
 from procedures.pattern_psf.checks import (
-    RATIO,
     best_place,
     check_distance,
     check_light,
     check_shot,
     check_square,
-    fit_offset_mm,
     sharpness,
     square_advice,
 )
+from procedures.pattern_psf.facts import RATIO
 from procedures.pattern_psf.pose import ChartPose, Optics, chart_pose
+from procedures.pattern_psf.ranging import fit_offset_mm
 from procedures.plan import Facts
 from procedures.raw import read_frame
 from simulators.camera.camera import Lens, SimulatedCamera, pixels_at

@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from procedures.facts import facts_as
 from procedures.outcome import BadInput, BadParameter, Refused, Verdict
 from procedures.plan import Shoot
 from procedures.raw import Felt, Plane, RawFrame
 from procedures.reading.exposure import Exposure
+from procedures.restoration.facts import RestorationFacts
 from procedures.restoration.masks.camera_motion import planar_stacks
 from procedures.restoration.plan import (
     aperture_ratio,
@@ -66,10 +68,10 @@ def test_apertures_that_are_too_near_each_other_are_told(pair):
 
 
 def test_the_blurs_go_as_the_apertures():
-    assert blur_ratio(FACTS) == 1.25
-    assert aperture_ratio({"first_f_number": 4.0, "second_f_number": 5.0}) == 1.25
-    with pytest.raises(BadParameter, match="f-numbers must be known"):
-        blur_ratio({})
+    assert blur_ratio(facts_as(RestorationFacts, FACTS)) == 1.25
+    assert aperture_ratio(RestorationFacts(first_f_number=4.0, second_f_number=5.0)) == 1.25
+    with pytest.raises(BadParameter, match="first f-number is not known; tell both"):
+        blur_ratio(RestorationFacts())
 
 
 def test_parts_are_marked_or_those_with_the_most_detail():
