@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, fields
-from functools import lru_cache
 from types import NoneType
 from typing import Any, TypeVar, get_args, get_type_hints
 
@@ -137,8 +136,7 @@ def dropped(kind: type[Any], changed: Collection[str], known: Collection[str]) -
         found |= more
 
 
-@lru_cache
-def _fields(kind: type[Any]) -> Mapping[str, tuple[type[Any], Mapping[str, Any]]]:
+def _fields(kind: type[Any]) -> Mapping[str, tuple[Any, Mapping[str, Any]]]:
     """By name: of what type a fact is, and what is declared of it."""
     hints = get_type_hints(kind)
     return {one.name: (_plain(hints[one.name]), one.metadata) for one in fields(kind)}
@@ -149,7 +147,7 @@ def _plain(hint: Any) -> Any:
     return next((one for one in get_args(hint) if one is not NoneType), hint) if NoneType in get_args(hint) else hint
 
 
-def _as(wanted: type[Any], name: str, value: Fact) -> Fact:
+def _as(wanted: type[Fact], name: str, value: Fact) -> Fact:
     """A fact as what it is meant to be. Raises BadParameter."""
     if wanted in (float, int) and isinstance(value, float | int) and not isinstance(value, bool):
         if math.isfinite(value) and (wanted is float or value == int(value)):

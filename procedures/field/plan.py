@@ -21,7 +21,7 @@ from procedures.numerics.warps import apply_homography
 from procedures.pattern import CELLS
 from procedures.pattern_psf.chart_finding.detection import Sighting, find_charts
 from procedures.pattern_psf.checks import check_distance, check_light, marks_of, registered, seen_chart, shown
-from procedures.pattern_psf.facts import RATIO_HIGH, RATIO_LOW
+from procedures.pattern_psf.facts import RATIO_HIGH, RATIO_LOW, SIZES
 from procedures.pattern_psf.plan import plan as pattern_plan
 from procedures.pattern_psf.pose import chart_pose
 from procedures.pattern_psf.radiometry import measure_light
@@ -74,6 +74,7 @@ def plan(estimate: Estimator) -> Plan:
             Step("estimate", "Estimate", "Put the field together from all photographs.", (Estimate(estimate),)),
             Step("verdict", "Verdict", "Accept the result, or take the tour again.", (Decide("tour"),)),
         ),
+        facts=FieldFacts,
     )
 
 
@@ -131,7 +132,7 @@ def seen_at(sighting: Sighting, plane: Plane) -> Location:
 PLACES = (
     Ask("places", "At how many places?", "number", "", USUAL, low=FEWEST, high=MOST),
     Look("light", check_light),
-    Look("start", check_start, tries=10),
+    Look("start", check_start, tries=10, rests_on=SIZES),
 )
 
 # --- the places --------------------------------------------------------------------------------------------------

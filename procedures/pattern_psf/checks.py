@@ -6,7 +6,7 @@ Every check takes the frame and what is known so far, and gives an `Advice`: one
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -16,11 +16,12 @@ from procedures.facts import facts_as
 from procedures.numerics.warps import fit_homography
 from procedures.pattern import CELLS
 from procedures.pattern_psf.chart_finding.detection import Sighting, find_charts
+from procedures.pattern_psf.consistency import probe_mm, seed_contradiction, size_contradiction
 from procedures.pattern_psf.estimate import estimate_psf
-from procedures.pattern_psf.facts import RATIO, RATIO_HIGH, RATIO_LOW, PatternFacts
+from procedures.pattern_psf.facts import RATIO, RATIO_HIGH, RATIO_LOW, PatternFacts, RangeLook
 from procedures.pattern_psf.pose import ChartPose, Optics, chart_pose
 from procedures.pattern_psf.radiometry import Light, measure_light
-from procedures.pattern_psf.ranging import look_now, range_facts, range_readings
+from procedures.pattern_psf.ranging import look_now, range_facts, range_readings, without_offset
 from procedures.pattern_psf.registration import Registration, block_size_px, refine_corners, register_marks
 from procedures.plan import Advice, Facts, Reading
 from procedures.raw import Plane, RawFrame
@@ -104,9 +105,18 @@ def check_light(frame: RawFrame, facts: Facts) -> Advice:
     if advice.good and not flatness.good:
         advice = uneven(brightest)
     readings = (*advice.readings, flatness)
-    return Advice(
-        advice.good, advice.say, readings, by_hand=advice.by_hand, facts=advice.facts, marks=marks_of(sighting)
-    )
+    advice = replace(advice, readings=readings, marks=marks_of(sighting), moves={})
+    return held_by_cells(advice, plane, sighting, known) if advice.good else advice
+
+
+def held_by_cells(advice: Advice, plane: Plane, sighting: Sighting, known: PatternFacts) -> Advice:
+    """The advice, if the chart shows its number's cells; once they were found to be these, they are not looked for."""
+    if known.seed_agreement is not None:
+        return advice
+    told = seed_contradiction(plane, sighting, known)
+    if isinstance(told, Advice):
+        return replace(told, readings=advice.readings, facts=advice.facts, marks=advice.marks)
+    return advice if told is None else replace(advice, facts={**advice.facts, "seed_agreement": told})
 
 
 def uneven(light: Light) -> Advice:
@@ -122,33 +132,49 @@ def uneven(light: Light) -> Advice:
 
 
 def check_distance(frame: RawFrame, facts: Facts) -> Advice:
-    """s/t near 1, and the chart in the middle of the frame."""
+    """s/t near 1, the chart in the middle of the frame, and nothing that contradicts lens, sensor and print."""
     plane, known = shown(frame), facts_as(PatternFacts, facts)
     sighting = seen_chart(plane, known)
     if isinstance(sighting, Advice):
         return sighting
     optics = known.optics(plane.pitch)
     pose = chart_pose(sighting.H_sensor_pattern, plane.samples.shape, optics)
-    z, px_per_cell = pose.centre_mm[2], float(sighting.widths().max()) / CELLS
-    ratio = known.s_or_start * px_per_cell
-    change = z * (ratio / RATIO - 1)  # the focus is left alone meanwhile: the size goes with 1 / z
-    learned = range_facts(look_now(px_per_cell, known), optics, known)
+    look = look_now(float(sighting.widths().max()) / CELLS, known)
+    ratio = known.s_or_start * look.px_per_cell
     readings = (
         Reading("s/t", ratio, "", RATIO_LOW, RATIO_HIGH),
-        Reading("distance", z / 1000, "m"),
+        Reading("distance", pose.centre_mm[2] / 1000, "m"),
         *centre_readings(pose, plane, optics),
-        *range_readings(learned),
     )
-    marks = marks_of(sighting)
-    if not readings[0].good:
-        way = "back" if change > 0 else "closer"
-        say = f"Move the camera {way} by {abs(change) / 1000:.2f} m: s/t is {ratio:.2f} and should be {RATIO:g}."
-        return Advice(False, say, readings, moves={"z_mm": change}, facts=learned, marks=marks)
-    if not all(reading.good for reading in readings):
-        return aim(pose, readings, learned, marks)
-    return Advice(
-        True, f"The distance is good: {z / 1000:.2f} m, s/t {ratio:.2f}.", readings, facts=learned, marks=marks
-    )
+    wrong = size_contradiction(look, optics, known, frame.exposure)
+    if wrong is not None:  # before any move: it would be reckoned from what cannot be
+        return replace(wrong, readings=readings, marks=marks_of(sighting))
+    learned = range_facts(look, optics, known)
+    seen = Advice(True, "", (*readings, *range_readings(learned)), facts=learned, marks=marks_of(sighting))
+    return distance_advice(seen, look, pose, known)
+
+
+def distance_advice(seen: Advice, look: RangeLook, pose: ChartPose, known: PatternFacts) -> Advice:
+    """What to do next about the distance: come to the right s/t, to the middle, or hold the lens against the rail."""
+    z, ratio = pose.centre_mm[2], seen.readings[0].value
+    change = z * (ratio / RATIO - 1)  # the focus is left alone meanwhile: the size goes with 1 / z
+    if not seen.readings[0].good:
+        say = f"Move the camera {_way(change)}: s/t is {ratio:.2f} and should be {RATIO:g}."
+        return replace(seen, good=False, say=say, moves={"z_mm": change})
+    if not all(reading.good for reading in seen.readings[:4]):
+        return aim(pose, seen.readings, seen.facts, seen.marks)
+    if not all(reading.good for reading in seen.readings[4:]):
+        say = f"The laser cannot be {seen.readings[4].value:.0f} mm behind the lens: aim it at the chart's wall."
+        return replace(seen, good=False, say=say, facts=without_offset(seen.facts), by_hand={"aim_laser": 1.0})
+    probe = probe_mm(look, z, ratio < RATIO, known)
+    if probe:
+        say = f"Move the camera {_way(probe)}: two distances tell whether lens, sensor and print are as given."
+        return replace(seen, good=False, say=say, moves={"z_mm": probe})
+    return replace(seen, say=f"The distance is good: {z / 1000:.2f} m, s/t {ratio:.2f}.")
+
+
+def _way(change_mm: float) -> str:
+    return f"{'back' if change_mm > 0 else 'closer'} by {abs(change_mm) / 1000:.2f} m"
 
 
 def centre_readings(pose: ChartPose, plane: Plane, optics: Optics) -> tuple[Reading, Reading]:

@@ -58,6 +58,7 @@ class PatternFacts(CameraFacts):
     ----------
     chart_width_mm : as ordered; None where nothing was ordered
     chart_seed : of its cells; the station's own where none was given
+    seed_agreement : correlation of the cells seen with the seed's; None before they were looked at
     ruler_mm : what the printed ruler measured; None is a print that is taken for true
     s, k : how the PSF shall be sampled; None lets the photograph choose
     laser_offset_mm : of the rangefinder's zero behind the lens
@@ -69,6 +70,7 @@ class PatternFacts(CameraFacts):
 
     chart_width_mm: float | None = None
     chart_seed: int = DEFAULT_SEED
+    seed_agreement: float | None = derived_from("chart_seed")
     ruler_mm: float | None = None
     s: int | None = None
     k: int | None = None

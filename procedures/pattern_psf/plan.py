@@ -12,6 +12,7 @@ import numpy as np
 from procedures.choice import START_K
 from procedures.facts import axes_of, facts_as, required
 from procedures.outcome import Outcome, Verdict
+from procedures.pattern import DEFAULT_SEED
 from procedures.pattern_print.formats import encode
 from procedures.pattern_print.rulers import LENGTH_MM
 from procedures.pattern_print.sheet import DEFAULT_WIDTH_MM
@@ -27,7 +28,7 @@ from procedures.pattern_psf.checks import (
 )
 from procedures.pattern_psf.combine import combine
 from procedures.pattern_psf.estimate import estimate_psf
-from procedures.pattern_psf.facts import RATIO, PatternFacts
+from procedures.pattern_psf.facts import RATIO, SIZES, PatternFacts
 from procedures.pattern_psf.gamma.words import gamma_diagram
 from procedures.plan import (
     Advice,
@@ -80,6 +81,7 @@ def plan() -> Plan:
             Step("estimate", "Estimate", "Estimate every plane's PSF from all shots together.", (Estimate(estimate),)),
             Step("verdict", "Verdict", "Accept the result, or take the shots again.", (Decide("shots"),)),
         ),
+        facts=PatternFacts,
     )  # fmt: skip
 
 
@@ -92,11 +94,17 @@ def chart_page(facts: Facts) -> bytes:
     return encode(Path(CHART), Source.from_seed(known.chart_seed), known.size).data
 
 
+SEED = Ask(
+    "chart_seed", "Which number is printed on the chart?", "number", "", DEFAULT_SEED, low=0, high=2**53,
+    when=lambda facts: "chart_seed" in facts,
+)  # fmt: skip
+"""Asked where another than the station's own was given, or the chart shows others."""
 PRINT = (
     Ask(
         "chart_width_mm", "How wide shall it be printed?", "number", "mm", DEFAULT_WIDTH_MM, low=32.0, high=3600.0
     ),
     Give(CHART, chart_page, lambda path: f"the chart to print: {path}"),
+    SEED,
     Ask("printed", f"Print {CHART} on matt paper at 100 % (actual size)."),
     Ask(
         "ruler_mm",
@@ -158,14 +166,19 @@ UNNOTED = Ask(
     "f_number", "Which f-number is set? The camera does not note it.", "number", "", low=0.5, high=64.0,
     when=lambda facts: facts_as(PatternFacts, facts).f_number is None,
 )  # fmt: skip
+TAPE = Ask(
+    "tape_mm", "How far is the chart from the lens now, by a tape measure?", "number", "mm", low=50.0, high=1e5,
+    when=lambda facts: "distance_mm" not in facts and "at_z_mm" not in facts,
+)  # fmt: skip
 DISTANCE = (
     Ask("focal_length_mm", "What is the lens's focal length?", "number", "mm", low=1.0, high=5000.0),
     Ask("pixel_pitch_um", "How far apart are the sensor's pixels?", "number", "µm", low=0.5, high=50.0),
     UNNOTED,
     Show(explain_distance),
     Measure(),
+    TAPE,
     Go(towards_distance, say_distance),
-    Look("distance", check_distance, tries=10),
+    Look("distance", check_distance, tries=10, rests_on=SIZES),
 )
 
 # --- square up ---------------------------------------------------------------------------------------------------

@@ -10,6 +10,8 @@ from procedures.pattern_psf.facts import LOOKS, PatternFacts, RangeLook
 from procedures.pattern_psf.pose import Optics
 from procedures.plan import Fact, Facts, Reading
 
+LASER_REACH_MM = 300.0
+"""How far before or behind the lens a rangefinder on its carriage is."""
 APART = 0.05
 """Of the chart's size, between looks that tell more together than each alone."""
 
@@ -52,4 +54,10 @@ def range_readings(learned: Facts) -> tuple[Reading, ...]:
     """The laser's offset, where there is a laser."""
     if "laser_offset_mm" not in learned:
         return ()
-    return (Reading("laser behind lens", float(learned["laser_offset_mm"]), "mm"),)
+    offset_mm = float(learned["laser_offset_mm"])
+    return (Reading("laser behind lens", offset_mm, "mm", -LASER_REACH_MM, LASER_REACH_MM),)
+
+
+def without_offset(learned: Facts) -> Facts:
+    """The same but for an offset that cannot be."""
+    return {name: value for name, value in learned.items() if name != "laser_offset_mm"}

@@ -30,6 +30,7 @@ from procedures.plan import (
     Step,
 )
 from procedures.raw import Plane, RawFrame
+from procedures.reading.exposure import disagreements
 from procedures.restoration.facts import APERTURES, MOTIONS, RestorationFacts
 from procedures.restoration.joint.estimate import RestorationParameters, restore, told_in
 from procedures.restoration.joint.kernel_sizes import reach_of_masks, stacks_of
@@ -50,6 +51,8 @@ LEAST_RATIO = 1.15
 MAX_W = 8.0
 """Half-width of the widest blur to expect, in pixels of the plane."""
 SAME_LIGHT = 0.1
+OTHER_LIGHT = 1.12
+"""Factor between two ways to tell the f-numbers' ratio, from which one is wrong: rings and shutters make 6 %."""
 TEXTURE = 5.0
 """Contrast of the scene's detail over the noise, at least."""
 DETAIL_PX = 8.0
@@ -70,6 +73,7 @@ def plan() -> Plan:
             Step("verdict", "Verdict", "Accept the result, or take both again.", (Decide("first"),)),
         ),
         subject="depth",
+        facts=RestorationFacts,
     )  # fmt: skip
 
 
@@ -98,7 +102,10 @@ def shown(frame: RawFrame) -> Plane:
 
 def check_first(frame: RawFrame, facts: Facts) -> Advice:
     """Well exposed, with detail that blur can be told from."""
-    plane = shown(frame)
+    plane, known = shown(frame), facts_as(RestorationFacts, facts)
+    wrong = typed_otherwise("first", frame, known)
+    if wrong is not None:
+        return wrong
     level, clipped = float(np.percentile(plane.samples, 99.5)), float(np.mean(plane.samples >= NOMINAL))
     advice = exposure_advice(level, clipped, frame.exposure, "The brightest")
     told = Reading("detail", detail(plane), "× noise", TEXTURE, None)
@@ -112,7 +119,13 @@ def check_first(frame: RawFrame, facts: Facts) -> Advice:
 def check_second(frame: RawFrame, facts: Facts) -> Advice:
     """As bright as the first; another aperture, where that is what blurs."""
     level = float(np.mean(shown(frame).samples))
+    wrong = typed_otherwise("second", frame, facts_as(RestorationFacts, facts))
+    if wrong is not None:
+        return wrong
     known = facts_as(RestorationFacts, {**facts, **noted("second", frame)})
+    wrong = apertures_by_light(known)
+    if wrong is not None:
+        return wrong
     change = 0.0 if known.first_level is None else level / known.first_level - 1
     light = Reading("light", 100 * change, "%", -100 * SAME_LIGHT, 100 * SAME_LIGHT)
     ratio = aperture_ratio(known)
@@ -127,6 +140,39 @@ def check_second(frame: RawFrame, facts: Facts) -> Advice:
     return Advice(True, "It is as bright as the first.", readings, facts=noted("second", frame))
 
 
+def typed_otherwise(which: str, frame: RawFrame, known: RestorationFacts) -> Advice | None:
+    """What was typed of this photograph against what the camera noted; None where nothing contradicts."""
+    f_number = known.first_f_number if which == "first" else known.second_f_number
+    typed = {"f_number": f_number if known.blur_by == APERTURES else None, "pixel_pitch_um": known.pixel_pitch_um}
+    asked = {"f_number": f"{which}_f_number"}
+    for name, value in typed.items():
+        key = asked.get(name, name)
+        told = disagreements(frame.exposure, {name: value}) if key not in known.insisted else []
+        if told:
+            return Advice(False, f"Of the {which} photograph {told[0]}.", doubted=(key,))
+    return None
+
+
+def apertures_by_light(known: RestorationFacts) -> Advice | None:
+    """The f-numbers' ratio against what the light says of it; None where they agree, or times are not known.
+
+    The level goes with t / N^2, at one ISO: N1 / N2 = sqrt(t1 L2 / (t2 L1)).
+    """
+    apertures, keys = (known.first_f_number, known.second_f_number), ("first_f_number", "second_f_number")
+    times, levels = (known.first_exposure_s, known.second_exposure_s), (known.first_level, known.second_level)
+    if known.blur_by != APERTURES or None in (*apertures, *times, *levels) or known.insisted.issuperset(keys):
+        return None
+    (N1, N2), (t1, t2), (L1, L2) = ([float(one or 0.0) for one in pair] for pair in (apertures, times, levels))
+    by_light = float(np.sqrt(t1 * L2 / (t2 * L1)))
+    if 1 / OTHER_LIGHT < by_light / (N1 / N2) < OTHER_LIGHT:
+        return None
+    say = (
+        f"By exposure times and light the first f-number is {by_light:.2f} times the second, by what was given "
+        f"{N1 / N2:.2f} times: one of them is wrong, or the light has changed."
+    )
+    return Advice(False, say, doubted=keys)
+
+
 CHECKS = {"first": check_first, "second": check_second}
 
 
@@ -139,8 +185,10 @@ def detail(plane: Plane) -> float:
 
 
 def noted(which: str, frame: RawFrame) -> dict[str, float]:
-    """Level and aperture of a photograph, as facts."""
+    """Level, exposure time and aperture of a photograph, as facts."""
     facts = {f"{which}_level": float(np.mean(shown(frame).samples))}
+    if frame.exposure.exposure_s:
+        facts[f"{which}_exposure_s"] = float(frame.exposure.exposure_s)
     if frame.exposure.f_number:
         facts[f"{which}_f_number"] = float(frame.exposure.f_number)
     return facts

@@ -46,6 +46,9 @@ DETAIL_PX = 8.0
 """What varies more slowly than this is light, not detail."""
 SAME_LIGHT = 0.25
 """Change of the wall's level between the distances that is still the same light."""
+LASER_REACH_MM, NEAR_SHARE, WAY_SHARE = 300.0, 0.3, 0.15
+"""How far before or behind the lens a rangefinder on its carriage is, and no more than this share of its reading; the
+share of the way by which its two readings may differ from it."""
 FRAMES = 2
 """Photographs at either distance; their mean is used."""
 RING = (-2.0, -1.0, 0.0, 1.0, 2.0)
@@ -65,6 +68,7 @@ def plan() -> Plan:
             Step("verdict", "Verdict", "Accept the result, or take the photographs again.", (Decide("near"),)),
         ),
         subject="wall",
+        facts=TwoPhotoFacts,
     )
 
 
@@ -149,6 +153,9 @@ def texture(plane: Plane) -> float:
 
 def check_near(frame: RawFrame, facts: Facts) -> Advice:
     """The wall well exposed, with detail that stands clear of the noise."""
+    known = facts_as(TwoPhotoFacts, facts)
+    if (wrong := near_by_laser(known)) is not None:
+        return wrong
     levels = {name: float(np.percentile(one.samples, 99.5)) for name, one in frame.planes.items()}
     clipped = max(float(np.mean(one.samples >= NOMINAL)) for one in frame.planes.values())
     advice = exposure_advice(max(levels.values()), clipped, frame.exposure, "The brightest")
@@ -160,7 +167,36 @@ def check_near(frame: RawFrame, facts: Facts) -> Advice:
     if not told.good:
         say = f"The wall's detail is only {told.value:.1f} times the noise: choose a rougher wall."
         return Advice(False, say, readings, by_hand={"rougher_wall": 1.0})
-    return replace(advice, readings=readings, facts={**advice.facts, "near_level": float(np.mean(plane.samples))})
+    learned = {**advice.facts, "near_level": float(np.mean(plane.samples))}
+    if known.distance_mm is not None:
+        learned["near_laser_mm"] = known.distance_mm
+    return replace(advice, readings=readings, facts=learned)
+
+
+def near_by_laser(known: TwoPhotoFacts) -> Advice | None:
+    """The near distance as it was typed against the laser's reading; None where both can be true, or one is missing."""
+    laser_mm, near_mm = known.distance_mm, known.near_mm
+    if laser_mm is None or near_mm is None or "near_mm" in known.insisted:
+        return None
+    if abs(laser_mm - near_mm) <= min(LASER_REACH_MM, NEAR_SHARE * laser_mm):
+        return None
+    say = f"The laser reads {laser_mm / 1000:.2f} m, and the wall was given as {near_mm / 1000:.2f} m away."
+    return Advice(False, say, doubted=("near_mm",))
+
+
+def way_by_laser(known: TwoPhotoFacts) -> Advice | None:
+    """The way to the far place against the laser's two readings; None where they agree, or one is missing."""
+    far_mm, near_laser_mm, near_mm = known.distance_mm, known.near_laser_mm, known.near_mm
+    if far_mm is None or near_laser_mm is None or near_mm is None or known.insisted.issuperset(("near_mm", "ratio")):
+        return None
+    gone_mm, told_mm = far_mm - near_laser_mm, (known.ratio - 1) * near_mm
+    if abs(gone_mm - told_mm) <= WAY_SHARE * told_mm:
+        return None
+    say = (
+        f"By the laser the camera went back by {gone_mm / 1000:.2f} m, and {told_mm / 1000:.2f} m were wanted: "
+        "go there, or correct the near distance or the ratio."
+    )
+    return Advice(False, say, moves={"z_mm": told_mm - gone_mm}, by_hand={"distance": told_mm - gone_mm})
 
 
 def check_far(frame: RawFrame, facts: Facts) -> Advice:
@@ -169,6 +205,8 @@ def check_far(frame: RawFrame, facts: Facts) -> Advice:
     changed = changed_settings(frame.exposure, known)
     if changed:
         return Advice(False, f"Set the camera back: {changed}.", by_hand={"settings": 1.0})
+    if (off := way_by_laser(known)) is not None:
+        return off
     clipped = max(float(np.mean(one.samples >= NOMINAL)) for one in frame.planes.values())
     near = np.nan if known.near_level is None else known.near_level
     # what the near photograph showed is the middle of this one
