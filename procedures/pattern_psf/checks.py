@@ -16,7 +16,7 @@ from procedures.facts import facts_as
 from procedures.numerics.warps import fit_homography
 from procedures.pattern import CELLS
 from procedures.pattern_psf.chart_finding.detection import Sighting, find_charts
-from procedures.pattern_psf.consistency import probe_mm, seed_contradiction, size_contradiction
+from procedures.pattern_psf.consistency import cautious_mm, probe_mm, seed_contradiction, size_contradiction
 from procedures.pattern_psf.estimate import estimate_psf
 from procedures.pattern_psf.facts import RATIO, RATIO_HIGH, RATIO_LOW, PatternFacts, RangeLook
 from procedures.pattern_psf.pose import ChartPose, Optics, chart_pose
@@ -157,7 +157,8 @@ def check_distance(frame: RawFrame, facts: Facts) -> Advice:
 def distance_advice(seen: Advice, look: RangeLook, pose: ChartPose, known: PatternFacts) -> Advice:
     """What to do next about the distance: come to the right s/t, to the middle, or hold the lens against the rail."""
     z, ratio = pose.centre_mm[2], seen.readings[0].value
-    change = z * (ratio / RATIO - 1)  # the focus is left alone meanwhile: the size goes with 1 / z
+    # the focus is left alone meanwhile: the size goes with 1 / z
+    change = cautious_mm(z * (ratio / RATIO - 1), look, z, known)
     if not seen.readings[0].good:
         say = f"Move the camera {_way(change)}: s/t is {ratio:.2f} and should be {RATIO:g}."
         return replace(seen, good=False, say=say, moves={"z_mm": change})

@@ -119,6 +119,13 @@ def _fitting(names: Sequence[str], known: PatternFacts, factor: float) -> list[t
     return [(words, unit, value * change) for words, unit, value, change in chosen if value is not None]
 
 
+def cautious_mm(change: float, look: RangeLook, z: float, known: PatternFacts) -> float:
+    """A move along the axis, no farther than a sixth of the distance while nothing vouches for the lens's numbers."""
+    if look.laser_mm is not None or look.rail_mm is None or measured_scale((*known.looks, look)) is not None:
+        return change
+    return float(np.clip(change, -2 * PROBE * z, 2 * PROBE * z))
+
+
 def probe_mm(look: RangeLook, z: float, closer: bool, known: PatternFacts) -> float:
     """A move along the axis after which rail or laser tell F cell; 0 where they do already, or there are none."""
     if (look.laser_mm is None and look.rail_mm is None) or measured_scale((*known.looks, look)) is not None:

@@ -8,6 +8,7 @@ from itertools import pairwise
 
 from procedures.facts import INSISTED
 from procedures.plan import Advice, Ask
+from station.guide.answers import words
 from station.guide.dialogue import STOP, Conversation
 from station.guide.frontend import Stopped, Trouble
 
@@ -44,7 +45,7 @@ class Progress:
         if len(last) <= PATIENCE or any(now <= BETTER * before for before, now in pairwise(last)):
             return ""
         told = ", ".join(f"{value:.3g}" for value in self.values[-PATIENCE - 1 :])
-        return f"{PATIENCE} moves have not brought the {bad.name} nearer: it was {told} {bad.unit}".rstrip()
+        return f"{PATIENCE} moves have not brought the {bad.name} nearer: it was {told} {bad.unit}".rstrip() + "."
 
     def doubted(self) -> bool:
         """One more answer that did not end a contradiction: whether it has been enough."""
@@ -58,8 +59,9 @@ def resolve(talk: Conversation, asks: Mapping[str, Ask], reason: str, keys: tupl
     `last`: other answers were given already, and did not help: the plan stops.
     """
     known = tuple(key for key in keys if key in asks)
-    given = ", ".join(f"{key} {talk.facts[key]}" for key in known if key in talk.facts)
-    talk.hear(Trouble(f"{reason} (given: {given})" if given else reason, REMEDY if known else "look at the rig"))
+    answers = {key: words(talk.facts[key], asks[key].unit) for key in known if key in talk.facts}
+    given = " ".join(f"{asks[key].question} {answer}." for key, answer in answers.items())
+    talk.hear(Trouble(f"{reason} Given: {given}" if given else reason, REMEDY if known else "look at the rig"))
     if last:
         raise Stopped
     answer = talk.choose("contradiction", "What now?", (*((CORRECT, INSIST) if known else (GO_ON,)), STOP))

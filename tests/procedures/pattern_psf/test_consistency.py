@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import pytest
 
 from procedures.facts import Axis
-from procedures.pattern_psf.consistency import measured_scale, probe_mm, size_contradiction
+from procedures.pattern_psf.consistency import cautious_mm, measured_scale, probe_mm, size_contradiction
 from procedures.pattern_psf.facts import SIZES, PatternFacts, RangeLook
 from procedures.raw import Exposure
 
 TRUE = PatternFacts(focal_length_mm=24.0, pixel_pitch_um=5.94, chart_width_mm=96.0, ruler_mm=99.5)
 OFFSET_MM = 120.0
+WORDS = dict(zip(SIZES, ("focal length of", "pixel pitch of", "as wide as", "ruler that measures"), strict=True))
 WRONG = [0.5, 0.8, 1.2, 2.0]
 NOTED_NOTHING = Exposure()
 
@@ -40,8 +42,9 @@ def test_any_of_the_numbers_that_is_wrong_is_named_after_one_move_of_the_rail(na
     assert not advice.good
     assert advice.moves == {}
     assert name in advice.doubted
-    # what it would have to be is what it is, to the focus
-    assert f"{getattr(TRUE, name):.2g}"[:2] in advice.say
+    # what it would have to be is what it is, but for the focus, which a thin lens focused here would have elsewhere
+    (fitting,) = re.findall(rf"{WORDS[name]} ([0-9.]+)", advice.say)
+    assert float(fitting) == pytest.approx(getattr(TRUE, name), rel=0.025)
 
 
 @pytest.mark.parametrize("share", [0.5, 1.5, 2.0])
@@ -76,6 +79,13 @@ def test_one_distance_tells_no_scale_and_two_do_without_any_number_that_was_type
     scale, by = measured_scale([look(1300.0, rail=True), look(1400.0, rail=True)])
     assert by == "rail's travel"
     assert scale == pytest.approx(look(1000.0).px_per_cell * 1000.0)
+
+
+def test_the_first_move_is_short_until_the_rail_has_told_whether_the_numbers_are_right():
+    first, then = look(1300.0, rail=True), look(1400.0, rail=True)
+    assert cautious_mm(900.0, first, 1300.0, TRUE) == pytest.approx(0.16 * 1300.0)
+    assert cautious_mm(900.0, then, 1400.0, replace(TRUE, looks=(first,))) == 900.0
+    assert cautious_mm(-100.0, first, 1300.0, TRUE) == -100.0
 
 
 def test_the_move_that_tells_the_scale_stays_on_the_rail():

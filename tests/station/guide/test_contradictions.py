@@ -12,6 +12,7 @@ from station.guide.contradictions import CORRECT, INSIST, Progress
 from station.guide.frontend import Trouble
 from station.guide.run import Run
 from station.guide.scripted import Scripted
+from station.sessions.reader import read_session
 
 from . import benches
 
@@ -52,7 +53,8 @@ def photographs(session):
 
 
 def troubles(operator):
-    return [event.reason for event in operator.heard if isinstance(event, Trouble)]
+    reasons = [event.reason for event in operator.heard if isinstance(event, Trouble)]
+    return [reason for reason in reasons if "Given:" in reason]
 
 
 def test_a_number_that_contradicts_the_photograph_is_asked_again_and_what_it_made_is_dropped(bench, session):
@@ -60,7 +62,7 @@ def test_a_number_that_contradicts_the_photograph_is_asked_again_and_what_it_mad
     answers = iter([4.0, 5.0])
     operator = Scripted({"width": lambda ask: next(answers), "contradiction": CORRECT})
     assert Run(plan(Look("trial", check)), bench, session, operator).go().how == "finished"
-    assert troubles(operator) == ["It is 5 mm wide. (given: width 4.0)"]
+    assert troubles(operator) == ["It is 5 mm wide. Given: How wide? 4 mm."]
     assert session.state.facts["area"] == 25.0
     assert photographs(session) == 2
 
@@ -71,6 +73,7 @@ def test_what_was_derived_from_a_number_is_not_known_any_more_when_it_changes(be
     Run(plan(never), bench, session, Scripted({"width": 6.0})).go()
     assert session.state.facts["width"] == 6.0
     assert "area" not in session.state.facts
+    assert read_session(session.folder).state.facts == session.state.facts
 
 
 def test_the_operator_may_insist(bench, session):
@@ -94,7 +97,7 @@ def test_after_three_moves_that_mend_nothing_the_plan_stops_and_says_what_it_res
     ended = Run(plan(Look("trial", never, rests_on=("width",))), bench, session, operator).go()
     assert ended.how == "stopped"
     assert troubles(operator) == [
-        "3 moves have not brought the s/t nearer: it was 0.6, 0.6, 0.6, 0.6 (given: width 3.0)"
+        "3 moves have not brought the s/t nearer: it was 0.6, 0.6, 0.6, 0.6. Given: How wide? 3 mm."
     ]
     assert photographs(session) == 4
 
