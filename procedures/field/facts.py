@@ -55,7 +55,7 @@ def start_of(facts: Facts) -> TourStart | None:
 class FieldFacts(PatternFacts):
     """The facts of the plan of a field: those of the chart, `places` to measure, and where the tour began."""
 
-    places: int | None = None
+    places: float | None = None
     start: TourStart | None = gathered(start_of, *SIZES, prefix=TOUR)
 
     def begun(self) -> TourStart:

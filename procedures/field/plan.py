@@ -144,7 +144,7 @@ def locations(facts: Facts) -> list[Location]:
     start = known.begun()
     rim_x, rim_y = (max(half + NEAR, MARGIN) for half in start.half)
     rows, columns = start.shape
-    found = chosen_locations(USUAL if known.places is None else known.places, columns / rows, margin=0.0)
+    found = chosen_locations(USUAL if known.places is None else int(known.places), columns / rows, margin=0.0)
     return [Location(rim_x + (1 - 2 * rim_x) * one.x, rim_y + (1 - 2 * rim_y) * one.y) for one in found]
 
 

@@ -20,7 +20,7 @@ from procedures.pattern_psf.pose import Optics
 from procedures.pattern_psf.ranging import APART, LASER_REACH_MM
 from procedures.plan import Advice
 from procedures.raw import Exposure, Plane
-from procedures.reading.exposure import TYPED
+from procedures.reading.exposure import TYPED, disagreements
 
 Array = npt.NDArray[np.float64]
 
@@ -60,7 +60,7 @@ def measured_scale(looks: Sequence[RangeLook]) -> tuple[float, str] | None:
 def size_contradiction(look: RangeLook, optics: Optics, known: PatternFacts, exposure: Exposure) -> Advice | None:
     """Which typed numbers contradict laser, rail or tape, and what each would have to be; None where none does."""
     suspects = _suspects(known, exposure)
-    if not suspects:
+    if known.insisted.issuperset(suspects):
         return None
     z = optics.distance_mm(look.px_per_cell)
     told = _evidence(look, z, known)
@@ -71,8 +71,10 @@ def size_contradiction(look: RangeLook, optics: Optics, known: PatternFacts, exp
     fits = ", or ".join(f"{words} {value:.3g} {unit}" for words, unit, value in _fitting(suspects, known, factor))
     say = (
         f"{found} the chart is {true_mm / 1000:.2f} m away, by its size and the numbers given {z / 1000:.2f} m. "
-        f"One of them is wrong: it would fit with {fits}."
+        f"One of them is wrong: it would fit with about {fits}."
     )
+    typed = {"focal_length_mm": known.focal_length_mm, "pixel_pitch_um": known.pixel_pitch_um}
+    say += "".join(f" And {words}." for words in disagreements(exposure, typed))
     return Advice(False, say, doubted=suspects)
 
 
@@ -91,7 +93,7 @@ def _evidence(look: RangeLook, z: float, known: PatternFacts) -> tuple[str, floa
 
 
 def _suspects(known: PatternFacts, exposure: Exposure) -> tuple[str, ...]:
-    """The typed numbers that nothing else vouches for: neither the camera's notes nor the operator's insisting."""
+    """The typed numbers that the camera's notes do not vouch for."""
     values = {
         "focal_length_mm": (known.focal_length_mm, exposure.focal_length_mm),
         "pixel_pitch_um": (known.pixel_pitch_um, exposure.pixel_pitch_um),
@@ -101,9 +103,7 @@ def _suspects(known: PatternFacts, exposure: Exposure) -> tuple[str, ...]:
     return tuple(
         name
         for name, (given, noted) in values.items()
-        if given is not None
-        and name not in known.insisted
-        and not (noted is not None and abs(given / noted - 1) <= TYPED[name][2])
+        if given is not None and not (noted is not None and abs(given / noted - 1) <= TYPED[name][2])
     )
 
 
