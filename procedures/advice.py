@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from procedures.clipping import NOMINAL
-from procedures.plan import Advice, Fact, Facts, Reading
+from procedures.facts import CameraFacts
+from procedures.plan import Advice, Fact, Reading
 from procedures.raw import Exposure, Plane
 
 WHITE, DARKEST, BRIGHTEST = 0.8, 0.55, 0.9
@@ -19,7 +20,6 @@ LONGEST_S = 2.0
 """Exposures longer than this are not proposed: more light is."""
 TILES = 64
 """The brightest paper is looked for in this many tiles along the frame's longer side."""
-SETTINGS = (("exposure_s", "exposure time", " s"), ("iso", "ISO", ""), ("f_number", "aperture f/", ""))
 
 
 def nominal_times_s() -> list[float]:
@@ -107,10 +107,14 @@ def _noted(exposure: Exposure) -> dict[str, Fact]:
     return {name: value for name in names if (value := getattr(exposure, name)) is not None}
 
 
-def changed_settings(exposure: Exposure, facts: Facts) -> str:
+def changed_settings(exposure: Exposure, known: CameraFacts) -> str:
     """Which of the camera's settings are not as in the trial that was found good; "" where all are."""
-    for name, words, unit in SETTINGS:
-        known, now = facts.get(name), getattr(exposure, name)
-        if isinstance(known, float | int) and now is not None and abs(math.log2(now / known)) > 0.1:
-            return f"the {words} is {now:g}{unit} in place of {known:g}{unit}"
+    settings = (
+        ("exposure time", " s", known.exposure_s, exposure.exposure_s),
+        ("ISO", "", known.iso, exposure.iso),
+        ("aperture f/", "", known.f_number, exposure.f_number),
+    )
+    for words, unit, before, now in settings:
+        if before is not None and now is not None and abs(math.log2(now / before)) > 0.1:
+            return f"the {words} is {now:g}{unit} in place of {before:g}{unit}"
     return ""

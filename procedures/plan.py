@@ -61,6 +61,7 @@ class Advice:
     by_hand : what `say` asks of the operator's hands, in numbers (`chart_yaw_deg`, `exposure_ev`, ...)
     facts : what later requests shall know
     marks : (n, 2) points (x, y) of the plane to show on the preview
+    doubted : keys of what was asked, one of which cannot be right: `say` tells what contradicts what, no move mends it
     """
 
     good: bool
@@ -70,6 +71,7 @@ class Advice:
     by_hand: Mapping[str, float] = field(default_factory=dict)
     facts: Facts = field(default_factory=dict)
     marks: tuple[tuple[float, float], ...] = ()
+    doubted: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -96,7 +98,7 @@ class Diagram:
 
 @dataclass(frozen=True)
 class Ask:
-    """A question to the operator; the answer becomes the fact `key`.
+    """A question to the operator; the answer becomes the fact `key`. Not asked where `when`, of what is known, says no.
 
     `kind` "confirm" is answered by True when it is done, "number" by a float within [low, high] in `unit`, "text" by
     a line, "choice" by one of `choices`. What is known under `key` already is the default, else `default`.
@@ -110,6 +112,7 @@ class Ask:
     low: float | None = None
     high: float | None = None
     choices: tuple[str, ...] = ()
+    when: Callable[[Facts], bool] = lambda facts: True
 
 
 @dataclass(frozen=True)
@@ -160,11 +163,13 @@ class Look:
     """Expose a trial frame when the rig is still, check it, mend what the check says, and look again until it is good.
 
     `check(frame, facts)` is pure. After `tries` looks the operator decides: look again, go on with what is, or stop.
+    `rests_on` are the keys of what was asked and its moves are reckoned from.
     """
 
     purpose: str
     check: Callable[[RawFrame, Facts], Advice]
     tries: int = 8
+    rests_on: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -255,13 +260,20 @@ class Step:
 class Plan:
     """A guided procedure. `name` is what sessions and procedure files call it.
 
-    `subject` is what it photographs, "chart", "wall" or "depth": a simulated bench stands before that.
+    `subject` is what it photographs, "chart", "wall" or "depth": a simulated bench stands before that. `facts` is the
+    dataclass of what it knows (`procedures.facts`), where it has one.
     """
 
     name: str
     title: str
     steps: tuple[Step, ...]
     subject: str = "chart"
+    facts: type[Any] | None = None
+
+    def asks(self) -> dict[str, Ask]:
+        """All its questions, by their keys."""
+        requests = (request for step in self.steps for request in step.requests)
+        return {request.key: request for request in requests if isinstance(request, Ask)}
 
     def step(self, name: str) -> Step:
         """The step of that name. Raises KeyError."""

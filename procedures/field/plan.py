@@ -14,24 +14,14 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.advice import changed_settings
-from procedures.choice import START_S
+from procedures.facts import Axis, facts_as
+from procedures.field.facts import BASE, FieldFacts, TourStart
 from procedures.field.locations import MARGIN, Location, chosen_locations, direction, pan_tilt_deg, rail_mm, ray
 from procedures.numerics.warps import apply_homography
 from procedures.pattern import CELLS
 from procedures.pattern_psf.chart_finding.detection import Sighting, find_charts
-from procedures.pattern_psf.checks import (
-    RATIO_HIGH,
-    RATIO_LOW,
-    check_distance,
-    check_light,
-    marks_of,
-    number,
-    optics_of,
-    parameters_of,
-    registered,
-    seen_chart,
-    shown,
-)
+from procedures.pattern_psf.checks import check_distance, check_light, marks_of, registered, seen_chart, shown
+from procedures.pattern_psf.facts import RATIO_HIGH, RATIO_LOW, SIZES
 from procedures.pattern_psf.plan import plan as pattern_plan
 from procedures.pattern_psf.pose import chart_pose
 from procedures.pattern_psf.radiometry import measure_light
@@ -69,8 +59,6 @@ NEAR = 0.03
 LEAST_WHITE = 0.2
 """Of the scale: towards the corners a lens is darker, and noise grows."""
 MOST_CLIPPED = 0.005
-BASE = "tour_from_"
-"""Before an axis' name: the fact where it was when the chart was in the middle."""
 
 
 def plan(estimate: Estimator) -> Plan:
@@ -86,6 +74,7 @@ def plan(estimate: Estimator) -> Plan:
             Step("estimate", "Estimate", "Put the field together from all photographs.", (Estimate(estimate),)),
             Step("verdict", "Verdict", "Accept the result, or take the tour again.", (Decide("tour"),)),
         ),
+        facts=FieldFacts,
     )
 
 
@@ -97,15 +86,15 @@ def check_start(frame: RawFrame, facts: Facts) -> Advice:
     advice = check_distance(frame, facts)
     if not advice.good:
         return advice
-    plane = shown(frame)
-    sighting = seen_chart(plane, facts)
+    plane, known = shown(frame), facts_as(FieldFacts, facts)
+    sighting = seen_chart(plane, known)
     if isinstance(sighting, Advice):
         return sighting
     half = half_size(sighting, plane)
     if max(half) > ROOM:
         say = "The chart fills the frame: print a smaller one, and begin again."
         return replace(advice, good=False, say=say, by_hand={"smaller_chart": 1.0})
-    start = start_facts(sighting, plane, facts)
+    start = start_facts(sighting, plane, known)
     return replace(advice, facts={**advice.facts, **start, "tour_half_x": half[0], "tour_half_y": half[1]})
 
 
@@ -118,9 +107,9 @@ def half_size(sighting: Sighting, plane: Plane) -> tuple[float, float]:
     return float(reach[0]) / columns, float(reach[1]) / rows
 
 
-def start_facts(sighting: Sighting, plane: Plane, facts: Facts) -> dict[str, Fact]:
+def start_facts(sighting: Sighting, plane: Plane, known: FieldFacts) -> dict[str, Fact]:
     """What the moves of the tour follow from: lens, distance, where the chart is in the frame, where the axes are."""
-    optics, shape = optics_of(plane, facts), plane.samples.shape
+    optics, shape = known.optics(plane.pitch), plane.samples.shape
     distance_mm = chart_pose(sighting.H_sensor_pattern, shape, optics).centre_mm[2]
     at = seen_at(sighting, plane)
     told: dict[str, Fact] = {
@@ -131,8 +120,7 @@ def start_facts(sighting: Sighting, plane: Plane, facts: Facts) -> dict[str, Fac
         "tour_x": at.x,
         "tour_y": at.y,
     }
-    axes = {name.removeprefix("at_"): float(value) for name, value in facts.items() if name.startswith("at_")}
-    return told | {BASE + name: value for name, value in axes.items()}
+    return told | {BASE + name: place for name, place in known.where().items()}
 
 
 def seen_at(sighting: Sighting, plane: Plane) -> Location:
@@ -144,7 +132,7 @@ def seen_at(sighting: Sighting, plane: Plane) -> Location:
 PLACES = (
     Ask("places", "At how many places?", "number", "", USUAL, low=FEWEST, high=MOST),
     Look("light", check_light),
-    Look("start", check_start, tries=10),
+    Look("start", check_start, tries=10, rests_on=SIZES),
 )
 
 # --- the places --------------------------------------------------------------------------------------------------
@@ -152,9 +140,11 @@ PLACES = (
 
 def locations(facts: Facts) -> list[Location]:
     """Where the chart's centre shall be: as near to the frame's sides as the whole sheet allows."""
-    aspect = number(facts, "tour_columns", 3.0) / number(facts, "tour_rows", 2.0)
-    rim_x, rim_y = (max(number(facts, f"tour_half_{name}", 0.0) + NEAR, MARGIN) for name in "xy")
-    found = chosen_locations(int(number(facts, "places", USUAL)), aspect, margin=0.0)
+    known = facts_as(FieldFacts, facts)
+    start = known.begun()
+    rim_x, rim_y = (max(half + NEAR, MARGIN) for half in start.half)
+    rows, columns = start.shape
+    found = chosen_locations(USUAL if known.places is None else int(known.places), columns / rows, margin=0.0)
     return [Location(rim_x + (1 - 2 * rim_x) * one.x, rim_y + (1 - 2 * rim_y) * one.y) for one in found]
 
 
@@ -178,38 +168,33 @@ def say_place(location: Location, facts: Facts) -> str:
     return f"Turn the camera, and leave the chart, until the chart's middle is {where}."
 
 
-def geometry(facts: Facts) -> tuple[tuple[int, int], float]:
-    """Rows and columns of the plane, and the distance of the image behind the lens in its pixels."""
-    shape = int(number(facts, "tour_rows", 0)), int(number(facts, "tour_columns", 0))
-    return shape, number(facts, "tour_principal_px", 1.0)
-
-
 def to_place(location: Location, facts: Facts) -> dict[str, float]:
     """Where head or rail go from where the tour began; nothing where there is neither.
 
     A camera that turns sees the chart the nearer, along its axis, the farther off it is: the rail makes up for that,
     as far as it goes, and focus and size stay as they were.
     """
-    began = Location(number(facts, "tour_x", 0.5), number(facts, "tour_y", 0.5))
-    base = {name.removeprefix(BASE): float(value) for name, value in facts.items() if name.startswith(BASE)}
-    places = bring(began, location, base, facts)
-    if "pan_deg" in places and "z_mm" in base:
-        ahead, there = (float(ray(one, *geometry(facts))[2]) for one in (began, location))
-        z = base["z_mm"] + number(facts, "tour_distance_mm", 0.0) * (ahead / there - 1)
-        places["z_mm"] = float(np.clip(z, number(facts, "low_z_mm", z), number(facts, "high_z_mm", z)))
+    known = facts_as(FieldFacts, facts)
+    start = known.start
+    if start is None:
+        return {}
+    places = bring(start.seen_at, location, start.base, start)
+    if "pan_deg" in places and "z_mm" in start.base:
+        ahead, there = (float(ray(one, start.shape, start.principal_px)[2]) for one in (start.seen_at, location))
+        z = start.base["z_mm"] + start.distance_mm * (ahead / there - 1)
+        places["z_mm"] = known.axes.get("z_mm", Axis()).nearest(z)
     return places
 
 
-def bring(now: Location, wanted: Location, at: Mapping[str, float], facts: Facts) -> dict[str, float]:
+def bring(now: Location, wanted: Location, at: Mapping[str, float], start: TourStart) -> dict[str, float]:
     """Where the axes, now `at`, must go so that the chart is seen at another place; nothing without head or rail."""
-    shape, principal_px = geometry(facts)
+    shape, principal_px = start.shape, start.principal_px
     if {"pan_deg", "tilt_deg"} <= set(at):
         towards = direction(ray(now, shape, principal_px), at["pan_deg"], at["tilt_deg"])
         pan, tilt = pan_tilt_deg(wanted, shape, principal_px, towards)
         return {"pan_deg": pan, "tilt_deg": tilt}
     if {"x_mm", "y_mm"} <= set(at):
-        distance_mm = number(facts, "tour_distance_mm", 0.0)
-        before, then = (rail_mm(one, shape, principal_px, distance_mm) for one in (now, wanted))
+        before, then = (rail_mm(one, shape, principal_px, start.distance_mm) for one in (now, wanted))
         return {"x_mm": at["x_mm"] + then[0] - before[0], "y_mm": at["y_mm"] - (then[1] - before[1])}
     return {}
 
@@ -219,18 +204,18 @@ def bring(now: Location, wanted: Location, at: Mapping[str, float], facts: Facts
 
 def check_place(location: Location, frame: RawFrame, facts: Facts) -> Advice:
     """The chart where it is wanted, as large as wanted, with the settings of the trial, neither clipped nor dark."""
-    changed = changed_settings(frame.exposure, facts)
+    plane, known = shown(frame), facts_as(FieldFacts, facts)
+    changed = changed_settings(frame.exposure, known)
     if changed:
         return Advice(False, f"This shot does not count: {changed}. Set it back.")
-    plane = shown(frame)
-    found = seen_chart(plane, facts)
+    found = seen_chart(plane, known)
     if isinstance(found, Advice):
         cut = find_charts(plane.samples)[0] if found.marks else None
-        return replace(found, by_hand={}, moves=correction(location, cut, plane, facts) if cut else {})
+        return replace(found, by_hand={}, moves=correction(location, cut, plane, known) if cut else {})
     marks = marks_of(found)
     off, ratio = (
         off_place(location, found, plane),
-        (parameters_of(facts).s or START_S) * float(found.widths().max()) / CELLS,
+        known.s_or_start * float(found.widths().max()) / CELLS,
     )
     readings = (
         Reading("off its place", 100 * off, "% of the width", None, 100 * NEAR),
@@ -239,7 +224,7 @@ def check_place(location: Location, frame: RawFrame, facts: Facts) -> Advice:
     )
     if not readings[0].good:
         say = f"The chart is {100 * off:.0f} % of the frame's width off its place. {say_place(location, {})}"
-        return Advice(False, say, readings, moves=correction(location, found, plane, facts), marks=marks)
+        return Advice(False, say, readings, moves=correction(location, found, plane, known), marks=marks)
     bad = next((reading for reading in readings if not reading.good), None)
     if bad is not None:
         return Advice(False, f"{REMEDIES[bad.name]} ({bad.name} {bad.value:.3g} {bad.unit})", readings, marks=marks)
@@ -271,8 +256,8 @@ def off_place(location: Location, sighting: Sighting, plane: Plane) -> float:
     return float(np.hypot(x, y)) / float(shape[1])
 
 
-def correction(location: Location, sighting: Sighting, plane: Plane, facts: Facts) -> dict[str, float]:
+def correction(location: Location, sighting: Sighting, plane: Plane, known: FieldFacts) -> dict[str, float]:
     """How far the axes must move from where they are."""
-    at = {name.removeprefix("at_"): float(value) for name, value in facts.items() if name.startswith("at_")}
-    there = bring(seen_at(sighting, plane), location, at, facts)
+    at = known.where()
+    there = bring(seen_at(sighting, plane), location, at, known.begun())
     return {name: place - at[name] for name, place in there.items()}

@@ -6,24 +6,24 @@ Every check takes the frame and what is known so far, and gives an `Advice`: one
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from procedures.advice import changed_settings, exposure_advice, paper_level
-from procedures.choice import START_K, START_S
+from procedures.facts import facts_as
 from procedures.numerics.warps import fit_homography
-from procedures.pattern import AIM_S_OVER_T, BEST_S_OVER_T, CELLS, DEFAULT_SEED, Chart
-from procedures.pattern_print.rulers import LENGTH_MM
-from procedures.pattern_print.sheet import Size
+from procedures.pattern import CELLS
 from procedures.pattern_psf.chart_finding.detection import Sighting, find_charts
-from procedures.pattern_psf.estimate import PatternParameters, estimate_psf
+from procedures.pattern_psf.distance.consistency import cautious_mm, probe_mm, seed_contradiction, size_contradiction
+from procedures.pattern_psf.distance.ranging import look_now, range_facts, range_readings, without_offset
+from procedures.pattern_psf.estimate import estimate_psf
+from procedures.pattern_psf.facts import RATIO, RATIO_HIGH, RATIO_LOW, PatternFacts, RangeLook
 from procedures.pattern_psf.pose import ChartPose, Optics, chart_pose
 from procedures.pattern_psf.radiometry import Light, measure_light
 from procedures.pattern_psf.registration import Registration, block_size_px, refine_corners, register_marks
-from procedures.plan import Advice, Fact, Facts, Reading
+from procedures.plan import Advice, Facts, Reading
 from procedures.raw import Plane, RawFrame
 
 Array = npt.NDArray[np.float64]
@@ -35,56 +35,8 @@ FLAT = 0.8
 """Least share of the brightest white block's light that the darkest must have."""
 CENTRED = 0.12
 """How far the chart's centre may lie from the frame's, in parts of the frame's width."""
-RATIO, (RATIO_LOW, RATIO_HIGH) = AIM_S_OVER_T, BEST_S_OVER_T
-"""Aim and tolerance of s/t. At 1 the chart is as fine as the PSF's samples; with a camera that is sharper than its
-pixels, the same number of shots has half the error at 1.3 (simulated: 24 mm at f/5.6 on pixels of 11.9 um)."""
 SQUARE_DEG, ROLL_DEG = 1.5, 5.0
 """Tolerance of yaw and pitch, and of roll, which changes nothing but the PSF's axes on the chart."""
-
-
-@lru_cache(maxsize=4)
-def chart_of(seed: int) -> Chart:
-    """The chart of a seed."""
-    return Chart.from_seed(seed)
-
-
-def known_chart(facts: Facts) -> Chart:
-    """The chart that was printed."""
-    return chart_of(chart_seed(facts))
-
-
-def chart_seed(facts: Facts) -> int:
-    """The seed of its cells."""
-    return int(facts.get("chart_seed", DEFAULT_SEED))
-
-
-def parameters_of(facts: Facts) -> PatternParameters:
-    """How the PSF is to be sampled: as the facts say, else as the photograph lets the program choose."""
-    if "s" not in facts or "k" not in facts:
-        return PatternParameters()
-    return PatternParameters(int(facts["s"]), int(facts["k"]), chosen=True)
-
-
-def quick_parameters(facts: Facts) -> PatternParameters:
-    """How a PSF is sampled whose sharpness alone is asked, many times over."""
-    asked = parameters_of(facts)
-    return asked if asked.s is not None else PatternParameters(START_S, START_K, chosen=True)
-
-
-def number(facts: Facts, name: str, otherwise: float) -> float:
-    """A fact as a number."""
-    return float(facts.get(name, otherwise))
-
-
-def cell_mm(facts: Facts) -> float:
-    """Side of a printed cell: as ordered, corrected by what the printed ruler measured."""
-    return Size(number(facts, "chart_width_mm", 300.0)).cell_mm * number(facts, "ruler_mm", LENGTH_MM) / LENGTH_MM
-
-
-def optics_of(plane: Plane, facts: Facts) -> Optics:
-    """What tells distances from sizes. Raises KeyError where the lens is not known."""
-    pitch_um = float(facts["pixel_pitch_um"]) * plane.pitch
-    return Optics(float(facts["focal_length_mm"]), pitch_um, cell_mm(facts))
 
 
 def shown(frame: RawFrame) -> Plane:
@@ -95,7 +47,7 @@ def shown(frame: RawFrame) -> Plane:
 # --- is there a chart --------------------------------------------------------------------------------------------
 
 
-def seen_chart(plane: Plane, facts: Facts) -> Sighting | Advice:
+def seen_chart(plane: Plane, known: PatternFacts) -> Sighting | Advice:
     """The one chart in the frame, or what to do so that there is one."""
     found = find_charts(plane.samples)
     if not found:
@@ -108,16 +60,16 @@ def seen_chart(plane: Plane, facts: Facts) -> Sighting | Advice:
         return Advice(False, "The chart is mirrored: photograph it directly, not in a mirror or through its back.")
     cut = sighting.cut_marks(plane.samples.shape)
     if cut:
-        return cut_off(cut, sighting, plane, facts)
+        return cut_off(cut, sighting, plane, known)
     return sighting
 
 
-def cut_off(cut: int, sighting: Sighting, plane: Plane, facts: Facts) -> Advice:
+def cut_off(cut: int, sighting: Sighting, plane: Plane, known: PatternFacts) -> Advice:
     """What to do where the frame cuts the chart; how far to shift the camera, once the lens is known."""
     say = f"The frame cuts the chart: {cut} of its 12 marks are outside. Aim at its middle."
     moves: dict[str, float] = {}
-    if {"focal_length_mm", "pixel_pitch_um"} <= set(facts):
-        pose = chart_pose(sighting.H_sensor_pattern, plane.samples.shape, optics_of(plane, facts))
+    if known.lens_known:
+        pose = chart_pose(sighting.H_sensor_pattern, plane.samples.shape, known.optics(plane.pitch))
         moves = {"x_mm": pose.centre_mm[0], "y_mm": -pose.centre_mm[1]}
     return Advice(False, say, moves=moves, by_hand={"aim": 1.0}, marks=marks_of(sighting))
 
@@ -138,8 +90,8 @@ def registered(plane: Plane, sighting: Sighting) -> Registration:
 
 def check_light(frame: RawFrame, facts: Facts) -> Advice:
     """White at 80 % of the scale in the brightest plane, evenly lit, nothing clipped, the chart in sight."""
-    plane = shown(frame)
-    sighting = seen_chart(plane, facts)
+    plane, known = shown(frame), facts_as(PatternFacts, facts)
+    sighting = seen_chart(plane, known)
     if isinstance(sighting, Advice):
         levels = {name: paper_level(one) for name, one in frame.planes.items()}
         advice = exposure_advice(*max(levels.values()), frame.exposure)
@@ -153,9 +105,18 @@ def check_light(frame: RawFrame, facts: Facts) -> Advice:
     if advice.good and not flatness.good:
         advice = uneven(brightest)
     readings = (*advice.readings, flatness)
-    return Advice(
-        advice.good, advice.say, readings, by_hand=advice.by_hand, facts=advice.facts, marks=marks_of(sighting)
-    )
+    advice = replace(advice, readings=readings, marks=marks_of(sighting), moves={})
+    return held_by_cells(advice, plane, sighting, known) if advice.good else advice
+
+
+def held_by_cells(advice: Advice, plane: Plane, sighting: Sighting, known: PatternFacts) -> Advice:
+    """The advice, if the chart shows its number's cells; once they were found to be these, they are not looked for."""
+    if known.seed_agreement is not None:
+        return advice
+    told = seed_contradiction(plane, sighting, known)
+    if isinstance(told, Advice):
+        return replace(told, readings=advice.readings, facts=advice.facts, marks=advice.marks)
+    return advice if told is None else replace(advice, facts={**advice.facts, "seed_agreement": told})
 
 
 def uneven(light: Light) -> Advice:
@@ -170,49 +131,51 @@ def uneven(light: Light) -> Advice:
 # --- distance ----------------------------------------------------------------------------------------------------
 
 
-def wanted_px_per_cell(facts: Facts) -> float:
-    """Pixels of the plane per cell at the s/t that is aimed at."""
-    return RATIO / (parameters_of(facts).s or START_S)
-
-
-def expected_optics(facts: Facts, pitch: int = 2) -> Optics:
-    """Lens and print, for a mosaic's planes, before any photograph. Raises KeyError where the lens is not known."""
-    return Optics(float(facts["focal_length_mm"]), float(facts["pixel_pitch_um"]) * pitch, cell_mm(facts))
-
-
-def wanted_distance_mm(facts: Facts, pitch: int = 2) -> float:
-    """From how far to photograph, by the lens and the print. Raises KeyError where the lens is not known."""
-    return expected_optics(facts, pitch).distance_mm(wanted_px_per_cell(facts))
-
-
 def check_distance(frame: RawFrame, facts: Facts) -> Advice:
-    """s/t near its best, and the chart in the middle of the frame."""
-    plane = shown(frame)
-    sighting = seen_chart(plane, facts)
+    """s/t near its best, the chart in the middle of the frame, and nothing that contradicts lens, sensor and print."""
+    plane, known = shown(frame), facts_as(PatternFacts, facts)
+    sighting = seen_chart(plane, known)
     if isinstance(sighting, Advice):
         return sighting
-    optics = optics_of(plane, facts)
+    optics = known.optics(plane.pitch)
     pose = chart_pose(sighting.H_sensor_pattern, plane.samples.shape, optics)
-    z, px_per_cell = pose.centre_mm[2], float(sighting.widths().max()) / CELLS
-    ratio = (parameters_of(facts).s or START_S) * px_per_cell
-    change = z * (ratio / RATIO - 1)  # the focus is left alone meanwhile: the size goes with 1 / z
-    learned = range_facts(px_per_cell, optics, facts)
+    look = look_now(float(sighting.widths().max()) / CELLS, known)
+    ratio = known.s_or_start * look.px_per_cell
     readings = (
         Reading("s/t", ratio, "", RATIO_LOW, RATIO_HIGH),
-        Reading("distance", z / 1000, "m"),
+        Reading("distance", pose.centre_mm[2] / 1000, "m"),
         *centre_readings(pose, plane, optics),
-        *range_readings(learned),
     )
-    marks = marks_of(sighting)
-    if not readings[0].good:
-        way = "back" if change > 0 else "closer"
-        say = f"Move the camera {way} by {abs(change) / 1000:.2f} m: s/t is {ratio:.2f} and should be {RATIO:g}."
-        return Advice(False, say, readings, moves={"z_mm": change}, facts=learned, marks=marks)
-    if not all(reading.good for reading in readings):
-        return aim(pose, readings, learned, marks)
-    return Advice(
-        True, f"The distance is good: {z / 1000:.2f} m, s/t {ratio:.2f}.", readings, facts=learned, marks=marks
-    )
+    wrong = size_contradiction(look, optics, known, frame.exposure)
+    if wrong is not None:  # before any move: it would be reckoned from what cannot be
+        return replace(wrong, readings=readings, marks=marks_of(sighting))
+    learned = range_facts(look, optics, known)
+    seen = Advice(True, "", (*readings, *range_readings(learned)), facts=learned, marks=marks_of(sighting))
+    return distance_advice(seen, look, pose, known)
+
+
+def distance_advice(seen: Advice, look: RangeLook, pose: ChartPose, known: PatternFacts) -> Advice:
+    """What to do next about the distance: come to the right s/t, to the middle, or hold the lens against the rail."""
+    z, ratio = pose.centre_mm[2], seen.readings[0].value
+    # the focus is left alone meanwhile: the size goes with 1 / z
+    change = cautious_mm(z * (ratio / RATIO - 1), look, z, known)
+    if not seen.readings[0].good:
+        say = f"Move the camera {_way(change)}: s/t is {ratio:.2f} and should be {RATIO:g}."
+        return replace(seen, good=False, say=say, moves={"z_mm": change})
+    if not all(reading.good for reading in seen.readings[:4]):
+        return aim(pose, seen.readings, seen.facts, seen.marks)
+    if not all(reading.good for reading in seen.readings[4:]):
+        say = f"The laser cannot be {seen.readings[4].value:.0f} mm behind the lens: aim it at the chart's wall."
+        return replace(seen, good=False, say=say, facts=without_offset(seen.facts), by_hand={"aim_laser": 1.0})
+    probe = probe_mm(look, z, ratio < RATIO, known)
+    if probe:
+        say = f"Move the camera {_way(probe)}: two distances tell whether lens, sensor and print are as given."
+        return replace(seen, good=False, say=say, moves={"z_mm": probe})
+    return replace(seen, say=f"The distance is good: {z / 1000:.2f} m, s/t {ratio:.2f}.")
+
+
+def _way(change_mm: float) -> str:
+    return f"{'back' if change_mm > 0 else 'closer'} by {abs(change_mm) / 1000:.2f} m"
 
 
 def centre_readings(pose: ChartPose, plane: Plane, optics: Optics) -> tuple[Reading, Reading]:
@@ -239,42 +202,6 @@ def aim(
     return Advice(False, say, readings, moves={"x_mm": x, "y_mm": -y}, facts=facts, marks=marks)
 
 
-def range_facts(px_per_cell: float, optics: Optics, facts: Facts) -> dict[str, Fact]:
-    """The laser's offset from the lens, by this look and those before it, and what the next look needs for it.
-
-    With the focus left alone the image lies F pixels behind the lens, whatever the distance z: px = F cell / z, and
-    the laser reads z + offset. Looks from distances that differ by a twentieth give F cell and the offset as the
-    line's slope and intercept; before that the lens's data do, as if it were focused here.
-    """
-    if "distance_mm" not in facts:
-        return {}
-    number_of_looks = int(number(facts, "range_looks", 0.0)) + 1
-    new: dict[str, Fact] = {
-        "range_looks": float(number_of_looks),
-        f"range_{number_of_looks}_cell_px": px_per_cell,
-        f"range_{number_of_looks}_laser_mm": float(facts["distance_mm"]),
-    }
-    known = {**facts, **new}
-    looks = range(1, number_of_looks + 1)
-    pairs = [(number(known, f"range_{i}_cell_px", 1.0), number(known, f"range_{i}_laser_mm", 0.0)) for i in looks]
-    offset = fit_offset_mm(pairs)
-    return new | {"laser_offset_mm": pairs[-1][1] - optics.distance_mm(px_per_cell) if offset is None else offset}
-
-
-def fit_offset_mm(pairs: Sequence[tuple[float, float]]) -> float | None:
-    """Where laser readings (mm) over pixels per cell would lie for the lens itself; None from hardly one distance."""
-    px, laser = np.array(pairs).T
-    if np.ptp(px) < 0.05 * px.mean():
-        return None
-    _, offset = np.polyfit(1 / px, laser, 1)
-    return float(offset)
-
-
-def range_readings(learned: Facts) -> tuple[Reading, ...]:
-    """The laser's offset, where there is a laser."""
-    return (Reading("laser behind lens", float(learned["laser_offset_mm"]), "mm"),) if learned else ()
-
-
 # --- square ------------------------------------------------------------------------------------------------------
 
 
@@ -286,10 +213,10 @@ class Turned:
     fine: bool
 
 
-def turned(plane: Plane, sighting: Sighting, facts: Facts) -> Turned:
+def turned(plane: Plane, sighting: Sighting, known: PatternFacts) -> Turned:
     """The chart's pose; by the noise cells it is good to a tenth of a degree, by the marks alone to two degrees."""
-    optics, shape = optics_of(plane, facts), plane.samples.shape
-    found = estimate_psf(plane, known_chart(facts), quick_parameters(facts)).value
+    optics, shape = known.optics(plane.pitch), plane.samples.shape
+    found = estimate_psf(plane, known.chart, known.quick_parameters).value
     if found is None:
         return Turned(chart_pose(sighting.H_sensor_pattern, shape, optics), False)
     grid = np.stack(np.meshgrid(*2 * [np.linspace(0, CELLS, 9)]), axis=-1).reshape(-1, 2)
@@ -299,11 +226,11 @@ def turned(plane: Plane, sighting: Sighting, facts: Facts) -> Turned:
 
 def check_square(frame: RawFrame, facts: Facts) -> Advice:
     """The chart's plane across the optical axis, in the middle of the frame."""
-    plane = shown(frame)
-    sighting = seen_chart(plane, facts)
+    plane, known = shown(frame), facts_as(PatternFacts, facts)
+    sighting = seen_chart(plane, known)
     if isinstance(sighting, Advice):
         return sighting
-    found, optics = turned(plane, sighting, facts), optics_of(plane, facts)
+    found, optics = turned(plane, sighting, known), known.optics(plane.pitch)
     pose = found.pose
     limit = SQUARE_DEG if found.fine else 2 * SQUARE_DEG
     return square_advice(pose, centre_readings(pose, plane, optics), marks_of(sighting), limit)
@@ -355,7 +282,8 @@ def square_up(pose: ChartPose, readings: tuple[Reading, ...], marks: Marks) -> A
 
 def sharpness(frame: RawFrame, facts: Facts) -> float:
     """MTF50 of the PSF in the shown plane, in cycles/pixel; NaN where there is none."""
-    found = estimate_psf(shown(frame), known_chart(facts), quick_parameters(facts)).value
+    known = facts_as(PatternFacts, facts)
+    found = estimate_psf(shown(frame), known.chart, known.quick_parameters).value
     if found is None:
         return float("nan")
     numbers = found.quality.numbers
@@ -386,11 +314,11 @@ def best_tried(places: Sequence[float], scores: Sequence[float]) -> float | None
 
 def check_shot(frame: RawFrame, facts: Facts) -> Advice:
     """A shot that counts shows the whole chart, exposed as the trial was, and nothing clipped."""
-    changed = changed_settings(frame.exposure, facts)
+    changed = changed_settings(frame.exposure, facts_as(PatternFacts, facts))
     if changed:
         return Advice(False, f"This shot does not count: {changed}. Set it back and take it again.")
-    plane = shown(frame)
-    sighting = seen_chart(plane, facts)
+    plane, known = shown(frame), facts_as(PatternFacts, facts)
+    sighting = seen_chart(plane, known)
     if isinstance(sighting, Advice):
         return sighting
     advice = check_light(frame, facts)

@@ -9,31 +9,26 @@ from typing import Any
 
 import numpy as np
 
-from procedures.choice import START_K, START_S
+from procedures.choice import START_K
+from procedures.facts import axes_of, facts_as, required
 from procedures.outcome import Outcome, Verdict
 from procedures.pattern import DEFAULT_SEED
 from procedures.pattern_print.formats import encode
 from procedures.pattern_print.rulers import LENGTH_MM
-from procedures.pattern_print.sheet import DEFAULT_WIDTH_MM, Size
+from procedures.pattern_print.sheet import DEFAULT_WIDTH_MM
 from procedures.pattern_print.source import Source
 from procedures.pattern_psf.checks import (
-    RATIO,
     best_place,
     best_tried,
-    chart_seed,
     check_distance,
     check_light,
     check_shot,
     check_square,
-    expected_optics,
-    known_chart,
-    number,
-    parameters_of,
     sharpness,
-    wanted_distance_mm,
 )
 from procedures.pattern_psf.combine import combine
 from procedures.pattern_psf.estimate import estimate_psf
+from procedures.pattern_psf.facts import RATIO, SIZES, PatternFacts
 from procedures.pattern_psf.gamma.words import gamma_diagram
 from procedures.plan import (
     Advice,
@@ -86,6 +81,7 @@ def plan() -> Plan:
             Step("estimate", "Estimate", "Estimate every plane's PSF from all shots together.", (Estimate(estimate),)),
             Step("verdict", "Verdict", "Accept the result, or take the shots again.", (Decide("shots"),)),
         ),
+        facts=PatternFacts,
     )  # fmt: skip
 
 
@@ -94,15 +90,21 @@ def plan() -> Plan:
 
 def chart_page(facts: Facts) -> bytes:
     """The PDF to print."""
-    seed = int(number(facts, "chart_seed", DEFAULT_SEED))
-    return encode(Path(CHART), Source.from_seed(seed), Size(number(facts, "chart_width_mm", DEFAULT_WIDTH_MM))).data
+    known = facts_as(PatternFacts, facts)
+    return encode(Path(CHART), Source.from_seed(known.chart_seed), known.size).data
 
 
+SEED = Ask(
+    "chart_seed", "Which number is printed on the chart?", "number", "", DEFAULT_SEED, low=0, high=2**53,
+    when=lambda facts: "chart_seed" in facts,
+)  # fmt: skip
+"""Asked where another than the station's own was given, or the chart shows others."""
 PRINT = (
     Ask(
         "chart_width_mm", "How wide shall it be printed?", "number", "mm", DEFAULT_WIDTH_MM, low=32.0, high=3600.0
     ),
     Give(CHART, chart_page, lambda path: f"the chart to print: {path}"),
+    SEED,
     Ask("printed", f"Print {CHART} on matt paper at 100 % (actual size)."),
     Ask(
         "ruler_mm",
@@ -120,8 +122,7 @@ PRINT = (
 
 def middle(facts: Facts) -> dict[str, float]:
     """The middle of every axis' travel: from there everything can be corrected."""
-    names = [name.removeprefix("low_") for name in facts if name.startswith("low_")]
-    return {name: (float(facts[f"low_{name}"]) + float(facts[f"high_{name}"])) / 2 for name in names}
+    return {name: axis.middle for name, axis in axes_of(facts).items() if axis.middle is not None}
 
 
 MOUNT = (
@@ -140,33 +141,44 @@ MOUNT = (
 
 def towards_distance(facts: Facts) -> dict[str, float]:
     """Where the rail should go, by lens and laser: nothing without them, and not beyond its travel."""
-    if not {"at_z_mm", "distance_mm", "laser_offset_mm"} <= set(facts):
+    known = facts_as(PatternFacts, facts)
+    rail, laser_mm, offset_mm = known.axes.get("z_mm"), known.distance_mm, known.laser_offset_mm
+    if rail is None or rail.at is None or laser_mm is None or offset_mm is None:
         return {}
-    now_mm = number(facts, "distance_mm", 0) - number(facts, "laser_offset_mm", 0)
-    there = number(facts, "at_z_mm", 0) + wanted_distance_mm(facts) - now_mm
-    return {"z_mm": float(np.clip(there, number(facts, "low_z_mm", there), number(facts, "high_z_mm", there)))}
+    return {"z_mm": rail.nearest(rail.at + known.wanted_distance_mm() - (laser_mm - offset_mm))}
 
 
 def say_distance(facts: Facts) -> str:
     """What the operator does where there is no rail; a rail that has not learnt the laser's offset finds its way."""
-    if "at_z_mm" in facts:
+    known = facts_as(PatternFacts, facts)
+    if "z_mm" in known.where():
         return f"going to the distance where s/t is near {RATIO:g}" if towards_distance(facts) else ""
-    return f"Put the camera {wanted_distance_mm(facts) / 1000:.2f} m from the chart, by a tape measure."
+    return f"Put the camera {known.wanted_distance_mm() / 1000:.2f} m from the chart, by a tape measure."
 
 
 def explain_distance(facts: Facts) -> Diagram:
     """What other distances cost, by lens and print."""
-    parameters = parameters_of(facts)
-    return gamma_diagram(expected_optics(facts), parameters.s or START_S, parameters.k or START_K, RATIO)
+    known = facts_as(PatternFacts, facts)
+    return gamma_diagram(known.optics(), known.s_or_start, known.parameters.k or START_K, RATIO)
 
 
+UNNOTED = Ask(
+    "f_number", "Which f-number is set? The camera does not note it.", "number", "", low=0.5, high=64.0,
+    when=lambda facts: facts_as(PatternFacts, facts).f_number is None,
+)  # fmt: skip
+TAPE = Ask(
+    "tape_mm", "How far is the chart from the lens now, by a tape measure?", "number", "mm", low=50.0, high=1e5,
+    when=lambda facts: "distance_mm" not in facts and "at_z_mm" not in facts,
+)  # fmt: skip
 DISTANCE = (
     Ask("focal_length_mm", "What is the lens's focal length?", "number", "mm", low=1.0, high=5000.0),
     Ask("pixel_pitch_um", "How far apart are the sensor's pixels?", "number", "µm", low=0.5, high=50.0),
+    UNNOTED,
     Show(explain_distance),
     Measure(),
+    TAPE,
     Go(towards_distance, say_distance),
-    Look("distance", check_distance, tries=10),
+    Look("distance", check_distance, tries=10, rests_on=SIZES),
 )
 
 # --- square up ---------------------------------------------------------------------------------------------------
@@ -178,7 +190,7 @@ SQUARE = (Look("square", check_square, tries=10),)
 
 def ring_places(facts: Facts) -> Sequence[float]:
     """Turns of the focus ring, if the operator focuses by it."""
-    return RING if facts.get("focus_by", "ring") == "ring" else ()
+    return RING if facts_as(PatternFacts, facts).focus_by == "ring" else ()
 
 
 def rail_places(facts: Facts) -> Sequence[float]:
@@ -187,14 +199,15 @@ def rail_places(facts: Facts) -> Sequence[float]:
     The circle of confusion grows by one pixel of the plane c over a way dz with c = f^2 dz / (N z^2): Smith, Modern
     Optical Engineering, section 6.8.
     """
-    if facts.get("focus_by") != "rail" or "at_z_mm" not in facts:
+    known = facts_as(PatternFacts, facts)
+    rail = known.axes.get("z_mm")
+    if known.focus_by != "rail" or rail is None or rail.at is None:
         return ()
-    z, f = wanted_distance_mm(facts), number(facts, "focal_length_mm", 50.0)
-    pixel_mm = 2 * number(facts, "pixel_pitch_um", 5.0) / 1000
-    depth = pixel_mm * number(facts, "f_number", 5.6) * (z / f) ** 2
-    here = number(facts, "at_z_mm", 0.0)
-    low, high = number(facts, "low_z_mm", -np.inf), number(facts, "high_z_mm", np.inf)
-    return [here + step * depth for step in RAIL if low <= here + step * depth <= high]
+    optics, here = known.optics(), rail.at
+    f_number = required(known.f_number, "the f-number", "tell it in the step `distance`, or focus by the ring")
+    pixel_mm, z = optics.plane_pitch_um / 1000, known.wanted_distance_mm()
+    depth = pixel_mm * f_number * (z / optics.focal_length_mm) ** 2
+    return [here + step * depth for step in RAIL if rail.holds(here + step * depth)]
 
 
 def say_ring(change: float) -> str:
@@ -238,8 +251,8 @@ FOCUS = (
 
 def estimate_shot(frame: RawFrame, facts: Facts, results: Sequence[Outcomes], known: Known) -> Outcomes:
     """The PSF of every plane of one shot, sampled as those of the first of the shots before it that gave any."""
-    like = _first_found(results)
-    return {name: _estimate_plane(frame, plane, facts, like.get(name), known) for name, plane in frame.planes.items()}
+    like, told = _first_found(results), facts_as(PatternFacts, facts)
+    return {name: _estimate_plane(frame, plane, told, like.get(name), known) for name, plane in frame.planes.items()}
 
 
 def _first_found(results: Sequence[Outcomes]) -> Outcomes:
@@ -248,23 +261,22 @@ def _first_found(results: Sequence[Outcomes]) -> Outcomes:
 
 
 def _estimate_plane(
-    frame: RawFrame, plane: Plane, facts: Facts, like: Outcome[Any] | None, known: Known
+    frame: RawFrame, plane: Plane, told: PatternFacts, like: Outcome[Any] | None, known: Known
 ) -> Outcome[Any]:
-    parameters, limit = parameters_of(facts), diffraction(plane, facts)
+    parameters, limit = told.parameters, diffraction(plane, told)
     if like is not None and like.value is not None:
         parameters = replace(parameters, s=like.value.psf.s, k=like.value.psf.k, chosen=True)
-    key = (frame.sha256, plane.name, chart_seed(facts), parameters, limit)
+    key = (frame.sha256, plane.name, told.chart_seed, parameters, limit)
     if key not in known:
-        known[key] = estimate_psf(plane, known_chart(facts), parameters, limit)
+        known[key] = estimate_psf(plane, told.chart, parameters, limit)
     return known[key]
 
 
-def diffraction(plane: Plane, facts: Facts) -> Diffraction | None:
+def diffraction(plane: Plane, known: PatternFacts) -> Diffraction | None:
     """What limits the plane, where aperture and pixels are known."""
-    if not {"f_number", "pixel_pitch_um"} <= set(facts):
+    if known.f_number is None or known.pixel_pitch_um is None:
         return None
-    pitch_um = number(facts, "pixel_pitch_um", 1.0) * plane.pitch
-    return Diffraction(number(facts, "f_number", 1.0), pitch_um, WAVELENGTHS_NM[plane.name[0]])
+    return Diffraction(known.f_number, known.pixel_pitch_um * plane.pitch, WAVELENGTHS_NM[plane.name[0]])
 
 
 def uncertainty(found: Outcome[Any]) -> float:
@@ -278,7 +290,7 @@ def uncertainty(found: Outcome[Any]) -> float:
 
 def enough(results: Sequence[Outcomes], facts: Facts) -> Advice:
     """Enough when the mean of the shots is as sure as wanted in every plane that was not refused throughout."""
-    wanted = number(facts, "wanted_mtf50", WANTED)
+    wanted = facts_as(PatternFacts, facts).wanted_mtf50 or WANTED
     reached = max(_reached([result[name] for result in results if name in result]) for name in results[0])
     shots = len(results)
     readings = (Reading("MTF50 uncertainty", reached, "cycles/pixel", None, wanted),)

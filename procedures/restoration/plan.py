@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from procedures.advice import exposure_advice
 from procedures.clipping import NOMINAL
+from procedures.facts import facts_as, required
 from procedures.outcome import BadInput, BadParameter, Outcome, Refused, Verdict
 from procedures.plan import (
     Advice,
@@ -29,6 +30,8 @@ from procedures.plan import (
     Step,
 )
 from procedures.raw import Plane, RawFrame
+from procedures.reading.exposure import disagreements
+from procedures.restoration.facts import APERTURES, MOTIONS, RestorationFacts
 from procedures.restoration.joint.estimate import RestorationParameters, restore, told_in
 from procedures.restoration.joint.kernel_sizes import reach_of_masks, stacks_of
 from procedures.restoration.joint.schedule import Scheme
@@ -43,12 +46,13 @@ Array = npt.NDArray[np.float64]
 
 PICTURE = "picture"
 """The one outcome's name."""
-APERTURES, MOTIONS = "apertures", "motions"
 LEAST_RATIO = 1.15
 """Of the two f-numbers: nearer ones blur too much alike."""
 MAX_W = 8.0
 """Half-width of the widest blur to expect, in pixels of the plane."""
 SAME_LIGHT = 0.1
+OTHER_LIGHT = 1.12
+"""Factor between two ways to tell the f-numbers' ratio, from which one is wrong: rings and shutters make 6 %."""
 TEXTURE = 5.0
 """Contrast of the scene's detail over the noise, at least."""
 DETAIL_PX = 8.0
@@ -69,6 +73,7 @@ def plan() -> Plan:
             Step("verdict", "Verdict", "Accept the result, or take both again.", (Decide("first"),)),
         ),
         subject="depth",
+        facts=RestorationFacts,
     )  # fmt: skip
 
 
@@ -97,7 +102,10 @@ def shown(frame: RawFrame) -> Plane:
 
 def check_first(frame: RawFrame, facts: Facts) -> Advice:
     """Well exposed, with detail that blur can be told from."""
-    plane = shown(frame)
+    plane, known = shown(frame), facts_as(RestorationFacts, facts)
+    wrong = typed_otherwise("first", frame, known)
+    if wrong is not None:
+        return wrong
     level, clipped = float(np.percentile(plane.samples, 99.5)), float(np.mean(plane.samples >= NOMINAL))
     advice = exposure_advice(level, clipped, frame.exposure, "The brightest")
     told = Reading("detail", detail(plane), "× noise", TEXTURE, None)
@@ -111,11 +119,18 @@ def check_first(frame: RawFrame, facts: Facts) -> Advice:
 def check_second(frame: RawFrame, facts: Facts) -> Advice:
     """As bright as the first; another aperture, where that is what blurs."""
     level = float(np.mean(shown(frame).samples))
-    change = level / float(facts.get("first_level", level)) - 1
+    wrong = typed_otherwise("second", frame, facts_as(RestorationFacts, facts))
+    if wrong is not None:
+        return wrong
+    known = facts_as(RestorationFacts, {**facts, **noted("second", frame)})
+    wrong = apertures_by_light(known)
+    if wrong is not None:
+        return wrong
+    change = 0.0 if known.first_level is None else level / known.first_level - 1
     light = Reading("light", 100 * change, "%", -100 * SAME_LIGHT, 100 * SAME_LIGHT)
-    ratio = aperture_ratio({**facts, **noted("second", frame)})
+    ratio = aperture_ratio(known)
     readings = (light, *((Reading("apertures", ratio, "", LEAST_RATIO, None),) if ratio else ()))
-    if facts.get("blur_by", APERTURES) == APERTURES and ratio and ratio < LEAST_RATIO:
+    if known.blur_by == APERTURES and ratio and ratio < LEAST_RATIO:
         say = f"The apertures differ by a factor of {ratio:.2f}: make it {LEAST_RATIO:g} or more."
         return Advice(False, say, readings, by_hand={"aperture": LEAST_RATIO / ratio})
     if not light.good:
@@ -123,6 +138,39 @@ def check_second(frame: RawFrame, facts: Facts) -> Advice:
         say = f"It is {abs(change):.0%} {word} than the first: correct the exposure time by as much."
         return Advice(False, say, readings, by_hand={"exposure_ev": -float(np.log2(1 + change))})
     return Advice(True, "It is as bright as the first.", readings, facts=noted("second", frame))
+
+
+def typed_otherwise(which: str, frame: RawFrame, known: RestorationFacts) -> Advice | None:
+    """What was typed of this photograph against what the camera noted; None where nothing contradicts."""
+    f_number = known.first_f_number if which == "first" else known.second_f_number
+    typed = {"f_number": f_number if known.blur_by == APERTURES else None, "pixel_pitch_um": known.pixel_pitch_um}
+    asked = {"f_number": f"{which}_f_number"}
+    for name, value in typed.items():
+        key = asked.get(name, name)
+        told = disagreements(frame.exposure, {name: value}) if key not in known.insisted else []
+        if told:
+            return Advice(False, f"Of the {which} photograph {told[0]}.", doubted=(key,))
+    return None
+
+
+def apertures_by_light(known: RestorationFacts) -> Advice | None:
+    """The f-numbers' ratio against what the light says of it; None where they agree, or times are not known.
+
+    The level goes with t / N^2, at one ISO: N1 / N2 = sqrt(t1 L2 / (t2 L1)).
+    """
+    apertures, keys = (known.first_f_number, known.second_f_number), ("first_f_number", "second_f_number")
+    times, levels = (known.first_exposure_s, known.second_exposure_s), (known.first_level, known.second_level)
+    if known.blur_by != APERTURES or None in (*apertures, *times, *levels) or known.insisted.issuperset(keys):
+        return None
+    (N1, N2), (t1, t2), (L1, L2) = ([float(one or 0.0) for one in pair] for pair in (apertures, times, levels))
+    by_light = float(np.sqrt(t1 * L2 / (t2 * L1)))
+    if 1 / OTHER_LIGHT < by_light / (N1 / N2) < OTHER_LIGHT:
+        return None
+    say = (
+        f"By exposure times and light the first f-number is {by_light:.2f} times the second, by what was given "
+        f"{N1 / N2:.2f} times: one of them is wrong, or the light has changed."
+    )
+    return Advice(False, say, doubted=keys)
 
 
 CHECKS = {"first": check_first, "second": check_second}
@@ -137,18 +185,20 @@ def detail(plane: Plane) -> float:
 
 
 def noted(which: str, frame: RawFrame) -> dict[str, float]:
-    """Level and aperture of a photograph, as facts."""
+    """Level, exposure time and aperture of a photograph, as facts."""
     facts = {f"{which}_level": float(np.mean(shown(frame).samples))}
+    if frame.exposure.exposure_s:
+        facts[f"{which}_exposure_s"] = float(frame.exposure.exposure_s)
     if frame.exposure.f_number:
         facts[f"{which}_f_number"] = float(frame.exposure.f_number)
     return facts
 
 
-def aperture_ratio(facts: Facts) -> float:
-    """The larger f-number over the smaller; 0 where the camera does not tell."""
-    if not {"first_f_number", "second_f_number"} <= set(facts):
+def aperture_ratio(known: RestorationFacts) -> float:
+    """The larger f-number over the smaller; 0 where one is not known."""
+    if known.first_f_number is None or known.second_f_number is None:
         return 0.0
-    ratio = float(facts["first_f_number"]) / float(facts["second_f_number"])
+    ratio = known.first_f_number / known.second_f_number
     return max(ratio, 1 / ratio)
 
 
@@ -177,9 +227,10 @@ def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes
     pictures = [shown(frame).samples.astype(np.float64)[None] for frame in (first, last)]
     pictures[1] *= pictures[0].mean() / pictures[1].mean()
     try:
-        parameters = RestorationParameters(scheme=Scheme.parse(str(facts["scheme"])) if "scheme" in facts else Scheme())
+        told = facts_as(RestorationFacts, facts)
+        parameters = RestorationParameters(scheme=Scheme() if told.scheme is None else Scheme.parse(told.scheme))
         exposures = [poses for poses in (rig_poses(frame) for frame in (first, last)) if poses is not None]
-        blur = masks(pictures, facts, exposures, focal_px(first, facts))
+        blur = masks(pictures, told, exposures, focal_px(first, told))
         outcome = told_in(blur.unit, restore([*pictures], blur.masks, parameters))
         return {PICTURE: outcome if blur.motion is None else blur.motion.judged(outcome)}
     except (Refused, BadParameter) as error:
@@ -197,11 +248,11 @@ def rig_poses(frame: RawFrame) -> Poses | None:
         return None
 
 
-def focal_px(frame: RawFrame, facts: Facts) -> float:
+def focal_px(frame: RawFrame, known: RestorationFacts) -> float:
     """The image's distance behind the lens in pixels of the plane that is restored; 0 where it is not known."""
     told = frame.exposure
-    focal_mm, pitch_um = told.focal_length_mm, float(facts.get("pixel_pitch_um", 0.0))
-    if not focal_mm or pitch_um <= 0:
+    focal_mm, pitch_um = told.focal_length_mm, known.pixel_pitch_um
+    if not focal_mm or not pitch_um:
         return 0.0
     # focused nearer, the image lies farther behind the lens (4.1)
     nearer = 1 - focal_mm / told.subject_distance_mm if told.subject_distance_mm else 1.0
@@ -217,21 +268,23 @@ class RigBlur:
     motion: MotionShapes | None = None
 
 
-def masks(pictures: Sequence[Array], facts: Facts, exposures: Sequence[Poses] = (), focal: float = 0.0) -> RigBlur:
+def masks(
+    pictures: Sequence[Array], known: RestorationFacts, exposures: Sequence[Poses] = (), focal: float = 0.0
+) -> RigBlur:
     """The blur of each photograph as a function of one w. Raises Refused, BadParameter.
 
     exposures : both recorded ones, where they are; focal : length in pixels, 0 for a rig that is taken not to turn.
     """
-    max_w = float(facts.get("max_w", MAX_W))
+    max_w = MAX_W if known.max_w is None else known.max_w
     check_max_w(max_w)
     shape = (int(pictures[0].shape[1]), int(pictures[0].shape[2]))
-    if facts.get("blur_by", APERTURES) == MOTIONS:
+    if known.blur_by == MOTIONS:
         if len(exposures) == len(pictures):
             return rig_masks(exposures, focal, shape, max_w)
         check_extent(reach_of_masks(max_w), shape)
-        motion = motion_shapes(pictures, str(facts.get("region", "auto")), max_w)
+        motion = motion_shapes(pictures, known.region, max_w)
         return RigBlur(stacks_of([*motion.shapes], (1.0,) * len(motion.shapes), max_w, shape), motion=motion)
-    return RigBlur(stacks_of([pillbox()] * 2, (1.0, blur_ratio(facts)), max_w, shape))
+    return RigBlur(stacks_of([pillbox()] * 2, (1.0, blur_ratio(known)), max_w, shape))
 
 
 def rig_masks(exposures: Sequence[Poses], focal: float, shape: tuple[int, int], max_w: float) -> RigBlur:
@@ -244,11 +297,14 @@ def rig_masks(exposures: Sequence[Poses], focal: float, shape: tuple[int, int], 
     return RigBlur(blur.fields, blur.unit)
 
 
-def blur_ratio(facts: Facts) -> float:
-    """Blur of the second photograph over the first's: as the apertures, the focus being the same (4.8)."""
-    if not {"first_f_number", "second_f_number"} <= set(facts):
-        raise BadParameter("the two f-numbers must be known", "tell them in the step `scene`")
-    return float(facts["first_f_number"]) / float(facts["second_f_number"])
+def blur_ratio(known: RestorationFacts) -> float:
+    """Blur of the second photograph over the first's: as the apertures, the focus being the same (4.8).
+
+    Raises BadParameter where they are not known.
+    """
+    remedy = "tell both f-numbers in the step `scene`"
+    first = required(known.first_f_number, "the first f-number", remedy)
+    return first / required(known.second_f_number, "the second f-number", remedy)
 
 
 def motion_shapes(pictures: Sequence[Array], region: str, max_w: float) -> MotionShapes:

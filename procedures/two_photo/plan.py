@@ -11,6 +11,7 @@ import numpy as np
 
 from procedures.advice import changed_settings, exposure_advice
 from procedures.clipping import NOMINAL
+from procedures.facts import facts_as, required
 from procedures.outcome import BadInput, Outcome, Refused, Verdict
 from procedures.plan import (
     Advice,
@@ -32,20 +33,22 @@ from procedures.plan import (
 )
 from procedures.raw import Plane, RawFrame
 from procedures.two_photo.estimate import TwoPhotoParameters, estimate_psf
+from procedures.two_photo.facts import LEAST_RATIO, MOST_RATIO, RATIO, TwoPhotoFacts
 from procedures.two_photo.near_noise import noise_at_most
 from procedures.two_photo.sharpness import fineness
 from procedures.two_photo.trust import check_settings
 
 SHOWN = ("G1", "Y")
 """The plane that texture and focus are told from."""
-LEAST_RATIO, RATIO, MOST_RATIO = 2.2, 4.0, 8.0
-"""Of the two distances: below, no subpixel PSF is determined; above, too little of the wall is common to both."""
 TEXTURE = 5.0
 """Contrast of the wall's detail over the noise, at least."""
 DETAIL_PX = 8.0
 """What varies more slowly than this is light, not detail."""
 SAME_LIGHT = 0.25
 """Change of the wall's level between the distances that is still the same light."""
+LASER_REACH_MM, NEAR_SHARE, WAY_SHARE = 300.0, 0.3, 0.15
+"""How far before or behind the lens a rangefinder on its carriage is, and no more than this share of its reading; the
+share of the way by which its two readings may differ from it."""
 FRAMES = 2
 """Photographs at either distance; their mean is used."""
 RING = (-2.0, -1.0, 0.0, 1.0, 2.0)
@@ -65,38 +68,42 @@ def plan() -> Plan:
             Step("verdict", "Verdict", "Accept the result, or take the photographs again.", (Decide("near"),)),
         ),
         subject="wall",
+        facts=TwoPhotoFacts,
     )
 
 
 # --- wall and distances ------------------------------------------------------------------------------------------
 
 
-def ratio_of(facts: Facts) -> float:
-    """Far over near distance."""
-    return float(facts.get("ratio", RATIO))
-
-
 def asked_for(facts: Facts) -> TwoPhotoParameters:
     """s and k as the photographs allow, or s as it is given."""
-    return TwoPhotoParameters(s=int(facts["s"]) if "s" in facts else None)
+    return TwoPhotoParameters(s=facts_as(TwoPhotoFacts, facts).s)
 
 
 def to_near(facts: Facts) -> dict[str, float]:
     """The rail's near end, with the head looking along the rail."""
-    straight = {name: 0.0 for name in ("pan_deg", "tilt_deg") if f"at_{name}" in facts}
-    return {"z_mm": float(facts["low_z_mm"]), **straight} if "low_z_mm" in facts else straight
+    axes = facts_as(TwoPhotoFacts, facts).axes
+    straight = {name: 0.0 for name in ("pan_deg", "tilt_deg") if name in axes and axes[name].at is not None}
+    low = axes["z_mm"].low if "z_mm" in axes else None
+    return straight if low is None else {"z_mm": low, **straight}
 
 
 def to_far(facts: Facts) -> dict[str, float]:
     """As many times as far, along the rail."""
-    if "at_z_mm" not in facts:
-        return {}
-    return {"z_mm": float(facts["at_z_mm"]) + (ratio_of(facts) - 1) * float(facts["near_mm"])}
+    known = facts_as(TwoPhotoFacts, facts)
+    here = known.where().get("z_mm")
+    return {} if here is None else {"z_mm": here + (known.ratio - 1) * wall_mm(known)}
+
+
+def wall_mm(known: TwoPhotoFacts) -> float:
+    """How far the wall is from nearby. Raises BadParameter."""
+    return required(known.near_mm, "how far the wall is", "answer the step `wall`")
 
 
 def say_far(facts: Facts) -> str:
     """Where to go, in metres."""
-    far_m = ratio_of(facts) * float(facts["near_mm"]) / 1000
+    known = facts_as(TwoPhotoFacts, facts)
+    far_m = known.ratio * wall_mm(known) / 1000
     return f"Move the camera straight back, to {far_m:.2f} m from the wall. Leave zoom, aperture and exposure alone."
 
 
@@ -146,6 +153,9 @@ def texture(plane: Plane) -> float:
 
 def check_near(frame: RawFrame, facts: Facts) -> Advice:
     """The wall well exposed, with detail that stands clear of the noise."""
+    known = facts_as(TwoPhotoFacts, facts)
+    if (wrong := near_by_laser(known)) is not None:
+        return wrong
     levels = {name: float(np.percentile(one.samples, 99.5)) for name, one in frame.planes.items()}
     clipped = max(float(np.mean(one.samples >= NOMINAL)) for one in frame.planes.values())
     advice = exposure_advice(max(levels.values()), clipped, frame.exposure, "The brightest")
@@ -157,18 +167,50 @@ def check_near(frame: RawFrame, facts: Facts) -> Advice:
     if not told.good:
         say = f"The wall's detail is only {told.value:.1f} times the noise: choose a rougher wall."
         return Advice(False, say, readings, by_hand={"rougher_wall": 1.0})
-    return replace(advice, readings=readings, facts={**advice.facts, "near_level": float(np.mean(plane.samples))})
+    learned = {**advice.facts, "near_level": float(np.mean(plane.samples))}
+    if known.distance_mm is not None:
+        learned["near_laser_mm"] = known.distance_mm
+    return replace(advice, readings=readings, facts=learned)
+
+
+def near_by_laser(known: TwoPhotoFacts) -> Advice | None:
+    """The near distance as it was typed against the laser's reading; None where both can be true, or one is missing."""
+    laser_mm, near_mm = known.distance_mm, known.near_mm
+    if laser_mm is None or near_mm is None or "near_mm" in known.insisted:
+        return None
+    if abs(laser_mm - near_mm) <= min(LASER_REACH_MM, NEAR_SHARE * laser_mm):
+        return None
+    say = f"The laser reads {laser_mm / 1000:.2f} m, and the wall was given as {near_mm / 1000:.2f} m away."
+    return Advice(False, say, doubted=("near_mm",))
+
+
+def way_by_laser(known: TwoPhotoFacts) -> Advice | None:
+    """The way to the far place against the laser's two readings; None where they agree, or one is missing."""
+    far_mm, near_laser_mm, near_mm = known.distance_mm, known.near_laser_mm, known.near_mm
+    if far_mm is None or near_laser_mm is None or near_mm is None or known.insisted.issuperset(("near_mm", "ratio")):
+        return None
+    gone_mm, told_mm = far_mm - near_laser_mm, (known.ratio - 1) * near_mm
+    if abs(gone_mm - told_mm) <= WAY_SHARE * told_mm:
+        return None
+    say = (
+        f"By the laser the camera went back by {gone_mm / 1000:.2f} m, and {told_mm / 1000:.2f} m were wanted: "
+        "go there, or correct the near distance or the ratio."
+    )
+    return Advice(False, say, moves={"z_mm": told_mm - gone_mm}, by_hand={"distance": told_mm - gone_mm})
 
 
 def check_far(frame: RawFrame, facts: Facts) -> Advice:
     """The same wall in the same light, with the same settings."""
-    changed = changed_settings(frame.exposure, facts)
+    known = facts_as(TwoPhotoFacts, facts)
+    changed = changed_settings(frame.exposure, known)
     if changed:
         return Advice(False, f"Set the camera back: {changed}.", by_hand={"settings": 1.0})
+    if (off := way_by_laser(known)) is not None:
+        return off
     clipped = max(float(np.mean(one.samples >= NOMINAL)) for one in frame.planes.values())
-    near = float(facts.get("near_level", np.nan))
+    near = np.nan if known.near_level is None else known.near_level
     # what the near photograph showed is the middle of this one
-    change = float(np.mean(middle(shown(frame).samples, 1 / ratio_of(facts)))) / near - 1
+    change = float(np.mean(middle(shown(frame).samples, 1 / known.ratio))) / near - 1
     readings = (
         Reading("light", 100 * change, "%", -100 * SAME_LIGHT, 100 * SAME_LIGHT),
         Reading("clipped", 100 * clipped, "%", None, 1.0),
@@ -197,7 +239,7 @@ def sharpness(frame: RawFrame, facts: Facts) -> float:
 
 def ring_places(facts: Facts) -> Sequence[float]:
     """Turns of the focus ring, if the operator brackets the focus."""
-    return RING if facts.get("focus_by", "ring") == "ring" else ()
+    return RING if facts_as(TwoPhotoFacts, facts).focus_by == "ring" else ()
 
 
 def say_ring(change: float) -> str:
@@ -243,7 +285,8 @@ def shoot(place: str) -> tuple[Any, ...]:
 
 def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes:
     """Every plane's PSF from the mean of the near and the mean of the far photographs."""
-    count = int(float(facts.get("near_frames", FRAMES)))
+    count = facts_as(TwoPhotoFacts, facts).near_frames
+    count = FRAMES if count is None else count
     near, far = frames[:count], frames[count:]
     if not near or not far:
         raise BadInput("photographs from both distances are needed", "take them again, from the near ones on")

@@ -77,7 +77,7 @@ def pattern(
 def _explain(optics: Optics, f_number: float | None) -> None:
     """What each distance does to the noise, on stderr."""
     from procedures.choice import START_K, START_S
-    from procedures.pattern_psf.checks import RATIO
+    from procedures.pattern_psf.facts import RATIO
     from procedures.pattern_psf.gamma.words import gamma_diagram
     from procedures.quality import WAVELENGTHS_NM, Diffraction
     from station.drawing.diagrams import diagram_lines

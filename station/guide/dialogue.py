@@ -5,9 +5,10 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from drivers.errors import DeviceError, EmergencyStopped
+from procedures.facts import INSISTED, dropped
 from procedures.outcome import ProcedureError
 from procedures.plan import Advice, Ask, Fact, Facts
 from procedures.reading.exposure import TYPED
@@ -17,8 +18,6 @@ from station.sessions.session import Session
 
 T = TypeVar("T")
 AGAIN, SKIP, STOP = "try again", "skip", "stop"
-INSISTED = "insisted_"
-"""Before a name: the fact that the operator's answer holds against what the camera noted."""
 HAND = "hand_"
 """Before a name: the fact what the operator's hands were asked for under that name, all in all."""
 
@@ -34,6 +33,8 @@ class Conversation:
         self._operator = operator
         self._session = session
         self._hands = hands
+        self.kind: type[Any] | None = None
+        """The dataclass of the plan's facts, which tells what is derived from what."""
         self.stopping = threading.Event()
         self.emergency = threading.Event()
 
@@ -59,9 +60,13 @@ class Conversation:
         return self._session.state.facts
 
     def learn(self, facts: Facts) -> None:
-        """Keep what is new."""
+        """Keep what is new; what was derived from an input that changes is not known any more."""
         new = {name: value for name, value in facts.items() if self.facts.get(name) != value}
         if new:
+            changed = [name for name in new if name in self.facts]
+            gone = dropped(self.kind, changed, self.facts.keys()) - new.keys() if self.kind and changed else ()
+            if gone:
+                self._session.forget(sorted(gone))
             self._session.learn(new)
 
     def ask(self, ask: Ask) -> Fact:

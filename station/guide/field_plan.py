@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
+from procedures.facts import facts_as
 from procedures.field import plan as guide
 from procedures.field.conclusion import FieldResult, PlaneField, conclude
+from procedures.field.facts import FieldFacts
 from procedures.field.measuring import measure_frames
 from procedures.outcome import Outcome, Refused, Verdict
-from procedures.pattern_psf.checks import known_chart, parameters_of
 from procedures.plan import Facts, Known, Outcomes, Plan
 from procedures.raw import RawFrame
 from station.calibration.field import centre_result
@@ -38,10 +39,12 @@ def plan() -> Plan:
 
 def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes:
     """Every plane's field from all photographs; a refusal in its place where they give none."""
-    measured = measure_frames(frames, known_chart(facts), parameters_of(facts))
+    told = facts_as(FieldFacts, facts)
+    measured = measure_frames(frames, told.chart, told.parameters)
     exposure = measured.exposures[0].exposure if measured.exposures else None
-    pitch_um = float(facts["pixel_pitch_um"]) if "pixel_pitch_um" in facts else None
-    limit = partial(diffraction_limit, exposure, pixel_pitch_um=pitch_um) if exposure else (lambda plane: None)
+    limit = (
+        partial(diffraction_limit, exposure, pixel_pitch_um=told.pixel_pitch_um) if exposure else (lambda plane: None)
+    )
     try:
         found = conclude(measured, limit=limit)
     except Refused as refusal:

@@ -6,9 +6,10 @@ from collections.abc import Callable, Mapping
 
 from procedures.advice import time_words
 from procedures.outcome import Verdict
-from procedures.plan import Advice, Go, Known, Look, Outcomes, Scan, Shoot, Stop, Tour
+from procedures.plan import Advice, Ask, Go, Known, Look, Outcomes, Scan, Shoot, Stop, Tour
 from procedures.raw import RawFrame, read_frame
 from station.guide.active_devices import AT, Rig
+from station.guide.contradictions import Progress, resolve
 from station.guide.dialogue import AGAIN, STOP, Conversation, Skipped
 from station.guide.exposure import Exposer, Taken, shot_facts
 from station.guide.frontend import CurveSeen, Doing, Seen, Stopped
@@ -32,6 +33,8 @@ class Watching:
         self._session = session
         self._talk = talk
         self.step = ""
+        self.asks: Mapping[str, Ask] = {}
+        self._progress = Progress()
 
     def moved(self) -> None:
         """Something moved: keep where it is and how far it can go, and let it settle."""
@@ -42,7 +45,8 @@ class Watching:
 
     def look(self, look: Look) -> None:
         """Look and mend until the check is content, or the operator is. Raises Skipped, Stopped."""
-        while not any(self._look_once(look) for _ in range(look.tries)):
+        progress = Progress()
+        while not any(self._look_once(look, progress) for _ in range(look.tries)):
             question = f"After {look.tries} looks it is not as it should be. Look again, or go on with it as it is?"
             answer = self._talk.choose("look", question, (LOOK_AGAIN, GO_ON, STOP))
             if answer == STOP:
@@ -50,13 +54,17 @@ class Watching:
             if answer == GO_ON:
                 return
 
-    def _look_once(self, look: Look) -> bool:
+    def _look_once(self, look: Look, progress: Progress) -> bool:
         taken = self._exposer.take(look.purpose, self.step)
         advice = self._talk.attempt(lambda: look.check(taken.frame, taken.facts))
         self._session.judge(taken.shot, False, "a trial" if advice.good else advice.say)
         self._show(taken.frame, advice)
         self._talk.learn_noted(advice.facts)
-        if not advice.good:
+        stalled = progress.stalled(advice)
+        if advice.doubted or stalled:
+            keys = advice.doubted or look.rests_on
+            resolve(self._talk, self.asks, stalled or advice.say, keys, last=bool(stalled) or progress.doubted())
+        elif not advice.good:
             self._follow(advice, taken.frame)
         return advice.good
 
@@ -123,6 +131,7 @@ class Watching:
     def shoot(self, shoot: Shoot) -> None:
         """Shots until they are enough; those that an interrupted run took are looked at first. Raises Stopped."""
         results: list[Outcomes] = []
+        self._progress = Progress()
         for shot in self._earlier(shoot.purpose):
             self._judge(shoot, self._read_again(shot), results)
         for _ in range(shoot.most):
@@ -161,7 +170,9 @@ class Watching:
             else:
                 advice = Advice(False, f"{refused[0].reason}: {refused[0].remedy}")
         self._keep(taken, advice)
-        if not advice.good:
+        if advice.doubted:
+            resolve(self._talk, self.asks, advice.say, advice.doubted, last=self._progress.doubted())
+        elif not advice.good:
             self._follow(advice, taken.frame)
 
     def _keep(self, taken: Taken, advice: Advice) -> None:

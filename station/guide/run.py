@@ -83,6 +83,7 @@ class Run:
         around = bench.surroundings if bench else Surroundings()
         around.stand_before(plan.subject)
         self._talk = Conversation(operator, session, around.hands)
+        self._talk.kind = plan.facts
         self._step = plan.steps[0]
         self._watch: Watching | None = None
         self._known: Known = {}
@@ -221,6 +222,8 @@ class Run:
 
     @_carry.register
     def _(self, ask: Ask) -> None:
+        if not ask.when(self._talk.facts):
+            return
         if ask.kind == "confirm":
             self._talk.learn({ask.key: self._talk.confirmed(ask)})
         else:
@@ -320,6 +323,7 @@ class Run:
                 camera = self._talk.attempt(lambda: HandCamera(folder, self._talk.ask, self._clock))
             exposer = Exposer(self._rig, camera, self._session, self._talk, self._clock, self._patience)
             self._watch = Watching(self._rig, exposer, self._session, self._talk, self._known)
+            self._watch.asks = self.plan.asks()
         self._watch.step = self._step.name
         return self._watch
 

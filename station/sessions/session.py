@@ -213,6 +213,10 @@ class Session:
         if new:
             self.note("learned", facts=new)
 
+    def forget(self, names: Sequence[str]) -> None:
+        """These facts are not known any more; the journal keeps that they were. Raises NotKept."""
+        self.note("forgot", names=list(names))
+
     def begin_step(self, name: str) -> None:
         """A step begins, or begins anew. Raises NotKept."""
         self.note("step_began", step=name)

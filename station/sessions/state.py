@@ -167,6 +167,11 @@ def _learned(state: State, line: Line) -> State:
     return replace(state, facts={**state.facts, **line.data["facts"]})
 
 
+def _forgot(state: State, line: Line) -> State:
+    gone = set(line.data["names"])
+    return replace(state, facts={name: fact for name, fact in state.facts.items() if name not in gone})
+
+
 def _step_began(state: State, line: Line) -> State:
     return replace(state, step=str(line.data["step"]), ended=None)
 
@@ -244,6 +249,7 @@ CHANGES: Mapping[str, Callable[[State, Line], State]] = {
     "told": _told,
     "noticed": _noticed,
     "learned": _learned,
+    "forgot": _forgot,
     "step_began": _step_began,
     "step_ended": _step_ended,
     "reopened": _reopened,

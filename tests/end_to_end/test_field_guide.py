@@ -9,9 +9,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from procedures.facts import facts_as
 from procedures.field.field_file import read_field
 from procedures.field.plan import BEFORE, FEWEST, NEAR, locations
-from procedures.pattern_psf.checks import wanted_distance_mm
+from procedures.pattern_psf.facts import PatternFacts
 from simulators.bench.simulated_operator import Person
 from station.bench.opening import simulated_bench
 from station.calibration.field_photographs import photographs
@@ -34,7 +35,7 @@ def as_left(bench) -> dict:
     facts |= {"hand_aim": 1.0, "hand_even_light": 1.0, "hand_exposure_ev": math.log2(160 / 50)}
     room = bench.simulated.world.room
     places = {name: (low + high) / 2 for name, (low, high) in room.travel.items()}
-    places["z_mm"] = wanted_distance_mm(facts) - room.near_mm
+    places["z_mm"] = facts_as(PatternFacts, facts).wanted_distance_mm() - room.near_mm
     return facts | {f"at_{name}": place for name, place in places.items()}
 
 

@@ -8,8 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from procedures.facts import facts_as
+from procedures.field.facts import BASE, FieldFacts
 from procedures.field.locations import MARGIN, Location, pan_tilt_deg
-from procedures.field.plan import BASE, NEAR, bring, locations, plan, say_place, stops, to_place
+from procedures.field.plan import NEAR, bring, locations, plan, say_place, stops, to_place
 
 ROWS, COLUMNS, F_PX, AWAY_MM = 240, 320, 2050.0, 1900.0
 FACTS = {
@@ -17,6 +19,8 @@ FACTS = {
     "tour_columns": float(COLUMNS),
     "tour_principal_px": F_PX,
     "tour_distance_mm": AWAY_MM,
+    "tour_x": 0.5,
+    "tour_y": 0.5,
     "tour_half_x": 0.165,
     "tour_half_y": 0.22,
 }
@@ -75,7 +79,7 @@ def test_cross_slides_do_where_there_is_no_head(x, y):
 
 def test_without_any_axes_the_operator_is_told_where_the_chart_shall_be():
     assert to_place(Location(0.2, 0.7), FACTS) == {}
-    assert bring(Location(0.5, 0.5), Location(0.2, 0.7), {"z_mm": 3.0}, FACTS) == {}
+    assert bring(Location(0.5, 0.5), Location(0.2, 0.7), {"z_mm": 3.0}, facts_as(FieldFacts, FACTS).begun()) == {}
     assert say_place(Location(0.2, 0.7), FACTS) == (
         "Turn the camera, and leave the chart, until the chart's middle is 20 % from the left and 70 % from the top "
         "of the frame."

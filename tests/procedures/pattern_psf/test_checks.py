@@ -9,16 +9,17 @@ import pytest
 
 from procedures.pattern import Chart
 from procedures.pattern_psf.checks import (
-    RATIO,
     best_place,
     check_distance,
     check_light,
     check_shot,
     check_square,
-    fit_offset_mm,
     sharpness,
     square_advice,
 )
+from procedures.pattern_psf.distance.consistency import ALIKE
+from procedures.pattern_psf.distance.ranging import fit_offset_mm
+from procedures.pattern_psf.facts import RATIO
 from procedures.pattern_psf.pose import ChartPose, Optics, chart_pose
 from procedures.plan import Facts
 from procedures.raw import read_frame
@@ -184,6 +185,24 @@ def test_without_a_chart_the_brightest_paper_is_exposed_for_and_the_chart_is_ask
     # the wall reflects 0.35 where paper reflects 0.9
     bright = check_light(shoot(charts=0, exposure_s=0.024 * 0.9 / 0.35), FACTS)
     assert "No chart is seen" in bright.say
+
+
+@pytest.mark.parametrize("wrong", [2, 7])
+def test_a_chart_of_another_number_is_named_by_its_cells(shoot, wrong):
+    taken = shoot(Pose((0.0, 0.0, FAR_MM)))
+    right = check_light(taken, FACTS)
+    assert right.good
+    # 62 500 cells seen by 5600 pixels: others agree by chance to 1/75, the best of 49 shifts to some hundredths
+    assert right.facts["seed_agreement"] > 3 * ALIKE
+    advice = check_light(taken, {**FACTS, "chart_seed": float(wrong)})
+    assert advice.doubted == ("chart_seed",)
+    assert f"number {wrong}; they are those of 1" in advice.say
+    assert check_light(taken, {**FACTS, "chart_seed": float(wrong), "insisted_chart_seed": True}).good
+
+
+def test_a_blurred_chart_is_not_taken_for_another(shoot):
+    blurred = check_light(shoot(camera=replace(CAMERA, focus_mm=FAR_MM / 1.7)), FACTS)
+    assert blurred.doubted == ()
 
 
 # --- focus, shots ------------------------------------------------------------------------------------------------

@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from procedures.facts import facts_as
 from procedures.outcome import BadInput, BadParameter, Refused, Verdict
 from procedures.plan import Shoot
 from procedures.raw import Felt, Plane, RawFrame
 from procedures.reading.exposure import Exposure
+from procedures.restoration.facts import RestorationFacts
 from procedures.restoration.masks.camera_motion import planar_stacks
 from procedures.restoration.plan import (
     aperture_ratio,
@@ -60,16 +62,44 @@ def test_a_second_photograph_that_is_darker_tells_by_how_much_to_expose_longer(p
 
 
 def test_apertures_that_are_too_near_each_other_are_told(pair):
-    level = {"first_level": float(pair.z[1, 0].mean()), "first_f_number": 5.6}
+    level = {"first_level": float(pair.z[1, 0].mean()), "first_f_number": 5.6, "second_f_number": 5.2}
     advice = check_second(frame(pair.z[1, 0], f_number=5.2), {**FACTS, **level})
     assert "differ by a factor of 1.08" in advice.say
 
 
+@pytest.mark.parametrize(("check", "which", "wrong"), [(check_first, "first", 8.0), (check_second, "second", 3.2)])
+def test_an_f_number_that_the_camera_noted_otherwise_is_named_and_may_be_insisted_on(pair, check, which, wrong):
+    noted = {"first": 5.0, "second": 4.0}[which]
+    image = 0.8 * pair.z[0, 0] / pair.z[0, 0].max()
+    facts = {**FACTS, "first_level": float(image.mean()), f"{which}_f_number": wrong}
+    advice = check(frame(image, f_number=noted), facts)
+    assert not advice.good
+    assert advice.doubted == (f"{which}_f_number",)
+    assert f"given as {wrong:g}, and the camera noted {noted:g}" in advice.say
+    assert check(frame(image, f_number=noted), {**facts, f"insisted_{which}_f_number": True}).doubted == ()
+
+
+def test_a_pixel_pitch_that_the_camera_noted_otherwise_is_named(pair):
+    advice = check_first(frame(pair.z[0, 0], pixel_pitch_um=4.0), {**FACTS, "pixel_pitch_um": 5.94})
+    assert advice.doubted == ("pixel_pitch_um",)
+
+
+@pytest.mark.parametrize("factor", [1.2, 2.0, 1 / 1.2, 0.5])
+def test_an_f_number_of_a_lens_that_notes_none_is_held_against_the_light(pair, factor):
+    # from f/5 to f/4 at the same light: 0.64 of the time gives the same level
+    image = 0.8 * pair.z[0, 0] / pair.z[0, 0].max()
+    facts = {**FACTS, "first_level": float(image.mean()), "first_exposure_s": 0.05}
+    assert check_second(frame(image, exposure_s=0.032), facts).good
+    advice = check_second(frame(image, exposure_s=0.032), {**facts, "first_f_number": 5.0 * factor})
+    assert advice.doubted == ("first_f_number", "second_f_number")
+    assert "By exposure times and light the first f-number is 1.25 times the second" in advice.say
+
+
 def test_the_blurs_go_as_the_apertures():
-    assert blur_ratio(FACTS) == 1.25
-    assert aperture_ratio({"first_f_number": 4.0, "second_f_number": 5.0}) == 1.25
-    with pytest.raises(BadParameter, match="f-numbers must be known"):
-        blur_ratio({})
+    assert blur_ratio(facts_as(RestorationFacts, FACTS)) == 1.25
+    assert aperture_ratio(RestorationFacts(first_f_number=4.0, second_f_number=5.0)) == 1.25
+    with pytest.raises(BadParameter, match="first f-number is not known; tell both"):
+        blur_ratio(RestorationFacts())
 
 
 def test_parts_are_marked_or_those_with_the_most_detail():

@@ -84,6 +84,22 @@ def test_another_aperture_from_afar_is_told(wall):
     assert "aperture f/ is 4 in place of 8" in advice.say
 
 
+@pytest.mark.parametrize("share", [0.5, 0.65, 1.4, 2.0])
+def test_a_near_distance_that_the_laser_contradicts_is_named(wall, share):
+    advice = check_near(frame(wall[0][0]), {**FACTS, "near_mm": 1000.0 * share, "distance_mm": 1000.0})
+    assert advice.doubted == ("near_mm",)
+    assert check_near(frame(wall[0][0]), {**FACTS, "distance_mm": 1120.0}).good
+
+
+def test_a_way_to_the_far_place_that_the_laser_contradicts_is_told(wall):
+    near = check_near(frame(wall[0][0]), {**FACTS, "distance_mm": 1120.0})
+    facts = {**FACTS, **near.facts}
+    assert check_far(frame(wall[1][0]), {**facts, "distance_mm": 120.0 + RATIO * 1000.0}).good
+    advice = check_far(frame(wall[1][0]), {**facts, "distance_mm": 120.0 + 3.0 * 1000.0})
+    assert "went back by 2.00 m, and 3.40 m were wanted" in advice.say
+    assert advice.moves == {"z_mm": pytest.approx(1400.0)}
+
+
 def test_the_sharper_wall_has_the_higher_score(wall):
     soft = cv2.GaussianBlur(wall[0][0], (0, 0), 1.0)
     rng = np.random.default_rng(1)

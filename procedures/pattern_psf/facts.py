@@ -1,0 +1,137 @@
+"""What a calibration with the chart knows: print, lens, sensor, what was looked at, and what follows from them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+from procedures.choice import START_K, START_S
+from procedures.facts import CameraFacts, derived_from, gathered, number, required
+from procedures.pattern import AIM_S_OVER_T, BEST_S_OVER_T, DEFAULT_SEED, Chart
+from procedures.pattern_print.rulers import LENGTH_MM
+from procedures.pattern_print.sheet import DEFAULT_WIDTH_MM, Size
+from procedures.pattern_psf.estimate import PatternParameters
+from procedures.pattern_psf.pose import Optics
+from procedures.plan import Facts
+
+RATIO, (RATIO_LOW, RATIO_HIGH) = AIM_S_OVER_T, BEST_S_OVER_T
+"""Aim and tolerance of s/t. At 1 the chart is as fine as the PSF's samples; with a camera that is sharper than its
+pixels, the same number of shots has half the error at 1.3 (simulated: 24 mm at f/5.6 on pixels of 11.9 um)."""
+SIZES = ("focal_length_mm", "pixel_pitch_um", "chart_width_mm", "ruler_mm")
+"""The numbers by which a chart's size tells its distance."""
+LOOKS = "range_"
+
+
+@dataclass(frozen=True)
+class RangeLook:
+    """How large the chart appeared, and what laser and rail then said; None where there is none."""
+
+    px_per_cell: float
+    laser_mm: float | None = None
+    rail_mm: float | None = None
+
+
+def looks_of(facts: Facts) -> tuple[RangeLook, ...]:
+    """The looks at the chart from its distances, in their order. Raises BadParameter."""
+    count = int(number(facts, f"{LOOKS}looks")) if f"{LOOKS}looks" in facts else 0
+    return tuple(_look(facts, f"{LOOKS}{i}_") for i in range(1, count + 1))
+
+
+def _look(facts: Facts, start: str) -> RangeLook:
+    laser_mm, rail_mm = (
+        number(facts, name) if (name := f"{start}{what}_mm") in facts else None for what in ("laser", "rail")
+    )
+    return RangeLook(number(facts, f"{start}cell_px"), laser_mm, rail_mm)
+
+
+@lru_cache(maxsize=4)
+def chart_of(seed: int) -> Chart:
+    """The chart of a seed."""
+    return Chart.from_seed(seed)
+
+
+@dataclass(frozen=True)
+class PatternFacts(CameraFacts):
+    """The facts of the plan with the chart.
+
+    Attributes
+    ----------
+    chart_width_mm : as ordered; None where nothing was ordered
+    chart_seed : of its cells; the station's own where none was given
+    seed_agreement : correlation of the cells seen with the seed's; None before they were looked at
+    ruler_mm : what the printed ruler measured; None is a print that is taken for true
+    s, k : how the PSF shall be sampled; None lets the photograph choose
+    laser_offset_mm : of the rangefinder's zero behind the lens
+    looks : at the chart from its distances
+    focus_by : "ring", "rail" or "skip"
+    wanted_mtf50 : standard uncertainty to reach, in cycles/pixel
+    tape_mm : distance of the chart by a tape measure, where there is neither laser nor rail
+    """
+
+    chart_width_mm: float | None = None
+    chart_seed: int = DEFAULT_SEED
+    seed_agreement: float | None = derived_from("chart_seed")
+    ruler_mm: float | None = None
+    s: int | None = None
+    k: int | None = None
+    laser_offset_mm: float | None = derived_from(*SIZES)
+    looks: tuple[RangeLook, ...] = gathered(looks_of, "chart_width_mm", "tape_mm", prefix=LOOKS)
+    focus_by: str = "ring"
+    focus_mtf50: float | None = None
+    wanted_mtf50: float | None = None
+    tape_mm: float | None = None
+
+    @property
+    def chart(self) -> Chart:
+        """The chart that was printed."""
+        return chart_of(self.chart_seed)
+
+    @property
+    def size(self) -> Size:
+        """Of the print, as ordered; the usual where nothing was ordered yet."""
+        return Size(DEFAULT_WIDTH_MM if self.chart_width_mm is None else self.chart_width_mm)
+
+    @property
+    def cell_mm(self) -> float:
+        """Side of a printed cell: as ordered, corrected by what the printed ruler measured. Raises BadParameter."""
+        width = required(self.chart_width_mm, "the chart's width", "answer the step `print`")
+        return Size(width).cell_mm * (LENGTH_MM if self.ruler_mm is None else self.ruler_mm) / LENGTH_MM
+
+    @property
+    def parameters(self) -> PatternParameters:
+        """How the PSF is to be sampled: as the facts say, else as the photograph lets the program choose."""
+        if self.s is None or self.k is None:
+            return PatternParameters()
+        return PatternParameters(self.s, self.k, chosen=True)
+
+    @property
+    def quick_parameters(self) -> PatternParameters:
+        """How a PSF is sampled whose sharpness alone is asked, many times over."""
+        asked = self.parameters
+        return asked if asked.s is not None else PatternParameters(START_S, START_K, chosen=True)
+
+    @property
+    def lens_known(self) -> bool:
+        """Whether sizes tell distances."""
+        return None not in (self.focal_length_mm, self.pixel_pitch_um, self.chart_width_mm)
+
+    def optics(self, pitch: int = 2) -> Optics:
+        """What tells distances from sizes, for planes of so many photosites a pixel. Raises BadParameter."""
+        remedy = "answer the step `distance`"
+        focal_length_mm = required(self.focal_length_mm, "the lens's focal length", remedy)
+        pitch_um = required(self.pixel_pitch_um, "the distance of the sensor's pixels", remedy)
+        return Optics(focal_length_mm, pitch_um * pitch, self.cell_mm)
+
+    @property
+    def wanted_px_per_cell(self) -> float:
+        """Pixels of the plane per cell at the s/t that is aimed at."""
+        return RATIO / self.s_or_start
+
+    @property
+    def s_or_start(self) -> int:
+        """Samples per pixel, as given or as the choice begins."""
+        return self.parameters.s or START_S
+
+    def wanted_distance_mm(self, pitch: int = 2) -> float:
+        """From how far to photograph, by the lens and the print. Raises BadParameter."""
+        return self.optics(pitch).distance_mm(self.wanted_px_per_cell)

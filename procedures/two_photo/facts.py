@@ -1,0 +1,35 @@
+"""What a calibration from two photographs of a wall knows: the two distances, the light, the frames from nearby."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from procedures.facts import CameraFacts, derived_from
+
+LEAST_RATIO, RATIO, MOST_RATIO = 2.2, 4.0, 8.0
+"""Of the two distances: below, no subpixel PSF is determined; above, too little of the wall is common to both."""
+
+
+@dataclass(frozen=True)
+class TwoPhotoFacts(CameraFacts):
+    """The facts of the plan.
+
+    Attributes
+    ----------
+    near_mm : distance of the wall from nearby
+    ratio : far over near distance
+    s : samples per pixel; None lets the photographs choose
+    focus_by : "ring" or "skip"
+    near_level : mean of the near photograph
+    near_laser_mm : the rangefinder's reading from nearby
+    near_frames, far_frames : photographs that count
+    """
+
+    near_mm: float | None = None
+    ratio: float = RATIO
+    s: int | None = None
+    focus_by: str = "ring"
+    near_level: float | None = None
+    near_laser_mm: float | None = derived_from("near_mm")
+    near_frames: int | None = None
+    far_frames: int | None = None

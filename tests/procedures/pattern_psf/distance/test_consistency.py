@@ -1,0 +1,96 @@
+"""Wrong numbers about lens, sensor and print are named: by the thin lens's own formula, no photograph."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import pytest
+
+from procedures.facts import Axis
+from procedures.pattern_psf.distance.consistency import cautious_mm, measured_scale, probe_mm, size_contradiction
+from procedures.pattern_psf.facts import SIZES, PatternFacts, RangeLook
+from procedures.raw import Exposure
+
+TRUE = PatternFacts(focal_length_mm=24.0, pixel_pitch_um=5.94, chart_width_mm=96.0, ruler_mm=99.5)
+OFFSET_MM = 120.0
+WORDS = dict(zip(SIZES, ("focal length of", "pixel pitch of", "as wide as", "ruler that measures"), strict=True))
+WRONG = [0.5, 0.8, 1.2, 2.0]
+NOTED_NOTHING = Exposure()
+
+
+def look(z_mm, *, laser=False, rail=False):
+    """The chart from a distance, the focus left at 1.5 m, as a thin lens draws it: F = f d / (d - f)."""
+    F_px = 1000 * 24.0 * 1500.0 / (1500.0 - 24.0) / (2 * 5.94)
+    cell_mm = 96.0 / 320 * 0.995
+    return RangeLook(F_px * cell_mm / z_mm, z_mm + OFFSET_MM if laser else None, z_mm - 800.0 if rail else None)
+
+
+def given(name, share, *before):
+    return replace(TRUE, **{name: share * getattr(TRUE, name)}, looks=before)
+
+
+def told(known, now, exposure=NOTED_NOTHING):
+    return size_contradiction(now, known.optics(), known, exposure)
+
+
+@pytest.mark.parametrize("share", WRONG)
+@pytest.mark.parametrize("name", SIZES)
+def test_any_of_the_numbers_that_is_wrong_is_named_after_one_move_of_the_rail(name, share):
+    known, now = given(name, share, look(1300.0, rail=True)), look(1400.0, rail=True)
+    advice = told(known, now)
+    assert not advice.good
+    assert advice.moves == {}
+    assert name in advice.doubted
+    # what it would have to be is what it is, but for the focus, which a thin lens focused here would have elsewhere
+    (fitting,) = re.findall(rf"{WORDS[name]} ([0-9.]+)", advice.say)
+    assert float(fitting) == pytest.approx(getattr(TRUE, name), rel=0.025)
+
+
+@pytest.mark.parametrize("share", [0.5, 1.5, 2.0])
+@pytest.mark.parametrize("name", SIZES)
+def test_the_laser_alone_names_what_puts_it_farther_from_the_lens_than_it_can_be(name, share):
+    assert name in told(given(name, share), look(1300.0, laser=True)).doubted
+
+
+@pytest.mark.parametrize("way", ["laser", "rail"])
+def test_nothing_is_named_where_all_is_right_though_the_focus_is_elsewhere(way):
+    known = replace(TRUE, looks=(look(1300.0, **{way: True}),))
+    assert told(known, look(1390.0, **{way: True})) is None
+    assert told(TRUE, look(1300.0, laser=True)) is None
+
+
+def test_numbers_that_the_camera_noted_are_not_doubted_and_those_insisted_on_neither():
+    known, now = given("ruler_mm", 0.8, look(1300.0, rail=True)), look(1400.0, rail=True)
+    noted = Exposure(focal_length_mm=24.0, pixel_pitch_um=5.94)
+    assert told(known, now, noted).doubted == ("chart_width_mm", "ruler_mm")
+    assert told(replace(known, insisted=frozenset(SIZES)), now) is None
+
+
+@pytest.mark.parametrize("share", WRONG)
+def test_a_tape_measure_names_them_where_there_is_neither_laser_nor_rail(share):
+    known = replace(given("focal_length_mm", share), tape_mm=1500.0)
+    assert "focal_length_mm" in told(known, look(1500.0)).doubted
+    assert told(replace(TRUE, tape_mm=1530.0), look(1500.0)) is None
+
+
+def test_one_distance_tells_no_scale_and_two_do_without_any_number_that_was_typed():
+    assert measured_scale([look(1300.0, rail=True), look(1310.0, rail=True)]) is None
+    scale, by = measured_scale([look(1300.0, rail=True), look(1400.0, rail=True)])
+    assert by == "rail's travel"
+    assert scale == pytest.approx(look(1000.0).px_per_cell * 1000.0)
+
+
+def test_the_first_move_is_short_until_the_rail_has_told_whether_the_numbers_are_right():
+    first, then = look(1300.0, rail=True), look(1400.0, rail=True)
+    assert cautious_mm(900.0, first, 1300.0, TRUE) == pytest.approx(0.16 * 1300.0)
+    assert cautious_mm(900.0, then, 1400.0, replace(TRUE, looks=(first,))) == 900.0
+    assert cautious_mm(-100.0, first, 1300.0, TRUE) == -100.0
+
+
+def test_the_move_that_tells_the_scale_stays_on_the_rail():
+    rail = {"z_mm": Axis(580.0, 0.0, 600.0)}
+    now = look(1380.0, rail=True)
+    assert probe_mm(now, 1380.0, False, replace(TRUE, axes=rail)) == pytest.approx(-0.08 * 1380.0)
+    assert probe_mm(now, 1380.0, True, replace(TRUE, axes=rail)) == pytest.approx(-0.08 * 1380.0)
+    assert probe_mm(look(1380.0), 1380.0, True, TRUE) == 0.0
