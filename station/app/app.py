@@ -117,6 +117,7 @@ class StationApp(WorkingApp):
 
     def _show_mode(self, mode: str) -> None:
         if self.running("load"):
+            self._wanted_mode = mode
             self.notify("One moment: the program is still loading.", markup=False)
         else:
             self.switch_mode(mode)
@@ -142,6 +143,8 @@ class StationApp(WorkingApp):
     def _leave(self) -> None:
         if self.running("run") is None and self.running("by hand") is None:
             self.exit(0)
+            return
+        if isinstance(self.screen, Choose):  # it asks already
             return
         answers = ("stay", "quit after this exposure", "stop every device now, and quit")
         self.push_screen(Choose("Something is running.", answers), self._leave_how)

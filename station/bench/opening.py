@@ -41,6 +41,7 @@ from drivers.interfaces import (
 )
 from drivers.wire.transcript import Transcript
 from station.bench.device_makers import MAKERS, Parts
+from station.bench.motions import Motions
 from station.bench.stopping import Asked, Stop, stop_all, stops_on_wires
 from station.bench.surroundings import SimulatedSurroundings, Surroundings
 
@@ -72,6 +73,10 @@ class Bench:
     surroundings: Surroundings = field(default_factory=Surroundings)
     simulated: Any = None
     _stops: list[Asked] = field(default_factory=list)
+    motions: Motions = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.motions = Motions(self.devices, self.clock)
 
     def connect(self) -> None:
         """Connect all devices; those that answer stay connected. Raises NotConnected naming all the others."""

@@ -7,6 +7,7 @@ becomes a sentence and a question: try again, skip, or stop.
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict
 from functools import singledispatchmethod
@@ -38,6 +39,7 @@ from procedures.plan import (
 from station.bench.surroundings import Surroundings
 from station.common.atomic_files import write_whole
 from station.guide.active_devices import AT, DISTANCE, LIGHT_LEVEL, Rig
+from station.guide.consent import Consent
 from station.guide.dialogue import Conversation, Skipped
 from station.guide.exposure import Exposer, Photographer
 from station.guide.frontend import (
@@ -83,6 +85,7 @@ class Run:
         around = bench.surroundings if bench else Surroundings()
         around.stand_before(plan.subject)
         self._talk = Conversation(operator, session, around.hands)
+        self._consent = Consent(self._rig, self._talk)
         self._step = plan.steps[0]
         self._watch: Watching | None = None
         self._known: Known = {}
@@ -185,9 +188,15 @@ class Run:
         if LIGHT_LEVEL in facts:
             self._do(SetLight(lambda facts: float(facts[LIGHT_LEVEL])))
         if places:
-            self._do(Home())
-            self._do(Go(lambda facts: places, lambda facts: "going back to where the camera was"))
+            self._unless_skipped(lambda: self._go_back(places))
         self._talk.take_up()
+
+    def _go_back(self, places: Mapping[str, float]) -> None:
+        """Home, and go to where an earlier run stood: one consent for both."""
+        if self._rig.movers():
+            self._consent.to_home(places)
+        self._carry(Home())
+        self._carry(Go(lambda facts: places, lambda facts: "going back to where the camera was"))
 
     def _next(self) -> Step | None:
         done = self._session.state.done
@@ -206,9 +215,14 @@ class Run:
         self._talk.hear(StepEnded(step))
 
     def _do(self, request: Request) -> None:
+        self._unless_skipped(lambda: self._carry(request))
+
+    def _unless_skipped(self, work: Callable[[], None]) -> None:
+        """One request, whose moves the operator begins once."""
         self._talk.check()
+        self._consent.withdraw()
         try:
-            self._carry(request)
+            work()
         except Skipped:
             self._rig.leave_out_lost()
             self._talk.hear(Doing("skipped; the run goes on with what is known"))
@@ -242,23 +256,30 @@ class Run:
     @_carry.register
     def _(self, home: Home) -> None:
         if self._rig.movers():
+            self._consent.to_home()
             self._talk.doing("homing: keep clear of everything that moves")
             self._talk.attempt(self._rig.home, self._rig.mend)
             self._moved()
 
     @_carry.register
     def _(self, go: Go) -> None:
+        self._go(go)
+
+    def _go(self, go: Go, *, again: bool = False) -> None:
+        """`again`: other places of the same request follow."""
         facts = {**self._talk.facts, **self._rig.snapshot().facts()}
         places, say = go.to(facts), go.say(facts)
         if not say:
             return
         obstacle = self._rig.obstacle(places)
         if obstacle is None:
+            self._consent.to_go(places, again=again)
             self._talk.doing(say)
             self._talk.attempt(lambda: self._rig.go_to(places), self._rig.mend)
             self._moved()
         else:
             self._talk.by_hand(Advice(False, say), obstacle)
+            self._consent.withdraw()
 
     @_carry.register
     def _(self, light: SetLight) -> None:
@@ -286,7 +307,11 @@ class Run:
 
     @_carry.register
     def _(self, tour: Tour) -> None:
-        self._watching().tour(tour, self._carry)
+        self._watching().tour(tour, self._visit)
+
+    def _visit(self, go: Go) -> None:
+        """One place of a tour: its first move is begun for all of them."""
+        self._go(go, again=True)
 
     @_carry.register
     def _(self, estimate: Estimate) -> None:
@@ -319,7 +344,7 @@ class Run:
                 self._talk.learn({FOLDER.key: str(folder)})
                 camera = self._talk.attempt(lambda: HandCamera(folder, self._talk.ask, self._clock))
             exposer = Exposer(self._rig, camera, self._session, self._talk, self._clock, self._patience)
-            self._watch = Watching(self._rig, exposer, self._session, self._talk, self._known)
+            self._watch = Watching(self._rig, exposer, self._session, self._talk, self._known, self._consent)
         self._watch.step = self._step.name
         return self._watch
 

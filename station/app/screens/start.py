@@ -1,4 +1,4 @@
-"""The first screen: begin a new session, or go on with one. Enter, Enter, Enter begins with what is usual."""
+"""The first screen: begin a new session, or go on with one. Enter begins with what is usual."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class StartScreen(StationScreen):
         """The form."""
         camera, lens = self._names
         with VerticalScroll(id="form", can_focus=False):
-            yield Part("Calibrate a camera: press Enter to go from line to line, the last one begins.")
+            yield Part("Calibrate a camera: choose what to measure. The arrows lead to camera and lens.")
             yield Part("Camera (the body, as you call it)", classes="label")
             yield Input(camera, id="camera", compact=True, max_length=80)
             yield Part("Lens", classes="label")
@@ -67,10 +67,10 @@ class StartScreen(StationScreen):
                 yield Choices(id="kept")
 
     def on_mount(self) -> None:
-        """Begin at the first line; the sessions come when they have been read."""
+        """Begin where a run is chosen; the sessions come when they have been read."""
         super().on_mount()
         self.query_one("#old").display = False
-        self.query_one("#camera").focus()
+        self.query_one("#plans").focus()
 
     def show_plans(self, plans: Mapping[str, str]) -> None:
         """The plans, once they are loaded."""

@@ -59,6 +59,9 @@ def test_a_stage_is_homed_and_moved_by_hand(tmp_path):
         await driver.press("f3")
         await driver.until("not homed. home it")
         await driver.press("h")
+        await driver.until("Clear?")
+        assert not lab.stage.homed
+        await driver.press("enter")
         await driver.until("found its reference")
         await driver.press("right_square_bracket", "right")
         await driver.until("z_mm is at 10.000 mm")
