@@ -7,9 +7,10 @@ becomes a sentence and a question: try again, skip, or stop.
 from __future__ import annotations
 
 import hashlib
+import threading
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import singledispatchmethod
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -54,7 +55,7 @@ from station.guide.frontend import (
     Stopped,
     Trouble,
 )
-from station.guide.manual_camera import FOLDER, HandCamera
+from station.guide.manual_camera import HandCamera
 from station.guide.photographing import Watching
 from station.guide.session_result import Computed, derive
 from station.guide.vibration import Patience
@@ -90,6 +91,8 @@ class Run:
         self._watch: Watching | None = None
         self._known: Known = {}
         self._computed: Computed | None = None
+        self.over = threading.Event()
+        """Set when the bench is free again."""
 
     # --- from outside
 
@@ -104,6 +107,12 @@ class Run:
 
     def go(self) -> RunEnded:
         """Carry the plan out from the first step that is not done. Blocks until the end; never raises Stopped."""
+        try:
+            return self._go_through()
+        finally:
+            self.over.set()
+
+    def _go_through(self) -> RunEnded:
         done = self._session.state.done
         self._talk.hear(RunBegan(self.plan, self._session.folder, tuple(done)))
         try:
@@ -156,6 +165,7 @@ class Run:
             for stop in self._rig.stops():
                 self._session.note("halted", **stop.record())
             self._session.end(ended.how)
+        ended = replace(ended, empty=self._session.state.empty)
         if self._rig.bench is not None:
             self._rig.bench.log_wires(None)
         self._talk.hear(ended)
@@ -340,9 +350,7 @@ class Run:
         if self._watch is None:
             camera: Photographer = self._rig
             if not self._rig.has_camera:
-                folder = Path(str(self._talk.ask(FOLDER)))
-                self._talk.learn({FOLDER.key: str(folder)})
-                camera = self._talk.attempt(lambda: HandCamera(folder, self._talk.ask, self._clock))
+                camera = self._talk.attempt(lambda: HandCamera(self._talk.ask_and_learn, self._clock))
             exposer = Exposer(self._rig, camera, self._session, self._talk, self._clock, self._patience)
             self._watch = Watching(self._rig, exposer, self._session, self._talk, self._known, self._consent)
         self._watch.step = self._step.name
