@@ -64,9 +64,9 @@ class StationApp(WorkingApp):
     HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (110, "-wide")]  # noqa: RUF012 - Textual declares it so
     CSS_PATH = Path(__file__).with_name("app.tcss")
 
-    def __init__(self, lab: Lab, glyphs: Glyphs | None = None) -> None:
+    def __init__(self, lab: Lab, glyphs: Glyphs | None = None, plan: str | None = None) -> None:
         super().__init__(lab, glyphs)
-        self.add_mode(GUIDE, lambda: StartScreen(*lab.names))
+        self.add_mode(GUIDE, lambda: StartScreen(*lab.names, plan))
         self.add_mode(BENCH, lambda: self._styled(_bench_screen()))
         self.add_mode(RESULTS, lambda: self._styled(_results_screen(lab.sessions)))
 

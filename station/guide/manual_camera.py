@@ -56,7 +56,8 @@ class HandCamera:
         self._missed = not new
         if not new:
             raise FrameMissing(
-                f"no new photograph in {self.folder}", "check the tethering software or name another folder, then photograph again"
+                f"no new photograph in {self.folder}",
+                "check the tethering software or name another folder, then photograph again",
             )
         path = new[0]  # one at a time: what came besides is the next one
         self._known.add(path)

@@ -141,13 +141,7 @@ class StationLab:
 
     def kept(self) -> Sequence[Kept]:
         """The sessions whose journals can be read, newest first."""
-        found = []
-        for folder in sorted(self.sessions.glob("*/")) if self.sessions.is_dir() else ():
-            try:
-                found.append(_kept(folder))
-            except (ProcedureError, OSError):
-                continue  # `station session list` says what is wrong with it
-        return sorted(found, key=lambda one: one.began, reverse=True)
+        return kept_in(self.sessions)
 
     def begin(self, plan: str, camera: str, lens: str, operator: Operator) -> Running:
         """A run of a new session."""
@@ -239,6 +233,17 @@ class StationLab:
             self._bench.close()
         if self._scratch is not None:
             self._scratch.cleanup()
+
+
+def kept_in(root: Path) -> Sequence[Kept]:
+    """The sessions in a folder whose journals can be read, newest first."""
+    found = []
+    for folder in sorted(root.glob("*/")) if root.is_dir() else ():
+        try:
+            found.append(_kept(folder))
+        except (ProcedureError, OSError):
+            continue  # `station session list` says what is wrong with it
+    return sorted(found, key=lambda one: one.began, reverse=True)
 
 
 def _kept(folder: Path) -> Kept:

@@ -45,9 +45,10 @@ class StartScreen(StationScreen):
             super().__init__()
             self.folder = folder
 
-    def __init__(self, camera: str, lens: str) -> None:
+    def __init__(self, camera: str, lens: str, plan: str | None = None) -> None:
         super().__init__()
         self._names = camera, lens
+        self._plan = plan
         self._plans: Mapping[str, str] = USUAL_PLAN
         self._kept: Sequence[Kept] = ()
 
@@ -75,7 +76,8 @@ class StartScreen(StationScreen):
     def show_plans(self, plans: Mapping[str, str]) -> None:
         """The plans, once they are loaded."""
         self._plans = plans
-        self.query_one("#plans", Choices).set_lines(self._plan_lines())
+        at = list(plans).index(self._plan) if self._plan in plans else 0
+        self.query_one("#plans", Choices).set_lines(self._plan_lines(), at)
 
     def _plan_lines(self) -> list[str]:
         return [f"{title}: press Enter to begin" for title in self._plans.values()]
@@ -113,6 +115,8 @@ class StartScreen(StationScreen):
         if event.choices.id == "kept":
             self.post_message(self.Resume(self._kept[event.index].folder))
             return
+        if self._plan is not None and self._plans is USUAL_PLAN:
+            return  # the plan that was asked for has not been loaded yet
         camera, lens = (self.query_one(f"#{name}", Input).value.strip() or name for name in ("camera", "lens"))
         self.post_message(self.Begin(list(self._plans)[event.index], camera, lens))
 

@@ -25,7 +25,6 @@ WIDTH = Ask("width", "How wide?", "number", unit="mm", low=1, high=9, default=3.
 VERDICT = Ask("verdict", "Accept?", "choice", default="accept", choices=("accept", "retake"))
 CONFIRMING = ("enter", "space", "1")
 JOGGING = ("left", "right", "minus", "plus", "-", "+")
-BURST = 5
 
 
 class Bystander:
@@ -35,7 +34,7 @@ class Bystander:
         self.pressed: list[str] = []
         self.wrong: list[str] = []
         self.running = 0
-        self.moves = self.runs = 0
+        self.moves = self.runs = self.jogs = 0
         self._lock = threading.Lock()
 
     def expect(self, holds: bool, what: str) -> None:
@@ -72,7 +71,7 @@ class Bystander:
 
     def move_to(self, **target: float) -> None:
         """Moving by hand: not more often than its keys were pressed."""
-        self.jogs = getattr(self, "jogs", 0) + 1
+        self.jogs += 1
         self.expect(self.jogs <= sum(key in JOGGING for key in self.pressed), "a stage moves")
 
 
@@ -92,10 +91,9 @@ async def _one_application(folder: Path, rng: np.random.Generator, seen: Bystand
     app = StationApp(lab)
     async with app.run_test(size=(80, 24)) as pilot:
         while len(seen.pressed) < keys and app.is_running and app.return_value is None:
-            burst = [str(key) for key in rng.choice(KEYS, BURST)]
-            seen.pressed += burst
-            await pilot.press(*burst)
-            if rng.random() < 0.1:
+            seen.pressed.append(str(rng.choice(KEYS)))
+            await pilot.press(seen.pressed[-1])
+            if rng.random() < 0.02:
                 await pilot.pause(0.45)  # long enough to have read that something will move
     for run in lab.runs:
         run.operator.stop()
