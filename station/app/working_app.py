@@ -22,6 +22,7 @@ from textual.message import Message
 
 from station.app.background import DeviceState, Finished, Job, Problem, Watcher, at_once, problem_of
 from station.app.commands import EndRun, GoOn, StepBack, StopEverything
+from station.app.messages import Devices, Ended, News, Terminated
 from station.app.screens.parts import AnswerBox, StationScreen
 from station.app.screens.start import StartScreen
 from station.common.errors import TRACEBACK
@@ -45,26 +46,6 @@ ALARM = "EMERGENCY STOP: everything was halted. Stages must be homed to move aga
 
 class WorkingApp(App[int]):
     """An application that has a bench, does jobs, and attends runs; its value is the exit code."""
-
-    class News(Message):
-        """Something lies on the desk."""
-
-    class Terminated(Message):
-        """The system ends the program, or its terminal is gone."""
-
-    class Ended(Message):
-        """A job came to its end."""
-
-        def __init__(self, finished: Finished) -> None:
-            super().__init__()
-            self.finished = finished
-
-    class Devices(Message):
-        """A device is not as it was."""
-
-        def __init__(self, states: Sequence[DeviceState]) -> None:
-            super().__init__()
-            self.states = states
 
     def __init__(self, lab: Lab, glyphs: Glyphs | None = None) -> None:
         super().__init__()
@@ -103,7 +84,7 @@ class WorkingApp(App[int]):
     def terminate(self) -> None:
         """Stop the bench and leave; from any thread."""
         self._halt()
-        self._post(self.Terminated())
+        self._post(Terminated())
 
     def finish(self, timeout_s: float) -> None:
         """Wait for the run to end, once the application has: it writes its last line."""
@@ -131,7 +112,7 @@ class WorkingApp(App[int]):
 
     def tell(self, finished: Finished) -> None:
         """A job's last word; from its thread."""
-        self._post(self.Ended(finished))
+        self._post(Ended(finished))
 
     def _post(self, message: Message) -> None:
         with suppress(RuntimeError):  # the loop is closed: nobody is there to hear
@@ -197,7 +178,7 @@ class WorkingApp(App[int]):
         if bench is not None:
             from station.app.stage_watch import StageWatch
 
-            self._watcher = Watcher(StageWatch(bench).look, lambda states: self._post(self.Devices(states)))
+            self._watcher = Watcher(StageWatch(bench).look, lambda states: self._post(Devices(states)))
 
     def _moved_by_hand(self, finished: Finished) -> None:
         from station.app.screens.bench import BenchScreen
@@ -263,7 +244,7 @@ class WorkingApp(App[int]):
         from station.app.screens.guide import GuideScreen
 
         self._wanted, self._alarm, self._run_is_due = None, "", True
-        self._sitting = Sitting(begin, lambda: self._post(self.News()), self.lab.emergency_stop)
+        self._sitting = Sitting(begin, lambda: self._post(News()), self.lab.emergency_stop)
         if self._guide is None:
             self._guide = GuideScreen()
             self.push_screen(self._guide, mode=GUIDE)

@@ -76,7 +76,7 @@ class StartScreen(StationScreen):
     def show_plans(self, plans: Mapping[str, str]) -> None:
         """The plans, once they are loaded."""
         self._plans = plans
-        at = list(plans).index(self._plan) if self._plan in plans else 0
+        at = next((i for i, name in enumerate(plans) if name == self._plan), 0)
         self.query_one("#plans", Choices).set_lines(self._plan_lines(), at)
 
     def _plan_lines(self) -> list[str]:
