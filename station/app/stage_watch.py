@@ -36,14 +36,20 @@ class StageWatch:
         motion = self.bench.motions.of(name)
         condition = self.bench.devices[name].condition()
         if motion is None:
-            if self.bench.motions.take_ended(name):
-                self._ask(name)
+            self._after(name, self.bench.motions.take_ended(name), condition)
             return DeviceState(name, condition, places=self._heard.get(name, {}))
         if not motion.target:  # a controller that homes answers no question
             return DeviceState(name, Condition(HOMING, condition.usable, condition.remedy), moving=True)
         self._ask(name)
         here = self._heard.get(name, {})
         return DeviceState(name, Condition(self._under_way(name, motion, here)), moving=True, places=here)
+
+    def _after(self, name: str, ended: Motion | None, condition: Condition) -> None:
+        """Where it came to stand; before it has homed, what a controller tells means nothing."""
+        if ended is not None and (ended.target or condition.usable):
+            self._ask(name)
+        elif ended is not None:
+            self._heard.pop(name, None)
 
     def _ask(self, name: str) -> None:
         """Where it is by the wire; what does not answer leaves what was told last."""

@@ -27,19 +27,17 @@ class Motions:
         self._devices, self._clock = devices, clock
         self._lock = threading.Lock()
         self._now: dict[str, Motion] = {}
-        self._ended: set[str] = set()
+        self._ended: dict[str, Motion] = {}
 
     def of(self, name: str) -> Motion | None:
         """What this stage is at; None where it stands."""
         with self._lock:
             return self._now.get(name)
 
-    def take_ended(self, name: str) -> bool:
-        """Whether a move of this stage has ended, well or not, since this was last asked."""
+    def take_ended(self, name: str) -> Motion | None:
+        """The move of this stage that has ended, well or not, since this was last asked."""
         with self._lock:
-            ended = name in self._ended
-            self._ended.discard(name)
-            return ended
+            return self._ended.pop(name, None)
 
     def move(self, name: str, target: Mapping[str, float]) -> None:
         """Send a stage to places and wait until it is there. Raises DeviceError."""
@@ -53,11 +51,12 @@ class Motions:
 
     @contextmanager
     def _moving(self, name: str, target: Mapping[str, float]) -> Iterator[Any]:
+        motion = Motion(self._clock.now_s(), dict(target))
         with self._lock:
-            self._now[name] = Motion(self._clock.now_s(), dict(target))
+            self._now[name] = motion
         try:
             yield self._devices[name]
         finally:
             with self._lock:
                 self._now.pop(name, None)
-                self._ended.add(name)
+                self._ended[name] = motion

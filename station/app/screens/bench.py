@@ -70,6 +70,7 @@ class BenchScreen(StationScreen):
         self._positions: Mapping[str, float] = {}
         self._wire_shown: tuple[str, list[str]] = ("", [])
         self._axis, self._step, self._wire = 0, 2, 0
+        self._taken = ""
 
     def body(self) -> ComposeResult:
         """Devices, axes, wire, and what came of the last command."""
@@ -130,8 +131,9 @@ class BenchScreen(StationScreen):
             mark = glyphs.now if i == self._axis else " " * len(glyphs.now)
             lines.append(f"{mark} {axis.name:10} {at:>10}  ({axis.low:.4g} to {axis.high:.4g})")
         self.query_one("#axes", Part).update(lines_of(*lines))
-        if taken := self.app.bench_taken:  # type: ignore[attr-defined]
-            self._say(taken)
+        if self.app.bench_taken != self._taken:  # type: ignore[attr-defined]
+            self._taken = self.app.bench_taken  # type: ignore[attr-defined]
+            self._say(self._taken)
         self._show_wire()
 
     def _condition(self, row: Row) -> Condition:

@@ -77,4 +77,4 @@ def test_ctrl_c_at_a_question_stops_at_once(tmp_path):
     program.send_signal(signal.SIGINT)
     rest, _ = program.communicate(timeout=60)
     assert program.returncode == 130
-    assert "Stopped. Nothing is lost" in rest
+    assert "Stopped. Nothing was answered" in rest
