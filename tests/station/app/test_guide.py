@@ -349,7 +349,6 @@ def test_enter_twice_begins_one_run(tmp_path):
         screen = driver.app.front
         for _ in range(3):
             screen.post_message(screen.Begin("pattern", "c", "l"))
-        await driver.until("One thing at a time" if not lab.runs else WIDTH.question)
         await driver.until(WIDTH.question)
 
     drive(StationApp(lab), use)
@@ -393,6 +392,7 @@ def test_a_key_pressed_while_the_program_loads_is_not_lost(tmp_path):
 
     async def use(driver: Driver) -> None:
         await driver.until("press Enter to begin")
+        await driver.until(lambda: driver.app.running("load"))
         await driver.press("f3")
         await driver.until("still loading")
         may_load.set()
