@@ -1,4 +1,4 @@
-"""The guide: the rail of steps, the step's instruction, the picture and the live numbers, and what to do next."""
+"""The guide: the rail of steps, the step's instruction, what to do next, the picture and the live numbers."""
 
 from __future__ import annotations
 
@@ -53,11 +53,12 @@ class GuideScreen(StationScreen):
         self._verdict: tuple[str, ...] = ()
 
     def body(self) -> ComposeResult:
-        """Rail, step, progress, what to do next."""
+        """Rail, step with what to do next beside it, progress."""
         with Horizontal(id="middle"):
             yield Rail(id="rail")
             with Vertical(id="main"):
                 yield Part(id="instruction")
+                yield AnswerBox(id="answer")
                 with Horizontal(id="sight"):
                     yield Picture("no photograph yet", id="picture")
                     with VerticalScroll(id="numbers", can_focus=False):
@@ -65,11 +66,10 @@ class GuideScreen(StationScreen):
                         yield CurveView(id="curve")
         yield Part(id="trouble")
         yield ProgressLine(id="progress")
-        yield AnswerBox(id="answer")
 
     @property
     def answers(self) -> AnswerBox:
-        """The box below."""
+        """The box below the instruction."""
         return self.query_one(AnswerBox)
 
     def can(self, command: type[Command]) -> bool:

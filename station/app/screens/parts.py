@@ -182,6 +182,7 @@ class AnswerBox(Vertical):
 
     def on_mount(self) -> None:
         """Nothing is asked yet."""
+        self.set_class(self.app.glyphs.ascii, "-ascii")  # type: ignore[attr-defined]
         self.tell("")
 
     @property

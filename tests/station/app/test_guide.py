@@ -394,7 +394,7 @@ def test_a_key_pressed_while_the_program_loads_is_not_lost(tmp_path):
         await driver.until("press Enter to begin")
         await driver.until(lambda: driver.app.running("load"))
         await driver.press("f3")
-        await driver.until("still loading")
+        await driver.until(lambda: driver.app._wanted_mode)
         may_load.set()
         await driver.until("Move by hand")
 

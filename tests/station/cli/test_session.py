@@ -174,7 +174,7 @@ def test_report_of_a_session_without_a_result_says_what_to_do(session, root):
 
 def test_a_session_is_deleted_when_that_is_confirmed(session, root, run):
     name = "2026-03-14-box-50-mm-pattern"
-    assert session("delete", name).exit_code == 2  # nobody answers
+    assert session("delete", name).exit_code == 130  # nobody answers
     assert (root / name).is_dir()
     done = session("delete", name, "--yes")
     assert done.exit_code == 0, done.stderr
@@ -204,8 +204,10 @@ def test_resume_without_a_name_needs_an_unfinished_session(session, root, tmp_pa
 
 
 def test_the_newest_unfinished_session_is_the_one_to_go_on_with(root):
-    newest, before, *_ = kept_in(root)
-    assert newest_unfinished(root) == newest.folder
-    with Session.open(newest.folder, FixedClock()) as one:
-        one.end("finished")
-    assert newest_unfinished(root) == before.folder
+    for end in (None, "stopped", "finished"):
+        with Session.create(root, plan="pattern", camera="C", lens="L", config={}, clock=FixedClock()) as one:
+            if end:
+                one.end(end)
+    finished, stopped, _, *_ = kept_in(root)
+    assert (finished.ended, stopped.ended) == ("finished", "stopped")
+    assert newest_unfinished(root) == stopped.folder
