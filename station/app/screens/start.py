@@ -12,11 +12,12 @@ from textual.message import Message
 from textual.widgets import Input
 
 from station.app.screens.parts import Choices, StationScreen
-from station.app.widgets import Part
+from station.app.widgets import Part, lines_of
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from drivers.interfaces import Condition
     from station.guide.workspace import Kept
 
 USUAL_PLAN = {"pattern": "pattern PSF"}
@@ -63,6 +64,7 @@ class StartScreen(StationScreen):
             yield Input(lens, id="lens", compact=True, max_length=80)
             yield Part("What to measure", classes="label")
             yield Choices(self._plan_lines(), id="plans")
+            yield Part(id="to-do", classes="label")
             with Vertical(id="old"):
                 yield Part("Or go on with a session (arrow down, then Enter)", classes="label", id="old-label")
                 yield Choices(id="kept")
@@ -72,6 +74,16 @@ class StartScreen(StationScreen):
         super().on_mount()
         self.query_one("#old").display = False
         self.query_one("#plans").focus()
+
+    def refresh_frame(self) -> None:
+        """Beside the frame, what to do about each device that cannot be used yet."""
+        super().refresh_frame()
+        if self.is_mounted:
+            conditions: Mapping[str, Condition] = self.app.conditions  # type: ignore[attr-defined]
+            lines = [_to_do(name, one) for name, one in conditions.items() if not one.usable]
+            part = self.query_one("#to-do", Part)
+            part.update(lines_of(*lines))
+            part.display = bool(lines)
 
     def show_plans(self, plans: Mapping[str, str]) -> None:
         """The plans, once they are loaded."""
@@ -119,6 +131,12 @@ class StartScreen(StationScreen):
             return  # the plan that was asked for has not been loaded yet
         camera, lens = (self.query_one(f"#{name}", Input).value.strip() or name for name in ("camera", "lens"))
         self.post_message(self.Begin(list(self._plans)[event.index], camera, lens))
+
+
+def _to_do(name: str, one: Condition) -> str:
+    """What is wrong with a device and what to do: by the guide, which homes, or on the bench screen."""
+    unhomed = "home" in one.remedy
+    return f"{name}: {one.word}: {'the guide homes it, or F3 and H' if unhomed else f'{one.remedy} (F3 shows it)'}"
 
 
 def kept_in_words(one: Kept) -> str:

@@ -53,6 +53,15 @@ def test_devices_are_shown_with_what_to_do(tmp_path):
     drive(app, use)
 
 
+def test_the_first_screen_says_what_to_do_about_each_device(tmp_path):
+    _, app = bench_app(tmp_path)
+
+    async def use(driver: Driver) -> None:
+        await driver.until("stage: not homed: the guide homes it, or F3 and H")
+
+    drive(app, use)
+
+
 def test_a_stage_is_homed_and_moved_by_hand(tmp_path):
     lab, app = bench_app(tmp_path)
 
