@@ -76,4 +76,4 @@ def label(axis: str) -> str:
 def in_words(axis: str, place: float) -> str:
     """A place on an axis: "620.0 mm", "1.25°"."""
     unit = axis.rpartition("_")[2]
-    return f"{place:.2f}°" if unit == "deg" else f"{place:.1f} {unit}"
+    return f"{place:z.2f}°" if unit == "deg" else f"{place:z.1f} {unit}"

@@ -19,7 +19,7 @@ from station.app.terminal_images import psf_thumbnail
 from station.app.widgets import CurveView, Part, Picture, ProgressLine, Rail, Readings, lines_of, literal, verdict_words
 from station.drawing.diagrams import drawn
 from station.drawing.terminal_plots import Curve, Frame, plot
-from station.guide.frontend import CurveSeen, Doing, RunBegan, RunEnded, Shown, StepBegan, StepEnded, Trouble
+from station.guide.frontend import MOVE, CurveSeen, Doing, RunBegan, RunEnded, Shown, StepBegan, StepEnded, Trouble
 
 if TYPE_CHECKING:
     from station.app.background import Problem
@@ -183,7 +183,7 @@ class GuideScreen(StationScreen):
     @show.register
     def _(self, question: Question) -> None:
         progress = self.query_one(ProgressLine)
-        if self._doing_last:  # it was said for this question: where the file to print lies
+        if self._doing_last and question.ask.key != MOVE:  # it was said for this question: where the file to print lies
             progress.hold()
         else:
             progress.show(None)
