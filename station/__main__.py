@@ -39,7 +39,7 @@ COMMANDS = {
 @click.option("--sessions", type=click.Path(path_type=Path), default=Path("sessions"), show_default=True)
 @click.option("--seed", type=SEED, default=0, help="Of the simulated bench.")
 @click.option("--plain", is_flag=True, help="Guide by plain lines on stdin and stdout.")
-@click.option("--plan", help="What --plain guides through.  [default: pattern]")
+@click.option("--plan", help="What to be guided through.  [default: pattern]")
 @click.pass_context
 def main(
     ctx: click.Context,
@@ -64,7 +64,7 @@ def main(
     elif ctx.invoked_subcommand is None:
         from station.cli.app import run_app
 
-        run_app(simulate=simulate, config=config, sessions=sessions, seed=seed)
+        run_app(simulate=simulate, config=config, sessions=sessions, seed=seed, plan=plan)
 
 
 if __name__ == "__main__":

@@ -64,9 +64,9 @@ class StationApp(WorkingApp):
     HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (110, "-wide")]  # noqa: RUF012 - Textual declares it so
     CSS_PATH = Path(__file__).with_name("app.tcss")
 
-    def __init__(self, lab: Lab, glyphs: Glyphs | None = None) -> None:
+    def __init__(self, lab: Lab, glyphs: Glyphs | None = None, plan: str | None = None) -> None:
         super().__init__(lab, glyphs)
-        self.add_mode(GUIDE, lambda: StartScreen(*lab.names))
+        self.add_mode(GUIDE, lambda: StartScreen(*lab.names, plan))
         self.add_mode(BENCH, lambda: self._styled(_bench_screen()))
         self.add_mode(RESULTS, lambda: self._styled(_results_screen(lab.sessions)))
 
@@ -117,6 +117,7 @@ class StationApp(WorkingApp):
 
     def _show_mode(self, mode: str) -> None:
         if self.running("load"):
+            self._wanted_mode = mode
             self.notify("One moment: the program is still loading.", markup=False)
         else:
             self.switch_mode(mode)
@@ -142,6 +143,8 @@ class StationApp(WorkingApp):
     def _leave(self) -> None:
         if self.running("run") is None and self.running("by hand") is None:
             self.exit(0)
+            return
+        if isinstance(self.screen, Choose):  # it asks already
             return
         answers = ("stay", "quit after this exposure", "stop every device now, and quit")
         self.push_screen(Choose("Something is running.", answers), self._leave_how)

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from station.common.errors import Explained
 
 if TYPE_CHECKING:
     from drivers.interfaces import Condition
-    from station.bench.opening import Bench
 
 
 @dataclass(frozen=True)
@@ -103,10 +102,12 @@ def problem_of(error: Exception) -> Problem:
 
 @dataclass(frozen=True)
 class DeviceState:
-    """One device as the bar shows it."""
+    """One device as the bar shows it; `places`: where its axes are, as the wire told it last."""
 
     name: str
     condition: Condition
+    moving: bool = False
+    places: Mapping[str, float] = field(default_factory=dict)
 
 
 Look = Callable[[], Sequence[DeviceState]]
@@ -137,11 +138,3 @@ class Watcher:
                 last = states
                 self._tell(states)
             self._end.wait(self._every_s)
-
-
-def device_states(bench: Bench) -> list[DeviceState]:
-    """The condition of every device, without asking the wires."""
-    states = []
-    for name, device in bench.devices.items():
-        states.append(DeviceState(name, device.condition()))
-    return states

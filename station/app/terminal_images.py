@@ -53,6 +53,14 @@ def thumbnail(plane: Plane, marks: Sequence[tuple[float, float]] = ()) -> Thumbn
     return Thumbnail(levels.astype(np.uint8), where, f"plane {plane.name}, {columns} x {rows} pixels")
 
 
+def picture_thumbnail(levels: Levels, caption: str) -> Thumbnail:
+    """A picture whose levels are made for the eye already."""
+    rows, columns = levels.shape
+    block = max(1, -(-columns // MOST[0]), -(-rows // MOST[1]))
+    small = shrink(levels, max(1, rows // block), max(1, columns // block))
+    return Thumbnail(small.astype(np.uint8), caption=caption)
+
+
 def psf_thumbnail(h: Array, caption: str) -> Thumbnail:
     """A PSF, its greatest sample white and everything below zero black; the square root lets the tails be seen."""
     scaled = np.sqrt(np.clip(h / max(float(h.max()), 1e-300), 0.0, 1.0)) * 255

@@ -286,9 +286,11 @@ class DeviceBar(Part):
     def show(self, states: Sequence[DeviceState], words: str) -> None:
         """How the devices are; `words` where there are none."""
         stop = literal(" F12 STOP ALL ", "bold reverse")
-        bad = [one for one in states if not one.condition.usable]
-        parts = [literal(f"{self.glyphs.bad} {one.name}: {one.condition.word}.", "bold") for one in bad]
-        parts += self._usable([one for one in states if one.condition.usable])
+        moving = [one for one in states if one.moving]
+        bad = [one for one in states if not one.condition.usable and not one.moving]
+        parts = [literal(f"{self.glyphs.now} {one.name}: {one.condition.word}", "bold reverse") for one in moving]
+        parts += [literal(f"{self.glyphs.bad} {one.name}: {one.condition.word}{_stands(one)}.", "bold") for one in bad]
+        parts += self._usable([one for one in states if one.condition.usable and not one.moving])
         self.update(Content("  ").join([stop, *(parts or [literal(words)])]))
 
     def _usable(self, states: Sequence[DeviceState]) -> list[Content]:
@@ -296,6 +298,12 @@ class DeviceBar(Part):
             return [literal(f"{self.glyphs.good} {one.name}: {one.condition.word}") for one in states]
         names = " ".join(one.name for one in states)
         return [literal(f"{self.glyphs.good} {names}")] if states else []
+
+
+def _stands(one: DeviceState) -> str:
+    """Where a stage that may not move was told to be last."""
+    told = ", ".join(f"{axis} {place:.1f}" for axis, place in one.places.items())
+    return f" (last told: {told})" if told else ""
 
 
 WIDE = 110

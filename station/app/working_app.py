@@ -20,8 +20,9 @@ from textual.driver import Driver
 from textual.events import Key
 from textual.message import Message
 
-from station.app.background import DeviceState, Finished, Job, Problem, Watcher, at_once, device_states, problem_of
+from station.app.background import DeviceState, Finished, Job, Problem, Watcher, at_once, problem_of
 from station.app.commands import EndRun, GoOn, StepBack, StopEverything
+from station.app.messages import Devices, Ended, News, Terminated
 from station.app.screens.parts import AnswerBox, StationScreen
 from station.app.screens.start import StartScreen
 from station.common.errors import TRACEBACK
@@ -46,26 +47,6 @@ ALARM = "EMERGENCY STOP: everything was halted. Stages must be homed to move aga
 class WorkingApp(App[int]):
     """An application that has a bench, does jobs, and attends runs; its value is the exit code."""
 
-    class News(Message):
-        """Something lies on the desk."""
-
-    class Terminated(Message):
-        """The system ends the program, or its terminal is gone."""
-
-    class Ended(Message):
-        """A job came to its end."""
-
-        def __init__(self, finished: Finished) -> None:
-            super().__init__()
-            self.finished = finished
-
-    class Devices(Message):
-        """A device is not as it was."""
-
-        def __init__(self, states: Sequence[DeviceState]) -> None:
-            super().__init__()
-            self.states = states
-
     def __init__(self, lab: Lab, glyphs: Glyphs | None = None) -> None:
         super().__init__()
         self.lab = lab
@@ -81,6 +62,8 @@ class WorkingApp(App[int]):
         self._session: Path | None = None
         self._subject = self._alarm = ""
         self._wanted: Callable[[Desk], Running] | None = None
+        self._wanted_mode = ""
+        self._run_is_due = False
         self._afterwards: Callable[[], object] | None = None
         self._shown_s = 0.0
         self._drain_is_due = False
@@ -101,7 +84,7 @@ class WorkingApp(App[int]):
     def terminate(self) -> None:
         """Stop the bench and leave; from any thread."""
         self._halt()
-        self._post(self.Terminated())
+        self._post(Terminated())
 
     def finish(self, timeout_s: float) -> None:
         """Wait for the run to end, once the application has: it writes its last line."""
@@ -129,7 +112,7 @@ class WorkingApp(App[int]):
 
     def tell(self, finished: Finished) -> None:
         """A job's last word; from its thread."""
-        self._post(self.Ended(finished))
+        self._post(Ended(finished))
 
     def _post(self, message: Message) -> None:
         with suppress(RuntimeError):  # the loop is closed: nobody is there to hear
@@ -143,7 +126,7 @@ class WorkingApp(App[int]):
     @property
     def bench_taken(self) -> str:
         """Why the bench cannot be used by hand now; empty where it can."""
-        if self.running("run"):
+        if self._run_is_due:
             return "The guide is at work: end its run first (Ctrl+C)."
         return "One thing at a time: the bench is still at the last." if self.running("by hand") else ""
 
@@ -181,6 +164,8 @@ class WorkingApp(App[int]):
         self._start("open", self.lab.open)
         if self._wanted is not None:
             self._begin(self._wanted)
+        if self._wanted_mode:  # its key was pressed while the program was still loading
+            self.switch_mode(self._wanted_mode)
 
     def _opened(self, finished: Finished) -> None:
         if finished.value is not None:
@@ -191,7 +176,9 @@ class WorkingApp(App[int]):
             self._bench_words = "the bench could not be opened"
             self._complain(finished.problem)
         if bench is not None:
-            self._watcher = Watcher(lambda: device_states(bench), lambda states: self._post(self.Devices(states)))
+            from station.app.stage_watch import StageWatch
+
+            self._watcher = Watcher(StageWatch(bench).look, lambda states: self._post(Devices(states)))
 
     def _moved_by_hand(self, finished: Finished) -> None:
         from station.app.screens.bench import BenchScreen
@@ -246,15 +233,18 @@ class WorkingApp(App[int]):
         self._end_run_then_go_on()
 
     def _begin(self, begin: Callable[[Desk], Running]) -> None:
-        """Carry out a run, once all that it needs has been loaded."""
+        """Carry out a run, once all that it needs has been loaded; one at a time, and not beside a move by hand."""
         if self.running("load"):
             self._wanted = begin
+            return
+        if taken := self.bench_taken:
+            self.notify(taken, markup=False)
             return
         from station.app.mailbox import Sitting
         from station.app.screens.guide import GuideScreen
 
-        self._wanted, self._alarm = None, ""
-        self._sitting = Sitting(begin, lambda: self._post(self.News()), self.lab.emergency_stop)
+        self._wanted, self._alarm, self._run_is_due = None, "", True
+        self._sitting = Sitting(begin, lambda: self._post(News()), self.lab.emergency_stop)
         if self._guide is None:
             self._guide = GuideScreen()
             self.push_screen(self._guide, mode=GUIDE)
@@ -284,17 +274,18 @@ class WorkingApp(App[int]):
 
     def _drain(self) -> None:
         from station.app.mailbox import Question
-        from station.guide.frontend import RunBegan
+        from station.guide.frontend import RunBegan, RunEnded
 
         if not self.is_running:
             return
         self._drain_is_due, self._shown_s = False, time.monotonic()
         guide, sitting = self._guide, self._sitting
         for news in sitting.desk.take() if sitting is not None and guide is not None else ():
-            assert guide is not None
+            assert guide is not None  # a run begins when its screen is there
             if isinstance(news, RunBegan):
                 self._session = news.session
-            guide.show(news)
+            if not isinstance(news, RunEnded):  # it is shown when the run has left the bench
+                guide.show(news)
             if isinstance(news, Question) and self.front is not guide:
                 self.bell()
                 self.notify(visible(f"The guide (F2) asks: {news.ask.question}"), markup=False)
@@ -306,8 +297,11 @@ class WorkingApp(App[int]):
 
     def _run_ended(self, finished: Finished) -> None:
         self._drain()
+        self._run_is_due = False
         if finished.problem is not None and self._guide is not None:
             self._guide.fail(finished.problem)
+        elif self._guide is not None:
+            self._guide.show(finished.value)
         if self._afterwards is not None:
             then, self._afterwards = self._afterwards, None
             then()
@@ -366,6 +360,11 @@ class WorkingApp(App[int]):
     def conditions(self) -> Mapping[str, Condition]:
         """How each device is, by name, as it was seen last."""
         return {one.name: one.condition for one in self._states}
+
+    @property
+    def places(self) -> Mapping[str, float]:
+        """Where the axes are, by name, as the wires told it last."""
+        return {axis: place for one in self._states for axis, place in one.places.items()}
 
     @property
     def _start_screen(self) -> StartScreen:

@@ -43,6 +43,7 @@ from procedures.outcome import BadInput
 from procedures.reading.text import parse_toml, read_text
 from station.bench.device_check import Checked
 from station.bench.device_makers import MAKERS, Parts
+from station.bench.motions import Motions
 from station.bench.stopping import Asked, Stop, stop_all, stops_on_wires
 from station.bench.surroundings import SimulatedSurroundings, Surroundings
 from station.common.toml_lines import key_lines
@@ -75,6 +76,10 @@ class Bench:
     surroundings: Surroundings = field(default_factory=Surroundings)
     simulated: Any = None
     _stops: list[Asked] = field(default_factory=list)
+    motions: Motions = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.motions = Motions(self.devices, self.clock)
 
     def connect(self) -> None:
         """Connect all devices; those that answer stay connected. Raises NotConnected naming all the others."""

@@ -25,14 +25,19 @@ PATIENCE_S = 3.0
 """How long the application may take to leave, and a run to write its last line."""
 
 
-def run_app(*, simulate: bool, config: Path | None, sessions: Path, seed: int) -> None:
-    """Run the application until the operator leaves it; exits with its code. Raises BadParameter without a terminal."""
+def run_app(*, simulate: bool, config: Path | None, sessions: Path, seed: int, plan: str | None = None) -> None:
+    """Run the application until the operator leaves it; exits with its code.
+
+    Raises BadParameter where there is no such plan, or no terminal.
+    """
+    if plan is not None:
+        check_plan(plan)
     if not (sys.stdin.isatty() and sys.stdout.isatty() and sys.stderr.isatty()):
         raise BadParameter("the application needs a terminal", "start it in one, or use station --plain")
     from station.app.app import StationApp, share_the_lock
 
     lab = StationLab(sessions=sessions, config=config or usual_config(), simulate=simulate, seed=seed)
-    app = StationApp(lab)
+    app = StationApp(lab, plan=plan)
     share_the_lock()
     _end_with_the_terminal(app, lab)
     try:
@@ -61,6 +66,14 @@ def _end_with_the_terminal(app: StationApp, lab: StationLab) -> None:
 
     for number in ENDING:
         signal.signal(number, hear)
+
+
+def check_plan(name: str) -> None:
+    """Raises BadParameter where no plan is called so."""
+    from station.guide.catalogue import PLANS
+
+    if name not in PLANS:
+        raise BadParameter(f"there is no plan {name!r}", f"choose one of {', '.join(PLANS)}")
 
 
 def usual_config() -> Path | None:

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from procedures.outcome import BadParameter
 from procedures.plan import Ask
 from station.app.background import at_once
-from station.cli.app import usual_config
+from station.cli.app import check_plan, usual_config
 from station.common.errors import INTERRUPTED, REFUSED
 from station.common.stop_signals import EXIT_DEVICE, guarded
 from station.guide.frontend import Event, Result, RunEnded, Stopped
@@ -69,8 +68,7 @@ class StopBefore:
 
 def _begin(lab: StationLab, plan: str, operator: Plain) -> Running:
     """A new session, named after camera and lens. Raises Stopped."""
-    if plan not in lab.plans():
-        raise BadParameter(f"there is no plan {plan!r}", f"choose one of {', '.join(lab.plans())}")
+    check_plan(plan)
     camera, lens = (
         str(operator.answer(Ask(key, f"Which {key} is it?", "text", default=name)))
         for key, name in zip(("camera", "lens"), lab.names, strict=True)

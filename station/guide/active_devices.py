@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, cast
@@ -12,6 +12,7 @@ from drivers.interfaces import CameraSettings, Doubt, Exposure, Imu, Travel
 from procedures.plan import Fact
 
 if TYPE_CHECKING:
+    from station.bench.motions import Motions
     from station.bench.opening import Bench
     from station.bench.stopping import Stop
 
@@ -66,7 +67,10 @@ class Rig:
         self.left_out: set[str] = set()
         self.silent: dict[str, str] = {}
         """What did not answer when it was last asked how it is, and why; not asked again before something is mended."""
-        self._places: dict[str, float] = {}
+        self.places: dict[str, float] = {}
+        """Where each axis was sent last, once it has homed."""
+        self.agree: Callable[[Sequence[str]], None] = lambda names: None
+        """Called before stages home to be mended; what it raises prevents that."""
         self._failed = ""
         self._stops = bench.stops if bench else 0
 
@@ -89,6 +93,11 @@ class Rig:
     def movers(self) -> tuple[str, ...]:
         """Names of all that moves."""
         return tuple(name for name in self.names() if hasattr(self._device(name), "move_to"))
+
+    @property
+    def _motions(self) -> Motions:
+        assert self.bench is not None
+        return self.bench.motions
 
     @property
     def imu(self) -> Imu | None:
@@ -133,12 +142,15 @@ class Rig:
                 self._device(name).close()
                 self.connect(name)
         lost = self._lost() or ([self._failed] if isinstance(error, POSITION_LOST) else [])
-        for name in set(lost) & set(self.movers()):
+        names = [name for name in self.movers() if name in lost]
+        if names:
+            self.agree(names)
+        for name in names:
             with self._using(name) as stage:
-                stage.home(self._not_stopped)
-                own = {axis: self._places[axis] for axis in stage.travel() if axis in self._places}
+                self._motions.home(name, self._not_stopped)
+                own = {axis: self.places[axis] for axis in stage.travel() if axis in self.places}
                 if own:
-                    stage.move_to(**own)
+                    self._motions.move(name, own)
 
     def doubts(self) -> dict[str, Doubt]:
         """Why stages deserve less trust than they claim, by device."""
@@ -150,14 +162,23 @@ class Rig:
     def home(self) -> None:
         """Every stage finds its reference. Raises DeviceError."""
         for name in self.movers():
-            with self._using(name) as stage:
-                stage.home(self._not_stopped)
+            with self._using(name):
+                self._motions.home(name, self._not_stopped)
         self.silent.clear()
-        self._places = self.positions()
+        self.places = self.positions()
 
     def _travels(self) -> dict[str, tuple[str, Travel]]:
         """By axis: whose it is, and how far it goes."""
         return {axis: (name, travel) for name in self.movers() for axis, travel in self._device(name).travel().items()}
+
+    def travels(self, names: Sequence[str]) -> dict[str, Travel]:
+        """How far the axes of these stages go."""
+        return {axis: travel for axis, (name, travel) in self._travels().items() if name in names}
+
+    def moves(self, places: Mapping[str, float], least: float) -> bool:
+        """Whether going to these places moves anything by more than this."""
+        axes = [axis for axis in places if axis in self.axes()]
+        return any(axis not in self.places or abs(places[axis] - self.places[axis]) > least for axis in axes)
 
     def axes(self) -> tuple[str, ...]:
         """Names of what can be moved."""
@@ -200,8 +221,8 @@ class Rig:
             with self._using(name) as stage:
                 own = {axis: places[axis] for axis in stage.travel() if axis in places}
                 if own:
-                    stage.move_to(**own)
-                    self._places |= own
+                    self._motions.move(name, own)
+                    self.places |= own
 
     # --- light, laser, camera
 

@@ -76,6 +76,13 @@ class Conversation:
             default = self._hands.knows(ask.key)
         return self._operator.answer(ask if default is None else replace(ask, default=default))
 
+    def ask_and_learn(self, ask: Ask) -> Fact:
+        """The answer, which is kept under its key where that is worth it. Raises Stopped."""
+        answer = self.ask(ask)
+        if ask.kind != "confirm":
+            self.learn({ask.key: answer})
+        return answer
+
     def agreed(self, ask: Ask) -> Fact:
         """The answer; where the camera noted something else, the operator says which of the two is right."""
         noted, answer = self.facts.get(ask.key), self.ask(ask)

@@ -16,6 +16,9 @@ from procedures.outcome import Quantity, Verdict
 from procedures.plan import Advice, Ask, Diagram, Fact, Plan, Step
 from procedures.raw import Plane
 
+MOVE = "move"
+"""The key of the question before something moves; what moves is its words, and each front end says how to begin."""
+
 
 @dataclass(frozen=True)
 class RunBegan:
@@ -99,10 +102,14 @@ class Result:
 
 @dataclass(frozen=True)
 class RunEnded:
-    """The plan is through ("finished"), or ended by the operator ("stopped") or the emergency stop ("emergency")."""
+    """The plan is through ("finished"), or ended by the operator ("stopped") or the emergency stop ("emergency").
+
+    `empty`: nothing was answered or photographed, and the session is not kept.
+    """
 
     how: str
     report: Path | None = None
+    empty: bool = False
 
 
 Event = RunBegan | StepBegan | StepEnded | Doing | Seen | CurveSeen | Shown | Trouble | Result | RunEnded

@@ -15,6 +15,7 @@ from station.common.uncertainty_text import stated
 from station.drawing.diagrams import diagram_lines
 from station.guide.answers import parse, words
 from station.guide.frontend import (
+    MOVE,
     CurveSeen,
     Doing,
     Event,
@@ -34,6 +35,7 @@ DIGITS = {"°": 1, "%": 0, "m": 2, "mm": 0, "": 2}
 STOPS = ("s", "stop", "q", "quit")
 HELP = "Enter takes what stands in [brackets]. s stops. Ctrl-C stops everything at once."
 STOPPING = "!! Every device was told to stop."
+NOTHING = "Stopped. Nothing was answered or photographed yet: no session is kept."
 ENDS = {
     "finished": "Finished.",
     "stopped": "Stopped. Nothing is lost: `station session resume` goes on from here.",
@@ -134,7 +136,7 @@ class Plain:
     @_tell.register
     def _(self, event: RunEnded) -> None:
         self._line("")
-        self._line(ENDS[event.how])
+        self._line(NOTHING if event.empty else ENDS[event.how])
         if event.report is not None:
             self._line(f"Report: {event.report}")
 
@@ -182,6 +184,8 @@ class Plain:
 
 def question_line(ask: Ask) -> str:
     """The question with its choices and default, ready for the answer on the same line."""
+    if ask.key == MOVE:
+        return f">> {ask.question} Clear? [Enter moves; n: not; Ctrl-C stops everything] "
     choices = f" ({', '.join(f'{i} {choice}' for i, choice in enumerate(ask.choices, 1))})" if ask.choices else ""
     if ask.kind == "confirm":
         return f">> {ask.question} [Enter when done] "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from drivers.clock import Clock
@@ -18,29 +19,45 @@ FOLDER = Ask("frames_folder", "In which folder do your photographs arrive?", "te
 class HandCamera:
     """Asks for a photograph and takes the file that is new in the folder since the last."""
 
-    def __init__(self, folder: Path, ask: Callable[[Ask], Fact], clock: Clock) -> None:
-        self.folder = folder
+    def __init__(self, ask: Callable[[Ask], Fact], clock: Clock) -> None:
         self._ask = ask
         self._clock = clock
+        self._missed = False
+        self._arrive_in(FOLDER)
+
+    def _arrive_in(self, ask: Ask) -> None:
+        """Ask for the folder; what is in it already is not what will be photographed. Raises FrameMissing."""
+        self.folder = Path(str(self._ask(ask))).expanduser()
         self._known = self._look()
 
     def _look(self) -> set[Path]:
         if not self.folder.is_dir():
-            raise FrameMissing(f"there is no folder {self.folder}", "create it, or name another with the next session")
+            raise FrameMissing(f"there is no folder {self.folder}", "create it, or name another one")
         return {
             path
             for path in self.folder.iterdir()
             if path.suffix.lower() in SUFFIXES and not path.name.startswith((".", "~"))
         }
 
+    def _correct_folder(self) -> None:
+        """Nothing came: it may have been the wrong folder."""
+        before, known = self.folder, self._known
+        self._arrive_in(replace(FOLDER, default=str(before)))
+        if self.folder == before:
+            self._known = known  # what came late is what was photographed
+
     def expose(self) -> Exposure:
         """The photograph that the operator takes now. Raises FrameMissing."""
+        if self._missed:
+            self._correct_folder()
         requested_s = self._clock.now_s()
         self._ask(Ask("photographed", f"Take one photograph and wait until its file is in {self.folder}."))
         new = sorted(self._look() - self._known, key=lambda path: path.stat().st_mtime_ns)
+        self._missed = not new
         if not new:
             raise FrameMissing(
-                f"no new photograph in {self.folder}", "check the tethering software, then photograph again"
+                f"no new photograph in {self.folder}",
+                "check the tethering software or name another folder, then photograph again",
             )
         path = new[0]  # one at a time: what came besides is the next one
         self._known.add(path)

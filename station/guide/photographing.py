@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 
 from procedures.advice import time_words
 from procedures.outcome import Verdict
 from procedures.plan import Advice, Ask, Go, Known, Look, Outcomes, Scan, Shoot, Stop, Tour
 from procedures.raw import RawFrame, read_frame
 from station.guide.active_devices import AT, Rig
+from station.guide.consent import Consent, in_words, label
 from station.guide.contradictions import Progress, resolve
 from station.guide.dialogue import AGAIN, STOP, Conversation, Skipped
 from station.guide.exposure import Exposer, Taken, shot_facts
@@ -23,15 +25,36 @@ PREVIEW = ("G1", "Y")
 """Of which plane a preview is shown."""
 
 
+@dataclass(frozen=True)
+class Way:
+    """How an advice is followed.
+
+    Attributes
+    ----------
+    told : the advice as the operator hears it: what the bench does is not asked of hands
+    target : where the bench goes by itself, by axis
+    exposure_s : what the camera is set to through its cable
+    obstacle : why the bench cannot go there
+    """
+
+    told: Advice
+    target: Mapping[str, float] = field(default_factory=dict)
+    exposure_s: float | None = None
+    obstacle: str = ""
+
+
 class Watching:
     """Photographs for one purpose after the other, and what follows from them."""
 
-    def __init__(self, rig: Rig, exposer: Exposer, session: Session, talk: Conversation, known: Known) -> None:
+    def __init__(
+        self, rig: Rig, exposer: Exposer, session: Session, talk: Conversation, known: Known, consent: Consent
+    ) -> None:
         self._rig = rig
         self._known = known
         self._exposer = exposer
         self._session = session
         self._talk = talk
+        self._consent = consent
         self.step = ""
         self.asks: Mapping[str, Ask] = {}
         self._progress = Progress()
@@ -58,38 +81,58 @@ class Watching:
         taken = self._exposer.take(look.purpose, self.step)
         advice = self._talk.attempt(lambda: look.check(taken.frame, taken.facts))
         self._session.judge(taken.shot, False, "a trial" if advice.good else advice.say)
-        self._show(taken.frame, advice)
+        way = self._way(advice, taken.frame)
+        self._show(taken.frame, way.told)
         self._talk.learn_noted(advice.facts)
         stalled = progress.stalled(advice)
         if advice.doubted or stalled:
             keys = advice.doubted or look.rests_on
             resolve(self._talk, self.asks, stalled or advice.say, keys, last=bool(stalled) or progress.doubted())
-        elif not advice.good:
-            self._follow(advice, taken.frame)
+        else:
+            self._follow(way)
         return advice.good
 
     def _show(self, frame: RawFrame, advice: Advice) -> None:
         name = next((name for name in PREVIEW if name in frame.planes), next(iter(frame.planes)))
         self._talk.hear(Seen(frame.planes[name], advice))
 
-    def _follow(self, advice: Advice, frame: RawFrame) -> None:
-        """Do what the advice says: by the bench or the camera's cable where they can, else by hand."""
+    def _way(self, advice: Advice, frame: RawFrame) -> Way:
+        """How the advice is followed: by the bench or the camera's cable where they can, else by hand."""
+        if advice.good:
+            return Way(advice)
         exposure_s = frame.exposure.exposure_s
         if set(advice.by_hand) == {EXPOSURE} and exposure_s is not None and self._rig.sets_exposure:
             wanted_s = exposure_s * 2 ** advice.by_hand[EXPOSURE]
-            self._talk.doing(f"setting the exposure time to {time_words(wanted_s)}")
-            self._talk.attempt(lambda: self._rig.set_exposure(wanted_s), self._rig.mend)
-            return
+            told = f"The exposure time is set to {time_words(wanted_s)} through the camera's cable."
+            return Way(replace(advice, say=told), exposure_s=wanted_s)
         target = self._talk.attempt(lambda: self._rig.target(advice.moves), self._rig.mend)
         obstacle = self._rig.obstacle(target)
-        if obstacle is None:
-            self._go_to(target)
-        else:
-            self._talk.by_hand(advice, obstacle)
-            self._exposer.settling.moved()
+        if obstacle is not None:
+            return Way(advice, obstacle=obstacle)
+        ends = ", ".join(f"{label(axis)} to {in_words(axis, place)}" for axis, place in target.items())
+        return Way(replace(advice, say=f"The bench corrects this by itself: {ends}."), target=target)
+
+    def _follow(self, way: Way) -> None:
+        """Do what the advice says."""
+        if way.exposure_s is not None:
+            wanted_s = way.exposure_s
+            self._talk.doing(f"setting the exposure time to {time_words(wanted_s)}")
+            self._talk.attempt(lambda: self._rig.set_exposure(wanted_s), self._rig.mend)
+        elif way.target:
+            self._consent.to_go(way.target, again=True)
+            self._go_to(way.target)
+        elif not way.told.good:
+            self._by_hand(way.told, way.obstacle)
+
+    def _by_hand(self, advice: Advice, why: str = "") -> None:
+        """Hands do it: they were at the rig, so the next move of the bench is begun anew."""
+        self._talk.by_hand(advice, why)
+        self._consent.withdraw()
+        self._exposer.settling.moved()
 
     def _go_to(self, places: Mapping[str, float]) -> None:
-        self._talk.doing("moving: keep clear")
+        ends = ", ".join(f"{label(axis)} to {in_words(axis, place)}" for axis, place in places.items())
+        self._talk.doing(f"moving {ends}: keep clear")
         self._talk.attempt(lambda: self._rig.go_to(places), self._rig.mend)
         self.moved()
 
@@ -99,6 +142,8 @@ class Watching:
         """A trial at each place, then on to the best. Raises Skipped, Stopped."""
         places = [float(place) for place in scan.places(self._talk.facts)]
         here, scores = self._here(scan.axis), []
+        if places and scan.axis in self._rig.axes():
+            self._consent.to_scan(scan.axis, places)
         for i, place in enumerate(places):
             self._set(scan, place, here)
             here = place
@@ -123,8 +168,7 @@ class Watching:
         if scan.axis in self._rig.axes():
             self._go_to({scan.axis: place})
         elif place != here:
-            self._talk.by_hand(Advice(False, scan.say(place - here), by_hand={scan.axis: place - here}))
-            self._exposer.settling.moved()
+            self._by_hand(Advice(False, scan.say(place - here), by_hand={scan.axis: place - here}))
 
     # --- shots that count
 
@@ -169,18 +213,20 @@ class Watching:
                 results.append(found)
             else:
                 advice = Advice(False, f"{refused[0].reason}: {refused[0].remedy}")
-        self._keep(taken, advice)
+        way = self._keep(taken, advice)
         if advice.doubted:
             resolve(self._talk, self.asks, advice.say, advice.doubted, last=self._progress.doubted())
-        elif not advice.good:
-            self._follow(advice, taken.frame)
+        else:
+            self._follow(way)
 
-    def _keep(self, taken: Taken, advice: Advice) -> None:
-        """Whether the shot counts, for the session and the operator."""
+    def _keep(self, taken: Taken, advice: Advice) -> Way:
+        """Whether the shot counts, for the session and the operator; how the advice is to be followed."""
         if advice.good:
             self._talk.learn_noted(advice.facts)
         self._session.judge(taken.shot, advice.good, "" if advice.good else advice.say)
-        self._show(taken.frame, advice)
+        way = self._way(advice, taken.frame)
+        self._show(taken.frame, way.told)
+        return way
 
     # --- one shot at each of several places
 
@@ -215,10 +261,10 @@ class Watching:
                 for _ in range(tries):
                     taken = self._exposer.take(stop.name, self.step)
                     advice = self._checked(stop, taken)
-                    self._keep(taken, advice)
+                    way = self._keep(taken, advice)
                     if advice.good:
                         return ""
-                    self._follow(advice, taken.frame)
+                    self._follow(way)
                 if not self._goes_on_trying(stop, tries):
                     return advice.say
         except Skipped:

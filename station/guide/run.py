@@ -7,8 +7,10 @@ becomes a sentence and a question: try again, skip, or stop.
 from __future__ import annotations
 
 import hashlib
+import threading
+from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import singledispatchmethod
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -38,6 +40,7 @@ from procedures.plan import (
 from station.bench.surroundings import Surroundings
 from station.common.atomic_files import write_whole
 from station.guide.active_devices import AT, DISTANCE, LIGHT_LEVEL, Rig
+from station.guide.consent import Consent
 from station.guide.dialogue import Conversation, Skipped
 from station.guide.exposure import Exposer, Photographer
 from station.guide.frontend import (
@@ -52,7 +55,7 @@ from station.guide.frontend import (
     Stopped,
     Trouble,
 )
-from station.guide.manual_camera import FOLDER, HandCamera
+from station.guide.manual_camera import HandCamera
 from station.guide.photographing import Watching
 from station.guide.session_result import Computed, derive
 from station.guide.vibration import Patience
@@ -84,10 +87,13 @@ class Run:
         around.stand_before(plan.subject)
         self._talk = Conversation(operator, session, around.hands)
         self._talk.kind = plan.facts
+        self._consent = Consent(self._rig, self._talk)
         self._step = plan.steps[0]
         self._watch: Watching | None = None
         self._known: Known = {}
         self._computed: Computed | None = None
+        self.over = threading.Event()
+        """Set when the bench is free again."""
 
     # --- from outside
 
@@ -102,6 +108,12 @@ class Run:
 
     def go(self) -> RunEnded:
         """Carry the plan out from the first step that is not done. Blocks until the end; never raises Stopped."""
+        try:
+            return self._go_through()
+        finally:
+            self.over.set()
+
+    def _go_through(self) -> RunEnded:
         done = self._session.state.done
         self._talk.hear(RunBegan(self.plan, self._session.folder, tuple(done)))
         try:
@@ -154,6 +166,7 @@ class Run:
             for stop in self._rig.stops():
                 self._session.note("halted", **stop.record())
             self._session.end(ended.how)
+        ended = replace(ended, empty=self._session.state.empty)
         if self._rig.bench is not None:
             self._rig.bench.log_wires(None)
         self._talk.hear(ended)
@@ -186,9 +199,15 @@ class Run:
         if LIGHT_LEVEL in facts:
             self._do(SetLight(lambda facts: float(facts[LIGHT_LEVEL])))
         if places:
-            self._do(Home())
-            self._do(Go(lambda facts: places, lambda facts: "going back to where the camera was"))
+            self._unless_skipped(lambda: self._go_back(places))
         self._talk.take_up()
+
+    def _go_back(self, places: Mapping[str, float]) -> None:
+        """Home, and go to where an earlier run stood: one consent for both."""
+        if self._rig.movers():
+            self._consent.to_home(places)
+        self._carry(Home())
+        self._carry(Go(lambda facts: places, lambda facts: "going back to where the camera was"))
 
     def _next(self) -> Step | None:
         done = self._session.state.done
@@ -207,9 +226,14 @@ class Run:
         self._talk.hear(StepEnded(step))
 
     def _do(self, request: Request) -> None:
+        self._unless_skipped(lambda: self._carry(request))
+
+    def _unless_skipped(self, work: Callable[[], None]) -> None:
+        """One request, whose moves the operator begins once."""
         self._talk.check()
+        self._consent.withdraw()
         try:
-            self._carry(request)
+            work()
         except Skipped:
             self._rig.leave_out_lost()
             self._talk.hear(Doing("skipped; the run goes on with what is known"))
@@ -245,23 +269,30 @@ class Run:
     @_carry.register
     def _(self, home: Home) -> None:
         if self._rig.movers():
+            self._consent.to_home()
             self._talk.doing("homing: keep clear of everything that moves")
             self._talk.attempt(self._rig.home, self._rig.mend)
             self._moved()
 
     @_carry.register
     def _(self, go: Go) -> None:
+        self._go(go)
+
+    def _go(self, go: Go, *, again: bool = False) -> None:
+        """`again`: other places of the same request follow."""
         facts = {**self._talk.facts, **self._rig.snapshot().facts()}
         places, say = go.to(facts), go.say(facts)
         if not say:
             return
         obstacle = self._rig.obstacle(places)
         if obstacle is None:
+            self._consent.to_go(places, again=again)
             self._talk.doing(say)
             self._talk.attempt(lambda: self._rig.go_to(places), self._rig.mend)
             self._moved()
         else:
             self._talk.by_hand(Advice(False, say), obstacle)
+            self._consent.withdraw()
 
     @_carry.register
     def _(self, light: SetLight) -> None:
@@ -289,7 +320,11 @@ class Run:
 
     @_carry.register
     def _(self, tour: Tour) -> None:
-        self._watching().tour(tour, self._carry)
+        self._watching().tour(tour, self._visit)
+
+    def _visit(self, go: Go) -> None:
+        """One place of a tour: its first move is begun for all of them."""
+        self._go(go, again=True)
 
     @_carry.register
     def _(self, estimate: Estimate) -> None:
@@ -318,11 +353,9 @@ class Run:
         if self._watch is None:
             camera: Photographer = self._rig
             if not self._rig.has_camera:
-                folder = Path(str(self._talk.ask(FOLDER)))
-                self._talk.learn({FOLDER.key: str(folder)})
-                camera = self._talk.attempt(lambda: HandCamera(folder, self._talk.ask, self._clock))
+                camera = self._talk.attempt(lambda: HandCamera(self._talk.ask_and_learn, self._clock))
             exposer = Exposer(self._rig, camera, self._session, self._talk, self._clock, self._patience)
-            self._watch = Watching(self._rig, exposer, self._session, self._talk, self._known)
+            self._watch = Watching(self._rig, exposer, self._session, self._talk, self._known, self._consent)
             self._watch.asks = self.plan.asks()
         self._watch.step = self._step.name
         return self._watch

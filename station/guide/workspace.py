@@ -9,15 +9,18 @@ from __future__ import annotations
 import contextlib
 import threading
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+from procedures.outcome import BadParameter, ProcedureError
 from station.common.leftovers import temporary_folder
 
 if TYPE_CHECKING:
     from station.bench.opening import Bench, Row
     from station.guide.frontend import Operator, RunEnded
+    from station.guide.run import Run
     from station.sessions.session import Session
 
 
@@ -106,7 +109,7 @@ class StationLab:
         self._bench: Bench | None = None
         self._opened: Opened | None = None
         self._session: Session | None = None
-        self._running: Running | None = None
+        self._running: Run | None = None
         self._scratch = contextlib.ExitStack()
 
     def open(self) -> Opened:
@@ -139,15 +142,7 @@ class StationLab:
 
     def kept(self) -> Sequence[Kept]:
         """The sessions whose journals can be read, newest first."""
-        from procedures.outcome import ProcedureError
-
-        found = []
-        for folder in sorted(self.sessions.glob("*/")) if self.sessions.is_dir() else ():
-            try:
-                found.append(_kept(folder))
-            except (ProcedureError, OSError):
-                continue  # `station session list` says what is wrong with it
-        return sorted(found, key=lambda one: one.began, reverse=True)
+        return kept_in(self.sessions)
 
     def begin(self, plan: str, camera: str, lens: str, operator: Operator) -> Running:
         """A run of a new session."""
@@ -156,6 +151,7 @@ class StationLab:
 
         bench = self.open().bench
         clock = bench.clock if bench is not None else SystemClock()
+        self._one_run()
         settings = self._settings(bench)
         session = Session.create(
             self.sessions, plan=plan, camera=camera, lens=lens, config=settings, clock=clock, seed=self._seed
@@ -170,7 +166,8 @@ class StationLab:
         from station.sessions.session import Session
 
         bench = self.open().bench
-        self._leave_session()
+        self._one_run()
+        self._leave_session(going_on=folder)
         session = Session.open(folder, bench.clock if bench is not None else SystemClock(), without=without)
         if back_to is not None:
             session.reopen(back_to)
@@ -190,10 +187,22 @@ class StationLab:
         self._running = Run(plan_named(session.state.plan), self.open().bench, session, operator)
         return self._running
 
-    def _leave_session(self) -> None:
-        if self._session is not None:
-            self._session.close()
-            self._session = None
+    def _leave_session(self, going_on: Path | None = None) -> None:
+        """Close the session; one in which nothing was answered or photographed goes, unless it is gone on with."""
+        if self._session is None:
+            return
+        from station.sessions.deletion import delete_session
+
+        session, self._session = self._session, None
+        session.close()
+        if session.state.empty and session.folder != going_on:
+            with suppress(ProcedureError, OSError):  # it stays, and can be deleted later
+                delete_session(session.folder)
+
+    def _one_run(self) -> None:
+        """Raises BadParameter while a run has the bench."""
+        if self._running is not None and not self._running.over.is_set():
+            raise BadParameter("a run has the bench already", "end it first")
 
     def emergency_stop(self) -> None:
         """Stop every device; whatever is still being opened is not moving yet."""
@@ -224,6 +233,17 @@ class StationLab:
         if self._bench is not None:
             self._bench.close()
         self._scratch.close()
+
+
+def kept_in(root: Path) -> Sequence[Kept]:
+    """The sessions in a folder whose journals can be read, newest first."""
+    found = []
+    for folder in sorted(root.glob("*/")) if root.is_dir() else ():
+        try:
+            found.append(_kept(folder))
+        except (ProcedureError, OSError):
+            continue  # `station session list` says what is wrong with it
+    return sorted(found, key=lambda one: one.began, reverse=True)
 
 
 def _kept(folder: Path) -> Kept:

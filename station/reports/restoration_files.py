@@ -16,9 +16,9 @@ from procedures.raw import RawFrame
 from procedures.restoration.joint.estimate import Restoration
 from procedures.restoration.plan import shown
 from station.drawing.depth_pictures import coloured, encoded, levels, picture
+from station.results.restored import RESTORATION
 from station.results.result_files import RECORD, ResultFolder, plain, software, write_record
 
-SCHEMA = "station/restore/1"
 Array = npt.NDArray[np.floating[Any]]
 
 
@@ -40,7 +40,7 @@ def write_restoration(
     folder.write("depth.png", encoded(".png", coloured(found.w)))
     folder.write("report.html", page)
     record = {
-        "schema": SCHEMA,
+        "schema": RESTORATION,
         **about,
         "verdict": str(outcome.verdict),
         "reason": outcome.reason,
@@ -69,7 +69,7 @@ def write_restoration(
 def write_refusal(folder: ResultFolder, outcome: Outcome[Restoration], about: Mapping[str, Any]) -> str:
     """Publish the record of a refusal, which has no other files; returns its text."""
     told = {"verdict": str(outcome.verdict), "reason": outcome.reason, "remedy": outcome.remedy}
-    return write_record(folder, {"schema": SCHEMA, **about, **told, "software": software()})
+    return write_record(folder, {"schema": RESTORATION, **about, **told, "software": software()})
 
 
 def write_result(

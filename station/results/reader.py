@@ -16,6 +16,7 @@ import numpy.typing as npt
 from procedures.outcome import BadInput, Quantity, Verdict
 from station.common.durable_files import read_own
 from station.results.plane_result import PlaneResult
+from station.results.restored import RESTORATION, Restored, read_restored
 from station.results.result_files import RECORD
 
 Array = npt.NDArray[np.float64]
@@ -29,16 +30,19 @@ PLANE_LETTERS = 8
 
 @dataclass(frozen=True, eq=False)
 class ReadResult:
-    """A result as its folder tells it."""
+    """A result as its folder tells it: its planes, or what was restored."""
 
     folder: Path
     procedure: str
     planes: Mapping[str, PlaneResult]
+    restored: Restored | None = None
 
 
 def read_result(folder: Path) -> ReadResult:
-    """The PSF result in a folder. Raises BadInput, naming what is missing or damaged."""
+    """The result in a folder. Raises BadInput, naming what is missing or damaged."""
     record = _record(folder / RECORD)
+    if record.get("schema") == RESTORATION:
+        return ReadResult(folder, str(record.get("procedure", "")), {}, read_restored(folder, record))
     entries = record.get("planes")
     if not isinstance(entries, dict) or not all(_is_plane(name, entry) for name, entry in entries.items()):
         raise BadInput(f"{folder / RECORD} names no planes", "recompute the session")

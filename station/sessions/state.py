@@ -105,6 +105,11 @@ class State:
     strangers: Mapping[str, str] = field(default_factory=dict)
     ended: str | None = None
 
+    @property
+    def empty(self) -> bool:
+        """Whether nothing was answered, photographed or done: nothing that anybody would go on with."""
+        return not (self.done or self.facts or self.shots or self.results or self.adopting or self.awaited)
+
     def shot(self, number: int) -> Shot:
         """The shot of that number. Raises KeyError."""
         for shot in self.shots:

@@ -32,10 +32,10 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import cv2
 import numpy as np
 import rawpy  # noqa: F401  (loaded once, before the forks)
-from station.results.shown_result import read_result
 
 from procedures.field.field_file import read_field, write_field
 from procedures.field.interpolate import interpolate
+from procedures.outcome import Verdict
 from procedures.pattern_print.source import Source
 from procedures.psf import Psf
 from procedures.psf_field import Node
@@ -51,7 +51,9 @@ from station.batch.procedure_file import read_procedure
 from station.bench.opening import make_bench, read_config
 from station.calibration.field_photographs import focus_positions
 from station.calibration.restoration_inputs import from_shapes, imu_table, read_imu
-from station.results.result_files import PlaneRecord, ResultFolder, Verdict, write_psf_result
+from station.results.plane_result import PlaneResult
+from station.results.reader import read_result
+from station.results.result_files import ResultFolder, write_psf_result
 from station.results.result_seal import damage
 
 ROOM, TIME_S = 2_000_000_000, 60
@@ -136,7 +138,7 @@ def _psf(width: float = 1.0, k: int = 9) -> Psf:
 def _result(path: Path) -> None:
     """A result's folder, whose file of this name is then mutated."""
     with ResultFolder(path.parent) as folder:
-        write_psf_result(folder, [PlaneRecord("G1", Verdict.PASS, psf=_psf())], {"procedure": "pattern"})
+        write_psf_result(folder, [PlaneResult.of("G1", Verdict.PASS, _psf())], {"procedure": "pattern"})
     (path.parent / "mtf_G1.csv").write_text("frequency,horizontal,vertical,radial\n0,1,1,1\n0.5,0.4,0.4,0.4\n")
 
 

@@ -18,15 +18,18 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from procedures.plan import Advice, Go, Home, Plan, Request, Shoot, Step
+from procedures.plan import Advice, Ask, Fact, Go, Home, Plan, Request, Shoot, Step
 from station.app.app import StationApp
 from station.cli import app as app_command
 from station.cli.guide import Watched, conduct
 from station.guide import catalogue
+from station.guide.frontend import MOVE
 from station.guide.workspace import StationLab
 
 WHERE, FRONT, CONFIG, SESSIONS, CONTROL, STATUS = sys.argv[1:]
 catalogue.PLANS |= {"stops": catalogue.Entry("__main__", "stops")}
+MOVES = {"homing": 1, "move": 2, "exposure": 0}
+"""How often the operator begins a move, by where the program is stopped."""
 LABS: list[StationLab] = []
 
 
@@ -76,9 +79,19 @@ def new_lab() -> StationLab:
 def plain() -> None:
     signal.signal(signal.SIGUSR1, boom)
     lab = new_lab()
-    operator = Watched(io.StringIO("s\n" * 9), io.StringIO())
+    operator = Watched(io.StringIO("\n" * MOVES[WHERE] + "s\n" * 9), io.StringIO())
     with suppress(SystemExit, KeyboardInterrupt, Fault):
         conduct(lab, operator, lambda: lab.begin("stops", "camera", "lens", operator))
+
+
+class Begins:
+    """An operator who begins every move at once, and leaves all else to the application."""
+
+    def __init__(self, desk: Any) -> None:
+        self.hear, self._desk = desk.hear, desk
+
+    def answer(self, ask: Ask) -> Fact:
+        return True if ask.key == MOVE else self._desk.answer(ask)
 
 
 class BegunApp(StationApp):
@@ -86,7 +99,7 @@ class BegunApp(StationApp):
 
     def _loaded(self, finished: Any) -> None:
         super()._loaded(finished)
-        self._begin(lambda desk: self.lab.begin("stops", "camera", "lens", desk))
+        self._begin(lambda desk: self.lab.begin("stops", "camera", "lens", Begins(desk)))
 
     def _run_ended(self, finished: Any) -> None:
         self.exit(0)

@@ -34,7 +34,7 @@ async def answer(app: StationApp, pilot: Pilot[int], guide: GuideScreen) -> None
 async def from_start_to_result(app: StationApp) -> GuideScreen:
     end = time.monotonic() + PATIENCE_S
     async with app.run_test(size=(80, 24)) as pilot:
-        await pilot.press("enter", "enter", "enter")
+        await pilot.press("enter")
         guide = None
         while time.monotonic() < end:
             await pilot.pause(0.02)

@@ -28,6 +28,7 @@ from station.app.commands import (
     StepSmaller,
     bindings,
 )
+from station.app.screens.dialogs import Choose
 from station.app.screens.parts import StationScreen
 from station.app.widgets import Part, lines_of, literal
 
@@ -69,6 +70,7 @@ class BenchScreen(StationScreen):
         self._positions: Mapping[str, float] = {}
         self._wire_shown: tuple[str, list[str]] = ("", [])
         self._axis, self._step, self._wire = 0, 2, 0
+        self._taken = ""
 
     def body(self) -> ComposeResult:
         """Devices, axes, wire, and what came of the last command."""
@@ -102,6 +104,7 @@ class BenchScreen(StationScreen):
         """The devices may have been connected, or be in another state."""
         super().refresh_frame()
         if self.is_mounted:
+            self._positions = {**self._positions, **self.app.places}  # type: ignore[attr-defined]
             self._axes = list(_axes(self.bench)) if self.bench is not None else []
             self._show()
 
@@ -128,8 +131,9 @@ class BenchScreen(StationScreen):
             mark = glyphs.now if i == self._axis else " " * len(glyphs.now)
             lines.append(f"{mark} {axis.name:10} {at:>10}  ({axis.low:.4g} to {axis.high:.4g})")
         self.query_one("#axes", Part).update(lines_of(*lines))
-        if taken := self.app.bench_taken:  # type: ignore[attr-defined]
-            self._say(taken)
+        if self.app.bench_taken != self._taken:  # type: ignore[attr-defined]
+            self._taken = self.app.bench_taken  # type: ignore[attr-defined]
+            self._say(self._taken)
         self._show_wire()
 
     def _condition(self, row: Row) -> Condition:
@@ -168,7 +172,15 @@ class BenchScreen(StationScreen):
     @on(HomeStages)
     def home(self) -> None:
         """Home every stage."""
-        self._do("Homing: keep clear of everything that moves.", _home)
+        if self.bench is None or self.app.bench_taken:  # type: ignore[attr-defined]
+            self._do("", _home)
+            return
+        question = f"Homing: {', '.join(axis.name for axis in self._axes)} each go to a switch. Clear? F12 stops."
+        self.app.push_screen(Choose(question, ("home now", "not now")), self._home_or_not)
+
+    def _home_or_not(self, answer: int | None) -> None:
+        if answer == 0:
+            self._do("Homing: keep clear of everything that moves.", _home)
 
     @on(JogBack)
     def jog_back(self) -> None:
@@ -258,16 +270,16 @@ def _axes(bench: Bench) -> list[Axis]:
 
 def _home(bench: Bench) -> Said:
     stops = bench.stops
-    for device in bench.devices.values():
+    for name, device in bench.devices.items():
         if hasattr(device, "home"):
-            device.home(lambda: bench.check_stops(stops))
+            bench.motions.home(name, lambda: bench.check_stops(stops))
     return Said("Every stage has found its reference.", _positions(bench))
 
 
 def _jog(bench: Bench, axis: Axis, by: float) -> Said:
     stage: Any = bench.devices[axis.device]
     target = stage.position()[axis.name] + by
-    stage.move_to(**{axis.name: target})
+    bench.motions.move(axis.device, {axis.name: target})
     return Said(f"{axis.name} is at {stage.position()[axis.name]:.3f} {axis.unit}.", _positions(bench))
 
 

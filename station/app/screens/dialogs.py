@@ -26,7 +26,19 @@ Everything that was photographed is kept at once; the program may be ended at an
 class Dialog(ModalScreen[int | None]):
     """A box over the screen; Escape closes it."""
 
-    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "dismiss(None)", show=False)]
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "close", show=False)]
+
+    def close(self, answer: int | None) -> None:
+        """Give the answer and go; once, and not from below another dialog: keys come faster than screens leave."""
+        if self.is_current and not self._left:
+            self._left = True
+            self.dismiss(answer)
+
+    def action_close(self) -> None:
+        """Without an answer."""
+        self.close(None)
+
+    _left = False
 
 
 class Help(Dialog):
@@ -70,4 +82,4 @@ class Choose(Dialog):
 
     def on_choices_chosen(self, event: Choices.Chosen) -> None:
         """Taken."""
-        self.dismiss(event.index)
+        self.close(event.index)

@@ -1,4 +1,4 @@
-"""The guide: the rail of steps, the step's instruction, the picture and the live numbers, and what to do next."""
+"""The guide: the rail of steps, the step's instruction, what to do next, the picture and the live numbers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from station.app.terminal_images import psf_thumbnail
 from station.app.widgets import CurveView, Part, Picture, ProgressLine, Rail, Readings, lines_of, literal, verdict_words
 from station.drawing.diagrams import drawn
 from station.drawing.terminal_plots import Curve, Frame, plot
-from station.guide.frontend import CurveSeen, Doing, RunBegan, RunEnded, Shown, StepBegan, StepEnded, Trouble
+from station.guide.frontend import MOVE, CurveSeen, Doing, RunBegan, RunEnded, Shown, StepBegan, StepEnded, Trouble
 
 if TYPE_CHECKING:
     from station.app.background import Problem
@@ -53,11 +53,12 @@ class GuideScreen(StationScreen):
         self._verdict: tuple[str, ...] = ()
 
     def body(self) -> ComposeResult:
-        """Rail, step, progress, what to do next."""
+        """Rail, step with what to do next beside it, progress."""
         with Horizontal(id="middle"):
             yield Rail(id="rail")
             with Vertical(id="main"):
                 yield Part(id="instruction")
+                yield AnswerBox(id="answer")
                 with Horizontal(id="sight"):
                     yield Picture("no photograph yet", id="picture")
                     with VerticalScroll(id="numbers", can_focus=False):
@@ -65,11 +66,10 @@ class GuideScreen(StationScreen):
                         yield CurveView(id="curve")
         yield Part(id="trouble")
         yield ProgressLine(id="progress")
-        yield AnswerBox(id="answer")
 
     @property
     def answers(self) -> AnswerBox:
-        """The box below."""
+        """The box below the instruction."""
         return self.query_one(AnswerBox)
 
     def can(self, command: type[Command]) -> bool:
@@ -183,7 +183,7 @@ class GuideScreen(StationScreen):
     @show.register
     def _(self, question: Question) -> None:
         progress = self.query_one(ProgressLine)
-        if self._doing_last:  # it was said for this question: where the file to print lies
+        if self._doing_last and question.ask.key != MOVE:  # it was said for this question: where the file to print lies
             progress.hold()
         else:
             progress.show(None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, ClassVar
 
@@ -22,6 +23,9 @@ if TYPE_CHECKING:
 SPACE = "\N{NO-BREAK SPACE}"
 """Between a mark and its line: a long word shall not leave the mark alone."""
 DONE = "done: press Enter"
+READ_S = 0.4
+"""A question before a move is not answered sooner than it can have been read: Enter may have been held down."""
+MOVES = "clear: Enter moves, F12 stops"
 
 
 class StationScreen(Screen[None]):
@@ -71,7 +75,8 @@ class Choices(Part, can_focus=True):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("up,left", "move(-1)", show=False),
         Binding("down,right", "move(1)", show=False),
-        Binding("enter,space", "take", show=False),
+        Binding("enter", "take", show=False),
+        Binding("space", "take_lightly", show=False),
         *(Binding(str(n), f"number({n})", show=False) for n in range(1, 10)),
     ]
 
@@ -99,14 +104,16 @@ class Choices(Part, can_focus=True):
     def __init__(self, lines: Sequence[str] = (), **options: str) -> None:
         super().__init__("", **options)
         self.lines, self.at = list(lines), 0
+        self.by_enter_alone = False
+        """Whether neither the space bar nor a number takes a line: what follows must be meant."""
 
     def on_mount(self) -> None:
         """Show them."""
         self.set_lines(self.lines)
 
-    def set_lines(self, lines: Sequence[str], at: int = 0) -> None:
+    def set_lines(self, lines: Sequence[str], at: int = 0, *, by_enter_alone: bool = False) -> None:
         """Other lines, with the one at `at` chosen."""
-        self.lines, self.at = list(lines), at
+        self.lines, self.at, self.by_enter_alone = list(lines), at, by_enter_alone
         self._show()
 
     def _show(self) -> None:
@@ -139,9 +146,14 @@ class Choices(Part, can_focus=True):
         if self.lines:
             self.post_message(self.Chosen(self, self.at))
 
+    def action_take_lightly(self) -> None:
+        """The one that is chosen, by the space bar."""
+        if not self.by_enter_alone:
+            self.action_take()
+
     def action_number(self, number: int) -> None:
         """The one of that number."""
-        if number <= len(self.lines):
+        if number <= len(self.lines) and not self.by_enter_alone:
             self.at = number - 1
             self._show()
             self.action_take()
@@ -158,6 +170,7 @@ class AnswerBox(Vertical):
             self.fact = fact
 
     _ask: Ask | None = None
+    _asked_s = 0.0
     _offers: Sequence[type[Command]] = ()
 
     def compose(self) -> ComposeResult:
@@ -169,6 +182,7 @@ class AnswerBox(Vertical):
 
     def on_mount(self) -> None:
         """Nothing is asked yet."""
+        self.set_class(self.app.glyphs.ascii, "-ascii")  # type: ignore[attr-defined]
         self.tell("")
 
     @property
@@ -190,18 +204,21 @@ class AnswerBox(Vertical):
         """A question, with its usual answer ready."""
         from station.guide.answers import words
 
-        self._ask = ask
+        self._ask, self._asked_s = ask, time.monotonic()
         typed = ask.kind in ("number", "text")
         self._show(ask.question + _wanted(ask), typed=typed, choices=not typed)
         if typed:
             box = self.query_one("#typed", Input)
             box.value = words(ask.default)
-            box.cursor_position = len(box.value)
             box.focus()
+            box.action_select_all()  # typing replaces what is proposed
         else:
             choices = self.query_one(Choices)
-            lines = ask.choices if ask.kind == "choice" else (DONE,)
-            choices.set_lines(lines, lines.index(str(ask.default)) if str(ask.default) in lines else 0)
+            from station.guide.frontend import MOVE
+
+            lines = ask.choices if ask.kind == "choice" else (MOVES if ask.key == MOVE else DONE,)
+            at = lines.index(str(ask.default)) if str(ask.default) in lines else 0
+            choices.set_lines(lines, at, by_enter_alone=ask.key == MOVE)
             choices.focus()
 
     def offer(self, sentence: str, offers: Mapping[str, type[Command]]) -> None:
@@ -235,6 +252,10 @@ class AnswerBox(Vertical):
         if self._ask is None:
             return
         from station.guide.answers import parse
+        from station.guide.frontend import MOVE
+
+        if self._ask.key == MOVE and time.monotonic() - self._asked_s < READ_S:
+            return  # the key was meant for what stood there before
 
         try:
             fact = parse(self._ask, text)

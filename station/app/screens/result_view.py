@@ -14,6 +14,7 @@ from station.drawing.terminal_plots import Curve, Frame, plot
 from station.results.number_names import short
 from station.results.plane_result import PlaneResult
 from station.results.reader import Change
+from station.results.restored import Restored
 
 Plotted = Callable[[int, int, bool], list[str]]
 
@@ -54,6 +55,13 @@ def plane_in_words(plane: PlaneResult, glyphs: Glyphs) -> list[str]:
             value = stated(one.value, one.uncertainty).replace("±", glyphs.plus_minus)
             lines.append(f"{words:14} {value} {_unit(one)}")
     return lines
+
+
+def restored_in_words(found: Restored, glyphs: Glyphs) -> list[str]:
+    """Verdict, reason and remedy, then how far the blur of the depth map goes."""
+    lines = [f"Restoration: {verdict_words(found.verdict, glyphs)}"]
+    lines += [text for text in (found.reason, found.remedy) if text]
+    return lines + ([f"w of the depth map: {found.w}"] if found.w else [])
 
 
 def changes_in_words(found: Sequence[Change], glyphs: Glyphs) -> list[str]:

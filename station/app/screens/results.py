@@ -16,12 +16,13 @@ from procedures.outcome import ProcedureError
 from station.app.background import Job
 from station.app.commands import RESULTS, Command, Compare, NextPlane, Reload, bindings
 from station.app.screens.parts import Choices, StationScreen
-from station.app.screens.result_view import changes_in_words, mtf_plot, plane_in_words
-from station.app.terminal_images import psf_thumbnail
+from station.app.screens.result_view import changes_in_words, mtf_plot, plane_in_words, restored_in_words
+from station.app.terminal_images import picture_thumbnail, psf_thumbnail
 from station.app.widgets import CurveView, Part, Picture, lines_of
 from station.drawing.glyphs import Glyphs
 from station.results.plane_result import PlaneResult
 from station.results.reader import ReadResult, changes, find_results, read_result
+from station.results.restored import Restored
 
 NONE_YET = "There is no result yet: the guide (F2) leads to one."
 
@@ -146,6 +147,10 @@ class ResultsScreen(StationScreen):
 
     def _show(self) -> None:
         one, other = self._plane_of(self._chosen), self._plane_of(self._beside)
+        restored = self._chosen.result.restored if self._chosen and self._chosen.result else None
+        if restored is not None:
+            self._show_restored(restored)
+            return
         if self._chosen is not None and one is None:
             self.query_one("#words", Part).update(lines_of(self._chosen.wrong or "it names no planes"))
         if one is None:
@@ -158,6 +163,13 @@ class ResultsScreen(StationScreen):
             told = changes_in_words(changes(other, one), self._glyphs)
             head = f"Plane {one.name}: kept (solid) | chosen (dashed)"
             self.query_one("#words", Part).update(lines_of(head, *(told or ["they have no number in common"])))
+
+    def _show_restored(self, restored: Restored) -> None:
+        """The picture large, without curves."""
+        self._draw(None, ())
+        if restored.sharp is not None:
+            self.query_one(Picture).show(picture_thumbnail(restored.sharp, "the sharp picture"))
+        self.query_one("#words", Part).update(lines_of(*restored_in_words(restored, self._glyphs)))
 
     def _draw(self, one: PlaneResult | None, curves: Sequence[PlaneResult]) -> None:
         h = None if one is None else one.samples

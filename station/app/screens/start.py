@@ -1,4 +1,4 @@
-"""The first screen: begin a new session, or go on with one. Enter, Enter, Enter begins with what is usual."""
+"""The first screen: begin a new session, or go on with one. Enter begins with what is usual."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from textual.message import Message
 from textual.widgets import Input
 
 from station.app.screens.parts import Choices, StationScreen
-from station.app.widgets import Part
+from station.app.widgets import Part, lines_of
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from drivers.interfaces import Condition
     from station.guide.workspace import Kept
 
 USUAL_PLAN = {"pattern": "pattern PSF"}
@@ -45,9 +46,10 @@ class StartScreen(StationScreen):
             super().__init__()
             self.folder = folder
 
-    def __init__(self, camera: str, lens: str) -> None:
+    def __init__(self, camera: str, lens: str, plan: str | None = None) -> None:
         super().__init__()
         self._names = camera, lens
+        self._plan = plan
         self._plans: Mapping[str, str] = USUAL_PLAN
         self._kept: Sequence[Kept] = ()
 
@@ -55,27 +57,39 @@ class StartScreen(StationScreen):
         """The form."""
         camera, lens = self._names
         with VerticalScroll(id="form", can_focus=False):
-            yield Part("Calibrate a camera: press Enter to go from line to line, the last one begins.")
+            yield Part("Calibrate a camera: choose what to measure. The arrows lead to camera and lens.")
             yield Part("Camera (the body, as you call it)", classes="label")
             yield Input(camera, id="camera", compact=True, max_length=80)
             yield Part("Lens", classes="label")
             yield Input(lens, id="lens", compact=True, max_length=80)
             yield Part("What to measure", classes="label")
             yield Choices(self._plan_lines(), id="plans")
+            yield Part(id="to-do", classes="label")
             with Vertical(id="old"):
                 yield Part("Or go on with a session (arrow down, then Enter)", classes="label", id="old-label")
                 yield Choices(id="kept")
 
     def on_mount(self) -> None:
-        """Begin at the first line; the sessions come when they have been read."""
+        """Begin where a run is chosen; the sessions come when they have been read."""
         super().on_mount()
         self.query_one("#old").display = False
-        self.query_one("#camera").focus()
+        self.query_one("#plans").focus()
+
+    def refresh_frame(self) -> None:
+        """Beside the frame, what to do about each device that cannot be used yet."""
+        super().refresh_frame()
+        if self.is_mounted:
+            conditions: Mapping[str, Condition] = self.app.conditions  # type: ignore[attr-defined]
+            lines = [_to_do(name, one) for name, one in conditions.items() if not one.usable]
+            part = self.query_one("#to-do", Part)
+            part.update(lines_of(*lines))
+            part.display = bool(lines)
 
     def show_plans(self, plans: Mapping[str, str]) -> None:
         """The plans, once they are loaded."""
         self._plans = plans
-        self.query_one("#plans", Choices).set_lines(self._plan_lines())
+        at = next((i for i, name in enumerate(plans) if name == self._plan), 0)
+        self.query_one("#plans", Choices).set_lines(self._plan_lines(), at)
 
     def _plan_lines(self) -> list[str]:
         return [f"{title}: press Enter to begin" for title in self._plans.values()]
@@ -113,8 +127,16 @@ class StartScreen(StationScreen):
         if event.choices.id == "kept":
             self.post_message(self.Resume(self._kept[event.index].folder))
             return
+        if self._plan is not None and self._plans is USUAL_PLAN:
+            return  # the plan that was asked for has not been loaded yet
         camera, lens = (self.query_one(f"#{name}", Input).value.strip() or name for name in ("camera", "lens"))
         self.post_message(self.Begin(list(self._plans)[event.index], camera, lens))
+
+
+def _to_do(name: str, one: Condition) -> str:
+    """What is wrong with a device and what to do: by the guide, which homes, or on the bench screen."""
+    unhomed = "home" in one.remedy
+    return f"{name}: {one.word}: {'the guide homes it, or F3 and H' if unhomed else f'{one.remedy} (F3 shows it)'}"
 
 
 def kept_in_words(one: Kept) -> str:

@@ -15,6 +15,7 @@ SESSION_COMMANDS = {
     "list": ("session.list", "session_list", "All sessions, or those of a camera, lens, plan or verdict."),
     "show": ("session.show", "session_show", "What a session holds, and whether it is still as it was written."),
     "resume": ("session.resume", "session_resume", "Go on with a session where it stopped."),
+    "delete": ("session.delete", "session_delete", "Delete a session with its photographs."),
     "recompute": ("session.recompute", "session_recompute", "Compute its results again and compare every byte."),
     "report": ("session.report", "session_report", "Write its report again."),
     "trend": ("session.trend", "session_trend", "How a camera's numbers change over its sessions."),
@@ -41,6 +42,17 @@ def session() -> None:
 def session_argument(command: Command) -> Command:
     """Give a command the argument SESSION, and --sessions, in which a bare name is looked for."""
     return click.argument("name", metavar="SESSION")(sessions_option(command))
+
+
+def newest_unfinished(root: Path) -> Path:
+    """The folder of the session that began last and is not finished. Raises BadParameter where there is none."""
+    from procedures.outcome import BadParameter
+    from station.guide.workspace import kept_in
+
+    for one in kept_in(root):
+        if one.ended != "finished":
+            return one.folder
+    raise BadParameter(f"no session in {root} is unfinished", "name the session that is to be gone on with")
 
 
 def find_session(name: str, root: Path) -> Path:

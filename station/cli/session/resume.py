@@ -7,12 +7,13 @@ from pathlib import Path
 
 import click
 
-from station.cli.session.group import find_session, session_argument
+from station.cli.session.group import find_session, newest_unfinished, sessions_option
 from station.common.log import log_json_option
 
 
 @click.command("resume")
-@session_argument
+@click.argument("name", metavar="[SESSION]", required=False)
+@sessions_option
 @click.option(
     "--config", type=click.Path(path_type=Path), help="The bench.  [default: station.toml where there is one]"
 )
@@ -21,15 +22,15 @@ from station.common.log import log_json_option
 @click.option("--back-to", metavar="STEP", help="Do this step and those after it again.")
 @log_json_option
 def session_resume(
-    name: str, root: Path, config: Path | None, simulate: bool, without: tuple[int, ...], back_to: str | None
+    name: str | None, root: Path, config: Path | None, simulate: bool, without: tuple[int, ...], back_to: str | None
 ) -> None:
-    """Go on with SESSION at the first step that is not done; stages home again first."""
+    """Go on with SESSION, or the newest unfinished one, at the first step that is not done; stages home again first."""
     from station.cli.app import usual_config
     from station.cli.guide import Watched, conduct
     from station.guide.workspace import StationLab
     from station.sessions.reader import read_session
 
-    record = read_session(folder := find_session(name, root))
+    record = read_session(folder := find_session(name, root) if name else newest_unfinished(root))
     if back_to is not None:
         _check_step(record.state.plan, back_to)
     simulated = simulate or record.config.get("config", {}).get("simulate") is True

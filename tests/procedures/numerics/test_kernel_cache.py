@@ -16,7 +16,8 @@ ROOT = Path(kernel_cache.__file__).parents[2]
 PROGRAM = """
 import subprocess, sys
 import numpy as np
-from procedures.restoration import kernels, matching, passes, sloping
+from procedures.restoration.first_depth import semi_global_matching, slanted_matching
+from procedures.restoration.masks import array_loops, kernels
 from procedures.restoration.masks.line_rasterisation import share_changes, shares
 from procedures.ray_histogram.film import film_of_samples
 

@@ -48,7 +48,7 @@ class Driver:
     async def begin(self) -> None:
         """From the first screen into a run, by Enter alone."""
         await self.until("press Enter to begin")
-        await self.press("enter", "enter", "enter")
+        await self.press("enter")
 
     async def looks_like(self, name: str) -> None:
         """Compare with the stored screen, once the application is idle."""

@@ -16,10 +16,12 @@ from station.app.app import StationApp
 from station.app.screens.result_view import mtf_plot, plane_in_words
 from station.app.screens.results import read_all
 from station.app.terminal_images import psf_thumbnail
+from station.drawing.depth_pictures import encoded
 from station.drawing.glyphs import ASCII
 from station.guide.frontend import RunEnded
 from station.results.plane_result import PlaneResult
-from station.results.result_files import ResultFolder, write_psf_result
+from station.results.restored import RESTORATION
+from station.results.result_files import ResultFolder, write_psf_result, write_record
 
 from .driving import Driver, drive
 from .fakes import FakeLab, FakeRun
@@ -51,6 +53,15 @@ def test_devices_are_shown_with_what_to_do(tmp_path):
     drive(app, use)
 
 
+def test_the_first_screen_says_what_to_do_about_each_device(tmp_path):
+    _, app = bench_app(tmp_path)
+
+    async def use(driver: Driver) -> None:
+        await driver.until("stage: not homed: the guide homes it, or F3 and H")
+
+    drive(app, use)
+
+
 def test_a_stage_is_homed_and_moved_by_hand(tmp_path):
     lab, app = bench_app(tmp_path)
 
@@ -59,6 +70,9 @@ def test_a_stage_is_homed_and_moved_by_hand(tmp_path):
         await driver.press("f3")
         await driver.until("not homed. home it")
         await driver.press("h")
+        await driver.until("Clear?")
+        assert not lab.stage.homed
+        await driver.press("enter")
         await driver.until("found its reference")
         await driver.press("right_square_bracket", "right")
         await driver.until("z_mm is at 10.000 mm")
@@ -129,6 +143,28 @@ def test_a_result_shows_verdict_numbers_picture_and_curve(tmp_path, size):
         assert "light the chart" in driver.text
 
     drive(StationApp(FakeLab(tmp_path, nothing)), use, size)
+
+
+@pytest.mark.parametrize("refused", [False, True], ids=["restored", "refused"])
+def test_a_restoration_is_shown(tmp_path, refused):
+    folder = tmp_path / "s" / "derived" / "1"
+    record = {"schema": RESTORATION, "procedure": "restoration", "verdict": "refused" if refused else "doubtful"}
+    with ResultFolder(folder) as result:
+        if not refused:
+            ramp = np.tile(np.arange(0, 250, 5, dtype=np.uint8), (20, 1))
+            result.write("sharp.png", encoded(".png", ramp))
+            record["w"] = {"least": 1.5, "greatest": 7.25, "unit": "pixel"}
+        write_record(result, {**record, "reason": "the light differs", "remedy": "expose alike"})
+
+    async def use(driver: Driver) -> None:
+        await driver.until("press Enter to begin")
+        await driver.press("f4")
+        await driver.until("Restoration: ✗ REFUSED" if refused else "Restoration: ? DOUBTFUL")
+        assert "the light differs" in driver.text
+        assert ("w of the depth map: 1.5 to 7.25 pixel" in driver.text) != refused
+        assert ("the sharp" in driver.text) != refused
+
+    drive(StationApp(FakeLab(tmp_path, nothing)), use)
 
 
 def test_two_results_are_compared(tmp_path):

@@ -36,16 +36,26 @@ def test_exit_codes_are_the_contract_s(how, found, code):
 
 def test_the_end_of_input_stops_politely_and_keeps_the_session(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    done = CliRunner().invoke(main, ["--plain", "--simulate"], input="D90\n50/1.8\n", prog_name="station")
+    done = CliRunner().invoke(main, ["--plain", "--simulate"], input="D90\n50/1.8\n200\n", prog_name="station")
     assert done.exit_code == 130
     assert "Stopped. Nothing is lost" in done.stdout
     (folder,) = os.listdir("sessions")
     assert "d90-50-1-8" in folder
 
 
-def test_an_unknown_plan_is_named(tmp_path, monkeypatch):
+def test_a_session_in_which_nothing_was_answered_is_not_kept(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    done = CliRunner().invoke(main, ["--plain", "--simulate", "--plan", "x"], prog_name="station")
+    done = CliRunner().invoke(main, ["--plain", "--simulate"], input="D90\n50/1.8\n", prog_name="station")
+    assert done.exit_code == 130
+    assert "no session is kept" in done.stdout
+    assert os.listdir("sessions") == []
+
+
+@pytest.mark.parametrize("words", [["--plain"], []], ids=["plain", "application"])
+def test_an_unknown_plan_is_named(tmp_path, monkeypatch, words):
+    monkeypatch.chdir(tmp_path)
+    # before the application looks for a terminal, which there is none
+    done = CliRunner().invoke(main, [*words, "--simulate", "--plan", "x"], prog_name="station")
     assert done.exit_code == 2
     assert "no plan 'x'" in done.stderr
     assert not os.path.exists("sessions")
@@ -67,4 +77,4 @@ def test_ctrl_c_at_a_question_stops_at_once(tmp_path):
     program.send_signal(signal.SIGINT)
     rest, _ = program.communicate(timeout=60)
     assert program.returncode == 130
-    assert "Stopped. Nothing is lost" in rest
+    assert "Stopped. Nothing was answered" in rest

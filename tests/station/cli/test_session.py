@@ -4,6 +4,8 @@ import json
 
 import pytest
 
+from station.cli.session.group import newest_unfinished
+from station.guide.workspace import kept_in
 from station.sessions.session import Session
 
 from ..sessions.test_index import make
@@ -168,3 +170,44 @@ def test_report_of_a_session_without_a_result_says_what_to_do(session, root):
     done = session("report", folder.name)
     assert done.exit_code == 5
     assert "resume" in done.stderr
+
+
+def test_a_session_is_deleted_when_that_is_confirmed(session, root, run):
+    name = "2026-03-14-box-50-mm-pattern"
+    assert session("delete", name).exit_code == 130  # nobody answers
+    assert (root / name).is_dir()
+    done = session("delete", name, "--yes")
+    assert done.exit_code == 0, done.stderr
+    assert not (root / name).exists()
+    assert len(list(root.glob(".deleting-*"))) == 0
+    assert "2026-03-14" not in session("list").stdout
+
+
+def test_a_folder_that_is_no_session_and_a_session_that_is_open_are_not_deleted(session, root, tmp_path):
+    (root / "mine").mkdir()
+    (root / "mine" / "diary.txt").write_text("dear diary")
+    assert "is no session" in session("delete", "mine", "--yes").stderr
+    assert (root / "mine" / "diary.txt").exists()
+    with Session.open(root / "2026-03-14-box-50-mm-pattern", FixedClock()):
+        assert "open in another program" in session("delete", "2026-03-14-box-50-mm-pattern", "--yes").stderr
+    assert (root / "2026-03-14-box-50-mm-pattern").is_dir()
+
+
+def test_resume_without_a_name_needs_an_unfinished_session(session, root, tmp_path):
+    for folder in root.iterdir():
+        if (folder / "journal.jsonl").is_file():
+            with Session.open(folder, FixedClock()) as one:
+                one.end("finished")
+    done = session("resume")
+    assert done.exit_code == 2
+    assert "is unfinished" in done.stderr
+
+
+def test_the_newest_unfinished_session_is_the_one_to_go_on_with(root):
+    for end in (None, "stopped", "finished"):
+        with Session.create(root, plan="pattern", camera="C", lens="L", config={}, clock=FixedClock()) as one:
+            if end:
+                one.end(end)
+    finished, stopped, _, *_ = kept_in(root)
+    assert (finished.ended, stopped.ended) == ("finished", "stopped")
+    assert newest_unfinished(root) == stopped.folder

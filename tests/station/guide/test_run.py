@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 from drivers.errors import FrameMissing
+from procedures.outcome import BadParameter
 from procedures.plan import Advice, Ask, Go, Look
 from simulators.bench.device_faults import Mishap
 from station.guide.frontend import CurveSeen, Doing, RunBegan, RunEnded, Seen, StepEnded, Stopped, Trouble
 from station.guide.run import Run
 from station.guide.scripted import Scripted
 from station.guide.vibration import Patience
+from station.guide.workspace import StationLab
 from station.sessions.reader import read_session
 from station.sessions.session import Session
 
@@ -287,3 +289,38 @@ def test_without_a_bench_photographs_come_from_a_folder(tmp_path, bench):
         assert len(session.state.shots) == 6
     (trouble,) = events(operator, Trouble)
     assert "no new photograph" in trouble.reason
+
+
+def test_a_wrong_folder_of_photographs_is_corrected_within_the_run(tmp_path, bench):
+    right, wrong = tmp_path / "right", tmp_path / "wrong"
+    for folder in (right, wrong):
+        folder.mkdir()
+    (right / "old.dng").write_bytes(benches.frame_bytes(50))  # it was there before: nobody has photographed it now
+    count = iter(range(1, 100))
+
+    def photograph(ask: Ask):
+        (right / f"DSC_{next(count)}.dng").write_bytes(benches.frame_bytes(next(count)))
+        return True
+
+    named = iter([str(tmp_path / "nowhere"), str(wrong), str(right)])
+    operator = Scripted({"frames_folder": lambda ask: next(named), "photographed": photograph})
+    with benches.new_session(tmp_path, bench) as session:
+        assert Run(benches.short_plan(), None, session, operator, Patience(quiet=1.0)).go().how == "finished"
+        assert session.state.facts["frames_folder"] == str(right)
+        assert not any(Path(str(shot.exposure["path"])).name == "old.dng" for shot in session.state.shots)
+    assert ["there is no folder" in one.reason for one in events(operator, Trouble)] == [True, False]
+
+
+def test_a_second_run_cannot_have_the_bench(tmp_path):
+    lab = StationLab(sessions=tmp_path / "sessions", config=None)
+    first = lab.begin("pattern", "C", "L", Scripted({"chart_width_mm": stopping}))
+    with pytest.raises(BadParameter, match="has the bench already"):
+        lab.begin("pattern", "C", "L", Scripted())
+    assert first.go().how == "stopped"
+    lab.begin("pattern", "C", "L", Scripted({"chart_width_mm": stopping})).go()
+    lab.close()
+    assert list((tmp_path / "sessions").iterdir()) == []  # nothing was answered in either
+
+
+def stopping(ask: Ask):
+    raise Stopped

@@ -1,0 +1,62 @@
+"""What moves on a bench now: every move and every homing passes here, so that whoever watches can tell of it."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+from drivers.clock import Clock
+from drivers.interfaces import Device
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A move that is under way: since when by the bench's clock, and to where by axis; nowhere is homing."""
+
+    began_s: float
+    target: Mapping[str, float] = field(default_factory=dict)
+
+
+class Motions:
+    """The moves of a bench's stages. Any thread may ask."""
+
+    def __init__(self, devices: Mapping[str, Device], clock: Clock) -> None:
+        self._devices, self._clock = devices, clock
+        self._lock = threading.Lock()
+        self._now: dict[str, Motion] = {}
+        self._ended: dict[str, Motion] = {}
+
+    def of(self, name: str) -> Motion | None:
+        """What this stage is at; None where it stands."""
+        with self._lock:
+            return self._now.get(name)
+
+    def take_ended(self, name: str) -> Motion | None:
+        """The move of this stage that has ended, well or not, since this was last asked."""
+        with self._lock:
+            return self._ended.pop(name, None)
+
+    def move(self, name: str, target: Mapping[str, float]) -> None:
+        """Send a stage to places and wait until it is there. Raises DeviceError."""
+        with self._moving(name, target) as stage:
+            stage.move_to(**target)
+
+    def home(self, name: str, allowed: Callable[[], None]) -> None:
+        """Let a stage find its reference. Raises DeviceError, and what `allowed` raises."""
+        with self._moving(name, {}) as stage:
+            stage.home(allowed)
+
+    @contextmanager
+    def _moving(self, name: str, target: Mapping[str, float]) -> Iterator[Any]:
+        motion = Motion(self._clock.now_s(), dict(target))
+        with self._lock:
+            self._now[name] = motion
+        try:
+            yield self._devices[name]
+        finally:
+            with self._lock:
+                self._now.pop(name, None)
+                self._ended[name] = motion

@@ -1,0 +1,30 @@
+"""A session's folder goes, as a whole: renamed first, so that what is half deleted is no session any more."""
+
+from __future__ import annotations
+
+import secrets
+import shutil
+from pathlib import Path
+
+from station.common.durable_files import kept
+from station.sessions.layout import Lock, check_layout
+
+
+def delete_session(folder: Path) -> None:
+    """Delete a session with its photographs and results.
+
+    Raises
+    ------
+    BadInput
+        If the folder is no session.
+    Busy
+        If a program has it open.
+    NotKept
+        If the disk refuses.
+    """
+    check_layout(folder)
+    Lock(folder).release()  # raises where another program has it
+    doomed = folder.with_name(f".deleting-{secrets.token_hex(8)}")
+    with kept(folder):
+        folder.rename(doomed)
+        shutil.rmtree(doomed)

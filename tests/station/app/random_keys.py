@@ -1,0 +1,100 @@
+"""Keys pressed at random on every screen and dialog, and what must never come of it."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from procedures.plan import Ask
+from station.app.app import StationApp
+from station.guide.frontend import MOVE, RunEnded
+from station.guide.workspace import Kept
+
+from .fakes import STEPS, FakeLab, FakeRun, doing, seen
+
+KEYS = (
+    *("enter",) * 8, *("ctrl+q",) * 3, *("escape", "up", "down", "left", "right", "space", "tab", "shift+tab") * 2,
+    *("f1", "f2", "f3", "f4", "f5", "f6", "f8", "f12", "ctrl+x", "ctrl+c", "ctrl+p", "question_mark", "backspace"),
+    *"123abchdwprxyz[]-+ 90", "home", "end", "pageup", "pagedown", "delete", "ctrl+a", "ctrl+u",
+)  # fmt: skip
+WIDTH = Ask("width", "How wide?", "number", unit="mm", low=1, high=9, default=3.0)
+VERDICT = Ask("verdict", "Accept?", "choice", default="accept", choices=("accept", "retake"))
+CONFIRMING = ("enter", "space", "1")
+JOGGING = ("left", "right", "minus", "plus", "-", "+")
+
+
+class Bystander:
+    """Watches what the keys lead to: every run, every move, and the keys before it."""
+
+    def __init__(self) -> None:
+        self.pressed: list[str] = []
+        self.wrong: list[str] = []
+        self.running = 0
+        self.moves = self.runs = self.jogs = 0
+        self._lock = threading.Lock()
+
+    def expect(self, holds: bool, what: str) -> None:
+        if not holds:
+            self.wrong.append(f"{what} after {self.pressed[-12:]}")
+
+    def run(self, run: FakeRun) -> RunEnded:
+        """A run that moves twice and asks everything there is to ask."""
+        with self._lock:
+            self.running += 1
+            self.runs += 1
+            self.expect(self.running == 1, "two runs on one bench")
+        try:
+            for name in STEPS:
+                before = self.pressed.count("enter")
+                run.step(name, Ask(MOVE, "Homing, each axis to its switch: z."))
+                self.expect(self.pressed.count("enter") > before, "the run moves")
+                self.moves += 1
+                run.step(name, doing("exposing"), seen(), WIDTH, VERDICT)
+            return RunEnded("finished")
+        finally:
+            with self._lock:
+                self.running -= 1
+
+    def home(self, home: Callable[..., None]) -> Callable[..., None]:
+        """Homing by hand: the last H was followed by a key that confirms."""
+
+        def watched(allowed: Callable[[], None] = lambda: None) -> None:
+            after = self.pressed[len(self.pressed) - self.pressed[::-1].index("h") :] if "h" in self.pressed else []
+            self.expect(any(key in CONFIRMING for key in after), "a stage homes")
+            home(allowed)
+
+        return watched
+
+    def move_to(self, **target: float) -> None:
+        """Moving by hand: not more often than its keys were pressed."""
+        self.jogs += 1
+        self.expect(self.jogs <= sum(key in JOGGING for key in self.pressed), "a stage moves")
+
+
+def press_at_random(folder: Path, seed: int, keys: int) -> Bystander:
+    """So many keys; the application is begun again where they ended it. What was seen."""
+    rng, seen = np.random.default_rng(seed), Bystander()
+    while len(seen.pressed) < keys:
+        asyncio.run(_one_application(folder, rng, seen, keys))
+    return seen
+
+
+async def _one_application(folder: Path, rng: np.random.Generator, seen: Bystander, keys: int) -> None:
+    kept = Kept(folder / "old", "pattern", "D90", "50 mm", "2026-03-14T09:26:53", ("print",), None)
+    lab = FakeLab(folder, seen.run, [kept])
+    lab.stage.home = seen.home(lab.stage.home)  # type: ignore[method-assign]
+    lab.stage.move_to = seen.move_to  # type: ignore[method-assign]
+    app = StationApp(lab)
+    async with app.run_test(size=(80, 24)) as pilot:
+        while len(seen.pressed) < keys and app.is_running and app.return_value is None:
+            seen.pressed.append(str(rng.choice(KEYS)))
+            await pilot.press(seen.pressed[-1])
+            if rng.random() < 0.02:
+                await pilot.pause(0.45)  # long enough to have read that something will move
+    for run in lab.runs:
+        run.operator.stop()
+    app.finish(20.0)

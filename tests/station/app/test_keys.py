@@ -1,0 +1,118 @@
+"""What keys may and may not do: begin a move, begin a second run, open a dialog twice, get lost."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+
+from procedures.plan import Ask
+from station.app.app import StationApp
+from station.app.screens.parts import READ_S
+from station.guide.frontend import MOVE
+
+from .driving import Driver, drive
+from .fakes import FakeLab, chosen_step
+from .test_guide import WIDTH, whole
+
+
+def test_a_move_is_begun_by_enter_alone_once_it_can_have_been_read(tmp_path):
+    ask = Ask(MOVE, "Moving z from 0.0 mm to 700.0 mm.")
+    lab = FakeLab(tmp_path, lambda run: chosen_step(run, ask))
+
+    async def use(driver: Driver) -> None:
+        await driver.begin()
+        await driver.until(ask.question)
+        await driver.until("clear: Enter moves, F12 stops")
+        await driver.press("space", "1", "y", "escape")
+        assert driver.app._guide.answers.open
+        await driver.pilot.pause(READ_S)
+        await driver.press("enter")
+        await driver.until("another session")
+
+    drive(StationApp(lab), use)
+    assert lab.runs[0].answers == [True]
+
+
+def test_enter_twice_begins_one_run(tmp_path):
+    lab = FakeLab(tmp_path, whole)
+
+    async def use(driver: Driver) -> None:
+        await driver.until("press Enter to begin")
+        screen = driver.app.front
+        for _ in range(3):
+            screen.post_message(screen.Begin("pattern", "c", "l"))
+        await driver.until(WIDTH.question)
+
+    drive(StationApp(lab), use)
+    assert len(lab.runs) == 1
+
+
+@pytest.mark.parametrize("keys", [("ctrl+q", "ctrl+q", "ctrl+q", "1"), ("ctrl+q", "x", "y", "enter", "enter")], ids=str)
+def test_the_question_before_leaving_stays_one_whatever_is_typed(tmp_path, keys):
+    async def use(driver: Driver) -> None:
+        await driver.begin()
+        await driver.until(WIDTH.question)
+        await driver.press(*keys)
+        await driver.until(lambda: driver.app.screen is driver.app.front)
+        assert driver.app.running("run")
+
+    drive(StationApp(FakeLab(tmp_path, whole)), use)
+
+
+def test_what_is_typed_replaces_what_is_proposed(tmp_path):
+    lab = FakeLab(tmp_path, lambda run: chosen_step(run, WIDTH))
+
+    async def use(driver: Driver) -> None:
+        await driver.begin()
+        await driver.until(WIDTH.question)
+        await driver.press(*"210", "enter")
+        await driver.until("another session")
+
+    drive(StationApp(lab), use)
+    assert lab.runs[0].answers == [210.0]
+
+
+def test_a_key_pressed_while_the_program_loads_is_not_lost(tmp_path):
+    lab, may_load = FakeLab(tmp_path, whole), threading.Event()
+    plans = lab.plans
+
+    def slow():
+        may_load.wait(20)
+        return plans()
+
+    lab.plans = slow  # type: ignore[method-assign]
+
+    async def use(driver: Driver) -> None:
+        await driver.until("press Enter to begin")
+        await driver.until(lambda: driver.app.running("load"))
+        await driver.press("f3")
+        await driver.until(lambda: driver.app._wanted_mode)
+        may_load.set()
+        await driver.until("Move by hand")
+
+    drive(StationApp(lab), use)
+
+
+def test_what_moves_is_shown_with_target_place_and_time_left_and_stands_where_the_wire_told(tmp_path):
+    lab, reached, go_on = FakeLab(tmp_path, whole), threading.Event(), threading.Event()
+
+    def move_to(**target: float) -> None:
+        lab.stage.place["z_mm"] = 123.4
+        reached.set()
+        go_on.wait(20)
+
+    lab.stage.move_to, lab.stage.homed = move_to, True  # type: ignore[method-assign]
+
+    async def use(driver: Driver) -> None:
+        await driver.until("stage")
+        mover = threading.Thread(target=lambda: lab.bench.motions.move("stage", {"z_mm": 400.0}), daemon=True)
+        mover.start()
+        await driver.until("moving z_mm 123.4 to 400.0")
+        assert "idle" not in driver.text
+        lab.stage.place["z_mm"] = 130.5
+        await driver.press("f12")
+        go_on.set()
+        await driver.until("last told: z_mm 130.5")
+
+    drive(StationApp(lab), use, (120, 40))

@@ -1,0 +1,140 @@
+"""Nothing moves before the operator has begun it: what is asked, when, and what "no" means."""
+
+from __future__ import annotations
+
+import pytest
+
+from procedures.plan import Advice, Go, Look
+from simulators.bench.device_faults import Mishap
+from station.guide.frontend import MOVE, Seen
+from station.guide.run import Run
+from station.guide.scripted import Scripted
+from station.sessions.session import Session
+
+from . import benches
+
+
+@pytest.fixture
+def bench(tmp_path):
+    with benches.quick_bench(tmp_path) as bench:
+        yield bench
+
+
+@pytest.fixture
+def session(tmp_path, bench):
+    with benches.new_session(tmp_path, bench) as session:
+        yield session
+
+
+class Watchful(Scripted):
+    """Notes every question before a move, and what had moved when it was asked."""
+
+    def __init__(self, bench, answers=None):
+        super().__init__(answers or {})
+        self.bench, self.questions, self.moved = bench, [], []
+        for name in ("stage", "head"):
+            self._watch(bench.devices[name])
+
+    def _watch(self, stage):
+        for verb in ("home", "move_to"):
+            act = getattr(stage, verb)
+
+            def noted(*args, act=act, verb=verb, **target):
+                self.moved.append((verb, len(self.questions)))
+                return act(*args, **target)
+
+            setattr(stage, verb, noted)
+
+    def answer(self, ask):
+        if ask.key == MOVE:
+            self.questions.append(ask.question)
+        return super().answer(ask)
+
+
+def test_each_request_that_moves_is_asked_about_once_with_axis_from_and_to(bench, session):
+    operator = Watchful(bench)
+    assert Run(benches.short_plan(), bench, session, operator).go().how == "finished"
+    home, go, scan = operator.questions
+    assert home.startswith("Homing")
+    assert "z within 0 to 1500.0 mm" in home
+    assert "pan" in home
+    assert go == "Moving z from 1499.0 mm to 700.0 mm."  # 1 mm before the switch
+    assert scan == "Moving z from 700.0 mm to 600.0 mm, then to 3 places between 600.0 mm and 640.0 mm."
+    # both stages home after the first question, the rail goes after the second; after the third, places and the best
+    assert operator.moved == [("home", 1)] * 2 + [("move_to", 2)] + [("move_to", 3)] * 4
+
+
+def test_where_the_operator_says_no_nothing_moves(bench, session):
+    operator = Watchful(bench, {MOVE: False})
+    Run(benches.short_plan(), bench, session, operator).go()
+    assert operator.questions
+    assert operator.moved == []
+
+
+def test_small_corrections_of_one_look_are_begun_once_and_the_bench_s_moves_are_not_asked_of_hands(bench, session):
+    def nearer(frame, facts):
+        off = 900.0 - facts["at_z_mm"]
+        return Advice(abs(off) < 1, f"Move the camera by {off:.0f} mm.", moves={"z_mm": off / 2 if off > 50 else off})
+
+    operator = Watchful(bench)
+    Run(benches.short_plan(look=Look("trial", nearer)), bench, session, operator).go()
+    (asked,) = [question for question in operator.questions if "moves on as this step needs" in question]
+    assert "z from 700.0 mm to 800.0 mm" in asked
+    told = [event.advice.say for event in operator.heard if isinstance(event, Seen) and not event.advice.good]
+    assert len(told) >= 3  # 200, 100, 50 mm
+    assert all(say.startswith("The bench corrects this by itself: z to ") for say in told)
+
+
+def test_after_hands_were_at_the_rig_the_next_correction_is_begun_anew(bench, session):
+    advices = [
+        Advice(False, "nearer", moves={"z_mm": 10.0}),
+        Advice(False, "Turn the chart.", by_hand={"chart_yaw_deg": 1.0}),
+        Advice(False, "nearer", moves={"z_mm": 10.0}),
+        Advice(True, "good"),
+    ]
+    operator = Watchful(bench)
+    turns = iter(advices)
+    Run(benches.short_plan(look=Look("trial", lambda frame, facts: next(turns))), bench, session, operator).go()
+    assert sum("moves on as this step needs" in question for question in operator.questions) == 2
+
+
+def test_a_place_where_it_stands_is_not_asked_about(bench, session):
+    there = Go(lambda facts: {"z_mm": facts["at_z_mm"]}, lambda facts: "going nowhere")
+    operator = Watchful(bench)
+    Run(benches.short_plan(go=there), bench, session, operator).go()
+    home, scan = operator.questions
+    assert home.startswith("Homing")
+    assert "3 places" in scan
+
+
+def test_a_resumed_session_asks_before_going_back(bench, session):
+    def stop(event):
+        if isinstance(event, Seen) and len(session.state.shots) == 5:
+            run.ask_to_stop()
+
+    run = Run(benches.short_plan(), bench, session, Scripted(listen=stop))
+    assert run.go().how == "stopped"
+    session.close()
+    with Session.open(session.folder, bench.clock) as again:
+        operator = Watchful(bench)
+        assert Run(benches.short_plan(), bench, again, operator).go().how == "finished"
+    (asked,) = operator.questions
+    assert asked.startswith("Homing")
+    assert "then " in asked
+    assert "z to 620.0 mm" in asked
+    assert all(count == 1 for _, count in operator.moved)
+
+
+def test_a_stage_that_lost_its_position_does_not_home_again_unasked(tmp_path):
+    with (
+        benches.quick_bench(tmp_path, mishaps=[Mishap(19.0, "alarm", 1)]) as bench,
+        benches.new_session(tmp_path, bench) as session,
+    ):
+        operator = Watchful(bench)
+        assert Run(benches.short_plan(), bench, session, operator).go().how == "finished"
+    again = [i for i, question in enumerate(operator.questions) if question.endswith("back to where it was.")]
+    first, *later = [asked for verb, asked in operator.moved if verb == "home"]
+    assert first == 1
+    assert again == [1]
+    # the alarm came while homing; after the second question what failed homes, then both
+    assert later in ([2] * 3, [1, 2, 2, 2])
