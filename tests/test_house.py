@@ -12,7 +12,7 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 
 
-@pytest.mark.parametrize("rule", ["style", "format", "types", "imports"])
+@pytest.mark.parametrize("rule", ["style", "format", pytest.param("types", marks=pytest.mark.slow), "imports"])
 def test_house_rule(rule: str) -> None:
     environment = {**os.environ, "PYTHON": sys.executable}
     done = subprocess.run([ROOT / ".ci" / "check", rule], env=environment, capture_output=True, text=True, check=False)

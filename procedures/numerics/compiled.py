@@ -6,10 +6,11 @@ Numba compiles; it is imported when there is something to compile. What was comp
 
 from __future__ import annotations
 
+import hashlib
 import threading
 import types
 from collections.abc import Callable, Iterator
-from functools import cached_property, update_wrapper
+from functools import cached_property, lru_cache, update_wrapper
 from pathlib import Path
 from typing import Any, Generic, ParamSpec, TypeVar
 
@@ -34,6 +35,12 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
 def vectorised(function: Callable[P, R]) -> Callable[P, R]:
     """As `compiled`, for data without NaN: sums may be reordered, so that loops over them fill vector registers."""
     return Kernel(function, fastmath={"reassoc", "contract", "nsz", "arcp", "nnan"})
+
+
+@lru_cache
+def _digest(source: Path, *_changed: int) -> str:
+    """Of a source file, found again when its time or size has changed; copies of one file share what is compiled."""
+    return hashlib.sha256(source.read_bytes()).hexdigest()
 
 
 class Kernel(Generic[P, R]):
@@ -109,8 +116,9 @@ class Kernel(Generic[P, R]):
     def _content(self) -> Iterator[str]:
         """All that the code depends on: source files, constants, and the same of the kernels that are called."""
         code = self._function.__code__
-        status = Path(code.co_filename).stat()
-        yield f"{code.co_name} {code.co_firstlineno} {status.st_mtime_ns} {status.st_size}"
+        source = Path(code.co_filename)
+        status = source.stat()
+        yield f"{code.co_name} {code.co_firstlineno} {_digest(source, status.st_mtime_ns, status.st_size)}"
         yield " ".join(f"{name} {value}" for name, value in sorted(self._options.items()) if name != "fastmath")
         yield f"fastmath {sorted(self._options['fastmath'] or ())}"
         for name in code.co_names:

@@ -3,6 +3,8 @@
 A *candidate* is a patch that may be like the patch of a pixel: a frame and an offset (rows, columns). Candidate 0 is
 the patch itself, then come the `half` forward offsets of the search block in the pixel's own frame, then their
 opposites in the same order, then whole search blocks in the other frames.
+
+Arrays are copied and combined by loops: Numba makes more code of array expressions, and none that can be kept.
 """
 
 from __future__ import annotations
@@ -256,8 +258,7 @@ def aggregate(
     for j in range(candidates.shape[0]):
         frame, dr, dc = candidates[j]
         low, high = max(0, -dc), min(columns, columns - dc)
-        lean = fit[0] - np.float32(dr) * fit[1] - np.float32(dc) * fit[2]
-        own[:] = weights[j] * lean
+        lean_weights(weights[j], fit, np.float32(dr), np.float32(dc), own)
         for y in range(max(0, -top - dr), min(height, planes.shape[2] - top - dr)):
             spread_row(own, top + y - first, patch, spread)
             for c in range(low, high):
@@ -266,7 +267,18 @@ def aggregate(
                 source = planes[frame, b, top + y + dr]
                 for c in range(low, high):
                     fused[b, y, c] += spread[c] * source[c + dc]
-    fused /= total
+    for b in range(channels):
+        for y in range(height):
+            for c in range(columns):
+                fused[b, y, c] /= total[y, c]
+
+
+@vectorised
+def lean_weights(weights: Floats, fit: Floats, dr: np.float32, dc: np.float32, own: Floats) -> None:
+    """Weights of one candidate with the plane that was fitted: own (rows, columns). `fit` is that of `fit_patches`."""
+    for i in range(own.shape[0]):
+        for c in range(own.shape[1]):
+            own[i, c] = weights[i, c] * (fit[0, i, c] - dr * fit[1, i, c] - dc * fit[2, i, c])
 
 
 @vectorised
@@ -299,7 +311,9 @@ def fuse_band(
     fit = np.zeros((3, last - first, columns), np.float32)
     found = fit_patches(stack, candidates, rules, first, weights, fit)
     aggregate(stack.planes, candidates, weights, fit, top, rules.patch, fused)
-    similar[:] = found[top - first : top - first + height]
+    for i in range(height):
+        for c in range(columns):
+            similar[i, c] = found[top - first + i, c]
 
 
 @vectorised

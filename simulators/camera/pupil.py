@@ -16,6 +16,10 @@ Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
 
 
+FINER = 4
+"""Values in a table to one that was integrated: splines through those are too slow where every frequency is asked."""
+
+
 @dataclass(frozen=True)
 class Wavefront:
     """Optical path differences over the pupil: root mean square of each aberration, in micrometres.
@@ -79,29 +83,22 @@ def circular_otf(shift: Array) -> Array:
 
 def aberrated_otf(sx: Array, sy: Array, wavefront: Wavefront, wavelength_um: float) -> Array | Complex:
     """Autocorrelation of the aberrated pupil at shifts (sx, sy) in pupil radii, broadcast; real for a round one."""
+    from simulators.camera.polar_table import read  # it loads the compiler, which a lens without aberrations spares
+
     sx, sy = np.broadcast_arrays(sx, sy)
-    shift = np.hypot(sx, sy)
-    passed = shift < 2
-    t = np.sqrt(1 - shift[passed] / 2)
-    if wavefront.round:
-        profile = np.zeros(shift.shape)
-        profile[passed] = _profile(wavefront, wavelength_um)(t)
-        return profile
-    otf = np.zeros(shift.shape, dtype=np.complex128)
-    angle = np.arctan2(sy[passed], sx[passed])
-    real, imaginary = _splines(wavefront, wavelength_um)
-    otf[passed] = real.ev(t, angle) + 1j * imaginary.ev(t, angle)
-    return otf
+    table = (_profile if wavefront.round else _turned)(wavefront, wavelength_um)
+    otf = read(table, sx.ravel(), sy.ravel()).reshape(sx.shape)
+    return np.asarray(otf.real) if wavefront.round else otf
 
 
 @lru_cache(maxsize=64)
-def _profile(wavefront: Wavefront, wavelength_um: float) -> CubicSpline:
-    """The real OTF of a round wavefront over t, shift = 2 (1 - t^2)."""
+def _profile(wavefront: Wavefront, wavelength_um: float) -> Complex:
+    """The OTF of a round wavefront over t, (rows, 1), as `polar_table.read` reads it."""
     n, quadrature = _fineness(wavefront, wavelength_um)
     t = np.linspace(0.0, 1.0, 3 * n)
-    return CubicSpline(
-        t, [_overlap(2 * (1 - a * a), np.zeros(1), wavefront, wavelength_um, quadrature)[0].real for a in t]
-    )
+    otf = [_overlap(2 * (1 - a * a), np.zeros(1), wavefront, wavelength_um, quadrature)[0].real for a in t]
+    fine: Array = CubicSpline(t, otf)(np.linspace(0.0, 1.0, 3 * n * FINER))
+    return fine[:, None].astype(np.complex128)
 
 
 def _fineness(wavefront: Wavefront, wavelength_um: float) -> tuple[int, tuple[Array, Array]]:
@@ -113,17 +110,20 @@ def _fineness(wavefront: Wavefront, wavelength_um: float) -> tuple[int, tuple[Ar
     return 48 + int(40 * waves), np.polynomial.legendre.leggauss(20 + int(36 * waves))
 
 
-@lru_cache(maxsize=64)
-def _splines(wavefront: Wavefront, wavelength_um: float) -> tuple[RectBivariateSpline, RectBivariateSpline]:
-    """Real and imaginary part over (t, angle), shift = 2 (1 - t^2): in t the function is smooth up to the cutoff."""
+@lru_cache(maxsize=16)
+def _turned(wavefront: Wavefront, wavelength_um: float) -> Complex:
+    """The OTF over t and angle, as `polar_table.read` reads it: in t it is smooth up to the cutoff."""
     n, quadrature = _fineness(wavefront, wavelength_um)
     t = np.linspace(0.0, 1.0, 3 * n)
-    turn = np.arange(n) * np.pi / n
-    half = np.array([_overlap(2 * (1 - a * a), turn, wavefront, wavelength_um, quadrature) for a in t])
+    angles = np.arange(n) * np.pi / n
+    half = np.array([_overlap(2 * (1 - a * a), angles, wavefront, wavelength_um, quadrature) for a in t])
     # opposite frequencies are conjugate; eight angles more on either side keep the spline's ends out of use
     values = np.concatenate([half[:, -8:], half.conj(), half, half[:, :8].conj()], axis=1)
-    angles = np.arange(-n - 8, n + 8) * np.pi / n
-    return RectBivariateSpline(t, angles, values.real, s=0), RectBivariateSpline(t, angles, values.imag, s=0)
+    around = np.arange(-n - 8, n + 8) * np.pi / n
+    turn = 2 * n * FINER
+    where = np.linspace(0.0, 1.0, 3 * n * FINER), np.pi * (2 * np.arange(-1, turn + 2) / turn - 1)
+    real, imaginary = (RectBivariateSpline(t, around, part, s=0)(*where) for part in (values.real, values.imag))
+    return np.asarray(real + 1j * imaginary, dtype=np.complex128)
 
 
 def _overlap(

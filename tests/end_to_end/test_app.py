@@ -7,12 +7,15 @@ import json
 import time
 from pathlib import Path
 
+import pytest
 from textual.pilot import Pilot
 
 from station.app.app import StationApp
 from station.app.screens.guide import GuideScreen
 from station.guide.workspace import StationLab
 from station.results.reader import find_results
+
+pytestmark = pytest.mark.slow
 
 PATIENCE_S = 240.0
 """Real seconds for the whole of it on a slow machine."""

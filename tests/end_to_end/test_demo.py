@@ -18,6 +18,8 @@ from simulators.bench.demonstration import SETUPS, Setup
 from station.__main__ import main
 from station.demo import demo
 
+pytestmark = pytest.mark.slow
+
 PLANES = ("R", "G1", "G2", "B")
 VOID = {"meta", "br", "img", "hr", "link", "input"}
 

@@ -24,6 +24,8 @@ from station.guide.scripted import Scripted
 from station.guide.session_report import session_page
 from station.sessions.session import Session
 
+pytestmark = pytest.mark.slow
+
 
 def as_left(bench) -> dict:
     """What is known when the chart hangs straight, in focus, at its distance: the steps that other tests go through."""
@@ -112,7 +114,6 @@ def test_it_ends_with_a_report_of_the_field(done):
     assert session_page(done.folder) == page
 
 
-@pytest.mark.slow
 def test_it_can_be_computed_again_to_the_last_bit(done):
     (again,) = recompute(done.folder)
     assert again.identical, again

@@ -23,6 +23,8 @@ from station.guide.session_report import session_page
 from station.guide.session_result import compute
 from station.sessions.session import Session
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def estimated():

@@ -20,6 +20,8 @@ from station.guide.scripted import Scripted
 from station.guide.session_result import compute
 from station.sessions.session import Session
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def done(tmp_path_factory):

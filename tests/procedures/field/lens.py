@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from scipy import fft
 
 from procedures.numerics.kernel_tail import tail_kernels
 from procedures.pattern_psf.centre import mark_offset
@@ -63,11 +64,14 @@ class FieldCamera:
         ex, ey = (np.exp(-2j * np.pi * np.outer(f * turn, at)) for turn in (np.cos(angle), np.sin(angle)))
         return np.abs(np.sum((ey @ whole) * ex, axis=1))
 
+    @lru_cache(maxsize=500)  # noqa: B019  # a few cameras, for every map of theirs
     def numbers(self, x: float, y: float, radius: float) -> np.ndarray:
         """What `field.maps.numbers_of` finds, of the whole PSF; `radius` is the direction from the frame's centre."""
-        f = np.linspace(0, S / 2, 2001)
         mtf50 = []
         for angle in (radius + np.pi / 2, radius):
+            coarse = np.linspace(0, S / 2, 101)
+            i = int(np.flatnonzero(self.mtf(x, y, coarse, angle) < 0.5)[0])
+            f = np.linspace(coarse[i - 1], coarse[i], 21)
             mtf50.append(_half(f, self.mtf(x, y, f, angle)))
         whole = self.whole(x, y)
         power = np.abs(np.fft.fft2(whole)) ** 2
@@ -110,23 +114,35 @@ def _support(whole):
     return h / h.sum()
 
 
+def _autocorrelation(pupil, most):
+    """At lags from -most to most - 1 along both axes, 0 first."""
+    power = np.abs(fft.fft(fft.fft(pupil, LAGS, axis=1), LAGS, axis=0)) ** 2
+    right = fft.fft(fft.rfft(power, axis=1)[:, : most + 1], axis=0).conj()
+    rows = right[np.r_[0 : most + 1, -most:0]].astype(np.complex128)
+    left = np.roll(rows[::-1, most:0:-1], 1, axis=0).conj()  # lags opposite to those on the right
+    return np.hstack([rows[:, :most], left])[np.r_[0:most, most + 1 : 2 * most + 1]]
+
+
 @lru_cache(maxsize=2000)
 def _uncentred(lens, q, wavelength_um, pitch_um, defocus_um):
     n = PERIOD * S
     cutoff = pitch_um / (wavelength_um * lens.f_number)  # cycles per pixel, = pupil diameter
     # pupil plane sampled at the frequencies of a period of PERIOD pixels: its points as they are, off the centre, give
     # the overlap of round pupils to 4e-5; a rim that is averaged would count too little where a pupil meets itself
-    u = (np.arange(LAGS) - LAGS // 2 + 0.31) / PERIOD / (cutoff / 2)
+    reach = int(PERIOD * cutoff / 2) + 1
+    u = (np.arange(-reach, reach + 1) + 0.31) / PERIOD / (cutoff / 2)
     x, y = np.meshgrid(u, u)
     inside = np.hypot(x, y) < 1
+    x, y = x[inside], y[inside]
     wavefront = lens.wavefront(*q)
     path = wavefront.at(x, y) + defocus_um * 3**0.5 * (2 * (x * x + y * y) - 1)
-    pupil = inside * np.exp(-2j * np.pi * path / wavelength_um)
-    otf = np.fft.ifft2(np.abs(np.fft.fft2(np.fft.ifftshift(pupil))) ** 2)
-    keep = np.r_[0 : n // 2, -n // 2 : 0]
+    pupil = np.zeros(inside.shape, np.complex64)  # single precision gives the overlap to 1e-6
+    pupil[inside] = np.exp(-2j * np.pi * path / wavelength_um)
+    otf = _autocorrelation(pupil, n // 2)
+    otf /= otf[0, 0]
     f = np.fft.fftfreq(n) * S
     pixel = np.sinc(0.5 * f) * np.cos(np.pi * f * 0.4) * np.exp(-2 * (np.pi * 0.15 * f) ** 2)
-    otf = otf[np.ix_(keep, keep)] * pixel * pixel[:, None] / otf[0, 0]
+    otf = otf * pixel * pixel[:, None]
     whole = np.fft.fftshift(np.fft.ifft2(otf).real)
     return otf, mark_offset(_support(whole), S, np.eye(2))
 

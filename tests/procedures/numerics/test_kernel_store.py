@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import importlib.util
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -93,6 +94,19 @@ def test_what_is_kept_is_not_compiled_again(kernels, monkeypatch):
     answers(kernels())
     monkeypatch.setattr(compiled.Kernel, "_compiled", lambda *_: pytest.fail("it was compiled again"))
     assert_right(answers(kernels()))
+
+
+def test_a_copy_of_the_source_elsewhere_uses_what_is_kept(kernels, monkeypatch, tmp_path):
+    answers(kernels())
+    copied = tmp_path / "copied" / "some_kernels.py"
+    copied.parent.mkdir()
+    copied.write_text(SOURCE)
+    os.utime(copied, (0, 0))
+    spec = importlib.util.spec_from_file_location("some_kernels", copied)
+    made = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(made)
+    monkeypatch.setattr(compiled.Kernel, "_compiled", lambda *_: pytest.fail("it was compiled again"))
+    assert_right(answers(made))
 
 
 @pytest.mark.parametrize("change", [("FACTOR = 2.5", "FACTOR = 5.0"), ("return x * FACTOR", "return x * 5.0    ")])
