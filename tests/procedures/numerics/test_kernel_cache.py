@@ -27,7 +27,8 @@ assert abs(values.sum() - 1) < 1e-3, values  # a narrow line in the middle
 assert share_changes(np.array([0.25]), 2, 0.5).shape == (1, 5)
 {more}
 """
-AGAIN = "subprocess.run([sys.executable, '-c', 'from procedures.restoration.first_depth import plane_labelling'], check=True)"
+LATER = "from procedures.restoration.first_depth import plane_labelling"
+AGAIN = f"subprocess.run([sys.executable, '-c', '{LATER}'], check=True)"
 
 
 @pytest.fixture
