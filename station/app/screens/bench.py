@@ -71,6 +71,7 @@ class BenchScreen(StationScreen):
         self._wire_shown: tuple[str, list[str]] = ("", [])
         self._axis, self._step, self._wire = 0, 2, 0
         self._taken = ""
+        self._said = ""
 
     def body(self) -> ComposeResult:
         """Devices, axes, wire, and what came of the last command."""
@@ -118,6 +119,7 @@ class BenchScreen(StationScreen):
         self._show()
 
     def _say(self, words: str) -> None:
+        self._said = words
         self.query_one("#said", Part).update(literal(words, "bold"))
 
     def _show(self) -> None:
@@ -132,8 +134,9 @@ class BenchScreen(StationScreen):
             lines.append(f"{mark} {axis.name:10} {at:>10}  ({axis.low:.4g} to {axis.high:.4g})")
         self.query_one("#axes", Part).update(lines_of(*lines))
         if self.app.bench_taken != self._taken:  # type: ignore[attr-defined]
-            self._taken = self.app.bench_taken  # type: ignore[attr-defined]
-            self._say(self._taken)
+            before, self._taken = self._taken, self.app.bench_taken  # type: ignore[attr-defined]
+            if self._taken or self._said == before:  # what a command has said meanwhile stays
+                self._say(self._taken)
         self._show_wire()
 
     def _condition(self, row: Row) -> Condition:

@@ -74,6 +74,8 @@ def test_a_terminal_that_is_gone_ends_the_program_and_its_run(terminal, tmp_path
         terminal.press(b"\r")
         time.sleep(0.2)
     terminal.wait_for("How wide")
+    terminal.press(b"\r")  # a session in which nothing was answered is not kept
+    terminal.wait_for("Print")
     terminal.hang_up()
     assert terminal.program.wait(PATIENCE_S) == 3
     (journal,) = (tmp_path / "sessions").glob("*/journal.jsonl")
