@@ -207,7 +207,7 @@ port = "socket://127.0.0.1:9"
 axes = [{ name = "z_mm", letter = "X", feed_per_min = 3000 }]
 [devices.shutter]
 driver = "strig"
-port = "socket://127.0.0.1:9"
+port = "socket://127.0.0.1:10"
 [devices.camera]
 driver = "folder"
 folder = "incoming"
