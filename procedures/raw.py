@@ -19,7 +19,6 @@ from procedures.reading.grey_image import (
     PNG_MAGIC,
     TIFF_MAGIC,
     Samples,
-    read_colours,
     read_pgm,
     read_png,
     read_tiff,
@@ -37,7 +36,6 @@ __all__ = [
     "Plane",
     "RawFrame",
     "default_plane",
-    "read_colour_frame",
     "read_frame",
     "read_photograph",
 ]
@@ -150,33 +148,6 @@ def read_frame(
 def read_photograph(path: Path) -> bytes:
     """The content of a photograph's file. Raises BadInput where it cannot be read, is no file, or is too large."""
     return read_file(path)
-
-
-def read_colour_frame(path: Path | str, encoding: str) -> RawFrame:
-    """A photograph whose red, green and blue lie on one grid, from a TIFF or PNG of 16 bits: planes R, G and B.
-
-    Parameters
-    ----------
-    encoding : str
-        What its numbers mean: "linear" in light, or "srgb", the transfer curve of IEC 61966-2-1, which is undone.
-
-    Raises
-    ------
-    BadInput
-        If it is no such file.
-    """
-    path = Path(path)
-    data = read_photograph(path)
-    levels = read_colours(data, str(path)).astype(np.float32) / np.float32(65535)
-    light = levels if encoding == "linear" else _linear(levels)
-    planes = {name: Plane(name, np.ascontiguousarray(light[..., c]), 1 / 65535) for c, name in enumerate("RGB")}
-    return RawFrame(path, hashlib.sha256(data).hexdigest(), planes, read_exposure(BytesIO(data)))
-
-
-def _linear(levels: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """Light of numbers with sRGB's transfer curve."""
-    light = np.where(levels <= 0.04045, levels / 12.92, ((levels + 0.055) / 1.055) ** 2.4)
-    return np.asarray(light, dtype=np.float32)
 
 
 def default_plane(path: Path | str, layout: DumpLayout | None = None) -> str:

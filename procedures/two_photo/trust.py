@@ -95,14 +95,15 @@ def judge(d: Diagnostics, asked: Sampling, tried: tuple[Trial, ...], s: int) -> 
     return verdict_of(
         _refusals(d)
         + _doubts(d, s)
-        + _remains(d)
+        + _other_light(d)
+        + _processed(d)
         + _unlike(d, tried[-1].band_open)
         + _left_out(asked, tried[-1], d.scale)
     )
 
 
-def _remains(d: Diagnostics) -> list[Rule]:
-    """What the near photograph does not explain of the far one."""
+def _other_light(d: Diagnostics) -> list[Rule]:
+    """What the near photograph does not explain of the far one, as another light or focus leaves it: coarse."""
     doubtful = Verdict.DOUBTFUL
     return [
         Rule(
@@ -111,13 +112,6 @@ def _remains(d: Diagnostics) -> list[Rule]:
             f"what the near photograph does not explain is coarse, {d.colour:.1f} times as strong as at fine detail: "
             "the light came from elsewhere, or the far photograph is softer than the near one",
             "take both in the same steady light, focus at either distance, and let nothing move",
-        ),
-        Rule(
-            doubtful,
-            d.smoothing > SMOOTHING,
-            f"the far photograph's noise is {d.smoothing:.1f} times as strong at middle detail as at the finest: "
-            "it was smoothed",
-            "use the RAW files",
         ),
         Rule(
             doubtful,
@@ -132,6 +126,20 @@ def _remains(d: Diagnostics) -> list[Rule]:
             f"{d.left_over:.0%} of the wall's coarse detail is not the same in both photographs: another light, or a "
             "response that is not linear",
             "take both in the same steady light, with the same exposure, as RAW files",
+        ),
+    ]
+
+
+def _processed(d: Diagnostics) -> list[Rule]:
+    """What it does not explain, as smoothing, sharpening, compression or motion leave it."""
+    doubtful = Verdict.DOUBTFUL
+    return [
+        Rule(
+            doubtful,
+            d.smoothing > SMOOTHING,
+            f"the far photograph's noise is {d.smoothing:.1f} times as strong at middle detail as at the finest: "
+            "it was smoothed",
+            "use the RAW files",
         ),
         Rule(
             doubtful,

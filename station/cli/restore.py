@@ -212,7 +212,8 @@ def _photographs(
     """Frames, and their planes stacked as channels (C, H, W)."""
     import numpy as np
 
-    from procedures.raw import default_plane, read_colour_frame, read_frame
+    from procedures.colour_frame import read_colour_frame
+    from procedures.raw import default_plane, read_frame
     from procedures.restoration.masks.checks import check_photographs
 
     if encoding:

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
+from procedures.colour_frame import read_colour_frame
 from procedures.outcome import BadInput
-from procedures.raw import Plane, read_colour_frame
+from procedures.raw import Plane
 from procedures.restoration.colour.estimate import Steps, pair_at, shifted
 from procedures.restoration.colour.mosaic import depth_on_sensor, mosaics, spread
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
