@@ -53,7 +53,7 @@ def read_only(tmp_path):
 @pytest.mark.skipif(sys.platform == "win32", reason="folders there have no such permissions")
 def test_read_only_installation_without_a_cache_computes_and_says_so_once(read_only):
     place, words = read_only
-    unset = ("HOME", "NUMBA_CACHE_DIR", "PYTHONDONTWRITEBYTECODE")
+    unset = ("HOME", "NUMBA_CACHE_DIR", "PYTHONDONTWRITEBYTECODE", kernel_cache.SAID)
     environment = {name: value for name, value in os.environ.items() if name not in unset}
     environment |= {"XDG_CACHE_HOME": "/dev/null/none", "PYTHONPATH": str(place)}
     command = [*words, sys.executable, "-W", "error", "-c", PROGRAM.format(more=AGAIN)]
