@@ -51,12 +51,15 @@ class Driver:
         await self.press("enter")
 
     async def looks_like(self, name: str) -> None:
-        """Compare with the stored screen, once the application is idle."""
-        await self.pilot.pause(0.1)
+        """Compare with the stored screen, until it has come to rest as that."""
         stored = SCREENS / f"{name}.txt"
         if os.environ.get(WRITE):
+            await self.pilot.pause(0.1)
             stored.write_text(self.text + "\n", encoding="utf-8")
-        assert self.text + "\n" == stored.read_text(encoding="utf-8")
+        wanted, end = stored.read_text(encoding="utf-8"), time.monotonic() + PATIENCE_S
+        while self.text + "\n" != wanted and time.monotonic() < end:
+            await self.pilot.pause(0.02)
+        assert self.text + "\n" == wanted
 
 
 def drive(app: StationApp, use: Callable[[Driver], Awaitable[None]], size: tuple[int, int] = (80, 24)) -> None:
