@@ -191,7 +191,7 @@ def _from_camera(folder: Path) -> Iterator[Shots]:
     if not all((folder / kind).is_dir() for kind in (DARK, LIGHT)):
         raise BadInput(f"{folder} has neither a manifest nor folders {DARK} and {LIGHT}", _REMEDY)
     for kind in (DARK, LIGHT):
-        for path in sorted(p for p in (folder / kind).rglob("*") if p.is_file() and not p.name.startswith(".")):
+        for path in sorted(p for p in (folder / kind).rglob("*") if not p.is_dir() and not p.name.startswith(".")):
             with open_file(path) as file, decoding(str(path), "a photograph", _RAW_ONLY):
                 exposure = read_exposure(file).exposure_s
             if exposure is None:

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 SCHEMA = "station/sensor/1"
 SEED = 1288
 """Of the draws of uncertainties."""
+MOST_BLOCKS = 1 << 53
+"""Blocks of a noise spectrum that can be counted."""
 _GIVE = "give the result.json of station sensor, of the same camera at the same sensitivity"
 
 
@@ -91,7 +93,8 @@ def _noise(path: Path, plane: Mapping[str, Any]) -> NoisePower | None:
     power, signal, blocks = read_npy(file, "noise spectrum", _GIVE), float(told["signal"]), int(told["blocks"])
     if power.ndim != 2 or len(set(power.shape)) != 1 or power.dtype.kind not in "fiu" or not power.size:
         raise BadInput(f"{file} is no noise spectrum: {power.dtype} {power.shape}, not a square of numbers", _GIVE)
-    if not (np.isfinite(power).all() and (power >= 0).all() and power.any() and math.isfinite(signal) and blocks > 0):
+    whole = math.isfinite(signal) and 0 < blocks < MOST_BLOCKS
+    if not (np.isfinite(power).all() and (power >= 0).all() and power.any() and whole):
         raise BadInput(f"{file} is no noise spectrum: powers, signal and blocks are finite and above 0", _GIVE)
     return NoisePower(power.astype(np.float64), signal, blocks)
 

@@ -55,6 +55,7 @@ def test_record_and_spectrum_are_read_as_written(written):
         (lambda plane: plane.update(noise_power={"file": "nps.npy"}), "KeyError"),
         (lambda plane: plane["noise_power"].update(signal=1e400), "finite and above 0"),
         (lambda plane: plane["noise_power"].update(blocks=0), "finite and above 0"),
+        (lambda plane: plane["noise_power"].update(blocks=10**400), "finite and above 0"),
     ],
 )
 def test_record_that_no_sensor_has_is_refused(written, change, words):
