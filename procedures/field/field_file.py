@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -175,21 +176,26 @@ def read_camera(path: Path | str) -> Exposure | None:
         text = file.attrs.get(CAMERA)
     try:
         told = json.loads(text) if text is not None else None
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, RecursionError):
         told = None
-    return Exposure(**{name: told.get(name) for name in NOTED}) if isinstance(told, dict) else None
+    if not isinstance(told, dict):
+        return None
+    words = {name: one for name in NOTED[:2] if isinstance(one := told.get(name), str)}
+    numbers = {name: one for name in NOTED[2:] if type(one := told.get(name)) in (int, float) and 0 < one < math.inf}
+    return Exposure(**words, **numbers)
 
 
 def read_colours(path: Path | str) -> dict[str, LateralColour]:
     """Lateral colour by plane, as it was written; planes without any are left out. Raises BadInput as `read_field`."""
     with _opened(path) as file:
-        group = file.get("lateral_colour", {})
+        group, room = file.get("lateral_colour", {}), Room(str(path))
         shapes = {name: (int(one.attrs["rows"]), int(one.attrs["columns"])) for name, one in _planes(file)}
-        return {name: _read_colour(name, one, shapes[name]) for name, one in group.items() if name in shapes}
+        return {name: _read_colour(name, one, shapes[name], room) for name, one in group.items() if name in shapes}
 
 
-def _read_colour(name: str, group: h5py.Group, shape: tuple[int, int]) -> LateralColour:
-    positions, shift, covariance = (group[part][:] for part in ("position", "shift", "covariance"))
+def _read_colour(name: str, group: h5py.Group, shape: tuple[int, int], room: Room) -> LateralColour:
+    stored = Stored(group, room)
+    positions, shift, covariance = (stored.numbers(part) for part in ("position", "shift", "covariance"))
     surface = fit_surface(in_half_diagonals(positions, shape), shift, covariance, DEGREES)
     return LateralColour(name, str(group.attrs["reference"]), shape, positions, shift, covariance, surface)
 

@@ -26,6 +26,8 @@ EXPONENT = 2.2
 """Bins widen with this power of the sample's value."""
 RANGE = 7.5
 """Value of a sample at which the evenly spaced nodes end."""
+LARGEST = 1e30
+"""Of a pixel's value: it is filtered in single precision, which must hold sums of a million of them."""
 SUM_TOLERANCE = 0.005
 """Relative difference allowed between a histogram's sum and its count: votes may have been stored in half precision."""
 
@@ -132,10 +134,12 @@ class Film:
         Raises
         ------
         BadInput
-            If sizes differ, a count is negative or zero, a value is not finite, or histograms and counts disagree.
+            If sizes differ, a count is negative or zero, a value is not finite or too large, or histograms and counts
+            disagree.
         """
         _check_sizes(self)
         _refuse_where(~np.isfinite(self.mean).all(-1), "pixels are NaN or infinite", "render them again")
+        _refuse_where((np.abs(self.mean) > LARGEST).any(-1), f"pixels are beyond {LARGEST:g}", "render them again")
         votes = self.histogram @ np.ones(BINS, np.float32)
         if not self.histogram.min() >= 0:  # NaN is not either
             bad = ~(self.histogram >= 0).all((-2, -1))

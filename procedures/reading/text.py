@@ -19,20 +19,28 @@ SPREAD = 30
 """Bytes in memory for each byte of text: a number of two letters becomes an object of 32 bytes in a list."""
 
 
-def read_text(path: Path, kind: str, remedy: str) -> str:
-    """The text of a UTF-8 file, with or without its mark. Raises BadInput."""
-    data = read_file(path, kind)
-    Room(str(path)).take(SPREAD * len(data), f"{len(data)} bytes of text")
+def read_text(path: Path, kind: str, remedy: str, errors: str = "strict") -> str:
+    """The text of a UTF-8 file, with or without its mark; `errors` as `bytes.decode` takes it. Raises BadInput."""
+    return _text(read_file(path, kind), str(path), kind, remedy, errors)
+
+
+def _text(data: bytes, name: str, kind: str, remedy: str, errors: str = "strict") -> str:
+    Room(name).take(SPREAD * len(data), f"{len(data)} bytes of text")
     try:
-        return data.decode("utf-8-sig")
+        return data.decode("utf-8-sig", errors)
     except UnicodeDecodeError as error:
-        raise BadInput(f"{kind} {path} cannot be read: it is not text", remedy) from error
+        raise BadInput(f"{kind} {name} cannot be read: it is not text", remedy) from error
 
 
 def read_json(path: Path, remedy: str = "write it again") -> Any:
     """What a JSON file holds; the words NaN and Infinity are no JSON. Raises BadInput."""
-    text = read_text(path, "JSON file", remedy)
-    with decoding(str(path), "JSON", remedy):
+    return parse_json(read_file(path, "JSON file"), str(path), remedy)
+
+
+def parse_json(data: bytes, name: str, remedy: str) -> Any:
+    """What the bytes of a JSON file hold, for those who hash them too. Raises BadInput."""
+    text = _text(data, name, "JSON file", remedy)
+    with decoding(name, "JSON", remedy):
         return json.loads(text, parse_constant=_refuse)
 
 

@@ -252,5 +252,5 @@ def kept_row(out: Path, folder: str) -> tuple[Row | None, str]:
         row = json.loads((out / folder / RECORD).read_text(encoding="utf-8"))["batch"]
         planes = {name: PlaneRow(**plane) for name, plane in row.pop("planes").items()}
         return Row(**row, planes=planes), ""
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None, f"{RECORD} of the result that was there is not this version's"

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from procedures.outcome import BadInput, BadParameter
 from procedures.reading.exposure import check_typed, read_exposure
+from procedures.reading.guard import open_file
 from procedures.reading.text import read_rows
 from station.calibration.folder_photographs import GREY_SUFFIXES, RAW_SUFFIXES
 from station.sessions.layout import ORIGINALS, inside, is_session
@@ -41,7 +42,7 @@ def _plain(folder: Path) -> list[Path]:
     """The photographs that lie in the folder itself, or in its `originals`, by name."""
     place = folder / ORIGINALS if (folder / ORIGINALS).is_dir() else folder
     found = (path for path in place.iterdir() if path.suffix.lower() in RAW_SUFFIXES | GREY_SUFFIXES)
-    return sorted(path for path in found if path.is_file() and not path.name.startswith("."))
+    return sorted(path for path in found if not path.is_dir() and not path.name.startswith("."))
 
 
 def check_noted(paths: Sequence[Path], typed: Mapping[str, float | None], insist: str) -> None:
@@ -53,9 +54,9 @@ def check_noted(paths: Sequence[Path], typed: Mapping[str, float | None], insist
         return
     for path in paths:
         try:
-            with path.open("rb") as file:
+            with open_file(path) as file:
                 noted = read_exposure(file)
-        except OSError:
+        except (BadInput, OSError):
             continue
         check_typed(noted, typed, str(path), insist)
 

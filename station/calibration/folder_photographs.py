@@ -58,7 +58,8 @@ def unread(folder: Path, error: OSError) -> Item:
 def find_frames(folders: Sequence[Path], out: Path, missed: Callable[[Path, OSError], object] = _refuse) -> list[Path]:
     """Photographs in folders and below, by their suffix, each once, folder by folder and in the order of their names.
 
-    Files may be named too, whatever their suffix. Hidden folders are left out, and so is `out`, where results go.
+    Files may be named too, whatever their suffix. Hidden folders are left out, and so is `out`, where results go. Pipes
+    and links that lead nowhere are among them, if they are called so: whoever reads one refuses it by name.
     `missed` is told of each folder that cannot be read; by default that is refused.
 
     Raises
@@ -68,12 +69,12 @@ def find_frames(folders: Sequence[Path], out: Path, missed: Callable[[Path, OSEr
     BadInput
         If a folder cannot be read, and `missed` is left out.
     """
-    found: dict[Path, Path] = {}
+    found: dict[str, Path] = {}
     for folder in folders:
         if not os.path.lexists(folder):
             raise BadParameter(f"there is no folder {printable(folder)}", "check the path")
-        for path in [folder] if folder.is_file() else _below(folder, out.resolve(), missed):
-            found.setdefault(path.resolve(), path)
+        for path in [folder] if folder.is_file() else _below(folder, os.path.realpath(out), missed):
+            found.setdefault(os.path.realpath(path), path)  # which goes round no loop of links
     if not found:
         raise BadParameter(
             f"no photographs in {', '.join(map(printable, folders))}", "name folders that hold RAW, PGM, PNG or TIFF"
@@ -81,13 +82,14 @@ def find_frames(folders: Sequence[Path], out: Path, missed: Callable[[Path, OSEr
     return list(found.values())
 
 
-def _below(folder: Path, out: Path, missed: Callable[[Path, OSError], object]) -> Iterator[Path]:
+def _below(folder: Path, out: str, missed: Callable[[Path, OSError], object]) -> Iterator[Path]:
     for root, folders, files in os.walk(folder, onerror=lambda error: missed(Path(error.filename), error)):
         here = Path(root)
-        folders[:] = sorted(name for name in folders if not name.startswith(".") and (here / name).resolve() != out)
+        folders[:] = sorted(
+            name for name in folders if not name.startswith(".") and os.path.realpath(here / name) != out
+        )
         for name in sorted(files):
-            # a pipe or a device among them would be waited for without end
-            if Path(name).suffix.lower() in RAW_SUFFIXES | GREY_SUFFIXES and (here / name).is_file():
+            if Path(name).suffix.lower() in RAW_SUFFIXES | GREY_SUFFIXES:
                 yield here / name
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,13 +10,18 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from procedures.geometry.cameras import COLMAP_CENTRE, Camera
+from procedures.geometry.cameras import COLMAP_CENTRE, MODELS, OTHER_MODELS, Camera
 from procedures.geometry.conversion import Difference, OpenCvCamera, as_fisheye, as_opencv
 from procedures.outcome import BadInput, BadParameter
+from procedures.reading.guard import decoding
+from procedures.reading.text import read_json
 from station.results.result_files import RECORD
 
 Array = npt.NDArray[np.float64]
 
+LONGEST = 1_000_000
+"""Pixels along one side of a frame."""
+_GIVE = "name the folder that `station geometry` wrote"
 EXACT = 1e-6
 """Pixels under which a conversion loses nothing."""
 
@@ -48,26 +52,38 @@ def read_camera(result: Path) -> StoredCamera:
         If there is no such result, or it has no camera.
     """
     record = result / RECORD if result.is_dir() else result
-    try:
-        told: dict[str, Any] = json.loads(record.read_bytes())
-    except (OSError, ValueError) as error:
-        raise BadInput(f"{record} is no result: {error}", "name the folder that `station geometry` wrote") from error
-    if told.get("procedure") != "geometry":
-        kind = told.get("procedure", "nothing known")
-        raise BadInput(f"a camera's file comes from a geometry; {record} is of {kind}", "run `station geometry` first")
-    plane, entry = next(iter(told["planes"].items()))
-    if "camera" not in entry:
-        raise BadInput(f"{record} holds no camera: {entry['reason']}", entry["remedy"])
-    kept = entry["camera"]
-    camera = Camera(kept["model"], np.array(kept["params"], dtype=np.float64), kept["columns"], kept["rows"])
-    return StoredCamera(camera, np.array(entry["region"], dtype=np.float64), f"station geometry, plane {plane}")
+    told: dict[str, Any] = read_json(record, _GIVE)
+    with decoding(str(record), "a geometry's result", _GIVE):
+        if told.get("procedure") != "geometry":
+            kind = told.get("procedure", "nothing known")
+            raise BadInput(f"a camera's file comes from a geometry; {record} is of {kind}", _GIVE)
+        plane, entry = next(iter(told["planes"].items()))
+        if "camera" not in entry:
+            raise BadInput(f"{record} holds no camera: {entry['reason']}", entry["remedy"])
+        region = np.array(entry["region"], dtype=np.float64)
+        if region.ndim != 2 or not np.isfinite(region).all():
+            raise ValueError("its region is no list of points")
+        return StoredCamera(_camera(**entry["camera"]), region, f"station geometry, plane {plane}")
+
+
+def _camera(model: str, params: list[float], columns: int, rows: int, **_: object) -> Camera:
+    """Raises ValueError where it is none."""
+    camera = Camera(model, np.array(params, dtype=np.float64), columns, rows)
+    if model not in (*MODELS, *OTHER_MODELS) or len(camera.params) != len(camera.names):
+        raise ValueError(f"{model} with {len(camera.params)} parameters is no camera")
+    if not np.isfinite(camera.params).all() or min(camera.focal_px) <= 0:
+        raise ValueError("a camera's parameters are finite, and its focal length is above 0")
+    if not all(type(side) is int and 0 < side <= LONGEST for side in (columns, rows)):
+        raise ValueError(f"a frame has 1 to {LONGEST} pixels each way")
+    return camera
 
 
 def export_camera(stored: StoredCamera, form: str) -> Export:
-    """The camera in a format; raises BadParameter where it is not known."""
+    """The camera in a format; raises BadParameter where it is not known, BadInput where it is no camera's."""
     if form not in FORMATS:
         raise BadParameter(f"a camera is written as {', '.join(FORMATS)}, not {form!r}", "name one of these")
-    return FORMATS[form](stored)
+    with decoding(stored.source, "a camera that can be written", _GIVE):  # numbers of any size come from the record
+        return FORMATS[form](stored)
 
 
 def _opencv(stored: StoredCamera) -> Export:

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import tomllib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from procedures.outcome import BadInput
 from procedures.reading.exposure import read_exposure
+from procedures.reading.guard import decoding, open_file
+from procedures.reading.text import read_rows, read_text, read_toml
 
 MANIFESTS = ("sensor.toml", "sensor.csv")
 DARK, LIGHT = "dark", "light"
+LONGEST = 300
+"""Letters of a name that are told."""
 _REMEDY = "see station sensor --help for what the folder and its manifest hold"
 _RAW_ONLY = "write a manifest (sensor.csv or sensor.toml) that tells every picture's exposure"
 
@@ -61,10 +62,18 @@ def find_shots(folder: Path) -> tuple[Shots, ...]:
         raise BadInput(
             f"{folder}: light is told of some levels in another way than of others", "give photons to all, or light"
         )
-    missing = [str(path) for one in shots for path in one.paths if not path.is_file()]
+    missing = [str(path) for one in shots for path in one.paths if not _is_file(path)]
     if missing:
-        raise BadInput(f"{len(missing)} pictures that are told of are not there, first {missing[0]}", "check the names")
+        told = f"{len(missing)} pictures that are told of are not there, first {missing[0][:LONGEST]}"
+        raise BadInput(told, "check the names")
     return tuple(sorted(shots, key=lambda one: (one.kind != DARK, one.level, one.exposure_s, len(one.paths))))
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # a name that no file can have
+        return False
 
 
 def _told_by(shots: Shots) -> str:
@@ -78,9 +87,18 @@ def _told(folder: Path) -> list[Shots]:
     if (path := folder / "sensor.csv").is_file():
         return _from_csv(path)
     for path in sorted(folder.glob("*.txt")):
-        if path.read_text(errors="replace").startswith("v "):
+        if _begins(path, b"v "):
             return _from_descriptor(path)
     return _merged(_from_camera(folder))
+
+
+def _begins(path: Path, how: bytes) -> bool:
+    """Whether it is a file that begins so; a pipe, or what cannot be read, is none."""
+    try:
+        with open_file(path) as file:
+            return file.read(len(how)) == how
+    except (BadInput, OSError):
+        return False
 
 
 def _merged(shots: Iterable[Shots]) -> list[Shots]:
@@ -92,12 +110,12 @@ def _merged(shots: Iterable[Shots]) -> list[Shots]:
     return [Shots(*key, paths) for key, paths in found.items()]
 
 
-def _shots(where: str, folder: Path, entry: dict[str, Any], files: list[str]) -> Shots:
+def _shots(where: str, folder: Path, entry: Mapping[str, Any], files: object) -> Shots:
     """One entry of a manifest."""
     kind = str(entry.get("kind", "")).strip().lower()
     if kind not in (DARK, LIGHT):
         raise BadInput(f'{where}: kind is "dark" or "light"; got {entry.get("kind")!r}', _REMEDY)
-    if not files or not all(isinstance(name, str) and name for name in files):
+    if not isinstance(files, list) or not files or not all(isinstance(name, str) and name for name in files):
         raise BadInput(f"{where}: every level needs its files", _REMEDY)
     exposure = _number(where, "exposure_s", entry.get("exposure_s"))
     if exposure is None:
@@ -122,22 +140,18 @@ def _number(where: str, name: str, value: object, *, zero: bool = True) -> float
 
 
 def _from_toml(path: Path) -> list[Shots]:
-    try:
-        levels = tomllib.loads(path.read_text()).get("level")
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise BadInput(f"{path} is no TOML: {error}", _REMEDY) from error
+    levels = read_toml(path, _REMEDY).get("level")
     if not isinstance(levels, list) or not all(isinstance(one, dict) for one in levels):
         raise BadInput(f"{path} holds [[level]] tables; it has none", _REMEDY)
-    return [
-        _shots(f"{path}, level {n}", path.parent, one, list(one.get("files", []))) for n, one in enumerate(levels, 1)
-    ]
+    return [_shots(f"{path}, level {n}", path.parent, one, one.get("files")) for n, one in enumerate(levels, 1)]
 
 
 def _from_csv(path: Path) -> list[Shots]:
-    table = csv.DictReader(io.StringIO(path.read_text(encoding="utf-8-sig", errors="replace")))
-    if not {"file", "kind", "exposure_s"} <= set(table.fieldnames or ()):
-        raise BadInput(f"{path} needs the columns file, kind, exposure_s; it has {table.fieldnames}", _REMEDY)
-    return _merged(_shots(f"{path}, line {n}", path.parent, row, [row["file"] or ""]) for n, row in enumerate(table, 2))
+    names, *rows = read_rows(path, _REMEDY) or [[]]
+    if not {"file", "kind", "exposure_s"} <= set(names):
+        raise BadInput(f"{path} needs the columns file, kind, exposure_s; it has {names}", _REMEDY)
+    table = [(n, dict(zip(names, row, strict=False))) for n, row in enumerate(rows, 2) if row]
+    return _merged(_shots(f"{path}, line {n}", path.parent, row, [row.get("file")]) for n, row in table)
 
 
 def _from_descriptor(path: Path) -> list[Shots]:
@@ -146,15 +160,15 @@ def _from_descriptor(path: Path) -> list[Shots]:
     Separate groups of one exposure stay together: two pictures are the ladder's, more are a stack.
     """
     found: list[Shots] = []
-    for n, line in enumerate(path.read_text(errors="replace").splitlines(), 1):
+    for n, line in enumerate(read_text(path, "EMVA 1288 descriptor", _REMEDY, "replace").splitlines(), 1):
         words = line.split()
         if not words or words[0] in ("v", "n"):
             continue
         try:
             if words[0] in ("b", "d"):
-                photons = float(words[2].replace(",", ".")) if words[0] == "b" else None
+                photons = _finite(words[2]) if words[0] == "b" else None
                 kind = LIGHT if words[0] == "b" else DARK
-                found.append(Shots(kind, float(words[1].replace(",", ".")) * 1e-9, photons, None, ()))
+                found.append(Shots(kind, _finite(words[1]) * 1e-9, photons, None, ()))
             elif words[0] == "i":
                 last = found.pop()
                 name = Path(*line.split(maxsplit=1)[1].strip().split("\\"))
@@ -164,13 +178,21 @@ def _from_descriptor(path: Path) -> list[Shots]:
     return found
 
 
+def _finite(word: str) -> float:
+    """A number from 0 on, with a point or a comma. Raises ValueError."""
+    number = float(word.replace(",", "."))
+    if not 0 <= number < float("inf"):
+        raise ValueError(word)
+    return number
+
+
 def _from_camera(folder: Path) -> Iterator[Shots]:
     """RAW files in folders named after what they show."""
     if not all((folder / kind).is_dir() for kind in (DARK, LIGHT)):
         raise BadInput(f"{folder} has neither a manifest nor folders {DARK} and {LIGHT}", _REMEDY)
     for kind in (DARK, LIGHT):
-        for path in sorted(p for p in (folder / kind).rglob("*") if p.is_file() and not p.name.startswith(".")):
-            with path.open("rb") as file:
+        for path in sorted(p for p in (folder / kind).rglob("*") if not p.is_dir() and not p.name.startswith(".")):
+            with open_file(path) as file, decoding(str(path), "a photograph", _RAW_ONLY):
                 exposure = read_exposure(file).exposure_s
             if exposure is None:
                 raise BadInput(f"{path} does not tell its exposure time", _RAW_ONLY)

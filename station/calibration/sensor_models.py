@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -14,6 +14,9 @@ import numpy as np
 from procedures.outcome import BadInput
 from procedures.psf import Psf
 from procedures.raw import RawFrame
+from procedures.reading.arrays import read_npy
+from procedures.reading.guard import decoding, read_file
+from procedures.reading.text import parse_json
 from procedures.sensor.noise_power import NoisePower
 from procedures.sensor_model import SensorModel
 
@@ -23,6 +26,8 @@ if TYPE_CHECKING:
 SCHEMA = "station/sensor/1"
 SEED = 1288
 """Of the draws of uncertainties."""
+MOST_BLOCKS = 1 << 53
+"""Blocks of a noise spectrum that can be counted."""
 _GIVE = "give the result.json of station sensor, of the same camera at the same sensitivity"
 
 
@@ -51,13 +56,8 @@ NO_SENSOR = KnownSensor({})
 
 def read_record(path: Path) -> tuple[dict[str, Any], str]:
     """A sensor's record and its hash. Raises BadInput where the file is none."""
-    try:
-        data = path.read_bytes()
-        record = json.loads(data)
-    except OSError as error:
-        raise BadInput(f"{path} cannot be read: {error.strerror}", _GIVE) from error
-    except ValueError as error:
-        raise BadInput(f"{path} is no JSON", _GIVE) from error
+    data = read_file(path, "sensor's record")
+    record = parse_json(data, str(path), _GIVE)
     if not isinstance(record, dict) or record.get("schema") != SCHEMA:
         raise BadInput(f"{path} is no result of station sensor", _GIVE)
     return record, hashlib.sha256(data).hexdigest()
@@ -72,16 +72,17 @@ def read_sensor(path: Path, frame: RawFrame) -> KnownSensor:
         If the record is none, or of another sensitivity, or tells of none of the planes.
     """
     record, sha256 = read_record(path)
-    iso, own = record.get("iso"), frame.exposure.iso
-    if iso and own and iso != own:
-        raise BadInput(f"the sensor was measured at ISO {iso:g}, the photograph is of ISO {own:g}", _GIVE)
-    models = models_of(record)
-    if not set(models) & set(frame.planes):
-        told = ", ".join(models) or "no plane"
-        raise BadInput(f"{path} tells of {told}, the photograph has {', '.join(frame.planes)}", _GIVE)
-    names = [name for name in frame.planes if name in models]
-    noise = {name: one for name in names if (one := _noise(path, record["planes"][name])) is not None}
-    return KnownSensor({name: models[name] for name in names}, noise, str(path), sha256)
+    with decoding(str(path), "a sensor's record", _GIVE):
+        iso, own = record.get("iso"), frame.exposure.iso
+        if iso and own and iso != own:
+            raise BadInput(f"the sensor was measured at ISO {iso:g}, the photograph is of ISO {own:g}", _GIVE)
+        models = models_of(record)
+        if not set(models) & set(frame.planes):
+            told = ", ".join(models) or "no plane"
+            raise BadInput(f"{path} tells of {told}, the photograph has {', '.join(frame.planes)}", _GIVE)
+        names = [name for name in frame.planes if name in models]
+        noise = {name: one for name in names if (one := _noise(path, record["planes"][name])) is not None}
+        return KnownSensor({name: models[name] for name in names}, noise, str(path), sha256)
 
 
 def _noise(path: Path, plane: Mapping[str, Any]) -> NoisePower | None:
@@ -89,10 +90,13 @@ def _noise(path: Path, plane: Mapping[str, Any]) -> NoisePower | None:
     told = plane.get("noise_power")
     if told is None or not (file := path.parent / Path(str(told["file"])).name).is_file():
         return None
-    try:
-        return NoisePower(np.load(file, allow_pickle=False), float(told["signal"]), int(told["blocks"]))
-    except (OSError, ValueError, KeyError) as error:
-        raise BadInput(f"{file} is no noise spectrum: {error}", _GIVE) from error
+    power, signal, blocks = read_npy(file, "noise spectrum", _GIVE), float(told["signal"]), int(told["blocks"])
+    if power.ndim != 2 or len(set(power.shape)) != 1 or power.dtype.kind not in "fiu" or not power.size:
+        raise BadInput(f"{file} is no noise spectrum: {power.dtype} {power.shape}, not a square of numbers", _GIVE)
+    whole = math.isfinite(signal) and 0 < blocks < MOST_BLOCKS
+    if not (np.isfinite(power).all() and (power >= 0).all() and power.any() and whole):
+        raise BadInput(f"{file} is no noise spectrum: powers, signal and blocks are finite and above 0", _GIVE)
+    return NoisePower(power.astype(np.float64), signal, blocks)
 
 
 def models_of(record: Mapping[str, Any]) -> dict[str, SensorModel]:
@@ -102,8 +106,11 @@ def models_of(record: Mapping[str, Any]) -> dict[str, SensorModel]:
 
 
 def _model(told: Mapping[str, Any]) -> SensorModel:
-    try:
-        values = {one.name: told[one.name] for one in fields(SensorModel) if one.name in told}
-        return SensorModel(**{**values, "bend": tuple(values.get("bend", ()))})
-    except TypeError as error:
-        raise BadInput(f"the sensor's record is not whole: {error}", _GIVE) from error
+    values = {one.name: told[one.name] for one in fields(SensorModel) if one.name in told}
+    model = SensorModel(**{**values, "bend": tuple(values.get("bend", ()))})
+    numbers = [number for value in values.values() for number in (value if isinstance(value, list) else [value])]
+    if any(isinstance(one, bool) or not math.isfinite(one) for one in numbers):
+        raise ValueError("its numbers are finite")
+    if min(model.gain, model.saturation, model.signal_at_saturation) <= 0 or model.dark_variance < 0:
+        raise ValueError("gain and saturation are above 0, and no variance is below")
+    return model

@@ -177,6 +177,8 @@ def _reference(path: Path, shape: tuple[int, ...]) -> Picture:
     if truth is None or truth.shape != shape:
         came = "no array `reference` or `image`" if truth is None else f"a picture of shape {truth.shape}"
         raise BadInput(f"{path} has {came}", f"give a converged render of shape {shape}")
+    if truth.dtype.kind not in "fiu" or not np.isfinite(truth).all():
+        raise BadInput(f"{path} holds values that are no finite numbers", "give a converged render")
     return np.asarray(truth, np.float64)
 
 

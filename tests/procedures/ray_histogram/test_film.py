@@ -97,3 +97,10 @@ def test_an_empty_pixel_is_refused_with_its_place(rng):
     film.add([0, 0, 1], [0, 1, 0], rng.random((3, 3)))
     with pytest.raises(BadInput, match="1 of 4 pixels are empty, the first at row 1, column 1"):
         film.checked()
+
+
+def test_value_that_single_precision_cannot_sum_is_refused(rng):
+    samples = rng.random((2, 2, 4, 3))
+    samples[1, 0, :, 2] = 1e31
+    with pytest.raises(BadInput, match=r"1 of 4 pixels are beyond 1e\+30"):
+        film_of_samples(samples).checked()

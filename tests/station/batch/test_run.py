@@ -149,7 +149,9 @@ def test_kept_result_with_a_file_that_is_not_what_was_written_is_not_used(done, 
     spoils = {
         "deleted": lambda path: path.unlink(),
         "emptied": lambda path: path.write_bytes(b""),
-        "flipped": lambda path: path.write_bytes(path.read_bytes()[:-20] + bytes([path.read_bytes()[-20] ^ 1])),
+        "flipped": lambda path: path.write_bytes(
+            path.read_bytes()[:-20] + bytes([path.read_bytes()[-20] ^ 1]) + path.read_bytes()[-19:]
+        ),
     }
     row = next(row for row in done.rows if row["verdict"] == "pass")
     names = [path.name for path in (done.out / row["folder"]).iterdir()]

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from pathlib import Path
 
 import pytest
@@ -8,7 +9,7 @@ import pytest
 from drivers.clock import SystemClock
 from drivers.interfaces import CameraSettings, Exposure
 from procedures.outcome import BadInput, BadParameter
-from station.calibration.field_photographs import focus_positions, photographs
+from station.calibration.field_photographs import check_noted, focus_positions, photographs
 from station.sessions.session import Session
 
 
@@ -21,6 +22,12 @@ def test_photographs_of_a_folder_come_by_name_and_other_files_do_not(tmp_path):
         (tmp_path / name).write_bytes(b"")
     (tmp_path / "folder.dng").mkdir()
     assert names(photographs(tmp_path)) == ["a.pgm", "b.DNG", "c.tiff"]
+
+
+def test_pipe_among_them_is_named_by_whoever_reads_it_and_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "pipe.dng")
+    assert names(photographs(tmp_path)) == ["pipe.dng"]
+    check_noted(photographs(tmp_path), {"f_number": 8.0}, "--insist")
 
 
 def photographed(session, number, counts) -> None:

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from procedures.outcome import BadInput, BadParameter
+from procedures.raw import read_photograph
 from station.calibration.folder_photographs import find_frames, in_pairs, singly, unread
 from station.common.sanitise import cell, encodable, printable, safe_stem
 
@@ -40,11 +41,20 @@ def test_results_are_no_photographs(folder):
     assert found(here, here / "out") == ["a.dng"]
 
 
-def test_pipes_and_broken_links_are_left_out(folder):
+def test_pipes_and_links_that_lead_nowhere_are_found_and_refused_by_name(folder):
     here = folder("a.dng")
     os.mkfifo(here / "pipe.dng")
-    (here / "gone.dng").symlink_to(here / "nowhere.dng")
-    assert found(here, here / "out") == ["a.dng"]
+    for name, target in (("gone", "nowhere"), ("round", "round"), ("zero", "/dev/zero")):
+        (here / f"{name}.dng").symlink_to(target if target[0] == "/" else here / f"{target}.dng")
+    assert found(here, here / "out") == ["a.dng", "gone.dng", "pipe.dng", "round.dng", "zero.dng"]
+    for name, words in (
+        ("gone", "the link leads to"),
+        ("pipe", "is a pipe"),
+        ("round", "Too many"),
+        ("zero", "device"),
+    ):
+        with pytest.raises(BadInput, match=rf"{name}\.dng.*{words}"):
+            read_photograph(here / f"{name}.dng")
 
 
 def test_each_photograph_is_found_once(folder):

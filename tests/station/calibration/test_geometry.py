@@ -166,13 +166,44 @@ def test_what_a_format_cannot_hold_is_told_in_pixels(result):
 
 
 def test_what_is_no_camera_is_refused_by_name(tmp_path, result):
-    with pytest.raises(BadInput, match="is no result"):
+    with pytest.raises(BadInput, match="there is no file"):
         read_camera(tmp_path)
     (tmp_path / "result.json").write_text('{"procedure": "pattern", "planes": {}}')
     with pytest.raises(BadInput, match="comes from a geometry"):
         read_camera(tmp_path)
     with pytest.raises(BadParameter, match="not 'stl'"):
         export_camera(read_camera(result), "stl")
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"columns": 1 << 70}, "1 to 1000000 pixels each way"),
+        ({"rows": 480.5}, "1 to 1000000 pixels each way"),
+        ({"params": [1e400, 1, 1, 1, 0, 0, 0, 0]}, "parameters are finite"),
+        ({"params": [-1.0, 1, 1, 1, 0, 0, 0, 0]}, "focal length is above 0"),
+        ({"params": [900.0, 900, 320]}, "with 3 parameters is no camera"),
+        ({"model": "OPENCV_2"}, "is no camera|KeyError|not exist"),
+        ({"params": "many"}, "could not convert"),
+    ],
+    ids=str,
+)
+def test_camera_that_cannot_be_meant_is_refused(tmp_path, change, words):
+    kept = {"model": "OPENCV", "params": [900.0, 900, 320, 240, 0, 0, 0, 0], "columns": 640, "rows": 480, **change}
+    planes = {"Y": {"camera": kept, "region": [[0, 0], [600, 0], [600, 400]]}}
+    (tmp_path / "result.json").write_text(
+        json.dumps({"procedure": "geometry", "planes": planes}).replace("Infinity", "1e400")
+    )
+    with pytest.raises(BadInput, match=words):
+        read_camera(tmp_path)
+
+
+def test_region_that_holds_no_pixel_is_refused(tmp_path):
+    kept = {"model": "OPENCV", "params": [900.0, 900, 320, 240, 0, 0, 0, 0], "columns": 640, "rows": 480}
+    planes = {"Y": {"camera": kept, "region": [[-9, -9], [-8, -9], [-8, -8]]}}
+    (tmp_path / "result.json").write_text(json.dumps({"procedure": "geometry", "planes": planes}))
+    with pytest.raises(BadInput, match="cannot be read as a camera that can be written"):
+        export_camera(read_camera(tmp_path), "opencv")
 
 
 # --- the commands ---------------------------------------------------------------------------------------------------

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 import pytest
 
 from procedures.outcome import BadInput
@@ -62,13 +64,19 @@ def test_light_is_the_exposure_where_nothing_else_is_told(folder):
         ("sensor.toml", "level = 3", "holds"),
         ("sensor.toml", "level =", "is no TOML"),
         ("sensor.toml", TOML.replace('["d1.png", "d2.png"]', "[]"), "needs its files"),
+        ("sensor.toml", TOML.replace('["d1.png", "d2.png"]', "5"), "needs its files"),
+        ("sensor.toml", "x = " + "[" * 100_000, "RecursionError"),
+        ("sensor.csv", CSV.replace("d1.png", "9" * 5000), "not there, first"),
+        ("sensor.csv", CSV.replace("d1.png", "a\0b"), "not there, first"),
+        ("sensor.csv", CSV.replace("0.01", "nan"), "exposure_s is a number"),
+        ("sensor.csv", '"' + "a" * 200_000, "field larger than"),
         ("set.txt", "v 4.0\nq 1\ni a1.png", "no line of an EMVA 1288 descriptor"),
+        ("set.txt", "v 4.0\nb nan 1500\n", "no line of an EMVA 1288 descriptor"),
+        ("set.txt", "v 4.0\nd -3\n", "no line of an EMVA 1288 descriptor"),
     ],
 )
 def test_what_cannot_be_meant_is_refused(folder, name, text, words):
     (folder / name).write_text(text)
-    if name == "set.txt":
-        (folder / name).write_text("v 4.0\ni a1.png\n")
     with pytest.raises(BadInput, match=words):
         find_shots(folder)
 
@@ -81,3 +89,9 @@ def test_folder_without_manifest_is_refused(folder):
 def test_file_is_no_folder(folder):
     with pytest.raises(BadInput, match="is no folder"):
         find_shots(folder / "a1.png")
+
+
+def test_pipe_beside_the_pictures_is_not_waited_for(folder):
+    os.mkfifo(folder / "a.txt")
+    (folder / "set.txt").write_text(DESCRIPTOR)
+    assert [one.kind for one in find_shots(folder)] == ["dark", "light"]

@@ -1,0 +1,79 @@
+"""A sensor's record and noise spectrum are what a sensor can be, or are refused by name."""
+
+from __future__ import annotations
+
+import copy
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from procedures.outcome import BadInput
+from station.calibration.sensor_models import read_sensor
+
+PHOTOGRAPH = SimpleNamespace(exposure=SimpleNamespace(iso=100.0), planes={"G1": None})
+MODEL = {"gain": 0.1, "gain_uncertainty": 1e-3, "dark_level": 64.0, "dark_variance": 9.0, "saturation": 4000.0,
+         "signal_at_saturation": 4100.0, "bend": [-0.02, 0.001]}  # fmt: skip
+RECORD = {
+    "schema": "station/sensor/1",
+    "iso": 100,
+    "planes": {"G1": {"model": MODEL, "noise_power": {"file": "nps.npy", "signal": 2000.0, "blocks": 60}}},
+}
+
+
+@pytest.fixture
+def written(tmp_path):
+    """written(change): the path of a record after `change` was called with what it tells of the plane."""
+
+    def write(change=lambda plane: None):
+        record = copy.deepcopy(RECORD)
+        change(record["planes"]["G1"])
+        path = tmp_path / "result.json"
+        path.write_text(json.dumps(record).replace("Infinity", "1e999"))
+        return path
+
+    np.save(tmp_path / "nps.npy", np.full((4, 4), 200.0))
+    return write
+
+
+def test_record_and_spectrum_are_read_as_written(written):
+    known = read_sensor(written(), PHOTOGRAPH)
+    assert known.models["G1"].bend == (-0.02, 0.001)
+    assert (known.noise["G1"].power.mean(), known.noise["G1"].blocks) == (200.0, 60)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda plane: plane["model"].update(gain=1e400), "its numbers are finite"),
+        (lambda plane: plane["model"].update(bend=[0.1, "x"]), "TypeError"),
+        (lambda plane: plane["model"].update(saturation=0), "saturation are above 0"),
+        (lambda plane: plane["model"].update(dark_variance=-1), "no variance is below"),
+        (lambda plane: plane["model"].pop("gain"), "gain"),
+        (lambda plane: plane.update(model=[1, 2]), "cannot be read as a sensor's record"),
+        (lambda plane: plane.update(noise_power={"file": "nps.npy"}), "KeyError"),
+        (lambda plane: plane["noise_power"].update(signal=1e400), "finite and above 0"),
+        (lambda plane: plane["noise_power"].update(blocks=0), "finite and above 0"),
+        (lambda plane: plane["noise_power"].update(blocks=10**400), "finite and above 0"),
+    ],
+)
+def test_record_that_no_sensor_has_is_refused(written, change, words):
+    with pytest.raises(BadInput, match=words):
+        read_sensor(written(change), PHOTOGRAPH)
+
+
+@pytest.mark.parametrize(
+    "power", [np.zeros((4, 4)), np.ones((4, 3)), np.full((4, 4), np.nan), np.array([["a"]]), np.ones((0, 0))], ids=str
+)
+def test_spectrum_that_is_none_is_refused(written, tmp_path, power):
+    np.save(tmp_path / "nps.npy", power)
+    with pytest.raises(BadInput, match="is no noise spectrum"):
+        read_sensor(written(), PHOTOGRAPH)
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, "\xff", "3", '{"schema": "x"}', '{"a": NaN}'])
+def test_text_that_is_no_record_is_refused(tmp_path, text):
+    (tmp_path / "r.json").write_bytes(text.encode("latin-1"))
+    with pytest.raises(BadInput):
+        read_sensor(tmp_path / "r.json", PHOTOGRAPH)
