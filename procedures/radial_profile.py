@@ -107,9 +107,12 @@ def _within(x: Array, y: Array, k: int) -> npt.NDArray[np.bool_]:
 def _on_circles(radius: Array, offsets: npt.NDArray[np.intp], k: int) -> Array:
     """What samples at these offsets add to the mean on circles by the band-limited image inside the support:
     (n, size, size)."""
-    x, y = _circles(radius)
+    found = np.zeros((len(radius), len(offsets), len(offsets)))
+    reaching = radius <= k / 2**0.5  # the others lie outside
+    x, y = _circles(radius[reaching])
     across, down = (np.sinc(at[..., None] - offsets) for at in (x, y))
-    return np.asarray((down * _within(x, y, k)[..., None]).transpose(0, 2, 1) @ across / DIRECTIONS)
+    found[reaching] = (down * _within(x, y, k)[..., None]).transpose(0, 2, 1) @ across / DIRECTIONS
+    return found
 
 
 def _tail_on_circles(radius: Array, k: int) -> Array:

@@ -50,7 +50,9 @@ def tail_kernels(k: int) -> Array:
     x = np.arange(-half, half + 1)
     r, angle = np.hypot(x, x[:, None]), np.arctan2(x[:, None], x)
     outside = (np.maximum(np.abs(x), np.abs(x[:, None])) > k // 2) & (r <= half)
-    mean, close = (np.where(outside, 1 / np.maximum(r, 1) ** power, 0.0) for power in (3, 5))
+    square = np.maximum(r * r, 1)
+    mean = outside / (square * np.sqrt(square))
+    close = mean / square
     mean, close = mean / mean.sum(), close / close.sum()
     turning = [mean * wave(m * angle) for m in (2, 4) for wave in (np.cos, np.sin)]
     kernels = np.stack([mean, close, *turning])
@@ -72,8 +74,9 @@ def tail_columns(
     """
     # only every s-th sample is wanted: along y by folding the spectrum, which is exact
     shape = (s * transforms.next_fast_len(-(-u.shape[0] // s)), transforms.next_fast_len(u.shape[1]))
-    seen = transforms.rfft2(u, shape)
-    found, places = np.empty((len(rows), shapes)), rows * shape[1] + s * columns
+    border, wave = tail_border(k), transforms.fftfreq(shape[0])[:, None]
+    seen = transforms.rfft2(u, shape) * np.exp(2j * np.pi * border * wave).astype(np.complex64)
+    found, places = np.empty((len(rows), shapes)), rows * shape[1] + border + s * columns
     for j, spectrum in enumerate(_spectra(k, *shape)[:shapes]):
         folded = (seen * spectrum).reshape(s, shape[0] // s, -1).sum(axis=0)
         found[:, j] = transforms.irfft2(folded, (shape[0] // s, shape[1])).ravel()[places]
@@ -116,22 +119,27 @@ def far_light(
 @lru_cache(maxsize=8)
 def _far_spectrum(rows: int, columns: int, s: int, k: int) -> npt.NDArray[np.complex64]:
     """Spectrum of the tail from the reach to `FAR`, on a grid of pixels."""
-    r = np.hypot(
-        *np.meshgrid(transforms.fftfreq(rows, 1 / rows), transforms.fftfreq(columns, 1 / columns), indexing="ij")
-    )
+    y, x = (transforms.fftfreq(n, 1 / n).astype(np.float32) for n in (rows, columns))
+    r = np.hypot(y[:, None], x)
     weight = np.clip(r - tail_border(k) / s + 0.5, 0, 1) * (r <= FAR)
-    return np.asarray(transforms.rfft2(weight * tail_density(k) / (s * np.maximum(r, 1) ** 3)), dtype=np.complex64)
+    density = tail_density(k) / s * weight / np.maximum(r * r * r, 1)
+    return np.asarray(transforms.rfft2(density.astype(np.float32)), dtype=np.complex64)
 
 
 @lru_cache(maxsize=4)
-def _spectra(k: int, rows: int, columns: int) -> npt.NDArray[np.complex64]:
-    """Spectra of the shapes on a grid, shifted so that the first sample that all of them reach comes first."""
-    kernels = tail_kernels(k)
-    size = kernels.shape[1]
-    placed = np.zeros((len(kernels), rows, columns), dtype=np.float32)
-    placed[:, :size, :size] = kernels
-    shifted = np.roll(placed, (1 - size, 1 - size), axis=(1, 2))
-    return np.stack([transforms.rfft2(one) for one in shifted])
+def _spectra(k: int, rows: int, columns: int) -> Array32:
+    """Spectra (q, rows, columns // 2 + 1) of the shapes about the origin of a grid: real, as each is its own mirror
+    image in its centre. So one transform gives those of two: of one as its real part, of the other as the imaginary.
+    """
+    half, kernels = tail_border(k), tail_kernels(k).astype(np.float32)
+    spectra = np.empty((len(kernels), rows, columns // 2 + 1), np.float32)
+    pair = np.zeros((rows, columns), np.complex64)
+    centred = np.ix_(np.arange(-half, half + 1) % rows, np.arange(-half, half + 1) % columns)
+    for j in range(0, len(kernels), 2):
+        pair[centred] = kernels[j] + 1j * kernels[j + 1]
+        both = transforms.fft2(pair)[:, : columns // 2 + 1]
+        spectra[j], spectra[j + 1] = both.real, both.imag
+    return spectra
 
 
 @lru_cache(maxsize=8)

@@ -10,7 +10,6 @@ from procedures.numerics.compiled import compiled, vectorised
 Array32 = npt.NDArray[np.float32]
 
 
-@compiled
 def sample_convolution(
     raster: Array32,
     rows: npt.NDArray[np.int64],
@@ -19,7 +18,7 @@ def sample_convolution(
     s: int,
     k: int,
     more: int = 0,
-) -> Array32:  # pragma: no cover - compiled
+) -> Array32:
     """The matrix S_s U: convolution with a raster, sampled at pixels, each row scaled by its weight.
 
     Parameters
@@ -41,15 +40,28 @@ def sample_convolution(
     ----------
     Delbracio, Muse, Almansa, IPOL 2012, section 4.7.
     """
-    m = len(rows)
-    A = np.empty((m, k * k + more), np.float32)
-    for p in range(m):
+    A = np.empty((len(rows), k * k + more), np.float32)  # by NumPy, which takes memory in large pages
+    _fill(A, raster, rows, columns, weight, s, k)
+    return A
+
+
+@compiled
+def _fill(
+    A: Array32,
+    raster: Array32,
+    rows: npt.NDArray[np.int64],
+    columns: npt.NDArray[np.int64],
+    weight: Array32,
+    s: int,
+    k: int,
+) -> None:  # pragma: no cover - compiled
+    """The first k^2 columns of `sample_convolution`."""
+    for p in range(len(rows)):
         top, left, w = s * rows[p], s * columns[p], weight[p]
         for i in range(k):
             line = raster[top + k - 1 - i]
             for j in range(k):
                 A[p, i * k + j] = w * line[left + k - 1 - j]
-    return A
 
 
 @vectorised

@@ -8,13 +8,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numpy.fft import fft2, fftfreq, ifft, irfft, irfft2
+from numpy.fft import fftfreq, ifft, irfft, irfft2
 
 __all__ = ["fft2", "fftfreq", "ifft", "irfft", "irfft2", "next_fast_len", "rfft2"]
+
+
+def fft2(picture: npt.NDArray[np.inexact[Any]]) -> npt.NDArray[np.complexfloating]:
+    """The transform of a picture (rows, columns), real or complex."""
+    if picture.dtype == np.float32:
+        real = np.ascontiguousarray(picture)
+        return np.asarray(cv2.dft(real, flags=cv2.DFT_COMPLEX_OUTPUT)).view(np.complex64)[..., 0]
+    if picture.dtype == np.complex64:
+        pairs = np.ascontiguousarray(picture).view(np.float32).reshape(*picture.shape, 2)
+        return np.asarray(cv2.dft(pairs)).view(np.complex64)[..., 0]
+    return np.asarray(np.fft.fft2(picture))
 
 
 def rfft2(picture: npt.NDArray[np.floating], shape: Sequence[int] | None = None) -> npt.NDArray[np.complexfloating]:
@@ -32,8 +44,7 @@ def rfft2(picture: npt.NDArray[np.floating], shape: Sequence[int] | None = None)
         filled = np.zeros((rows, columns), dtype=np.float32)
         filled[: picture.shape[0], : picture.shape[1]] = picture[:rows, :columns]
         picture = filled
-    whole = cv2.dft(np.ascontiguousarray(picture), flags=cv2.DFT_COMPLEX_OUTPUT)
-    return np.ascontiguousarray(whole.view(np.complex64)[:, : columns // 2 + 1, 0])
+    return np.ascontiguousarray(fft2(picture)[:, : columns // 2 + 1])
 
 
 @lru_cache(maxsize=256)

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.ordered import quantile
 from procedures.pattern import CELLS
 from procedures.pattern_psf.refine import Fit
 
@@ -97,5 +98,5 @@ def informed(JJ: Array) -> npt.NDArray[np.int64]:
     """The bins whose samples tell their place about as well as those of others do."""
     least = np.linalg.eigvalsh(JJ)[:, 0]
     seen = least[least > 0]
-    usual = float(np.median(seen)) if len(seen) else np.inf
+    usual = quantile(seen, 0.5) if len(seen) else np.inf
     return np.flatnonzero(least > LEAST_SHARE * usual)

@@ -163,7 +163,11 @@ def _of_pair(
 def _side_by_side(
     estimate: Callable[[Plane], PlaneResult], planes: Sequence[Plane], threads: int | None
 ) -> Iterator[PlaneResult]:
-    with ThreadPoolExecutor(min(len(planes), threads or os.cpu_count() or 1)) as pool:
+    workers = min(len(planes), threads or os.cpu_count() or 1)
+    if workers == 1:  # a thread of its own would begin with memory of its own
+        yield from map(estimate, planes)
+        return
+    with ThreadPoolExecutor(workers) as pool:
         yield from pool.map(estimate, planes)
 
 

@@ -55,23 +55,29 @@ def transform(H: Array, points: Array) -> Array:
 @cache
 def expected() -> Picture:
     """The rectified chart, black 0, white 1, its noise at one half."""
-    fine = 8
-    blocks = (np.arange(SIDE * fine) + 0.5) / (PIXELS * fine) - RIM_BLOCKS
-    index, within = np.floor(blocks).astype(int), blocks % 1 - 0.5
-    picture = np.ones((SIDE * fine, SIDE * fine), dtype=np.float32)
-
-    def block(column: int, row: int) -> tuple[npt.NDArray[np.intp], ...]:
-        return np.ix_(np.flatnonzero(index == row), np.flatnonzero(index == column))
-
+    picture = np.ones((SIDE, SIDE), dtype=np.float32)
     for place in BLACK_BLOCKS:
-        picture[block(*place)] = 0.0
+        picture[_pixels_of(*place)] = 0.0
     for place in X_CORNER_BLOCKS:
-        rows, columns = block(*place)
-        picture[rows, columns] = np.abs(within[rows]) < np.abs(within[columns])
-    noise = (index >= 1) & (index < BLOCKS - 1)
-    picture[np.ix_(noise, noise)] = 0.5
-    small = cv2.resize(picture, (SIDE, SIDE), interpolation=cv2.INTER_AREA)
-    return np.asarray(cv2.GaussianBlur(small, (0, 0), BLUR), dtype=np.float32)
+        picture[_pixels_of(*place)] = _bow_tie()
+    noise = slice((RIM_BLOCKS + 1) * PIXELS, -(RIM_BLOCKS + 1) * PIXELS)
+    picture[noise, noise] = 0.5
+    return np.asarray(cv2.GaussianBlur(picture, (0, 0), BLUR), dtype=np.float32)
+
+
+def _pixels_of(column: int, row: int) -> tuple[slice, slice]:
+    """Where the rectified picture shows a block."""
+    first = np.array([row, column]) + RIM_BLOCKS
+    rows, columns = (slice(at * PIXELS, (at + 1) * PIXELS) for at in first.tolist())
+    return rows, columns
+
+
+def _bow_tie() -> Picture:
+    """An x-corner's block, its pixels the means of 8 x 8 points."""
+    fine = 8
+    t = np.abs((np.arange(PIXELS * fine) + 0.5) / (PIXELS * fine) - 0.5)
+    points = (t[:, None] < t).reshape(PIXELS, fine, PIXELS, fine)
+    return np.asarray(points.mean(axis=(1, 3)), dtype=np.float32)
 
 
 @cache

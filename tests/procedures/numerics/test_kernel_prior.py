@@ -24,7 +24,8 @@ def test_the_numbers_a_kernel_was_drawn_with_are_found(rng: np.random.Generator)
     C = matern(*truth)
     errors = 0.002**2 * np.eye(K * K)
     root = np.linalg.cholesky(C + errors)
-    found = [kernel_prior._most_likely(root @ rng.standard_normal(K * K), errors, S) for _ in range(20)]
+    start = kernel_prior._start(S)
+    found = [kernel_prior._most_likely(root @ rng.standard_normal(K * K), errors, start, start) for _ in range(20)]
     # a kernel holds some ten independent values: each logarithm is known to about 0.4, the mean of twenty to 0.1;
     # the start, which holds the search a little, lies 0.4 to 0.9 away
     np.testing.assert_allclose(np.mean(found, axis=0), np.log(truth), atol=0.35)
