@@ -103,6 +103,7 @@ def test_the_record_tells_verdict_noise_and_what_is_predicted(done):
     assert "Before and after" in (done[1] / "report.html").read_text()
 
 
+@pytest.mark.slow
 def test_a_grey_photograph_whose_camera_is_not_known_is_doubtful(files, tmp_path):
     result = run(files[0] / "photo.tiff", "--field", files[0] / "grey.h5", "--out", tmp_path)
     assert result.exit_code == 0, result.output
@@ -125,6 +126,7 @@ def test_a_field_of_another_aperture_is_refused_and_leaves_nothing(files, tmp_pa
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_blurred_photograph_is_refused_as_processed(files, tmp_path):
     grey_levels = cv2.imread(str(files[0] / "photo.tiff"), cv2.IMREAD_UNCHANGED)
     noisy = grey_levels + np.random.default_rng(1).normal(0, 900, grey_levels.shape)

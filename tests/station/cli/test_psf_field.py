@@ -46,6 +46,7 @@ def done(folder, tmp_path_factory):
     return CliRunner().invoke(main, words, prog_name="station"), out
 
 
+@pytest.mark.slow
 def test_a_frame_that_fails_is_named_and_the_rest_goes_on(done):
     result, out = done
     assert result.exit_code == 1, result.output

@@ -51,6 +51,7 @@ def error(u, truth):
     return float(np.sqrt(np.mean((u - truth)[RIM:-RIM, RIM:-RIM] ** 2)))
 
 
+@pytest.mark.slow
 def test_neither_range_nor_ratio_need_be_told(shaken):
     result, out, _, _ = shaken
     assert result.exit_code == 0, result.output
@@ -81,6 +82,7 @@ def test_the_shift_is_recorded(shaken):
     assert "shift of photograph 2 that its blur does not contain" in page
 
 
+@pytest.mark.slow
 def test_kernels_larger_than_the_range_are_doubted_and_told_what_to_do(shaken, tmp_path):
     made = shaken[1].parent
     files = [str(made / name) for name in ("0.png", "1.png", "kernel0.txt", "kernel1.txt")]

@@ -17,10 +17,15 @@ FENCE = re.compile(r"^```sh run(?P<slow> slow)?(?: exit (?P<code>\d+))?\n(?P<lin
 
 
 def examples():
+    """Each block; one that several pages show is run once, with all their names."""
+    names, marks = {}, {}
     for page in PAGES:
         for number, block in enumerate(FENCE.finditer(page.read_text(encoding="utf-8")), 1):
-            marks = [pytest.mark.slow] if block["slow"] else []
-            yield pytest.param(block["lines"], int(block["code"] or 0), id=f"{page.stem}-{number}", marks=marks)
+            told = block["lines"], int(block["code"] or 0)
+            names.setdefault(told, []).append(f"{page.stem}-{number}")
+            marks[told] = [pytest.mark.slow] if block["slow"] else []
+    for told, pages in names.items():
+        yield pytest.param(*told, id=" ".join(pages), marks=marks[told])
 
 
 @pytest.mark.parametrize(("lines", "code"), list(examples()))
