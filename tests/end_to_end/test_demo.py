@@ -18,11 +18,12 @@ from procedures.raw import read_frame
 from simulators.bench.demonstration import SETUPS, Setup
 from station.__main__ import main
 from station.demo import demo
+from station.demo.demo_page import demonstration_page
+from station.demo.demonstration import summary
 
 pytestmark = pytest.mark.slow
 
 MADE, SAID = "STATION_DEMONSTRATION", ("stdout", "stderr")
-SMALL = (Setup("small", "Small", (0.5, 0.5), 1.0, rows=260, columns=260),)
 PLANES = ("R", "G1", "G2", "B")
 VOID = {"meta", "br", "img", "hr", "link", "input"}
 
@@ -166,15 +167,25 @@ def test_page_begins_with_the_verdict_and_shows_every_plane(demonstration):
 # --- again, and when it goes wrong: one photograph is enough -----------------------------------------------------
 
 
-def test_same_seed_gives_the_same_bytes_and_another_does_not(tmp_path):
-    for folder, seed in (("a", 2), ("b", 2), ("c", 1)):
-        demo.run_demo(tmp_path / folder, seed, setups=SMALL)
-    names = sorted(path.relative_to(tmp_path / "a") for path in (tmp_path / "a").rglob("*") if path.is_file())
-    # the records hold how long it took
-    fixed = [name for name in names if name.name != "result.json"]
-    assert all((tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes() for name in fixed)
-    psf = Path("results", SMALL[0].name, "psf_G1.npy")
-    assert (tmp_path / "a" / psf).read_bytes() != (tmp_path / "c" / psf).read_bytes()
+def test_same_seed_gives_the_same_bytes_and_another_does_not(demonstration, tmp_path, monkeypatch):
+    first, out = SETUPS[0], tmp_path / "again"
+    found, _ = demo.run_demo(out, 1, setups=(first,))
+    names = [path.relative_to(out) for path in out.rglob("*") if path.is_file()]
+    # the records hold how long it took, and this page shows one photograph alone
+    fixed = [name for name in names if name.name not in ("result.json", demo.PAGE)]
+    assert len(fixed) > 4 * len(PLANES)
+    assert all((out / name).read_bytes() == (demonstration.out / name).read_bytes() for name in fixed)
+    assert demonstration_page(found, summary(found)) == (out / demo.PAGE).read_text(encoding="utf-8")
+    other = []
+
+    def enough(path):
+        other.append(path.read_bytes())
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(demo, "read_frame", enough)
+    with pytest.raises(KeyboardInterrupt):
+        demo.run_demo(tmp_path / "other", 2, setups=(first,))
+    assert other != [(out / "photographs" / f"{first.name}.dng").read_bytes()]
 
 
 @pytest.fixture
