@@ -68,6 +68,7 @@ def done(files, tmp_path_factory):
     return run(files[0] / "photo.dng", "--field", files[0] / "field.h5", "--out", out, "--json"), out
 
 
+@pytest.mark.slow
 def test_a_raw_photograph_becomes_a_sharper_linear_dng_and_tiff(files, done):
     result, out = done
     assert result.exit_code == 0, result.output
@@ -83,6 +84,7 @@ def test_a_raw_photograph_becomes_a_sharper_linear_dng_and_tiff(files, done):
     np.testing.assert_allclose(np.clip((levels - 2048) / 60000, 0, 1), picture, atol=2 / 60000)  # both round
 
 
+@pytest.mark.slow
 def test_both_files_tell_what_the_camera_noted(done):
     for name in ("corrected.tiff", "corrected.dng"):
         tags = exifread.process_file(io.BytesIO((done[1] / name).read_bytes()))
@@ -92,6 +94,7 @@ def test_both_files_tell_what_the_camera_noted(done):
         assert str(tags["Image Make"]) == "Bench"
 
 
+@pytest.mark.slow
 def test_the_record_tells_verdict_noise_and_what_is_predicted(done):
     record = json.loads((done[1] / "result.json").read_text())
     assert record == json.loads(done[0].stdout)

@@ -62,6 +62,7 @@ def test_a_grey_scene_in_two_raw_files_stays_grey(light, tmp_path):
     assert (tmp_path / "out" / "report.html").exists()
 
 
+@pytest.mark.slow
 def test_colour_files_are_restored_as_their_encoding_says(light, tmp_path):
     files = [tmp_path / "a.tiff", tmp_path / "b.tiff"]
     for path, z in zip(files, light, strict=True):
