@@ -119,6 +119,7 @@ def test_a_grey_photograph_whose_camera_is_not_known_is_doubtful(files, tmp_path
     assert plain.psnr(picture) > plain.psnr(plain.frame.planes["Y"].samples[None]) + 2
 
 
+@pytest.mark.slow
 def test_a_field_of_another_aperture_is_refused_and_leaves_nothing(files, tmp_path):
     lens = SmallLens(PLANES, 0.6)
     field = tmp_path / "other.h5"
@@ -160,6 +161,7 @@ def test_what_the_files_do_not_tell_is_named():
     assert check_exposure(CAMERA, None) == ["the field does not tell its camera"]
 
 
+@pytest.mark.slow
 def test_a_field_tells_its_camera(files):
     assert read_camera(files[0] / "field.h5") == replace(Exposure(), **{
         name: getattr(CAMERA, name) for name in ("camera", "lens", "f_number", "focal_length_mm", "subject_distance_mm")

@@ -74,6 +74,7 @@ def test_a_rig_that_turned_is_restored_from_its_records(by_imu, shaken):
     assert error(sharp, still) < 0.4 * error(blurred, still)
 
 
+@pytest.mark.slow
 def test_the_record_tells_depth_in_inverse_metres(by_imu):
     record = json.loads((by_imu / "result.json").read_text())
     assert record["w"]["unit"] == "1/m"

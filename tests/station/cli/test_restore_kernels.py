@@ -61,6 +61,7 @@ def test_neither_range_nor_ratio_need_be_told(shaken):
     assert record["parameters"]["max_w"] == 8
 
 
+@pytest.mark.slow
 def test_the_picture_gains_3_db_on_the_better_photograph(shaken):
     _, out, truth, z = shaken
     sharp = cv2.imread(str(out / "sharp.tiff"), cv2.IMREAD_UNCHANGED)
@@ -68,12 +69,14 @@ def test_the_picture_gains_3_db_on_the_better_photograph(shaken):
     assert error(sharp, truth) < min(error(one, truth) for one in moved) / 10 ** (3 / 20)
 
 
+@pytest.mark.slow
 def test_depth_is_flat_and_the_kernels_own(shaken):
     w = np.load(shaken[1] / "w.npy")[RIM:-RIM, RIM:-RIM]
     assert np.median(w) == pytest.approx(4.0, abs=0.1)
     assert w.std() < 0.2
 
 
+@pytest.mark.slow
 def test_the_shift_is_recorded(shaken):
     record = json.loads((shaken[1] / "result.json").read_text())
     assert record["shift"]["unit"] == "pixel"

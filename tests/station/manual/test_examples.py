@@ -23,9 +23,10 @@ def examples():
         for number, block in enumerate(FENCE.finditer(page.read_text(encoding="utf-8")), 1):
             told = block["lines"], int(block["code"] or 0)
             names.setdefault(told, []).append(f"{page.stem}-{number}")
-            marks[told] = [pytest.mark.slow] if block["slow"] else []
+            if block["slow"]:
+                marks[told] = [pytest.mark.slow]
     for told, pages in names.items():
-        yield pytest.param(*told, id=" ".join(pages), marks=marks[told])
+        yield pytest.param(*told, id=" ".join(pages), marks=marks.get(told, []))
 
 
 @pytest.mark.parametrize(("lines", "code"), list(examples()))
