@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import gc
 import os
 from pathlib import Path
 
@@ -8,6 +9,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import pytest
+
+# a process that has imported everything keeps a large heap: looking through it for garbage after every 700 containers,
+# as is Python's habit, takes a good part of the time
+gc.set_threshold(50_000)
 
 ROOT = Path(__file__).resolve().parent.parent
 ABSENT = "no shared data"
@@ -25,6 +30,11 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip(f"{ABSENT} at {folder}; set STATION_SHARED_DATA to its folder")
     return folder
+
+
+def pytest_collection_finish() -> None:
+    """What is imported and collected stays: nothing in it is garbage."""
+    gc.freeze()
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

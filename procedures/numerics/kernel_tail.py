@@ -167,9 +167,10 @@ def tail_spectra(fx: Array, fy: Array, k: int) -> Array:
     return _spectra_at(np.asarray(fx, np.float64).tobytes(), np.asarray(fy, np.float64).tobytes(), k)
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=512)
 def _spectra_at(x_bytes: bytes, y_bytes: bytes, k: int) -> Array:
-    """The same, kept: curves are drawn at the same frequencies again and again."""
+    """The same, kept: curves are drawn at the same frequencies again and again, a field's in directions that its planes
+    share."""
     fx, fy = np.frombuffer(x_bytes), np.frombuffer(y_bytes)
     half = tail_border(k)
     quadrants = tail_kernels(k)[:, half:, half:]

@@ -91,6 +91,9 @@ def _one_loop(first: Vertex, ends: dict[Vertex, list[Vertex]]) -> Loop:
     while loop[-1] != first:
         choices = ends[loop[-1]]
         before, here = loop[-2:]
+        if len(choices) == 1:
+            loop.append(choices.pop())
+            continue
         # where two squares meet in a corner, the sharpest right turn stays on the same one
         following = max(choices, key=lambda after: _turn(before, here, after))
         choices.remove(following)
@@ -107,4 +110,6 @@ def _turn(before: Vertex, here: Vertex, after: Vertex) -> float:
 
 def _without_straight_points(loop: Loop) -> Loop:
     neighbours = zip(loop[-1:] + loop[:-1], loop, loop[1:] + loop[:1], strict=True)
-    return [here for before, here, after in neighbours if _turn(before, here, after) != 0.0]
+    return [
+        here for (a, b), here, (c, d) in neighbours if (here[0] - a) * (d - here[1]) != (here[1] - b) * (c - here[0])
+    ]

@@ -85,9 +85,16 @@ def aberrated_otf(sx: Array, sy: Array, wavefront: Wavefront, wavelength_um: flo
     """Autocorrelation of the aberrated pupil at shifts (sx, sy) in pupil radii, broadcast; real for a round one."""
     from simulators.camera.polar_table import read  # it loads the compiler, which a lens without aberrations spares
 
+    if wavefront.round and sy.ndim == 2 and sy.shape[1] == 1:  # a grid: what lies below is what lies above
+        sy, below = np.unique(np.abs(sy), return_inverse=True)
+        sy = sy[:, None]
+    else:
+        below = None
     sx, sy = np.broadcast_arrays(sx, sy)
     table = (_profile if wavefront.round else _turned)(wavefront, wavelength_um)
     otf = read(table, sx.ravel(), sy.ravel()).reshape(sx.shape)
+    if below is not None:
+        otf = otf[below.ravel()]
     return np.asarray(otf.real) if wavefront.round else otf
 
 

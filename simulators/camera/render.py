@@ -119,12 +119,15 @@ def render_region(
     """
     period = 1 + max(x for x, _ in colours)
     wide = region.grown(margin_px or max(LEAST_MARGIN_PX, optics.margin_px()))
-    spectrum = fft.rfft2(_ideal(picture, wide, oversampling), workers=2, overwrite_x=True)
+    fine_columns = wide.width * oversampling
+    passing = {colour: transfer(optics, colour, wide, oversampling) for colour in sorted(set(colours.values()))}
+    columns = max(factors.shape[1] for factors in passing.values())
+    spectrum = _spectrum(_ideal(picture, wide, oversampling), columns)
     light = np.empty((wide.height, wide.width))
-    for (px, py), colour in colours.items():
-        factors = transfer(optics, colour, wide, oversampling)
-        filtered = spectrum[:, : factors.shape[1]] * factors
-        light[py::period, px::period] = _sample(filtered, (px, py), oversampling, period, wide.width * oversampling)
+    for colour, factors in passing.items():
+        filtered = _filtered(spectrum, factors)
+        for px, py in (place for place, one in colours.items() if one == colour):
+            light[py::period, px::period] = _sample(filtered, (px, py), oversampling, period, fine_columns)
     top, left = region.y - wide.y, region.x - wide.x
     return light[top : top + region.height, left : left + region.width]
 
@@ -175,18 +178,34 @@ def bounding_region(pieces: Sequence[Stroke], shape: tuple[int, int], pixels: in
 def transfer(optics: Optics, colour: str, wide: Region, oversampling: int) -> Array | Complex:
     """What the fine picture's spectrum is multiplied by: the optics' transfer function over that of its hats.
 
-    Its columns end where the pupil passes nothing more.
+    Its rows, zero first, then up, then the negative ones, and its columns end where the pupil passes nothing more.
     """
     return _transfer(optics, colour, wide.height * oversampling, wide.width * oversampling, oversampling)
 
 
 @lru_cache(maxsize=4)
 def _transfer(optics: Optics, colour: str, rows: int, columns: int, oversampling: int) -> Array | Complex:
-    fy = oversampling * fft.fftfreq(rows)[:, None]
-    fx = oversampling * fft.rfftfreq(columns)[None, :]
-    fx = fx[:, fx[0] <= optics.cutoff(colour)]
-    hat: Array = (np.sinc(fx / oversampling) * np.sinc(fy / oversampling)) ** 2
+    fx, fy = oversampling * fft.rfftfreq(columns), oversampling * fft.fftfreq(rows)
+    fx, fy = (f[np.abs(f) <= optics.cutoff(colour)] for f in (fx, fy))
+    fx, fy = fx[None, :], fy[:, None]
+    hat: Array = np.sinc(fx / oversampling) ** 2 * np.sinc(fy / oversampling) ** 2
     return optics.otf(fx, fy, colour) / hat
+
+
+def _spectrum(picture: Array, columns: int) -> Complex:
+    """The first columns of a picture's spectrum; the picture is lost."""
+    lines = fft.rfft(picture, axis=1, workers=2, overwrite_x=True)[:, :columns]
+    return np.asarray(fft.fft(lines, axis=0, workers=2, overwrite_x=True), dtype=np.complex128)
+
+
+def _filtered(spectrum: Complex, factors: Array | Complex) -> Complex:
+    """The part of a spectrum that `transfer` passes, all of its rows."""
+    rows, columns = factors.shape
+    down = rows // 2
+    filtered = np.zeros((len(spectrum), columns), dtype=np.complex128)
+    for those, ours in ((slice(0, rows - down), slice(0, rows - down)), (slice(-down, None), slice(rows - down, None))):
+        np.multiply(spectrum[those, :columns], factors[ours], out=filtered[those])
+    return filtered
 
 
 def _ideal(ideal: Picture, wide: Region, n: int) -> Array:
@@ -226,9 +245,10 @@ def _sample(spectrum: Complex, phase: tuple[int, int], n: int, period: int, colu
     columns : of the fine picture; the spectrum is zero beyond its own.
     """
     rows, step = spectrum.shape[0], n * period
-    fy = n * fft.fftfreq(rows)[:, None]
-    shifted = spectrum * np.exp(2j * np.pi * fy * phase[1]) if phase[1] else spectrum
-    folded = shifted.reshape(step, rows // step, -1).sum(axis=0) / step
+    turn = 2j * np.pi * n * phase[1]  # of a whole turn of frequency: row r of the spectrum is shifted by r / rows of it
+    folds = np.exp(turn * np.arange(step) / step) / step
+    folded = (folds @ spectrum.reshape(step, -1)).reshape(rows // step, -1)
+    folded *= np.exp(turn * np.arange(rows // step) / rows)[:, None]
     lines = fft.irfft(fft.ifft(folded, axis=0), columns, axis=1)
     return np.asarray(lines[:, n * phase[0] :: step], dtype=np.float64)
 

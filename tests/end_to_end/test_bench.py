@@ -35,6 +35,7 @@ def photographed(bench):
     return outcome.value, compare(outcome.value, true.h, true.floor, partial(taken.true_otf, "G1"))
 
 
+@pytest.mark.slow
 def test_a_bench_at_rest_is_calibrated_as_well_as_its_error_bars_say(bench):
     bench.head.move_to(pan_deg=0.5, tilt_deg=-0.3)
     bench.stage.move_to(z_mm=750.0, x_mm=152.0, y_mm=101.0)
@@ -45,6 +46,7 @@ def test_a_bench_at_rest_is_calibrated_as_well_as_its_error_bars_say(bench):
     assert against.ratio < 1.6
 
 
+@pytest.mark.slow
 def test_who_photographs_from_a_moving_stage_finds_the_blur_of_its_movement(bench):
     bench.head.move_to(pan_deg=0.0, tilt_deg=0.0)
     bench.stage.move_to(z_mm=750.0, x_mm=130.0, y_mm=100.0)

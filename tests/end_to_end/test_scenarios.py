@@ -160,7 +160,7 @@ class Scenario:
         assert set(threading.enumerate()) <= self.threads, "a thread is left"
 
 
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("seed", [pytest.param(n, marks=pytest.mark.slow) if n % 4 else n for n in SEEDS])
 def test_scenario(seed, tmp_path):
     scenario = Scenario(seed, tmp_path)
     try:

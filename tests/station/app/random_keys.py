@@ -11,6 +11,7 @@ import numpy as np
 
 from procedures.plan import Ask
 from station.app.app import StationApp
+from station.app.screens import parts
 from station.guide.frontend import MOVE, RunEnded
 from station.guide.workspace import Kept
 
@@ -94,7 +95,7 @@ async def _one_application(folder: Path, rng: np.random.Generator, seen: Bystand
             seen.pressed.append(str(rng.choice(KEYS)))
             await pilot.press(seen.pressed[-1])
             if rng.random() < 0.02:
-                await pilot.pause(0.45)  # long enough to have read that something will move
+                await pilot.pause(1.1 * parts.READ_S)  # long enough to have read that something will move
     for run in lab.runs:
         run.operator.stop()
     app.finish(20.0)

@@ -126,6 +126,7 @@ def test_the_first_paint_needs_neither_numpy_nor_bench(tmp_path):
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip() == "[]"
 
 
+@pytest.mark.slow
 def test_the_loop_goes_on_while_a_run_computes(tmp_path):
     """Keys are answered while a run holds a processor: the run's thread is not the loop's."""
     end = threading.Event()

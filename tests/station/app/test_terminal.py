@@ -61,6 +61,7 @@ def terminal(tmp_path: Path) -> Iterator[Terminal]:
     one.hang_up()
 
 
+@pytest.mark.slow
 def test_it_is_painted_and_left_by_a_key(terminal):
     terminal.wait_for("press Enter to begin")
     terminal.press(b"\x11")
@@ -68,6 +69,7 @@ def test_it_is_painted_and_left_by_a_key(terminal):
     assert terminal.program.wait(PATIENCE_S) == 0
 
 
+@pytest.mark.slow
 def test_a_terminal_that_is_gone_ends_the_program_and_its_run(terminal, tmp_path):
     terminal.wait_for("head: the stage")
     for _ in range(3):
@@ -84,6 +86,7 @@ def test_a_terminal_that_is_gone_ends_the_program_and_its_run(terminal, tmp_path
     assert '"wired"' in wired
 
 
+@pytest.mark.slow
 def test_the_systems_end_leaves_the_terminal_as_it_was(terminal):
     terminal.wait_for("press Enter to begin")
     terminal.program.send_signal(signal.SIGTERM)

@@ -44,6 +44,7 @@ def test_process_that_ends_by_itself_tells_its_exit_code(errands, tmp_path):
     assert "exit code 7" in run(errands, tmp_path, count=1, quits=(0,))[0].reason
 
 
+@pytest.mark.slow
 def test_processes_that_die_without_end_are_not_blamed_on_the_items(errands, tmp_path):
     with pytest.raises(Refused, match=f"{DEATHS_IN_A_ROW} died one after the other"):
         run(errands, tmp_path, count=20, jobs=1, quits=tuple(range(20)))
@@ -106,6 +107,7 @@ def test_what_runs_is_finished_when_asked_to_stop_and_nothing_else_is_begun(erra
     assert found == {n: n * n for n in found}
 
 
+@pytest.mark.slow
 def test_cluster_gives_the_same_and_survives_a_killed_worker(errands, tmp_path):
     pytest.importorskip("distributed")
     errand = errands.Errand(tmp_path, deadly_once=(4,))
@@ -114,6 +116,7 @@ def test_cluster_gives_the_same_and_survives_a_killed_worker(errands, tmp_path):
     assert found == {n: n * n for n in range(8)}
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="a process tells its signals in /proc")
 def test_no_process_of_a_pool_or_a_local_cluster_hears_of_ctrl_c(errands, tmp_path):
     errand = errands.Errand(tmp_path)

@@ -59,6 +59,7 @@ def done(tmp_path_factory, chart_photograph):
     return SimpleNamespace(folder=folder, out=folder / "out", result=result, rows=rows_of(folder / "out"))
 
 
+@pytest.mark.slow
 def test_good_photographs_pass_and_broken_ones_are_named(done):
     assert done.result.exit_code == 1, done.result.output
     verdicts = {Path(row["files"][0]).relative_to(done.folder / "in"): row["verdict"] for row in done.rows}
@@ -69,6 +70,7 @@ def test_good_photographs_pass_and_broken_ones_are_named(done):
         assert bool(row["remedy"]) == (row["verdict"] != "pass")
 
 
+@pytest.mark.slow
 def test_table_counts_and_names(done):
     assert "4 pass, 1 refused, 3 unreadable" in " ".join(done.result.stdout.split())
     assert all(f"{name}.dng" in done.result.stdout for name in BROKEN)
@@ -76,6 +78,7 @@ def test_table_counts_and_names(done):
     assert "left:" in done.result.stderr
 
 
+@pytest.mark.slow
 def test_every_result_is_as_the_psf_command_writes_it(done):
     for row in done.rows:
         folder = done.out / row["folder"]
@@ -88,6 +91,7 @@ def test_every_result_is_as_the_psf_command_writes_it(done):
             assert (limit["judged"], limit["least"], limit["most"]) == ("pass", 0.4, None)
 
 
+@pytest.mark.slow
 def test_summary_has_a_line_for_each_plane(done):
     with (done.out / "summary.csv").open(newline="") as file:
         lines = list(csv.DictReader(file))
@@ -99,6 +103,7 @@ def test_summary_has_a_line_for_each_plane(done):
             assert float(line["mtf50_horizontal_uncertainty"]) == pytest.approx(mtf50["uncertainty"])
 
 
+@pytest.mark.slow
 def test_record_tells_the_batch(done):
     record = json.loads((done.out / "result.json").read_text())
     assert record["schema"] == "station/batch/1"
@@ -113,6 +118,7 @@ def again(source, out, text=LIMITS):
     return [work(item, job) for item in singly(find_frames([source], out))]
 
 
+@pytest.mark.slow
 def test_optics_that_contradict_a_file_are_named_and_can_be_insisted_on(done, tmp_path):
     (tmp_path / "in").mkdir()
     shutil.copy(done.folder / "in" / "frame0.dng", tmp_path / "in")
@@ -132,6 +138,7 @@ def procedure_of(folder, text):
     return read_procedure(folder / "p.toml")
 
 
+@pytest.mark.slow
 def test_nothing_is_done_twice_even_under_another_name(done, tmp_path):
     out, source = tmp_path / "out", tmp_path / "in"
     shutil.copytree(done.out, out)
@@ -144,6 +151,7 @@ def test_nothing_is_done_twice_even_under_another_name(done, tmp_path):
     assert {Path(row.files[0]).name: row.verdict for row in rows}["renamed.dng"] == "pass"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spoil", ["deleted", "emptied", "flipped"])
 def test_kept_result_with_a_file_that_is_not_what_was_written_is_not_used(done, tmp_path, spoil):
     spoils = {
@@ -206,6 +214,7 @@ def test_changed_procedure_and_half_written_results_are_done_again(tmp_path, cha
     assert "the limit mtf50_horizontal ≥ 0.9 is missed" in stricter.reason
 
 
+@pytest.mark.slow
 def test_poison_is_named_and_kept_from_nothing_else(tmp_path, chart_photograph, errands):
     import poison
 
@@ -236,6 +245,7 @@ def test_what_killed_workers_leave_is_removed(tmp_path):
 HOSTILE = ["<script>alert(1)</script>", "=cmd|'!A0", "line\nbreak", "\x1b[2Jclear", "...", "'; rm -rf x", "[red]x[/]"]
 
 
+@pytest.mark.slow
 def test_hostile_names_write_nothing_outside_and_break_nothing(tmp_path, chart_photograph):
     source, out = tmp_path / "in", tmp_path / "out"
     good = chart_photograph(tmp_path / "good.dng").read_bytes()
@@ -285,6 +295,7 @@ def interrupted(tmp_path, chart_photograph):
     return run
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("times", [1, 2])
 def test_interrupted_batch_keeps_what_is_done(interrupted, tmp_path, times):
     kept = interrupted(times)
@@ -297,6 +308,7 @@ def test_interrupted_batch_keeps_what_is_done(interrupted, tmp_path, times):
     assert all(row.reused for row in again)
 
 
+@pytest.mark.slow
 def test_strict_counts_doubt_as_failure_and_json_is_the_record(tmp_path, chart_photograph):
     chart_photograph(tmp_path / "in" / "a.dng")
     row = singly([tmp_path / "in" / "a.dng"])[0]

@@ -31,6 +31,7 @@ def test_all_devices_of_the_simulated_bench_answer(bench):
     assert set(bench.identities) == set(bench.devices)
 
 
+@pytest.mark.slow
 def test_a_whole_measurement_through_interfaces_alone(bench):
     bench.connect()
     bench.stage.home()

@@ -225,6 +225,7 @@ def measured(monkeypatch, tmp_path):
     return [str(tmp_path / name) for name in views]
 
 
+@pytest.mark.slow
 def test_the_commands_calibrate_and_export(measured, tmp_path):
     out = tmp_path / "out"
     run = CliRunner().invoke(

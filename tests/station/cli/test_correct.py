@@ -68,6 +68,7 @@ def done(files, tmp_path_factory):
     return run(files[0] / "photo.dng", "--field", files[0] / "field.h5", "--out", out, "--json"), out
 
 
+@pytest.mark.slow
 def test_a_raw_photograph_becomes_a_sharper_linear_dng_and_tiff(files, done):
     result, out = done
     assert result.exit_code == 0, result.output
@@ -83,6 +84,7 @@ def test_a_raw_photograph_becomes_a_sharper_linear_dng_and_tiff(files, done):
     np.testing.assert_allclose(np.clip((levels - 2048) / 60000, 0, 1), picture, atol=2 / 60000)  # both round
 
 
+@pytest.mark.slow
 def test_both_files_tell_what_the_camera_noted(done):
     for name in ("corrected.tiff", "corrected.dng"):
         tags = exifread.process_file(io.BytesIO((done[1] / name).read_bytes()))
@@ -92,6 +94,7 @@ def test_both_files_tell_what_the_camera_noted(done):
         assert str(tags["Image Make"]) == "Bench"
 
 
+@pytest.mark.slow
 def test_the_record_tells_verdict_noise_and_what_is_predicted(done):
     record = json.loads((done[1] / "result.json").read_text())
     assert record == json.loads(done[0].stdout)
@@ -103,6 +106,7 @@ def test_the_record_tells_verdict_noise_and_what_is_predicted(done):
     assert "Before and after" in (done[1] / "report.html").read_text()
 
 
+@pytest.mark.slow
 def test_a_grey_photograph_whose_camera_is_not_known_is_doubtful(files, tmp_path):
     result = run(files[0] / "photo.tiff", "--field", files[0] / "grey.h5", "--out", tmp_path)
     assert result.exit_code == 0, result.output
@@ -115,6 +119,7 @@ def test_a_grey_photograph_whose_camera_is_not_known_is_doubtful(files, tmp_path
     assert plain.psnr(picture) > plain.psnr(plain.frame.planes["Y"].samples[None]) + 2
 
 
+@pytest.mark.slow
 def test_a_field_of_another_aperture_is_refused_and_leaves_nothing(files, tmp_path):
     lens = SmallLens(PLANES, 0.6)
     field = tmp_path / "other.h5"
@@ -125,6 +130,7 @@ def test_a_field_of_another_aperture_is_refused_and_leaves_nothing(files, tmp_pa
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_blurred_photograph_is_refused_as_processed(files, tmp_path):
     grey_levels = cv2.imread(str(files[0] / "photo.tiff"), cv2.IMREAD_UNCHANGED)
     noisy = grey_levels + np.random.default_rng(1).normal(0, 900, grey_levels.shape)
@@ -155,6 +161,7 @@ def test_what_the_files_do_not_tell_is_named():
     assert check_exposure(CAMERA, None) == ["the field does not tell its camera"]
 
 
+@pytest.mark.slow
 def test_a_field_tells_its_camera(files):
     assert read_camera(files[0] / "field.h5") == replace(Exposure(), **{
         name: getattr(CAMERA, name) for name in ("camera", "lens", "f_number", "focal_length_mm", "subject_distance_mm")

@@ -21,6 +21,7 @@ def printed_only(monkeypatch):
     monkeypatch.setattr(catalogue, "plan_named", lambda name: replace(whole, steps=whole.steps[:1]))
 
 
+@pytest.mark.slow
 def test_the_guide_is_gone_through_without_a_terminal_into_a_session(run, printed_only, tmp_path):
     done = run("demo", "--guided", "--out", tmp_path / "out", "--log-json")
     assert done.exit_code == 0, done.output

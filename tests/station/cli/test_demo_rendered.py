@@ -20,6 +20,7 @@ def small(monkeypatch):
     monkeypatch.setattr("station.demo.rendered.RenderPlan", lambda seed: RenderPlan(seed=seed, **small))
 
 
+@pytest.mark.slow
 def test_scenes_are_rendered_on_request(run, calibrated, small, tmp_path):
     done = run("demo", "--rendered", "--seed", "7", "--json", "--out", tmp_path)
     assert done.exit_code == 0, done.output

@@ -55,6 +55,7 @@ def test_commissioning_asks_first_and_writes_the_tables(tmp_path):
     assert tables["head"]["driver"] == "zaber"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals here")
 def test_other_programs_reach_the_simulated_bench(tmp_path):
     command = [sys.executable, "-m", "station", "simulate", "--json", "--folder", str(tmp_path)]

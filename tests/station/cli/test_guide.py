@@ -61,6 +61,7 @@ def test_an_unknown_plan_is_named(tmp_path, monkeypatch, words):
     assert not os.path.exists("sessions")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="sends SIGINT")
 def test_ctrl_c_at_a_question_stops_at_once(tmp_path):
     program = subprocess.Popen(

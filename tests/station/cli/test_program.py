@@ -56,6 +56,7 @@ def test_photograph_without_a_chart_is_exit_5(shared_data, tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {"result.json"}
 
 
+@pytest.mark.slow
 def test_wrong_cells_are_exit_5(shared_data, tmp_path):
     done = station("psf", "pattern", shared_data / "pattern_photo" / "img_example.pgm", "--seed", 3, "--out", tmp_path)
     assert done.returncode == 5, done.stderr

@@ -46,6 +46,7 @@ def done(folder, tmp_path_factory):
     return CliRunner().invoke(main, words, prog_name="station"), out
 
 
+@pytest.mark.slow
 def test_a_frame_that_fails_is_named_and_the_rest_goes_on(done):
     result, out = done
     assert result.exit_code == 1, result.output
@@ -55,6 +56,7 @@ def test_a_frame_that_fails_is_named_and_the_rest_goes_on(done):
     assert "empty.pgm" in result.stderr
 
 
+@pytest.mark.slow
 def test_the_record_has_the_form_of_every_psf_result(done):
     result, out = done
     record = json.loads(result.stdout)
@@ -65,6 +67,7 @@ def test_the_record_has_the_form_of_every_psf_result(done):
     assert {"unit", "value", "uncertainty"} <= set(record["field"]["planes"]["Y"]["mtf50_sagittal_median"])
 
 
+@pytest.mark.slow
 def test_the_file_holds_all_charts_at_their_places(folder, done):
     field = read_field(done[1] / "field.h5")["Y"]
     middle = np.full((1, 2), CELLS / 2)
@@ -77,6 +80,7 @@ def test_the_file_holds_all_charts_at_their_places(folder, done):
     assert np.linalg.norm(psf.h - truth) < 3 * np.sqrt(np.trace(psf.covariance)) + 0.02 * np.linalg.norm(truth)
 
 
+@pytest.mark.slow
 def test_the_page_stands_alone_and_shows_every_map(done):
     page = (done[1] / "report.html").read_text()
     for words in (

@@ -249,6 +249,7 @@ def test_fault_of_the_program_is_named_with_the_way_to_its_traceback(run, estima
     assert isinstance(run("psf", "pattern", photograph, "--out", tmp_path).exception, ZeroDivisionError)
 
 
+@pytest.mark.slow
 def test_report_is_written_where_it_is_wanted(run, estimator, photograph, tmp_path):
     run("psf", "pattern", photograph, "--report", "--out", tmp_path)
     assert set(names_in(tmp_path)) - set(files_of("Y")) == {"report.html"}

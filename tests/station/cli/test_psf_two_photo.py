@@ -57,12 +57,14 @@ def test_photographs_of_different_kinds_are_no_pair(run, near, shared_data, tmp_
     assert "same planes" in done.output
 
 
+@pytest.mark.slow
 def test_other_parameters_reach_the_estimate(run, near, far, tmp_path):
     done = run("psf", "two-photo", near, far, "-s", 2, "-k", 9, "--solver", "ls", "--out", tmp_path)
     assert done.exit_code == 0, done.output
     assert np.load(tmp_path / "psf_Y.npy", allow_pickle=False).shape == (9, 9)
 
 
+@pytest.mark.slow
 def test_report_shows_the_far_photograph_in_the_near_one(run, near, far, tmp_path):
     run("psf", "two-photo", far, near, "--report", "--out", tmp_path)
     page = (tmp_path / "report.html").read_text()

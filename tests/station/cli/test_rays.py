@@ -24,6 +24,7 @@ def record_of(folder):
     return json.loads((folder / "result.json").read_text())
 
 
+@pytest.mark.slow
 def test_a_render_is_filtered_and_measured(run, cornell, shared_data, tmp_path):
     done = run("rays", cornell, "--reference", shared_data / "rays" / "cornell_reference.npz", "--out", tmp_path)
     assert done.exit_code == 0, done.output

@@ -132,6 +132,7 @@ def test_a_region_that_is_none_is_a_usage_error(photographs, tmp_path):
     assert "X,Y,W,H" in result.stderr
 
 
+@pytest.mark.slow
 def test_unknown_motion_comes_from_a_flat_part(photographs, tmp_path, monkeypatch):
     # how fine the paths become is tested with the procedure
     for name, few in (("BEGINNINGS", 3), ("RESTORED", 1), ("MORE", 0), ("SCHEME", Scheme(1, 2, 2, 1, 2))):
@@ -158,6 +159,7 @@ def test_the_report_shows_every_picture_and_needs_no_network(done):
     assert "<script" not in page
 
 
+@pytest.mark.slow
 def test_a_recorded_path_fixes_the_shape(photographs, tmp_path):
     t = np.linspace(0, 2 * np.pi, 200)
     for n in (1, 2):
@@ -176,6 +178,7 @@ def test_one_recorded_path_is_a_usage_error(photographs, tmp_path):
     assert "one path for each" in result.stderr
 
 
+@pytest.mark.slow
 def test_photographs_of_two_scenes_exit_5_and_leave_the_reason(photographs, tmp_path):
     images, shapes, _ = photographs
     second = cv2.imread(images[1], cv2.IMREAD_UNCHANGED)

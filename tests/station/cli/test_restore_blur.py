@@ -66,6 +66,7 @@ def error(picture, still, rim=10):
     return 255 * np.std((picture * still.mean() / picture.mean() - still)[inside]) / np.percentile(still, 99)
 
 
+@pytest.mark.slow
 def test_a_rig_that_turned_is_restored_from_its_records(by_imu, shaken):
     folder, still, _ = shaken
     sharp = cv2.imread(str(by_imu / "sharp.tiff"), cv2.IMREAD_UNCHANGED)
@@ -73,6 +74,7 @@ def test_a_rig_that_turned_is_restored_from_its_records(by_imu, shaken):
     assert error(sharp, still) < 0.4 * error(blurred, still)
 
 
+@pytest.mark.slow
 def test_the_record_tells_depth_in_inverse_metres(by_imu):
     record = json.loads((by_imu / "result.json").read_text())
     assert record["w"]["unit"] == "1/m"
@@ -152,6 +154,7 @@ def defocused(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [["psf_Y.npy"], ["psf.txt", "--samples-per-pixel", "3"]])
 def test_a_measured_psf_is_a_shape(defocused, tmp_path, shape):
     given = [defocused / shape[0], *shape[1:], "--ratio", 1.25, "--max-w", 4.2, "--scheme", "1x(4+4)+1x6"]
@@ -180,6 +183,7 @@ def test_a_psf_without_its_samples_is_refused(defocused, tmp_path):
     assert "not negative" in result.stderr
 
 
+@pytest.mark.slow
 def test_a_field_is_asked_for_the_plane_and_the_frame(defocused, tmp_path):
     from procedures.field.field_file import write_field
     from procedures.field.interpolate import interpolate

@@ -40,6 +40,7 @@ def restore(files, out, *words):
     )
 
 
+@pytest.mark.slow
 def test_a_grey_scene_in_two_raw_files_stays_grey(light, tmp_path):
     files = [tmp_path / "a.dng", tmp_path / "b.dng"]
     for path, z in zip(files, light, strict=True):
@@ -61,12 +62,13 @@ def test_a_grey_scene_in_two_raw_files_stays_grey(light, tmp_path):
     assert (tmp_path / "out" / "report.html").exists()
 
 
+@pytest.mark.slow
 def test_colour_files_are_restored_as_their_encoding_says(light, tmp_path):
     files = [tmp_path / "a.tiff", tmp_path / "b.tiff"]
     for path, z in zip(files, light, strict=True):
         curve = np.where(z <= 0.0031308, 12.92 * z, 1.055 * np.maximum(z, 0) ** (1 / 2.4) - 0.055)
         cv2.imwrite(str(path), np.rint(65535 * curve).astype(np.uint16).transpose(1, 2, 0)[..., ::-1])
-    done = restore(files, tmp_path / "out", "--encoding", "srgb", "--max-w", "6")
+    done = restore(files, tmp_path / "out", "--encoding", "srgb", "--max-w", "6", "--scheme", "1x(4+4)+1x4")
     assert done.exit_code == 0, done.output
     record = json.loads((tmp_path / "out" / "result.json").read_text())
     assert record["parameters"]["encoding"] == "srgb"

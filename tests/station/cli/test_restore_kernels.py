@@ -51,6 +51,7 @@ def error(u, truth):
     return float(np.sqrt(np.mean((u - truth)[RIM:-RIM, RIM:-RIM] ** 2)))
 
 
+@pytest.mark.slow
 def test_neither_range_nor_ratio_need_be_told(shaken):
     result, out, _, _ = shaken
     assert result.exit_code == 0, result.output
@@ -60,6 +61,7 @@ def test_neither_range_nor_ratio_need_be_told(shaken):
     assert record["parameters"]["max_w"] == 8
 
 
+@pytest.mark.slow
 def test_the_picture_gains_3_db_on_the_better_photograph(shaken):
     _, out, truth, z = shaken
     sharp = cv2.imread(str(out / "sharp.tiff"), cv2.IMREAD_UNCHANGED)
@@ -67,12 +69,14 @@ def test_the_picture_gains_3_db_on_the_better_photograph(shaken):
     assert error(sharp, truth) < min(error(one, truth) for one in moved) / 10 ** (3 / 20)
 
 
+@pytest.mark.slow
 def test_depth_is_flat_and_the_kernels_own(shaken):
     w = np.load(shaken[1] / "w.npy")[RIM:-RIM, RIM:-RIM]
     assert np.median(w) == pytest.approx(4.0, abs=0.1)
     assert w.std() < 0.2
 
 
+@pytest.mark.slow
 def test_the_shift_is_recorded(shaken):
     record = json.loads((shaken[1] / "result.json").read_text())
     assert record["shift"]["unit"] == "pixel"
@@ -81,6 +85,7 @@ def test_the_shift_is_recorded(shaken):
     assert "shift of photograph 2 that its blur does not contain" in page
 
 
+@pytest.mark.slow
 def test_kernels_larger_than_the_range_are_doubted_and_told_what_to_do(shaken, tmp_path):
     made = shaken[1].parent
     files = [str(made / name) for name in ("0.png", "1.png", "kernel0.txt", "kernel1.txt")]

@@ -26,6 +26,7 @@ def dump(tmp_path, levels):
     return path
 
 
+@pytest.mark.slow
 def test_edge_of_a_dump_is_that_of_the_same_picture_in_a_file(run, levels, dump, tmp_path):
     picture = tmp_path / "edge.pgm"
     picture.write_bytes(b"P5 60 80 65535\n" + levels.tobytes())

@@ -18,6 +18,7 @@ values = st.recursive(
 )
 
 
+@pytest.mark.slow
 @given(table=st.dictionaries(texts, values, max_size=4))
 @settings(max_examples=150, deadline=None)
 def test_what_is_written_is_read_back(table):

@@ -50,6 +50,7 @@ def _known_plan(monkeypatch):
     monkeypatch.setattr(catalogue, "PLANS", {**catalogue.PLANS, **ENTRY})
 
 
+@pytest.mark.slow
 def test_every_result_is_computed_again_bit_for_bit_by_any_number_of_threads(folder):
     with threadpool_limits(2, user_api="blas"):
         found = list(recompute(folder))

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
+import pytest
 
 from drivers.clock import SystemClock
 from station.guide.catalogue import plan_named
@@ -20,6 +21,7 @@ from station.sessions.session import Session
 from . import benches
 
 
+@pytest.mark.slow
 def test_two_photographs_of_a_folder_become_picture_and_depth(tmp_path, shared_data):
     card = tmp_path / "card"
     card.mkdir()

@@ -6,6 +6,7 @@ import json
 
 import cv2
 import numpy as np
+import pytest
 
 from drivers.clock import SystemClock
 from station.guide.catalogue import plan_named
@@ -37,6 +38,7 @@ def photographed(wall, px, texels_per_px, rng):
     return np.clip((0.85 * seen + rng.normal(0, 0.002, seen.shape)) * 65535, 0, 65535).astype(np.uint16)
 
 
+@pytest.mark.slow
 def test_the_photographs_of_a_folder_become_a_result(tmp_path, rng):
     card = tmp_path / "card"
     card.mkdir()

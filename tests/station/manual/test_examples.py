@@ -17,10 +17,16 @@ FENCE = re.compile(r"^```sh run(?P<slow> slow)?(?: exit (?P<code>\d+))?\n(?P<lin
 
 
 def examples():
+    """Each block; one that several pages show is run once, with all their names."""
+    names, marks = {}, {}
     for page in PAGES:
         for number, block in enumerate(FENCE.finditer(page.read_text(encoding="utf-8")), 1):
-            marks = [pytest.mark.slow] if block["slow"] else []
-            yield pytest.param(block["lines"], int(block["code"] or 0), id=f"{page.stem}-{number}", marks=marks)
+            told = block["lines"], int(block["code"] or 0)
+            names.setdefault(told, []).append(f"{page.stem}-{number}")
+            if block["slow"]:
+                marks[told] = [pytest.mark.slow]
+    for told, pages in names.items():
+        yield pytest.param(*told, id=" ".join(pages), marks=marks.get(told, []))
 
 
 @pytest.mark.parametrize(("lines", "code"), list(examples()))

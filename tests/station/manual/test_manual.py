@@ -148,6 +148,7 @@ def written(run, tmp_path):
     return folder
 
 
+@pytest.mark.slow
 def test_pages_for_a_browser_need_nothing_from_outside(written):
     pages = sorted(written.glob("*.html"))
     assert len(pages) == len(PAGES) + 1

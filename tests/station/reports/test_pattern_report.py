@@ -97,6 +97,7 @@ def test_tries_of_s_and_k_and_the_halves_of_the_chart_are_told(page, report):
     assert "left half, right half of the chart" in text
 
 
+@pytest.mark.slow
 def test_transfer_function_is_drawn_with_phase_in_two_dimensions_and_with_its_limit(page, chart_photograph, tmp_path):
     labels = [svg.get("aria-label") for svg in strictly(page).iter(SVG)]
     assert sum("phase of the transfer function" in label for label in labels) == 2
@@ -125,6 +126,7 @@ def test_page_stands_alone(page):
     assert len(page.encode()) < 3e6
 
 
+@pytest.mark.slow
 def test_same_result_is_the_same_page(page, report):
     assert calibration_page(report) == page
 
@@ -166,6 +168,7 @@ def test_refused_plane_has_its_reason_and_remedy_and_no_pictures():
     assert not list(tree.iter(SVG))
 
 
+@pytest.mark.slow
 def test_session_tells_its_bench_and_its_shots(report):
     shots = (*report.shots, Shot("b.dng", "0" * 64, note="retaken: the rig moved"))
     told = replace(report, shots=shots, devices=(Line("stage", "GRBL 1.1h"),), made="2026-01-01 12:00")
@@ -226,6 +229,7 @@ def shown(page, tmp_path_factory):
     return SimpleNamespace(**dict(zip(("wide", "narrow"), json.loads(title), strict=True)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", ["wide", "narrow"])
 def test_browser_shows_every_picture_and_nothing_runs_over(shown, which):
     seen = getattr(shown, which)
@@ -246,6 +250,7 @@ def test_frequencies_that_are_not_determined_are_marked(report):
     assert "not determined" in str(mtf_figure(unclear, None, "unclear"))
 
 
+@pytest.mark.slow
 def test_edges_and_physics_stand_beside_the_numbers(report):
     quantity = Quantity(0.3, "cycles/pixel", 0.003, "test", 100)
     edge = SimpleNamespace(

@@ -31,16 +31,18 @@ class FaultyDisk(Disk):
         self._renamed: list[tuple[Path, Path, bytes | None]] = []
 
     def open(self, path, flags, mode=0o666):
-        before = path.read_bytes() if path.is_file() else None
+        made = flags & os.O_CREAT and path not in self._unsynced
+        before = path.read_bytes() if made and path.is_file() else None
         descriptor = super().open(path, flags, mode)
         self._paths[descriptor] = path
-        if flags & os.O_CREAT:
-            self._unsynced.setdefault(path, before)
+        if made:
+            self._unsynced[path] = before
         return descriptor
 
     def write(self, descriptor, data):
         path = self._paths[descriptor]
-        self._unsynced.setdefault(path, path.read_bytes())
+        if path not in self._unsynced:
+            self._unsynced[path] = path.read_bytes()
         half = data[: len(data) // 2]
         return self._perform(
             lambda: super(FaultyDisk, self).write(descriptor, data), lambda: os.write(descriptor, half)

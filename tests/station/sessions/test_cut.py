@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import shutil
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -99,7 +101,6 @@ def test_cut_at_any_line_is_said_and_nothing_is_written_over(finished, tmp_path)
         assert any(f"the journal has {number} lines" in one for one in said)
         check(folder, before)
         assert not read_session(folder).oddities  # what was lost is in the journal now
-        shutil.rmtree(folder)
 
 
 def test_cut_of_an_earlier_version_writes_nothing_over_and_names_what_the_journal_lacks(earlier, tmp_path):
@@ -110,18 +111,28 @@ def test_cut_of_an_earlier_version_writes_nothing_over_and_names_what_the_journa
         said = take_one(folder, noise="other")
         assert all(any(repr(Path(name).name) in one for one in said) for name in unknown)
         check(folder, before)
-        shutil.rmtree(folder)
 
 
 @pytest.mark.slow
 def test_cut_at_any_byte_of_the_last_ten_lines_is_said_and_nothing_is_written_over(finished, tmp_path):
-    before, length = precious(finished), (finished / "journal.jsonl").stat().st_size
-    for at in range(ends(finished)[-10], length):
-        folder = cut(finished, tmp_path, at)
-        said = take_one(folder, noise="other")
-        assert any("the journal has" in one or "was not whole" in one for one in said)
-        check(folder, before)
-        shutil.rmtree(folder)
+    whole = (finished / "journal.jsonl").read_bytes()
+    lines = list(pairwise([*ends(finished)[-10:], len(whole)]))
+    read = cut(finished, tmp_path / "read", len(whole))
+    for at in range(len(whole) - 1, lines[0][0] - 1, -1):
+        os.truncate(read / "journal.jsonl", at)
+        found = read_session(read)
+        begin = max(first for first, _ in lines if first <= at)
+        # whoever opens it knows the journal by this alone: wherever in a line it was cut, that line is gone as a whole
+        assert (found.contents.length, found.contents.torn) == (begin, whole[begin:at])
+        assert len(found.contents.lines) == whole[:begin].count(b"\n")
+        assert any("the journal has" in one or "was not whole" in one for one in found.oddities)
+    before = precious(finished)
+    for begin, end in lines:
+        for at in (begin, begin + 1, (begin + end) // 2, end - 1):
+            folder = cut(finished, tmp_path, at)
+            said = take_one(folder, noise="other")
+            assert any("the journal has" in one or "was not whole" in one for one in said)
+            check(folder, before)
 
 
 def test_cut_at_any_line_it_goes_on_to_its_end(finished, tmp_path):
@@ -134,7 +145,6 @@ def test_cut_at_any_line_it_goes_on_to_its_end(finished, tmp_path):
             assert session.state.results
         check(folder, before)
         verify(folder, read_session(folder).state)
-        shutil.rmtree(folder)
 
 
 def test_cut_inside_the_first_line_leaves_the_folder_as_it_is(finished, tmp_path):

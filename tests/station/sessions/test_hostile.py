@@ -77,6 +77,7 @@ def test_session_of_any_name_lies_in_its_root(tmp_path, about, outside, name):
     assert {path.name for path in tmp_path.iterdir()} == {"sessions", "outside"}
 
 
+@pytest.mark.slow
 @given(text=st.text(max_size=100))
 def test_names_of_folders_and_files_are_plain(text):
     assert re.fullmatch(r"[a-z0-9]+(-[a-z0-9]+)*", safe_name(text, "camera"))
