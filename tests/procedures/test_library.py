@@ -73,6 +73,7 @@ def test_the_door_loads_nothing_by_itself(tmp_path):
     assert done.stdout.split() == ["False", "True"], done.stderr
 
 
+@pytest.mark.slow
 def test_five_lines_tell_the_camera_s_mtf50_with_its_error_bar(photograph, monkeypatch, capsys):
     folder, optics = photograph
     monkeypatch.chdir(folder)

@@ -25,6 +25,7 @@ def root(data: bytes) -> ET.Element:
     return ET.fromstring(data)
 
 
+@pytest.mark.slow
 def test_one_unit_is_one_millimetre(root: ET.Element) -> None:
     assert (root.get("width"), root.get("height"), root.get("viewBox")) == ("420mm", "594mm", "0 0 420 594")
 

@@ -41,6 +41,7 @@ def found(sensor: SensorModel | None) -> PatternPsf:
     return outcome.value
 
 
+@pytest.mark.slow
 def test_response_is_undone_and_known() -> None:
     without, by_sensor = found(None), found(SENSOR)
     assert abs(without.diagnostics["response_curvature"]) > 0.02

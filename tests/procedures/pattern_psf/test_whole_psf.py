@@ -36,6 +36,7 @@ def truths() -> list[float]:
     return [mtf50(F56, 0), mtf50(F56, 1), *nyquist]
 
 
+@pytest.mark.slow
 def test_numbers_are_those_of_the_whole_psf() -> None:
     estimate, verdict = found()
     assert verdict is Verdict.PASS
@@ -120,6 +121,7 @@ def test_sharpened_picture_is_told(rng: np.random.Generator) -> None:
     assert "sharpened" in outcome.reason
 
 
+@pytest.mark.slow
 def test_half_out_of_focus_is_told_with_both_halves(rng: np.random.Generator) -> None:
     sharp = photograph()
     soft = light(circular(1.62, fill=0.9, blur_px=0.5), CHART, View())

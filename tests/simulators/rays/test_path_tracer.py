@@ -127,6 +127,7 @@ def test_aiming_at_lights_changes_noise_and_not_the_mean(exponent):
     assert one.mean() == pytest.approx(two.mean(), abs=4 * error)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("z", [700.0, 1000.0, 2500.0])
 def test_defocus_is_the_disc_of_a_thin_lens(z):
     camera = ThinLensCamera(60, 60, focal_mm=50, f_number=2.0, focus_mm=1000, pitch_um=50)

@@ -46,6 +46,7 @@ def no_bends(monkeypatch):
     monkeypatch.setattr("procedures.restoration.unknown_motion.basin_hopping.BENDS", 0)
 
 
+@pytest.mark.slow
 def test_a_curve_of_the_pool_is_taken(said, wrong, no_bends):
     pools = [[wrong[0], TRUE[0]], [wrong[1]]]
     found = Turns(pools, np.random.default_rng(0)).taken(said, wrong, HALF)
