@@ -6,11 +6,12 @@ import os
 import signal
 import subprocess
 import sys
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
-from procedures.numerics import kernel_lock
+from procedures.numerics import kernel_cache, kernel_lock
 
 ROOT = Path(__file__).parents[3]
 HOLDER = """
@@ -109,3 +110,25 @@ def test_an_error_within_leaves_no_lock_behind(path):
     with pytest.raises(ArithmeticError), kernel_lock.only_one(path):
         raise ArithmeticError
     assert os.listdir(path.parent) == []
+
+
+@pytest.mark.slow
+def test_a_kernel_that_numba_keeps_is_compiled_by_one_alone(tmp_path, monkeypatch):
+    monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path))
+    entered = []
+
+    @contextmanager
+    def only_one(path):
+        entered.append(path)
+        yield
+
+    monkeypatch.setattr(kernel_cache, "only_one", only_one)
+    kernel = kernel_cache.jitted()(plus_one)
+    assert [kernel(1), kernel(2), kernel(1.5)] == [2, 3, 2.5]
+    assert len(entered) == 2  # whole numbers and others: once each, when there is something to compile
+    assert {path.name for path in entered} == {f"{__name__}.plus_one"}
+    assert tmp_path in entered[0].parents
+
+
+def plus_one(x):
+    return x + 1

@@ -192,11 +192,15 @@ def test_faint_chart_is_refused_as_too_dark(bench: Bench, rng: np.random.Generat
     refused(changed(bench, 0.01 * bench.clean), "clear of black")
 
 
-def test_defocus_beyond_use_is_refused_or_doubted() -> None:
+@pytest.mark.slow
+def test_defocus_beyond_use_is_refused_or_doubted(rng: np.random.Generator) -> None:
     blurred = photograph(gaussian_px=2.5)
-    outcome = estimate_psf(changed(blurred, blurred.clean), CHART)
+    refused(changed(blurred, blurred.clean), "energy lies outside its support", parameters=PatternParameters(4, 17))
+    # a small chart, where any support may be chosen: a larger one is, and does not do
+    outcome = estimate_psf(photograph(gaussian_px=1.75, pixels=70, size=(150, 150)).plane(0.005, rng), CHART)
     assert outcome.verdict is not Verdict.PASS
-    assert outcome.reason
+    assert "energy lies outside its support" in outcome.reason
+    assert outcome.value is None or outcome.value.psf.k > 17
 
 
 def test_support_larger_than_the_samples_is_refused() -> None:

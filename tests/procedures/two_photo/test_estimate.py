@@ -37,7 +37,7 @@ WALLS = {
 }
 
 
-@pytest.mark.parametrize("wall", WALLS)
+@pytest.mark.parametrize("wall", ["frontal", *(pytest.param(one, marks=pytest.mark.slow) for one in list(WALLS)[1:])])
 def test_known_walls_give_their_psf(wall: str) -> None:
     otf, tilt, noise, limit = WALLS[wall]
     pair = photographs(otf, tilt=tilt, noise=noise, size=150)

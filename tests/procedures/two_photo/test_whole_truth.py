@@ -66,7 +66,7 @@ def test_uncertainties_are_true_over_cameras_walls_and_zooms() -> None:
     off, bias = [], []
     for i, name in enumerate(CAMERAS):
         for j, (wall, zoom) in enumerate((("pink", 3.3), ("leaves", 4.2), ("pink", 5.2))):
-            pair = photographs(CAMERAS[name], wall=wall, zoom=zoom, noise=0.005, size=150, seed=10 * i + j, tilt=0.02)
+            pair = photographs(CAMERAS[name], wall=wall, zoom=zoom, noise=0.005, size=110, seed=10 * i + j, tilt=0.02)
             outcome = estimate(pair)
             assert outcome.verdict is not Verdict.REFUSED, outcome.reason
             told = errors(outcome, name)
