@@ -96,6 +96,7 @@ def test_what_is_kept_is_not_compiled_again(kernels, monkeypatch):
     assert_right(answers(kernels()))
 
 
+@pytest.mark.slow
 def test_a_copy_of_the_source_elsewhere_uses_what_is_kept(kernels, monkeypatch, tmp_path):
     answers(kernels())
     copied = tmp_path / "copied" / "some_kernels.py"

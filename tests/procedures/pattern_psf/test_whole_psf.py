@@ -47,6 +47,7 @@ def test_numbers_are_those_of_the_whole_psf() -> None:
         assert number.uncertainty < 0.008 * true
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("s", "k"), [(4, 9), (4, 13), (4, 25), (2, 9), (3, 13)])
 def test_what_s_and_k_leave_out_is_doubted_and_never_wrong(s: int, k: int) -> None:
     estimate, verdict = found(PatternParameters(s, k))

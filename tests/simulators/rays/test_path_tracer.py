@@ -142,6 +142,7 @@ def test_defocus_is_the_disc_of_a_thin_lens(z):
     np.testing.assert_allclose(centre, 29.5, atol=0.25)
 
 
+@pytest.mark.slow
 def test_depths_are_along_the_axis():
     # a wall across the axis is as far at the rim as in the middle; a ball's front is nearer; beside them is nothing
     sheet = Rectangle((-200, -200, 900), (400, 0, 0), (0, 400, 0), WHITE)

@@ -59,6 +59,7 @@ def test_what_a_lens_with_coma_blurred_is_restored_with_its_field(photographs, l
     assert view.shape == found.value.sharp.shape
 
 
+@pytest.mark.slow
 def test_the_starts_take_fields(photographs, lens):
     sigmas = np.full(2, noise_of(photographs.z, lens))
     errors = [
