@@ -14,7 +14,7 @@ from procedures.field.interpolate import interpolate
 from procedures.field.maps import derive
 from procedures.outcome import BadInput
 
-from .lens import SHAPE, grid, nodes
+from .lens import NEAR, SHAPE, FieldCamera, grid, nodes
 
 DOCUMENT = Path(field_file.__file__).parent / "decisions" / "0001-hdf5.md"
 
@@ -25,9 +25,9 @@ def found(measured):
 
 
 @pytest.fixture(scope="module")
-def written(camera, covariance, measured, found, tmp_path_factory):
+def written(covariance, measured, found, tmp_path_factory):
     path = tmp_path_factory.mktemp("field") / "field.h5"
-    red = nodes(camera, grid(), covariance, np.random.default_rng(2), "R")
+    red = nodes(FieldCamera(period_px=NEAR), grid(), covariance, np.random.default_rng(2), "R")
     colour = lateral_colour("R", red, "G1", measured, SHAPE, 2)
     maps = derive(found.field, 5)
     field_file.write_field(path, {"G1": found}, {"G1": maps}, [colour], {"input": "[]", "software": "1"})

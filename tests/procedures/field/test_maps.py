@@ -10,7 +10,7 @@ from procedures.outcome import Refused
 from procedures.psf import Psf
 
 from .conftest import SEED
-from .lens import SHAPE, K, S, nodes
+from .lens import NEAR, SHAPE, FieldCamera, K, S, nodes
 from .lens import grid as node_grid
 
 COLUMNS = 11
@@ -66,10 +66,10 @@ def test_places_of_a_map_are_centred_on_the_frame():
 @pytest.mark.slow
 def test_lateral_colour_holds_the_truth(camera, covariance):
     # the surface has few degrees of freedom, so that a whole map is off together: five draws, 95 % +- 5 %
-    inside = []
+    near, inside = FieldCamera(period_px=NEAR), []
     for seed in range(5):
         rng = np.random.default_rng(SEED + seed)
-        green, red = (nodes(camera, node_grid(), covariance, rng, plane) for plane in ("G1", "R"))
+        green, red = (nodes(near, node_grid(), covariance, rng, plane) for plane in ("G1", "R"))
         found = lateral_colour("R", red, "G1", green, SHAPE, 2)
         radial, tangential = found.maps(7)
         for j, k in np.argwhere(np.isfinite(radial.value)):

@@ -80,6 +80,7 @@ def test_rounds_can_be_stopped_and_resumed(problem, first):
     np.testing.assert_allclose(resumed.w, straight.w, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_every_round_is_reported(restored, problem):
     assert [r.n for r in restored.history] == [*range(8), 8]
     assert restored.history[0].what.startswith("steps far")
