@@ -24,6 +24,7 @@ def test_the_chart_itself_is_unchanged(source: Source) -> None:
     assert outline(source.with_edges().chart)[:-2] == outline(source.chart)
 
 
+@pytest.mark.slow
 def test_outlines_and_pixels_show_the_same_edges(source: Source) -> None:
     per_cell = 2
     chart = source.with_edges().chart

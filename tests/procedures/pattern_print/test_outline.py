@@ -11,6 +11,7 @@ from procedures.pattern_print.source import Source
 from .filling import winding
 
 
+@pytest.mark.slow
 def test_area_of_the_outlines_is_that_of_all_black_parts(source: Source) -> None:
     area = 0.0
     for loop in outline(source.chart):

@@ -60,6 +60,7 @@ def test_what_s_and_k_leave_out_is_doubted_and_never_wrong(s: int, k: int) -> No
         assert verdict is Verdict.DOUBTFUL
 
 
+@pytest.mark.slow
 def test_doubt_says_which_support_would_do() -> None:
     outcome = estimate_psf(exposed(photograph(), np.random.default_rng(0)), CHART, PatternParameters(4, 9))
     assert outcome.value is not None
