@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from .procedures.test_library import PAGES, python_blocks, site_of_wheel
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -17,6 +20,23 @@ def test_house_rule(rule: str) -> None:
     environment = {**os.environ, "PYTHON": sys.executable}
     done = subprocess.run([ROOT / ".ci" / "check", rule], env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.slow
+def test_a_wheel_tells_scripts_its_types(tmp_path: Path) -> None:
+    # after the types above: what was learnt of other people's packages is not learnt again
+    site, cache = site_of_wheel(tmp_path), tmp_path / "cache"
+    if (ROOT / ".mypy_cache").is_dir():
+        shutil.copytree(ROOT / ".mypy_cache", cache)
+    scripts = [tmp_path / f"script_{number}.py" for number, _ in enumerate(python_blocks(PAGES[0]))]
+    for script, block in zip(scripts, python_blocks(PAGES[0]), strict=True):
+        script.write_text(block, encoding="utf-8")
+    environ = {**os.environ, "MYPYPATH": "", "PYTHONPATH": str(site)}
+    typed = subprocess.run(
+        [sys.executable, "-m", "mypy", "--strict", "--warn-unreachable", "--cache-dir", cache, *scripts],
+        cwd=tmp_path, env=environ, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert typed.returncode == 0, typed.stdout + typed.stderr
 
 
 def test_a_folder_holds_at_most_twenty_modules() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -68,12 +68,7 @@ class Optic:
         """Rings and tail times cos(m theta), and times sin(m theta), analysed: (r, RINGS) each, or one or two more."""
         kept: dict[int, tuple[Array, Array]] = self.__dict__.setdefault("_kept", {})
         if m not in kept:
-            v, u = np.mgrid[: self.k, : self.k] - self.k // 2
-            rho, theta = np.hypot(u, v).ravel(), np.arctan2(v, u).ravel()
-            rings = _rings(rho, 1.001 * rho.max()) * ((rho > 0) | (m == 0))[:, None]
-            cos, sin = (rings * f(m * theta)[:, None] for f in (np.cos, np.sin))
-            q = self.analysis.shape[1] - self.k**2
-            cos, sin = block_diag(cos, _tail_harmonic(m, q, "cos")), block_diag(sin, _tail_harmonic(m, q, "sin"))
+            cos, sin = _waves(m, self.k, self.analysis.shape[1] - self.k**2)
             size = np.linalg.norm(self.whiten @ cos, axis=0)
             kept[m] = self.analysis @ (cos / size), self.analysis @ (sin / size)
         return kept[m]
@@ -83,6 +78,16 @@ def mirrored(parameters: Array, k: int) -> Array:
     """Parameters (..., p) of PSFs that are turned by half a turn: every shape of the tail is symmetric so."""
     n = k * k
     return np.concatenate([parameters[..., :n][..., ::-1], parameters[..., n:]], axis=-1)
+
+
+@lru_cache(maxsize=64)
+def _waves(m: int, k: int, q: int) -> tuple[Array, Array]:
+    """Rings and tail times cos(m theta), and times sin(m theta), of PSFs of k * k samples and q amplitudes."""
+    v, u = np.mgrid[:k, :k] - k // 2
+    rho, theta = np.hypot(u, v).ravel(), np.arctan2(v, u).ravel()
+    rings = _rings(rho, 1.001 * rho.max()) * ((rho > 0) | (m == 0))[:, None]
+    cos, sin = (rings * f(m * theta)[:, None] for f in (np.cos, np.sin))
+    return block_diag(cos, _tail_harmonic(m, q, "cos")), block_diag(sin, _tail_harmonic(m, q, "sin"))
 
 
 def _tail_harmonic(m: int, q: int, wave: str) -> Array:

@@ -68,6 +68,7 @@ class Kernel(Generic[P, R]):
     def _from_store(self, kind: str, arguments: tuple[Any, ...]) -> Callable[..., Any]:
         """The code that was kept or is compiled now; Numba's own function where it cannot be kept."""
         try:
+            from procedures.numerics import kernel_lock
             from procedures.numerics import kernel_store as store  # it loads LLVM
 
             source = Path(self._function.__code__.co_filename)
@@ -78,11 +79,14 @@ class Kernel(Generic[P, R]):
             return self._by_numba()
         code = store.read(path)
         if code is None:
-            try:
-                code = self._compiled(arguments)
-            except (store.NotStorable, TypeError):
-                return self._by_numba()
-            store.keep(path, code)
+            with kernel_lock.only_one(path):
+                code = store.read(path)  # another process may have compiled it meanwhile
+                if code is None:
+                    try:
+                        code = self._compiled(arguments)
+                    except (store.NotStorable, TypeError):
+                        return self._by_numba()
+                    store.keep(path, code)
         return store.loaded(code)
 
     def _by_numba(self) -> Callable[..., Any]:

@@ -5,7 +5,10 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar
+
+from procedures.numerics.kernel_lock import only_one
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -19,13 +22,26 @@ def jitted(**options: Any) -> Callable[[F], F]:
 
     def decorate(function: F) -> F:
         try:
-            kernel: F = numba.njit(cache=True, **options)(function)
+            kernel: F = _one_compiler(numba.njit(cache=True, **options)(function))
         except RuntimeError as error:  # neither beside the source nor in the user's cache can be written
             tell_not_kept(str(error))
             kernel = numba.njit(**options)(function)
         return kernel
 
     return decorate
+
+
+def _one_compiler(kernel: Any) -> Any:
+    """The kernel, which waits for what another process compiles of it."""
+    compile_or_load = kernel._compile_for_args
+    path = Path(kernel._cache.cache_path) / f"{kernel.py_func.__module__}.{kernel.py_func.__qualname__}"
+
+    def alone(*arguments: Any, **named: Any) -> Any:
+        with only_one(path):
+            return compile_or_load(*arguments, **named)
+
+    kernel._compile_for_args = alone
+    return kernel
 
 
 def tell_not_kept(reason: object) -> None:

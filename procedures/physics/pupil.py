@@ -39,19 +39,17 @@ class Pupil:
 
     def otf(self, waves: Array) -> Complex:
         """At all pairs of frequencies (2 h + 1, 2 h + 1) [fy, fx], for aberrations (8,) in waves."""
-        amplitude, size = self._amplitude(waves)
-        return self._correlated(np.abs(amplitude) ** 2, size)
+        amplitude = self._spectra(self._field(waves)[None])
+        return np.asarray(self._correlated(np.abs(amplitude) ** 2)[0])
 
     def otf_and_slopes(self, waves: Array, terms: tuple[int, ...]) -> tuple[Complex, list[Complex]]:
         """The same, and its derivatives with some of the aberrations, (2 h + 1, 2 h + 1) each."""
-        amplitude, size = self._amplitude(waves)
-        disc, zernikes = self._sampled()
-        phase = disc * np.exp(2j * np.pi * np.tensordot(waves, zernikes, axes=1))
-        slopes = []
-        for zernike in zernikes[list(terms)]:
-            change = scipy.fft.fft2(2j * np.pi * zernike * phase, (size, size))
-            slopes.append(self._correlated(2 * np.real(np.conj(amplitude) * change), size))
-        return self._correlated(np.abs(amplitude) ** 2, size), slopes
+        _, zernikes = self._sampled()
+        field = self._field(waves)
+        amplitude, *changes = self._spectra(np.stack([field, *(2j * np.pi * zernikes[list(terms)] * field)]))
+        slopes = [2 * np.real(np.conj(amplitude) * change) for change in changes]
+        otf, *found = self._correlated(np.stack([np.abs(amplitude) ** 2, *slopes]))
+        return otf, found
 
     def strehl(self, waves: Array) -> float:
         """Peak of the spread function over that without aberrations, piston and tilt free."""
@@ -66,27 +64,32 @@ class Pupil:
     def _sampled(self) -> tuple[Array, Array]:
         return _disc(self.cutoff / 2 / (self.step / self._finer))
 
-    def _amplitude(self, waves: Array) -> tuple[Complex, int]:
-        """Fourier transform of the pupil, on a grid twice as wide: its square does not wrap round."""
+    def _field(self, waves: Array) -> Complex:
+        """What passes the pupil, (n, n)."""
         disc, zernikes = self._sampled()
-        size = scipy.fft.next_fast_len(2 * len(disc))
-        phase = disc * np.exp(2j * np.pi * np.tensordot(waves, zernikes, axes=1))
-        return np.asarray(scipy.fft.fft2(phase, (size, size))), size
+        return np.asarray(disc * np.exp(2j * np.pi * np.tensordot(waves, zernikes, axes=1)))
 
-    def _correlated(self, power: Array, size: int) -> Complex:
-        """The autocorrelation of this power spectrum at the wanted frequencies, 1 at zero without aberrations."""
+    def _spectra(self, fields: Complex) -> Complex:
+        """Fourier transforms of fields (m, n, n), on a grid twice as wide: their squares do not wrap round."""
+        size = scipy.fft.next_fast_len(2 * fields.shape[-1])
+        return np.asarray(scipy.fft.fft(scipy.fft.fft(fields, size, axis=2), size, axis=1))
+
+    def _correlated(self, powers: Array) -> Complex:
+        """The autocorrelations of power spectra (m, size, size) at the wanted frequencies, 1 at zero without
+        aberrations."""
         disc, _ = self._sampled()
-        # at no shift the covered shares are squared and fall short of the area; everywhere else they stand for it
-        whole = scipy.fft.ifft2(power) / disc.sum()
-        whole[0, 0] *= disc.sum() / np.sum(disc**2)
-        count = round(self.highest / self.step)
-        index = self._finer * np.arange(-count, count + 1)
-        inside = np.abs(index) < size // 2
-        found = np.zeros((len(index), len(index)), dtype=np.complex128)
-        place = np.flatnonzero(inside)
-        found[np.ix_(place, place)] = whole[np.ix_(index[inside] % size, index[inside] % size)]
+        size, finer, count = powers.shape[-1], self._finer, round(self.highest / self.step)
+        reach = min(count, (size // 2 - 1) // finer)
+        rows = finer * np.arange(-reach, reach + 1)
+        half = scipy.fft.rfft(powers, axis=2)[:, :, : finer * reach + 1 : finer]
         # the field's correlation at a shift is the light's spectrum at the opposite frequency
-        return found[::-1, ::-1]
+        right = scipy.fft.fft(half, axis=1)[:, rows % size] / (size**2 * disc.sum())
+        # at no shift the covered shares are squared and fall short of the area; everywhere else they stand for it
+        right[:, reach, 0] *= disc.sum() / np.sum(disc**2)
+        found = np.zeros((len(powers), 2 * count + 1, 2 * count + 1), dtype=np.complex128)
+        inside = slice(count - reach, count + reach + 1)
+        found[:, inside, inside] = np.concatenate([right[:, ::-1, :0:-1].conj(), right], axis=2)
+        return found
 
 
 @lru_cache(maxsize=16)

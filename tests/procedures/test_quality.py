@@ -86,6 +86,7 @@ def test_strehl_of_diffraction_alone_is_one() -> None:
     assert assess(whole, n=1, diffraction=limit).numbers["strehl"].value == pytest.approx(1, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_uncertainties_are_those_of_repeated_noise(rng: np.random.Generator) -> None:
     h, n = gaussian(0.5, 0.65, turn=0.4, k=17), 120
     sd = 4e-4

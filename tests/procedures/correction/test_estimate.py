@@ -77,6 +77,7 @@ def shift_of(lens):
     return at
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("phase", PHASES)
 def test_a_grey_scene_stays_grey_whatever_the_mosaic(lenses, fields, phase):
     light = np.repeat(scene(with_rim((160, 208))), 3, axis=0)
@@ -88,6 +89,7 @@ def test_a_grey_scene_stays_grey_whatever_the_mosaic(lenses, fields, phase):
     assert 255 * np.std(picture[0] - picture[2]) < 2
 
 
+@pytest.mark.slow
 def test_colours_come_out_as_they_are(lenses, fields):
     light = scene(with_rim((160, 208)), channels=3)
     seen = bayer(lenses, light, Sensor(white_e=60000.0))

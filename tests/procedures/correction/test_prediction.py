@@ -24,6 +24,7 @@ def told():
     return {tau: predict(optics, mosaic, Prior(), tau, 0.03) for tau in (1e-5, 3e-4, 1.0)}
 
 
+@pytest.mark.slow
 def test_mtf50_before_is_that_of_the_lens(told):
     # in the middle: a Gaussian of 0.7 pixels times an aperture of 0.7 pixels
     f = np.linspace(0, 0.5, 2001)

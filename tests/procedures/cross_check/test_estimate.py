@@ -50,6 +50,7 @@ def checks() -> list[EdgeCheck]:
     return [check for seed in range(3) for check in check_edges(*photograph(EDGED, seed))]
 
 
+@pytest.mark.slow
 def test_both_edges_of_every_frame_are_compared(checks: list[EdgeCheck]) -> None:
     assert [check.edge.orientation for check in checks] == ["near-vertical", "near-horizontal"] * 3
 
@@ -64,6 +65,7 @@ def test_psf_and_edge_agree_with_each_other_and_with_the_truth(checks: list[Edge
         assert check.by_edge.value == pytest.approx(true, rel=0.025)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wall", [0.04, 0.35, 0.9])
 def test_a_chart_without_edges_has_no_check(wall: float) -> None:
     assert check_edges(*photograph(Chart.from_seed(), wall=wall)) == ()

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+import numpy.typing as npt
 from scipy import fft
 
 from procedures.numerics.kernel_tail import tail_kernels
@@ -27,8 +28,10 @@ LENS = Lens(
 )
 PERIOD = 72
 """Pixels of the plane after which the whole PSF repeats: what lies beyond weighs a thousandth."""
-LAGS = 864
-"""Points along the pupil's plane: its widest diameter and the highest frequency, side by side."""
+NEAR = 36
+"""The same where the far tail is of no account, as for where marks are seen: a fifth of the work."""
+LAGS = 12
+"""Points along the pupil's plane to one of the period: its widest diameter and the highest frequency, side by side."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,7 @@ class FieldCamera:
 
     lens: Lens = LENS
     pitch_um: float = 11.88
+    period_px: int = PERIOD
 
     def psf(self, x: float, y: float, plane: str = "G1", defocus_um: float = 0.0) -> np.ndarray:
         """The PSF's support (K, K) of sum 1 at a place of the plane, its centre where the marks are seen."""
@@ -44,17 +48,14 @@ class FieldCamera:
 
     def whole(self, x: float, y: float, plane: str = "G1", defocus_um: float = 0.0) -> np.ndarray:
         """The whole PSF (n, n) of sum 1, n even, its centre at n // 2."""
-        return _centred(self.lens, self.field(x, y), WAVELENGTHS_UM[plane], self.pitch_um, defocus_um)
+        return _centred(self.lens, self.field(x, y), WAVELENGTHS_UM[plane], self.pitch_um, defocus_um, self.period_px)
 
     def parameters(self, x: float, y: float, plane: str = "G1", defocus_um: float = 0.0) -> np.ndarray:
         """Support and amplitudes of the tail's shapes, (p,): as near to the whole PSF as these can come."""
         whole = self.whole(x, y, plane, defocus_um)
         support = _crop(whole, K)
-        kernels = tail_kernels(K)
-        outside = kernels[0] > 0
-        weight = kernels[0][outside] ** -0.5  # what a chart shows is light on areas, near and far alike
-        shown = _crop(whole, kernels.shape[1])[outside]
-        tail = np.linalg.lstsq((kernels[:, outside] * weight).T, shown * weight, rcond=None)[0]
+        outside, to_tail = _tail_fit()
+        tail = to_tail @ _crop(whole, len(outside))[outside]
         return np.concatenate([support.ravel(), tail]) / support.sum()
 
     def mtf(self, x: float, y: float, f: np.ndarray, angle: float, defocus_um: float = 0.0) -> np.ndarray:
@@ -62,14 +63,29 @@ class FieldCamera:
         whole = self.whole(x, y, defocus_um=defocus_um)
         at = (np.arange(len(whole)) - len(whole) // 2) / S
         ex, ey = (np.exp(-2j * np.pi * np.outer(f * turn, at)) for turn in (np.cos(angle), np.sin(angle)))
-        return np.abs(np.sum((ey @ whole) * ex, axis=1))
+        return np.abs(np.sum((ey.real @ whole + 1j * (ey.imag @ whole)) * ex, axis=1))
+
+    def lens_mtf(self, x: float, y: float, f: float, angle: float, defocus_um: npt.ArrayLike) -> np.ndarray:
+        """|OTF| of the lens alone at a frequency, for defocuses (n,): the pupil's overlap with itself, summed."""
+        wavelength = WAVELENGTHS_UM["G1"]
+        shift = f * wavelength * self.lens.f_number / self.pitch_um * np.array([np.cos(angle), np.sin(angle)])
+        u = (np.arange(-100, 100) + 0.5) / 100
+        px, py = np.meshgrid(u, u)
+        first, second = ((px + side * shift[0], py + side * shift[1]) for side in (1, -1))
+        both = (np.hypot(*first) < 1) & (np.hypot(*second) < 1)
+        first, second = ((a[both], b[both]) for a, b in (first, second))
+        wavefront = self.lens.wavefront(*self.field(x, y))
+        path = wavefront.at(*first) - wavefront.at(*second)
+        of_defocus = 2 * 3**0.5 * (first[0] ** 2 + first[1] ** 2 - second[0] ** 2 - second[1] ** 2)
+        waves = [(path + one * of_defocus) / wavelength for one in np.asarray(defocus_um)]
+        return np.array([abs(np.exp(2j * np.pi * one).sum()) for one in waves]) / np.sum(np.hypot(px, py) < 1)
 
     @lru_cache(maxsize=500)  # noqa: B019  # a few cameras, for every map of theirs
     def numbers(self, x: float, y: float, radius: float) -> np.ndarray:
         """What `field.maps.numbers_of` finds, of the whole PSF; `radius` is the direction from the frame's centre."""
         mtf50 = []
         for angle in (radius + np.pi / 2, radius):
-            coarse = np.linspace(0, S / 2, 101)
+            coarse = np.linspace(0, S / 2, 41)
             i = int(np.flatnonzero(self.mtf(x, y, coarse, angle) < 0.5)[0])
             f = np.linspace(coarse[i - 1], coarse[i], 21)
             mtf50.append(_half(f, self.mtf(x, y, f, angle)))
@@ -89,13 +105,20 @@ class FieldCamera:
 
     def position(self, x: float, y: float, plane: str) -> np.ndarray:
         """Where a chart that green shows at (x, y) is seen in another plane: lateral colour, and the PSF's shape."""
-        q = np.array(self.field(x, y)) - self.lens.axis
+        q = self.field(x, y)
         half = np.hypot(*SHAPE) / 2
-        chief = self.lens.lateral_colour * (WAVELENGTHS_UM[plane] - 0.53) * half * q
-        marks = [
-            _uncentred(self.lens, self.field(x, y), WAVELENGTHS_UM[p], self.pitch_um, 0.0)[1] for p in (plane, "G1")
-        ]
+        chief = self.lens.lateral_colour * (WAVELENGTHS_UM[plane] - 0.53) * half * (np.array(q) - self.lens.axis)
+        marks = [_uncentred(self.lens, q, WAVELENGTHS_UM[p], self.pitch_um, 0.0, NEAR)[1] for p in (plane, "G1")]
         return np.array([x, y]) + chief + marks[0] - marks[1]
+
+
+@lru_cache
+def _tail_fit() -> tuple[np.ndarray, np.ndarray]:
+    """What lies outside the support, and what gives the tail's amplitudes from it, by least squares."""
+    kernels = tail_kernels(K)
+    outside = kernels[0] > 0
+    weight = kernels[0][outside] ** -0.5  # what a chart shows is light on areas, near and far alike
+    return outside, np.linalg.pinv((kernels[:, outside] * weight).T) * weight
 
 
 def _half(f: np.ndarray, mtf: np.ndarray) -> float:
@@ -116,7 +139,8 @@ def _support(whole):
 
 def _autocorrelation(pupil, most):
     """At lags from -most to most - 1 along both axes, 0 first."""
-    power = np.abs(fft.fft(fft.fft(pupil, LAGS, axis=1), LAGS, axis=0)) ** 2
+    n = LAGS * most * 2 // S
+    power = np.abs(fft.fft(fft.fft(pupil, n, axis=1), n, axis=0)) ** 2
     right = fft.fft(fft.rfft(power, axis=1)[:, : most + 1], axis=0).conj()
     rows = right[np.r_[0 : most + 1, -most:0]].astype(np.complex128)
     left = np.roll(rows[::-1, most:0:-1], 1, axis=0).conj()  # lags opposite to those on the right
@@ -124,13 +148,13 @@ def _autocorrelation(pupil, most):
 
 
 @lru_cache(maxsize=2000)
-def _uncentred(lens, q, wavelength_um, pitch_um, defocus_um):
-    n = PERIOD * S
+def _uncentred(lens, q, wavelength_um, pitch_um, defocus_um, period):
+    n = period * S
     cutoff = pitch_um / (wavelength_um * lens.f_number)  # cycles per pixel, = pupil diameter
-    # pupil plane sampled at the frequencies of a period of PERIOD pixels: its points as they are, off the centre, give
+    # pupil plane sampled at the frequencies of a period: its points as they are, off the centre, give
     # the overlap of round pupils to 4e-5; a rim that is averaged would count too little where a pupil meets itself
-    reach = int(PERIOD * cutoff / 2) + 1
-    u = (np.arange(-reach, reach + 1) + 0.31) / PERIOD / (cutoff / 2)
+    reach = int(period * cutoff / 2) + 1
+    u = (np.arange(-reach, reach + 1) + 0.31) / period / (cutoff / 2)
     x, y = np.meshgrid(u, u)
     inside = np.hypot(x, y) < 1
     x, y = x[inside], y[inside]
@@ -148,15 +172,18 @@ def _uncentred(lens, q, wavelength_um, pitch_um, defocus_um):
 
 
 @lru_cache(maxsize=2000)
-def _centred(lens, q, wavelength_um, pitch_um, defocus_um):
+def _centred(lens, q, wavelength_um, pitch_um, defocus_um, period):
     """Shifted, as an estimate is, until the marks are at the centre."""
-    otf, _ = _uncentred(lens, q, wavelength_um, pitch_um, defocus_um)
+    otf, mark = _uncentred(lens, q, wavelength_um, pitch_um, defocus_um, period)
     f = np.fft.fftfreq(len(otf)) * S
-    shift = np.zeros(2)
+    shift = mark
     for _ in range(6):
         phase = np.exp(2j * np.pi * f * shift[0]) * np.exp(2j * np.pi * f * shift[1])[:, None]
         whole = np.fft.fftshift(np.fft.ifft2(otf * phase).real)
-        shift = shift + mark_offset(_support(whole), S, np.eye(2))
+        step = mark_offset(_support(whole), S, np.eye(2))
+        shift = shift + step
+        if np.abs(step).max() < 1e-6:
+            break
     return whole
 
 

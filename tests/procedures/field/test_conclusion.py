@@ -66,12 +66,14 @@ def test_a_bracket_tells_the_tilt_and_the_field_is_that_of_the_sharpest_position
     np.testing.assert_allclose(centre, gaussian(0.5), atol=1e-3)
 
 
+@pytest.mark.slow
 def test_the_page_shows_the_best_focus_and_lateral_colour(bracket):
     page = field_page(bracket, {"input": [], "parameters": {}, "duration_s": 1.0}, software())
     for words in ("Best focus", "focus tilt x", "Lateral colour", "R against G1"):
         assert words in page
 
 
+@pytest.mark.slow
 def test_a_bracket_too_short_says_so_and_the_field_is_told_all_the_same():
     two = {name: POSITIONS_MM[name] for name in ("near.dng", "middle.dng")}
     found = conclude(measured(np.random.default_rng(1), two), two)

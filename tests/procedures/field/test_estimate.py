@@ -87,6 +87,7 @@ def six():
     return RawFrame(Path("six.pgm"), "", {"Y": plane}, None), photograph.truths[0].optics
 
 
+@pytest.mark.slow
 def test_a_field_tells_the_cameras_mtf50_at_a_place_between_the_charts(six):
     frame, optics = six
     psf = estimate_field([frame], CHART, PARAMETERS)["Y"].result().at(100.0, 140.0)

@@ -14,7 +14,7 @@ from procedures.field.interpolate import interpolate
 from procedures.field.maps import derive
 from procedures.outcome import BadInput
 
-from .lens import SHAPE, grid, nodes
+from .lens import NEAR, SHAPE, FieldCamera, grid, nodes
 
 DOCUMENT = Path(field_file.__file__).parent / "decisions" / "0001-hdf5.md"
 
@@ -25,15 +25,16 @@ def found(measured):
 
 
 @pytest.fixture(scope="module")
-def written(camera, covariance, measured, found, tmp_path_factory):
+def written(covariance, measured, found, tmp_path_factory):
     path = tmp_path_factory.mktemp("field") / "field.h5"
-    red = nodes(camera, grid(), covariance, np.random.default_rng(2), "R")
+    red = nodes(FieldCamera(period_px=NEAR), grid(), covariance, np.random.default_rng(2), "R")
     colour = lateral_colour("R", red, "G1", measured, SHAPE, 2)
     maps = derive(found.field, 5)
     field_file.write_field(path, {"G1": found}, {"G1": maps}, [colour], {"input": "[]", "software": "1"})
     return path
 
 
+@pytest.mark.slow
 def test_a_field_that_was_read_is_the_one_that_was_written(written, found):
     field = field_file.read_field(written)["G1"]
     for x, y in ((120.0, 400.0), (374.5, 249.5)):
@@ -45,6 +46,7 @@ def test_a_field_that_was_read_is_the_one_that_was_written(written, found):
     assert field.nodes[3].number == found.field.nodes[3].number
 
 
+@pytest.mark.slow
 def test_the_five_lines_of_the_document_read_the_psf(written, camera, found, monkeypatch):
     code = re.search(r"```python\n(.*?)```", DOCUMENT.read_text(), re.S)[1]
     assert len([line for line in code.splitlines() if line]) == 5
@@ -56,6 +58,7 @@ def test_the_five_lines_of_the_document_read_the_psf(written, camera, found, mon
     assert np.linalg.norm(names["psf"] - near) < 0.02 * np.linalg.norm(near)
 
 
+@pytest.mark.slow
 def test_the_file_tells_the_tail_at_every_place_without_the_program(written, found):
     with h5py.File(written) as file:
         anywhere = file["G1/anywhere"]
@@ -75,6 +78,7 @@ def test_the_file_tells_the_tail_at_every_place_without_the_program(written, fou
     assert len(names) == len(tail)
 
 
+@pytest.mark.slow
 def test_a_file_of_an_older_version_is_read_and_has_no_tail(written, found, tmp_path):
     old = tmp_path / "field.h5"
     shutil.copy(written, old)
@@ -90,6 +94,7 @@ def test_a_file_of_an_older_version_is_read_and_has_no_tail(written, found, tmp_
     assert np.linalg.norm(field.at(300.0, 200.0).h - expected) < 0.02 * np.linalg.norm(expected)
 
 
+@pytest.mark.slow
 def test_every_array_has_its_unit_and_the_file_its_conventions(written):
     with h5py.File(written) as file:
         assert file.attrs["schema"] == "station/psf-field/2"

@@ -10,10 +10,10 @@ from procedures.field.focus import FREQUENCY, focus_surface, sharpest
 from procedures.field.maps import radius_direction
 from procedures.outcome import Refused
 
-from .lens import LENS, SHAPE, FieldCamera, grid, nodes
+from .lens import LENS, NEAR, SHAPE, FieldCamera, grid, nodes
 
 POSITIONS = np.linspace(-0.24, 0.24, 5)  # micrometres of defocus
-TILTED = FieldCamera(replace(LENS, tilt_um=(0.06, -0.04)))
+TILTED = FieldCamera(replace(LENS, tilt_um=(0.06, -0.04)), period_px=NEAR)
 
 
 def drawn_bracket(covariance, seed):
@@ -33,14 +33,15 @@ def surface(bracket):
 
 @lru_cache
 def true_focus(x, y, angle):
-    """Where the MTF really is greatest."""
+    """Where the MTF really is greatest; what the photosites take of it is the same at every focus."""
     z = np.linspace(-0.27, 0.27, 13)
-    mtf = np.array([TILTED.mtf(x, y, np.array([FREQUENCY]), angle, float(d))[0] for d in z])
+    mtf = TILTED.lens_mtf(x, y, FREQUENCY, angle, z)
     i = int(np.argmax(mtf))
     a, b, _ = np.polyfit(z[i - 2 : i + 3], mtf[i - 2 : i + 3], 2)
     return -b / (2 * a)
 
 
+@pytest.mark.slow
 def test_best_focus_is_within_its_band_over_the_field(covariance):
     # a quadratic surface has six numbers, so that a map is off as a whole: three draws
     inside = []
@@ -55,6 +56,7 @@ def test_best_focus_is_within_its_band_over_the_field(covariance):
     assert np.mean(inside) >= 0.9
 
 
+@pytest.mark.slow
 def test_tilt_and_curvature_are_those_of_the_lens(surface):
     # W = tilt . q + curvature |q - a|^2: focus is where the added defocus takes that away; 4 sigma, and 3 % because
     # coma and the two astigmatic halves bend the quadratic a little
@@ -68,18 +70,21 @@ def test_tilt_and_curvature_are_those_of_the_lens(surface):
     assert bend.uncertainty < 0.01
 
 
+@pytest.mark.slow
 def test_the_sharpest_position_of_a_bracket_is_the_middle_one(bracket):
     assert sharpest(bracket) == pytest.approx(0.0)
 
 
+@pytest.mark.slow
 def test_two_positions_tell_no_focus(bracket):
     two = {z: bracket[z] for z in list(bracket)[:2]}
     with pytest.raises(Refused, match="3 focus positions or more; there are 2"):
         focus_surface(two, SHAPE)
 
 
+@pytest.mark.slow
 def test_a_bracket_on_one_side_of_the_focus_is_refused(covariance):
     rng = np.random.default_rng(1)
-    beyond = {z: nodes(TILTED, grid(), covariance, rng, defocus_um=z) for z in (0.3, 0.36, 0.42)}
+    beyond = {z: nodes(TILTED, grid(3, 3), covariance, rng, defocus_um=z) for z in (0.3, 0.36, 0.42)}
     with pytest.raises(Refused, match="extend the bracket"):
         focus_surface(beyond, SHAPE)

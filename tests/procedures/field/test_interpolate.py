@@ -13,7 +13,7 @@ from procedures.psf import Psf
 from procedures.psf_field import held_by_priors
 
 from .conftest import SEED
-from .lens import SHAPE, FieldCamera, K, S, grid, nodes
+from .lens import NEAR, SHAPE, FieldCamera, K, S, grid, nodes
 
 
 @pytest.fixture(scope="module")
@@ -26,6 +26,7 @@ def places():
     return np.random.default_rng(7).uniform([95, 65], [655, 435], (30, 2))
 
 
+@pytest.mark.slow
 def test_the_psf_between_the_nodes_is_as_good_as_at_them(camera, measured, found, places):
     # the bound is 1.5; smoothing over 25 nodes leaves less than the error of one
     at_nodes = [np.linalg.norm(n.psf.h - camera.psf(*p)) for n, p in zip(measured, grid(), strict=True)]
@@ -34,6 +35,7 @@ def test_the_psf_between_the_nodes_is_as_good_as_at_them(camera, measured, found
     assert np.max(between) < 1.5 * np.mean(at_nodes)
 
 
+@pytest.mark.slow
 def test_the_predicted_error_is_that_met(camera, found, places):
     noise, lack = found.field.error(places)
     true = [Psf.of(camera.parameters(*p), np.zeros_like(found.field.lack_rest), K, S) for p in places]
@@ -42,6 +44,7 @@ def test_the_predicted_error_is_that_met(camera, found, places):
     assert 0.45 < np.mean(met) / np.mean(np.hypot(noise, lack)) < 1.1
 
 
+@pytest.mark.slow
 def test_the_noise_of_a_place_is_that_of_repeated_measurements(camera, covariance, found):
     # with the model kept, 40 draws give a variance to sqrt(2 / 40) = 22 % (one sigma); the trace averages many
     # directions, so that 10 % is beyond three
@@ -90,6 +93,7 @@ def test_every_psf_has_sum_1(found, places):
     np.testing.assert_allclose(found.field.samples(places).sum(axis=(1, 2)), 1, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_axis_of_a_decentred_lens_is_found_within_its_error(camera, covariance):
     off = []
     for seed in range(3):
@@ -99,6 +103,7 @@ def test_the_axis_of_a_decentred_lens_is_found_within_its_error(camera, covarian
     assert np.abs(off).max() < 3.5
 
 
+@pytest.mark.slow
 def test_a_symmetric_lens_is_recognised_and_so_is_one_that_is_not(camera, covariance, found):
     assert found.recipe.kind == "symmetric lens"
     # flares across the radius instead of along it, as if the frame were stirred: no lens does that
@@ -114,8 +119,10 @@ def test_a_symmetric_lens_is_recognised_and_so_is_one_that_is_not(camera, covari
     assert interpolate("G1", SHAPE, stirred).recipe.kind != "symmetric lens"
 
 
+@pytest.mark.slow
 def test_a_field_without_change_is_told_to_be_constant(covariance):
-    flat = FieldCamera(replace(FieldCamera().lens, coma_um=0.0, astigmatism_um=0.0, field_curvature_um=0.0))
+    lens = replace(FieldCamera().lens, coma_um=0.0, astigmatism_um=0.0, field_curvature_um=0.0)
+    flat = FieldCamera(lens, period_px=NEAR)
     field = interpolate("G1", SHAPE, nodes(flat, grid(), covariance, np.random.default_rng(SEED))).field
     errors = [np.linalg.norm(field.at(x, y).h - flat.psf(300, 200)) for x, y in grid(3, 3, 0.2)]
     # the mean of 25 nodes: a fifth of the error of one, and what the choice of a model adds
@@ -131,17 +138,19 @@ def test_beyond_the_nodes_the_psf_is_that_of_the_nearest_place(found):
 
 @pytest.mark.parametrize(("chosen", "words"), [(slice(5), "from 6 places"), (slice(0, None, 5), "one line")])
 def test_too_few_nodes_and_nodes_on_a_line_are_refused(camera, covariance, chosen, words):
-    tall = nodes(camera, grid(5, 7), covariance, np.random.default_rng(1))
+    few = nodes(camera, grid(5, 7)[chosen], covariance, np.random.default_rng(1))
     with pytest.raises(Refused, match=words):
-        interpolate("G1", SHAPE, tall[chosen])
+        interpolate("G1", SHAPE, few)
 
 
+@pytest.mark.slow
 def test_a_recipe_builds_the_same_field_again(found, places):
     again = rebuild("G1", SHAPE, found.field.nodes, found.recipe, len(found.field.components))
     np.testing.assert_allclose(again.samples(places), found.field.samples(places), atol=1e-12)
     np.testing.assert_allclose(again.at(300, 200).covariance, found.field.at(300, 200).covariance, atol=1e-14)
 
 
+@pytest.mark.slow
 def test_places_measured_twice_are_left_out_together(camera, covariance, found):
     # or each would be predicted by its own repetition, and the model that passes through the nodes would win
     rng = np.random.default_rng(2)

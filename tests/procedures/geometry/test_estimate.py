@@ -62,6 +62,7 @@ def test_a_model_too_poor_is_doubted_by_name():
     assert found.value.misfit.rms_px > 0.02  # thin prism of 6e-4 r^2: a tenth of a pixel and more at the rim
 
 
+@pytest.mark.slow
 def test_the_model_that_foretells_the_other_views_is_chosen(taken):
     parameters = GeometryParameters(CELL_MM)
     found = calibrate_geometry(taken.views, PLAIN.size, parameters, nodes=taken.nodes)

@@ -60,6 +60,7 @@ def test_photographs_give_the_cameras_own_numbers():
         assert one.distance.value == pytest.approx(float(np.linalg.norm(chart.pose.centre_mm)), rel=3e-4)
 
 
+@pytest.mark.slow
 def test_a_plane_of_every_second_pixel_is_told_in_sensor_pixels():
     camera = wide_camera(210, 210)
     plane = photographed(camera, camera.place(CHART, pixels=110.0, cell_mm=CELL_MM, yaw_deg=10), 1)

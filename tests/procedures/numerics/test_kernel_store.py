@@ -96,6 +96,7 @@ def test_what_is_kept_is_not_compiled_again(kernels, monkeypatch):
     assert_right(answers(kernels()))
 
 
+@pytest.mark.slow
 def test_a_copy_of_the_source_elsewhere_uses_what_is_kept(kernels, monkeypatch, tmp_path):
     answers(kernels())
     copied = tmp_path / "copied" / "some_kernels.py"
@@ -109,12 +110,14 @@ def test_a_copy_of_the_source_elsewhere_uses_what_is_kept(kernels, monkeypatch, 
     assert_right(answers(made))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", [("FACTOR = 2.5", "FACTOR = 5.0"), ("return x * FACTOR", "return x * 5.0    ")])
 def test_changed_constant_and_changed_callee_are_compiled_anew(kernels, change):
     answers(kernels())
     np.testing.assert_array_equal(answers(kernels(SOURCE.replace(*change)))[0][:, 0], [15, 30, 45])
 
 
+@pytest.mark.slow
 def test_damaged_file_is_written_again(kernels, tmp_path):
     answers(kernels())
     for file in (tmp_path / "kept").glob("*.kernel"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from procedures.pattern import BLOCK, BLOCKS, CELLS, EDGES
 from procedures.pattern_print.formats import encode
@@ -14,6 +15,7 @@ from procedures.pattern_print.source import Source
 from .filling import winding
 
 
+@pytest.mark.slow
 def test_the_chart_itself_is_unchanged(source: Source) -> None:
     per_cell = 2
     plain, edged = bitmap(source.chart, per_cell), bitmap(source.with_edges().chart, per_cell)
@@ -22,6 +24,7 @@ def test_the_chart_itself_is_unchanged(source: Source) -> None:
     assert outline(source.with_edges().chart)[:-2] == outline(source.chart)
 
 
+@pytest.mark.slow
 def test_outlines_and_pixels_show_the_same_edges(source: Source) -> None:
     per_cell = 2
     chart = source.with_edges().chart
@@ -41,6 +44,7 @@ def test_edges_lean_against_each_other_and_a_block_of_white_lies_before_them() -
     assert EDGES[0, :, 0].min() == EDGES[1, :, 1].min() == BLOCK * (BLOCKS - 1) + BLOCK
 
 
+@pytest.mark.slow
 def test_the_usual_chart_with_edges_fits_on_the_same_paper(source: Source) -> None:
     sheet = lay_out(source.with_edges(), Size(300.0))
     assert sheet.paper == lay_out(source, Size(300.0)).paper == "A2"
@@ -54,6 +58,7 @@ def test_the_usual_chart_with_edges_fits_on_the_same_paper(source: Source) -> No
     assert all(below < text.y - text.size for text in sheet.caption.texts)
 
 
+@pytest.mark.slow
 def test_pages_and_pixels_are_written(source: Source, tmp_path) -> None:  # type: ignore[no-untyped-def]
     for ending in ("svg", "png"):
         path = tmp_path / f"chart.{ending}"

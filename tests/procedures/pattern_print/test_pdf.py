@@ -147,5 +147,6 @@ def test_equal_charts_are_equal_files(plain: Source) -> None:
     assert pdf(lay_out(plain, Size(300))) == pdf(lay_out(plain, Size(300)))
 
 
+@pytest.mark.slow
 def test_file_stays_small(source: Source) -> None:
     assert len(pdf(lay_out(source, Size(300)))) < 2e6

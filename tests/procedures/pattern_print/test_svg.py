@@ -25,10 +25,12 @@ def root(data: bytes) -> ET.Element:
     return ET.fromstring(data)
 
 
+@pytest.mark.slow
 def test_one_unit_is_one_millimetre(root: ET.Element) -> None:
     assert (root.get("width"), root.get("height"), root.get("viewBox")) == ("420mm", "594mm", "0 0 420 594")
 
 
+@pytest.mark.slow
 def test_path_fills_the_cells_of_the_seed(root: ET.Element, source: Source) -> None:
     path = root.find(f"{SVG}path[@id='chart']")
     assert path is not None

@@ -64,6 +64,7 @@ WORDS = {
 OTHER_WORDS = {("yaw", -6.0): "its left edge", ("pitch", 4.0): "its upper edge", ("roll", -8.0): "the chart clockwise"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "angle"), WORDS)
 def test_a_turned_chart_is_told_by_how_much_and_which_way_and_following_it_makes_it_square(shoot, name, angle):
     advice = check_square(shoot(turned(**{name: angle})), FACTS)
@@ -113,6 +114,7 @@ def test_going_around_a_turned_chart_does_what_turning_it_does(shoot):
 # --- distance ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ratio", [0.96, 2.1])
 def test_the_way_to_the_right_distance_is_told_in_metres_and_leads_there(shoot, ratio):
     z = FAR_MM * RATIO / ratio
@@ -156,6 +158,7 @@ def test_the_laser_s_offset_needs_no_focal_length():
 # --- light -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_dark_chart_is_exposed_longer_until_white_is_at_80_percent(shoot):
     exposure_s = 1 / 400
     advice = check_light(shoot(exposure_s=exposure_s), FACTS)
@@ -208,6 +211,7 @@ def test_a_blurred_chart_is_not_taken_for_another(shoot):
 # --- focus, shots ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_sharper_frame_has_the_higher_score(shoot):
     sharp = sharpness(shoot(), FACTS)
     soft = sharpness(shoot(camera=replace(CAMERA, focus_mm=FAR_MM / 1.12)), FACTS)

@@ -20,6 +20,7 @@ def seen(bench, seed):
     return found.value.correspondences
 
 
+@pytest.mark.slow
 def test_bins_are_seen_where_they_are_with_the_scatter_that_is_stated(bench):
     pulls = []
     for seed in range(2):

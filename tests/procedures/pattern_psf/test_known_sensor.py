@@ -41,6 +41,7 @@ def found(sensor: SensorModel | None) -> PatternPsf:
     return outcome.value
 
 
+@pytest.mark.slow
 def test_response_is_undone_and_known() -> None:
     without, by_sensor = found(None), found(SENSOR)
     assert abs(without.diagnostics["response_curvature"]) > 0.02
@@ -50,6 +51,7 @@ def test_response_is_undone_and_known() -> None:
     assert without.quality.budgets["mtf50_horizontal"]["sensor"] == 0
 
 
+@pytest.mark.slow
 def test_noise_is_the_sensors() -> None:
     # the noise was made by that model: what is left is of that size
     assert found(SENSOR).residual_std == pytest.approx(1, abs=0.03)

@@ -36,6 +36,7 @@ def truths() -> list[float]:
     return [mtf50(F56, 0), mtf50(F56, 1), *nyquist]
 
 
+@pytest.mark.slow
 def test_numbers_are_those_of_the_whole_psf() -> None:
     estimate, verdict = found()
     assert verdict is Verdict.PASS
@@ -46,6 +47,7 @@ def test_numbers_are_those_of_the_whole_psf() -> None:
         assert number.uncertainty < 0.008 * true
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("s", "k"), [(4, 9), (4, 13), (4, 25), (2, 9), (3, 13)])
 def test_what_s_and_k_leave_out_is_doubted_and_never_wrong(s: int, k: int) -> None:
     estimate, verdict = found(PatternParameters(s, k))
@@ -58,6 +60,7 @@ def test_what_s_and_k_leave_out_is_doubted_and_never_wrong(s: int, k: int) -> No
         assert verdict is Verdict.DOUBTFUL
 
 
+@pytest.mark.slow
 def test_doubt_says_which_support_would_do() -> None:
     outcome = estimate_psf(exposed(photograph(), np.random.default_rng(0)), CHART, PatternParameters(4, 9))
     assert outcome.value is not None
@@ -120,6 +123,7 @@ def test_sharpened_picture_is_told(rng: np.random.Generator) -> None:
     assert "sharpened" in outcome.reason
 
 
+@pytest.mark.slow
 def test_half_out_of_focus_is_told_with_both_halves(rng: np.random.Generator) -> None:
     sharp = photograph()
     soft = light(circular(1.62, fill=0.9, blur_px=0.5), CHART, View())

@@ -95,6 +95,7 @@ def test_l_shaped_apertures_are_those_of_the_simulator_turned(turns: int) -> Non
     np.testing.assert_allclose(aperture_otf(shape, 0.9, 0.4, fx, fy), simulated, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_model_slopes_are_its_differences(rng: np.random.Generator) -> None:
     psf, diffraction = measured(camera(PixelAperture(), wavefront=WAVEFRONT), "G", 0.01, rng)
     grid, parts = Grid(psf, diffraction, 2), Parts(Aperture.L_135, LowPass.FOUR, diffusion=True)
@@ -126,6 +127,7 @@ def test_a_camera_of_many_parts_is_taken_apart(rng: np.random.Generator) -> None
     assert found.remaining < 0.001
 
 
+@pytest.mark.slow
 def test_error_bars_are_as_large_as_errors(rng: np.random.Generator) -> None:
     optics = camera(PixelAperture(0.9, 0.9), wavefront=WAVEFRONT)
     parts, start, z = Parts(), None, []
@@ -139,6 +141,7 @@ def test_error_bars_are_as_large_as_errors(rng: np.random.Generator) -> None:
     assert np.std(z) == pytest.approx(1, abs=0.35)
 
 
+@pytest.mark.slow
 def test_a_perfect_lens_has_no_aberrations(rng: np.random.Generator) -> None:
     psf, diffraction = measured(camera(PixelAperture(0.9, 0.9), wavefront=Wavefront()), "G", 0.01, rng)
     outcome = estimate_physics(psf, diffraction, 2)
@@ -187,6 +190,7 @@ def test_fill_factor_over_one_is_one_sided() -> None:
     assert _fill_factor(Quantity(0.99, "1", 0.02, "m", 9)) is None
 
 
+@pytest.mark.slow
 def test_l_shaped_photosites_are_turned_between_green_and_red(rng: np.random.Generator) -> None:
     # figure 3.7 of Delbracio's thesis: red and blue transfer functions look like green's turned by 90 degrees
     optics = camera(LShapedAperture(0.98, 0.55, quarter_turns=1), wavefront=Wavefront(defocus_um=0.02))
@@ -203,6 +207,7 @@ def test_l_shaped_photosites_are_turned_between_green_and_red(rng: np.random.Gen
     assert sorted(one.chi2 for one in fits)[1] > best.chi2 + 100
 
 
+@pytest.mark.slow
 def test_a_photograph_of_the_chart_tells_the_sensor_s_parts(rng: np.random.Generator) -> None:
     # the whole way: render, noise, estimate with its true covariance, and take apart
     optics = Optics((CircularPupil(4.0), PixelAperture(0.9, 0.9), FourSpots(0.8)), 7.5)
@@ -219,6 +224,7 @@ def test_a_photograph_of_the_chart_tells_the_sensor_s_parts(rng: np.random.Gener
     assert found.chi_square / found.freedom == pytest.approx(1, abs=0.4)
 
 
+@pytest.mark.slow
 def test_what_is_not_in_the_model_is_told(rng: np.random.Generator) -> None:
     # a Gaussian twice as long as wide is none of the parts
     optics = camera(PixelAperture(), GaussianBlur(1.6, 0.4, 30.0), wavefront=Wavefront())

@@ -35,6 +35,7 @@ PUBLISHED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("samples", "kappa", "scales"), PUBLISHED)
 def test_cornell_box_is_cleaner_than_the_published_program_leaves_it(cornell, reference, samples, kappa, scales):
     found = filter_film(cornell[samples], FilterParameters(kappa=kappa, scales=scales), threads=2)
@@ -43,6 +44,7 @@ def test_cornell_box_is_cleaner_than_the_published_program_leaves_it(cornell, re
     assert unclipped >= PUBLISHED[samples, kappa, scales][1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("samples", [64, 256])
 def test_defaults_gain_half_a_decibel_over_the_published_program(cornell, reference, samples):
     clipped, unclipped = psnr_db(filter_film(cornell[samples], threads=2).picture, reference)
@@ -98,6 +100,7 @@ def test_a_scale_gives_up_its_low_frequencies_whole_when_coarse_is_one():
     assert kept[1] < 0.02
 
 
+@pytest.mark.slow
 def test_scales_remove_noise_wider_than_the_block(cornell, reference):
     one, three = (
         psnr_db(filter_film(cornell[64], replace(PAPER, scales=n), threads=2).picture, reference)[0] for n in (1, 3)

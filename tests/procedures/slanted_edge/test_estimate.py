@@ -78,6 +78,7 @@ def test_the_normal_points_across_the_edge() -> None:
     assert value(whole(samples.T[::-1])).normal_deg == pytest.approx(84.5, abs=0.02)
 
 
+@pytest.mark.slow
 def test_error_bars_are_as_large_as_errors(rng: np.random.Generator) -> None:
     light = edge_light(gaussian(0.25))
     numbers = []

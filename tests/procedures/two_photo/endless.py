@@ -71,6 +71,14 @@ def _seen(spectrum: Array, otf: Otf, per_texel: float) -> Array:
     return scipy.fft.irfft2(spectrum * otf(fx, fy).astype(np.float32), (size, size))
 
 
+def _splines(size: int) -> Array:
+    """What quintic splines with these coefficients, (size, size // 2 + 1), make of each frequency; source: their values
+    1, 26, 66, 26 and 1 over 120 at the knots."""
+    along, down = (2 * np.pi * f for f in (scipy.fft.rfftfreq(size), scipy.fft.fftfreq(size)))
+    across, upright = ((66 + 52 * np.cos(w) + 2 * np.cos(2 * w)) / 120 for w in (along, down))
+    return np.asarray(across * upright[:, None], np.float32)
+
+
 def photographs(
     otf: Otf,
     *,
@@ -89,7 +97,8 @@ def photographs(
     whole = scipy.fft.next_fast_len((near_size + 2 * RIM_PX) * TEXELS, real=True)
     spectrum = _spectrum(wall, whole, seed) if isinstance(wall, str) else scipy.fft.rfft2(wall)
     near = _seen(spectrum, near_otf or otf, 1 / TEXELS)
-    far = _seen(spectrum if far_wall is None else scipy.fft.rfft2(far_wall), otf, 1 / (TEXELS * zoom))
+    of_far = spectrum if far_wall is None else scipy.fft.rfft2(far_wall)
+    far = _seen(of_far / _splines(whole), otf, 1 / (TEXELS * zoom))  # the coefficients of its splines
     first = (whole - TEXELS * near_size) // 2
     near = near[first : first + TEXELS * near_size : TEXELS, first : first + TEXELS * near_size : TEXELS]
     c, s = np.cos(roll), np.sin(roll)
@@ -100,7 +109,7 @@ def photographs(
     y, x = np.indices((size, size))
     w = H[2, 0] * x + H[2, 1] * y + H[2, 2]
     u, v = ((H[i, 0] * x + H[i, 1] * y + H[i, 2]) / w * TEXELS + first for i in (0, 1))
-    far = map_coordinates(far, [v, u], order=5, mode="grid-wrap")
+    far = map_coordinates(far, [v, u], order=5, mode="grid-wrap", prefilter=False)
     rng = np.random.default_rng(1000 + seed)
     near, far = (image + rng.normal(0, noise, image.shape) for image in (near, far))
     return Pair(near.astype(np.float32), far.astype(np.float32), H)

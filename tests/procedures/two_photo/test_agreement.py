@@ -22,6 +22,7 @@ def otf(fx: np.ndarray, fy: np.ndarray) -> np.ndarray:
     return np.real(OPTICS.otf(np.asarray(fx), np.asarray(fy)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1])
 def test_chart_and_wall_agree_within_their_errors(seed: int) -> None:
     rng = np.random.default_rng(seed)

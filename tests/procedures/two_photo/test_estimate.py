@@ -37,7 +37,7 @@ WALLS = {
 }
 
 
-@pytest.mark.parametrize("wall", WALLS)
+@pytest.mark.parametrize("wall", ["frontal", *(pytest.param(one, marks=pytest.mark.slow) for one in list(WALLS)[1:])])
 def test_known_walls_give_their_psf(wall: str) -> None:
     otf, tilt, noise, limit = WALLS[wall]
     pair = photographs(otf, tilt=tilt, noise=noise, size=150)
@@ -47,6 +47,7 @@ def test_known_walls_give_their_psf(wall: str) -> None:
     assert aligned_error(found_in(outcome).psf.h, samples_of(otf, 3, 13))[0] < limit
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("wall", "limit"), [("a", 0.025), ("b", 0.055)])
 def test_walls_kept_beside_the_project_give_their_psf(shared_data: Path, wall: str, limit: float) -> None:
     folder = shared_data / "synthetic" / "two_photo"
@@ -56,6 +57,7 @@ def test_walls_kept_beside_the_project_give_their_psf(shared_data: Path, wall: s
     assert aligned_error(found.psf.h, truth)[0] < limit
 
 
+@pytest.mark.slow
 def test_published_photographs_give_the_published_psf(shared_data: Path) -> None:
     folder = shared_data / "two_photos"
     near, far = (read_frame(folder / name).planes["Y"] for name in ("IMG_0608_v1.pgm", "IMG_0602_v1_CUT.pgm"))
@@ -76,6 +78,7 @@ def test_errors_are_those_the_covariance_tells(pair: Pair) -> None:
     assert 0.7 < np.sqrt(np.mean(z**2)) < 1.4
 
 
+@pytest.mark.slow
 def test_mtf50_lies_inside_its_error_bar() -> None:
     z = []
     for seed in range(4):
@@ -87,6 +90,7 @@ def test_mtf50_lies_inside_its_error_bar() -> None:
     assert np.sqrt(np.mean(np.square(z))) < 1.6  # 8 draws: 1 +- 0.25
 
 
+@pytest.mark.slow
 def test_order_does_not_matter(pair: Pair) -> None:
     first, second = (found_in(estimate(*photos)) for photos in ((pair.near, pair.far), (pair.far, pair.near)))
     assert (first.swapped, second.swapped) == (False, True)
@@ -94,6 +98,7 @@ def test_order_does_not_matter(pair: Pair) -> None:
     np.testing.assert_allclose(first.psf.h, second.psf.h, atol=2e-4)
 
 
+@pytest.mark.slow
 def test_a_rolled_camera_is_no_obstacle() -> None:
     otf = gaussian(0.5, 0.33)
     pair = photographs(otf, roll=0.3, size=130)
@@ -102,6 +107,7 @@ def test_a_rolled_camera_is_no_obstacle() -> None:
     assert found.scale == pytest.approx((4.6, 4.6), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_solvers_keep_their_promises(pair: Pair) -> None:
     free, clipped, positive = (
         found_in(estimate(pair.near, pair.far, solver=name)).psf.h for name in ("ls", "clip", "nnls")
@@ -146,6 +152,7 @@ def test_too_small_a_distance_is_refused_with_the_way_to_go() -> None:
     assert "s = 2" in outcome.remedy
 
 
+@pytest.mark.slow
 def test_two_depths_are_refused() -> None:
     one, other = photographs(OTF), photographs(OTF, zoom=4.6 * 1.1)
     far = one.far.copy()
@@ -153,6 +160,7 @@ def test_two_depths_are_refused() -> None:
     answers(estimate(one.near, far), Verdict.REFUSED, "the wall must be one plane", "flat wall")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("shift", "verdict", "reason"),
     [(0.1, Verdict.DOUBTFUL, "the wall's relief moves details by 0."), (0.35, Verdict.REFUSED, "wall must be")],
@@ -165,6 +173,7 @@ def test_relief_is_seen(pair: Pair, rng: np.random.Generator, shift: float, verd
     answers(estimate(pair.near, far), verdict, reason, "relief")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("otf", "near_otf", "verdict", "reason"),
     [
@@ -207,6 +216,7 @@ def test_a_smooth_wall_is_refused(pair: Pair, rng: np.random.Generator) -> None:
     answers(estimate(near, far), Verdict.REFUSED, "texture", "rougher wall")
 
 
+@pytest.mark.slow
 def test_another_wall_is_refused(pair: Pair) -> None:
     other = photographs(OTF, seed=2)
     answers(estimate(pair.near, other.far), Verdict.REFUSED, "must agree on one plane", "same flat, textured part")

@@ -52,6 +52,7 @@ def test_small_common_region_is_refused(pair: Pair) -> None:
         common_region(pair.near[:90, :90], pair.far, pair.H_near_far, S, K)
 
 
+@pytest.mark.slow
 def test_near_noise_shrinks_least_squares_and_the_correction_undoes_it() -> None:
     sharp, noise, f = gaussian(0.3, 0.3), 0.03, 0.9  # high frequencies suffer first: the wall has little of them
     clean = photographs(sharp, noise=0.0, size=90)

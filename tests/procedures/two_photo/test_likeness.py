@@ -47,6 +47,7 @@ def test_a_good_pair_passes(pair: Pair) -> None:
     assert sigmas(outcome) < 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "reason"),
     [
@@ -66,6 +67,7 @@ def test_what_was_done_to_one_photograph_is_doubted(pair: Pair, name: str, reaso
     assert reason in outcome.reason
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["near softened 0.45", "near sharpened 0.3", "near JPEG 85", "near gradient 0.1"])
 def test_what_cannot_be_told_from_the_wall_is_in_the_error_bar(pair: Pair, name: str) -> None:
     outcome = estimate(*damaged(pair, name))
@@ -89,6 +91,7 @@ def test_still_light_on_relief_passes() -> None:
     assert outcome.verdict is Verdict.PASS, outcome.reason
 
 
+@pytest.mark.slow
 def test_the_near_photograph_s_own_blur_is_measured(pair: Pair) -> None:
     psf = true_psf(OTF)
     assert np.abs(near_look(pair.near, psf).softness).max() < 0.02
@@ -103,6 +106,7 @@ def test_the_near_photograph_s_own_blur_is_measured(pair: Pair) -> None:
     assert near_look(soft.near, psf).softness == pytest.approx([0.45**2, 0.3**2], abs=0.03)
 
 
+@pytest.mark.slow
 def test_a_sharpened_otf_is_beyond_light() -> None:
     assert beyond_light(true_psf(OTF)) == 0
     assert beyond_light(true_psf(camera(3.25))) == 0

@@ -122,6 +122,7 @@ def test_the_mean_of_frames_has_less_noise(wall):
     assert np.std(both - wall[0][0]) == pytest.approx(noise / 2**0.5, rel=0.02)
 
 
+@pytest.mark.slow
 def test_near_and_far_photographs_become_the_psf(wall):
     frames = [frame(one) for place in wall for one in place]
     outcome = estimate(frames, {**FACTS, "near_frames": 2.0}, {})["Y"]

@@ -124,6 +124,7 @@ def spectra(fx: np.ndarray, fy: np.ndarray) -> np.ndarray:
     return Psf(np.eye(K), S, np.eye(K * K), empty).spectra(fx, fy)
 
 
+@pytest.mark.slow
 def test_covariance_is_that_of_many_draws(rng: np.random.Generator) -> None:
     kernel, sigma = with_tail(1.0), 1e-4
     draws = [

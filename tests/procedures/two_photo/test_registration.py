@@ -28,6 +28,7 @@ def test_order_and_map_are_found(pair: Pair, swapped: bool) -> None:
     assert far_error(sighting.H_near_far, pair) < 0.25
 
 
+@pytest.mark.slow
 def test_whole_frames_of_one_size_match(pair: Pair) -> None:
     frame = np.full(pair.near.shape, 0.4, np.float32)
     frame[150:270, 200:320] = pair.far
@@ -37,6 +38,7 @@ def test_whole_frames_of_one_size_match(pair: Pair) -> None:
     assert far_error(moved, pair) < 0.4
 
 
+@pytest.mark.slow
 def test_two_walls_do_not_match(pair: Pair) -> None:
     other = photographs(OTF, seed=2)
     with pytest.raises(Refused, match="must agree on one plane"):

@@ -29,6 +29,7 @@ def errors(outcome: Outcome[TwoPhotoPsf], name: str, which: str = "total") -> di
     return told
 
 
+@pytest.mark.slow
 def test_the_numbers_are_of_the_whole_psf() -> None:
     outcome = estimate(photographs(CAMERAS["f/5.6"], noise=0.002, size=110), TwoPhotoParameters(3, 13))
     assert outcome.verdict is Verdict.PASS, outcome.reason
@@ -41,6 +42,7 @@ def test_the_numbers_are_of_the_whole_psf() -> None:
         assert abs(off) < 0.02, number
 
 
+@pytest.mark.slow
 def test_what_lies_beyond_the_band_is_no_pass() -> None:
     # the pixel of a colour plane is half as wide as its pitch: the MTF stays above 1/2 beyond one cycle per pixel
     outcome = estimate(photographs(camera(6.5, fill=0.3), zoom=2.9, size=130, noise=0.002))
@@ -64,7 +66,7 @@ def test_uncertainties_are_true_over_cameras_walls_and_zooms() -> None:
     off, bias = [], []
     for i, name in enumerate(CAMERAS):
         for j, (wall, zoom) in enumerate((("pink", 3.3), ("leaves", 4.2), ("pink", 5.2))):
-            pair = photographs(CAMERAS[name], wall=wall, zoom=zoom, noise=0.005, size=150, seed=10 * i + j, tilt=0.02)
+            pair = photographs(CAMERAS[name], wall=wall, zoom=zoom, noise=0.005, size=110, seed=10 * i + j, tilt=0.02)
             outcome = estimate(pair)
             assert outcome.verdict is not Verdict.REFUSED, outcome.reason
             told = errors(outcome, name)

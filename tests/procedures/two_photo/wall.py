@@ -72,7 +72,7 @@ def photograph(wall: Array, H: Array, size: int, otf: Otf, texels_per_px: float)
     seen = cv2.warpPerspective(smooth, H @ to_px, (n, n), flags=flags, borderMode=cv2.BORDER_REFLECT)
     fx, fy = np.fft.rfftfreq(n) * fine, np.fft.fftfreq(n)[:, None] * fine
     r2 = fx**2 + fy**2
-    transfer = np.where(r2 < (fine / 2) ** 2, otf(fx, fy) * np.exp(2 * np.pi**2 * blur**2 * r2), 0)
+    transfer = np.where(r2 < (fine / 2) ** 2, otf(fx, fy) * np.exp(2 * np.pi**2 * blur**2 * r2), 0).astype(np.float32)
     whole = np.fft.irfft2(np.fft.rfft2(seen) * transfer, (n, n))
     return whole[rim * fine : (rim + size) * fine : fine, rim * fine : (rim + size) * fine : fine]
 

@@ -32,6 +32,7 @@ def centre(view, taken):
     return taken.true_points("G1", CELL_CENTRE)[0]
 
 
+@pytest.mark.slow
 def test_its_frames_are_read_back(view, tmp_path):
     path = tmp_path / "frame.dng"
     path.write_bytes(view.develop(Opening(0.0, 0.02, 1)))
@@ -40,6 +41,7 @@ def test_its_frames_are_read_back(view, tmp_path):
     np.testing.assert_allclose(frame.planes["G1"].samples, view.taken[0].plane("G1"), atol=1e-6)
 
 
+@pytest.mark.slow
 def test_noise_of_a_frame_follows_from_its_number_alone(world, view):
     again = View(world, np.random.default_rng(20120323), view.camera)
     one, two = (view.photograph(Opening(0.0, 0.02, number)).plane("G1") for number in (1, 2))
@@ -70,6 +72,7 @@ def test_moving_right_moves_the_chart_left_by_f_over_distance(view, world):
     assert after[1] - before[1] == pytest.approx(0.0, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_panning_right_moves_the_chart_left(view, world):
     travel_line([world.axes["pan_deg"]], [1.0], 1.0, 5.0, 20.0)
     moved = centre(view, view.photograph(Opening(60.0, 0.02, 1)))
@@ -79,6 +82,7 @@ def test_panning_right_moves_the_chart_left(view, world):
     assert moved[0] - still[0] == pytest.approx(-np.tan(np.radians(1.0)) * 24.377 / 0.00594 / 2, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_nearer_is_larger(view, world):
     far = view.photograph(Opening(0.0, 0.02, 1)).pixels_per_pattern("G1")
     travel_line([world.axes["z_mm"]], [650.0], 1.0, 50.0, 200.0)
@@ -86,6 +90,7 @@ def test_nearer_is_larger(view, world):
     assert near / far == pytest.approx((1550.0 / 24 - 1) / (1450.0 / 24 - 1), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_an_exposure_during_ring_down_is_blurred_by_the_path_the_camera_took(view, world):
     end_s = travel_line([world.axes["x_mm"]], [200.0], 0.0, 50.0, 400.0)
     shaken = view.photograph(Opening(end_s, 0.1, 1)).true_psf("G1", 4, 17)
@@ -103,6 +108,7 @@ def test_an_exposure_during_ring_down_is_blurred_by_the_path_the_camera_took(vie
     assert spread(shaken) - spread(still) == pytest.approx(np.var(path_px) / 0.25, rel=0.15)
 
 
+@pytest.mark.slow
 def test_half_the_light_is_half_the_signal(view, world):
     bright = view.photograph(Opening(0.0, 0.02, 1)).plane("G1").mean()
     world.set_lamp(0.5, 1.0)

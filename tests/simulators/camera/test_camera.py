@@ -97,6 +97,7 @@ def test_a_chart_out_of_focus_is_blurred_and_its_truth_with_it(rng):
     assert np.std(np.diff(soft.plane("Y"))) < 0.7 * np.std(np.diff(sharp.plane("Y")))
 
 
+@pytest.mark.slow
 def test_coma_points_away_from_the_axis(rng):
     camera = replace(GREY, lens=Lens(coma_um=0.15), sensor=Sensor(400, 600, None))
     offsets = (np.arange(33) - 16) / 4
@@ -155,6 +156,7 @@ def test_one_seed_gives_one_photograph():
     np.testing.assert_array_equal(one, two)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_random_charts_lie_whole_in_the_frame(seed):
     rng = np.random.default_rng(seed)

@@ -85,6 +85,7 @@ def test_a_flat_wavefront_by_quadrature_is_the_closed_form(rng):
     np.testing.assert_allclose(tiny.otf(fx, fy), Optics((CircularPupil(5.6),), 3.76).otf(fx, fy), atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_round_wavefront_is_the_limit_of_one_that_is_hardly_not_round(rng):
     # 1e-9 um of coma changes nothing that matters, but takes the other way of reckoning
     fx, fy = rng.uniform(-0.4, 0.4, (2, 100))

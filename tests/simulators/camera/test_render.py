@@ -154,6 +154,7 @@ def test_the_scene_is_in_front_of_the_camera():
         Pose((0, 0, -1.0))
 
 
+@pytest.mark.slow
 def test_pixels_are_what_brute_force_makes_of_them():
     # every 1/200 pixel: back through the lens to a cell, weighted by Gaussian * photosite written as error functions
     view = Projection(5000.0, (99.5, 99.5), k1=-0.05, radius_px=140.0)
@@ -174,6 +175,7 @@ def test_pixels_are_what_brute_force_makes_of_them():
         assert light[y, x] == pytest.approx(expected, abs=5e-5)
 
 
+@pytest.mark.slow
 def test_tiles_of_a_large_region_fit_together():
     # what differs is the light from beyond each tile's margin: 1 / 150 of it all, and there as here half of it black
     whole = render(Scene((TILTED,)), COMATIC, oversampling=4)

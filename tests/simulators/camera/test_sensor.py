@@ -26,6 +26,7 @@ def test_numbers_are_electrons_over_gain_on_their_black_level(rng):
     np.testing.assert_array_equal(numbers, [[110, 120], [130, 140]])
 
 
+@pytest.mark.slow
 def test_rounding_adds_the_noise_of_rounding(rng):
     sensor = Sensor(1, N, None, black=(64, 64, 64, 64), gain_e_per_dn=2.5, full_well_e=1e9, read_noise_e=10.0)
     numbers = sensor.expose(np.full((1, N), 1.0), 5000.0, rng)

@@ -127,6 +127,7 @@ def test_aiming_at_lights_changes_noise_and_not_the_mean(exponent):
     assert one.mean() == pytest.approx(two.mean(), abs=4 * error)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("z", [700.0, 1000.0, 2500.0])
 def test_defocus_is_the_disc_of_a_thin_lens(z):
     camera = ThinLensCamera(60, 60, focal_mm=50, f_number=2.0, focus_mm=1000, pitch_um=50)
@@ -141,6 +142,7 @@ def test_defocus_is_the_disc_of_a_thin_lens(z):
     np.testing.assert_allclose(centre, 29.5, atol=0.25)
 
 
+@pytest.mark.slow
 def test_depths_are_along_the_axis():
     # a wall across the axis is as far at the rim as in the middle; a ball's front is nearer; beside them is nothing
     sheet = Rectangle((-200, -200, 900), (400, 0, 0), (0, 400, 0), WHITE)

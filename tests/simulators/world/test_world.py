@@ -25,6 +25,7 @@ def test_the_bench_rings_after_a_move_and_comes_to_rest(world):
     assert np.ptp(world.pose(t).pan_deg) > 10 * np.ptp(world.pose(t + 1.0).pan_deg) > 0
 
 
+@pytest.mark.slow
 def test_acceleration_integrates_to_the_change_of_velocity(world):
     # from rest to steady speed the integral of the felt force along x is the speed, once the ringing has gone
     travel_line([world.axes["x_mm"]], [300.0], 0.0, 20.0, 400.0)

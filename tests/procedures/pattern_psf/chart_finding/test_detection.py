@@ -51,6 +51,7 @@ def turned(points: np.ndarray, shape: tuple[int, ...], quarters: int, mirror: bo
     return np.column_stack([columns - 1 - points[:, 0], points[:, 1]]) if mirror else points
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
 def test_random_photographs_show_their_chart(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -152,6 +153,7 @@ def test_several_charts_are_refused_with_their_places() -> None:
     assert "got 2, centred at" in refusal(image)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("pixels", "says"),
     [(52, "at least 60 pixels wide; it is 52; move closer: to 0.8"), (330, "move back 1.1x or more")],

@@ -89,6 +89,7 @@ def test_gamma_is_least_somewhat_nearer_than_s_over_t_of_one() -> None:
     assert all(seen.gamma > seen.bound for seen in curve)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("s", "k"), [(2, 9), (3, 13), (4, 17), (4, 25), (5, 21)])
 def test_what_is_called_best_and_good_is_so_by_gamma(s: int, k: int) -> None:
     ratios = (*np.arange(0.6, 1.991, 0.01), *BEST_S_OVER_T, *GOOD_S_OVER_T, AIM_S_OVER_T)

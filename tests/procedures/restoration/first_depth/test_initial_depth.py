@@ -30,6 +30,7 @@ def test_variances_of_masks(defocus_stacks):
     assert initial_depth.variance(defocus_stacks[0])[k] == pytest.approx(4.0**2 / 4 + 1 / 12, rel=0.02)
 
 
+@pytest.mark.slow
 def test_the_default_start_beats_both_algorithms(shared_data):
     # measured 0.11, 0.16 and above 1 pixel; weak texture is where they part
     folder = shared_data / "synthetic" / "restoration"

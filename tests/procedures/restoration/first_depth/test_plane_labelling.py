@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from procedures.restoration.first_depth import initial_depth
 from procedures.restoration.first_depth.plane_labelling import Choice, chosen, offers
@@ -53,6 +54,7 @@ def test_planes_are_offered_where_they_lead():
     assert found.left[inside].max() < 1e-6
 
 
+@pytest.mark.slow
 def test_choosing_turns_a_slope_between_two_levels_into_a_step():
     # costs tell both sides but nothing in between, where the first depth goes from one to the other
     truth = np.where(np.arange(80) < 40, 2.0, 3.0) * np.ones((60, 1))

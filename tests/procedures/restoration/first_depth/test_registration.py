@@ -56,6 +56,7 @@ def test_what_nobody_saw_is_not_trusted():
     assert inside == pytest.approx(2 * 2.5 - 1.0, abs=0.02)
 
 
+@pytest.mark.slow
 def test_a_shift_within_the_masks_is_taken_up_and_said(vibrating):
     z = displaced(vibrating.z, 4.0, -1.0)
     outcome = restore(list(z), vibrating.stacks, RestorationParameters(scheme=Scheme(2, 4, 4, 1, 6)))

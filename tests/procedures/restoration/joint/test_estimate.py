@@ -56,6 +56,7 @@ def test_what_is_left_over_is_near_the_noise(outcome):
     assert outcome.value.diagnostics.residual_over_noise < 1
 
 
+@pytest.mark.slow
 def test_photographs_of_two_scenes_are_refused(vibrating):
     pair = [vibrating.z[0], vibrating.z[1][:, ::-1, ::-1]]
     told = restore(pair, vibrating.stacks, QUICK)
@@ -73,6 +74,7 @@ def test_uncertainty_of_the_picture_is_its_error_where_the_masks_are_true(outcom
     assert outcome.value.diagnostics.picture_std == pytest.approx(error, rel=0.5)
 
 
+@pytest.mark.slow
 def test_bent_paths_are_doubted_with_what_they_cost(vibrating, vibration_shapes, outcome):
     # a shape turned by 20 degrees stands for one that was measured badly
     turned = mask_stack(rotate(vibration_shapes[1], 20, reshape=False, order=1).clip(0), 4.6, R=6)
@@ -108,6 +110,7 @@ def test_refocusing_leaves_the_chosen_depth_sharp(outcome, vibrating):
     assert change[inside][at[inside] < 0.1].mean() < 0.1 * change[inside][at[inside] > 1].mean()
 
 
+@pytest.mark.slow
 def test_a_wrong_ratio_is_doubted(vibrating, vibration_stacks):
     swapped = restore(list(vibrating.z), vibration_stacks[::-1], QUICK)
     assert swapped.verdict == Verdict.DOUBTFUL
@@ -115,6 +118,7 @@ def test_a_wrong_ratio_is_doubted(vibrating, vibration_stacks):
     assert swapped.remedy
 
 
+@pytest.mark.slow
 def test_colour_shares_one_depth(vibrating):
     z = np.concatenate([vibrating.z, 0.6 * vibrating.z], axis=1)
     found = restore(

@@ -62,6 +62,7 @@ def test_one_joint_step_lowers_the_cost(vibrating, problem, first):
     assert joint_descent.cost(problem, u, w, weights)[0] < before
 
 
+@pytest.mark.slow
 def test_restoration_nears_the_known_depth(vibrating, problem, restored, first):
     problem.data.focus(vibrating.w.astype(np.float32))
     oracle = restore_picture(problem.data, joint_descent.begin(problem, first_truth(vibrating)).u, 3e-4, 60)
@@ -79,6 +80,7 @@ def test_rounds_can_be_stopped_and_resumed(problem, first):
     np.testing.assert_allclose(resumed.w, straight.w, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_every_round_is_reported(restored, problem):
     assert [r.n for r in restored.history] == [*range(8), 8]
     assert restored.history[0].what.startswith("steps far")
@@ -116,6 +118,7 @@ def test_a_border_keeps_its_corner_where_the_share_is_decided(vibrating, problem
     assert (abs(moved[y, x] - vibrating.w[y, x]) < 0.3) == kept
 
 
+@pytest.mark.slow
 def test_the_depth_prior_yields_to_a_smeared_step_under_strong_noise(vibration_stacks, monkeypatch):
     noisy = scene(vibration_stacks, (96, 112), 20.0, seed=4)
     data, other = joint_descent.problem_of(noisy.z, noisy.stacks, np.ones((2, 1, 96, 112)), np.float32)

@@ -42,6 +42,7 @@ def test_noise_and_contrast_are_found_whatever_the_weight(vibrating, data, noise
     assert contrast == pytest.approx(2 * roughness(truth) / truth.size, rel=0.15)
 
 
+@pytest.mark.slow
 def test_depth_takes_as_much_noise_as_solving_says(vibrating, data):
     u, weights = vibrating.sharp, Weights(1e-4, 0.01)
     told = noise_and_contrast.fitted_by_depth(data, u, weights)

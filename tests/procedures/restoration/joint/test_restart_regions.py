@@ -60,6 +60,7 @@ def test_what_is_not_explained_is_the_part_that_is_wrong(terms, notched):
     assert wrong.mean() < 0.35
 
 
+@pytest.mark.slow
 def test_a_part_of_the_wrong_surface_gets_the_right_one(vibrating, terms, notched):
     pair, notch = notched
 

@@ -34,6 +34,7 @@ def photographs(lens):
     return scene(lens, (80, 96), 40.0)
 
 
+@pytest.mark.slow
 def test_a_field_of_equal_stacks_restores_as_the_stack_does(vibrating):
     parameters = RestorationParameters(scheme=Scheme(1, 2, 2, 1, 2), dtype=np.float64)
     one = restore(list(vibrating.z), vibrating.stacks, parameters).value
@@ -44,6 +45,7 @@ def test_a_field_of_equal_stacks_restores_as_the_stack_does(vibrating):
     assert np.median(np.abs(many.sharp - one.sharp)) < 1e-3
 
 
+@pytest.mark.slow
 def test_what_a_lens_with_coma_blurred_is_restored_with_its_field(photographs, lens):
     parameters = RestorationParameters(scheme=Scheme(2, 4, 4, 1, 8))
     found = restore(list(photographs.z), lens, parameters)
@@ -57,6 +59,7 @@ def test_what_a_lens_with_coma_blurred_is_restored_with_its_field(photographs, l
     assert view.shape == found.value.sharp.shape
 
 
+@pytest.mark.slow
 def test_the_starts_take_fields(photographs, lens):
     sigmas = np.full(2, noise_of(photographs.z, lens))
     errors = [

@@ -52,6 +52,7 @@ def test_what_is_no_psf_is_refused(h, samples, complaint):
         measured_shape(h, samples)
 
 
+@pytest.mark.slow
 def test_a_lens_measured_over_the_frame_restores_better_than_its_middle_or_a_blur_circle():
     scene = photographs()
     shapes = measured_field(lens_field(), SHAPE, (3, 4))

@@ -46,6 +46,7 @@ def no_bends(monkeypatch):
     monkeypatch.setattr("procedures.restoration.unknown_motion.basin_hopping.BENDS", 0)
 
 
+@pytest.mark.slow
 def test_a_curve_of_the_pool_is_taken(said, wrong, no_bends):
     pools = [[wrong[0], TRUE[0]], [wrong[1]]]
     found = Turns(pools, np.random.default_rng(0)).taken(said, wrong, HALF)
@@ -53,6 +54,7 @@ def test_a_curve_of_the_pool_is_taken(said, wrong, no_bends):
     assert apart(found) < 0.05
 
 
+@pytest.mark.slow
 def test_a_pool_told_about_another_origin_is_moved(said, wrong, no_bends):
     origin = np.array([1.0, 0.0])
     turns = Turns([[TRUE[0] + origin], [TRUE[1] + origin]], np.random.default_rng(0)).beside(origin)

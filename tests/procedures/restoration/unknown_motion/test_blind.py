@@ -32,6 +32,7 @@ def found(flat):
     return blind.prototype_shapes(flat[0], 4, rounds=16)
 
 
+@pytest.mark.slow
 def test_both_motions_are_recovered(flat, found):
     assert [likeness(a, b) > 0.95 for a, b in zip(found.masks, flat[1], strict=True)] == [True, True]
 

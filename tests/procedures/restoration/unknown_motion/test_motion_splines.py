@@ -54,6 +54,7 @@ def test_a_line_finer_than_samples_keeps_its_light(points):
     assert motion_splines.drawn(points, 5, 0.01).sum() == pytest.approx(1, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_curves_are_found_from_a_mask(points):
     target = motion_splines.drawn(points, 4, LINE * HALF)
     found = motion_splines.candidates(target, HALF, np.random.default_rng(3), 12)

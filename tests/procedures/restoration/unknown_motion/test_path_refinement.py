@@ -33,6 +33,7 @@ def found(curves):
     return Prototypes(masks, np.stack([as_shape(h, 2.5) for h in masks]), 2.5, 0.001)
 
 
+@pytest.mark.slow
 def test_other_depths_put_the_curves_in_their_place(photographs, found, curves, monkeypatch):
     # a tenth of a pixel off in the flat part, as curves that draw one mask differ
     begun = curves + np.random.default_rng(1).normal(0, 0.1, curves.shape)
