@@ -29,8 +29,6 @@ AXES = ("both", "x", "y")
 LEAST_START_SIGMA = 1.4e-3
 # what is left over rounding of 8 bits alone is no disagreement
 LEAST_NOISE = 1.2e-3
-# of the photographs' own noise: both are estimates
-MOST_DISAGREEMENT = 1.3
 # residual over the photographs' own noise: 0.2 to 1.0 with true masks; 1.2 to 1.5 with measured ones that have errors
 # of their own, and with paths bent by a fifth; up to 2.6 with another shape (a Gaussian for a pillbox); 11 and more
 # where the photographs are not of one scene. Under the first nothing is said, over the second no picture is common
@@ -143,7 +141,7 @@ def first_depth(
         return initial_depth.algorithm_2(z, stacks, sigma, direction=axis)
     if start == "blur":
         return initial_depth.algorithm_3(z, stacks, sigmas)
-    return initial_depth.matched(z, stacks, sigmas, most=MOST_DISAGREEMENT * own_noise(z))
+    return initial_depth.matched(z, stacks, sigmas)
 
 
 def restore(
