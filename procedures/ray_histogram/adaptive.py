@@ -1,8 +1,9 @@
-"""Adaptive sampling: new samples go where the filter found few pixels to share with, and the light is noisy."""
+"""Adaptive sampling: new samples go where the filter found few pixels to share with, and the light is noisy.
+
+Who renders filters a film, casts what each pixel is allotted, and does so again with the film of all samples.
+"""
 
 from __future__ import annotations
-
-from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
@@ -10,8 +11,6 @@ from scipy import ndimage
 
 from procedures.outcome import BadParameter
 from procedures.ray_histogram.film import Film
-from procedures.ray_histogram.filter import FilterParameters
-from procedures.ray_histogram.multiscale import FilteredFilm, filter_film
 
 Doubles = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -35,37 +34,6 @@ def allot(film: Film, similar: npt.NDArray[np.float32], budget: int) -> Ints:
     v = ndimage.uniform_filter(v, SMOOTHING)
     need = np.sqrt((v + FAINT * v.mean()) / similar) if v.any() else 1 / np.sqrt(similar)
     return _whole_shares(_fill(need, film.count.astype(np.float64), float(budget)), budget)
-
-
-def sample_adaptively(
-    film: Film,
-    cast: Callable[[Ints], None],
-    *,
-    budget: int,
-    rounds: int = 2,
-    parameters: FilterParameters | None = None,
-    threads: int = 1,
-) -> FilteredFilm:
-    """Filter, cast samples where they are needed, and so on; the picture of all of them.
-
-    Parameters
-    ----------
-    film : Film
-        Holds a few samples per pixel already; grows.
-    cast : callable
-        Adds samples to the film until each pixel has had as many, dropped ones included, as it is told.
-    budget : int
-        Samples to add in all, in equal rounds.
-    """
-    if rounds < 1:
-        raise BadParameter(f"{rounds} rounds", "sample in at least one round")
-    found = filter_film(film, parameters, threads=threads)
-    for i in range(rounds):
-        share = budget * (i + 1) // rounds - budget * i // rounds
-        taken = film.count.astype(np.int64) + film.dropped
-        cast(taken + allot(film, found.similar, share))
-        found = filter_film(film, parameters, threads=threads)
-    return found
 
 
 def _fill(need: Doubles, level: Doubles, budget: float) -> Doubles:

@@ -6,6 +6,7 @@ import hashlib
 import io
 import os
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -54,6 +55,10 @@ _PATH = click.Path(path_type=Path)
 @click.option(
     "--reference", type=_PATH, help="A converged render (npz with `reference` or `image`) to measure against."
 )
+@click.option("--published", is_flag=True, help="Filter as Algorithms 1 and 2 state it, without what was added since.")
+@click.option(
+    "--budget", type=click.IntRange(0), help="Samples to cast next: writes how many each pixel needs to more.npy."
+)
 @click.option("--threads", type=click.IntRange(1, 1024), help="Threads.  [default: one for each processor]")
 @click.option("--out", type=_PATH, required=True, help="Folder for the results.")
 @click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout too.")
@@ -63,6 +68,8 @@ def rays(
     picture: Path | None,
     neighbours: tuple[Path, ...],
     reference: Path | None,
+    published: bool,
+    budget: int | None,
     threads: int | None,
     out: Path,
     as_json: bool,
@@ -71,11 +78,11 @@ def rays(
     """Filter the render whose film is SAMPLES, an npz of `image`, `hist` and `nsamples`, or of `samples`."""
     start = time.perf_counter()
     from procedures.ray_histogram.film_files import read_film
-    from procedures.ray_histogram.filter import FilterParameters
+    from procedures.ray_histogram.filter import PAPER, FilterParameters
     from procedures.ray_histogram.multiscale import filter_film
     from station.results.result_files import ResultFolder, software, write_record
 
-    parameters = FilterParameters(**options)
+    parameters = replace(PAPER, **options) if published else FilterParameters(**options)
     with ResultFolder(out) as folder:
         film = read_film(samples, picture).checked()
         rows, columns = film.count.shape
@@ -86,12 +93,14 @@ def rays(
         log("filtered", _sentence(found, judged), level=_LEVELS[judged["verdict"]], remedy=judged["remedy"])
         truth = None if reference is None else _reference(reference, film.mean.shape)
         _write_pictures(folder, film, found, truth)
+        more = None if budget is None else _write_more(folder, film, found, budget)
         record = {
             "schema": SCHEMA,
             "input": [_source(path) for path in (samples, picture, *neighbours, reference) if path is not None],
-            "parameters": options,
+            "parameters": {**options, **({"published": True} if published else {})},
             **judged,
             **_numbers(film, found),
+            **({} if more is None else {"more_samples": more}),
             **({} if truth is None else {"psnr_db": _decibels(film, found, truth)}),
             "software": software(),
             "duration_s": round(time.perf_counter() - start, 3),
@@ -126,17 +135,13 @@ def _sentence(found: FilteredFilm, judged: dict[str, str]) -> str:
 
 
 def _write_pictures(folder: ResultFolder, film: Film, found: FilteredFilm, truth: Picture | None) -> None:
-    import numpy as np
-
     from procedures.ray_histogram.comparison import psnr_db
     from station.demo.ray_page import RenderRow, ray_page
     from station.drawing.linear_pictures import display_png, float_tiff
 
     folder.write("filtered.tiff", float_tiff(found.picture))
     folder.write("filtered.png", display_png(found.picture))
-    data = io.BytesIO()
-    np.save(data, found.similar, allow_pickle=False)
-    folder.write("similar.npy", data.getvalue())
+    folder.write("similar.npy", _npy(found.similar))
     shown: list[tuple[str, npt.NDArray[np.floating]]] = [("as rendered", film.mean), ("filtered", found.picture)]
     facts = [f"{film.count.mean():.0f} samples per pixel."]
     if truth is not None:
@@ -145,6 +150,23 @@ def _write_pictures(folder: ResultFolder, film: Film, found: FilteredFilm, truth
         facts.append(f"PSNR against the converged render: {before:.2f} dB as rendered, {after:.2f} dB filtered.")
     row = RenderRow(f"{film.count.shape[1]} x {film.count.shape[0]} pixels", tuple(shown), found.similar, tuple(facts))
     folder.write("rays.html", ray_page("A render, and the same without its noise", (row,)))
+
+
+def _write_more(folder: ResultFolder, film: Film, found: FilteredFilm, budget: int) -> dict[str, float]:
+    """Write how many samples each pixel needs, `budget` in all; returns what the record says of them."""
+    from procedures.ray_histogram.adaptive import allot
+
+    more = allot(film, found.similar, budget)
+    folder.write("more.npy", _npy(more))
+    return {"all": int(more.sum()), "most": int(more.max()), "pixels_without": float((more == 0).mean())}
+
+
+def _npy(array: npt.NDArray[Any]) -> bytes:
+    import numpy as np
+
+    data = io.BytesIO()
+    np.save(data, array, allow_pickle=False)
+    return data.getvalue()
 
 
 def _numbers(film: Film, found: FilteredFilm) -> dict[str, Any]:

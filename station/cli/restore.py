@@ -27,11 +27,11 @@ if TYPE_CHECKING:
 _LEVELS = {"pass": "info", "doubtful": "warning"}
 
 
-_ONE_EACH = ("--shape", "--imu")
+_ONE_EACH = ("--shape", "--imu", "--poses", "--defocus-shape")
 
 
 class _OneEach(click.Command):
-    """Lets `--shape` and `--imu` take one value, or two and more as `--shape FILE1 FILE2` before the next option."""
+    """Lets `--shape` and its like take one value, or more as `--shape FILE1 FILE2` before the next option."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Repeat the option before each further file that follows it."""
@@ -61,13 +61,15 @@ class _OneEach(click.Command):
 
 @click.command("restore", cls=_OneEach)
 @click.argument("images", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--blur", "blur", type=click.Choice(["defocus", "motion"]), required=True, help="What blurred them.")
+@click.option(
+    "--blur", "blur", type=click.Choice(["defocus", "motion", "both"]), required=True, help="What blurred them."
+)
 @click.option(
     "--shape",
     "shapes",
     multiple=True,
-    help="pillbox, gaussian, polygon:BLADES[:DEGREES], text arrays, psf_P.npy or field.h5 of a result: "
-    "one, or one for each image.",
+    help="pillbox, gaussian, polygon:BLADES[:DEGREES], text arrays, psf_P.npy or field.h5 of a result, or "
+    "radial:FILE,FILE,... of a lens symmetric about its axis, middle to corner: one, or one for each image.",
 )
 @click.option(
     "--samples-per-pixel", type=click.IntRange(1, 1000), help="The shapes are PSFs sampled so, not shapes on [-1, 1]."
@@ -78,6 +80,33 @@ class _OneEach(click.Command):
     type=Number(),
     multiple=True,
     help="w of photograph 2 (3, ...) over w of 1.  [default: 1, or the ratio of measured kernels' sizes]",
+)
+@click.option(
+    "--offset",
+    "offsets",
+    type=Number(),
+    multiple=True,
+    help="Pixels that w of photograph 2 (3, ...) has beyond ratio times w of 1: another focus.  [default: 0]",
+)
+@click.option(
+    "--defocus-shape",
+    "defocus_shapes",
+    multiple=True,
+    help="With --blur both, what --shape is for motion: the aperture's shape, one or one for each image.",
+)
+@click.option(
+    "--defocus-ratio",
+    "defocus_ratios",
+    type=Number(),
+    multiple=True,
+    help="Half-width of that defocus in pixels for each unit of w, one or one for each image.",
+)
+@click.option(
+    "--defocus-offset",
+    "defocus_offsets",
+    type=Number(),
+    multiple=True,
+    help="And its half-width where w is 0, pixels; below 0 the plane of focus lies within the scene.  [default: 0]",
 )
 @click.option(
     "--max-w",
@@ -91,6 +120,13 @@ class _OneEach(click.Command):
 )
 @click.option(
     "--depth-start", type=click.Choice(["matched", "symmetric", "blur"]), default="matched", show_default=True
+)
+@click.option(
+    "--symmetric-axis",
+    type=click.Choice(["both", "x", "y"]),
+    default="both",
+    show_default=True,
+    help="Axis along which --depth-start symmetric takes the blur to be: both, or that of a steady motion.",
 )
 @click.option("--total-variation", is_flag=True, help="Picture prior by total variation instead of Tikhonov.")
 @click.option("--depth-total-variation", is_flag=True, help="Prior of w by total variation.")
@@ -110,8 +146,15 @@ class _OneEach(click.Command):
     metavar="FILE",
     help="Record of each exposure, CSV: t_s,ax,ay,az,wx,wy,wz; s since the shutter opened, m/s², rad/s; x right, y up.",
 )
-@click.option("--focal-px", type=Number(), help="Focal length in pixels of the plane, for --imu.")
-@click.option("--max-inverse-depth", type=Number(), help="1 / the least distance in the scene, 1/m, for --imu.")
+@click.option(
+    "--poses",
+    "poses",
+    multiple=True,
+    metavar="FILE",
+    help="Where the camera was while it exposed, CSV: t_s,x,y,z,rx,ry,rz; m, rotation vector in rad, axes as --imu.",
+)
+@click.option("--focal-px", type=Number(), help="Focal length in pixels of the plane, for --imu and --poses.")
+@click.option("--max-inverse-depth", type=Number(), help="1 / the least distance in the scene, 1/m, for these.")
 @click.option(
     "--exposure-s", type=Number(), multiple=True, help="Exposure time, for --imu.  [default: as the files tell]"
 )

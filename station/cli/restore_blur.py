@@ -25,11 +25,16 @@ class BlurOptions:
     shapes: tuple[str, ...]
     samples_per_pixel: int | None
     ratios: tuple[float, ...]
+    offsets: tuple[float, ...]
+    defocus_shapes: tuple[str, ...]
+    defocus_ratios: tuple[float, ...]
+    defocus_offsets: tuple[float, ...]
     max_w: float | None
     prototype_region: str | None
     paths: tuple[str, ...]
     fix_path: bool
     imu: tuple[str, ...]
+    poses: tuple[str, ...]
     focal_px: float | None
     max_inverse_depth: float | None
     exposure_s: tuple[float, ...]
@@ -38,16 +43,22 @@ class BlurOptions:
         """Refuse options that do not go together. Raises UsageError."""
         if (self.paths or self.fix_path) and (self.prototype_region is None or len(self.paths) != 2):
             raise click.UsageError("--recorded-path needs --prototype-region, and one path for each of two photographs")
-        if self.imu:
-            self._check_imu(images)
-        elif (self.focal_px, self.max_inverse_depth, self.exposure_s) != (None, None, ()):
-            raise click.UsageError("--focal-px, --max-inverse-depth and --exposure-s go with --imu")
+        if self.imu or self.poses:
+            self._check_recorded(images)
+        elif (self.focal_px, self.max_inverse_depth) != (None, None):
+            raise click.UsageError("--focal-px and --max-inverse-depth go with --imu and --poses")
         elif self.prototype_region is None:
             self._check_shapes(images)
-        if len(self.ratios) >= images:
-            raise click.UsageError(
-                f"--ratio is for images after the first, here {images - 1}; got {len(self.ratios)} values"
-            )
+        if self.exposure_s and not self.imu:
+            raise click.UsageError("--exposure-s goes with --imu")
+        for option, given in (("--ratio", self.ratios), ("--offset", self.offsets)):
+            if len(given) >= images:
+                raise click.UsageError(
+                    f"{option} is for images after the first, here {images - 1}; got {len(given)} values"
+                )
+        if self.offsets and (self.blur != "defocus" or self.prototype_region):
+            raise click.UsageError("--offset goes with --blur defocus: it comes from another focus")
+        self._check_defocus(images)
 
     def _check_shapes(self, images: int) -> None:
         if len(self.shapes) not in (1, images):
@@ -55,18 +66,48 @@ class BlurOptions:
                 f"--shape takes one shape, or one for each of {images} images; got {len(self.shapes)}"
             )
         for name in self.shapes:
-            if self.blur == "motion" and (name in ("pillbox", "gaussian") or name.startswith("polygon:")):
-                raise click.UsageError(f"--shape {name} is a blur of --blur defocus; --blur motion takes text arrays")
+            if self.blur != "defocus" and (name in ("pillbox", "gaussian") or name.startswith("polygon:")):
+                raise click.UsageError(
+                    f"--shape {name} is a blur of --blur defocus; --blur {self.blur} takes text arrays of motion"
+                )
 
-    def _check_imu(self, images: int) -> None:
-        if self.blur != "motion" or self.shapes or self.ratios or self.prototype_region:
-            raise click.UsageError("--imu goes with --blur motion, without --shape, --ratio and --prototype-region")
-        if len(self.imu) != images:
-            raise click.UsageError(f"--imu takes one record for each of {images} images; got {len(self.imu)}")
+    def _check_recorded(self, images: int) -> None:
+        option, records = ("--imu", self.imu) if self.imu else ("--poses", self.poses)
+        if self.imu and self.poses:
+            raise click.UsageError("give --imu or --poses, not both")
+        if self.blur == "defocus" or self.shapes or self.ratios or self.prototype_region:
+            raise click.UsageError(
+                f"{option} goes with --blur motion or both, without --shape, --ratio and --prototype-region"
+            )
+        if len(records) != images:
+            raise click.UsageError(f"{option} takes one record for each of {images} images; got {len(records)}")
         if self.focal_px is None or self.max_inverse_depth is None:
-            raise click.UsageError("--imu needs --focal-px and --max-inverse-depth")
+            raise click.UsageError(f"{option} needs --focal-px and --max-inverse-depth")
         if len(self.exposure_s) not in (0, 1, images):
             raise click.UsageError(f"--exposure-s takes one time, or one for each of {images} images")
+
+    def _check_defocus(self, images: int) -> None:
+        each = {
+            "--defocus-shape": self.defocus_shapes,
+            "--defocus-ratio": self.defocus_ratios,
+            "--defocus-offset": self.defocus_offsets,
+        }
+        if self.blur != "both":
+            if any(each.values()):
+                raise click.UsageError(f"{', '.join(each)} go with --blur both")
+            return
+        if self.prototype_region:
+            raise click.UsageError("--prototype-region finds motion alone: it goes with --blur motion")
+        if not self.defocus_shapes or not self.defocus_ratios:
+            raise click.UsageError(
+                "--blur both needs --defocus-shape and --defocus-ratio: the shape of defocus beside that of motion, "
+                "and the pixels of its half-width for each unit of w"
+            )
+        for option, given in each.items():
+            if given and len(given) not in (1, images):
+                raise click.UsageError(
+                    f"{option} takes one value, or one for each of {images} images; got {len(given)}"
+                )
 
     @property
     def told(self) -> dict[str, Any]:
@@ -80,32 +121,46 @@ class BlurOptions:
 
     def read(self, frames: list[RawFrame], photographs: list[Array]) -> BlurInput:
         """The masks of every photograph."""
+        from station.calibration.restoration_inputs import spread_by_defocus
+
+        plane = next(iter(frames[0].planes))
+        found = self._read(frames, photographs, plane)
+        for one in found.told.get("measured", ()):
+            half, cut = one["half_width_px"], one["negative_light"]
+            log("shape", f"measured half-width {half:.2f} pixels; {cut:.1%} negative light left out", **one)
+        if self.blur != "both":
+            return found
+        names, ratios, offsets = (
+            self._repeated(one, len(frames))
+            for one in (self.defocus_shapes, self.defocus_ratios, self.defocus_offsets or (0.0,))
+        )
+        return spread_by_defocus(found, names, ratios, offsets, photographs, plane)
+
+    def _read(self, frames: list[RawFrame], photographs: list[Array], plane: str) -> BlurInput:
+        """The masks of what blurs most: motion, or defocus alone."""
         from procedures.restoration.joint.kernel_sizes import DEFAULT_MAX_W
-        from station.calibration.restoration_inputs import from_arrays, from_imu_records, from_shapes
+        from station.calibration.restoration_inputs import from_arrays, from_imu_records, from_poses, from_shapes
 
         count, size = len(frames), (photographs[0].shape[1], photographs[0].shape[2])
-        each = (1.0, *self.ratios, *(self.ratios[-1:] * count))[:count] if self.ratios else ()
+        each, by = self._later(self.ratios, 1.0, count), self._later(self.offsets, 0.0, count)
+        focal, inverse = self.focal_px or 0.0, self.max_inverse_depth or 0.0
+        if self.poses:
+            return from_poses([Path(one) for one in self.poses], focal, inverse, size)
         if self.imu:
             exposures = self._repeated(self.exposure_s, count) or [one.exposure.exposure_s for one in frames]
-            files = [Path(one) for one in self.imu]
-            return from_imu_records(files, exposures, self.focal_px or 0.0, self.max_inverse_depth or 0.0, size)
+            return from_imu_records([Path(one) for one in self.imu], exposures, focal, inverse, size)
         if self.prototype_region is not None:
             largest = self.max_w or DEFAULT_MAX_W
             found = _prototypes(photographs, self.prototype_region, largest, self.paths, self.fix_path)
             given = from_arrays([*found.shapes], each or (1.0,) * count, self.max_w, photographs)
             return replace(given, told={**given.told, "motion": _described(found)}, motion=found)
-        masks = from_shapes(
-            self._repeated(self.shapes, count),
-            each,
-            self.max_w,
-            photographs,
-            plane=next(iter(frames[0].planes)),
-            samples_per_px=self.samples_per_pixel,
-        )
-        for one in masks.told.get("measured", ()):
-            half, cut = one["half_width_px"], one["negative_light"]
-            log("shape", f"measured half-width {half:.2f} pixels; {cut:.1%} negative light left out", **one)
-        return masks
+        names, samples = self._repeated(self.shapes, count), self.samples_per_pixel
+        return from_shapes(names, each, self.max_w, photographs, plane=plane, samples_per_px=samples, offsets=by)
+
+    @staticmethod
+    def _later(given: tuple[float, ...], first: float, count: int) -> tuple[float, ...]:
+        """One for each photograph, from those after the first, the last of which goes on; none where none are given."""
+        return (first, *given, *(given[-1:] * count))[:count] if given else ()
 
     @staticmethod
     def _repeated(given: tuple[Any, ...], count: int) -> list[Any]:

@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from ray_histograms import nl_means  # the script beside this one
 
-from procedures.ray_histogram.adaptive import sample_adaptively
+from procedures.ray_histogram.adaptive import allot
 from procedures.ray_histogram.comparison import decibels, shown_error
 from procedures.ray_histogram.film import Film
 from procedures.ray_histogram.film_files import write_film
@@ -90,7 +90,10 @@ def adapt(scene: Scene, camera: ThinLensCamera, reference: Film) -> None:
     film = Film.blank(camera.rows, camera.columns)
     more = partial(_cast_more, scene, camera, film)
     more(np.full(film.count.shape, SHOWN // 2))
-    found = sample_adaptively(film, more, budget=SHOWN // 2 * film.count.size, threads=THREADS)
+    for _ in range(2):
+        similar = filter_film(film, threads=THREADS).similar
+        more(film.count.astype(np.int64) + film.dropped + allot(film, similar, SHOWN // 4 * film.count.size))
+    found = filter_film(film, threads=THREADS)
     after = decibels(shown_error(found.picture, reference))
     print(f"{film.count.mean():4.0f} samples in the mean, half of them placed adaptively: filtered {after:.2f} dB")
 

@@ -7,7 +7,7 @@ differences whitened and its labels matched over the whole frame. Each comes wit
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -15,9 +15,7 @@ from numpy.typing import NDArray
 from scipy.fft import irfft2, next_fast_len, rfft2
 from scipy.ndimage import convolve1d, median_filter, uniform_filter
 
-from procedures.restoration.first_depth.plane_labelling import Choice, chosen
 from procedures.restoration.first_depth.semi_global_matching import semi_global
-from procedures.restoration.first_depth.slanted_matching import local_planes, sheared
 from procedures.restoration.masks.array_loops import most_threads
 from procedures.restoration.masks.blur_operator import Array, MaskStack
 from procedures.restoration.masks.mask_fields import Masks, over_frame
@@ -146,15 +144,12 @@ def cost_volume(
     whiten: bool = True,
     even: float = 0.0,
     floor: float = 1e-3,
-    contrast: float = np.inf,
 ) -> F32:
     """How wrong each level is at each pixel, (H, W, L), summed over pairs of photographs and channels.
 
     Whitened, each difference z1 * h2 - z2 * h1 is divided by the root of its noise's spectrum
     sigma1^2 |H2|^2 + sigma2^2 |H1|^2, so at the true level its square averages 1 whatever the masks; otherwise the
     expected noise is subtracted as in (8.1). `floor` keeps frequencies that neither photograph passes from shouting.
-    contrast : mean squared gradient of the sharp picture; what noise drowns counts less, as in its restoration, and
-    what that takes from the mean is given back.
     `even` widens the window of smaller masks by this part of what they reach less: beside a depth step they would
     else win by not having seen it.
     """
@@ -162,14 +157,12 @@ def cost_volume(
     windows = _windows(stacks, levels, window, even)
     margin = 3 * stacks[0].R
     spectra, shape = _extended(z, margin)
-    drowned = np.mean(np.square(sigmas)) / contrast * _laplacian(shape)
     volume = np.zeros((H, W, len(levels)), np.float32)
     for n, w in enumerate(levels):
         masks = [_spectra(s, float(w), shape) for s in stacks]
         for a, b in combinations(range(len(z)), 2):
             passed = sigmas[a] ** 2 * np.abs(masks[b]) ** 2 + sigmas[b] ** 2 * np.abs(masks[a]) ** 2
-            lost = (sigmas[a] ** 2 + sigmas[b] ** 2) / 2 * drowned
-            noise = passed + (sigmas[a] ** 2 + sigmas[b] ** 2) / 2 * floor + lost
+            noise = passed + (sigmas[a] ** 2 + sigmas[b] ** 2) / 2 * floor
             scale = np.sqrt(noise) if whiten else 1.0
             d = irfft2((spectra[a] * masks[b] - spectra[b] * masks[a]) / scale, shape, workers=most_threads())
             d = d[:, margin : margin + H, margin : margin + W]
@@ -178,23 +171,8 @@ def cost_volume(
                 norms = [float(np.sum(s.at(float(w)) ** 2)) for s in stacks]
                 square -= len(d) * (sigmas[b] ** 2 * norms[a] + sigmas[a] ** 2 * norms[b])
             mean = uniform_filter(square, windows[n])
-            volume[..., n] += mean + len(d) * _mean(lost / noise, shape) if whiten else np.abs(mean)
+            volume[..., n] += mean if whiten else np.abs(mean)
     return volume
-
-
-def _laplacian(shape: tuple[int, int]) -> Array:
-    """The Laplacian's response at the frequencies of a real transform."""
-    down, across = (
-        2 - 2 * np.cos(2 * np.pi * f(n)) for f, n in zip((np.fft.fftfreq, np.fft.rfftfreq), shape, strict=True)
-    )
-    return np.asarray(down[:, None] + across)
-
-
-def _mean(power: Array, shape: tuple[int, int]) -> float:
-    """Mean over all frequencies of what is known at those of a real transform."""
-    return float(
-        (2 * power.sum() - power[:, 0].sum() - (1 - shape[1] % 2) * power[:, -1].sum()) / (shape[0] * shape[1])
-    )
 
 
 def _windows(stacks: Sequence[MaskStack], levels: Array, window: int, even: float) -> list[int]:
@@ -233,23 +211,14 @@ def algorithm_3(
     return DepthStart(w, confidence_of(cost), np.zeros(w.shape, bool))
 
 
-# mean squared gradient of the sharp picture, white = 1, below which nothing could be matched
-LEAST_CONTRAST = 1e-5
-# per cent of the frame on each side that does not tell what depths the scene spans
-OUTLYING = 0.5
-
-
 @dataclass(frozen=True)
 class Matching:
     """Semi-global matching of the whitened costs, which are chi-squares near 1 per channel at the truth.
 
     window : side of their mean, pixels; cap : cost at which a level is simply wrong; small, large : penalties of a
     change by one level and by more; median : side of the last smoothing; step : of the levels,
-    pixels; fits : cost up to which a level explains the photographs.
-    drowned : sigma^2 over the sharp picture's mean squared gradient above which costs of single windows say too little
-    and depths are matched again on surfaces: `sloped` times as levels about them (spread, near : see `local_planes`;
-    about : pixels of w up to which depths may leave them), then as a choice of planes, in frames of more than `roomy`
-    times their spread.
+    pixels; fits : cost up to which a level explains the photographs; outlying : per cent of the frame on each side that
+    does not tell what depths the scene spans.
     """
 
     window: int = 5
@@ -260,13 +229,7 @@ class Matching:
     median: int = 7
     step: float = 0.15
     fits: float = 3.0
-    drowned: float = 1e-3
-    sloped: int = 3
-    spread: float = 12.0
-    near: float = 0.35
-    about: float = 1.5
-    roomy: float = 10.0
-    choice: Choice = field(default_factory=Choice)
+    outlying: float = 0.5
 
 
 def matched(
@@ -276,31 +239,23 @@ def matched(
     *,
     least: float = 0.3,
     matching: Matching | None = None,
-    most: float = np.inf,
 ) -> DepthStart:
     """The default start: whitened Algorithm III, its labels matched over the whole frame.
 
-    Near the frame the differences contain what lies outside, so they count little there. most : standard deviation that
-    the noise cannot exceed; if `sigmas` do, the masks are wrong, and noise is no reason to look further.
+    Near the frame the differences contain what lies outside, so they count little there.
     """
     m = matching or Matching()
     # over what the scene spans only: how a level's window and cost compare with others' depends on the largest
     rough = _matched_at(z, stacks, sigmas, levels_of(stacks, least, 2 * m.step), m).w
     levels = levels_of(stacks, least, m.step)
-    low, high = np.percentile(rough, (OUTLYING, 100 - OUTLYING))
+    low, high = np.percentile(rough, (m.outlying, 100 - m.outlying))
     levels = levels[(levels > low - 4 * m.step) & (levels < high + 4 * m.step)]
-    contrast = contrast_of(z, stacks, sigmas, float(np.median(rough)))
-    noisy = m.drowned * contrast < float(np.mean(np.square(sigmas))) < most**2
-    # planes need surroundings: on small frames levels are better
-    noisy &= min(z.shape[2:]) > m.roomy * m.spread
-    return _matched_at(z, stacks, sigmas, levels, m, contrast if noisy else np.inf)
+    return _matched_at(z, stacks, sigmas, levels, m)
 
 
-def _matched_at(
-    z: Array, stacks: Sequence[Masks], sigmas: Array, levels: Array, m: Matching, contrast: float = np.inf
-) -> DepthStart:
-    """The levels given that match the whole frame at least cost; surfaces of them, if a finite contrast is drowned."""
-    volume = cost_volume(z, stacks, sigmas, levels, m.window, even=m.even, contrast=contrast)
+def _matched_at(z: Array, stacks: Sequence[Masks], sigmas: Array, levels: Array, m: Matching) -> DepthStart:
+    """The levels given that match the whole frame at least cost."""
+    volume = cost_volume(z, stacks, sigmas, levels, m.window, even=m.even)
     volume /= z.shape[1] * len(z) * (len(z) - 1) // 2
     confidence = confidence_of(volume)
     # in place: cap (1 - exp(-cost / cap))
@@ -308,36 +263,10 @@ def _matched_at(
     np.expm1(volume, out=volume)
     volume *= -m.cap
     volume *= (inside := _inside(z.shape[2:], stacks[0].R))[..., None]
-    w = _smoothly(volume, levels, m)
-    if np.isfinite(contrast):
-        # so few pixels do not tell where depth is wrong
-        return DepthStart(_on_surfaces(volume, levels, w, m), confidence, np.zeros(w.shape, bool))
+    w = np.asarray(median_filter(least_level(semi_global(volume, m.small, m.large), levels), m.median))
     nearest = np.clip(np.rint((w - levels[0]) / (levels[1] - levels[0])), 0, len(levels) - 1).astype(np.int64)
     cost = np.take_along_axis(volume, nearest[..., None], axis=2)[..., 0] / inside
     return DepthStart(w, confidence, cost < m.cap * (1 - np.exp(-m.fits / m.cap)))
-
-
-def _smoothly(volume: F32, levels: Array, m: Matching) -> Array:
-    """Levels of least cost over the whole frame."""
-    return np.asarray(median_filter(least_level(semi_global(volume, m.small, m.large), levels), m.median))
-
-
-def _on_surfaces(volume: F32, levels: Array, w: Array, m: Matching) -> Array:
-    """Depths of least cost that slope and jump rather than go down by stairs, from a first w."""
-    step = float(levels[1] - levels[0])
-    offsets = np.arange(-m.about, m.about + step / 2, step)
-    for _ in range(m.sloped):
-        surface = local_planes(w, m.spread, m.near)
-        about = sheared(volume, (surface + offsets[0] - levels[0]) / step, len(offsets), m.cap)
-        w = surface + _smoothly(about, offsets, m)
-    return chosen(volume, float(levels[0]), step, w, m.cap, m.choice)
-
-
-def contrast_of(z: Array, stacks: Sequence[Masks], sigmas: Array, w: float) -> float:
-    """Mean squared gradient of the sharp picture if all of it were blurred by w: the photographs', less the noise's."""
-    found = sum(float((np.diff(z, axis=axis) ** 2).mean(axis=(1, 2, 3)).sum()) for axis in (-2, -1))
-    passed = sum(float(np.sum(s.at(w) ** 2)) for s in stacks)
-    return max((found - 4 * float(np.sum(np.square(sigmas)))) / passed, LEAST_CONTRAST)
 
 
 def _inside(shape: tuple[int, ...], R: int) -> F32:

@@ -24,12 +24,11 @@ from procedures.restoration.masks.mask_fields import MaskField, Masks, one_grid
 # noise of the restored picture beyond which ringing hides its detail, white = 1
 MOST_NOISE = 0.06
 STARTS = ("matched", "blur", "symmetric")
+AXES = ("both", "x", "y")
 # level differences of the matching's steps, taken as noise: below this the first costs say nothing more
 LEAST_START_SIGMA = 1.4e-3
 # what is left over rounding of 8 bits alone is no disagreement
 LEAST_NOISE = 1.2e-3
-# of the photographs' own noise: both are estimates
-MOST_DISAGREEMENT = 1.3
 # residual over the photographs' own noise: 0.2 to 1.0 with true masks; 1.2 to 1.5 with measured ones that have errors
 # of their own, and with paths bent by a fifth; up to 2.6 with another shape (a Gaussian for a pillbox); 11 and more
 # where the photographs are not of one scene. Under the first nothing is said, over the second no picture is common
@@ -42,7 +41,8 @@ class RestorationParameters:
 
     image_weight, depth_weight : lambda_u and lambda_w of (6.1), photographs in [0, 1], w in pixels; None takes them
     from the noise. lambda_w counts second differences of w (see `newton.Weights`). depth_start : "matched" (whitened
-    Algorithm III over the whole frame), "blur" (Algorithm III), "symmetric" (Algorithm II).
+    Algorithm III over the whole frame), "blur" (Algorithm III), "symmetric" (Algorithm II). symmetric_axis : "both" for
+    masks symmetric about axes and diagonals (Proposition 2), "x" or "y" for even ones along one axis (Proposition 3).
     total_variation, depth_total_variation : of picture and w, instead of quadratic priors.
     """
 
@@ -50,6 +50,7 @@ class RestorationParameters:
     image_weight: float | None = None
     depth_weight: float | None = None
     depth_start: str = "matched"
+    symmetric_axis: str = "both"
     total_variation: bool = False
     depth_total_variation: bool = False
     dtype: type[np.floating[Any]] = np.float32
@@ -57,6 +58,8 @@ class RestorationParameters:
     def __post_init__(self) -> None:
         if self.depth_start not in STARTS:
             raise BadParameter(f"depth start {self.depth_start!r} is unknown", f"use one of {', '.join(STARTS)}")
+        if self.symmetric_axis not in AXES:
+            raise BadParameter(f"symmetric axis {self.symmetric_axis!r} is unknown", f"use one of {', '.join(AXES)}")
         for name in ("image_weight", "depth_weight"):
             value = getattr(self, name)
             if value is not None and not value > 0:
@@ -129,14 +132,16 @@ def noise_of(z: Array, stacks: Sequence[Masks]) -> float:
     return max(1.3 * float(np.sqrt(np.percentile(least, 25))), 1e-5)
 
 
-def first_depth(z: Array, stacks: Sequence[Masks], sigma: float, start: str) -> initial_depth.DepthStart:
-    """The depth to begin with, by the algorithm named."""
+def first_depth(
+    z: Array, stacks: Sequence[Masks], sigma: float, start: str, axis: str = "both"
+) -> initial_depth.DepthStart:
+    """The depth to begin with, by the algorithm named; axis : of Algorithm II."""
     sigmas = np.full(len(z), max(sigma, LEAST_START_SIGMA))
     if start == "symmetric":
-        return initial_depth.algorithm_2(z, stacks, sigma)
+        return initial_depth.algorithm_2(z, stacks, sigma, direction=axis)
     if start == "blur":
         return initial_depth.algorithm_3(z, stacks, sigmas)
-    return initial_depth.matched(z, stacks, sigmas, most=MOST_DISAGREEMENT * own_noise(z))
+    return initial_depth.matched(z, stacks, sigmas)
 
 
 def restore(
@@ -176,7 +181,7 @@ def restoration_of(
     brought = registration.registered(z, trust, stacks)
     z, trust = brought.z, brought.trust
     sigma = noise_of(z, stacks)
-    start = first_depth(z, stacks, sigma, p.depth_start)
+    start = first_depth(z, stacks, sigma, p.depth_start, p.symmetric_axis)
     fields = one_grid(stacks)
     schedule = Schedule(p.scheme.rounds, p.image_weight, p.depth_weight, not p.depth_total_variation)
     data, other = joint_descent.problem_of(z, fields, trust, p.dtype, MaskField.blur)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from procedures.outcome import BadParameter, Refused
 from procedures.restoration.first_depth.registration import registered
 from procedures.restoration.joint.estimate import noise_of
-from procedures.restoration.masks.blur_models import mask_stack
+from procedures.restoration.masks.blur_models import mask_stack, reach
 from procedures.restoration.masks.blur_operator import Array, MaskStack
 from procedures.restoration.masks.checks import check_extent
 
@@ -35,8 +35,12 @@ def size_ratios(shapes: Shapes) -> tuple[float, ...]:
     return tuple((len(s) - 1) / (len(shapes[0]) - 1) for s in shapes)
 
 
-def stacks_of(shapes: Shapes, ratios: Sequence[float], max_w: float, frame: tuple[int, int]) -> list[MaskStack]:
+def stacks_of(
+    shapes: Shapes, ratios: Sequence[float], max_w: float, frame: tuple[int, int], offsets: Sequence[float] = ()
+) -> list[MaskStack]:
     """Masks of every photograph, for w of the first from 0 to a little beyond `max_w`. frame : (H, W).
+
+    ratios, offsets : half-width of each is ratio times w plus offset, pixels; no offsets are none (4.8, 4.14).
 
     Raises
     ------
@@ -46,14 +50,16 @@ def stacks_of(shapes: Shapes, ratios: Sequence[float], max_w: float, frame: tupl
     for ratio in ratios:
         if not 0 < ratio < np.inf:
             raise BadParameter(f"a ratio of w must be positive, got {ratio:g}", "give w of that photograph over w of 1")
-    R = reach_of_masks(max_w, max(ratios))
+    sizes = [*zip(ratios, tuple(offsets) or (0.0,) * len(ratios), strict=True)]
+    R = max(reach_of_masks(max_w), *(reach(max_w + BEYOND, *one) for one in sizes))
     check_extent(R, frame)
-    return [mask_stack(shape, max_w + BEYOND, ratio=ratio, R=R) for shape, ratio in zip(shapes, ratios, strict=True)]
+    widest = max_w + BEYOND
+    return [mask_stack(one, widest, ratio=a, offset=b, R=R) for one, (a, b) in zip(shapes, sizes, strict=True)]
 
 
-def reach_of_masks(max_w: float, ratio: float = 1.0) -> int:
+def reach_of_masks(max_w: float) -> int:
     """Half-size of the masks that hold every blur up to a little beyond `max_w`, pixels."""
-    return int(np.ceil((max_w + BEYOND) * max(ratio, 1.0) + 0.5))
+    return reach(max_w + BEYOND)
 
 
 def fitting_ratios(photographs: Sequence[Array], shapes: Shapes, max_w: float) -> tuple[float, ...]:

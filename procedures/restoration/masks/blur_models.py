@@ -1,4 +1,4 @@
-"""From a blur's shape to the mask of every depth: defocus, motion path, any measured shape, and both together.
+"""From a blur's shape to the mask of every depth: defocus, motion path, any measured shape.
 
 A shape is an odd square array of samples on [-1, 1] x [-1, 1], row 0 at y = -1. A mask of half-width w is the shape
 stretched to [-w, w], integrated over pixels (4.12, 5.3).
@@ -6,6 +6,7 @@ stretched to [-w, w], integrated over pixels (4.12, 5.3).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,12 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
-from scipy.signal import fftconvolve
 
 from procedures.outcome import BadInput, BadParameter
 from procedures.reading.text import read_numbers
 from procedures.restoration.masks.blur_operator import MaskStack
-from procedures.restoration.masks.mask_fields import MaskField
 
 Array = NDArray[np.float64]
 
@@ -31,6 +30,8 @@ FINE, COARSE = 0.25, 0.5
 STEP = 0.05
 # sigma of a path's line, of the half-width
 LINE = 0.02
+POLYGON = "polygon:"
+MOST_BLADES = 64
 
 
 def _axes(size: int = SHAPE_SIZE) -> tuple[Array, Array]:
@@ -94,6 +95,35 @@ def uniform_motion(angle_rad: float = 0.0) -> Array:
     """Steady motion along a line of half-length 1 in the direction `angle_rad` from x (5.5)."""
     direction = np.array([np.cos(angle_rad), np.sin(angle_rad)])
     return path_shape(np.linspace(-1, 1, 4 * SHAPE_SIZE)[:, None] * direction)
+
+
+def named(name: str) -> Array | None:
+    """The shape of an aperture that has a name: pillbox, gaussian, polygon:BLADES[:DEGREES]; None for other names.
+
+    Raises
+    ------
+    BadParameter
+        If a polygon is not told as one.
+    """
+    if name == "pillbox":
+        return pillbox()
+    if name == "gaussian":
+        return gaussian()
+    return _polygon(name) if name.startswith(POLYGON) else None
+
+
+def _polygon(name: str) -> Array:
+    """The aperture of a diaphragm with straight blades: "polygon:7", or "polygon:7:15" turned by 15 degrees."""
+    blades, _, turned = name.removeprefix(POLYGON).partition(":")
+    try:
+        count, angle = int(blades), float(turned or 0.0)
+    except ValueError as error:
+        reason = f"a polygon is told by its blades and its turn in degrees; got {name!r}"
+        raise BadParameter(reason, 'write it like "polygon:7" or "polygon:7:15"') from error
+    if not math.isfinite(angle) or count > MOST_BLADES:
+        reason = f"a polygon has 3 to {MOST_BLADES} blades and a finite turn; got {name!r}"
+        raise BadParameter(reason, "count the diaphragm's blades; where they are many, pillbox is the same")
+    return polygon(count, math.radians(angle))
 
 
 def read_shape(path: Path) -> Array:
@@ -174,51 +204,26 @@ def mask_stack(shape: Array, max_w: float, *, ratio: float = 1.0, offset: float 
 
     R : half-size of the masks; 0 takes the least that holds the largest.
     """
-    widest = ratio * max_w + offset
-    if not (0 < ratio < np.inf and max_w > 0 and widest > 0):
+    if not (0 < ratio < np.inf and max_w > 0 and np.isfinite(offset)):
         raise BadParameter(f"ratio {ratio} and max w {max_w} must be positive", "give w in pixels, ratio as a number")
-    need = int(np.ceil(widest + 0.5))
+    need = reach(max_w, ratio, offset)
     if R and need > R:
         raise BadParameter(f"w up to {max_w} needs masks of half-size {need}, got {R}", "lower --max-w")
     levels = np.arange(int(np.ceil(max_w / STEP)) + 2) * STEP
-    halves = ratio * levels + offset
-    # in front of the plane of focus the light has not crossed yet: the shape is seen upside down
-    masks = [mask(shape if half >= 0 else shape[::-1, ::-1], abs(half), R or need) for half in halves]
-    return MaskStack(np.stack(masks), STEP)
+    return MaskStack(masks_of(shape, ratio * levels + offset, R or need), STEP)
 
 
-def both(defocus: MaskStack, motion: MaskStack) -> MaskStack:
-    """Masks of defocus and motion together: their convolution, level by level."""
-    if defocus.step != motion.step:
-        raise BadParameter(f"steps of w differ: {defocus.step} and {motion.step}", "make both stacks with one step")
-    pairs = zip(defocus.masks, motion.masks, strict=False)
-    masks = np.stack([np.clip(fftconvolve(a, b), 0, None) for a, b in pairs])
-    return MaskStack(masks / masks.sum(axis=(1, 2), keepdims=True), defocus.step)
+def reach(max_w: float, ratio: float = 1.0, offset: float = 0.0) -> int:
+    """Half-size of the masks that hold half-widths `ratio` w + `offset` for w from 0 to `max_w`."""
+    return int(np.ceil(max(abs(ratio * max_w + offset), abs(offset)) + 0.5))
 
 
-def rotated(shape: Array, angle_rad: float) -> Array:
-    """The shape turned by `angle_rad`: how an axially symmetric lens blurs elsewhere at the same height (4.20)."""
-    x, y = _axes(len(shape))
-    c, s = np.cos(angle_rad), np.sin(angle_rad)
-    half = (len(shape) - 1) / 2
-    turned = map_coordinates(shape, [(-s * x + c * y + 1) * half, (c * x + s * y + 1) * half], order=1)
-    return np.asarray(turned, dtype=np.float64)
+def masks_of(shape: Array, half_widths: NDArray[np.floating[Any]], R: int) -> Array:
+    """Masks (n, 2R + 1, 2R + 1) of the signed half-widths.
 
-
-def symmetric_field(
-    radial: list[Array], grid: tuple[int, int], max_w: float, ratio: float = 1.0, R: int = 0
-) -> MaskField:
-    """Stacks on a grid over the frame from shapes at equal heights, centre to corner, measured along +x (4.20)."""
-    need = R or int(np.ceil(ratio * max_w + 0.5))
-    rows, columns = np.linspace(-1, 1, grid[0]), np.linspace(-1, 1, grid[1])
-
-    def at(y: float, x: float) -> MaskStack:
-        height = np.hypot(x, y) / np.sqrt(2) * (len(radial) - 1)
-        k = min(int(height), len(radial) - 2)
-        shape = (k + 1 - height) * radial[k] + (height - k) * radial[k + 1]
-        return mask_stack(rotated(shape, float(np.arctan2(y, x))), max_w, ratio=ratio, R=need)
-
-    return MaskField(tuple(tuple(at(float(y), float(x)) for x in columns) for y in rows))
+    In front of the plane of focus the light has not crossed yet: below zero the shape is seen upside down.
+    """
+    return np.stack([mask(shape if half >= 0 else shape[::-1, ::-1], abs(half), R) for half in half_widths])
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
-"""From what an inertial unit on the camera felt to the blur over the frame: a rig that shifts and turns (6.7).
+"""From where a camera was during the exposure to the blur over the frame: a rig that shifts and turns (6.7).
 
-`motion` integrates the velocity field (5.1) of any motion; here a vibrating rig's record becomes poses about where it
-rests, and the scene's points are projected through them: the same curves, drawn all at once.
+Poses are told, or found from what an inertial unit on a vibrating rig felt. The scene's points are projected through
+them, which draws the curves of any motion's velocity field (5.1) all at once, integrated.
 """
 
 from __future__ import annotations
@@ -82,6 +82,29 @@ def poses_of(felt: Felt, exposure_s: float) -> Poses:
     position = _without_drift(t, _integral(t, _integral(t, force - force.mean(axis=0))), 2)
     at = np.linspace(0, exposure_s, INSTANTS)
     return Poses(CubicSpline(t, position)(at), CubicSpline(t, turn)(at))
+
+
+def poses_at(time_s: Array, position_m: Array, turn_rad: Array) -> Poses:
+    """Poses during an exposure that lasts from the first to the last of the times, as a tracker or a robot tells them.
+
+    time_s : (n,); position_m, turn_rad : (n, 3), x right, y up, z back, from where the rig rests; turns are rotation
+    vectors. Between the times they go straight.
+
+    Raises
+    ------
+    BadInput
+        If there are fewer than two, times do not increase, or a component jumps by half a turn.
+    """
+    if len(time_s) < 2 or not (np.diff(time_s) > 0).all():
+        raise BadInput(
+            f"poses are told at two times or more, each later than the last; got {len(time_s)}",
+            "record the whole exposure, sort the rows, drop repeated ones",
+        )
+    if np.abs(np.diff(turn_rad, axis=0)).max() > np.pi:
+        raise BadInput("the turns jump by half a turn and more", "give rotation vectors in radians, not degrees")
+    at = np.linspace(time_s[0], time_s[-1], INSTANTS)
+    position, turn = (np.stack([np.interp(at, time_s, one) for one in a.T], axis=1) for a in (position_m, turn_rad))
+    return Poses(position * FLIPPED, turn * FLIPPED)
 
 
 def check_record(felt: Felt, exposure_s: float) -> Array:

@@ -15,41 +15,39 @@ from numpy.typing import NDArray
 
 from procedures.outcome import BadInput
 from procedures.psf_field import PsfField
-from procedures.restoration.masks.blur_models import as_shape, mask_stack
-from procedures.restoration.masks.mask_fields import MaskField, positions
+from procedures.restoration.masks.blur_models import as_shape
+from procedures.restoration.masks.mask_fields import positions
+from procedures.restoration.masks.shape_fields import GRID, ShapeField, symmetric
 
 Array = NDArray[np.float64]
 
-GRID = (5, 7)
-"""Nodes over the frame at which a field is asked: three by four brought half as much, with a lens that vignettes."""
 SHARE = 0.99
 """Of the light inside the samples that lies in a shape's support."""
 
 
 @dataclass(frozen=True)
-class MeasuredShape:
-    """Shapes on [-1, 1] over the frame, rows of columns, and the half-width in pixels of the PSFs that they are of.
+class MeasuredShape(ShapeField):
+    """Shapes over the frame, and the half-width in pixels of the PSFs that they are of.
 
     cut : the largest part of a PSF's light that was negative, and set to zero together with as much positive noise.
     energy_outside_support : the largest share of a PSF's light that lies outside its samples, and in no shape; None
         where that is not known.
     """
 
-    shapes: tuple[tuple[Array, ...], ...]
     half_width_px: float
     cut: float
     energy_outside_support: float | None = None
-
-    def masks(self, max_w: float, R: int, ratio: float = 1.0) -> MaskField:
-        """The masks of a photograph, w up to `max_w`."""
-        return MaskField(
-            tuple(tuple(mask_stack(shape, max_w, ratio=ratio, R=R) for shape in row) for row in self.shapes)
-        )
 
 
 def measured_shape(h: Array, samples_per_px: float) -> MeasuredShape:
     """A PSF (k, k) as a shape. Raises BadInput if it is no odd square of numbers with light in it."""
     return _shapes([[h]], samples_per_px)
+
+
+def measured_heights(psfs: Sequence[Array], samples_per_px: float, shape: tuple[int, int]) -> MeasuredShape:
+    """PSFs at equal heights from the middle of the frame to its corner as shapes over it, see `symmetric`."""
+    found = _shapes([psfs], samples_per_px)
+    return replace(found, shapes=symmetric(found.shapes[0], shape).shapes)
 
 
 def measured_field(field: PsfField, shape: tuple[int, int], grid: tuple[int, int] = GRID) -> MeasuredShape:

@@ -16,7 +16,7 @@ ROOT = Path(kernel_cache.__file__).parents[2]
 PROGRAM = """
 import subprocess, sys
 import numpy as np
-from procedures.restoration.first_depth import semi_global_matching, slanted_matching
+from procedures.restoration.first_depth import semi_global_matching
 from procedures.restoration.masks import array_loops, kernels
 from procedures.restoration.masks.line_rasterisation import share_changes, shares
 from procedures.ray_histogram.film import film_of_samples
@@ -27,7 +27,7 @@ assert abs(values.sum() - 1) < 1e-3, values  # a narrow line in the middle
 assert share_changes(np.array([0.25]), 2, 0.5).shape == (1, 5)
 {more}
 """
-LATER = "from procedures.restoration.first_depth import plane_labelling"
+LATER = "from procedures.restoration.masks import line_rasterisation"
 AGAIN = f"subprocess.run([sys.executable, '-c', '{LATER}'], check=True)"
 
 

@@ -55,6 +55,27 @@ def test_the_record_comes_to_stdout_on_request(run, small, tmp_path):
     assert json.loads(done.stdout) == record_of(tmp_path / "out")
 
 
+def test_the_published_filter_ends_similarity_at_a_threshold(run, small, tmp_path):
+    run("rays", small, "--out", tmp_path / "ours", "--scales", "1")
+    done = run("rays", small, "--published", "--out", tmp_path / "paper", "--scales", "1")
+    assert done.exit_code == 0, done.output
+    ours, paper = (np.load(tmp_path / name / "similar.npy") for name in ("ours", "paper"))
+    # whole patches are alike or not, where ours fade
+    np.testing.assert_array_equal(paper, np.round(paper))
+    assert (ours != np.round(ours)).any()
+    assert record_of(tmp_path / "paper")["parameters"]["published"] is True
+
+
+def test_a_budget_is_allotted_to_the_pixels(run, small, tmp_path):
+    done = run("rays", small, "--budget", "5000", "--out", tmp_path / "out", "--scales", "1")
+    assert done.exit_code == 0, done.output
+    more = np.load(tmp_path / "out" / "more.npy")
+    assert more.shape == (24, 26)
+    assert more.sum() == record_of(tmp_path / "out")["more_samples"]["all"] == 5000
+    # the bright wall's light varies as its square: a standard deviation four times as large (0.3 and 1.2)
+    assert more[:, 15:].mean() > 2 * more[:, :11].mean()
+
+
 def test_neighbours_lend_samples(run, small, tmp_path):
     run("rays", small, "--out", tmp_path / "one", "--scales", "1")
     run("rays", small, "--neighbour", small, "--out", tmp_path / "two", "--scales", "1")

@@ -68,21 +68,19 @@ def test_behind_the_focus_the_shape_is_upside_down():
     np.testing.assert_allclose(stack.at(4.0), stack.at(0.0)[::-1, ::-1], atol=1e-12)
 
 
-def test_defocus_and_motion_add_their_variances():
-    defocus = models.mask_stack(SHAPES["pillbox"], 2.0, R=4)
-    motion = models.mask_stack(SHAPES["line"], 2.0, R=4)
-    together = models.both(defocus, motion)
-    expected = np.add(moments(defocus.at(2.0))[2:], moments(motion.at(2.0))[2:])
-    assert moments(together.at(2.0))[2:] == pytest.approx(expected, rel=1e-6)
+def test_masks_hold_a_photograph_that_is_focused_beyond_the_scene():
+    # w - 6 is below zero everywhere: the widest is at w = 0
+    stack = models.mask_stack(SHAPES["hexagon"], 4.0, offset=-6.0)
+    assert stack.R == 7
+    assert moments(stack.at(0.0))[2] > moments(stack.at(4.0))[2]
 
 
-def test_an_axially_symmetric_lens_turns_its_shape_around_the_frame():
-    coma = np.where(SHAPES["pillbox"] > 0, 1 + models._axes()[0], 0.0)
-    field = models.symmetric_field([SHAPES["pillbox"], coma], (3, 3), 3.0)
-    right, left = field.stacks[1][2].at(3.0), field.stacks[1][0].at(3.0)
-    np.testing.assert_allclose(left, right[:, ::-1], atol=2e-3)  # bilinear turning of the shape
-    assert moments(right)[0] > 0.1
-    assert moments(field.middle.at(3.0))[0] == pytest.approx(0, abs=0.02)
+def test_apertures_have_names():
+    np.testing.assert_array_equal(models.named("polygon:6"), SHAPES["hexagon"])
+    np.testing.assert_array_equal(models.named("pillbox"), SHAPES["pillbox"])
+    assert models.named("shape.txt") is None
+    with pytest.raises(BadParameter, match="blades and its turn"):
+        models.named("polygon:six")
 
 
 @pytest.mark.parametrize(

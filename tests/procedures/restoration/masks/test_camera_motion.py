@@ -12,7 +12,8 @@ from procedures.outcome import BadInput, BadParameter, Refused
 from procedures.raw import Felt
 from procedures.restoration.masks import camera_motion as c
 from procedures.restoration.masks.mask_fields import positions
-from procedures.restoration.masks.motion import Exposure, Motion, curve
+
+from .velocity_field import Exposure, Motion, curve
 
 OPEN_S = 0.2
 OMEGA = 2 * np.pi * 10.0
@@ -77,6 +78,26 @@ def test_curves_are_those_of_the_velocity_field(poses):
     )
     # midpoint rule; the depth at the first instant is that at rest to 2e-3
     assert np.abs(projected + np.array([x, y]) - stepped).max() < 0.005 * np.abs(projected).max()
+
+
+def test_poses_that_are_told_are_taken_as_they_are():
+    t = np.linspace(0.0, OPEN_S, 4001)
+    position, turn = truth(t)
+    told = c.poses_at(t, position * c.FLIPPED, turn * c.FLIPPED)
+    expected = truth(np.linspace(0, OPEN_S, c.INSTANTS))
+    # straight between 4001 instants of two periods: (omega dt)^2 / 8
+    np.testing.assert_allclose(told.position_m, expected[0], atol=2e-6 * np.abs(SHIFT_M).max())
+    np.testing.assert_allclose(told.turn_rad, expected[1], atol=2e-6 * np.abs(TURN).max())
+
+
+@pytest.mark.parametrize(
+    ("times", "turn", "complaint"),
+    [([0.0], 0.0, "two times"), ([0.0, 0.0], 0.0, "two times"), ([0.0, 0.1], 45.0, "half a turn")],
+)
+def test_poses_that_are_none_are_refused(times, turn, complaint):
+    still = np.zeros((len(times), 3))
+    with pytest.raises(BadInput, match=complaint):
+        c.poses_at(np.array(times), still, np.linspace([0, 0, 0], [0, 0, turn], len(times)))
 
 
 def test_a_rig_that_only_rolls_blurs_the_corners_and_not_the_middle():

@@ -9,8 +9,8 @@ from procedures.outcome import BadParameter, Verdict
 from procedures.restoration.first_depth import initial_depth
 from procedures.restoration.joint.estimate import RestorationParameters, noise_of, refocused, restore
 from procedures.restoration.joint.schedule import Scheme
-from procedures.restoration.masks.blur_models import symmetric_field
 from procedures.restoration.masks.mask_fields import MaskField, alike, one_grid, positions
+from procedures.restoration.masks.shape_fields import symmetric
 
 from ..conftest import scene
 
@@ -25,8 +25,8 @@ def coma(strength):
 @pytest.fixture(scope="module")
 def lens():
     """A lens whose coma grows from the middle to the corners, at two apertures."""
-    shapes = [coma(0.0), coma(0.5), coma(0.99)]
-    return [symmetric_field(shapes, (2, 3), 4.4, ratio, R=6) for ratio in (1.0, 1.25)]
+    shapes = symmetric([coma(0.0), coma(0.5), coma(0.99)], (80, 96), (2, 3))
+    return [shapes.masks(4.4, 6, ratio) for ratio in (1.0, 1.25)]
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,200 @@
+"""`station restore` told of another focus, of defocus beside motion, of a symmetric lens, and of the camera's poses."""
+
+from __future__ import annotations
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter, map_coordinates
+
+from procedures.restoration.masks.blur_models import mask_stack, pillbox, uniform_motion
+from procedures.restoration.masks.blur_operator import Blur
+from procedures.restoration.masks.defocus_and_motion import with_defocus
+from procedures.restoration.masks.shape_fields import ShapeField, symmetric
+
+SIZE, R = (104, 124), 8
+BOTH = (SIZE[0] + 2 * R, SIZE[1] + 2 * R)
+QUICK = ["--scheme", "1x(4+4)+1x8"]
+NEAR, FAR = 3.0, 1.8
+"""w of the right and of the left half."""
+
+
+@pytest.fixture(scope="module")
+def picture():
+    rng = np.random.default_rng(4)
+    coarse = np.kron(rng.uniform(0.1, 0.9, (20, 24)), np.ones((6, 6)))[: BOTH[0], : BOTH[1]]
+    return np.clip(coarse + 0.05 * gaussian_filter(rng.standard_normal(BOTH), 1), 0, 1)
+
+
+def depth():
+    return np.where(np.arange(BOTH[1]) < BOTH[1] // 2, FAR, NEAR) * np.ones((BOTH[0], 1))
+
+
+def write(folder, images, noise_db=45):
+    """Photographs with noise, as files."""
+    rng = np.random.default_rng(7)
+    names = [folder / f"{n}.png" for n in range(1, 1 + len(images))]
+    for name, image in zip(names, images, strict=True):
+        noisy = image + rng.normal(0, 10 ** (-noise_db / 20) * image.std(), image.shape)
+        cv2.imwrite(str(name), np.round(np.clip(noisy, 0, 1) * 65535).astype(np.uint16))
+    return names
+
+
+def photographs(folder, picture, masks, noise_db=45):
+    images = []
+    for one in masks:
+        blur = one.blur(SIZE, np.float64) if hasattr(one, "grid") else Blur(one, SIZE)
+        blur.focus(depth())
+        images.append(blur.blur(picture))
+    return write(folder, images, noise_db)
+
+
+def halves(out, rim=14):
+    """Median w of the left and of the right half."""
+    w = np.load(out / "w.npy")[rim:-rim]
+    return np.median(w[:, rim : SIZE[1] // 2 - rim]), np.median(w[:, SIZE[1] // 2 + rim : -rim])
+
+
+def error(out, picture, rim=14):
+    """Standard deviation of the picture's error, white = 1."""
+    sharp = cv2.imread(str(out / "sharp.tiff"), cv2.IMREAD_UNCHANGED)
+    return np.std((sharp - picture[R:-R, R:-R])[rim:-rim, rim:-rim])
+
+
+def told(out):
+    return json.loads((out / "result.json").read_text())
+
+
+def test_another_focus_is_an_offset_of_the_blur(run, picture, tmp_path):
+    stacks = [mask_stack(pillbox(), 4.0, offset=by, R=R) for by in (0.0, 1.4)]
+    images = photographs(tmp_path, picture, stacks)
+    blur = ["--blur", "defocus", "--shape", "pillbox", "--offset", "1.4", "--max-w", "4", *QUICK]
+    done = run("restore", *images, *blur, "--out", tmp_path / "o")
+    assert done.exit_code == 0, done.output
+    assert halves(tmp_path / "o") == pytest.approx((FAR, NEAR), abs=0.15)
+    assert told(tmp_path / "o")["parameters"]["offset"] == [1.4]
+
+
+@pytest.mark.slow
+def test_a_plane_of_focus_within_the_scene_is_an_offset_below_zero(run, picture, tmp_path):
+    # the second is sharp at w = 2.4, between the halves, which it blurs by 0.6 each
+    stacks = [mask_stack(pillbox(), 4.0, offset=by, R=R) for by in (0.0, -2.4)]
+    images = photographs(tmp_path, picture, stacks)
+    blur = ["--blur", "defocus", "--shape", "pillbox", "--offset", "-2.4", "--max-w", "4", *QUICK]
+    done = run("restore", *images, *blur, "--out", tmp_path / "o")
+    assert done.exit_code == 0, done.output
+    assert halves(tmp_path / "o") == pytest.approx((FAR, NEAR), abs=0.15)
+
+
+@pytest.mark.slow
+def test_motion_and_defocus_together(run, picture, tmp_path):
+    lines = [uniform_motion(0.3), uniform_motion(1.7)]
+    motion, aperture = [mask_stack(one, 4.0, R=5) for one in lines], ShapeField(((pillbox(),),))
+    images = photographs(tmp_path, picture, with_defocus(motion, [aperture] * 2, [0.8, 0.8], [-1.2, -1.2]))
+    for n, one in enumerate(lines):
+        np.savetxt(tmp_path / f"line{n}.txt", one, fmt="%.5g")
+    shapes = ["--shape", tmp_path / "line0.txt", tmp_path / "line1.txt"]
+    defocus = ["--defocus-shape", "pillbox", "--defocus-ratio", "0.8", "--defocus-offset", "-1.2"]
+    wide = ["--max-w", "4", *QUICK]
+    done = run("restore", *images, "--blur", "both", *shapes, *defocus, *wide, "--out", tmp_path / "both")
+    assert done.exit_code == 0, done.output
+    assert halves(tmp_path / "both") == pytest.approx((FAR, NEAR), abs=0.15)
+    assert told(tmp_path / "both")["parameters"]["defocus_shape"] == ["pillbox", "pillbox"]
+    # motion alone is not all of the blur
+    run("restore", *images, "--blur", "motion", *shapes, *wide, "--out", tmp_path / "motion")
+    assert error(tmp_path / "both", picture) < 0.8 * error(tmp_path / "motion", picture)
+
+
+@pytest.mark.slow
+def test_a_lens_symmetric_about_its_axis_is_told_by_a_few_shapes(run, picture, tmp_path):
+    t = np.linspace(-1, 1, 65)
+    x, y = np.meshgrid(t, t)
+    shapes = [np.where(x**2 + y**2 <= 1, 1 + strength * x, 0.0) for strength in (0.0, 0.5, 1.0)]
+    lens = symmetric(shapes, SIZE)
+    images = photographs(tmp_path, picture, [lens.masks(4.0, R, ratio) for ratio in (1.0, 1.3)])
+    names = [tmp_path / f"{n}.txt" for n in range(3)]
+    for name, one in zip(names, shapes, strict=True):
+        np.savetxt(name, one, fmt="%.6g")
+    blur = ["--blur", "defocus", "--ratio", "1.3", "--max-w", "4", *QUICK]
+    errors = []
+    for shape in (f"radial:{','.join(map(str, names))}", names[0]):
+        out = tmp_path / f"o{len(errors)}"
+        done = run("restore", *images, *blur, "--shape", shape, "--out", out)
+        assert done.exit_code == 0, done.output
+        errors.append(error(out, picture))
+    assert halves(tmp_path / "o0") == pytest.approx((FAR, NEAR), abs=0.15)
+    assert errors[0] < 0.9 * errors[1]
+
+
+def test_the_cameras_poses_tell_inverse_depth(run, picture, tmp_path):
+    # each pixel is the mean of what it saw on the way: no mask is made here
+    focal, inverse = 800.0, {"left": 0.5, "right": 0.9}
+    t = np.linspace(0, 1, 160)
+    paths = [np.stack([np.cos(6 * t), np.sin(6 * t)], axis=1), np.stack([2 * t - 1, 0.6 - t], axis=1)]
+    paths = [4e-3 * (one - one.mean(axis=0)) for one in paths]
+    y, x = np.mgrid[0 : SIZE[0], 0 : SIZE[1]] + float(R)
+    each = np.where(x < R + SIZE[1] // 2, inverse["left"], inverse["right"])
+    images = []
+    for n, path in enumerate(paths, start=1):
+        # a camera that goes right and up sees what lies right and up of before: y is down in the picture
+        seen = [map_coordinates(picture, [y - focal * v * each, x + focal * h * each], order=1) for h, v in path]
+        images.append(np.mean(seen, axis=0))
+        rows = np.column_stack([0.1 * t, path, np.zeros((len(t), 4))])
+        np.savetxt(tmp_path / f"{n}.csv", rows, delimiter=",", header="t_s,x,y,z,rx,ry,rz", comments="")
+    images = write(tmp_path, images)
+    records = ["--poses", tmp_path / "1.csv", tmp_path / "2.csv", "--focal-px", focal, "--max-inverse-depth", 1.2]
+    done = run("restore", *images, "--blur", "motion", *records, *QUICK, "--out", tmp_path / "o")
+    assert done.exit_code == 0, done.output
+    assert told(tmp_path / "o")["w"]["unit"] == "1/m"
+    assert halves(tmp_path / "o") == pytest.approx((inverse["left"], inverse["right"]), rel=0.06)
+
+
+def test_steady_motion_is_symmetric_along_its_axis(run, tmp_path):
+    # smooth enough for cubics; most of the detail lies along the motion, which has no say there
+    rng = np.random.default_rng(3)
+    details = [gaussian_filter(rng.standard_normal(BOTH), wide) for wide in (5, (4, 20))]
+    picture = 0.5 + sum(part * one / one.std() for part, one in zip((0.07, 0.16), details, strict=True))
+    stacks = [mask_stack(uniform_motion(), 4.0, ratio=ratio, R=R) for ratio in (1.0, 1.5)]
+    images = photographs(tmp_path, picture, stacks, noise_db=30)
+    np.savetxt(tmp_path / "line.txt", uniform_motion(), fmt="%.5g")
+    blur = ["--blur", "motion", "--shape", tmp_path / "line.txt", "--ratio", "1.5", "--max-w", "4"]
+    found = {}
+    for axis in ("x", "both"):
+        # one step that changes nearly nothing: what is left is the start
+        start = ["--depth-start", "symmetric", "--symmetric-axis", axis, "--scheme", "1x(0+1)+1x1"]
+        done = run("restore", *images, *blur, *start, "--out", tmp_path / axis)
+        assert done.exit_code == 0, done.output
+        found[axis] = np.abs(np.array(halves(tmp_path / axis)) - (FAR, NEAR)).max()
+    # fitting by cubics is good to a tenth of w; with the curvature along y counted in, blur along x is diluted
+    assert found["x"] < 0.5
+    assert found["both"] > 1.5 * found["x"]
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        (["--blur", "motion", "--shape", "a.txt", "b.txt", "--offset", "1"], "--offset goes with --blur defocus"),
+        (["--blur", "defocus", "--shape", "pillbox", "--offset", "1", "--offset", "2"], "--offset is for images after"),
+        (["--blur", "defocus", "--shape", "pillbox", "--defocus-ratio", "1"], "go with --blur both"),
+        (["--blur", "both", "--shape", "a.txt", "b.txt"], "needs --defocus-shape and --defocus-ratio"),
+        (["--blur", "both", "--prototype-region", "0,0,9,9"], "goes with --blur motion"),
+        (["--blur", "motion", "--poses", "a.csv", "b.csv"], "--poses needs --focal-px"),
+        (["--blur", "motion", "--poses", "a.csv", "b.csv", "--imu", "a.csv", "b.csv"], "not both"),
+        (["--blur", "defocus", "--shape", "pillbox", "--exposure-s", "1"], "--exposure-s goes with --imu"),
+    ],
+)
+def test_options_that_do_not_go_with_each_other_exit_2(run, tmp_path, options, complaint):
+    done = run("restore", tmp_path / "1.png", tmp_path / "2.png", *options, "--out", tmp_path / "o")
+    assert done.exit_code == 2
+    assert complaint in done.stderr
+
+
+def test_poses_without_a_column_exit_4(run, picture, tmp_path):
+    images = write(tmp_path, [picture[R:-R, R:-R], picture[R + 1 : -R + 1, R:-R]])
+    (tmp_path / "p.csv").write_text("t_s,x,y,z,rx,ry\n0,0,0,0,0,0\n1,0,0,0,0,0\n")
+    records = ["--poses", tmp_path / "p.csv", tmp_path / "p.csv", "--focal-px", 800, "--max-inverse-depth", 1]
+    done = run("restore", *images, "--blur", "motion", *records, "--out", tmp_path / "o")
+    assert done.exit_code == 4
+    assert "no column rz" in done.stderr
