@@ -125,7 +125,7 @@ def test_the_sharpest_focus_of_the_bracket_was_chosen(done):
 def test_the_psf_is_the_camera_s(done):
     (result,) = (event for event in done.heard if isinstance(event, Result))
     assert result.verdict is Verdict.PASS
-    found = compute(done.folder, done.state, done.plan).outcomes["G1"].value
+    found = compute(done.folder, done.state, done.plan).planes["G1"].found
     assert found.chance > 1e-4
     taken, psf = done.view.taken[-1], found.shots[0].psf
     true = taken.true_psf("G1", psf.s, psf.k)
