@@ -42,6 +42,7 @@ def session_recompute(name: str, root: Path, numbers: tuple[int, ...], as_json: 
 
 
 SAME_MACHINE = "versions and processor are the same: the program itself has changed since, or the result was altered"
+KEYS_TOLD = 8
 
 
 def _tell(one: Comparison) -> None:
@@ -51,6 +52,24 @@ def _tell(one: Comparison) -> None:
         return
     told = {"differ": one.different, "are missing now": one.missing, "are new": one.added}
     words = [f"{', '.join(names)} {what}" for what, names in told.items() if names]
-    words += [f"in the record: {', '.join(one.keys[:8])}"] if one.keys else []
-    remedy = "; ".join(f"{what} was {then}, is {now}" for what, then, now in one.machine) or SAME_MACHINE
+    if one.keys:
+        more = f" and {len(one.keys) - KEYS_TOLD} more" if len(one.keys) > KEYS_TOLD else ""
+        words.append(f"in the record: {', '.join(one.keys[:KEYS_TOLD])}{more}")
+    words += [f"plane {plane} was {then}, is {now}" for plane, then, now in one.verdicts]
+    words += _numbers(one)
+    changed = [f"{what} was {then}, is {now}" for what, then, now in one.machine] or [SAME_MACHINE]
+    remedy = "; ".join(
+        [f"drawn by {f'version {one.version}' if one.version else 'a version that was not installed'}", *changed]
+    )
     log("recomputed", f"{one.result}: {'; '.join(words)}", level="error", remedy=remedy, result=one.result, identical=0)
+
+
+def _numbers(one: Comparison) -> list[str]:
+    """How far the numbers went, measured by their own uncertainties."""
+    if not one.numbers:
+        return []
+    if not one.moved:
+        return [f"its {one.numbers} numbers are the same"]
+    far = one.moved[0]
+    words = f"the most {far.number} of {far.plane}, {far.then:.6g} then and {far.now:.6g} now"
+    return [f"{len(one.moved)} of {one.numbers} numbers moved, {words}: {far.sigmas:+.2g} of its uncertainty"]
