@@ -13,7 +13,6 @@ from typing import Any
 from procedures.outcome import BadInput
 from procedures.reading.exposure import read_exposure
 
-MANIFESTS = ("sensor.toml", "sensor.csv")
 DARK, LIGHT = "dark", "light"
 _REMEDY = "see station sensor --help for what the folder and its manifest hold"
 _RAW_ONLY = "write a manifest (sensor.csv or sensor.toml) that tells every picture's exposure"

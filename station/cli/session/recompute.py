@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -42,7 +43,10 @@ def session_recompute(name: str, root: Path, numbers: tuple[int, ...], as_json: 
 
 
 SAME_MACHINE = "versions and processor are the same: the program itself has changed since, or the result was altered"
-KEYS_TOLD = 8
+TOLD = 6
+"""Files and entries that are named, of many."""
+HASHES = "files."
+"""Entries of a record that say what its files already say."""
 
 
 def _tell(one: Comparison) -> None:
@@ -50,18 +54,23 @@ def _tell(one: Comparison) -> None:
         how = f", computed with the kernels of {one.kernels}, as then" if one.kernels else ""
         log("recomputed", f"{one.result}: identical, {len(one.same)} files{how}", result=one.result, identical=1)
         return
-    told = {"differ": one.different, "are missing now": one.missing, "are new": one.added}
-    words = [f"{', '.join(names)} {what}" for what, names in told.items() if names]
-    if one.keys:
-        more = f" and {len(one.keys) - KEYS_TOLD} more" if len(one.keys) > KEYS_TOLD else ""
-        words.append(f"in the record: {', '.join(one.keys[:KEYS_TOLD])}{more}")
-    words += [f"plane {plane} was {then}, is {now}" for plane, then, now in one.verdicts]
+    told = {"differ": one.different, "missing now": one.missing, "new": one.added}
+    words = [f"plane {plane} was {then}, is {now}" for plane, then, now in one.verdicts]
     words += _numbers(one)
+    words += [f"{what}: {_some(names)}" for what, names in told.items() if names]
+    if keys := [key for key in one.keys if not key.startswith(HASHES)]:
+        words.append(f"in the record: {_some(keys)}")
     changed = [f"{what} was {then}, is {now}" for what, then, now in one.machine] or [SAME_MACHINE]
     remedy = "; ".join(
         [f"drawn by {f'version {one.version}' if one.version else 'a version that was not installed'}", *changed]
     )
     log("recomputed", f"{one.result}: {'; '.join(words)}", level="error", remedy=remedy, result=one.result, identical=0)
+
+
+def _some(names: Sequence[str]) -> str:
+    """The first of some names, and how many more there are."""
+    more = f" and {len(names) - TOLD} more" if len(names) > TOLD else ""
+    return f"{', '.join(names[:TOLD])}{more}"
 
 
 def _numbers(one: Comparison) -> list[str]:

@@ -123,7 +123,7 @@ def test_file_that_was_altered_is_named(folder):
     done = CliRunner().invoke(main, ["session", "recompute", str(folder), "--result", "2"])
     path.write_bytes(whole)
     assert done.exit_code == 1
-    assert "derived/2: result.json differ; in the record: parameters.mean" in done.stderr
+    assert "numbers are the same; differ: result.json; in the record: parameters.mean" in done.stderr
 
 
 def test_a_number_that_moved_is_told_in_units_of_its_uncertainty(folder):
