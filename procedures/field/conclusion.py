@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from procedures.field.focus import FocusSurface, focus_surface, sharpest
 from procedures.field.interpolate import Interpolation, interpolate
 from procedures.field.maps import FieldMap, derive
 from procedures.field.measuring import Measured, Told, silent
-from procedures.outcome import Quantity, Refused, Rule, Verdict, verdict_of
+from procedures.outcome import Outcome, Quantity, Refused, Rule, Verdict, verdict_of
 from procedures.psf import Psf
 from procedures.psf_field import Node
 from procedures.quality import Diffraction, Quality, assess
@@ -31,35 +31,29 @@ SMALL_SHARE = 0.3
 
 @dataclass(frozen=True, eq=False)
 class PlaneField:
-    """One plane's answer; nothing but the verdict where it was refused.
+    """What the nodes of one plane say together.
 
     Attributes
     ----------
-    centre : the PSF at the frame's centre, and what it says
-    nodes : how many the field is made of
+    centre, quality : the PSF at the frame's centre, and what it says
     numbers : of the whole field: the axis of the lens, and the median of each map
     """
 
-    name: str
-    verdict: Verdict
-    reason: str = ""
-    remedy: str = ""
-    centre: Psf | None = None
-    quality: Quality | None = None
-    nodes: int = 0
-    interpolation: Interpolation | None = None
-    maps: tuple[FieldMap, ...] = ()
-    numbers: Mapping[str, Quantity] = field(default_factory=dict)
+    centre: Psf
+    quality: Quality
+    interpolation: Interpolation
+    maps: tuple[FieldMap, ...]
+    numbers: Mapping[str, Quantity]
 
 
 @dataclass(frozen=True, eq=False)
 class FieldResult:
-    """The whole answer; `reference` is the number of the plane that lateral colour and focus are told of."""
+    """The whole answer, by plane; `reference` is the plane that lateral colour and focus are told of."""
 
     measured: Measured
-    planes: tuple[PlaneField, ...]
+    planes: Mapping[str, Outcome[PlaneField]]
     colours: tuple[LateralColour, ...]
-    reference: int
+    reference: str
     focus: FocusSurface | None
     focus_refusal: str = ""
 
@@ -90,9 +84,9 @@ def conclude(
         raise Refused(reason, "add their names and positions to the table")
     best = sharpest(brackets[reference]) if focus else 0.0
     kept = {name: bracket.get(best, []) for name, bracket in brackets.items()}
-    planes = []
+    planes = {}
     for name, nodes in kept.items():
-        planes.append(_plane_field(measured.planes[name], nodes, limit))
+        planes[name] = _plane_field(measured.planes[name], nodes, limit)
         told(f"field of {name}")
     surface, refusal = None, ""
     if focus:
@@ -101,7 +95,7 @@ def conclude(
         except Refused as error:
             refusal = f"{error.reason}; {error.remedy}"
     colours = _colours(measured, kept, reference)
-    return FieldResult(measured, tuple(planes), colours, list(kept).index(reference), surface, refusal)
+    return FieldResult(measured, planes, colours, reference, surface, refusal)
 
 
 def _bracket(nodes: Sequence[Node], focus: Mapping[str, float]) -> dict[float, list[Node]]:
@@ -131,18 +125,17 @@ def _shape(plane: Plane) -> tuple[int, int]:
     return int(rows), int(columns)
 
 
-def _plane_field(plane: Plane, nodes: Sequence[Node], limit: Limit) -> PlaneField:
+def _plane_field(plane: Plane, nodes: Sequence[Node], limit: Limit) -> Outcome[PlaneField]:
     shape = _shape(plane)
     try:
         found = interpolate(plane.name, shape, nodes)
     except Refused as refusal:
-        return PlaneField(plane.name, Verdict.REFUSED, refusal.reason, refusal.remedy)
+        return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
     maps = derive(found.field)
     centre = found.field.at((shape[1] - 1) / 2, (shape[0] - 1) / 2)
     verdict, reason, remedy = verdict_of(_rules(found, maps))
     quality = assess(centre, n=len(nodes), diffraction=limit(plane))
-    numbers = _numbers(found, maps)
-    return PlaneField(plane.name, verdict, reason, remedy, centre, quality, len(nodes), found, maps, numbers)
+    return Outcome(PlaneField(centre, quality, found, maps, _numbers(found, maps)), verdict, reason, remedy)
 
 
 def _rules(found: Interpolation, maps: Sequence[FieldMap]) -> list[Rule]:

@@ -62,11 +62,6 @@ class Size:
         """Width of the white margin around the chart."""
         return self.cell_mm * BLOCK * QUIET_BLOCKS
 
-    @property
-    def framed_mm(self) -> float:
-        """Width of the chart with its white margin."""
-        return self.whole_mm + 2 * self.quiet_mm
-
     def drawn_mm(self, edges: bool) -> float:
         """Width of the chart with its white margin, or with the slanted edges on one side of it."""
         beyond = (EDGE_END - CELLS - BLOCK) * self.cell_mm + EDGE_MM

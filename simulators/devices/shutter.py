@@ -32,7 +32,6 @@ class Shot:
     """One accepted shot: its number and when its contacts move."""
 
     seq: int
-    focus_at_s: float
     close_at_s: float
     release_at_s: float
     closed: bool = False
@@ -45,7 +44,6 @@ class StrigBox:
 
     def __init__(self, contacts: Contacts, *, serial: str = "SIM-1", drift: float = 20e-6, boot_s: float = 0.3) -> None:
         self.contacts = contacts
-        self.focused = False
         self._hello = f"STRIG/1 simulated 1.0 {serial}"
         self._drift, self._boot = drift, boot_s
         self._booted_s = 0.0
@@ -129,7 +127,6 @@ class StrigBox:
             self._shot = None
 
     def _open(self, now_s: float) -> None:
-        self.focused = False
         if self._shot is not None and self._shot.closed:
             self.contacts.release(now_s)
 
@@ -166,15 +163,14 @@ class StrigBox:
     def _act(self, command: str, numbers: list[int], now_s: float) -> None:
         good = all(0 <= n <= LONGEST_MS for n in numbers)
         match command, numbers:
-            case "FOCUS", [0 | 1 as pressed] if good:
-                self.focused = bool(pressed)
+            case "FOCUS", [0 | 1] if good:
                 self._accept()
             case "SHOT", [focus, pulse, *delay] if good and pulse > 0 and len(delay) < 2:
                 start_s = now_s + (delay[0] if delay else 0) / 1000
                 close_s = start_s + focus / 1000
-                self._shot = Shot(self._accept(), start_s, close_s, close_s + pulse / 1000)
+                self._shot = Shot(self._accept(), close_s, close_s + pulse / 1000)
             case "BULB", [pulse] if good and pulse > 0:
-                self._shot = Shot(self._accept(), now_s, now_s, now_s + pulse / 1000)
+                self._shot = Shot(self._accept(), now_s, now_s + pulse / 1000)
             case _:
                 self._say("ERR 2 bad argument")
 

@@ -11,11 +11,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from procedures.outcome import ProcedureError
 from procedures.plan import Advice, Ask, Fact
 from station.app.terminal_images import Thumbnail, thumbnail
-from station.guide.frontend import CurveSeen, Doing, Event, Result, RunEnded, Seen, Stopped
-from station.results.reader import ReadResult, read_result
+from station.guide.frontend import CurveSeen, Doing, Event, RunEnded, Seen, Stopped
 
 if TYPE_CHECKING:
     from station.guide.workspace import Running
@@ -29,14 +27,6 @@ class Glimpse:
     advice: Advice
 
 
-@dataclass(frozen=True, eq=False)
-class Judged:
-    """`Result`, with what the folder holds where it can be read."""
-
-    result: Result
-    shown: ReadResult | None
-
-
 @dataclass(frozen=True)
 class Question:
     """The run waits for an answer."""
@@ -44,7 +34,7 @@ class Question:
     ask: Ask
 
 
-News = Event | Glimpse | Judged | Question
+News = Event | Glimpse | Question
 LATEST = (Doing, Glimpse, CurveSeen)
 """Of these only the newest counts."""
 
@@ -63,8 +53,6 @@ class Desk:
         """Lay an event on the desk."""
         if isinstance(event, Seen):
             self._lay(Glimpse(thumbnail(event.plane, event.advice.marks), event.advice))
-        elif isinstance(event, Result):
-            self._lay(Judged(event, _shown(event)))
         else:
             self._lay(event)
 
@@ -105,13 +93,6 @@ class Desk:
         with self._lock:
             self._stopped = True
             self._lock.notify_all()
-
-
-def _shown(result: Result) -> ReadResult | None:
-    try:
-        return read_result(result.folder)
-    except ProcedureError:
-        return None
 
 
 Begin = Callable[[Desk], "Running"]

@@ -12,7 +12,6 @@ from procedures.reading.exposure import read_exposure
 from procedures.reading.guard import decoding, open_file
 from procedures.reading.text import read_rows, read_text, read_toml
 
-MANIFESTS = ("sensor.toml", "sensor.csv")
 DARK, LIGHT = "dark", "light"
 LONGEST = 300
 """Letters of a name that are told."""

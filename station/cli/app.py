@@ -70,10 +70,9 @@ def _end_with_the_terminal(app: StationApp, lab: StationLab) -> None:
 
 def check_plan(name: str) -> None:
     """Raises BadParameter where no plan is called so."""
-    from station.guide.catalogue import PLANS
+    from station.guide.catalogue import entry_named
 
-    if name not in PLANS:
-        raise BadParameter(f"there is no plan {name!r}", f"choose one of {', '.join(PLANS)}")
+    entry_named(name)
 
 
 def usual_config() -> Path | None:

@@ -79,11 +79,10 @@ def plane_lines(result: Result) -> list[str]:
     from station.common.uncertainty_text import stated
 
     lines = []
-    for plane, verdict in result.verdicts.items():
-        numbers = result.numbers.get(plane, {})
-        told = {heading: numbers.get(f"mtf50_{way}") for way, heading in HEADINGS.items()}
+    for name, plane in result.planes.items():
+        told = {heading: plane.numbers.get(f"mtf50_{way}") for way, heading in HEADINGS.items()}
         parts = [f"{heading} {stated(one.value, one.uncertainty)} {one.unit}" for heading, one in told.items() if one]
-        lines.append("; ".join([f"{plane}: {verdict}", *parts]))
+        lines.append("; ".join([f"{name}: {plane.verdict}", *parts]))
     return lines
 
 

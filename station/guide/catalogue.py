@@ -1,51 +1,125 @@
-"""The guided procedures by name: their plans, and who writes their results."""
+"""The guided procedures by name: their plans, their planes' results and the files of these.
+
+Each is imported by the function that needs it, so that a table of all of them costs nothing.
+"""
 
 from __future__ import annotations
 
-import importlib
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 from procedures.outcome import BadParameter
-from procedures.plan import Plan
+from procedures.plan import Outcomes, Plan
+
+if TYPE_CHECKING:
+    from procedures.raw import RawFrame
+    from station.results.plane_result import PlaneResult
+    from station.results.result_files import ResultFolder
+
+    Results = Callable[[Sequence[RawFrame], Outcomes], list[PlaneResult]]
+    Write = Callable[[ResultFolder, Sequence[PlaneResult], Sequence[RawFrame], Mapping[str, Any]], str]
+
+
+def _psf_results(frames: Sequence[RawFrame], outcomes: Outcomes) -> list[PlaneResult]:
+    from station.calibration.planes import plane_result
+
+    return [plane_result(frames[0].planes[name], outcome) for name, outcome in outcomes.items()]
+
+
+def _write_psf(
+    folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], about: Mapping[str, Any]
+) -> str:
+    from station.results.result_files import write_psf_result
+
+    return write_psf_result(folder, planes, about)
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A plan: where it is, and what it is in a few words.
+    """A guided procedure: what it is in a few words, its plan, and how its estimate becomes results and files.
 
-    A plan without a PSF names the module under `station` whose `write_result(folder, outcomes, frames, about)` writes
-    its result.
+    Attributes
+    ----------
+    results : callable
+        The planes' results, of photographs and what was found in them; by default those of a PSF a plane.
+    write : callable
+        Writes and publishes a folder's files, of it, results, photographs and what the record says besides; returns
+        the record's text.
     """
 
-    module: str
     title: str
-    writer: str = ""
+    plan: Callable[[], Plan]
+    results: Results = _psf_results
+    write: Write = _write_psf
+
+
+def _pattern() -> Plan:
+    from procedures.pattern_psf.plan import plan
+
+    return plan()
+
+
+def _two_photo() -> Plan:
+    from procedures.two_photo.plan import plan
+
+    return plan()
+
+
+def _field() -> Plan:
+    from station.guide.field_plan import plan
+
+    return plan()
+
+
+def _field_results(frames: Sequence[RawFrame], outcomes: Outcomes) -> list[PlaneResult]:
+    from station.guide.field_plan import results
+
+    return results(outcomes)
+
+
+def _write_field(
+    folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], about: Mapping[str, Any]
+) -> str:
+    from station.reports.field_files import write_planes
+
+    return write_planes(folder, planes, about)
+
+
+def _restoration() -> Plan:
+    from procedures.restoration.plan import plan
+
+    return plan()
+
+
+def _restoration_results(frames: Sequence[RawFrame], outcomes: Outcomes) -> list[PlaneResult]:
+    from station.results.plane_result import PlaneResult
+
+    return [PlaneResult(name, one.verdict, one.reason, one.remedy, found=one.value) for name, one in outcomes.items()]
+
+
+def _write_restoration(
+    folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], about: Mapping[str, Any]
+) -> str:
+    from station.reports.restoration_files import write_plane
+
+    (picture,) = planes
+    return write_plane(folder, picture, frames, about)
 
 
 PLANS = {
-    "pattern": Entry(
-        "procedures.pattern_psf.plan",
-        "the PSF from a printed noise chart",
-    ),
-    "two-photo": Entry(
-        "procedures.two_photo.plan",
-        "the PSF from two photographs of a textured wall",
-    ),
-    "field": Entry(
-        "station.guide.field_plan",
-        "the PSF over the whole frame, from the chart at many places",
-        writer="station.reports.field_files",
-    ),
+    "pattern": Entry("the PSF from a printed noise chart", _pattern),
+    "two-photo": Entry("the PSF from two photographs of a textured wall", _two_photo),
+    "field": Entry("the PSF over the whole frame, from the chart at many places", _field, _field_results, _write_field),
     "restoration": Entry(
-        "procedures.restoration.plan",
-        "picture and depth from two blurred photographs",
-        writer="station.reports.restoration_files",
+        "picture and depth from two blurred photographs", _restoration, _restoration_results, _write_restoration
     ),
 }
 DEFAULT = "pattern"
 
 
-def _entry(name: str) -> Entry:
+def entry_named(name: str) -> Entry:
+    """The procedure of that name. Raises BadParameter."""
     if name not in PLANS:
         raise BadParameter(f"there is no plan {name!r}", f"choose one of {', '.join(PLANS)}")
     return PLANS[name]
@@ -53,10 +127,4 @@ def _entry(name: str) -> Entry:
 
 def plan_named(name: str) -> Plan:
     """The plan of that name, imported now. Raises BadParameter."""
-    plan: Plan = importlib.import_module(_entry(name).module).plan()
-    return plan
-
-
-def writer_of(name: str) -> str:
-    """The module that writes a plan's result, "" where that is a PSF. Raises BadParameter."""
-    return _entry(name).writer
+    return entry_named(name).plan()

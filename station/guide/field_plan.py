@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 
 from procedures.facts import facts_as
@@ -19,26 +19,13 @@ from station.calibration.planes import diffraction_limit
 from station.results.plane_result import PlaneResult
 
 
-@dataclass(frozen=True, eq=False)
-class OfField:
-    """One plane's part of a field, with the whole."""
-
-    field: FieldResult
-    plane: PlaneField
-
-    @property
-    def result(self) -> PlaneResult:
-        """That of the PSF at the frame's centre."""
-        return centre_result(self.plane)
-
-
 def plan() -> Plan:
     """The plan."""
     return guide.plan(estimate)
 
 
 def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes:
-    """Every plane's field from all photographs; a refusal in its place where they give none."""
+    """By plane the whole field, with the plane's verdict; a refusal in its place where the photographs give none."""
     told = facts_as(FieldFacts, facts)
     measured = measure_frames(frames, told.chart, told.parameters)
     exposure = measured.exposures[0].exposure if measured.exposures else None
@@ -50,9 +37,20 @@ def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes
     except Refused as refusal:
         names = frames[0].planes if frames else ()
         return {name: Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy) for name in names}
-    return {one.name: _outcome(found, one) for one in found.planes}
+    return {name: _of_whole(found, one) for name, one in found.planes.items()}
 
 
-def _outcome(found: FieldResult, one: PlaneField) -> Outcome[OfField]:
-    value = None if one.verdict is Verdict.REFUSED else OfField(found, one)
-    return Outcome(value, one.verdict, one.reason, one.remedy)
+def _of_whole(found: FieldResult, one: Outcome[PlaneField]) -> Outcome[FieldResult]:
+    return Outcome(None if one.value is None else found, one.verdict, one.reason, one.remedy)
+
+
+def results(outcomes: Mapping[str, Outcome[FieldResult]]) -> list[PlaneResult]:
+    """Every plane's result, that of the PSF at the frame's centre, with the whole field as what was found."""
+    return [_result(name, outcome) for name, outcome in outcomes.items()]
+
+
+def _result(name: str, outcome: Outcome[FieldResult]) -> PlaneResult:
+    whole = outcome.value
+    if whole is None:
+        return PlaneResult(name, outcome.verdict, outcome.reason, outcome.remedy)
+    return replace(centre_result(name, whole.planes[name]), found=whole)

@@ -8,13 +8,16 @@ The terminal application, the plain guide on stdin and stdout, and the scripted 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
-from procedures.outcome import Quantity, Verdict
+from procedures.outcome import Verdict
 from procedures.plan import Advice, Ask, Diagram, Fact, Plan, Step
 from procedures.raw import Plane
+
+if TYPE_CHECKING:
+    from station.results.plane_result import PlaneResult
 
 MOVE = "move"
 """The key of the question before something moves; what moves is its words, and each front end says how to begin."""
@@ -88,16 +91,15 @@ class Trouble:
     remedy: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Result:
-    """The estimate is there: where it lies, the verdict of each plane, and the whole's; numbers by plane and name."""
+    """The estimate is there: where it lies, its planes, and the verdict on the whole."""
 
     folder: Path
-    verdicts: Mapping[str, Verdict]
+    planes: Mapping[str, PlaneResult]
     verdict: Verdict
     reason: str
     remedy: str
-    numbers: Mapping[str, Mapping[str, Quantity]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
 from functools import singledispatchmethod
 from io import StringIO
-from typing import TextIO
+from typing import TYPE_CHECKING, TextIO
 
-from procedures.outcome import Quantity
 from procedures.plan import Advice, Ask, Fact, Reading
 from station.common.uncertainty_text import stated
 from station.drawing.diagrams import diagram_lines
@@ -29,6 +27,9 @@ from station.guide.frontend import (
     Stopped,
     Trouble,
 )
+
+if TYPE_CHECKING:
+    from station.results.plane_result import PlaneResult
 
 DIGITS = {"°": 1, "%": 0, "m": 2, "mm": 0, "": 2}
 """Decimals of the numbers told, by their unit."""
@@ -126,8 +127,8 @@ class Plain:
     @_tell.register
     def _(self, event: Result) -> None:
         self._line(f"   Result: {event.verdict}.")
-        for name, verdict in event.verdicts.items():
-            self._line(f"   {plane_words(name, verdict, event.numbers.get(name, {}))}")
+        for plane in event.planes.values():
+            self._line(f"   {plane_words(plane)}")
         if event.reason:
             self._line(f"   Why: {event.reason}.")
             self._line(f"   What to do: {event.remedy}.")
@@ -200,12 +201,13 @@ def seen_lines(advice: Advice) -> list[str]:
     return [f"   {'; '.join(numbers)}"] * bool(numbers) + [f"   {'ok' if advice.good else '->'} {advice.say}"]
 
 
-def plane_words(name: str, verdict: str, numbers: Mapping[str, Quantity]) -> str:
+def plane_words(plane: PlaneResult) -> str:
     """A plane's verdict and its MTF50 along rows and columns: "G1 pass: MTF50 0.412 ± 0.003 by 0.408 ± 0.003"."""
-    told = [numbers[key] for key in ("mtf50_horizontal", "mtf50_vertical") if key in numbers]
+    told = [plane.numbers[key] for key in ("mtf50_horizontal", "mtf50_vertical") if key in plane.numbers]
     if not told:
-        return f"{name} {verdict}"
-    return f"{name} {verdict}: MTF50 {' by '.join(stated(q.value, q.uncertainty) for q in told)} {told[0].unit}"
+        return f"{plane.name} {plane.verdict}"
+    mtf50 = " by ".join(stated(number.value, number.uncertainty) for number in told)
+    return f"{plane.name} {plane.verdict}: MTF50 {mtf50} {told[0].unit}"
 
 
 def reading_words(reading: Reading) -> str:

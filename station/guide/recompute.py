@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import subprocess
 import sys
@@ -11,16 +12,28 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from procedures.outcome import BadParameter
+from procedures.outcome import BadInput, BadParameter
 from station.common.durable_files import sha256_of
 from station.common.leftovers import temporary_folder
 from station.guide.catalogue import plan_named
 from station.guide.session_result import compute
+from station.results.reader import Change, changes, read_result
 from station.results.result_files import RECORD
 from station.results.result_seal import is_sealed
 from station.sessions.compute_environment import KERNELS, machine
 from station.sessions.reader import read_session, verify
 from station.sessions.state import Derived, State, replay
+
+
+@dataclass(frozen=True)
+class Moved:
+    """A number of a plane that is another now: `sigmas` is by how many of the standard uncertainties told then."""
+
+    plane: str
+    number: str
+    then: float
+    now: float
+    sigmas: float
 
 
 @dataclass(frozen=True)
@@ -34,6 +47,10 @@ class Comparison:
     keys : where the records differ, the entries that do
     kernels : the processors' family whose kernels of linear algebra gave the same bits, where this one's own did not
     machine : what is another now than when the result was drawn: (what, then, now)
+    version : of this program, that drew the result; "" where the journal does not tell
+    numbers : how many numbers with an uncertainty both results have
+    moved : those of them that differ, the farthest first
+    verdicts : planes with another verdict: (plane, then, now)
     """
 
     result: str
@@ -44,6 +61,10 @@ class Comparison:
     keys: tuple[str, ...] = ()
     machine: tuple[tuple[str, str, str], ...] = ()
     kernels: str = ""
+    version: str = ""
+    numbers: int = 0
+    moved: tuple[Moved, ...] = ()
+    verdicts: tuple[tuple[str, str, str], ...] = ()
 
     @property
     def identical(self) -> bool:
@@ -115,6 +136,8 @@ def _again(folder: Path, result: Derived, state: State) -> Comparison:
         compute(folder, state, plan_named(state.plan), fresh, sealed=is_sealed(folder / result.folder))
         found = {path.relative_to(fresh).as_posix(): sha256_of(path) for path in fresh.rglob("*") if path.is_file()}
         keys = _differing(folder / result.folder / RECORD, fresh / RECORD)
+        shared, moved, verdicts = _planes_compared(folder / result.folder, fresh)
+    told = result.about.get("machine", {})
     on_disk = {name: _hash(folder / result.folder / name) for name in result.files}
     same = [name for name, digest in found.items() if result.files.get(name) == digest == on_disk.get(name)]
     return Comparison(
@@ -124,8 +147,32 @@ def _again(folder: Path, result: Derived, state: State) -> Comparison:
         tuple(sorted(name for name in result.files if name not in found)),
         tuple(sorted(name for name in found if name not in result.files)),
         keys,
-        _other_machine(result.about.get("machine", {})),
+        _other_machine(told),
+        version=str(told.get("software", {}).get("version") or ""),
+        numbers=shared,
+        moved=moved,
+        verdicts=verdicts,
     )
+
+
+def _planes_compared(old: Path, new: Path) -> tuple[int, tuple[Moved, ...], tuple[tuple[str, str, str], ...]]:
+    """How many numbers two results share, which of them differ, and which planes' verdicts."""
+    try:
+        before, now = read_result(old).planes, read_result(new).planes
+    except BadInput:  # what is wrong with the older one is told by its files' hashes
+        return 0, (), ()
+    both = [(before[name], now[name]) for name in before if name in now]
+    shared = [(one.name, change) for one, other in both for change in changes(one, other)]
+    moved = [_moved(plane, change) for plane, change in shared if change.one.value != change.other.value]
+    moved.sort(key=lambda one: -abs(one.sigmas))
+    verdicts = tuple((a.name, str(a.verdict), str(b.verdict)) for a, b in both if a.verdict is not b.verdict)
+    return len(shared), tuple(moved), verdicts
+
+
+def _moved(plane: str, change: Change) -> Moved:
+    """Of the same photograph, so that its uncertainty is the measure, and not that of a difference of two."""
+    then, now, spread = change.one.value, change.other.value, change.one.uncertainty
+    return Moved(plane, change.name, then, now, (now - then) / spread if spread > 0 else math.inf)
 
 
 def _hash(path: Path) -> str:

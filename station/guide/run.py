@@ -57,7 +57,7 @@ from station.guide.frontend import (
 )
 from station.guide.manual_camera import HandCamera
 from station.guide.photographing import Watching
-from station.guide.session_result import Computed, derive
+from station.guide.session_result import SessionResult, derive
 from station.guide.vibration import Patience
 from station.sessions.session import Session
 
@@ -91,7 +91,7 @@ class Run:
         self._step = plan.steps[0]
         self._watch: Watching | None = None
         self._known: Known = {}
-        self._computed: Computed | None = None
+        self._result: SessionResult | None = None
         self.over = threading.Event()
         """Set when the bench is free again."""
 
@@ -153,7 +153,7 @@ class Run:
         path = self._session.folder / PAGE
         self._talk.hear(Doing("writing the report"))
         try:
-            page = session_page(self._session.folder, self._computed).encode()
+            page = session_page(self._session.folder, self._result).encode()
             self._talk.attempt(lambda: write_whole(path, page), always=True)
             self._session.note(REPORTED, sha256=hashlib.sha256(page).hexdigest())
         except Skipped:
@@ -334,11 +334,9 @@ class Run:
         def told(done: int, total: int) -> None:
             self._talk.hear(Doing(say, done, total))
 
-        found = self._talk.attempt(lambda: derive(self._session, self.plan, self._step.name, told, self._known))
-        self._computed = found.computed
-        verdicts = {name: outcome.verdict for name, outcome in found.computed.outcomes.items()}
-        numbers = {one.name: one.numbers for one in found.computed.results if one.numbers}
-        self._talk.hear(Result(found.folder, verdicts, found.verdict, found.reason, found.remedy, numbers))
+        folder, found = self._talk.attempt(lambda: derive(self._session, self.plan, self._step.name, told, self._known))
+        self._result = found
+        self._talk.hear(Result(folder, found.planes, found.verdict, found.reason, found.remedy))
 
     @_carry.register
     def _(self, decide: Decide) -> None:

@@ -11,12 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from procedures.outcome import Refused
-from procedures.pattern_psf.combine import CombinedPsf
-from procedures.pattern_psf.estimate import PatternPsf
 from procedures.raw import Exposure
 from station.common.sanitise import printable
-from station.guide.catalogue import plan_named, writer_of
-from station.guide.session_result import Computed, compute
+from station.guide.catalogue import plan_named
+from station.guide.session_result import SessionResult, compute
 from station.reports.page import exposure_words
 from station.reports.pattern_report import Line, PlaneSheet, Report, Shot, calibration_page
 from station.sessions.reader import SessionRecord, read_session, verify, verify_results
@@ -28,7 +26,7 @@ REPORTED = "reported"
 UNITS = {"_m_s2": "m/s²", "_rad_s": "rad/s", "_mm": "mm", "_deg": "°", "_um": "µm", "_s": "s"}
 
 
-def session_page(folder: Path, computed: Computed | None = None) -> str:
+def session_page(folder: Path, found: SessionResult | None = None) -> str:
     """The report of a session's last result, as HTML; computed again where what it was made of is not at hand.
 
     Raises
@@ -42,15 +40,15 @@ def session_page(folder: Path, computed: Computed | None = None) -> str:
     if not record.state.results:
         raise Refused(f"{folder.name} has no result yet", "go on with it: station session resume")
     verify(folder, record.state)
-    own = folder / record.state.results[-1].folder / PAGE
-    if writer_of(record.state.plan) and own.is_file():
+    last = record.state.results[-1]
+    if PAGE in last.files:
         verify_results(record)
-        return own.read_text(encoding="utf-8")
+        return (folder / last.folder / PAGE).read_text(encoding="utf-8")
     if (page := _kept_page(folder, record)) is not None:
         return page
     drawn = max(i for i, line in enumerate(record.contents.lines) if line.event == "derived")
     state = replay(record.contents.lines[:drawn])
-    return calibration_page(_report(record, state, computed or compute(folder, state, plan_named(state.plan))))
+    return calibration_page(_report(record, state, found or compute(folder, state, plan_named(state.plan))))
 
 
 def _kept_page(folder: Path, record: SessionRecord) -> str | None:
@@ -64,29 +62,19 @@ def _kept_page(folder: Path, record: SessionRecord) -> str | None:
     return text if same else None
 
 
-def _report(record: SessionRecord, state: State, computed: Computed) -> Report:
+def _report(record: SessionRecord, state: State, found: SessionResult) -> Report:
     last = record.state.results[-1]
     return Report(
         subject=f"{printable(state.camera)}, {printable(state.lens)}",
         procedure=state.plan,
-        planes=[
-            PlaneSheet(one, _one_shot(computed.outcomes[one.name].value), computed.frames[0].planes[one.name])
-            for one in computed.results
-        ],
-        shots=list(_shots(record.state, {frame.sha256: frame.exposure for frame in computed.frames})),
+        planes=[PlaneSheet(one, found.frames[0].planes[name]) for name, one in found.planes.items()],
+        shots=list(_shots(record.state, {frame.sha256: frame.exposure for frame in found.frames})),
         parameters={name: printable(value) for name, value in state.facts.items()},
         conditions=list(_conditions(state)),
         devices=[Line(name, words) for name, words in _devices(record)],
         made=last.at[:16].replace("T", " ") + " UTC",
         software=last.about["machine"]["software"],
     )
-
-
-def _one_shot(found: Any) -> PatternPsf | None:
-    """An estimate with marks and residual: of several shots, the first."""
-    if isinstance(found, CombinedPsf):
-        return found.shots[0]
-    return found if isinstance(found, PatternPsf) else None
 
 
 def _shots(state: State, noted: Mapping[str, Exposure]) -> Iterator[Shot]:

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 
-from procedures.outcome import Outcome, Verdict
+from procedures.outcome import Verdict
 from procedures.plan import Estimate, Known, Plan
 from procedures.raw import Felt, RawFrame, read_frame
-from station.calibration.planes import plane_result
-from station.guide.catalogue import writer_of
+from station.guide.catalogue import entry_named
 from station.results.plane_result import PlaneResult
-from station.results.result_files import ResultFolder, write_psf_result
+from station.results.result_files import ResultFolder
 from station.sessions.compute_environment import same_bits
 from station.sessions.journal import Damaged
 from station.sessions.layout import inside
@@ -27,30 +25,15 @@ from station.sessions.state import Shot, State
 ORDER = (Verdict.PASS, Verdict.DOUBTFUL, Verdict.REFUSED)
 
 
-@runtime_checkable
-class OfPlane(Protocol):
-    """A plane's part of something larger, such as a field."""
-
-    @property
-    def result(self) -> PlaneResult:
-        """The plane's result."""
-
-
 @dataclass(frozen=True, eq=False)
-class Computed:
-    """A result with all that it comes from: photographs, what was found by plane, and the planes' results."""
+class SessionResult:
+    """What a session's photographs gave, by plane.
+
+    The verdict on the whole is the worst of its planes', with the reasons and remedies of the planes that have it.
+    """
 
     frames: Sequence[RawFrame]
-    outcomes: Mapping[str, Outcome[Any]]
-    results: Sequence[PlaneResult]
-
-
-@dataclass(frozen=True, eq=False)
-class Derivation:
-    """What was found, and the verdict on the whole: the worst of its planes'."""
-
-    folder: Path
-    computed: Computed
+    planes: Mapping[str, PlaneResult]
     verdict: Verdict
     reason: str
     remedy: str
@@ -118,19 +101,18 @@ class Told(Sequence[RawFrame]):
 
 def derive(
     session: Session, plan: Plan, step: str, progress: Counted = uncounted, known: Known | None = None
-) -> Derivation:
-    """Draw the result from the session's counting photographs, write it and keep it. Raises ProcedureError.
+) -> tuple[Path, SessionResult]:
+    """Draw the result from the session's counting photographs, write it and keep it; its folder. Raises ProcedureError.
 
     `known` is what was estimated already, when the shots were judged.
     """
     start_s, state = session.clock.now_s(), session.state
-    computed = compute(session.folder, state, plan, session.result_folder(), progress, known=known)
-    verdict, reason, remedy = verdict_of_planes(computed.outcomes)
+    found = compute(session.folder, state, plan, session.result_folder(), progress, known=known)
     duration_s = session.clock.now_s() - start_s
     numbers = [shot.number for shot in state.counting()]
-    told = {"reason": reason, "remedy": remedy, "duration_s": duration_s}
-    kept = session.keep_result(step=step, shots=numbers, verdict=str(verdict), **told)
-    return Derivation(session.folder / kept.folder, computed, verdict, reason, remedy)
+    told = {"reason": found.reason, "remedy": found.remedy, "duration_s": duration_s}
+    kept = session.keep_result(step=step, shots=numbers, verdict=str(found.verdict), **told)
+    return session.folder / kept.folder, found
 
 
 def compute(
@@ -142,7 +124,7 @@ def compute(
     *,
     sealed: bool = True,
     known: Known | None = None,
-) -> Computed:
+) -> SessionResult:
     """The result of a session in this state, written into a folder; the same files, bit for bit, at every call.
 
     `progress` hears of every photograph that an estimate begins with, and of how many there are; `sealed` is of the
@@ -153,23 +135,16 @@ def compute(
     ProcedureError
         If a photograph cannot be read, or the result not be written.
     """
-    shots = state.counting()
+    shots, entry = state.counting(), entry_named(plan.name)
     paths, felt = [inside(folder, shot.path) for shot in shots], [felt_during(shot) for shot in shots]
     frames = Frames(paths, felt, [shot.sha256 for shot in shots])
     with same_bits():
         outcomes = estimate_of(plan).estimate(Told(frames, progress), state.facts, {} if known is None else known)
-        writer = writer_of(plan.name)
-        if writer:
-            results = [one.value.result for one in outcomes.values() if isinstance(one.value, OfPlane)]
-        else:
-            results = [plane_result(frames[0].planes[name], outcome) for name, outcome in outcomes.items()]
-        if into is not None and writer:
+        results = entry.results(frames, outcomes)
+        if into is not None:
             with ResultFolder(into, sealed=sealed) as place:
-                importlib.import_module(writer).write_result(place, outcomes, frames, _about(plan, state))
-        elif into is not None:
-            with ResultFolder(into, sealed=sealed) as place:
-                write_psf_result(place, results, _about(plan, state))
-    return Computed(frames, outcomes, results)
+                entry.write(place, results, frames, _about(plan, state))
+    return SessionResult(frames, {one.name: one for one in results}, *verdict_of_planes(results))
 
 
 def _about(plan: Plan, state: State) -> dict[str, Any]:
@@ -181,15 +156,15 @@ def _about(plan: Plan, state: State) -> dict[str, Any]:
     }
 
 
-def verdict_of_planes(outcomes: Mapping[str, Outcome[Any]]) -> tuple[Verdict, str, str]:
+def verdict_of_planes(planes: Sequence[PlaneResult]) -> tuple[Verdict, str, str]:
     """The worst verdict, with the reasons and remedies of the planes that have it."""
-    if not outcomes:
+    if not planes:
         return Verdict.REFUSED, "no shot counts", "take the shots again"
-    worst = max((one.verdict for one in outcomes.values()), key=ORDER.index)
+    worst = max((one.verdict for one in planes), key=ORDER.index)
     if worst is Verdict.PASS:
         return worst, "", ""
-    found = {name: one for name, one in outcomes.items() if one.verdict is worst}
-    return worst, _together({n: o.reason for n, o in found.items()}), _together({n: o.remedy for n, o in found.items()})
+    found = [one for one in planes if one.verdict is worst]
+    return worst, _together({one.name: one.reason for one in found}), _together({one.name: one.remedy for one in found})
 
 
 def _together(sentences: Mapping[str, str]) -> str:

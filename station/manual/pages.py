@@ -12,6 +12,17 @@ from procedures.outcome import BadParameter
 
 PARTS = {"tutorial": "Tutorial", "how-to": "How to", "reference": "Reference", "explanation": "Explanation"}
 """Folders of this package, and what they are called, in their order."""
+WELCOME = """\
+The tutorials go through a first calibration step by step. The how-to pages do one thing each. The reference lists every
+command, number, file and option. The explanations say what the numbers mean and how far they can be trusted."""
+FIRST = (
+    "without-a-camera", "with-a-camera",
+    "chart", "two-photographs", "edge", "field", "batch", "sessions", "devices", "correct", "restore", "geometry",
+    "sensor", "sensor-dumps", "rays", "library", "reproduce",
+    "commands", "numbers", "files", "station-toml", "exit-codes", "environment", "evidence", "dependencies",
+    "psf", "sampling-and-gamma", "whole-psf", "uncertainty", "verdicts", "limits", "reproducibility",
+)  # fmt: skip
+"""Pages in the order in which one comes to need them; others follow by their titles."""
 PAGE_LINK = re.compile(r"\[([^\]]*)\]\((?:\.\./)?(?:[\w-]+/)?([\w-]+)\.md(#[\w-]+)?\)")
 """A link from page to page: its words, the page's name, its section."""
 
@@ -31,7 +42,7 @@ class Page:
 
 
 def read_pages(generated: Mapping[str, str] | None = None) -> list[Page]:
-    """All pages, part by part, by their titles.
+    """All pages, part by part, in the order of reading.
 
     Parameters
     ----------
@@ -45,9 +56,13 @@ def read_pages(generated: Mapping[str, str] | None = None) -> list[Page]:
             for file in files(__package__).joinpath(part).iterdir()
             if file.name.endswith(".md")
         ]
-        found += sorted(pages, key=lambda page: page.title)
+        found += sorted(pages, key=_place)
     more = generated or {}
     return [Page(one.part, one.name, one.text + ("\n" + more[one.name] if one.name in more else "")) for one in found]
+
+
+def _place(page: Page) -> tuple[int, str]:
+    return (FIRST.index(page.name) if page.name in FIRST else len(FIRST), page.title)
 
 
 def find_page(pages: Sequence[Page], topic: str) -> Page:
@@ -62,7 +77,7 @@ def find_page(pages: Sequence[Page], topic: str) -> Page:
 
 def index_text(pages: Sequence[Page]) -> str:
     """The list of all pages, as Markdown."""
-    lines = ["# The manual of the calibration station"]
+    lines = ["# The manual of the calibration station", "", WELCOME]
     for part, called in PARTS.items():
         lines += ["", f"## {called}", ""]
         lines += [f"- [{page.title}]({part}/{page.name}.md)" for page in pages if page.part == part]

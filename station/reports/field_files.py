@@ -13,10 +13,8 @@ from procedures.field.chromatic import LateralColour
 from procedures.field.conclusion import FieldResult, PlaneField
 from procedures.field.field_file import write_field
 from procedures.field.maps import FieldMap
-from procedures.outcome import Outcome
-from procedures.raw import RawFrame
 from station.calibration.camera_notes import exposure_of
-from station.calibration.field import centre_result
+from station.calibration.field import centre_results
 from station.reports.field_page import field_page
 from station.results.plane_result import PlaneResult
 from station.results.result_files import ResultFolder, json_text, software, write_psf_result
@@ -37,15 +35,10 @@ def write_field_result(
     return _write(folder, found, about, start, report=report)
 
 
-def write_result(
-    folder: ResultFolder, outcomes: Mapping[str, Outcome[Any]], frames: Sequence[RawFrame], about: Mapping[str, Any]
-) -> str:
-    """The result of a guided field: the same files, or the record of its refusal."""
-    found = next((one.value.field for one in outcomes.values() if one.value is not None), None)
-    if found is None:
-        refused = [PlaneResult(name, one.verdict, one.reason, one.remedy) for name, one in outcomes.items()]
-        return write_psf_result(folder, refused, about)
-    return _write(folder, found, about)
+def write_planes(folder: ResultFolder, planes: Sequence[PlaneResult], about: Mapping[str, Any]) -> str:
+    """The same files of planes that have found a field, all the same one; the record of its refusal where none has."""
+    found = next((one.found for one in planes if one.found is not None), None)
+    return write_psf_result(folder, planes, about) if found is None else _write(folder, found, about)
 
 
 def _write(
@@ -58,6 +51,7 @@ def _write(
 ) -> str:
     """All files; `source` tells procedure, input and parameters, `start` when it began where that is to be told."""
     measured = found.measured
+    fitted = {name: one.value for name, one in found.planes.items() if one.value is not None}
     about: dict[str, Any] = {
         **source,
         "field": {
@@ -66,26 +60,26 @@ def _write(
             "failed": measured.failed,
             "misses": [asdict(miss) for miss in measured.misses],
             "doubtful_nodes": sum(measured.doubts),
-            "planes": {one.name: _told(one) for one in found.planes if one.interpolation is not None},
+            "planes": {name: _told(one) for name, one in fitted.items()},
             "lateral_colour": {colour.plane: _colour_told(colour) for colour in found.colours},
             **_focus_told(found),
         },
     }
-    fitted = {one.name: one.interpolation for one in found.planes if one.interpolation is not None}
     if fitted:
-        maps = {one.name: _maps(found, one) for one in found.planes}
+        fields = {name: one.interpolation for name, one in fitted.items()}
+        maps = {name: _maps(found, name, one) for name, one in fitted.items()}
         camera = exposure_of(measured.exposures)
-        write_field(folder.staging / FILE, fitted, maps, found.colours, _provenance(about), camera)
+        write_field(folder.staging / FILE, fields, maps, found.colours, _provenance(about), camera)
     if start is not None:
         about["duration_s"] = round(time.perf_counter() - start, 3)
     if report:
         folder.write(PAGE, field_page(found, about, software()).encode())
-    return write_psf_result(folder, [centre_result(one) for one in found.planes], about)
+    return write_psf_result(folder, centre_results(found), about)
 
 
-def _maps(found: FieldResult, one: PlaneField) -> tuple[FieldMap, ...]:
+def _maps(found: FieldResult, name: str, one: PlaneField) -> tuple[FieldMap, ...]:
     """A plane's maps; those of best focus belong to the reference plane."""
-    if found.focus is not None and one is found.planes[found.reference]:
+    if found.focus is not None and name == found.reference:
         return (*one.maps, *found.focus.maps())
     return one.maps
 
@@ -99,8 +93,6 @@ def _provenance(about: Mapping[str, Any]) -> dict[str, str]:
 def _told(one: PlaneField) -> dict[str, Any]:
     """What the record says about a plane's field."""
     found = one.interpolation
-    if found is None:
-        return {}
     by_name = {name.name: name for name in one.maps}
     errors = {name: float(np.nanmedian(by_name[name].value)) for name in ("error_noise", "error_interpolation")}
     return {

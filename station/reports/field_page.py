@@ -9,9 +9,10 @@ import numpy as np
 
 from procedures.field.conclusion import FieldResult, PlaneField
 from procedures.outcome import Verdict
-from station.calibration.field import centre_result
+from station.calibration.field import centre_results
 from station.reports import field_figures
 from station.reports.page import render
+from station.results.plane_result import PlaneResult
 
 READER = """\
 import h5py, numpy as np
@@ -29,42 +30,41 @@ PAIRS = "grid-template-columns: repeat(auto-fit, minmax(min(100%, 480px), 1fr))"
 
 def field_page(found: FieldResult, about: Mapping[str, Any], software: Mapping[str, Any]) -> str:
     """The page."""
-    verdicts = [one.verdict for one in found.planes]
+    verdicts = [one.verdict for one in found.planes.values()]
     worst = next(v for v in (Verdict.REFUSED, Verdict.DOUBTFUL, Verdict.PASS) if v in verdicts)
-    fitted = [one for one in found.planes if one.interpolation is not None]
+    results = centre_results(found)
+    fitted = [(one, field) for one in results if (field := found.planes[one.name].value) is not None]
     return render(
         "field.html",
         found=found,
         about=about,
         worst=worst,
-        planes=[_plane(one) for one in fitted],
-        shown=next((i for i, one in enumerate(fitted) if one is found.planes[found.reference]), 0),
+        planes=[_plane(*one) for one in fitted],
+        shown=next((i for i, (one, _) in enumerate(fitted) if one.name == found.reference), 0),
         pairs=PAIRS,
-        refused=[centre_result(one) for one in found.planes if one.interpolation is None],
+        refused=[one for one in results if found.planes[one.name].value is None],
         colours=[_colour(colour, i) for i, colour in enumerate(found.colours)],
         focus=_focus(found),
-        reader=_reader(fitted[0]) if fitted else "",
+        reader=_reader(*fitted[0]) if fitted else "",
         software=software,
     )
 
 
-def _reader(one: PlaneField) -> str:
+def _reader(record: PlaneResult, one: PlaneField) -> str:
     """The five lines, for a place in the middle of a plane."""
     rows, columns = one.maps[0].y[-1], one.maps[0].x[-1]
-    return READER.replace("PLANE", one.name).replace("X, Y", f"{columns / 2:.1f}, {rows / 2:.1f}")
+    return READER.replace("PLANE", record.name).replace("X, Y", f"{columns / 2:.1f}, {rows / 2:.1f}")
 
 
-def _plane(one: PlaneField) -> dict[str, Any]:
+def _plane(record: PlaneResult, one: PlaneField) -> dict[str, Any]:
     """What the template shows of a plane."""
-    found, name = one.interpolation, one.name
-    if found is None:
-        return {}
+    found, name = one.interpolation, record.name
     field = found.field
     drawn = [m for m in one.maps if m.uncertainty is not None]
     errors = [m for m in one.maps if m.uncertainty is None]
     pictures = [(m, field_figures.field_map_figure(m, field.positions, field.shape, f"{name}-{m.name}")) for m in drawn]
     return {
-        "record": centre_result(one),
+        "record": record,
         "found": found,
         "numbers": one.numbers,
         "error": _medians(one),

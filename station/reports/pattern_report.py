@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from procedures.budget import TERMS
 from procedures.outcome import Quantity
+from procedures.pattern_psf.combine import CombinedPsf
 from procedures.pattern_psf.error_parts import Variation
 from procedures.pattern_psf.estimate import PatternPsf
 from procedures.radial_profile import radial_profile
@@ -80,14 +81,12 @@ class Shot:
 
 @dataclass(frozen=True, eq=False)
 class PlaneSheet:
-    """One plane of the report.
+    """One plane's section of the page: its result, with what is drawn beside it and the limits it is held to.
 
     Attributes
     ----------
     record : PlaneResult
-        The result.
-    found : PatternPsf, optional
-        The estimate from a chart, for its marks and its residual; where there are many shots, that of one of them.
+        The result: every number of the section is read from it.
     photograph : Plane, optional
         The samples it was found in; of two photographs the near one.
     outline : (n, 2) float64, optional
@@ -97,10 +96,17 @@ class PlaneSheet:
     """
 
     record: PlaneResult
-    found: PatternPsf | None = None
     photograph: Plane | None = None
     outline: Array | None = None
     judged: Sequence[Judgement] = ()
+
+    @property
+    def chart(self) -> PatternPsf | None:
+        """An estimate from a chart, with its marks and its residual: of several shots, the first."""
+        found = self.record.found
+        if isinstance(found, CombinedPsf):
+            return found.shots[0]
+        return found if isinstance(found, PatternPsf) else None
 
     @property
     def verdict(self) -> str:
@@ -210,11 +216,11 @@ def _pictures(sheet: PlaneSheet, name: str) -> Mapping[str, Any]:
         pictures["mtf"] = otf_figures.mtf_figure(record.quality, None, f"{name}-mtf", record.diffraction)
     if record.inter_image is not None:
         pictures["inter_image"] = psf_figures.kernel_figure(record.inter_image, f"{name}-kernel")
-    if sheet.found is not None and sheet.photograph is not None:
+    if sheet.chart is not None and sheet.photograph is not None:
         pictures["chart"] = {
-            "photograph": psf_figures.photograph_figure(sheet.photograph, sheet.found, f"{name}-photograph"),
-            "residual": psf_figures.residual_figure(record.name, sheet.found, f"{name}-residual"),
-            "diagnostics": sheet.found.diagnostics,
+            "photograph": psf_figures.photograph_figure(sheet.photograph, sheet.chart, f"{name}-photograph"),
+            "residual": psf_figures.residual_figure(record.name, sheet.chart, f"{name}-residual"),
+            "diagnostics": sheet.chart.diagnostics,
         }
     if sheet.outline is not None and sheet.photograph is not None:
         pictures["pair"] = psf_figures.pair_figure(sheet.photograph, sheet.outline, f"{name}-pair")
@@ -253,10 +259,10 @@ def _sheet(one: PlaneResult, frames: Sequence[RawFrame], judged: Sequence[Judgem
     """A plane with what its figures need: the chart's photograph, or the near one and where the far one lies in it."""
     name, found = one.name, one.found
     if isinstance(found, PatternPsf):
-        return PlaneSheet(one, found, frames[0].planes[name], judged=judged)
+        return PlaneSheet(one, frames[0].planes[name], judged=judged)
     if isinstance(found, TwoPhotoPsf):
         near, far = (frames[i].planes[name] for i in ((1, 0) if found.swapped else (0, 1)))
-        return PlaneSheet(one, None, near, found.warp.forward(_rim(far)), judged)
+        return PlaneSheet(one, near, found.warp.forward(_rim(far)), judged)
     return PlaneSheet(one, judged=judged)
 
 

@@ -16,6 +16,7 @@ from procedures.raw import RawFrame
 from procedures.restoration.joint.estimate import Restoration
 from procedures.restoration.plan import shown
 from station.drawing.depth_pictures import coloured, encoded, levels, picture
+from station.results.plane_result import PlaneResult
 from station.results.restored import RESTORATION
 from station.results.result_files import RECORD, ResultFolder, plain, software, write_record
 
@@ -72,20 +73,19 @@ def write_refusal(folder: ResultFolder, outcome: Outcome[Restoration], about: Ma
     return write_record(folder, {"schema": RESTORATION, **about, **told, "software": software()})
 
 
-def write_result(
-    folder: ResultFolder, outcomes: Mapping[str, Outcome[Any]], frames: Sequence[RawFrame], about: Mapping[str, Any]
-) -> str:
+def write_plane(folder: ResultFolder, result: PlaneResult, frames: Sequence[RawFrame], about: Mapping[str, Any]) -> str:
     """The result of a guided restoration: the files of `write_restoration`, or the record of its refusal."""
     from station.calibration.restoration_inputs import imu_table
     from station.reports.restoration_page import restoration_page  # here: it draws, which is slow to load
 
-    (outcome,) = outcomes.values()
-    if outcome.value is None:
+    found: Restoration | None = result.found
+    outcome = Outcome(found, result.verdict, result.reason, result.remedy)
+    if found is None:
         return write_refusal(folder, outcome, about)
     for n, frame in enumerate((frames[0], frames[len(frames) - 1]), start=1):
         if frame.felt is not None:
             folder.write(f"imu_{n}.csv", imu_table(frame.felt))
-    timeless = replace(outcome.value, history=tuple(replace(r, seconds=0.0) for r in outcome.value.history))
+    timeless = replace(found, history=tuple(replace(r, seconds=0.0) for r in found.history))
     outcome = replace(outcome, value=timeless)  # the files are the same whenever they are computed
     photographs = [shown(frame).samples.astype(np.float64)[None] for frame in (frames[0], frames[len(frames) - 1])]
     return write_restoration(folder, outcome, about, restoration_page(outcome, photographs, about))

@@ -171,9 +171,9 @@ Off = dict[str, list[np.ndarray]]
 """By map: rows of error, its standard uncertainty, and the truth."""
 
 
-def compare_maps(found: FieldResult, plane: int, place_at: Callable[[float, float], Place], off: Off) -> None:
+def compare_maps(found: FieldResult, plane: str, place_at: Callable[[float, float], Place], off: Off) -> None:
     """Add every place's errors of every map."""
-    one = found.planes[plane]
+    one = found.planes[plane].result()
     shape = one.interpolation.field.shape
     for i, (name, *_) in enumerate(MAPS):
         m: FieldMap = one.maps[i]
@@ -226,11 +226,11 @@ def accuracy(folder: Path) -> None:
     if not list(folder.glob("grid-*.dng")):
         photograph_grid(folder)
     found = concluded(measure(sorted(folder.glob("grid-*.dng")), None, Chart.from_seed(), PatternParameters(S, K)))
-    for number, one in enumerate(found.planes):
-        tell_field(one)
-        if one.name in COMPARED:
+    for name, outcome in found.planes.items():
+        tell_field(name, outcome.result())
+        if name in COMPARED:
             off: Off = {}
-            compare_maps(found, number, partial(place_in_colour, plane=one.name), off)
+            compare_maps(found, name, partial(place_in_colour, plane=name), off)
             tell(off)
     colour_coverage(found)
 
@@ -259,7 +259,7 @@ def draws(count: int) -> None:
                 for i, shot in enumerate(shots)
             ]
             found = concluded(measure_frames(frames, Chart.from_seed(), PatternParameters(S, K)))
-            compare_maps(found, 0, partial(place_in_mono, lens=lens), off)
+            compare_maps(found, "Y", partial(place_in_mono, lens=lens), off)
         print(f"f/{f_number:g}, {count} fields of {len(lights)} photographs")
         tell(off)
         for name, rows in off.items():
@@ -268,9 +268,9 @@ def draws(count: int) -> None:
     tell(together)
 
 
-def tell_field(one: PlaneField) -> None:
+def tell_field(name: str, one: PlaneField) -> None:
     """The model, the axis, and of the planes compared the errors of the samples at the nodes and between them."""
-    field, name, axis = one.interpolation.field, one.name, one.interpolation.axis
+    field, axis = one.interpolation.field, one.interpolation.axis
     where = "not told" if axis is None else f"{axis.position.round(3)} ± {np.sqrt(np.diag(axis.covariance)).round(3)}"
     print(f"{name}: {len(field.nodes)} nodes, {field.model.name}, {len(field.components)} components, "
           f"axis {where}, true {LENS.axis}")  # fmt: skip

@@ -27,7 +27,6 @@ from station.guide.frontend import MOVE
 from station.guide.workspace import StationLab
 
 WHERE, FRONT, CONFIG, SESSIONS, CONTROL, STATUS = sys.argv[1:]
-catalogue.PLANS |= {"stops": catalogue.Entry("__main__", "stops")}
 MOVES = {"homing": 1, "move": 2, "exposure": 0}
 """How often the operator begins a move, by where the program is stopped."""
 LABS: list[StationLab] = []
@@ -69,6 +68,9 @@ def plan() -> Plan:
     move = Go(lambda facts: {"z_mm": 100.0}, before_the_move)
     requests: dict[str, tuple[Request, ...]] = {"homing": (Home(),), "move": (Home(), move), "exposure": (shoot,)}
     return Plan("stops", "Stops", (Step("only", "Only", "", requests[WHERE]),))
+
+
+catalogue.PLANS |= {"stops": catalogue.Entry("stops", plan)}
 
 
 def new_lab() -> StationLab:

@@ -37,7 +37,7 @@ def done(tmp_path_factory):
     state = session.state
     session.close()
     bench.close()
-    found = compute(session.folder, state, plan).outcomes["G1"].value
+    found = compute(session.folder, state, plan).planes["G1"].found
     return SimpleNamespace(ended=ended, operator=operator, view=view, state=state, found=found)
 
 

@@ -49,7 +49,6 @@ NOISE_BANDS = 128
 Picture = npt.NDArray[np.float32]
 Complex = npt.NDArray[np.complex128]
 Indices = npt.NDArray[np.int64]
-Merits = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

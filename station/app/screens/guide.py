@@ -12,14 +12,25 @@ from textual.binding import BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 
 from station.app.commands import GUIDE, Command, EndRun, GoOn, NewSession, ShowResults, StepBack, bindings
-from station.app.mailbox import Glimpse, Judged, News, Question
+from station.app.mailbox import Glimpse, News, Question
 from station.app.screens.parts import AnswerBox, StationScreen
 from station.app.screens.result_view import mtf_plot
 from station.app.terminal_images import psf_thumbnail
 from station.app.widgets import CurveView, Part, Picture, ProgressLine, Rail, Readings, lines_of, literal, verdict_words
 from station.drawing.diagrams import drawn
 from station.drawing.terminal_plots import Curve, Frame, plot
-from station.guide.frontend import MOVE, CurveSeen, Doing, RunBegan, RunEnded, Shown, StepBegan, StepEnded, Trouble
+from station.guide.frontend import (
+    MOVE,
+    CurveSeen,
+    Doing,
+    Result,
+    RunBegan,
+    RunEnded,
+    Shown,
+    StepBegan,
+    StepEnded,
+    Trouble,
+)
 
 if TYPE_CHECKING:
     from station.app.background import Problem
@@ -165,15 +176,14 @@ class GuideScreen(StationScreen):
         self.query_one("#trouble", Part).say(f"{self.glyphs.bad} {trouble.reason}. {trouble.remedy}.", "bold")
 
     @show.register
-    def _(self, judged: Judged) -> None:
+    def _(self, result: Result) -> None:
         self._doing_last = False
-        result = judged.result
-        planes = [f"{name}: {verdict_words(verdict, self.glyphs)}" for name, verdict in result.verdicts.items()]
+        planes = [f"{name}: {verdict_words(one.verdict, self.glyphs)}" for name, one in result.planes.items()]
         words = [f"{verdict_words(result.verdict, self.glyphs)}   {'   '.join(planes)}", result.reason, result.remedy]
         self._verdict = tuple(text for text in words if text)
         self.query_one("#instruction", Part).update(lines_of(literal("Result", "bold"), *self._verdict))
         self.query_one(Readings).show(())
-        shown = [plane for plane in (judged.shown.planes.values() if judged.shown else ()) if plane.samples is not None]
+        shown = [plane for plane in result.planes.values() if plane.samples is not None]
         if shown and shown[0].samples is not None:
             one = next((plane for plane in shown if plane.name == "G1"), shown[0])
             assert one.samples is not None

@@ -57,7 +57,7 @@ def psf_field(
     from procedures.field.conclusion import conclude
     from procedures.field.measuring import measure
     from procedures.pattern_psf.estimate import PatternParameters
-    from station.calibration.field import centre_result
+    from station.calibration.field import centre_results
     from station.calibration.field_photographs import check_noted, focus_positions, photographs
     from station.calibration.planes import diffraction_limit
     from station.reports.field_files import write_field_result
@@ -83,9 +83,10 @@ def psf_field(
         known = {name: value for name, value in optics.items() if value is not None}
         given = {**options, "chart": source.origin, **known, **told_layout(layout), **told_trust(trusted)}
         text = write_field_result(results, found, parameters=given, report=report, start=start)
-    for one in found.planes:
-        tell_result(centre_result(one))
+    planes = centre_results(found)
+    for one in planes:
+        tell_result(one)
     log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))
-    finish([centre_result(one) for one in found.planes], text, as_json=as_json)
+    finish(planes, text, as_json=as_json)
     if measured.failed:
         raise click.exceptions.Exit(FAILED_ITEMS)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -42,6 +43,10 @@ def session_recompute(name: str, root: Path, numbers: tuple[int, ...], as_json: 
 
 
 SAME_MACHINE = "versions and processor are the same: the program itself has changed since, or the result was altered"
+TOLD = 6
+"""Files and entries that are named, of many."""
+HASHES = "files."
+"""Entries of a record that say what its files already say."""
 
 
 def _tell(one: Comparison) -> None:
@@ -49,8 +54,31 @@ def _tell(one: Comparison) -> None:
         how = f", computed with the kernels of {one.kernels}, as then" if one.kernels else ""
         log("recomputed", f"{one.result}: identical, {len(one.same)} files{how}", result=one.result, identical=1)
         return
-    told = {"differ": one.different, "are missing now": one.missing, "are new": one.added}
-    words = [f"{', '.join(names)} {what}" for what, names in told.items() if names]
-    words += [f"in the record: {', '.join(one.keys[:8])}"] if one.keys else []
-    remedy = "; ".join(f"{what} was {then}, is {now}" for what, then, now in one.machine) or SAME_MACHINE
+    told = {"differ": one.different, "missing now": one.missing, "new": one.added}
+    words = [f"plane {plane} was {then}, is {now}" for plane, then, now in one.verdicts]
+    words += _numbers(one)
+    words += [f"{what}: {_some(names)}" for what, names in told.items() if names]
+    if keys := [key for key in one.keys if not key.startswith(HASHES)]:
+        words.append(f"in the record: {_some(keys)}")
+    changed = [f"{what} was {then}, is {now}" for what, then, now in one.machine] or [SAME_MACHINE]
+    remedy = "; ".join(
+        [f"drawn by {f'version {one.version}' if one.version else 'a version that was not installed'}", *changed]
+    )
     log("recomputed", f"{one.result}: {'; '.join(words)}", level="error", remedy=remedy, result=one.result, identical=0)
+
+
+def _some(names: Sequence[str]) -> str:
+    """The first of some names, and how many more there are."""
+    more = f" and {len(names) - TOLD} more" if len(names) > TOLD else ""
+    return f"{', '.join(names[:TOLD])}{more}"
+
+
+def _numbers(one: Comparison) -> list[str]:
+    """How far the numbers went, measured by their own uncertainties."""
+    if not one.numbers:
+        return []
+    if not one.moved:
+        return [f"its {one.numbers} numbers are the same"]
+    far = one.moved[0]
+    words = f"the most {far.number} of {far.plane}, {far.then:.6g} then and {far.now:.6g} now"
+    return [f"{len(one.moved)} of {one.numbers} numbers moved, {words}: {far.sigmas:+.2g} of its uncertainty"]

@@ -61,7 +61,7 @@ def test_a_bracket_tells_the_tilt_and_the_field_is_that_of_the_sharpest_position
     numbers = bracket.focus.numbers()
     for name, expected in zip(("focus_tilt_x", "focus_tilt_y"), TILT_MM, strict=True):
         assert numbers[name].value == pytest.approx(expected, abs=4 * numbers[name].uncertainty + 0.004)
-    centre = bracket.planes[0].centre.h
+    centre = bracket.planes["R"].result().centre.h
     # noise of one sample 3e-4 before the mean of many
     np.testing.assert_allclose(centre, gaussian(0.5), atol=1e-3)
 
@@ -79,13 +79,13 @@ def test_a_bracket_too_short_says_so_and_the_field_is_told_all_the_same():
     found = conclude(measured(np.random.default_rng(1), two), two)
     assert found.focus is None
     assert "3 focus positions or more" in found.focus_refusal
-    assert found.planes[0].interpolation is not None
+    assert found.planes["R"].value is not None
 
 
 def test_planes_with_too_few_nodes_are_refused_by_name():
     found = conclude(measured(np.random.default_rng(1), {"one.dng": 0.0}, places=2))
-    assert [str(one.verdict) for one in found.planes] == ["refused", "refused"]
-    assert "plane R has 4" in found.planes[0].reason
+    assert [str(one.verdict) for one in found.planes.values()] == ["refused", "refused"]
+    assert "plane R has 4" in found.planes["R"].reason
     assert found.colours == ()
 
 

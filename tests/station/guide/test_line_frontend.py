@@ -13,6 +13,7 @@ from procedures.raw import Plane
 from station.guide.answers import parse
 from station.guide.frontend import CurveSeen, Doing, Result, RunEnded, Seen, Shown, Stopped, Trouble
 from station.guide.line_frontend import Plain
+from station.results.plane_result import PlaneResult
 
 REFUSED = Verdict.REFUSED
 WIDTH = Ask("width", "How wide?", "number", "mm", 300.0, low=32.0, high=3600.0)
@@ -93,14 +94,13 @@ def test_what_was_just_advised_is_not_asked_in_the_same_words_again():
 
 
 def test_troubles_results_and_ends_are_told_in_lines():
-    numbers = {"G1": {"mtf50_horizontal": Quantity(0.412, "cycles/pixel", 0.003, "", 9)}}
+    numbers = {"mtf50_horizontal": Quantity(0.412, "cycles/pixel", 0.003, "", 9)}
+    planes = {"G1": PlaneResult("G1", Verdict.PASS, numbers=numbers), "B": PlaneResult("B", Verdict.REFUSED)}
     text, _ = told(
         Doing("exposing", 1, 3, 12.0),
         CurveSeen("z_mm", (1.0, 2.0), (0.5, float("nan"))),
         Trouble("no frame came", "check the cable"),
-        Result(
-            "out", {"G1": Verdict.PASS, "B": Verdict.REFUSED}, Verdict.REFUSED, "too dark", "expose longer", numbers
-        ),
+        Result("out", planes, Verdict.REFUSED, "too dark", "expose longer"),
         RunEnded("finished", "report.html"),
     )
     for line in (

@@ -124,7 +124,29 @@ def test_file_that_was_altered_is_named(folder):
     done = CliRunner().invoke(main, ["session", "recompute", str(folder), "--result", "2"])
     path.write_bytes(whole)
     assert done.exit_code == 1
-    assert "derived/2: result.json differ; in the record: parameters.mean" in done.stderr
+    assert "numbers are the same; differ: result.json; in the record: parameters.mean" in done.stderr
+
+
+def test_a_number_that_moved_is_told_in_units_of_its_uncertainty(folder):
+    path = folder / "derived/2/result.json"
+    whole = path.read_bytes()
+    record = json.loads(whole)
+    number = record["planes"]["G1"]["mtf50_radial"]
+    now = number["value"]
+    number["value"] = now + 3 * number["uncertainty"]  # as if it had been estimated three uncertainties too high
+    assert record["planes"]["G1"]["verdict"] == "doubtful"
+    record["planes"]["G1"]["verdict"] = "pass"
+    path.write_text(json.dumps(record))
+    done = CliRunner().invoke(main, ["session", "recompute", str(folder), "--result", "2"])
+    (found,) = recompute(folder, (2,))
+    path.write_bytes(whole)
+    (moved,) = found.moved
+    assert (moved.plane, moved.number, moved.now) == ("G1", "mtf50_radial", now)
+    assert moved.sigmas == pytest.approx(-3)
+    assert f"1 of {found.numbers} numbers moved, the most mtf50_radial of G1" in done.stderr
+    assert "-3 of its uncertainty" in done.stderr
+    assert "plane G1 was pass, is doubtful" in done.stderr
+    assert "drawn by version" in done.stderr or "drawn by a version that was not installed" in done.stderr
 
 
 def test_photograph_that_was_altered_is_found_before_anything_is_computed(folder):

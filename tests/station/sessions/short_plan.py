@@ -19,8 +19,6 @@ from station.guide.catalogue import Entry
 
 SHOTS = 2
 CHART, PARAMETERS = Chart.from_seed(), PatternParameters(s=3, k=13)
-ENTRY = {"short": Entry(__name__, "a short one")}
-"""For the table of plans."""
 
 
 def plan() -> Plan:
@@ -60,3 +58,7 @@ def photographs() -> dict[str, bytes]:
     view = View(World(), np.random.default_rng(1), replace(bench_camera(), sensor=Sensor(rows=320, columns=400)))
     names = ["look", *(f"shot {i}" for i in range(SHOTS))]
     return {name: view.develop(Opening(0.0, 0.02, i)) for i, name in enumerate(names)}
+
+
+ENTRY = {"short": Entry("a short one", plan)}
+"""For the table of plans."""
