@@ -180,8 +180,10 @@ def read_camera(path: Path | str) -> Exposure | None:
         told = None
     if not isinstance(told, dict):
         return None
-    words = {name: one for name in NOTED[:2] if isinstance(one := told.get(name), str)}
-    numbers = {name: one for name in NOTED[2:] if type(one := told.get(name)) in (int, float) and 0 < one < math.inf}
+    words: dict[str, Any] = {name: one for name in NOTED[:2] if isinstance(one := told.get(name), str)}
+    numbers: dict[str, Any] = {
+        name: float(one) for name in NOTED[2:] if type(one := told.get(name)) in (int, float) and 0 < float(one) < math.inf
+    }
     return Exposure(**words, **numbers)
 
 
