@@ -181,10 +181,12 @@ def read_camera(path: Path | str) -> Exposure | None:
     if not isinstance(told, dict):
         return None
     words: dict[str, Any] = {name: one for name in NOTED[:2] if isinstance(one := told.get(name), str)}
-    numbers: dict[str, Any] = {
-        name: float(one) for name in NOTED[2:] if type(one := told.get(name)) in (int, float) and 0 < float(one) < math.inf
-    }
+    numbers: dict[str, Any] = {name: one for name in NOTED[2:] if _is_positive(one := told.get(name))}
     return Exposure(**words, **numbers)
+
+
+def _is_positive(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < math.inf
 
 
 def read_colours(path: Path | str) -> dict[str, LateralColour]:

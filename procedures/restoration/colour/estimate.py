@@ -12,8 +12,8 @@ from scipy.ndimage import shift as moved
 from procedures.raw import Plane
 from procedures.restoration.colour.mosaic import Mosaics, depth_on_sensor, mosaics, spread
 from procedures.restoration.colour.picture import MosaicTerm, alone, mixing, with_depth
+from procedures.restoration.first_depth.segments import SegmentSettings
 from procedures.restoration.joint.estimate import Restoration
-from procedures.restoration.joint.joint_descent import JUMP
 from procedures.restoration.masks.blur_models import Unit
 from procedures.restoration.masks.blur_operator import Array, MaskStack
 from procedures.restoration.masks.mask_fields import MaskField, Masks, one_grid
@@ -48,7 +48,7 @@ def in_colour(
     known = mosaics(photographs, found.light)
     names = list(photographs[0])
     first = spread(dict(zip(names, found.sharp, strict=True)), known.origins) / known.gains[:, None, None]
-    w = depth_on_sensor(found.w, JUMP)
+    w = depth_on_sensor(found.w, SegmentSettings.jump)
     sharp, w, residual = pair_at(
         known, w, first, shifted(masks, 2 * found.shifts), found.diagnostics.noise, steps or Steps()
     )

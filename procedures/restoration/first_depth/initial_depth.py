@@ -218,7 +218,8 @@ class Matching:
     window : side of their mean, pixels; cap : cost at which a level is simply wrong; small, large : penalties of a
     change by one level and by more; median : side of the last smoothing; step : of the levels,
     pixels; fits : cost up to which a level explains the photographs; outlying : per cent of the frame on each side that
-    does not tell what depths the scene spans.
+    does not tell what depths the scene spans; least_sigma : level differences of the matching's steps, taken as noise:
+    below this the first costs say nothing more.
     """
 
     window: int = 5
@@ -230,6 +231,7 @@ class Matching:
     step: float = 0.15
     fits: float = 3.0
     outlying: float = 0.5
+    least_sigma: float = 1.4e-3
 
 
 def matched(

@@ -22,14 +22,29 @@ from procedures.restoration.masks.blur_operator import Array
 Labels = NDArray[np.int32]
 Mask = NDArray[np.bool_]
 
-# distances from the nearest jump at which parts that hang together are one: first the broad ones, so that a gap
-# in a line of jumps does not join what lies on its two sides
-CLEAR = (14, 9, 6, 4, 3)
-# fewer clear pixels are a blemish of the surface around them
-LEAST_PIXELS = 40
-BLEMISH_PIXELS = 400
-# part of a window that has to be known for its plane to be believed
-SCARCE = 0.03
+
+@dataclass(frozen=True)
+class SegmentSettings:
+    """What is a segment of a depth map, and what a blemish of one.
+
+    Attributes
+    ----------
+    jump : float
+        Change of w within two pixels, in pixels, that is taken for a depth step: at 0.35 small steps smeared by
+        matching were missed.
+    clear : tuple of int
+        Distances from the nearest jump, pixels, at which parts that hang together are one: first the broad ones, so
+        that a gap in a line of jumps does not join what lies on its two sides.
+    least_pixels : int
+        Fewer clear pixels are no segment.
+    blemish_pixels : int
+        A part of fewer, that leaves the surface around it, is a blemish of that.
+    """
+
+    jump: float = 0.28
+    clear: tuple[int, ...] = (14, 9, 6, 4, 3)
+    least_pixels: int = 40
+    blemish_pixels: int = 400
 
 
 def span(w: Array, size: int = 3) -> Array:
@@ -37,18 +52,18 @@ def span(w: Array, size: int = 3) -> Array:
     return np.asarray(maximum_filter(w, size) - minimum_filter(w, size))
 
 
-def segments(w: Array, jump: float, doubt: int, known: Labels | None = None) -> Labels:
-    """Segments 1, 2, ... of a depth map, (H, W): parts that differ by `jump` where they meet.
+def segments(w: Array, settings: SegmentSettings, doubt: int, known: Labels | None = None) -> Labels:
+    """Segments 1, 2, ... of a depth map, (H, W): parts that differ by a jump where they meet.
 
     Cut at jumps, at the borders of segments already `known`, and at necks between them; then parts whose surfaces meet
     are joined again. doubt : pixels about a cut whose depth is not believed.
     """
-    steep = span(w)
+    steep, jump = span(w), settings.jump
     cuts = steep > jump
     if known is not None:
         cuts |= _borders(known)
         steep = np.where(_borders(known), np.maximum(steep, jump), steep)
-    markers = _markers(np.asarray(distance_transform_edt(~cuts)))
+    markers = _markers(np.asarray(distance_transform_edt(~cuts)), settings)
     if markers.max() == 0:
         return np.ones(w.shape, np.int32)
     height = (steep * (60000 / max(float(steep.max()), 1e-6))).astype(np.uint16)
@@ -58,14 +73,14 @@ def segments(w: Array, jump: float, doubt: int, known: Labels | None = None) -> 
     return _merged(w, labels[tuple(nearest)], jump / 2, doubt)
 
 
-def _markers(distance: Array) -> Labels:
+def _markers(distance: Array, settings: SegmentSettings) -> Labels:
     """Numbered cores of the parts: at every distance from the cuts, those that contain no core yet."""
     markers = np.zeros(distance.shape, np.int32)
-    for clear in CLEAR:
+    for clear in settings.clear:
         parts, n = label(distance > clear)
         taken = np.zeros(n + 1, bool)
         taken[np.unique(parts[markers > 0])] = True
-        new = (np.bincount(parts.ravel(), minlength=n + 1) >= LEAST_PIXELS) & ~taken
+        new = (np.bincount(parts.ravel(), minlength=n + 1) >= settings.least_pixels) & ~taken
         new[0] = False
         number = np.where(new, np.cumsum(new) + markers.max(), 0).astype(np.int32)
         markers += number[parts]
@@ -96,32 +111,34 @@ def _meetings(labels: Labels, own: Array) -> dict[tuple[int, int], Array]:
     return {pair: np.concatenate(parts) for pair, parts in found.items()}
 
 
-def continued(w: Array, known: Array, sigma: float) -> Array:
+def continued(w: Array, known: Array, sigma: float, scarce: float = 0.03) -> Array:
     """w continued from where `known` is 1: at each pixel, the plane that fits the known depths around it best.
 
-    Gaussian window of `sigma` pixels, twice as wide and wider where it holds nearly nothing known.
+    Gaussian window of `sigma` pixels, twice as wide and wider where it holds nearly nothing known; scarce : part of it
+    that has to be known for its plane to be believed.
     """
     plane = fitted(w, known, sigma)
     found, mass = plane.value, plane.mass
-    if mass.min() > SCARCE or min(w.shape) < 4 * sigma:
+    if mass.min() > scarce or min(w.shape) < 4 * sigma:
         return np.asarray(found)
-    wider = _halved(w, known, sigma)
-    return np.asarray(wider + mass / (mass + SCARCE) * (found - wider))
+    wider = _halved(w, known, sigma, scarce)
+    return np.asarray(wider + mass / (mass + scarce) * (found - wider))
 
 
-def _halved(w: Array, known: Array, sigma: float) -> Array:
+def _halved(w: Array, known: Array, sigma: float, scarce: float) -> Array:
     """The same from a picture of half the size, in which the window is twice as wide."""
     half = (w.shape[1] // 2, w.shape[0] // 2)
     k = cv2.resize(known, half, interpolation=cv2.INTER_AREA)
     v = cv2.resize(known * w, half, interpolation=cv2.INTER_AREA) / np.maximum(k, 1e-12)
-    small = continued(np.asarray(v, w.dtype), np.asarray(k, w.dtype), sigma)
+    small = continued(np.asarray(v, w.dtype), np.asarray(k, w.dtype), sigma, scarce)
     return np.asarray(cv2.resize(small, w.shape[::-1], interpolation=cv2.INTER_LINEAR), dtype=w.dtype)
 
 
-def mended(w: Array, labels: Labels, doubt: int, jump: float) -> Array:
-    """w without blemishes: small parts cut out by jumps that leave the surface around them by more than `jump`."""
+def mended(w: Array, labels: Labels, doubt: int, settings: SegmentSettings) -> Array:
+    """w without blemishes: small parts cut out by jumps that leave the surface around them by more than a jump."""
+    jump = settings.jump
     parts, n = label(span(w) <= jump)
-    small = np.bincount(parts.ravel(), minlength=n + 1) < BLEMISH_PIXELS
+    small = np.bincount(parts.ravel(), minlength=n + 1) < settings.blemish_pixels
     small[0] = True
     around = surfaces(w, np.where(small[parts], 0, labels), 3 * doubt, doubt)
     wrong = small[parts] & around.near & (np.abs(w - around.other) > jump)

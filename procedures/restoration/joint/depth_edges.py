@@ -20,12 +20,33 @@ from procedures.restoration.joint.data_term import DataTerm, conjugate_gradients
 from procedures.restoration.joint.priors import diffuse
 from procedures.restoration.masks.blur_operator import Array
 
-# curvature of the data term per pixel: pillboxes and paths of 3 to 11 pixels lie around it
-PICTURE_CURVATURE = 0.3
-SHARE_CURVATURE = 0.05
-SHARE_WEIGHT = 1e-4
-# of the frame: a larger part is not cut out
-WORTH_CUTTING = 0.7
+
+@dataclass(frozen=True)
+class EdgeSettings:
+    """How the share of two layers is solved for.
+
+    Attributes
+    ----------
+    picture_curvature, share_curvature : float
+        Of the data term per pixel, over the picture and over the share of a white picture, in the preconditioner:
+        pillboxes and paths of 3 to 11 pixels lie around the first, a step of usual height around the second.
+    share_weight : float
+        Of the share's squared differences, photographs in [0, 1]: keeps it even where there is no detail.
+    worth_cutting : float
+        Part of the frame up to which what a band reaches is cut out and solved by itself; beyond, cutting gains little.
+    rounds, iterations : int
+        Gauss-Newton rounds, and conjugate gradients in each: the border moves by less than a pixel after these.
+    longest : float
+        Change of a share in one round: it is linear, but the picture that goes with it is not known yet.
+    """
+
+    picture_curvature: float = 0.3
+    share_curvature: float = 0.05
+    share_weight: float = 1e-4
+    worth_cutting: float = 0.7
+    rounds: int = 4
+    iterations: int = 40
+    longest: float = 0.3
 
 
 @dataclass(frozen=True)
@@ -80,7 +101,7 @@ def _no_layers(w: Array, labels: Labels) -> Layers:
 
 
 def shared(
-    high: DataTerm, low: DataTerm, u: Array, layers: Layers, weight: float, rounds: int, iterations: int
+    high: DataTerm, low: DataTerm, u: Array, layers: Layers, weight: float, settings: EdgeSettings
 ) -> tuple[Array, Array]:
     """Picture (C, H', W') and share (H', W') that explain the photographs best, by Gauss-Newton over both.
 
@@ -89,28 +110,30 @@ def shared(
     """
     band, b = layers.band.astype(u.dtype), layers.share.astype(u.dtype)
     around = surroundings(layers.band, high.R)
-    for _ in range(rounds):
+    for _ in range(settings.rounds):
         e = _unexplained(high, low, u, layers, b)
-        x = _share_step(high, low, (u, b, band, around.astype(u.dtype)), e, weight, iterations)
-        b = np.where(layers.band, np.clip(b + np.clip(x[-1], -0.3, 0.3), 0, 1), b).astype(u.dtype)
+        x = _share_step(high, low, (u, b, band, around.astype(u.dtype)), e, weight, settings)
+        b = np.where(layers.band, np.clip(b + np.clip(x[-1], -settings.longest, settings.longest), 0, 1), b).astype(
+            u.dtype
+        )
         u = u + x[:-1]
     return u, b
 
 
 def _shared_in_window(
-    high: DataTerm, low: DataTerm, u: Array, layers: Layers, weight: float, rounds: int, iterations: int
+    high: DataTerm, low: DataTerm, u: Array, layers: Layers, weight: float, settings: EdgeSettings
 ) -> tuple[Array, Array]:
     """`shared`, of that part of the frame alone which the band's surroundings reach, where that is less."""
     shape = high.z.shape[2:]
     around = surroundings(layers.band, high.R)
     y, x = (_seen(np.any(around, axis=1 - n), high.R, shape[n]) for n in (0, 1))
-    if (y.stop - y.start) * (x.stop - x.start) > WORTH_CUTTING * shape[0] * shape[1]:
-        return shared(high, low, u, layers, weight, rounds, iterations)
+    if (y.stop - y.start) * (x.stop - x.start) > settings.worth_cutting * shape[0] * shape[1]:
+        return shared(high, low, u, layers, weight, settings)
     at = (slice(y.start, y.stop + 2 * high.R), slice(x.start, x.stop + 2 * high.R))
     part = Layers(*(getattr(layers, field.name)[at] for field in fields(layers)))
     sharper, share = u.copy(), layers.share.astype(u.dtype)
     sharper[:, *at], share[at] = shared(
-        high.windowed(y, x), low.windowed(y, x), np.ascontiguousarray(u[:, *at]), part, weight, rounds, iterations
+        high.windowed(y, x), low.windowed(y, x), np.ascontiguousarray(u[:, *at]), part, weight, settings
     )
     return sharper, share
 
@@ -140,14 +163,19 @@ def _unexplained(high: DataTerm, low: DataTerm, u: Array, layers: Layers, b: Arr
 
 
 def _share_step(
-    high: DataTerm, low: DataTerm, at: tuple[Array, Array, Array, Array], e: Array, weight: float, iterations: int
+    high: DataTerm,
+    low: DataTerm,
+    at: tuple[Array, Array, Array, Array],
+    e: Array,
+    weight: float,
+    settings: EdgeSettings,
 ) -> Array:
     """Change of picture and share (C + 1, H', W') that the errors e ask for. at : u, share, band, surroundings."""
     u, b, band, around = at
 
     def add_smoothing(out: Array, v: Array, share: Array, sign: int) -> Array:
         out[:-1] += around * (u.dtype.type(sign * weight) * diffuse(v))
-        out[-1] += band * (u.dtype.type(sign * SHARE_WEIGHT) * diffuse(share))
+        out[-1] += band * (u.dtype.type(sign * settings.share_weight) * diffuse(share))
         return out
 
     def gradients(e: Array) -> Array:
@@ -168,9 +196,9 @@ def _share_step(
         e += low.blur(du - above)
         return add_smoothing(gradients(e), du, db, 1)
 
-    divide = np.full((len(u) + 1, *b.shape), PICTURE_CURVATURE, u.dtype)
-    divide[-1] = SHARE_CURVATURE * (u**2).sum(axis=0) + 4 * SHARE_WEIGHT
-    return conjugate_gradients(apply, add_smoothing(gradients(e), u, b, -1), iterations, divide)
+    divide = np.full((len(u) + 1, *b.shape), settings.picture_curvature, u.dtype)
+    divide[-1] = settings.share_curvature * (u**2).sum(axis=0) + 4 * settings.share_weight
+    return conjugate_gradients(apply, add_smoothing(gradients(e), u, b, -1), settings.iterations, divide)
 
 
 def place_steps(
@@ -181,9 +209,8 @@ def place_steps(
     labels: Labels,
     layers: Layers,
     weight: float,
-    rounds: int = 4,
-    iterations: int = 40,
     decided: float = 1.0,
+    settings: EdgeSettings | None = None,
 ) -> tuple[Array, Array, Labels]:
     """Picture, depth and segments with the steps moved to where they explain the photographs best.
 
@@ -191,7 +218,7 @@ def place_steps(
     """
     if not layers.band.any():
         return u, w, labels
-    sharper, b = _shared_in_window(high, low, u, layers, weight, rounds, iterations)
+    sharper, b = _shared_in_window(high, low, u, layers, weight, settings or EdgeSettings())
     border = np.where(np.abs(b - 0.5) > decided, b, median_filter(b, 3)) > 0.5
     moved = np.where(layers.band, np.where(border, layers.high, layers.low), w).astype(w.dtype)
     relabelled = np.where(border, layers.high_label, layers.low_label)

@@ -15,24 +15,42 @@ from procedures.restoration.first_depth import initial_depth, registration
 from procedures.restoration.joint import joint_descent
 from procedures.restoration.joint.data_term import DataTerm
 from procedures.restoration.joint.noise_and_contrast import noise_gain, picture_uncertainty
-from procedures.restoration.joint.schedule import Schedule, Scheme
+from procedures.restoration.joint.schedule import Schedule, Scheme, WeightSettings
 from procedures.restoration.masks import checks
 from procedures.restoration.masks.blur_models import Unit
 from procedures.restoration.masks.blur_operator import Array
 from procedures.restoration.masks.mask_fields import MaskField, Masks, one_grid
 
-# noise of the restored picture beyond which ringing hides its detail, white = 1
-MOST_NOISE = 0.06
 STARTS = ("matched", "blur", "symmetric")
 AXES = ("both", "x", "y")
-# level differences of the matching's steps, taken as noise: below this the first costs say nothing more
-LEAST_START_SIGMA = 1.4e-3
-# what is left over rounding of 8 bits alone is no disagreement
-LEAST_NOISE = 1.2e-3
-# residual over the photographs' own noise: 0.2 to 1.0 with true masks; 1.2 to 1.5 with measured ones that have errors
-# of their own, and with paths bent by a fifth; up to 2.6 with another shape (a Gaussian for a pillbox); 11 and more
-# where the photographs are not of one scene. Under the first nothing is said, over the second no picture is common
-EXPLAINED, MOST_RESIDUAL = 1.2, 5.0
+
+
+@dataclass(frozen=True)
+class Limits:
+    """From when on a restoration is doubted or refused.
+
+    Attributes
+    ----------
+    explained, most_residual : float
+        Residual over the photographs' own noise: 0.2 to 1.0 with true masks; 1.2 to 1.5 with measured ones that have
+        errors of their own, and with paths bent by a fifth; up to 2.6 with another shape (a Gaussian for a pillbox); 11
+        and more where the photographs are not of one scene. Under the first nothing is said, over the second no picture
+        is common.
+    least_noise : float
+        What is left over rounding of 8 bits alone is no disagreement, white = 1.
+    most_noise : float
+        Noise of the restored picture beyond which ringing hides its detail, white = 1.
+    most_at_limit, most_undetermined, most_saturated : float
+        Parts of the frame: with w at the end of its range, with w uncertain by more than half a pixel, saturated.
+    """
+
+    explained: float = 1.2
+    most_residual: float = 5.0
+    least_noise: float = 1.2e-3
+    most_noise: float = 0.06
+    most_at_limit: float = 0.05
+    most_undetermined: float = 0.5
+    most_saturated: float = 0.02
 
 
 @dataclass(frozen=True)
@@ -44,6 +62,7 @@ class RestorationParameters:
     Algorithm III over the whole frame), "blur" (Algorithm III), "symmetric" (Algorithm II). symmetric_axis : "both" for
     masks symmetric about axes and diagonals (Proposition 2), "x" or "y" for even ones along one axis (Proposition 3).
     total_variation, depth_total_variation : of picture and w, instead of quadratic priors.
+    registration, matching, weights, joint, limits : what each stage goes by, with the reasons of its numbers.
     """
 
     scheme: Scheme = field(default_factory=Scheme)
@@ -54,6 +73,11 @@ class RestorationParameters:
     total_variation: bool = False
     depth_total_variation: bool = False
     dtype: type[np.floating[Any]] = np.float32
+    registration: registration.RegistrationSettings = field(default_factory=registration.RegistrationSettings)
+    matching: initial_depth.Matching = field(default_factory=initial_depth.Matching)
+    weights: WeightSettings = field(default_factory=WeightSettings)
+    joint: joint_descent.JointSettings = field(default_factory=joint_descent.JointSettings)
+    limits: Limits = field(default_factory=Limits)
 
     def __post_init__(self) -> None:
         if self.depth_start not in STARTS:
@@ -132,16 +156,14 @@ def noise_of(z: Array, stacks: Sequence[Masks]) -> float:
     return max(1.3 * float(np.sqrt(np.percentile(least, 25))), 1e-5)
 
 
-def first_depth(
-    z: Array, stacks: Sequence[Masks], sigma: float, start: str, axis: str = "both"
-) -> initial_depth.DepthStart:
-    """The depth to begin with, by the algorithm named; axis : of Algorithm II."""
-    sigmas = np.full(len(z), max(sigma, LEAST_START_SIGMA))
-    if start == "symmetric":
-        return initial_depth.algorithm_2(z, stacks, sigma, direction=axis)
-    if start == "blur":
+def first_depth(z: Array, stacks: Sequence[Masks], sigma: float, p: RestorationParameters) -> initial_depth.DepthStart:
+    """The depth to begin with, by the algorithm named."""
+    sigmas = np.full(len(z), max(sigma, p.matching.least_sigma))
+    if p.depth_start == "symmetric":
+        return initial_depth.algorithm_2(z, stacks, sigma, direction=p.symmetric_axis)
+    if p.depth_start == "blur":
         return initial_depth.algorithm_3(z, stacks, sigmas)
-    return initial_depth.matched(z, stacks, sigmas)
+    return initial_depth.matched(z, stacks, sigmas, matching=p.matching)
 
 
 def restore(
@@ -151,7 +173,8 @@ def restore(
     progress: Callable[[joint_descent.Round], None] | None = None,
 ) -> Outcome[Restoration]:
     """The sharp picture and the depth map, with a verdict; refused ones have no value. See `restoration_of`."""
-    return judge(restoration_of(photographs, stacks, parameters, progress))
+    p = parameters or RestorationParameters()
+    return judge(restoration_of(photographs, stacks, p, progress), p.limits)
 
 
 def restoration_of(
@@ -178,12 +201,12 @@ def restoration_of(
     saturated = float((trust == 0).mean())
     checks.check_texture(z, own_noise(z))
     checks.check_registered(z, stacks[0].R)
-    brought = registration.registered(z, trust, stacks)
+    brought = registration.registered(z, trust, stacks, p.registration)
     z, trust = brought.z, brought.trust
     sigma = noise_of(z, stacks)
-    start = first_depth(z, stacks, sigma, p.depth_start, p.symmetric_axis)
+    start = first_depth(z, stacks, sigma, p)
     fields = one_grid(stacks)
-    schedule = Schedule(p.scheme.rounds, p.image_weight, p.depth_weight, not p.depth_total_variation)
+    schedule = Schedule(p.scheme.rounds, p.image_weight, p.depth_weight, not p.depth_total_variation, p.weights)
     data, other = joint_descent.problem_of(z, fields, trust, p.dtype, MaskField.blur)
     problem = joint_descent.Problem(
         data,
@@ -195,9 +218,10 @@ def restoration_of(
         p.total_variation,
         p.depth_total_variation,
         misfit_of(start.trusted, data.R),
+        p.joint,
     )
     state = joint_descent.run(problem, joint_descent.begin(problem, start.w), progress)
-    return _restoration(data, state, start, brought, saturated)
+    return _restoration(data, state, start, brought, saturated, p.limits.least_noise)
 
 
 def reach_of(w: Array, stacks: Sequence[Masks]) -> int:
@@ -218,6 +242,7 @@ def _restoration(
     start: initial_depth.DepthStart,
     brought: registration.Registered,
     saturated: float,
+    least_noise: float,
 ) -> Restoration:
     R, inside = data.R, (slice(data.R, -data.R), slice(data.R, -data.R))
     data.focus(state.w)
@@ -226,7 +251,7 @@ def _restoration(
     w = state.w[inside]
     limit = min(b.stack.max_w for b in data.blurs)
     masks, middle, weight = [b.stack for b in data.blurs], float(np.median(w)), state.history[-1].weights.picture
-    rms, own = _left_over(residual, data), max(own_noise(data.z), LEAST_NOISE)
+    rms, own = _left_over(residual, data), max(own_noise(data.z), least_noise)
     diagnostics = Diagnostics(
         noise=state.known.sigma,
         residual_over_noise=rms / own,
@@ -262,36 +287,40 @@ def w_uncertainty(data: DataTerm, u: Array, w: Array, sigma: float, window: int 
     return np.asarray(np.pad(sigma / np.sqrt(np.maximum(power, 1e-20)), data.R, mode="edge"))
 
 
-def judge(result: Restoration) -> Outcome[Restoration]:
+def judge(result: Restoration, limits: Limits | None = None) -> Outcome[Restoration]:
     """The verdict on a restoration: passed, doubtful with the first thing wrong, or refused without a value."""
-    d = result.diagnostics
-    if d.residual_over_noise > MOST_RESIDUAL:
+    d, s = result.diagnostics, limits or Limits()
+    if d.residual_over_noise > s.most_residual:
         reason = (
             f"no picture explains the photographs: what is left over is {d.residual_over_noise:.0f} times their noise "
-            f"and {d.unexplained:.0%} of their contrast; at most {MOST_RESIDUAL:.0f} times may be"
+            f"and {d.unexplained:.0%} of their contrast; at most {s.most_residual:.0f} times may be"
         )
         remedy = "check that the photographs show one scene in which nothing moved, and which shape blurred which"
         return Outcome(None, Verdict.REFUSED, reason, remedy)
     doubts = [
-        (d.at_limit > 0.05, f"w reaches the end of its range in {d.at_limit:.0%} of the frame", "raise --max-w"),
         (
-            d.residual_over_noise > EXPLAINED,
+            d.at_limit > s.most_at_limit,
+            f"w reaches the end of its range in {d.at_limit:.0%} of the frame",
+            "raise --max-w",
+        ),
+        (
+            d.residual_over_noise > s.explained,
             f"the shapes are off: beyond noise they leave {d.unexplained:.1%} of the photographs' contrast unexplained "
             f"({d.residual_over_noise:.1f} times the noise in all); the picture is uncertain by {d.picture_std:.1%} of "
             "white or more",
             "for finer detail measure the shapes again, or check that nothing moved between the photographs",
         ),
         (
-            d.undetermined > 0.5,
+            d.undetermined > s.most_undetermined,
             f"depth is not determined in {d.undetermined:.0%} of the frame, where texture is weak",
             "put structure into the scene",
         ),
         (
-            d.noise_gain * d.noise > MOST_NOISE,
+            d.noise_gain * d.noise > s.most_noise,
             f"noise is amplified {d.noise_gain:.0f} times, to {d.noise_gain * d.noise:.0%} of white: ringing is likely",
             "raise --image-weight",
         ),
-        (d.saturated > 0.02, f"{d.saturated:.0%} of the samples are saturated", "expose less"),
+        (d.saturated > s.most_saturated, f"{d.saturated:.0%} of the samples are saturated", "expose less"),
     ]
     for wrong, reason, remedy in doubts:
         if wrong:

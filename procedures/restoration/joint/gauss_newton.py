@@ -15,28 +15,21 @@ from procedures.restoration.joint.priors import bending, roughness
 from procedures.restoration.masks.array_loops import add_bending, add_diffusion
 from procedures.restoration.masks.blur_operator import Array
 
-# w against the picture in the preconditioner: with 0.15 to 0.4 of w's own curvature the depth converges farther than
-# with 1 to 2.5 (pairs without noise: 0.8 and 1.2 grey levels instead of 1.0 and 1.6)
-AGILITY = 0.25
-
-
-# Surfaces slope: a prior of differences alone either flattens them or leaves more of the noise
-TILT, BEND = 0.03, 0.75
-
 
 @dataclass(frozen=True)
 class Weights:
     """Weights of the priors in (6.1), the data term counted in squared grey values of photographs in [0, 1].
 
     picture : lambda_u; depth : lambda_w; step : change of w between neighbours, pixels, taken as a depth step.
-    tilt, bend : parts of lambda_w that squared differences of w, and its squared second differences, are counted with.
+    tilt, bend : parts of lambda_w that squared differences of w, and its squared second differences, are counted with:
+    surfaces slope, and a prior of differences alone either flattens them or leaves more of the noise.
     """
 
     picture: float
     depth: float
     step: float = 0.15
-    tilt: float = TILT
-    bend: float = BEND
+    tilt: float = 0.03
+    bend: float = 0.75
 
     def depth_cost(self, w: Array, down: Array, across: Array) -> float:
         """What the prior of w adds to the cost; down, across : its weights on differences."""
@@ -52,12 +45,15 @@ def joint_step(
     diffusion: tuple[Array | float, Array | float] = (1.0, 1.0),
     edges: tuple[Array | float, Array | float] = (1.0, 1.0),
     longest: float = 0.3,
+    agility: float = 0.25,
 ) -> tuple[Array, Array]:
     """Picture and depth after one Gauss-Newton step, its equations solved by conjugate gradients.
 
     `diffusion` and `edges` are the priors' weights on differences of picture and depth.
     u : (C, H + 2R, W + 2R); w : (H + 2R, W + 2R), pixels; longest : change of w in one step, pixels, beyond which the
-    linearised masks say nothing.
+    linearised masks say nothing; agility : of w against the picture in the preconditioner, of w's own curvature: with
+    0.15 to 0.4 the depth converges farther than with 1 to 2.5 (pairs without noise: 0.8 and 1.2 grey levels instead of
+    1.0 and 1.6).
     """
     data.focus(w)
 
@@ -74,7 +70,7 @@ def joint_step(
     divide = np.empty_like(gradient)
     picture, depth = data.curvature(w)
     divide[:-1] = picture + 4 * weights.picture
-    divide[-1] = AGILITY * depth * (u**2).sum(axis=0) + weights.depth * (4 * weights.tilt + 20 * weights.bend)
+    divide[-1] = agility * depth * (u**2).sum(axis=0) + weights.depth * (4 * weights.tilt + 20 * weights.bend)
     x = conjugate_gradients(apply, gradient, iterations, divide)
     limit = min(blur.stack.max_w for blur in data.blurs)
     return u + x[:-1], np.clip(w + np.clip(x[-1], -longest, longest), 0, limit)

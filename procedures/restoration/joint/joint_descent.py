@@ -8,21 +8,20 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from procedures.restoration.first_depth.segments import Labels, joined, mended, segments
+from procedures.restoration.first_depth.segments import Labels, SegmentSettings, joined, mended, segments
 from procedures.restoration.joint.data_term import DataTerm, restore_picture
-from procedures.restoration.joint.depth_edges import layers_of, place_steps
+from procedures.restoration.joint.depth_edges import EdgeSettings, layers_of, place_steps
 from procedures.restoration.joint.gauss_newton import Weights, joint_step
 from procedures.restoration.joint.noise_and_contrast import fitted_by_depth, moments
 from procedures.restoration.joint.priors import depth_variation, roughness, steps_allowed, total_variation
-from procedures.restoration.joint.restart_regions import DOUBT, Pair, left_over, repaired
+from procedures.restoration.joint.restart_regions import Pair, RestartSettings, left_over, repaired
 from procedures.restoration.joint.schedule import (
-    DEPTH_SLOPE,
     PlaceEdges,
     RestartRegions,
     Schedule,
@@ -32,17 +31,35 @@ from procedures.restoration.joint.schedule import (
 )
 from procedures.restoration.masks.blur_operator import Array, Blur
 
-# change of w within two pixels that is taken for a depth step: at 0.35 small steps smeared by matching were missed
-JUMP = 0.28
-# weight of the depth's prior beyond which it bridges steps; it yields with this power of what is left over there, of
-# the frame's median, up to so much of it
-STRONG, YIELDING, MOST_LEFT = 0.2, 5, 2.0
-# joint steps after which a part begun again is compared with what was there
-ON_TRIAL = 3
-# gradient below which total variation is taken as quadratic (6.10), grey values of 1
-LEAST_GRADIENT = 0.005
-# mean squared gradient of textured scenes, white = 1: what is believed until one is restored
 CONTRAST = 0.013
+"""Mean squared gradient of textured scenes, white = 1: what is believed until one is restored."""
+
+
+@dataclass(frozen=True)
+class JointSettings:
+    """How picture and depth are improved together, beside scheme and weights.
+
+    Attributes
+    ----------
+    strong, yielding, most_left : float
+        Weight of the depth's prior beyond which it bridges steps; it then yields with the power `yielding` of what is
+        left over there, of the frame's median, up to `most_left` of that.
+    least_gradient : float
+        Gradient below which total variation is taken as quadratic (6.10), white = 1: grain of fine texture.
+    contrast : float
+        Mean squared gradient of the scene, white = 1, until one is restored.
+    segments, edges, restart
+        Of the depth map's segments, of placing its steps, and of parts begun again.
+    """
+
+    strong: float = 0.2
+    yielding: float = 5
+    most_left: float = 2.0
+    least_gradient: float = 0.005
+    contrast: float = CONTRAST
+    segments: SegmentSettings = field(default_factory=SegmentSettings)
+    edges: EdgeSettings = field(default_factory=EdgeSettings)
+    restart: RestartSettings = field(default_factory=RestartSettings)
 
 
 @dataclass(frozen=True)
@@ -87,6 +104,7 @@ class Problem:
     total_variation: bool = False
     depth_variation: bool = False
     misfit: NDArray[np.bool_] | None = None
+    settings: JointSettings = field(default_factory=JointSettings)
 
 
 def problem_of(
@@ -106,7 +124,7 @@ def begin(problem: Problem, w: Array) -> State:
     mean = (data.z * data.trust).sum(axis=0) / np.maximum(data.trust.sum(axis=0), 1e-6)
     u = np.pad(mean, ((0, 0), (R, R), (R, R)), mode="edge").astype(dtype)
     data.focus(wide)
-    known = Statistics(problem.sigma, CONTRAST)
+    known = Statistics(problem.sigma, problem.settings.contrast)
     weight = max(1e-3, problem.schedule.final(known).picture)
     return State(0, restore_picture(data, u, weight, 15), wide, known)
 
@@ -124,8 +142,8 @@ def _diffusion(problem: Problem, u: Array) -> tuple[Array | float, Array | float
     """The picture prior's weights: 1 for Tikhonov, 1 / |grad u| scaled to the same mean for total variation."""
     if not problem.total_variation:
         return 1.0, 1.0
-    down, across = total_variation(u, LEAST_GRADIENT)
-    scale = np.sqrt(CONTRAST) / 3
+    down, across = total_variation(u, problem.settings.least_gradient)
+    scale = np.sqrt(problem.settings.contrast) / 3
     return down * u.dtype.type(scale), across * u.dtype.type(scale)
 
 
@@ -134,9 +152,11 @@ def _edges(problem: Problem, e: Array | None, w: Array, weights: Weights, labels
 
     A prior so strong that it bridges steps counts less where e, if given, is left over of the photographs, too.
     """
-    down, across = depth_variation(w, DEPTH_SLOPE) if problem.depth_variation else steps_allowed(w, weights.step)
-    if e is not None and weights.depth > STRONG:
-        held = np.pad(np.clip(left_over(e), 1, MOST_LEFT) ** -YIELDING, problem.data.R, mode="edge").astype(w.dtype)
+    s, slope = problem.settings, problem.schedule.weights.slope
+    down, across = depth_variation(w, slope) if problem.depth_variation else steps_allowed(w, weights.step)
+    if e is not None and weights.depth > s.strong:
+        left = np.clip(left_over(e, s.restart.window), 1, s.most_left) ** -s.yielding
+        held = np.pad(left, problem.data.R, mode="edge").astype(w.dtype)
         down, across = down * np.minimum(held[1:], held[:-1]), across * np.minimum(held[:, 1:], held[:, :-1])
     if labels is None:
         return down, across
@@ -186,28 +206,30 @@ def _joint(
 
 def _repaired(problem: Problem, state: State, weights: Weights) -> tuple[Array, Array, Labels]:
     """Picture, depth and segments some joint steps on, the parts that are not explained begun again."""
+    s, jump = problem.settings, problem.settings.segments.jump
 
     def onward(pair: Pair) -> Pair:
-        for _ in range(ON_TRIAL):
+        for _ in range(s.restart.on_trial):
             u, w = _joint(problem, pair.u, pair.w, pair.labels, weights)
             pair = Pair(u, w, pair.labels)
         return pair
 
-    old = Pair(state.u, state.w, segments(state.w, JUMP, DOUBT, state.labels))
-    found = repaired(problem.data, problem.other, old, problem.reach, JUMP, weights.picture, onward)
+    old = Pair(state.u, state.w, segments(state.w, s.segments, s.restart.doubt, state.labels))
+    found = repaired(problem.data, problem.other, old, problem.reach, jump, weights.picture, onward, s.restart, s.edges)
     return found.u, found.w, found.labels
 
 
 def _placed(problem: Problem, state: State, step: PlaceEdges, weights: Weights) -> tuple[Array, Array, Labels]:
     """Picture, depth and segments with the depth steps put in their place, from afar or from near."""
     reach, doubt = (step.reach, step.doubt) if step.reach is not None else (problem.reach, problem.reach - 1)
-    labels = segments(state.w, JUMP, doubt, state.labels)
-    w = mended(state.w, labels, doubt, JUMP) if step.far else state.w
+    s = problem.settings
+    labels = segments(state.w, s.segments, doubt, state.labels)
+    w = mended(state.w, labels, doubt, s.segments) if step.far else state.w
     # from afar a step is looked for only where the first depth did not fit
     where = problem.misfit if step.far else None
-    layers = layers_of(w, labels, reach, doubt, JUMP, step.layers, where)
+    layers = layers_of(w, labels, reach, doubt, s.segments.jump, step.layers, where)
     soft = max(weights.picture, step.softness)
-    return place_steps(problem.data, problem.other, state.u, w, labels, layers, soft, decided=step.decided)
+    return place_steps(problem.data, problem.other, state.u, w, labels, layers, soft, step.decided, s.edges)
 
 
 def _statistics(problem: Problem, u: Array, w: Array, weights: Weights, residual: float) -> Statistics:

@@ -12,19 +12,23 @@ from procedures.restoration.joint.gauss_newton import Weights
 from procedures.restoration.masks.blur_operator import Array, MaskStack
 
 SIZE = 64
-LEAST_NOISE = 1e-5
-# part of the curvature over w that counts: the picture takes some, and texture is sparse; degrees of freedom then agree
-# with those of random photographs restored
-DETERMINED = 1 / 6
+"""Frequencies along each axis at which transfer functions are averaged; masks are smaller."""
 
 
 def moments(
-    stacks: list[MaskStack], w: float, weight: float, residual: float, gradient: float, fitted: float = 0.0
+    stacks: list[MaskStack],
+    w: float,
+    weight: float,
+    residual: float,
+    gradient: float,
+    fitted: float = 0.0,
+    least_noise: float = 1e-5,
 ) -> tuple[float, float]:
     """Noise sigma^2 and mean squared gradient G of the sharp picture, from those of a restoration at depth w.
 
     residual : mean square of one photograph's residual; gradient : mean over pixels of |grad u|^2 of the restored
-    picture; weight : of its quadratic prior; fitted : noise fitted by the depth, see `fitted_by_depth`. Where masks
+    picture; weight : of its quadratic prior; fitted : noise fitted by the depth, see `fitted_by_depth`; least_noise :
+    standard deviation under which no photograph of 16 bits is. Where masks
     pass S = sum |H|^2 and the prior is L, the residual holds noise and what the prior took from the picture, the
     gradient the rest of it and noise amplified; both are linear in sigma^2 and G.
     """
@@ -40,17 +44,19 @@ def moments(
     noise, contrast = np.linalg.solve(system, [count * residual, gradient])
     # a depth that is still wrong leaves more than this model knows of
     least = 0.1 * count * residual / system[0, 0]
-    return max(float(noise), least, LEAST_NOISE**2), max(float(contrast), 0.2 * gradient, 1e-8)
+    return max(float(noise), least, least_noise**2), max(float(contrast), 0.2 * gradient, 1e-8)
 
 
-def fitted_by_depth(data: DataTerm, u: Array, weights: Weights) -> float:
+def fitted_by_depth(data: DataTerm, u: Array, weights: Weights, determined: float = 1 / 6) -> float:
     """Degrees of freedom that w takes from the photographs' noise, per pixel and channel.
 
-    data : focused on w; weights : of the priors. A random change of w tells the curvature of the data term.
+    data : focused on w; weights : of the priors; determined : part of the curvature over w that counts, as the picture
+    takes some and texture is sparse: with this, degrees of freedom agree
+    with those of random photographs restored. A random change of w tells the curvature of the data term.
     """
     probe = np.zeros((len(u) + 1, *data.extended), u.dtype)
     probe[-1] = np.random.default_rng(0).choice([-1.0, 1.0], data.extended)
-    curvature = DETERMINED * float((data.change(u, probe) ** 2).sum(axis=(0, 1)).mean())
+    curvature = determined * float((data.change(u, probe) ** 2).sum(axis=(0, 1)).mean())
     L = laplacian()
     prior = weights.depth * (weights.tilt * L + weights.bend * L**2)
     return float(np.mean(curvature / (curvature + prior))) / len(u)

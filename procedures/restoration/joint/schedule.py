@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from procedures.outcome import BadParameter
 from procedures.restoration.joint.gauss_newton import Weights
@@ -94,16 +94,39 @@ def openings(rounds: int) -> tuple[Opening, ...]:
     return tuple(chosen.get(n) for n in range(rounds))
 
 
-# While w is still a tenth of a pixel off, a weak prior lets the picture fit the depth's error: the first quarter of the
-# rounds holds these weights, then they fall geometrically. Grey values in [0, 1], w in pixels.
-FIRST_PICTURE = 3e-4
-FIRST_DEPTH = 0.03
-HELD = 0.25
-# At the true depth 1 to 3 times sigma^2 / G restore alike within some per cent; where w is found, too little is worse
-# than too much.
-CAUTION = 2.0
-# what w usually changes by between neighbouring pixels away from depth steps
 DEPTH_SLOPE = 0.014
+"""What w usually changes by between neighbouring pixels away from depth steps, pixels: believed of every scene."""
+
+
+@dataclass(frozen=True)
+class WeightSettings:
+    """How the priors' weights go from round to round, and where they end.
+
+    While w is still a tenth of a pixel off, a weak prior lets the picture fit the depth's error: the first rounds hold
+    strong ones, then they fall geometrically. Grey values in [0, 1], w in pixels.
+
+    Attributes
+    ----------
+    first_picture, first_depth : float
+        Weights of the first rounds.
+    last_picture, last_depth : float
+        What they fall to in the last round, unless noise and contrast ask for more.
+    held : float
+        Part of the rounds that hold the first.
+    caution : float
+        The picture's weight over sigma^2 / G: at the true depth 1 to 3 restore alike within some per cent; where w is
+        found, too little is worse than too much.
+    slope : float
+        Of w between neighbouring pixels, usually.
+    """
+
+    first_picture: float = 3e-4
+    first_depth: float = 0.03
+    last_picture: float = 1e-7
+    last_depth: float = 1e-5
+    held: float = 0.25
+    caution: float = 2.0
+    slope: float = DEPTH_SLOPE
 
 
 @dataclass(frozen=True)
@@ -118,7 +141,7 @@ class Statistics:
 class Schedule:
     """Weights from round to round, never below what noise and contrast ask for.
 
-    picture, depth : final weights if given, else the ratio of noise and prior variance: sigma^2 / G times `CAUTION`,
+    picture, depth : final weights if given, else the ratio of noise and prior variance: sigma^2 / G times a caution,
     and sigma^2 over the usual slope of w squared. bent : w's second differences count, and its differences little.
     """
 
@@ -126,20 +149,22 @@ class Schedule:
     picture: float | None = None
     depth: float | None = None
     bent: bool = True
+    weights: WeightSettings = field(default_factory=WeightSettings)
 
     def final(self, known: Statistics) -> Weights:
         """Weights of the last rounds."""
-        picture = self.picture if self.picture is not None else CAUTION * known.sigma**2 / known.contrast
-        depth = self.depth if self.depth is not None else known.sigma**2 / DEPTH_SLOPE**2
+        picture = self.picture if self.picture is not None else self.weights.caution * known.sigma**2 / known.contrast
+        depth = self.depth if self.depth is not None else known.sigma**2 / self.weights.slope**2
         return Weights(picture, depth) if self.bent else Weights(picture, depth, tilt=1, bend=0)
 
     def at(self, n: int, known: Statistics) -> Weights:
         """Weights of round n = 0, 1, ..."""
-        held = int(HELD * self.rounds)
+        s = self.weights
+        held = int(s.held * self.rounds)
         t = max(0, n - held) / max(1, self.rounds - 1 - held)
         least = self.final(known)
         return replace(
             least,
-            picture=max(least.picture, FIRST_PICTURE * (1e-7 / FIRST_PICTURE) ** t),
-            depth=max(least.depth, FIRST_DEPTH * (1e-5 / FIRST_DEPTH) ** t),
+            picture=max(least.picture, s.first_picture * (s.last_picture / s.first_picture) ** t),
+            depth=max(least.depth, s.first_depth * (s.last_depth / s.first_depth) ** t),
         )

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from procedures.outcome import Outcome, Verdict
-from procedures.restoration.first_depth.initial_depth import matched
+from procedures.restoration.first_depth.initial_depth import Matching, matched
 from procedures.restoration.joint.data_term import DataTerm, restore_picture
-from procedures.restoration.joint.estimate import LEAST_START_SIGMA, RestorationParameters, restoration_of
+from procedures.restoration.joint.estimate import RestorationParameters, restoration_of
 from procedures.restoration.joint.gauss_newton import Weights, joint_step
 from procedures.restoration.joint.priors import steps_allowed
 from procedures.restoration.joint.schedule import DEPTH_SLOPE, Scheme
@@ -91,7 +91,7 @@ class _View:
     flat: tuple[slice, slice]
     half: float
     max_w: float
-    sigma: float = LEAST_START_SIGMA
+    sigma: float = Matching.least_sigma
 
     @property
     def R(self) -> int:
@@ -123,7 +123,7 @@ class _View:
 
     def depth(self, stacks: list[MaskStack]) -> Array:
         """A first depth (H, W) for these masks."""
-        return self.pinned(matched(self.z, stacks, np.full(2, LEAST_START_SIGMA)).w)
+        return self.pinned(matched(self.z, stacks, np.full(2, Matching.least_sigma)).w)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from procedures.outcome import Refused
 from procedures.restoration.joint.data_term import restore_picture
-from procedures.restoration.joint.estimate import Restoration, first_depth, noise_of, restore
+from procedures.restoration.joint.estimate import Restoration, RestorationParameters, first_depth, noise_of, restore
 from procedures.restoration.joint.joint_descent import problem_of
 from procedures.restoration.masks.blur_models import uniform_motion
 from procedures.restoration.masks.blur_operator import MaskStack
@@ -204,7 +204,10 @@ def _start(setting: Setting) -> Found:
     stacks = scenes.stacks(shape)
     pairs = [scenes.pair(shape, noise) for noise in NOISES]
     found = {
-        start: [first_depth(pair.z, stacks, noise_of(pair.z, stacks), start).w for pair in pairs]
+        start: [
+            first_depth(pair.z, stacks, noise_of(pair.z, stacks), RestorationParameters(depth_start=start)).w
+            for pair in pairs
+        ]
         for start in ("symmetric", "matched")
     }
     errors = {

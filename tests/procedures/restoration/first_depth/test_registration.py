@@ -28,7 +28,7 @@ def displaced(z, x, y):
 @pytest.mark.parametrize(("x", "y"), [(3.0, 0.0), (-2.0, 5.0), (0.5, -0.3)])
 def test_a_shift_is_found_through_unlike_masks_and_a_step_in_depth(vibrating, x, y):
     found = displacement(displaced(vibrating.z, x, y), vibrating.stacks)
-    assert found.believed
+    assert found.believed()
     # tiles of 96 pixels see slightly different parts of the scene in both photographs: 3 % of the shift; noise the rest
     assert np.hypot(found.x - x, found.y - y) < 0.06 + 0.03 * np.hypot(x, y)
 
@@ -43,7 +43,7 @@ def test_photographs_in_their_places_stay_as_they_are(vibrating):
 
 def test_noise_has_no_shift(vibration_stacks):
     rng = np.random.default_rng(5)
-    assert not displacement(0.5 + 0.01 * rng.standard_normal((2, 1, 160, 160)), vibration_stacks).believed
+    assert not displacement(0.5 + 0.01 * rng.standard_normal((2, 1, 160, 160)), vibration_stacks).believed()
 
 
 def test_what_nobody_saw_is_not_trusted():
@@ -81,5 +81,5 @@ def test_less_light_is_found_and_taken_up(vibrating):
 
 def test_belief_needs_a_gain():
     slight = Displacement(1.0, 0.0, 0.02)
-    assert not slight.believed
-    assert replace(slight, gain=0.2).believed
+    assert not slight.believed()
+    assert replace(slight, gain=0.2).believed()

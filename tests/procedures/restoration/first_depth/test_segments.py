@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procedures.restoration.first_depth.segments import continued, joined, mended, segments, surfaces
+from procedures.restoration.first_depth.segments import SegmentSettings, continued, joined, mended, segments, surfaces
 
-JUMP = 0.35
+STEPS = SegmentSettings(jump=0.35)
 
 
 @pytest.fixture
@@ -20,7 +20,7 @@ def square():
 
 def test_each_side_of_a_step_is_a_segment(square):
     w, inside = square
-    labels = segments(w, JUMP, 4)
+    labels = segments(w, STEPS, 4)
     assert labels.max() == 2
     assert len(np.unique(labels[inside])) == len(np.unique(labels[~inside])) == 1
 
@@ -31,24 +31,24 @@ def test_a_gap_in_the_step_joins_nothing(square):
     # ten pixels of the border are a ramp without a jump
     ramp = (np.abs(y - 60) < 5) & (np.abs(x - 45) < 6)
     w = np.where(ramp, 3.0 - 0.01 * x + 0.9 * np.clip((x - 39) / 12, 0, 1), w)
-    labels = segments(w, JUMP, 6)
+    labels = segments(w, STEPS, 6)
     assert labels.max() == 2
     assert labels[75, 95] != labels[5, 5]
 
 
 def test_a_slope_is_cut_nowhere():
     y, x = np.mgrid[0:80, 0:100]
-    assert segments(1.0 + 0.02 * x + 0.02 * y, JUMP, 4).max() == 1
+    assert segments(1.0 + 0.02 * x + 0.02 * y, STEPS, 4).max() == 1
 
 
 def test_known_borders_last_where_surfaces_part(square):
     w, inside = square
     blurred = np.where(np.abs(np.mgrid[0:80, 0:100][1] - 45) < 3, 3.2, w)  # the step has been smoothed a little
     known = inside.astype(np.int32) + 1
-    labels = segments(blurred, 2.0, 5, known)
+    labels = segments(blurred, SegmentSettings(jump=2.0), 5, known)
     # a jump of 2 would not be found, and surfaces half that apart would be one
     assert labels.max() == 1
-    assert segments(blurred, 1.0, 5, known).max() == 2
+    assert segments(blurred, SegmentSettings(jump=1.0), 5, known).max() == 2
 
 
 def test_depths_are_continued_as_planes():
@@ -82,8 +82,8 @@ def test_blemishes_are_mended_and_steps_are_not(square):
     spoilt = w.copy()
     spoilt[10:18, 70:80] = 1.0
     labels = inside.astype(np.int32) + 1
-    np.testing.assert_allclose(mended(spoilt, labels, 4, JUMP), w, atol=0.1)
-    np.testing.assert_array_equal(mended(w, labels, 4, JUMP), w)
+    np.testing.assert_allclose(mended(spoilt, labels, 4, STEPS), w, atol=0.1)
+    np.testing.assert_array_equal(mended(w, labels, 4, STEPS), w)
 
 
 def test_only_neighbours_of_one_segment_are_joined():

@@ -9,7 +9,15 @@ from procedures.restoration.joint import joint_descent
 from procedures.restoration.joint.data_term import restore_picture
 from procedures.restoration.joint.gauss_newton import Weights, joint_step
 from procedures.restoration.joint.priors import steps_allowed
-from procedures.restoration.joint.restart_regions import Pair, believed, better_of, left_over, repaired, unexplained
+from procedures.restoration.joint.restart_regions import (
+    Pair,
+    RestartSettings,
+    believed,
+    better_of,
+    left_over,
+    repaired,
+    unexplained,
+)
 
 WEIGHTS = Weights(1e-4, 0.01)
 
@@ -55,7 +63,7 @@ def test_what_is_left_over_is_told_of_the_usual(rng):
 def test_what_is_not_explained_is_the_part_that_is_wrong(terms, notched):
     pair, notch = notched
     terms[0].focus(pair.w)
-    wrong = unexplained(terms[0], pair.u)
+    wrong = unexplained(terms[0], pair.u, RestartSettings())
     assert wrong[notch].mean() > 0.9
     assert wrong.mean() < 0.35
 
@@ -80,15 +88,15 @@ def test_segments_that_are_wrong_all_over_go_to_their_neighbours():
     labels[:, 20:] = 2
     labels[5:15, 2:12] = 3
     wrong = labels == 3
-    kept = believed(labels, wrong)
+    kept = believed(labels, wrong, RestartSettings())
     assert set(np.unique(kept)) == {1, 2}
     assert (kept[wrong] == 1).all()
-    assert (believed(labels, np.ones((40, 40), bool)) == labels).all()
+    assert (believed(labels, np.ones((40, 40), bool), RestartSettings()) == labels).all()
 
 
 def test_what_leaves_less_is_kept_place_by_place(vibrating, terms, notched):
     pair, notch = notched
     truth = Pair(vibrating.sharp.astype(np.float32), vibrating.w.astype(np.float32), pair.labels)
-    best = better_of(terms[0], pair, truth, notch)
+    best = better_of(terms[0], pair, truth, notch, 2)
     assert np.abs(best.w - truth.w)[notch].max() < 1e-6
-    assert better_of(terms[0], truth, pair, notch).w == pytest.approx(truth.w)
+    assert better_of(terms[0], truth, pair, notch, 2).w == pytest.approx(truth.w)
