@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+from procedures.mtf_numbers import LEVELS
 from procedures.quality import Quality
 
 Budget = Mapping[str, float]
@@ -26,6 +27,8 @@ TERMS = {
     "choice": "choice of s and k",
 }
 """What the terms are, in the order in which they are told."""
+FREQUENCIES = tuple(f"mtf{level}_" for level in LEVELS)
+"""How the names of numbers begin that are frequencies."""
 
 
 def combined(budget: Budget) -> float:
@@ -50,10 +53,10 @@ def taken_apart(quality: Quality, parts: Mapping[str, Budget]) -> Quality:
 
 
 def with_settling(quality: Quality, share: float) -> Quality:
-    """The same numbers with what MTF50 may still move, a share of it, when s or k is raised, added to its choice."""
+    """The same numbers with what MTF50 and its like may still move, a share of them, when s or k is raised."""
     budgets = {}
     for name, terms in quality.budgets.items():
-        move = share * quality.numbers[name].value if name.startswith("mtf50") else 0.0
+        move = share * quality.numbers[name].value if name.startswith(FREQUENCIES) else 0.0
         budgets[name] = {**terms, "choice": float((terms["choice"] ** 2 + move**2) ** 0.5)}
     numbers = {name: replace(number, uncertainty=combined(budgets[name])) for name, number in quality.numbers.items()}
     return replace(quality, numbers=numbers, budgets=budgets)

@@ -38,6 +38,7 @@ class PlaneField:
     centre : the PSF at the frame's centre, and what it says
     nodes : how many the field is made of
     numbers : of the whole field: the axis of the lens, and the median of each map
+    pitch : sensor pixels per pixel of the plane
     """
 
     name: str
@@ -50,6 +51,7 @@ class PlaneField:
     interpolation: Interpolation | None = None
     maps: tuple[FieldMap, ...] = ()
     numbers: Mapping[str, Quantity] = field(default_factory=dict)
+    pitch: int = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +68,7 @@ class FieldResult:
 
 def conclude(
     measured: Measured, focus: Mapping[str, float] | None = None, limit: Limit = lambda plane: None,
-    told: Told = silent,
+    told: Told = silent, at: Sequence[float] = (),
 ) -> FieldResult:  # fmt: skip
     """Field, maps and numbers of every plane, lateral colour between them, best focus where positions are known.
 
@@ -74,6 +76,8 @@ def conclude(
     ----------
     focus : mapping of photograph's name to focus position in mm, optional
         The field is then that of the sharpest position.
+    at : sequence of float
+        Frequencies in cycles per pixel of the plane at which the MTF of the frame's centre is told.
 
     Raises
     ------
@@ -92,7 +96,7 @@ def conclude(
     kept = {name: bracket.get(best, []) for name, bracket in brackets.items()}
     planes = []
     for name, nodes in kept.items():
-        planes.append(_plane_field(measured.planes[name], nodes, limit))
+        planes.append(_plane_field(measured.planes[name], nodes, limit, at))
         told(f"field of {name}")
     surface, refusal = None, ""
     if focus:
@@ -131,18 +135,20 @@ def _shape(plane: Plane) -> tuple[int, int]:
     return int(rows), int(columns)
 
 
-def _plane_field(plane: Plane, nodes: Sequence[Node], limit: Limit) -> PlaneField:
+def _plane_field(plane: Plane, nodes: Sequence[Node], limit: Limit, at: Sequence[float]) -> PlaneField:
     shape = _shape(plane)
     try:
         found = interpolate(plane.name, shape, nodes)
     except Refused as refusal:
-        return PlaneField(plane.name, Verdict.REFUSED, refusal.reason, refusal.remedy)
+        return PlaneField(plane.name, Verdict.REFUSED, refusal.reason, refusal.remedy, pitch=plane.pitch)
     maps = derive(found.field)
     centre = found.field.at((shape[1] - 1) / 2, (shape[0] - 1) / 2)
     verdict, reason, remedy = verdict_of(_rules(found, maps))
-    quality = assess(centre, n=len(nodes), diffraction=limit(plane))
+    quality = assess(centre, n=len(nodes), diffraction=limit(plane), at=at)
     numbers = _numbers(found, maps)
-    return PlaneField(plane.name, verdict, reason, remedy, centre, quality, len(nodes), found, maps, numbers)
+    return PlaneField(
+        plane.name, verdict, reason, remedy, centre, quality, len(nodes), found, maps, numbers, plane.pitch
+    )
 
 
 def _rules(found: Interpolation, maps: Sequence[FieldMap]) -> list[Rule]:

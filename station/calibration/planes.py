@@ -9,18 +9,20 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
+import numpy as np
+
 from procedures.cross_check.estimate import check_edges
 from procedures.outcome import BadInput, Outcome, Refused, Verdict
 from procedures.pattern import Chart
-from procedures.pattern_psf.estimate import PatternParameters, estimate_psf
+from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
 from procedures.psf import Psf
 from procedures.quality import WAVELENGTHS_NM, Diffraction, Quality
 from procedures.raw import Exposure, Plane, RawFrame
 from station.calibration.sensor_models import NO_SENSOR, KnownSensor
+from station.results.limits import place_of
 from station.results.plane_result import PlaneResult
 
 if TYPE_CHECKING:
-    import numpy as np
     import numpy.typing as npt
 
     from procedures.choice import Trial
@@ -187,7 +189,18 @@ def plane_result(plane: Plane, outcome: Outcome[F]) -> PlaneResult:
         choice=found.choice,
         variations=found.variations,
         diffraction=found.diffraction,
+        place=_place(plane, found),
     )
+
+
+def _place(plane: Plane, found: Found) -> str:
+    """Where in the frame a chart was seen; "" of what is no chart."""
+    shots = [one for one in getattr(found, "shots", (found,)) if isinstance(one, PatternPsf)]
+    if not shots:
+        return ""
+    x, y = np.mean([np.nanmean(one.marks, axis=0) for one in shots], axis=0).tolist()
+    rows, columns = plane.samples.shape
+    return str(place_of(x, y, (rows, columns)))
 
 
 def diffraction_limit(

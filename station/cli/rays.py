@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import Number
 from station.common.log import log, log_json_option
 
@@ -57,6 +58,7 @@ _PATH = click.Path(path_type=Path)
 @click.option("--threads", type=click.IntRange(1, 1024), help="Threads.  [default: one for each processor]")
 @click.option("--out", type=_PATH, required=True, help="Folder for the results.")
 @click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout too.")
+@force_option
 @log_json_option
 def rays(
     samples: Path,
@@ -76,7 +78,7 @@ def rays(
     from station.results.result_files import ResultFolder, software, write_record
 
     parameters = FilterParameters(**options)
-    with ResultFolder(out) as folder:
+    with ResultFolder(out, force=forced()) as folder:
         film = read_film(samples, picture).checked()
         rows, columns = film.count.shape
         log("read", f"read {samples}: {columns} x {rows} pixels, {film.count.sum()} samples", path=str(samples))

@@ -164,10 +164,10 @@ def compute(
         else:
             results = [plane_result(frames[0].planes[name], outcome) for name, outcome in outcomes.items()]
         if into is not None and writer:
-            with ResultFolder(into, sealed=sealed) as place:
+            with ResultFolder(into, sealed=sealed, force=True) as place:
                 importlib.import_module(writer).write_result(place, outcomes, frames, _about(plan, state))
         elif into is not None:
-            with ResultFolder(into, sealed=sealed) as place:
+            with ResultFolder(into, sealed=sealed, force=True) as place:
                 write_psf_result(place, results, _about(plan, state))
     return Computed(frames, outcomes, results)
 
