@@ -9,6 +9,7 @@ import click
 
 from station.cli.terminal.lazy import LazyGroup
 from station.cli.terminal.numbers import SEED
+from station.common.log import set_quiet
 
 # name -> (module under station.cli, function, help line)
 COMMANDS = {
@@ -32,12 +33,18 @@ COMMANDS = {
 }
 
 
-@click.group(cls=LazyGroup, table=COMMANDS, invoke_without_command=True)
+@click.group(
+    cls=LazyGroup,
+    table=COMMANDS,
+    invoke_without_command=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
 @click.version_option(package_name="calibration-station")
 @click.option("--simulate", is_flag=True, help="Work with the simulated bench.")
 @click.option("--config", type=click.Path(path_type=Path), help="The bench's devices; station.toml where there is one.")
 @click.option("--sessions", type=click.Path(path_type=Path), default=Path("sessions"), show_default=True)
 @click.option("--seed", type=SEED, default=0, help="Of the simulated bench.")
+@click.option("-q", "--quiet", is_flag=True, help="Say on stderr only what is doubtful or wrong.")
 @click.option("--plain", is_flag=True, help="Guide by plain lines on stdin and stdout.")
 @click.option("--plan", help="What to be guided through.  [default: pattern]")
 @click.pass_context
@@ -47,6 +54,7 @@ def main(
     config: Path | None,
     sessions: Path,
     seed: int,
+    quiet: bool,
     plain: bool,
     plan: str | None,
 ) -> None:
@@ -57,6 +65,7 @@ def main(
     # Work runs side by side by planes and frames. BLAS threads beside that wait in turns for each other's cores: four
     # planes took over four times the processor time. Read when numpy is loaded, which no command does before this.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    set_quiet(ctx, quiet)
     if ctx.invoked_subcommand is None and plain:
         from station.cli.guide import run_plain
 

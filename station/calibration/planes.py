@@ -106,7 +106,7 @@ def calibrate(
     def estimate(plane: Plane) -> PlaneResult:
         start = time.perf_counter()
         outcome = estimate_psf(plane, chart, parameters, limit(plane), sensor=sensor.models.get(plane.name))
-        result = plane_result(plane, outcome)
+        result = plane_result(plane, outcome, frame.exposure)
         if outcome.value is not None:
             result = replace(result, edges=check_edges(plane, outcome.value))
             if plane.name in sensor.noise:
@@ -143,7 +143,7 @@ def calibrate_pair(
         start = time.perf_counter()
         outcome = _of_pair(a, b, plane.name, parameters, limit(plane))
         taken = time.perf_counter() - start
-        return replace(plane_result(plane, outcome), diffraction=limit(plane), duration_s=taken)
+        return replace(plane_result(plane, outcome, a.exposure), diffraction=limit(plane), duration_s=taken)
 
     yield from _side_by_side(estimate, list(a.planes.values()), threads)
 
@@ -169,8 +169,8 @@ def _side_by_side(
         yield from pool.map(estimate, planes)
 
 
-def plane_result(plane: Plane, outcome: Outcome[F]) -> PlaneResult:
-    """The answer of an estimate as the result that travels."""
+def plane_result(plane: Plane, outcome: Outcome[F], exposure: Exposure | None = None) -> PlaneResult:
+    """The answer of an estimate as the result that travels; `exposure` is what the camera noted."""
     found = outcome.value
     if found is None:
         return PlaneResult(plane.name, outcome.verdict, outcome.reason, outcome.remedy, pitch=plane.pitch)
@@ -190,6 +190,7 @@ def plane_result(plane: Plane, outcome: Outcome[F]) -> PlaneResult:
         variations=found.variations,
         diffraction=found.diffraction,
         place=_place(plane, found),
+        exposure=exposure,
     )
 
 

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     Picture = npt.NDArray[np.float64]
 
 SCHEMA = "station/rays/1"
+DESCRIPTION = "filtered render, linear, 1 = white, first row uppermost; calibration-station"
+"""Of the picture."""
 FEW_SIMILAR = 4.0
 """Similar patches in the median below which a picture keeps most of its noise."""
 
@@ -132,9 +134,9 @@ def _write_pictures(folder: ResultFolder, film: Film, found: FilteredFilm, truth
 
     from procedures.ray_histogram.comparison import psnr_db
     from station.demo.ray_page import RenderRow, ray_page
-    from station.drawing.linear_pictures import display_png, float_tiff
+    from station.drawing.linear_pictures import described_tiff, display_png, float_tiff
 
-    folder.write("filtered.tiff", float_tiff(found.picture))
+    folder.write("filtered.tiff", described_tiff(float_tiff(found.picture), DESCRIPTION))
     folder.write("filtered.png", display_png(found.picture))
     data = io.BytesIO()
     np.save(data, found.similar, allow_pickle=False)

@@ -162,7 +162,9 @@ def compute(
         if writer:
             results = [one.value.result for one in outcomes.values() if isinstance(one.value, OfPlane)]
         else:
-            results = [plane_result(frames[0].planes[name], outcome) for name, outcome in outcomes.items()]
+            results = [
+                plane_result(frames[0].planes[name], outcome, frames[0].exposure) for name, outcome in outcomes.items()
+            ]
         if into is not None and writer:
             with ResultFolder(into, sealed=sealed, force=True) as place:
                 importlib.import_module(writer).write_result(place, outcomes, frames, _about(plan, state))

@@ -13,6 +13,7 @@ from procedures.cross_check.estimate import EdgeCheck
 from procedures.outcome import Outcome, Quantity, Verdict
 from procedures.psf import Psf
 from procedures.quality import Diffraction, Quality
+from procedures.reading.exposure import Exposure
 from station.results.exports import GAUSSIAN_RADIUS, gaussian_radius
 from station.results.units import Pixels, Unit, told_name, told_numbers, told_quantity
 
@@ -50,6 +51,7 @@ class PlaneResult:
     diffraction : what limits the plane, where f-number and pitch are known
     physics : the model of sensor and lens that explains the PSF, where one was asked for
     information : what pictures can tell, where the sensor's own calibration tells its noise
+    exposure : what the camera noted, where it is known
     place : where in the frame it was measured, as limits name places; "" where that is not known
     unit, factor : of frequencies, and what one cycle per pixel of the plane is in it
     specification : how the numbers stand to their limits, where there are some
@@ -75,6 +77,7 @@ class PlaneResult:
     diffraction: Diffraction | None = None
     physics: Outcome[Physics] | None = None
     information: Information | None = None
+    exposure: Exposure | None = None
     place: str = ""
     unit: Unit = Unit.CYCLES
     factor: float = 1.0

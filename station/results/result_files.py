@@ -256,8 +256,8 @@ def _write_plane(folder: ResultFolder, plane: PlaneResult) -> None:
     if plane.psf is not None:
         folder.write(f"psf_{plane.name}.npy", npy(plane.psf.h))
         folder.write(f"covariance_{plane.name}.npy", npy(plane.psf.covariance))
-        folder.write(f"psf_{plane.name}.fits", psf_fits(plane.psf, plane.name, software()["version"]))
-        folder.write(f"psf_{plane.name}.tiff", psf_tiff(plane.psf))
+        folder.write(f"psf_{plane.name}.fits", psf_fits(plane.psf, plane.name, software()["version"], plane.exposure))
+        folder.write(f"psf_{plane.name}.tiff", psf_tiff(plane.psf, plane.name, plane.exposure))
         folder.write(f"profile_{plane.name}.csv", profile_table(plane.psf, plane.pitch))
         folder.write(f"psf_{plane.name}.png", psf_picture(plane.psf, f"{plane.name}  {plane.verdict}"))
     if plane.information is not None:
@@ -279,7 +279,8 @@ def mtf_table(curves: Mapping[str, Array], unit: str = "cycles/pixel") -> bytes:
 
 def information_table(found: Information) -> bytes:
     """NPS, NEQ and noise-equivalent MTF as CSV, over all frequencies of the upper half plane, in cycles/pixel."""
-    rows = [["frequency_x", "frequency_y", "mtf", "nps", "neq", "neq_uncertainty", "equivalent_mtf",
+    unit = "[cycles/pixel]"
+    rows = [[f"frequency_x {unit}", f"frequency_y {unit}", "mtf", "nps", "neq", "neq_uncertainty", "equivalent_mtf",
              "equivalent_mtf_uncertainty"]]  # fmt: skip
     maps = (found.mtf, found.nps, found.neq, found.neq_uncertainty, found.equivalent_mtf,
             found.equivalent_mtf_uncertainty)  # fmt: skip
