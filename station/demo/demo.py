@@ -22,7 +22,7 @@ from station.calibration.planes import calibrate, diffraction_limit
 from station.common.progress import Progress, silent
 from station.demo.demonstration import Checked, Demonstration, Shot, summary
 from station.demo.truth_comparison import compare
-from station.results.result_files import RECORD, ResultFolder, software, write_psf_result
+from station.results.result_files import RECORD, ResultFolder, software, write_psf_result, write_record
 
 SCHEMA = "station/demo/1"
 CHART = "chart.pdf"

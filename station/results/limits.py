@@ -298,7 +298,9 @@ def _words(
     bounds = [f"{sign} {bound:g}" for sign, bound in (("≥", limit.least), ("≤", limit.most)) if math.isfinite(bound)]
     unit = f" {limit.unit}" if name.startswith(tuple(f"mtf{level}" for level in LEVELS)) else ""
     where = f", {spot.name}" if spot.name else ""
-    wanted = f"{words_of(name, limit.unit).words}{where} {' and '.join(bounds)}{unit}"
+    title = words_of(name, limit.unit).words
+    title = title.removesuffix(" across the edge") if value is None else title
+    wanted = f"{title}{where} {' and '.join(bounds)}{unit}"
     if value is None:
         reason = "it was not measured there" if spot.name and not spot.numbers else "there is no such number"
         return f"the limit {wanted} cannot be judged: {reason}"

@@ -12,6 +12,7 @@ import click
 
 from station.cli.psf.planes import (
     OPTICS,
+    certificate_option,
     chart_options,
     chart_source,
     finish,
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     metavar="RESULT.json",
     help="Of station sensor: its response is undone, its noise weighs the samples.",
 )
+@certificate_option
 @psf_options(s="auto", k="auto", solver="ls")
 def psf_pattern(
     image: Path,
@@ -52,6 +54,7 @@ def psf_pattern(
     layout: DumpLayout | None,
     out: Path,
     report: bool,
+    certificate: bool,
     as_json: bool,
     **options: Any,
 ) -> None:
@@ -86,6 +89,14 @@ def psf_pattern(
             **told_trust(trusted),
         }
         text = write_result(
-            folder, planes, "pattern", [frame], parameters=given, terms=terms, report=report, start=start
+            folder,
+            planes,
+            "pattern",
+            [frame],
+            parameters=given,
+            terms=terms,
+            report=report,
+            certificate=certificate,
+            start=start,
         )
     finish(planes, text, as_json=as_json)

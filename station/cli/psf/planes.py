@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from procedures.pattern_print.source import Source
     from procedures.raw import RawFrame
     from procedures.reading.sensor_dump import DumpLayout
+    from station.reports.pattern_report import Report
     from station.results.plane_result import PlaneResult
     from station.results.result_files import ResultFolder
     from station.results.terms import Terms
@@ -82,7 +83,7 @@ def told_trust(trusted: bool) -> dict[str, bool]:
 
 
 def psf_options(s: int | str, k: int | str, solver: str, *, report: bool = False) -> Callable[[Command], Command]:
-    """The options of every PSF command, with a procedure's own defaults.
+    """The options of every PSF command, with a procedure's own defaults; those of a page and its certificate.
 
     A page takes as long to draw as its planes to be estimated, so it is written where it is asked for.
     """
@@ -113,6 +114,11 @@ def psf_options(s: int | str, k: int | str, solver: str, *, report: bool = False
         return command
 
     return add
+
+
+certificate_option = click.option(
+    "--certificate", is_flag=True, help="Write certificate.html and certificate.pdf too: one printed page."
+)
 
 
 def chart_options(command: Command) -> Command:
@@ -173,20 +179,24 @@ def write_result(
     parameters: Mapping[str, object],
     terms: Terms,
     report: bool,
+    certificate: bool,
     start: float,
 ) -> str:
-    """Write the result of photographs, and its report where it is wanted; returns the record's text."""
+    """Write the result of photographs, its report and certificate where wanted; returns the record's text."""
     from station.results.result_files import write_psf_result
 
-    if report:
+    if report or certificate:
         from station.reports.pattern_report import (  # it draws: that import is slow
             PAGE,
             calibration_page,
             report_of_files,
         )
 
-        report_page = report_of_files(procedure, frames, found, parameters, terms.specification)
-        folder.write(PAGE, calibration_page(report_page).encode())
+        told = report_of_files(procedure, frames, found, parameters, terms.specification)
+        if report:
+            folder.write(PAGE, calibration_page(told).encode())
+        if certificate:
+            write_certificate(folder, told)
     text = write_psf_result(
         folder,
         found,
@@ -201,6 +211,15 @@ def write_result(
     record = str(folder.path / "result.json")
     log("written", f"wrote {record}", path=record)
     return text
+
+
+def write_certificate(folder: ResultFolder, told: Report) -> None:
+    """The certificate of a report, as a page and as a PDF."""
+    from station.reports.certificate import PAGE, PRINT, certificate_page
+    from station.reports.certificate_print import certificate_pdf
+
+    folder.write(PAGE, certificate_page(told).encode())
+    folder.write(PRINT, certificate_pdf(told))
 
 
 def finish(records: Sequence[PlaneResult], text: str, *, as_json: bool) -> None:

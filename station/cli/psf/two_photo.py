@@ -12,6 +12,7 @@ import click
 
 from station.cli.psf.planes import (
     OPTICS,
+    certificate_option,
     finish,
     psf_options,
     read_planes,
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 @click.command("two-photo")
 @click.argument("a", type=click.Path(path_type=Path))
 @click.argument("b", type=click.Path(path_type=Path))
+@certificate_option
 @psf_options(s="auto", k="auto", solver="ls")
 def psf_two_photo(
     a: Path,
@@ -38,6 +40,7 @@ def psf_two_photo(
     layout: DumpLayout | None,
     out: Path,
     report: bool,
+    certificate: bool,
     as_json: bool,
     **options: Any,
 ) -> None:
@@ -62,6 +65,14 @@ def psf_two_photo(
         given = {**parameters.told(), **{k: v for k, v in optics.items() if v is not None}, **told_layout(layout)}
         given |= told_trust(trusted)
         text = write_result(
-            folder, planes, "two-photo", [first, second], parameters=given, terms=terms, report=report, start=start
+            folder,
+            planes,
+            "two-photo",
+            [first, second],
+            parameters=given,
+            terms=terms,
+            report=report,
+            certificate=certificate,
+            start=start,
         )
     finish(planes, text, as_json=as_json)
