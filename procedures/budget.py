@@ -6,11 +6,12 @@ squares is the number's. Source: ISO/IEC Guide 98-3 (GUM), section 5.1 and annex
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from procedures.mtf_numbers import LEVELS
-from procedures.quality import Quality
+from procedures.psf import Psf
+from procedures.quality import Quality, assess
+from procedures.transfer_function import LEVELS, frequency_of
 
 Budget = Mapping[str, float]
 """Terms by name, each a standard uncertainty."""
@@ -50,6 +51,26 @@ def taken_apart(quality: Quality, parts: Mapping[str, Budget]) -> Quality:
         budgets[name] = {term: terms.get(term, 0.0) for term in TERMS}
     numbers = {name: replace(number, uncertainty=combined(budgets[name])) for name, number in quality.numbers.items()}
     return replace(quality, numbers=numbers, budgets=budgets)
+
+
+def with_frequencies(quality: Quality, psf: Psf, at: Sequence[float]) -> Quality:
+    """The same numbers, and the MTF at more frequencies (cycles per pixel of the plane).
+
+    Their uncertainties are made up as that of the MTF at Nyquist along the same direction is: each term in proportion
+    to what the PSF's covariance gives.
+    """
+    n = next((one.n for one in quality.numbers.values()), 0)
+    fresh = assess(psf, n=n, at=at)
+    numbers, budgets = dict(quality.numbers), dict(quality.budgets)
+    for name, number in fresh.numbers.items():
+        if (told := frequency_of(name)) is None or name in numbers:
+            continue
+        like = f"mtf_nyquist_{told[1]}"
+        own, whole = fresh.budgets[name]["noise"], fresh.budgets[like]["noise"]
+        terms = {term: value * own / max(whole, 1e-300) for term, value in quality.budgets[like].items()}
+        budgets[name] = {**terms, "choice": fresh.budgets[name]["choice"]}
+        numbers[name] = replace(number, uncertainty=combined(budgets[name]))
+    return replace(quality, numbers=numbers, budgets=budgets, at=tuple(at))
 
 
 def with_settling(quality: Quality, share: float) -> Quality:

@@ -14,12 +14,12 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from procedures.mtf_numbers import LEVELS, crossing, curve_numbers
 from procedures.numerics.bessel import j1
 from procedures.numerics.kernel_tail import SHAPES, tail_spectra
 from procedures.outcome import Quantity
 from procedures.psf import Psf
 from procedures.spatial_numbers import CIRCLES, Found, circle, name_of_circle, section_widths, spatial_numbers
+from procedures.transfer_function import LEVELS, crossing, curve_numbers
 
 Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]

@@ -47,6 +47,7 @@ COMMANDS = {
 @click.option("-q", "--quiet", is_flag=True, help="Say on stderr only what is doubtful or wrong.")
 @click.option("--plain", is_flag=True, help="Guide by plain lines on stdin and stdout.")
 @click.option("--plan", help="What to be guided through.  [default: pattern]")
+@click.option("--specification", type=click.Path(path_type=Path), help="Limits to hold new sessions' results to.")
 @click.pass_context
 def main(
     ctx: click.Context,
@@ -57,6 +58,7 @@ def main(
     quiet: bool,
     plain: bool,
     plan: str | None,
+    specification: Path | None,
 ) -> None:
     """Camera calibration station: subpixel point spread functions with error bars.
 
@@ -69,11 +71,13 @@ def main(
     if ctx.invoked_subcommand is None and plain:
         from station.cli.guide import run_plain
 
-        run_plain(simulate=simulate, config=config, sessions=sessions, seed=seed, plan=plan)
+        run_plain(
+            simulate=simulate, config=config, sessions=sessions, seed=seed, plan=plan, specification=specification
+        )
     elif ctx.invoked_subcommand is None:
         from station.cli.app import run_app
 
-        run_app(simulate=simulate, config=config, sessions=sessions, seed=seed, plan=plan)
+        run_app(simulate=simulate, config=config, sessions=sessions, seed=seed, plan=plan, specification=specification)
 
 
 if __name__ == "__main__":

@@ -16,7 +16,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from procedures.mtf_numbers import LEVELS
 from procedures.outcome import Outcome, Quantity, Refused, Verdict
 from procedures.quality import Diffraction
 from procedures.raw import Plane
@@ -29,6 +28,7 @@ from procedures.slanted_edge.strip import Line, Roi, Strip, strip_of
 from procedures.slanted_edge.tail import Tail
 from procedures.slanted_edge.transfer import FREQUENCIES, frequency_at, mtf_of
 from procedures.slanted_edge.trust import MOST_OVERSHOOT, check_clipping, check_course, check_samples, judge
+from procedures.transfer_function import LEVELS
 
 Array = npt.NDArray[np.float64]
 

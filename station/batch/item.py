@@ -20,7 +20,7 @@ from station.batch.procedure_file import ALL, Procedure
 from station.calibration.folder_photographs import Item
 from station.calibration.planes import calibrate, calibrate_pair, diffraction_limit
 from station.common.sanitise import encodable, printable, safe_stem
-from station.results.limits import Comparison, Judged
+from station.results.comparison import Comparison, Judged
 from station.results.plane_result import PlaneResult
 from station.results.result_files import RECORD, ResultFolder, software, write_psf_result
 from station.results.result_seal import damage

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Self, TypeVar
 
 from procedures.outcome import BadInput, BadParameter
-from procedures.reading.text import read_toml
+from procedures.reading.text import parse_toml, read_toml
 from station.common.sanitise import printable
 
 T = TypeVar("T")
@@ -39,6 +39,15 @@ class Table:
             return cls(read_toml(path))
         except BadInput as error:
             reason = f"{printable(path)} must be a TOML file: {printable(error.reason)}"
+            raise BadParameter(reason, "correct it, or name another file") from error
+
+    @classmethod
+    def parse(cls, text: str, name: str) -> Self:
+        """The whole of a file's text; `name` is the file's. Raises BadParameter if it is no TOML."""
+        try:
+            return cls(parse_toml(text, name, "correct it"))
+        except BadInput as error:
+            reason = f"{printable(name)} must be a TOML file: {printable(error.reason)}"
             raise BadParameter(reason, "correct it, or name another file") from error
 
     def get(self, key: str, kind: type[T], default: T) -> T:

@@ -13,8 +13,8 @@ from procedures.plan import Plan
 class Entry:
     """A plan: where it is, and what it is in a few words.
 
-    A plan without a PSF names the module under `station` whose `write_result(folder, outcomes, frames, about)` writes
-    its result.
+    A plan without a PSF names the module under `station` whose `write_result(folder, outcomes, frames, about, results)`
+    writes its result.
     """
 
     module: str

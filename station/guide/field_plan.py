@@ -11,12 +11,13 @@ from procedures.field import plan as guide
 from procedures.field.conclusion import FieldResult, PlaneField, conclude
 from procedures.field.facts import FieldFacts
 from procedures.field.measuring import measure_frames
-from procedures.outcome import Outcome, Refused, Verdict
+from procedures.outcome import BadParameter, Outcome, Refused, Verdict
 from procedures.plan import Facts, Known, Outcomes, Plan
 from procedures.raw import RawFrame
-from station.calibration.field import centre_result
+from station.calibration.field import centre_result, field_pixels, field_results
 from station.calibration.planes import diffraction_limit
 from station.results.plane_result import PlaneResult
+from station.results.terms import Terms
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,11 +26,15 @@ class OfField:
 
     field: FieldResult
     plane: PlaneField
+    pitch_um: float | None = None
 
-    @property
-    def result(self) -> PlaneResult:
-        """That of the PSF at the frame's centre."""
-        return centre_result(self.plane)
+    def results(self, terms: Terms) -> Sequence[PlaneResult]:
+        """Those of all planes at the frame's centre, held to the terms at every place that these name."""
+        pixels = field_pixels(self.field.measured, self.pitch_um)
+        try:
+            return field_results(self.field, terms, pixels, lambda plane: None)
+        except BadParameter as error:
+            return [terms.undecided(centre_result(one), error.reason) for one in self.field.planes]
 
 
 def plan() -> Plan:
@@ -50,9 +55,9 @@ def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes
     except Refused as refusal:
         names = frames[0].planes if frames else ()
         return {name: Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy) for name in names}
-    return {one.name: _outcome(found, one) for one in found.planes}
+    return {one.name: _outcome(found, one, told.pixel_pitch_um) for one in found.planes}
 
 
-def _outcome(found: FieldResult, one: PlaneField) -> Outcome[OfField]:
-    value = None if one.verdict is Verdict.REFUSED else OfField(found, one)
+def _outcome(found: FieldResult, one: PlaneField, pitch_um: float | None) -> Outcome[OfField]:
+    value = None if one.verdict is Verdict.REFUSED else OfField(found, one, pitch_um)
     return Outcome(value, one.verdict, one.reason, one.remedy)

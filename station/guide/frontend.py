@@ -90,7 +90,10 @@ class Trouble:
 
 @dataclass(frozen=True)
 class Result:
-    """The estimate is there: where it lies, the verdict of each plane, and the whole's; numbers by plane and name."""
+    """The estimate is there: where it lies, the verdict of each plane, and the whole's; numbers by plane and name.
+
+    `specification` is how each plane stands to its limits, and `against` what is not met, in sentences.
+    """
 
     folder: Path
     verdicts: Mapping[str, Verdict]
@@ -98,6 +101,8 @@ class Result:
     reason: str
     remedy: str
     numbers: Mapping[str, Mapping[str, Quantity]] = field(default_factory=dict)
+    specification: Mapping[str, str] = field(default_factory=dict)
+    against: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ from station.guide.frontend import (
     Stopped,
     Trouble,
 )
+from station.results.verdict_words import measurement_words, specification_words
 
 DIGITS = {"°": 1, "%": 0, "m": 2, "mm": 0, "": 2}
 """Decimals of the numbers told, by their unit."""
@@ -125,12 +126,15 @@ class Plain:
 
     @_tell.register
     def _(self, event: Result) -> None:
-        self._line(f"   Result: {event.verdict}.")
+        self._line(f"   Measurement: {measurement_words(event.verdict)}.")
         for name, verdict in event.verdicts.items():
             self._line(f"   {plane_words(name, verdict, event.numbers.get(name, {}))}")
         if event.reason:
             self._line(f"   Why: {event.reason}.")
             self._line(f"   What to do: {event.remedy}.")
+        for name, judged in event.specification.items():
+            against = f": {event.against[name]}" if name in event.against else ""
+            self._line(f"   {name} {specification_words(judged)}{against}")
         self._line(f"   Files: {event.folder}")
 
     @_tell.register
@@ -204,8 +208,9 @@ def plane_words(name: str, verdict: str, numbers: Mapping[str, Quantity]) -> str
     """A plane's verdict and its MTF50 along rows and columns: "G1 pass: MTF50 0.412 ± 0.003 by 0.408 ± 0.003"."""
     told = [numbers[key] for key in ("mtf50_horizontal", "mtf50_vertical") if key in numbers]
     if not told:
-        return f"{name} {verdict}"
-    return f"{name} {verdict}: MTF50 {' by '.join(stated(q.value, q.uncertainty) for q in told)} {told[0].unit}"
+        return f"{name} {measurement_words(verdict)}"
+    both = " by ".join(stated(one.value, one.uncertainty) for one in told)
+    return f"{name} {measurement_words(verdict)}: MTF50 {both} {told[0].unit}"
 
 
 def reading_words(reading: Reading) -> str:

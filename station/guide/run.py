@@ -338,7 +338,11 @@ class Run:
         self._computed = found.computed
         verdicts = {name: outcome.verdict for name, outcome in found.computed.outcomes.items()}
         numbers = {one.name: one.numbers for one in found.computed.results if one.numbers}
-        self._talk.hear(Result(found.folder, verdicts, found.verdict, found.reason, found.remedy, numbers))
+        held = {one.name: one.specification for one in found.computed.results if one.specification is not None}
+        judged = {name: str(one.judged) for name, one in held.items() if one.judged is not None}
+        against = {name: "; ".join(one.against) for name, one in held.items() if one.against}
+        told_all = (numbers, judged, against)
+        self._talk.hear(Result(found.folder, verdicts, found.verdict, found.reason, found.remedy, *told_all))
 
     @_carry.register
     def _(self, decide: Decide) -> None:

@@ -12,16 +12,19 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from procedures.outcome import Outcome, Verdict
-from procedures.plan import Estimate, Known, Plan
+from procedures.plan import Estimate, Known, Outcomes, Plan
 from procedures.raw import Felt, RawFrame, read_frame
 from station.calibration.planes import plane_result
 from station.guide.catalogue import writer_of
 from station.results.plane_result import PlaneResult
 from station.results.result_files import ResultFolder, write_psf_result
+from station.results.terms import Terms
+from station.results.units import pixels_of
 from station.sessions.compute_environment import same_bits
 from station.sessions.journal import Damaged
 from station.sessions.layout import inside
 from station.sessions.session import Session
+from station.sessions.session_terms import in_terms, terms_of_session
 from station.sessions.state import Shot, State
 
 ORDER = (Verdict.PASS, Verdict.DOUBTFUL, Verdict.REFUSED)
@@ -31,9 +34,8 @@ ORDER = (Verdict.PASS, Verdict.DOUBTFUL, Verdict.REFUSED)
 class OfPlane(Protocol):
     """A plane's part of something larger, such as a field."""
 
-    @property
-    def result(self) -> PlaneResult:
-        """The plane's result."""
+    def results(self, terms: Terms) -> Sequence[PlaneResult]:
+        """Those of all planes, held to the terms."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,20 +160,27 @@ def compute(
     frames = Frames(paths, felt, [shot.sha256 for shot in shots])
     with same_bits():
         outcomes = estimate_of(plan).estimate(Told(frames, progress), state.facts, {} if known is None else known)
-        writer = writer_of(plan.name)
+        writer, terms = writer_of(plan.name), terms_of_session(folder)
         if writer:
-            results = [one.value.result for one in outcomes.values() if isinstance(one.value, OfPlane)]
+            whole = next((one.value for one in outcomes.values() if isinstance(one.value, OfPlane)), None)
+            results = [] if whole is None else list(whole.results(terms))
         else:
-            results = [
-                plane_result(frames[0].planes[name], outcome, frames[0].exposure) for name, outcome in outcomes.items()
-            ]
+            results = _held(frames[0], outcomes, terms, state.facts.get("pixel_pitch_um"))
+        about = {**_about(plan, state), **terms.about(results)}
         if into is not None and writer:
             with ResultFolder(into, sealed=sealed, force=True) as place:
-                importlib.import_module(writer).write_result(place, outcomes, frames, _about(plan, state))
+                importlib.import_module(writer).write_result(place, outcomes, frames, about, results)
         elif into is not None:
             with ResultFolder(into, sealed=sealed, force=True) as place:
-                write_psf_result(place, results, _about(plan, state))
+                write_psf_result(place, results, about)
     return Computed(frames, outcomes, results)
+
+
+def _held(first: RawFrame, outcomes: Outcomes, terms: Terms, pitch_um: Any) -> list[PlaneResult]:
+    """Every plane's result, held to the terms; `first` is the photograph whose planes and notes they are told by."""
+    pixels = pixels_of(first, float(pitch_um) if isinstance(pitch_um, int | float) else None)
+    results = (plane_result(first.planes[name], one, first.exposure) for name, one in outcomes.items())
+    return [in_terms(one, terms, pixels[one.name]) for one in results]
 
 
 def _about(plan: Plan, state: State) -> dict[str, Any]:

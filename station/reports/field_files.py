@@ -16,7 +16,6 @@ from procedures.field.maps import FieldMap
 from procedures.outcome import Outcome
 from procedures.raw import RawFrame
 from station.calibration.camera_notes import exposure_of
-from station.calibration.field import centre_result
 from station.reports.field_page import field_page
 from station.results.plane_result import PlaneResult
 from station.results.result_files import ResultFolder, json_text, software, write_psf_result
@@ -50,14 +49,18 @@ def write_field_result(
 
 
 def write_result(
-    folder: ResultFolder, outcomes: Mapping[str, Outcome[Any]], frames: Sequence[RawFrame], about: Mapping[str, Any]
+    folder: ResultFolder,
+    outcomes: Mapping[str, Outcome[Any]],
+    frames: Sequence[RawFrame],
+    about: Mapping[str, Any],
+    results: Sequence[PlaneResult],
 ) -> str:
     """The result of a guided field: the same files, or the record of its refusal."""
     found = next((one.value.field for one in outcomes.values() if one.value is not None), None)
     if found is None:
         refused = [PlaneResult(name, one.verdict, one.reason, one.remedy) for name, one in outcomes.items()]
         return write_psf_result(folder, refused, about)
-    return _write(folder, found, [centre_result(one) for one in found.planes], about)
+    return _write(folder, found, results, about)
 
 
 def _write(

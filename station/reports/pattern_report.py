@@ -24,7 +24,8 @@ from station.common.sanitise import printable
 from station.reports import otf_figures, psf_figures
 from station.reports.page import NUMBERS, exposure_words, render
 from station.results.budget_table import BudgetTable, budget_table
-from station.results.limits import Comparison, Judged, Specification
+from station.results.comparison import Comparison, Judged
+from station.results.limits import Specification
 from station.results.number_names import VALUES, titled, words_of
 from station.results.plane_result import PlaneResult
 from station.results.result_files import software

@@ -16,6 +16,7 @@ from procedures.restoration.joint.estimate import Restoration
 from procedures.restoration.plan import shown
 from station.drawing.depth_pictures import coloured, encoded, levels, picture
 from station.drawing.linear_pictures import described_tiff
+from station.results.plane_result import PlaneResult
 from station.results.restored import RESTORATION
 from station.results.result_files import ResultFolder, software, write_record
 
@@ -72,7 +73,11 @@ def write_refusal(folder: ResultFolder, outcome: Outcome[Restoration], about: Ma
 
 
 def write_result(
-    folder: ResultFolder, outcomes: Mapping[str, Outcome[Any]], frames: Sequence[RawFrame], about: Mapping[str, Any]
+    folder: ResultFolder,
+    outcomes: Mapping[str, Outcome[Any]],
+    frames: Sequence[RawFrame],
+    about: Mapping[str, Any],
+    results: Sequence[PlaneResult] = (),
 ) -> str:
     """The result of a guided restoration: the files of `write_restoration`, or the record of its refusal."""
     from station.calibration.restoration_inputs import imu_table

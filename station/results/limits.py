@@ -13,8 +13,9 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
-from procedures.mtf_numbers import LEVELS, name_at
 from procedures.outcome import Quantity
+from procedures.transfer_function import LEVELS, name_at
+from station.results.comparison import Comparison, Judged, Judgement, worst
 from station.results.number_names import OF_PLACES, QUANTITIES, VALUES, words_of
 from station.results.plane_result import PlaneResult
 from station.results.units import Frequency, Pixels, Unit, told_name, told_quantity
@@ -28,14 +29,6 @@ NUMBERS = (*FAMILIES, *QUANTITIES, *VALUES, *OF_PLACES)
 BOTH = ("horizontal", "vertical")
 MIDDLE = 0.4
 """Of the frame's half sides, within which a place is in the middle."""
-
-
-class Judged(StrEnum):
-    """How a number stands to its limit, or a plane to its specification; the best first."""
-
-    MEETS = "meets"
-    UNDECIDED = "undecided"
-    MISSES = "does not meet"
 
 
 class Place(StrEnum):
@@ -132,51 +125,6 @@ class Specification:
 
 
 @dataclass(frozen=True)
-class Judgement:
-    """One number of one plane against its limit: the bounds and the value, None where there is none, and a sentence."""
-
-    number: str
-    judged: Judged
-    value: float | None
-    uncertainty: float
-    least: float | None
-    most: float | None
-    unit: str
-    place: str
-    words: str
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """A plane against its specification.
-
-    Attributes
-    ----------
-    judged : Judged or None
-        The worst of its limits; undecided where the plane was refused; None where no limit holds for it.
-    """
-
-    judged: Judged | None = None
-    judgements: tuple[Judgement, ...] = ()
-
-    @property
-    def against(self) -> tuple[str, ...]:
-        """What is not met, in sentences."""
-        return tuple(one.words for one in self.judgements if one.judged is not Judged.MEETS)
-
-    def told(self) -> dict[str, Any]:
-        """As a record tells it."""
-        return {"verdict": self.judged and str(self.judged), "limits": [_told(one) for one in self.judgements]}
-
-
-def _told(one: Judgement) -> dict[str, Any]:
-    return {
-        "number": one.number, "verdict": str(one.judged), "value": one.value, "uncertainty": one.uncertainty,
-        "min": one.least, "max": one.most, "unit": one.unit, "place": one.place, "words": one.words,
-    }  # fmt: skip
-
-
-@dataclass(frozen=True)
 class Spot:
     """The numbers of one place of the frame.
 
@@ -227,11 +175,6 @@ def place_of(x: float, y: float, shape: tuple[int, int]) -> Place:
     rows, columns = shape
     u, v = abs(2 * x / max(columns - 1, 1) - 1), abs(2 * y / max(rows - 1, 1) - 1)
     return (Place.CENTRE, Place.SIDES, Place.CORNERS)[(u > MIDDLE) + (v > MIDDLE)]
-
-
-def worst(judged: Iterator[Judged] | Sequence[Judged]) -> Judged:
-    """The worst of several."""
-    return max(judged, key=list(Judged).index)
 
 
 def _judge(record: PlaneResult, limit: Limit, pixels: Pixels, spots: Sequence[Spot]) -> Iterator[Judgement]:

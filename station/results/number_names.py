@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from procedures.mtf_numbers import LEVELS, frequency_of
+from procedures.transfer_function import LEVELS, frequency_of
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from procedures.pattern_psf.error_parts import Variation
     from procedures.physics.estimate import Physics
     from procedures.sensor.information import Information
-    from station.results.limits import Comparison
+    from station.results.comparison import Comparison
 
 Array = npt.NDArray[np.float64]
 

@@ -22,8 +22,9 @@ import hashlib
 import math
 from pathlib import Path
 
-from procedures.outcome import BadParameter
+from procedures.outcome import BadInput, BadParameter
 from procedures.raw import GREY_PLANE, MOSAIC_PLANES
+from procedures.reading.text import read_text
 from station.common.sanitise import printable
 from station.common.toml_table import Table
 from station.results.limits import BOTH, FAMILIES, MTF, NUMBERS, Limit, Place, Specification
@@ -41,13 +42,25 @@ def read_specification(path: Path) -> Specification:
     BadParameter
         If it cannot be read, has a key that is not known or a value that cannot be meant, or sets no limit.
     """
-    table = Table.read(path)
-    found = specification_in(table, path.name)
+    return parse_specification(specification_text(path), str(path))
+
+
+def specification_text(path: Path) -> str:
+    """The text of a file. Raises BadParameter if it cannot be read."""
+    try:
+        return read_text(path, "specification", "name another file")
+    except BadInput as error:
+        raise BadParameter(printable(error.reason), error.remedy) from error
+
+
+def parse_specification(text: str, source: str) -> Specification:
+    """The specification in the text of a file, `source` its path. Raises BadParameter as `read_specification` does."""
+    table = Table.parse(text, source)
+    found = specification_in(table, Path(source).name)
     table.end()
     if not found.limits:
-        raise BadParameter(f"{printable(path)} sets no limit", "write [[limit]] tables; station init shows them")
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    return Specification(found.limits, found.title, str(path), digest)
+        raise BadParameter(f"{printable(source)} sets no limit", "write [[limit]] tables; station init shows them")
+    return Specification(found.limits, found.title, source, hashlib.sha256(text.encode()).hexdigest())
 
 
 def specification_in(table: Table, title: str = "") -> Specification:

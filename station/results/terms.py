@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from station.results.limits import Comparison, Judged, Specification, Spot, compare, worst
+from station.results.comparison import Comparison, Judged, Judgement, worst
+from station.results.limits import Specification, Spot, compare
 from station.results.plane_result import PlaneResult
 from station.results.units import Frequency, Pixels, Unit
 
@@ -41,6 +42,12 @@ class Terms:
         compared = replace(record, specification=found) if self.specification.limits else record
         return compared.in_unit(self.unit, pixels)
 
+    def undecided(self, record: PlaneResult, reason: str) -> PlaneResult:
+        """A plane's result that cannot be held to the specification, with the reason."""
+        words = f"the specification cannot be judged: {reason}"
+        judgement = Judgement("", Judged.UNDECIDED, None, 0.0, None, None, "", "", words)
+        return replace(record, specification=Comparison(Judged.UNDECIDED, (judgement,)))
+
     def parameters(self) -> dict[str, Any]:
         """What a record's parameters tell of them, where it is not the usual."""
         return {"unit": str(self.unit)} if self.unit is not Unit.CYCLES else {}
@@ -64,8 +71,6 @@ def specification_verdict(planes: Sequence[PlaneResult]) -> Judged | None:
 
 def comparison_of(entry: Mapping[str, Any]) -> Comparison | None:
     """What a plane's entry in a record tells of its specification; None where it tells nothing that can be read."""
-    from station.results.limits import Judgement
-
     told = entry.get("specification")
     if not isinstance(told, dict) or not isinstance(told.get("limits"), list):
         return None

@@ -13,17 +13,8 @@ from hypothesis import strategies as st
 from procedures.outcome import BadParameter, Quantity, Verdict
 from procedures.psf import Psf
 from procedures.quality import Diffraction, assess
-from station.results.limits import (
-    QUANTITIES,
-    Comparison,
-    Judged,
-    Limit,
-    Place,
-    Specification,
-    Spot,
-    compare,
-    place_of,
-)
+from station.results.comparison import Comparison, Judged
+from station.results.limits import QUANTITIES, Limit, Place, Specification, Spot, compare, place_of
 from station.results.plane_result import PlaneResult
 from station.results.units import Pixels, Unit
 
