@@ -6,10 +6,12 @@ squares is the number's. Source: ISO/IEC Guide 98-3 (GUM), section 5.1 and annex
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from procedures.quality import Quality
+from procedures.psf import Psf
+from procedures.quality import Quality, assess
+from procedures.transfer_function import LEVELS, frequency_of
 
 Budget = Mapping[str, float]
 """Terms by name, each a standard uncertainty."""
@@ -26,6 +28,8 @@ TERMS = {
     "choice": "choice of s and k",
 }
 """What the terms are, in the order in which they are told."""
+FREQUENCIES = tuple(f"mtf{level}_" for level in LEVELS)
+"""How the names of numbers begin that are frequencies."""
 
 
 def combined(budget: Budget) -> float:
@@ -49,11 +53,31 @@ def taken_apart(quality: Quality, parts: Mapping[str, Budget]) -> Quality:
     return replace(quality, numbers=numbers, budgets=budgets)
 
 
+def with_frequencies(quality: Quality, psf: Psf, at: Sequence[float]) -> Quality:
+    """The same numbers, and the MTF at more frequencies (cycles per pixel of the plane).
+
+    Their uncertainties are made up as that of the MTF at Nyquist along the same direction is: each term in proportion
+    to what the PSF's covariance gives.
+    """
+    n = next((one.n for one in quality.numbers.values()), 0)
+    fresh = assess(psf, n=n, at=at)
+    numbers, budgets = dict(quality.numbers), dict(quality.budgets)
+    for name, number in fresh.numbers.items():
+        if (told := frequency_of(name)) is None or name in numbers:
+            continue
+        like = f"mtf_nyquist_{told[1]}"
+        own, whole = fresh.budgets[name]["noise"], fresh.budgets[like]["noise"]
+        terms = {term: value * own / max(whole, 1e-300) for term, value in quality.budgets[like].items()}
+        budgets[name] = {**terms, "choice": fresh.budgets[name]["choice"]}
+        numbers[name] = replace(number, uncertainty=combined(budgets[name]))
+    return replace(quality, numbers=numbers, budgets=budgets, at=tuple(at))
+
+
 def with_settling(quality: Quality, share: float) -> Quality:
-    """The same numbers with what MTF50 may still move, a share of it, when s or k is raised, added to its choice."""
+    """The same numbers with what MTF50 and its like may still move, a share of them, when s or k is raised."""
     budgets = {}
     for name, terms in quality.budgets.items():
-        move = share * quality.numbers[name].value if name.startswith("mtf50") else 0.0
+        move = share * quality.numbers[name].value if name.startswith(FREQUENCIES) else 0.0
         budgets[name] = {**terms, "choice": float((terms["choice"] ** 2 + move**2) ** 0.5)}
     numbers = {name: replace(number, uncertainty=combined(budgets[name])) for name, number in quality.numbers.items()}
     return replace(quality, numbers=numbers, budgets=budgets)

@@ -31,6 +31,8 @@ class Sampling:
     solver : str
         "ls" least squares, "clip" its negative part cut, "nnls" non-negative least squares (from the
         chart: held by the size, width and smoothness that the photograph shows).
+    at : tuple of float
+        Frequencies in cycles per pixel of the plane at which the MTF is told.
 
     Raises
     ------
@@ -41,6 +43,7 @@ class Sampling:
     s: int | None
     k: int | None
     solver: str
+    at: tuple[float, ...]
 
     def __post_init__(self) -> None:
         if (self.s or 0) > MOST_PER_PX or (self.k or 0) > MOST_SAMPLES:
@@ -58,9 +61,10 @@ class Sampling:
         if self.solver not in SOLVERS:
             raise BadParameter(f"the solver is one of {', '.join(SOLVERS)}; got {self.solver!r}", "choose one of them")
 
-    def told(self) -> dict[str, int | str]:
+    def told(self) -> dict[str, int | str | list[float]]:
         """As a record tells it."""
-        return {"s": self.s or "auto", "k": self.k or "auto", "solver": self.solver}
+        at = {"at": list(self.at)} if self.at else {}
+        return {"s": self.s or "auto", "k": self.k or "auto", "solver": self.solver, **at}
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ take the uncertainty apart. Frequencies are in cycles per pixel of the plane, le
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -19,6 +19,7 @@ from procedures.numerics.kernel_tail import SHAPES, tail_spectra
 from procedures.outcome import Quantity
 from procedures.psf import Psf
 from procedures.spatial_numbers import CIRCLES, Found, circle, name_of_circle, section_widths, spatial_numbers
+from procedures.transfer_function import LEVELS, crossing, curve_numbers
 
 Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
@@ -58,6 +59,8 @@ class Quality:
     budgets : mapping of str to mapping of str to float
         Standard uncertainties that make up that of each number: "noise" what the PSF's covariance gives, "choice" what
         the support and the band leave open; see `procedures.budget`.
+    at : tuple of float
+        Frequencies at which the MTF was asked for.
     """
 
     frequencies: Array
@@ -72,6 +75,7 @@ class Quality:
     numbers: Mapping[str, Quantity]
     gradients: Mapping[str, Array]
     budgets: Mapping[str, Mapping[str, float]]
+    at: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -126,7 +130,7 @@ def otf(psf: Psf, fx: Array, fy: Array) -> Complex:
     return np.asarray(values.reshape(fx.shape) / psf.light)
 
 
-def assess(psf: Psf, *, n: int, diffraction: Diffraction | None = None) -> Quality:
+def assess(psf: Psf, *, n: int, diffraction: Diffraction | None = None, at: Sequence[float] = ()) -> Quality:
     """Curves and numbers of a PSF.
 
     Parameters
@@ -136,6 +140,8 @@ def assess(psf: Psf, *, n: int, diffraction: Diffraction | None = None) -> Quali
         Number of samples the PSF was estimated from, for the record.
     diffraction : Diffraction, optional
         Where it is known, the Strehl ratio is reported too.
+    at : sequence of float
+        Frequencies, in cycles per pixel of the plane, at which the MTF is told too; none beyond s/2.
     """
     f = frequencies(psf)
     zero = np.zeros_like(f)
@@ -146,7 +152,7 @@ def assess(psf: Psf, *, n: int, diffraction: Diffraction | None = None) -> Quali
     curves = {"horizontal": (mtf_h, slope_h), "vertical": (mtf_v, slope_v), "radial": (mtf_r, slope_r)}
     found: list[Found] = []
     for name, (mtf, slope) in curves.items():
-        found += _curve_numbers(f, mtf, slope, name)
+        found += curve_numbers(f, mtf, slope, name, at)
     found += spatial_numbers(psf)
     if diffraction is not None:
         found.append(_strehl(psf, diffraction))
@@ -171,6 +177,7 @@ def assess(psf: Psf, *, n: int, diffraction: Diffraction | None = None) -> Quali
         numbers,
         {one.name: one.gradient for one in told},
         budgets,
+        tuple(at),
     )
 
 
@@ -209,10 +216,13 @@ def _left_open(
     stray = truncation(psf)
     left = {one.name: 0.0 for one in found}
     for name, (mtf, _) in curves.items():
-        left[f"mtf_nyquist_{name}"] = stray
-        if (number := f"mtf50_{name}") in left:
-            i = int(np.clip(np.searchsorted(-mtf, -0.5), 1, len(f) - 1))
-            left[number] = stray * float(f[i] - f[i - 1]) / max(float(mtf[i - 1] - mtf[i]), 1e-9)
+        for number in left:
+            if number.endswith(f"_{name}") and number.startswith("mtf_"):
+                left[number] = stray
+        for level in LEVELS:
+            if (number := f"mtf{level}_{name}") in left:
+                i = int(np.clip(np.argmax(mtf < level / 100), 1, len(f) - 1))
+                left[number] = stray * float(f[i] - f[i - 1]) / max(float(mtf[i - 1] - mtf[i]), 1e-9)
     values = {one.name: one.value for one in found}
     for share in NARROWER:
         for name, value in _within_band(psf, share, diffraction).items():
@@ -235,7 +245,7 @@ def mtf_along(psf: Psf, f: Array, angle: float) -> tuple[Array, Array]:
 def mtf50_along(psf: Psf, angle: float) -> tuple[float, Array] | None:
     """MTF50 along a direction in cycles/pixel, and its derivative by the PSF's parameters; None without."""
     f = frequencies(psf)
-    return _crossing(f, *mtf_along(psf, f, angle))
+    return crossing(f, *mtf_along(psf, f, angle))
 
 
 def quantity_along(psf: Psf, angle_deg: float, n: int) -> Quantity | None:
@@ -291,40 +301,6 @@ def _radial_mean(psf: Psf, f: Array) -> tuple[Array, Array]:
 def _uncertainty(C: Array, slope: Array) -> Array:
     """Standard uncertainty of quantities whose derivatives are the rows of `slope`, for parameters' covariance C."""
     return np.asarray(np.sqrt(np.maximum(np.einsum("ij,ij->i", slope @ C, slope), 0)))
-
-
-def _curve_numbers(f: Array, mtf: Array, slope: Array, name: str) -> list[Found]:
-    """MTF50 and MTF at Nyquist of one curve; no MTF50 where the curve stays above one half."""
-    i = int(np.searchsorted(f, 0.5))
-    found = [Found(f"mtf_nyquist_{name}", float(mtf[i]), "1", "|OTF| at 0.5 cycles/pixel", slope[i])]
-    crossing = _crossing(f, mtf, slope)
-    if crossing is not None:
-        found.append(Found(f"mtf50_{name}", crossing[0], "cycles/pixel", "first crossing of |OTF| = 0.5", crossing[1]))
-    return found
-
-
-def _crossing(f: Array, mtf: Array, slope: Array) -> tuple[float, Array] | None:
-    """Where a curve first falls below one half, and the derivative of that; None where it stays above.
-
-    Between the frequencies the curve is a parabola through three of them: a straight line errs by up to 5e-4.
-    """
-    below = np.flatnonzero(mtf < 0.5)
-    if not len(below):
-        return None
-    i = max(int(below[0]), 2)
-    step = f[1] - f[0]
-    a, b, c = mtf[i - 2 : i + 1]
-    bend, tilt = (a - 2 * b + c) / 2, (c - a) / 2
-    t = 0.0 if b == 0.5 else _root(bend, tilt, b - 0.5)
-    weights = np.array([t * (t - 1) / 2, 1 - t * t, t * (t + 1) / 2])
-    steepness = -(tilt + 2 * bend * t) / step
-    return float(f[i - 1] + t * step), np.asarray(weights @ slope[i - 2 : i + 1] / steepness)
-
-
-def _root(bend: float, tilt: float, above: float) -> float:
-    """The root of bend t^2 + tilt t + above that is nearest to 0, on a falling curve."""
-    discriminant = max(tilt * tilt - 4 * bend * above, 0.0)
-    return float(2 * above / (-tilt + np.sqrt(discriminant)))
 
 
 def _within_band(psf: Psf, share: float, diffraction: Diffraction | None) -> dict[str, float]:

@@ -11,6 +11,7 @@ import click
 
 from station.cli.terminal.lazy import LazyGroup
 from station.cli.terminal.numbers import SEED
+from station.common.log import set_quiet
 
 # name -> (module under station.cli, function, help line)
 COMMANDS = {
@@ -37,14 +38,21 @@ LARGE_HEAP = 50_000
 """Containers made between two searches for garbage, Python's own habit being 700: here arrays are large, and few."""
 
 
-@click.group(cls=LazyGroup, table=COMMANDS, invoke_without_command=True)
+@click.group(
+    cls=LazyGroup,
+    table=COMMANDS,
+    invoke_without_command=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
 @click.version_option(package_name="calibration-station")
 @click.option("--simulate", is_flag=True, help="Work with the simulated bench.")
 @click.option("--config", type=click.Path(path_type=Path), help="The bench's devices; station.toml where there is one.")
 @click.option("--sessions", type=click.Path(path_type=Path), default=Path("sessions"), show_default=True)
 @click.option("--seed", type=SEED, default=0, help="Of the simulated bench.")
+@click.option("-q", "--quiet", is_flag=True, help="Say on stderr only what is doubtful or wrong.")
 @click.option("--plain", is_flag=True, help="Guide by plain lines on stdin and stdout.")
 @click.option("--plan", help="What to be guided through.  [default: pattern]")
+@click.option("--specification", type=click.Path(path_type=Path), help="Limits to hold new sessions' results to.")
 @click.pass_context
 def main(
     ctx: click.Context,
@@ -52,8 +60,10 @@ def main(
     config: Path | None,
     sessions: Path,
     seed: int,
+    quiet: bool,
     plain: bool,
     plan: str | None,
+    specification: Path | None,
 ) -> None:
     """Camera calibration station: subpixel point spread functions with error bars.
 
@@ -66,14 +76,17 @@ def main(
     # command.
     gc.set_threshold(LARGE_HEAP)
     atexit.register(gc.freeze)
+    set_quiet(ctx, quiet)
     if ctx.invoked_subcommand is None and plain:
         from station.cli.guide import run_plain
 
-        run_plain(simulate=simulate, config=config, sessions=sessions, seed=seed, plan=plan)
+        run_plain(
+            simulate=simulate, config=config, sessions=sessions, seed=seed, plan=plan, specification=specification
+        )
     elif ctx.invoked_subcommand is None:
         from station.cli.app import run_app
 
-        run_app(simulate=simulate, config=config, sessions=sessions, seed=seed, plan=plan)
+        run_app(simulate=simulate, config=config, sessions=sessions, seed=seed, plan=plan, specification=specification)
 
 
 if __name__ == "__main__":

@@ -37,6 +37,7 @@ class PlaneField:
     ----------
     centre, quality : the PSF at the frame's centre, and what it says
     numbers : of the whole field: the axis of the lens, and the median of each map
+    pitch : sensor pixels per pixel of the plane
     """
 
     centre: Psf
@@ -44,6 +45,7 @@ class PlaneField:
     interpolation: Interpolation
     maps: tuple[FieldMap, ...]
     numbers: Mapping[str, Quantity]
+    pitch: int = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +62,7 @@ class FieldResult:
 
 def conclude(
     measured: Measured, focus: Mapping[str, float] | None = None, limit: Limit = lambda plane: None,
-    told: Told = silent,
+    told: Told = silent, at: Sequence[float] = (),
 ) -> FieldResult:  # fmt: skip
     """Field, maps and numbers of every plane, lateral colour between them, best focus where positions are known.
 
@@ -68,6 +70,8 @@ def conclude(
     ----------
     focus : mapping of photograph's name to focus position in mm, optional
         The field is then that of the sharpest position.
+    at : sequence of float
+        Frequencies in cycles per pixel of the plane at which the MTF of the frame's centre is told.
 
     Raises
     ------
@@ -86,7 +90,7 @@ def conclude(
     kept = {name: bracket.get(best, []) for name, bracket in brackets.items()}
     planes = {}
     for name, nodes in kept.items():
-        planes[name] = _plane_field(measured.planes[name], nodes, limit)
+        planes[name] = _plane_field(measured.planes[name], nodes, limit, at)
         told(f"field of {name}")
     surface, refusal = None, ""
     if focus:
@@ -125,7 +129,7 @@ def _shape(plane: Plane) -> tuple[int, int]:
     return int(rows), int(columns)
 
 
-def _plane_field(plane: Plane, nodes: Sequence[Node], limit: Limit) -> Outcome[PlaneField]:
+def _plane_field(plane: Plane, nodes: Sequence[Node], limit: Limit, at: Sequence[float]) -> Outcome[PlaneField]:
     shape = _shape(plane)
     try:
         found = interpolate(plane.name, shape, nodes)
@@ -134,8 +138,9 @@ def _plane_field(plane: Plane, nodes: Sequence[Node], limit: Limit) -> Outcome[P
     maps = derive(found.field)
     centre = found.field.at((shape[1] - 1) / 2, (shape[0] - 1) / 2)
     verdict, reason, remedy = verdict_of(_rules(found, maps))
-    quality = assess(centre, n=len(nodes), diffraction=limit(plane))
-    return Outcome(PlaneField(centre, quality, found, maps, _numbers(found, maps)), verdict, reason, remedy)
+    quality = assess(centre, n=len(nodes), diffraction=limit(plane), at=at)
+    field = PlaneField(centre, quality, found, maps, _numbers(found, maps), plane.pitch)
+    return Outcome(field, verdict, reason, remedy)
 
 
 def _rules(found: Interpolation, maps: Sequence[FieldMap]) -> list[Rule]:

@@ -70,7 +70,8 @@ class CombinedPsf:
 
         What the shots' models leave over may be the same in all of them: it does not shrink with their number.
         """
-        quality = assess(self.psf, n=sum(shot.n for shot in self.shots), diffraction=self.diffraction)
+        at = self.shots[0].quality.at
+        quality = assess(self.psf, n=sum(shot.n for shot in self.shots), diffraction=self.diffraction, at=at)
         parts = {name: self._parts(name, terms["noise"]) for name, terms in quality.budgets.items()}
         return taken_apart(quality, parts)
 

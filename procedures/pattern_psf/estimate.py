@@ -70,6 +70,7 @@ class PatternParameters(Sampling):
     s: int | None = None
     k: int | None = None
     solver: str = "ls"
+    at: tuple[float, ...] = ()
     chosen: bool = False
 
 
@@ -238,7 +239,7 @@ def _estimate(
     found, tried = choose(
         attempt, lambda one: one.psf, count, finest(cell_px), start_s=first_s, s=parameters.s, k=parameters.k
     )
-    quality = assess(found.psf, n=len(found.fit.observation), diffraction=diffraction)
+    quality = assess(found.psf, n=len(found.fit.observation), diffraction=diffraction, at=parameters.at)
     parts = error_parts(found.fit, found.psf, quality, WATCHED, GROUPS if sensor is None else CALIBRATED)
     quality = taken_apart(with_settling(quality, settling(tried)), parts.parts)
     diagnostics = diagnose(

@@ -28,6 +28,7 @@ from procedures.slanted_edge.strip import Line, Roi, Strip, strip_of
 from procedures.slanted_edge.tail import Tail
 from procedures.slanted_edge.transfer import FREQUENCIES, frequency_at, mtf_of
 from procedures.slanted_edge.trust import MOST_OVERSHOOT, check_clipping, check_course, check_samples, judge
+from procedures.transfer_function import LEVELS
 
 Array = npt.NDArray[np.float64]
 
@@ -38,6 +39,8 @@ SURE = 0.008
 REPEATED, REPEATED_AT = 0.005, 0.8
 """What four bins to a pixel repeat from above their limit: a standard uncertainty of half a per cent at 0.8 cycles per
 pixel, growing with the fourth power of the frequency, as edges of known transfer functions show."""
+MOST_FALL = 0.9
+"""Share of the drawn curves that must fall to a level for its frequency to be told."""
 METHOD = "ISO 12233:2023 e-SFR, four bins to a pixel; uncertainty by drawing rows anew"
 
 
@@ -59,7 +62,7 @@ class EdgeMtf:
     frequencies, mtf, uncertainty : (n,) float64
         Cycles per pixel of the plane along the edge's normal, moduli, their standard uncertainties.
     numbers : mapping of str to Quantity
-        mtf50, mtf20, mtf_nyquist, angle (from the nearest axis).
+        mtf50, mtf30, mtf20, mtf10, mtf_nyquist, angle (from the nearest axis).
     normal_deg : float
         Direction of the normal, from x towards y, -90 to 90.
     order : int
@@ -88,6 +91,13 @@ class EdgeMtf:
     def orientation(self) -> str:
         """The edge's own: near-horizontal or near-vertical."""
         return orientation(self.turned)
+
+    def at(self, frequency: float) -> Quantity | None:
+        """The MTF at a frequency in cycles per pixel of the plane; None beyond the curve."""
+        if not 0 <= frequency <= self.frequencies[-1]:
+            return None
+        value, spread = (float(np.interp(frequency, self.frequencies, one)) for one in (self.mtf, self.uncertainty))
+        return Quantity(value, "1", spread, METHOD, self.numbers["mtf_nyquist"].n)
 
 
 @dataclass(frozen=True)
@@ -221,10 +231,10 @@ def _points(strip: Strip, course: Course) -> Array:
 def _numbers(strip: Strip, course: Course, profile: Profile, mtf: Array, draws: Array) -> dict[str, Quantity]:
     n = profile.samples
     numbers: dict[str, Quantity] = {}
-    for level in (50, 20):
-        value = float(frequency_at(mtf, level / 100))
-        if np.isfinite(value):
-            drawn = float(np.nanstd(frequency_at(draws, level / 100)))
+    for level in LEVELS:
+        value, drawn_at = float(frequency_at(mtf, level / 100)), frequency_at(draws, level / 100)
+        if np.isfinite(value) and np.isfinite(drawn_at).mean() > MOST_FALL:
+            drawn = float(np.nanstd(drawn_at))
             spread = math.hypot(drawn, REPEATED * value * (value / REPEATED_AT) ** 4)
             numbers[f"mtf{level}"] = Quantity(value, "cycles/pixel", spread, METHOD, n)
     nyquist = int(np.searchsorted(FREQUENCIES, 0.5))

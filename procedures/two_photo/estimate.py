@@ -48,6 +48,7 @@ class TwoPhotoParameters(Sampling):
     s: int | None = None
     k: int | None = None
     solver: str = "ls"
+    at: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -167,7 +168,7 @@ def _estimate(
     alike = likeness(fit, found.free, near)
     errors = likely_errors(alike, found.recovered, found.free, J)
     psf = widened(found.psf, errors)
-    quality = assess(psf, n=len(fit.residual), diffraction=diffraction)
+    quality = assess(psf, n=len(fit.residual), diffraction=diffraction, at=parameters.at)
     parts = error_parts(fit, kernel, found.recovered, found.free, quality, errors)
     quality = taken_apart(with_settling(quality, settling(tried)), parts.parts)
     check = psf_by_equation(kernel.total, psf.s, J)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -14,26 +14,28 @@ from typing import Any, cast
 from procedures.outcome import BadInput, BadParameter, ProcedureError, Verdict
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.raw import RawFrame, default_plane, read_frame, read_photograph
-from procedures.reading.exposure import check_typed
+from procedures.reading.exposure import Exposure, check_typed
 from procedures.two_photo.estimate import TwoPhotoParameters
 from station.batch.procedure_file import ALL, Procedure
 from station.calibration.folder_photographs import Item
 from station.calibration.planes import calibrate, calibrate_pair, diffraction_limit
 from station.common.sanitise import encodable, printable, safe_stem
-from station.results.limits import Judged, Judgement, judge
+from station.results.comparison import Comparison, Judged
 from station.results.plane_result import PlaneResult
 from station.results.result_files import RECORD, ResultFolder, software, write_psf_result
 from station.results.result_seal import damage
+from station.results.units import pixels_of
 
 RESULTS = "results"
 KEY_LETTERS = 16
 """Letters of an item's hash that its folder's name ends with."""
-PASS, DOUBTFUL, FAIL = (str(one) for one in Judged)
-REFUSED = str(Verdict.REFUSED)
+PASS, DOUBTFUL, REFUSED = (str(one) for one in Verdict)
 UNREADABLE, LOST, FAULT = "unreadable", "lost", "fault"
-VERDICTS = (PASS, DOUBTFUL, FAIL, REFUSED, UNREADABLE, LOST, FAULT)
-"""What can come of a photograph, the best first: inside the limits, not surely inside, outside; no PSF from it; no
-photograph at all; it ended the process that worked on it; it met an error of this program."""
+VERDICTS = (PASS, DOUBTFUL, REFUSED, UNREADABLE, LOST, FAULT)
+"""What can come of a measurement, the best first: trusted, doubtful; no PSF from the photograph; no photograph at all;
+it ended the process that worked on it; it met an error of this program."""
+JUDGED = ("", *(str(one) for one in Judged))
+"""How it stands to its specification, the best first; "" where there is none."""
 USABLE = (PASS, DOUBTFUL)
 NO_MEMORY = -4
 """Code of an OpenCV error (cv::Error::StsNoMem)."""
@@ -62,13 +64,14 @@ class Job:
 
 @dataclass(frozen=True)
 class PlaneRow:
-    """One plane in one line: its verdict with the limits, the numbers with value, uncertainty and unit."""
+    """One plane in one line: both its verdicts, the numbers with value, uncertainty and unit, and the limits."""
 
     verdict: str
     reason: str
     remedy: str
     numbers: Mapping[str, Mapping[str, Any]]
-    limits: Sequence[Mapping[str, Any]]
+    specification: str = ""
+    limits: Sequence[Mapping[str, Any]] = ()
 
 
 @dataclass(frozen=True)
@@ -79,7 +82,13 @@ class Row:
     ----------
     files, sha256 : sequence of str
     verdict : one of VERDICTS
-        The worst of its planes.
+        Of the measurement: the worst of its planes.
+    specification : one of JUDGED
+        How it stands to its limits: the worst of its planes.
+    against : str
+        Which limits it does not meet, or not surely, in sentences.
+    noted : mapping of str to number or str
+        What the camera noted: exposure_s, f_number, focus_distance_mm, iso, focal_length_mm, camera, lens.
     folder : str
         Of its result, from the batch's folder; "" where none was kept, so that a later run tries again.
     reused : bool
@@ -98,6 +107,19 @@ class Row:
     reused: bool = False
     duration_s: float = 0.0
     redone: str = ""
+    specification: str = ""
+    against: str = ""
+    noted: Mapping[str, float | str] = field(default_factory=dict)
+
+    @property
+    def usable(self) -> bool:
+        """Whether there is a measurement, and it does not miss its specification."""
+        return self.verdict in USABLE and self.specification != Judged.MISSES
+
+    @property
+    def sure(self) -> bool:
+        """Whether it is trusted, and meets its specification where there is one."""
+        return self.verdict == PASS and self.specification in ("", Judged.MEETS)
 
 
 def key_of(hashes: Sequence[str], procedure: Procedure) -> str:
@@ -126,7 +148,7 @@ def _row(item: Item, job: Job) -> Row:
     if kept is not None:
         return replace(kept, reused=True)
     folder = f"{RESULTS}/{safe_stem(item.paths[0])}-{key}"
-    with ResultFolder(job.out / folder) as place:
+    with ResultFolder(job.out / folder, force=True) as place:
         return replace(_estimate(item, job, contents, hashes, folder, place), redone=redone)
 
 
@@ -141,14 +163,14 @@ def _estimate(
         row = replace(_failure(item, error), sha256=hashes, folder=folder)
         calibrated = []
     else:
-        judged = {record.name: judge(record, job.procedure.limits) for record in calibrated}
-        row = _row_of(item, calibrated, judged, hashes, folder)
+        row = replace(_row_of(item, calibrated, hashes, folder), noted=noted(frames[0].exposure))
         if job.reports:
-            _write_page(place, job.procedure, frames, calibrated, judged)
+            _write_page(place, job.procedure, frames, calibrated)
     about = {
         "procedure": job.procedure.name,
         "input": [{"path": name, "sha256": one} for name, one in zip(item.files, hashes, strict=True)],
         "parameters": job.procedure.told(),
+        **job.procedure.terms.about(calibrated),
         "batch": asdict(row),
         "duration_s": round(time.perf_counter() - start, 3),
     }
@@ -169,42 +191,54 @@ def _calibrated(procedure: Procedure, frames: Sequence[RawFrame]) -> list[PlaneR
     """Every plane of a photograph or of a pair, one after the other."""
     optics = cast(dict[str, Any], {"pixel_pitch_um": None, **procedure.optics})
     limit = partial(diffraction_limit, frames[0].exposure, **optics)
+    pixels = pixels_of(frames[0], optics["pixel_pitch_um"])
+    at = procedure.terms.frequencies(next(iter(pixels.values())))
     if procedure.chart is not None:
-        parameters = cast(PatternParameters, procedure.parameters)
-        return list(calibrate(frames[0], procedure.chart.chart, parameters, limit, threads=1))
-    pair = cast(TwoPhotoParameters, procedure.parameters)
-    return list(calibrate_pair(frames[0], frames[1], pair, limit, threads=1))
+        parameters = replace(cast(PatternParameters, procedure.parameters), at=at)
+        found = calibrate(frames[0], procedure.chart.chart, parameters, limit, threads=1)
+    else:
+        pair = replace(cast(TwoPhotoParameters, procedure.parameters), at=at)
+        found = calibrate_pair(frames[0], frames[1], pair, limit, threads=1)
+    return [procedure.terms.told(one, pixels[one.name]) for one in found]
 
 
-def _row_of(
-    item: Item,
-    records: Iterable[PlaneResult],
-    judged: Mapping[str, Sequence[Judgement]],
-    hashes: Sequence[str],
-    folder: str,
-) -> Row:
-    planes = {record.name: plane_row(record, judged[record.name]) for record in records}
+def _row_of(item: Item, records: Sequence[PlaneResult], hashes: Sequence[str], folder: str) -> Row:
+    planes = {record.name: plane_row(record) for record in records}
     name, worst = max(planes.items(), key=lambda one: VERDICTS.index(one[1].verdict))
     reason = f"{name}: {worst.reason}" if worst.reason else ""
-    return Row(item.files, worst.verdict, reason, worst.remedy, hashes, folder, planes)
+    judged = max((one.specification for one in planes.values()), key=JUDGED.index)
+    against = "; ".join(
+        f"{one.name}: {words}" for one in records if one.specification for words in one.specification.against
+    )
+    return Row(
+        item.files, worst.verdict, reason, worst.remedy, hashes, folder, planes, specification=judged, against=against
+    )
 
 
-def plane_row(record: PlaneResult, judged: Sequence[Judgement]) -> PlaneRow:
-    """A plane's verdict by its estimate and its limits, the worse of both, with all that speaks against it."""
-    verdicts = [str(record.verdict), *(str(one.judged) for one in judged)]
-    against = [record.reason, *(one.words for one in judged if one.judged is not Judged.PASS)]
+def noted(exposure: Exposure) -> dict[str, float | str]:
+    """What the camera noted of a photograph, as far as it did: what a series is drawn over."""
+    found = {
+        "camera": exposure.camera,
+        "lens": exposure.lens,
+        "exposure_s": exposure.exposure_s,
+        "f_number": exposure.f_number,
+        "iso": exposure.iso,
+        "focal_length_mm": exposure.focal_length_mm,
+        "focus_distance_mm": exposure.subject_distance_mm,
+        "captured_at": exposure.captured_at,
+    }
+    return {name: encodable(value) if isinstance(value, str) else value for name, value in found.items() if value}
+
+
+def plane_row(record: PlaneResult) -> PlaneRow:
+    """A plane in one line."""
+    found = (record.specification or Comparison()).told()
     numbers: dict[str, Mapping[str, Any]] = {
         name: {"value": value} for name, value in record.values.items() if isinstance(value, int | float)
     }
     for name, one in record.numbers.items():
         numbers[name] = {"value": one.value, "uncertainty": one.uncertainty, "unit": one.unit}
-    return PlaneRow(
-        max(verdicts, key=VERDICTS.index),
-        "; ".join(words for words in against if words),
-        record.remedy,
-        numbers,
-        [asdict(one) for one in judged],
-    )
+    return PlaneRow(str(record.verdict), record.reason, record.remedy, numbers, found["verdict"] or "", found["limits"])
 
 
 def _failure(item: Item, error: Exception) -> Row:
@@ -223,7 +257,6 @@ def _write_page(
     procedure: Procedure,
     frames: Sequence[RawFrame],
     calibrated: Sequence[PlaneResult],
-    judged: Mapping[str, Sequence[Judgement]],
 ) -> None:
     from station.reports.pattern_report import (  # here: it draws, and that import is slow
         PAGE,
@@ -231,7 +264,8 @@ def _write_page(
         report_of_files,
     )
 
-    report = report_of_files(procedure.name, frames, calibrated, procedure.told(), judged)
+    held = procedure.terms.specification
+    report = report_of_files(procedure.name, frames, calibrated, procedure.told(), held)
     place.write(PAGE, calibration_page(report).encode())
 
 

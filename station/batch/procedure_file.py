@@ -3,7 +3,10 @@
 ```toml
 procedure = "pattern"               # or "two-photo"
 planes = ["G1"]                     # or ["all"]; by default G1 of a RAW file, Y of a grey image
-coverage = 2                        # guard bands, in standard uncertainties
+specification = "lens.toml"         # beside this file; or the same [limits] and [[limit]] here
+unit = "cycles/pixel"               # of every frequency, here and in the results; or "lp/mm", "lw/ph"
+at = [0.25]                         # frequencies at which the MTF is told too
+coverage = 2                        # guard bands of the limits in here, in standard uncertainties
 parameters = { s = "auto", k = "auto", solver = "ls" }
 chart = { seed = 1 }                # or bits = "cells.pgm", beside this file
 optics = { pixel_pitch_um = 3.76, f_number = 8, wavelength_nm = 530 }
@@ -21,11 +24,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from procedures.outcome import BadParameter
 from procedures.pattern import DEFAULT_SEED
 from procedures.pattern_print.source import Source
 from procedures.pattern_psf.estimate import PatternParameters
@@ -35,7 +37,9 @@ from procedures.reading.sensor_dump import DumpLayout
 from procedures.two_photo.estimate import TwoPhotoParameters
 from station.common.sanitise import printable
 from station.common.toml_table import Table
-from station.results.limits import NUMBERS, Limit
+from station.results.specification_file import read_specification, specification_in
+from station.results.terms import USUAL, Terms
+from station.results.units import Frequency, Unit
 
 PATTERN, TWO_PHOTO = "pattern", "two-photo"
 DEFAULTS: Mapping[str, Sampling] = {PATTERN: PatternParameters(), TWO_PHOTO: TwoPhotoParameters()}
@@ -57,7 +61,8 @@ class Procedure:
         The cells that were photographed; None for two photographs of a wall.
     optics : mapping of str to float
         Of pixel_pitch_um, f_number and wavelength_nm those that are given.
-    limits : tuple of Limit
+    terms : Terms
+        The unit, further frequencies, and what the results are held to.
     endings : (str, str)
         How the names of a pair's photographs end.
     layout : DumpLayout or None
@@ -71,7 +76,7 @@ class Procedure:
     planes: tuple[str, ...] = ()
     chart: Source | None = None
     optics: Mapping[str, float] = field(default_factory=dict)
-    limits: tuple[Limit, ...] = ()
+    terms: Terms = USUAL
     endings: tuple[str, str] = ("_near", "_far")
     layout: DumpLayout | None = None
     trust_typed: bool = False
@@ -81,12 +86,13 @@ class Procedure:
         chart = {} if self.chart is None else {"chart": self.chart.origin}
         layout = {"raw": str(self.layout)} if self.layout else {}
         trust = {"trust_typed": True} if self.trust_typed else {}
-        return {**self.parameters.told(), **chart, **self.optics, **layout, **trust}
+        return {**self.parameters.told(), **chart, **self.optics, **layout, **trust, **self.terms.parameters()}
 
     def fingerprint(self) -> dict[str, Any]:
         """All that a result depends on, as plain data."""
-        limits = [[one.number, repr(one.least), repr(one.most), one.coverage, *one.planes] for one in self.limits]
-        return {"procedure": self.name, "planes": list(self.planes), "limits": limits, **self.told()}
+        at = [one.value for one in self.terms.at]
+        held = {name: value for name, value in self.terms.specification.told().items() if name != "path"}
+        return {"procedure": self.name, "planes": list(self.planes), "specification": held, "at": at, **self.told()}
 
 
 def read_procedure(path: Path) -> Procedure:
@@ -109,7 +115,7 @@ def read_procedure(path: Path) -> Procedure:
         _planes(table),
         _chart(table.table("chart"), path.parent) if name == PATTERN else None,
         _optics(table.table("optics")),
-        _limits(table.table("limits"), table.get("coverage", float, 2.0)),
+        _terms(table, path.parent),
         _endings(table.table("pairs")) if name == TWO_PHOTO else Procedure.endings,
         _layout(table),
         table.get("trust_typed", bool, False),
@@ -130,7 +136,7 @@ def _parameters(table: Table, default: Sampling) -> Sampling:
         table.get("solver", str, default.solver),
     )
     table.end()
-    return type(default)(s=s, k=k, solver=solver)
+    return replace(default, s=s, k=k, solver=solver)
 
 
 def _planes(table: Table, known: tuple[str, ...] = (*MOSAIC_PLANES, GREY_PLANE, ALL)) -> tuple[str, ...]:
@@ -165,19 +171,15 @@ def _optics(table: Table) -> dict[str, float]:
     return found
 
 
-def _limits(table: Table, coverage: float) -> tuple[Limit, ...]:
-    if not 0 <= coverage < math.inf:
-        raise BadParameter(f"coverage must not be negative; it is {coverage:g}", "2 leaves 2.5 % on either side")
-    return tuple(_limit(name, one, coverage) for name, one in table.tables(NUMBERS).items())
-
-
-def _limit(name: str, table: Table, coverage: float) -> Limit:
-    least, most = table.get("min", float, -math.inf), table.get("max", float, math.inf)
-    planes = _planes(table, (*MOSAIC_PLANES, GREY_PLANE))
-    table.end()
-    if not least <= most or (math.isinf(least) and math.isinf(most)):
-        raise table.wrong("min", "and max must leave a range", "give min, max, or min below max")
-    return Limit(name, least, most, coverage, planes)
+def _terms(table: Table, beside: Path) -> Terms:
+    """Unit and frequencies; the specification, of a file beside this one or of this one."""
+    own = specification_in(table)
+    name = table.get("specification", str, "")
+    if name and own.limits:
+        raise table.wrong("specification", "and limits in this file are both given", "give one of them")
+    unit = Unit(table.get("unit", str, str(Unit.CYCLES)).lower())  # `specification_in` has looked at it
+    at = tuple(Frequency(value, unit) for value in table.numbers("at"))
+    return Terms(unit, at, read_specification(beside / name) if name else own)
 
 
 def _endings(table: Table) -> tuple[str, str]:

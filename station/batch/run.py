@@ -7,9 +7,7 @@ line for each (written as they are finished, put in order at the end), `summary.
 
 from __future__ import annotations
 
-import csv
 import hashlib
-import io
 import json
 import shutil
 import time
@@ -23,17 +21,37 @@ from typing import Any
 
 from procedures.outcome import BadParameter
 from station.batch.allowance import Allowance
-from station.batch.item import LOST, RESULTS, USABLE, VERDICTS, Job, PlaneRow, Row, work
+from station.batch.item import JUDGED, LOST, RESULTS, VERDICTS, Job, PlaneRow, Row, work
 from station.batch.process_pool import Lost, Stop, run_in_processes
 from station.calibration.folder_photographs import Item
 from station.common.atomic_files import write_whole
 from station.common.sanitise import cell
+from station.results.exports import csv_bytes
 from station.results.result_files import RECORD, plain, sealed_text, software
 
 SCHEMA = "station/batch/1"
 LINES, TABLE = "results.jsonl", "summary.csv"
 STATISTICS = ("mtf50_horizontal", "mtf50_vertical", "energy_above_nyquist", "residual_std")
 """Numbers that the summary tells of all photographs together."""
+HEAD = (
+    "files",
+    "verdict",
+    "plane",
+    "plane_verdict",
+    "reason",
+    "remedy",
+    "specification",
+    "against",
+    "folder",
+    "sha256",
+)
+"""The summary's first columns."""
+NOTED = (
+    ("camera", "camera"), ("lens", "lens"), ("captured_at", "captured_at"), ("exposure [s]", "exposure_s"),
+    ("f_number", "f_number"), ("iso", "iso"), ("focal_length [mm]", "focal_length_mm"),
+    ("focus_distance [mm]", "focus_distance_mm"),
+)  # fmt: skip
+"""Headings of what the camera noted, and its names in a row."""
 Work = Callable[[Item, Job], Row]
 Tls = tuple[Path, Path, Path] | None
 
@@ -54,9 +72,15 @@ class Batch:
         return {verdict: counted[verdict] for verdict in VERDICTS if counted[verdict]}
 
     @property
+    def judged(self) -> dict[str, int]:
+        """How many items meet their specification, do not, or are undecided; empty where there is none."""
+        counted = Counter(row.specification for row in self.rows)
+        return {verdict: counted[verdict] for verdict in JUDGED[1:] if counted[verdict]}
+
+    @property
     def failed(self) -> tuple[Row, ...]:
         """The items that are not usable."""
-        return tuple(row for row in self.rows if row.verdict not in USABLE)
+        return tuple(row for row in self.rows if not row.usable)
 
 
 def run_batch(
@@ -215,8 +239,18 @@ def _record(batch: Batch) -> dict[str, Any]:
         "undone": batch.undone,
         "reused": sum(row.reused for row in batch.rows),
         "verdicts": batch.counts,
+        "specification_verdicts": batch.judged,
         "planes": statistics(batch.rows),
-        "failed": [{"files": row.files, "verdict": row.verdict, "reason": row.reason} for row in batch.failed],
+        "failed": [
+            {
+                "files": row.files,
+                "verdict": row.verdict,
+                "specification": row.specification,
+                "reason": row.reason,
+                "against": row.against,
+            }
+            for row in batch.failed
+        ],
         "software": software(),
         "duration_s": batch.duration_s,
     }
@@ -238,19 +272,31 @@ def statistics(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
 
 
 def _table(rows: Sequence[Row]) -> bytes:
-    """One line for each plane, or for the item where it has none; no cell is a formula."""
+    """One line for each plane, or for the item where it has none; headings tell units; no cell is a formula."""
     planes = [(row, name, plane) for row in rows for name, plane in _planes(row)]
-    numbers = sorted({number for _, _, plane in planes if plane is not None for number in plane.numbers})
-    text = io.StringIO(newline="")
-    table = csv.writer(text, lineterminator="\n")
-    head = ["files", "verdict", "plane", "plane_verdict", "reason", "remedy", "folder", "sha256"]
-    table.writerow([*head, *(column for number in numbers for column in (number, f"{number}_uncertainty"))])
+    units = {name: one.get("unit", "") for _, _, plane in planes if plane for name, one in plane.numbers.items()}
+    numbers = sorted(units)
+    told = [column for number in numbers for column in (number, f"{number}_uncertainty")]
+    head = [*HEAD, *(heading for heading, _ in NOTED), *(_with_unit(one, units) for one in told)]
+    table = [head]
     for row, name, plane in planes:
-        told = row if plane is None else plane
-        words = (" + ".join(row.files), row.verdict, name, plane.verdict if plane else "", told.reason, told.remedy)
-        cells = [cell(word) for word in (*words, row.folder, " ".join(row.sha256))]
-        table.writerow(cells + [_number(plane.numbers if plane else {}, *column) for column in _columns(numbers)])
-    return text.getvalue().encode()
+        about = row if plane is None else plane
+        judged, against = (plane.specification, _against(plane)) if plane else (row.specification, row.against)
+        words = (" + ".join(row.files), row.verdict, name, plane.verdict if plane else "", about.reason, about.remedy)
+        cells = [cell(word) for word in (*words, judged, against, row.folder, " ".join(row.sha256))]
+        cells += [cell(str(row.noted.get(key, ""))) for _, key in NOTED]
+        table.append(cells + [_number(plane.numbers if plane else {}, *column) for column in _columns(numbers)])
+    return csv_bytes(table)
+
+
+def _with_unit(column: str, units: Mapping[str, str]) -> str:
+    """A heading with the unit of its number, where it has one."""
+    unit = units.get(column) or units.get(column.removesuffix("_uncertainty")) or ""
+    return column if unit in ("", "1") else f"{column} [{unit}]"
+
+
+def _against(plane: PlaneRow) -> str:
+    return "; ".join(str(one["words"]) for one in plane.limits if one["verdict"] != "meets")
 
 
 def _planes(row: Row) -> list[tuple[str, PlaneRow | None]]:

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from procedures.outcome import Verdict
+from procedures.outcome import Quantity, Verdict
 from procedures.quality import Diffraction
 from procedures.raw import Plane, RawFrame
 from procedures.slanted_edge.estimate import EdgeMtf, EdgeOutcome, estimate_edge, estimate_edges, orientation
 from procedures.slanted_edge.strip import Roi
+from procedures.transfer_function import name_at
 from station.drawing.edge_pictures import edge_picture
+from station.results.exports import csv_bytes
+from station.results.limits import place_of
+from station.results.plane_result import PlaneResult
 from station.results.result_files import ResultFolder, software, write_record
+from station.results.terms import USUAL, Terms
+from station.results.units import pixels_of, told_numbers
 
 SCHEMA = "station/mtf/1"
 
@@ -25,10 +29,19 @@ class EdgeRecord:
     """What a result says about one plane: every edge with its own verdict, the best first.
 
     The plane's verdict is that of the numbers it reports: of the best edge's.
+
+    Attributes
+    ----------
+    result : PlaneResult
+        The best edge's numbers in the terms that were asked for, held to the specification.
+    at : tuple of float
+        Where the MTF is told, in cycles per pixel of the plane.
     """
 
     name: str
     outcomes: tuple[EdgeOutcome, ...]
+    result: PlaneResult
+    at: tuple[float, ...] = ()
 
     @property
     def best(self) -> EdgeOutcome:
@@ -54,35 +67,62 @@ class EdgeRecord:
 
 
 def measure_edges(
-    frame: RawFrame, roi: Roi | None, limit: Callable[[Plane], Diffraction | None] = lambda _: None
+    frame: RawFrame,
+    roi: Roi | None,
+    limit: Callable[[Plane], Diffraction | None] = lambda _: None,
+    terms: Terms = USUAL,
+    pixel_pitch_um: float | None = None,
 ) -> Iterator[EdgeRecord]:
     """The edge of a region, or all edges that are found, plane by plane; `limit` is what is known of diffraction.
 
     Raises
     ------
     BadParameter
-        If the region does not lie in a plane.
+        If the region does not lie in a plane, or the terms' unit needs what is not known.
     """
+    pixels = pixels_of(frame, pixel_pitch_um)
     for plane in frame.planes.values():
-        known = limit(plane)
+        known, at = limit(plane), terms.frequencies(pixels[plane.name])
         outcomes = [estimate_edge(plane, roi, known)] if roi else estimate_edges(plane, known)
-        yield EdgeRecord(plane.name, tuple(outcomes))
+        told = terms.told(_result(plane, outcomes[0], at), pixels[plane.name])
+        yield EdgeRecord(plane.name, tuple(outcomes), told, at)
+
+
+def _result(plane: Plane, best: EdgeOutcome, at: Sequence[float]) -> PlaneResult:
+    """The best edge's answer as the plane's."""
+    numbers = {} if best.value is None else _numbers(best.value, at)
+    rows, columns = plane.samples.shape
+    roi = best.roi
+    place = "" if roi is None else place_of(roi.x + roi.width / 2, roi.y + roi.height / 2, (rows, columns))
+    return PlaneResult(plane.name, best.verdict, best.reason, best.remedy, numbers, pitch=plane.pitch, place=str(place))
+
+
+def _numbers(edge: EdgeMtf, at: Sequence[float]) -> dict[str, Quantity]:
+    """An edge's numbers, and its MTF at frequencies in cycles per pixel of the plane."""
+    asked = {name_at(f): number for f in at if (number := edge.at(f)) is not None}
+    return {**edge.numbers, **asked}
 
 
 def write_edge_result(
-    folder: ResultFolder, frame: RawFrame, records: Sequence[EdgeRecord], parameters: Mapping[str, Any], start: float
-) -> str:
+    folder: ResultFolder, frame: RawFrame, records: Sequence[EdgeRecord], parameters: Mapping[str, Any],
+    terms: Terms, start: float,
+) -> str:  # fmt: skip
     """Write mtf_P.csv and edge_P.png of every plane that has edges, and the record; returns the record's text."""
     for record in records:
+        told = record.result
         if record.edges:
-            folder.write(f"mtf_{record.name}.csv", edge_table(record.edges))
+            folder.write(f"mtf_{record.name}.csv", edge_table(record.edges, record.result))
             measured = [one for one in record.outcomes if one.value is not None]
-            folder.write(f"edge_{record.name}.png", edge_picture(frame.planes[record.name], measured))
+            folder.write(
+                f"edge_{record.name}.png",
+                edge_picture(frame.planes[record.name], measured, str(told.unit), told.factor),
+            )
     about = {
         "schema": SCHEMA,
         "procedure": "edge",
         "input": [{"path": str(frame.path), "sha256": frame.sha256}],
-        "parameters": dict(parameters),
+        "parameters": {**parameters, **terms.parameters(), **({"at": list(records[0].at)} if records[0].at else {})},
+        **terms.about([record.result for record in records]),
         "planes": {record.name: _plane_entry(record) for record in records},
         "software": software(),
         "duration_s": round(time.perf_counter() - start, 3),
@@ -90,32 +130,32 @@ def write_edge_result(
     return write_record(folder, about)
 
 
-def edge_table(edges: Sequence[EdgeMtf]) -> bytes:
-    """The MTFs as CSV: frequency in cycles/pixel, then of each edge its MTF and standard uncertainty."""
-    columns = {"frequency": edges[0].frequencies}
+def edge_table(edges: Sequence[EdgeMtf], told: PlaneResult) -> bytes:
+    """The MTFs as CSV: frequency in the unit that its heading tells, then of each edge its MTF and uncertainty."""
+    columns = {f"frequency [{told.unit}]": edges[0].frequencies * told.factor}
     for number, edge in enumerate(edges, 1):
         name = "mtf" if number == 1 else f"mtf_{number}"
         columns[name], columns[f"{name}_uncertainty"] = edge.mtf, edge.uncertainty
-    text = io.StringIO(newline="")
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(columns)
-    table.writerows([f"{value:.9g}" for value in row] for row in zip(*columns.values(), strict=True))
-    return text.getvalue().encode()
+    rows = ([f"{value:.9g}" for value in row] for row in zip(*columns.values(), strict=True))
+    return csv_bytes([list(columns), *rows])
 
 
 def _plane_entry(record: EdgeRecord) -> dict[str, Any]:
     """Verdict, the best edge's numbers, and every edge by itself with its own verdict."""
-    best = record.best
+    best, told = record.best, record.result
     entry: dict[str, Any] = {"verdict": str(best.verdict), "reason": best.reason, "remedy": best.remedy}
+    if told.specification is not None:
+        entry["specification"] = told.specification.told()
     if best.value is not None:
-        entry |= _numbers(best.value)
-    placed = [edge_entry(one) for one in record.outcomes if one.roi is not None]
+        entry["sensor_pixels_per_pixel"] = told.pitch
+    entry |= {name: asdict(number) for name, number in told.numbers.items()}
+    placed = [edge_entry(one, record) for one in record.outcomes if one.roi is not None]
     return entry | {"edges": placed} if placed else entry
 
 
-def edge_entry(outcome: EdgeOutcome) -> dict[str, Any]:
+def edge_entry(outcome: EdgeOutcome, record: EdgeRecord) -> dict[str, Any]:
     """One edge: its verdict and where it lies; where it is not refused its numbers, and how it was measured."""
-    roi, edge = outcome.roi, outcome.value
+    roi, edge, told = outcome.roi, outcome.value, record.result
     entry: dict[str, Any] = {
         "verdict": str(outcome.verdict),
         "reason": outcome.reason,
@@ -125,13 +165,10 @@ def edge_entry(outcome: EdgeOutcome) -> dict[str, Any]:
     }
     if edge is None:
         return entry
+    numbers = told_numbers(_numbers(edge, record.at), told.unit, told.factor)
     return entry | {
-        **_numbers(edge),
+        **{name: asdict(number) for name, number in numbers.items()},
         "normal_deg": edge.normal_deg,
         "order": edge.order,
         "diagnostics": dict(edge.diagnostics),
     }
-
-
-def _numbers(edge: EdgeMtf) -> dict[str, Any]:
-    return {name: asdict(number) for name, number in edge.numbers.items()}

@@ -2,23 +2,42 @@
 
 from __future__ import annotations
 
-from procedures.field.conclusion import FieldResult, PlaneField
+from collections.abc import Mapping
+
+from procedures.field.conclusion import FieldResult, Limit, PlaneField
+from procedures.field.measuring import Measured
 from procedures.outcome import Outcome
+from station.calibration.field_spots import field_spots
+from station.results.limits import Place
 from station.results.plane_result import PlaneResult
+from station.results.terms import Terms
+from station.results.units import Pixels
 
 
-def centre_results(found: FieldResult) -> list[PlaneResult]:
-    """Every plane's, in their order."""
-    return [centre_result(name, one) for name, one in found.planes.items()]
-
-
-def centre_result(name: str, outcome: Outcome[PlaneField]) -> PlaneResult:
+def centre_result(name: str, outcome: Outcome[PlaneField], pitch: int = 1) -> PlaneResult:
     """One plane's; a refused one has a reason and a remedy alone."""
     found, verdict, reason, remedy = outcome.value, outcome.verdict, outcome.reason, outcome.remedy
     if found is None:
-        return PlaneResult(name, verdict, reason, remedy)
+        return PlaneResult(name, verdict, reason, remedy, pitch=pitch)
     field = found.interpolation.field
-    values = {"nodes": len(field.nodes), "components": len(field.components)}
     return PlaneResult.of(
-        name, verdict, found.centre, found.quality, reason=reason, remedy=remedy, values=values, found=found
-    )
+        name, verdict, found.centre, found.quality, reason=reason, remedy=remedy, pitch=found.pitch, found=found,
+        values={"nodes": len(field.nodes), "components": len(field.components)}, place=str(Place.CENTRE),
+    )  # fmt: skip
+
+
+def field_pixels(measured: Measured, pitch_um: float | None = None) -> dict[str, Pixels]:
+    """What the frequencies of every plane are counted in; a pitch that is given counts before the camera's own."""
+    known = pitch_um or next((one.exposure.pixel_pitch_um for one in measured.exposures), None)
+    return {name: Pixels(one.pitch, known, min(one.samples.shape)) for name, one in measured.planes.items()}
+
+
+def field_results(found: FieldResult, terms: Terms, pixels: Mapping[str, Pixels], limit: Limit) -> list[PlaneResult]:
+    """Every plane's, in their order, held to the specification at all places that it names, in the unit asked for."""
+    return [_in_terms(name, found, terms, pixels[name], limit) for name in found.planes]
+
+
+def _in_terms(name: str, found: FieldResult, terms: Terms, pixels: Pixels, limit: Limit) -> PlaneResult:
+    outcome, plane = found.planes[name], found.measured.planes[name]
+    spots = field_spots(outcome.value, terms.specification, terms.frequencies(pixels), limit(plane))
+    return terms.told(centre_result(name, outcome, plane.pitch), pixels, spots)

@@ -9,18 +9,20 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
+import numpy as np
+
 from procedures.cross_check.estimate import check_edges
 from procedures.outcome import BadInput, Outcome, Refused, Verdict
 from procedures.pattern import Chart
-from procedures.pattern_psf.estimate import PatternParameters, estimate_psf
+from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
 from procedures.psf import Psf
 from procedures.quality import WAVELENGTHS_NM, Diffraction, Quality
 from procedures.raw import Exposure, Plane, RawFrame
 from station.calibration.sensor_models import NO_SENSOR, KnownSensor
+from station.results.limits import place_of
 from station.results.plane_result import PlaneResult
 
 if TYPE_CHECKING:
-    import numpy as np
     import numpy.typing as npt
 
     from procedures.choice import Trial
@@ -104,7 +106,7 @@ def calibrate(
     def estimate(plane: Plane) -> PlaneResult:
         start = time.perf_counter()
         outcome = estimate_psf(plane, chart, parameters, limit(plane), sensor=sensor.models.get(plane.name))
-        result = plane_result(plane, outcome)
+        result = plane_result(plane, outcome, frame.exposure)
         if outcome.value is not None:
             result = replace(result, edges=check_edges(plane, outcome.value))
             if plane.name in sensor.noise:
@@ -141,7 +143,7 @@ def calibrate_pair(
         start = time.perf_counter()
         outcome = _of_pair(a, b, plane.name, parameters, limit(plane))
         taken = time.perf_counter() - start
-        return replace(plane_result(plane, outcome), diffraction=limit(plane), duration_s=taken)
+        return replace(plane_result(plane, outcome, a.exposure), diffraction=limit(plane), duration_s=taken)
 
     yield from _side_by_side(estimate, list(a.planes.values()), threads)
 
@@ -171,8 +173,8 @@ def _side_by_side(
         yield from pool.map(estimate, planes)
 
 
-def plane_result(plane: Plane, outcome: Outcome[F]) -> PlaneResult:
-    """The answer of an estimate as the result that travels."""
+def plane_result(plane: Plane, outcome: Outcome[F], exposure: Exposure | None = None) -> PlaneResult:
+    """The answer of an estimate as the result that travels; `exposure` is what the camera noted."""
     found = outcome.value
     if found is None:
         return PlaneResult(plane.name, outcome.verdict, outcome.reason, outcome.remedy, pitch=plane.pitch)
@@ -191,7 +193,19 @@ def plane_result(plane: Plane, outcome: Outcome[F]) -> PlaneResult:
         choice=found.choice,
         variations=found.variations,
         diffraction=found.diffraction,
+        place=_place(plane, found),
+        exposure=exposure,
     )
+
+
+def _place(plane: Plane, found: Found) -> str:
+    """Where in the frame a chart was seen; "" of what is no chart."""
+    shots = [one for one in getattr(found, "shots", (found,)) if isinstance(one, PatternPsf)]
+    if not shots:
+        return ""
+    x, y = np.mean([np.nanmean(one.marks, axis=0) for one in shots], axis=0).tolist()
+    rows, columns = plane.samples.shape
+    return str(place_of(x, y, (rows, columns)))
 
 
 def diffraction_limit(

@@ -25,18 +25,30 @@ PATIENCE_S = 3.0
 """How long the application may take to leave, and a run to write its last line."""
 
 
-def run_app(*, simulate: bool, config: Path | None, sessions: Path, seed: int, plan: str | None = None) -> None:
+def run_app(
+    *,
+    simulate: bool,
+    config: Path | None,
+    sessions: Path,
+    seed: int,
+    plan: str | None = None,
+    specification: Path | None = None,
+) -> None:
     """Run the application until the operator leaves it; exits with its code.
 
     Raises BadParameter where there is no such plan, or no terminal.
     """
     if plan is not None:
         check_plan(plan)
+    if specification is not None:
+        check_specification(specification)
     if not (sys.stdin.isatty() and sys.stdout.isatty() and sys.stderr.isatty()):
         raise BadParameter("the application needs a terminal", "start it in one, or use station --plain")
     from station.app.app import StationApp, share_the_lock
 
-    lab = StationLab(sessions=sessions, config=config or usual_config(), simulate=simulate, seed=seed)
+    lab = StationLab(
+        sessions=sessions, config=config or usual_config(), simulate=simulate, seed=seed, specification=specification
+    )
     app = StationApp(lab, plan=plan)
     share_the_lock()
     _end_with_the_terminal(app, lab)
@@ -66,6 +78,13 @@ def _end_with_the_terminal(app: StationApp, lab: StationLab) -> None:
 
     for number in ENDING:
         signal.signal(number, hear)
+
+
+def check_specification(path: Path) -> None:
+    """Raises BadParameter where it cannot be meant."""
+    from station.results.specification_file import read_specification
+
+    read_specification(path)
 
 
 def check_plan(name: str) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -49,7 +49,7 @@ MOST_NAMED = 40
 )
 @click.option("--time-s", type=Number(min=1), default=3600, show_default=True, help="How long a photograph may take.")
 @click.option("--reports", is_flag=True, help="Write a page for every photograph too.")
-@click.option("--strict", is_flag=True, help="Count what is doubtful as failed.")
+@click.option("--strict", is_flag=True, help="Count what is doubtful or undecided as failed.")
 @click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout in place of the table.")
 @log_json_option
 def batch(
@@ -73,7 +73,7 @@ def batch(
     if tls is not None and not (cluster or "").startswith("tls://"):
         raise click.UsageError("--cluster-tls goes with --cluster tls://HOST:PORT")
     from station.batch.allowance import Allowance
-    from station.batch.item import PASS, Job, finished
+    from station.batch.item import Job, finished
     from station.batch.procedure_file import PATTERN, read_procedure
     from station.batch.process_pool import Stop
     from station.batch.run import run_batch
@@ -102,7 +102,7 @@ def batch(
     if stop.asked:
         log("interrupted", f"interrupted; {done.undone} were not begun", level="error", undone=done.undone)
         raise click.exceptions.Exit(INTERRUPTED)
-    if done.failed or (strict and set(done.counts) != {PASS}):
+    if done.failed or (strict and not all(row.sure for row in done.rows)):
         raise click.exceptions.Exit(SOME_FAILED)
 
 
@@ -147,10 +147,11 @@ def _heard(total: int) -> Iterator[Callable[[Row], None]]:
 
     def tell(row: Row) -> None:
         left = pace.step()
-        level = "info" if row.verdict == "pass" else "warning"
+        level = "info" if row.sure else "warning"
         words = f"{pace.done} of {total}, {left}: {_sentence(row)}"
         milliseconds = round(1000 * row.duration_s)
         facts: dict[str, Fact] = {"file": row.files[0], "verdict": row.verdict, "folder": row.folder}
+        facts |= {"specification": row.specification} if row.specification else {}
         log("item", words, level=level, remedy=row.remedy, reused=row.reused, dur_ms=milliseconds, **facts)
 
     if sys.stderr.isatty() and not logs_json():
@@ -162,9 +163,12 @@ def _heard(total: int) -> Iterator[Callable[[Row], None]]:
 
 def _sentence(row: Row) -> str:
     from station.common.sanitise import printable
+    from station.results.verdict_words import measurement_words, specification_words
 
-    words = f"{printable(' + '.join(row.files))}: {row.verdict}"
+    words = f"{printable(' + '.join(row.files))}: {measurement_words(row.verdict)}"
     words += f"; {printable(row.reason)}" if row.reason else ""
+    words += f"; {specification_words(row.specification)}" if row.specification else ""
+    words += f": {printable(row.against)}" if row.against else ""
     words += f" (done again: {printable(row.redone)})" if row.redone else ""
     return f"{words} (done before)" if row.reused else words
 
@@ -173,14 +177,22 @@ def _show(done: Batch) -> None:
     """The planes' statistics, what is wrong with which photograph, and the counts, on stdout."""
     from rich.console import Console
 
+    from station.results.verdict_words import measurement_words
+
     console = Console(highlight=False)
     console.print(_planes(done))
     if done.failed:
         console.print(_wrong(done))
     if len(done.failed) > MOST_NAMED:
         console.print(f"... and {len(done.failed) - MOST_NAMED} more, in summary.csv", style="dim")
-    counts = ", ".join(f"{count} {verdict}" for verdict, count in done.counts.items())
-    console.print(f"{len(done.rows)} done in {done.duration_s:.1f} s: {counts or 'none'}.")
+    counts = _counted(done.counts, measurement_words)
+    console.print(f"{len(done.rows)} done in {done.duration_s:.1f} s; measurements: {counts or 'none'}.")
+    if done.judged:
+        console.print(f"Against the specification: {_counted(done.judged, str)}.")
+
+
+def _counted(counts: Mapping[str, int], words: Callable[[str], str]) -> str:
+    return ", ".join(f"{count} {words(verdict)}" for verdict, count in counts.items())
 
 
 def _planes(done: Batch) -> Table:
@@ -207,9 +219,14 @@ def _wrong(done: Batch) -> Table:
     from rich.table import Table
 
     from station.common.sanitise import printable
+    from station.results.verdict_words import measurement_words
 
-    table = Table("photograph", "verdict", "reason", box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
+    heads = ("photograph", "measurement", "specification", "why")
+    table = Table(*heads, box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
     for row in done.failed[:MOST_NAMED]:
-        words = printable(" + ".join(row.files)), printable(row.reason)
-        table.add_row(escape(words[0]), f"[red]{row.verdict}[/]", escape(words[1]))
+        why = "; ".join(words for words in (row.reason, row.against) if words)
+        words = printable(" + ".join(row.files)), printable(why)
+        table.add_row(
+            escape(words[0]), f"[red]{measurement_words(row.verdict)}[/]", row.specification, escape(words[1])
+        )
     return table

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from station.cli.psf.planes import LEVELS, raw_option, told_layout
+from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import Number
 from station.cli.terminal.progress import progress
 from station.common.errors import REFUSED
@@ -53,6 +54,7 @@ def _by_hundredths(told: Progress) -> Callable[[int, int], None]:
 @raw_option
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
 @click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout too.")
+@force_option
 @log_json_option
 def correct(
     photo: Path,
@@ -86,7 +88,7 @@ def correct(
         splitting=replace(usual.splitting, iterations=iterations),
         side=int(tile_px) if tile_px else None,
     )
-    with ResultFolder(out) as folder, progress(100) as told:
+    with ResultFolder(out, force=forced()) as folder, progress(100) as told:
         found = correct_photograph(photo, field, parameters, layout, _by_hundredths(told), insisted=insist)
         given = {"prior": prior, "strength": strength, "iterations": iterations, "field": str(field)}
         given |= {"tile_px": tile_px or "auto", **told_layout(layout), **({"insist": True} if insist else {})}

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from station.cli.psf.planes import LEVELS, chart_options, chart_source, raw_option, told_layout
+from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import Number
 from station.cli.terminal.progress import progress
 from station.common.errors import REFUSED
@@ -46,6 +47,7 @@ FAILED_ITEMS = 1
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
 @click.option("--report/--no-report", default=True, show_default=True, help="Write report.html too, for people.")
 @click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout too.")
+@force_option
 @log_json_option
 def geometry(
     photos: tuple[Path, ...],
@@ -87,7 +89,7 @@ def geometry(
         **told_layout(layout),
     }
     paths = _photographs(photos)
-    with ResultFolder(out) as folder, progress(len(paths)) as told:
+    with ResultFolder(out, force=forced()) as folder, progress(len(paths)) as told:
         shoot = measure_views(paths, plane, source.chart, layout, told)
         for one in shoot.missed:
             log("missed", f"{one.path.name}: {one.reason}", level="warning", remedy=one.remedy)

@@ -9,24 +9,39 @@ from typing import TYPE_CHECKING
 
 import click
 
+from procedures.outcome import Verdict
 from procedures.plan import Ask
 from station.app.background import at_once
-from station.cli.app import check_plan, usual_config
+from station.cli.app import check_plan, check_specification, usual_config
 from station.common.errors import INTERRUPTED, REFUSED
 from station.common.stop_signals import EXIT_DEVICE, guarded
 from station.guide.frontend import Event, Result, RunEnded, Stopped
 from station.guide.line_frontend import Plain
 from station.guide.workspace import StationLab
+from station.results.comparison import Judged
+from station.results.terms import specification_verdict
 
 if TYPE_CHECKING:
     from station.guide.workspace import Running
 
 
-def run_plain(*, simulate: bool, config: Path | None, sessions: Path, seed: int, plan: str | None) -> None:
+def run_plain(
+    *,
+    simulate: bool,
+    config: Path | None,
+    sessions: Path,
+    seed: int,
+    plan: str | None,
+    specification: Path | None = None,
+) -> None:
     """Guide the operator through a plan in a new session; exits with the contract's codes."""
     from station.guide.catalogue import DEFAULT
 
-    lab = StationLab(sessions=sessions, config=config or usual_config(), simulate=simulate, seed=seed)
+    if specification is not None:
+        check_specification(specification)
+    lab = StationLab(
+        sessions=sessions, config=config or usual_config(), simulate=simulate, seed=seed, specification=specification
+    )
     lab.virtual_time = True  # a simulated bench's time may jump: nobody watches it move
     operator = Watched(sys.stdin, sys.stdout)
     raise click.exceptions.Exit(conduct(lab, operator, lambda: _begin(lab, plan or DEFAULT, operator)))
@@ -89,9 +104,16 @@ class Watched(Plain):
 
 
 def exit_code(ended: RunEnded, result: Result | None) -> int:
-    """What the program returns: 0 finished, 5 refused by the quality gate, 130 stopped, 3 emergency stop."""
+    """What the program returns.
+
+    0 finished, 1 does not meet its specification, 5 refused by the quality gate, 130 stopped, 3 emergency stop.
+    """
     if ended.how == "emergency":
         return EXIT_DEVICE
     if ended.how == "stopped":
         return INTERRUPTED
-    return REFUSED if result is not None and result.verdict == "refused" else 0
+    if result is None:
+        return 0
+    if result.verdict == Verdict.REFUSED:
+        return REFUSED
+    return int(specification_verdict(list(result.planes.values())) == Judged.MISSES)

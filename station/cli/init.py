@@ -1,4 +1,4 @@
-"""`station init`: commented files to begin with, of the bench and of a batch's procedure with its limits."""
+"""`station init`: commented files to begin with, of the bench, of a batch's procedure, of a lens's specification."""
 
 from __future__ import annotations
 
@@ -6,16 +6,20 @@ from pathlib import Path
 
 import click
 
-EXAMPLES = {"station.toml": "station.bench", "procedure.toml": "station.batch"}
+EXAMPLES = {
+    "station.toml": "station.bench",
+    "procedure.toml": "station.batch",
+    "specification.toml": "station.results",
+}
 """The files that are written, and the packages whose `example.toml` they are."""
 
 
 @click.command("init")
 @click.argument("folder", type=click.Path(path_type=Path), default=Path())
 def init(folder: Path) -> None:
-    """Write commented files into FOLDER, the current one by default: station.toml and procedure.toml.
+    """Write commented files into FOLDER, the current one by default, of the bench, a batch and a specification.
 
-    Nothing that is there already is touched.
+    They are station.toml, procedure.toml and specification.toml. Nothing that is there already is touched.
     """
     from importlib.resources import files
 

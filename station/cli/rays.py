@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import Number
 from station.common.log import log, log_json_option
 
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     Picture = npt.NDArray[np.float64]
 
 SCHEMA = "station/rays/1"
+DESCRIPTION = "filtered render, linear, 1 = white, first row uppermost; calibration-station"
+"""Of the picture."""
 FEW_SIMILAR = 4.0
 """Similar patches in the median below which a picture keeps most of its noise."""
 
@@ -62,6 +65,7 @@ _PATH = click.Path(path_type=Path)
 @click.option("--threads", type=click.IntRange(1, 1024), help="Threads.  [default: one for each processor]")
 @click.option("--out", type=_PATH, required=True, help="Folder for the results.")
 @click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout too.")
+@force_option
 @log_json_option
 def rays(
     samples: Path,
@@ -83,7 +87,7 @@ def rays(
     from station.results.result_files import ResultFolder, software, write_record
 
     parameters = replace(PAPER, **options) if published else FilterParameters(**options)
-    with ResultFolder(out) as folder:
+    with ResultFolder(out, force=forced()) as folder:
         film = read_film(samples, picture).checked()
         rows, columns = film.count.shape
         log("read", f"read {samples}: {columns} x {rows} pixels, {film.count.sum()} samples", path=str(samples))
@@ -137,9 +141,9 @@ def _sentence(found: FilteredFilm, judged: dict[str, str]) -> str:
 def _write_pictures(folder: ResultFolder, film: Film, found: FilteredFilm, truth: Picture | None) -> None:
     from procedures.ray_histogram.comparison import psnr_db
     from station.demo.ray_page import RenderRow, ray_page
-    from station.drawing.linear_pictures import display_png, float_tiff
+    from station.drawing.linear_pictures import described_tiff, display_png, float_tiff
 
-    folder.write("filtered.tiff", float_tiff(found.picture))
+    folder.write("filtered.tiff", described_tiff(float_tiff(found.picture), DESCRIPTION))
     folder.write("filtered.png", display_png(found.picture))
     folder.write("similar.npy", _npy(found.similar))
     shown: list[tuple[str, npt.NDArray[np.floating]]] = [("as rendered", film.mean), ("filtered", found.picture)]

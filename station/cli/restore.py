@@ -11,6 +11,7 @@ import click
 
 from station.cli.psf.planes import raw_option, told_layout
 from station.cli.restore_blur import BlurOptions
+from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import Number
 from station.common.errors import REFUSED
 from station.common.log import log, log_json_option
@@ -167,6 +168,7 @@ class _OneEach(click.Command):
 @raw_option
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
 @click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout too.")
+@force_option
 @log_json_option
 def restore(
     images: tuple[Path, ...],
@@ -196,7 +198,7 @@ def restore(
     if blur.max_w is not None:
         check_max_w(blur.max_w)
     parameters = _parameters(options)
-    with ResultFolder(out) as folder:
+    with ResultFolder(out, force=forced()) as folder:
         frames, photographs = _photographs(images, plane, layout, encoding)
         source = blur.read(frames, photographs)
         outcome = _in_colour(

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from station.cli.psf.planes import LEVELS
+from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.progress import progress
 from station.common.errors import REFUSED
 from station.common.log import log, log_json_option
@@ -55,6 +56,7 @@ exposure time that the camera noted.
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
 @click.option("--report/--no-report", default=True, show_default=True, help="Write report.html too, for people.")
 @click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout too.")
+@force_option
 @log_json_option
 def sensor(folder: Path, plane: str | None, out: Path, *, report: bool, as_json: bool) -> None:
     """Measure gain, noise, linearity, dark current and non-uniformity of a sensor, each with its 95 % interval.
@@ -69,7 +71,7 @@ def sensor(folder: Path, plane: str | None, out: Path, *, report: bool, as_json:
 
     shots = find_shots(folder)
     count = sum(len(one.paths) for one in shots)
-    with ResultFolder(out) as results, progress(count) as told:
+    with ResultFolder(out, force=forced()) as results, progress(count) as told:
 
         def tell(paths: Iterator[Path]) -> Iterator[Path]:
             for path in paths:

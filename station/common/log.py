@@ -15,6 +15,7 @@ from station.common.sanitise import printable
 Fact = str | float | int | None
 
 _LOG_JSON = "station.log_json"
+_QUIET = "station.quiet"
 
 
 def log_json_option(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -36,8 +37,20 @@ def logs_json() -> bool:
     return context is not None and bool(context.meta.get(_LOG_JSON))
 
 
+def set_quiet(context: click.Context, quiet: bool) -> None:
+    """Whether a program's commands say only what is doubtful or wrong."""
+    context.meta[_QUIET] = quiet
+
+
+def _is_quiet() -> bool:
+    context = click.get_current_context(silent=True)
+    return context is not None and bool(context.meta.get(_QUIET))
+
+
 def log(event: str, sentence: str, *, level: str = "info", remedy: str = "", **facts: Fact) -> None:
     """Write one line to stderr: the sentence, and what to do about it, or the event with its facts.
+
+    A quiet program leaves out what is of level "info".
 
     Parameters
     ----------
@@ -47,6 +60,8 @@ def log(event: str, sentence: str, *, level: str = "info", remedy: str = "", **f
     facts
         Values of the event; numbers that are not finite become null.
     """
+    if level == "info" and _is_quiet():
+        return
     if logs_json():
         entry = {"ts": datetime.now(UTC).isoformat(timespec="milliseconds"), "level": level, "event": event}
         told = {"message": sentence, **({"remedy": remedy} if remedy else {})}

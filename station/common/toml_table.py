@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Self, TypeVar
 
 from procedures.outcome import BadInput, BadParameter
-from procedures.reading.text import read_toml
+from procedures.reading.text import parse_toml, read_toml
 from station.common.sanitise import printable
 
 T = TypeVar("T")
@@ -39,6 +39,15 @@ class Table:
             return cls(read_toml(path))
         except BadInput as error:
             reason = f"{printable(path)} must be a TOML file: {printable(error.reason)}"
+            raise BadParameter(reason, "correct it, or name another file") from error
+
+    @classmethod
+    def parse(cls, text: str, name: str) -> Self:
+        """The whole of a file's text; `name` is the file's. Raises BadParameter if it is no TOML."""
+        try:
+            return cls(parse_toml(text, name, "correct it"))
+        except BadInput as error:
+            reason = f"{printable(name)} must be a TOML file: {printable(error.reason)}"
             raise BadParameter(reason, "correct it, or name another file") from error
 
     def get(self, key: str, kind: type[T], default: T) -> T:
@@ -76,12 +85,30 @@ class Table:
         self.end()
         return {key: self.table(key) for key in self._content}
 
+    def peek(self, key: str) -> object:
+        """What stands under a key, whatever it is; None where nothing does."""
+        return self._content.get(key)
+
+    def list_of_tables(self, key: str) -> list[Table]:
+        """The tables of an array; none where it is not there."""
+        found = self.get(key, list, [])
+        if not all(isinstance(one, dict) for one in found):
+            raise self.wrong(key, f"must be tables: write [[{key}]]")
+        return [Table(one, f"{self._where}{key}[{number}].") for number, one in enumerate(found, 1)]
+
     def words(self, key: str) -> tuple[str, ...]:
         """A list of texts; empty where it is not there."""
         found = self.get(key, list, [])
         if not all(isinstance(one, str) for one in found):
             raise self.wrong(key, "must be a list of texts in quotes")
         return tuple(found)
+
+    def numbers(self, key: str) -> tuple[float, ...]:
+        """A list of finite numbers, none of them negative; empty where it is not there."""
+        found = self.get(key, list, [])
+        if not all(type(one) in (int, float) and 0 <= one < math.inf for one in found):
+            raise self.wrong(key, "must be a list of numbers that are not negative")
+        return tuple(float(one) for one in found)
 
     def end(self) -> None:
         """Raise BadParameter if the table has a key that nobody asked for."""

@@ -22,7 +22,7 @@ from station.calibration.planes import calibrate, diffraction_limit
 from station.common.progress import Progress, silent
 from station.demo.demonstration import Checked, Demonstration, Shot, summary
 from station.demo.truth_comparison import compare
-from station.results.result_files import RECORD, ResultFolder, json_text, software, write_psf_result
+from station.results.result_files import RECORD, ResultFolder, software, write_psf_result, write_record
 
 SCHEMA = "station/demo/1"
 CHART = "chart.pdf"
@@ -60,9 +60,7 @@ def run_demo(
         found = Demonstration(seed, chart, parameters, shots)
         folder.write(PAGE, _page(found).encode())
         progress("wrote the page")
-        text = json_text(_record(found, time.perf_counter() - start))
-        folder.write(RECORD, text.encode())
-        folder.publish()
+        text = write_record(folder, _record(found, time.perf_counter() - start))
     return found, text
 
 

@@ -19,8 +19,8 @@ SHOWN = 6
 """Edges drawn; a result's record and table have all."""
 
 
-def edge_picture(plane: Plane, edges: Sequence[EdgeOutcome]) -> bytes:
-    """A PNG with one line for each measured edge, the best first."""
+def edge_picture(plane: Plane, edges: Sequence[EdgeOutcome], unit: str = "cycles/pixel", factor: float = 1.0) -> bytes:
+    """A PNG with one line for each measured edge, the best first; `factor` is one cycle per pixel in the unit."""
     shown = [(one.value, one.verdict) for one in edges if one.value is not None][:SHOWN]
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(10, 2.9 * len(shown)), dpi=100, layout="constrained")
@@ -28,7 +28,7 @@ def edge_picture(plane: Plane, edges: Sequence[EdgeOutcome]) -> bytes:
         for row, (edge, verdict) in zip(axes, shown, strict=True):
             _region(row[0], plane.samples, edge, str(verdict))
             _spread(row[1], edge)
-            _transfer(row[2], edge)
+            _transfer(row[2], edge, unit, factor)
         data = io.BytesIO()
         figure.savefig(data, format="png", metadata={"Software": None})
     return data.getvalue()
@@ -50,13 +50,15 @@ def _spread(axes: Any, edge: EdgeMtf) -> None:
     axes.set(xlabel="pixels from the edge", title="edge spread function")
 
 
-def _transfer(axes: Any, edge: EdgeMtf) -> None:
-    spread = CONFIDENT * edge.uncertainty
-    axes.fill_between(edge.frequencies, edge.mtf - spread, edge.mtf + spread, color=INK, alpha=0.25, lw=0)
-    axes.plot(edge.frequencies, edge.mtf, color=INK, lw=1.2)
-    axes.axvline(0.5, color=FAINT, lw=0.7)
-    axes.set(xlim=(0, 1), ylim=(0, 1.05), xlabel="cycles/pixel")
+def _transfer(axes: Any, edge: EdgeMtf, unit: str, factor: float) -> None:
+    f = edge.frequencies * factor
+    band = CONFIDENT * edge.uncertainty
+    axes.fill_between(f, edge.mtf - band, edge.mtf + band, color=INK, alpha=0.25, lw=0)
+    axes.plot(f, edge.mtf, color=INK, lw=1.2)
+    axes.axvline(0.5 * factor, color=FAINT, lw=0.7)
+    axes.set(xlim=(0, factor), ylim=(0, 1.05), xlabel=unit)
     if "mtf50" in edge.numbers:
         number = edge.numbers["mtf50"]
-        axes.plot(number.value, 0.5, "o", ms=4, color=MARK)
-        axes.set_title(f"MTF50 {number.value:.4f} ± {number.uncertainty:.4f} cycles/pixel")
+        value, spread = number.value * factor, number.uncertainty * factor
+        axes.plot(value, 0.5, "o", ms=4, color=MARK)
+        axes.set_title(f"MTF50 {value:.4g} ± {spread:.2g} {unit}")

@@ -10,21 +10,27 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from procedures.outcome import BadParameter
-from procedures.plan import Outcomes, Plan
+from procedures.plan import Facts, Outcomes, Plan
 
 if TYPE_CHECKING:
     from procedures.raw import RawFrame
     from station.results.plane_result import PlaneResult
     from station.results.result_files import ResultFolder
+    from station.results.terms import Terms
 
-    Results = Callable[[Sequence[RawFrame], Outcomes], list[PlaneResult]]
+    Results = Callable[[Sequence[RawFrame], Outcomes, Terms, Facts], list[PlaneResult]]
     Write = Callable[[ResultFolder, Sequence[PlaneResult], Sequence[RawFrame], Mapping[str, Any]], str]
 
 
-def _psf_results(frames: Sequence[RawFrame], outcomes: Outcomes) -> list[PlaneResult]:
+def _psf_results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
     from station.calibration.planes import plane_result
+    from station.results.units import pixels_of
+    from station.sessions.session_terms import in_terms
 
-    return [plane_result(frames[0].planes[name], outcome) for name, outcome in outcomes.items()]
+    first, pitch_um = frames[0], facts.get("pixel_pitch_um")
+    pixels = pixels_of(first, float(pitch_um) if isinstance(pitch_um, int | float) else None)
+    results = (plane_result(first.planes[name], one, first.exposure) for name, one in outcomes.items())
+    return [in_terms(one, terms, pixels[one.name]) for one in results]
 
 
 def _write_psf(
@@ -42,7 +48,8 @@ class Entry:
     Attributes
     ----------
     results : callable
-        The planes' results, of photographs and what was found in them; by default those of a PSF a plane.
+        The planes' results, of photographs, what was found in them, the terms that they are told in and the session's
+        facts; by default those of a PSF a plane.
     write : callable
         Writes and publishes a folder's files, of it, results, photographs and what the record says besides; returns
         the record's text.
@@ -72,10 +79,10 @@ def _field() -> Plan:
     return plan()
 
 
-def _field_results(frames: Sequence[RawFrame], outcomes: Outcomes) -> list[PlaneResult]:
+def _field_results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
     from station.guide.field_plan import results
 
-    return results(outcomes)
+    return results(outcomes, terms, facts)
 
 
 def _write_field(
@@ -92,7 +99,9 @@ def _restoration() -> Plan:
     return plan()
 
 
-def _restoration_results(frames: Sequence[RawFrame], outcomes: Outcomes) -> list[PlaneResult]:
+def _restoration_results(
+    frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts
+) -> list[PlaneResult]:
     from station.results.plane_result import PlaneResult
 
     return [PlaneResult(name, one.verdict, one.reason, one.remedy, found=one.value) for name, one in outcomes.items()]

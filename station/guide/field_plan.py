@@ -11,12 +11,13 @@ from procedures.field import plan as guide
 from procedures.field.conclusion import FieldResult, PlaneField, conclude
 from procedures.field.facts import FieldFacts
 from procedures.field.measuring import measure_frames
-from procedures.outcome import Outcome, Refused, Verdict
+from procedures.outcome import BadParameter, Outcome, Refused, Verdict
 from procedures.plan import Facts, Known, Outcomes, Plan
 from procedures.raw import RawFrame
-from station.calibration.field import centre_result
+from station.calibration.field import centre_result, field_pixels, field_results
 from station.calibration.planes import diffraction_limit
 from station.results.plane_result import PlaneResult
+from station.results.terms import Terms
 
 
 def plan() -> Plan:
@@ -44,13 +45,18 @@ def _of_whole(found: FieldResult, one: Outcome[PlaneField]) -> Outcome[FieldResu
     return Outcome(None if one.value is None else found, one.verdict, one.reason, one.remedy)
 
 
-def results(outcomes: Mapping[str, Outcome[FieldResult]]) -> list[PlaneResult]:
-    """Every plane's result, that of the PSF at the frame's centre, with the whole field as what was found."""
-    return [_result(name, outcome) for name, outcome in outcomes.items()]
+def results(outcomes: Mapping[str, Outcome[FieldResult]], terms: Terms, facts: Facts) -> list[PlaneResult]:
+    """Every plane's result at the frame's centre, held to the terms at every place that these name.
 
-
-def _result(name: str, outcome: Outcome[FieldResult]) -> PlaneResult:
-    whole = outcome.value
+    What was found is the whole field.
+    """
+    whole = next((one.value for one in outcomes.values() if one.value is not None), None)
     if whole is None:
-        return PlaneResult(name, outcome.verdict, outcome.reason, outcome.remedy)
-    return replace(centre_result(name, whole.planes[name]), found=whole)
+        return [PlaneResult(name, one.verdict, one.reason, one.remedy) for name, one in outcomes.items()]
+    pixels = field_pixels(whole.measured, facts_as(FieldFacts, facts).pixel_pitch_um)
+    try:
+        told = field_results(whole, terms, pixels, lambda plane: None)
+    except BadParameter as error:
+        centres = (centre_result(name, one) for name, one in whole.planes.items())
+        told = [terms.undecided(one, error.reason) for one in centres]
+    return [one if one.found is None else replace(one, found=whole) for one in told]

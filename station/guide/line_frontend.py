@@ -27,6 +27,7 @@ from station.guide.frontend import (
     Stopped,
     Trouble,
 )
+from station.results.verdict_words import measurement_words, specification_words
 
 if TYPE_CHECKING:
     from station.results.plane_result import PlaneResult
@@ -126,12 +127,17 @@ class Plain:
 
     @_tell.register
     def _(self, event: Result) -> None:
-        self._line(f"   Result: {event.verdict}.")
+        self._line(f"   Measurement: {measurement_words(event.verdict)}.")
         for plane in event.planes.values():
             self._line(f"   {plane_words(plane)}")
         if event.reason:
             self._line(f"   Why: {event.reason}.")
             self._line(f"   What to do: {event.remedy}.")
+        for plane in event.planes.values():
+            if plane.specification is not None and plane.specification.judged is not None:
+                against = "; ".join(plane.specification.against)
+                words = f"{plane.name} {specification_words(plane.specification.judged)}"
+                self._line(f"   {words}{': ' if against else ''}{against}")
         self._line(f"   Files: {event.folder}")
 
     @_tell.register
@@ -205,9 +211,9 @@ def plane_words(plane: PlaneResult) -> str:
     """A plane's verdict and its MTF50 along rows and columns: "G1 pass: MTF50 0.412 ± 0.003 by 0.408 ± 0.003"."""
     told = [plane.numbers[key] for key in ("mtf50_horizontal", "mtf50_vertical") if key in plane.numbers]
     if not told:
-        return f"{plane.name} {plane.verdict}"
-    mtf50 = " by ".join(stated(number.value, number.uncertainty) for number in told)
-    return f"{plane.name} {plane.verdict}: MTF50 {mtf50} {told[0].unit}"
+        return f"{plane.name} {measurement_words(plane.verdict)}"
+    both = " by ".join(stated(one.value, one.uncertainty) for one in told)
+    return f"{plane.name} {measurement_words(plane.verdict)}: MTF50 {both} {told[0].unit}"
 
 
 def reading_words(reading: Reading) -> str:

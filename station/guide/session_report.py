@@ -18,6 +18,7 @@ from station.guide.session_result import SessionResult, compute
 from station.reports.page import exposure_words
 from station.reports.pattern_report import Line, PlaneSheet, Report, Shot, calibration_page
 from station.sessions.reader import SessionRecord, read_session, verify, verify_results
+from station.sessions.session_terms import terms_of_session
 from station.sessions.state import State, replay
 
 PAGE = "report.html"
@@ -46,9 +47,28 @@ def session_page(folder: Path, found: SessionResult | None = None) -> str:
         return (folder / last.folder / PAGE).read_text(encoding="utf-8")
     if (page := _kept_page(folder, record)) is not None:
         return page
+    return calibration_page(session_report(folder, found))
+
+
+def session_report(folder: Path, found: SessionResult | None = None) -> Report:
+    """What the report of a session's last result tells, of a plan that draws none of its own.
+
+    Raises
+    ------
+    Refused
+        If it has no result, or one that has no planes of a PSF.
+    Damaged
+        If a photograph is not what was taken.
+    """
+    record = read_session(folder)
+    if not record.state.results:
+        raise Refused(f"{folder.name} has no result yet", "go on with it: station session resume")
+    if PAGE in record.state.results[-1].files:
+        raise Refused(f"a {record.state.plan} has no certificate", "its page is report.html in the result's folder")
+    verify(folder, record.state)
     drawn = max(i for i, line in enumerate(record.contents.lines) if line.event == "derived")
     state = replay(record.contents.lines[:drawn])
-    return calibration_page(_report(record, state, found or compute(folder, state, plan_named(state.plan))))
+    return _report(record, state, found or compute(folder, state, plan_named(state.plan)))
 
 
 def _kept_page(folder: Path, record: SessionRecord) -> str | None:
@@ -72,6 +92,7 @@ def _report(record: SessionRecord, state: State, found: SessionResult) -> Report
         parameters={name: printable(value) for name, value in state.facts.items()},
         conditions=list(_conditions(state)),
         devices=[Line(name, words) for name, words in _devices(record)],
+        specification=terms_of_session(record.folder).specification,
         made=last.at[:16].replace("T", " ") + " UTC",
         software=last.about["machine"]["software"],
     )

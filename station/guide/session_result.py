@@ -20,6 +20,7 @@ from station.sessions.compute_environment import same_bits
 from station.sessions.journal import Damaged
 from station.sessions.layout import inside
 from station.sessions.session import Session
+from station.sessions.session_terms import terms_of_session
 from station.sessions.state import Shot, State
 
 ORDER = (Verdict.PASS, Verdict.DOUBTFUL, Verdict.REFUSED)
@@ -140,10 +141,11 @@ def compute(
     frames = Frames(paths, felt, [shot.sha256 for shot in shots])
     with same_bits():
         outcomes = estimate_of(plan).estimate(Told(frames, progress), state.facts, {} if known is None else known)
-        results = entry.results(frames, outcomes)
+        terms = terms_of_session(folder)
+        results = entry.results(frames, outcomes, terms, state.facts)
         if into is not None:
-            with ResultFolder(into, sealed=sealed) as place:
-                entry.write(place, results, frames, _about(plan, state))
+            with ResultFolder(into, sealed=sealed, force=True) as place:
+                entry.write(place, results, frames, {**_about(plan, state), **terms.about(results)})
     return SessionResult(frames, {one.name: one for one in results}, *verdict_of_planes(results))
 
 

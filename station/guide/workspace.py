@@ -100,10 +100,19 @@ class Lab(Protocol):
 class StationLab:
     """The lab of a station.toml, of the simulated bench, or of hands alone where neither is there."""
 
-    def __init__(self, *, sessions: Path, config: Path | None, simulate: bool = False, seed: int = 0) -> None:
+    def __init__(
+        self,
+        *,
+        sessions: Path,
+        config: Path | None,
+        simulate: bool = False,
+        seed: int = 0,
+        specification: Path | None = None,
+    ) -> None:
         self.sessions = sessions
         self.names = ("simulated camera", "simulated lens") if simulate else ("camera", "lens")
         self._config, self._simulate, self._seed = config, simulate, seed
+        self._specification = specification
         self._tables: Mapping[str, Any] = {}
         self._opening = threading.Lock()
         self._bench: Bench | None = None
@@ -174,9 +183,14 @@ class StationLab:
         return self._run(session, operator)
 
     def _settings(self, bench: Bench | None) -> dict[str, Any]:
-        """What a session freezes: how its bench was configured."""
+        """What a session freezes: how its bench was configured, and what its results are held to."""
         drivers = dict(bench.drivers) if bench is not None else {}
-        return {"simulate": self._simulate, "drivers": drivers, "devices": self._tables}
+        settings = {"simulate": self._simulate, "drivers": drivers, "devices": self._tables}
+        if self._specification is None:
+            return settings
+        from station.sessions.session_terms import KEY, frozen
+
+        return {**settings, KEY: frozen(self._specification)}
 
     def _run(self, session: Session, operator: Operator) -> Running:
         from station.guide.catalogue import plan_named

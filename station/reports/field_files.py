@@ -14,36 +14,48 @@ from procedures.field.conclusion import FieldResult, PlaneField
 from procedures.field.field_file import write_field
 from procedures.field.maps import FieldMap
 from station.calibration.camera_notes import exposure_of
-from station.calibration.field import centre_results
 from station.reports.field_page import field_page
 from station.results.plane_result import PlaneResult
 from station.results.result_files import ResultFolder, json_text, software, write_psf_result
+from station.results.terms import Terms
 
 FILE, PAGE = "field.h5", "report.html"
 CANDIDATES_TOLD = 8
 
 
 def write_field_result(
-    folder: ResultFolder, found: FieldResult, *, parameters: Mapping[str, Any], start: float, report: bool = True
+    folder: ResultFolder,
+    found: FieldResult,
+    planes: Sequence[PlaneResult],
+    terms: Terms,
+    *,
+    parameters: Mapping[str, Any],
+    start: float,
+    report: bool = True,
 ) -> str:
-    """Write all files, and the page where it is wanted; returns the record's text."""
+    """Write all files, and the page where it is wanted; returns the record's text.
+
+    `planes` are the answers at the frame's centre, in the terms that were asked for.
+    """
     about = {
         "procedure": "field",
         "input": [{"path": str(path), "sha256": sha256} for path, sha256 in found.measured.frames],
-        "parameters": dict(parameters),
+        "parameters": {**parameters, **terms.parameters()},
+        **terms.about(planes),
     }
-    return _write(folder, found, about, start, report=report)
+    return _write(folder, found, planes, about, start, report=report)
 
 
 def write_planes(folder: ResultFolder, planes: Sequence[PlaneResult], about: Mapping[str, Any]) -> str:
     """The same files of planes that have found a field, all the same one; the record of its refusal where none has."""
     found = next((one.found for one in planes if one.found is not None), None)
-    return write_psf_result(folder, planes, about) if found is None else _write(folder, found, about)
+    return write_psf_result(folder, planes, about) if found is None else _write(folder, found, planes, about)
 
 
 def _write(
     folder: ResultFolder,
     found: FieldResult,
+    planes: Sequence[PlaneResult],
     source: Mapping[str, Any],
     start: float | None = None,
     *,
@@ -73,8 +85,8 @@ def _write(
     if start is not None:
         about["duration_s"] = round(time.perf_counter() - start, 3)
     if report:
-        folder.write(PAGE, field_page(found, about, software()).encode())
-    return write_psf_result(folder, centre_results(found), about)
+        folder.write(PAGE, field_page(found, planes, about, software()).encode())
+    return write_psf_result(folder, planes, about)
 
 
 def _maps(found: FieldResult, name: str, one: PlaneField) -> tuple[FieldMap, ...]:

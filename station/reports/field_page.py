@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from procedures.field.conclusion import FieldResult, PlaneField
 from procedures.outcome import Verdict
-from station.calibration.field import centre_results
 from station.reports import field_figures
 from station.reports.page import render
 from station.results.plane_result import PlaneResult
+from station.results.terms import specification_verdict
 
 READER = """\
 import h5py, numpy as np
@@ -28,21 +28,25 @@ PAIRS = "grid-template-columns: repeat(auto-fit, minmax(min(100%, 480px), 1fr))"
 """Figures of two panels need more than a third of the page each."""
 
 
-def field_page(found: FieldResult, about: Mapping[str, Any], software: Mapping[str, Any]) -> str:
-    """The page."""
-    verdicts = [one.verdict for one in found.planes.values()]
+def field_page(
+    found: FieldResult, results: Sequence[PlaneResult], about: Mapping[str, Any], software: Mapping[str, Any]
+) -> str:
+    """The page; `results` are the planes' answers at the frame's centre, in the terms that were asked for."""
+    judged = specification_verdict(results)
+    verdicts = [one.verdict for one in results]
     worst = next(v for v in (Verdict.REFUSED, Verdict.DOUBTFUL, Verdict.PASS) if v in verdicts)
-    results = centre_results(found)
     fitted = [(one, field) for one in results if (field := found.planes[one.name].value) is not None]
     return render(
         "field.html",
         found=found,
+        results=results,
+        judged=judged and str(judged),
         about=about,
         worst=worst,
         planes=[_plane(*one) for one in fitted],
         shown=next((i for i, (one, _) in enumerate(fitted) if one.name == found.reference), 0),
         pairs=PAIRS,
-        refused=[one for one in results if found.planes[one.name].value is None],
+        refused=[one for one in results if one.psf is None],
         colours=[_colour(colour, i) for i, colour in enumerate(found.colours)],
         focus=_focus(found),
         reader=_reader(*fitted[0]) if fitted else "",

@@ -25,17 +25,20 @@ from station.common.sanitise import printable
 from station.reports import otf_figures, psf_figures
 from station.reports.page import NUMBERS, exposure_words, render
 from station.results.budget_table import BudgetTable, budget_table
-from station.results.limits import Judged, Judgement
-from station.results.number_names import VALUES, titled
+from station.results.comparison import Comparison, Judged
+from station.results.limits import Specification
+from station.results.number_names import VALUES, titled, words_of
 from station.results.plane_result import PlaneResult
 from station.results.result_files import software
+from station.results.terms import specification_verdict
+from station.results.units import Pixels
+from station.results.verdict_words import MEASUREMENT, SPECIFICATION
 
 Array = npt.NDArray[np.float64]
 
 PAGE = "report.html"
-ORDER = ("pass", "doubtful", "fail", "refused")
-"""Verdicts of planes, the best first."""
-WORDS = {"pass": "pass", "doubtful": "doubtful", "fail": "outside the limits", "refused": "refused"}
+ORDER = ("pass", "doubtful", "refused")
+"""Verdicts of measurements, the best first."""
 METHODS = {
     "pattern": "M. Delbracio, P. Musé, A. Almansa: Non-parametric Sub-pixel Local Point Spread Function Estimation. "
     "Image Processing On Line 2, 2012. doi:10.5201/ipol.2012.admm-nppsf",
@@ -44,7 +47,11 @@ METHODS = {
 }
 """The publication that each procedure is built on."""
 MORE_NUMBERS = titled(
-    ("mtf50_radial", "mtf_nyquist_horizontal", "mtf_nyquist_vertical", "encircled_energy_50", "ellipse_angle")
+    (
+        *("mtf50_radial", "mtf_nyquist_horizontal", "mtf_nyquist_vertical"),
+        *(f"mtf{level}_{along}" for level in (30, 20, 10) for along in ("horizontal", "vertical", "radial")),
+        *("encircled_energy_50", "ellipse_angle"),
+    )
 )
 """What a report tells beside the numbers of every page."""
 
@@ -91,14 +98,11 @@ class PlaneSheet:
         The samples it was found in; of two photographs the near one.
     outline : (n, 2) float64, optional
         Of the far photograph in the near one, in its pixels (x, y).
-    judged : sequence of Judgement
-        The numbers against the limits that were set.
     """
 
     record: PlaneResult
     photograph: Plane | None = None
     outline: Array | None = None
-    judged: Sequence[Judgement] = ()
 
     @property
     def chart(self) -> PatternPsf | None:
@@ -110,20 +114,25 @@ class PlaneSheet:
 
     @property
     def verdict(self) -> str:
-        """The worst of the estimate's and the limits' verdicts."""
-        return max([str(self.record.verdict), *(str(one.judged) for one in self.judged)], key=ORDER.index)
+        """Of the measurement."""
+        return str(self.record.verdict)
 
     @property
-    def against(self) -> str:
-        """All that speaks against the plane, in sentences."""
-        failed = [one.words for one in self.judged if one.judged is not Judged.PASS]
-        return "; ".join(words for words in (self.record.reason, *failed) if words)
+    def specification(self) -> Comparison:
+        """How the numbers stand to their limits."""
+        return self.record.specification or Comparison()
 
     @property
     def numbers(self) -> list[tuple[str, Quantity]]:
-        """The numbers with their words, in the order of pages."""
-        known = self.record.numbers
-        return [(words, known[name]) for name, words in (*NUMBERS, *MORE_NUMBERS) if name in known]
+        """The numbers with their words, in the order of pages; after them the MTF at what was asked for."""
+        known, unit = self.record.numbers, self.record.unit
+        asked = [(name, words_of(name, unit).words) for name in known if name.startswith("mtf_at_")]
+        return [(words, known[name]) for name, words in (*NUMBERS, *MORE_NUMBERS, *asked) if name in known]
+
+    @property
+    def pixel_words(self) -> str:
+        """Which pixel frequencies are counted in."""
+        return Pixels(self.record.pitch).words
 
     @property
     def budget(self) -> BudgetTable | None:
@@ -168,6 +177,7 @@ class Report:
     conditions: Sequence[Line] = ()
     devices: Sequence[Line] = ()
     made: str = ""
+    specification: Specification = field(default_factory=Specification)
     software: Mapping[str, Any] = field(default_factory=software)
 
     @property
@@ -177,12 +187,29 @@ class Report:
 
     @property
     def headline(self) -> str:
-        """How many planes have which verdict; of a single one its verdict."""
+        """Both verdicts in words."""
+        return "; ".join(words for words in (f"measurement {self.measurement}", self.against_specification) if words)
+
+    @property
+    def measurement(self) -> str:
+        """How many planes' measurements have which verdict; of a single one its verdict."""
         verdicts = [plane.verdict for plane in self.planes]
         if len(verdicts) == 1:
-            return f"{self.planes[0].record.name} {'passes' if verdicts[0] == 'pass' else f'is {WORDS[verdicts[0]]}'}"
-        counts = [f"{verdicts.count(one)} {WORDS[one]}" for one in ORDER[1:] if one in verdicts]
-        return ", ".join([f"{verdicts.count('pass')} of {len(verdicts)} planes pass", *counts])
+            return f"{MEASUREMENT[verdicts[0]]}, in {self.planes[0].record.name}"
+        counts = [f"{verdicts.count(one)} {MEASUREMENT[one]}" for one in ORDER[1:] if one in verdicts]
+        return ", ".join([f"trusted in {verdicts.count('pass')} of {len(verdicts)} planes", *counts])
+
+    @property
+    def judged(self) -> Judged | None:
+        """The worst of the planes against the specification; None where there is none."""
+        return specification_verdict([plane.record for plane in self.planes])
+
+    @property
+    def against_specification(self) -> str:
+        """How the planes together stand to the specification; "" where there is none."""
+        if not self.specification.limits:
+            return ""
+        return SPECIFICATION[str(self.judged)] if self.judged else "no limit holds for these planes"
 
 
 def calibration_page(report: Report) -> str:
@@ -210,10 +237,12 @@ def _pictures(sheet: PlaneSheet, name: str) -> Mapping[str, Any]:
     if record.psf is not None:
         pictures["psf"] = psf_figures.psf_figure(record.psf, None, f"{name}-psf")
         pictures["energy"] = psf_figures.energy_figure(radial_profile(record.psf), f"{name}-energy")
-        pictures["phase"] = otf_figures.phase_figure(record.psf, f"{name}-phase")
-        pictures["map"] = otf_figures.mtf_map_figure(record.psf, f"{name}-map", record.diffraction)
-    if record.quality is not None:
-        pictures["mtf"] = otf_figures.mtf_figure(record.quality, None, f"{name}-mtf", record.diffraction)
+        axis = otf_figures.FrequencyAxis(str(record.unit), record.factor)
+        pictures["phase"] = otf_figures.phase_figure(record.psf, f"{name}-phase", axis)
+        pictures["map"] = otf_figures.mtf_map_figure(record.psf, f"{name}-map", record.diffraction, axis)
+        if record.quality is not None:
+            figure = otf_figures.mtf_figure(record.quality, None, f"{name}-mtf", record.diffraction, axis)
+            pictures["mtf"] = figure
     if record.inter_image is not None:
         pictures["inter_image"] = psf_figures.kernel_figure(record.inter_image, f"{name}-kernel")
     if sheet.chart is not None and sheet.photograph is not None:
@@ -235,35 +264,36 @@ def report_of_files(
     frames: Sequence[RawFrame],
     results: Sequence[PlaneResult],
     parameters: Mapping[str, object],
-    judged: Mapping[str, Sequence[Judgement]] | None = None,
+    specification: Specification | None = None,
 ) -> Report:
     """The report of a command: what the files themselves tell about camera and conditions.
 
     Parameters
     ----------
     frames : the photographs, the first being the one in which charts were found
-    judged : by the plane's name
+    specification : what the results were held to, where they were
     """
     exposure = frames[0].exposure
     return Report(
         subject=camera_words(exposure) or printable(frames[0].path.name),
         procedure=procedure,
-        planes=[_sheet(one, frames, (judged or {}).get(one.name, ())) for one in results],
+        planes=[_sheet(one, frames) for one in results],
         shots=[shot_of(frame) for frame in frames],
         parameters=parameters,
         conditions=_conditions(exposure),
+        specification=specification or Specification(),
     )
 
 
-def _sheet(one: PlaneResult, frames: Sequence[RawFrame], judged: Sequence[Judgement]) -> PlaneSheet:
+def _sheet(one: PlaneResult, frames: Sequence[RawFrame]) -> PlaneSheet:
     """A plane with what its figures need: the chart's photograph, or the near one and where the far one lies in it."""
     name, found = one.name, one.found
     if isinstance(found, PatternPsf):
-        return PlaneSheet(one, frames[0].planes[name], judged=judged)
+        return PlaneSheet(one, frames[0].planes[name])
     if isinstance(found, TwoPhotoPsf):
         near, far = (frames[i].planes[name] for i in ((1, 0) if found.swapped else (0, 1)))
-        return PlaneSheet(one, near, found.warp.forward(_rim(far)), judged)
-    return PlaneSheet(one, judged=judged)
+        return PlaneSheet(one, near, found.warp.forward(_rim(far)))
+    return PlaneSheet(one)
 
 
 def _rim(plane: Plane) -> Array:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
@@ -16,10 +15,13 @@ from procedures.raw import RawFrame
 from procedures.restoration.joint.estimate import Restoration
 from procedures.restoration.plan import shown
 from station.drawing.depth_pictures import coloured, encoded, levels, picture
+from station.drawing.linear_pictures import described_tiff
 from station.results.plane_result import PlaneResult
 from station.results.restored import RESTORATION
-from station.results.result_files import RECORD, ResultFolder, plain, software, write_record
+from station.results.result_files import ResultFolder, software, write_record
 
+SHARP_WORDS = "restored picture, linear, 1 = white, first row uppermost; calibration-station"
+"""The picture's description."""
 Array = npt.NDArray[np.floating[Any]]
 
 
@@ -33,7 +35,7 @@ def write_restoration(
     found = outcome.value
     if found is None:
         raise ValueError("a restoration without a value has no files")
-    folder.write("sharp.tiff", encoded(".tiff", picture(found.sharp).astype(np.float32)))
+    folder.write("sharp.tiff", described_tiff(encoded(".tiff", picture(found.sharp).astype(np.float32)), SHARP_WORDS))
     folder.write("sharp.png", encoded(".png", levels(picture(found.sharp), 0, 1)))
     unit = found.unit
     folder.write("w.npy", _npy(found.w * unit.per_pixel))
@@ -61,10 +63,7 @@ def write_restoration(
         ],
         "software": software(),
     }
-    text = json.dumps(plain(record), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-    folder.write(RECORD, text.encode())
-    folder.publish()
-    return text
+    return write_record(folder, record)
 
 
 def write_refusal(folder: ResultFolder, outcome: Outcome[Restoration], about: Mapping[str, Any]) -> str:

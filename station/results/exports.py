@@ -13,6 +13,7 @@ import numpy.typing as npt
 from procedures.outcome import Quantity
 from procedures.psf import Psf
 from procedures.radial_profile import radial_profile
+from procedures.reading.exposure import Exposure
 from station.common.sanitise import cell
 from station.drawing.linear_pictures import described_tiff, float_tiff
 
@@ -20,41 +21,55 @@ Array = npt.NDArray[np.float64]
 
 FITS_BLOCK = 2880
 FITS_CARD = 80
+LONGEST_TEXT = 34
+"""Letters of a value: even if all of them are quotes, which are doubled, they fit into a card."""
 GAUSSIAN_RADIUS = "gaussian_radius"
 
 
-def psf_tiff(psf: Psf) -> bytes:
-    """The support's samples as a TIFF, (k, k) float32, sum 1; its description tells the share of the light outside."""
+def psf_tiff(psf: Psf, plane: str = "", exposure: Exposure | None = None) -> bytes:
+    """The support's samples as a TIFF, (k, k) float32, sum 1; its description tells what they are, and of which camera.
+
+    The first row is the photograph's upper one.
+    """
     share, uncertainty = psf.energy_outside
-    return described_tiff(
-        float_tiff(psf.h),
-        f"support of a PSF, {psf.s} samples per pixel, sum 1; "
+    noted = {} if exposure is None else _noted(exposure)
+    what = f"support of a PSF of plane {plane}" if plane else "support of a PSF"
+    words = [
+        f"{what}, {psf.s} samples per pixel, sum 1, first row uppermost",
         f"energy_outside_support = {share:.6g}, standard uncertainty {uncertainty:.2g}",
-    )
+        *(f"{name} = {value}" for name, value in noted.items()),
+    ]
+    return described_tiff(float_tiff(psf.h), "; ".join(words))
 
 
 # --- FITS --------------------------------------------------------------------------------------------------------
 
 
-def psf_fits(psf: Psf, plane: str, version: str | None) -> bytes:
+def psf_fits(psf: Psf, plane: str, version: str | None, exposure: Exposure | None = None) -> bytes:
     """The support's samples as FITS, and their standard uncertainties in a second image, both (k, k) float64.
 
     Beside the samples, of sum 1, stand EOUTSIDE, the share of all light outside them, and EOUTUNC, its standard
     uncertainty; TAILDENS is A of the mean far tail A / r^3 per square pixel, r in pixels, where all light is 1. The
     first row of the data is the photograph's upper one; the world coordinates are pixels of the plane from the PSF's
-    centre, x to the right and y down. Source: FITS standard 4.0, sections 3, 4 and 8.
+    centre, x to the right and y down. What the camera noted stands under the names of astronomy: DATE-OBS, INSTRUME,
+    TELESCOP (the lens), FILTER (the plane), APERTURE (the f-number), FOCALLEN in mm, EXPTIME in s, ISOSPEED.
+    Source: FITS standard 4.0, sections 3, 4 and 8.
     """
     sigma = np.sqrt(np.maximum(np.diag(psf.covariance), 0)).reshape(psf.h.shape)
     middle = psf.k // 2 + 1
     grid: list[tuple[str, object]] = [
         ("CRPIX1", float(middle)), ("CRPIX2", float(middle)), ("CRVAL1", 0.0), ("CRVAL2", 0.0),
         ("CDELT1", 1 / psf.s), ("CDELT2", 1 / psf.s), ("CTYPE1", "X"), ("CTYPE2", "Y"),
-        ("CUNIT1", "pixel"), ("CUNIT2", "pixel"), ("PLANE", plane), ("SAMPLING", psf.s),
+        ("CUNIT1", "pixel"), ("CUNIT2", "pixel"), ("BUNIT", "1"), ("ROWORDER", "TOP-DOWN"), ("PLANE", plane),
+        ("FILTER", plane), ("SAMPLING", psf.s), ("ORIGIN", "calibration-station"),
         ("CREATOR", f"calibration-station {version or ''}".strip()),
+        *([] if exposure is None else _noted(exposure).items()),
     ]  # fmt: skip
     share, uncertainty = psf.energy_outside
     outside: list[tuple[str, object]] = [
         ("EOUTSIDE", share), ("EOUTUNC", uncertainty), ("TAILDENS", psf.tail_density_px),
+        ("COMMENT", "Orientation: the first row is the photograph's upper one; the origin of"),
+        ("COMMENT", "X and Y is the PSF's centre, X to the right, Y down, pixels of FILTER."),
         ("COMMENT", "Samples: the support, of sum 1. EOUTSIDE: energy_outside_support,"),
         ("COMMENT", "the share of all light outside it; EOUTUNC: its uncertainty."),
         ("COMMENT", "TAILDENS: A of the far tail A/r^3 per square pixel, all light 1."),
@@ -63,6 +78,20 @@ def psf_fits(psf: Psf, plane: str, version: str | None) -> bytes:
     primary = [("SIMPLE", True), *size, ("EXTEND", True), ("EXTNAME", "PSF"), *grid, *outside]
     second = [("XTENSION", "IMAGE"), *size, ("PCOUNT", 0), ("GCOUNT", 1), ("EXTNAME", "UNCERTAINTY"), *grid]
     return _unit(primary, psf.h) + _unit(second, sigma)
+
+
+def _noted(exposure: Exposure) -> dict[str, object]:
+    """What the camera noted, by the names of FITS; what it did not is left out."""
+    found = {
+        "DATE-OBS": exposure.captured_at,
+        "INSTRUME": exposure.camera,
+        "TELESCOP": exposure.lens,
+        "APERTURE": exposure.f_number,
+        "FOCALLEN": exposure.focal_length_mm,
+        "EXPTIME": exposure.exposure_s,
+        "ISOSPEED": exposure.iso,
+    }
+    return {name: value for name, value in found.items() if value}
 
 
 def _unit(cards: Sequence[tuple[str, object]], data: Array) -> bytes:
@@ -77,10 +106,16 @@ def _card(name: str, value: object) -> str:
     if isinstance(value, bool):
         text = f"{'T' if value else 'F':>20}"
     elif isinstance(value, str):
-        text = "'" + value.encode("ascii", "replace").decode().replace("'", "''").ljust(8) + "'"
+        text = "'" + _ascii(value).replace("'", "''").ljust(8) + "'"
     else:
         text = f"{value!r:>20}"
     return f"{name:<8}= {text}".ljust(FITS_CARD)[:FITS_CARD]
+
+
+def _ascii(text: str) -> str:
+    """Letters that a header takes, as many as have room in a card."""
+    plain = "".join(one if " " <= one <= "~" else "?" for one in text)
+    return plain[:LONGEST_TEXT]
 
 
 def _filled(data: bytes, filling: bytes) -> bytes:
@@ -119,8 +154,9 @@ def numbers_table(numbers: Numbers) -> bytes:
 def profile_table(psf: Psf, pitch: int) -> bytes:
     """The profile as CSV, radii in pixels of the plane and of the sensor; `pitch` is how many of these are one."""
     found = radial_profile(psf)
-    columns = {"radius": found.radius, "radius_sensor_pixels": found.radius * pitch}
-    columns |= {"density": found.density, "density_uncertainty": found.density_uncertainty}
+    columns = {"radius [pixel]": found.radius, "radius_sensor_pixels [sensor pixel]": found.radius * pitch}
+    density = {"density": found.density, "density_uncertainty": found.density_uncertainty}
+    columns |= {f"{name} [1/pixel^2]": column for name, column in density.items()}
     columns |= {"energy": found.energy, "energy_uncertainty": found.energy_uncertainty}
     columns |= {"inside_support": (found.radius <= found.support).astype(np.float64)}
     rows = zip(*columns.values(), strict=True)

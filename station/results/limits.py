@@ -1,29 +1,43 @@
 """What is good enough: limits of a result's numbers, with guard bands as wide as the numbers are uncertain.
 
-A number passes when even its uncertainty keeps it inside the limits, and fails when even its uncertainty does not
-bring it inside: JCGM 106:2012, guarded acceptance and guarded rejection. Between the two it is doubtful.
+A number meets its limit when even its uncertainty keeps it inside, and does not when even its uncertainty does not
+bring it inside: JCGM 106:2012, guarded acceptance and guarded rejection. Between the two it is undecided. That is
+about the lens; whether the measurement can be trusted is another verdict, and the two are never mixed.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Any
 
-from station.results.number_names import QUANTITIES, VALUES
+from procedures.outcome import Quantity
+from procedures.transfer_function import LEVELS, name_at
+from station.results.comparison import Comparison, Judged, Judgement, worst
+from station.results.number_names import OF_PLACES, QUANTITIES, VALUES, words_of
 from station.results.plane_result import PlaneResult
+from station.results.units import Frequency, Pixels, Unit, told_name, told_quantity
 
-NUMBERS = (*QUANTITIES, *VALUES)
+MTF = "mtf"
+"""The number of a limit at a frequency."""
+FAMILIES = (*(f"mtf{level}" for level in LEVELS), "mtf_nyquist", "fwhm", MTF)
+"""Numbers that are meant along rows and along columns both, or across an edge."""
+NUMBERS = (*FAMILIES, *QUANTITIES, *VALUES, *OF_PLACES)
 """What a limit can be set for; values without an uncertainty have no guard band."""
+BOTH = ("horizontal", "vertical")
+MIDDLE = 0.4
+"""Of the frame's half sides, within which a place is in the middle."""
 
 
-class Judged(StrEnum):
-    """How a number stands to its limit, or a photograph to all of them; the best first."""
+class Place(StrEnum):
+    """Where in the frame a limit holds."""
 
-    PASS = "pass"
-    DOUBTFUL = "doubtful"
-    FAIL = "fail"
+    ANYWHERE = "anywhere"
+    CENTRE = "centre"
+    SIDES = "sides"
+    CORNERS = "corners"
 
 
 @dataclass(frozen=True)
@@ -34,11 +48,18 @@ class Limit:
     ----------
     number : one of NUMBERS
     least, most : float
-        Infinite where there is no such bound.
+        Infinite where there is no such bound; frequencies in `unit`.
     coverage : float
         Standard uncertainties on either side of the number that must lie inside too.
     planes : sequence of str
         Where it holds; empty for every plane.
+    at : float or None
+        The frequency, in `unit`, at which the MTF is meant.
+    directions : sequence of str
+        In which a number of FAMILIES is meant.
+    place : Place
+        Where in the frame it holds.
+    unit : Unit
     """
 
     number: str
@@ -46,64 +67,189 @@ class Limit:
     most: float = math.inf
     coverage: float = 2.0
     planes: Sequence[str] = ()
+    at: float | None = None
+    directions: Sequence[str] = BOTH
+    place: Place = Place.ANYWHERE
+    unit: Unit = Unit.CYCLES
+
+    def told(self) -> dict[str, Any]:
+        """As a record tells it: numbers as numbers, null where there is no bound."""
+        told: dict[str, Any] = {
+            "number": self.number,
+            "min": _bound(self.least),
+            "max": _bound(self.most),
+            "coverage": self.coverage,
+        }
+        told |= {"planes": list(self.planes), "place": str(self.place), "unit": str(self.unit)}
+        return told | ({"at": self.at, "directions": list(self.directions)} if self.at is not None else {})
+
+    def names(self, pixels: Pixels) -> list[str]:
+        """The names of the numbers that are meant, best guess first: along directions, and without."""
+        base = self.number
+        if self.number == MTF:
+            base = name_at(Frequency(self.at or 0.0, self.unit).per_pixel(pixels))
+        return [f"{base}_{one}" for one in self.directions] if self.number in FAMILIES else [base]
 
 
 @dataclass(frozen=True)
-class Judgement:
-    """One number of one plane against its limit: the bounds and the value, None where there is none, and a sentence."""
+class Specification:
+    """All limits that a lens, or a camera, is held to.
 
-    number: str
-    judged: Judged
-    value: float | None
-    uncertainty: float
-    least: float | None
-    most: float | None
-    words: str
+    Attributes
+    ----------
+    title : str
+        Of what it is the specification.
+    source : str
+        The file that it stands in, and sha256 of its content; "" where it is a part of something else.
+    """
+
+    limits: tuple[Limit, ...] = ()
+    title: str = ""
+    source: str = ""
+    sha256: str = ""
+
+    @property
+    def frequencies(self) -> tuple[Frequency, ...]:
+        """Those at which an MTF is limited."""
+        return tuple(dict.fromkeys(Frequency(one.at, one.unit) for one in self.limits if one.at is not None))
+
+    @property
+    def places(self) -> tuple[Place, ...]:
+        """Those that are named."""
+        return tuple(dict.fromkeys(one.place for one in self.limits))
+
+    def told(self) -> dict[str, Any]:
+        """As a record tells it."""
+        limits = [one.told() for one in self.limits]
+        return {"title": self.title, "path": self.source, "sha256": self.sha256, "limits": limits}
 
 
-def judge(record: PlaneResult, limits: Sequence[Limit]) -> tuple[Judgement, ...]:
-    """The plane's numbers against the limits that hold for it; none where it was refused."""
+@dataclass(frozen=True)
+class Spot:
+    """The numbers of one place of the frame.
+
+    Attributes
+    ----------
+    name : str
+        In words: "upper left corner"; "" where nobody said.
+    places : sequence of Place
+        What it counts as.
+    numbers : mapping of str to Quantity
+        Empty where it was not measured.
+    """
+
+    name: str
+    places: Sequence[Place]
+    numbers: Mapping[str, Quantity] = field(default_factory=dict)
+
+
+def compare(
+    record: PlaneResult, specification: Specification, pixels: Pixels | None = None, spots: Sequence[Spot] = ()
+) -> Comparison:
+    """The plane against the limits that hold for it.
+
+    Parameters
+    ----------
+    pixels : Pixels, optional
+        What its frequencies are counted in.
+    spots : sequence of Spot
+        The numbers by place, of a result over the frame; of one place, its numbers are the plane's.
+
+    Raises
+    ------
+    BadParameter
+        If the limits' unit needs what is not known of the pixels.
+    """
+    limits = [one for one in specification.limits if not one.planes or record.name in one.planes]
+    if not limits:
+        return Comparison()
     if not record.numbers:
-        return ()
-    return tuple(_judge(record, limit) for limit in limits if not limit.planes or record.name in limit.planes)
+        return Comparison(Judged.UNDECIDED)
+    known = pixels or Pixels(record.pitch)
+    judgements = tuple(one for limit in limits for one in _judge(record, limit, known, spots))
+    return Comparison(worst(one.judged for one in judgements), judgements)
 
 
-def _judge(record: PlaneResult, limit: Limit) -> Judgement:
-    value, uncertainty = _number(record, limit.number)
+def place_of(x: float, y: float, shape: tuple[int, int]) -> Place:
+    """What a place (x, y) of a plane (rows, columns) counts as: the frame is divided at 2/5 of its half sides."""
+    rows, columns = shape
+    u, v = abs(2 * x / max(columns - 1, 1) - 1), abs(2 * y / max(rows - 1, 1) - 1)
+    return (Place.CENTRE, Place.SIDES, Place.CORNERS)[(u > MIDDLE) + (v > MIDDLE)]
+
+
+def _judge(record: PlaneResult, limit: Limit, pixels: Pixels, spots: Sequence[Spot]) -> Iterator[Judgement]:
+    """One judgement for each number and place that a limit is about."""
+    meant = [one for one in spots if limit.place is Place.ANYWHERE or limit.place in one.places]
+    if not spots:
+        meant = [Spot("", list(Place), record.numbers)]
+        if limit.place not in (Place.ANYWHERE, record.place):
+            meant = [Spot(f"the {limit.place}", ())]
+    for spot in meant:
+        for name in _present(limit, spot.numbers, pixels):
+            yield _of_number(record, limit, spot, name, pixels)
+
+
+def _present(limit: Limit, numbers: Mapping[str, Quantity], pixels: Pixels) -> list[str]:
+    """Which of a limit's numbers there are: along directions, or across an edge; else the first is named as missing."""
+    names = limit.names(pixels)
+    across = names[0].removesuffix(f"_{limit.directions[0]}") if limit.number in FAMILIES else names[0]
+    if across in numbers:
+        return [across]
+    return names if any(name in numbers for name in names) else [across]
+
+
+def _of_number(record: PlaneResult, limit: Limit, spot: Spot, name: str, pixels: Pixels) -> Judgement:
+    factor = pixels.factor(limit.unit)
+    quantity = _number(record, spot, name)
+    told = None if quantity is None else told_quantity(quantity, limit.unit, factor)
+    value, uncertainty = (None, 0.0) if told is None else (told.value, told.uncertainty)
     judged = _judged(value, limit.coverage * uncertainty, limit)
-    least, most = (bound if math.isfinite(bound) else None for bound in (limit.least, limit.most))
-    words = _words(limit, judged, value, uncertainty)
-    return Judgement(limit.number, judged, value, uncertainty, least, most, words)
+    words = _words(limit, told_name(name, factor), spot, judged, value, uncertainty)
+    unit = told.unit if told is not None else ""
+    return Judgement(
+        told_name(name, factor), judged, value, uncertainty, _bound(limit.least), _bound(limit.most), unit,
+        spot.name, words,
+    )  # fmt: skip
 
 
-def _number(record: PlaneResult, name: str) -> tuple[float | None, float]:
-    """A number of a plane with its standard uncertainty."""
-    if name in record.numbers:
-        quantity = record.numbers[name]
-        return quantity.value, quantity.uncertainty
+def _number(record: PlaneResult, spot: Spot, name: str) -> Quantity | None:
+    """A number of a place; those without an uncertainty are the plane's."""
+    if name in spot.numbers:
+        return spot.numbers[name]
     plain = record.values.get(name)
-    return (float(plain), 0.0) if isinstance(plain, int | float) else (None, 0.0)
+    return Quantity(float(plain), "1", 0.0, "", 0) if isinstance(plain, int | float) else None
+
+
+def _bound(value: float) -> float | None:
+    return value if math.isfinite(value) else None
 
 
 def _judged(value: float | None, band: float, limit: Limit) -> Judged:
     """NaN, of value or band, is inside nothing and outside nothing."""
     if value is None:
-        return Judged.DOUBTFUL
+        return Judged.UNDECIDED
     if value - band >= limit.least and value + band <= limit.most:
-        return Judged.PASS
+        return Judged.MEETS
     if value + band < limit.least or value - band > limit.most:
-        return Judged.FAIL
-    return Judged.DOUBTFUL
+        return Judged.MISSES
+    return Judged.UNDECIDED
 
 
-def _words(limit: Limit, judged: Judged, value: float | None, uncertainty: float) -> str:
+def _words(
+    limit: Limit, name: str, spot: Spot, judged: Judged, value: float | None, uncertainty: float
+) -> str:  # fmt: skip
     bounds = [f"{sign} {bound:g}" for sign, bound in (("≥", limit.least), ("≤", limit.most)) if math.isfinite(bound)]
-    wanted = f"{limit.number} {' and '.join(bounds)}"
+    unit = f" {limit.unit}" if name.startswith(tuple(f"mtf{level}" for level in LEVELS)) else ""
+    where = f", {spot.name}" if spot.name else ""
+    title = words_of(name, limit.unit).words
+    title = title.removesuffix(" across the edge") if value is None else title
+    wanted = f"{title}{where} {' and '.join(bounds)}{unit}"
     if value is None:
-        return f"the limit {wanted} cannot be judged: the PSF has no such number"
+        reason = "it was not measured there" if spot.name and not spot.numbers else "there is no such number"
+        return f"the limit {wanted} cannot be judged: {reason}"
     got = f"{value:.4g} ± {uncertainty:.2g}" if uncertainty else f"{value:.4g}"
-    if judged is Judged.PASS:
+    if judged is Judged.MEETS:
         return f"{wanted} is met: {got}"
-    if judged is Judged.FAIL:
+    if judged is Judged.MISSES:
         return f"the limit {wanted} is missed: {got}"
     return f"the limit {wanted} is not surely met: {got} is within {limit.coverage:g} uncertainties of it"

@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from procedures.transfer_function import LEVELS, frequency_of
+
 
 @dataclass(frozen=True)
 class Words:
@@ -17,10 +19,29 @@ class Words:
     short: str = ""
 
 
+DIRECTIONS = {
+    "horizontal": Words("along rows", "rows"),
+    "vertical": Words("along columns", "columns"),
+    "radial": Words("mean over directions", "mean"),
+    "sagittal": Words("of sagittal detail", "sagittal"),
+    "meridional": Words("of meridional detail", "meridional"),
+}
+"""In which an MTF is told."""
+
+
+def _levels() -> dict[str, Words]:
+    """The frequencies of levels of the MTF, along rows, along columns, and of the mean."""
+    found = {}
+    for level in LEVELS:
+        for name in ("horizontal", "vertical", "radial"):
+            own, comma = DIRECTIONS[name], "," if name == "radial" else ""
+            short = f"MTF{level}" if name == "radial" else f"MTF{level}, {own.short}"
+            found[f"mtf{level}_{name}"] = Words(f"MTF{level}{comma} {own.words}", short)
+    return found
+
+
 QUANTITIES: Mapping[str, Words] = {
-    "mtf50_horizontal": Words("MTF50 along rows", "MTF50, rows"),
-    "mtf50_vertical": Words("MTF50 along columns", "MTF50, columns"),
-    "mtf50_radial": Words("MTF50, mean over directions", "MTF50"),
+    **_levels(),
     "mtf_nyquist_horizontal": Words("MTF at Nyquist along rows", "at Nyquist, rows"),
     "mtf_nyquist_vertical": Words("MTF at Nyquist along columns", "at Nyquist, columns"),
     "mtf_nyquist_radial": Words("MTF at Nyquist"),
@@ -50,12 +71,36 @@ VALUES: Mapping[str, Words] = {
 """Numbers without one."""
 
 
+OF_EDGES: Mapping[str, Words] = {
+    **{f"mtf{level}": Words(f"MTF{level} across the edge", f"MTF{level}") for level in LEVELS},
+    "mtf_nyquist": Words("MTF at Nyquist across the edge", "at Nyquist"),
+    "angle": Words("Angle of the edge", "angle"),
+}
+"""Numbers of an edge."""
+OF_PLACES: Mapping[str, Words] = {
+    "mtf50_sagittal": Words("MTF50 of sagittal detail", "MTF50, sagittal"),
+    "mtf50_meridional": Words("MTF50 of meridional detail", "MTF50, meridional"),
+    "astigmatism": Words("MTF50, sagittal less meridional", "astigmatism"),
+}
+"""Numbers that a place of a field has beside those of its PSF."""
+_ALL = {**QUANTITIES, **VALUES, **OF_EDGES, **OF_PLACES}
+
+
+def words_of(name: str, unit: str = "cycles/pixel") -> Words:
+    """A number in words; `unit` is that of the frequency in its name, where it has one."""
+    if (told := frequency_of(name)) is None:
+        return _ALL.get(name, Words(name))
+    frequency, direction = told
+    own = DIRECTIONS.get(direction, Words("across the edge", "edge"))
+    return Words(f"MTF at {frequency:.4g} {unit} {own.words}", f"at {frequency:.4g}, {own.short}")
+
+
 def titled(names: Sequence[str]) -> tuple[tuple[str, str], ...]:
     """Names of numbers with their words, for pages."""
-    return tuple((name, {**QUANTITIES, **VALUES}[name].words) for name in names)
+    return tuple((name, words_of(name).words) for name in names)
 
 
 def short(name: str) -> str:
     """A number in few words, for terminals and tables."""
-    words = {**QUANTITIES, **VALUES}[name]
+    words = words_of(name)
     return words.short or words.words

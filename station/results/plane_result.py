@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,13 +13,16 @@ from procedures.cross_check.estimate import EdgeCheck
 from procedures.outcome import Outcome, Quantity, Verdict
 from procedures.psf import Psf
 from procedures.quality import Diffraction, Quality
+from procedures.reading.exposure import Exposure
 from station.results.exports import GAUSSIAN_RADIUS, gaussian_radius
+from station.results.units import Pixels, Unit, told_name, told_numbers, told_quantity
 
 if TYPE_CHECKING:
     from procedures.choice import Trial
     from procedures.pattern_psf.error_parts import Variation
     from procedures.physics.estimate import Physics
     from procedures.sensor.information import Information
+    from station.results.comparison import Comparison
 
 Array = npt.NDArray[np.float64]
 
@@ -48,6 +51,10 @@ class PlaneResult:
     diffraction : what limits the plane, where f-number and pitch are known
     physics : the model of sensor and lens that explains the PSF, where one was asked for
     information : what pictures can tell, where the sensor's own calibration tells its noise
+    exposure : what the camera noted, where it is known
+    place : where in the frame it was measured, as limits name places; "" where that is not known
+    unit, factor : of frequencies, and what one cycle per pixel of the plane is in it
+    specification : how the numbers stand to their limits, where there are some
     """
 
     name: str
@@ -70,6 +77,11 @@ class PlaneResult:
     diffraction: Diffraction | None = None
     physics: Outcome[Physics] | None = None
     information: Information | None = None
+    exposure: Exposure | None = None
+    place: str = ""
+    unit: Unit = Unit.CYCLES
+    factor: float = 1.0
+    specification: Comparison | None = None
     duration_s: float = 0.0
 
     @classmethod
@@ -78,6 +90,39 @@ class PlaneResult:
         pitch = more.get("pitch", 1)
         numbers, curves = ({}, {}) if quality is None else (dict(numbers_of(quality, pitch)), curves_of(quality))
         return cls(name, verdict, numbers=numbers, curves=curves, samples=psf.h, psf=psf, quality=quality, **more)
+
+    def in_unit(self, unit: Unit, pixels: Pixels) -> PlaneResult:
+        """The same with its frequencies told in a unit. Raises BadParameter where what that needs is not known."""
+        factor = pixels.factor(unit)
+        if factor == 1:
+            return self
+        curves = {name: column * factor if name == "frequency" else column for name, column in self.curves.items()}
+        variations = (replace(one, values=(one.values[0] * factor, one.values[1] * factor)) for one in self.variations)
+        return replace(
+            self,
+            numbers=told_numbers(self.numbers, unit, factor),
+            curves=curves,
+            quality=self.quality and _quality_in(self.quality, unit, factor),
+            variations=tuple(variations),
+            edges=tuple(_edge_in(one, unit, factor) for one in self.edges),
+            unit=unit,
+            factor=factor,
+        )
+
+
+def _quality_in(quality: Quality, unit: Unit, factor: float) -> Quality:
+    """Numbers and budgets in a unit; the curves stay as they were estimated."""
+    scaled = {name for name, one in quality.numbers.items() if one.unit == Unit.CYCLES}
+    budgets = {
+        told_name(name, factor): {term: u * (factor if name in scaled else 1) for term, u in terms.items()}
+        for name, terms in quality.budgets.items()
+    }
+    return replace(quality, numbers=told_numbers(quality.numbers, unit, factor), budgets=budgets)
+
+
+def _edge_in(check: EdgeCheck, unit: Unit, factor: float) -> EdgeCheck:
+    by_edge, by_psf = (told_quantity(one, unit, factor) for one in (check.by_edge, check.by_psf))
+    return replace(check, by_edge=by_edge, by_psf=by_psf)
 
 
 def numbers_of(quality: Quality, pitch: int) -> Iterator[tuple[str, Quantity]]:

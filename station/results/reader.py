@@ -18,6 +18,8 @@ from station.common.durable_files import read_own
 from station.results.plane_result import PlaneResult
 from station.results.restored import RESTORATION, Restored, read_restored
 from station.results.result_files import RECORD
+from station.results.terms import comparison_of
+from station.results.units import Unit
 
 Array = npt.NDArray[np.float64]
 
@@ -80,7 +82,16 @@ def _plane(folder: Path, name: str, entry: Mapping[str, Any]) -> PlaneResult:
     refused = verdict is Verdict.REFUSED
     h = None if refused else _samples(folder / f"psf_{name}.npy")
     mtf = {} if refused else _columns(folder / f"mtf_{name}.csv")
-    return PlaneResult(name, verdict, reason, remedy, numbers, mtf, h)
+    return PlaneResult(
+        name, verdict, reason, remedy, numbers, mtf, h, unit=_unit(folder / f"mtf_{name}.csv", mtf),
+        specification=comparison_of(entry),
+    )  # fmt: skip
+
+
+def _unit(path: Path, curves: Mapping[str, Array]) -> Unit:
+    """The unit that a table of an MTF tells in its heading; that of earlier tables, which told none."""
+    head = read_own(path).decode().partition("\n")[0] if curves else ""
+    return next((one for one in Unit if f"[{one}]" in head), Unit.CYCLES)
 
 
 def _quantity(value: object) -> Quantity | None:
@@ -115,9 +126,9 @@ def _samples(path: Path) -> Array:
 
 def _columns(path: Path) -> dict[str, Array]:
     try:
-        names, *rows = read_own(path).decode().split()
+        names, *rows = read_own(path).decode().replace(" [", "[").split()
         table = np.array([[float(word) for word in row.split(",")] for row in rows], dtype=np.float64)
-        columns = dict(zip(names.split(","), table.T, strict=True))
+        columns = dict(zip((name.partition("[")[0] for name in names.split(",")), table.T, strict=True))
     except (OSError, ValueError) as error:
         raise BadInput(f"{path} cannot be read: {error}", "recompute the session") from error
     shown = [columns.get(name, np.array([np.nan])) for name in ("frequency", *DIRECTIONS)]

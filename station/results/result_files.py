@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import io
 import json
@@ -22,9 +21,9 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.cross_check.estimate import EdgeCheck
-from procedures.outcome import BadParameter, Outcome
+from procedures.outcome import BadParameter, Outcome, Verdict
 from procedures.quality import energy_outside_support
-from station.common.durable_files import Disk, hashes_in
+from station.common.durable_files import Disk, hashes_in, holds, read_own
 from station.common.leftovers import make, release, sweep
 from station.common.sanitise import encodable
 from station.drawing.psf_picture import psf_picture
@@ -38,6 +37,8 @@ if TYPE_CHECKING:
     from procedures.sensor.measured import Measured
 
 RECORD = "result.json"
+PUBLISHING = ".publishing.json"
+"""What is this program's in a folder, while its files are replaced."""
 UNFINISHED = ".unfinished-"
 """How the name of a folder begins that receives a result."""
 SEAL = "sha256"
@@ -56,17 +57,20 @@ class ResultFolder:
 
     Files are written into a hidden folder inside it, `staging`, and renamed by `publish`, the record last: whoever
     finds a record finds every file it speaks of, on the disk. Folders inside it are kept. Entering proves that the
-    folder can be written, before any work is done. `sealed` has the record tell the hashes of all files and its own.
+    folder can be written, before any work is done, and that nothing in it has the name of a file of results that this
+    program has not written as it is. `sealed` has the record tell the hashes of all files and its own; `force` writes
+    over what is somebody else's.
 
     Raises
     ------
     BadParameter
-        On entering, if the folder cannot be made or written.
+        On entering, if the folder cannot be made or written, or holds such a file.
     """
 
-    def __init__(self, path: Path, *, sealed: bool = True) -> None:
+    def __init__(self, path: Path, *, sealed: bool = True, force: bool = False) -> None:
         self.path = path
         self.sealed = sealed
+        self.force = force
         self._created: list[Path] = []
 
     def __enter__(self) -> Self:
@@ -74,6 +78,7 @@ class ResultFolder:
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             self._created = missing
+            self._check([old.name for old in self.path.iterdir() if _RESULT_FILE.fullmatch(old.name)])
             sweep(self.path, f"{UNFINISHED}*")
             self.staging, self._held = make(UNFINISHED, self.path)
         except OSError as error:
@@ -117,26 +122,82 @@ class ResultFolder:
     def _publish(self, disk: Disk) -> None:
         staged = sorted(file.relative_to(self.staging) for file in self.staging.rglob("*") if file.is_file())
         staged.sort(key=lambda name: name == Path(RECORD))
+        self._check([name.as_posix() for name in staged])
         for name in staged:
             disk.settle(self.staging / name)
+        older = self._written()
+        self._note({**older, **{name: [*older.get(name, ()), one] for name, one in hashes_in(self.staging).items()}})
         (self.path / RECORD).unlink(missing_ok=True)
         folders = {self.path / name.parent for name in staged}
         for folder in folders:
             folder.mkdir(parents=True, exist_ok=True)
-            for old in folder.iterdir():
-                if _RESULT_FILE.fullmatch(old.name) and old.relative_to(self.path) not in staged:
-                    old.unlink()
+        for old in older.keys() - {name.as_posix() for name in staged}:
+            if self._is_own(old, older):
+                (self.path / old).unlink(missing_ok=True)
         for name in staged:
             if name == Path(RECORD):
                 disk.sync_folder(self.path)
             os.replace(self.staging / name, self.path / name)
         for folder in {*folders, self.path.parent}:
             disk.sync_folder(folder)
+        (self.path / PUBLISHING).unlink(missing_ok=True)
+
+    # --- what is this program's in the folder, and what is not ---
+
+    def _check(self, names: Sequence[str]) -> None:
+        """Raise BadParameter where one of these files is there, and somebody else's."""
+        if self.force:
+            return
+        older = self._written()
+        foreign = [name for name in sorted(names) if (self.path / name).exists() and not self._is_own(name, older)]
+        if foreign:
+            raise BadParameter(
+                f"{self.path} holds {', '.join(foreign[:5])}, which the program has not written as it is now",
+                "name a new folder with --out, move the file away, or add --force to write over it",
+            )
+
+    def _is_own(self, name: str, older: Mapping[str, Sequence[str]]) -> bool:
+        """Whether a file is what this program wrote under this name."""
+        if name == RECORD:
+            return str(_json(self.path / RECORD).get("schema", "")).startswith("station/")
+        return any(holds(self.path / name, digest) for digest in older.get(name, ()))
+
+    def _written(self) -> dict[str, list[str]]:
+        """The hashes that the older result's files may have: by its record, and by one that was being published."""
+        found: dict[str, list[str]] = {}
+        for record in (_json(self.path / RECORD), _json(self.path / PUBLISHING)):
+            files = record.get("files")
+            for name, digests in files.items() if isinstance(files, dict) else ():
+                if isinstance(digests, str | list) and _is_inside(str(name)):
+                    found.setdefault(name, []).extend([digests] if isinstance(digests, str) else map(str, digests))
+        return found
+
+    def _note(self, files: Mapping[str, Sequence[str]]) -> None:
+        """Keep, while files are replaced, which are this program's: whoever comes after a crash has no record."""
+        (self.path / PUBLISHING).write_text(json_text({"files": {name: list(one) for name, one in files.items()}}))
+
+
+def _json(path: Path) -> dict[str, Any]:
+    """The object in a file; an empty one where there is none that can be read."""
+    try:
+        found = json.loads(read_own(path))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _is_inside(name: str) -> bool:
+    """Whether a file's name in a record leads nowhere else."""
+    return bool(name) and not name.startswith("/") and ".." not in Path(name).parts
 
 
 _RESULT_FILE = re.compile(
-    r"(psf|covariance|mtf|edge|inter_image|profile|transfer|spectrogram|histogram|defects|nps|information)_(R|G1|G2|B|Y)\.(npy|csv|png|fits|tiff)|numbers\.csv|budget\.csv|emva1288\.xml|report\.html|field\.h5|geometry_\w+\.(npy|csv)|corrected\.(tiff|dng)|gain\.csv"
+    r"(psf|covariance|mtf|edge|inter_image|profile|transfer|spectrogram|histogram|defects|nps|information)_(R|G1|G2|B|Y)"
+    r"\.(npy|csv|png|fits|tiff)|numbers\.csv|budget\.csv|emva1288\.xml|report\.html|certificate\.(html|pdf)|field\.h5"
+    r"|geometry_\w+\.(npy|csv)|(corrected|sharp|filtered)\.(tiff|dng|png)|gain\.csv|(w|w_std|similar)\.npy"
+    r"|depth\.png|imu_[12]\.csv|rays\.html|result\.json"
 )
+"""Files that results have: none of somebody else's is written over."""
 
 
 def write_psf_result(folder: ResultFolder, planes: Sequence[PlaneResult], about: Mapping[str, Any]) -> str:
@@ -197,8 +258,8 @@ def _write_plane(folder: ResultFolder, plane: PlaneResult) -> None:
     if plane.psf is not None:
         folder.write(f"psf_{plane.name}.npy", npy(plane.psf.h))
         folder.write(f"covariance_{plane.name}.npy", npy(plane.psf.covariance))
-        folder.write(f"psf_{plane.name}.fits", psf_fits(plane.psf, plane.name, software()["version"]))
-        folder.write(f"psf_{plane.name}.tiff", psf_tiff(plane.psf))
+        folder.write(f"psf_{plane.name}.fits", psf_fits(plane.psf, plane.name, software()["version"], plane.exposure))
+        folder.write(f"psf_{plane.name}.tiff", psf_tiff(plane.psf, plane.name, plane.exposure))
         folder.write(f"profile_{plane.name}.csv", profile_table(plane.psf, plane.pitch))
         folder.write(f"psf_{plane.name}.png", psf_picture(plane.psf, f"{plane.name}  {plane.verdict}"))
     if plane.information is not None:
@@ -206,21 +267,22 @@ def _write_plane(folder: ResultFolder, plane: PlaneResult) -> None:
     if plane.inter_image is not None:
         folder.write(f"inter_image_{plane.name}.npy", npy(plane.inter_image))
     if plane.curves:
-        folder.write(f"mtf_{plane.name}.csv", mtf_table(plane.curves))
+        folder.write(f"mtf_{plane.name}.csv", mtf_table(plane.curves, str(plane.unit)))
 
 
-def mtf_table(curves: Mapping[str, Array]) -> bytes:
-    """The MTF as CSV: frequency in cycles/pixel; horizontal, vertical, radial mean, each with its uncertainty."""
-    text = io.StringIO(newline="")
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(curves)
-    table.writerows([f"{value:.9g}" for value in row] for row in zip(*curves.values(), strict=True))
-    return text.getvalue().encode()
+def mtf_table(curves: Mapping[str, Array], unit: str = "cycles/pixel") -> bytes:
+    """The MTF as CSV: frequency in a unit, told in its heading; horizontal, vertical, radial mean, each with its error.
+
+    Moduli have no unit.
+    """
+    head = [f"{name} [{unit}]" if name == "frequency" else name for name in curves]
+    return csv_bytes([head, *([f"{value:.9g}" for value in row] for row in zip(*curves.values(), strict=True))])
 
 
 def information_table(found: Information) -> bytes:
     """NPS, NEQ and noise-equivalent MTF as CSV, over all frequencies of the upper half plane, in cycles/pixel."""
-    rows = [["frequency_x", "frequency_y", "mtf", "nps", "neq", "neq_uncertainty", "equivalent_mtf",
+    unit = "[cycles/pixel]"
+    rows = [[f"frequency_x {unit}", f"frequency_y {unit}", "mtf", "nps", "neq", "neq_uncertainty", "equivalent_mtf",
              "equivalent_mtf_uncertainty"]]  # fmt: skip
     maps = (found.mtf, found.nps, found.neq, found.neq_uncertainty, found.equivalent_mtf,
             found.equivalent_mtf_uncertainty)  # fmt: skip
@@ -252,6 +314,10 @@ def _versions() -> dict[str, str]:
 
 def _plane_entry(plane: PlaneResult) -> dict[str, Any]:
     entry: dict[str, Any] = {"verdict": str(plane.verdict), "reason": plane.reason, "remedy": plane.remedy}
+    if plane.specification is not None:
+        entry["specification"] = plane.specification.told()
+    if plane.verdict is not Verdict.REFUSED:
+        entry["sensor_pixels_per_pixel"] = plane.pitch
     entry.update(plane.values)
     if plane.psf is not None:
         n = next((quantity.n for quantity in plane.quality.numbers.values()), 0) if plane.quality else 0
@@ -264,7 +330,8 @@ def _plane_entry(plane: PlaneResult) -> dict[str, Any]:
     if plane.variations:
         entry["variations"] = [asdict(one) for one in plane.variations]
     if plane.diffraction is not None:
-        entry["diffraction"] = {**asdict(plane.diffraction), "cutoff": plane.diffraction.cutoff}
+        cutoff = plane.diffraction.cutoff * plane.factor
+        entry["diffraction"] = {**asdict(plane.diffraction), "cutoff": cutoff, "cutoff_unit": str(plane.unit)}
     if plane.edges:
         entry["edges"] = [_edge_entry(edge) for edge in plane.edges]
     if plane.physics is not None:

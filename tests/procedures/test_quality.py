@@ -38,6 +38,23 @@ def test_mtf50_and_widths_of_a_gaussian() -> None:
         assert numbers[f"mtf_nyquist_{name}"].value == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.parametrize("level", [50, 30, 20, 10])
+def test_frequency_of_each_level_of_a_gaussian(level) -> None:
+    number = assess(sure(gaussian(0.5, 0.5)), n=1).numbers[f"mtf{level}_horizontal"]
+    # exp(-2 pi^2 sigma^2 f^2) = L at sqrt(-ln L / 2) / (pi sigma); a parabola over steps of 1/50 errs by some 1e-4
+    assert number.value == pytest.approx(np.sqrt(-np.log(level / 100) / 2) / np.pi / 0.5, rel=5e-4)
+    assert number.unit == "cycles/pixel"
+
+
+def test_mtf_is_told_at_the_frequencies_asked_for_and_nowhere_beyond_the_band() -> None:
+    numbers = assess(sure(gaussian(0.5, 0.7)), n=1, at=(0.0, 0.253, 2.5)).numbers
+    assert numbers["mtf_at_0_horizontal"].value == pytest.approx(1)
+    for name, sigma in (("horizontal", 0.5), ("vertical", 0.7)):
+        expected = np.exp(-2 * (np.pi * sigma * 0.253) ** 2)
+        assert numbers[f"mtf_at_0.253_{name}"].value == pytest.approx(expected, abs=1e-4)
+    assert not any("2.5_" in name for name in numbers)
+
+
 def test_encircled_energy_of_a_gaussian() -> None:
     numbers = assess(sure(gaussian(0.6, 0.6)), n=1).numbers
     # 1 - exp(-r^2 / 2 sigma^2); squares entering linearly, 1/4 pixel wide, blur the circle by 1/4 / sqrt 12
@@ -91,8 +108,10 @@ def test_uncertainties_are_those_of_repeated_noise(rng: np.random.Generator) -> 
     h, n = gaussian(0.5, 0.65, turn=0.4, k=17), 120
     sd = 4e-4
     psf = Psf(h, S, sd**2 * np.eye(h.size))
-    expected = assess(psf, n=1)
-    draws = [assess(Psf(h + sd * rng.standard_normal(h.shape), S, psf.covariance), n=1) for _ in range(n)]
+    expected = assess(psf, n=1, at=(0.25, 0.37))
+    draws = [
+        assess(Psf(h + sd * rng.standard_normal(h.shape), S, psf.covariance), n=1, at=(0.25, 0.37)) for _ in range(n)
+    ]
     # a standard deviation of 120 draws is known to 1 / sqrt(240) = 6.5 %: four of these
     for name, number in expected.numbers.items():
         spread = np.std([draw.numbers[name].value for draw in draws])

@@ -48,7 +48,7 @@ def test_profile_carries_the_uncertainty_of_independent_samples(rng):
 
 def test_profile_tells_radii_of_plane_and_sensor():
     rows = list(csv.DictReader(io.StringIO(profile_table(gaussian(0.6), 2).decode())))
-    assert float(rows[3]["radius_sensor_pixels"]) == 2 * float(rows[3]["radius"])
+    assert float(rows[3]["radius_sensor_pixels [sensor pixel]"]) == 2 * float(rows[3]["radius [pixel]"])
     assert float(rows[-1]["energy"]) == pytest.approx(1, abs=1e-3)
     assert float(rows[0]["energy"]) == 0
 

@@ -15,6 +15,7 @@ from station.results.number_names import short
 from station.results.plane_result import PlaneResult
 from station.results.reader import Change
 from station.results.restored import Restored
+from station.results.verdict_words import specification_words
 
 Plotted = Callable[[int, int, bool], list[str]]
 
@@ -54,6 +55,9 @@ def plane_in_words(plane: PlaneResult, glyphs: Glyphs) -> list[str]:
             one = plane.numbers[key]
             value = stated(one.value, one.uncertainty).replace("±", glyphs.plus_minus)
             lines.append(f"{words:14} {value} {_unit(one)}")
+    if plane.specification is not None and plane.specification.judged is not None:
+        lines.append(specification_words(plane.specification.judged).capitalize())
+        lines += plane.specification.against
     return lines
 
 

@@ -9,15 +9,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.cli.psf.planes import LEVELS, raw_option, read_planes, told_layout
+from station.cli.psf.planes import LEVELS, finish, raw_option, read_planes, told_layout
+from station.cli.psf.terms import plane_option, terms_of, terms_options
+from station.cli.terminal.force import forced
 from station.cli.terminal.numbers import Number
-from station.common.errors import REFUSED
 from station.common.log import log, log_json_option
 
 if TYPE_CHECKING:
     from procedures.reading.sensor_dump import DumpLayout
     from procedures.slanted_edge.estimate import EdgeOutcome
     from station.calibration.edges import EdgeRecord
+    from station.results.plane_result import PlaneResult
 
 
 def _roi(context: click.Context, option: click.Parameter, words: str | None) -> tuple[int, ...] | None:
@@ -38,11 +40,12 @@ def _roi(context: click.Context, option: click.Parameter, words: str | None) -> 
 @click.option(
     "--roi", callback=_roi, metavar="X,Y,W,H", help="Where the edge is, in pixels of the plane.  [default: all edges]"
 )
-@click.option("--plane", help="R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]")
+@plane_option
 @click.option("--pixel-pitch-um", type=Number(min=0.1), help="The sensor's pitch: what diffraction throws far.")
 @click.option("--f-number", type=Number(min=0.1), help="The aperture.  [default: as the camera noted it]")
 @click.option("--wavelength-nm", type=Number(min=100), help="[default: R 600, G 530, B 460, Y 550]")
 @raw_option
+@terms_options
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
 @click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout too.")
 @log_json_option
@@ -54,7 +57,7 @@ def mtf_edge(
     out: Path,
     *,
     as_json: bool,
-    **optics: Any,
+    **options: Any,
 ) -> None:
     """Measure the MTF across the slanted edges of IMAGE, each plane by itself and not demosaicked.
 
@@ -69,38 +72,43 @@ def mtf_edge(
     from station.calibration.planes import diffraction_limit
     from station.results.result_files import ResultFolder
 
-    with ResultFolder(out) as folder:
+    terms = terms_of(options)
+    optics = options
+    with ResultFolder(out, force=forced()) as folder:
         frame = read_planes(image, plane, layout)
         limit = partial(diffraction_limit, frame.exposure, **optics)
         records = []
-        for record in measure_edges(frame, Roi(*roi) if roi else None, limit):
+        for record in measure_edges(frame, Roi(*roi) if roi else None, limit, terms, optics["pixel_pitch_um"]):
             _tell(record)
             records.append(record)
         known = {name: value for name, value in optics.items() if value is not None}
-        text = write_edge_result(folder, frame, records, {"roi": roi, **known, **told_layout(layout)}, start)
+        given = {"roi": roi, **known, **told_layout(layout)}
+        text = write_edge_result(folder, frame, records, given, terms, start)
         log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))
-    if as_json:
-        click.echo(text, nl=False)
-    if any(record.verdict == "refused" for record in records):
-        raise click.exceptions.Exit(REFUSED)
+    finish([record.result for record in records], text, as_json=as_json)
 
 
 def _tell(record: EdgeRecord) -> None:
     """The plane's line, then one for every other edge that has a place."""
-    _tell_edge(record.name, record.best, record.count)
+    _tell_edge(record.result, record.best, record.count)
     for outcome in record.outcomes[1:]:
-        _tell_edge(record.name, outcome)
+        _tell_edge(record.result, outcome)
 
 
-def _tell_edge(plane: str, outcome: EdgeOutcome, also: str = "") -> None:
+def _tell_edge(told: PlaneResult, outcome: EdgeOutcome, also: str = "") -> None:
+    from station.common.uncertainty_text import stated
+    from station.results.units import told_quantity
+    from station.results.verdict_words import measurement_words
+
+    plane = told.name
     verdict, roi, edge = str(outcome.verdict), outcome.roi, outcome.value
     at = f"{plane} at {roi.x},{roi.y},{roi.width},{roi.height}" if roi else plane
-    parts = [f"{at}: {verdict}"] + [words for words in (outcome.reason,) if words]
+    parts = [f"{at}: {measurement_words(verdict)}"] + [words for words in (outcome.reason,) if words]
     if edge is not None and "mtf50" in edge.numbers:
-        numbers = edge.numbers
+        mtf50 = told_quantity(edge.numbers["mtf50"], told.unit, told.factor)
         parts.append(
-            f"MTF50 {numbers['mtf50'].value:.4f} ± {numbers['mtf50'].uncertainty:.4f} cycles/pixel across the "
-            f"{edge.orientation} edge at {numbers['angle'].value:.2f} degrees"
+            f"MTF50 {stated(mtf50.value, mtf50.uncertainty)} {mtf50.unit} across the {edge.orientation} edge at "
+            f"{edge.numbers['angle'].value:.2f} degrees"
         )
     parts += [also] if also else []
     log("plane", "; ".join(parts), level=LEVELS[verdict], remedy=outcome.remedy, plane=plane, verdict=verdict)

@@ -16,10 +16,12 @@ from station.cli.psf.planes import (
     chart_source,
     finish,
     psf_options,
-    tell_result,
+    tell_each,
     told_layout,
     told_trust,
 )
+from station.cli.psf.terms import terms_of
+from station.cli.terminal.force import forced
 from station.cli.terminal.progress import progress
 from station.common.log import log
 
@@ -57,13 +59,14 @@ def psf_field(
     from procedures.field.conclusion import conclude
     from procedures.field.measuring import measure
     from procedures.pattern_psf.estimate import PatternParameters
-    from station.calibration.field import centre_results
+    from station.calibration.field import field_pixels, field_results
     from station.calibration.field_photographs import check_noted, focus_positions, photographs
     from station.calibration.planes import diffraction_limit
     from station.reports.field_files import write_field_result
     from station.results.result_files import ResultFolder
+    from station.results.units import Pixels
 
-    trusted = options.pop("trust_typed")
+    trusted, terms = options.pop("trust_typed"), terms_of(options)
     optics = {name: options.pop(name) for name in OPTICS}
     parameters = PatternParameters(**options)
     paths = photographs(folder)
@@ -71,7 +74,7 @@ def psf_field(
         check_noted(paths, optics, INSIST)
     positions = focus_positions(focus, paths) if focus else None
     names = None if plane in (None, "all") else [str(plane)]
-    with ResultFolder(out) as results, progress(len(paths)) as told:
+    with ResultFolder(out, force=forced()) as results, progress(len(paths)) as told:
         measured = measure(paths, names, source.chart, parameters, told, layout)
         for miss in measured.misses:
             log(
@@ -79,13 +82,14 @@ def psf_field(
             )
         exposure = measured.exposures[0].exposure if measured.exposures else None
         limit = partial(diffraction_limit, exposure, **optics) if exposure else (lambda plane: None)
-        found = conclude(measured, positions, limit)
+        pixels = field_pixels(measured, optics["pixel_pitch_um"])
+        at = terms.frequencies(next(iter(pixels.values()), Pixels()))
+        found = conclude(measured, positions, limit, at=at)
+        planes = field_results(found, terms, pixels, limit)
         known = {name: value for name, value in optics.items() if value is not None}
         given = {**options, "chart": source.origin, **known, **told_layout(layout), **told_trust(trusted)}
-        text = write_field_result(results, found, parameters=given, report=report, start=start)
-    planes = centre_results(found)
-    for one in planes:
-        tell_result(one)
+        text = write_field_result(results, found, planes, terms, parameters=given, report=report, start=start)
+    tell_each(planes)
     log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))
     finish(planes, text, as_json=as_json)
     if measured.failed:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,7 @@ import click
 
 from station.cli.psf.planes import (
     OPTICS,
+    certificate_option,
     chart_options,
     chart_source,
     finish,
@@ -21,6 +23,8 @@ from station.cli.psf.planes import (
     told_trust,
     write_result,
 )
+from station.cli.psf.terms import terms_of
+from station.cli.terminal.force import forced
 
 if TYPE_CHECKING:
     from procedures.reading.sensor_dump import DumpLayout
@@ -38,6 +42,7 @@ if TYPE_CHECKING:
     metavar="RESULT.json",
     help="Of station sensor: its response is undone, its noise weighs the samples.",
 )
+@certificate_option
 @psf_options(s="auto", k="auto", solver="ls")
 def psf_pattern(
     image: Path,
@@ -49,6 +54,7 @@ def psf_pattern(
     layout: DumpLayout | None,
     out: Path,
     report: bool,
+    certificate: bool,
     as_json: bool,
     **options: Any,
 ) -> None:
@@ -58,16 +64,20 @@ def psf_pattern(
     from station.calibration.planes import calibrate, diffraction_limit
     from station.calibration.sensor_models import NO_SENSOR, read_sensor
     from station.results.result_files import ResultFolder
+    from station.results.units import pixels_of
 
-    trusted = options.pop("trust_typed")
+    trusted, terms = options.pop("trust_typed"), terms_of(options)
     optics = {name: options.pop(name) for name in OPTICS}
     parameters = PatternParameters(**options)
-    with ResultFolder(out) as folder:
+    with ResultFolder(out, force=forced()) as folder:
         source = chart_source(bits, seed)
         frame = read_planes(image, plane, layout, typed=None if trusted else optics)
+        pixels = pixels_of(frame, optics["pixel_pitch_um"])
+        parameters = replace(parameters, at=terms.frequencies(next(iter(pixels.values()))))
         known_sensor = read_sensor(sensor, frame) if sensor else NO_SENSOR
         limit = partial(diffraction_limit, frame.exposure, **optics)
-        planes = tell_each(calibrate(frame, source.chart, parameters, limit, physics=physics, sensor=known_sensor))
+        found = calibrate(frame, source.chart, parameters, limit, physics=physics, sensor=known_sensor)
+        planes = tell_each(terms.told(one, pixels[one.name]) for one in found)
         known = {name: value for name, value in optics.items() if value is not None}
         given = {
             **parameters.told(),
@@ -78,5 +88,15 @@ def psf_pattern(
             **told_layout(layout),
             **told_trust(trusted),
         }
-        text = write_result(folder, planes, "pattern", [frame], parameters=given, report=report, start=start)
+        text = write_result(
+            folder,
+            planes,
+            "pattern",
+            [frame],
+            parameters=given,
+            terms=terms,
+            report=report,
+            certificate=certificate,
+            start=start,
+        )
     finish(planes, text, as_json=as_json)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from station.cli.psf.terms import plane_option, tell_specification, terms_options
 from station.cli.terminal.numbers import SEED, Number
 from station.common.errors import REFUSED
 from station.common.log import log, log_json_option
@@ -17,8 +18,10 @@ if TYPE_CHECKING:
     from procedures.pattern_print.source import Source
     from procedures.raw import RawFrame
     from procedures.reading.sensor_dump import DumpLayout
+    from station.reports.pattern_report import Report
     from station.results.plane_result import PlaneResult
     from station.results.result_files import ResultFolder
+    from station.results.terms import Terms
 
 LEVELS = {"pass": "info", "doubtful": "warning", "refused": "error"}
 """Of a log line, by verdict."""
@@ -26,6 +29,8 @@ OPTICS = ("pixel_pitch_um", "f_number", "wavelength_nm")
 """Options that describe the diffraction limit."""
 
 INSIST = "add --trust-typed"
+FAILED = 1
+"""Exit code: measured, and not good enough."""
 
 Command = Callable[..., Any]
 
@@ -78,7 +83,7 @@ def told_trust(trusted: bool) -> dict[str, bool]:
 
 
 def psf_options(s: int | str, k: int | str, solver: str, *, report: bool = False) -> Callable[[Command], Command]:
-    """The options of every PSF command, with a procedure's own defaults.
+    """The options of every PSF command, with a procedure's own defaults; those of a page and its certificate.
 
     A page takes as long to draw as its planes to be estimated, so it is written where it is asked for.
     """
@@ -92,8 +97,9 @@ def psf_options(s: int | str, k: int | str, solver: str, *, report: bool = False
         click.option(
             "--trust-typed", is_flag=True, help="Take --f-number and --pixel-pitch-um against what the camera noted."
         ),
-        click.option("--plane", help="R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]"),
+        plane_option,
         raw_option,
+        terms_options,
         click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results."),
         click.option(
             "--report/--no-report", default=report, show_default=True, help="Write report.html too, for people."
@@ -108,6 +114,11 @@ def psf_options(s: int | str, k: int | str, solver: str, *, report: bool = False
         return command
 
     return add
+
+
+certificate_option = click.option(
+    "--certificate", is_flag=True, help="Write certificate.html and certificate.pdf too: one printed page."
+)
 
 
 def chart_options(command: Command) -> Command:
@@ -166,27 +177,34 @@ def write_result(
     frames: Sequence[RawFrame],
     *,
     parameters: Mapping[str, object],
+    terms: Terms,
     report: bool,
+    certificate: bool,
     start: float,
 ) -> str:
-    """Write the result of photographs, and its report where it is wanted; returns the record's text."""
+    """Write the result of photographs, its report and certificate where wanted; returns the record's text."""
     from station.results.result_files import write_psf_result
 
-    if report:
+    if report or certificate:
         from station.reports.pattern_report import (  # it draws: that import is slow
             PAGE,
             calibration_page,
             report_of_files,
         )
 
-        folder.write(PAGE, calibration_page(report_of_files(procedure, frames, found, parameters)).encode())
+        told = report_of_files(procedure, frames, found, parameters, terms.specification)
+        if report:
+            folder.write(PAGE, calibration_page(told).encode())
+        if certificate:
+            write_certificate(folder, told)
     text = write_psf_result(
         folder,
         found,
         {
             "procedure": procedure,
             "input": [{"path": str(frame.path), "sha256": frame.sha256} for frame in frames],
-            "parameters": parameters,
+            "parameters": {**parameters, **terms.parameters()},
+            **terms.about(found),
             "duration_s": round(time.perf_counter() - start, 3),
         },
     )
@@ -195,12 +213,28 @@ def write_result(
     return text
 
 
+def write_certificate(folder: ResultFolder, told: Report) -> None:
+    """The certificate of a report, as a page and as a PDF."""
+    from station.reports.certificate import PAGE, PRINT, certificate_page
+    from station.reports.certificate_print import certificate_pdf
+
+    folder.write(PAGE, certificate_page(told).encode())
+    folder.write(PRINT, certificate_pdf(told))
+
+
 def finish(records: Sequence[PlaneResult], text: str, *, as_json: bool) -> None:
-    """Write the record to stdout where it is wanted, and leave with the code of a refusal if a plane was refused."""
+    """Tell how the planes stand to their specification, and write the record to stdout where it is wanted.
+
+    Leaves with the code of a refusal if a plane was refused, else with that of a failure if one does not meet its
+    specification.
+    """
+    tell_specification(records)
     if as_json:
         click.echo(text, nl=False)
     if any(record.verdict == "refused" for record in records):
         raise click.exceptions.Exit(REFUSED)
+    if any(record.specification and record.specification.judged == "does not meet" for record in records):
+        raise click.exceptions.Exit(FAILED)
 
 
 def tell_result(record: PlaneResult) -> None:
@@ -220,10 +254,18 @@ def tell_result(record: PlaneResult) -> None:
 
 def _sentence(record: PlaneResult) -> str:
     """What a person wants to know of a plane in one line."""
-    parts = [f"{record.name}: {record.verdict}"]
+    from station.common.uncertainty_text import stated
+    from station.results.number_names import words_of
+    from station.results.verdict_words import measurement_words
+
+    parts = [f"{record.name}: {measurement_words(record.verdict)}"]
     parts += [record.reason] if record.reason else []
-    for name in ("mtf50_horizontal", "mtf50_vertical"):
+    asked = [name for name in record.numbers if name.startswith("mtf_at_") and not name.endswith("_radial")]
+    for name in ("mtf50_horizontal", "mtf50_vertical", *asked):
         if name in record.numbers:
             number = record.numbers[name]
-            parts.append(f"{name} {number.value:.4f} ± {number.uncertainty:.4f} {number.unit}")
+            words = f"{words_of(name, record.unit).words} {stated(number.value, number.uncertainty)}"
+            parts.append(f"{words} {number.unit}" if number.unit != "1" else words)
+    if record.unit == "cycles/pixel" and record.pitch > 1 and len(parts) > 1:
+        parts.append(f"pixels of the plane, each {record.pitch} of the sensor")
     return "; ".join(parts)

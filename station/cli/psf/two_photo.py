@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,7 @@ import click
 
 from station.cli.psf.planes import (
     OPTICS,
+    certificate_option,
     finish,
     psf_options,
     read_planes,
@@ -19,6 +21,8 @@ from station.cli.psf.planes import (
     told_trust,
     write_result,
 )
+from station.cli.psf.terms import terms_of
+from station.cli.terminal.force import forced
 
 if TYPE_CHECKING:
     from procedures.reading.sensor_dump import DumpLayout
@@ -27,6 +31,7 @@ if TYPE_CHECKING:
 @click.command("two-photo")
 @click.argument("a", type=click.Path(path_type=Path))
 @click.argument("b", type=click.Path(path_type=Path))
+@certificate_option
 @psf_options(s="auto", k="auto", solver="ls")
 def psf_two_photo(
     a: Path,
@@ -35,6 +40,7 @@ def psf_two_photo(
     layout: DumpLayout | None,
     out: Path,
     report: bool,
+    certificate: bool,
     as_json: bool,
     **options: Any,
 ) -> None:
@@ -43,16 +49,30 @@ def psf_two_photo(
     from procedures.two_photo.estimate import TwoPhotoParameters
     from station.calibration.planes import calibrate_pair, diffraction_limit
     from station.results.result_files import ResultFolder
+    from station.results.units import pixels_of
 
-    trusted = options.pop("trust_typed")
+    trusted, terms = options.pop("trust_typed"), terms_of(options)
     optics = {name: options.pop(name) for name in OPTICS}
     parameters = TwoPhotoParameters(**options)
-    with ResultFolder(out) as folder:
+    with ResultFolder(out, force=forced()) as folder:
         typed = None if trusted else optics
         first, second = (read_planes(image, plane, layout, typed=typed) for image in (a, b))
+        pixels = pixels_of(first, optics["pixel_pitch_um"])
+        parameters = replace(parameters, at=terms.frequencies(next(iter(pixels.values()))))
         limit = partial(diffraction_limit, first.exposure, **optics)
-        planes = tell_each(calibrate_pair(first, second, parameters, limit))
+        found = calibrate_pair(first, second, parameters, limit)
+        planes = tell_each(terms.told(one, pixels[one.name]) for one in found)
         given = {**parameters.told(), **{k: v for k, v in optics.items() if v is not None}, **told_layout(layout)}
         given |= told_trust(trusted)
-        text = write_result(folder, planes, "two-photo", [first, second], parameters=given, report=report, start=start)
+        text = write_result(
+            folder,
+            planes,
+            "two-photo",
+            [first, second],
+            parameters=given,
+            terms=terms,
+            report=report,
+            certificate=certificate,
+            start=start,
+        )
     finish(planes, text, as_json=as_json)

@@ -13,8 +13,9 @@ from station.common.log import log, log_json_option
 @click.command("report")
 @session_argument
 @click.option("--out", type=click.Path(path_type=Path), help="The HTML file.  [default: report.html in the session]")
+@click.option("--certificate", is_flag=True, help="Write certificate.html and certificate.pdf beside it.")
 @log_json_option
-def session_report(name: str, root: Path, out: Path | None) -> None:
+def session_report(name: str, root: Path, out: Path | None, certificate: bool) -> None:
     """Write the report of SESSION's last result."""
     from station.common.atomic_files import write_whole
     from station.guide.session_report import session_page
@@ -24,3 +25,18 @@ def session_report(name: str, root: Path, out: Path | None) -> None:
     path = out or folder / PAGE
     write_whole(path, session_page(folder).encode())
     log("written", f"wrote {path}", path=str(path))
+    if certificate:
+        _certify(folder, path.parent)
+
+
+def _certify(folder: Path, into: Path) -> None:
+    """Write the certificate of a session's last result into a folder."""
+    from station.common.atomic_files import write_whole
+    from station.guide import session_report as reports
+    from station.reports.certificate import PAGE, PRINT, certificate_page
+    from station.reports.certificate_print import certificate_pdf
+
+    told = reports.session_report(folder)
+    for name, data in ((PAGE, certificate_page(told).encode()), (PRINT, certificate_pdf(told))):
+        write_whole(into / name, data)
+        log("written", f"wrote {into / name}", path=str(into / name))

@@ -9,6 +9,7 @@ from procedures.outcome import BadInput, BadParameter
 from procedures.pattern import Chart
 from station.batch.procedure_file import read_procedure
 from station.results.limits import Limit
+from station.results.terms import USUAL
 
 WHOLE = """
 procedure = "pattern"
@@ -29,7 +30,7 @@ def test_file_is_read_as_it_is_written(procedure_file):
     assert (found.parameters.s, found.parameters.k, found.parameters.solver) == (3, 13, "nnls")
     assert found.optics == {"pixel_pitch_um": 3.76, "f_number": 8.0}
     np.testing.assert_array_equal(found.chart.chart.cells, Chart.from_seed(5).cells)
-    assert found.limits == (
+    assert found.terms.specification.limits == (
         Limit("mtf50_horizontal", 0.25, math.inf, 3.0),
         Limit("energy_above_nyquist", -math.inf, 0.1, 3.0, ("G1",)),
     )
@@ -38,7 +39,7 @@ def test_file_is_read_as_it_is_written(procedure_file):
 @pytest.mark.parametrize("text", ["", 'procedure = "two-photo"'])
 def test_what_is_left_out_is_as_in_the_command(procedure_file, text):
     found = read_procedure(procedure_file(text))
-    assert (found.parameters.s, found.parameters.k, found.planes, found.limits) == (None, None, (), ())
+    assert (found.parameters.s, found.parameters.k, found.planes, found.terms) == (None, None, (), USUAL)
     assert found.told()["s"] == "auto"
 
 

@@ -7,8 +7,11 @@ import re
 import pytest
 
 from drivers.errors import BadConfiguration
+from procedures.outcome import BadParameter
 from station.batch.procedure_file import PATTERN, read_procedure
 from station.bench.opening import make_bench, read_config
+from station.results.specification_file import read_specification
+from station.results.terms import USUAL
 
 SETTING = re.compile(r"^#(?=\[|\w+ = )", re.MULTILINE)
 
@@ -17,7 +20,11 @@ SETTING = re.compile(r"^#(?=\[|\w+ = )", re.MULTILINE)
 def written(run, tmp_path):
     done = run("init", tmp_path)
     assert done.exit_code == 0, done.output
-    assert done.stdout.splitlines() == [str(tmp_path / "station.toml"), str(tmp_path / "procedure.toml")]
+    assert done.stdout.splitlines() == [
+        str(tmp_path / "station.toml"),
+        str(tmp_path / "procedure.toml"),
+        str(tmp_path / "specification.toml"),
+    ]
     return tmp_path
 
 
@@ -41,16 +48,32 @@ def test_every_device_of_the_example_can_be_made(written):
 def test_procedure_asks_for_an_estimate_and_nothing_else(written):
     procedure = read_procedure(written / "procedure.toml")
     assert procedure.name == PATTERN
-    assert (procedure.planes, dict(procedure.optics), procedure.limits) == ((), {}, ())
+    assert (procedure.planes, dict(procedure.optics), procedure.terms) == ((), {}, USUAL)
 
 
 def test_every_setting_of_the_procedure_is_known(written):
     procedure = read_procedure(without_comment_marks(written / "procedure.toml"))
-    assert {limit.number for limit in procedure.limits} == {
+    assert {limit.number for limit in procedure.terms.specification.limits} == {
         "mtf50_horizontal", "mtf50_vertical", "energy_above_nyquist",
     }  # fmt: skip
     assert procedure.layout is not None
     assert set(procedure.optics) == {"pixel_pitch_um", "f_number", "wavelength_nm"}
+
+
+def test_specification_sets_no_limit_until_it_is_filled_in(written):
+    with pytest.raises(BadParameter, match="sets no limit"):
+        read_specification(written / "specification.toml")
+
+
+def test_every_limit_of_the_specification_can_be_meant(written):
+    found = read_specification(without_comment_marks(written / "specification.toml"))
+    assert [(one.number, one.at, str(one.place)) for one in found.limits] == [
+        ("mtf50", None, "anywhere"),
+        ("fwhm", None, "anywhere"),
+        ("energy_above_nyquist", None, "anywhere"),
+        ("mtf", 0.25, "centre"),
+        ("mtf50", None, "corners"),
+    ]
 
 
 def test_nothing_that_is_there_is_touched(run, tmp_path):

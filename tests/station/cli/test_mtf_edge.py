@@ -40,7 +40,7 @@ def test_region_gives_record_table_and_picture(run, picture, tmp_path):
     assert (edge["verdict"], edge["roi"]) == ("pass", [5, 5, 50, 70])
     table = list(csv.DictReader((tmp_path / "out" / "mtf_Y.csv").read_text().splitlines()))
     assert float(table[0]["mtf"]) == 1
-    at_half = next(row for row in table if row["frequency"] == "0.25")
+    at_half = next(row for row in table if row["frequency [cycles/pixel]"] == "0.25")
     assert float(at_half["mtf"]) == pytest.approx(0.5, abs=0.002)
     assert (tmp_path / "out" / "edge_Y.png").read_bytes()[:4] == b"\x89PNG"
 

@@ -44,7 +44,9 @@ def test_files_of_the_contract_are_written(run, estimator, photograph, bits, tmp
     assert (h.dtype, h.shape) == (np.float64, (17, 17))
     assert np.load(out / "covariance_Y.npy", allow_pickle=False).shape == (289, 289)
     header, *rows = (out / "mtf_Y.csv").read_text().splitlines()
-    assert header.startswith("frequency,horizontal,horizontal_uncertainty,vertical,vertical_uncertainty,radial,")
+    assert header.startswith(
+        "frequency [cycles/pixel],horizontal,horizontal_uncertainty,vertical,vertical_uncertainty,radial,"
+    )
     assert rows[0].split(",")[:2] == ["0", "1"]
     assert float(rows[-1].split(",")[0]) == 2  # s/2 cycles/pixel
 

@@ -54,7 +54,8 @@ def test_information_stands_beside_the_psf(run, estimator, photograph, sensor, t
     rows = list(csv.DictReader((tmp_path / "out" / "information_Y.csv").read_text().splitlines()))
     assert len(rows) == 17 * 32
     # the stand-in's Gaussian has a standard deviation of 1 / sqrt 2 pixels and is cut off at two
-    at = next(row for row in rows if row["frequency_x"] == "0.25" and row["frequency_y"] == "0")
+    unit = "[cycles/pixel]"
+    at = next(row for row in rows if row[f"frequency_x {unit}"] == "0.25" and row[f"frequency_y {unit}"] == "0")
     sigma = 0.5**0.5
     assert float(at["neq"]) == pytest.approx(6000 * np.exp(-4 * np.pi**2 * sigma**2 / 16), rel=0.02)
 

@@ -108,7 +108,7 @@ def test_troubles_results_and_ends_are_told_in_lines():
         "   z mm     2.00: cannot be told",
         "!! no frame came",
         "   What to do: check the cable.",
-        "   G1 pass: MTF50 0.4120 ± 0.0030 cycles/pixel",
+        "   G1 trusted: MTF50 0.4120 ± 0.0030 cycles/pixel",
         "   B refused",
         "   Why: too dark.",
         "Finished.",

@@ -19,6 +19,13 @@ from station.__main__ import main
 
 from ..sessions.test_index import make as make_session
 
+SPECIFICATION = """\
+[[limit]]
+number = "mtf"
+at = 0.25
+min = 0.2
+place = "centre"
+"""
 PROCEDURE = """\
 procedure = "pattern"
 planes = ["G1"]
@@ -72,6 +79,7 @@ def make_example_file(chart_photograph):
         "photo.dng": lambda path: chart_photograph(path, 1),
         "shoot1": lambda path: chart_photograph(path / "frame0.dng", 2),
         "guided": make_session,
+        "specification.toml": lambda path: path.write_text(SPECIFICATION, encoding="utf-8"),
         "lens.toml": lambda path: path.write_text(PROCEDURE, encoding="utf-8"),
         "dump.raw": lambda path: path.write_bytes(edge_levels().astype(">u2").tobytes()),
         "frames": lambda path: (path.mkdir(), cv2.imwrite(str(path / "charts.pgm"), six_charts())),

@@ -23,8 +23,10 @@ from procedures.reading.exposure import Exposure
 from station.calibration.planes import calibrate
 from station.reports.otf_figures import mtf_figure
 from station.reports.pattern_report import Line, PlaneSheet, Report, Shot, calibration_page, report_of_files
-from station.results.limits import Limit, judge
+from station.results.limits import Limit, Specification
 from station.results.plane_result import PlaneResult
+from station.results.terms import Terms
+from station.results.units import Frequency, Pixels, Unit
 
 SVG = "{http://www.w3.org/2000/svg}svg"
 HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(1)>\"' {{ 7*7 }} \x1b[2J"
@@ -34,10 +36,11 @@ HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(1)>\"' {{ 7*7 }} \x
 def report(chart_photograph, tmp_path_factory):
     """Of a simulated photograph, both greens, with a limit that one number does not reach."""
     frame = read_frame(chart_photograph(tmp_path_factory.mktemp("report") / "a.dng"), ["G1", "G2"])
-    calibrated = list(calibrate(frame, Chart.from_seed(), PatternParameters()))
-    limits = [Limit("mtf50_horizontal", least=0.4), Limit("mtf50_vertical", least=0.9, planes=("G2",))]
-    judged = {one.name: judge(one, limits) for one in calibrated}
-    return report_of_files("pattern", [frame], calibrated, {"s": 4, "k": 17}, judged)
+    limits = (Limit("mtf50_horizontal", least=0.4), Limit("mtf50_vertical", least=0.9, planes=("G2",)))
+    terms = Terms(specification=Specification(limits, "a sharp lens"))
+    calibrated = calibrate(frame, Chart.from_seed(), PatternParameters(at=(0.25,)))
+    told = [terms.told(one, Pixels(2)) for one in calibrated]
+    return report_of_files("pattern", [frame], told, {"s": 4, "k": 17}, terms.specification)
 
 
 @pytest.fixture(scope="module")
@@ -50,13 +53,31 @@ def strictly(text):
     return html5lib.HTMLParser(strict=True, namespaceHTMLElements=False).parse(text)
 
 
-def test_verdict_comes_first_and_the_worst_decides(page, report):
-    assert (report.verdict, report.headline) == ("fail", "1 of 2 planes pass, 1 outside the limits")
-    tree = strictly(page)
-    header = tree.find(".//main")[0]
-    assert header.get("class") == "verdict fail"
-    assert header.find("h1").text == report.headline
-    assert "The limit mtf50_vertical ≥ 0.9 is missed" in "".join(header.itertext())
+def test_both_verdicts_come_first_and_are_not_mixed(page, report):
+    assert (report.verdict, report.judged) == ("pass", "does not meet")
+    header = strictly(page).find(".//main")[0]
+    assert header.get("class") == "verdict pass"
+    told = " ".join("".join(header.itertext()).split())
+    assert "Trusted in 2 of 2 planes." in told
+    assert "Does not meet the specification." in told
+    assert "The limit MTF50 along columns ≥ 0.9 cycles/pixel is missed" in told
+    assert "In cycles/pixel of the colour plane, whose pixel is 2 of the sensor" in told
+
+
+def test_page_without_a_specification_says_so(report):
+    planes = [replace(one, record=replace(one.record, specification=None)) for one in report.planes]
+    page = calibration_page(replace(report, planes=planes, specification=Specification()))
+    assert "None was given: what the lens should be is not judged." in page
+
+
+def test_page_tells_every_frequency_in_the_unit_that_was_asked_for(report):
+    pixels = Pixels(2, 4.0, 300)
+    planes = [replace(one, record=one.record.in_unit(Unit.LINE_PAIRS, pixels)) for one in report.planes]
+    page = calibration_page(replace(report, planes=planes))
+    text = " ".join("".join(strictly(page).itertext()).split())
+    assert "MTF at 31.25 lp/mm along rows" in text
+    assert "In lp/mm, ± one standard uncertainty" in text
+    assert Frequency(31.25, Unit.LINE_PAIRS).per_pixel(pixels) == pytest.approx(0.25)
 
 
 def test_every_number_has_its_uncertainty_unit_and_method(page, report):
@@ -108,7 +129,7 @@ def test_transfer_function_is_drawn_with_phase_in_two_dimensions_and_with_its_li
     calibrated = list(calibrate(frame, Chart.from_seed(), PatternParameters(4, 17, chosen=True), lambda plane: limit))
     known = calibration_page(report_of_files("pattern", [frame], calibrated, {}))
     assert "and the diffraction limit" in known
-    assert "up to 1.89 cycles per pixel" in known
+    assert "up to 1.89 cycles/pixel" in known
 
 
 def test_photographs_versions_parameters_and_citation_are_told(page, report):
@@ -163,7 +184,7 @@ def test_refused_plane_has_its_reason_and_remedy_and_no_pictures():
     record = PlaneResult("Y", Verdict.REFUSED, "no chart in the photograph", "show the whole chart")
     told = Report("a.pgm", "pattern", [PlaneSheet(record)], [], {})
     tree = strictly(calibration_page(told))
-    assert told.headline == "Y is refused"
+    assert told.headline == "measurement refused, in Y"
     assert "No chart in the photograph. Show the whole chart." in " ".join("".join(tree.itertext()).split())
     assert not list(tree.iter(SVG))
 

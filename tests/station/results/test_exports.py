@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from procedures.outcome import Quantity
 from procedures.psf import Psf, Tail
+from procedures.reading.exposure import Exposure
 from station.results.exports import gaussian_radius, numbers_table, psf_fits, psf_tiff
 
 
@@ -50,6 +51,28 @@ def test_fits_holds_samples_and_uncertainties():
     assert second["XTENSION"] == "IMAGE"
     np.testing.assert_array_equal(samples, psf.h)
     np.testing.assert_allclose(sigma, 1e-4)
+
+
+def test_fits_tells_what_the_camera_noted_and_how_it_lies():
+    noted = Exposure(
+        camera="Nikon 'D750' \u00e9" + "x" * 60, lens="50 mm", exposure_s=0.02, f_number=5.6, iso=100.0,
+        focal_length_mm=50.0, captured_at="2026-03-14T10:11:12",
+    )  # fmt: skip
+    (primary, _), (second, _) = units(psf_fits(gaussian(0.6), "G1", "0.1.0", noted))
+    assert (primary["BUNIT"], primary["ROWORDER"], primary["FILTER"]) == ("1", "TOP-DOWN", "G1")
+    assert primary["ORIGIN"] == second["ORIGIN"] == "calibration-station"
+    assert primary["DATE-OBS"] == "2026-03-14T10:11:12"
+    assert primary["INSTRUME"].startswith("Nikon ''D750'' ?xxx")
+    assert [float(primary[name]) for name in ("APERTURE", "EXPTIME", "FOCALLEN", "ISOSPEED")] == [5.6, 0.02, 50, 100]
+    (bare, _), _ = units(psf_fits(gaussian(0.6), "G1", "0.1.0"))
+    assert not {"DATE-OBS", "INSTRUME", "APERTURE"} & bare.keys()
+
+
+def test_tiff_tells_what_it_is():
+    tags = exifread.process_file(io.BytesIO(psf_tiff(gaussian(0.6), "G1", Exposure(camera="Nikon D750"))))
+    told = str(tags["Image ImageDescription"])
+    assert told.startswith("support of a PSF of plane G1, 4 samples per pixel, sum 1, first row uppermost")
+    assert "INSTRUME = Nikon D750" in told
 
 
 def with_tail(psf):

@@ -1,4 +1,4 @@
-"""Guard bands: the same number passes, is doubtful or fails by how far its uncertainty reaches."""
+"""Guard bands: the same number meets its limit, is undecided or does not by how far its uncertainty reaches."""
 
 from __future__ import annotations
 
@@ -10,11 +10,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procedures.outcome import Verdict
+from procedures.outcome import BadParameter, Quantity, Verdict
 from procedures.psf import Psf
 from procedures.quality import Diffraction, assess
-from station.results.limits import QUANTITIES, Judged, Limit, judge
+from station.results.comparison import Comparison, Judged
+from station.results.limits import QUANTITIES, Limit, Place, Specification, Spot, compare, place_of
 from station.results.plane_result import PlaneResult
+from station.results.units import Pixels, Unit
+
+LOW = Quantity(0.25, "cycles/pixel", 0.001, "", 1)
 
 
 @lru_cache
@@ -27,8 +31,12 @@ def record(sd=1e-4, name="G1"):
     return PlaneResult.of(name, Verdict.PASS, psf, quality, values={"gamma": 0.5, "scale": (4.0, 4.0)})
 
 
-def one(limit, plane=None):
-    (judged,) = judge(plane or record(), [limit])
+def judgements(limit, plane=None, **more):
+    return compare(plane or record(), Specification((limit,)), **more).judgements
+
+
+def one(limit, plane=None, **more):
+    (judged,) = judgements(limit, plane, **more)
     return judged
 
 
@@ -36,7 +44,9 @@ def test_every_number_of_an_estimate_can_have_a_limit():
     assert set(record().numbers) == set(QUANTITIES)
 
 
-@pytest.mark.parametrize(("sigmas", "judged"), [(-2.1, "pass"), (-1.9, "doubtful"), (1.9, "doubtful"), (2.1, "fail")])
+@pytest.mark.parametrize(
+    ("sigmas", "judged"), [(-2.1, "meets"), (-1.9, "undecided"), (1.9, "undecided"), (2.1, "does not meet")]
+)
 def test_number_must_clear_its_limit_by_its_uncertainty(sigmas, judged):
     mtf50 = record().quality.numbers["mtf50_horizontal"]
     limit = mtf50.value + sigmas * mtf50.uncertainty
@@ -51,32 +61,119 @@ def test_wider_guard_bands_never_make_a_verdict_of_doubt_sure(offset, coverage, 
     limit = mtf50.value + offset * mtf50.uncertainty
     narrow = one(Limit("mtf50_vertical", least=limit, coverage=coverage)).judged
     wide = one(Limit("mtf50_vertical", least=limit, coverage=coverage + more)).judged
-    assert wide in (narrow, Judged.DOUBTFUL)
+    assert wide in (narrow, Judged.UNDECIDED)
 
 
 def test_number_without_uncertainty_has_no_guard_band():
-    assert [one(Limit("gamma", most=most)).judged for most in (0.5, 0.499)] == ["pass", "fail"]
+    assert [one(Limit("gamma", most=most)).judged for most in (0.5, 0.499)] == ["meets", "does not meet"]
 
 
-def test_number_that_the_psf_has_not_is_doubtful_and_said():
+def test_number_that_the_psf_has_not_is_undecided_and_said():
     judged = one(Limit("gain", least=1.0))
-    assert (judged.judged, judged.value) == ("doubtful", None)
-    assert judged.words == "the limit gain ≥ 1 cannot be judged: the PSF has no such number"
+    assert (judged.judged, judged.value) == ("undecided", None)
+    assert "cannot be judged: there is no such number" in judged.words
 
 
 @pytest.mark.parametrize("uncertainty", [np.inf, np.nan])
-def test_uncertainty_that_is_not_known_passes_nothing(uncertainty):
+def test_uncertainty_that_is_not_known_meets_nothing(uncertainty):
     plane = record()
     number = replace(plane.quality.numbers["strehl"], uncertainty=uncertainty)
     plane = replace(plane, numbers={"strehl": number})
-    assert one(Limit("strehl", least=0.0), plane).judged == Judged.DOUBTFUL
+    assert one(Limit("strehl", least=0.0), plane).judged == Judged.UNDECIDED
 
 
 def test_limit_of_some_planes_holds_for_them_only():
-    limits = [Limit("gamma", most=0.1, planes=("R", "B"))]
-    assert judge(record(name="G1"), limits) == ()
-    assert [judged.judged for judged in judge(record(name="B"), limits)] == ["fail"]
+    limits = Specification((Limit("gamma", most=0.1, planes=("R", "B")),))
+    assert compare(record(name="G1"), limits) == Comparison()
+    assert [judged.judged for judged in compare(record(name="B"), limits).judgements] == ["does not meet"]
 
 
-def test_refused_plane_is_not_judged():
-    assert judge(PlaneResult("G1", Verdict.REFUSED), [Limit("gamma", most=1.0)]) == ()
+def test_refused_plane_leaves_its_specification_undecided():
+    refused = compare(PlaneResult("G1", Verdict.REFUSED), Specification((Limit("gamma", most=1.0),)))
+    assert refused == Comparison(Judged.UNDECIDED)
+
+
+# --- directions, frequencies, places, units ------------------------------------------------------------------------
+
+
+def test_number_of_a_family_is_held_along_rows_and_along_columns():
+    both = judgements(Limit("mtf50", least=0.1))
+    assert [one.number for one in both] == ["mtf50_horizontal", "mtf50_vertical"]
+    edge = PlaneResult("Y", Verdict.PASS, numbers={"mtf50": LOW})
+    (across,) = judgements(Limit("mtf50", least=0.1), edge)
+    assert (across.number, across.judged) == ("mtf50", "meets")
+    assert one(Limit("mtf_nyquist", least=0.1), edge).judged == "undecided"
+
+
+def test_mtf_at_a_frequency_is_held_to_its_limit():
+    x = (np.arange(17) - 8) / 4
+    h = np.exp(-(x[:, None] ** 2 + x**2) / 2)
+    psf = Psf(h / h.sum(), 4, np.eye(289) * 1e-12)
+    mtf = assess(psf, n=1, at=(0.125,)).numbers["mtf_at_0.125_horizontal"].value
+    plane = PlaneResult.of("G1", Verdict.PASS, psf, assess(psf, n=1, at=(0.125,)))
+    assert {one.judged for one in judgements(Limit("mtf", least=mtf - 0.01, at=0.125), plane)} == {"meets"}
+    assert {one.judged for one in judgements(Limit("mtf", least=mtf + 0.01, at=0.125), plane)} == {"does not meet"}
+    (far,) = judgements(Limit("mtf", least=0.1, at=0.3), plane)
+    assert far.judged == "undecided"
+
+
+def test_limit_of_another_place_is_not_judged_by_this_one():
+    plane = replace(record(), place="centre")
+    assert one(Limit("gamma", most=1.0, place=Place.CENTRE), plane).judged == "meets"
+    elsewhere = one(Limit("mtf50_radial", most=1.0, place=Place.CORNERS), plane)
+    assert elsewhere.judged == "undecided"
+    assert "it was not measured there" in elsewhere.words
+
+
+def test_every_place_of_a_frame_is_held_to_its_own_limit():
+    spots = [
+        Spot("centre", (Place.CENTRE,), {"mtf50_radial": LOW}),
+        Spot("upper left corner", (Place.CORNERS,), {"mtf50_radial": replace(LOW, value=0.1)}),
+        Spot("lower right corner", (Place.CORNERS,)),
+    ]
+    found = judgements(Limit("mtf50_radial", least=0.2, place=Place.CORNERS), spots=spots)
+    assert [(one.place, one.judged) for one in found] == [
+        ("upper left corner", "does not meet"),
+        ("lower right corner", "undecided"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("at", "place"), [((100, 80), "centre"), ((195, 80), "sides"), ((100, 2), "sides"), ((5, 155), "corners")]
+)
+def test_frame_is_divided_into_centre_sides_and_corners(at, place):
+    assert place_of(*at, (160, 200)) == place
+
+
+@pytest.mark.parametrize(("unit", "factor"), [(Unit.LINE_PAIRS, 1000 / 8.0), (Unit.LINE_WIDTHS, 2 * 300.0)])
+def test_limit_in_another_unit_is_the_same_limit(unit, factor):
+    # a pixel of the plane is two of the sensor's 4 um: one cycle in it is 125 line pairs per millimetre
+    pixels = Pixels(2, 4.0, 300)
+    mtf50 = record().numbers["mtf50_horizontal"]
+    for nudge, judged in ((-3, "meets"), (3, "does not meet")):
+        limit = (mtf50.value + nudge * mtf50.uncertainty) * factor
+        found = one(Limit("mtf50_horizontal", least=limit, unit=unit), pixels=pixels)
+        assert (found.judged, found.unit) == (judged, unit)
+        assert found.value == pytest.approx(mtf50.value * factor)
+        assert str(unit) in found.words
+
+
+def test_unit_that_needs_an_unknown_pitch_is_refused():
+    with pytest.raises(BadParameter, match="lp/mm needs the pitch of the sensor's pixels"):
+        one(Limit("mtf50_radial", least=1.0, unit=Unit.LINE_PAIRS), pixels=Pixels(2))
+
+
+def test_result_in_another_unit_is_the_same_in_all_its_parts():
+    x = (np.arange(17) - 8) / 4
+    h = np.exp(-(x[:, None] ** 2 + x**2) / 2)
+    psf = Psf(h / h.sum(), 4, np.eye(289) * 1e-10)
+    plane = PlaneResult.of("G1", Verdict.PASS, psf, assess(psf, n=1, at=(0.25,)))
+    told = plane.in_unit(Unit.LINE_PAIRS, Pixels(2, 4.0))
+    for name, factor in (("mtf50_radial", 125), ("fwhm_horizontal", 1)):
+        assert told.numbers[name].value == pytest.approx(plane.numbers[name].value * factor)
+        assert told.numbers[name].uncertainty == pytest.approx(plane.numbers[name].uncertainty * factor)
+    assert told.numbers["mtf_at_31.25_radial"].value == plane.numbers["mtf_at_0.25_radial"].value
+    assert told.numbers["mtf_at_31.25_radial"].method == "|OTF| at 31.25 lp/mm"
+    assert told.curves["frequency"][-1] == pytest.approx(250)
+    budget = told.quality.budgets["mtf50_radial"]
+    assert sum(term**2 for term in budget.values()) ** 0.5 == pytest.approx(told.numbers["mtf50_radial"].uncertainty)

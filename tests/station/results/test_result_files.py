@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import csv
 import errno
+import hashlib
 import json
 import os
 from pathlib import Path
@@ -17,7 +18,7 @@ from procedures.psf import Psf
 from procedures.quality import Diffraction, assess
 from station.drawing.psf_picture import psf_picture
 from station.results.plane_result import PlaneResult
-from station.results.result_files import ResultFolder, write_psf_result
+from station.results.result_files import ResultFolder, write_psf_result, write_record
 
 
 def psf_of(h, s=4):
@@ -63,6 +64,9 @@ def test_every_term_of_every_number_is_told_beside_it(tmp_path):
     assert told["diffraction"]["cutoff"] == pytest.approx(8.0 / (0.53 * 8.0))
 
 
+OLDER = '{"schema": "station/psf/1"}'
+
+
 def test_nothing_is_visible_before_it_is_published(tmp_path):
     with ResultFolder(tmp_path / "out") as folder:
         folder.write("psf_Y.npy", b"half")
@@ -78,7 +82,7 @@ def test_folder_that_was_there_stays(tmp_path):
 
 
 def test_full_disk_is_named_and_the_older_result_stays(tmp_path, monkeypatch):
-    (tmp_path / "result.json").write_text("older")
+    (tmp_path / "result.json").write_text(OLDER)
     with ResultFolder(tmp_path) as folder:
         monkeypatch.setattr(Path, "write_bytes", full_disk)
         with pytest.raises(BadParameter, match="No space left") as refusal:
@@ -103,7 +107,7 @@ def test_record_is_the_last_file_to_appear(tmp_path, monkeypatch):
 
 
 def test_record_of_the_older_result_goes_before_its_files_are_replaced(tmp_path, monkeypatch):
-    (tmp_path / "result.json").write_text("{}")
+    (tmp_path / "result.json").write_text(OLDER)
     monkeypatch.setattr(os, "replace", lambda *_: pytest.fail("power is lost"))
     with ResultFolder(tmp_path) as folder:
         folder.write("psf_Y.npy", b"")
@@ -153,5 +157,74 @@ def test_folders_inside_are_published_too_and_foreign_files_stay(tmp_path):
             part.publish()
         folder.write("result.json", b"{}")
         folder.publish()
-    assert sorted(path.name for path in inner.iterdir()) == ["notes.txt", "psf_B.npy"]
+    assert sorted(path.name for path in inner.iterdir()) == ["notes.txt", "psf_B.npy", "psf_R.npy"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["result.json", "results"]
+
+
+# --- what is somebody else's ---------------------------------------------------------------------------------------
+
+
+def written(folder, *names, force=False):
+    with ResultFolder(folder, force=force) as place:
+        for name in names:
+            place.write(name, b"the program's")
+        write_record(place, {"schema": "station/psf/1"})
+
+
+@pytest.mark.parametrize("name", ["report.html", "result.json", "sharp.tiff"])
+def test_file_of_somebody_else_is_named_before_any_work_and_stays(tmp_path, name):
+    (tmp_path / name).write_text("mine")
+    with (
+        pytest.raises(BadParameter, match=f"holds {name}, which the program has not written") as refusal,
+        ResultFolder(tmp_path),
+    ):
+        pytest.fail("it was entered")
+    assert "--force" in refusal.value.remedy
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [(name, "mine")]
+
+
+def test_page_that_was_edited_is_not_the_programs_any_more(tmp_path):
+    written(tmp_path, "report.html")
+    written(tmp_path, "report.html")
+    (tmp_path / "report.html").write_text("with my notes")
+    with pytest.raises(BadParameter, match="as it is now"):
+        written(tmp_path, "psf_Y.npy")
+    assert (tmp_path / "report.html").read_text() == "with my notes"
+    written(tmp_path, "report.html", force=True)
+    assert (tmp_path / "report.html").read_bytes() == b"the program's"
+
+
+def test_files_of_an_older_result_go_and_others_stay(tmp_path):
+    written(tmp_path, "psf_Y.npy", "report.html")
+    (tmp_path / "mtf_notes.txt").write_text("mine")
+    written(tmp_path, "psf_G1.npy")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["mtf_notes.txt", "psf_G1.npy", "result.json"]
+
+
+def test_folder_left_by_a_crash_between_two_files_is_still_the_programs(tmp_path, monkeypatch):
+    written(tmp_path, "psf_Y.npy", "report.html")
+    replace, moved = os.replace, []
+
+    def one_only(source, target):
+        if moved:
+            raise KeyboardInterrupt
+        moved.append(replace(source, target))
+
+    monkeypatch.setattr(os, "replace", one_only)
+    with pytest.raises(KeyboardInterrupt):
+        written(tmp_path, "psf_Y.npy", "psf_G1.npy")
+    monkeypatch.undo()
+    assert not (tmp_path / "result.json").exists()
+    written(tmp_path, "psf_Y.npy")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["psf_Y.npy", "result.json"]
+
+
+def test_record_that_names_files_elsewhere_removes_none(tmp_path):
+    (tmp_path / "precious.npy").write_bytes(b"")
+    digest = hashlib.sha256(b"").hexdigest()
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "result.json").write_text(
+        json.dumps({"schema": "station/psf/1", "files": {"../precious.npy": digest}})
+    )
+    written(tmp_path / "out", "psf_Y.npy")
+    assert (tmp_path / "precious.npy").exists()

@@ -1,0 +1,82 @@
+"""The options of every command that tells an MTF: its unit, frequencies and specification; and the plane's name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from station.cli.terminal.force import force_option
+from station.common.log import log
+from station.common.sanitise import printable
+
+if TYPE_CHECKING:
+    from station.results.plane_result import PlaneResult
+    from station.results.terms import Terms
+
+Command = Callable[..., Any]
+
+UNITS = ("cycles/pixel", "lp/mm", "lw/ph")
+LEVELS = {"meets": "info", "undecided": "warning", "does not meet": "error"}
+"""Of a log line, by the specification's verdict."""
+
+
+def _plane(context: click.Context, option: click.Parameter, name: str | None) -> str | None:
+    """R for r, all for ALL."""
+    return name if name is None else "all" if name.lower() == "all" else name.upper()
+
+
+plane_option = click.option(
+    "--plane", callback=_plane, help="R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]"
+)
+
+
+def _frequencies(context: click.Context, option: click.Parameter, words: str | None) -> tuple[float, ...]:
+    """The numbers of 0.1,0.25."""
+    try:
+        found = tuple(float(word) for word in (words or "").split(",") if word.strip())
+    except ValueError:
+        found = (-1.0,)
+    if not all(0 <= one < float("inf") for one in found):
+        raise click.BadParameter(f"{words!r} is no list of frequencies, such as 0.1,0.25", context, option)
+    return found
+
+
+def terms_options(command: Command) -> Command:
+    """Give a command --unit, --at, --specification and --force."""
+    unit = click.option(
+        "--unit", type=click.Choice(UNITS, case_sensitive=False), default="cycles/pixel", show_default=True,
+        help="Of every frequency: cycles/pixel of the plane, lp/mm on the sensor, lw/ph of the frame's short side.",
+    )  # fmt: skip
+    at = click.option("--at", callback=_frequencies, metavar="F,F...", help="Tell the MTF at these frequencies too.")
+    held = click.option("--specification", type=click.Path(path_type=Path), help="Limits to hold the lens to, in TOML.")
+    return unit(at(held(force_option(command))))
+
+
+def terms_of(options: dict[str, Any]) -> Terms:
+    """What the options tell, taken out of them. Raises BadParameter where the specification cannot be meant."""
+    from station.results.limits import Specification
+    from station.results.specification_file import read_specification
+    from station.results.terms import Terms
+    from station.results.units import Frequency, Unit
+
+    unit, file = Unit(options.pop("unit").lower()), options.pop("specification")
+    at = tuple(Frequency(value, unit) for value in options.pop("at"))
+    return Terms(unit, at, read_specification(file) if file else Specification())
+
+
+def tell_specification(records: Sequence[PlaneResult]) -> None:
+    """A line on stderr for every plane that was held to limits, with what it does not meet."""
+    from station.results.verdict_words import specification_words
+
+    for one in records:
+        found = one.specification
+        if found is None or found.judged is None:
+            continue
+        words = f"{one.name}: {specification_words(found.judged)}"
+        against = "; ".join(printable(line) for line in found.against)
+        verdict = str(found.judged)
+        sentence = f"{words}; {against}" if against else words
+        log("specification", sentence, level=LEVELS[verdict], plane=one.name, specification=verdict)

@@ -1,0 +1,113 @@
+"""The units in which frequencies are told, and what one cycle per pixel of a plane is in them.
+
+Everything is computed in cycles per pixel of the plane. A result is told in another unit by `in_unit`, once, before it
+is written: files, page and terminal then say the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.outcome import BadParameter, Quantity
+from procedures.raw import RawFrame
+from procedures.transfer_function import frequency_of, name_at
+
+Array = npt.NDArray[np.float64]
+
+
+class Unit(StrEnum):
+    """Of frequencies: per pixel of the plane, per millimetre of the sensor, per height of the picture."""
+
+    CYCLES = "cycles/pixel"
+    LINE_PAIRS = "lp/mm"
+    LINE_WIDTHS = "lw/ph"
+
+
+@dataclass(frozen=True)
+class Pixels:
+    """The pixels in which the frequencies of a plane are counted.
+
+    Attributes
+    ----------
+    pitch : int
+        Pixels of the sensor per pixel of the plane.
+    pitch_um : float or None
+        Of the sensor's pixels, where it is known.
+    height : int or None
+        Pixels of the plane along the frame's shorter side.
+    """
+
+    pitch: int = 1
+    pitch_um: float | None = None
+    height: int | None = None
+
+    def factor(self, unit: Unit) -> float:
+        """One cycle per pixel of the plane in a unit. Raises BadParameter where what it needs is not known."""
+        if unit is Unit.CYCLES:
+            return 1.0
+        if unit is Unit.LINE_PAIRS:
+            if not self.pitch_um:
+                raise BadParameter(
+                    "lp/mm needs the pitch of the sensor's pixels, which the camera did not note",
+                    "give --pixel-pitch-um (in a procedure file optics.pixel_pitch_um), or another unit",
+                )
+            return 1000 / (self.pitch * self.pitch_um)
+        if not self.height:
+            raise BadParameter("lw/ph needs the size of the frame, which is not known here", "choose another unit")
+        return 2.0 * self.height
+
+    @property
+    def words(self) -> str:
+        """Which pixel is meant: of a mosaic's plane two of the sensor's."""
+        if self.pitch == 1:
+            return "of the sensor"
+        return (
+            f"of the colour plane, whose pixel is {self.pitch} of the sensor (per sensor pixel 1/{self.pitch} as much)"
+        )
+
+
+def pixels_of(frame: RawFrame, pitch_um: float | None = None) -> dict[str, Pixels]:
+    """The pixels of every plane of a photograph; a pitch that is given counts before the camera's own."""
+    known = pitch_um or frame.exposure.pixel_pitch_um
+    return {name: Pixels(one.pitch, known, min(one.samples.shape)) for name, one in frame.planes.items()}
+
+
+@dataclass(frozen=True)
+class Frequency:
+    """A frequency as it was asked for."""
+
+    value: float
+    unit: Unit = Unit.CYCLES
+
+    def per_pixel(self, pixels: Pixels) -> float:
+        """The same in cycles per pixel of the plane, in six digits. Raises BadParameter as `Pixels.factor` does."""
+        return float(f"{self.value / pixels.factor(self.unit):.6g}")
+
+
+def told_quantity(one: Quantity, unit: Unit, factor: float) -> Quantity:
+    """A number in a unit; those that are no frequencies stay."""
+    if one.unit != Unit.CYCLES:
+        return one
+    return replace(one, value=one.value * factor, uncertainty=one.uncertainty * factor, unit=str(unit))
+
+
+def told_name(name: str, factor: float) -> str:
+    """The name of a number with the frequency in it, where it has one, in the unit."""
+    found = frequency_of(name)
+    return name if found is None else name_at(found[0] * factor, found[1])
+
+
+def told_numbers(numbers: Mapping[str, Quantity], unit: Unit, factor: float) -> dict[str, Quantity]:
+    """All numbers in a unit: their names, values, uncertainties and methods."""
+    found = {}
+    for name, one in numbers.items():
+        own = told_quantity(one, unit, factor)
+        if at := frequency_of(name):
+            own = replace(own, method=own.method.replace(f"{at[0]:.6g} cycles/pixel", f"{at[0] * factor:.6g} {unit}"))
+        found[told_name(name, factor)] = own
+    return found

@@ -1,0 +1,78 @@
+"""The schemas that are shipped describe the records that are written, and refuse others."""
+
+from __future__ import annotations
+
+import copy
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from procedures.outcome import Verdict
+from procedures.psf import Psf
+from procedures.quality import Diffraction, assess
+from station.results.limits import Limit, Place, Specification
+from station.results.plane_result import PlaneResult
+from station.results.result_files import ResultFolder, write_psf_result
+from station.results.terms import Terms
+from station.results.units import Frequency, Pixels, Unit
+
+from .schemas import check, schema
+
+RESULT = schema("result.schema.json")
+LIMITS = (
+    Limit("mtf50", least=40.0, unit=Unit.LINE_PAIRS),
+    Limit("mtf", least=0.5, at=20.0, place=Place.CENTRE, unit=Unit.LINE_PAIRS),
+)
+
+
+@pytest.fixture(scope="module")
+def record(tmp_path_factory):
+    """With a specification, in lp/mm, and a plane that was refused."""
+    x = (np.arange(17) - 8) / 4
+    h = np.exp(-(x[:, None] ** 2 + x**2))
+    psf = Psf(h / h.sum(), 4, np.eye(289) * 1e-8)
+    terms, pixels = (
+        Terms(Unit.LINE_PAIRS, (Frequency(30.0, Unit.LINE_PAIRS),), Specification(LIMITS, "a lens")),
+        Pixels(2, 4.0),
+    )
+    limit = Diffraction(5.6, 8.0, 530)
+    plane = PlaneResult.of(
+        "G1", Verdict.PASS, psf, assess(psf, n=9, diffraction=limit, at=terms.frequencies(pixels)),
+        values={"gamma": 0.5, "residual_std": np.float64(1.02)}, diagnostics={"whiteness": float("nan")}, pitch=2,
+    )  # fmt: skip
+    planes = [terms.told(replace(plane, diffraction=limit), pixels), PlaneResult("B", Verdict.REFUSED, "dark", "light")]
+    about = {"procedure": "pattern", "input": [{"path": "a", "sha256": "0" * 64}], "parameters": {"s": "auto"}}
+    with ResultFolder(tmp_path_factory.mktemp("result")) as folder:
+        return json.loads(write_psf_result(folder, planes, {**about, **terms.about(planes)}))
+
+
+def test_record_follows_its_schema(record):
+    check(record, RESULT, RESULT)
+    plane = record["planes"]["G1"]
+    assert plane["mtf50_horizontal"]["unit"] == "lp/mm"
+    assert {"mtf_at_20_horizontal", "mtf_at_30_horizontal"} <= plane.keys()
+    assert record["specification"]["limits"][0]["min"] == 40.0  # a number, not a text
+    assert record["specification"]["verdict"] == plane["specification"]["verdict"]
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        (("planes", "G1", "verdict"), "good"),
+        (("planes", "G1", "mtf50_horizontal", "value"), "0.3"),
+        (("planes", "G1", "mtf50_horizontal"), 0.3),
+        (("specification", "limits", 0, "min"), "40"),
+        (("planes", "G1", "specification", "limits", 0, "verdict"), "fail"),
+        (("input", 0, "sha256"), "short"),
+    ],
+)
+def test_what_is_not_as_it_is_written_is_refused(record, path, value):
+    wrong = copy.deepcopy(record)
+    place = wrong
+    for step in path[:-1]:
+        place = place[step]
+    place[path[-1]] = value
+    with pytest.raises(AssertionError):
+        check(wrong, RESULT, RESULT)
