@@ -62,9 +62,15 @@ def decoding(name: str, kind: str, remedy: str) -> Iterator[None]:
     except MemoryError as error:
         raise BadInput(f"{name} cannot be read as {kind}: it takes more memory than there is", remedy) from error
     except Exception as error:
-        plain = isinstance(error, ValueError | OSError) and str(error)  # these are written for people
-        told = str(error) if plain else f"{type(error).__name__}: {error}".rstrip(": ")
-        raise BadInput(f"{name} cannot be read as {kind}: {told}", remedy) from error
+        raise BadInput(f"{name} cannot be read as {kind}: {_words(error)}", remedy) from error
+
+
+def _words(error: Exception) -> str:
+    """What went wrong, for people: of what only a programmer would understand, that parts are missing."""
+    if isinstance(error, KeyError | TypeError | AttributeError | IndexError):
+        return "it is not whole, or a part of it is of another kind"
+    plain = isinstance(error, ValueError | OSError) and str(error)  # these are written for people
+    return str(error) if plain else f"{type(error).__name__}: {error}".rstrip(": ")
 
 
 def open_file(path: Path, what: str = "photograph") -> BufferedReader:

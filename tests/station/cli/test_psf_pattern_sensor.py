@@ -90,7 +90,7 @@ def test_what_is_no_result_of_this_plane_is_refused(run, estimator, photograph, 
 def test_missing_record_is_refused(run, estimator, photograph, tmp_path):
     done = run("psf", "pattern", photograph, "--sensor", tmp_path / "none.json", "--out", tmp_path / "out")
     assert done.exit_code == 4
-    assert "cannot be read" in done.stderr
+    assert "there is no file" in done.stderr
 
 
 def test_another_sensitivity_is_refused(run, estimator, shared_data, sensor, tmp_path):
