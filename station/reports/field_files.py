@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from procedures.field import field_file
 from procedures.field.chromatic import LateralColour
 from procedures.field.conclusion import FieldResult, PlaneField
-from procedures.field.field_file import write_field
 from procedures.field.maps import FieldMap
 from procedures.outcome import Outcome
 from procedures.raw import RawFrame
@@ -45,7 +45,7 @@ def write_field_result(
         "parameters": {**parameters, **terms.parameters()},
         **terms.about(planes),
     }
-    return _write(folder, found, planes, about, start, report=report)
+    return write_field(folder, found, planes, about, start, report=report)
 
 
 def write_result(
@@ -60,10 +60,10 @@ def write_result(
     if found is None:
         refused = [PlaneResult(name, one.verdict, one.reason, one.remedy) for name, one in outcomes.items()]
         return write_psf_result(folder, refused, about)
-    return _write(folder, found, results, about)
+    return write_field(folder, found, results, about)
 
 
-def _write(
+def write_field(
     folder: ResultFolder,
     found: FieldResult,
     planes: Sequence[PlaneResult],
@@ -91,7 +91,7 @@ def _write(
     if fitted:
         maps = {one.name: _maps(found, one) for one in found.planes}
         camera = exposure_of(measured.exposures)
-        write_field(folder.staging / FILE, fitted, maps, found.colours, _provenance(about), camera)
+        field_file.write_field(folder.staging / FILE, fitted, maps, found.colours, _provenance(about), camera)
     if start is not None:
         about["duration_s"] = round(time.perf_counter() - start, 3)
     if report:
