@@ -7,24 +7,21 @@ import json
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from procedures.outcome import BadInput, BadParameter, ProcedureError, Verdict
-from procedures.pattern_psf.estimate import PatternParameters
-from procedures.raw import RawFrame, default_plane, read_frame, read_photograph
-from procedures.reading.exposure import Exposure, check_typed
-from procedures.two_photo.estimate import TwoPhotoParameters
-from station.batch.procedure_file import ALL, Procedure
+from procedures.raw import read_photograph
+from procedures.reading.exposure import Exposure
+from station.batch.estimates import Answer, estimate
+from station.batch.procedure_file import FIELD, PATTERN, SERIES, Procedure
 from station.calibration.folder_photographs import Item
-from station.calibration.planes import calibrate, calibrate_pair, diffraction_limit
+from station.common.durable_files import sha256_of
 from station.common.sanitise import encodable, printable, safe_stem
 from station.results.comparison import Comparison, Judged
 from station.results.plane_result import PlaneResult
 from station.results.result_files import RECORD, ResultFolder, software, write_psf_result
 from station.results.result_seal import damage
-from station.results.units import pixels_of
 
 RESULTS = "results"
 KEY_LETTERS = 16
@@ -141,8 +138,11 @@ def work(item: Item, job: Job) -> Row:
 def _row(item: Item, job: Job) -> Row:
     if item.trouble:
         return Row(item.files, UNREADABLE, item.trouble, item.remedy)
-    contents = [read_photograph(path) for path in item.paths]
-    hashes = [hashlib.sha256(data).hexdigest() for data in contents]
+    if job.procedure.name == FIELD:  # it reads its photographs one after the other
+        contents, hashes = [], [sha256_of(path) for path in item.paths]
+    else:
+        contents = [read_photograph(path) for path in item.paths]
+        hashes = [hashlib.sha256(data).hexdigest() for data in contents]
     key = key_of(hashes, job.procedure)
     kept, redone = kept_row(job.out, job.done[key]) if key in job.done else (None, "")
     if kept is not None:
@@ -157,49 +157,22 @@ def _estimate(
 ) -> Row:
     start = time.perf_counter()
     try:
-        frames = [_read(*file, job.procedure) for file in zip(item.paths, contents, strict=True)]
-        calibrated = _calibrated(job.procedure, frames)
+        answer = estimate(job.procedure, item.paths, contents)
     except ProcedureError as error:
         row = replace(_failure(item, error), sha256=hashes, folder=folder)
-        calibrated = []
+        answer = Answer((), Exposure(), lambda place, about, page: write_psf_result(place, (), about))
     else:
-        row = replace(_row_of(item, calibrated, hashes, folder), noted=noted(frames[0].exposure))
-        if job.reports:
-            _write_page(place, job.procedure, frames, calibrated)
+        row = replace(_row_of(item, answer.planes, hashes, folder), noted=noted(answer.exposure))
     about = {
-        "procedure": job.procedure.name,
+        "procedure": PATTERN if job.procedure.name == SERIES else job.procedure.name,
         "input": [{"path": name, "sha256": one} for name, one in zip(item.files, hashes, strict=True)],
         "parameters": job.procedure.told(),
-        **job.procedure.terms.about(calibrated),
+        **job.procedure.terms.about(answer.planes),
         "batch": asdict(row),
         "duration_s": round(time.perf_counter() - start, 3),
     }
-    write_psf_result(place, calibrated, about)
+    answer.write(place, about, job.reports)
     return row
-
-
-def _read(path: Path, data: bytes, procedure: Procedure) -> RawFrame:
-    planes, layout = procedure.planes, procedure.layout
-    names = None if ALL in planes else list(planes) or [default_plane(path, layout)]
-    frame = read_frame(path, names, layout, data=data)
-    if not procedure.trust_typed:
-        check_typed(frame.exposure, procedure.optics, printable(path), "write trust_typed = true")
-    return frame
-
-
-def _calibrated(procedure: Procedure, frames: Sequence[RawFrame]) -> list[PlaneResult]:
-    """Every plane of a photograph or of a pair, one after the other."""
-    optics = cast(dict[str, Any], {"pixel_pitch_um": None, **procedure.optics})
-    limit = partial(diffraction_limit, frames[0].exposure, **optics)
-    pixels = pixels_of(frames[0], optics["pixel_pitch_um"])
-    at = procedure.terms.frequencies(next(iter(pixels.values())))
-    if procedure.chart is not None:
-        parameters = replace(cast(PatternParameters, procedure.parameters), at=at)
-        found = calibrate(frames[0], procedure.chart.chart, parameters, limit, threads=1)
-    else:
-        pair = replace(cast(TwoPhotoParameters, procedure.parameters), at=at)
-        found = calibrate_pair(frames[0], frames[1], pair, limit, threads=1)
-    return [procedure.terms.told(one, pixels[one.name]) for one in found]
 
 
 def _row_of(item: Item, records: Sequence[PlaneResult], hashes: Sequence[str], folder: str) -> Row:
@@ -236,7 +209,8 @@ def plane_row(record: PlaneResult) -> PlaneRow:
     numbers: dict[str, Mapping[str, Any]] = {
         name: {"value": value} for name, value in record.values.items() if isinstance(value, int | float)
     }
-    for name, one in record.numbers.items():
+    physics = record.physics.value.numbers if record.physics is not None and record.physics.value is not None else {}
+    for name, one in {**record.numbers, **physics}.items():
         numbers[name] = {"value": one.value, "uncertainty": one.uncertainty, "unit": one.unit}
     return PlaneRow(str(record.verdict), record.reason, record.remedy, numbers, found["verdict"] or "", found["limits"])
 
@@ -250,23 +224,6 @@ def _failure(item: Item, error: Exception) -> Row:
         return Row(item.files, LOST, "it takes more memory than an item may take here", MORE_MEMORY)
     reason = f"the program failed on something it did not foresee: {type(error).__name__}: {printable(error)}"
     return Row(item.files, FAULT, reason, "report it, with the photograph")
-
-
-def _write_page(
-    place: ResultFolder,
-    procedure: Procedure,
-    frames: Sequence[RawFrame],
-    calibrated: Sequence[PlaneResult],
-) -> None:
-    from station.reports.pattern_report import (  # here: it draws, and that import is slow
-        PAGE,
-        calibration_page,
-        report_of_files,
-    )
-
-    held = procedure.terms.specification
-    report = report_of_files(procedure.name, frames, calibrated, procedure.told(), held)
-    place.write(PAGE, calibration_page(report).encode())
 
 
 # --- what earlier runs have done ---------------------------------------------------------------------------------

@@ -1,7 +1,7 @@
 """A batch's procedure as a file says it: what to estimate, how, and what is good enough.
 
 ```toml
-procedure = "pattern"               # or "two-photo"
+procedure = "pattern"               # or "two-photo", "field", "edge", "series"
 planes = ["G1"]                     # or ["all"]; by default G1 of a RAW file, Y of a grey image
 specification = "lens.toml"         # beside this file; or the same [limits] and [[limit]] here
 unit = "cycles/pixel"               # of every frequency, here and in the results; or "lp/mm", "lw/ph"
@@ -10,6 +10,7 @@ coverage = 2                        # guard bands of the limits in here, in stan
 parameters = { s = "auto", k = "auto", solver = "ls" }
 chart = { seed = 1 }                # or bits = "cells.pgm", beside this file
 optics = { pixel_pitch_um = 3.76, f_number = 8, wavelength_nm = 530 }
+physics = false                     # pattern, series: whether PSFs are explained by photosites and aberrations
 trust_typed = false                 # true: optics count against what the cameras noted in their files
 raw = "1920x1080,RGGB,u16le,64,1023"          # where the photographs are a sensor's samples without a header
 pairs = { near = "_near", far = "_far" }      # two-photo: how the names of a pair's photographs end
@@ -28,6 +29,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from procedures.field.estimate import FIELD as FIELD_PARAMETERS
+from procedures.outcome import BadParameter
 from procedures.pattern import DEFAULT_SEED
 from procedures.pattern_print.source import Source
 from procedures.pattern_psf.estimate import PatternParameters
@@ -41,8 +44,16 @@ from station.results.specification_file import read_specification, specification
 from station.results.terms import USUAL, Terms
 from station.results.units import Frequency, Unit
 
-PATTERN, TWO_PHOTO = "pattern", "two-photo"
-DEFAULTS: Mapping[str, Sampling] = {PATTERN: PatternParameters(), TWO_PHOTO: TwoPhotoParameters()}
+PATTERN, TWO_PHOTO, FIELD, EDGE, SERIES = "pattern", "two-photo", "field", "edge", "series"
+DEFAULTS: Mapping[str, Sampling | None] = {
+    PATTERN: PatternParameters(),
+    TWO_PHOTO: TwoPhotoParameters(),
+    FIELD: FIELD_PARAMETERS,
+    EDGE: None,
+    SERIES: PatternParameters(),
+}
+"""How a PSF is sampled by each procedure; None where there is none."""
+OF_CHARTS = (PATTERN, FIELD, SERIES)
 ALL = "all"
 OPTICS = ("pixel_pitch_um", "f_number", "wavelength_nm")
 
@@ -53,12 +64,12 @@ class Procedure:
 
     Attributes
     ----------
-    name : "pattern" or "two-photo"
-    parameters : PatternParameters or TwoPhotoParameters
+    name : "pattern", "two-photo", "field" (a folder's photographs together), "edge" or "series"
+    parameters : PatternParameters or TwoPhotoParameters, or None of edges
     planes : tuple of str
         Empty for the default one of each file, ("all",) for all.
     chart : Source or None
-        The cells that were photographed; None for two photographs of a wall.
+        The cells that were photographed; None where no chart was.
     optics : mapping of str to float
         Of pixel_pitch_um, f_number and wavelength_nm those that are given.
     terms : Terms
@@ -67,12 +78,14 @@ class Procedure:
         How the names of a pair's photographs end.
     layout : DumpLayout or None
         How the samples lie in photographs without a header; None where each file tells it itself.
+    physics : bool
+        Whether PSFs are explained by photosites, low-pass filter, diffraction and aberrations.
     trust_typed : bool
         Whether `optics` count against what a camera noted in its files.
     """
 
     name: str
-    parameters: Sampling
+    parameters: Sampling | None
     planes: tuple[str, ...] = ()
     chart: Source | None = None
     optics: Mapping[str, float] = field(default_factory=dict)
@@ -80,13 +93,23 @@ class Procedure:
     endings: tuple[str, str] = ("_near", "_far")
     layout: DumpLayout | None = None
     trust_typed: bool = False
+    physics: bool = False
+
+    @property
+    def chart_source(self) -> Source:
+        """The chart that was photographed. Raises BadParameter where none was."""
+        if self.chart is None:
+            raise BadParameter(f"the procedure {self.name} photographs no chart", "choose another procedure")
+        return self.chart
 
     def told(self) -> dict[str, Any]:
         """The parameters as a record tells them, in the manner of `station psf`."""
         chart = {} if self.chart is None else {"chart": self.chart.origin}
         layout = {"raw": str(self.layout)} if self.layout else {}
         trust = {"trust_typed": True} if self.trust_typed else {}
-        return {**self.parameters.told(), **chart, **self.optics, **layout, **trust, **self.terms.parameters()}
+        physics = {"physics": True} if self.physics else {}
+        sampling = {} if self.parameters is None else self.parameters.told()
+        return {**sampling, **physics, **chart, **self.optics, **layout, **trust, **self.terms.parameters()}
 
     def fingerprint(self) -> dict[str, Any]:
         """All that a result depends on, as plain data."""
@@ -113,12 +136,13 @@ def read_procedure(path: Path) -> Procedure:
         name,
         _parameters(table.table("parameters"), DEFAULTS[name]),
         _planes(table),
-        _chart(table.table("chart"), path.parent) if name == PATTERN else None,
+        _chart(table.table("chart"), path.parent) if name in OF_CHARTS else None,
         _optics(table.table("optics")),
         _terms(table, path.parent),
         _endings(table.table("pairs")) if name == TWO_PHOTO else Procedure.endings,
         _layout(table),
         table.get("trust_typed", bool, False),
+        table.get("physics", bool, False) if name in (PATTERN, SERIES) else False,
     )
     table.end()
     return procedure
@@ -129,7 +153,10 @@ def _auto(table: Table, name: str, default: int | None) -> int | None:
     return table.number_or(name, "auto", default)
 
 
-def _parameters(table: Table, default: Sampling) -> Sampling:
+def _parameters(table: Table, default: Sampling | None) -> Sampling | None:
+    if default is None:
+        table.end()
+        return None
     s, k, solver = (
         _auto(table, "s", default.s),
         _auto(table, "k", default.k),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -104,30 +103,28 @@ def _numbers(edge: EdgeMtf, at: Sequence[float]) -> dict[str, Quantity]:
 
 
 def write_edge_result(
-    folder: ResultFolder, frame: RawFrame, records: Sequence[EdgeRecord], parameters: Mapping[str, Any],
-    terms: Terms, start: float,
-) -> str:  # fmt: skip
-    """Write mtf_P.csv and edge_P.png of every plane that has edges, and the record; returns the record's text."""
+    folder: ResultFolder, frame: RawFrame, records: Sequence[EdgeRecord], about: Mapping[str, Any]
+) -> str:
+    """Write mtf_P.csv and edge_P.png of every plane that has edges, and the record; returns the record's text.
+
+    about : procedure, input, parameters, duration_s, specification
+    """
     for record in records:
         told = record.result
         if record.edges:
-            folder.write(f"mtf_{record.name}.csv", edge_table(record.edges, record.result))
+            folder.write(f"mtf_{record.name}.csv", edge_table(record.edges, told))
             measured = [one for one in record.outcomes if one.value is not None]
-            folder.write(
-                f"edge_{record.name}.png",
-                edge_picture(frame.planes[record.name], measured, str(told.unit), told.factor),
-            )
-    about = {
+            picture = edge_picture(frame.planes[record.name], measured, str(told.unit), told.factor)
+            folder.write(f"edge_{record.name}.png", picture)
+    at = {"at": list(records[0].at)} if records and records[0].at else {}
+    whole = {
         "schema": SCHEMA,
-        "procedure": "edge",
-        "input": [{"path": str(frame.path), "sha256": frame.sha256}],
-        "parameters": {**parameters, **terms.parameters(), **({"at": list(records[0].at)} if records[0].at else {})},
-        **terms.about([record.result for record in records]),
+        **about,
+        "parameters": {**about.get("parameters", {}), **at},
         "planes": {record.name: _plane_entry(record) for record in records},
         "software": software(),
-        "duration_s": round(time.perf_counter() - start, 3),
     }
-    return write_record(folder, about)
+    return write_record(folder, whole)
 
 
 def edge_table(edges: Sequence[EdgeMtf], told: PlaneResult) -> bytes:

@@ -98,6 +98,14 @@ def singly(frames: Sequence[Path]) -> list[Item]:
     return [Item((frame,)) for frame in frames]
 
 
+def by_folder(frames: Sequence[Path]) -> list[Item]:
+    """The photographs of each folder together."""
+    folders: dict[Path, list[Path]] = {}
+    for frame in frames:
+        folders.setdefault(frame.parent, []).append(frame)
+    return [Item(tuple(found)) for found in folders.values()]
+
+
 def in_pairs(frames: Sequence[Path], endings: tuple[str, str]) -> list[Item]:
     """Two photographs each: of one folder and one suffix, with names that differ by their endings only.
 

@@ -74,7 +74,7 @@ def batch(
         raise click.UsageError("--cluster-tls goes with --cluster tls://HOST:PORT")
     from station.batch.allowance import Allowance
     from station.batch.item import Job, finished
-    from station.batch.procedure_file import PATTERN, read_procedure
+    from station.batch.procedure_file import FIELD, SERIES, TWO_PHOTO, read_procedure
     from station.batch.process_pool import Stop
     from station.batch.run import run_batch
     from station.common.stop_signals import guarded
@@ -84,7 +84,7 @@ def batch(
     _say_who_can_connect(cluster)
     procedure = read_procedure(file)
     items = _items(folders, out, procedure)
-    what = "photographs" if procedure.name == PATTERN else "pairs"
+    what = {TWO_PHOTO: "pairs", FIELD: "fields"}.get(procedure.name, "photographs")
     log("found", f"found {len(items)} {what}", items=len(items))
     jobs = jobs or os.cpu_count() or 1
     fair = Allowance.fair(min(jobs, len(items)))
@@ -99,11 +99,29 @@ def batch(
     else:
         _show(done)
     log("written", f"wrote {out / 'summary.csv'}", path=str(out / "summary.csv"))
+    if procedure.name == SERIES:
+        _tell_series(done)
     if stop.asked:
         log("interrupted", f"interrupted; {done.undone} were not begun", level="error", undone=done.undone)
         raise click.exceptions.Exit(INTERRUPTED)
     if done.failed or (strict and not all(row.sure for row in done.rows)):
         raise click.exceptions.Exit(SOME_FAILED)
+
+
+def _tell_series(done: Batch) -> None:
+    """Write the series' table and page, and tell the best aperture of each plane."""
+    from station.batch.series import points_of
+    from station.calibration.series import PAGE, TABLE, best_apertures, series_table
+    from station.common.atomic_files import write_whole
+    from station.reports.series_page import series_page
+
+    points = points_of(done.rows)
+    best = best_apertures(points)
+    for name, data in ((TABLE, series_table(points)), (PAGE, series_page(points, best).encode())):
+        write_whole(done.job.out / name, data)
+        log("written", f"wrote {done.job.out / name}", path=str(done.job.out / name))
+    for one in best:
+        log("best", one.words, plane=one.plane, f_number=one.f_number, confidence=one.confidence)
 
 
 def _say_who_can_connect(cluster: str | None) -> None:
@@ -114,12 +132,14 @@ def _say_who_can_connect(cluster: str | None) -> None:
 
 
 def _items(folders: tuple[Path, ...], out: Path, procedure: Procedure) -> list[Item]:
-    from station.batch.procedure_file import TWO_PHOTO
-    from station.calibration.folder_photographs import find_frames, in_pairs, singly, unread
+    from station.batch.procedure_file import FIELD, TWO_PHOTO
+    from station.calibration.folder_photographs import by_folder, find_frames, in_pairs, singly, unread
 
     missed: list[Item] = []
     frames = find_frames(folders, out, lambda folder, error: missed.append(unread(folder, error)))
-    return (in_pairs(frames, procedure.endings) if procedure.name == TWO_PHOTO else singly(frames)) + missed
+    if procedure.name == TWO_PHOTO:
+        return in_pairs(frames, procedure.endings) + missed
+    return (by_folder(frames) if procedure.name == FIELD else singly(frames)) + missed
 
 
 def _ask(stop: object) -> None:

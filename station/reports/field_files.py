@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from procedures.field import field_file
 from procedures.field.chromatic import LateralColour
 from procedures.field.conclusion import FieldResult, PlaneField
-from procedures.field.field_file import write_field
 from procedures.field.maps import FieldMap
 from station.calibration.camera_notes import exposure_of
 from station.reports.field_page import field_page
@@ -43,16 +43,32 @@ def write_field_result(
         "parameters": {**parameters, **terms.parameters()},
         **terms.about(planes),
     }
-    return _write(folder, found, planes, about, start, report=report)
+    return write_field(folder, found, planes, about, start, report=report)
 
 
+<<<<<<< HEAD
 def write_planes(folder: ResultFolder, planes: Sequence[PlaneResult], about: Mapping[str, Any]) -> str:
     """The same files of planes that have found a field, all the same one; the record of its refusal where none has."""
     found = next((one.found for one in planes if one.found is not None), None)
     return write_psf_result(folder, planes, about) if found is None else _write(folder, found, planes, about)
+=======
+def write_result(
+    folder: ResultFolder,
+    outcomes: Mapping[str, Outcome[Any]],
+    frames: Sequence[RawFrame],
+    about: Mapping[str, Any],
+    results: Sequence[PlaneResult],
+) -> str:
+    """The result of a guided field: the same files, or the record of its refusal."""
+    found = next((one.value.field for one in outcomes.values() if one.value is not None), None)
+    if found is None:
+        refused = [PlaneResult(name, one.verdict, one.reason, one.remedy) for name, one in outcomes.items()]
+        return write_psf_result(folder, refused, about)
+    return write_field(folder, found, results, about)
+>>>>>>> operator
 
 
-def _write(
+def write_field(
     folder: ResultFolder,
     found: FieldResult,
     planes: Sequence[PlaneResult],
@@ -81,7 +97,11 @@ def _write(
         fields = {name: one.interpolation for name, one in fitted.items()}
         maps = {name: _maps(found, name, one) for name, one in fitted.items()}
         camera = exposure_of(measured.exposures)
+<<<<<<< HEAD
         write_field(folder.staging / FILE, fields, maps, found.colours, _provenance(about), camera)
+=======
+        field_file.write_field(folder.staging / FILE, fitted, maps, found.colours, _provenance(about), camera)
+>>>>>>> operator
     if start is not None:
         about["duration_s"] = round(time.perf_counter() - start, 3)
     if report:

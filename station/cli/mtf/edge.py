@@ -83,7 +83,14 @@ def mtf_edge(
             records.append(record)
         known = {name: value for name, value in optics.items() if value is not None}
         given = {"roi": roi, **known, **told_layout(layout)}
-        text = write_edge_result(folder, frame, records, given, terms, start)
+        about = {
+            "procedure": "edge",
+            "input": [{"path": str(frame.path), "sha256": frame.sha256}],
+            "parameters": {**given, **terms.parameters()},
+            **terms.about([record.result for record in records]),
+            "duration_s": round(time.perf_counter() - start, 3),
+        }
+        text = write_edge_result(folder, frame, records, about)
         log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))
     finish([record.result for record in records], text, as_json=as_json)
 

@@ -50,7 +50,7 @@ def test_record_and_spectrum_are_read_as_written(written):
         (lambda plane: plane["model"].update(bend=[0.1, "x"]), "not whole"),
         (lambda plane: plane["model"].update(saturation=0), "saturation are above 0"),
         (lambda plane: plane["model"].update(dark_variance=-1), "no variance is below"),
-        (lambda plane: plane["model"].pop("gain"), "gain"),
+        (lambda plane: plane["model"].pop("gain"), "not whole"),
         (lambda plane: plane.update(model=[1, 2]), "cannot be read as a sensor's record"),
         (lambda plane: plane.update(noise_power={"file": "nps.npy"}), "not whole"),
         (lambda plane: plane["noise_power"].update(signal=1e400), "finite and above 0"),

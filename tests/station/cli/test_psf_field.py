@@ -101,7 +101,7 @@ def test_too_few_charts_are_refused(tmp_path, run):
     write_pgm(tmp_path / "one.pgm", shot.plane("Y"))
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "field.h5").write_bytes(b"of an older run")
-    result = run("psf", "field", tmp_path, "--out", tmp_path / "out", "-k", "13")
+    result = run("psf", "field", tmp_path, "--out", tmp_path / "out", "-k", "13", "--force")
     assert result.exit_code == 5
     assert not (tmp_path / "out" / "field.h5").exists()
     assert "6 places of the frame or more; plane Y has 1" in result.stderr

@@ -1,0 +1,45 @@
+"""A series' points from a batch's rows: what the camera noted of each photograph, and what its planes gave."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from station.batch.item import USABLE, Row
+from station.calibration.series import Point, Setting, together
+
+NUMBERS: Mapping[str, tuple[str, ...]] = {
+    "mtf50": ("mtf50_horizontal", "mtf50_vertical"),
+    "strehl": ("strehl",),
+    "wavefront_rms": ("wavefront_rms",),
+}
+"""What is followed: a number, and those of a plane whose mean it is."""
+
+
+def points_of(rows: Sequence[Row]) -> list[Point]:
+    """Every number of every plane at every setting, in their order; what gave no measurement is left out."""
+    found: dict[tuple[str, str, Setting], list[tuple[float, float, str]]] = {}
+    for row in rows:
+        setting = Setting(*(_number(row.noted.get(key)) for key in ("f_number", "focus_distance_mm", "iso")))
+        for plane, one in row.planes.items():
+            for number, parts in NUMBERS.items() if one.verdict in USABLE else ():
+                if all(part in one.numbers for part in parts):
+                    told = [one.numbers[part] for part in parts]
+                    found.setdefault((plane, number, setting), []).append(_mean_of_parts(told))
+    points = [Point(*key, *together(shots), shots[0][2], len(shots)) for key, shots in found.items()]
+    return sorted(points, key=_order)
+
+
+def _order(one: Point) -> tuple[Any, ...]:
+    setting = (one.setting.f_number, one.setting.focus_mm, one.setting.iso)
+    return one.plane, one.number, *(-1.0 if value is None else value for value in setting)
+
+
+def _number(value: object) -> float | None:
+    return float(value) if isinstance(value, int | float) else None
+
+
+def _mean_of_parts(parts: Sequence[Mapping[str, Any]]) -> tuple[float, float, str]:
+    """The mean of numbers of one photograph; their errors have much in common, so they are not made less."""
+    value = sum(one["value"] for one in parts) / len(parts)
+    return value, sum(one.get("uncertainty", 0.0) for one in parts) / len(parts), parts[0].get("unit", "1")

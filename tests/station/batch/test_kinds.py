@@ -1,0 +1,80 @@
+"""Batches of edges, of fields and of a series are the same work as that of their commands."""
+
+from __future__ import annotations
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+from scipy.special import ndtr
+
+from procedures.outcome import Refused
+from procedures.raw import read_frame
+from station.batch import estimates
+from station.batch.item import Job, Row, finished, work
+from station.batch.procedure_file import FIELD, read_procedure
+from station.calibration.folder_photographs import by_folder, find_frames, singly
+
+
+def edge_picture(path, mtf50):
+    """An edge at 5.5 degrees blurred by a Gaussian of this MTF50."""
+    y, x = np.mgrid[:80, :60]
+    d = (x - 29.5 - np.tan(np.radians(5.5)) * (y - 39.5)) * np.cos(np.radians(5.5))
+    sigma = np.sqrt(np.log(2) / 2) / (np.pi * mtf50)
+    path.parent.mkdir(exist_ok=True)
+    cv2.imwrite(str(path), np.rint(65535 * (0.1 + 0.7 * ndtr(d / sigma))).astype(np.uint16))
+
+
+def rows_of(tmp_path, text, items_of=singly):
+    (tmp_path / "p.toml").write_text(text)
+    out = tmp_path / "out"
+    job = Job(read_procedure(tmp_path / "p.toml"), out, finished(out))
+    return [work(item, job) for item in items_of(find_frames([tmp_path / "in"], out))]
+
+
+EDGES = 'procedure = "edge"\nat = [0.1]\n[limits]\nmtf50 = { min = 0.22 }\n'
+
+
+def test_edges_are_measured_held_to_limits_and_not_done_again(tmp_path):
+    for name, mtf50 in (("a", 0.25), ("b", 0.2)):
+        edge_picture(tmp_path / "in" / f"{name}.png", mtf50)
+    sharp, soft = rows_of(tmp_path, EDGES)
+    assert [(one.verdict, one.specification) for one in (sharp, soft)] == [("pass", "meets"), ("pass", "does not meet")]
+    number = sharp.planes["Y"].numbers["mtf50"]
+    assert number["value"] == pytest.approx(0.25, rel=0.005)
+    assert "mtf_at_0.1" in sharp.planes["Y"].numbers
+    record = json.loads((tmp_path / "out" / sharp.folder / "result.json").read_text())
+    assert (record["schema"], record["procedure"]) == ("station/mtf/1", "edge")
+    assert "MTF50 across the edge ≥ 0.22 cycles/pixel is missed" in soft.against
+    assert all(one.reused for one in rows_of(tmp_path, EDGES))
+
+
+def test_photographs_of_each_folder_are_one_field(tmp_path, monkeypatch):
+    for name in ("one/a", "one/b", "two/c"):
+        (tmp_path / "in" / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "in" / f"{name}.png").write_bytes(name.encode())
+    seen = []
+
+    def field(procedure, paths):
+        seen.append([path.name for path in paths])
+        raise Refused("too few charts", "photograph more")
+
+    monkeypatch.setattr(estimates, "_field", field)
+    rows = rows_of(tmp_path, f'procedure = "{FIELD}"\n', by_folder)
+    assert seen == [["a.png", "b.png"], ["c.png"]]
+    assert [(one.verdict, one.reason, len(one.sha256)) for one in rows] == [
+        ("refused", "too few charts", 2),
+        ("refused", "too few charts", 1),
+    ]
+
+
+def test_what_the_camera_noted_stands_in_the_row(tmp_path, chart_photograph, monkeypatch):
+    path = chart_photograph(tmp_path / "in" / "a.dng")
+    exposure = read_frame(path).exposure
+    monkeypatch.setattr(estimates, "calibrate", lambda *args, **more: iter(()))
+    monkeypatch.setattr("station.batch.item._row_of", lambda item, *rest: Row(item.files, "pass"))
+    (row,) = rows_of(tmp_path, 'procedure = "series"\n')
+    assert row.noted["f_number"] == exposure.f_number
+    assert (row.noted["exposure_s"], row.noted["iso"]) == (exposure.exposure_s, exposure.iso)
+    assert row.noted["focus_distance_mm"] == exposure.subject_distance_mm
