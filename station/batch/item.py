@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
-from procedures.outcome import BadInput, BadParameter, ProcedureError, Verdict
+from procedures.outcome import BadInput, BadParameter, ProcedureError
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.raw import RawFrame, default_plane, read_frame, read_photograph
 from procedures.reading.exposure import check_typed
@@ -20,7 +20,7 @@ from station.batch.procedure_file import ALL, Procedure
 from station.calibration.folder_photographs import Item
 from station.calibration.planes import calibrate, calibrate_pair, diffraction_limit
 from station.common.sanitise import encodable, printable, safe_stem
-from station.results.limits import Judged, Judgement, judge
+from station.results.limits import ORDER, Judgement, all_against, judge, verdict_within
 from station.results.plane_result import PlaneResult
 from station.results.result_files import RECORD, ResultFolder, software, write_psf_result
 from station.results.result_seal import damage
@@ -28,10 +28,9 @@ from station.results.result_seal import damage
 RESULTS = "results"
 KEY_LETTERS = 16
 """Letters of an item's hash that its folder's name ends with."""
-PASS, DOUBTFUL, FAIL = (str(one) for one in Judged)
-REFUSED = str(Verdict.REFUSED)
+PASS, DOUBTFUL, FAIL, REFUSED = ORDER
 UNREADABLE, LOST, FAULT = "unreadable", "lost", "fault"
-VERDICTS = (PASS, DOUBTFUL, FAIL, REFUSED, UNREADABLE, LOST, FAULT)
+VERDICTS = (*ORDER, UNREADABLE, LOST, FAULT)
 """What can come of a photograph, the best first: inside the limits, not surely inside, outside; no PSF from it; no
 photograph at all; it ended the process that worked on it; it met an error of this program."""
 USABLE = (PASS, DOUBTFUL)
@@ -62,7 +61,16 @@ class Job:
 
 @dataclass(frozen=True)
 class PlaneRow:
-    """One plane in one line: its verdict with the limits, the numbers with value, uncertainty and unit."""
+    """A plane's cells in the batch's table, no result: what JSON keeps of it, so that a line read back is the same.
+
+    The result itself, with PSF and curves, is in the line's folder.
+
+    Attributes
+    ----------
+    verdict, reason : by the estimate and the limits
+    numbers : by name; value, and where there are such, uncertainty and unit
+    limits : the judgements
+    """
 
     verdict: str
     reason: str
@@ -191,16 +199,14 @@ def _row_of(
 
 def plane_row(record: PlaneResult, judged: Sequence[Judgement]) -> PlaneRow:
     """A plane's verdict by its estimate and its limits, the worse of both, with all that speaks against it."""
-    verdicts = [str(record.verdict), *(str(one.judged) for one in judged)]
-    against = [record.reason, *(one.words for one in judged if one.judged is not Judged.PASS)]
     numbers: dict[str, Mapping[str, Any]] = {
         name: {"value": value} for name, value in record.values.items() if isinstance(value, int | float)
     }
     for name, one in record.numbers.items():
         numbers[name] = {"value": one.value, "uncertainty": one.uncertainty, "unit": one.unit}
     return PlaneRow(
-        max(verdicts, key=VERDICTS.index),
-        "; ".join(words for words in against if words),
+        verdict_within(record, judged),
+        all_against(record, judged),
         record.remedy,
         numbers,
         [asdict(one) for one in judged],

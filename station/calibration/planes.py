@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf
 
 
-class Found(Protocol):
+class EstimatedPsf(Protocol):
     """What every estimate of a PSF holds."""
 
     @property
@@ -64,7 +64,7 @@ class Found(Protocol):
         """The kernel between two photographs."""
 
 
-F = TypeVar("F", bound=Found)
+F = TypeVar("F", bound=EstimatedPsf)
 Limit = Callable[[Plane], Diffraction | None]
 """The diffraction limit of a plane, None where it is not known."""
 

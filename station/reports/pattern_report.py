@@ -25,7 +25,7 @@ from station.common.sanitise import printable
 from station.reports import otf_figures, psf_figures
 from station.reports.page import NUMBERS, exposure_words, render
 from station.results.budget_table import BudgetTable, budget_table
-from station.results.limits import Judged, Judgement
+from station.results.limits import ORDER, Judgement, all_against, verdict_within
 from station.results.number_names import VALUES, titled
 from station.results.plane_result import PlaneResult
 from station.results.result_files import software
@@ -33,8 +33,6 @@ from station.results.result_files import software
 Array = npt.NDArray[np.float64]
 
 PAGE = "report.html"
-ORDER = ("pass", "doubtful", "fail", "refused")
-"""Verdicts of planes, the best first."""
 WORDS = {"pass": "pass", "doubtful": "doubtful", "fail": "outside the limits", "refused": "refused"}
 METHODS = {
     "pattern": "M. Delbracio, P. Musé, A. Almansa: Non-parametric Sub-pixel Local Point Spread Function Estimation. "
@@ -50,7 +48,7 @@ MORE_NUMBERS = titled(
 
 
 @dataclass(frozen=True)
-class Line:
+class ReportLine:
     """One line of what is told: a condition, a device."""
 
     name: str
@@ -58,7 +56,7 @@ class Line:
 
 
 @dataclass(frozen=True)
-class Shot:
+class ReportShot:
     """One photograph that the result comes from.
 
     Attributes
@@ -111,13 +109,12 @@ class PlaneSheet:
     @property
     def verdict(self) -> str:
         """The worst of the estimate's and the limits' verdicts."""
-        return max([str(self.record.verdict), *(str(one.judged) for one in self.judged)], key=ORDER.index)
+        return verdict_within(self.record, self.judged)
 
     @property
     def against(self) -> str:
         """All that speaks against the plane, in sentences."""
-        failed = [one.words for one in self.judged if one.judged is not Judged.PASS]
-        return "; ".join(words for words in (self.record.reason, *failed) if words)
+        return all_against(self.record, self.judged)
 
     @property
     def numbers(self) -> list[tuple[str, Quantity]]:
@@ -154,7 +151,7 @@ class Report:
         What was calibrated: camera and lens, or the photograph.
     procedure : str
         "pattern" or "two-photo".
-    conditions, devices : sequence of Line
+    conditions, devices : sequence of ReportLine
         Light, temperature, distance, operator, ...; the bench, one line for each device.
     made : str
         When, where that is known.
@@ -163,10 +160,10 @@ class Report:
     subject: str
     procedure: str
     planes: Sequence[PlaneSheet]
-    shots: Sequence[Shot]
+    shots: Sequence[ReportShot]
     parameters: Mapping[str, object]
-    conditions: Sequence[Line] = ()
-    devices: Sequence[Line] = ()
+    conditions: Sequence[ReportLine] = ()
+    devices: Sequence[ReportLine] = ()
     made: str = ""
     software: Mapping[str, Any] = field(default_factory=software)
 
@@ -274,10 +271,10 @@ def _rim(plane: Plane) -> Array:
     return np.concatenate([a + t * (b - a) for a, b in pairwise(corners)])
 
 
-def shot_of(frame: RawFrame, note: str = "") -> Shot:
+def shot_of(frame: RawFrame, note: str = "") -> ReportShot:
     """A photograph as its file tells of it."""
     exposure = frame.exposure
-    return Shot(
+    return ReportShot(
         printable(frame.path), frame.sha256, exposure_words(exposure), printable(exposure.captured_at or ""), note
     )
 
@@ -287,7 +284,7 @@ def camera_words(exposure: Exposure) -> str:
     return ", ".join(printable(one) for one in (exposure.camera, exposure.lens) if one)
 
 
-def _conditions(exposure: Exposure) -> list[Line]:
+def _conditions(exposure: Exposure) -> list[ReportLine]:
     """What the camera noted about the first photograph."""
     distance = exposure.subject_distance_mm
     noted = {
@@ -297,4 +294,4 @@ def _conditions(exposure: Exposure) -> list[Line]:
         "Distance noted by the camera": f"{distance:.0f} mm" if distance else "",
         "Taken": exposure.captured_at,
     }
-    return [Line(name, printable(words)) for name, words in noted.items() if words]
+    return [ReportLine(name, printable(words)) for name, words in noted.items() if words]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
@@ -18,7 +17,7 @@ from procedures.restoration.plan import shown
 from station.drawing.depth_pictures import coloured, encoded, levels, picture
 from station.results.plane_result import PlaneResult
 from station.results.restored import RESTORATION
-from station.results.result_files import RECORD, ResultFolder, plain, software, write_record
+from station.results.result_files import RECORD, ResultFolder, npy, plain, software, write_record
 
 Array = npt.NDArray[np.floating[Any]]
 
@@ -36,8 +35,8 @@ def write_restoration(
     folder.write("sharp.tiff", encoded(".tiff", picture(found.sharp).astype(np.float32)))
     folder.write("sharp.png", encoded(".png", levels(picture(found.sharp), 0, 1)))
     unit = found.unit
-    folder.write("w.npy", _npy(found.w * unit.per_pixel))
-    folder.write("w_std.npy", _npy(found.w_std * unit.per_pixel))
+    folder.write("w.npy", npy(found.w * unit.per_pixel, np.float32))
+    folder.write("w_std.npy", npy(found.w_std * unit.per_pixel, np.float32))
     folder.write("depth.png", encoded(".png", coloured(found.w)))
     folder.write("report.html", page)
     record = {
@@ -89,9 +88,3 @@ def write_plane(folder: ResultFolder, result: PlaneResult, frames: Sequence[RawF
     outcome = replace(outcome, value=timeless)  # the files are the same whenever they are computed
     photographs = [shown(frame).samples.astype(np.float64)[None] for frame in (frames[0], frames[len(frames) - 1])]
     return write_restoration(folder, outcome, about, restoration_page(outcome, photographs, about))
-
-
-def _npy(array: Array) -> bytes:
-    data = io.BytesIO()
-    np.save(data, np.asarray(array, dtype=np.float32), allow_pickle=False)
-    return data.getvalue()

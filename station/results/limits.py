@@ -18,7 +18,11 @@ NUMBERS = (*QUANTITIES, *VALUES)
 """What a limit can be set for; values without an uncertainty have no guard band."""
 
 
-class Judged(StrEnum):
+ORDER = ("pass", "doubtful", "fail", "refused")
+"""What can become of a plane by its estimate and its limits, the best first."""
+
+
+class Compliance(StrEnum):
     """How a number stands to its limit, or a photograph to all of them; the best first."""
 
     PASS = "pass"
@@ -53,12 +57,23 @@ class Judgement:
     """One number of one plane against its limit: the bounds and the value, None where there is none, and a sentence."""
 
     number: str
-    judged: Judged
+    judged: Compliance
     value: float | None
     uncertainty: float
     least: float | None
     most: float | None
     words: str
+
+
+def verdict_within(record: PlaneResult, judged: Sequence[Judgement]) -> str:
+    """The worst of the estimate's and the limits' verdicts, of ORDER."""
+    return max([str(record.verdict), *(str(one.judged) for one in judged)], key=ORDER.index)
+
+
+def all_against(record: PlaneResult, judged: Sequence[Judgement]) -> str:
+    """All that speaks against a plane, in sentences: the estimate's reason, and the limits that are not met."""
+    failed = [one.words for one in judged if one.judged is not Compliance.PASS]
+    return "; ".join(words for words in (record.reason, *failed) if words)
 
 
 def judge(record: PlaneResult, limits: Sequence[Limit]) -> tuple[Judgement, ...]:
@@ -85,25 +100,25 @@ def _number(record: PlaneResult, name: str) -> tuple[float | None, float]:
     return (float(plain), 0.0) if isinstance(plain, int | float) else (None, 0.0)
 
 
-def _judged(value: float | None, band: float, limit: Limit) -> Judged:
+def _judged(value: float | None, band: float, limit: Limit) -> Compliance:
     """NaN, of value or band, is inside nothing and outside nothing."""
     if value is None:
-        return Judged.DOUBTFUL
+        return Compliance.DOUBTFUL
     if value - band >= limit.least and value + band <= limit.most:
-        return Judged.PASS
+        return Compliance.PASS
     if value + band < limit.least or value - band > limit.most:
-        return Judged.FAIL
-    return Judged.DOUBTFUL
+        return Compliance.FAIL
+    return Compliance.DOUBTFUL
 
 
-def _words(limit: Limit, judged: Judged, value: float | None, uncertainty: float) -> str:
+def _words(limit: Limit, judged: Compliance, value: float | None, uncertainty: float) -> str:
     bounds = [f"{sign} {bound:g}" for sign, bound in (("≥", limit.least), ("≤", limit.most)) if math.isfinite(bound)]
     wanted = f"{limit.number} {' and '.join(bounds)}"
     if value is None:
         return f"the limit {wanted} cannot be judged: the PSF has no such number"
     got = f"{value:.4g} ± {uncertainty:.2g}" if uncertainty else f"{value:.4g}"
-    if judged is Judged.PASS:
+    if judged is Compliance.PASS:
         return f"{wanted} is met: {got}"
-    if judged is Judged.FAIL:
+    if judged is Compliance.FAIL:
         return f"the limit {wanted} is missed: {got}"
     return f"the limit {wanted} is not surely met: {got} is within {limit.coverage:g} uncertainties of it"

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from procedures.outcome import Verdict
 from procedures.psf import Psf
 from procedures.quality import Diffraction, assess
-from station.results.limits import QUANTITIES, Judged, Limit, judge
+from station.results.limits import QUANTITIES, Compliance, Limit, judge
 from station.results.plane_result import PlaneResult
 
 
@@ -51,7 +51,7 @@ def test_wider_guard_bands_never_make_a_verdict_of_doubt_sure(offset, coverage, 
     limit = mtf50.value + offset * mtf50.uncertainty
     narrow = one(Limit("mtf50_vertical", least=limit, coverage=coverage)).judged
     wide = one(Limit("mtf50_vertical", least=limit, coverage=coverage + more)).judged
-    assert wide in (narrow, Judged.DOUBTFUL)
+    assert wide in (narrow, Compliance.DOUBTFUL)
 
 
 def test_number_without_uncertainty_has_no_guard_band():
@@ -69,7 +69,7 @@ def test_uncertainty_that_is_not_known_passes_nothing(uncertainty):
     plane = record()
     number = replace(plane.quality.numbers["strehl"], uncertainty=uncertainty)
     plane = replace(plane, numbers={"strehl": number})
-    assert one(Limit("strehl", least=0.0), plane).judged == Judged.DOUBTFUL
+    assert one(Limit("strehl", least=0.0), plane).judged == Compliance.DOUBTFUL
 
 
 def test_limit_of_some_planes_holds_for_them_only():
