@@ -28,7 +28,7 @@ class Contacts(Protocol):
 
 
 @dataclass
-class Shot:
+class PendingShot:
     """One accepted shot: its number and when its contacts move."""
 
     seq: int
@@ -50,7 +50,7 @@ class StrigBox:
         self._boot_end_s = NEVER
         self._line = bytearray()
         self._out = bytearray()
-        self._shot: Shot | None = None
+        self._shot: PendingShot | None = None
         self._seq = 0
         self._heard_s = 0.0
         self._flash_at_s = NEVER
@@ -109,7 +109,7 @@ class StrigBox:
         if self._shot is not None:
             self._live(self._shot, now_s)
 
-    def _live(self, shot: Shot, now_s: float) -> None:
+    def _live(self, shot: PendingShot, now_s: float) -> None:
         if not shot.closed and shot.close_at_s <= now_s:
             shot.closed = True
             self.contacts.close(now_s)
@@ -168,9 +168,9 @@ class StrigBox:
             case "SHOT", [focus, pulse, *delay] if good and pulse > 0 and len(delay) < 2:
                 start_s = now_s + (delay[0] if delay else 0) / 1000
                 close_s = start_s + focus / 1000
-                self._shot = Shot(self._accept(), close_s, close_s + pulse / 1000)
+                self._shot = PendingShot(self._accept(), close_s, close_s + pulse / 1000)
             case "BULB", [pulse] if good and pulse > 0:
-                self._shot = Shot(self._accept(), now_s, now_s + pulse / 1000)
+                self._shot = PendingShot(self._accept(), now_s, now_s + pulse / 1000)
             case _:
                 self._say("ERR 2 bad argument")
 

@@ -25,12 +25,12 @@ class Problem:
 class Finished:
     """A job came to its end: with a value, or with a problem."""
 
-    job: Job
+    job: BackgroundJob
     value: Any = None
     problem: Problem | None = None
 
 
-class Job:
+class BackgroundJob:
     """Work in a thread of its own; `tell` hears once, in that thread, how it ended.
 
     The first `cancel` calls `ask`, which lets the work end what it is at; every further one calls `halt`, which ends
@@ -52,7 +52,7 @@ class Job:
         # a daemon: a terminal that is closed must not leave a process behind that waits for a wire
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
 
-    def start(self) -> Job:
+    def start(self) -> BackgroundJob:
         """Begin."""
         self._thread.start()
         return self

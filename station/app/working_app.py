@@ -20,7 +20,7 @@ from textual.driver import Driver
 from textual.events import Key
 from textual.message import Message
 
-from station.app.background import DeviceState, Finished, Job, Problem, Watcher, at_once, problem_of
+from station.app.background import BackgroundJob, DeviceState, Finished, Problem, Watcher, at_once, problem_of
 from station.app.commands import EndRun, GoOn, StepBack, StopEverything
 from station.app.messages import Devices, Ended, News, Terminated
 from station.app.screens.parts import AnswerBox, StationScreen
@@ -53,7 +53,7 @@ class WorkingApp(App[int]):
         self.glyphs = glyphs or glyphs_for(os.environ, sys.stdout.encoding or "")
         self.bench: Bench | None = None
         self.rows: Sequence[Row] = ()
-        self._jobs: dict[str, Job] = {}
+        self._jobs: dict[str, BackgroundJob] = {}
         self._states: Sequence[DeviceState] = ()
         self._bench_words = "opening the bench"
         self._watcher: Watcher | None = None
@@ -108,7 +108,7 @@ class WorkingApp(App[int]):
     # --- jobs ----------------------------------------------------------------------------------------------------
 
     def _start(self, name: str, work: Callable[[], Any], **ends: Callable[[], None]) -> None:
-        self._jobs[name] = Job(name, work, self.tell, **ends).start()
+        self._jobs[name] = BackgroundJob(name, work, self.tell, **ends).start()
 
     def tell(self, finished: Finished) -> None:
         """A job's last word; from its thread."""
@@ -118,7 +118,7 @@ class WorkingApp(App[int]):
         with suppress(RuntimeError):  # the loop is closed: nobody is there to hear
             self.post_message(message)
 
-    def running(self, name: str) -> Job | None:
+    def running(self, name: str) -> BackgroundJob | None:
         """The job of that name, while it runs."""
         job = self._jobs.get(name)
         return job if job is not None and job.running else None

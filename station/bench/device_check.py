@@ -15,7 +15,7 @@ from station.common.toml_text import toml_value
 LONGEST = 60
 
 
-class Checked:
+class TableCheck:
     """One station.toml: its devices' tables, the name it goes by, and the lines of its keys where it is a file."""
 
     def __init__(self, tables: Mapping[str, Any], file: str = "", lines: Mapping[Path, int] | None = None) -> None:

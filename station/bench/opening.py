@@ -41,7 +41,7 @@ from drivers.interfaces import (
 from drivers.wire.transcript import Transcript
 from procedures.outcome import BadInput
 from procedures.reading.text import parse_toml, read_text
-from station.bench.device_check import Checked
+from station.bench.device_check import TableCheck
 from station.bench.device_makers import MAKERS, Parts
 from station.bench.motions import Motions
 from station.bench.stopping import Asked, Stop, stop_all, stops_on_wires
@@ -185,7 +185,7 @@ def read_config(path: Path) -> dict[str, Any]:
     devices = config.get("devices")
     if not isinstance(devices, dict) or not devices:
         raise BadConfiguration(f"{path} configures no devices", "add tables like [devices.stage]")
-    Checked(devices, path.name, key_lines(text)).check()
+    TableCheck(devices, path.name, key_lines(text)).check()
     return devices
 
 
@@ -193,7 +193,7 @@ def make_bench(
     tables: Mapping[str, Mapping[str, Any]], *, folder: Path, clock: Clock | None = None, wire_log: Path | None = None
 ) -> Bench:
     """The configured devices, not yet connected; relative folders begin at `folder`. Raises BadConfiguration."""
-    Checked(tables).check()
+    TableCheck(tables).check()
     clock = clock or SystemClock()
     made: dict[str, Device] = {}
     transcripts: dict[str, Transcript] = {}

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf
 
 
-class Found(Protocol):
+class EstimatedPsf(Protocol):
     """What every estimate of a PSF holds."""
 
     @property
@@ -66,7 +66,7 @@ class Found(Protocol):
         """The kernel between two photographs."""
 
 
-F = TypeVar("F", bound=Found)
+F = TypeVar("F", bound=EstimatedPsf)
 Limit = Callable[[Plane], Diffraction | None]
 """The diffraction limit of a plane, None where it is not known."""
 
@@ -198,9 +198,9 @@ def plane_result(plane: Plane, outcome: Outcome[F], exposure: Exposure | None = 
     )
 
 
-def _place(plane: Plane, found: Found) -> str:
+def _place(plane: Plane, found: EstimatedPsf) -> str:
     """Where in the frame a chart was seen; "" of what is no chart."""
-    shots = [one for one in getattr(found, "shots", (found,)) if isinstance(one, PatternPsf)]
+    shots = [one for one in (found.shots if isinstance(found, CombinedPsf) else (found,)) if isinstance(one, PatternPsf)]
     if not shots:
         return ""
     x, y = np.mean([np.nanmean(one.marks, axis=0) for one in shots], axis=0).tolist()

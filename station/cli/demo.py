@@ -17,7 +17,7 @@ from station.common.log import log, log_json_option
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from station.demo.demonstration import Checked, Demonstration, Summary
+    from station.demo.demonstration import ComparedPlane, Demonstration, Summary
     from station.guide.frontend import Result
 
 COLOURS = {"pass": "green", "doubtful": "yellow", "refused": "red"}
@@ -139,7 +139,7 @@ def _table(found: Demonstration, width: int) -> Table:
     return table
 
 
-def _cells(plane: Checked, directions: Sequence[str]) -> list[str]:
+def _cells(plane: ComparedPlane, directions: Sequence[str]) -> list[str]:
     from station.common.uncertainty_text import stated
     from station.reports.page import percent
 

@@ -20,7 +20,7 @@ from simulators.bench.demonstration import PITCH_UM, SETUPS, Setup, photograph
 from simulators.camera.camera import Photograph
 from station.calibration.planes import calibrate, diffraction_limit
 from station.common.progress import Progress, silent
-from station.demo.demonstration import Checked, Demonstration, Shot, summary
+from station.demo.demonstration import ComparedPlane, Demonstration, DemoPhotograph, summary
 from station.demo.truth_comparison import compare
 from station.results.result_files import RECORD, ResultFolder, software, write_psf_result, write_record
 
@@ -77,7 +77,7 @@ def _shoot(
     parameters: PatternParameters,
     rng: np.random.Generator,
     progress: Progress,
-) -> Shot:
+) -> DemoPhotograph:
     """One photograph, from the light to the files of its planes."""
     start = time.perf_counter()
     path = Path("photographs", f"{setup.name}.dng")
@@ -94,7 +94,7 @@ def _shoot(
     }
     with ResultFolder(root / "results" / setup.name) as folder:
         write_psf_result(folder, [plane.result for plane in planes], about)
-    return Shot(setup, path, frame, planes)
+    return DemoPhotograph(setup, path, frame, planes)
 
 
 def _check(
@@ -104,17 +104,17 @@ def _check(
     parameters: PatternParameters,
     setup: Setup,
     progress: Progress,
-) -> Iterator[Checked]:
+) -> Iterator[ComparedPlane]:
     """Every plane estimated from the file, and compared with the PSF that made it."""
     limit = partial(diffraction_limit, frame.exposure, pixel_pitch_um=PITCH_UM)
     for one in calibrate(frame, chart.chart, parameters, limit):
         progress(f"{setup.title}: {one.name} {one.verdict}")
         if one.found is None:
-            yield Checked(one, None)
+            yield ComparedPlane(one, None)
         else:
             psf = one.found.psf
             true = truth.true_psf(one.name, psf.s, psf.k)
-            yield Checked(one, compare(one.found, true.h, true.floor, partial(truth.true_otf, one.name)))
+            yield ComparedPlane(one, compare(one.found, true.h, true.floor, partial(truth.true_otf, one.name)))
 
 
 def _record(found: Demonstration, duration_s: float) -> dict[str, Any]:
@@ -130,7 +130,7 @@ def _record(found: Demonstration, duration_s: float) -> dict[str, Any]:
     }
 
 
-def _shot_entry(shot: Shot) -> dict[str, Any]:
+def _shot_entry(shot: DemoPhotograph) -> dict[str, Any]:
     return {
         "name": shot.setup.name,
         "title": shot.setup.title,
@@ -140,7 +140,7 @@ def _shot_entry(shot: Shot) -> dict[str, Any]:
     }
 
 
-def _plane_entry(plane: Checked) -> dict[str, Any]:
+def _plane_entry(plane: ComparedPlane) -> dict[str, Any]:
     record, against = plane.result, plane.comparison
     entry: dict[str, Any] = {"verdict": str(record.verdict), "reason": record.reason, "remedy": record.remedy}
     if against is not None:

@@ -11,8 +11,8 @@ from station.reports.page import exposure_words, render
 from station.results.result_files import software
 
 if TYPE_CHECKING:
-    from station.demo.demonstration import Demonstration, Shot, Summary
-    from station.demo.truth_comparison import Comparison
+    from station.demo.demonstration import Demonstration, DemoPhotograph, Summary
+    from station.demo.truth_comparison import TruthComparison
 
 SHOWN_PLANE = "G1"
 """Of which plane photograph and residual are drawn."""
@@ -37,7 +37,7 @@ def demonstration_page(found: Demonstration, summary: Summary) -> str:
     )
 
 
-def _compared(found: Demonstration, numbers: Callable[[Comparison], Sequence[float]]) -> psf_figures.Rows:
+def _compared(found: Demonstration, numbers: Callable[[TruthComparison], Sequence[float]]) -> psf_figures.Rows:
     """Numbers of every plane that was compared, by photograph."""
     return [
         (shot.setup.title, {one.name: numbers(one.comparison) for one in shot.planes if one.comparison is not None})
@@ -56,7 +56,7 @@ def _places(found: Demonstration) -> list[Any]:
     return outlines
 
 
-def _pictures(shot: Shot, name: str) -> Mapping[str, Any]:
+def _pictures(shot: DemoPhotograph, name: str) -> Mapping[str, Any]:
     """The figures of one photograph: of its shown plane, and of every plane."""
     pictures: dict[str, Any] = {"planes": {}}
     for plane in shot.planes:

@@ -13,16 +13,16 @@ from procedures.pattern_print.source import Source
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.raw import RawFrame
 from simulators.bench.demonstration import Setup
-from station.demo.truth_comparison import Comparison
+from station.demo.truth_comparison import TruthComparison
 from station.results.plane_result import PlaneResult
 
 
 @dataclass(frozen=True, eq=False)
-class Checked:
-    """One plane: what was found, and how near the truth it is, None where it was refused."""
+class ComparedPlane:
+    """A plane's result beside how near the truth it is, which is None where it was refused."""
 
     result: PlaneResult
-    comparison: Comparison | None
+    comparison: TruthComparison | None
 
     @property
     def name(self) -> str:
@@ -31,7 +31,7 @@ class Checked:
 
 
 @dataclass(frozen=True, eq=False)
-class Shot:
+class DemoPhotograph:
     """One photograph as it was read back from its file, and its planes.
 
     Attributes
@@ -43,7 +43,7 @@ class Shot:
     setup: Setup
     path: Path
     frame: RawFrame
-    planes: tuple[Checked, ...]
+    planes: tuple[ComparedPlane, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,15 +53,15 @@ class Demonstration:
     seed: int
     chart: Source
     parameters: PatternParameters
-    shots: tuple[Shot, ...]
+    shots: tuple[DemoPhotograph, ...]
 
     @property
-    def planes(self) -> tuple[Checked, ...]:
+    def planes(self) -> tuple[ComparedPlane, ...]:
         """The planes of all photographs."""
         return tuple(plane for shot in self.shots for plane in shot.planes)
 
     @property
-    def refused(self) -> tuple[Checked, ...]:
+    def refused(self) -> tuple[ComparedPlane, ...]:
         """The planes without a PSF."""
         return tuple(plane for plane in self.planes if plane.comparison is None)
 

@@ -6,7 +6,6 @@ Exposure times make up for the apertures: both photographs are of the same mean.
 from __future__ import annotations
 
 import hashlib
-import io
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -32,7 +31,7 @@ from station.common.progress import Progress, silent
 from station.demo.ray_page import StripRow
 from station.demo.render_films import passes, render_film
 from station.drawing.linear_pictures import display_png
-from station.results.result_files import ResultFolder
+from station.results.result_files import ResultFolder, npy
 
 Array = npt.NDArray[np.float64]
 
@@ -143,7 +142,7 @@ def restored_depth(
     outcome = restore([first[None], second[None]], stacks, plan.parameters)
     sha256 = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in files}
     result = RestoredDepth(plan, (first, second), outcome, _seen(sharp, plan), true_w(plan), sha256)
-    folder.write(f"{NAME}-w.npy", _npy(result.found.w))
+    folder.write(f"{NAME}-w.npy", npy(result.found.w, np.float32))
     folder.write(f"{NAME}-restored.png", display_png(result.found.sharp[0] / _white(plan)))
     progress(f"{NAME}: restored")
     return result
@@ -262,9 +261,3 @@ def _error(one: RestoredDepth) -> Array:
 
 def _rms(error: npt.NDArray[np.floating[Any]]) -> float:
     return float(np.sqrt(np.mean(np.square(error, dtype=np.float64))))
-
-
-def _npy(array: npt.NDArray[np.floating[Any]]) -> bytes:
-    data = io.BytesIO()
-    np.save(data, np.asarray(array, np.float32), allow_pickle=False)
-    return data.getvalue()

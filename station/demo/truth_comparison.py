@@ -35,7 +35,7 @@ class Against:
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class TruthComparison:
     """An estimate beside the truth.
 
     Attributes
@@ -71,7 +71,7 @@ class Comparison:
         return math.hypot(*self.centre_px)
 
 
-def compare(found: PatternPsf, samples: Array, floor: float, otf: Otf) -> Comparison:
+def compare(found: PatternPsf, samples: Array, floor: float, otf: Otf) -> TruthComparison:
     """An estimate against the PSF that made its photograph.
 
     Parameters
@@ -88,7 +88,7 @@ def compare(found: PatternPsf, samples: Array, floor: float, otf: Otf) -> Compar
     aligned, shift = align(samples, found.psf.h)
     # the estimate's origin lies where the marks are seen, so a PSF that shows them further right is drawn further left
     centre = shift / s + mark_offset(samples, s, found.registration.jacobian())
-    return Comparison(
+    return TruthComparison(
         otf=otf,
         aligned=aligned,
         error=float(np.linalg.norm(found.psf.h - aligned) / np.linalg.norm(samples)),

@@ -42,7 +42,7 @@ def _write_psf(
 
 
 @dataclass(frozen=True)
-class Entry:
+class GuidedProcedure:
     """A guided procedure: what it is in a few words, its plan, and how its estimate becomes results and files.
 
     Attributes
@@ -117,17 +117,19 @@ def _write_restoration(
 
 
 PLANS = {
-    "pattern": Entry("the PSF from a printed noise chart", _pattern),
-    "two-photo": Entry("the PSF from two photographs of a textured wall", _two_photo),
-    "field": Entry("the PSF over the whole frame, from the chart at many places", _field, _field_results, _write_field),
-    "restoration": Entry(
+    "pattern": GuidedProcedure("the PSF from a printed noise chart", _pattern),
+    "two-photo": GuidedProcedure("the PSF from two photographs of a textured wall", _two_photo),
+    "field": GuidedProcedure(
+        "the PSF over the whole frame, from the chart at many places", _field, _field_results, _write_field
+    ),
+    "restoration": GuidedProcedure(
         "picture and depth from two blurred photographs", _restoration, _restoration_results, _write_restoration
     ),
 }
 DEFAULT = "pattern"
 
 
-def entry_named(name: str) -> Entry:
+def entry_named(name: str) -> GuidedProcedure:
     """The procedure of that name. Raises BadParameter."""
     if name not in PLANS:
         raise BadParameter(f"there is no plan {name!r}", f"choose one of {', '.join(PLANS)}")

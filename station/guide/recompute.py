@@ -22,7 +22,7 @@ from station.results.result_files import RECORD
 from station.results.result_seal import is_sealed
 from station.sessions.compute_environment import KERNELS, machine
 from station.sessions.reader import read_session, verify
-from station.sessions.state import Derived, State, replay
+from station.sessions.state import DerivedResult, State, replay
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Moved:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class RecomputedResult:
     """One result against what was computed again.
 
     Attributes
@@ -72,7 +72,7 @@ class Comparison:
         return not (self.different or self.missing or self.added)
 
 
-def recompute(folder: Path, numbers: tuple[int, ...] = ()) -> Iterator[Comparison]:
+def recompute(folder: Path, numbers: tuple[int, ...] = ()) -> Iterator[RecomputedResult]:
     """Every result of a session computed again, or those of these numbers.
 
     Each is computed from what the journal held when it was drawn, into a folder that is removed again. It is compared
@@ -112,7 +112,7 @@ def kernels_of(computer: Mapping[str, Any]) -> str:
     return families.pop() if len(families) == 1 else ""
 
 
-def _as_then(folder: Path, number: int, kernels: str) -> Comparison | None:
+def _as_then(folder: Path, number: int, kernels: str) -> RecomputedResult | None:
     """The comparison by a process whose OpenBLAS computes as that family would; None where it is not the same."""
     words = [sys.executable, "-m", "station", "session", "recompute", str(folder.absolute())]
     environment = {**os.environ, KERNELS: kernels}
@@ -123,14 +123,14 @@ def _as_then(folder: Path, number: int, kernels: str) -> Comparison | None:
         return None
     (told,) = json.loads(done.stdout)["results"]
     del told["identical"]
-    return Comparison(**{**{name: _tuples(value) for name, value in told.items()}, "kernels": kernels})
+    return RecomputedResult(**{**{name: _tuples(value) for name, value in told.items()}, "kernels": kernels})
 
 
 def _tuples(value: Any) -> Any:
     return tuple(_tuples(part) for part in value) if isinstance(value, list) else value
 
 
-def _again(folder: Path, result: Derived, state: State) -> Comparison:
+def _again(folder: Path, result: DerivedResult, state: State) -> RecomputedResult:
     with temporary_folder() as raw:
         fresh = Path(raw, "result")
         compute(folder, state, plan_named(state.plan), fresh, sealed=is_sealed(folder / result.folder))
@@ -140,7 +140,7 @@ def _again(folder: Path, result: Derived, state: State) -> Comparison:
     told = result.about.get("machine", {})
     on_disk = {name: _hash(folder / result.folder / name) for name in result.files}
     same = [name for name, digest in found.items() if result.files.get(name) == digest == on_disk.get(name)]
-    return Comparison(
+    return RecomputedResult(
         result.folder,
         tuple(sorted(same)),
         tuple(sorted(name for name in found if name in result.files and name not in same)),

@@ -16,7 +16,7 @@ from station.common.sanitise import printable
 from station.guide.catalogue import plan_named
 from station.guide.session_result import SessionResult, compute
 from station.reports.page import exposure_words
-from station.reports.pattern_report import Line, PlaneSheet, Report, Shot, calibration_page
+from station.reports.pattern_report import PlaneSheet, Report, ReportLine, ReportShot, calibration_page
 from station.sessions.reader import SessionRecord, read_session, verify, verify_results
 from station.sessions.session_terms import terms_of_session
 from station.sessions.state import State, replay
@@ -91,24 +91,24 @@ def _report(record: SessionRecord, state: State, found: SessionResult) -> Report
         shots=list(_shots(record.state, {frame.sha256: frame.exposure for frame in found.frames})),
         parameters={name: printable(value) for name, value in state.facts.items()},
         conditions=list(_conditions(state)),
-        devices=[Line(name, words) for name, words in _devices(record)],
+        devices=[ReportLine(name, words) for name, words in _devices(record)],
         specification=terms_of_session(record.folder).specification,
         made=last.at[:16].replace("T", " ") + " UTC",
         software=last.about["machine"]["software"],
     )
 
 
-def _shots(state: State, noted: Mapping[str, Exposure]) -> Iterator[Shot]:
+def _shots(state: State, noted: Mapping[str, Exposure]) -> Iterator[ReportShot]:
     """The photographs that the result comes from, then those that do not count, with the reason."""
     for shot in sorted(state.shots, key=lambda shot: not shot.counts):
         exposure = noted.get(shot.sha256) if shot.counts else None
         words = exposure_words(exposure) if exposure else ""
         taken = printable(exposure.captured_at or "") if exposure else ""
         note = "" if shot.counts else printable(f"{shot.purpose}: does not count, {shot.reason or 'it was not judged'}")
-        yield Shot(shot.path, shot.sha256, words, taken, note)
+        yield ReportShot(shot.path, shot.sha256, words, taken, note)
 
 
-def _conditions(state: State) -> Iterator[Line]:
+def _conditions(state: State) -> Iterator[ReportLine]:
     """What the devices said when the counting shots were taken, from the least to the greatest."""
     told: dict[str, list[float]] = {}
     for shot in state.counting():
@@ -118,7 +118,7 @@ def _conditions(state: State) -> Iterator[Line]:
     for name, values in sorted(told.items()):
         low, high = f"{min(values):.5g}", f"{max(values):.5g}"
         words, unit = _unit_of(printable(name))
-        yield Line(words, f"{low if low == high else f'{low} to {high}'} {unit}".rstrip())
+        yield ReportLine(words, f"{low if low == high else f'{low} to {high}'} {unit}".rstrip())
 
 
 def _unit_of(name: str) -> tuple[str, str]:

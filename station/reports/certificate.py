@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from station.common.uncertainty_text import stated
 from station.reports.page import render
-from station.reports.pattern_report import METHODS, Line, PlaneSheet, Report
+from station.reports.pattern_report import METHODS, PlaneSheet, Report, ReportLine
 from station.results.number_names import words_of
 from station.results.verdict_words import MEASUREMENT, SPECIFICATION
 
@@ -50,8 +50,8 @@ class Certificate:
     verdicts: tuple[str, ...]
     rows: tuple[NumberRow, ...]
     pixel: str
-    conditions: tuple[Line, ...]
-    shots: tuple[Line, ...]
+    conditions: tuple[ReportLine, ...]
+    shots: tuple[ReportLine, ...]
     method: str
     settings: str
 
@@ -109,11 +109,11 @@ def _rows(planes: Sequence[PlaneSheet]) -> list[NumberRow]:
     return rows
 
 
-def _shots(report: Report) -> list[Line]:
+def _shots(report: Report) -> list[ReportLine]:
     """Photographs with their hashes; what has no room is counted."""
     rest = len(report.shots) - MOST_SHOTS
-    lines = [Line(one.file.rpartition("/")[2], one.sha256) for one in report.shots[:MOST_SHOTS]]
-    return [*lines, Line(f"and {rest} more", "in result.json")] if rest > 0 else lines
+    lines = [ReportLine(one.file.rpartition("/")[2], one.sha256) for one in report.shots[:MOST_SHOTS]]
+    return [*lines, ReportLine(f"and {rest} more", "in result.json")] if rest > 0 else lines
 
 
 def certificate_page(report: Report) -> str:

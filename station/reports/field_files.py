@@ -46,26 +46,10 @@ def write_field_result(
     return write_field(folder, found, planes, about, start, report=report)
 
 
-<<<<<<< HEAD
 def write_planes(folder: ResultFolder, planes: Sequence[PlaneResult], about: Mapping[str, Any]) -> str:
     """The same files of planes that have found a field, all the same one; the record of its refusal where none has."""
     found = next((one.found for one in planes if one.found is not None), None)
-    return write_psf_result(folder, planes, about) if found is None else _write(folder, found, planes, about)
-=======
-def write_result(
-    folder: ResultFolder,
-    outcomes: Mapping[str, Outcome[Any]],
-    frames: Sequence[RawFrame],
-    about: Mapping[str, Any],
-    results: Sequence[PlaneResult],
-) -> str:
-    """The result of a guided field: the same files, or the record of its refusal."""
-    found = next((one.value.field for one in outcomes.values() if one.value is not None), None)
-    if found is None:
-        refused = [PlaneResult(name, one.verdict, one.reason, one.remedy) for name, one in outcomes.items()]
-        return write_psf_result(folder, refused, about)
-    return write_field(folder, found, results, about)
->>>>>>> operator
+    return write_psf_result(folder, planes, about) if found is None else write_field(folder, found, planes, about)
 
 
 def write_field(
@@ -97,11 +81,7 @@ def write_field(
         fields = {name: one.interpolation for name, one in fitted.items()}
         maps = {name: _maps(found, name, one) for name, one in fitted.items()}
         camera = exposure_of(measured.exposures)
-<<<<<<< HEAD
-        write_field(folder.staging / FILE, fields, maps, found.colours, _provenance(about), camera)
-=======
-        field_file.write_field(folder.staging / FILE, fitted, maps, found.colours, _provenance(about), camera)
->>>>>>> operator
+        field_file.write_field(folder.staging / FILE, fields, maps, found.colours, _provenance(about), camera)
     if start is not None:
         about["duration_s"] = round(time.perf_counter() - start, 3)
     if report:

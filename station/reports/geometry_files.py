@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
@@ -16,8 +14,8 @@ from procedures.geometry.cameras import distortion
 from procedures.geometry.estimate import Geometry, PosedView
 from procedures.outcome import Outcome, Quantity
 from station.calibration.geometry import Shoot, ViewRecord
-from station.results.exports import numbers_table
-from station.results.result_files import ResultFolder, software, write_record
+from station.results.exports import csv_bytes, numbers_table
+from station.results.result_files import ResultFolder, npy, software, write_record
 
 Array = npt.NDArray[np.float64]
 
@@ -105,12 +103,12 @@ def _view_entry(one: PosedView) -> dict[str, Any]:
 
 
 def _write_tables(folder: ResultFolder, shoot: Shoot, found: Geometry) -> None:
-    folder.write("geometry_covariance.npy", _npy(found.covariance))
+    folder.write("geometry_covariance.npy", npy(found.covariance))
     joint = found.adjustment.covariance * found.residual_scale**2
-    folder.write("geometry_joint_covariance.npy", _npy(joint))
-    folder.write("geometry_chart.npy", _npy(found.shape.deviations_mm))
-    folder.write("geometry_residuals.csv", _csv(_residual_rows(found)))
-    folder.write("geometry_projection.csv", _csv(_projection_rows(found)))
+    folder.write("geometry_joint_covariance.npy", npy(joint))
+    folder.write("geometry_chart.npy", npy(found.shape.deviations_mm))
+    folder.write("geometry_residuals.csv", csv_bytes(_residual_rows(found)))
+    folder.write("geometry_projection.csv", csv_bytes(_projection_rows(found)))
     folder.write("numbers.csv", numbers_table(_numbers(shoot.plane, found)))
 
 
@@ -143,15 +141,3 @@ def _projection_rows(found: Geometry) -> Iterator[tuple[object, ...]]:
     columns = [x, y, *moved.T, *(one.value.ravel() for one in found.maps)]
     for row in zip(*columns, strict=True):
         yield tuple(f"{value:.6g}" for value in row)
-
-
-def _csv(rows: Iterator[tuple[object, ...]]) -> bytes:
-    text = io.StringIO(newline="")
-    csv.writer(text, lineterminator="\n").writerows(rows)
-    return text.getvalue().encode()
-
-
-def _npy(array: Array) -> bytes:
-    data = io.BytesIO()
-    np.save(data, np.asarray(array, dtype=np.float64), allow_pickle=False)
-    return data.getvalue()

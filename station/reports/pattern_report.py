@@ -41,9 +41,9 @@ ORDER = ("pass", "doubtful", "refused")
 """Verdicts of measurements, the best first."""
 METHODS = {
     "pattern": "M. Delbracio, P. Musé, A. Almansa: Non-parametric Sub-pixel Local Point Spread Function Estimation. "
-    "Image Processing On Line 2, 2012. doi:10.5201/ipol.2012.admm-nppsf",
+    "Image Processing On ReportLine 2, 2012. doi:10.5201/ipol.2012.admm-nppsf",
     "two-photo": "M. Delbracio, A. Almansa, P. Musé: Recovering the Subpixel PSF from Two Photographs at Different "
-    "Distances. Image Processing On Line 3, 2013. doi:10.5201/ipol.2013.77",
+    "Distances. Image Processing On ReportLine 3, 2013. doi:10.5201/ipol.2013.77",
 }
 """The publication that each procedure is built on."""
 MORE_NUMBERS = titled(
@@ -57,7 +57,7 @@ MORE_NUMBERS = titled(
 
 
 @dataclass(frozen=True)
-class Line:
+class ReportLine:
     """One line of what is told: a condition, a device."""
 
     name: str
@@ -65,7 +65,7 @@ class Line:
 
 
 @dataclass(frozen=True)
-class Shot:
+class ReportShot:
     """One photograph that the result comes from.
 
     Attributes
@@ -163,7 +163,7 @@ class Report:
         What was calibrated: camera and lens, or the photograph.
     procedure : str
         "pattern" or "two-photo".
-    conditions, devices : sequence of Line
+    conditions, devices : sequence of ReportLine
         Light, temperature, distance, operator, ...; the bench, one line for each device.
     made : str
         When, where that is known.
@@ -172,10 +172,10 @@ class Report:
     subject: str
     procedure: str
     planes: Sequence[PlaneSheet]
-    shots: Sequence[Shot]
+    shots: Sequence[ReportShot]
     parameters: Mapping[str, object]
-    conditions: Sequence[Line] = ()
-    devices: Sequence[Line] = ()
+    conditions: Sequence[ReportLine] = ()
+    devices: Sequence[ReportLine] = ()
     made: str = ""
     specification: Specification = field(default_factory=Specification)
     software: Mapping[str, Any] = field(default_factory=software)
@@ -304,10 +304,10 @@ def _rim(plane: Plane) -> Array:
     return np.concatenate([a + t * (b - a) for a, b in pairwise(corners)])
 
 
-def shot_of(frame: RawFrame, note: str = "") -> Shot:
+def shot_of(frame: RawFrame, note: str = "") -> ReportShot:
     """A photograph as its file tells of it."""
     exposure = frame.exposure
-    return Shot(
+    return ReportShot(
         printable(frame.path), frame.sha256, exposure_words(exposure), printable(exposure.captured_at or ""), note
     )
 
@@ -317,7 +317,7 @@ def camera_words(exposure: Exposure) -> str:
     return ", ".join(printable(one) for one in (exposure.camera, exposure.lens) if one)
 
 
-def _conditions(exposure: Exposure) -> list[Line]:
+def _conditions(exposure: Exposure) -> list[ReportLine]:
     """What the camera noted about the first photograph."""
     distance = exposure.subject_distance_mm
     noted = {
@@ -327,4 +327,4 @@ def _conditions(exposure: Exposure) -> list[Line]:
         "Distance noted by the camera": f"{distance:.0f} mm" if distance else "",
         "Taken": exposure.captured_at,
     }
-    return [Line(name, printable(words)) for name, words in noted.items() if words]
+    return [ReportLine(name, printable(words)) for name, words in noted.items() if words]

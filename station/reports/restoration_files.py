@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
@@ -18,7 +17,7 @@ from station.drawing.depth_pictures import coloured, encoded, levels, picture
 from station.drawing.linear_pictures import described_tiff
 from station.results.plane_result import PlaneResult
 from station.results.restored import RESTORATION
-from station.results.result_files import ResultFolder, software, write_record
+from station.results.result_files import ResultFolder, npy, software, write_record
 
 SHARP_WORDS = "restored picture, linear, 1 = white, first row uppermost; calibration-station"
 """The picture's description."""
@@ -38,8 +37,8 @@ def write_restoration(
     folder.write("sharp.tiff", described_tiff(encoded(".tiff", picture(found.sharp).astype(np.float32)), SHARP_WORDS))
     folder.write("sharp.png", encoded(".png", levels(picture(found.sharp), 0, 1)))
     unit = found.unit
-    folder.write("w.npy", _npy(found.w * unit.per_pixel))
-    folder.write("w_std.npy", _npy(found.w_std * unit.per_pixel))
+    folder.write("w.npy", npy(found.w * unit.per_pixel, np.float32))
+    folder.write("w_std.npy", npy(found.w_std * unit.per_pixel, np.float32))
     folder.write("depth.png", encoded(".png", coloured(found.w)))
     folder.write("report.html", page)
     record = {
@@ -88,9 +87,3 @@ def write_plane(folder: ResultFolder, result: PlaneResult, frames: Sequence[RawF
     outcome = replace(outcome, value=timeless)  # the files are the same whenever they are computed
     photographs = [shown(frame).samples.astype(np.float64)[None] for frame in (frames[0], frames[len(frames) - 1])]
     return write_restoration(folder, outcome, about, restoration_page(outcome, photographs, about))
-
-
-def _npy(array: Array) -> bytes:
-    data = io.BytesIO()
-    np.save(data, np.asarray(array, dtype=np.float32), allow_pickle=False)
-    return data.getvalue()

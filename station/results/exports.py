@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -163,8 +163,8 @@ def profile_table(psf: Psf, pitch: int) -> bytes:
     return csv_bytes([list(columns), *([f"{value:.9g}" for value in row] for row in rows)])
 
 
-def csv_bytes(rows: Sequence[Sequence[str]]) -> bytes:
-    """Rows of texts as CSV."""
+def csv_bytes(rows: Iterable[Sequence[object]]) -> bytes:
+    """Rows as CSV."""
     text = io.StringIO(newline="")
     csv.writer(text, lineterminator="\n").writerows(rows)
     return text.getvalue().encode()

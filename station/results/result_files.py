@@ -374,10 +374,10 @@ def _physics_entry(outcome: Outcome[Physics]) -> dict[str, Any]:
     return entry
 
 
-def npy(array: Array) -> bytes:
-    """An array as the bytes of a file of NumPy, float64."""
+def npy(array: npt.NDArray[np.floating[Any]], dtype: npt.DTypeLike = np.float64) -> bytes:
+    """An array as the bytes of a file of NumPy."""
     data = io.BytesIO()
-    np.save(data, np.asarray(array, dtype=np.float64), allow_pickle=False)
+    np.save(data, np.asarray(array, dtype=dtype), allow_pickle=False)
     return data.getvalue()
 
 

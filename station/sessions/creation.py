@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from station.common.durable_files import Disk, NotKept, kept
-from station.sessions.journal import Contents, Journal, Line
+from station.sessions.journal import Contents, Journal, JournalLine
 from station.sessions.layout import CONFIG, FOLDERS, JOURNAL, read_config
 
 
-def furnish(folder: Path, config: bytes, first: Line, disk: Disk) -> None:
+def furnish(folder: Path, config: bytes, first: JournalLine, disk: Disk) -> None:
     """Everything that a session needs, on the disk."""
     for name in FOLDERS:
         with kept(folder / name):

@@ -49,7 +49,7 @@ PRAGMA user_version = {VERSION};
 
 
 @dataclass(frozen=True)
-class Entry:
+class IndexEntry:
     """A session as lists show it.
 
     Attributes
@@ -133,7 +133,7 @@ class Index:
 
     # --- asking
 
-    def sessions(self, wanted: Filter | None = None) -> list[Entry]:
+    def sessions(self, wanted: Filter | None = None) -> list[IndexEntry]:
         """The sessions, newest first."""
         clause, values = _where(wanted or Filter())
         rows = self._database.execute(
@@ -142,7 +142,7 @@ class Index:
             f" {clause} ORDER BY began DESC, folder DESC",
             values,
         )
-        return [Entry(self.root / row[0], row[1] or "", row[2] or "", *row[3:]) for row in rows]
+        return [IndexEntry(self.root / row[0], row[1] or "", row[2] or "", *row[3:]) for row in rows]
 
     def measured(self, wanted: Filter | None = None, quantities: Sequence[str] = ()) -> list[Measured]:
         """The numbers of the sessions' last results, oldest first; all quantities where none is named."""

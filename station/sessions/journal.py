@@ -37,7 +37,7 @@ class Damaged(ProcedureError):
 
 
 @dataclass(frozen=True)
-class Line:
+class JournalLine:
     """One entry: its number from 1, when (UTC, and by the bench's clock), what happened, about what; its sum."""
 
     seq: int
@@ -52,7 +52,7 @@ class Line:
 class Contents:
     """What a journal holds: its lines, the last sum, the length of the whole lines, and what was torn after them."""
 
-    lines: tuple[Line, ...]
+    lines: tuple[JournalLine, ...]
     last_sum: str
     length: int
     torn: bytes = b""
@@ -71,7 +71,7 @@ def read_journal(path: Path, first_sum: str) -> Contents:
 
 def parse(data: bytes, first_sum: str, name: str) -> Contents:
     """The lines of a journal's bytes. Raises Damaged."""
-    lines: list[Line] = []
+    lines: list[JournalLine] = []
     last, start = first_sum, 0
     while start < len(data):
         end = data.find(b"\n", start) + 1
@@ -97,7 +97,7 @@ def _altered(name: str, number: int, what: str) -> Damaged:
     )
 
 
-def _read(text: bytes) -> Line | None:
+def _read(text: bytes) -> JournalLine | None:
     """The line, None where it is no whole one."""
     try:
         entry = json.loads(text)
@@ -108,7 +108,7 @@ def _read(text: bytes) -> Line | None:
     known = isinstance(seq, int) and isinstance(at, str) and isinstance(clock_s, int | float)
     if not (known and isinstance(event, str)):
         return None
-    return Line(seq, at, float(clock_s), event, data, total)
+    return JournalLine(seq, at, float(clock_s), event, data, total)
 
 
 def _sum(before: str, body: bytes) -> str:
@@ -133,11 +133,11 @@ class Journal:
             raise
 
     @property
-    def lines(self) -> Sequence[Line]:
+    def lines(self) -> Sequence[JournalLine]:
         """All lines so far."""
         return self._lines
 
-    def append(self, event: str, at: str, clock_s: float, data: Mapping[str, Any]) -> Line:
+    def append(self, event: str, at: str, clock_s: float, data: Mapping[str, Any]) -> JournalLine:
         """Add a line; what a failed attempt left is cut away first. Raises NotKept: then the line is not there."""
         begin = {"seq": len(self._lines) + 1, "at": at, "clock_s": clock_s, "event": event}
         body = json.dumps({**begin, **_jsonable(data)}, separators=(",", ":"), allow_nan=False).encode()[:-1]

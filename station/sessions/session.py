@@ -37,7 +37,7 @@ from station.common.leftovers import make, release, sweep
 from station.common.toml_text import toml_text
 from station.sessions.compute_environment import machine
 from station.sessions.creation import furnish, settle
-from station.sessions.journal import Journal, Line
+from station.sessions.journal import Journal, JournalLine
 from station.sessions.layout import (
     DERIVED,
     JOURNAL,
@@ -53,9 +53,9 @@ from station.sessions.layout import (
 )
 from station.sessions.reader import SessionRecord, read_session, sums, verify
 from station.sessions.recovery import finish_adopting, recover
-from station.sessions.state import Derived, Shot, State, after
+from station.sessions.state import DerivedResult, Shot, State, after
 
-__all__ = ["Derived", "Session", "Shot", "State"]
+__all__ = ["DerivedResult", "Session", "Shot", "State"]
 
 Today = Callable[[], datetime]
 
@@ -119,7 +119,7 @@ class Session:
         disk = disk or Disk()
         began = today()
         head = {"schema": SCHEMA, "plan": plan, "camera": camera, "lens": lens, "began": began.isoformat()}
-        first = Line(1, began.isoformat(), clock.now_s(), "created", {**head, "seed": seed})
+        first = JournalLine(1, began.isoformat(), clock.now_s(), "created", {**head, "seed": seed})
         names = (safe_name(camera, "camera"), safe_name(lens, "lens"), safe_name(plan, "plan"))
         with kept(root):
             root.mkdir(parents=True, exist_ok=True)
@@ -313,7 +313,7 @@ class Session:
         names = [Path(one.folder).name for one in self.state.results] + [path.name for path in self.leftovers]
         return own(self.folder / DERIVED / str(max(map(int, names), default=0) + 1))
 
-    def keep_result(self, *, step: str, shots: Sequence[int], verdict: str, **about: Any) -> Derived:
+    def keep_result(self, *, step: str, shots: Sequence[int], verdict: str, **about: Any) -> DerivedResult:
         """Confirm the files in `result_folder()` as the result of a step, drawn from these shots.
 
         Where the last result still stands and has the same files, it is kept and the new one removed: a step that

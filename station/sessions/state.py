@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from procedures.plan import Fact
-from station.sessions.journal import Damaged, Line
+from station.sessions.journal import Damaged, JournalLine
 
 ORIGINAL = re.compile(r"originals/[A-Za-z0-9][A-Za-z0-9._-]*")
 DERIVED = re.compile(r"derived/[1-9][0-9]{0,5}")
@@ -46,7 +46,7 @@ class Shot:
 
 
 @dataclass(frozen=True)
-class Derived:
+class DerivedResult:
     """One result: its folder from the session's, the SHA-256 of its files, from which shots and step it comes.
 
     `about` is what the journal says besides: verdicts, how long it took, the machine.
@@ -97,8 +97,8 @@ class State:
     step: str = ""
     facts: Mapping[str, Fact] = field(default_factory=dict)
     shots: tuple[Shot, ...] = ()
-    results: tuple[Derived, ...] = ()
-    standing: Derived | None = None
+    results: tuple[DerivedResult, ...] = ()
+    standing: DerivedResult | None = None
     adopting: Shot | None = None
     awaited: Awaited | None = None
     notices: tuple[str, ...] = ()
@@ -127,7 +127,7 @@ class State:
         return max((shot.number for shot in self.shots), default=0) + 1
 
 
-def replay(lines: Iterable[Line]) -> State:
+def replay(lines: Iterable[JournalLine]) -> State:
     """The state after all lines. Raises Damaged where one says what cannot be."""
     state: State | None = None
     for line in lines:
@@ -143,14 +143,14 @@ def replay(lines: Iterable[Line]) -> State:
     return state
 
 
-def _created(line: Line) -> State:
+def _created(line: JournalLine) -> State:
     if line.event != "created":
         raise ValueError("a journal begins with `created`")
     plan, camera, lens, began = (str(line.data[name]) for name in ("plan", "camera", "lens", "began"))
     return State(plan, camera, lens, began, int(line.data["seed"]))
 
 
-def after(state: State, line: Line) -> State:
+def after(state: State, line: JournalLine) -> State:
     """The state after one more line; events that are none of a state's business leave it as it is."""
     change = CHANGES.get(line.event)
     if change is None:
@@ -160,33 +160,33 @@ def after(state: State, line: Line) -> State:
     return changed if untouched else replace(changed, standing=None)
 
 
-def _told(state: State, line: Line) -> State:
+def _told(state: State, line: JournalLine) -> State:
     return replace(state, notices=())
 
 
-def _noticed(state: State, line: Line) -> State:
+def _noticed(state: State, line: JournalLine) -> State:
     return replace(state, notices=(*state.notices, str(line.data["say"])))
 
 
-def _learned(state: State, line: Line) -> State:
+def _learned(state: State, line: JournalLine) -> State:
     return replace(state, facts={**state.facts, **line.data["facts"]})
 
 
-def _forgot(state: State, line: Line) -> State:
+def _forgot(state: State, line: JournalLine) -> State:
     gone = set(line.data["names"])
     return replace(state, facts={name: fact for name, fact in state.facts.items() if name not in gone})
 
 
-def _step_began(state: State, line: Line) -> State:
+def _step_began(state: State, line: JournalLine) -> State:
     return replace(state, step=str(line.data["step"]), ended=None)
 
 
-def _step_ended(state: State, line: Line) -> State:
+def _step_ended(state: State, line: JournalLine) -> State:
     name = str(line.data["step"])
     return replace(state, step="", done=(*(step for step in state.done if step != name), name))
 
 
-def _reopened(state: State, line: Line) -> State:
+def _reopened(state: State, line: JournalLine) -> State:
     """The steps from this one on are to be done again: their shots stay, and count no more."""
     name = str(line.data["step"])
     steps = (*state.done, *([state.step] if state.step else []))
@@ -199,58 +199,58 @@ def _reopened(state: State, line: Line) -> State:
     return replace(state, done=done, step="", shots=shots, ended=None)
 
 
-def _exposing(state: State, line: Line) -> State:
+def _exposing(state: State, line: JournalLine) -> State:
     return replace(state, awaited=Awaited(str(line.data["step"]), str(line.data["purpose"])))
 
 
-def _gave_up(state: State, line: Line) -> State:
+def _gave_up(state: State, line: JournalLine) -> State:
     return replace(state, awaited=None, adopting=None)
 
 
-def _adopting(state: State, line: Line) -> State:
+def _adopting(state: State, line: JournalLine) -> State:
     return replace(state, adopting=_shot(line.data))
 
 
-def _adopted(state: State, line: Line) -> State:
+def _adopted(state: State, line: JournalLine) -> State:
     shot = state.adopting
     if shot is None or shot.number != line.data["shot"]:
         raise ValueError("no shot was being adopted")
     return replace(state, adopting=None, awaited=None, shots=(*state.shots, shot))
 
 
-def _judged(state: State, line: Line) -> State:
+def _judged(state: State, line: JournalLine) -> State:
     return _with_shot(state, line, counts=bool(line.data["counts"]), reason=str(line.data["reason"]))
 
 
-def _lost(state: State, line: Line) -> State:
+def _lost(state: State, line: JournalLine) -> State:
     return _with_shot(state, line, counts=False, reason=LOST, lost=True)
 
 
-def _with_shot(state: State, line: Line, **change: Any) -> State:
+def _with_shot(state: State, line: JournalLine, **change: Any) -> State:
     old = state.shot(line.data["shot"])
     return replace(state, shots=tuple(replace(shot, **change) if shot is old else shot for shot in state.shots))
 
 
-def _derived(state: State, line: Line) -> State:
+def _derived(state: State, line: JournalLine) -> State:
     data = dict(line.data)
     folder = str(data.pop("folder"))
     if not DERIVED.fullmatch(folder):
         raise ValueError(f"results lie in derived/, not in {folder}")
     told = {name: str(data.pop(name)) for name in ("step", "verdict")}
     files, shots = dict(data.pop("files")), tuple(int(number) for number in data.pop("shots"))
-    result = Derived(folder, files, shots, **told, at=line.at, about=data)
+    result = DerivedResult(folder, files, shots, **told, at=line.at, about=data)
     return replace(state, results=(*state.results, result), standing=result)
 
 
-def _found(state: State, line: Line) -> State:
+def _found(state: State, line: JournalLine) -> State:
     return replace(state, strangers={**state.strangers, str(line.data["path"]): str(line.data["sha256"])})
 
 
-def _ended(state: State, line: Line) -> State:
+def _ended(state: State, line: JournalLine) -> State:
     return replace(state, ended=str(line.data["how"]))
 
 
-CHANGES: Mapping[str, Callable[[State, Line], State]] = {
+CHANGES: Mapping[str, Callable[[State, JournalLine], State]] = {
     "told": _told,
     "noticed": _noticed,
     "learned": _learned,

@@ -70,7 +70,7 @@ def plan() -> Plan:
     return Plan("stops", "Stops", (Step("only", "Only", "", requests[WHERE]),))
 
 
-catalogue.PLANS |= {"stops": catalogue.Entry("stops", plan)}
+catalogue.PLANS |= {"stops": catalogue.GuidedProcedure("stops", plan)}
 
 
 def new_lab() -> StationLab:

@@ -13,7 +13,7 @@ from textual.binding import BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 
 from procedures.outcome import ProcedureError
-from station.app.background import Job
+from station.app.background import BackgroundJob
 from station.app.commands import RESULTS, Command, Compare, NextPlane, Reload, bindings
 from station.app.screens.parts import Choices, StationScreen
 from station.app.screens.result_view import changes_in_words, mtf_plot, plane_in_words, restored_in_words
@@ -28,7 +28,7 @@ NONE_YET = "There is no result yet: the guide (F2) leads to one."
 
 
 @dataclass(frozen=True)
-class Entry:
+class ResultEntry:
     """A result folder, and what is in it or why it cannot be shown."""
 
     folder: Path
@@ -40,16 +40,16 @@ class Entry:
         return f"{self.folder.parent.parent.name}  {self.folder.name}"
 
 
-def read_all(sessions: Path) -> list[Entry]:
+def read_all(sessions: Path) -> list[ResultEntry]:
     """Every result under a folder of sessions, newest first."""
     entries = []
     for folder in find_results(sessions):
         try:
-            entries.append(Entry(folder, read_result(folder)))
+            entries.append(ResultEntry(folder, read_result(folder)))
         except ProcedureError as error:
-            entries.append(Entry(folder, wrong=str(error)))
+            entries.append(ResultEntry(folder, wrong=str(error)))
         except Exception as error:  # one damaged result must not hide the others, whatever is in it
-            entries.append(Entry(folder, wrong=f"{folder} cannot be shown: {error!r}"))
+            entries.append(ResultEntry(folder, wrong=f"{folder} cannot be shown: {error!r}"))
     return entries
 
 
@@ -62,9 +62,9 @@ class ResultsScreen(StationScreen):
     def __init__(self, sessions: Path) -> None:
         super().__init__()
         self._sessions = sessions
-        self._entries: Sequence[Entry] = ()
-        self._chosen: Entry | None = None
-        self._beside: Entry | None = None
+        self._entries: Sequence[ResultEntry] = ()
+        self._chosen: ResultEntry | None = None
+        self._beside: ResultEntry | None = None
         self._plane = ""
 
     def body(self) -> ComposeResult:
@@ -92,9 +92,9 @@ class ResultsScreen(StationScreen):
     @on(Reload)
     def look_again(self) -> None:
         """Read the folders in a thread."""
-        Job("results", lambda: read_all(self._sessions), self.app.tell).start()  # type: ignore[attr-defined]
+        BackgroundJob("results", lambda: read_all(self._sessions), self.app.tell).start()  # type: ignore[attr-defined]
 
-    def show_entries(self, entries: Sequence[Entry]) -> None:
+    def show_entries(self, entries: Sequence[ResultEntry]) -> None:
         """What was read; the one that was chosen stays chosen."""
         self._entries = entries
         at = next((i for i, one in enumerate(entries) if self._chosen and one.folder == self._chosen.folder), 0)
@@ -102,7 +102,7 @@ class ResultsScreen(StationScreen):
         if entries:
             self._choose(entries[at])
 
-    def _line(self, one: Entry) -> str:
+    def _line(self, one: ResultEntry) -> str:
         kept = " (kept to compare)" if self._beside and one.folder == self._beside.folder else ""
         return one.name() + kept
 
@@ -112,7 +112,7 @@ class ResultsScreen(StationScreen):
         event.stop()
         self._choose(self._entries[event.index])
 
-    def _choose(self, entry: Entry) -> None:
+    def _choose(self, entry: ResultEntry) -> None:
         self._chosen = entry
         self._show()
 
@@ -140,7 +140,7 @@ class ResultsScreen(StationScreen):
     def _shown_plane(self, names: Sequence[str]) -> str:
         return self._plane if self._plane in names else "G1" if "G1" in names else names[0]
 
-    def _plane_of(self, entry: Entry | None) -> PlaneResult | None:
+    def _plane_of(self, entry: ResultEntry | None) -> PlaneResult | None:
         if entry is None or entry.result is None or not entry.result.planes:
             return None
         return entry.result.planes[self._shown_plane(list(entry.result.planes))]

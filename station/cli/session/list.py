@@ -15,7 +15,7 @@ from station.cli.terminal.columns import columns
 from station.common.log import log, log_json_option
 
 if TYPE_CHECKING:
-    from station.sessions.index import Entry, Filter
+    from station.sessions.index import Filter, IndexEntry
 
 VERDICTS = ("pass", "doubtful", "refused")
 
@@ -75,7 +75,7 @@ def session_list(root: Path, as_json: bool, **wanted: Any) -> None:
 HEADING = ("session", "begun", "camera", "lens", "plan", "shots", "ended", "verdict")
 
 
-def _row(one: Entry) -> tuple[str, ...]:
+def _row(one: IndexEntry) -> tuple[str, ...]:
     if one.damage and not one.began:
         return one.folder.name, "-", "-", "-", "-", "-", "-", "damaged"
     shots = f"{one.counting} of {one.shots}"
@@ -84,5 +84,5 @@ def _row(one: Entry) -> tuple[str, ...]:
     return one.folder.name, one.began[:16].replace("T", " "), *words
 
 
-def _plain(one: Entry) -> dict[str, Any]:
+def _plain(one: IndexEntry) -> dict[str, Any]:
     return {**asdict(one), "folder": str(one.folder)}

@@ -14,7 +14,7 @@ from station.cli.session.group import find_session, session_argument
 from station.common.log import log, log_json_option
 
 if TYPE_CHECKING:
-    from station.guide.recompute import Comparison
+    from station.guide.recompute import RecomputedResult
 
 DIFFERENT = 1
 """The exit code where a file differs."""
@@ -49,7 +49,7 @@ HASHES = "files."
 """Entries of a record that say what its files already say."""
 
 
-def _tell(one: Comparison) -> None:
+def _tell(one: RecomputedResult) -> None:
     if one.identical:
         how = f", computed with the kernels of {one.kernels}, as then" if one.kernels else ""
         log("recomputed", f"{one.result}: identical, {len(one.same)} files{how}", result=one.result, identical=1)
@@ -73,7 +73,7 @@ def _some(names: Sequence[str]) -> str:
     return f"{', '.join(names[:TOLD])}{more}"
 
 
-def _numbers(one: Comparison) -> list[str]:
+def _numbers(one: RecomputedResult) -> list[str]:
     """How far the numbers went, measured by their own uncertainties."""
     if not one.numbers:
         return []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from station.demo.reproduce.catalogue import NOT_HERE
-from station.demo.reproduce.reproduction import Reproduction, State
+from station.demo.reproduce.reproduction import Reproduction, RowState
 from station.reports.page import render
 from station.results.result_files import software
 
@@ -16,7 +16,7 @@ PLAIN_FROM, PLAIN_TO = 1e-3, 1e5
 def reproduction_page(found: Reproduction) -> str:
     """One HTML page that needs nothing else."""
     return render(
-        "reproduce.html", found=found, State=State, shown=shown, not_here=NOT_HERE, software=software(),
+        "reproduce.html", found=found, State=RowState, shown=shown, not_here=NOT_HERE, software=software(),
     )  # fmt: skip
 
 

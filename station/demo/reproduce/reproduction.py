@@ -10,7 +10,7 @@ from markupsafe import Markup
 from station.demo.reproduce.row import Check, Row
 
 
-class State(StrEnum):
+class RowState(StrEnum):
     """What became of a row."""
 
     PASS = "pass"
@@ -19,7 +19,7 @@ class State(StrEnum):
 
 
 @dataclass(frozen=True, eq=False)
-class Line:
+class CheckedFigure:
     """One check of a row, our number, and whether it passes."""
 
     check: Check
@@ -36,8 +36,8 @@ class Done:
     """A row and what became of it; one left out or broken has a reason and no lines."""
 
     row: Row
-    state: State
-    lines: tuple[Line, ...] = ()
+    state: RowState
+    lines: tuple[CheckedFigure, ...] = ()
     figures: tuple[Markup, ...] = ()
     remark: str = ""
     reason: str = ""
@@ -52,11 +52,11 @@ class Reproduction:
     full: bool
     seconds: float
 
-    def count(self, state: State) -> int:
+    def count(self, state: RowState) -> int:
         """How many rows ended so."""
         return sum(one.state is state for one in self.done)
 
     @property
     def agrees(self) -> bool:
         """Whether something was computed, and all of it passes."""
-        return self.count(State.PASS) > 0 and self.count(State.FAIL) == 0
+        return self.count(RowState.PASS) > 0 and self.count(RowState.FAIL) == 0

@@ -10,7 +10,7 @@ from typing import Any
 
 from procedures.outcome import BadParameter, ProcedureError
 from station.common.progress import Progress, silent
-from station.demo.reproduce.reproduction import Done, Line, Reproduction, State
+from station.demo.reproduce.reproduction import CheckedFigure, Done, Reproduction, RowState
 from station.demo.reproduce.row import Found, Row, Setting
 from station.results.result_files import ResultFolder, software, write_record
 
@@ -60,23 +60,23 @@ def computed(row: Row, setting: Setting, *, named: bool = False) -> Done:
     """
     missing = _missing(row, setting, named=named)
     if missing:
-        return Done(row, State.LEFT_OUT, reason=missing)
+        return Done(row, RowState.LEFT_OUT, reason=missing)
     start = time.perf_counter()
     try:
         found = row.compute(setting)
-        lines = tuple(Line(check, value) for check, value in zip(row.checks, found.values, strict=True))
+        lines = tuple(CheckedFigure(check, value) for check, value in zip(row.checks, found.values, strict=True))
     except ProcedureError as error:
-        return Done(row, State.FAIL, reason=error.reason, seconds=time.perf_counter() - start)
+        return Done(row, RowState.FAIL, reason=error.reason, seconds=time.perf_counter() - start)
     except Exception as error:
         if os.environ.get("STATION_TRACEBACK"):
             raise
         reason = f"the row stopped on something it did not foresee: {type(error).__name__}: {error}"
-        return Done(row, State.FAIL, reason=reason, seconds=time.perf_counter() - start)
+        return Done(row, RowState.FAIL, reason=reason, seconds=time.perf_counter() - start)
     return _judged(row, found, lines, time.perf_counter() - start)
 
 
-def _judged(row: Row, found: Found, lines: tuple[Line, ...], seconds: float) -> Done:
-    state = State.PASS if all(line.passes for line in lines) else State.FAIL
+def _judged(row: Row, found: Found, lines: tuple[CheckedFigure, ...], seconds: float) -> Done:
+    state = RowState.PASS if all(line.passes for line in lines) else RowState.FAIL
     return Done(row, state, lines, found.figures, found.remark, seconds=seconds)
 
 
@@ -108,7 +108,7 @@ def _record(found: Reproduction, setting: Setting) -> dict[str, Any]:
         "schema": SCHEMA,
         "procedure": "reproduce",
         "parameters": {"full": setting.full, "data": None if setting.data is None else str(setting.data)},
-        "summary": {state.value.replace(" ", "_"): found.count(state) for state in State},
+        "summary": {state.value.replace(" ", "_"): found.count(state) for state in RowState},
         "rows": [_entry(one) for one in found.done],
         "software": software(),
         "duration_s": round(found.seconds, 3),
@@ -131,7 +131,7 @@ def _entry(one: Done) -> dict[str, Any]:
     }
 
 
-def _line_entry(line: Line) -> dict[str, Any]:
+def _line_entry(line: CheckedFigure) -> dict[str, Any]:
     check = line.check
     told = {"quantity": check.quantity, "unit": check.unit, "published": check.published}
     return {**told, "ours": line.ours, "low": check.low, "high": check.high, "pass": line.passes}

@@ -8,7 +8,7 @@ import pytest
 
 from drivers.errors import NoAnswer
 from procedures.plan import Advice, Ask
-from station.app.background import Finished, Job
+from station.app.background import BackgroundJob, Finished
 from station.app.mailbox import Desk, Glimpse, Question, Sitting
 from station.guide.frontend import Doing, Seen, StepBegan, StepEnded, Stopped
 
@@ -76,7 +76,7 @@ def finished(job_of: object) -> Finished:
         heard.append(one)
         done.set()
 
-    Job("test", job_of, tell).start()  # type: ignore[arg-type]
+    BackgroundJob("test", job_of, tell).start()  # type: ignore[arg-type]
     assert done.wait(5)
     return heard[0]
 
@@ -97,7 +97,7 @@ def test_a_job_ends_in_a_value_or_a_sentence():
 
 def test_cancelling_asks_first_then_halts():
     asked, halted, end = threading.Event(), threading.Event(), threading.Event()
-    job = Job("test", lambda: end.wait(5), lambda one: None, ask=asked.set, halt=halted.set).start()
+    job = BackgroundJob("test", lambda: end.wait(5), lambda one: None, ask=asked.set, halt=halted.set).start()
     assert job.cancel()
     assert asked.wait(5)
     assert not halted.is_set()

@@ -13,7 +13,7 @@ from procedures.psf import Psf
 from procedures.quality import Diffraction, assess
 from station.reports.certificate import certificate_of, certificate_page
 from station.reports.certificate_print import certificate_pdf
-from station.reports.pattern_report import Line, PlaneSheet, Report, Shot
+from station.reports.pattern_report import PlaneSheet, Report, ReportLine, ReportShot
 from station.results.limits import Limit, Specification
 from station.results.plane_result import PlaneResult
 from station.results.terms import Terms
@@ -29,8 +29,8 @@ def report_of(*names, limits=1, shots=1, reason=""):
     verdict = Verdict.DOUBTFUL if reason else Verdict.PASS
     plain = [PlaneResult.of(one, verdict, psf, quality, pitch=2, reason=reason) for one in names]
     planes = [PlaneSheet(Terms(specification=held).told(one, Pixels(2))) for one in plain]
-    taken = [Shot(f"/photographs/<b>{number}.dng", f"{number:064x}") for number in range(shots)]
-    lines = [Line("Camera", "Nikon \u00b5 \u4e2d"), Line("Temperature", "21.0 °C")]
+    taken = [ReportShot(f"/photographs/<b>{number}.dng", f"{number:064x}") for number in range(shots)]
+    lines = [ReportLine("Camera", "Nikon \u00b5 \u4e2d"), ReportLine("Temperature", "21.0 °C")]
     return Report("Nikon, 50 mm", "pattern", planes, taken, {"s": 4}, lines, specification=held)
 
 

@@ -22,7 +22,7 @@ from procedures.raw import read_frame
 from procedures.reading.exposure import Exposure
 from station.calibration.planes import calibrate
 from station.reports.otf_figures import mtf_figure
-from station.reports.pattern_report import Line, PlaneSheet, Report, Shot, calibration_page, report_of_files
+from station.reports.pattern_report import PlaneSheet, Report, ReportLine, ReportShot, calibration_page, report_of_files
 from station.results.limits import Limit, Specification
 from station.results.plane_result import PlaneResult
 from station.results.terms import Terms
@@ -158,10 +158,10 @@ def test_whatever_is_told_cannot_break_the_page(report):
         HOSTILE,
         "pattern",
         [PlaneSheet(record)],
-        [Shot(HOSTILE, HOSTILE, HOSTILE, HOSTILE, HOSTILE)],
+        [ReportShot(HOSTILE, HOSTILE, HOSTILE, HOSTILE, HOSTILE)],
         {HOSTILE: HOSTILE},
-        [Line(HOSTILE, HOSTILE)],
-        [Line(HOSTILE, HOSTILE)],
+        [ReportLine(HOSTILE, HOSTILE)],
+        [ReportLine(HOSTILE, HOSTILE)],
         made=HOSTILE,
     )
     text = calibration_page(hostile).replace("\x1b", "")
@@ -191,8 +191,8 @@ def test_refused_plane_has_its_reason_and_remedy_and_no_pictures():
 
 @pytest.mark.slow
 def test_session_tells_its_bench_and_its_shots(report):
-    shots = (*report.shots, Shot("b.dng", "0" * 64, note="retaken: the rig moved"))
-    told = replace(report, shots=shots, devices=(Line("stage", "GRBL 1.1h"),), made="2026-01-01 12:00")
+    shots = (*report.shots, ReportShot("b.dng", "0" * 64, note="retaken: the rig moved"))
+    told = replace(report, shots=shots, devices=(ReportLine("stage", "GRBL 1.1h"),), made="2026-01-01 12:00")
     text = calibration_page(told)
     assert all(words in text for words in ("GRBL 1.1h", "retaken: the rig moved", "2026-01-01 12:00"))
 

@@ -15,7 +15,7 @@ from simulators.bench.body import Opening
 from simulators.bench.view import View, bench_camera
 from simulators.camera.sensor import Sensor
 from simulators.world.world import World
-from station.guide.catalogue import Entry
+from station.guide.catalogue import GuidedProcedure
 
 SHOTS = 2
 CHART, PARAMETERS = Chart.from_seed(), PatternParameters(s=3, k=13)
@@ -60,5 +60,5 @@ def photographs() -> dict[str, bytes]:
     return {name: view.develop(Opening(0.0, 0.02, i)) for i, name in enumerate(names)}
 
 
-ENTRY = {"short": Entry("a short one", plan)}
+ENTRY = {"short": GuidedProcedure("a short one", plan)}
 """For the table of plans."""

@@ -9,7 +9,7 @@ from markupsafe import Markup
 from procedures.outcome import BadParameter, Refused
 from station.demo.reproduce.catalogue import NOT_HERE, ROWS
 from station.demo.reproduce.page import shown
-from station.demo.reproduce.reproduction import State
+from station.demo.reproduce.reproduction import RowState
 from station.demo.reproduce.row import Check, Found, Row, Setting
 from station.demo.reproduce.runner import chosen, computed, reproduce
 
@@ -45,9 +45,9 @@ def test_a_number_passes_inside_its_range(check, ours, agrees):
 
 def test_a_row_passes_when_all_its_numbers_do():
     checks = (Check("a", "1", 0.9, 1.1), Check("b", "2", 1.9, 2.1))
-    assert computed(row(compute=lambda _: Found((1.0, 2.0)), checks=checks), Setting()).state is State.PASS
+    assert computed(row(compute=lambda _: Found((1.0, 2.0)), checks=checks), Setting()).state is RowState.PASS
     done = computed(row(compute=lambda _: Found((1.0, 3.0)), checks=checks), Setting())
-    assert done.state is State.FAIL
+    assert done.state is RowState.FAIL
     assert [line.passes for line in done.lines] == [True, False]
 
 
@@ -55,17 +55,17 @@ def test_a_row_without_its_data_is_left_out_with_the_reason(tmp_path):
     needy = row(needs=("photo.pgm",))
     assert computed(needy, Setting()).reason.startswith("the row needs photo.pgm; no data folder")
     done = computed(needy, Setting(tmp_path))
-    assert done.state is State.LEFT_OUT
+    assert done.state is RowState.LEFT_OUT
     assert f"no photo.pgm in {tmp_path}" in done.reason
     assert "--data" in done.reason
     (tmp_path / "photo.pgm").touch()
-    assert computed(needy, Setting(tmp_path)).state is State.PASS
+    assert computed(needy, Setting(tmp_path)).state is RowState.PASS
 
 
 def test_a_long_row_waits_for_full_or_for_its_name(tmp_path):
     long = row(long=True)
-    assert computed(long, Setting()).state is State.LEFT_OUT
-    assert computed(long, Setting(full=True)).state is State.PASS
+    assert computed(long, Setting()).state is RowState.LEFT_OUT
+    assert computed(long, Setting(full=True)).state is RowState.PASS
     found, _ = reproduce(tmp_path, (long,), Setting(), name="one")
     assert found.agrees
 
@@ -76,7 +76,7 @@ def test_a_long_row_waits_for_full_or_for_its_name(tmp_path):
 )
 def test_a_row_that_breaks_fails_and_keeps_the_others(compute, reason, tmp_path):
     found, _ = reproduce(tmp_path, (row("bad", compute), row("good")), Setting())
-    assert [one.state for one in found.done] == [State.FAIL, State.PASS]
+    assert [one.state for one in found.done] == [RowState.FAIL, RowState.PASS]
     assert reason in found.done[0].reason
     assert not found.agrees
 
