@@ -216,7 +216,7 @@ def read(path: Path) -> Code | None:
         known = json.loads(head)
         whole = hashlib.sha256(binary).hexdigest() == known["sha256"]
         return Code(known["name"], known["answer"], binary) if whole else None
-    except (OSError, ValueError, KeyError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
 
 

@@ -121,8 +121,10 @@ def test_changed_constant_and_changed_callee_are_compiled_anew(kernels, change):
 def test_damaged_file_is_written_again(kernels, tmp_path):
     answers(kernels())
     for file in (tmp_path / "kept").glob("*.kernel"):
-        file.write_bytes(file.read_bytes()[:-100])
-        assert kernel_store.read(file) is None
+        whole = file.read_bytes()
+        for wrong in (b"[]\nx", b"[" * 100_000, b"", whole[:-100]):
+            file.write_bytes(wrong)
+            assert kernel_store.read(file) is None
     assert_right(answers(kernels()))
     assert all(kernel_store.read(file) for file in (tmp_path / "kept").glob("*.kernel"))
 
