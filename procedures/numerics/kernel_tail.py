@@ -28,6 +28,8 @@ FAR = 128
 SHAPES = ("1/r^3", "1/r^5", "cos 2", "sin 2", "cos 4", "sin 4")
 """Names of the shapes: the mean tail, an excess close to the support, and the tail times cos and sin of 2 and 4
 times the direction."""
+MIRRORED, EXCHANGED = np.array([1.0, 1, 1, -1, 1, -1]), np.array([1.0, 1, -1, 1, 1, -1])
+"""The shapes' signs where an axis is turned round, and where x and y are exchanged."""
 DIFFERS = np.array([0.5, 0.2, 0.2, 0.3, 0.3])
 """How far the shapes beside the mean tail are expected to go, over its energy: an excess close to the support, and
 variation with twice and four times the direction. Without it their noise would rule them."""
