@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numerics.bessel import j1
-from procedures.numerics.kernel_tail import SHAPES, tail_spectra
+from procedures.numerics.kernel_tail import EXCHANGED, MIRRORED, SHAPES, tail_spectra
 from procedures.outcome import Quantity
 from procedures.psf import Psf
 from procedures.spatial_numbers import CIRCLES, Found, circle, name_of_circle, section_widths, spatial_numbers
@@ -28,7 +28,7 @@ Indices = npt.NDArray[np.intp]
 STEPS_PER_CYCLE = 50
 """Frequencies of the curves per cycle/pixel."""
 DIRECTIONS = 16
-"""Directions of the radial mean over half a turn, an even number."""
+"""Directions of the radial mean over half a turn, a multiple of four."""
 ROUGHNESS = 0.25
 """How far a true tail strays from the fitted one, ring by ring, over its density: rings of a small aperture, spikes of
 an iris. On tails of Airy's disc, defocus, coma and polygons it was 0.1 to 0.3, of spikes up to 1."""
@@ -271,9 +271,14 @@ def _modulus(psf: Psf, waves: Complex) -> tuple[Array, Array]:
 def _tail_fan(s: int, k: int) -> Array:
     """Spectra of the tail's shapes at the curves' frequencies in all directions of the radial mean: (n, d, q)."""
     f = np.linspace(0, s / 2, int(STEPS_PER_CYCLE * s / 2) + 1)
-    turn = np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    turn = np.pi * np.arange(DIRECTIONS // 4 + 1) / DIRECTIONS
     fx, fy = f[:, None] * np.cos(turn), f[:, None] * np.sin(turn)
-    return tail_spectra(fx.ravel() / s, fy.ravel() / s, k).reshape(*fx.shape, len(SHAPES))
+    octant = tail_spectra(fx.ravel() / s, fy.ravel() / s, k).reshape(*fx.shape, len(SHAPES))
+    direction = np.arange(DIRECTIONS)
+    up = np.minimum(direction, DIRECTIONS - direction)  # the others mirror these
+    signs = np.where((up < direction)[:, None], MIRRORED, 1.0)
+    signs = signs * np.where((up > DIRECTIONS // 4)[:, None], EXCHANGED, 1.0)
+    return np.asarray(octant[:, np.minimum(up, DIRECTIONS // 2 - up)] * signs)
 
 
 def _radial_mean(psf: Psf, f: Array) -> tuple[Array, Array]:

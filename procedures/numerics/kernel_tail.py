@@ -28,6 +28,8 @@ FAR = 128
 SHAPES = ("1/r^3", "1/r^5", "cos 2", "sin 2", "cos 4", "sin 4")
 """Names of the shapes: the mean tail, an excess close to the support, and the tail times cos and sin of 2 and 4
 times the direction."""
+MIRRORED, EXCHANGED = np.array([1.0, 1, 1, -1, 1, -1]), np.array([1.0, 1, -1, 1, 1, -1])
+"""The shapes' signs where an axis is turned round, and where x and y are exchanged."""
 DIFFERS = np.array([0.5, 0.2, 0.2, 0.3, 0.3])
 """How far the shapes beside the mean tail are expected to go, over its energy: an excess close to the support, and
 variation with twice and four times the direction. Without it their noise would rule them."""
@@ -74,9 +76,8 @@ def tail_columns(
     """
     # only every s-th sample is wanted: along y by folding the spectrum, which is exact
     shape = (s * transforms.next_fast_len(-(-u.shape[0] // s)), transforms.next_fast_len(u.shape[1]))
-    border, wave = tail_border(k), transforms.fftfreq(shape[0])[:, None]
-    seen = transforms.rfft2(u, shape) * np.exp(2j * np.pi * border * wave).astype(np.complex64)
-    found, places = np.empty((len(rows), shapes)), rows * shape[1] + border + s * columns
+    seen = transforms.rfft2(u, shape)
+    found, places = np.empty((len(rows), shapes)), rows * shape[1] + tail_border(k) + s * columns
     for j, spectrum in enumerate(_spectra(k, *shape)[:shapes]):
         folded = (seen * spectrum).reshape(s, shape[0] // s, -1).sum(axis=0)
         found[:, j] = transforms.irfft2(folded, (shape[0] // s, shape[1])).ravel()[places]
@@ -127,18 +128,21 @@ def _far_spectrum(rows: int, columns: int, s: int, k: int) -> npt.NDArray[np.com
 
 
 @lru_cache(maxsize=4)
-def _spectra(k: int, rows: int, columns: int) -> Array32:
-    """Spectra (q, rows, columns // 2 + 1) of the shapes about the origin of a grid: real, as each is its own mirror
-    image in its centre. So one transform gives those of two: of one as its real part, of the other as the imaginary.
+def _spectra(k: int, rows: int, columns: int) -> npt.NDArray[np.complex64]:
+    """Spectra of the shapes on a grid, shifted so that the first row that all of them reach comes first.
+
+    Each shape is its own mirror image in its centre: its spectrum about that is real, and one transform gives those of
+    two, of one as its real part, of the other as the imaginary.
     """
     half, kernels = tail_border(k), tail_kernels(k).astype(np.float32)
-    spectra = np.empty((len(kernels), rows, columns // 2 + 1), np.float32)
+    spectra = np.empty((len(kernels), rows, columns // 2 + 1), np.complex64)
     pair = np.zeros((rows, columns), np.complex64)
     centred = np.ix_(np.arange(-half, half + 1) % rows, np.arange(-half, half + 1) % columns)
+    shift = np.exp(2j * np.pi * half * transforms.fftfreq(rows)[:, None]).astype(np.complex64)
     for j in range(0, len(kernels), 2):
         pair[centred] = kernels[j] + 1j * kernels[j + 1]
         both = transforms.fft2(pair)[:, : columns // 2 + 1]
-        spectra[j], spectra[j + 1] = both.real, both.imag
+        spectra[j], spectra[j + 1] = both.real * shift, both.imag * shift
     return spectra
 
 

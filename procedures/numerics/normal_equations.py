@@ -48,16 +48,17 @@ class NormalEquations:
         """The solution h (n,)."""
         return np.asarray(solve_factored(self.L, self.b))
 
-    @property
-    def AA(self) -> Array:
-        """A'A (n, n): the information on h where the nuisance parameters are known."""
-        return np.asarray(self.G + self.AZ @ self.E)
-
     @cached_property
     def inverse(self) -> Array:
         """G^-1 (n, n)."""
         inverse = inverse_lower(self.L)
         return np.asarray(inverse.T @ inverse)
+
+    @cached_property
+    def inverse_where_known(self) -> Array:
+        """(A'A)^-1 (n, n): the covariance of h for unit noise where the nuisance parameters are known."""
+        through = self.inverse @ self.AZ  # A'A is G and a matrix of rank p: Woodbury's identity
+        return np.asarray(self.inverse - through @ cholesky_solve(self.ZZ + self.AZ.T @ through, through.T))
 
     def nuisance(self, h: Array) -> Array:
         """The nuisance parameters (p,) that go with the kernel h (n,)."""

@@ -9,6 +9,10 @@ from procedures.numerics.compiled import compiled, vectorised
 
 Array32 = npt.NDArray[np.float32]
 
+np.empty(31 << 20, np.uint8)
+# The C library (glibc) keeps twice as much freed memory as the largest block that came back to it, of up to 32 MiB:
+# now that this one did, a matrix's pages are not taken from the system and cleared again for every PSF.
+
 
 def sample_convolution(
     raster: Array32,

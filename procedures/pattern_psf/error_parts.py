@@ -15,7 +15,6 @@ import numpy.typing as npt
 
 from procedures.budget import Budget
 from procedures.numerics.normal_equations import NormalEquations
-from procedures.numerics.solvers import cholesky_solve
 from procedures.pattern_psf.refine import GEOMETRY, RESPONSE, SPREAD, TAIL, TILES, Fit
 from procedures.psf import Psf
 from procedures.quality import Quality
@@ -127,7 +126,7 @@ def _freed(equations: NormalEquations, gradients: Array, groups: Mapping[str, sl
     """Variances (b,) of the numbers for unit noise, the groups freed one after the other; and F^-1 g, (b, n + p)."""
     AZ, ZZ = equations.AZ, equations.ZZ
     n, b = len(AZ), len(gradients)
-    solved = cholesky_solve(equations.AA, np.hstack([AZ, gradients[:, :n].T]))
+    solved = equations.inverse_where_known @ np.hstack([AZ, gradients[:, :n].T])
     of_Z, of_g = solved[:, : AZ.shape[1]], solved[:, AZ.shape[1] :]
     left = ZZ - AZ.T @ of_Z  # information of the nuisance parameters when h is free
     pull = gradients[:, n:].T - AZ.T @ of_g  # (p, b)

@@ -187,17 +187,14 @@ def _block_pixels(
 
 @dataclass(frozen=True)
 class _Block:
-    """The pixels of one block (n, 2), their quadratics and samples, and which of them are no specks."""
+    """The pixels of one block (n, 2), their quadratics and samples, and which of them are no specks; and the samples
+    about their own surface, of second order as light of the neighbours comes in, where there are enough of them."""
 
     pixels: npt.NDArray[np.int64]
     design: Array
     value: Array
     clean: npt.NDArray[np.bool_]
-
-    @property
-    def left(self) -> Array:
-        """The clean samples about their own surface: of second order, as light of the neighbours comes in."""
-        return _about_surface(self.design, self.value, self.clean)[self.clean]
+    around: Array
 
 
 def _seen_in(
@@ -215,7 +212,7 @@ def _seen_in(
         pixels = points[number == place[0] + BLOCKS * place[1]]
         value = samples[pixels[:, 1], pixels[:, 0]].astype(np.float64)
         design = quadratic(*((pixels - registration.centre) / registration.radius).T)
-        return _Block(pixels, design, value, _clean(design, value, SPECK * quantisation))
+        return _Block(pixels, design, value, *_clean(design, value, SPECK * quantisation))
 
     return seen
 
@@ -225,17 +222,19 @@ def _about_surface(design: Array, value: Array, kept: npt.NDArray[np.bool_]) -> 
     return np.asarray(value - design @ np.linalg.lstsq(design[kept], value[kept], rcond=None)[0])
 
 
-def _clean(design: Array, value: Array, least: float) -> npt.NDArray[np.bool_]:
-    """Which samples of a block no speck, scratch or rim of a shadow lies on, if most are clean."""
+def _clean(design: Array, value: Array, least: float) -> tuple[npt.NDArray[np.bool_], Array]:
+    """Which samples (n,) of a block no speck, scratch or rim of a shadow lies on, if most are clean; and all of them
+    less the surface through those."""
     if len(value) <= FEWEST:
-        return np.ones(len(value), dtype=bool)
-    kept, away = np.zeros(len(value), dtype=bool), np.abs(value - quantile(value, 0.5))
+        return np.ones(len(value), dtype=bool), value
+    kept, around = np.zeros(len(value), dtype=bool), value - quantile(value, 0.5)
     for _ in range(4):
+        away = np.abs(around)
         last, kept = kept, np.asarray(away <= max(SPECK * 1.4826 * quantile(away, 0.5), least))
         if np.count_nonzero(kept) <= FEWEST or np.array_equal(kept, last):
             break
-        away = np.abs(_about_surface(design, value, kept))
-    return kept
+        around = _about_surface(design, value, kept)
+    return kept, around
 
 
 def _fit_blocks(
@@ -246,7 +245,7 @@ def _fit_blocks(
     blocks = [seen(place) for place in wanted]
     square, freedom, neighbours = 0.0, 0, np.zeros(2)
     for one in blocks:
-        left = one.left if np.count_nonzero(one.clean) > FEWEST else np.zeros(0)
+        left = one.around[one.clean] if np.count_nonzero(one.clean) > FEWEST else np.zeros(0)
         if len(left):
             square += float(left @ left)
             freedom += len(left) - one.design.shape[1]

@@ -45,9 +45,14 @@ def gamma_of_fit(equations: NormalEquations, constant: int, weight: Array) -> fl
     weight : (m,) float64
         One over each sample's noise.
     """
-    level = equations.AZ[:, constant] / 2  # every entry of A gains a half
+    # every entry of A gains a half: A'A gains l 1' + 1 l' + c, of rank 2, and Woodbury's identity tells its inverse
     squares = float(weight @ weight)
-    return gamma(equations.AA + level[:, None] + level + squares / 4) * squares / len(weight)
+    level = equations.AZ[:, constant] / 2
+    C, gained = equations.inverse_where_known, np.column_stack([level, np.ones_like(level)])
+    through = C @ gained
+    inner = np.array([[-squares / 4, 1.0], [1.0, 0.0]]) + gained.T @ through
+    trace = np.trace(C) - np.trace(np.linalg.solve(inner, through.T @ through))
+    return float(trace) * squares / len(weight)
 
 
 def gamma_bound(m: int, n: int) -> float:
