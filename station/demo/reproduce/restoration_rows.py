@@ -247,7 +247,6 @@ START = Row(
         " for w. The sizes of the thesis's filters are not told; ours are the best of several."
     ),
     compute=_start,
-    long=True,
 )
 
 ROWS = (KNOWN_DEPTH, ONE_LEVEL, OUT_OF_FOCUS, IN_MOTION, START)
