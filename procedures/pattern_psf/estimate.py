@@ -23,9 +23,10 @@ from procedures.pattern_psf.correspondences import Correspondences, corresponden
 from procedures.pattern_psf.diagnostics import Diagnostics, diagnose
 from procedures.pattern_psf.error_parts import CALIBRATED, GROUPS, ErrorParts, Variation, error_parts
 from procedures.pattern_psf.gamma.amplification import gamma_bound, gamma_of_fit
-from procedures.pattern_psf.observation import count_inside, noise_window, observe
+from procedures.pattern_psf.observation import Observation, count_inside, noise_window, observe
+from procedures.pattern_psf.outliers import swept, without_outliers, without_places
 from procedures.pattern_psf.radiometry import Light, bend_of_chart, measure_light, straighten, with_sensor
-from procedures.pattern_psf.refine import GEOMETRY, Fit, TailPrior, refine, without_outliers
+from procedures.pattern_psf.refine import GEOMETRY, Fit, TailPrior, first_look, refine
 from procedures.pattern_psf.registration import (
     Registration,
     block_size_px,
@@ -34,7 +35,7 @@ from procedures.pattern_psf.registration import (
     register_marks,
 )
 from procedures.pattern_psf.solution import solution
-from procedures.pattern_psf.trust import Doubts, check_cells, judge
+from procedures.pattern_psf.trust import Doubts, check_cells, judge, misfits
 from procedures.psf import Psf, Sampling
 from procedures.quality import Diffraction, Quality, assess
 from procedures.raw import Plane
@@ -51,8 +52,10 @@ that are no circles or partly shaded, f-numbers as they are rounded."""
 SAMPLES_PER_CELL = 2.0
 """Largest s/t that is chosen, where the camera passes more than a smaller one holds: the cells' own spectrum is zero
 there at the band's edge."""
-MOST_SWEEPS = 3
-"""How often samples that no noise explains are left out: large specks hide small ones."""
+MOST_LOOKS = 10
+"""How often places that something else hides are left out, one after the other."""
+LEAST_SEEN = 0.5
+"""Share of the noise region's samples that must show the chart where places are left out."""
 LEAST_STEPS = 16
 """Digital numbers between black and white from which rounding is no worse than noise."""
 
@@ -333,12 +336,19 @@ def _fit(
         )
     levels = float(light.black[0]), float(light.white[0])
     far = far_light(samples, (window.x, window.y), (window.rows, window.columns), s, k, levels)
-    fit = refine(observation, chart, registration, window, s, k, far, known.tail, known.bend)
-    for _ in range(MOST_SWEEPS):
-        kept = without_outliers(fit)
-        if len(kept) >= len(fit.observation) - max(10, 1e-3 * m) or len(kept) < 2 * n:
-            break
-        fit = refine(kept, chart, registration, window, s, k, far, known.tail, known.bend)
+
+    def fitted(some: Observation) -> Fit:
+        return refine(some, chart, registration, window, s, k, far, known.tail, known.bend)
+
+    def looked(some: Observation) -> Fit:
+        return first_look(some, chart, registration, window, s, k)
+
+    fit = swept(fitted(observation), fitted, without_outliers, 2 * n)
+    if misfits(fit):  # what is hidden in places may leave enough to see
+        clear = swept(looked(observation), looked, without_places, 2 * n, MOST_LOOKS)
+        clear = swept(fitted(clear.observation), fitted, without_places, 2 * n)
+        clear = swept(clear, fitted, without_outliers, 2 * n)
+        fit = fit if misfits(clear) or len(clear.observation) < LEAST_SEEN * m else clear
     return fit, 1 - len(fit.observation) / m
 
 

@@ -30,7 +30,6 @@ from procedures.numerics.kernel_tail import (
     tail_sums,
 )
 from procedures.numerics.normal_equations import NormalEquations, Products, eliminate, gram, products, products_within
-from procedures.numerics.ordered import quantile
 from procedures.numerics.sampled_convolution import convolve_at, sample_convolution, sums_of_groups
 from procedures.numerics.warps import displacement_columns
 from procedures.pattern import Chart
@@ -184,12 +183,6 @@ class _Model:
         return Edges.of(edge_columns(self.chart, fit.registration, o.points, h, self.raster.s, o.weight))
 
 
-def without_outliers(fit: Fit, limit: float = 6.0) -> Observation:
-    """The observation without the samples that no noise explains: specks, scratches, a wire before the chart."""
-    scale = 1.4826 * quantile(np.abs(fit.residual), 0.5)
-    return fit.observation.where(np.abs(fit.residual) < limit * scale)
-
-
 def refine(
     observation: Observation,
     chart: Chart,
@@ -247,6 +240,17 @@ def refine(
             break
     slopes = _slopes(whole[:, : k * k], fit.h, s, k)
     return replace(fit, still=bool(moved < 10 * STILL_PX), scores=_scores(fit, whole), slopes=slopes)
+
+
+def first_look(
+    observation: Observation, chart: Chart, registration: Registration, window: Window, s: int, k: int
+) -> Fit:
+    """The PSF by the marks' map as it stands, which nothing before the chart can lead astray."""
+    model = _Model(
+        whole_chart(chart), band_limited_chart(chart, registration, s), window, k, np.zeros((0, 0), np.float32)
+    )
+    A = model.system(observation, model.read(registration, k // 2))
+    return _first_fit(observation, A, gram(A), registration)
 
 
 def _scores(fit: Fit, whole: Array32) -> Array:

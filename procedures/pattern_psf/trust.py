@@ -19,6 +19,8 @@ Array = npt.NDArray[np.float64]
 
 SEEN = 0.3
 """Share of the noise region that its own cells explain at the least."""
+UNEXPLAINED = 0.15
+"""Share of the variance that is neither chart nor noise, at the most."""
 CORRELATED = 0.25
 """Correlation of neighbouring samples' noise from which a picture was processed."""
 CURVED = 0.15
@@ -84,6 +86,11 @@ def _unseen(agreement: float, unexplained: float) -> list[Rule]:
     ]
 
 
+def misfits(fit: Fit) -> bool:
+    """Whether a fit would be refused for what it leaves over."""
+    return fit.agreement < SEEN or unexplained(fit) > UNEXPLAINED
+
+
 def judge(d: Diagnostics, fit: Fit, more: Doubts) -> tuple[Verdict, str, str]:
     """Verdict, reason and remedy: the first refusal, else all doubts together."""
     return verdict_of(
@@ -98,14 +105,14 @@ def _refusals(d: Diagnostics) -> list[Rule]:
         *_unseen(d.agreement, d.unexplained),
         Rule(
             refused,
-            d.unexplained > 0.15 and abs(d.noise_correlation) > CORRELATED,
+            d.unexplained > UNEXPLAINED and abs(d.noise_correlation) > CORRELATED,
             f"{d.unexplained:.0%} of the noise region is neither the chart nor noise, and its noise is correlated "
             f"by {d.noise_correlation:.2f}: the picture was demosaiced, smoothed, turned or resized",
             "use the RAW file",
         ),
         Rule(
             refused,
-            d.unexplained > 0.15,
+            d.unexplained > UNEXPLAINED,
             f"{d.unexplained:.0%} of the noise region is neither the chart nor noise: the registration slipped, or "
             "something lies before the chart",
             "lay the chart flat, keep all its marks in view and free of reflections, and photograph it again",

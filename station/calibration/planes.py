@@ -200,7 +200,9 @@ def plane_result(plane: Plane, outcome: Outcome[F], exposure: Exposure | None = 
 
 def _place(plane: Plane, found: EstimatedPsf) -> str:
     """Where in the frame a chart was seen; "" of what is no chart."""
-    shots = [one for one in (found.shots if isinstance(found, CombinedPsf) else (found,)) if isinstance(one, PatternPsf)]
+    shots = [
+        one for one in (found.shots if isinstance(found, CombinedPsf) else (found,)) if isinstance(one, PatternPsf)
+    ]
     if not shots:
         return ""
     x, y = np.mean([np.nanmean(one.marks, axis=0) for one in shots], axis=0).tolist()

@@ -59,6 +59,7 @@ def _show(found: Reproduction) -> None:
     from rich.console import Console
 
     Console().print(_table(found))
+    click.echo(f"It took {found.seconds:.0f} s, and {found.processor_s:.0f} s of processor.")
 
 
 def _table(found: Reproduction) -> Table:

@@ -13,7 +13,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft2, next_fast_len, rfft2
-from scipy.ndimage import convolve1d, median_filter, uniform_filter
+from scipy.ndimage import convolve1d, distance_transform_edt, maximum_filter, median_filter, uniform_filter
 
 from procedures.restoration.first_depth.semi_global_matching import semi_global
 from procedures.restoration.masks.array_loops import most_threads
@@ -79,14 +79,15 @@ def algorithm_2(
     stacks: Sequence[Masks],
     sigma: float,
     *,
-    N: int = 5,
-    window: int = 17,
+    N: int = 4,
+    window: int = 25,
     median: int = 11,
     direction: str = "both",
 ) -> DepthStart:
     """Depth from symmetrical blur: relative variance by two polynomial fits, turned into w by the masks' own moments.
 
-    z : (2, C, H, W); window : side over which numerator and curvature are combined by least squares.
+    z : (2, C, H, W); window : side over which numerator and curvature are combined by least squares. Where no masks
+    differ by as much as was found, as beside depth steps, the nearest place clear of there tells the depth.
     """
     numerator = np.zeros(z.shape[2:])
     power = np.zeros_like(numerator)
@@ -94,8 +95,8 @@ def algorithm_2(
         difference, curvature = relative_blur(z[0, c], z[1, c], N, direction)
         numerator += uniform_filter(difference * curvature, window)
         power += uniform_filter(curvature**2, window)
-    found = numerator / np.maximum(power, 1e-20)
-    w = _width(found, stacks, direction)
+    w = _width(numerator / np.maximum(power, 1e-20), stacks, direction)
+    w = _from_beside(w, window // 3)
     value, second = polynomial_filters(N)
     noise = sigma**2 * 2 * np.sum(value**2) * np.sum(second**2)
     confidence = power / (power + 10 * noise + 1e-20)
@@ -104,10 +105,19 @@ def algorithm_2(
 
 @over_frame
 def _width(found: Array, stacks: Sequence[MaskStack], direction: str) -> Array:
-    """w at which two masks' variances differ so much."""
+    """w at which two masks' variances differ so much; NaN where none do."""
     relation = np.maximum.accumulate(variance(stacks[1], direction) - variance(stacks[0], direction))
     relation = relation + 1e-9 * np.arange(len(relation))
-    return np.asarray(np.interp(found, relation, np.arange(len(relation)) * stacks[0].step))
+    w = np.interp(found, relation, np.arange(len(relation)) * stacks[0].step)
+    return np.asarray(np.where((found > 0) & (found <= relation[-1]), w, np.nan))
+
+
+def _from_beside(w: Array, clear: int) -> Array:
+    """w (H, W) where it is known and `clear` pixels away from where it is not; elsewhere that of the nearest such."""
+    unknown = np.isnan(w)
+    near = maximum_filter(unknown, 2 * clear + 1)
+    nearest = distance_transform_edt(unknown if near.all() else near, return_distances=False, return_indices=True)
+    return np.asarray(np.nan_to_num(w[tuple(nearest)]))
 
 
 # ---- Algorithm III

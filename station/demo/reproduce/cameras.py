@@ -139,3 +139,13 @@ def mtf_across(h: Array, s: int = S, f: Array = FREQUENCIES) -> Array:
 def mtf_down(h: Array, s: int = S, f: Array = FREQUENCIES) -> Array:
     """Modulus along columns, 1 at zero."""
     return np.asarray(np.abs(spectrum(h, s, np.zeros_like(f), f)) / h.sum())
+
+
+def mtf_down_uncertainty(h: Array, covariance: Array, s: int = S, f: Array = FREQUENCIES) -> Array:
+    """Standard uncertainty of `mtf_down`, by the covariance (k^2, k^2) of the samples."""
+    rows = np.repeat((np.arange(len(h)) - len(h) // 2) / s, len(h))
+    waves = np.exp(-2j * np.pi * np.multiply.outer(f, rows))
+    of_h = waves @ h.ravel()
+    mtf = np.abs(of_h)
+    slopes = ((waves * (of_h.conj() / mtf)[:, None]).real - mtf[:, None] / h.sum()) / h.sum()
+    return np.asarray(np.sqrt(np.einsum("fi,ij,fj->f", slopes, covariance, slopes, optimize=True)))

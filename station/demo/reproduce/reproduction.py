@@ -33,7 +33,10 @@ class CheckedFigure:
 
 @dataclass(frozen=True, eq=False)
 class Done:
-    """A row and what became of it; one left out or broken has a reason and no lines."""
+    """A row and what became of it; one left out or broken has a reason and no lines.
+
+    `processor_s` is what the row took of the processor, beside other work too, of all threads.
+    """
 
     row: Row
     state: RowState
@@ -42,6 +45,7 @@ class Done:
     remark: str = ""
     reason: str = ""
     seconds: float = 0.0
+    processor_s: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +55,11 @@ class Reproduction:
     done: tuple[Done, ...]
     full: bool
     seconds: float
+
+    @property
+    def processor_s(self) -> float:
+        """Processor time of all rows, seconds."""
+        return sum(one.processor_s for one in self.done)
 
     def count(self, state: RowState) -> int:
         """How many rows ended so."""

@@ -202,37 +202,54 @@ IN_MOTION = Row(
 def _start(setting: Setting) -> Found:
     shape = scenes.comatic()
     stacks = scenes.stacks(shape)
-    pairs = [scenes.pair(shape, noise) for noise in NOISES]
-    found = {
-        start: [
-            first_depth(pair.z, stacks, noise_of(pair.z, stacks), RestorationParameters(depth_start=start)).w
-            for pair in pairs
-        ]
-        for start in ("symmetric", "matched")
-    }
-    errors = {
-        start: [pair.w_error(w) for pair, w in zip(pairs, depths, strict=True)] for start, depths in found.items()
-    }
-    shown = [(words, w) for words, w in zip(NOISE_WORDS, found["symmetric"], strict=True)]
-    told = ", ".join(f"{error:.2f}" for error in errors["matched"])
-    smooth = pairs[0].away_from_steps(found["symmetric"][0])
+    textures = [
+        [scenes.pair(shape, noise, picture=scenes.texture, drawn=n) for noise in NOISES] for n in range(TEXTURES)
+    ]
+    drawing = scenes.pair(shape, None)
+    depths = [[_first_depth(pair, stacks, "symmetric") for pair in pairs] for pairs in textures]
+    errors = [[pair.w_error(w) for pair, w in zip(*one, strict=True)] for one in zip(textures, depths, strict=True)]
+    blurred = [[pairs[0].error(photograph[0]) for photograph in pairs[0].z] for pairs in textures]
+    matched = ", ".join(f"{pair.w_error(_first_depth(pair, stacks, 'matched')):.2f}" for pair in textures[0])
+    drawn = _first_depth(drawing, stacks, "symmetric")
     remark = (
-        "Most of our error is beside the depth's steps, where the windows see both sides: without noise it is"
-        f" {smooth:.2f} pixels elsewhere, so that the steps of the thesis's map tell most. Its filters' sizes are not"
-        f" told; ours are the best of several. The start that the program uses errs by {told} pixels here."
+        "The picture tells most, and the thesis's is not published: without noise these textures give"
+        f" {min(e[0] for e in errors):.2f} to {max(e[0] for e in errors):.2f} pixels, the drawing of the other rows,"
+        f" bare in places, {drawing.w_error(drawn):.2f}, and {drawing.away_from_steps(drawn):.2f} away from the depth's"
+        f" steps. The start that the program uses errs by {matched} pixels on the first texture."
     )
-    return Found(tuple(errors["symmetric"]), (pictures("start", shown),), remark)
+    figure = pictures("start", [(words, w) for words, w in zip(NOISE_WORDS, depths[0], strict=True)])
+    return Found((*_mean(blurred), *_mean(errors)), (figure,), remark)
 
+
+def _first_depth(pair: scenes.Pair, stacks: list[MaskStack], start: str) -> Array:
+    return np.asarray(
+        first_depth(pair.z, stacks, noise_of(pair.z, stacks), RestorationParameters(depth_start=start)).w,
+        dtype=np.float64,
+    )
+
+
+def _mean(lines: list[list[float]]) -> tuple[float, ...]:
+    return tuple(np.mean(lines, axis=0).tolist())
+
+
+TEXTURES = 4
+"""Pictures that the errors are means of."""
 
 START = Row(
     name="restoration-start",
     chapter="restoration",
-    place="Sorel 2007, Figure 10.4",
+    place="Sorel 2007, Figures 10.2 and 10.4",
     title="Depth maps directly from the filter-based Algorithm II, smoothed by an 11 × 11 median",
-    checks=_not_above("error of w", ("0.25", "0.26", "0.51", "1.42"), "pixels"),
-    tolerance="Another picture: half as much again passes.",
+    checks=(
+        Check.near("error of the first blurred photograph", "17.21", 0.1, "grey levels"),
+        Check.near("error of the second", "19.19", 0.1, "grey levels"),
+        *_not_above("error of w", ("0.25", "0.26", "0.51", "1.42"), "pixels"),
+    ),
+    tolerance=(
+        "Other pictures: textures, whose blurred photographs err by as much as the thesis's. Half as much again passes"
+        " for w. The sizes of the thesis's filters are not told; ours are the best of several."
+    ),
     compute=_start,
-    long=True,
 )
 
 ROWS = (KNOWN_DEPTH, ONE_LEVEL, OUT_OF_FOCUS, IN_MOTION, START)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from procedures.outcome import BadParameter, ProcedureError
 from station.common.progress import Progress, silent
 from station.demo.reproduce.reproduction import CheckedFigure, Done, Reproduction, RowState
-from station.demo.reproduce.row import Found, Row, Setting
+from station.demo.reproduce.row import Row, Setting
 from station.results.result_files import ResultFolder, software, write_record
 
 SCHEMA = "station/reproduce/1"
@@ -61,23 +62,24 @@ def computed(row: Row, setting: Setting, *, named: bool = False) -> Done:
     missing = _missing(row, setting, named=named)
     if missing:
         return Done(row, RowState.LEFT_OUT, reason=missing)
-    start = time.perf_counter()
+    start, worked = time.perf_counter(), time.process_time()
+    done = _judged(row, setting)
+    return replace(done, seconds=time.perf_counter() - start, processor_s=time.process_time() - worked)
+
+
+def _judged(row: Row, setting: Setting) -> Done:
     try:
         found = row.compute(setting)
         lines = tuple(CheckedFigure(check, value) for check, value in zip(row.checks, found.values, strict=True))
     except ProcedureError as error:
-        return Done(row, RowState.FAIL, reason=error.reason, seconds=time.perf_counter() - start)
+        return Done(row, RowState.FAIL, reason=error.reason)
     except Exception as error:
         if os.environ.get("STATION_TRACEBACK"):
             raise
         reason = f"the row stopped on something it did not foresee: {type(error).__name__}: {error}"
-        return Done(row, RowState.FAIL, reason=reason, seconds=time.perf_counter() - start)
-    return _judged(row, found, lines, time.perf_counter() - start)
-
-
-def _judged(row: Row, found: Found, lines: tuple[CheckedFigure, ...], seconds: float) -> Done:
+        return Done(row, RowState.FAIL, reason=reason)
     state = RowState.PASS if all(line.passes for line in lines) else RowState.FAIL
-    return Done(row, state, lines, found.figures, found.remark, seconds=seconds)
+    return Done(row, state, lines, found.figures, found.remark)
 
 
 def _missing(row: Row, setting: Setting, *, named: bool) -> str:
@@ -94,7 +96,7 @@ def _missing(row: Row, setting: Setting, *, named: bool) -> str:
 
 def _sentence(one: Done) -> str:
     reason = f": {one.reason}" if one.reason else ""
-    return f"{one.row.name}: {one.state}{reason} ({one.seconds:.1f} s)"
+    return f"{one.row.name}: {one.state}{reason} ({one.seconds:.1f} s, {one.processor_s:.1f} s of processor)"
 
 
 def _page(found: Reproduction) -> str:
@@ -112,6 +114,7 @@ def _record(found: Reproduction, setting: Setting) -> dict[str, Any]:
         "rows": [_entry(one) for one in found.done],
         "software": software(),
         "duration_s": round(found.seconds, 3),
+        "processor_s": round(found.processor_s, 3),
     }
 
 
@@ -128,6 +131,7 @@ def _entry(one: Done) -> dict[str, Any]:
         "tolerance": row.tolerance,
         "checks": [_line_entry(line) for line in one.lines],
         "duration_s": round(one.seconds, 3),
+        "processor_s": round(one.processor_s, 3),
     }
 
 

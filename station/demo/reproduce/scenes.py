@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -25,6 +26,8 @@ REACH = 8
 GREY_LEVELS = 255
 STEP, BESIDE = 0.5, 12
 """Change of w from pixel to pixel that is a step, and how far about it windows see both sides, pixels."""
+CONTRAST = 0.122
+"""Standard deviation of the texture, white = 1: blurred, it errs by as much as the thesis's map."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +81,14 @@ def map_drawing(shape: tuple[int, int], rng: np.random.Generator) -> Array:
     return np.asarray(np.clip(u + rng.normal(0, 0.01, shape), 0.03, 0.98), dtype=np.float64)
 
 
+def texture(shape: tuple[int, int], rng: np.random.Generator) -> Array:
+    """Detail everywhere, of amplitude 1/f as a scanned map's hatching and paper have it, white = 1."""
+    frequency = np.hypot(np.fft.fftfreq(shape[0])[:, None], np.fft.rfftfreq(shape[1]))
+    frequency[0, 0] = np.inf
+    u = np.fft.irfft2(np.fft.rfft2(rng.standard_normal(shape)) / frequency, shape)
+    return np.asarray(0.5 + CONTRAST * u / u.std(), dtype=np.float64)
+
+
 def depth(shape: tuple[int, int]) -> Array:
     """Half the PSF's size, pixels: flat above and below, a slope between, a quarter of a sphere standing out of it."""
     y, x = np.mgrid[0 : shape[0], 0 : shape[1]]
@@ -108,11 +119,18 @@ def gaussian_stacks() -> list[MaskStack]:
     return stacks(gaussian())
 
 
-def pair(shape: Array, noise_db: float | None, size: tuple[int, int] = SHAPE, seed: int = 1) -> Pair:
-    """Both photographs; noise so many decibels below their contrast, None: without."""
+def pair(
+    shape: Array,
+    noise_db: float | None,
+    size: tuple[int, int] = SHAPE,
+    seed: int = 1,
+    picture: Callable[[tuple[int, int], np.random.Generator], Array] = map_drawing,
+    drawn: int = 7,
+) -> Pair:
+    """Both photographs; noise so many decibels below their contrast, None: without. `drawn`: the picture's seed."""
     rng = np.random.default_rng(seed)
     wide = (size[0] + 2 * REACH, size[1] + 2 * REACH)
-    u, w = map_drawing(wide, np.random.default_rng(7)), depth(wide)
+    u, w = picture(wide, np.random.default_rng(drawn)), depth(wide)
     photographs = []
     for stack in stacks(shape):
         blur = Blur(stack, size)

@@ -134,6 +134,22 @@ def test_half_out_of_focus_is_told_with_both_halves(rng: np.random.Generator) ->
 
 
 @pytest.mark.slow
+def test_what_a_hand_leaves_of_the_chart_is_enough(rng: np.random.Generator) -> None:
+    plane = exposed(photograph(), rng)
+    rows, columns = np.indices(plane.samples.shape)
+    middle, width = np.array(plane.samples.shape) / 2, plane.samples.shape[1]
+    hand = np.hypot(columns - middle[1] - 0.12 * width, rows - middle[0]) < 0.16 * width
+    hidden = np.where(hand, 0.3, plane.samples).astype(np.float32)
+    outcome = estimate_psf(type(plane)("Y", hidden, plane.quantisation), CHART, PatternParameters(4, 17, chosen=True))
+    assert outcome.verdict is Verdict.DOUBTFUL, outcome.reason
+    assert "do not fit the chart" in outcome.reason
+    assert outcome.value is not None
+    for name, true in zip(NAMES, truths(), strict=True):
+        number = outcome.value.quality.numbers[name]
+        assert abs(number.value - true) < 3.5 * number.uncertainty, name
+
+
+@pytest.mark.slow
 def test_errors_are_those_that_the_uncertainties_tell() -> None:
     errors, shares = [], []
     for otf, seeds in ((F56, range(2, 6)), (F8, range(4))):

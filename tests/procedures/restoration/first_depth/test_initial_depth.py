@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
+from scipy.signal import fftconvolve
 
 from procedures.raw import read_frame
 from procedures.restoration.first_depth import initial_depth
@@ -28,6 +30,16 @@ def test_relative_blur_of_a_cubic_is_the_difference_of_variances():
 def test_variances_of_masks(defocus_stacks):
     k = round(4.0 / defocus_stacks[0].step)
     assert initial_depth.variance(defocus_stacks[0])[k] == pytest.approx(4.0**2 / 4 + 1 / 12, rel=0.02)
+
+
+def test_a_blur_that_no_masks_have_is_no_depth(defocus_stacks, rng):
+    # where the second photograph is the sharper one, as its masks never make it, the depth around counts
+    u = gaussian_filter(rng.standard_normal((90, 110)), 1.5)
+    z = np.stack([[fftconvolve(u, s.at(3.0), mode="valid")] for s in defocus_stacks])
+    patch = np.s_[:, :, 30:44, 40:60]
+    z[patch] = z[::-1][patch]
+    w = initial_depth.algorithm_2(z, defocus_stacks, 0.0, window=9).w
+    assert w[20:54, 30:70].min() > 1.5
 
 
 @pytest.mark.slow
@@ -58,8 +70,6 @@ def test_starts_know_where_they_are_weak(vibrating):
 
 def test_whitened_costs_are_one_at_the_truth(vibration_stacks):
     # constant depth, noise of known size: the windowed mean of a unit variance, away from the frame
-    from scipy.signal import fftconvolve
-
     rng = np.random.default_rng(5)
     u = rng.random((140, 140))
     z = np.stack([[fftconvolve(u, s.at(2.7), mode="valid")] for s in vibration_stacks])
