@@ -14,6 +14,7 @@ import numpy as np
 from procedures.cross_check.estimate import check_edges
 from procedures.outcome import BadInput, Outcome, Refused, Verdict
 from procedures.pattern import Chart
+from procedures.pattern_psf.combine import CombinedPsf
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
 from procedures.psf import Psf
 from procedures.quality import WAVELENGTHS_NM, Diffraction, Quality
@@ -200,9 +201,7 @@ def plane_result(plane: Plane, outcome: Outcome[F], exposure: Exposure | None = 
 
 def _place(plane: Plane, found: EstimatedPsf) -> str:
     """Where in the frame a chart was seen; "" of what is no chart."""
-    shots = [
-        one for one in (found.shots if isinstance(found, CombinedPsf) else (found,)) if isinstance(one, PatternPsf)
-    ]
+    shots = found.shots if isinstance(found, CombinedPsf) else (found,) if isinstance(found, PatternPsf) else ()
     if not shots:
         return ""
     x, y = np.mean([np.nanmean(one.marks, axis=0) for one in shots], axis=0).tolist()

@@ -139,7 +139,6 @@ class _OneEach(click.Command):
     metavar="FILE",
     help="Path of the rig during each exposure, two columns x y at equal times: begins the search of its shape.",
 )
-@click.option("--fix-path", is_flag=True, help="Take the recorded paths as they are; find their size and place only.")
 @click.option(
     "--imu",
     "imu",

@@ -32,7 +32,6 @@ class BlurOptions:
     max_w: float | None
     prototype_region: str | None
     paths: tuple[str, ...]
-    fix_path: bool
     imu: tuple[str, ...]
     poses: tuple[str, ...]
     focal_px: float | None
@@ -41,7 +40,7 @@ class BlurOptions:
 
     def check(self, images: int) -> None:
         """Refuse options that do not go together. Raises UsageError."""
-        if (self.paths or self.fix_path) and (self.prototype_region is None or len(self.paths) != 2):
+        if self.paths and (self.prototype_region is None or len(self.paths) != 2):
             raise click.UsageError("--recorded-path needs --prototype-region, and one path for each of two photographs")
         if self.imu or self.poses:
             self._check_recorded(images)
@@ -112,7 +111,7 @@ class BlurOptions:
     @property
     def told(self) -> dict[str, Any]:
         """What the record says of the options that are there for every blur."""
-        names = ("blur", "prototype_region", "fix_path")
+        names = ("blur", "prototype_region")
         return {
             **{name: getattr(self, name) for name in names},
             "shape": list(self.shapes),
@@ -151,7 +150,7 @@ class BlurOptions:
             return from_imu_records([Path(one) for one in self.imu], exposures, focal, inverse, size)
         if self.prototype_region is not None:
             largest = self.max_w or DEFAULT_MAX_W
-            found = _prototypes(photographs, self.prototype_region, largest, self.paths, self.fix_path)
+            found = _prototypes(photographs, self.prototype_region, largest, self.paths)
             given = from_arrays([*found.shapes], each or (1.0,) * count, self.max_w, photographs)
             return replace(given, told={**given.told, "motion": _described(found)}, motion=found)
         names, samples = self._repeated(self.shapes, count), self.samples_per_pixel
@@ -168,16 +167,14 @@ class BlurOptions:
         return [*given] * (1 if len(given) == count else count)
 
 
-def _prototypes(
-    photographs: list[Array], region: str, max_w: float, paths: tuple[str, ...], fixed: bool
-) -> MotionShapes:
-    """Shapes of unknown motion from a flat part of the scene, begun from or fixed by recorded paths of the rig."""
+def _prototypes(photographs: list[Array], region: str, max_w: float, paths: tuple[str, ...]) -> MotionShapes:
+    """Shapes of unknown motion from a flat part of the scene, begun from recorded paths of the rig."""
     import numpy as np
 
     from procedures.restoration.unknown_motion.blind import prototype_shapes
     from procedures.restoration.unknown_motion.motion_splines import recorded
-    from procedures.restoration.unknown_motion.path_refinement import MotionShapes, motion_of_scene
-    from procedures.restoration.unknown_motion.recorded_paths import read_path, recorded_masks, recorded_shapes
+    from procedures.restoration.unknown_motion.path_refinement import motion_of_scene
+    from procedures.restoration.unknown_motion.recorded_paths import read_path, recorded_masks
 
     try:
         x, y, width, height = (int(part) for part in region.split(","))
@@ -190,15 +187,12 @@ def _prototypes(
     largest = int(np.ceil(max_w))
     # the scene is drawn along minus the rig's path
     drawn = [-read_path(Path(name)) for name in paths]
-    if fixed:
-        motion = MotionShapes(*recorded_shapes(parts, drawn, largest))
-    else:
-        found = prototype_shapes(parts, largest, first=recorded_masks(parts, drawn, largest) if drawn else None)
-        log("prototypes", f"motion of half-width {found.half_width:.1f} pixels in the flat part")
-        begun = [recorded(path, mask, found.half_width) for path, mask in zip(drawn, found.masks, strict=False)]
-        box, rng = (x, y, width, height), np.random.default_rng(0)
-        log("paths", "looking for the paths that the whole frame agrees with; this takes some minutes")
-        motion = motion_of_scene(photographs, box, found, max_w, rng, np.stack(begun) if begun else None)
+    found = prototype_shapes(parts, largest, first=recorded_masks(parts, drawn, largest) if drawn else None)
+    log("prototypes", f"motion of half-width {found.half_width:.1f} pixels in the flat part")
+    begun = [recorded(path, mask, found.half_width) for path, mask in zip(drawn, found.masks, strict=False)]
+    box, rng = (x, y, width, height), np.random.default_rng(0)
+    log("paths", "looking for the paths that the whole frame agrees with; this takes some minutes")
+    motion = motion_of_scene(photographs, box, found, max_w, rng, np.stack(begun) if begun else None)
     sentence = motion.doubt or f"paths of half-width {motion.half_width:.2f} pixels in the flat part"
     log("motion", sentence, level="warning" if motion.doubt else "info", half_width=motion.half_width)
     return motion

@@ -7,7 +7,7 @@ after Wales and Doye 1997). No photograph is touched in between.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -15,10 +15,26 @@ from procedures.restoration.masks.blur_operator import Array
 from procedures.restoration.unknown_motion.cross_relation import INSTANTS
 from procedures.restoration.unknown_motion.mask_evidence import MaskEvidence, fitted
 from procedures.restoration.unknown_motion.motion_splines import POINTS
-from procedures.restoration.unknown_motion.path_pairs import distinct, replaced
+from procedures.restoration.unknown_motion.path_pairs import PairSettings, distinct, replaced
 
-# bends that are tried, by how many pixels, and how wide, of the exposure
-BENDS, MOVED, WIDE = 40, 0.5, (0.06, 0.25)
+
+@dataclass(frozen=True)
+class BendSettings:
+    """Bends that are tried at random.
+
+    Attributes
+    ----------
+    number : int
+        Of them: more find no better curves in most scenes, and each takes a descent.
+    moved : float
+        Standard deviation of how far one is moved, pixels: as far as curves that draw one mask differ.
+    wide : (float, float)
+        Least and greatest width, of the exposure.
+    """
+
+    number: int = 40
+    moved: float = 0.5
+    wide: tuple[float, float] = (0.06, 0.25)
 
 
 @dataclass(frozen=True)
@@ -27,6 +43,8 @@ class Turns:
 
     pools: Sequence[Sequence[Array]]
     rng: np.random.Generator
+    bends: BendSettings = field(default_factory=BendSettings)
+    pairs: PairSettings = field(default_factory=PairSettings)
 
     def beside(self, origin: Array) -> Turns:
         """The same about another origin, pixels x, y."""
@@ -37,18 +55,18 @@ class Turns:
         best = _better((np.inf, points), evidence, points, half)
         flat = [one for one in evidence if one.w == half]
         for k, pool in enumerate(self.pools):
-            for one in distinct(flat, best[1], half, k, pool):
+            for one in distinct(flat, best[1], half, k, pool, self.pairs):
                 best = _better(best, evidence, replaced(best[1], k, one), half)
-        for _ in range(BENDS):
+        for _ in range(self.bends.number):
             k = int(self.rng.integers(2))
             best = _better(best, evidence, replaced(best[1], k, self._bent(best[1][k])), half)
         return best[1]
 
     def _bent(self, points: Array) -> Array:
         """A curve (POINTS, 2) with one bend moved, anywhere along it."""
-        at, width = self.rng.uniform(-0.1, 1.1), self.rng.uniform(*WIDE)
+        at, width = self.rng.uniform(-0.1, 1.1), self.rng.uniform(*self.bends.wide)
         bump = np.exp(-(((np.linspace(0, 1, POINTS) - at) / width) ** 2) / 2)
-        return np.asarray(points + bump[:, None] * self.rng.normal(0, MOVED, 2))
+        return np.asarray(points + bump[:, None] * self.rng.normal(0, self.bends.moved, 2))
 
 
 def _better(

@@ -36,16 +36,20 @@ class Prototypes:
     residual: float
 
 
-# weight of the cross relation against the fit to the picture, both in squared gradients
-CROSS = 100.0
-# a larger support lowers the least eigenvalue by its few more unknowns only, some per cent; a missing rim doubles it
-GAIN = 1.12
-
-
-def prototype_shapes(parts: Array, largest: int, rounds: int = 24, first: Array | None = None) -> Prototypes:
+def prototype_shapes(
+    parts: Array,
+    largest: int,
+    rounds: int = 24,
+    first: Array | None = None,
+    *,
+    cross: float = 100.0,
+    most_residual: float = 0.2,
+) -> Prototypes:
     """Masks of a flat part (2, H, W) seen in both photographs, support found up to half-size `largest`.
 
     first : masks to begin from (2, K, K), as `recorded.recorded_masks` finds them; their support is kept.
+    cross : weight of the cross relation against the fit to the picture, both in squared gradients; most_residual : of
+    the part's contrast, beyond which the masks explain nothing.
 
     Raises
     ------
@@ -69,9 +73,9 @@ def prototype_shapes(parts: Array, largest: int, rounds: int = 24, first: Array 
     for n in range(rounds):
         # first only what is surely an edge, so that the masks become sharp before the picture is detailed
         u = _picture(parts, masks, u, 1e-2 * 0.02 ** (n / rounds))
-        masks = _masks(parts, u, relation, R)
+        masks = _masks(parts, u, cross * relation, R)
     residual = np.sqrt(np.mean([(fftconvolve(u, h, mode="valid") - z) ** 2 for h, z in zip(masks, parts, strict=True)]))
-    if residual > 0.2 * parts.std():
+    if residual > most_residual * parts.std():
         raise Refused("no pair of masks explains the marked part in both photographs", "mark a part of one distance")
     masks = centred(masks)
     half = reach(masks)
@@ -109,12 +113,16 @@ def _least_relation(parts: Array, R: int) -> float:
     return float(np.linalg.eigvalsh(both.T @ both / len(both))[0])
 
 
-def support(parts: Array, largest: int) -> int:
-    """Least half-size of masks beyond which the cross relation gains nothing but its additional unknowns."""
+def support(parts: Array, largest: int, gain: float = 1.12) -> int:
+    """Least half-size of masks beyond which the cross relation gains nothing but its additional unknowns.
+
+    gain : a larger support lowers the least eigenvalue by its few more unknowns only, some per cent; a missing rim
+    doubles it.
+    """
     left = _least_relation(parts, 1)
     for R in range(1, largest):
         more = _least_relation(parts, R + 1)
-        if left < GAIN * more:
+        if left < gain * more:
             return R
         left = more
     return largest
@@ -170,7 +178,7 @@ def _masks(parts: Array, u: Array, relation: Array, R: int) -> Array:
         A = _patches(g, size)
         gram += A.T @ A
         right += np.stack([A.T @ _gradients(z)[k].ravel() for z in parts])
-    both = CROSS * relation
+    both = relation.copy()
     both[:n, :n] += gram
     both[n:, n:] += gram
     both[np.diag_indices(2 * n)] += 1e-5 * np.trace(gram) / n

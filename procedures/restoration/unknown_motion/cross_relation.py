@@ -17,19 +17,41 @@ from scipy.ndimage import uniform_filter
 from procedures.restoration.masks.blur_operator import Array
 from procedures.restoration.unknown_motion.mask_evidence import FLOOR, MaskEvidence, masks_at
 
-# least and greatest depth tried over the flat part's own, their step, and how far beyond those of a rough matching
-LIMITS, STEP, BEYOND = (0.4, 2.0), 0.05, 0.2
-# per cent of the surroundings whose rough depth tells no limit
-OUTLYING = 2.0
-# side of the mean of squared disagreement, pixels, and mean at which a place merely has a depth step
-WINDOW, CAP = 5, 20.0
-# places looked at, and their side without what wraps around, pixels
-PLACES, INSIDE = 12, 48
-# weight of what places say of masks: depths that change leave three times the noise even with the right ones
-SLOPES = 0.3
-# fewest pixels of a depth that tell anything of its masks
-FEWEST = 30
 INSTANTS = 150
+"""Of a curve drawn while many are compared: a third of what the last ones get, and a third of its time."""
+
+
+@dataclass(frozen=True)
+class PlaceSettings:
+    """Which places of the frame are looked at, at which depths, and what counts there.
+
+    Attributes
+    ----------
+    limits, step, beyond : (float, float), float, float
+        Least and greatest depth tried over the flat part's own, their step, and how far beyond those of a rough
+        matching.
+    outlying : float
+        Per cent of the surroundings whose rough depth tells no limit.
+    window, cap : int, float
+        Side of the mean of squared disagreement, pixels, and mean, of noise 1, at which a place merely has a step.
+    number, side : int
+        Places looked at, those with most contrast, and their side without what wraps around, pixels.
+    slopes : float
+        Weight of what places say of masks: depths that change leave three times the noise even with the right ones.
+    fewest : int
+        Pixels of a depth that tell anything of its masks.
+    """
+
+    limits: tuple[float, float] = (0.4, 2.0)
+    step: float = 0.05
+    beyond: float = 0.2
+    outlying: float = 2.0
+    window: int = 5
+    cap: float = 20.0
+    number: int = 12
+    side: int = 48
+    slopes: float = 0.3
+    fewest: int = 30
 
 
 @dataclass(frozen=True)
@@ -46,19 +68,21 @@ class Disagreement:
     w : rough depth (H, W), pixels: what sizes are tried.
     """
 
-    def __init__(self, z: Array, flat: tuple[slice, slice], half: float, w: Array) -> None:
-        self.half = half
-        self.sizes = _sizes(w, flat, half)
+    def __init__(
+        self, z: Array, flat: tuple[slice, slice], half: float, w: Array, settings: PlaceSettings | None = None
+    ) -> None:
+        self.half, self.settings = half, (s := settings or PlaceSettings())
+        self.sizes = _sizes(w, flat, half, s)
         self.R = int(np.ceil(self.sizes[-1] * half + 1))
-        self.n = next_fast_len(INSIDE + 4 * self.R, True)
+        self.n = next_fast_len(s.side + 4 * self.R, True)
         # what is nearer to the frame's border saw what lies beyond
         outside = np.pad(np.ones([n - 2 * self.R for n in z.shape[1:]], bool), self.R)
         outside[flat] = False
         margin = (2 * self.R, self.n - 2 * self.R)
         wide = np.pad(z, ((0, 0), margin, margin), mode="reflect").astype(np.float32)
         self.places = [
-            Place(rfft2(wide[:, y : y + self.n, x : x + self.n]), outside[y : y + INSIDE, x : x + INSIDE])
-            for y, x in _detailed(z, outside)
+            Place(rfft2(wide[:, y : y + self.n, x : x + self.n]), outside[y : y + s.side, x : x + s.side])
+            for y, x in _detailed(z, outside, s)
         ]
 
     def seen(self, points: Array) -> Array:
@@ -70,8 +94,9 @@ class Disagreement:
 
     def of(self, first: Array, second: Array) -> float:
         """Mean over the places, from what was `seen` of both curves: 1 where depths are even and the curves right."""
+        cap = self.settings.cap
         found = [least[place.outside] for place, _, _, least in self._by_size(first, second)]
-        return float(np.mean(-CAP * np.expm1(-np.concatenate(found) / CAP))) if found else 0.0
+        return float(np.mean(-cap * np.expm1(-np.concatenate(found) / cap))) if found else 0.0
 
     def _by_size(self, first: Array, second: Array) -> Iterator[tuple[Place, Array, Array, Array]]:
         """Of every place the disagreement at every size, (sizes, h, w), the size of least mean, and that mean."""
@@ -80,7 +105,7 @@ class Disagreement:
         for place in self.places:
             a, b = place.spectra
             d = self._cut(irfft2(a * second - b * first, (self.n, self.n)), place.outside.shape)
-            mean = uniform_filter(d**2, (0, WINDOW, WINDOW))
+            mean = uniform_filter(d**2, (0, self.settings.window, self.settings.window))
             yield place, d, mean.argmin(axis=0), mean.min(axis=0)
 
     def _cut(self, wide: Array, shape: tuple[int, ...], rim: int = 0) -> Array:
@@ -92,13 +117,13 @@ class Disagreement:
     def evidence(self, points: Array) -> list[MaskEvidence]:
         """What the places say of the masks of every size, each pixel at the size that fits it best."""
         first, second = (self.seen(one) for one in points)
-        noise = _noise(first, second)
+        noise, s = _noise(first, second), self.settings
         found: dict[int, MaskEvidence] = {}
         for place, d, best, least in self._by_size(first, second):
-            weight = SLOPES * np.exp(-least / CAP)
+            weight = s.slopes * np.exp(-least / s.cap)
             for size in np.unique(best[place.outside]):
                 at = (best == size) & place.outside
-                if at.sum() < FEWEST:
+                if at.sum() < s.fewest:
                     continue
                 evidence = found.get(size) or found.setdefault(
                     size, MaskEvidence.about(points, self.half, self.sizes[size] * self.half, self.R)
@@ -116,14 +141,14 @@ class Disagreement:
         return np.concatenate(rows).astype(np.float64)
 
 
-def _sizes(w: Array, flat: tuple[slice, slice], half: float) -> Array:
+def _sizes(w: Array, flat: tuple[slice, slice], half: float, s: PlaceSettings) -> Array:
     """Depths to try over the flat part's own: those of a rough matching around it, and somewhat beyond."""
     outside = np.ones(w.shape, bool)
     outside[flat] = False
     if not outside.any():
         return np.ones(1)
-    low, high = np.clip(np.percentile(w[outside] / half, (OUTLYING, 100 - OUTLYING)), *LIMITS)
-    return np.arange(low - BEYOND, high + BEYOND + STEP / 2, STEP)
+    low, high = np.clip(np.percentile(w[outside] / half, (s.outlying, 100 - s.outlying)), *s.limits)
+    return np.arange(low - s.beyond, high + s.beyond + s.step / 2, s.step)
 
 
 def _noise(first: Array, second: Array) -> Array:
@@ -131,12 +156,12 @@ def _noise(first: Array, second: Array) -> Array:
     return np.asarray(np.sqrt(np.abs(first) ** 2 + np.abs(second) ** 2 + np.float32(FLOOR)))
 
 
-def _detailed(z: Array, outside: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def _detailed(z: Array, outside: NDArray[np.bool_], s: PlaceSettings) -> list[tuple[int, int]]:
     """Upper left corners of the places with most contrast outside the flat part."""
     detail = np.zeros(outside.shape)
     detail[1:, 1:] = sum(np.diff(a, axis=0)[:, 1:] ** 2 + np.diff(a, axis=1)[1:] ** 2 for a in z)
     detail *= outside
     H, W = outside.shape
-    corners = [(y, x) for y in range(0, H, INSIDE) for x in range(0, W, INSIDE)]
-    contrast = {(y, x): float(detail[y : y + INSIDE, x : x + INSIDE].sum()) for y, x in corners}
-    return [at for at in sorted(corners, key=lambda at: -contrast[at])[:PLACES] if contrast[at] > 0]
+    corners = [(y, x) for y in range(0, H, s.side) for x in range(0, W, s.side)]
+    contrast = {(y, x): float(detail[y : y + s.side, x : x + s.side].sum()) for y, x in corners}
+    return [at for at in sorted(corners, key=lambda at: -contrast[at])[: s.number] if contrast[at] > 0]

@@ -19,7 +19,7 @@ from procedures.restoration.joint.data_term import DataTerm, restore_picture
 from procedures.restoration.joint.estimate import RestorationParameters, restoration_of
 from procedures.restoration.joint.gauss_newton import Weights, joint_step
 from procedures.restoration.joint.priors import steps_allowed
-from procedures.restoration.joint.schedule import DEPTH_SLOPE, Scheme
+from procedures.restoration.joint.schedule import DEPTH_SLOPE
 from procedures.restoration.masks.blur_models import mask_stack
 from procedures.restoration.masks.blur_operator import Array, Blur, MaskStack
 from procedures.restoration.unknown_motion.basin_hopping import Turns
@@ -36,30 +36,16 @@ from procedures.restoration.unknown_motion.mask_evidence import (
 )
 from procedures.restoration.unknown_motion.motion_splines import basis, candidates, half_width, path_stack, shapes_of
 from procedures.restoration.unknown_motion.path_pairs import Search
+from procedures.restoration.unknown_motion.path_settings import PathSettings
 
 Box = tuple[int, int, int, int]
 
 TILE = 24
-# most pixels of the frame that are looked at: beyond, more of them make the paths no better, but slower
-MOST = 120_000
-# joint steps of picture and depth after matching: with fewer the depth is not yet as good as the curves deserve
-JOINT = 8
-# levels of w for which a tile's masks are made, pixels
+"""Side of the tiles in which the frame is compared with the curves, pixels: the flat part holds one at least."""
 LEVEL = 0.05
-# mean squared error of a tile, of noise 1, beyond which a depth step or a wrong depth is rather in it
-DOUBT = 10.0
-# beginnings of each curve, pairs whose depth is matched, those of them with which the frame is restored, and most
-# restorations with what the best becomes
-BEGINNINGS, MATCHED, RESTORED, MORE = 96, 6, 3, 5
-# of these restorations
-SCHEME = Scheme(10, 12, 12, 2, 10)
-# fall of what is left unexplained, of the noise, below which nothing more is found
-LEAST_FALL = 0.003
+"""Pixels of w between the levels for which a tile's masks are made."""
 
-# mean squared difference of neighbours expected of the picture while paths are sought, white = 1
-CONTRAST = 6.3e-3
-# what is left unexplained, of the noise, with the curves of the rig, and beyond which they are others
-LEFT, MOST_LEFT = 0.75, 0.87
+
 REMEDY = "record the rig's motion, or mark a larger flat part with more detail"
 
 
@@ -85,12 +71,13 @@ class MotionShapes:
 
 @dataclass(frozen=True)
 class _View:
-    """What paths are fitted to: photographs (2, 1, H, W), the flat part and its w, and the noise."""
+    """What paths are fitted to: photographs (2, 1, H, W), the flat part and its w, and the noise; and how."""
 
     z: Array
     flat: tuple[slice, slice]
     half: float
     max_w: float
+    settings: PathSettings
     sigma: float = Matching.least_sigma
 
     @property
@@ -100,7 +87,7 @@ class _View:
     @property
     def weights(self) -> Weights:
         """Of the priors of picture and depth."""
-        return Weights(self.sigma**2 / CONTRAST, self.sigma**2 / DEPTH_SLOPE**2)
+        return Weights(self.sigma**2 / self.settings.contrast, self.sigma**2 / DEPTH_SLOPE**2)
 
     def pinned(self, w: Array) -> Array:
         """Depth (H, W) with the flat part at its own w."""
@@ -147,6 +134,7 @@ def motion_of_scene(
     max_w: float,
     rng: np.random.Generator,
     known: Array | None = None,
+    settings: PathSettings | None = None,
 ) -> MotionShapes:
     """Shapes fine enough for every depth, from those found in a flat part, x, y, width, height, and the frame around.
 
@@ -156,28 +144,34 @@ def motion_of_scene(
     """
     if min(region[2:]) < TILE:
         return MotionShapes(found.shapes, found.half_width, None, f"the flat part is narrower than {TILE} pixels")
-    view = _view(photographs, region, found.half_width - 0.4, max_w)
+    s = settings or PathSettings()
+    view = _view(photographs, region, found.half_width - 0.4, max_w, s)
     view, coarse = _pixels(view, found)
     fit = _settled(view, found, known, rng)
     if fit.energy > coarse:
         return MotionShapes(found.shapes, found.half_width, None, "motion is known to whole pixels only: no path fits")
-    left = f"the motion's paths leave {fit.energy:.2f} of the noise unexplained, where {LEFT} is usual"
-    doubt = left if fit.energy > MOST_LEFT else None
+    left = f"the motion's paths leave {fit.energy:.2f} of the noise unexplained, where {s.usual_left} is usual"
+    doubt = left if fit.energy > s.most_left else None
     return MotionShapes(shapes_of(fit.points), half_width(fit.points), basis() @ fit.points, doubt)
 
 
-def _view(photographs: list[Array], region: Box, half: float, max_w: float) -> _View:
+def _view(photographs: list[Array], region: Box, half: float, max_w: float, settings: PathSettings) -> _View:
     """The frame about the flat part, as much of it as is looked at."""
     x, y, width, height = region
     H, W = photographs[0].shape[1:]
     margin = max(H, W)
-    while (min(H, y + height + margin) - max(0, y - margin)) * (min(W, x + width + margin) - max(0, x - margin)) > MOST:
+
+    def seen() -> int:
+        rows = min(H, y + height + margin) - max(0, y - margin)
+        return rows * (min(W, x + width + margin) - max(0, x - margin))
+
+    while seen() > settings.most_pixels:
         margin -= 8
     top, left = max(0, y - margin), max(0, x - margin)
     part = (slice(top, y + height + margin), slice(left, x + width + margin))
     z = np.stack([p.mean(axis=0)[part] for p in photographs])[:, None]
     flat = (slice(y - top, y - top + height), slice(x - left, x - left + width))
-    return _View(z, flat, half, max(max_w, 1.2 * half))
+    return _View(z, flat, half, max(max_w, 1.2 * half), settings)
 
 
 def _pixels(view: _View, found: Prototypes) -> tuple[_View, float]:
@@ -189,7 +183,7 @@ def _pixels(view: _View, found: Prototypes) -> tuple[_View, float]:
     e = _errors(coarse, stacks, w, np.pad(view.z.mean(axis=0), ((0, 0), (R, R), (R, R)), mode="edge"))[1]
     left = [(flat, float(r @ r) / TILE**2) for flat, r in _left(coarse, stacks, w, e)]
     sigma = float(np.sqrt(np.median([m for flat, m in left if flat])))
-    return replace(view, sigma=sigma), _energy([m / sigma**2 for _, m in left])
+    return replace(view, sigma=sigma), _energy([m / sigma**2 for _, m in left], view.settings.doubt)
 
 
 def _origins(points: Array) -> list[Array]:
@@ -213,9 +207,10 @@ def _begun(view: _View, found: Prototypes, known: Array | None, pools: list[list
         points = np.stack([_nearest(pool, mask) for pool, mask in zip(pools, found.masks, strict=True)])
     points, evidence = _of_flat_part(view, points)
     w = view.depth(view.stacks(points))
-    search = Search(Disagreement(view.z[:, 0] / view.sigma, view.flat, view.half, w), evidence)
+    s = view.settings
+    search = Search(Disagreement(view.z[:, 0] / view.sigma, view.flat, view.half, w, s.places), evidence, s.pairs)
     beginnings = [one.points for one in search.begun(points, pools)] if pools else [points]
-    return [one.points for one in search.best(beginnings)[:MATCHED]]
+    return [one.points for one in search.best(beginnings)[: s.matched]]
 
 
 def _nearest(pool: list[Array], mask: Array) -> Array:
@@ -242,8 +237,10 @@ def _of_flat_part(view: _View, points: Array) -> tuple[Array, tuple[MaskEvidence
 
 def _settled(view: _View, found: Prototypes, known: Array | None, rng: np.random.Generator) -> _Fit:
     """The best fit of curves, picture and depth to the frame that is met."""
-    pools = [candidates(mask, found.half_width - 0.5, rng, BEGINNINGS) for mask in found.masks] if known is None else []
-    turns = Turns(pools, rng)
+    s, pools = view.settings, []
+    if known is None:
+        pools = [candidates(mask, found.half_width - 0.5, rng, s.beginnings) for mask in found.masks]
+    turns = Turns(pools, rng, s.bends, s.pairs)
     matched = [
         (_matched(view, points - by), turns.beside(by))
         for points in _begun(view, found, known, pools)
@@ -251,12 +248,12 @@ def _settled(view: _View, found: Prototypes, known: Array | None, rng: np.random
     ]
     tried = [
         (_turned(view, _restored(view, fit.points), those), those)
-        for fit, those in sorted(matched, key=lambda one: one[0].energy)[:RESTORED]
+        for fit, those in sorted(matched, key=lambda one: one[0].energy)[: s.restored]
     ]
     fit, turns = min(tried, key=lambda one: one[0].energy)
-    for _ in range(MORE):
+    for _ in range(s.more):
         other = _turned(view, fit, turns)
-        if other.energy > fit.energy - LEAST_FALL:
+        if other.energy > fit.energy - s.least_fall:
             return min(fit, other, key=lambda one: one.energy)
         fit = other
     return fit
@@ -278,8 +275,9 @@ def _matched(view: _View, points: Array) -> _Fit:
     inside = (slice(R, -R), slice(R, -R))
     data = view.data(stacks)
     u, wide = fit.u, np.pad(fit.w, R, mode="edge").astype(np.float32)
-    for _ in range(JOINT):
-        u, wide = joint_step(data, u, wide, weights, 18, (1.0, 1.0), steps_allowed(wide, weights.step))
+    for _ in range(view.settings.joint):
+        edges = steps_allowed(wide, weights.step)
+        u, wide = joint_step(data, u, wide, weights, view.settings.joint_iterations, (1.0, 1.0), edges)
         wide[inside] = view.pinned(wide[inside])
     return _judged(view, replace(fit, u=u, w=wide[inside].astype(np.float64)), stacks)
 
@@ -287,7 +285,7 @@ def _matched(view: _View, points: Array) -> _Fit:
 def _restored(view: _View, points: Array) -> _Fit:
     """A fit with the picture and the depth of a whole restoration, and what it says of the masks."""
     stacks, R = view.stacks(points), view.R
-    found = restoration_of(list(view.z), stacks, RestorationParameters(scheme=SCHEME))
+    found = restoration_of(list(view.z), stacks, RestorationParameters(scheme=view.settings.scheme))
     u = np.pad(found.sharp, ((0, 0), (R, R), (R, R)), mode="edge").astype(np.float32)
     return _judged(view, _evidence(view, _Fit(points, view.pinned(found.w), u), stacks), stacks)
 
@@ -301,7 +299,7 @@ def _errors(view: _View, stacks: list[MaskStack], w: Array, u: Array) -> tuple[A
     """The picture improved for masks and depth, and the photographs' errors (2, H, W)."""
     data = view.data(stacks)
     data.focus(np.pad(w, data.R, mode="edge").astype(np.float32))
-    u = restore_picture(data, u.astype(np.float32), view.weights.picture, 20)
+    u = restore_picture(data, u.astype(np.float32), view.weights.picture, view.settings.picture_iterations)
     return u, data.residual(u)[:, 0].astype(np.float64)
 
 
@@ -340,7 +338,7 @@ def _evidence(view: _View, fit: _Fit, stacks: list[MaskStack]) -> _Fit:
     for w, those in sorted(tiles.items()):
         evidence = MaskEvidence.about(fit.points, view.half, w, view.R)
         above, below = (masks_at(fit.points, view.half, w + d, evidence.R) for d in (delta, -delta))
-        gather(evidence, (above - below) / (2 * delta), those, DOUBT)
+        gather(evidence, (above - below) / (2 * delta), those, view.settings.doubt)
         found.append(evidence)
     return replace(fit, u=u, evidence=tuple(found))
 
@@ -352,13 +350,13 @@ def _left(view: _View, stacks: list[MaskStack], w: Array, e: Array) -> Iterator[
         yield flat, left_over(e[:, y, x], filters(masks, TILE))
 
 
-def _energy(left: list[float]) -> float:
+def _energy(left: list[float], doubt: float) -> float:
     """Mean of the tiles' mean squares, of noise 1, those with a depth step in them counted little."""
-    return float(np.mean(DOUBT * np.log1p(np.array(left) / DOUBT)))
+    return float(np.mean(doubt * np.log1p(np.array(left) / doubt)))
 
 
 def _judged(view: _View, fit: _Fit, stacks: list[MaskStack]) -> _Fit:
     """The fit with what it leaves unexplained."""
     u, e = _errors(view, stacks, fit.w, fit.u)
     left = [float(r @ r) / (TILE * view.sigma) ** 2 for _, r in _left(view, stacks, fit.w, e)]
-    return replace(fit, u=u, energy=_energy(left))
+    return replace(fit, u=u, energy=_energy(left, view.settings.doubt))

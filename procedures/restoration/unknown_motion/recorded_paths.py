@@ -13,14 +13,9 @@ from scipy.ndimage import shift
 
 from procedures.outcome import BadInput
 from procedures.reading.text import read_numbers
-from procedures.restoration.masks.blur_models import as_shape
 from procedures.restoration.masks.blur_operator import Array
 from procedures.restoration.masks.motion import path_mask
-from procedures.restoration.unknown_motion.blind import centred, cross_relation, reach
-
-# sizes tried, pixels of half-width; whole pixels of shift tried each way, then quarters about the best
-SIZE_STEP = 0.25
-MOST_SHIFT = 3
+from procedures.restoration.unknown_motion.blind import cross_relation
 
 
 def read_path(path: Path) -> Array:
@@ -34,8 +29,13 @@ def read_path(path: Path) -> Array:
     return read_numbers(path, "path file", "give a text array of two columns of numbers")
 
 
-def recorded_masks(parts: Array, paths: list[Array], largest: int) -> Array:
+def recorded_masks(
+    parts: Array, paths: list[Array], largest: int, size_step: float = 0.25, most_shift: int = 3
+) -> Array:
     """Masks (2, K, K), K = 2 largest + 1, of a flat part (2, H, W) from the paths of the rig, (n, 2) in one unit.
+
+    size_step : between the half-widths tried, pixels; most_shift : whole pixels of shift tried each way, about the best
+    of which quarters are tried.
 
     Raises
     ------
@@ -49,8 +49,8 @@ def recorded_masks(parts: Array, paths: list[Array], largest: int) -> Array:
         raise BadInput("a recorded path does not move", "record the rig while it vibrates")
     relation = cross_relation(parts, largest)
     most = largest - 1.0
-    sizes = np.arange(1.0, most + SIZE_STEP / 2, SIZE_STEP) / max(extent)
-    whole = np.arange(-MOST_SHIFT, MOST_SHIFT + 1.0)
+    sizes = np.arange(1.0, most + size_step / 2, size_step) / max(extent)
+    whole = np.arange(-most_shift, most_shift + 1.0)
     best = min((_candidate(relation, paths, s, largest, whole) for s in sizes), key=lambda found: found[0])
     fine = np.arange(-0.75, 1.0, 0.25)
     return _candidate(relation, paths, best[2], largest, fine, best[3])[1]
@@ -79,11 +79,3 @@ def _candidate(
     if best is None:
         return np.inf, np.stack([first, second]), size, about
     return best
-
-
-def recorded_shapes(parts: Array, paths: list[Array], largest: int) -> tuple[Array, float]:
-    """Shapes (2, n, n) on [-1, 1] of recorded motion as it is, and their half-width in the flat part, pixels."""
-    masks = recorded_masks(parts, paths, largest)
-    masks = centred(np.where(masks < 0.02 * masks.max(), 0, masks))
-    half = reach(masks)
-    return np.stack([as_shape(h, half) for h in masks]), half

@@ -10,7 +10,10 @@ import pytest
 from click.testing import CliRunner
 
 from procedures.restoration.joint.schedule import Scheme
-from procedures.restoration.unknown_motion import basin_hopping, path_pairs, path_refinement
+from procedures.restoration.unknown_motion import path_refinement
+from procedures.restoration.unknown_motion.basin_hopping import BendSettings
+from procedures.restoration.unknown_motion.path_pairs import PairSettings
+from procedures.restoration.unknown_motion.path_settings import PathSettings
 from station.__main__ import main
 
 QUICK = ["--scheme", "2x(4+4)+1x6", "--max-w", "5.2"]
@@ -135,13 +138,14 @@ def test_a_region_that_is_none_is_a_usage_error(photographs, tmp_path):
 @pytest.mark.slow
 def test_unknown_motion_comes_from_a_flat_part(photographs, tmp_path, monkeypatch):
     # how fine the paths become is tested with the procedure
-    for name, few in (("BEGINNINGS", 3), ("RESTORED", 1), ("MORE", 0), ("SCHEME", Scheme(1, 2, 2, 1, 2))):
-        monkeypatch.setattr(path_refinement, name, few)
-    monkeypatch.setattr(path_pairs, "DESCENDING", 1)
-    monkeypatch.setattr(basin_hopping, "BENDS", 0)
+    few = PathSettings(
+        beginnings=3, restored=1, more=0, scheme=Scheme(1, 2, 2, 1, 2), pairs=PairSettings(descending=1),
+        bends=BendSettings(number=0),
+    )  # fmt: skip
+    monkeypatch.setattr(path_refinement, "PathSettings", lambda: few)
     # the upper left corner of this crop lies at one depth to half a pixel
     arguments = ["--blur", "motion", "--prototype-region", "0,0,60,96", "--scheme", "1x(2+2)", "--max-w", "3"]
-    result = run(*photographs[0], *arguments, "--out", tmp_path / "o")
+    result = run(*photographs[0], *arguments, "--depth-total-variation", "--out", tmp_path / "o")
     assert result.exit_code == 0, result.stderr
     record = json.loads((tmp_path / "o" / "result.json").read_text())
     assert record["parameters"]["prototype_region"] == "0,0,60,96"
@@ -157,18 +161,6 @@ def test_the_report_shows_every_picture_and_needs_no_network(done):
     assert page.count("<svg ") == 4
     assert "http" not in page.replace("http://www.w3.org", "")
     assert "<script" not in page
-
-
-@pytest.mark.slow
-def test_a_recorded_path_fixes_the_shape(photographs, tmp_path):
-    t = np.linspace(0, 2 * np.pi, 200)
-    for n in (1, 2):
-        np.savetxt(tmp_path / f"path{n}.txt", 1e-4 * np.stack([np.cos(n * t), np.sin(t)], axis=1))
-    arguments = ["--blur", "motion", "--prototype-region", "0,0,60,96", "--scheme", "1x(2+2)", "--max-w", "3"]
-    paths = ["--recorded-path", tmp_path / "path1.txt", "--recorded-path", tmp_path / "path2.txt", "--fix-path"]
-    result = run(*photographs[0], *arguments, *paths, "--depth-total-variation", "--out", tmp_path / "o")
-    assert result.exit_code == 0, result.stderr
-    assert json.loads((tmp_path / "o" / "result.json").read_text())["parameters"]["fix_path"] is True
 
 
 def test_one_recorded_path_is_a_usage_error(photographs, tmp_path):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procedures.restoration.unknown_motion.basin_hopping import Turns
+from procedures.restoration.unknown_motion.basin_hopping import BendSettings, Turns
 from procedures.restoration.unknown_motion.mask_evidence import MaskEvidence, cost, fitted, masks_at
 from procedures.restoration.unknown_motion.motion_splines import POINTS
 
@@ -14,6 +14,7 @@ from ..motions import FLAT_W, curves
 # lines about as wide as samples lie apart
 HALF = 2 * FLAT_W
 TRUE = 2 * curves()
+NO_BENDS = BendSettings(number=0)
 
 
 @pytest.fixture(scope="module")
@@ -41,30 +42,24 @@ def apart(points):
     return np.linalg.norm(a - b) / np.linalg.norm(b)
 
 
-@pytest.fixture
-def no_bends(monkeypatch):
-    monkeypatch.setattr("procedures.restoration.unknown_motion.basin_hopping.BENDS", 0)
-
-
 @pytest.mark.slow
-def test_a_curve_of_the_pool_is_taken(said, wrong, no_bends):
+def test_a_curve_of_the_pool_is_taken(said, wrong):
     pools = [[wrong[0], TRUE[0]], [wrong[1]]]
-    found = Turns(pools, np.random.default_rng(0)).taken(said, wrong, HALF)
+    found = Turns(pools, np.random.default_rng(0), NO_BENDS).taken(said, wrong, HALF)
     assert apart(fitted(said, wrong, HALF)[1]) > 0.1
     assert apart(found) < 0.05
 
 
 @pytest.mark.slow
-def test_a_pool_told_about_another_origin_is_moved(said, wrong, no_bends):
+def test_a_pool_told_about_another_origin_is_moved(said, wrong):
     origin = np.array([1.0, 0.0])
-    turns = Turns([[TRUE[0] + origin], [TRUE[1] + origin]], np.random.default_rng(0)).beside(origin)
+    turns = Turns([[TRUE[0] + origin], [TRUE[1] + origin]], np.random.default_rng(0), NO_BENDS).beside(origin)
     assert apart(turns.taken(said, wrong, HALF)) < 0.05
 
 
-def test_bends_end_no_worse_than_descent(said, monkeypatch):
-    monkeypatch.setattr("procedures.restoration.unknown_motion.basin_hopping.BENDS", 4)
+def test_bends_end_no_worse_than_descent(said):
     bend = np.exp(-(((np.arange(POINTS) - 8) / 2.0) ** 2))[:, None]
     begun = TRUE + bend * np.array([[[1.6, -1.2]], [[-1.2, 1.6]]])
-    found = Turns([], np.random.default_rng(1)).taken(said, begun, HALF)
+    found = Turns([], np.random.default_rng(1), BendSettings(number=4)).taken(said, begun, HALF)
     alone = fitted(said, begun, HALF, (0, 1), 150, 15, 1e-3)[1]
     assert cost(said, found, HALF) < 1.01 * cost(said, alone, HALF)

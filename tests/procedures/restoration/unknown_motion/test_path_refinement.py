@@ -8,9 +8,11 @@ import pytest
 from procedures.outcome import Outcome, Verdict
 from procedures.restoration.joint.schedule import Scheme
 from procedures.restoration.masks.blur_models import LINE, as_shape, mask
-from procedures.restoration.unknown_motion import basin_hopping, motion_splines, path_refinement
-from procedures.restoration.unknown_motion import path_pairs as pairs
+from procedures.restoration.unknown_motion import motion_splines, path_refinement
+from procedures.restoration.unknown_motion.basin_hopping import BendSettings
 from procedures.restoration.unknown_motion.blind import Prototypes
+from procedures.restoration.unknown_motion.path_pairs import PairSettings
+from procedures.restoration.unknown_motion.path_settings import PathSettings
 
 from .. import motions
 from ..motions import BOX, FLAT_W
@@ -34,14 +36,13 @@ def found(curves):
 
 
 @pytest.mark.slow
-def test_other_depths_put_the_curves_in_their_place(photographs, found, curves, monkeypatch):
+def test_other_depths_put_the_curves_in_their_place(photographs, found, curves):
     # a tenth of a pixel off in the flat part, as curves that draw one mask differ
     begun = curves + np.random.default_rng(1).normal(0, 0.1, curves.shape)
-    monkeypatch.setattr(path_refinement, "MORE", 0)
-    monkeypatch.setattr(path_refinement, "SCHEME", Scheme(4, 6, 6, 1, 6))
-    monkeypatch.setattr(pairs, "DESCENTS", 1)
-    monkeypatch.setattr(basin_hopping, "BENDS", 0)
-    motion = path_refinement.motion_of_scene(photographs, BOX, found, 3.5, np.random.default_rng(0), begun)
+    few = PathSettings(
+        more=0, scheme=Scheme(4, 6, 6, 1, 6), pairs=PairSettings(descents=1), bends=BendSettings(number=0)
+    )
+    motion = path_refinement.motion_of_scene(photographs, BOX, found, 3.5, np.random.default_rng(0), begun, few)
     assert motion.path is not None
 
     def error(shapes, half):

@@ -54,12 +54,6 @@ def test_the_search_begins_from_the_record(flat, found):
     assert [likeness(a, b) > 0.95 for a, b in zip(blind.masks, flat[1], strict=True)] == [True, True]
 
 
-def test_fixed_shapes_fill_their_square(flat):
-    shapes, half = recorded_paths.recorded_shapes(flat[0], PATHS, 4)
-    assert 1.5 <= half <= 3.5
-    assert shapes.shape[1] == shapes.shape[2]
-
-
 @pytest.mark.parametrize(
     ("paths", "complaint"),
     [

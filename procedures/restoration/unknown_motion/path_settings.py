@@ -1,0 +1,58 @@
+"""What the search of motion paths goes by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from procedures.restoration.joint.schedule import Scheme
+from procedures.restoration.unknown_motion.basin_hopping import BendSettings
+from procedures.restoration.unknown_motion.cross_relation import PlaceSettings
+from procedures.restoration.unknown_motion.path_pairs import PairSettings
+
+
+@dataclass(frozen=True)
+class PathSettings:
+    """How long motion paths are looked for, and when they are believed.
+
+    Attributes
+    ----------
+    most_pixels : int
+        Of the frame that are looked at: beyond, more of them make the paths no better, but slower.
+    contrast : float
+        Mean squared difference of neighbours expected of the picture while paths are sought, white = 1.
+    joint : int
+        Joint steps of picture and depth after matching: with fewer the depth is not yet as good as the curves deserve.
+    joint_iterations, picture_iterations : int
+        Conjugate gradients of one joint step, and of improving the picture alone.
+    doubt : float
+        Mean squared error of a tile, of noise 1, beyond which a depth step or a wrong depth is rather in it.
+    beginnings, matched, restored, more : int
+        Beginnings of each curve, pairs whose depth is matched, those of them with which the frame is restored, and most
+        restorations with what the best becomes. Time goes with them; fewer missed the paths of some motions.
+    scheme : Scheme
+        Of these restorations.
+    least_fall : float
+        Fall of what is left unexplained, of the noise, below which nothing more is found.
+    usual_left, most_left : float
+        What is left unexplained, of the noise, with the curves of the rig, and beyond which they are others.
+    pairs, bends, places
+        Of pairs of curves, of bends moved at random, and of the places where pairs are compared.
+    """
+
+    most_pixels: int = 120_000
+    contrast: float = 6.3e-3
+    joint: int = 8
+    joint_iterations: int = 18
+    picture_iterations: int = 20
+    doubt: float = 10.0
+    beginnings: int = 96
+    matched: int = 6
+    restored: int = 3
+    more: int = 5
+    scheme: Scheme = field(default_factory=lambda: Scheme(10, 12, 12, 2, 10))
+    least_fall: float = 0.003
+    usual_left: float = 0.75
+    most_left: float = 0.87
+    pairs: PairSettings = field(default_factory=PairSettings)
+    bends: BendSettings = field(default_factory=BendSettings)
+    places: PlaceSettings = field(default_factory=PlaceSettings)
