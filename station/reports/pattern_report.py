@@ -41,9 +41,9 @@ ORDER = ("pass", "doubtful", "refused")
 """Verdicts of measurements, the best first."""
 METHODS = {
     "pattern": "M. Delbracio, P. Musé, A. Almansa: Non-parametric Sub-pixel Local Point Spread Function Estimation. "
-    "Image Processing On ReportLine 2, 2012. doi:10.5201/ipol.2012.admm-nppsf",
+    "Image Processing On Line 2, 2012. doi:10.5201/ipol.2012.admm-nppsf",
     "two-photo": "M. Delbracio, A. Almansa, P. Musé: Recovering the Subpixel PSF from Two Photographs at Different "
-    "Distances. Image Processing On ReportLine 3, 2013. doi:10.5201/ipol.2013.77",
+    "Distances. Image Processing On Line 3, 2013. doi:10.5201/ipol.2013.77",
 }
 """The publication that each procedure is built on."""
 MORE_NUMBERS = titled(
