@@ -275,7 +275,7 @@ def _write(batch: Batch) -> str:
 
 def _page(batch: Batch) -> bytes:
     """The batch's page."""
-    from station.reports.batch_page import BatchLine, BatchReport, Sample, batch_page  # here: it draws
+    from station.reports.batches.batch_page import BatchLine, BatchReport, Sample, batch_page  # here: it draws
 
     lines = [
         BatchLine(

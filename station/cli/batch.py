@@ -115,7 +115,7 @@ def _tell_series(done: Batch) -> None:
     from station.batch.series import points_of
     from station.calibration.series import PAGE, TABLE, best_apertures, series_table
     from station.common.atomic_files import write_whole
-    from station.reports.series_page import series_page
+    from station.reports.batches.series_page import series_page
 
     points = points_of(done.rows)
     best = best_apertures(points)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html5lib
 
-from station.reports.batch_page import BatchLine, BatchReport, Sample, batch_page
+from station.reports.batches.batch_page import BatchLine, BatchReport, Sample, batch_page
 
 HOSTILE = "<script>alert(1)</script>.dng"
 REPORT = BatchReport(
