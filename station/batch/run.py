@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import shutil
 import time
 from collections import Counter
@@ -18,19 +19,24 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import median
 from typing import Any
+from urllib.parse import quote
 
 from procedures.outcome import BadParameter
 from station.batch.allowance import Allowance
 from station.batch.item import JUDGED, LOST, RESULTS, VERDICTS, Job, PlaneRow, Row, work
+from station.batch.procedure_file import Procedure
 from station.batch.process_pool import Lost, Stop, run_in_processes
 from station.calibration.folder_photographs import Item
 from station.common.atomic_files import write_whole
-from station.common.sanitise import cell
+from station.common.durable_files import holds, read_own
+from station.common.sanitise import cell, printable
 from station.results.exports import csv_bytes
 from station.results.result_files import RECORD, plain, sealed_text, software
 
 SCHEMA = "station/batch/1"
-LINES, TABLE = "results.jsonl", "summary.csv"
+LINES, TABLE, PAGE = "results.jsonl", "summary.csv", "report.html"
+LINE_BEGINS = '{"files": '
+"""Of every line."""
 STATISTICS = ("mtf50_horizontal", "mtf50_vertical", "energy_above_nyquist", "residual_std")
 """Numbers that the summary tells of all photographs together."""
 HEAD = (
@@ -94,6 +100,7 @@ def run_batch(
     stop: Stop | None = None,
     heard: Callable[[Row], None] = lambda row: None,
     function: Work = work,
+    force: bool = False,
 ) -> tuple[Batch, str]:
     """Work on all items, keep what comes of each at once, then write the summaries; returns the record's text too.
 
@@ -113,14 +120,18 @@ def run_batch(
         Is told of every row as it comes.
     function : callable
         The work itself.
+    force : bool
+        Whether files in the folder that no batch has written are written over.
 
     Raises
     ------
     BadParameter
-        If the folder cannot be written, or there is no such cluster.
+        If the folder cannot be written, holds somebody else's files, or there is no such cluster.
     """
     start, stop = time.perf_counter(), stop or Stop()
     rows: dict[int, Row] = {}
+    if not force:
+        check_own(job.out)
     with _own(job.out), _lines(job.out) as tell:
         with closing(_answers(items, job, jobs, cluster, allowance, tls, stop, function)) as answers:
             for number, answer in answers:
@@ -159,6 +170,38 @@ def _lost(item: Item, lost: Lost) -> Row:
 
 
 # --- the batch's folder ------------------------------------------------------------------------------------------
+
+
+def check_own(out: Path) -> None:
+    """Raises BadParameter where a file that a batch writes is there, and no batch has written it as it is."""
+    record = _object(out / RECORD)
+    files = record.get("files", {}) if str(record.get("schema", "")).startswith("station/") else {}
+    own = {RECORD: bool(record.get("schema")), LINES: _begins(out / LINES, LINE_BEGINS)}
+    own |= {name: isinstance(files, dict) and holds(out / name, str(files.get(name, ""))) for name in (TABLE, PAGE)}
+    foreign = [name for name, known in own.items() if (out / name).exists() and not known]
+    if foreign:
+        raise BadParameter(
+            f"{out} holds {', '.join(foreign)}, which no batch has written as it is now",
+            "name a new folder with --out, move the file away, or add --force to write over it",
+        )
+
+
+def _object(path: Path) -> dict[str, Any]:
+    """The JSON object in a file; an empty one where there is none."""
+    try:
+        found = json.loads(read_own(path))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _begins(path: Path, letters: str) -> bool:
+    """Whether a file is empty, or begins so."""
+    try:
+        data = read_own(path)
+    except OSError:
+        return False
+    return not data or data.startswith(letters.encode())
 
 
 @contextmanager
@@ -222,12 +265,47 @@ def _line(row: Row) -> str:
 def _write(batch: Batch) -> str:
     """The batch's own files; returns the record's text."""
     out = batch.job.out
-    files = {LINES: "".join(map(_line, batch.rows)).encode(), TABLE: _table(batch.rows)}
+    files = {LINES: "".join(map(_line, batch.rows)).encode(), TABLE: _table(batch.rows), PAGE: _page(batch)}
     for name, data in files.items():
         write_whole(out / name, data)
     text = sealed_text(_record(batch), {name: hashlib.sha256(data).hexdigest() for name, data in files.items()})
     write_whole(out / RECORD, text.encode())
     return text
+
+
+def _page(batch: Batch) -> bytes:
+    """The batch's page."""
+    from station.reports.batches.batch_page import BatchLine, BatchReport, Sample, batch_page  # here: it draws
+
+    lines = [
+        BatchLine(
+            " + ".join(map(printable, row.files)), row.verdict, row.specification,
+            "; ".join(words for words in (row.reason, row.against) if words), quote(row.folder),
+            page=bool(row.folder) and (batch.job.out / row.folder / PAGE).is_file(),
+        )
+        for row in batch.rows
+    ]  # fmt: skip
+    samples = [
+        Sample(str(row.noted.get("camera", "")), name, number, told["value"], told.get("unit", "1"))
+        for row in batch.rows
+        for name, plane in row.planes.items()
+        for number in STATISTICS
+        if (told := plane.numbers.get(number)) is not None
+    ]
+    procedure = batch.job.procedure
+    title = f"{len(batch.rows)} items by the procedure {procedure.name}"
+    report = BatchReport(title, batch.counts, batch.judged, lines, samples, _bounds(procedure), batch.undone)
+    return batch_page(report).encode()
+
+
+def _bounds(procedure: Procedure) -> dict[str, list[float]]:
+    """The finite bounds of limits, by number, where they are told in the batch's own unit."""
+    found: dict[str, list[float]] = {}
+    for limit in procedure.terms.specification.limits:
+        if limit.at is None and limit.unit is procedure.terms.unit:
+            for name in [f"{limit.number}_{one}" for one in limit.directions] + [limit.number]:
+                found.setdefault(name, []).extend(one for one in (limit.least, limit.most) if math.isfinite(one))
+    return found
 
 
 def _record(batch: Batch) -> dict[str, Any]:

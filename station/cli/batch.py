@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import Number
 from station.common.errors import INTERRUPTED
 from station.common.log import Fact, log, log_json_option, logs_json
@@ -51,6 +52,7 @@ MOST_NAMED = 40
 @click.option("--reports", is_flag=True, help="Write a page for every photograph too.")
 @click.option("--strict", is_flag=True, help="Count what is doubtful or undecided as failed.")
 @click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout in place of the table.")
+@force_option
 @log_json_option
 def batch(
     folders: tuple[Path, ...],
@@ -92,7 +94,7 @@ def batch(
     job, stop = Job(procedure, out, finished(out), reports), Stop()
     with guarded(lambda: None, lambda: _ask(stop), terminated=INTERRUPTED), _heard(len(items)) as heard, _stopped(out):
         done, text = run_batch(
-            items, job, jobs=jobs, cluster=cluster, allowance=allowance, tls=tls, stop=stop, heard=heard
+            items, job, jobs=jobs, cluster=cluster, allowance=allowance, tls=tls, stop=stop, heard=heard, force=forced()
         )
     if as_json:
         click.echo(text, nl=False)
@@ -113,7 +115,7 @@ def _tell_series(done: Batch) -> None:
     from station.batch.series import points_of
     from station.calibration.series import PAGE, TABLE, best_apertures, series_table
     from station.common.atomic_files import write_whole
-    from station.reports.series_page import series_page
+    from station.reports.batches.series_page import series_page
 
     points = points_of(done.rows)
     best = best_apertures(points)
@@ -221,13 +223,14 @@ def _planes(done: Batch) -> Table:
 
     from station.batch.run import STATISTICS, statistics
     from station.results.number_names import short
+    from station.results.verdict_words import measurement_words
 
     table = Table(
         "plane", *(short(name) for name in STATISTICS), "verdicts", box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False
     )
     for name, entry in statistics(done.rows).items():
         medians = [f"{entry[number]['median']:.4f}" if number in entry else "—" for number in STATISTICS]
-        verdicts = ", ".join(f"{count} {verdict}" for verdict, count in entry["verdicts"].items())
+        verdicts = _counted(entry["verdicts"], measurement_words)
         table.add_row(name, *medians, verdicts)
     table.caption = "Medians over all photographs."
     return table

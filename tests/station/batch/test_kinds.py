@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from procedures.outcome import Refused
+from procedures.outcome import BadParameter, Refused
 from procedures.raw import read_frame
 from station.batch import estimates
 from station.batch.item import Job, Row, finished, work
 from station.batch.procedure_file import FIELD, read_procedure
+from station.batch.run import run_batch
 from station.calibration.folder_photographs import by_folder, find_frames, singly
 
 
@@ -78,3 +79,20 @@ def test_what_the_camera_noted_stands_in_the_row(tmp_path, chart_photograph, mon
     assert row.noted["f_number"] == exposure.f_number
     assert (row.noted["exposure_s"], row.noted["iso"]) == (exposure.exposure_s, exposure.iso)
     assert row.noted["focus_distance_mm"] == exposure.subject_distance_mm
+
+
+def test_files_of_somebody_else_are_not_written_over(tmp_path):
+    edge_picture(tmp_path / "in" / "a.png", 0.25)
+    (tmp_path / "p.toml").write_text(EDGES)
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "report.html").write_text("mine")
+    job = Job(read_procedure(tmp_path / "p.toml"), out)
+    with pytest.raises(BadParameter, match=r"holds report\.html, which no batch has written"):
+        run_batch([], job)
+    run_batch([], job, force=True)
+    run_batch([], job)  # what a batch wrote, a batch writes over
+    (out / "summary.csv").write_text("edited")
+    with pytest.raises(BadParameter, match=r"holds summary\.csv"):
+        run_batch([], job)
+    assert (out / "summary.csv").read_text() == "edited"

@@ -60,7 +60,7 @@ def test_auto_and_numbers_are_what_s_and_k_can_be(procedure_file):
         ("limits = { gamma = { min = nan } }", "limits.gamma.min must be a number", "correct"),
         ("procedure = 'patern'", "procedure is 'patern'", "pattern, two-photo, field, edge, series"),
         ("procedure = 'edge'\nparameters = { s = 4 }", "parameters.s is not known", ""),
-        ("procedure = 'edge'\nphysics = true", "physics is not known", "use one of"),
+        ("procedure = 'edge'\nphysics = true", "physics is not known", "write optics"),
         ("specification = 'x.toml'\nlimits = { gamma = { min = 1 } }", "are both given", "one of them"),
         ("at = [-1]", "at must be a list of numbers", "correct"),
         ("unit = 'lp/inch'", "unit is 'lp/inch'", "cycles/pixel, lp/mm, lw/ph"),

@@ -12,7 +12,7 @@ import pytest
 from station.batch.item import PlaneRow, Row
 from station.batch.series import points_of
 from station.calibration.series import Point, Setting, best_apertures, series_table
-from station.reports.series_page import series_page
+from station.reports.batches.series_page import series_page
 
 
 def row(f_number, mtf50, sd=0.001, plane="G1", verdict="pass", **noted):

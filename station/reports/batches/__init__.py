@@ -1,0 +1,1 @@
+"""Pages of many photographs together: a batch, and a series of one lens."""
