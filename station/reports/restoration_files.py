@@ -14,7 +14,7 @@ import numpy.typing as npt
 from procedures.outcome import Outcome
 from procedures.raw import RawFrame
 from procedures.restoration.joint.estimate import Restoration
-from procedures.restoration.plan import shown
+from procedures.restoration.photograph_blur import shown
 from station.drawing.depth_pictures import coloured, encoded, levels, picture
 from station.results.restored import RESTORATION
 from station.results.result_files import RECORD, ResultFolder, plain, software, write_record
