@@ -20,6 +20,7 @@ class RestorationFacts(CameraFacts):
     first_f_number, second_f_number : as typed, or as the camera noted them
     first_level, second_level : mean of each photograph
     first_exposure_s, second_exposure_s : as the camera noted them
+    shape : of the apertures, see `masks.blur_models.named`
     region : a flat part of one distance, x,y,width,height in pixels, or "auto"
     scheme : of the joint descent; None is the usual one
     """
@@ -32,5 +33,6 @@ class RestorationFacts(CameraFacts):
     second_level: float | None = None
     first_exposure_s: float | None = None
     second_exposure_s: float | None = None
+    shape: str = "pillbox"
     region: str = "auto"
     scheme: str | None = None

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from procedures.advice import exposure_advice
 from procedures.clipping import NOMINAL
-from procedures.facts import facts_as, required
+from procedures.facts import facts_as
 from procedures.outcome import BadInput, BadParameter, Outcome, Refused, Verdict
 from procedures.plan import (
     Advice,
@@ -33,14 +33,9 @@ from procedures.raw import Plane, RawFrame
 from procedures.reading.exposure import disagreements
 from procedures.restoration.facts import APERTURES, MOTIONS, RestorationFacts
 from procedures.restoration.joint.estimate import RestorationParameters, restore, told_in
-from procedures.restoration.joint.kernel_sizes import reach_of_masks, stacks_of
 from procedures.restoration.joint.schedule import Scheme
-from procedures.restoration.masks.blur_models import Unit, pillbox
-from procedures.restoration.masks.camera_motion import Poses, motion_blur, planar_stacks, poses_of, px_per_inverse_m
-from procedures.restoration.masks.checks import check_extent, check_max_w
-from procedures.restoration.masks.mask_fields import Masks
-from procedures.restoration.unknown_motion.blind import prototype_shapes
-from procedures.restoration.unknown_motion.path_refinement import MotionShapes, motion_of_scene
+from procedures.restoration.masks.camera_motion import Poses, poses_of
+from procedures.restoration.photograph_blur import DETAIL_PX, MAX_W, aperture, blur_relation, focal_px, masks, shown
 
 Array = npt.NDArray[np.float64]
 
@@ -48,16 +43,11 @@ PICTURE = "picture"
 """The one outcome's name."""
 LEAST_RATIO = 1.15
 """Of the two f-numbers: nearer ones blur too much alike."""
-MAX_W = 8.0
-"""Half-width of the widest blur to expect, in pixels of the plane."""
 SAME_LIGHT = 0.1
 OTHER_LIGHT = 1.12
 """Factor between two ways to tell the f-numbers' ratio, from which one is wrong: rings and shutters make 6 %."""
 TEXTURE = 5.0
 """Contrast of the scene's detail over the noise, at least."""
-DETAIL_PX = 8.0
-CANDIDATES = 4
-"""Parts of the picture that are tried as the one of a single depth, where none was marked."""
 
 
 def plan() -> Plan:
@@ -85,6 +75,7 @@ SCENE = (
     Ask("max_w", "How far does the widest blur reach?", "number", "pixels", MAX_W, low=1.0, high=40.0),
     Ask("first_f_number", "Which f-number has the first photograph?", "number", "", 8.0, low=0.5, high=64.0),
     Ask("second_f_number", "And the second one?", "number", "", 4.0, low=0.5, high=64.0),
+    Ask("shape", "Which shape has the aperture? pillbox, gaussian, polygon:BLADES", "text", default="pillbox"),
     Ask("pixel_pitch_um", "How far apart are the pixels? 0: the rig does not turn.", "number", "µm", 0.0, low=0.0),
     Ask("region", "Where is a flat part of one distance? x,y,width,height in pixels, or auto.", "text", default="auto"),
 )  # fmt: skip
@@ -95,15 +86,10 @@ SECOND = Ask("second", "Set the second aperture and as much more or less time; o
 # --- checks ------------------------------------------------------------------------------------------------------
 
 
-def shown(frame: RawFrame) -> Plane:
-    """The plane that is restored."""
-    return frame.planes.get("G1") or next(iter(frame.planes.values()))
-
-
 def check_first(frame: RawFrame, facts: Facts) -> Advice:
     """Well exposed, with detail that blur can be told from."""
     plane, known = shown(frame), facts_as(RestorationFacts, facts)
-    wrong = typed_otherwise("first", frame, known)
+    wrong = shape_unknown(known) or typed_otherwise("first", frame, known)
     if wrong is not None:
         return wrong
     level, clipped = float(np.percentile(plane.samples, 99.5)), float(np.mean(plane.samples >= NOMINAL))
@@ -138,6 +124,15 @@ def check_second(frame: RawFrame, facts: Facts) -> Advice:
         say = f"It is {abs(change):.0%} {word} than the first: correct the exposure time by as much."
         return Advice(False, say, readings, by_hand={"exposure_ev": -float(np.log2(1 + change))})
     return Advice(True, "It is as bright as the first.", readings, facts=noted("second", frame))
+
+
+def shape_unknown(known: RestorationFacts) -> Advice | None:
+    """That no aperture has the shape that was typed; None where one has."""
+    try:
+        aperture(known.shape)
+    except BadParameter as error:
+        return Advice(False, f"{error.reason}: {error.remedy}.", doubted=("shape",))
+    return None
 
 
 def typed_otherwise(which: str, frame: RawFrame, known: RestorationFacts) -> Advice | None:
@@ -230,7 +225,8 @@ def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes
         told = facts_as(RestorationFacts, facts)
         parameters = RestorationParameters(scheme=Scheme() if told.scheme is None else Scheme.parse(told.scheme))
         exposures = [poses for poses in (rig_poses(frame) for frame in (first, last)) if poses is not None]
-        blur = masks(pictures, told, exposures, focal_px(first, told))
+        relation = blur_relation(first, last, told) if told.blur_by == APERTURES else (1.0, 0.0)
+        blur = masks(pictures, told, relation, exposures, focal_px(first, told))
         outcome = told_in(blur.unit, restore([*pictures], blur.masks, parameters))
         return {PICTURE: outcome if blur.motion is None else blur.motion.judged(outcome)}
     except (Refused, BadParameter) as error:
@@ -246,107 +242,3 @@ def rig_poses(frame: RawFrame) -> Poses | None:
         return poses_of(frame.felt, open_s)
     except BadInput:
         return None
-
-
-def focal_px(frame: RawFrame, known: RestorationFacts) -> float:
-    """The image's distance behind the lens in pixels of the plane that is restored; 0 where it is not known."""
-    told = frame.exposure
-    focal_mm, pitch_um = told.focal_length_mm, known.pixel_pitch_um
-    if not focal_mm or not pitch_um:
-        return 0.0
-    # focused nearer, the image lies farther behind the lens (4.1)
-    nearer = 1 - focal_mm / told.subject_distance_mm if told.subject_distance_mm else 1.0
-    return focal_mm / max(nearer, 0.5) / (pitch_um * 1e-3 * shown(frame).pitch)
-
-
-@dataclass(frozen=True)
-class RigBlur:
-    """Masks of each photograph, what their w is told in, and the motion they are of where the photographs gave it."""
-
-    masks: Sequence[Masks]
-    unit: Unit = field(default_factory=Unit)
-    motion: MotionShapes | None = None
-
-
-def masks(
-    pictures: Sequence[Array], known: RestorationFacts, exposures: Sequence[Poses] = (), focal: float = 0.0
-) -> RigBlur:
-    """The blur of each photograph as a function of one w. Raises Refused, BadParameter.
-
-    exposures : both recorded ones, where they are; focal : length in pixels, 0 for a rig that is taken not to turn.
-    """
-    max_w = MAX_W if known.max_w is None else known.max_w
-    check_max_w(max_w)
-    shape = (int(pictures[0].shape[1]), int(pictures[0].shape[2]))
-    if known.blur_by == MOTIONS:
-        if len(exposures) == len(pictures):
-            return rig_masks(exposures, focal, shape, max_w)
-        check_extent(reach_of_masks(max_w), shape)
-        motion = motion_shapes(pictures, known.region, max_w)
-        return RigBlur(stacks_of([*motion.shapes], (1.0,) * len(motion.shapes), max_w, shape), motion=motion)
-    return RigBlur(stacks_of([pillbox()] * 2, (1.0, blur_ratio(known)), max_w, shape))
-
-
-def rig_masks(exposures: Sequence[Poses], focal: float, shape: tuple[int, int], max_w: float) -> RigBlur:
-    """Masks of recorded motion, and what w is told in: inverse depth where the focal length is known."""
-    if not focal:
-        stacks = planar_stacks([one.planar_path for one in exposures], max_w)
-        check_extent(stacks[0].R, shape)
-        return RigBlur(stacks)
-    blur = motion_blur(exposures, focal, shape, max_w / px_per_inverse_m(exposures, focal, shape))
-    return RigBlur(blur.fields, blur.unit)
-
-
-def blur_ratio(known: RestorationFacts) -> float:
-    """Blur of the second photograph over the first's: as the apertures, the focus being the same (4.8).
-
-    Raises BadParameter where they are not known.
-    """
-    remedy = "tell both f-numbers in the step `scene`"
-    first = required(known.first_f_number, "the first f-number", remedy)
-    return first / required(known.second_f_number, "the second f-number", remedy)
-
-
-def motion_shapes(pictures: Sequence[Array], region: str, max_w: float) -> MotionShapes:
-    """The motions' shapes from a part of one depth: the one marked, or the first that a pair of masks explains."""
-    largest = int(np.ceil(max_w))
-    refusal: Refused | BadInput | None = None
-    for x, y, width, height in marked(region) or parts(pictures[0][0], 32 * largest):
-        try:
-            cut = np.stack([one[0, y : y + height, x : x + width] for one in pictures])
-            found = prototype_shapes(cut, largest)
-            box = (x, y, cut.shape[2], cut.shape[1])
-            return motion_of_scene([*pictures], box, found, max_w, np.random.default_rng(0))
-        except (Refused, BadInput) as error:
-            refusal = error
-    raise Refused(
-        f"no part of the photographs shows one motion each: {refusal.reason if refusal else 'they are too small'}",
-        "mark a flat part of one distance with much detail",
-    )
-
-
-Box = tuple[int, int, int, int]
-
-
-def marked(region: str) -> list[Box]:
-    """The part that the operator marked, x, y, width, height; none for auto. Raises BadParameter."""
-    if region.strip().lower() == "auto":
-        return []
-    try:
-        x, y, width, height = (int(part) for part in region.split(","))
-    except ValueError as error:
-        raise BadParameter(
-            f"a part is x,y,width,height in pixels; got {region!r}", "give four whole numbers"
-        ) from error
-    return [(x, y, width, height)]
-
-
-def parts(picture: Array, side: int) -> Iterator[Box]:
-    """Squares with the most detail in them, the best first, none overlapping another by more than half."""
-    rows, columns = picture.shape
-    side = min(side, rows, columns)
-    fine = (picture - cv2.GaussianBlur(picture, (0, 0), DETAIL_PX)) ** 2
-    places = [(x, y) for y in range(0, rows - side + 1, side // 2) for x in range(0, columns - side + 1, side // 2)]
-    places.sort(key=lambda place: -float(fine[place[1] : place[1] + side, place[0] : place[0] + side].mean()))
-    for x, y in places[:CANDIDATES]:
-        yield x, y, side, side

@@ -74,10 +74,3 @@ def relation(first: CameraSetting, second: CameraSetting) -> tuple[float, float]
     inverse = 1 / second.image_distance_mm - 1 / first.image_distance_mm
     inverse += 1 / first.focal_length_mm - 1 / second.focal_length_mm
     return alpha, second.scale_px_mm * inverse
-
-
-def motion_half_width_px(setting: CameraSetting, path_half_extent_mm: float, distance_mm: float | Array) -> Array:
-    """w of a motion of the rig in its plane: the path's half-extent seen from the distance, pixels (5.3, 5.5)."""
-    return np.asarray(path_half_extent_mm * setting.image_distance_mm / np.asarray(distance_mm, float)) / (
-        setting.pitch_um * 1e-3
-    )

@@ -163,7 +163,8 @@ def _view(photographs: list[Array], region: Box, half: float, max_w: float, sett
 
     def seen() -> int:
         rows = min(H, y + height + margin) - max(0, y - margin)
-        return int(rows * (min(W, x + width + margin) - max(0, x - margin)))
+        columns = min(W, x + width + margin) - max(0, x - margin)
+        return int(rows * columns)
 
     while seen() > settings.most_pixels:
         margin -= 8

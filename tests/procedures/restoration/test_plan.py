@@ -15,17 +15,9 @@ from procedures.raw import Felt, Plane, RawFrame
 from procedures.reading.exposure import Exposure
 from procedures.restoration.facts import RestorationFacts
 from procedures.restoration.masks.camera_motion import planar_stacks
-from procedures.restoration.plan import (
-    aperture_ratio,
-    blur_ratio,
-    check_first,
-    check_second,
-    estimate,
-    marked,
-    parts,
-    plan,
-    rig_poses,
-)
+from procedures.restoration.masks.thin_lens import CameraSetting
+from procedures.restoration.photograph_blur import blur_ratio, blur_relation, marked, parts
+from procedures.restoration.plan import aperture_ratio, check_first, check_second, estimate, plan, rig_poses
 
 from .conftest import scene
 
@@ -100,6 +92,29 @@ def test_the_blurs_go_as_the_apertures():
     assert aperture_ratio(RestorationFacts(first_f_number=4.0, second_f_number=5.0)) == 1.25
     with pytest.raises(BadParameter, match="first f-number is not known; tell both"):
         blur_ratio(RestorationFacts())
+
+
+def test_two_planes_of_focus_are_an_offset_of_the_blur(pair):
+    known = facts_as(RestorationFacts, {**FACTS, "pixel_pitch_um": 6.0})
+    focus = (800.0, 760.0)
+    first, second = (frame(pair.z[0, 0], focal_length_mm=50.0, subject_distance_mm=one) for one in focus)
+    ratio, offset = blur_relation(first, second, known)
+    # by the radii themselves, of a scene behind both planes: w is a radius without its sign
+    at = np.array([900.0, 1200.0, 4000.0])
+    w = [-CameraSetting(50.0, n, one, 6.0).blur_radius_px(at) for n, one in zip((5.0, 4.0), focus, strict=True)]
+    np.testing.assert_allclose(ratio * w[0] + offset, w[1], rtol=1e-9)
+    assert offset > 1
+    assert blur_relation(first, first, known) == (1.25, 0.0)
+    assert blur_relation(first, second, facts_as(RestorationFacts, FACTS)) == (1.25, 0.0)
+
+
+def test_a_shape_that_no_aperture_has_is_asked_again(pair):
+    image = 0.8 * pair.z[0, 0] / pair.z[0, 0].max()
+    assert check_first(frame(image), {**FACTS, "shape": "polygon:9"}).good
+    for typed in ("star", "polygon:two"):
+        advice = check_first(frame(image), {**FACTS, "shape": typed})
+        assert advice.doubted == ("shape",)
+        assert typed in advice.say
 
 
 def test_parts_are_marked_or_those_with_the_most_detail():

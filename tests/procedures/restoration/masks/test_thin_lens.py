@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from procedures.outcome import BadParameter
-from procedures.restoration.masks.thin_lens import CameraSetting, motion_half_width_px, relation
+from procedures.restoration.masks.thin_lens import CameraSetting, relation
 
 FIRST = CameraSetting(focal_length_mm=50.0, f_number=2.8, focus_mm=1500.0, pitch_um=6.0)
 
@@ -54,11 +54,6 @@ def test_uncertainty_of_distance_grows_with_its_square():
     # and is the derivative of the distance
     shift = FIRST.distance_mm(FIRST.blur_radius_px(1000.0) - 1e-4) - 1000.0
     assert near == pytest.approx(float(shift) * 0.1 / 1e-4, rel=1e-3)
-
-
-def test_motion_shrinks_with_distance():
-    w = motion_half_width_px(FIRST, 0.5, np.array([1000.0, 2000.0]))
-    assert w[0] == pytest.approx(2 * w[1])
 
 
 @pytest.mark.parametrize("wrong", [(0, 2.8, 1500, 6), (50, 2.8, 40, 6)])
