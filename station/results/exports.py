@@ -15,11 +15,10 @@ from procedures.psf import Psf
 from procedures.radial_profile import radial_profile
 from station.common.sanitise import cell
 from station.drawing.linear_pictures import described_tiff, float_tiff
+from station.results.fits import Cards, image_extension, primary_image
 
 Array = npt.NDArray[np.float64]
 
-FITS_BLOCK = 2880
-FITS_CARD = 80
 GAUSSIAN_RADIUS = "gaussian_radius"
 
 
@@ -46,45 +45,21 @@ def psf_fits(psf: Psf, plane: str, version: str | None) -> bytes:
     """
     sigma = np.sqrt(np.maximum(np.diag(psf.covariance), 0)).reshape(psf.h.shape)
     middle = psf.k // 2 + 1
-    grid: list[tuple[str, object]] = [
+    grid: Cards = [
         ("CRPIX1", float(middle)), ("CRPIX2", float(middle)), ("CRVAL1", 0.0), ("CRVAL2", 0.0),
         ("CDELT1", 1 / psf.s), ("CDELT2", 1 / psf.s), ("CTYPE1", "X"), ("CTYPE2", "Y"),
         ("CUNIT1", "pixel"), ("CUNIT2", "pixel"), ("PLANE", plane), ("SAMPLING", psf.s),
         ("CREATOR", f"calibration-station {version or ''}".strip()),
     ]  # fmt: skip
     share, uncertainty = psf.energy_outside
-    outside: list[tuple[str, object]] = [
+    outside: Cards = [
         ("EOUTSIDE", share), ("EOUTUNC", uncertainty), ("TAILDENS", psf.tail_density_px),
         ("COMMENT", "Samples: the support, of sum 1. EOUTSIDE: energy_outside_support,"),
         ("COMMENT", "the share of all light outside it; EOUTUNC: its uncertainty."),
         ("COMMENT", "TAILDENS: A of the far tail A/r^3 per square pixel, all light 1."),
     ]  # fmt: skip
-    size: list[tuple[str, object]] = [("BITPIX", -64), ("NAXIS", 2), ("NAXIS1", psf.k), ("NAXIS2", psf.k)]
-    primary = [("SIMPLE", True), *size, ("EXTEND", True), ("EXTNAME", "PSF"), *grid, *outside]
-    second = [("XTENSION", "IMAGE"), *size, ("PCOUNT", 0), ("GCOUNT", 1), ("EXTNAME", "UNCERTAINTY"), *grid]
-    return _unit(primary, psf.h) + _unit(second, sigma)
-
-
-def _unit(cards: Sequence[tuple[str, object]], data: Array) -> bytes:
-    """A header and its data, each filled up to whole blocks."""
-    header = "".join(_card(name, value) for name, value in cards) + "END".ljust(FITS_CARD)
-    return _filled(header.encode("ascii"), b" ") + _filled(data.astype(">f8").tobytes(), b"\0")
-
-
-def _card(name: str, value: object) -> str:
-    if name == "COMMENT":
-        return f"{name:<8}{value}".ljust(FITS_CARD)[:FITS_CARD]
-    if isinstance(value, bool):
-        text = f"{'T' if value else 'F':>20}"
-    elif isinstance(value, str):
-        text = "'" + value.encode("ascii", "replace").decode().replace("'", "''").ljust(8) + "'"
-    else:
-        text = f"{value!r:>20}"
-    return f"{name:<8}= {text}".ljust(FITS_CARD)[:FITS_CARD]
-
-
-def _filled(data: bytes, filling: bytes) -> bytes:
-    return data + filling * (-len(data) % FITS_BLOCK)
+    first = primary_image(psf.h, [("EXTEND", True), ("EXTNAME", "PSF"), *grid, *outside])
+    return first + image_extension(sigma, [("EXTNAME", "UNCERTAINTY"), *grid])
 
 
 # --- the numbers -------------------------------------------------------------------------------------------------
