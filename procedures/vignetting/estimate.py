@@ -73,7 +73,7 @@ def _plane(cells: Sequence[Cells], shape: tuple[int, int]) -> Outcome[PlaneVigne
     places = frame_places(shape)
     radial = fit_radial(surface, places)
     answer = PlaneVignetting(
-        surface, radial, _numbers(surface, radial, len(cells)), places, surface.at(places), surface.uncertainty(places)
+        surface, radial, _numbers(surface, radial, len(cells)), places, surface.light.at(places), surface.uncertainty(places)
     )
     return Outcome(answer, *verdict_of(_rules(surface, len(cells))))
 
@@ -86,12 +86,12 @@ def frame_places(shape: tuple[int, int]) -> Array:
 
 
 def _numbers(surface: Falloff, radial: RadialFalloff, count: int) -> dict[str, Quantity]:
-    rows, columns = surface.shape
+    rows, columns = surface.light.shape
     corners = np.array([[x, y] for x in (0, columns - 1) for y in (0, rows - 1)], dtype=np.float64)
-    light, spread = surface.at(corners), surface.uncertainty(corners)
+    light, spread = surface.light.at(corners), surface.uncertainty(corners)
     darkest = int(np.argmin(light))
     sigma = np.sqrt(np.diag(radial.covariance))
-    method = f"{count} flats, polynomial of degree {surface.degree} in log light"
+    method = f"{count} flats, polynomial of degree {surface.light.degree} in log light"
     fitted = "radial formula next to the surface, 1 + k1 r^2 + k2 r^4 + k3 r^6"
     centre = radial.centre - [(columns - 1) / 2, (rows - 1) / 2]
     return {

@@ -14,9 +14,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
-from procedures.numerics.scattered import monomials
 from procedures.psf_field import in_half_diagonals
 from procedures.vignetting.cells import Cells
+from procedures.vignetting.formula import LightSurface, design_of, terms_of
 
 Array = npt.NDArray[np.float64]
 
@@ -33,10 +33,9 @@ class Falloff:
 
     Attributes
     ----------
-    shape : (rows, columns) of the plane
-    degree : int
-    coefficients : (c,) float64, covariance : (c, c) float64
-        Of log light, beside the monomials of u without the constant.
+    light : LightSurface
+    covariance : (c, c) float64
+        Of its coefficients, by noise.
     slope_covariance : (2, 2) float64
         Of the mean slope of the flats' light, which is not the lens's; NaN from one flat.
     slopes : (F, 2) float64
@@ -49,9 +48,7 @@ class Falloff:
         Share of the cells.
     """
 
-    shape: tuple[int, int]
-    degree: int
-    coefficients: Array
+    light: LightSurface
     covariance: Array
     slope_covariance: Array
     slopes: Array
@@ -59,16 +56,12 @@ class Falloff:
     structure: float
     left_out: float
 
-    def at(self, points: Array) -> Array:
-        """Light at points (n, 2) of the plane over that at the frame's centre."""
-        return np.asarray(np.exp(_design(in_half_diagonals(points, self.shape), self.degree) @ self.coefficients))
-
     def uncertainty(self, points: Array) -> Array:
-        """Standard uncertainty of `at`: noise, and the slope of the light where it is known."""
-        u = in_half_diagonals(points, self.shape)
-        design = _design(u, self.degree)
+        """Standard uncertainty of the light at points (n, 2): noise, and the flats' slope where it is known."""
+        u = in_half_diagonals(points, self.light.shape)
+        design = design_of(u, self.light.degree)
         variance = np.einsum("ni,ij,nj->n", design, self.covariance, design)
-        return np.asarray(self.at(points) * np.sqrt(variance + _of_slope(u, self.slope_covariance)))
+        return np.asarray(self.light.at(points) * np.sqrt(variance + _of_slope(u, self.slope_covariance)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,10 +86,6 @@ class RadialFalloff:
     most: float
 
 
-def _design(u: Array, degree: int) -> Array:
-    return monomials(u, degree)[:, 1:]
-
-
 def _of_slope(u: Array, covariance: Array) -> Array:
     return np.einsum("ni,ij,nj->n", u, np.nan_to_num(covariance), u)
 
@@ -116,31 +105,28 @@ def fit_falloff(flats: Sequence[Cells], shape: tuple[int, int]) -> Falloff:
 def _fitted(flats: Sequence[Cells], shape: tuple[int, int], degree: int) -> tuple[float, Falloff]:
     """Schwarz's criterion and the surface."""
     design, values, sigma = _system(flats, shape, degree)
-    kept = np.ones(len(values), dtype=bool)
+    kept, whitened = np.ones(len(values), dtype=bool), design / sigma[:, None]
     for _ in range(5):
-        solution = np.linalg.lstsq((design / sigma[:, None])[kept], (values / sigma)[kept], rcond=None)[0]
+        part = whitened[kept]
+        solution = np.linalg.solve(part.T @ part, part.T @ (values / sigma)[kept])
         away = (values - design @ solution) / sigma
         last, kept = kept, np.abs(away) <= FAR * max(1.4826 * float(np.median(np.abs(away))), 1.0)
         if np.array_equal(last, kept):
             break
     freedom = int(kept.sum()) - design.shape[1]
     chi2 = float(np.sum(away[kept] ** 2)) / freedom
-    whitened = (design / sigma[:, None])[kept]
-    covariance = np.linalg.inv(whitened.T @ whitened) * max(chi2, 1.0)
-    c, count = _terms(degree), len(flats)
+    part = whitened[kept]
+    covariance = np.linalg.inv(part.T @ part) * max(chi2, 1.0)
+    c, count = terms_of(degree), len(flats)
     free = solution[c + count :].reshape(-1, 2)
     slopes = np.vstack([free, -free.sum(axis=0)])
     of_slope = np.cov(slopes.T) / count if count > 1 else np.full((2, 2), np.nan)
     structure = float(np.sqrt(max(np.mean((away**2 - 1)[kept] * sigma[kept] ** 2), 0.0)))
     schwarz = freedom * np.log(chi2) + design.shape[1] * np.log(kept.sum())
     return schwarz, Falloff(
-        shape, degree, solution[:c], covariance[:c, :c], of_slope, slopes, float(np.sqrt(chi2)), structure,
+        LightSurface(shape, degree, solution[:c]), covariance[:c, :c], of_slope, slopes, float(np.sqrt(chi2)), structure,
         1 - float(kept.mean()),
     )  # fmt: skip
-
-
-def _terms(degree: int) -> int:
-    return (degree + 1) * (degree + 2) // 2 - 1
 
 
 def _system(flats: Sequence[Cells], shape: tuple[int, int], degree: int) -> tuple[Array, Array, Array]:
@@ -153,7 +139,7 @@ def _system(flats: Sequence[Cells], shape: tuple[int, int], degree: int) -> tupl
         slope = np.zeros((len(u), count, 2))
         slope[:, i] = u
         free = slope[:, :-1] - slope[:, -1:]  # the slopes add to nothing
-        rows.append(np.hstack([_design(u, degree), level, free.reshape(len(u), -1)]))
+        rows.append(np.hstack([design_of(u, degree), level, free.reshape(len(u), -1)]))
     values = np.concatenate([np.log(np.maximum(flat.level, 1e-9)) for flat in flats])
     sigma = np.concatenate([flat.sigma / np.maximum(flat.level, 1e-9) for flat in flats])
     return np.vstack(rows), values, sigma
@@ -164,9 +150,9 @@ def fit_radial(found: Falloff, places: Array) -> RadialFalloff:
 
     Its errors are those of the surface, carried through the fit.
     """
-    rows, columns = found.shape
+    rows, columns = found.light.shape
     unit = np.hypot(rows, columns) / 2
-    u, light = in_half_diagonals(places, found.shape), found.at(places)
+    u, light = in_half_diagonals(places, found.light.shape), found.light.at(places)
 
     def left(p: Array) -> Array:
         return np.asarray(p[0] * radial_light(np.linalg.norm(u - p[1:3], axis=1), p[3:]) / light - 1)
@@ -174,7 +160,7 @@ def fit_radial(found: Falloff, places: Array) -> RadialFalloff:
     fit = least_squares(left, np.array([1.0, 0, 0, -0.1, 0, 0]), x_scale=[1, 0.1, 0.1, 0.1, 0.1, 0.1])
     p = fit.x
     carried = np.linalg.pinv(fit.jac)
-    design = _design(u, found.degree)
+    design = design_of(u, found.light.degree)
     covariance = carried @ design @ found.covariance @ (carried @ design).T
     covariance += carried @ u @ np.nan_to_num(found.slope_covariance) @ (carried @ u).T
     to_pixels = np.diag([unit, unit, *np.ones(TERMS)])

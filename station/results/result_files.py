@@ -135,7 +135,7 @@ class ResultFolder:
 
 
 _RESULT_FILE = re.compile(
-    r"(psf|covariance|mtf|edge|inter_image|profile|transfer|spectrogram|histogram|defects|nps|information)_(R|G1|G2|B|Y)\.(npy|csv|png|fits|tiff)|numbers\.csv|budget\.csv|emva1288\.xml|report\.html|field\.h5|geometry_\w+\.(npy|csv)|corrected\.(tiff|dng)|gain\.csv"
+    r"(psf|covariance|mtf|edge|inter_image|profile|transfer|spectrogram|histogram|defects|nps|information)_(R|G1|G2|B|Y)\.(npy|csv|png|fits|tiff)|numbers\.csv|budget\.csv|emva1288\.xml|report\.html|field\.h5|geometry_\w+\.(npy|csv)|corrected\.(tiff|dng)|gain\.csv|vignetting_(R|G1|G2|B|Y)\.csv"
 )
 
 
