@@ -61,6 +61,14 @@ class SpaceVariantBlur:
             out += coefficient * oaconvolve(image, kernel[::-1, ::-1], mode="same")
         return np.asarray(weight * out)
 
+    def product_convolution(self, shape: tuple[int, int]) -> tuple[Array, Array]:
+        """The same as filters (n, K, K) and multipliers (n, rows, columns) of an image of that shape.
+
+        `blur` is the sum over n of each filter's convolution with its multiplier times the image.
+        """
+        weight, coefficients = self._maps(shape)
+        return np.array(self._kernels), weight * np.concatenate([np.ones((1, *shape)), coefficients])
+
     def at(self, points: Array) -> Array:
         """The whole PSFs of places (n, 2) of the plane on the image's grid, (n, K, K), each of sum 1."""
         coefficients = self.field.coefficients(points)

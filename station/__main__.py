@@ -19,6 +19,7 @@ COMMANDS = {
     "psf": ("psf.group", "psf", "Estimate a point spread function."),
     "sensor": ("sensor", "sensor", "Measure gain, noise and non-uniformity of a sensor (EMVA 1288)."),
     "geometry": ("geometry", "geometry", "Calibrate a camera's geometry: intrinsics, distortion, poses."),
+    "vignetting": ("vignetting", "vignetting", "Measure the light lost towards the corners, from flats."),
     "export": ("export", "export", "Write a result as a file of another program."),
     "mtf": ("mtf.group", "mtf", "Measure a modulation transfer function."),
     "restore": ("restore", "restore", "Restore a sharp picture and depth from blurred photographs."),

@@ -86,7 +86,7 @@ def as_opencv(camera: Camera, region: Array, count: int) -> OpenCvCamera:
     """
     if count not in OPENCV_COUNTS:
         raise BadParameter(f"OpenCV's distortion has {OPENCV_COUNTS} coefficients, not {count}", "give one of these")
-    pixels, rays = _covered(camera, region)
+    pixels, rays = covered(camera, region)
     if SAME.get(camera.model, 99) <= count:
         params = _same(camera, count)
     else:
@@ -97,13 +97,13 @@ def as_opencv(camera: Camera, region: Array, count: int) -> OpenCvCamera:
             lambda p: (opencv_projection(p, rays) - pixels).ravel(), start, x_scale=scale, xtol=1e-14, ftol=1e-14
         )
         params = np.asarray(fit.x)
-    difference = _difference(opencv_projection(params, rays) - pixels)
+    difference = difference_of(opencv_projection(params, rays) - pixels)
     return OpenCvCamera((params[0], params[1]), (params[2], params[3]), params[4:], difference)
 
 
 def as_fisheye(camera: Camera, region: Array) -> tuple[Camera, Difference]:
     """The camera by the equidistant formula with four coefficients (OPENCV_FISHEYE), and what that loses."""
-    pixels, rays = _covered(camera, region)
+    pixels, rays = covered(camera, region)
     start = simple_camera("OPENCV_FISHEYE", camera.focal_px, camera.centre, (camera.columns, camera.rows))
     scale = np.concatenate([np.full(4, camera.focal_px[0]), np.full(4, 0.1)])
     fit = least_squares(
@@ -111,7 +111,7 @@ def as_fisheye(camera: Camera, region: Array) -> tuple[Camera, Difference]:
         ftol=1e-14,
     )  # fmt: skip
     found = start.with_params(fit.x)
-    return found, _difference(found.project(rays) - pixels)
+    return found, difference_of(found.project(rays) - pixels)
 
 
 def _same(camera: Camera, count: int) -> Array:
@@ -126,7 +126,7 @@ def _same(camera: Camera, count: int) -> Array:
     return params
 
 
-def _covered(camera: Camera, region: Array) -> tuple[Array, Array]:
+def covered(camera: Camera, region: Array) -> tuple[Array, Array]:
     """Places of the frame inside an outline, and their rays."""
     pixels = camera.frame_grid(*GRID)
     pixels = pixels[enclosed(region, pixels)]
@@ -135,6 +135,6 @@ def _covered(camera: Camera, region: Array) -> tuple[Array, Array]:
     return pixels[known], rays[known]
 
 
-def _difference(moved: Array) -> Difference:
+def difference_of(moved: Array) -> Difference:
     lengths = np.linalg.norm(moved, axis=1)
     return Difference(float(np.sqrt(np.mean(lengths**2))), float(lengths.max()))

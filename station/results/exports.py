@@ -16,13 +16,10 @@ from procedures.radial_profile import radial_profile
 from procedures.reading.exposure import Exposure
 from station.common.sanitise import cell
 from station.drawing.linear_pictures import described_tiff, float_tiff
+from station.results.fits import Cards, image_extension, primary_image
 
 Array = npt.NDArray[np.float64]
 
-FITS_BLOCK = 2880
-FITS_CARD = 80
-LONGEST_TEXT = 34
-"""Letters of a value: even if all of them are quotes, which are doubled, they fit into a card."""
 GAUSSIAN_RADIUS = "gaussian_radius"
 
 
@@ -57,7 +54,7 @@ def psf_fits(psf: Psf, plane: str, version: str | None, exposure: Exposure | Non
     """
     sigma = np.sqrt(np.maximum(np.diag(psf.covariance), 0)).reshape(psf.h.shape)
     middle = psf.k // 2 + 1
-    grid: list[tuple[str, object]] = [
+    grid: Cards = [
         ("CRPIX1", float(middle)), ("CRPIX2", float(middle)), ("CRVAL1", 0.0), ("CRVAL2", 0.0),
         ("CDELT1", 1 / psf.s), ("CDELT2", 1 / psf.s), ("CTYPE1", "X"), ("CTYPE2", "Y"),
         ("CUNIT1", "pixel"), ("CUNIT2", "pixel"), ("BUNIT", "1"), ("ROWORDER", "TOP-DOWN"), ("PLANE", plane),
@@ -66,7 +63,7 @@ def psf_fits(psf: Psf, plane: str, version: str | None, exposure: Exposure | Non
         *([] if exposure is None else _noted(exposure).items()),
     ]  # fmt: skip
     share, uncertainty = psf.energy_outside
-    outside: list[tuple[str, object]] = [
+    outside: Cards = [
         ("EOUTSIDE", share), ("EOUTUNC", uncertainty), ("TAILDENS", psf.tail_density_px),
         ("COMMENT", "Orientation: the first row is the photograph's upper one; the origin of"),
         ("COMMENT", "X and Y is the PSF's centre, X to the right, Y down, pixels of FILTER."),
@@ -74,13 +71,11 @@ def psf_fits(psf: Psf, plane: str, version: str | None, exposure: Exposure | Non
         ("COMMENT", "the share of all light outside it; EOUTUNC: its uncertainty."),
         ("COMMENT", "TAILDENS: A of the far tail A/r^3 per square pixel, all light 1."),
     ]  # fmt: skip
-    size: list[tuple[str, object]] = [("BITPIX", -64), ("NAXIS", 2), ("NAXIS1", psf.k), ("NAXIS2", psf.k)]
-    primary = [("SIMPLE", True), *size, ("EXTEND", True), ("EXTNAME", "PSF"), *grid, *outside]
-    second = [("XTENSION", "IMAGE"), *size, ("PCOUNT", 0), ("GCOUNT", 1), ("EXTNAME", "UNCERTAINTY"), *grid]
-    return _unit(primary, psf.h) + _unit(second, sigma)
+    first = primary_image(psf.h, [("EXTEND", True), ("EXTNAME", "PSF"), *grid, *outside])
+    return first + image_extension(sigma, [("EXTNAME", "UNCERTAINTY"), *grid])
 
 
-def _noted(exposure: Exposure) -> dict[str, object]:
+def _noted(exposure: Exposure) -> dict[str, str | float]:
     """What the camera noted, by the names of FITS; what it did not is left out."""
     found = {
         "DATE-OBS": exposure.captured_at,
@@ -92,34 +87,6 @@ def _noted(exposure: Exposure) -> dict[str, object]:
         "ISOSPEED": exposure.iso,
     }
     return {name: value for name, value in found.items() if value}
-
-
-def _unit(cards: Sequence[tuple[str, object]], data: Array) -> bytes:
-    """A header and its data, each filled up to whole blocks."""
-    header = "".join(_card(name, value) for name, value in cards) + "END".ljust(FITS_CARD)
-    return _filled(header.encode("ascii"), b" ") + _filled(data.astype(">f8").tobytes(), b"\0")
-
-
-def _card(name: str, value: object) -> str:
-    if name == "COMMENT":
-        return f"{name:<8}{value}".ljust(FITS_CARD)[:FITS_CARD]
-    if isinstance(value, bool):
-        text = f"{'T' if value else 'F':>20}"
-    elif isinstance(value, str):
-        text = "'" + _ascii(value).replace("'", "''").ljust(8) + "'"
-    else:
-        text = f"{value!r:>20}"
-    return f"{name:<8}= {text}".ljust(FITS_CARD)[:FITS_CARD]
-
-
-def _ascii(text: str) -> str:
-    """Letters that a header takes, as many as have room in a card."""
-    plain = "".join(one if " " <= one <= "~" else "?" for one in text)
-    return plain[:LONGEST_TEXT]
-
-
-def _filled(data: bytes, filling: bytes) -> bytes:
-    return data + filling * (-len(data) % FITS_BLOCK)
 
 
 # --- the numbers -------------------------------------------------------------------------------------------------

@@ -1,0 +1,162 @@
+"""Vignetting and colour shading from flats: verdict, numbers and maps of each plane."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.outcome import Outcome, Quantity, Refused, Rule, Verdict, verdict_of
+from procedures.raw import Plane
+from procedures.vignetting.cells import Cells, cells_of
+from procedures.vignetting.surface import Falloff, RadialFalloff, fit_falloff, fit_radial
+
+Array = npt.NDArray[np.float64]
+
+REFERENCE = "G1"
+GRID = (33, 25)
+"""Columns and rows of the places at which maps are told and formulas compared."""
+LARGE_STRUCTURE = 0.005
+"""Of the light: what flats show beside a smooth surface, and no lens makes."""
+LARGE_SLOPE = 0.02
+"""Of the light over half a diagonal: a slope of one flat's light that is doubted."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneVignetting:
+    """What the flats say of one plane.
+
+    Attributes
+    ----------
+    surface : Falloff
+    radial : RadialFalloff
+    numbers : mapping of name to Quantity
+    places : (n, 2), value : (n,), uncertainty : (n,) float64
+        The map: light over that at the frame's centre.
+    """
+
+    surface: Falloff
+    radial: RadialFalloff
+    numbers: Mapping[str, Quantity]
+    places: Array
+    value: Array
+    uncertainty: Array
+
+
+def estimate_vignetting(flats: Sequence[tuple[str, Mapping[str, Plane]]]) -> dict[str, Outcome[PlaneVignetting]]:
+    """Vignetting of every plane, and colour shading against green.
+
+    Parameters
+    ----------
+    flats : sequence of (name of the photograph, its planes)
+        One camera, lens, aperture and focus; camera or light turned between them.
+
+    Returns
+    -------
+    dict of plane to Outcome[PlaneVignetting]
+    """
+    found: dict[str, Outcome[PlaneVignetting]] = {}
+    for name in flats[0][1]:
+        try:
+            cells = [cells_of(planes[name], source) for source, planes in flats]
+            shape = flats[0][1][name].samples.shape
+            found[name] = _plane(cells, (shape[0], shape[1]))
+        except Refused as refusal:
+            found[name] = Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
+    return _with_colour(found)
+
+
+def _plane(cells: Sequence[Cells], shape: tuple[int, int]) -> Outcome[PlaneVignetting]:
+    surface = fit_falloff(cells, shape)
+    places = frame_places(shape)
+    radial = fit_radial(surface, places)
+    answer = PlaneVignetting(
+        surface,
+        radial,
+        _numbers(surface, radial, len(cells)),
+        places,
+        surface.light.at(places),
+        surface.uncertainty(places),
+    )
+    return Outcome(answer, *verdict_of(_rules(surface, len(cells))))
+
+
+def frame_places(shape: tuple[int, int]) -> Array:
+    """Places (n, 2) spread over a plane, rims included, row by row."""
+    rows, columns = shape
+    x, y = np.meshgrid(np.linspace(0, columns - 1, GRID[0]), np.linspace(0, rows - 1, GRID[1]))
+    return np.column_stack([x.ravel(), y.ravel()])
+
+
+def _numbers(surface: Falloff, radial: RadialFalloff, count: int) -> dict[str, Quantity]:
+    rows, columns = surface.light.shape
+    corners = np.array([[x, y] for x in (0, columns - 1) for y in (0, rows - 1)], dtype=np.float64)
+    light, spread = surface.light.at(corners), surface.uncertainty(corners)
+    darkest = int(np.argmin(light))
+    sigma = np.sqrt(np.diag(radial.covariance))
+    method = f"{count} flats, polynomial of degree {surface.light.degree} in log light"
+    fitted = "radial formula next to the surface, 1 + k1 r^2 + k2 r^4 + k3 r^6"
+    centre = radial.centre - [(columns - 1) / 2, (rows - 1) / 2]
+    return {
+        "corner_light": Quantity(float(light.mean()), "1", float(spread.mean()), f"{method}; mean of corners", count),
+        "darkest_corner": Quantity(float(light[darkest]), "1", float(spread[darkest]), method, count),
+        "vignetting_centre_x": Quantity(float(centre[0]), "pixel", float(sigma[0]), f"{fitted}; from the frame's", count),
+        "vignetting_centre_y": Quantity(float(centre[1]), "pixel", float(sigma[1]), f"{fitted}; from the frame's", count),
+        **{f"vignetting_k{i + 1}": Quantity(float(radial.coefficients[i]), "1", float(sigma[i + 2]), fitted, count)
+           for i in range(3)},
+        "vignetting_not_radial": Quantity(radial.lost, "1", 0.0, "rms over the frame of the formula's error", count),
+    }  # fmt: skip
+
+
+def _rules(surface: Falloff, count: int) -> list[Rule]:
+    """What makes vignetting doubtful."""
+    steepest = float(np.linalg.norm(surface.slopes, axis=1).max())
+    return [
+        Rule(
+            Verdict.DOUBTFUL,
+            count < 2,
+            "one flat cannot tell a slope of the light from the lens: the centre and the difference of the corners may "
+            "be the light's",
+            "photograph a second flat with the camera or the light turned by 180 degrees about the axis, better four",
+        ),
+        Rule(
+            Verdict.DOUBTFUL,
+            surface.structure > LARGE_STRUCTURE,
+            f"the flats show structure of {surface.structure:.1%} rms that no lens makes",
+            "photograph evenly lit, structureless light: a diffuser before the lens, out of focus",
+        ),
+        Rule(
+            Verdict.DOUBTFUL,
+            steepest > LARGE_SLOPE and count >= 2,
+            f"the flats' light differs by {steepest:.1%} over half a diagonal from one to the next",
+            "make the light more even: it is known no better than its slopes average out",
+        ),
+    ]
+
+
+def _with_colour(found: dict[str, Outcome[PlaneVignetting]]) -> dict[str, Outcome[PlaneVignetting]]:
+    """Colour shading beside the numbers: how far a plane's light over green's is from that at the centre."""
+    green = found[REFERENCE].value if REFERENCE in found else None
+    if green is None:
+        return found
+    told = {}
+    for name, outcome in found.items():
+        one = outcome.value
+        if one is not None and name != REFERENCE:
+            ratio = one.value / green.value - 1
+            # the light's slope is common to the planes and drops out
+            spread = float(np.sqrt(np.mean(_noise(one) ** 2 + _noise(green) ** 2)))
+            value = float(np.sqrt(np.mean(ratio**2)))
+            method = f"rms over the frame of light over that of {REFERENCE}, less 1"
+            colour = Quantity(value, "1", spread, method, one.numbers["corner_light"].n)
+            answer = replace(one, numbers={**one.numbers, "colour_shading": colour})
+            told[name] = Outcome(answer, outcome.verdict, outcome.reason, outcome.remedy)
+        else:
+            told[name] = outcome
+    return told
+
+
+def _noise(one: PlaneVignetting) -> Array:
+    return replace(one.surface, slope_covariance=np.zeros((2, 2))).uncertainty(one.places) / one.value

@@ -1,0 +1,106 @@
+"""A DNG's opcodes from a calibration: its distortion, lateral colour and vignetting undone by whoever develops it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.geometry.radial import RadialCamera, as_radial
+from procedures.outcome import BadParameter
+from procedures.reading.dng_opcodes import Opcode, fix_vignette_radial, warp_rectilinear, with_opcodes
+from procedures.vignetting.formula import even_powers
+from station.calibration.geometry_exports import StoredCamera
+from station.calibration.lensfun_export import PLACES, pitch_of
+from station.calibration.vignetting import StoredVignetting
+
+Array = npt.NDArray[np.float64]
+
+VIGNETTE_TERMS = 5
+
+
+@dataclass(frozen=True)
+class DngExport:
+    """The file's content, and sentences on what its opcodes could not hold."""
+
+    data: bytes
+    lost: tuple[str, ...]
+
+
+def export_dng(
+    data: bytes, name: str, stored: StoredCamera | None, vignetting: StoredVignetting | None, size: tuple[int, int],
+) -> DngExport:  # fmt: skip
+    """A copy of a DNG with the opcodes of a camera and of its vignetting.
+
+    Parameters
+    ----------
+    size : (columns, rows)
+        Of the photograph in the file.
+
+    Raises
+    ------
+    BadParameter
+        If there is nothing to write, or the photograph is of another size than the camera.
+    BadInput
+        If the file is no DNG.
+    """
+    opcodes: list[Opcode] = []
+    lost: list[str] = []
+    if vignetting is not None:
+        opcode, words = vignette_opcode(vignetting, *size)
+        opcodes.append(opcode)
+        lost.append(words)
+    if stored is not None:
+        opcode, words = warp_opcode(stored, size)
+        opcodes.append(opcode)
+        lost.append(words)
+    if not opcodes:
+        raise BadParameter(
+            "a DNG takes a geometry, a vignetting or both; there is neither", "name one of their results"
+        )
+    return DngExport(with_opcodes(data, opcodes, name), tuple(lost))
+
+
+def warp_opcode(stored: StoredCamera, size: tuple[int, int]) -> tuple[Opcode, str]:
+    """WarpRectilinear of a camera, the same for all planes, and what it loses."""
+    camera = stored.camera
+    if (camera.columns, camera.rows) != size:
+        raise BadParameter(
+            f"the photograph has {size[0]} x {size[1]} pixels, the camera's frame {camera.columns} x {camera.rows}",
+            "give a photograph of the calibrated camera, not cropped",
+        )
+    found = as_radial(camera, stored.region, "even", min(size) / 2, decentring=True)
+    unit = farthest(found.centre, size)
+    k = found.coefficients * (unit / found.unit_px) ** (2 * np.arange(1, 4))
+    p1, p2 = found.tangential * unit / found.unit_px
+    opcode = warp_rectilinear([(1.0, *k, p1, p2)], over_frame(found.centre, size))
+    return opcode, _words(found)
+
+
+def _words(found: RadialCamera) -> str:
+    return f"WarpRectilinear: {found.difference.rms_px:.4f} pixel rms, {found.difference.max_px:.4f} at most, are lost"
+
+
+def vignette_opcode(found: StoredVignetting, columns: int, rows: int) -> tuple[Opcode, str]:
+    """FixVignetteRadial of the light of green, and what it loses."""
+    light, size = found.light, (columns, rows)
+    pitch = pitch_of(light.shape, columns, rows)
+    x, y = np.meshgrid(np.linspace(0, light.shape[1] - 1, PLACES), np.linspace(0, light.shape[0] - 1, PLACES))
+    places = np.column_stack([x.ravel(), y.ravel()])
+    centre = pitch * np.clip(found.centre, 0, [light.shape[1] - 1, light.shape[0] - 1])
+    r = np.linalg.norm(pitch * places - centre, axis=1) / farthest(centre, size)
+    fit = even_powers(r, 1 / light.at(places), VIGNETTE_TERMS)
+    words = f"FixVignetteRadial: {fit.lost:.2%} of the light rms, {fit.most:.2%} at most, are lost; no colour shading"
+    return fix_vignette_radial(list(fit.terms), over_frame(centre, size)), words
+
+
+def farthest(centre: tuple[float, float] | Array, size: tuple[int, int]) -> float:
+    """Pixels from a place (x, y) to the farthest corner of the frame, between pixel centres."""
+    x, y = centre
+    return float(np.hypot(max(x, size[0] - 1 - x), max(y, size[1] - 1 - y)))
+
+
+def over_frame(centre: tuple[float, float] | Array, size: tuple[int, int]) -> tuple[float, float]:
+    """A place (x, y) over the frame, 0 to 1."""
+    return float(centre[0] / (size[0] - 1)), float(centre[1] / (size[1] - 1))

@@ -1,0 +1,207 @@
+"""lensfun's database entry of a lens: distortion, lateral colour, vignetting, each with what it cannot hold.
+
+lensfun has its coordinates about the middle of the frame, 1 being half of the shorter side for distortion and lateral
+colour, half of the diagonal for vignetting; all pixel centres count, from 0 to n - 1. The middle may be moved
+(`center`), for all three together. There is no decentring distortion, and no shading by colour.
+Source: lensfun's documentation, "Lens calibration"; checked against its library.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.field.chromatic import LateralColour
+from procedures.geometry.radial import RadialCamera, as_radial
+from procedures.outcome import BadParameter
+from procedures.vignetting.formula import LightSurface, even_powers
+from station.calibration.geometry_exports import EXACT, StoredCamera
+
+Array = npt.NDArray[np.float64]
+
+MODELS = ("poly3", "poly5", "ptlens")
+"""Of distortion, the one with the fewest coefficients first."""
+FULL_FRAME_MM = float(np.hypot(36, 24))
+DISTANCES_M = (0.25, 1000.0)
+"""lensfun interpolates over the distance of focus: the same at both ends holds for all."""
+COLOURS = {"R": "r", "B": "b"}
+ROUND = 9
+"""Digits of a number."""
+PLACES = 41
+"""Along each side, at which the light is held against its formula."""
+
+
+@dataclass(frozen=True)
+class LensNames:
+    """What the entry is called, and for which photographs it is.
+
+    Attributes
+    ----------
+    maker, lens, camera : str
+    focal_mm, f_number : float
+    pitch_um : float
+        Of the sensor's pixels.
+    """
+
+    maker: str
+    lens: str
+    camera: str
+    focal_mm: float
+    f_number: float
+    pitch_um: float
+
+
+@dataclass(frozen=True)
+class LensfunExport:
+    """The database's text, and sentences on what it could not hold."""
+
+    text: str
+    lost: tuple[str, ...]
+
+
+def export_lensfun(
+    stored: StoredCamera,
+    names: LensNames,
+    colours: Mapping[str, LateralColour] | None = None,
+    vignetting: LightSurface | None = None,
+) -> LensfunExport:
+    """The entry of a calibrated camera.
+
+    Parameters
+    ----------
+    colours : mapping of plane to LateralColour, optional
+        Of R and B.
+    vignetting : LightSurface, optional
+        Of one plane, best green.
+
+    Raises
+    ------
+    BadParameter
+        If a field or vignetting is of another frame.
+    """
+    camera = stored.camera
+    found = best_radial(stored)
+    top = ElementTree.Element("lensdatabase", version="1")
+    mount = f"{names.camera} mount"
+    ElementTree.SubElement(ElementTree.SubElement(top, "mount"), "name").text = mount
+    crop = FULL_FRAME_MM / (np.hypot(camera.columns, camera.rows) * names.pitch_um / 1000)
+    aspect = max(camera.columns, camera.rows) / min(camera.columns, camera.rows)
+    _entry(top, "camera", names.maker, names.camera, mount, crop)
+    lens = _entry(top, "lens", names.maker, names.lens, mount, crop)
+    ElementTree.SubElement(lens, "aspect-ratio").text = f"{aspect:.6f}"
+    middle = np.array([camera.columns - 1, camera.rows - 1]) / 2
+    offset = (np.array(found.centre) - middle) / unit_px(camera.columns, camera.rows)
+    ElementTree.SubElement(lens, "center", x=_text(offset[0]), y=_text(offset[1]))
+    calibration = ElementTree.SubElement(lens, "calibration")
+    focal = _text(names.focal_mm)
+    terms = ("a", "b", "c") if found.formula == "ptlens" else ("k1", "k2")
+    numbers = {name: _text(k) for name, k in zip(terms, found.coefficients, strict=False)}
+    ElementTree.SubElement(calibration, "distortion", model=found.formula, focal=focal, **numbers)
+    lost = [f"distortion as {found.formula}: {found.difference.rms_px:.4f} pixel rms, {found.difference.max_px:.4f} at "
+            "most, are lost"] if found.difference.max_px >= EXACT else []  # fmt: skip
+    if colours:
+        told, words = lateral_terms(colours, np.array(found.centre), camera.columns, camera.rows)
+        ElementTree.SubElement(calibration, "tca", model="poly3", focal=focal, **told)
+        lost += words
+    if vignetting is not None:
+        lost += _add_vignetting(calibration, vignetting, np.array(found.centre), camera.columns, camera.rows, names)
+    ElementTree.indent(top, "    ")
+    return LensfunExport(ElementTree.tostring(top, encoding="unicode") + "\n", tuple(lost))
+
+
+def unit_px(columns: int, rows: int) -> float:
+    """lensfun's unit of length, in pixels: half of the shorter side, between pixel centres."""
+    return (min(columns, rows) - 1) / 2
+
+
+def best_radial(stored: StoredCamera) -> RadialCamera:
+    """lensfun's model that loses least, the simplest of those that lose nothing."""
+    unit = unit_px(stored.camera.columns, stored.camera.rows)
+    found = []
+    for model in MODELS:
+        one = as_radial(stored.camera, stored.region, model, unit)
+        if one.difference.max_px < EXACT:
+            return one
+        found.append(one)
+    return min(found, key=lambda one: one.difference.rms_px)
+
+
+def lateral_terms(
+    colours: Mapping[str, LateralColour], centre: Array, columns: int, rows: int
+) -> tuple[dict[str, str], list[str]]:
+    """tca's poly3 of red and blue: r (v + c r + b r^2), and what it leaves in pixels of the sensor.
+
+    Raises
+    ------
+    BadParameter
+        If the field is of another frame.
+    """
+    told, lost, unit = {}, [], unit_px(columns, rows)
+    for plane, letter in COLOURS.items():
+        colour = colours.get(plane)
+        if colour is None:
+            raise BadParameter(
+                f"lensfun's lateral colour is of red and blue; the field has none of {plane}",
+                "make the field of all planes, or leave --field out",
+            )
+        pitch = pitch_of(colour.shape, columns, rows)
+        places = colour.positions
+        shift, covariance = colour.at(places)
+        u = (pitch * places - centre) / unit
+        r = np.linalg.norm(u, axis=1)
+        # shift along u is u (dv + c r + b r^2), in units
+        design = (u[:, :, None] * np.stack([np.ones_like(r), r, r**2], axis=1)[:, None, :]).reshape(-1, 3)
+        weight = np.repeat(1 / np.sqrt(np.maximum(np.trace(covariance, axis1=1, axis2=2), 1e-12)), 2)
+        values = (shift / unit).ravel()
+        v, c, b = np.linalg.lstsq(design * weight[:, None], values * weight, rcond=None)[0]
+        told |= {f"v{letter}": _text(1 + v), f"c{letter}": _text(c), f"b{letter}": _text(b)}
+        left = (values - design @ [v, c, b]).reshape(-1, 2) * unit
+        rms, most = float(np.sqrt(np.mean(np.sum(left**2, axis=1)))), float(np.linalg.norm(left, axis=1).max())
+        lost.append(f"lateral colour of {plane}: {rms:.4f} pixel rms, {most:.4f} at most, are lost")
+    return told, lost
+
+
+def pitch_of(shape: tuple[int, int], columns: int, rows: int) -> int:
+    """Sensor pixels per pixel of a plane of that shape; raises BadParameter where it is of another frame.
+
+    A plane's own origin, a pixel at the most, is of no account for what varies over the whole frame.
+    """
+    pitch = max(round(columns / shape[1]), 1)
+    if (shape[0] * pitch, shape[1] * pitch) != (rows, columns):
+        raise BadParameter(
+            f"planes of {shape[1]} x {shape[0]} are not of the camera's frame, {columns} x {rows}",
+            "give results of one camera",
+        )
+    return pitch
+
+
+def _add_vignetting(
+    calibration: ElementTree.Element, found: LightSurface, centre: Array, columns: int, rows: int, names: LensNames
+) -> list[str]:
+    pitch = pitch_of(found.shape, columns, rows)
+    x, y = np.meshgrid(np.linspace(0, found.shape[1] - 1, PLACES), np.linspace(0, found.shape[0] - 1, PLACES))
+    places = np.column_stack([x.ravel(), y.ravel()])
+    r = np.linalg.norm(pitch * places - centre, axis=1) / (np.hypot(columns - 1, rows - 1) / 2)
+    fit = even_powers(r, found.at(places), 3)
+    terms = {f"k{i}": _text(one) for i, one in enumerate(fit.terms, 1)}
+    for distance in DISTANCES_M:
+        ElementTree.SubElement(
+            calibration, "vignetting", model="pa", focal=_text(names.focal_mm), aperture=_text(names.f_number),
+            distance=_text(distance), **terms,
+        )  # fmt: skip
+    return [f"vignetting: {fit.lost:.2%} of the light rms, {fit.most:.2%} at most, are lost"]
+
+
+def _entry(top: ElementTree.Element, kind: str, maker: str, model: str, mount: str, crop: float) -> ElementTree.Element:
+    entry = ElementTree.SubElement(top, kind)
+    for name, text in (("maker", maker), ("model", model), ("mount", mount), ("cropfactor", f"{crop:.6f}")):
+        ElementTree.SubElement(entry, name).text = text
+    return entry
+
+
+def _text(value: float) -> str:
+    return f"{value:.{ROUND}g}"

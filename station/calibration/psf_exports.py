@@ -1,0 +1,157 @@
+"""A PSF field as files that other programs read: photutils' STDPSF, PSFEx, deepinv."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from procedures.field.field_file import read_field
+from procedures.field.samplings import as_polynomial, grid_places, whole_psfs
+from procedures.outcome import BadInput, BadParameter
+from procedures.psf_field import PsfField
+from procedures.space_variant import SpaceVariantBlur
+from station.results.fits import Cards, primary_image, table_of_one_cube
+
+STDPSF_SAMPLES = 4
+"""Per pixel: readers of STDPSF know no other number, the file does not tell it."""
+STDPSF_COLUMNS = 7
+"""Places of the grid along the frame's longer side; readers take some other numbers of PSFs for known instruments'."""
+INSTRUMENTS = (36, 56, 90, 200)
+"""Numbers of PSFs that readers take for those of several detectors."""
+ALLOWED = 0.002
+"""Of a PSF's norm that a polynomial may lose: some tenths of what noise leaves uncertain of a field."""
+FIRST = 1
+"""FITS and PSFEx count the first pixel as 1."""
+
+
+@dataclass(frozen=True)
+class PsfExport:
+    """A file's content, and in words what it could not hold; "" where it holds all."""
+
+    data: bytes
+    lost: str
+
+
+def read_plane(result: Path, plane: str | None) -> PsfField:
+    """The field of one plane of a result: its folder, or its field.h5.
+
+    Parameters
+    ----------
+    plane : str or None
+        None for green, or the first there is.
+
+    Raises
+    ------
+    BadInput
+        If there is no field.
+    BadParameter
+        If the plane is not in it.
+    """
+    path = result / "field.h5" if result.is_dir() else result
+    fields = read_field(path)
+    if not fields:
+        raise BadInput(f"{path} holds no field of any plane", "give the result of `station psf field` that has one")
+    name = plane or ("G1" if "G1" in fields else next(iter(fields)))
+    if name not in fields:
+        raise BadParameter(f"{path} has the planes {', '.join(fields)}, not {name!r}", "name one of these")
+    return fields[name]
+
+
+def export_field(field: PsfField, form: str) -> PsfExport:
+    """The field in a format; raises BadParameter where it is not known or cannot hold the sampling."""
+    if form not in FORMATS:
+        raise BadParameter(f"a PSF field is written as {', '.join(FORMATS)}, not {form!r}", "name one of these")
+    return FORMATS[form](field)
+
+
+def _stdpsf(field: PsfField) -> PsfExport:
+    """Effective PSFs (pixel included) on a grid of whole pixels, a sample being what a pixel there would see of a star.
+
+    Source: `photutils.psf.stdpsf_reader`; Anderson & King 2000, PASP 112, 1360.
+    """
+    if field.s != STDPSF_SAMPLES:
+        raise BadParameter(
+            f"STDPSF has {STDPSF_SAMPLES} samples per pixel; the field has {field.s}",
+            f"make the field with -s {STDPSF_SAMPLES}, or export to psfex",
+        )
+    columns = next(n for n in range(STDPSF_COLUMNS, 2 * STDPSF_COLUMNS) if _count(field, n) not in INSTRUMENTS)
+    x, y = grid_places(field, columns)
+    points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    psfs = (field.s**2 * whole_psfs(field, points)).astype(np.float32)
+    cards: Cards = [("NXPSFS", len(x)), ("NYPSFS", len(y))]
+    cards += [(f"IPSFX{i:02d}", int(one) + FIRST) for i, one in enumerate(x, 1)]
+    cards += [(f"JPSFY{i:02d}", int(one) + FIRST) for i, one in enumerate(y, 1)]
+    cards += [
+        ("PLANE", field.plane),
+        ("COMMENT", "First row of the data: the upper one. Positions: pixels of the plane."),
+    ]
+    return PsfExport(primary_image(psfs, cards), _grid_loss(field, x, y))
+
+
+def _count(field: PsfField, columns: int) -> int:
+    x, y = grid_places(field, columns)
+    return len(x) * len(y)
+
+
+def _grid_loss(field: PsfField, x: np.ndarray, y: np.ndarray) -> str:
+    """How far interpolation between the grid's places errs at the cells' centres, where the field is known."""
+    middle = np.stack(np.meshgrid((x[1:] + x[:-1]) / 2, (y[1:] + y[:-1]) / 2), axis=-1).reshape(-1, 2)
+    i, j = np.meshgrid(np.arange(len(x) - 1), np.arange(len(y) - 1))
+    corners = [np.column_stack([x[i + a].ravel(), y[j + b].ravel()]) for a in (0, 1) for b in (0, 1)]
+    known = np.all([field.inside(one) for one in corners], axis=0)
+    if not known.any():
+        return ""
+    between = np.mean([whole_psfs(field, one[known]) for one in corners], axis=0)
+    true = whole_psfs(field, middle[known])
+    lost = np.linalg.norm(between - true, axis=(1, 2)) / np.linalg.norm(true, axis=(1, 2))
+    return f"between the grid's places linear interpolation errs by {lost.max():.2%} of the PSF's norm at most"
+
+
+def _psfex(field: PsfField) -> PsfExport:
+    """PSFEx's model: a polynomial over the field in every sample, the pixel included.
+
+    Source: PSFEx manual, "The PSF model file"; as `galsim.des.DES_PSFEx` reads it.
+    """
+    found = as_polynomial(field, allowed=ALLOWED)
+    c, rows, columns = found.images.shape
+    cards: Cards = [
+        ("EXTNAME", "PSF_DATA"), ("LOADED", len(field.nodes)), ("ACCEPTED", len(field.nodes)), ("CHI2", 1.0),
+        ("POLNAXIS", 2), ("POLGRP1", 1), ("POLNAME1", "X_IMAGE"), ("POLZERO1", found.centre[0] + FIRST),
+        ("POLSCAL1", found.scale), ("POLGRP2", 1), ("POLNAME2", "Y_IMAGE"), ("POLZERO2", found.centre[1] + FIRST),
+        ("POLSCAL2", found.scale), ("POLNGRP", 1), ("POLDEG1", found.degree), ("PSF_FWHM", _fwhm(field)),
+        ("PSF_SAMP", 1 / field.s), ("PSFNAXIS", 3), ("PSFAXIS1", columns), ("PSFAXIS2", rows), ("PSFAXIS3", c),
+        ("PLANE", field.plane),
+    ]  # fmt: skip
+    data = table_of_one_cube("PSF_MASK", found.images.astype(np.float32), cards)
+    return PsfExport(
+        data, f"a polynomial of degree {found.degree} errs by {found.lost:.2%} of the PSF's norm at most; "
+        "beyond the charts it goes on as a polynomial does"
+    )  # fmt: skip
+
+
+def _fwhm(field: PsfField) -> float:
+    """Diameter, in pixels, of the circle of the same area as the samples above half the maximum, at the centre."""
+    rows, columns = field.shape
+    h = field.samples(np.array([[(columns - 1) / 2, (rows - 1) / 2]]))[0]
+    return float(2 * np.sqrt(np.count_nonzero(h > h.max() / 2) / np.pi) / field.s)
+
+
+def _deepinv(field: PsfField) -> PsfExport:
+    """Filters (1, 1, K, h, w) and multipliers (1, 1, K, rows, columns) on the plane's pixels, float32.
+
+    The photograph is the sum over K of each filter's convolution with its multiplier times the scene, in this order.
+    Source: deepinv, `physics.SpaceVaryingBlur`; Escande & Weiss 2017, J. Math. Imaging Vis. 58, 333.
+    """
+    filters, multipliers = SpaceVariantBlur(field).product_convolution(field.shape)
+    file = io.BytesIO()
+    np.savez_compressed(
+        file, filters=filters[None, None].astype(np.float32), multipliers=multipliers[None, None].astype(np.float32)
+    )
+    return PsfExport(file.getvalue(), "on the plane's own pixels, what its samples cannot show is filtered out")
+
+
+FORMATS: dict[str, Callable[[PsfField], PsfExport]] = {"stdpsf": _stdpsf, "psfex": _psfex, "deepinv": _deepinv}

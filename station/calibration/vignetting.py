@@ -1,0 +1,140 @@
+"""Vignetting from files to results and back: flats are read, their record is written, and read by the exports."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from procedures.outcome import BadInput, BadParameter, Outcome
+from procedures.raw import Plane, read_frame
+from procedures.reading.guard import decoding
+from procedures.reading.text import read_json
+from procedures.vignetting.estimate import PlaneVignetting, estimate_vignetting
+from procedures.vignetting.formula import LightSurface
+from station.common.progress import Progress, silent
+from station.results.exports import csv_bytes, numbers_table
+from station.results.result_files import RECORD, ResultFolder, software, write_record
+
+SCHEMA = "station/vignetting/1"
+_GIVE = "name the folder that `station vignetting` wrote"
+
+
+@dataclass(frozen=True, eq=False)
+class Flats:
+    """What photographs of even light say: their paths with hashes, and every plane's outcome."""
+
+    inputs: tuple[tuple[Path, str], ...]
+    planes: Mapping[str, Outcome[PlaneVignetting]]
+
+
+@dataclass(frozen=True, eq=False)
+class StoredVignetting:
+    """A plane's vignetting as its record tells: the light, and the centre (x, y) of the radial formula."""
+
+    plane: str
+    light: LightSurface
+    centre: tuple[float, float]
+
+
+def measure_flats(paths: Sequence[Path], told: Progress = silent) -> Flats:
+    """Vignetting from photographs of even light; raises BadInput where they are not of one camera."""
+    flats: list[tuple[str, Mapping[str, Plane]]] = []
+    inputs = []
+    for path in paths:
+        frame = read_frame(path)
+        if flats and _kind(frame.planes) != _kind(flats[0][1]):
+            raise BadInput(
+                f"flats have the same planes and sizes; {path.name} has others than {paths[0].name}",
+                "give photographs of one camera, in one format",
+            )
+        flats.append((path.name, frame.planes))
+        inputs.append((path, frame.sha256))
+        told(path.name)
+    return Flats(tuple(inputs), estimate_vignetting(flats))
+
+
+def _kind(planes: Mapping[str, Plane]) -> dict[str, tuple[int, ...]]:
+    return {name: plane.samples.shape for name, plane in planes.items()}
+
+
+def write_vignetting_result(folder: ResultFolder, found: Flats, start: float) -> str:
+    """Write each plane's map, the table of all numbers, and the record; returns the record's text."""
+    values = {name: one.value for name, one in found.planes.items() if one.value is not None}
+    for name, value in values.items():
+        folder.write(f"vignetting_{name}.csv", csv_bytes(_map_rows(value)))
+    numbers = ((name, what, number) for name, one in values.items() for what, number in one.numbers.items())
+    folder.write("numbers.csv", numbers_table(numbers))
+    record = {
+        "schema": SCHEMA,
+        "procedure": "vignetting",
+        "input": [{"path": str(path), "sha256": sha256} for path, sha256 in found.inputs],
+        "parameters": {},
+        "planes": {name: _entry(one) for name, one in found.planes.items()},
+        "software": software(),
+        "duration_s": round(time.perf_counter() - start, 3),
+    }
+    return write_record(folder, record)
+
+
+def _map_rows(found: PlaneVignetting) -> list[list[str]]:
+    rows = np.column_stack([found.places, found.value, found.uncertainty])
+    return [["x", "y", "light", "uncertainty"], *([f"{value:.7g}" for value in row] for row in rows)]
+
+
+def _entry(outcome: Outcome[PlaneVignetting]) -> dict[str, Any]:
+    entry: dict[str, Any] = {"verdict": str(outcome.verdict), "reason": outcome.reason, "remedy": outcome.remedy}
+    found = outcome.value
+    if found is None:
+        return entry
+    light = found.surface.light
+    return {
+        **entry,
+        **{name: asdict(number) for name, number in found.numbers.items()},
+        "light": {"rows": light.shape[0], "columns": light.shape[1], "degree": light.degree,
+                  "coefficients": light.coefficients.tolist()},
+        "centre": found.radial.centre.tolist(),
+        "diagnostics": {"scatter": found.surface.scatter, "structure": found.surface.structure,
+                        "left_out": found.surface.left_out, "slopes": found.surface.slopes.tolist()},
+    }  # fmt: skip
+
+
+def read_vignetting(result: Path) -> dict[str, StoredVignetting]:
+    """The vignetting of every plane of a result that has one.
+
+    Raises
+    ------
+    BadInput
+        If there is no such result, or it has none.
+    """
+    record = result / RECORD if result.is_dir() else result
+    told: dict[str, Any] = read_json(record, _GIVE)
+    with decoding(str(record), "a vignetting's result", _GIVE):
+        if told.get("procedure") != "vignetting":
+            raise BadInput(f"{record} is of {told.get('procedure', 'nothing known')}, not of flats", _GIVE)
+        found = {name: _stored(name, one) for name, one in told["planes"].items() if "light" in one}
+        if not found:
+            raise BadInput(f"{record} holds the light of no plane", "see its reasons; photograph the flats again")
+        return found
+
+
+def _stored(name: str, entry: Mapping[str, Any]) -> StoredVignetting:
+    light = entry["light"]
+    coefficients = np.array(light["coefficients"], dtype=np.float64)
+    x, y = (float(one) for one in entry["centre"])
+    shape = int(light["rows"]), int(light["columns"])
+    if min(shape) < 1 or not np.isfinite([x, y]).all():
+        raise ValueError("a plane has rows and columns, and a centre")
+    return StoredVignetting(name, LightSurface(shape, int(light["degree"]), coefficients), (x, y))
+
+
+def green_of(found: Mapping[str, StoredVignetting]) -> StoredVignetting:
+    """That of green, or the only one of a grey image; raises BadParameter where there is neither."""
+    for name in ("G1", "G2", "Y"):
+        if name in found:
+            return found[name]
+    raise BadParameter("vignetting of green is needed, which was refused", "photograph the flats again")

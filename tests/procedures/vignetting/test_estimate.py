@@ -1,0 +1,108 @@
+"""Flats of a lens whose light falls off about a centre that is not the frame's, under light that is not even."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from procedures.outcome import Verdict
+from procedures.raw import Plane
+from procedures.vignetting.estimate import estimate_vignetting, frame_places
+
+ROWS, COLUMNS = 320, 480
+UNIT = np.hypot(ROWS, COLUMNS) / 2
+CENTRE = np.array([(COLUMNS - 1) / 2 + 18.0, (ROWS - 1) / 2 - 11.0])  # 6 and 4 % of half a diagonal
+K = {"G1": (-0.45, 0.1, -0.02), "R": (-0.50, 0.12, -0.02)}
+WHITE_E = 40_000.0
+
+
+def lens(points: np.ndarray, plane: str) -> np.ndarray:
+    r2 = np.sum((points - CENTRE) ** 2, axis=-1) / UNIT**2
+    k1, k2, k3 = K[plane]
+    return 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
+
+
+def flat(rng, plane="G1", slope=(0.0, 0.0)) -> Plane:
+    y, x = np.mgrid[:ROWS, :COLUMNS].astype(float)
+    u = np.stack([x - (COLUMNS - 1) / 2, y - (ROWS - 1) / 2], axis=-1) / UNIT
+    light = 0.6 * lens(np.stack([x, y], axis=-1), plane) * (1 + u @ slope)
+    return Plane(plane, (rng.poisson(light * WHITE_E) / WHITE_E).astype(np.float32), 1 / 16000, pitch=2)
+
+
+def turned(rng, planes=("G1",), slope=0.012, count=4):
+    """Flats between which the light was turned by a quarter, its slope staying on it."""
+    angles = 2 * np.pi * np.arange(count) / count
+    return [
+        (f"flat{i}", {name: flat(rng, name, slope * np.array([np.cos(a), np.sin(a)])) for name in planes})
+        for i, a in enumerate(angles)
+    ]
+
+
+@pytest.fixture(scope="module")
+def found():
+    return estimate_vignetting(turned(np.random.default_rng(5), ("R", "G1")))
+
+
+def middle() -> np.ndarray:
+    return np.array([[(COLUMNS - 1) / 2, (ROWS - 1) / 2]])
+
+
+@pytest.mark.parametrize("plane", ["G1", "R"])
+def test_the_light_of_a_decentred_lens_is_found_to_half_a_percent(found, plane):
+    outcome = found[plane]
+    assert outcome.verdict is Verdict.PASS, outcome.reason
+    true = lens(outcome.value.places, plane) / lens(middle(), plane)
+    assert np.abs(outcome.value.value / true - 1).max() < 0.005
+
+
+def test_uncertainty_is_as_large_as_the_error(found):
+    one = found["G1"].value
+    true = lens(one.places, "G1") / lens(middle(), "G1")
+    known = one.uncertainty > 0  # the middle is 1 by definition
+    pull = (one.value - true)[known] / one.uncertainty[known]
+    # few degrees of freedom hold the whole map: its rms pull scatters by much, but not by a factor of three
+    assert np.sqrt(np.mean(pull**2)) < 3
+
+
+def test_the_centre_of_the_falloff_is_found_within_its_uncertainty(found):
+    numbers = found["G1"].value.numbers
+    for name, true in zip("xy", (18.0, -11.0), strict=True):
+        number = numbers[f"vignetting_centre_{name}"]
+        assert number.value == pytest.approx(true, abs=4 * number.uncertainty)
+        assert number.uncertainty < 6
+
+
+def test_colour_shading_is_the_planes_difference(found):
+    places = frame_places((ROWS, COLUMNS))
+    ratio = lens(places, "R") / lens(middle(), "R") / (lens(places, "G1") / lens(middle(), "G1"))
+    told = found["R"].value.numbers["colour_shading"]
+    assert told.value == pytest.approx(np.sqrt(np.mean((ratio - 1) ** 2)), abs=4 * told.uncertainty)
+    assert "colour_shading" not in found["G1"].value.numbers
+
+
+def test_what_a_radial_formula_cannot_hold_is_told(found):
+    assert found["G1"].value.radial.lost < 0.001  # the truth is radial
+
+
+def test_one_flat_is_doubted_for_its_light():
+    outcome = estimate_vignetting([("one", {"G1": flat(np.random.default_rng(1))})])["G1"]
+    assert outcome.verdict is Verdict.DOUBTFUL
+    assert "slope of the light" in outcome.reason
+
+
+def test_structure_that_no_lens_makes_is_doubted():
+    flats = turned(np.random.default_rng(2), count=2)
+    for _, planes in flats:
+        planes["G1"].samples[:, ::40] *= 0.7
+    outcome = estimate_vignetting(flats)["G1"]
+    assert outcome.verdict is Verdict.DOUBTFUL
+    assert "structure" in outcome.reason
+
+
+@pytest.mark.parametrize(("factor", "words"), [(2.0, "clipped"), (0.01, "too dark")])
+def test_a_flat_without_usable_light_is_refused(factor, words):
+    plane = flat(np.random.default_rng(3))
+    bad = Plane("G1", np.minimum(plane.samples * factor, 1).astype(np.float32), plane.quantisation)
+    outcome = estimate_vignetting([("bad", {"G1": bad})])["G1"]
+    assert outcome.verdict is Verdict.REFUSED
+    assert words in outcome.reason
