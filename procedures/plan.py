@@ -248,12 +248,18 @@ Request = Ask | Give | Show | Home | Go | SetLight | Measure | Look | Scan | Sho
 
 @dataclass(frozen=True)
 class Step:
-    """One entry of the guide's rail: a word for it, what it is about in a sentence or two, and its requests."""
+    """One entry of the guide's rail: a word for it, what it is about in a sentence or two, and its requests.
+
+    `drawing` shows what to do, in lines of ASCII (`procedures.drawings`), until the step has a photograph; `gave` is
+    what the step gave, in at most twelve characters ("s/t 1.28"), of what is known; "" where it gave no number.
+    """
 
     name: str
     title: str
     instruction: str
     requests: tuple[Request, ...]
+    drawing: str = ""
+    gave: Callable[[Facts], str] = lambda facts: ""
 
 
 @dataclass(frozen=True)

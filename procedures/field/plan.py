@@ -13,6 +13,7 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
+from procedures import drawings
 from procedures.advice import changed_settings
 from procedures.facts import Axis, facts_as
 from procedures.field.facts import BASE, FieldFacts, TourStart
@@ -69,13 +70,26 @@ def plan(estimate: Estimator) -> Plan:
         "PSF over the frame, from the chart at many places",
         (
             *(begin.step(name) for name in BEFORE),
-            Step("places", "Places", "Choose how many places of the frame to measure.", PLACES),
-            Step("tour", "Tour", "One photograph of the chart at each place.", (Tour(stops),)),
+            Step(
+                "places",
+                "Places",
+                "Choose how many places of the frame to measure.",
+                PLACES,
+                drawings.TOUR,
+                gave_places,
+            ),
+            Step("tour", "Tour", "One photograph of the chart at each place.", (Tour(stops),), drawings.TOUR),
             Step("estimate", "Estimate", "Put the field together from all photographs.", (Estimate(estimate),)),
             Step("verdict", "Verdict", "Accept the result, or take the tour again.", (Decide("tour"),)),
         ),
         facts=FieldFacts,
     )
+
+
+def gave_places(facts: Facts) -> str:
+    """How many places were chosen."""
+    places = facts_as(FieldFacts, facts).places
+    return "" if places is None else f"{places:.0f} places"
 
 
 # --- where the tour begins ---------------------------------------------------------------------------------------

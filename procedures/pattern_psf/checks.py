@@ -105,6 +105,7 @@ def check_light(frame: RawFrame, facts: Facts) -> Advice:
     if advice.good and not flatness.good:
         advice = uneven(brightest)
     readings = (*advice.readings, flatness)
+    advice = replace(advice, facts={**advice.facts, "white_percent": 100 * float(brightest.white[0])})
     advice = replace(advice, readings=readings, marks=marks_of(sighting), moves={})
     return held_by_cells(advice, plane, sighting, known) if advice.good else advice
 
@@ -150,7 +151,8 @@ def check_distance(frame: RawFrame, facts: Facts) -> Advice:
     if wrong is not None:  # before any move: it would be reckoned from what cannot be
         return replace(wrong, readings=readings, marks=marks_of(sighting))
     learned = range_facts(look, optics, known)
-    seen = Advice(True, "", (*readings, *range_readings(learned)), facts=learned, marks=marks_of(sighting))
+    told = {**learned, "s_over_t": ratio}
+    seen = Advice(True, "", (*readings, *range_readings(learned)), facts=told, marks=marks_of(sighting))
     return distance_advice(seen, look, pose, known)
 
 
@@ -253,7 +255,8 @@ def square_advice(pose: ChartPose, centre: tuple[Reading, ...], marks: Marks, li
     if not all(reading.good for reading in readings):
         return aim(pose, readings, {}, marks)
     say = f"The chart is square: yaw {pose.yaw_deg:+.1f}°, pitch {pose.pitch_deg:+.1f}°, roll {pose.roll_deg:+.1f}°."
-    return Advice(True, say, readings, marks=marks)
+    tilt_deg = max(abs(pose.yaw_deg), abs(pose.pitch_deg))
+    return Advice(True, say, readings, facts={"tilt_deg": tilt_deg}, marks=marks)
 
 
 def square_up(pose: ChartPose, readings: tuple[Reading, ...], marks: Marks) -> Advice:

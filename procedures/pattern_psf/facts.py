@@ -64,6 +64,8 @@ class PatternFacts(CameraFacts):
     laser_offset_mm : of the rangefinder's zero behind the lens
     looks : at the chart from its distances
     focus_by : "ring", "rail" or "skip"
+    white_percent, s_over_t, tilt_deg, focus_mtf50, mtf50_uncertainty : what the steps gave, as the rail shows it: white
+        on the sensor's scale, the sampling ratio, the larger of yaw and pitch, the sharpness, its standard uncertainty
     wanted_mtf50 : standard uncertainty to reach, in cycles/pixel
     tape_mm : distance of the chart by a tape measure, where there is neither laser nor rail
     """
@@ -77,7 +79,11 @@ class PatternFacts(CameraFacts):
     laser_offset_mm: float | None = derived_from(*SIZES)
     looks: tuple[RangeLook, ...] = gathered(looks_of, "chart_width_mm", "tape_mm", prefix=LOOKS)
     focus_by: str = "ring"
+    white_percent: float | None = None
+    s_over_t: float | None = None
+    tilt_deg: float | None = None
     focus_mtf50: float | None = None
+    mtf50_uncertainty: float | None = None
     wanted_mtf50: float | None = None
     tape_mm: float | None = None
 

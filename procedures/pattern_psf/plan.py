@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from procedures import drawings
 from procedures.choice import START_K
 from procedures.facts import axes_of, facts_as, required
 from procedures.outcome import Outcome, Verdict
@@ -72,17 +73,45 @@ def plan() -> Plan:
         "pattern",
         "PSF from a printed noise chart",
         (
-            Step("print", "Print", "Print the chart at its true size, and measure what came out.", PRINT),
-            Step("mount", "Mount and light", "Hang the chart flat, light it evenly, and expose it well.", MOUNT),
-            Step("distance", "Distance", "Go where the noise of the photograph spoils the PSF least.", DISTANCE),
-            Step("square", "Square up", "Bring the chart square to the camera.", SQUARE),
-            Step("focus", "Focus", "Find the sharpest focus.", FOCUS),
-            Step("shots", "Shots", "Take shots that count, until the uncertainty is small enough.", SHOTS),
+            Step(
+                "print", "Print", "Print the chart at its true size, and measure what came out.", PRINT,
+                drawings.PRINT, gave(lambda known: known.chart_width_mm, "{:g} mm"),
+            ),
+            Step(
+                "mount", "Mount and light", "Hang the chart flat, light it evenly, and expose it well.", MOUNT,
+                drawings.MOUNT, gave(lambda known: known.white_percent, "{:.0f} %"),
+            ),
+            Step(
+                "distance", "Distance", "Go where the noise of the photograph spoils the PSF least.", DISTANCE,
+                drawings.DISTANCE, gave(lambda known: known.s_over_t, "s/t {:.2f}"),
+            ),
+            Step(
+                "square", "Square up", "Bring the chart square to the camera.", SQUARE,
+                drawings.SQUARE, gave(lambda known: known.tilt_deg, "{:.1f}°"),
+            ),
+            Step(
+                "focus", "Focus", "Find the sharpest focus.", FOCUS,
+                drawings.FOCUS, gave(lambda known: known.focus_mtf50, "MTF50 {:.2f}"),
+            ),
+            Step(
+                "shots", "Shots", "Take shots that count, until the uncertainty is small enough.", SHOTS,
+                drawings.SHOTS, gave(lambda known: known.mtf50_uncertainty, "±{:.4f}"),
+            ),
             Step("estimate", "Estimate", "Estimate every plane's PSF from all shots together.", (Estimate(estimate),)),
             Step("verdict", "Verdict", "Accept the result, or take the shots again.", (Decide("shots"),)),
         ),
         facts=PatternFacts,
     )  # fmt: skip
+
+
+def gave(number: Callable[[PatternFacts], float | None], words: str) -> Callable[[Facts], str]:
+    """What a step shows of a number that it made known."""
+
+    def told(facts: Facts) -> str:
+        value = number(facts_as(PatternFacts, facts))
+        return "" if value is None else words.format(value)
+
+    return told
 
 
 # --- print -------------------------------------------------------------------------------------------------------
@@ -295,7 +324,8 @@ def enough(results: Sequence[Outcomes], facts: Facts) -> Advice:
     shots = len(results)
     readings = (Reading("MTF50 uncertainty", reached, "cycles/pixel", None, wanted),)
     say = f"Shots: {shots}. MTF50 is known to ±{reached:.4f} cycles/pixel; wanted ±{wanted:g}."
-    return Advice(shots >= FEWEST and reached <= wanted, say, readings)
+    facts = {"mtf50_uncertainty": reached} if np.isfinite(reached) else {}
+    return Advice(shots >= FEWEST and reached <= wanted, say, readings, facts=facts)
 
 
 def _reached(found: Sequence[Outcome[Any]]) -> float:

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from procedures import drawings
 from procedures.advice import exposure_advice
 from procedures.clipping import NOMINAL
 from procedures.facts import facts_as
@@ -56,9 +57,12 @@ def plan() -> Plan:
         "restoration",
         "Sharp picture and depth from two photographs",
         (
-            Step("scene", "Scene", "Set up the scene, the rig and the light.", SCENE),
-            Step("first", "First", "Take the first photograph.", shots("first", FIRST)),
-            Step("second", "Second", "Take the second: another aperture or motion.", shots("second", SECOND)),
+            Step("scene", "Scene", "Set up the scene, the rig and the light.", SCENE, drawings.SCENE),
+            Step("first", "First", "Take the first photograph.", shots("first", FIRST), drawings.FIRST),
+            Step(
+                "second", "Second", "Take the second: another aperture or motion.", shots("second", SECOND),
+                drawings.SECOND,
+            ),
             Step("estimate", "Restore", "Restore picture and depth from both.", (Estimate(estimate),)),
             Step("verdict", "Verdict", "Accept the result, or take both again.", (Decide("first"),)),
         ),

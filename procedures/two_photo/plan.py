@@ -9,6 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from procedures import drawings
 from procedures.advice import changed_settings, exposure_advice
 from procedures.clipping import NOMINAL
 from procedures.facts import facts_as, required
@@ -61,9 +62,21 @@ def plan() -> Plan:
         "two-photo",
         "PSF from two photographs of a wall",
         (
-            Step("wall", "Wall", "Find a flat wall with detail of all sizes, and plan two distances.", WALL),
-            Step("near", "Near", "Photograph the wall from nearby.", (*focus("near"), *shoot("near"))),
-            Step("far", "Far", "Move back, focus again, change nothing else.", (*FAR, *focus("far"), *shoot("far"))),
+            Step(
+                "wall",
+                "Wall",
+                "Find a flat wall with detail of all sizes, and plan two distances.",
+                WALL,
+                drawings.WALL,
+            ),
+            Step("near", "Near", "Photograph the wall from nearby.", (*focus("near"), *shoot("near")), drawings.NEAR),
+            Step(
+                "far",
+                "Far",
+                "Move back, focus again, change nothing else.",
+                (*FAR, *focus("far"), *shoot("far")),
+                drawings.FAR,
+            ),
             Step("estimate", "Estimate", "Estimate every plane's PSF from both.", (Estimate(estimate),)),
             Step("verdict", "Verdict", "Accept the result, or take the photographs again.", (Decide("near"),)),
         ),

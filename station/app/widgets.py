@@ -112,15 +112,27 @@ class Picture(Drawn):
         self.picture = picture
         self.redraw()
 
+    def show_words(self, words: str) -> None:
+        """A drawing in characters, or a sentence, in place of a picture."""
+        self.words = words
+        self.show(None)
+
     def draw(self, width: int, height: int) -> tuple[Strip, ...]:
         """The picture as large as it fits."""
         if self.picture is None:
-            return tuple(_text_strip(line) for line in [""] * (height // 2) + [f"{visible(self.words):^{width}}"])
+            return tuple(_text_strip(line) for line in centred(self.words, width, height))
         from station.app.terminal_images import in_letters, lay_out
 
         cells = lay_out(self.picture, width, max(1, height - 1))
         rows = [_text_strip(line) for line in in_letters(cells)] if self.glyphs.ascii else _half_blocks(cells)
         return (*rows, _text_strip(visible(self.picture.caption)))
+
+
+def centred(text: str, width: int, height: int) -> list[str]:
+    """Lines in the middle of a room, their left ends one below the other; what has no room is cut off."""
+    lines = [visible(line) for line in text.splitlines()][:height]
+    indent = " " * (max(0, width - max(map(len, lines), default=0)) // 2)
+    return [""] * ((height - len(lines)) // 2) + [f"{indent}{line}"[:width] for line in lines]
 
 
 def _half_blocks(cells: Cells) -> list[Strip]:
@@ -162,8 +174,8 @@ def _text_strip(text: str) -> Strip:
 class Rail(Part):
     """The steps: a mark and a word for each."""
 
-    def show(self, plan: Plan, done: Sequence[str], now: str | None) -> None:
-        """Where the plan stands."""
+    def show(self, plan: Plan, done: Mapping[str, str], now: str | None) -> None:
+        """Where the plan stands: the steps that are done, with what each gave."""
         width = max(8, self.size.width or 24)
         self.update(
             lines_of(
@@ -171,11 +183,11 @@ class Rail(Part):
             )
         )
 
-    def _entry(self, name: str, title: str, done: Sequence[str], now: str | None, width: int) -> Content:
+    def _entry(self, name: str, title: str, done: Mapping[str, str], now: str | None, width: int) -> Content:
         if name == now:
             mark, word, style = self.glyphs.now, "now", "bold reverse"
         elif name in done:
-            mark, word, style = self.glyphs.done, "done", ""
+            mark, word, style = self.glyphs.done, self.glyphs.spelt(done[name]) or "done", ""
         else:
             mark, word, style = self.glyphs.todo, "to do", "dim"
         room = width - len(mark) - len(word) - 2

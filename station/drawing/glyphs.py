@@ -26,6 +26,10 @@ class Glyphs:
     empty: str
     plus_minus: str
 
+    def spelt(self, text: str) -> str:
+        """A number with its signs, in characters that the terminal has."""
+        return text.replace("±", self.plus_minus).replace("°", " deg") if self.ascii else text
+
 
 UNICODE = Glyphs(False, done="✓", now="▶", todo="·", good="✓", bad="✗", full="█", empty="░", plus_minus="±")
 ASCII = Glyphs(True, done="x", now=">", todo=".", good="ok", bad="!!", full="#", empty="-", plus_minus="+-")

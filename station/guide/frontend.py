@@ -8,7 +8,7 @@ The terminal application, the plain guide on stdin and stdout, and the scripted 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
@@ -25,11 +25,14 @@ MOVE = "move"
 
 @dataclass(frozen=True)
 class RunBegan:
-    """A plan starts, or goes on where a session stopped: the names of the steps that are done already."""
+    """A plan starts, or goes on where a session stopped: the names of the steps that are done already, and what they
+    gave, by name.
+    """
 
     plan: Plan
     session: Path
     done: tuple[str, ...] = ()
+    gave: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -41,9 +44,10 @@ class StepBegan:
 
 @dataclass(frozen=True)
 class StepEnded:
-    """This step is done."""
+    """This step is done; `gave` is the number that it gave, in a few characters."""
 
     step: Step
+    gave: str = ""
 
 
 @dataclass(frozen=True)

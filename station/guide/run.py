@@ -115,7 +115,8 @@ class Run:
 
     def _go_through(self) -> RunEnded:
         done = self._session.state.done
-        self._talk.hear(RunBegan(self.plan, self._session.folder, tuple(done)))
+        gave = {name: self.plan.step(name).gave(self._talk.facts) for name in done}
+        self._talk.hear(RunBegan(self.plan, self._session.folder, tuple(done), gave))
         try:
             self._tell_notices()
             if self._next() is not None:
@@ -223,7 +224,7 @@ class Run:
         except Reopened:
             return
         self._session.finish_step(step.name)
-        self._talk.hear(StepEnded(step))
+        self._talk.hear(StepEnded(step, step.gave(self._talk.facts)))
 
     def _do(self, request: Request) -> None:
         self._unless_skipped(lambda: self._carry(request))

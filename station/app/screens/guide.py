@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial, singledispatchmethod
 from typing import TYPE_CHECKING, ClassVar
 
@@ -33,6 +33,7 @@ from station.guide.frontend import (
 )
 
 if TYPE_CHECKING:
+    from procedures.plan import Reading
     from station.app.background import Problem
     from station.app.screens.result_view import Plotted
     from station.drawing.glyphs import Glyphs
@@ -57,7 +58,7 @@ class GuideScreen(StationScreen):
     def __init__(self) -> None:
         super().__init__()
         self._began: RunBegan | None = None
-        self._done: tuple[str, ...] = ()
+        self._done: dict[str, str] = {}
         self._now: str | None = None
         self._at_rest = False
         self._doing_last = False
@@ -99,12 +100,13 @@ class GuideScreen(StationScreen):
     @property
     def step_before(self) -> str | None:
         """The step that was done last."""
-        return self._done[-1] if self._done else None
+        return next(reversed(self._done), None)
 
-    def _before(self, name: str) -> tuple[str, ...]:
+    def _before(self, name: str) -> dict[str, str]:
         """The steps that are done before this one: those after it are to be done again."""
         steps = [step.name for step in self._began.plan.steps] if self._began is not None else []
-        return tuple(one for one in self._done if one in steps[: steps.index(name)]) if name in steps else self._done
+        before = steps[: steps.index(name)] if name in steps else steps
+        return {one: gave for one, gave in self._done.items() if one in before}
 
     # --- what the run tells
 
@@ -115,7 +117,8 @@ class GuideScreen(StationScreen):
 
     @show.register
     def _(self, began: RunBegan) -> None:
-        self._began, self._done, self._now, self._at_rest = began, began.done, None, False
+        self._began, self._now, self._at_rest = began, None, False
+        self._done = {name: began.gave.get(name, "") for name in began.done}
         self.query_one("#trouble", Part).say("")
         self._show_rail()
 
@@ -127,14 +130,17 @@ class GuideScreen(StationScreen):
         words = (literal(began.step.title, "bold"), began.step.instruction)
         self.query_one("#instruction", Part).update(lines_of(*words, *self._verdict))
         if not self._verdict:
-            self.query_one(Readings).show(())
+            self._show_readings(())
             self._show_curve(None)
+            if began.step.drawing:
+                self.query_one(Picture).show_words(began.step.drawing)
         self._show_rail()
 
     @show.register
     def _(self, ended: StepEnded) -> None:
         self._now = None
-        self._done = (*(name for name in self._done if name != ended.step.name), ended.step.name)
+        self._done.pop(ended.step.name, None)  # it comes last
+        self._done[ended.step.name] = ended.gave
         self._show_rail()
 
     @show.register
@@ -148,7 +154,7 @@ class GuideScreen(StationScreen):
     def _(self, seen: Glimpse) -> None:
         self._doing_last, self._verdict = False, ()
         self.query_one(Picture).show(seen.picture)
-        self.query_one(Readings).show(seen.advice.readings)
+        self._show_readings(seen.advice.readings)
         if not self.answers.open:
             self.answers.tell(seen.advice.say)
 
@@ -182,7 +188,7 @@ class GuideScreen(StationScreen):
         words = [f"{verdict_words(result.verdict, self.glyphs)}   {'   '.join(planes)}", result.reason, result.remedy]
         self._verdict = tuple(text for text in words if text)
         self.query_one("#instruction", Part).update(lines_of(literal("Result", "bold"), *self._verdict))
-        self.query_one(Readings).show(())
+        self._show_readings(())
         shown = [plane for plane in result.planes.values() if plane.samples is not None]
         if shown and shown[0].samples is not None:
             one = next((plane for plane in shown if plane.name == "G1"), shown[0])
@@ -247,3 +253,13 @@ class GuideScreen(StationScreen):
         curve = self.query_one(CurveView)
         curve.display = drawn is not None
         curve.show(drawn)
+        self._make_room()
+
+    def _show_readings(self, readings: Sequence[Reading]) -> None:
+        self.query_one(Readings).show(readings)
+        self._make_room()
+
+    def _make_room(self) -> None:
+        """Where there are neither numbers nor curves, the picture has their room."""
+        shown = self.query_one(Readings).display or self.query_one(CurveView).display
+        self.query_one("#numbers").display = bool(shown)

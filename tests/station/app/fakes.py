@@ -13,6 +13,7 @@ from drivers.clock import SystemClock
 from drivers.errors import DeviceError
 from drivers.interfaces import Condition, Identity, Travel
 from drivers.wire.transcript import Transcript
+from procedures import drawings
 from procedures.plan import Advice, Ask, Plan, Reading, Step
 from procedures.raw import Plane
 from station.app.mailbox import Desk
@@ -21,7 +22,12 @@ from station.guide.frontend import Doing, RunBegan, RunEnded, Seen, StepBegan, S
 from station.guide.workspace import Kept, Opened
 
 STEPS = ("print", "distance", "focus", "shots")
-PLAN = Plan("pattern", "PSF from a chart", tuple(Step(n, n.capitalize(), f"Instruction of {n}.", ()) for n in STEPS))
+GAVE = {"print": "300 mm", "distance": "s/t 1.28", "focus": "MTF50 0.41", "shots": "±0.0012"}
+PLAN = Plan(
+    "pattern",
+    "PSF from a chart",
+    tuple(Step(n, n.capitalize(), f"Instruction of {n}.", (), getattr(drawings, n.upper())) for n in STEPS),
+)
 
 
 def plane(rows: int = 60, columns: int = 90) -> Plane:
@@ -82,7 +88,7 @@ class FakeRun:
         self.answers: list[Any] = []
 
     def go(self) -> RunEnded:
-        self.operator.hear(RunBegan(PLAN, self.folder, self.done))
+        self.operator.hear(RunBegan(PLAN, self.folder, self.done, GAVE))
         try:
             ended = self.script(self)
         except Stopped:
@@ -105,7 +111,7 @@ class FakeRun:
                 answers.append(self.operator.answer(one))
             else:
                 self.operator.hear(one)
-        self.operator.hear(StepEnded(PLAN.step(name)))
+        self.operator.hear(StepEnded(PLAN.step(name), GAVE[name]))
         return answers
 
 

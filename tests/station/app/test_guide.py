@@ -66,6 +66,29 @@ def test_the_screen_shows_steps_numbers_picture_devices_and_what_to_do(tmp_path,
     drive(StationApp(FakeLab(tmp_path, whole), glyphs), use, size)
 
 
+@pytest.mark.parametrize(("size", "glyphs"), [((80, 24), UNICODE), ((120, 40), UNICODE), ((80, 24), ASCII)], ids=str)
+def test_before_the_first_photograph_a_drawing_shows_what_to_do(tmp_path, size, glyphs):
+    async def use(driver: Driver) -> None:
+        await driver.begin()
+        await driver.until(WIDTH.question)
+        await driver.looks_like(f"drawing-{size[0]}-{'ascii' if glyphs.ascii else 'unicode'}")
+
+    drive(StationApp(FakeLab(tmp_path, whole), glyphs), use, size)
+
+
+def test_the_rail_shows_what_each_step_gave(tmp_path):
+    async def use(driver: Driver) -> None:
+        await driver.begin()
+        await driver.until(WIDTH.question)
+        await driver.press("enter")
+        await driver.until("Print 300 mm")
+        await driver.until(MOVED.question)
+        await driver.press("enter")
+        await driver.until("Distance s/t 1.28")
+
+    drive(StationApp(FakeLab(tmp_path, whole)), use)
+
+
 def test_the_guide_works_without_colours(tmp_path, monkeypatch):
     monkeypatch.setenv("NO_COLOR", "1")
 
@@ -220,7 +243,7 @@ def test_taking_the_shots_again_shows_what_is_to_do_again(tmp_path):
     async def use(driver: Driver) -> None:
         await driver.begin()
         await driver.until(WIDTH.question)
-        assert driver.text.count("done") == 2
+        assert driver.text.count("✓") == 2
         assert driver.text.count("to do") == 1
 
     drive(StationApp(FakeLab(tmp_path, again)), use)
@@ -301,7 +324,7 @@ def test_a_run_that_tells_faster_than_can_be_shown_loses_no_step(tmp_path):
     async def use(driver: Driver) -> None:
         await driver.begin()
         await driver.until("another session")
-        assert driver.text.count("done") == len(STEPS)
+        assert driver.text.count("✓") == len(STEPS)
 
     drive(StationApp(FakeLab(tmp_path, hasty)), use)
 

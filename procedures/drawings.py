@@ -1,0 +1,162 @@
+"""What to do at a step, drawn in plain ASCII: shown where no photograph is to be seen yet.
+
+Each fits into 52 columns and 11 lines, what a terminal of 80 x 24 has left beside the rail of steps.
+"""
+
+from __future__ import annotations
+
+from textwrap import dedent
+
+
+def _drawing(text: str) -> str:
+    return dedent(text).strip("\n")
+
+
+PRINT = _drawing(r"""
+    +--------------------+
+    | #   #.:#.:.#.   #  |
+    |     :#.#:#.:#      |   print it at 100 %,
+    |     #.:#.:.#:      |   on matt paper
+    |     .#:.#:#.#      |
+    | #   :.#:.#.:#   #  |
+    |                    |
+    | |....:....|....:.| |   measure this ruler
+    | 0              100 |   from 0 to 100
+    +--------------------+
+""")
+MOUNT = _drawing(r"""
+      wall                     lamp
+       |                      /
+       |                  . *        45 degrees,
+      ||            .  '             both sides
+      ||      . '
+chart || - - - - - - - - - - - - [=O  camera
+      ||      ' .
+      ||            '  .
+       |                  ' *
+       |                      \
+      seen from above          lamp
+""")
+DISTANCE = _drawing(r"""
+      wall
+       |
+      ||
+      ||
+chart || - - - - - - - - - - - - [=O  camera
+      ||                         <-->
+      ||                     back or closer,
+       |<----- distance ----->   as told
+       |
+      seen from the side
+""")
+SQUARE = _drawing(r"""
+      chart                      chart
+       \\                          ||
+        \\                         ||
+         \\ - - - [=O              || - - - [=O
+          \\                       ||
+           \\                      ||
+
+        turn it ...           ... until it faces
+                                 the camera
+      seen from above
+""")
+FOCUS = _drawing(r"""
+    near  <-----  ring  ----->  infinity
+               .-------.
+             .'  | | |  '.
+            /  .-------.  \
+           |  /         \  |
+           | |     O     | |    a small step at
+           |  \         /  |    a time; autofocus
+            \  '-------'  /     stays off
+             '.         .'
+               '-------'
+""")
+SHOTS = _drawing(r"""
+       |
+      ||                             hands off,
+      ||                             nobody walks
+chart || - - - - - - - - - - - - [=O
+      ||                          |
+      ||                         /|\
+       |                        / | \
+
+      several photographs, nothing changed
+      between them
+""")
+TOUR = _drawing(r"""
+    +--------------------------------+
+    |[1]           [2]            [3]|
+    |                                |
+    |                                |
+    |[6]           [5]            [4]|
+    |                                |
+    |                                |
+    |[7]           [8]            [9]|
+    +--------------------------------+
+     the frame: the chart is photographed in
+     each place, its corners too
+""")
+WALL = _drawing(r"""
+      wall, with detail of all sizes
+       |
+      :|
+      .|
+      ;| - - - - - [=O - - - - - - - - - - - [=O
+      ,|           near                      far
+      :|
+      .|<--  d  -->
+       |<------------  told below  --------->
+       |
+""")
+NEAR = _drawing(r"""
+      wall
+       |
+      :|
+      .|
+      ;| - - - - - [=O
+      ,|           camera, focused on the wall
+      :|
+      .|<--  d  -->
+       |
+""")
+FAR = _drawing(r"""
+      wall
+       |
+      :|
+      .|
+      ;| - - - - - - - - - - - - - - - - - - [=O
+      ,|                              moved back,
+      :|                              focused again
+      .|<--------------  told  ------------->
+       |
+""")
+SCENE = _drawing(r"""
+       |     ___
+       |    |   |        .-.
+       |    |   |       (   )
+       |    |___|        '-'      - - - - [=O
+       |      :           :               rig
+       |      :           :
+      far            things at            lamp
+              several distances           steady
+""")
+FIRST = _drawing(r"""
+       ___                         1:  [=O
+      |   |    .-.
+      |   |   (   )  - - - - - - - - -
+      |___|    '-'
+
+      the first photograph; then nothing in the
+      scene may be touched
+""")
+SECOND = _drawing(r"""
+       ___                         1:  [=O
+      |   |    .-.                 2:  [=o
+      |   |   (   )  - - - - - - - - -
+      |___|    '-'
+
+      the second: another aperture or motion,
+      the scene as it was
+""")

@@ -1,0 +1,26 @@
+"""The drawings of steps: of every plan, for the smallest terminal."""
+
+from __future__ import annotations
+
+import pytest
+
+from procedures import drawings
+from procedures.plan import Look, Scan, Shoot, Tour
+from station.guide.catalogue import PLANS
+
+ALL = {name: text for name, text in vars(drawings).items() if name.isupper()}
+
+
+@pytest.mark.parametrize("text", ALL.values(), ids=ALL)
+def test_a_drawing_is_ascii_and_fits_beside_the_rail_of_80_by_24(text):
+    lines = text.splitlines()
+    assert text.isascii()
+    assert len(lines) <= 11
+    assert max(map(len, lines)) <= 52
+
+
+@pytest.mark.parametrize("name", PLANS)
+def test_every_step_that_photographs_shows_what_to_do(name):
+    for step in PLANS[name].plan().steps:
+        photographs = any(isinstance(request, Look | Scan | Shoot | Tour) for request in step.requests)
+        assert step.drawing or not photographs, step.name
