@@ -99,10 +99,13 @@ class Disk:
         self.sync_folder(path.parent)
 
     def sync_folder(self, folder: Path) -> None:
-        """Make the names in it last; where folders cannot be opened, the system does it by itself. Raises OSError."""
+        """Make the names in it last; where folders cannot be opened, the system does it by itself. Raises OSError.
+
+        A link to a folder is followed: the names are where it leads.
+        """
         if os.name == "nt":
             return
-        descriptor = self.open(folder, os.O_RDONLY)
+        descriptor = self.open(Path(os.path.realpath(folder)), os.O_RDONLY)
         try:
             self.sync(descriptor)
         finally:

@@ -120,10 +120,18 @@ def children(process: int) -> list[int]:
     return direct + [below for one in direct for below in children(one)]
 
 
+def is_worker(process: int) -> bool:
+    """Whether it computes: multiprocessing has a process beside these that counts what they share."""
+    try:
+        return b"spawn_main" in Path(f"/proc/{process}/cmdline").read_bytes()
+    except OSError:
+        return False
+
+
 def disturb(batch: Started, target: str, name: str, rng: random.Random) -> None:
-    """Send the signal; INT once more after a moment."""
+    """Send the signal, to the parent where no worker has begun; INT once more after a moment."""
     number = signal.Signals[f"SIG{name}"]
-    below = children(batch.pid)
+    below = [one for one in children(batch.pid) if is_worker(one)]
     for again in range(2 if name == "INT" else 1):
         if again:
             time.sleep(0.3)

@@ -121,6 +121,18 @@ def hdf5(path: Path) -> Path:
     return path
 
 
+def colours(path: Path) -> Path:
+    """A field's lateral colour, announced by the hundred million, in one chunk of zeros."""
+    import h5py
+
+    with h5py.File(hdf5(path), "r+") as file:
+        file["G1"].attrs.update({"rows": 40, "columns": 60})
+        for name, shape in (("position", (2,)), ("shift", (2,)), ("covariance", (2, 2))):
+            place = f"lateral_colour/G1/{name}"
+            file.create_dataset(place, (100_000_000, *shape), "f8", chunks=(1000, *shape), compression="gzip")
+    return path
+
+
 def deep(path: Path, begin: str) -> Path:
     """Lists in lists, a million deep, after a beginning."""
     path.write_text(begin + "[" * 1_000_000)

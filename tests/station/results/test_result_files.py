@@ -161,6 +161,15 @@ def test_folders_inside_are_published_too_and_foreign_files_stay(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["result.json", "results"]
 
 
+@pytest.mark.parametrize("named", ["link", "link/result"])
+def test_result_goes_where_a_link_to_a_folder_leads(tmp_path, named):
+    (tmp_path / "real").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "real")
+    with ResultFolder(tmp_path / named) as folder:
+        write_psf_result(folder, [], {})
+    assert (tmp_path / named.replace("link", "real") / "result.json").is_file()
+
+
 # --- what is somebody else's ---------------------------------------------------------------------------------------
 
 

@@ -209,3 +209,13 @@ def test_half_a_session_of_a_killed_run_is_removed_by_the_next(tmp_path, about):
     with Session.create(root, **about) as session:
         assert {path.name for path in root.iterdir()} == {session.folder.name}
         assert session.folder.stat().st_mode & 0o777 == root.stat().st_mode & 0o777  # as umask says, no narrower
+
+
+def test_sessions_may_lie_behind_a_link_to_their_folder(tmp_path, about):
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "sessions").symlink_to(tmp_path / "disk")
+    with Session.create(tmp_path / "sessions", **about) as session:
+        path = tmp_path / "a.DNG"
+        path.write_bytes(b"frame")
+        shot = session.adopt(exposure_of(path), step="shots", purpose="frame", snapshot={})
+    assert (tmp_path / "disk" / session.folder.name / shot.path).read_bytes() == b"frame"
