@@ -42,8 +42,11 @@ def sha256_of(path: Path) -> str:
 
 def check_settings(path: Path, facts: Facts, wanted: CameraSettings) -> None:
     """Raises FrameWrong if the file tells other settings than were wanted, beyond a third of a stop."""
-    for name, unit in (("exposure_s", " s"), ("iso", " ISO"), ("f_number", "")):
-        asked, told = getattr(wanted, name), getattr(facts, name)
+    for unit, asked, told in (
+        (" s", wanted.exposure_s, facts.exposure_s),
+        (" ISO", wanted.iso, facts.iso),
+        ("", wanted.f_number, facts.f_number),
+    ):
         if asked is not None and told is not None and not 1 / (1 + THIRD_STOP) <= told / asked <= 1 + THIRD_STOP:
             raise FrameWrong(
                 f"{path.name} was taken at {told:g}{unit} instead of {asked:g}{unit}", "set the body, repeat"

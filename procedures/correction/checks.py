@@ -62,8 +62,7 @@ def check_exposure(photograph: Exposure, field: Exposure | None) -> list[str]:
     if field is None:
         return ["the field does not tell its camera"]
     unknown = []
-    for name, words in (("camera", "camera"), ("lens", "lens")):
-        ours, theirs = getattr(photograph, name), getattr(field, name)
+    for words, ours, theirs in (("camera", photograph.camera, field.camera), ("lens", photograph.lens, field.lens)):
         if not ours or not theirs:
             unknown.append(words)
         elif ours != theirs:

@@ -54,15 +54,15 @@ def count_rules(recording: Recording) -> list[Rule]:
 
 def ladder_rules(recording: Recording) -> list[Rule]:
     """What the pictures themselves must be like."""
-    variance = column(recording.lights, "variance")
-    signal = column(recording.lights, "mean") - recording.dark_weights @ column(recording.darks, "mean")
+    variance = column(one.variance for one in recording.lights)
+    signal = recording.signal
     top = saturation_index(variance)
     fitted = int(np.sum(signal <= REGRESSION * signal[top]))
     judged = int(np.sum((signal >= RANGE[0] * signal[top]) & (signal <= RANGE[1] * signal[top])))
     falls = variance[-1] < PAST_THE_TOP * variance[top]
     spread = light_spread(recording)
-    longest = float(column(recording.lights, "exposure_s").max())
-    crushed = float(np.max(column(recording.darks, "bottom")))
+    longest = float(column(one.exposure_s for one in recording.lights).max())
+    crushed = float(np.max(column(one.bottom for one in recording.darks)))
     steady = "let the lamp warm up, use direct current, and exposure times of whole periods of the mains"
     return [
         _refuse(crushed > CRUSHED, f"dark numbers must not be cut off; {crushed:.1%} are piled up at the lowest",
@@ -76,13 +76,13 @@ def ladder_rules(recording: Recording) -> list[Rule]:
                 f"{fitted} do", "take more levels of little light"),
         _refuse(judged < LEAST_LEVELS_OF_LINE, f"linearity needs {LEAST_LEVELS_OF_LINE} levels from {RANGE[0]:.0%} to "
                 f"{RANGE[1]:.0%} of saturation; there are {judged}", "spread the levels evenly up to saturation"),
-        _doubt(longest > LONG_S and longest > 1.01 * float(column(recording.darks, "exposure_s").max()),
+        _doubt(longest > LONG_S and longest > 1.01 * float(column(one.exposure_s for one in recording.darks).max()),
                f"no dark pictures were as long as the ladder's {longest:g} s: their dark current is not taken off",
                "take a pair of dark pictures at the ladder's longest exposure too"),
         _doubt(spread > FLICKER_DOUBTED, f"light changes by {spread:.2%} between two pictures", steady),
         _doubt(len(variance) < ENOUGH_LEVELS, f"the ladder has {len(variance)} levels; the standard asks for 50",
                f"take at least {ENOUGH_LEVELS} levels, evenly spaced"),
-        _doubt(bool(column(recording.darks, "variance").min() < LEAST_DARK_VARIANCE),
+        _doubt(bool(column(one.variance for one in recording.darks).min() < LEAST_DARK_VARIANCE),
                "in the dark rounding rules: temporal dark noise is only known to be less than what is told",
                "raise the gain until dark noise exceeds half a digital number"),
     ]  # fmt: skip

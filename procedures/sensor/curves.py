@@ -6,11 +6,13 @@ over the measured curves and over draws of them, whose spread is that of picture
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from procedures.sensor.levels import Level
 from procedures.sensor.recording import Recording, column
 
 Array = npt.NDArray[np.float64]
@@ -58,11 +60,11 @@ def curves_of(recording: Recording, rng: np.random.Generator, draws: int = DRAWS
     Means and variances of so many samples are normal; the light's own changes, as pairs show them, move the means of
     the levels, which is drawn as light that was not what it was said to be.
     """
-    mean, variance = (_drawn(recording, "lights", name, rng, draws) for name in ("mean", "variance"))
-    dark_mean, dark_variance = (_drawn(recording, "darks", name, rng, draws) for name in ("mean", "variance"))
+    mean, variance = _drawn(recording.lights, rng, draws)
+    dark_mean, dark_variance = _drawn(recording.darks, rng, draws)
     weights = recording.dark_weights.T
     spread = light_spread(recording)
-    light = np.tile(column(recording.lights, "light"), (draws + 1, 1))
+    light = np.tile(column(one.light for one in recording.lights), (draws + 1, 1))
     light[1:] *= 1 + spread / np.sqrt(2) * rng.standard_normal(light[1:].shape)
     return Curves(
         light,
@@ -71,24 +73,31 @@ def curves_of(recording: Recording, rng: np.random.Generator, draws: int = DRAWS
         variance - dark_variance @ weights,
         dark_mean,
         dark_variance,
-        column(recording.darks, "exposure_s"),
+        column(one.exposure_s for one in recording.darks),
         spread,
-        int(np.median(column(recording.lights, "samples"))),
+        int(np.median(column(one.samples for one in recording.lights))),
     )
 
 
 def light_spread(recording: Recording) -> float:
     """Relative standard deviation of the light from one picture to the next, noise of the pictures taken out."""
-    change, noise = column(recording.lights, "change") ** 2, column(recording.lights, "change_variance")
-    signal = column(recording.lights, "mean") - recording.dark_weights @ column(recording.darks, "mean")
+    change = column(one.change for one in recording.lights) ** 2
+    noise = column(one.change_variance for one in recording.lights)
+    signal = recording.signal
     bright = signal > 0.05 * signal.max()
     share = (change - noise)[bright] / (2 * signal[bright] ** 2)
     return float(np.sqrt(max(share.mean(), 0.0)))
 
 
-def _drawn(recording: Recording, part: str, name: str, rng: np.random.Generator, draws: int) -> Array:
-    """A statistic of all levels of a part and draws of it, (1 + draws, levels)."""
-    levels = getattr(recording, part)
-    values = np.tile(column(levels, name), (draws + 1, 1))
-    values[1:] += np.sqrt(column(levels, f"{name}_variance")) * rng.standard_normal(values[1:].shape)
+def _drawn(levels: Sequence[Level], rng: np.random.Generator, draws: int) -> tuple[Array, Array]:
+    """Means and variances of the levels and draws of them, each (1 + draws, levels)."""
+    mean = _scattered([(one.mean, one.mean_variance) for one in levels], rng, draws)
+    return mean, _scattered([(one.variance, one.variance_variance) for one in levels], rng, draws)
+
+
+def _scattered(estimates: Sequence[tuple[float, float]], rng: np.random.Generator, draws: int) -> Array:
+    """Estimates, of which value and variance are told, and draws of them, (1 + draws, n)."""
+    value, variance = np.array(estimates, dtype=np.float64).reshape(-1, 2).T
+    values = np.tile(value, (draws + 1, 1))
+    values[1:] += np.sqrt(variance) * rng.standard_normal(values[1:].shape)
     return values

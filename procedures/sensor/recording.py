@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,7 +42,12 @@ class Recording:
         wanted = np.array([level.exposure_s for level in self.lights])
         return np.column_stack([np.interp(wanted, known, row) for row in np.eye(len(known))])
 
+    @property
+    def signal(self) -> Array:
+        """Mean of each bright level, less the dark at its exposure."""
+        return column(one.mean for one in self.lights) - self.dark_weights @ column(one.mean for one in self.darks)
 
-def column(levels: tuple[Level, ...], name: str) -> Array:
-    """One attribute of all levels."""
-    return np.array([getattr(level, name) for level in levels], dtype=np.float64)
+
+def column(values: Iterable[float]) -> Array:
+    """One attribute of all levels, as an array."""
+    return np.fromiter(values, dtype=np.float64)

@@ -81,8 +81,11 @@ def _least_zoom(H_near_far: Array, far_shape: tuple[int, ...]) -> float:
 
 def check_settings(a: Exposure, b: Exposure) -> None:
     """Refuse photographs that the camera noted to be of different optics: only focus and shutter may differ."""
-    for name, unit in (("f_number", "f-number"), ("focal_length_mm", "focal length"), ("camera", "camera")):
-        first, second = getattr(a, name), getattr(b, name)
+    for unit, first, second in (
+        ("f-number", a.f_number, b.f_number),
+        ("focal length", a.focal_length_mm, b.focal_length_mm),
+        ("camera", a.camera, b.camera),
+    ):
         if first and second and first != second:
             raise Refused(
                 f"both photographs need the same {unit}; they have {first} and {second}",

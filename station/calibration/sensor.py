@@ -173,8 +173,8 @@ def _step(numbers: Numbers) -> float:
 def _characterised(of: _Gathered, *, photons_known: bool) -> Outcome[SensorResult]:
     dark, flat = (_largest(of.stacks, kind) for kind in (DARK, LIGHT))
     recording = Recording(
-        _once(of.darks, "exposure_s"),
-        _once(of.lights, "light"),
+        _once(of.darks, lambda one: one.exposure_s),
+        _once(of.lights, lambda one: one.light),
         photons_known,
         dark,
         flat,
@@ -191,11 +191,11 @@ def _noise_power(of: _Gathered) -> NoisePower | None:
     return None if found is None else replace(found, signal=flat.mean - dark.mean)
 
 
-def _once(levels: Sequence[Level], name: str) -> tuple[Level, ...]:
+def _once(levels: Sequence[Level], of: Callable[[Level], float]) -> tuple[Level, ...]:
     """The levels in order, one of each: where a stack repeats a level of the ladder, the ladder's, which came first."""
     found: dict[float, Level] = {}
     for level in levels:
-        found.setdefault(getattr(level, name), level)
+        found.setdefault(of(level), level)
     return tuple(found[at] for at in sorted(found))
 
 

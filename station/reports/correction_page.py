@@ -12,6 +12,7 @@ import numpy.typing as npt
 from markupsafe import Markup
 
 from procedures.correction.estimate import Correction
+from procedures.correction.prediction import Prediction
 from procedures.raw import RawFrame
 from station.calibration.correction import Corrected
 from station.drawing.linear_pictures import display_png
@@ -40,7 +41,7 @@ def correction_page(found: Corrected, about: Mapping[str, Any]) -> bytes:
         found=value,
         undone=found.undone,
         exposure=exposure_words(found.frame.exposure),
-        medians={name: float(np.median(getattr(value.prediction, name))) for name in ("before", "after", "noise_gain")},
+        medians=_medians(value.prediction),
         noise=_noise(value),
         whole=[_uri(_small(one) * balance) for one in (before, after)],
         parts=_parts(before, after, balance),
@@ -104,6 +105,12 @@ def _small(picture: Single) -> Single:
 def _uri(picture: Single) -> str:
     shown = picture[..., 0] if picture.shape[-1] == 1 else picture
     return "data:image/png;base64," + base64.b64encode(display_png(shown)).decode()
+
+
+def _medians(told: Prediction) -> dict[str, float]:
+    """What is told of the whole frame: the middle of each map."""
+    maps = {"before": told.before, "after": told.after, "noise_gain": told.noise_gain}
+    return {name: float(np.median(values)) for name, values in maps.items()}
 
 
 def _noise(value: Correction) -> list[tuple[str, float]]:

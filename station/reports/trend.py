@@ -91,7 +91,7 @@ def _trend(points: tuple[Measured, ...]) -> Trend:
     years = years_of(points)
     line = None
     if len(np.unique(years)) > 1:
-        values, uncertainties = ([getattr(p, name) for p in points] for name in ("value", "uncertainty"))
-        line = weighted_line(years, np.array(values), np.array(uncertainties))
+        values, uncertainties = np.array([(one.value, one.uncertainty) for one in points]).T
+        line = weighted_line(years, values, uncertainties)
     first = points[0]
     return Trend(first.lens, first.plan, first.plane, first.quantity, first.unit, points, line)

@@ -279,9 +279,14 @@ def _utc(moment: str) -> str:
 
 
 def _where(wanted: Filter) -> tuple[str, list[str]]:
-    columns = {"camera": "cameras.name =", "lens": "lenses.name =", "plan": "plan =", "since": "began >="}
-    columns["verdict"] = "sessions.verdict ="
-    given = {column: getattr(wanted, name) for name, column in columns.items() if getattr(wanted, name) is not None}
+    asked = {
+        "cameras.name =": wanted.camera,
+        "lenses.name =": wanted.lens,
+        "plan =": wanted.plan,
+        "began >=": wanted.since,
+        "sessions.verdict =": wanted.verdict,
+    }
+    given = {column: value for column, value in asked.items() if value is not None}
     return ("WHERE " + " AND ".join(f"{column} ?" for column in given) if given else ""), list(given.values())
 
 

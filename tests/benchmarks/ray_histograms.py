@@ -20,9 +20,10 @@ import numpy.typing as npt
 
 from procedures.ray_histogram.comparison import psnr_db
 from procedures.ray_histogram.film import BINS, EXPONENT, RANGE, Film
-from procedures.ray_histogram.film_files import read_arrays, read_film
+from procedures.ray_histogram.film_files import read_film
 from procedures.ray_histogram.filter import PAPER, FilterParameters
 from procedures.ray_histogram.multiscale import filter_film
+from procedures.reading.arrays import read_npz
 
 Doubles = npt.NDArray[np.float64]
 
@@ -77,7 +78,8 @@ def film_of(samples: int) -> Film:
 
 def quality() -> None:
     """PSNR in dB, clipped / unclipped, for 64 and 256 samples, 1 to 4 scales."""
-    reference = read_arrays(DATA / "cornell_reference.npz")["reference"].astype(np.float64)
+    arrays, _ = read_npz(DATA / "cornell_reference.npz", ("reference",))
+    reference = arrays["reference"].astype(np.float64)
     show = "{:5.2f} / {:5.2f}".format
     print(f"{'':32s}{'published':>16s}{'as the paper says':>19s}{'defaults':>16s}")
     for samples in (64, 256):

@@ -96,8 +96,17 @@ def _plain(camera: str, found: list[Trend]) -> dict[str, Any]:
             {"session": p.folder.name, "began": p.began, "value": p.value, "uncertainty": p.uncertainty}
             for p in one.points
         ]
-        names = ("lens", "plan", "plane", "quantity", "unit", "drifts", "finding")
-        return {**{name: getattr(one, name) for name in names}, "points": points, "line": line}
+        return {
+            "lens": one.lens,
+            "plan": one.plan,
+            "plane": one.plane,
+            "quantity": one.quantity,
+            "unit": one.unit,
+            "drifts": one.drifts,
+            "finding": one.finding,
+            "points": points,
+            "line": line,
+        }
 
     told: dict[str, Any] = plain(
         {"schema": "station/trend/1", "camera": camera, "trends": [entry(one) for one in found]}
