@@ -73,8 +73,7 @@ def main(
     # Work runs side by side by planes and frames. BLAS threads beside that wait in turns for each other's cores: four
     # planes took over four times the processor time. Read when numpy is loaded, which no command does before this.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # What is imported stays: to look through it for garbage, again and again and at the end, takes a tenth of a
-    # command.
+    # What is imported stays: looking through it for garbage, now and then and at the end, takes a tenth of a command.
     gc.set_threshold(LARGE_HEAP)
     atexit.register(gc.freeze)
     set_quiet(ctx, quiet)
