@@ -64,6 +64,11 @@ class CombinedPsf:
     spread: float
     centre_px: float
 
+    @property
+    def charts(self) -> tuple[PatternPsf, ...]:
+        """The estimates from single photographs of a chart that it is made of."""
+        return self.shots
+
     @cached_property
     def quality(self) -> Quality:
         """MTF and the numbers drawn from the mean, their uncertainties made up as those of the shots are.

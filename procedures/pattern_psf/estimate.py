@@ -139,6 +139,11 @@ class PatternPsf:
     correspondences: Correspondences
 
     @property
+    def charts(self) -> tuple[PatternPsf, ...]:
+        """The estimates from single photographs of a chart that it is made of: itself."""
+        return (self,)
+
+    @property
     def inter_image(self) -> None:
         """One photograph has none."""
 

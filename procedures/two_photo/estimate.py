@@ -97,6 +97,11 @@ class TwoPhotoPsf:
         """Whoever gives photographs knows what limits them."""
 
     @property
+    def charts(self) -> tuple[()]:
+        """A wall shows none."""
+        return ()
+
+    @property
     def variations(self) -> tuple[()]:
         """Nothing is told of the parts of a wall."""
         return ()

@@ -14,7 +14,6 @@ import numpy as np
 from procedures.cross_check.estimate import check_edges
 from procedures.outcome import BadInput, Outcome, Refused, Verdict
 from procedures.pattern import Chart
-from procedures.pattern_psf.combine import CombinedPsf
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
 from procedures.psf import Psf
 from procedures.quality import WAVELENGTHS_NM, Diffraction, Quality
@@ -57,6 +56,10 @@ class EstimatedPsf(Protocol):
     @property
     def choice(self) -> tuple[Trial, ...]:
         """What was tried of s and k."""
+
+    @property
+    def charts(self) -> tuple[PatternPsf, ...]:
+        """The estimates from single photographs of a chart that it is made of."""
 
     @property
     def variations(self) -> tuple[Variation, ...]:
@@ -201,10 +204,9 @@ def plane_result(plane: Plane, outcome: Outcome[F], exposure: Exposure | None = 
 
 def _place(plane: Plane, found: EstimatedPsf) -> str:
     """Where in the frame a chart was seen; "" of what is no chart."""
-    shots = found.shots if isinstance(found, CombinedPsf) else (found,) if isinstance(found, PatternPsf) else ()
-    if not shots:
+    if not found.charts:
         return ""
-    x, y = np.mean([np.nanmean(one.marks, axis=0) for one in shots], axis=0).tolist()
+    x, y = np.mean([np.nanmean(one.marks, axis=0) for one in found.charts], axis=0).tolist()
     rows, columns = plane.samples.shape
     return str(place_of(x, y, (rows, columns)))
 

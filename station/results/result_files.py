@@ -59,7 +59,7 @@ class ResultFolder:
     finds a record finds every file it speaks of, on the disk. Folders inside it are kept. Entering proves that the
     folder can be written, before any work is done, and that nothing in it has the name of a file of results that this
     program has not written as it is. `sealed` has the record tell the hashes of all files and its own; `force` writes
-    over what is somebody else's.
+    over what is somebody else's, and removes what would pass for a part of this result.
 
     Raises
     ------
@@ -78,7 +78,7 @@ class ResultFolder:
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             self._created = missing
-            self._check([old.name for old in self.path.iterdir() if _RESULT_FILE.fullmatch(old.name)])
+            self._check(self._named())
             sweep(self.path, f"{UNFINISHED}*")
             self.staging, self._held = make(UNFINISHED, self.path)
         except OSError as error:
@@ -131,8 +131,8 @@ class ResultFolder:
         folders = {self.path / name.parent for name in staged}
         for folder in folders:
             folder.mkdir(parents=True, exist_ok=True)
-        for old in older.keys() - {name.as_posix() for name in staged}:
-            if self._is_own(old, older):
+        for old in {*older, *self._named()} - {name.as_posix() for name in staged}:
+            if self.force or self._is_own(old, older):
                 (self.path / old).unlink(missing_ok=True)
         for name in staged:
             if name == Path(RECORD):
@@ -143,6 +143,10 @@ class ResultFolder:
         (self.path / PUBLISHING).unlink(missing_ok=True)
 
     # --- what is this program's in the folder, and what is not ---
+
+    def _named(self) -> list[str]:
+        """Files with the name of one of a result's."""
+        return [old.name for old in self.path.iterdir() if _RESULT_FILE.fullmatch(old.name)]
 
     def _check(self, names: Sequence[str]) -> None:
         """Raise BadParameter where one of these files is there, and somebody else's."""
