@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import uniform_filter
 
 from procedures.numerics.ordered import quantile
 from procedures.pattern_psf.observation import Observation
@@ -49,6 +48,8 @@ def without_outliers(fit: Fit) -> Observation:
 
 def without_places(fit: Fit) -> Observation:
     """The observation without the places that fit far worse than most: under a finger, in a reflection."""
+    from scipy.ndimage import uniform_filter  # here: few photographs need it, and it is slow to load
+
     o = fit.observation
     square, seen = np.zeros((2, int(o.rows.max()) + 1, int(o.columns.max()) + 1))
     square[o.rows, o.columns], seen[o.rows, o.columns] = fit.residual**2, 1.0
