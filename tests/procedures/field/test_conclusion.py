@@ -16,6 +16,7 @@ from procedures.psf import Psf
 from procedures.psf_field import Node
 from procedures.raw import Plane, RawFrame
 from procedures.reading.exposure import Exposure
+from station.calibration.field import centre_result
 from station.reports.field_page import field_page
 from station.results.result_files import software
 
@@ -67,7 +68,12 @@ def test_a_bracket_tells_the_tilt_and_the_field_is_that_of_the_sharpest_position
 
 
 def test_the_page_shows_the_best_focus_and_lateral_colour(bracket):
-    page = field_page(bracket, {"input": [], "parameters": {}, "duration_s": 1.0}, software())
+    page = field_page(
+        bracket,
+        [centre_result(one) for one in bracket.planes],
+        {"input": [], "parameters": {}, "duration_s": 1.0},
+        software(),
+    )
     for words in ("Best focus", "focus tilt x", "Lateral colour", "R against G1"):
         assert words in page
 
