@@ -10,6 +10,7 @@ from procedures.pattern import CELLS, Chart
 from simulators.camera.camera import SimulatedCamera
 from simulators.camera.sensor import Sensor
 from simulators.world.scene import Scene
+from station.results.result_files import ResultFolder, write_record
 
 CHART = Chart.from_seed()
 WHITE_E = 4e5
@@ -99,9 +100,10 @@ def test_too_few_charts_are_refused(tmp_path, run):
     placed = CAMERA.place(CHART, pixels=66)
     shot = CAMERA.photograph(Scene((placed,)), np.random.default_rng(4))
     write_pgm(tmp_path / "one.pgm", shot.plane("Y"))
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "field.h5").write_bytes(b"of an older run")
-    result = run("psf", "field", tmp_path, "--out", tmp_path / "out", "-k", "13", "--force")
+    with ResultFolder(tmp_path / "out") as older:
+        older.write("field.h5", b"of an older run")
+        write_record(older, {"schema": "station/psf/1"})
+    result = run("psf", "field", tmp_path, "--out", tmp_path / "out", "-k", "13")
     assert result.exit_code == 5
     assert not (tmp_path / "out" / "field.h5").exists()
     assert "6 places of the frame or more; plane Y has 1" in result.stderr

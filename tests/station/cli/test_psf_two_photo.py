@@ -68,7 +68,7 @@ def test_other_parameters_reach_the_estimate(run, near, far, tmp_path):
 def test_report_shows_the_far_photograph_in_the_near_one(run, near, far, tmp_path):
     run("psf", "two-photo", far, near, "--report", "--out", tmp_path)
     page = (tmp_path / "report.html").read_text()
-    assert "Trusted, in Y" in page
+    assert "Trusted, in Y." in page
     assert page.count("<svg") == 7  # PSF, MTF, energy, MTF over both frequencies, phase, kernel, the pair
     assert "doi:10.5201/ipol.2013.77" in page
     assert all(path.name in page for path in (near, far))
