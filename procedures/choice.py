@@ -28,6 +28,8 @@ RIM, OPEN = 0.8, 0.05
 HALF = 0.5
 """Of a standard uncertainty: what may be left out without a doubt."""
 MOST_TRIES = 4
+WIDER = 1.6
+"""By how much one try's support is wider than the last one's at the most: what is left out is known roughly."""
 
 T = TypeVar("T")
 
@@ -105,8 +107,11 @@ def _fitting(width_px: float, s: int, samples: int) -> int:
     return max(k - 1 + k % 2, 5)
 
 
-def judged(trial: Trial, samples: int, most_s: int) -> Trial:
-    """The trial with what is said of it, and the s and k that would do better; `most_s` is the largest s there is."""
+def judged(trial: Trial, samples: int, most_s: int, wider: float = WIDER) -> Trial:
+    """The trial with what is said of it, and the s and k that would do better; `most_s` is the largest s there is.
+
+    `wider` is by how much the support may widen at the most.
+    """
     s, width = trial.s, trial.k / trial.s
     said = []
     if trial.band_open:
@@ -114,7 +119,7 @@ def judged(trial: Trial, samples: int, most_s: int) -> Trial:
         said.append(f"the OTF is {trial.band_edge:.2f} near the band's edge")
     if trial.support_short:
         # what is left out falls with the square of the width
-        width *= float(np.clip(np.sqrt(trial.truncation / (HALF * trial.uncertainty)), 1.15, 1.6))
+        width *= float(np.clip(np.sqrt(trial.truncation / (HALF * trial.uncertainty)), 1.15, wider))
         said.append(f"the support may leave out {trial.truncation:.4f} of the OTF, known to {trial.uncertainty:.4f}")
     k = _fitting(width, s, samples)
     better = (s, k) if said and (s > trial.s or k > trial.k) else None
@@ -160,7 +165,8 @@ def choose(
             # finer or wider cannot be had
             why = f"{tried[-1].reason}; s = {now[0]}, k = {now[1]} is not determined"
             return result, (*tried[:-1], replace(tried[-1], reason=why, better=None))
-        trial = judged(assess_trial(psf_of(result)), samples, most_s)
+        # what is given is not tried again: told is what would do at once
+        trial = judged(assess_trial(psf_of(result)), samples, most_s, WIDER if k is None else np.inf)
         tried.append(trial)
         following = now if trial.better is None else (s or trial.better[0], k or trial.better[1])
         if following == now or len(tried) == MOST_TRIES:
