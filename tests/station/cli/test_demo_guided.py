@@ -11,6 +11,7 @@ from station.cli.demo import plane_lines
 from station.demo.guided_demo import Teller
 from station.guide import catalogue
 from station.guide.frontend import Doing, Result, StepBegan, Trouble
+from station.results.plane_result import PlaneResult
 from station.sessions.reader import read_session
 
 
@@ -61,6 +62,7 @@ def test_the_result_is_kept():
 
 def test_each_plane_is_one_line():
     quantity = Quantity(0.5782, "cycles/pixel", 0.0014, "MTF50", 9)
-    numbers = {"G1": {"mtf50_horizontal": quantity}}
-    found = Result(Path("out"), {"G1": Verdict.PASS, "B": Verdict.REFUSED}, Verdict.REFUSED, "dark", "", numbers)
+    good = PlaneResult("G1", Verdict.PASS, numbers={"mtf50_horizontal": quantity})
+    planes = {"G1": good, "B": PlaneResult("B", Verdict.REFUSED)}
+    found = Result(Path("out"), planes, Verdict.REFUSED, "dark", "")
     assert plane_lines(found) == ["G1: pass; MTF50, rows 0.5782 ± 0.0014 cycles/pixel", "B: refused"]
