@@ -250,7 +250,6 @@ def _versions() -> dict[str, str]:
     return {found["name"].lower(): found["version"] for found in named if found}
 
 
-
 def _plane_entry(plane: PlaneResult) -> dict[str, Any]:
     entry: dict[str, Any] = {"verdict": str(plane.verdict), "reason": plane.reason, "remedy": plane.remedy}
     entry.update(plane.values)
