@@ -47,6 +47,7 @@ lateral_colour/PLANE: shift against the reference plane, in pixels of the sensor
 CAMERA = "camera"
 """The attribute that tells what the photographs were taken with, as JSON."""
 NOTED = ("camera", "lens", "f_number", "focal_length_mm", "subject_distance_mm")
+WORDS = ("camera", "lens")
 COLUMNS = 64
 """Places of the rendered field along the frame's longer side."""
 
@@ -180,9 +181,11 @@ def read_camera(path: Path | str) -> Exposure | None:
         told = None
     if not isinstance(told, dict):
         return None
-    words = {name: one for name in NOTED[:2] if isinstance(one := told.get(name), str)}
-    numbers = {name: one for name in NOTED[2:] if type(one := told.get(name)) in (int, float) and 0 < one < math.inf}
-    return Exposure(**words, **numbers)
+    return Exposure(**{name: value for name, value in told.items() if name in NOTED and _is_meant(name, value)})
+
+
+def _is_meant(name: str, value: Any) -> bool:
+    return isinstance(value, str) if name in WORDS else type(value) in (int, float) and 0 < value < math.inf
 
 
 def read_colours(path: Path | str) -> dict[str, LateralColour]:
