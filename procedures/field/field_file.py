@@ -47,6 +47,7 @@ lateral_colour/PLANE: shift against the reference plane, in pixels of the sensor
 CAMERA = "camera"
 """The attribute that tells what the photographs were taken with, as JSON."""
 NOTED = ("camera", "lens", "f_number", "focal_length_mm", "subject_distance_mm")
+WORDS = ("camera", "lens")
 COLUMNS = 64
 """Places of the rendered field along the frame's longer side."""
 
@@ -180,13 +181,11 @@ def read_camera(path: Path | str) -> Exposure | None:
         told = None
     if not isinstance(told, dict):
         return None
-    words: dict[str, Any] = {name: one for name in NOTED[:2] if isinstance(one := told.get(name), str)}
-    numbers: dict[str, Any] = {name: one for name in NOTED[2:] if _is_positive(one := told.get(name))}
-    return Exposure(**words, **numbers)
+    return Exposure(**{name: value for name, value in told.items() if name in NOTED and _is_meant(name, value)})
 
 
-def _is_positive(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < math.inf
+def _is_meant(name: str, value: Any) -> bool:
+    return isinstance(value, str) if name in WORDS else type(value) in (int, float) and 0 < value < math.inf
 
 
 def read_colours(path: Path | str) -> dict[str, LateralColour]:

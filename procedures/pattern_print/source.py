@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from procedures.outcome import BadInput
 from procedures.pattern import CELLS, DEFAULT_SEED, Chart
-from procedures.reading.grey_image import LONGEST_HEAD, PNG_MAGIC, TIFF_MAGIC, read_tiff
+from procedures.reading.grey_image import LONGEST_HEAD, PNG_MAGIC, TIFF_MAGIC, png_ends, read_tiff
 from procedures.reading.guard import decoding, read_file
 from procedures.reading.library_noise import captured_noise
 
@@ -74,6 +74,8 @@ def _decoded(path: Path, data: bytes) -> npt.NDArray[np.generic]:
         return read_tiff(data, str(path))[0]
     if data.startswith(PNG_MAGIC) and len(data) > 24:
         _check_size(path, *reversed(struct.unpack_from(">II", data, 16)))
+        if not png_ends(data):
+            raise BadInput(f"{path} is truncated: the PNG has no end chunk", _REMEDY)
     elif header := _PNM_HEADER.match(data[:LONGEST_HEAD]):
         _check_size(path, int(header["rows"]), int(header["columns"]))
     else:

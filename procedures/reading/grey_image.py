@@ -114,12 +114,13 @@ def read_png(data: bytes, name: str) -> tuple[Samples, int]:
     _check_depth(depth, name)
     columns, rows = struct.unpack_from(">II", data, 16)
     Room(name).take(BYTES * rows * columns, f"{columns} x {rows} samples")
-    if not _png_ends(data):
+    if not png_ends(data):
         raise BadInput(f"{name} is truncated: the PNG has no end chunk", _AGAIN)
     return _decode(data, name), (1 << depth) - 1
 
 
-def _png_ends(data: bytes) -> bool:
+def png_ends(data: bytes) -> bool:
+    """Whether a PNG file's chunks follow one another to the last: decoders allocate what a chunk announces."""
     at = len(PNG_MAGIC)
     while at + 8 <= len(data):
         size, kind = struct.unpack_from(">I4s", data, at)
@@ -177,7 +178,7 @@ def read_colours(data: bytes, name: str) -> npt.NDArray[np.uint16]:
     """
     columns, rows = _announced(data, name)
     Room(name).take(3 * BYTES * rows * columns, f"{columns} x {rows} pixels of three colours")
-    if data.startswith(PNG_MAGIC) and not _png_ends(data):
+    if data.startswith(PNG_MAGIC) and not png_ends(data):
         raise BadInput(f"{name} is truncated: the PNG has no end chunk", _AGAIN)
     levels = _decode(data, name)
     if levels.ndim != 3 or levels.shape[2] != 3:

@@ -51,6 +51,16 @@ def png(path: Path) -> Path:
     return path
 
 
+def chunk(path: Path) -> Path:
+    """A picture of 256 x 256 whose chunk of samples announces 1 GB."""
+    head = struct.pack(">IIBBBBB", 256, 256, 8, 0, 0, 0, 0)
+    begin = (
+        b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + b"IHDR" + head + struct.pack(">I", zlib.crc32(b"IHDR" + head))
+    )
+    path.write_bytes(begin + struct.pack(">I", 1 << 30) + b"IDAT" + zlib.compress(bytes(257 * 256)))
+    return path
+
+
 def dng(path: Path, tags: int = 0, directories: int = 1, side: int = 64, notes: int = 0) -> Path:
     """A mosaic with so many unknown tags, each of 131 000 values at one place, in so many directories.
 

@@ -22,6 +22,7 @@ BOMBS = {
     "tile.tif": ("bombs.tiff(path, side=64, tile=32768)", "raw.read_frame(path)", "64 x 64 samples: 4295 MB"),
     "picture.png": ("bombs.png(path)", "raw.read_frame(path)", "20000 x 20000 samples"),
     "cells.png": ("bombs.png(path)", "source.Source.from_file(path)", "has 20000 x 20000"),
+    "chunk.png": ("bombs.chunk(path)", "source.Source.from_file(path)", "the PNG has no end chunk"),
     "tags.dng": ("bombs.dng(path, tags=65_000)", "raw.read_frame(path)", "65013 tags, more than 1000"),
     "chain.dng": ("bombs.dng(path, tags=900, directories=64)", "raw.read_frame(path)", "more than 32 image dir"),
     "vast.dng": ("bombs.dng(path, side=20_000)", "raw.read_frame(path)", "20000 x 20000 samples"),
