@@ -85,9 +85,7 @@ class RadialCamera:
         return self.distort(self.focal_px * rays[:, :2] / rays[:, 2:] + self.centre)
 
 
-def as_radial(
-    camera: Camera, region: Array, formula: str, unit_px: float, *, decentring: bool = False
-) -> RadialCamera:
+def as_radial(camera: Camera, region: Array, formula: str, unit_px: float, *, decentring: bool = False) -> RadialCamera:
     """The camera by a radial formula, focal length and centre fitted with it.
 
     Parameters

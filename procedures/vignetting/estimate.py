@@ -73,7 +73,12 @@ def _plane(cells: Sequence[Cells], shape: tuple[int, int]) -> Outcome[PlaneVigne
     places = frame_places(shape)
     radial = fit_radial(surface, places)
     answer = PlaneVignetting(
-        surface, radial, _numbers(surface, radial, len(cells)), places, surface.light.at(places), surface.uncertainty(places)
+        surface,
+        radial,
+        _numbers(surface, radial, len(cells)),
+        places,
+        surface.light.at(places),
+        surface.uncertainty(places),
     )
     return Outcome(answer, *verdict_of(_rules(surface, len(cells))))
 

@@ -56,7 +56,9 @@ def export_dng(
         opcodes.append(opcode)
         lost.append(words)
     if not opcodes:
-        raise BadParameter("a DNG takes a geometry, a vignetting or both; there is neither", "name one of their results")
+        raise BadParameter(
+            "a DNG takes a geometry, a vignetting or both; there is neither", "name one of their results"
+        )
     return DngExport(with_opcodes(data, opcodes, name), tuple(lost))
 
 
@@ -77,9 +79,7 @@ def warp_opcode(stored: StoredCamera, size: tuple[int, int]) -> tuple[Opcode, st
 
 
 def _words(found: RadialCamera) -> str:
-    return (
-        f"WarpRectilinear: {found.difference.rms_px:.4f} pixel rms, {found.difference.max_px:.4f} at most, are lost"
-    )
+    return f"WarpRectilinear: {found.difference.rms_px:.4f} pixel rms, {found.difference.max_px:.4f} at most, are lost"
 
 
 def vignette_opcode(found: StoredVignetting, columns: int, rows: int) -> tuple[Opcode, str]:

@@ -36,6 +36,11 @@ class PsfExport:
     lost: str
 
 
+def field_path(result: Path) -> Path:
+    """The field's file of a result, its folder or the file itself."""
+    return result / "field.h5" if result.is_dir() else result
+
+
 def read_plane(result: Path, plane: str | None) -> PsfField:
     """The field of one plane of a result: its folder, or its field.h5.
 
@@ -51,7 +56,7 @@ def read_plane(result: Path, plane: str | None) -> PsfField:
     BadParameter
         If the plane is not in it.
     """
-    path = result / "field.h5" if result.is_dir() else result
+    path = field_path(result)
     fields = read_field(path)
     if not fields:
         raise BadInput(f"{path} holds no field of any plane", "give the result of `station psf field` that has one")
@@ -85,7 +90,10 @@ def _stdpsf(field: PsfField) -> PsfExport:
     cards: Cards = [("NXPSFS", len(x)), ("NYPSFS", len(y))]
     cards += [(f"IPSFX{i:02d}", int(one) + FIRST) for i, one in enumerate(x, 1)]
     cards += [(f"JPSFY{i:02d}", int(one) + FIRST) for i, one in enumerate(y, 1)]
-    cards += [("PLANE", field.plane), ("COMMENT", "First row of the data: the upper one. Positions: pixels of the plane.")]
+    cards += [
+        ("PLANE", field.plane),
+        ("COMMENT", "First row of the data: the upper one. Positions: pixels of the plane."),
+    ]
     return PsfExport(primary_image(psfs, cards), _grid_loss(field, x, y))
 
 

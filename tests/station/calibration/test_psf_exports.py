@@ -79,6 +79,7 @@ def test_photutils_reads_the_grid_and_sees_the_psf(field, tmp_path):
     np.testing.assert_allclose(seen, expected, atol=1e-5 * expected.max())
 
 
+@pytest.mark.slow
 def test_a_field_of_another_sampling_is_no_stdpsf(field):
     coarse = interpolate(
         "G1", SHAPE, [Node(n.position, n.position_covariance, n.sensor_position, Psf(n.psf.h, 3, n.psf.covariance),
@@ -121,6 +122,7 @@ def test_filters_and_multipliers_blur_as_the_field_does(field):
     np.testing.assert_allclose(seen, SpaceVariantBlur(field).blur(scene), atol=1e-5)
 
 
+@pytest.mark.slow
 def test_the_command_exports_a_field(found, tmp_path):
     write_field(tmp_path / "field.h5", {"G1": found}, {}, [], {})
     run = CliRunner().invoke(main, ["export", str(tmp_path), "--to", "psfex", str(tmp_path / "field.psf")])
