@@ -139,12 +139,12 @@ def export_lensfun(
     focal = _text(names.focal_mm)
     terms = ("a", "b", "c") if found.formula == "ptlens" else ("k1", "k2")
     numbers = {name: _text(k) for name, k in zip(terms, found.coefficients, strict=False)}
-    ElementTree.SubElement(calibration, "distortion", model=found.formula, focal=focal, **numbers)
+    ElementTree.SubElement(calibration, "distortion", {"model": found.formula, "focal": focal, **numbers})
     lost = [f"distortion as {found.formula}: {found.difference.rms_px:.4f} pixel rms, {found.difference.max_px:.4f} at "
             "most, are lost"] if found.difference.max_px >= EXACT else []  # fmt: skip
     if colours:
         told, words = lateral_terms(colours, np.array(found.centre), camera.columns, camera.rows)
-        ElementTree.SubElement(calibration, "tca", model="poly3", focal=focal, **told)
+        ElementTree.SubElement(calibration, "tca", {"model": "poly3", "focal": focal, **told})
         lost += words
     if vignetting is not None:
         lost += _add_vignetting(calibration, vignetting, np.array(found.centre), camera.columns, camera.rows, names)
@@ -179,7 +179,8 @@ def lateral_terms(
     BadParameter
         If the field is of another frame.
     """
-    told, lost, unit = {}, [], unit_px(columns, rows)
+    told: dict[str, str] = {}
+    lost, unit = [], unit_px(columns, rows)
     for plane, letter in COLOURS.items():
         colour = colours.get(plane)
         if colour is None:
@@ -228,10 +229,8 @@ def _add_vignetting(
     fit = even_powers(r, found.at(places), 3)
     terms = {f"k{i}": _text(one) for i, one in enumerate(fit.terms, 1)}
     for distance in DISTANCES_M:
-        ElementTree.SubElement(
-            calibration, "vignetting", model="pa", focal=_text(names.focal_mm), aperture=_text(names.f_number),
-            distance=_text(distance), **terms,
-        )  # fmt: skip
+        about = {"focal": _text(names.focal_mm), "aperture": _text(names.f_number), "distance": _text(distance)}
+        ElementTree.SubElement(calibration, "vignetting", {"model": "pa", **about, **terms})
     return [f"vignetting: {fit.lost:.2%} of the light rms, {fit.most:.2%} at most, are lost"]
 
 

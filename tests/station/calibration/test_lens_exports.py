@@ -1,4 +1,4 @@
-"""Distortion, lateral colour and vignetting in lensfun's database and a DNG's opcodes, undone as these would undo them."""
+"""Distortion, lateral colour and vignetting for lensfun and as a DNG's opcodes, undone as these would undo them."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def test_lensfun_undoes_the_distortion():
     true = CAMERA.project(rays)
     inside = ((true > 0) & (true < [COLUMNS - 1, ROWS - 1])).all(axis=1)
     error = np.linalg.norm(seen[y.ravel(), x.ravel()] - true, axis=1)[inside]
-    assert error.max() < found.difference.max_px + 1e-3
+    assert error.max() < found.difference.max_px + 2e-3
 
 
 def test_lensfun_undoes_lateral_colour_to_a_twentieth_of_a_pixel():
@@ -120,7 +120,7 @@ def test_lensfun_undoes_vignetting_as_far_as_it_is_told():
 
 
 def test_a_lens_without_focal_length_is_asked_for_it():
-    with pytest.raises(BadParameter, match="give --focal-length-mm|focal length in mm"):
+    with pytest.raises(BadParameter, match="focal length in mm"):
         GivenNames("", None, None, None, None, None).completed(None, 900.0, with_light=False)
     names = GivenNames("", None, None, None, None, 5.0).completed(None, 900.0, with_light=False)
     assert names.focal_mm == pytest.approx(4.5)

@@ -65,6 +65,7 @@ def test_stdpsf_holds_the_psfs_of_its_grid(field):
     assert "linear interpolation errs by" in made.lost
 
 
+@pytest.mark.slow
 def test_photutils_reads_the_grid_and_sees_the_psf(field, tmp_path):
     psf = pytest.importorskip("photutils.psf", reason="photutils reads these files")
     path = tmp_path / "field.fits"
@@ -89,6 +90,7 @@ def test_a_field_of_another_sampling_is_no_stdpsf(field):
         export_field(coarse, "stdpsf")
 
 
+@pytest.mark.slow
 def test_a_polynomial_over_the_frame_is_the_field_as_far_as_it_says(field):
     found = as_polynomial(field, allowed=0.002)
     point = np.array([[40.0, 22.0]])
@@ -98,6 +100,7 @@ def test_a_polynomial_over_the_frame_is_the_field_as_far_as_it_says(field):
     assert np.linalg.norm(made - true) <= 1.5 * max(found.lost, 1e-6) * np.linalg.norm(true)
 
 
+@pytest.mark.slow
 def test_galsim_reads_the_polynomial_and_sees_the_psf(field, tmp_path):
     galsim = pytest.importorskip("galsim", reason="galsim reads these files")
     from galsim.des import DES_PSFEx
