@@ -136,5 +136,6 @@ def covered(camera: Camera, region: Array) -> tuple[Array, Array]:
 
 
 def difference_of(moved: Array) -> Difference:
+    """Of places that a conversion moved by (n, 2) pixels."""
     lengths = np.linalg.norm(moved, axis=1)
     return Difference(float(np.sqrt(np.mean(lengths**2))), float(lengths.max()))

@@ -1,7 +1,7 @@
 """Opcodes of a DNG: what a developer is to do with the picture, written into a copy of the file, and read.
 
-Nothing of the file is changed but one pointer: the directory of the mosaic is written again at the end, its tags as they
-were, OpcodeList3 (applied to the demosaicked picture) beside them. Reference: Adobe DNG 1.6, chapters 4 and 7.
+Nothing of the file is changed but one pointer: the directory of the mosaic is written again at the end, its tags as
+they were, OpcodeList3 (applied to the demosaicked picture) beside them. Reference: Adobe DNG 1.6, chapters 4 and 7.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def with_opcodes(data: bytes, opcodes: Sequence[Opcode], name: str) -> bytes:
         If it is no DNG, or its directories cannot be followed.
     """
     try:
-        order, pointer, at, entries, following = _mosaic_directory(data, name)
+        order, pointer, entries, following = _mosaic_directory(data, name)
     except struct.error as error:
         raise BadInput(f"{name} ends within a directory", "give the file as the camera wrote it") from error
     content = _list(opcodes)
@@ -82,7 +82,7 @@ def with_opcodes(data: bytes, opcodes: Sequence[Opcode], name: str) -> bytes:
 def opcodes_in(data: bytes, name: str) -> list[Opcode]:
     """The opcodes of OpcodeList3 of a DNG's mosaic; raises BadInput as `with_opcodes`."""
     try:
-        order, _, _, entries, _ = _mosaic_directory(data, name)
+        order, _, entries, _ = _mosaic_directory(data, name)
         for one in entries:
             tag, _, count, at = struct.unpack(order + "HHII", one)
             if tag == OPCODE_LIST_3:
@@ -109,8 +109,8 @@ def _read_list(data: bytes) -> list[Opcode]:
     return found
 
 
-def _mosaic_directory(data: bytes, name: str) -> tuple[str, int, int, list[bytes], int]:
-    """Byte order, where the pointer to the mosaic's directory stands, where it is, its entries, the next one's place."""
+def _mosaic_directory(data: bytes, name: str) -> tuple[str, int, list[bytes], int]:
+    """Byte order, where the pointer to the mosaic's directory stands, its entries, the next one's place."""
     order = {b"II": "<", b"MM": ">"}.get(data[:2], "")
     if not order or struct.unpack_from(order + "H", data, 2)[0] != 42:
         raise BadInput(f"{name} is no DNG file", "give a DNG: its makers' converter writes one from other RAW files")
@@ -126,13 +126,12 @@ def _mosaic_directory(data: bytes, name: str) -> tuple[str, int, int, list[bytes
         values = {struct.unpack_from(order + "H", one)[0]: one for one in entries}
         is_dng = is_dng or DNG_VERSION in values
         if found is None and _photometric(values, order) in (CFA, LINEAR_RAW):
-            found = pointer, at, entries, following
+            found = pointer, entries, following
         waiting += _sub_pointers(values, at, entries, order)
         waiting.append(at + 2 + 12 * len(entries))
     if found is None or not is_dng:
         raise BadInput(f"{name} has no mosaic of a DNG", "give a DNG file with RAW data")
-    pointer, at, entries, following = found
-    return order, pointer, at, entries, following
+    return order, *found
 
 
 def _entries(data: bytes, at: int, order: str, name: str) -> tuple[list[bytes], int]:

@@ -12,7 +12,7 @@ from procedures.raw import Plane
 
 Array = npt.NDArray[np.float64]
 
-COLUMNS = 48
+COLUMNS = 32
 """Cells along the longer side: what a lens does is smooth over many of them."""
 LEAST_SIDE = 4
 """Samples along a cell's side at the least."""

@@ -98,12 +98,13 @@ def _numbers(surface: Falloff, radial: RadialFalloff, count: int) -> dict[str, Q
     sigma = np.sqrt(np.diag(radial.covariance))
     method = f"{count} flats, polynomial of degree {surface.light.degree} in log light"
     fitted = "radial formula next to the surface, 1 + k1 r^2 + k2 r^4 + k3 r^6"
+    where = f"{fitted}; from the frame's"
     centre = radial.centre - [(columns - 1) / 2, (rows - 1) / 2]
     return {
         "corner_light": Quantity(float(light.mean()), "1", float(spread.mean()), f"{method}; mean of corners", count),
         "darkest_corner": Quantity(float(light[darkest]), "1", float(spread[darkest]), method, count),
-        "vignetting_centre_x": Quantity(float(centre[0]), "pixel", float(sigma[0]), f"{fitted}; from the frame's", count),
-        "vignetting_centre_y": Quantity(float(centre[1]), "pixel", float(sigma[1]), f"{fitted}; from the frame's", count),
+        "vignetting_centre_x": Quantity(float(centre[0]), "pixel", float(sigma[0]), where, count),
+        "vignetting_centre_y": Quantity(float(centre[1]), "pixel", float(sigma[1]), where, count),
         **{f"vignetting_k{i + 1}": Quantity(float(radial.coefficients[i]), "1", float(sigma[i + 2]), fitted, count)
            for i in range(3)},
         "vignetting_not_radial": Quantity(radial.lost, "1", 0.0, "rms over the frame of the formula's error", count),

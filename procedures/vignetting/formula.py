@@ -1,4 +1,4 @@
-"""The light of a plane over its frame as a record keeps it, and as even powers of the radius that other programs take."""
+"""The light of a plane over its frame: as a record keeps it, and as the even powers of a radius."""
 
 from __future__ import annotations
 

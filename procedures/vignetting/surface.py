@@ -87,7 +87,7 @@ class RadialFalloff:
 
 
 def _of_slope(u: Array, covariance: Array) -> Array:
-    return np.einsum("ni,ij,nj->n", u, np.nan_to_num(covariance), u)
+    return np.asarray(np.einsum("ni,ij,nj->n", u, np.nan_to_num(covariance), u))
 
 
 def fit_falloff(flats: Sequence[Cells], shape: tuple[int, int]) -> Falloff:
@@ -108,7 +108,7 @@ def _fitted(flats: Sequence[Cells], shape: tuple[int, int], degree: int) -> tupl
     kept, whitened = np.ones(len(values), dtype=bool), design / sigma[:, None]
     for _ in range(5):
         part = whitened[kept]
-        solution = np.linalg.solve(part.T @ part, part.T @ (values / sigma)[kept])
+        solution: Array = np.asarray(np.linalg.solve(part.T @ part, part.T @ (values / sigma)[kept]), np.float64)
         away = (values - design @ solution) / sigma
         last, kept = kept, np.abs(away) <= FAR * max(1.4826 * float(np.median(np.abs(away))), 1.0)
         if np.array_equal(last, kept):
@@ -123,14 +123,12 @@ def _fitted(flats: Sequence[Cells], shape: tuple[int, int], degree: int) -> tupl
     of_slope = np.cov(slopes.T) / count if count > 1 else np.full((2, 2), np.nan)
     structure = float(np.sqrt(max(np.mean((away**2 - 1)[kept] * sigma[kept] ** 2), 0.0)))
     schwarz = freedom * np.log(chi2) + design.shape[1] * np.log(kept.sum())
-    return schwarz, Falloff(
-        LightSurface(shape, degree, solution[:c]), covariance[:c, :c], of_slope, slopes, float(np.sqrt(chi2)), structure,
-        1 - float(kept.mean()),
-    )  # fmt: skip
+    light, left_out = LightSurface(shape, degree, solution[:c]), 1 - float(kept.mean())
+    return schwarz, Falloff(light, covariance[:c, :c], of_slope, slopes, float(np.sqrt(chi2)), structure, left_out)
 
 
 def _system(flats: Sequence[Cells], shape: tuple[int, int], degree: int) -> tuple[Array, Array, Array]:
-    """Design, log levels and their sigma: columns are the surface's terms, each flat's level, all slopes but the last."""
+    """Design, log levels and their sigma: columns are the surface's terms, all slopes but one."""
     count, rows = len(flats), []
     for i, flat in enumerate(flats):
         u = in_half_diagonals(flat.place, shape)

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from procedures.field.chromatic import LateralColour
 from procedures.geometry.radial import RadialCamera, as_radial
 from procedures.outcome import BadParameter
+from procedures.reading.exposure import Exposure
 from procedures.vignetting.formula import LightSurface, even_powers
 from station.calibration.geometry_exports import EXACT, StoredCamera
 
@@ -56,6 +57,44 @@ class LensNames:
 
 
 @dataclass(frozen=True)
+class GivenNames:
+    """What was typed of them; None where it was not."""
+
+    maker: str
+    camera: str | None
+    lens: str | None
+    focal_mm: float | None
+    f_number: float | None
+    pitch_um: float | None
+
+    def completed(self, noted: Exposure | None, focal_px: float, *, with_light: bool) -> LensNames:
+        """With what the field's photographs note; focal length and pitch follow from each other by the geometry.
+
+        Raises
+        ------
+        BadParameter
+            If neither of these two is known, or vignetting has no f-number.
+        """
+        told = noted or Exposure()
+        focal = self.focal_mm or told.focal_length_mm
+        pitch = self.pitch_um
+        if focal is None and pitch is not None:
+            focal = focal_px * pitch / 1000
+        if focal is None:
+            raise BadParameter(
+                "lensfun keeps a lens by its focal length in mm, which neither was given nor stands in a field",
+                "give --focal-length-mm or --pixel-pitch-um",
+            )
+        f_number = self.f_number or told.f_number
+        if f_number is None and with_light:
+            raise BadParameter("lensfun keeps vignetting by its f-number; none was given", "give --f-number")
+        return LensNames(
+            self.maker, self.lens or told.lens or "lens", self.camera or told.camera or "camera", focal,
+            f_number or 0.0, pitch or 1000 * focal / focal_px,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
 class LensfunExport:
     """The database's text, and sentences on what it could not hold."""
 
@@ -89,10 +128,10 @@ def export_lensfun(
     mount = f"{names.camera} mount"
     ElementTree.SubElement(ElementTree.SubElement(top, "mount"), "name").text = mount
     crop = FULL_FRAME_MM / (np.hypot(camera.columns, camera.rows) * names.pitch_um / 1000)
-    aspect = max(camera.columns, camera.rows) / min(camera.columns, camera.rows)
+    aspect = (max(camera.columns, camera.rows) - 1) / (min(camera.columns, camera.rows) - 1)  # lensfun's own
     _entry(top, "camera", names.maker, names.camera, mount, crop)
     lens = _entry(top, "lens", names.maker, names.lens, mount, crop)
-    ElementTree.SubElement(lens, "aspect-ratio").text = f"{aspect:.6f}"
+    ElementTree.SubElement(lens, "aspect-ratio").text = f"{aspect:.9f}"
     middle = np.array([camera.columns - 1, camera.rows - 1]) / 2
     offset = (np.array(found.centre) - middle) / unit_px(camera.columns, camera.rows)
     ElementTree.SubElement(lens, "center", x=_text(offset[0]), y=_text(offset[1]))
@@ -100,12 +139,12 @@ def export_lensfun(
     focal = _text(names.focal_mm)
     terms = ("a", "b", "c") if found.formula == "ptlens" else ("k1", "k2")
     numbers = {name: _text(k) for name, k in zip(terms, found.coefficients, strict=False)}
-    ElementTree.SubElement(calibration, "distortion", model=found.formula, focal=focal, **numbers)
+    ElementTree.SubElement(calibration, "distortion", {"model": found.formula, "focal": focal, **numbers})
     lost = [f"distortion as {found.formula}: {found.difference.rms_px:.4f} pixel rms, {found.difference.max_px:.4f} at "
             "most, are lost"] if found.difference.max_px >= EXACT else []  # fmt: skip
     if colours:
         told, words = lateral_terms(colours, np.array(found.centre), camera.columns, camera.rows)
-        ElementTree.SubElement(calibration, "tca", model="poly3", focal=focal, **told)
+        ElementTree.SubElement(calibration, "tca", {"model": "poly3", "focal": focal, **told})
         lost += words
     if vignetting is not None:
         lost += _add_vignetting(calibration, vignetting, np.array(found.centre), camera.columns, camera.rows, names)
@@ -140,7 +179,8 @@ def lateral_terms(
     BadParameter
         If the field is of another frame.
     """
-    told, lost, unit = {}, [], unit_px(columns, rows)
+    told: dict[str, str] = {}
+    lost, unit = [], unit_px(columns, rows)
     for plane, letter in COLOURS.items():
         colour = colours.get(plane)
         if colour is None:
@@ -189,16 +229,14 @@ def _add_vignetting(
     fit = even_powers(r, found.at(places), 3)
     terms = {f"k{i}": _text(one) for i, one in enumerate(fit.terms, 1)}
     for distance in DISTANCES_M:
-        ElementTree.SubElement(
-            calibration, "vignetting", model="pa", focal=_text(names.focal_mm), aperture=_text(names.f_number),
-            distance=_text(distance), **terms,
-        )  # fmt: skip
+        about = {"focal": _text(names.focal_mm), "aperture": _text(names.f_number), "distance": _text(distance)}
+        ElementTree.SubElement(calibration, "vignetting", {"model": "pa", **about, **terms})
     return [f"vignetting: {fit.lost:.2%} of the light rms, {fit.most:.2%} at most, are lost"]
 
 
 def _entry(top: ElementTree.Element, kind: str, maker: str, model: str, mount: str, crop: float) -> ElementTree.Element:
     entry = ElementTree.SubElement(top, kind)
-    for name, text in (("maker", maker), ("model", model), ("mount", mount), ("cropfactor", f"{crop:.6f}")):
+    for name, text in (("maker", maker), ("model", model), ("mount", mount), ("cropfactor", f"{crop:.9f}")):
         ElementTree.SubElement(entry, name).text = text
     return entry
 

@@ -36,6 +36,11 @@ class PsfExport:
     lost: str
 
 
+def field_path(result: Path) -> Path:
+    """The field's file of a result, its folder or the file itself."""
+    return result / "field.h5" if result.is_dir() else result
+
+
 def read_plane(result: Path, plane: str | None) -> PsfField:
     """The field of one plane of a result: its folder, or its field.h5.
 
@@ -51,7 +56,7 @@ def read_plane(result: Path, plane: str | None) -> PsfField:
     BadParameter
         If the plane is not in it.
     """
-    path = result / "field.h5" if result.is_dir() else result
+    path = field_path(result)
     fields = read_field(path)
     if not fields:
         raise BadInput(f"{path} holds no field of any plane", "give the result of `station psf field` that has one")

@@ -103,6 +103,12 @@ def _entry(outcome: Outcome[PlaneVignetting]) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def is_vignetting(result: Path) -> bool:
+    """Whether a result, a folder or its record, is of flats; raises BadInput where it is no record."""
+    told: dict[str, Any] = read_json(result / RECORD if result.is_dir() else result, _GIVE)
+    return told.get("procedure") == "vignetting"
+
+
 def read_vignetting(result: Path) -> dict[str, StoredVignetting]:
     """The vignetting of every plane of a result that has one.
 

@@ -2,33 +2,68 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
 
+from station.cli.terminal.numbers import Number
 from station.common.log import log, log_json_option
 
 CAMERAS = ("opencv", "ros", "kalibr", "colmap", "mrcal")
 """Formats that hold a camera's geometry."""
 PSFS = ("stdpsf", "psfex", "deepinv")
 """Formats that hold the PSF over the frame."""
+LENSES = ("lensfun", "dng")
+"""Formats that hold distortion and vignetting, lensfun lateral colour too."""
 
 
 @click.command("export")
 @click.argument("result", type=click.Path(path_type=Path))
-@click.option("--to", "form", type=click.Choice((*CAMERAS, *PSFS)), required=True, help="Of which program.")
+@click.option("--to", "form", type=click.Choice((*CAMERAS, *PSFS, *LENSES)), required=True, help="Of which program.")
 @click.option("--plane", help="Of a PSF field.  [default: G1, or the first there is]")
+@click.option("--field", type=click.Path(path_type=Path), help="lensfun: a field's result, for lateral colour.")
+@click.option("--vignetting", type=click.Path(path_type=Path), help="lensfun, dng: a result of station vignetting.")
+@click.option("--photo", type=click.Path(path_type=Path), help="dng: the photograph that is copied.")
+@click.option("--maker", default="unknown", show_default=True, help="lensfun: of camera and lens.")
+@click.option("--camera", help="lensfun: its model.  [default: as the field tells]")
+@click.option("--lens", help="lensfun: its name.  [default: as the field tells]")
+@click.option("--focal-length-mm", type=Number(min=0.1), help="lensfun.  [default: as the field tells]")
+@click.option("--f-number", type=Number(min=0.1), help="lensfun: of the vignetting.  [default: as the field tells]")
+@click.option("--pixel-pitch-um", type=Number(min=0.1), help="lensfun.  [default: by the focal length]")
 @click.argument("out", type=click.Path(path_type=Path))
 @log_json_option
-def export(result: Path, form: str, plane: str | None, out: Path) -> None:
+def export(
+    result: Path,
+    form: str,
+    plane: str | None,
+    field: Path | None,
+    vignetting: Path | None,
+    photo: Path | None,
+    maker: str,
+    camera: str | None,
+    lens: str | None,
+    focal_length_mm: float | None,
+    f_number: float | None,
+    pixel_pitch_um: float | None,
+    out: Path,
+) -> None:
     """Write RESULT, a folder or the file in it, as the file OUT of another program.
 
-    Cameras of `station geometry` (result.json) go to opencv, ros, kalibr, colmap and mrcal; fields of `station psf
-    field` (field.h5) to stdpsf (photutils), psfex and deepinv. What the format cannot hold is told: of a camera in
-    pixels over the part of the frame that was measured, of a field as a share of the PSF's norm.
+    Cameras of `station geometry` (result.json) go to opencv, ros, kalibr, colmap and mrcal, with --field and
+    --vignetting to lensfun, with --photo into the copy of a DNG; fields of `station psf field` (field.h5) to stdpsf
+    (photutils), psfex and deepinv. What the format cannot hold is told: of a camera in pixels over the part of the
+    frame that was measured, of light and PSF as a share.
     """
+    from station.calibration.lensfun_export import GivenNames
+
     if form in PSFS:
         _export_field(result, form, plane, out)
+    elif form == "lensfun":
+        given = GivenNames(maker, camera, lens, focal_length_mm, f_number, pixel_pitch_um)
+        _export_lensfun(result, field, vignetting, given, out)
+    elif form == "dng":
+        _export_dng(result, vignetting, photo, out)
     else:
         _export_camera(result, form, out)
     log("written", f"wrote {out}", path=str(out))
@@ -55,5 +90,55 @@ def _export_field(result: Path, form: str, plane: str | None, out: Path) -> None
     field = read_plane(result, plane)
     made = export_field(field, form)
     write_whole(out, made.data)
-    if made.lost:
-        log("lost", f"{form}, plane {field.plane}: {made.lost}", plane=field.plane)
+    _tell_lost([f"{form}, plane {field.plane}: {made.lost}"] if made.lost else [])
+
+
+def _export_lensfun(result: Path, field: Path | None, vignetting: Path | None, given: object, out: Path) -> None:
+    from procedures.field.field_file import read_camera as read_noted
+    from procedures.field.field_file import read_colours
+    from station.calibration.geometry_exports import read_camera
+    from station.calibration.lensfun_export import GivenNames, export_lensfun
+    from station.calibration.psf_exports import field_path
+    from station.calibration.vignetting import green_of, read_vignetting
+    from station.common.atomic_files import write_whole
+
+    assert isinstance(given, GivenNames)
+    stored = read_camera(result)
+    path = field_path(field) if field is not None else None
+    noted = read_noted(path) if path is not None else None
+    names = given.completed(noted, stored.camera.focal_px[0], with_light=vignetting is not None)
+    colours = read_colours(path) if path is not None else None
+    light = green_of(read_vignetting(vignetting)).light if vignetting is not None else None
+    made = export_lensfun(stored, names, colours, light)
+    write_whole(out, made.text.encode())
+    _tell_lost(made.lost)
+
+
+def _export_dng(result: Path, vignetting: Path | None, photo: Path | None, out: Path) -> None:
+    from procedures.outcome import BadParameter
+    from procedures.raw import default_plane, read_frame
+    from procedures.reading.guard import read_file
+    from station.calibration.dng_export import export_dng
+    from station.calibration.geometry_exports import read_camera
+    from station.calibration.vignetting import green_of, is_vignetting, read_vignetting
+    from station.common.atomic_files import write_whole
+
+    if photo is None:
+        raise BadParameter("a DNG's opcodes are written into a copy of a photograph; none was named", "give --photo")
+    if out.exists() and out.samefile(photo):
+        raise BadParameter(f"{out} is the photograph itself, which is not changed", "name another file for the copy")
+    of_light = is_vignetting(result)
+    stored = None if of_light else read_camera(result)
+    light = result if of_light else vignetting
+    data = read_file(photo)
+    frame = read_frame(photo, [default_plane(photo)], data=data)
+    plane = next(iter(frame.planes.values()))
+    rows, columns = (n * plane.pitch for n in plane.samples.shape)
+    made = export_dng(data, photo.name, stored, green_of(read_vignetting(light)) if light else None, (columns, rows))
+    write_whole(out, made.data)
+    _tell_lost(made.lost)
+
+
+def _tell_lost(sentences: Sequence[str]) -> None:
+    for one in sentences:
+        log("lost", one)

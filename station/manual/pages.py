@@ -18,7 +18,7 @@ command, number, file and option. The explanations say what the numbers mean and
 FIRST = (
     "without-a-camera", "with-a-camera",
     "chart", "two-photographs", "edge", "field", "batch", "sessions", "devices", "correct", "restore", "geometry",
-    "sensor", "sensor-dumps", "rays", "library", "reproduce",
+    "vignetting", "export", "sensor", "sensor-dumps", "rays", "library", "reproduce",
     "commands", "numbers", "files", "station-toml", "exit-codes", "environment", "evidence", "dependencies",
     "psf", "sampling-and-gamma", "whole-psf", "uncertainty", "verdicts", "limits", "reproducibility",
 )  # fmt: skip

@@ -65,6 +65,7 @@ def test_stdpsf_holds_the_psfs_of_its_grid(field):
     assert "linear interpolation errs by" in made.lost
 
 
+@pytest.mark.slow
 def test_photutils_reads_the_grid_and_sees_the_psf(field, tmp_path):
     psf = pytest.importorskip("photutils.psf", reason="photutils reads these files")
     path = tmp_path / "field.fits"
@@ -79,6 +80,7 @@ def test_photutils_reads_the_grid_and_sees_the_psf(field, tmp_path):
     np.testing.assert_allclose(seen, expected, atol=1e-5 * expected.max())
 
 
+@pytest.mark.slow
 def test_a_field_of_another_sampling_is_no_stdpsf(field):
     coarse = interpolate(
         "G1", SHAPE, [Node(n.position, n.position_covariance, n.sensor_position, Psf(n.psf.h, 3, n.psf.covariance),
@@ -88,6 +90,7 @@ def test_a_field_of_another_sampling_is_no_stdpsf(field):
         export_field(coarse, "stdpsf")
 
 
+@pytest.mark.slow
 def test_a_polynomial_over_the_frame_is_the_field_as_far_as_it_says(field):
     found = as_polynomial(field, allowed=0.002)
     point = np.array([[40.0, 22.0]])
@@ -97,6 +100,7 @@ def test_a_polynomial_over_the_frame_is_the_field_as_far_as_it_says(field):
     assert np.linalg.norm(made - true) <= 1.5 * max(found.lost, 1e-6) * np.linalg.norm(true)
 
 
+@pytest.mark.slow
 def test_galsim_reads_the_polynomial_and_sees_the_psf(field, tmp_path):
     galsim = pytest.importorskip("galsim", reason="galsim reads these files")
     from galsim.des import DES_PSFEx
@@ -121,6 +125,7 @@ def test_filters_and_multipliers_blur_as_the_field_does(field):
     np.testing.assert_allclose(seen, SpaceVariantBlur(field).blur(scene), atol=1e-5)
 
 
+@pytest.mark.slow
 def test_the_command_exports_a_field(found, tmp_path):
     write_field(tmp_path / "field.h5", {"G1": found}, {}, [], {})
     run = CliRunner().invoke(main, ["export", str(tmp_path), "--to", "psfex", str(tmp_path / "field.psf")])
