@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from procedures.numerics.bessel import j1
 from procedures.numerics.kernel_tail import EXCHANGED, MIRRORED, SHAPES, tail_spectra
-from procedures.outcome import Quantity
+from procedures.outcome import Quantity, Rule, Verdict
 from procedures.psf import Psf
 from procedures.spatial_numbers import CIRCLES, Found, circle, name_of_circle, section_widths, spatial_numbers
 from procedures.transfer_function import LEVELS, crossing, curve_numbers
@@ -35,6 +35,9 @@ an iris. On tails of Airy's disc, defocus, coma and polygons it was 0.1 to 0.3, 
 NARROWER = (0.67, 0.75, 0.85)
 """Shares of the band within which a number is drawn again: half of the most that the rest changes is doubt of what
 lies beyond the band. The photosite's OTF changes sign: one share alone can hit on a balance."""
+BEYOND, SURE = 0.02, 4.0
+"""How far, and by how many standard uncertainties, an MTF lies above diffraction's from which that is not the camera's:
+a plane's colours and pupil differ from the nominal by a few per cent."""
 WAVELENGTHS_NM = {"R": 600.0, "G": 530.0, "B": 460.0, "Y": 550.0}
 """Where a plane of usual colour filters is most sensitive."""
 
@@ -343,3 +346,20 @@ def _strehl(psf: Psf, diffraction: Diffraction) -> Found:
     gradient[centre] += 1 / psf.light / ideal
     method = f"centre over diffraction at f/{diffraction.f_number:g}, {diffraction.wavelength_nm:g} nm"
     return Found("strehl", value, "1", method, gradient)
+
+
+def beyond_diffraction(quality: Quality, diffraction: Diffraction | None) -> list[Rule]:
+    """Doubt where an MTF is higher than diffraction lets any be: f-number or pixel pitch are not the camera's."""
+    if diffraction is None:
+        return []
+    limit = diffraction.otf(quality.frequencies)
+    both = np.array([quality.mtf_horizontal, quality.mtf_vertical])
+    unsure = np.array([quality.mtf_horizontal_uncertainty, quality.mtf_vertical_uncertainty])
+    above = both - BEYOND - SURE * unsure - limit
+    way, at = np.unravel_index(np.argmax(above), above.shape)
+    found, most = both[way, at], limit[at]
+    reason = (
+        f"the MTF at {quality.frequencies[at]:.2f} cycles/pixel is {found:.2f}, and diffraction at "
+        f"f/{diffraction.f_number:g} with pixels of {diffraction.pixel_pitch_um:g} um leaves at most {most:.2f}"
+    )
+    return [Rule(Verdict.DOUBTFUL, bool(above[way, at] > 0), reason, "check f-number and pixel pitch")]

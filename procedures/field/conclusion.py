@@ -16,7 +16,7 @@ from procedures.field.measuring import Measured, Told, silent
 from procedures.outcome import Outcome, Quantity, Refused, Rule, Verdict, verdict_of
 from procedures.psf import Psf
 from procedures.psf_field import Node
-from procedures.quality import Diffraction, Quality, assess
+from procedures.quality import Diffraction, Quality, assess, beyond_diffraction
 from procedures.raw import Plane
 
 Limit = Callable[[Plane], Diffraction | None]
@@ -137,8 +137,9 @@ def _plane_field(plane: Plane, nodes: Sequence[Node], limit: Limit, at: Sequence
         return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
     maps = derive(found.field)
     centre = found.field.at((shape[1] - 1) / 2, (shape[0] - 1) / 2)
-    verdict, reason, remedy = verdict_of(_rules(found, maps))
-    quality = assess(centre, n=len(nodes), diffraction=limit(plane), at=at)
+    diffraction = limit(plane)
+    quality = assess(centre, n=len(nodes), diffraction=diffraction, at=at)
+    verdict, reason, remedy = verdict_of([*_rules(found, maps), *beyond_diffraction(quality, diffraction)])
     field = PlaneField(centre, quality, found, maps, _numbers(found, maps), plane.pitch)
     return Outcome(field, verdict, reason, remedy)
 

@@ -37,7 +37,7 @@ from procedures.pattern_psf.registration import (
 from procedures.pattern_psf.solution import solution
 from procedures.pattern_psf.trust import Doubts, check_cells, judge, misfits
 from procedures.psf import Psf, Sampling
-from procedures.quality import Diffraction, Quality, assess
+from procedures.quality import Diffraction, Quality, assess, beyond_diffraction
 from procedures.raw import Plane
 from procedures.sensor_model import SensorModel
 
@@ -253,9 +253,9 @@ def _estimate(
     diagnostics = diagnose(
         found.fit, found.psf, light, corners, marks_map, found.outliers, parts, known.tail, tried[-1]
     )
-    verdict, reason, remedy = judge(
-        diagnostics, found.fit, Doubts(parameters, parameters.chosen, tried, parts.variations)
-    )
+    contradicted = beyond_diffraction(quality, diffraction)
+    more = Doubts(parameters, parameters.chosen, tried, parts.variations, contradicted)
+    verdict, reason, remedy = judge(diagnostics, found.fit, more)
     if verdict is Verdict.REFUSED:
         return Outcome(None, verdict, reason, remedy)
     return Outcome(_result(found, quality, parts, tried, diagnostics, corners, diffraction), verdict, reason, remedy)

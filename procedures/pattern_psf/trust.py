@@ -53,12 +53,15 @@ class Doubts:
         Whether it was the program that chose.
     tried : tuple of Trial
     variations : tuple of Variation
+    contradicted : list of Rule
+        What f-number and pitch forbid, as far as they are known.
     """
 
     parameters: Sampling
     chosen: bool
     tried: tuple[Trial, ...]
     variations: tuple[Variation, ...]
+    contradicted: list[Rule]
 
 
 def check_cells(fit: Fit) -> None:
@@ -93,9 +96,8 @@ def misfits(fit: Fit) -> bool:
 
 def judge(d: Diagnostics, fit: Fit, more: Doubts) -> tuple[Verdict, str, str]:
     """Verdict, reason and remedy: the first refusal, else all doubts together."""
-    return verdict_of(
-        _refusals(d) + _doubts(d, fit) + _left_out(more) + _processed(d) + _mismatched(d) + _varying(more.variations)
-    )
+    doubts = _doubts(d, fit) + _left_out(more) + _processed(d) + _mismatched(d) + more.contradicted
+    return verdict_of(_refusals(d) + doubts + _varying(more.variations))
 
 
 def _refusals(d: Diagnostics) -> list[Rule]:

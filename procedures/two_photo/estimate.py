@@ -19,7 +19,7 @@ from procedures.numerics.solvers import cholesky_solve, solve_constrained
 from procedures.numerics.warps import CubicWarp
 from procedures.outcome import Outcome, Refused, Verdict
 from procedures.psf import Psf, Sampling, Tail
-from procedures.quality import Diffraction, Quality, assess
+from procedures.quality import Diffraction, Quality, assess, beyond_diffraction
 from procedures.raw import Plane
 from procedures.two_photo.diagnostics import diagnose
 from procedures.two_photo.error_parts import error_parts, likely_errors, widened
@@ -179,7 +179,7 @@ def _estimate(
     check = psf_by_equation(kernel.total, psf.s, J)
     off = float(np.linalg.norm(found.recovered.h - check.h) / np.linalg.norm(check.h))
     diagnostics = diagnose(fit, kernel, psf, sighting, near, far, limit, off, alike, parts)
-    verdict, reason, remedy = judge(diagnostics, parameters, tried, psf.s)
+    verdict, reason, remedy = judge(diagnostics, parameters, tried, psf.s, beyond_diffraction(quality, diffraction))
     if verdict is Verdict.REFUSED:
         return Outcome(None, verdict, reason, remedy)
     result = _result(replace(found, psf=psf), quality, tried, sighting, asdict(diagnostics))

@@ -93,8 +93,13 @@ def check_settings(a: Exposure, b: Exposure) -> None:
             )
 
 
-def judge(d: Diagnostics, asked: Sampling, tried: tuple[Trial, ...], s: int) -> tuple[Verdict, str, str]:
-    """Verdict, reason and remedy: the first refusal, else all doubts together."""
+def judge(
+    d: Diagnostics, asked: Sampling, tried: tuple[Trial, ...], s: int, contradicted: list[Rule]
+) -> tuple[Verdict, str, str]:
+    """Verdict, reason and remedy: the first refusal, else all doubts together.
+
+    `contradicted` is what f-number and pitch forbid, as far as they are known.
+    """
     return verdict_of(
         _refusals(d)
         + _doubts(d, s)
@@ -102,6 +107,7 @@ def judge(d: Diagnostics, asked: Sampling, tried: tuple[Trial, ...], s: int) -> 
         + _processed(d)
         + _unlike(d, tried[-1].band_open)
         + _left_out(asked, tried[-1], d.scale)
+        + contradicted
     )
 
 

@@ -10,7 +10,7 @@ from scipy.special import j0
 
 from procedures.numerics.kernel_tail import tail_sums
 from procedures.psf import Psf, Tail
-from procedures.quality import Diffraction, assess, otf
+from procedures.quality import Diffraction, assess, beyond_diffraction, otf
 
 S, K = 4, 33
 
@@ -26,6 +26,14 @@ def gaussian(sx: float, sy: float, x0: float = 0.0, y0: float = 0.0, turn: float
 
 def sure(h: np.ndarray, variance: float = 1e-12) -> Psf:
     return Psf(h, S, variance * np.eye(h.size))
+
+
+def airy(limit: Diffraction) -> Psf:
+    """Diffraction alone, with its tail."""
+    x = (np.arange(K) - K // 2) / S
+    h = limit.psf(np.hypot(x, x[:, None])) / S**2  # of sum 1 over the plane, the tail outside included
+    outside = np.array([(1 / h.sum() - 1) / tail_sums(K)[0]])
+    return Psf(h / h.sum(), S, 1e-12 * np.eye(h.size), Tail(outside, np.zeros((1, 1)), np.zeros((h.size, 1))))
 
 
 def test_mtf50_and_widths_of_a_gaussian() -> None:
@@ -96,11 +104,18 @@ def test_airy_pattern_and_its_transfer_function_are_a_pair() -> None:
 
 def test_strehl_of_diffraction_alone_is_one() -> None:
     limit = Diffraction(f_number=8, pixel_pitch_um=5.0, wavelength_nm=550)
-    x = (np.arange(K) - K // 2) / S
-    h = limit.psf(np.hypot(x, x[:, None])) / S**2  # of sum 1 over the plane, the tail outside included
-    outside = np.array([(1 / h.sum() - 1) / tail_sums(K)[0]])
-    whole = Psf(h / h.sum(), S, 1e-12 * np.eye(h.size), Tail(outside, np.zeros((1, 1)), np.zeros((h.size, 1))))
-    assert assess(whole, n=1, diffraction=limit).numbers["strehl"].value == pytest.approx(1, rel=1e-3)
+    assert assess(airy(limit), n=1, diffraction=limit).numbers["strehl"].value == pytest.approx(1, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("f_number", "pitch_um", "contradicted"),
+    [(8, 5.0, False), (5.6, 5.0, False), (11, 5.0, True), (8, 3.5, True)],
+)
+def test_an_mtf_above_diffraction_contradicts_f_number_or_pitch(f_number, pitch_um, contradicted) -> None:
+    # at f/8 with pixels of 5 um the pattern is at its own limit, below a wider aperture's
+    told = Diffraction(f_number, pitch_um, 550)
+    (rule,) = beyond_diffraction(assess(airy(Diffraction(8, 5.0, 550)), n=1), told)
+    assert rule.applies is contradicted
 
 
 @pytest.mark.slow
