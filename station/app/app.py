@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -51,6 +52,14 @@ def share_the_lock() -> None:
     back from an estimate. By default it is 5 ms.
     """
     sys.setswitchinterval(0.0005)
+
+
+class Palette(CommandPalette):
+    """Textual's palette, in which paging through a list that is not drawn yet does nothing: it would end the program."""
+
+    def _action_command_list(self, action: str) -> None:
+        with suppress(LookupError):
+            super()._action_command_list(action)
 
 
 class StationApp(WorkingApp):
@@ -129,7 +138,7 @@ class StationApp(WorkingApp):
     @on(ShowPalette)
     def _show_palette(self) -> None:
         if not isinstance(self.screen, CommandPalette):
-            self.push_screen(CommandPalette())
+            self.push_screen(Palette())
 
     @on(NewSession)
     def _new_session(self) -> None:

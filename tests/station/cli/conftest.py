@@ -40,6 +40,7 @@ def found(s=None, k=None):
             "pixels_per_pattern": 101.3,
             "s_over_t": 1.58,
         },
+        charts=(),
         choice=(),
         variations=(),
         diffraction=None,
