@@ -51,8 +51,8 @@ def focus(
     """Tell the sharpness of every photograph of the chart as it comes, the best so far, and which way to turn the ring.
 
     MTF50 in cycles per pixel of the plane, along its rows and columns; their difference is the astigmatism. Where the
-    settings are known (--simulate, --equal-steps) the top of a parabola through them is told with its error bar. Nothing
-    is moved; photographs stay where they are. Ends on Ctrl-C.
+    settings are known (--simulate, --equal-steps) the top of a parabola through them is told with its error bar. No
+    stage is moved; photographs stay where they are. Ends on Ctrl-C.
     """
     if sum(one is not None and one is not False for one in (folder, config, simulate)) != 1:
         raise click.UsageError("photographs come from --watch, --config or --simulate; give one of them")

@@ -173,6 +173,10 @@ class Source:
         hands = bench.surroundings.hands
         if hands is None:
             raise BadParameter("only a simulated bench has hands that turn the ring", "use --simulate")
+        for stage in (bench.stage, bench.head):
+            stage.home()
+            stage.move_to(**{name: (one.low + one.high) / 2 for name, one in stage.travel().items()})
+        bench.light.set_level(1.0)
         for key in PERSON:
             hands.do(key, {})
         hands.follow(LEFT_BY_EYE)
