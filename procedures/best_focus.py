@@ -92,7 +92,7 @@ def _parabola(x: Array, y: Array, u: Array) -> tuple[Array, Array]:
     c = C @ A.T @ (y / u)
     free = len(x) - 3
     strays = float(np.sum((A @ c - y / u) ** 2)) / free if free else 1.0
-    return c, C * max(strays, 1.0)
+    return c, np.asarray(C * max(strays, 1.0), dtype=np.float64)
 
 
 def which_way(scores: Sequence[float], uncertainties: Sequence[float]) -> str:
