@@ -16,7 +16,7 @@ from station.cli.terminal.numbers import SEED
 from station.common.errors import REFUSED
 
 if TYPE_CHECKING:
-    from station.guide.live_focus import FocusSeen, Frame, Source
+    from station.guide.focus.live import FocusSeen, Frame, Source
 
 BAR = 30
 """Characters of the bar of the sharpest."""
@@ -59,7 +59,7 @@ def focus(
     if k % 2 == 0:
         raise click.UsageError(f"k must be odd; got {k}")
     from procedures.pattern_psf.estimate import PatternParameters
-    from station.guide.live_focus import LiveFocus, Source
+    from station.guide.focus.live import LiveFocus, Source
 
     ended = threading.Event()
     live = LiveFocus(chart_source(bits, seed).chart, PatternParameters(s, k, chosen=True), equal_steps)

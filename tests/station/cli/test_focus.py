@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from procedures.outcome import Outcome, Verdict
 from station.__main__ import main
 from station.cli.focus import entry, line, summary
-from station.guide.live_focus import FocusSeen, Frame
+from station.guide.focus.live import FocusSeen, Frame
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 
 from procedures.outcome import BadInput
 from procedures.pattern import Chart
-from station.guide.live_focus import GROWN_S, LiveFocus, Source
+from station.guide.focus.live import GROWN_S, LiveFocus, Source
 
 PICTURE = np.full((40, 60), 20000, np.uint16)
 

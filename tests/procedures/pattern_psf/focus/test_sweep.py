@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from procedures.best_focus import best_focus, which_way
+from procedures.pattern_psf.focus.sweep import best_focus, which_way
 
 
 def test_the_top_of_a_parabola_is_found_exactly():

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drivers.frames import RAW_SUFFIXES
-from procedures.best_focus import Peak, best_focus, which_way
 from procedures.outcome import BadInput, BadParameter, Outcome, Verdict
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternParameters
-from procedures.pattern_psf.live_focus import QUICK, Sharpness, measure_sharpness
+from procedures.pattern_psf.focus.sharpness import QUICK, Sharpness, measure_sharpness
+from procedures.pattern_psf.focus.sweep import Peak, best_focus, which_way
 from procedures.raw import Plane, default_plane, read_frame
 
 if TYPE_CHECKING:

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import scipy.optimize
 
-from procedures.best_focus import best_focus
 from procedures.pattern import Chart
-from procedures.pattern_psf.live_focus import measure_sharpness
+from procedures.pattern_psf.focus.sharpness import measure_sharpness
+from procedures.pattern_psf.focus.sweep import best_focus
 from procedures.raw import Plane
 from simulators.camera.camera import Lens, SimulatedCamera, pixels_at, render_plane
 from simulators.camera.sensor import Sensor
