@@ -21,6 +21,7 @@ COMMANDS = {
     "geometry": ("geometry", "geometry", "Calibrate a camera's geometry: intrinsics, distortion, poses."),
     "vignetting": ("vignetting", "vignetting", "Measure the light lost towards the corners, from flats."),
     "export": ("export", "export", "Write a result as a file of another program."),
+    "focus": ("focus", "focus", "Tell how sharp every photograph is as it comes, and which way to turn."),
     "mtf": ("mtf.group", "mtf", "Measure a modulation transfer function."),
     "restore": ("restore", "restore", "Restore a sharp picture and depth from blurred photographs."),
     "correct": ("correct", "correct", "Sharpen a photograph by the measured PSF field of its lens."),

@@ -13,8 +13,8 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
-from procedures import drawings
 from procedures.advice import changed_settings
+from procedures.drawings import steps as drawings
 from procedures.facts import Axis, facts_as
 from procedures.field.facts import BASE, FieldFacts, TourStart
 from procedures.field.locations import MARGIN, Location, chosen_locations, direction, pan_tilt_deg, rail_mm, ray

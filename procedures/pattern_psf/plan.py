@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from procedures import drawings
 from procedures.choice import START_K
+from procedures.drawings import steps as drawings
 from procedures.facts import axes_of, facts_as, required
 from procedures.outcome import Outcome, Verdict
 from procedures.pattern import DEFAULT_SEED

@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from procedures import drawings
 from procedures.advice import exposure_advice
 from procedures.clipping import NOMINAL
+from procedures.drawings import steps as drawings
 from procedures.facts import facts_as
 from procedures.outcome import BadInput, BadParameter, Outcome, Refused, Verdict
 from procedures.plan import (

@@ -9,9 +9,9 @@ from typing import Any
 import cv2
 import numpy as np
 
-from procedures import drawings
 from procedures.advice import changed_settings, exposure_advice
 from procedures.clipping import NOMINAL
+from procedures.drawings import steps as drawings
 from procedures.facts import facts_as, required
 from procedures.outcome import BadInput, Outcome, Refused, Verdict
 from procedures.plan import (

@@ -55,7 +55,7 @@ def share_the_lock() -> None:
 
 
 class Palette(CommandPalette):
-    """Textual's palette, in which paging through a list that is not drawn yet does nothing: it would end the program."""
+    """Textual's palette; paging through a list that is not drawn yet does nothing: it would end the program."""
 
     def _action_command_list(self, action: str) -> None:
         with suppress(LookupError):

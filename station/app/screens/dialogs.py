@@ -13,7 +13,10 @@ from textual.screen import ModalScreen
 from station.app.commands import Command
 from station.app.screens.parts import Choices
 from station.app.widgets import Part, lines_of, literal
+from station.manual.pages import find_page, for_terminal, read_pages
 
+GLOSSARY = "glossary"
+"""The manual's page that help ends with."""
 HEAD = "Help: Escape closes this, the arrows scroll it"
 INTRODUCTION = """\
 The guide (F2) leads from the printed chart to the report, one step at a time. At the bottom it always says what to do \
@@ -42,7 +45,7 @@ class Dialog(ModalScreen[int | None]):
 
 
 class Help(Dialog):
-    """What the keys do."""
+    """What the keys do, and what the words of the screens mean."""
 
     def __init__(self, commands: Sequence[type[Command]]) -> None:
         super().__init__()
@@ -54,6 +57,7 @@ class Help(Dialog):
         with Vertical(), VerticalScroll():
             yield Part(id="introduction")
             yield Part(id="help-keys")
+            yield Part(id="help-words")
         self._lines = keys
 
     def on_mount(self) -> None:
@@ -61,6 +65,9 @@ class Help(Dialog):
         paragraphs = INTRODUCTION.split("\n")
         self.query_one("#introduction", Part).update(lines_of(literal(HEAD, "bold"), *paragraphs, ""))
         self.query_one("#help-keys", Part).update(lines_of(*self._lines, ""))
+        words = for_terminal(find_page(read_pages(), GLOSSARY).text).replace("**", "").replace("```\n", "")
+        heading, *lines = words.splitlines()
+        self.query_one("#help-words", Part).update(lines_of(literal(heading.removeprefix("# "), "bold"), *lines))
 
 
 class Choose(Dialog):

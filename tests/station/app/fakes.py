@@ -13,7 +13,7 @@ from drivers.clock import SystemClock
 from drivers.errors import DeviceError
 from drivers.interfaces import Condition, Identity, Travel
 from drivers.wire.transcript import Transcript
-from procedures import drawings
+from procedures.drawings import steps as drawings
 from procedures.plan import Advice, Ask, Plan, Reading, Step
 from procedures.raw import Plane
 from station.app.mailbox import Desk

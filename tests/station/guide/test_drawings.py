@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from procedures import drawings
+from procedures.drawings import steps as drawings
 from procedures.plan import Look, Scan, Shoot, Tour
 from station.guide.catalogue import PLANS
 

@@ -1,0 +1,1 @@
+"""Live focus: photographs as they come, and what they tell."""

@@ -1,0 +1,43 @@
+"""`station focus`: where photographs may come from, and what is written of each."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import pytest
+from click.testing import CliRunner
+
+from procedures.outcome import Outcome, Verdict
+from station.__main__ import main
+from station.cli.focus import entry, line, summary
+from station.guide.focus.live import FocusSeen, Frame
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ((), "give one of them"),
+        (("--simulate", "--watch", "."), "give one of them"),
+        (("--simulate", "-k", "8"), "odd"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused(options, words):
+    done = CliRunner().invoke(main, ["focus", *options])
+    assert done.exit_code == 2
+    assert words in done.output
+
+
+def test_a_folder_that_is_not_there_is_refused(tmp_path):
+    done = CliRunner().invoke(main, ["focus", "--watch", str(tmp_path / "none")])
+    assert done.exit_code == 4
+    assert "there is no folder" in done.output
+
+
+def test_a_photograph_that_cannot_be_told_says_why(tmp_path):
+    refused = Outcome(None, Verdict.REFUSED, "no chart in the photograph", "show it")
+    frame = Frame(tmp_path / "one.dng", Outcome(None), 0.0)
+    seen = FocusSeen(frame, refused, 0.2, (math.nan,), (math.nan,), None, "Focus by eye first.")
+    assert line(seen) == "  1  one.dng: no chart in the photograph; show it"
+    assert json.loads(json.dumps(entry(seen), allow_nan=False))["reason"] == "no chart in the photograph"
+    assert summary(seen) == "none of 1 photographs could be told"

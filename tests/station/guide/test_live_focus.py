@@ -1,0 +1,54 @@
+"""Where live focus gets its photographs, and what it tells of them."""
+
+from __future__ import annotations
+
+import itertools
+
+import cv2
+import numpy as np
+import pytest
+
+from procedures.outcome import BadInput
+from procedures.pattern import Chart
+from station.guide.focus.live import GROWN_S, LiveFocus, Source
+
+PICTURE = np.full((40, 60), 20000, np.uint16)
+
+
+def source_of(looks: int) -> Source:
+    """Ends after so many looks at the folder, a tenth of a second apart."""
+    count = itertools.count()
+    now = {"looks": 0}
+
+    def ended() -> bool:
+        now["looks"] = next(count)
+        return now["looks"] >= looks
+
+    return Source(ended, clock=lambda: now["looks"] / 10)
+
+
+def test_only_what_arrives_is_told_and_once(tmp_path):
+    cv2.imwrite(str(tmp_path / "old.png"), PICTURE)
+
+    def arrives(seconds: float) -> None:
+        cv2.imwrite(str(tmp_path / "new.png"), PICTURE)
+
+    frames = list(source_of(20).watched(tmp_path, arrives))
+    assert [frame.path.name for frame in frames] == ["new.png"]
+    assert frames[0].plane.value is not None
+
+
+def test_a_file_that_stays_half_is_told_with_its_reason(tmp_path):
+    half = tmp_path / "half.png"
+    whole = cv2.imencode(".png", PICTURE)[1].tobytes()
+    frames = list(source_of(int(20 * GROWN_S)).watched(tmp_path, lambda s: half.write_bytes(whole[: len(whole) // 2])))
+    assert [frame.path for frame in frames] == [half]
+    told = LiveFocus(Chart.from_seed()).see(frames[0])
+    assert told.found.reason
+    assert told.best is None
+    assert told.say == "Focus by eye first."
+
+
+def test_a_folder_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(BadInput, match="there is no folder"):
+        next(source_of(3).watched(tmp_path / "none", lambda s: None))
