@@ -114,7 +114,8 @@ def _mosaic_directory(data: bytes, name: str) -> tuple[str, int, list[bytes], in
     order = {b"II": "<", b"MM": ">"}.get(data[:2], "")
     if not order or struct.unpack_from(order + "H", data, 2)[0] != 42:
         raise BadInput(f"{name} is no DNG file", "give a DNG: its makers' converter writes one from other RAW files")
-    waiting, seen, is_dng = [4], set(), False
+    waiting, is_dng = [4], False
+    seen: set[int] = set()
     found = None
     while waiting and len(seen) < MOST_DIRECTORIES:
         pointer = waiting.pop(0)

@@ -120,9 +120,9 @@ def _fitted(flats: Sequence[Cells], shape: tuple[int, int], degree: int) -> tupl
     c, count = terms_of(degree), len(flats)
     free = solution[c + count :].reshape(-1, 2)
     slopes = np.vstack([free, -free.sum(axis=0)])
-    of_slope = np.cov(slopes.T) / count if count > 1 else np.full((2, 2), np.nan)
-    structure = float(np.sqrt(max(np.mean((away**2 - 1)[kept] * sigma[kept] ** 2), 0.0)))
-    schwarz = freedom * np.log(chi2) + design.shape[1] * np.log(kept.sum())
+    of_slope = np.atleast_2d(np.cov(slopes.T)) / count if count > 1 else np.full((2, 2), np.nan)
+    structure = max(float(np.mean((away**2 - 1)[kept] * sigma[kept] ** 2)), 0.0) ** 0.5
+    schwarz = freedom * float(np.log(chi2)) + design.shape[1] * float(np.log(kept.sum()))
     light, left_out = LightSurface(shape, degree, solution[:c]), 1 - float(kept.mean())
     return schwarz, Falloff(light, covariance[:c, :c], of_slope, slopes, float(np.sqrt(chi2)), structure, left_out)
 
