@@ -55,7 +55,7 @@ def export(
     (photutils), psfex and deepinv. What the format cannot hold is told: of a camera in pixels over the part of the
     frame that was measured, of light and PSF as a share.
     """
-    from station.calibration.lensfun_export import GivenNames
+    from station.calibration.exports.lensfun import GivenNames
 
     if form in PSFS:
         _export_field(result, form, plane, out)
@@ -70,7 +70,7 @@ def export(
 
 
 def _export_camera(result: Path, form: str, out: Path) -> None:
-    from station.calibration.geometry_exports import export_camera, read_camera
+    from station.calibration.exports.geometry import export_camera, read_camera
     from station.common.atomic_files import write_whole
 
     made = export_camera(read_camera(result), form)
@@ -84,7 +84,7 @@ def _export_camera(result: Path, form: str, out: Path) -> None:
 
 
 def _export_field(result: Path, form: str, plane: str | None, out: Path) -> None:
-    from station.calibration.psf_exports import export_field, read_plane
+    from station.calibration.exports.psf import export_field, read_plane
     from station.common.atomic_files import write_whole
 
     field = read_plane(result, plane)
@@ -96,9 +96,9 @@ def _export_field(result: Path, form: str, plane: str | None, out: Path) -> None
 def _export_lensfun(result: Path, field: Path | None, vignetting: Path | None, given: object, out: Path) -> None:
     from procedures.field.field_file import read_camera as read_noted
     from procedures.field.field_file import read_colours
-    from station.calibration.geometry_exports import read_camera
-    from station.calibration.lensfun_export import GivenNames, export_lensfun
-    from station.calibration.psf_exports import field_path
+    from station.calibration.exports.geometry import read_camera
+    from station.calibration.exports.lensfun import GivenNames, export_lensfun
+    from station.calibration.exports.psf import field_path
     from station.calibration.vignetting import green_of, read_vignetting
     from station.common.atomic_files import write_whole
 
@@ -118,8 +118,8 @@ def _export_dng(result: Path, vignetting: Path | None, photo: Path | None, out: 
     from procedures.outcome import BadParameter
     from procedures.raw import default_plane, read_frame
     from procedures.reading.guard import read_file
-    from station.calibration.dng_export import export_dng
-    from station.calibration.geometry_exports import read_camera
+    from station.calibration.exports.dng import export_dng
+    from station.calibration.exports.geometry import read_camera
     from station.calibration.vignetting import green_of, is_vignetting, read_vignetting
     from station.common.atomic_files import write_whole
 

@@ -44,8 +44,8 @@ from procedures.restoration.unknown_motion.recorded_paths import read_path
 from simulators.camera.dng import Shot, write_dng
 from station.batch.procedure_file import read_procedure
 from station.bench.opening import make_bench, read_config
+from station.calibration.exports.geometry import FORMATS, export_camera, read_camera
 from station.calibration.field_photographs import focus_positions
-from station.calibration.geometry_exports import FORMATS, export_camera, read_camera
 from station.calibration.restoration_inputs import from_shapes, imu_table, read_imu
 from station.calibration.sensor_folder import find_shots
 from station.calibration.sensor_models import read_sensor

@@ -18,8 +18,8 @@ from procedures.geometry.estimate import GeometryParameters
 from procedures.geometry.views import View
 from procedures.outcome import BadInput, BadParameter, Outcome, Verdict
 from station.__main__ import main
+from station.calibration.exports.geometry import StoredCamera, export_camera, read_camera
 from station.calibration.geometry import Shoot, ViewRecord, conclude
-from station.calibration.geometry_exports import StoredCamera, export_camera, read_camera
 from station.reports.geometry_files import write_geometry_result
 from station.results.result_files import ResultFolder
 from tests.procedures.geometry.simulated_views import CELL_MM, TrueCamera, take

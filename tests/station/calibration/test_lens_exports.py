@@ -22,9 +22,9 @@ from procedures.reading.dng_opcodes import doubles_of, opcodes_in, with_opcodes
 from procedures.vignetting.formula import LightSurface
 from simulators.camera.dng import Shot, write_dng
 from station.__main__ import main
-from station.calibration.dng_export import export_dng, farthest
-from station.calibration.geometry_exports import StoredCamera
-from station.calibration.lensfun_export import GivenNames, LensNames, best_radial, export_lensfun, unit_px
+from station.calibration.exports.dng import export_dng, farthest
+from station.calibration.exports.geometry import StoredCamera
+from station.calibration.exports.lensfun import GivenNames, LensNames, best_radial, export_lensfun, unit_px
 from station.calibration.vignetting import StoredVignetting
 
 COLUMNS, ROWS = 600, 400

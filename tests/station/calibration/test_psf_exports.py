@@ -17,7 +17,7 @@ from procedures.psf import Psf, Tail
 from procedures.psf_field import Node
 from procedures.space_variant import SpaceVariantBlur
 from station.__main__ import main
-from station.calibration.psf_exports import export_field, read_plane
+from station.calibration.exports.psf import export_field, read_plane
 
 S, K, SHAPE = 4, 17, (60, 90)
 PLACES = [(x, y) for y in (8.0, 29.5, 51.0) for x in (10.0, 32.0, 56.0, 79.0)]

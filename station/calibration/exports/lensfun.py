@@ -20,7 +20,7 @@ from procedures.geometry.radial import RadialCamera, as_radial
 from procedures.outcome import BadParameter
 from procedures.reading.exposure import Exposure
 from procedures.vignetting.formula import LightSurface, even_powers
-from station.calibration.geometry_exports import EXACT, StoredCamera
+from station.calibration.exports.geometry import EXACT, StoredCamera
 
 Array = npt.NDArray[np.float64]
 

@@ -11,8 +11,8 @@ from procedures.geometry.radial import RadialCamera, as_radial
 from procedures.outcome import BadParameter
 from procedures.reading.dng_opcodes import Opcode, fix_vignette_radial, warp_rectilinear, with_opcodes
 from procedures.vignetting.formula import even_powers
-from station.calibration.geometry_exports import StoredCamera
-from station.calibration.lensfun_export import PLACES, pitch_of
+from station.calibration.exports.geometry import StoredCamera
+from station.calibration.exports.lensfun import PLACES, pitch_of
 from station.calibration.vignetting import StoredVignetting
 
 Array = npt.NDArray[np.float64]
