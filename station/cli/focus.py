@@ -89,7 +89,7 @@ def _frames(
     with ExitStack() as stack:
         if folder is not None:
             stack.enter_context(guarded(lambda: None, ended.set, terminated=0))
-            yield source.watched(folder, lambda seconds: ended.wait(seconds) and None)
+            yield source.watched(folder, ended.wait)
             return
         if config is not None:
             bench = make_bench(read_config(config), folder=config.resolve().parent)

@@ -148,7 +148,7 @@ class Source:
             return Frame(path, Outcome(None, Verdict.REFUSED, error.reason, error.remedy), arrived_s, place)
         return Frame(path, plane, arrived_s, place)
 
-    def watched(self, folder: Path, pause: Callable[[float], None]) -> Iterator[Frame]:
+    def watched(self, folder: Path, pause: Callable[[float], object]) -> Iterator[Frame]:
         """The photographs that arrive in a folder from now on, each as soon as it can be read. Raises BadInput."""
         known, arrived = _photographs(folder), dict[Path, tuple[int, float]]()
         while not self.ended():
