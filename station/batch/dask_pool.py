@@ -150,7 +150,7 @@ def _local(jobs: int) -> Any:
         return LocalCluster(
             n_workers=jobs,
             threads_per_worker=1,
-            dashboard_address=None,
+            dashboard_address="127.0.0.1:0",  # None is 8787, on which a second batch finds the first one's
             silence_logs=logging.CRITICAL,
             security=security,
             protocol="tls://" if security else None,

@@ -27,7 +27,7 @@ def cluster(tmp_path):
     security = distributed.Security(**told, require_encryption=True)
     with distributed.LocalCluster(
         n_workers=1, threads_per_worker=1, processes=False, host="127.0.0.1", protocol="tls://", security=security,
-        dashboard_address=None,
+        dashboard_address="127.0.0.1:0",
     ) as running:  # fmt: skip
         yield running.scheduler_address, files
 
