@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import logging
+import multiprocessing
 import os
 import signal
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -135,8 +136,28 @@ def _client(address: str, jobs: int, tls: tuple[Path, Path, Path] | None) -> Ite
         with _connected(Client, address, tls) as client:
             yield client
         return
-    with _local(jobs) as cluster, _watched(cluster), Client(cluster) as client:
+    kill = _killing(set(multiprocessing.active_children()))
+    with kill(), _local(jobs) as cluster, _watched(cluster), Client(cluster) as client, kill():
         yield client
+
+
+def _killing(others: set[Any]) -> Callable[[], AbstractContextManager[None]]:
+    """A context: within, whatever ends the program kills at once all processes that were started but `others`.
+
+    Dask would wait for each of them to answer, and forgets those of a cluster that is only half made.
+    """
+
+    @contextmanager
+    def kill() -> Iterator[None]:
+        try:
+            yield
+        except BaseException:
+            for one in set(multiprocessing.active_children()) - others:
+                with suppress(ValueError):  # it was closed meanwhile
+                    one.kill()
+            raise
+
+    return kill
 
 
 def _local(jobs: int) -> Any:

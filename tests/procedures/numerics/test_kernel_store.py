@@ -54,6 +54,7 @@ def flat(x):
 def kernels(tmp_path, monkeypatch):
     """A module of kernels, written anew, and what makes another of the same file."""
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "kept"))
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # Python does not see what changed within a second
     path = tmp_path / "some_kernels.py"
 
     def module(source=SOURCE):
