@@ -32,9 +32,15 @@ def shared_data() -> Path:
     return folder
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Where processes share the tests, files come in the order below, not by the number of tests in them."""
+    config.option.loadscopereorder = False
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The house rules first: where processes share the tests, the longest of them is not waited for at the end."""
-    items.sort(key=lambda item: item.path.name != "test_house.py")
+    """The house rules first, then the files with slow tests, so that none of these is waited for at the end."""
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: (item.path.name != "test_house.py", item.path not in slow))
 
 
 def pytest_collection_finish() -> None:
