@@ -10,7 +10,6 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import shutil
 import time
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
@@ -21,22 +20,18 @@ from statistics import median
 from typing import Any
 from urllib.parse import quote
 
-from procedures.outcome import BadParameter
 from station.batch.allowance import Allowance
-from station.batch.item import JUDGED, LOST, RESULTS, VERDICTS, Job, PlaneRow, Row, work
+from station.batch.batch_folder import LINES, PAGE, TABLE, check_own, known_hashes, owned, unwritable
+from station.batch.item import JUDGED, LOST, VERDICTS, Job, PlaneRow, Row, work
 from station.batch.procedure_file import Procedure
 from station.batch.process_pool import Lost, Stop, run_in_processes
 from station.calibration.folder_photographs import Item
 from station.common.atomic_files import write_whole
-from station.common.durable_files import holds, read_own
 from station.common.sanitise import cell, printable
 from station.results.exports import csv_bytes
-from station.results.result_files import RECORD, plain, sealed_text, software
+from station.results.result_files import PUBLISHING, RECORD, plain, sealed_text, software
 
 SCHEMA = "station/batch/1"
-LINES, TABLE, PAGE = "results.jsonl", "summary.csv", "report.html"
-LINE_BEGINS = '{"files": '
-"""Of every line."""
 STATISTICS = ("mtf50_horizontal", "mtf50_vertical", "energy_above_nyquist", "residual_std")
 """Numbers that the summary tells of all photographs together."""
 HEAD = (
@@ -132,7 +127,7 @@ def run_batch(
     rows: dict[int, Row] = {}
     if not force:
         check_own(job.out)
-    with _own(job.out), _lines(job.out) as tell:
+    with owned(job.out), _lines(job.out) as tell:
         with closing(_answers(items, job, jobs, cluster, allowance, tls, stop, function)) as answers:
             for number, answer in answers:
                 row = _lost(items[number], answer) if isinstance(answer, Lost) else answer
@@ -172,77 +167,6 @@ def _lost(item: Item, lost: Lost) -> Row:
 # --- the batch's folder ------------------------------------------------------------------------------------------
 
 
-def check_own(out: Path) -> None:
-    """Raises BadParameter where a file that a batch writes is there, and no batch has written it as it is."""
-    record = _object(out / RECORD)
-    files = record.get("files", {}) if str(record.get("schema", "")).startswith("station/") else {}
-    own = {RECORD: bool(record.get("schema")), LINES: _begins(out / LINES, LINE_BEGINS)}
-    own |= {name: isinstance(files, dict) and holds(out / name, str(files.get(name, ""))) for name in (TABLE, PAGE)}
-    foreign = [name for name, known in own.items() if (out / name).exists() and not known]
-    if foreign:
-        raise BadParameter(
-            f"{out} holds {', '.join(foreign)}, which no batch has written as it is now",
-            "name a new folder with --out, move the file away, or add --force to write over it",
-        )
-
-
-def _object(path: Path) -> dict[str, Any]:
-    """The JSON object in a file; an empty one where there is none."""
-    try:
-        found = json.loads(read_own(path))
-    except (OSError, ValueError, RecursionError):
-        return {}
-    return found if isinstance(found, dict) else {}
-
-
-def _begins(path: Path, letters: str) -> bool:
-    """Whether a file is empty, or begins so."""
-    try:
-        data = read_own(path)
-    except OSError:
-        return False
-    return not data or data.startswith(letters.encode())
-
-
-@contextmanager
-def _own(out: Path) -> Iterator[None]:
-    """The folder for one batch at a time; what killed workers left half written is removed before and after."""
-    try:
-        (out / RESULTS).mkdir(parents=True, exist_ok=True)
-        lock = (out / ".lock").open("w")
-    except OSError as error:
-        raise _unwritable(out, error) from error
-    with lock:
-        _lock(lock, out)
-        _sweep(out)
-        yield
-        _sweep(out)
-
-
-def _lock(lock: Any, out: Path) -> None:
-    """Held until the file is closed, also by a kill. Windows has no such lock: there two batches are not kept apart."""
-    try:
-        import fcntl
-    except ImportError:
-        return
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
-        raise BadParameter(f"another batch is writing {out}", "wait for it, or name another folder") from error
-
-
-def _sweep(out: Path) -> None:
-    for unfinished in (out / RESULTS).glob("*/.unfinished-*"):
-        shutil.rmtree(unfinished, ignore_errors=True)
-        if not any(unfinished.parent.iterdir()):
-            unfinished.parent.rmdir()
-
-
-def _unwritable(out: Path, error: OSError) -> BadParameter:
-    reason = f"the results need a folder that can be written; {out}: {error.strerror}"
-    return BadParameter(reason, "name another folder with --out, or make room")
-
-
 @contextmanager
 def _lines(out: Path) -> Iterator[Callable[[Row], None]]:
     """Writes a line for each row, at once."""
@@ -255,7 +179,7 @@ def _lines(out: Path) -> Iterator[Callable[[Row], None]]:
 
             yield tell
     except OSError as error:
-        raise _unwritable(out, error) from error
+        raise unwritable(out, error) from error
 
 
 def _line(row: Row) -> str:
@@ -266,10 +190,15 @@ def _write(batch: Batch) -> str:
     """The batch's own files; returns the record's text."""
     out = batch.job.out
     files = {LINES: "".join(map(_line, batch.rows)).encode(), TABLE: _table(batch.rows), PAGE: _page(batch)}
+    hashes = {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
+    before = known_hashes(out)  # whoever comes after a crash knows by the note what is a batch's
+    note = {name: [*before.get(name, ()), one] for name, one in hashes.items()}
+    write_whole(out / PUBLISHING, json.dumps({"files": note}).encode())
     for name, data in files.items():
         write_whole(out / name, data)
-    text = sealed_text(_record(batch), {name: hashlib.sha256(data).hexdigest() for name, data in files.items()})
+    text = sealed_text(_record(batch), hashes)
     write_whole(out / RECORD, text.encode())
+    (out / PUBLISHING).unlink(missing_ok=True)
     return text
 
 

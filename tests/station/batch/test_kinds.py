@@ -12,6 +12,7 @@ from scipy.special import ndtr
 from procedures.outcome import BadParameter, Refused
 from procedures.raw import read_frame
 from station.batch import estimates
+from station.batch import run as batch_run
 from station.batch.item import Job, Row, finished, work
 from station.batch.procedure_file import FIELD, read_procedure
 from station.batch.run import run_batch
@@ -96,3 +97,28 @@ def test_files_of_somebody_else_are_not_written_over(tmp_path):
     with pytest.raises(BadParameter, match=r"holds summary\.csv"):
         run_batch([], job)
     assert (out / "summary.csv").read_text() == "edited"
+
+
+@pytest.mark.parametrize("crash", [1, 2, 3, 4])
+def test_a_batch_that_was_killed_between_its_files_goes_on(tmp_path, monkeypatch, crash):
+    edge_picture(tmp_path / "in" / "a.png", 0.25)
+    (tmp_path / "p.toml").write_text(EDGES)
+    job, written = Job(read_procedure(tmp_path / "p.toml"), tmp_path / "out"), []
+    run_batch([], job)
+    whole = batch_run.write_whole
+
+    def killed(path, data):
+        if len(written) == crash:
+            raise KeyboardInterrupt
+        written.append(whole(path, data))
+
+    items = singly(find_frames([tmp_path / "in"], tmp_path / "out"))
+    for _ in range(2):  # once more on top of what the first left
+        monkeypatch.setattr(batch_run, "write_whole", killed)
+        with pytest.raises(KeyboardInterrupt):
+            run_batch(items, job, jobs=1)
+        written.clear()
+        items = items * 2
+    monkeypatch.undo()
+    assert len(run_batch(items, job, jobs=1)[0].rows) == 4
+    assert not (tmp_path / "out" / ".publishing.json").exists()

@@ -23,9 +23,10 @@ from procedures.outcome import BadParameter
 from procedures.raw import read_frame
 from station.__main__ import main
 from station.batch import estimates
+from station.batch.batch_folder import owned
 from station.batch.item import Job, finished, kept_row, work
 from station.batch.procedure_file import read_procedure
-from station.batch.run import _own, run_batch
+from station.batch.run import run_batch
 from station.calibration.folder_photographs import Item, find_frames, singly
 
 ROOT = Path(__file__).parents[3]
@@ -232,14 +233,14 @@ def test_poison_is_named_and_kept_from_nothing_else(tmp_path, chart_photograph, 
 
 def test_two_batches_in_one_folder_are_refused(tmp_path):
     job = Job(procedure_of(tmp_path, ""), tmp_path / "out")
-    with _own(job.out), pytest.raises(BadParameter, match="another batch is writing"):
+    with owned(job.out), pytest.raises(BadParameter, match="another batch is writing"):
         run_batch([Item((tmp_path / "a.dng",))], job)
 
 
 def test_what_killed_workers_leave_is_removed(tmp_path):
     left = tmp_path / "results" / "a-0123456789abcdef" / ".unfinished-x"
     left.mkdir(parents=True)
-    with _own(tmp_path):
+    with owned(tmp_path):
         assert not left.parent.exists()
 
 

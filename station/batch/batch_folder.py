@@ -1,0 +1,100 @@
+"""A batch's folder: one batch at a time in it, and nobody else's files written over."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from procedures.outcome import BadParameter
+from station.batch.item import RESULTS
+from station.common.durable_files import holds, read_own
+from station.results.result_files import PUBLISHING, RECORD
+
+LINES, TABLE, PAGE = "results.jsonl", "summary.csv", "report.html"
+LINE_BEGINS = '{"files": '
+"""Of every line."""
+
+
+def check_own(out: Path) -> None:
+    """Raises BadParameter where a file that a batch writes is there, and no batch has written it as it is."""
+    known = known_hashes(out)
+    own = {RECORD: bool(_object(out / RECORD).get("schema")), LINES: _begins(out / LINES, LINE_BEGINS)}
+    own |= {name: any(holds(out / name, one) for one in known.get(name, ())) for name in (TABLE, PAGE)}
+    foreign = [name for name, known in own.items() if (out / name).exists() and not known]
+    if foreign:
+        raise BadParameter(
+            f"{out} holds {', '.join(foreign)}, which no batch has written as it is now",
+            "name a new folder with --out, move the file away, or add --force to write over it",
+        )
+
+
+def known_hashes(out: Path) -> dict[str, list[str]]:
+    """By name the hashes that a batch's files may have: by its record, and by the note of one that was interrupted."""
+    record, found = _object(out / RECORD), dict[str, list[str]]()
+    told = record.get("files") if str(record.get("schema", "")).startswith("station/") else {}
+    for files in (told, _object(out / PUBLISHING).get("files")):
+        for name, hashes in files.items() if isinstance(files, dict) else ():
+            found.setdefault(name, []).extend(map(str, hashes) if isinstance(hashes, list) else [str(hashes)])
+    return found
+
+
+def _object(path: Path) -> dict[str, Any]:
+    """The JSON object in a file; an empty one where there is none."""
+    try:
+        found = json.loads(read_own(path))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _begins(path: Path, letters: str) -> bool:
+    """Whether a file is empty, or begins so."""
+    try:
+        data = read_own(path)
+    except OSError:
+        return False
+    return not data or data.startswith(letters.encode())
+
+
+@contextmanager
+def owned(out: Path) -> Iterator[None]:
+    """The folder for one batch at a time; what killed workers left half written is removed before and after."""
+    try:
+        (out / RESULTS).mkdir(parents=True, exist_ok=True)
+        lock = (out / ".lock").open("w")
+    except OSError as error:
+        raise unwritable(out, error) from error
+    with lock:
+        _lock(lock, out)
+        _sweep(out)
+        yield
+        _sweep(out)
+
+
+def _lock(lock: Any, out: Path) -> None:
+    """Held until the file is closed, also by a kill. Windows has no such lock: there two batches are not kept apart."""
+    try:
+        import fcntl
+    except ImportError:
+        return
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        raise BadParameter(f"another batch is writing {out}", "wait for it, or name another folder") from error
+
+
+def _sweep(out: Path) -> None:
+    for unfinished in (out / RESULTS).glob("*/.unfinished-*"):
+        shutil.rmtree(unfinished, ignore_errors=True)
+        if not any(unfinished.parent.iterdir()):
+            unfinished.parent.rmdir()
+
+
+def unwritable(out: Path, error: OSError) -> BadParameter:
+    """What is said of a folder that cannot be written."""
+    reason = f"the results need a folder that can be written; {out}: {error.strerror}"
+    return BadParameter(reason, "name another folder with --out, or make room")
