@@ -169,10 +169,10 @@ def disturbed(folder: Path, out: Path, kind: str, length_s: float, rng: random.R
     batch = Started(folder, out, kind, from_nothing=rng.random() < FROM_NOTHING)
     time.sleep(rng.uniform(0.1, length_s))
     disturb(batch, target, name, rng)
-    if name == "STOP" and target != "child":  # whoever stops a parent lets it go on
+    if name == "STOP":  # whoever stops a parent lets it go on, also where it was stopped in place of a worker
         time.sleep(3.0)
         with suppress(ProcessLookupError):
-            os.killpg(batch.pid, signal.SIGCONT)
+            (os.killpg if target == "group" else os.kill)(batch.pid, signal.SIGCONT)
     asked = name != "STOP" and target != "child"
     took = end_of(batch, ENDED_S if asked else LONGEST_S)
     if took is None:
