@@ -35,7 +35,7 @@ from procedures.pattern_psf.registration import (
     register_marks,
 )
 from procedures.pattern_psf.solution import solution
-from procedures.pattern_psf.trust import Doubts, check_cells, judge, misfits
+from procedures.pattern_psf.trust import Doubts, check_cells, check_light, judge, misfits
 from procedures.psf import Psf, Sampling
 from procedures.quality import Diffraction, Quality, assess, beyond_diffraction
 from procedures.raw import Plane
@@ -56,8 +56,6 @@ MOST_LOOKS = 10
 """How often places that something else hides are left out, one after the other."""
 LEAST_SEEN = 0.5
 """Share of the noise region's samples that must show the chart where places are left out."""
-LEAST_STEPS = 16
-"""Digital numbers between black and white from which rounding is no worse than noise."""
 
 
 @dataclass(frozen=True)
@@ -225,7 +223,7 @@ def _estimate(
     samples = plane.samples
     corners, marks_map = _register(samples, sighting)
     light = measure_light(samples, marks_map, plane.quantisation)
-    _check_light(light, plane.quantisation)
+    check_light(light, plane.quantisation)
     light = light if sensor is None else with_sensor(light, sensor, plane)
     known = _Known(
         None if diffraction is None else TailPrior(diffraction.tail_density_px, PUPIL_SPREAD),
@@ -295,28 +293,6 @@ def _register(samples: npt.NDArray[np.float32], sighting: Sighting | None) -> tu
             "keep the marks free of reflections and shadows, and lay the chart flat",
         )
     return corners, registration
-
-
-def _check_light(light: Light, quantisation: float) -> None:
-    """Refuse what no estimate can come of: clipped white, no light, no contrast over the noise."""
-    if light.saturated > 0.01:
-        raise Refused(
-            f"the chart's white must not be clipped; {light.saturated:.0%} of its white samples are",
-            "expose less: white at 80 % of the scale is right",
-        )
-    steps = light.contrast / quantisation
-    if steps < LEAST_STEPS:
-        raise Refused(
-            f"white must lie at least {LEAST_STEPS} digital numbers above black; it is {steps:.0f}",
-            "expose longer or light the chart: the photograph is too dark",
-        )
-    noise = float(np.sqrt(max(light.variance_white, light.variance_black)))
-    if light.contrast < 0.01 or light.contrast < 4 * noise:
-        raise Refused(
-            f"white must stand clear of black and noise; it is {light.contrast:.3f} of the scale above black, with "
-            f"noise of {noise:.3f}",
-            "expose longer or light the chart: the photograph is too dark",
-        )
 
 
 def _fit(

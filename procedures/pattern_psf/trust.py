@@ -12,6 +12,7 @@ from procedures.outcome import Refused, Rule, Verdict, verdict_of
 from procedures.pattern import AIM_S_OVER_T, GOOD_S_OVER_T
 from procedures.pattern_psf.diagnostics import Diagnostics, unexplained
 from procedures.pattern_psf.error_parts import Variation
+from procedures.pattern_psf.radiometry import Light
 from procedures.pattern_psf.refine import Fit
 from procedures.psf import Sampling
 
@@ -27,6 +28,8 @@ CURVED = 0.15
 """Curvature of the response from which it is no linear picture."""
 SPREAD_OUT = 0.25
 """Spread of the ink, in cells, that the model of thin outlines does not describe any more."""
+LEAST_STEPS = 16
+"""Digital numbers between black and white from which rounding is no worse than noise."""
 OTHER_APERTURE = 3.0
 """Standard uncertainties between the far tail and the f-number's, from which one of them is wrong."""
 DUG_OUT = 3.0
@@ -62,6 +65,28 @@ class Doubts:
     tried: tuple[Trial, ...]
     variations: tuple[Variation, ...]
     contradicted: list[Rule]
+
+
+def check_light(light: Light, quantisation: float) -> None:
+    """Refuse what no estimate can come of: clipped white, no light, no contrast over the noise."""
+    if light.saturated > 0.01:
+        raise Refused(
+            f"the chart's white must not be clipped; {light.saturated:.0%} of its white samples are",
+            "expose less: white at 80 % of the scale is right",
+        )
+    steps = light.contrast / quantisation
+    if steps < LEAST_STEPS:
+        raise Refused(
+            f"white must lie at least {LEAST_STEPS} digital numbers above black; it is {steps:.0f}",
+            "expose longer or light the chart: the photograph is too dark",
+        )
+    noise = float(np.sqrt(max(light.variance_white, light.variance_black)))
+    if light.contrast < 0.01 or light.contrast < 4 * noise:
+        raise Refused(
+            f"white must stand clear of black and noise; it is {light.contrast:.3f} of the scale above black, with "
+            f"noise of {noise:.3f}",
+            "expose longer or light the chart: the photograph is too dark",
+        )
 
 
 def check_cells(fit: Fit) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import io
 import os
 import time
 from dataclasses import replace
@@ -145,7 +144,7 @@ def _write_pictures(folder: ResultFolder, film: Film, found: FilteredFilm, truth
 
     folder.write("filtered.tiff", described_tiff(float_tiff(found.picture), DESCRIPTION))
     folder.write("filtered.png", display_png(found.picture))
-    folder.write("similar.npy", _npy(found.similar))
+    folder.write("similar.npy", npy(found.similar, found.similar.dtype))
     shown: list[tuple[str, npt.NDArray[np.floating]]] = [("as rendered", film.mean), ("filtered", found.picture)]
     facts = [f"{film.count.mean():.0f} samples per pixel."]
     if truth is not None:
@@ -161,16 +160,8 @@ def _write_more(folder: ResultFolder, film: Film, found: FilteredFilm, budget: i
     from procedures.ray_histogram.adaptive import allot
 
     more = allot(film, found.similar, budget)
-    folder.write("more.npy", _npy(more))
+    folder.write("more.npy", npy(more, more.dtype))
     return {"all": int(more.sum()), "most": int(more.max()), "pixels_without": float((more == 0).mean())}
-
-
-def _npy(array: npt.NDArray[Any]) -> bytes:
-    import numpy as np
-
-    data = io.BytesIO()
-    np.save(data, array, allow_pickle=False)
-    return data.getvalue()
 
 
 def _numbers(film: Film, found: FilteredFilm) -> dict[str, Any]:

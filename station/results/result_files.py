@@ -379,7 +379,7 @@ def _physics_entry(outcome: Outcome[Physics]) -> dict[str, Any]:
     return entry
 
 
-def npy(array: npt.NDArray[np.floating[Any]], dtype: npt.DTypeLike = np.float64) -> bytes:
+def npy(array: npt.NDArray[Any], dtype: npt.DTypeLike = np.float64) -> bytes:
     """An array as the bytes of a file of NumPy."""
     data = io.BytesIO()
     np.save(data, np.asarray(array, dtype=dtype), allow_pickle=False)
