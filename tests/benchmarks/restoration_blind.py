@@ -1,24 +1,29 @@
 """Unknown motion: shapes from a flat part of 150 x 150, and the restoration with them against that with the true ones.
 
-`python tests/benchmarks/restoration_blind.py`
+`python tests/benchmarks/restoration_blind.py [--recorded]`
+
+`--recorded` begins the search from both paths as a unit with errors of 3 % records them.
 """
 
 from __future__ import annotations
 
+import argparse
 import platform
 import time
 
 import numpy as np
 from numpy.typing import NDArray
-from restoration_scenes import MAX_W, RIM, Scene, scene
+from restoration_scenes import MAX_W, RIM, Scene, scene, wandering, with_errors
 from scipy.ndimage import shift
 from scipy.optimize import minimize
 from scipy.signal import fftconvolve
 
 from procedures.restoration.joint.estimate import restore
 from procedures.restoration.masks.blur_models import mask_stack
+from procedures.restoration.unknown_motion import motion_splines
 from procedures.restoration.unknown_motion.blind import prototype_shapes
 from procedures.restoration.unknown_motion.path_refinement import motion_of_scene
+from procedures.restoration.unknown_motion.recorded_paths import recorded_masks
 
 Array = NDArray[np.floating]
 FLAT = slice(5, 155)
@@ -42,16 +47,21 @@ def error(case: Scene, u: Array) -> float:
     return float(found.fun)
 
 
-def trial(motions: tuple[int, int]) -> None:
+def trial(motions: tuple[int, int], recorded: bool) -> None:
     """Print likeness of the masks and errors of the restorations for one pair of vibrations."""
     case = scene("vibration", "wall", 40.0, motions=motions)
     print(f"{case.name}, motions {motions}, rim of {RIM} left out")
     start = time.process_time()
-    found = prototype_shapes(case.z[:, 0, FLAT, FLAT], 5)
+    parts, rng = case.z[:, 0, FLAT, FLAT], np.random.default_rng(9)
+    paths = [with_errors(wandering(seed), rng) for seed in motions] if recorded else []
+    found = prototype_shapes(parts, 5, first=recorded_masks(parts, paths, 6) if paths else None)
+    begun = [motion_splines.recorded(p, m, found.half_width) for p, m in zip(paths, found.masks, strict=False)]
     true = [s.at(float(case.w[80, 80])) for s in case.stacks]
     print("  likeness", *(f"{likeness(a, b):.3f}" for a, b in zip(found.masks, true, strict=True)), "  bound 0.95")
     box = (FLAT.start, FLAT.start, FLAT.stop - FLAT.start, FLAT.stop - FLAT.start)
-    motion = motion_of_scene(list(case.z), box, found, MAX_W, np.random.default_rng(0))
+    motion = motion_of_scene(
+        list(case.z), box, found, MAX_W, np.random.default_rng(0), np.stack(begun) if begun else None
+    )
     seconds = time.process_time() - start
     print(f"  half-width {motion.half_width:.2f} for w {case.w[80, 80]:.1f}, {seconds:.0f} s, {motion.doubt or 'sure'}")
     known, *others = (
@@ -72,9 +82,12 @@ def trial(motions: tuple[int, int]) -> None:
 
 def main() -> None:
     """Pairs of vibrations, all of which the search was made with."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--recorded", action="store_true")
+    asked = parser.parse_args()
     print(f"Python {platform.python_version()}, {platform.machine()}")
     for motions in ((21, 22), (1, 2), (3, 4), (41, 42), (51, 52), (61, 62), (71, 72), (81, 82)):
-        trial(motions)
+        trial(motions, asked.recorded)
 
 
 if __name__ == "__main__":

@@ -76,14 +76,26 @@ def depths(shape: tuple[int, int], kind: str) -> Array:
     return np.where(leaf, w + 0.9, np.where(disc, w - 1.0, w))
 
 
-def vibration(seed: int) -> Array:
-    """Shape of a closed wandering of the rig."""
+def wandering(seed: int) -> Array:
+    """A closed path of the rig, (600, 2), about its middle."""
     rng = np.random.default_rng(seed)
     t = np.linspace(0, 2 * np.pi, 600)
     path = np.zeros((600, 2))
     for k in (1, 2, 3, 4):
         path += (rng.standard_normal((2, 2)) @ np.stack([np.cos(k * t), np.sin(k * t)])).T / k
-    return path_shape(path - (path.max(axis=0) + path.min(axis=0)) / 2)
+    return path - (path.max(axis=0) + path.min(axis=0)) / 2
+
+
+def vibration(seed: int) -> Array:
+    """Shape of such a wandering."""
+    return path_shape(wandering(seed))
+
+
+def with_errors(path: Array, rng: np.random.Generator, share: float = 0.03) -> Array:
+    """A path as a unit with slow errors records it, of this share of its half-width at most."""
+    t = np.linspace(0, np.pi, len(path))[:, None]
+    drift = sum(rng.standard_normal(2) * np.cos(k * t) / k for k in (1, 2, 3))
+    return np.asarray(path + share * np.abs(path).max() * drift / np.abs(drift).max())
 
 
 def coma() -> Array:

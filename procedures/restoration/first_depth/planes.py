@@ -9,8 +9,8 @@ import numpy as np
 from procedures.restoration.masks.array_loops import gaussian
 from procedures.restoration.masks.blur_operator import Array
 
-# windows end at so many of their sigma
 TRUNCATE = 3.5
+"""Windows end at so many of their sigma: a Gaussian has 0.2 % of its height there."""
 
 
 @dataclass(frozen=True)

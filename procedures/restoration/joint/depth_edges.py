@@ -29,13 +29,13 @@ class EdgeSettings:
     ----------
     picture_curvature, share_curvature : float
         Of the data term per pixel, over the picture and over the share of a white picture, in the preconditioner:
-        pillboxes and paths of 3 to 11 pixels lie around the first, a step of usual height around the second.
+        pillboxes and paths of 3 to 11 pixels lie around the first. They steer how fast it converges, not whereto.
     share_weight : float
         Of the share's squared differences, photographs in [0, 1]: keeps it even where there is no detail.
     worth_cutting : float
         Part of the frame up to which what a band reaches is cut out and solved by itself; beyond, cutting gains little.
     rounds, iterations : int
-        Gauss-Newton rounds, and conjugate gradients in each: the border moves by less than a pixel after these.
+        Gauss-Newton rounds, and conjugate gradients in each.
     longest : float
         Change of a share in one round: it is linear, but the picture that goes with it is not known yet.
     """

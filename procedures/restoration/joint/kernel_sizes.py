@@ -19,6 +19,7 @@ Shapes = Sequence[NDArray[np.float64]]
 MEASURED = 40
 """Shapes of fewer samples a side may be kernels with one sample a pixel; drawn shapes have hundreds."""
 DEFAULT_MAX_W = 8.0
+"""The largest w to look for where nobody says, pixels: time goes with its square."""
 BEYOND = 0.3
 """How far masks are made beyond the largest w, pixels: w at the end of its range is told from w beyond."""
 

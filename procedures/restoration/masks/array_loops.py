@@ -15,8 +15,8 @@ from procedures.numerics.kernel_cache import jitted
 
 Array = NDArray[np.floating[Any]]
 
-# a second thread is worth its waking from some milliseconds of work on
 NUMBERS_PER_THREAD = 20_000_000
+"""A second thread is worth its waking from some milliseconds of work on."""
 
 
 def most_threads() -> int:

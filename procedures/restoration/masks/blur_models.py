@@ -21,17 +21,19 @@ from procedures.restoration.masks.blur_operator import MaskStack
 
 Array = NDArray[np.float64]
 
-# samples of a shape made here, and samples of it per pixel of a mask, each way
 SHAPE_SIZE = 257
+"""Samples of a shape made here, each way: ten for each pixel at a half-width of 12."""
 SAMPLES = 11
-# samples of a shape this far apart, pixels, are interpolated and taken as cells; in between, blended
+"""Of a shape per pixel of a mask, each way: they place a symmetric one to 0.05 pixel."""
 FINE, COARSE = 0.25, 0.5
-# masks at steps of 1/20 pixel: interpolating between them errs by less than 0.1 % of the mask's change per pixel
+"""Samples of a shape this far apart, pixels, are interpolated and taken as cells; in between, blended."""
 STEP = 0.05
-# sigma of a path's line, of the half-width
+"""Between masks, pixels: interpolating between them errs by less than 0.1 % of the mask's change per pixel."""
 LINE = 0.02
+"""Sigma of a path's line, of the half-width."""
 POLYGON = "polygon:"
 MOST_BLADES = 64
+"""More are a circle to the shape's own samples."""
 
 
 def _axes(size: int = SHAPE_SIZE) -> tuple[Array, Array]:

@@ -32,14 +32,34 @@ FEWEST = 16
 MOST_TURN = 0.15
 """Radians up to which rates may be summed without regard to their order."""
 INSTANTS = 512
-LEVEL_PX = 0.25
-"""Pixels of w between masks."""
-NODE_PX = 0.5
-"""Pixels by which the paths of neighbouring nodes may differ: masks are blended between them."""
-EVEN_PX = 0.1
-MOST_NODES = 12
-LEAST_W = 0.5
-LEAST_PATH_M = 2e-5
+"""Poses of an exposure: dots of a path of 100 pixels lie a fifth of a pixel apart."""
+
+
+@dataclass(frozen=True)
+class RigSettings:
+    """How finely the blur of a moved camera is drawn, and how little motion tells nothing.
+
+    Attributes
+    ----------
+    level_px : float
+        Pixels of w between masks, which are interpolated.
+    node_px, even_px : float
+        Pixels by which the paths of neighbouring nodes may differ, as masks are blended between them; and up to which
+        they are the same over the whole frame.
+    most_nodes : int
+        Along one axis: each holds its own masks in memory.
+    least_w : float
+        Pixels that shifts must reach at the least distance: under that no depth shows.
+    least_path_m : float
+        Metres that a rig must shift: 0.02 pixels at one metre and a focal length of 1000 pixels.
+    """
+
+    level_px: float = 0.25
+    node_px: float = 0.5
+    even_px: float = 0.1
+    most_nodes: int = 12
+    least_w: float = 0.5
+    least_path_m: float = 2e-5
 
 
 @dataclass(frozen=True)
@@ -148,17 +168,18 @@ def drawn(poses: Poses, x: float, y: float, inverse_m: Array) -> Array:
     return np.asarray(seen[..., :2] / seen[..., 2:] - (x, y))
 
 
-def planar_stacks(paths: Sequence[Array], max_w: float) -> list[MaskStack]:
+def planar_stacks(paths: Sequence[Array], max_w: float, settings: RigSettings | None = None) -> list[MaskStack]:
     """Masks of recorded paths (n, 2) about where the rig rests, of which w is the half-width in pixels. Raises Refused.
 
     Source: (5.2), (5.3): a rig that does not turn draws the same path at every depth, as large as the inverse depth.
     """
+    s = settings or RigSettings()
     half = max(float(np.abs(path).max()) for path in paths)
-    if half < LEAST_PATH_M:
+    if half < s.least_path_m:
         raise Refused("the rig must move during the exposures; it stood still", "set it in motion, then expose")
-    levels, R = int(np.ceil(max_w / LEVEL_PX)) + 2, int(np.ceil(max_w)) + 3
-    scales = np.arange(levels) * LEVEL_PX / half
-    return [MaskStack(np.stack([path_mask(path * one, R) for one in scales]), LEVEL_PX) for path in paths]
+    levels, R = int(np.ceil(max_w / s.level_px)) + 2, int(np.ceil(max_w)) + 3
+    scales = np.arange(levels) * s.level_px / half
+    return [MaskStack(np.stack([path_mask(path * one, R) for one in scales]), s.level_px) for path in paths]
 
 
 @dataclass(frozen=True)
@@ -175,7 +196,11 @@ class MotionBlur:
 
 
 def motion_blur(
-    exposures: Sequence[Poses], focal_px: float, shape: tuple[int, int], max_inverse_m: float
+    exposures: Sequence[Poses],
+    focal_px: float,
+    shape: tuple[int, int],
+    max_inverse_m: float,
+    settings: RigSettings | None = None,
 ) -> MotionBlur:
     """Masks over the frame for inverse depths up to `max_inverse_m` (5.2); the axis meets the frame in its middle.
 
@@ -194,34 +219,37 @@ def motion_blur(
             f"focal length and greatest inverse depth must be positive, got {focal_px} pixels and {max_inverse_m} 1/m",
             "give the focal length in pixels, and 1 / the least distance in metres",
         )
-    per_inverse = px_per_inverse_m(exposures, focal_px, shape)
+    s = settings or RigSettings()
+    per_inverse = px_per_inverse_m(exposures, focal_px, shape, s.least_path_m)
     curves = _over_frame(exposures, focal_px, shape, np.array([0.0, max_inverse_m]))
-    if per_inverse * max_inverse_m < LEAST_W:
+    if per_inverse * max_inverse_m < s.least_w:
         raise Refused(
             f"the rig's shifts reach {per_inverse * max_inverse_m:.2f} pixels at the least distance: no depth shows",
             "set the rig in motion along the picture, or come nearer",
         )
     R = int(np.ceil(np.abs(curves).max() * 1.05)) + 3
     check_extent(R, shape)
-    grid = _grid(curves)
-    levels = np.arange(int(np.ceil(per_inverse * max_inverse_m / LEVEL_PX)) + 2) * LEVEL_PX
+    grid = _grid(curves, s)
+    levels = np.arange(int(np.ceil(per_inverse * max_inverse_m / s.level_px)) + 2) * s.level_px
     rows, columns = positions(grid, shape, R)
 
     def stack(poses: Poses, row: float, column: float) -> MaskStack:
         x, y = ((at - (size - 1) / 2) / focal_px for at, size in ((column, shape[1]), (row, shape[0])))
         paths = drawn(poses, x, y, np.asarray(levels / per_inverse, np.float64)) * focal_px
-        return MaskStack(np.stack([path_mask(path, R) for path in paths]), LEVEL_PX)
+        return MaskStack(np.stack([path_mask(path, R) for path in paths]), s.level_px)
 
     return MotionBlur(
         tuple(MaskField(tuple(tuple(stack(p, y, x) for x in columns) for y in rows)) for p in exposures), per_inverse
     )
 
 
-def px_per_inverse_m(exposures: Sequence[Poses], focal_px: float, shape: tuple[int, int]) -> float:
+def px_per_inverse_m(
+    exposures: Sequence[Poses], focal_px: float, shape: tuple[int, int], least_path_m: float = RigSettings.least_path_m
+) -> float:
     """Pixels that shifts move a point of the scene at most, for each 1/m of inverse depth. Raises Refused if none."""
     curves = _over_frame(exposures, focal_px, shape, np.array([0.0, 1.0]))
     found = float(np.abs(curves[..., 1, :, :] - curves[..., 0, :, :]).max())
-    if found < LEAST_PATH_M * focal_px:
+    if found < least_path_m * focal_px:
         raise Refused("the rig must move along the picture during the exposures", "set it in motion, then expose")
     return found
 
@@ -233,11 +261,11 @@ def _over_frame(exposures: Sequence[Poses], focal_px: float, shape: tuple[int, i
     return np.array([[[drawn(p, b, a, inverse_m) for b in x] for a in y] for p in exposures]) * focal_px
 
 
-def _grid(curves: Array) -> tuple[int, int]:
+def _grid(curves: Array, s: RigSettings) -> tuple[int, int]:
     """Nodes so dense that the curves change little from one to the next."""
 
     def nodes(along: Array) -> int:
         change = sum(float(np.hypot(*np.moveaxis(b - a, -1, 0)).max()) for a, b in pairwise(along))
-        return 1 if change < EVEN_PX else min(int(np.ceil(change / NODE_PX)) + 1, MOST_NODES)
+        return 1 if change < s.even_px else min(int(np.ceil(change / s.node_px)) + 1, s.most_nodes)
 
     return nodes(np.moveaxis(curves, 1, 0)), nodes(np.moveaxis(curves, 2, 0))

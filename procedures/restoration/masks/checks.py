@@ -14,8 +14,9 @@ from procedures.restoration.masks.blur_operator import Array
 from procedures.restoration.masks.mask_fields import Masks, alike
 
 SATURATED = 0.99
-MOST_SATURATED = 0.2
+"""Of white: from there a sample counts as saturated, noise included."""
 LARGEST_W = 40.0
+"""Half-width in pixels; masks take memory as its third power."""
 
 
 def check_photographs(photographs: list[Array]) -> Array:
@@ -74,18 +75,20 @@ def check_extent(R: int, shape: tuple[int, int]) -> None:
         )
 
 
-def trust_of(z: Array) -> Array:
+def trust_of(z: Array, most: float = 0.2) -> Array:
     """Weights (P, 1, H, W) of the photographs' samples: 0 where any channel is saturated.
+
+    most : part of a photograph that may be: what is left has to tell of its surroundings.
 
     Raises
     ------
     Refused
-        If more than a fifth of a photograph is.
+        If more of a photograph is.
     """
     saturated = (z >= SATURATED).any(axis=1, keepdims=True)
     worst = float(saturated.mean(axis=(1, 2, 3)).max())
-    if worst > MOST_SATURATED:
-        raise Refused(f"{worst:.0%} of a photograph is saturated; at most {MOST_SATURATED:.0%} may be", "expose less")
+    if worst > most:
+        raise Refused(f"{worst:.0%} of a photograph is saturated; at most {most:.0%} may be", "expose less")
     return np.asarray(~saturated, dtype=z.dtype)
 
 

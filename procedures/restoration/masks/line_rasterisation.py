@@ -16,8 +16,8 @@ from procedures.restoration.masks.blur_models import SAMPLES
 
 Array = NDArray[np.floating[Any]]
 
-# widths of the line beyond which it has no light
 TAIL = 5.0
+"""Widths of the line beyond which it has no light."""
 
 
 @jitted(nogil=True)

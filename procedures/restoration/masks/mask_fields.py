@@ -17,8 +17,8 @@ from procedures.outcome import BadParameter
 from procedures.restoration.masks.blur_operator import Array, Blur, FieldBlur, MaskStack, hats
 
 P = ParamSpec("P")
-# pixels beyond a tile that windows of matching see, besides what both masks reach
 WINDOW = 10
+"""Pixels beyond a tile that windows of matching see, besides what both masks reach."""
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ class BendSettings:
     Attributes
     ----------
     number : int
-        Of them: more find no better curves in most scenes, and each takes a descent.
+        Of them; each takes a descent.
     moved : float
         Standard deviation of how far one is moved, pixels: as far as curves that draw one mask differ.
     wide : (float, float)

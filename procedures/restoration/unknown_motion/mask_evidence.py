@@ -16,15 +16,16 @@ from procedures.restoration.masks.blur_models import LINE
 from procedures.restoration.masks.blur_operator import Array
 from procedures.restoration.unknown_motion.motion_splines import POINTS, drawn, drawn_change, unsteadiness
 
-# how far masks may reach beyond those they are told from
 BEYOND = 1.15
-# weight of a curve's mean squared third derivative, pixels per exposure, in squared noise: a rig has mass. Oscillations
-# of 2 pixels, four in an exposure, count as a hundred samples wrong by the noise; kinks, several times as much
+"""How far masks may reach beyond those they are told from."""
 STEADY = 1e-6
-# spectra below this share of the masks' own are not divided by
+"""Weight of a curve's mean squared third derivative, pixels per exposure, in squared noise: a rig has mass.
+Oscillations of 2 pixels, four in an exposure, count as a hundred samples wrong by the noise; kinks, several times as
+much."""
 FLOOR = 1e-3
-# expected of a tile's depth, its slope and slope across the tile: one over variances, 1 / pixel^2
+"""Spectra below this share of the masks' own are not divided by."""
 DEPTH_KNOWN = np.diag([1e-3, 10.0, 10.0])
+"""Expected of a tile's depth, its slope and slope across the tile: one over variances, 1 / pixel^2."""
 
 
 @dataclass

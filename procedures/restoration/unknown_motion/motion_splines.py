@@ -16,14 +16,16 @@ from procedures.restoration.masks.blur_models import LINE, path_shape, unit
 from procedures.restoration.masks.blur_operator import Array, MaskStack
 from procedures.restoration.masks.line_rasterisation import share_changes, shares
 
-# of the spline, each way: closed curves of the fourth order come out to 0.002 pixel at a half-width of 3, their masks
-# to 0.1 to 0.3 %; with 20 points to 0.012 pixel and 0.2 to 0.8 %, which strong edges tell from noise at 40 dB
 POINTS = 28
+"""Of the spline, each way: closed curves of the fourth order come out to 0.002 pixel at a half-width of 3, their masks
+to 0.1 to 0.3 %; with 20 points to 0.012 pixel and 0.2 to 0.8 %, which strong edges tell from noise at 40 dB."""
 INSTANTS = 400
+"""At which a curve is drawn: its dots lie nearer than its line is wide."""
 STEP = 0.05
-# widths of the line, pixels, and weights of steadiness, from a coarse fit that few curves miss to the line itself
+"""Between the masks of a curve, pixels of w."""
 COARSE = ((0.7, 1e-11), (0.4, 2e-12))
 FINE = ((0.2, 1e-12), (0.0, 1e-12))
+"""Widths of the line, pixels, and weights of steadiness, from a coarse fit that few curves miss to the line itself."""
 
 
 @cache

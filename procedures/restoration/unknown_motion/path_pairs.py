@@ -19,7 +19,8 @@ class PairSettings:
     Attributes
     ----------
     paired, descending : int
-        Curves of each pool that are paired, and pairs that descend: the right ones have been among these.
+        Curves of each pool that are paired, and pairs that descend, those that the frame contradicts least; each costs
+        time.
     descents : int
         Of a pair, the evidence taken anew for each, of which the best is kept.
     different, larger : float

@@ -28,7 +28,7 @@ class PathSettings:
         Mean squared error of a tile, of noise 1, beyond which a depth step or a wrong depth is rather in it.
     beginnings, matched, restored, more : int
         Beginnings of each curve, pairs whose depth is matched, those of them with which the frame is restored, and most
-        restorations with what the best becomes. Time goes with them; fewer missed the paths of some motions.
+        restorations with what the best becomes. Nearly all of the time goes into these.
     scheme : Scheme
         Of these restorations.
     least_fall : float
