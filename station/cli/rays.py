@@ -141,6 +141,7 @@ def _write_pictures(folder: ResultFolder, film: Film, found: FilteredFilm, truth
     from procedures.ray_histogram.comparison import psnr_db
     from station.demo.ray_page import RenderRow, ray_page
     from station.drawing.linear_pictures import described_tiff, display_png, float_tiff
+    from station.results.result_files import npy
 
     folder.write("filtered.tiff", described_tiff(float_tiff(found.picture), DESCRIPTION))
     folder.write("filtered.png", display_png(found.picture))
@@ -158,6 +159,7 @@ def _write_pictures(folder: ResultFolder, film: Film, found: FilteredFilm, truth
 def _write_more(folder: ResultFolder, film: Film, found: FilteredFilm, budget: int) -> dict[str, float]:
     """Write how many samples each pixel needs, `budget` in all; returns what the record says of them."""
     from procedures.ray_histogram.adaptive import allot
+    from station.results.result_files import npy
 
     more = allot(film, found.similar, budget)
     folder.write("more.npy", npy(more, more.dtype))
