@@ -96,7 +96,7 @@ TOUR = _drawing(r"""
     |[7]           [8]            [9]|
     +--------------------------------+
      the frame: the chart is photographed in
-     each place, its corners too
+     each place, out to its corners
 """)
 WALL = _drawing(r"""
       wall, with detail of all sizes
