@@ -39,6 +39,7 @@ def photograph(lens):
     return grey(lens, scene(with_rim(SHAPE)), Sensor(white_e=60000.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("prior", ["total-variation", "second-order"])
 def test_a_grey_photograph_comes_nearer_to_the_scene_up_to_its_edges(photograph, field, prior):
     found = correct(photograph.frame, {"Y": field}, parameters=CorrectionParameters(Prior(prior)))

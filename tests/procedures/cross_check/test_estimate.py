@@ -71,6 +71,7 @@ def test_a_chart_without_edges_has_no_check(wall: float) -> None:
     assert check_edges(*photograph(Chart.from_seed(), wall=wall)) == ()
 
 
+@pytest.mark.slow
 def test_edges_outside_the_frame_have_no_check() -> None:
     assert check_edges(*photograph(EDGED, at=0.62)) == ()
 

@@ -58,6 +58,7 @@ def bracket():
     return conclude(measured(np.random.default_rng(1)), POSITIONS_MM)
 
 
+@pytest.mark.slow
 def test_a_bracket_tells_the_tilt_and_the_field_is_that_of_the_sharpest_position(bracket):
     numbers = bracket.focus.numbers()
     for name, expected in zip(("focus_tilt_x", "focus_tilt_y"), TILT_MM, strict=True):

@@ -42,6 +42,7 @@ def found(shot):
     return measure_frame(read_frame(shot.path), CHART, PARAMETERS)
 
 
+@pytest.mark.slow
 def test_nodes_lie_where_each_plane_shows_the_charts(shot, found):
     for plane, nodes in found.nodes.items():
         assert [node.number for node in nodes] == [1, 3]  # from left to right; the middle one is hidden

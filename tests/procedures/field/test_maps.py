@@ -82,6 +82,7 @@ def test_lateral_colour_holds_the_truth(camera, covariance):
     assert np.mean(inside) >= 0.9
 
 
+@pytest.mark.slow
 def test_charts_that_only_one_plane_shows_do_not_count(camera, covariance, measured):
     red = nodes(camera, node_grid(), covariance, np.random.default_rng(1), "R")
     with pytest.raises(Refused, match="measured in both planes; R and G1 have 5"):

@@ -25,6 +25,7 @@ def few():
     return taken, views, shape, fit_model("OPENCV", start, taken.nodes, views, shape)
 
 
+@pytest.mark.slow
 def test_the_view_that_is_proposed_does_what_is_promised(few):
     taken, views, shape, found = few
     answers = next_views(found, taken.nodes, tuple(views), shape)

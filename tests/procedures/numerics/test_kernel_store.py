@@ -80,6 +80,7 @@ def assert_right(found):
     assert (flag, turned, first) == (True, -4 + 3j, 7)
 
 
+@pytest.mark.slow
 def test_every_kind_of_argument_and_answer_is_handed_over(kernels):
     made = kernels()
     assert_right(answers(made))
@@ -143,6 +144,7 @@ def test_folder_that_cannot_be_written_keeps_nothing_and_works(kernels, monkeypa
     assert_right(answers(kernels()))
 
 
+@pytest.mark.slow
 def test_arrays_outlive_the_call_and_free_their_memory(kernels):
     made = kernels()
     array, _, roots, *_ = answers(made)

@@ -101,6 +101,7 @@ def test_the_right_edge_is_nearer_where_yaw_is_positive(shoot):
     assert right[2] < left[2]
 
 
+@pytest.mark.slow
 def test_going_around_a_turned_chart_does_what_turning_it_does(shoot):
     yaw, pitch = 5.0, -3.0
     moves = check_square(shoot(turned(yaw=yaw, pitch=pitch)), FACTS).moves
@@ -203,6 +204,7 @@ def test_a_chart_of_another_number_is_named_by_its_cells(shoot, wrong):
     assert check_light(taken, {**FACTS, "chart_seed": float(wrong), "insisted_chart_seed": True}).good
 
 
+@pytest.mark.slow
 def test_a_blurred_chart_is_not_taken_for_another(shoot):
     blurred = check_light(shoot(camera=replace(CAMERA, focus_mm=FAR_MM / 1.7)), FACTS)
     assert blurred.doubted == ()
@@ -225,6 +227,7 @@ def test_the_best_place_of_a_parabola_is_its_vertex():
     assert best_place(x, 5 - (x - 9) ** 2) == 2.0
 
 
+@pytest.mark.slow
 def test_a_shot_with_other_settings_does_not_count(shoot):
     frame = shoot()
     facts = {**FACTS, **check_light(frame, FACTS).facts}

@@ -63,6 +63,7 @@ def test_real_photograph_agrees_with_the_published_answers(shared_data: Path) ->
         assert found.diagnostics["ink_spread"] == pytest.approx(0.023, abs=0.006)
 
 
+@pytest.mark.slow
 def test_simulated_psf_is_found_within_its_uncertainty(bench: Bench, rng: np.random.Generator) -> None:
     found = value(estimate_psf(bench.plane(0.01, rng), CHART))
     truth = bench.photograph.true_psf("Y", 4, 17)

@@ -107,6 +107,7 @@ def test_model_slopes_are_its_differences(rng: np.random.Generator) -> None:
         np.testing.assert_allclose(J[:, i], difference, atol=1e-5 * np.abs(difference).max(), err_msg=name)
 
 
+@pytest.mark.slow
 def test_a_camera_of_many_parts_is_taken_apart(rng: np.random.Generator) -> None:
     optics = camera(PixelAperture(0.95, 0.95), FourSpots(0.8), wavefront=WAVEFRONT)
     psf, diffraction = measured(optics, "G", 0.01, rng)

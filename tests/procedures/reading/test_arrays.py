@@ -23,6 +23,7 @@ def npy(array):
     return data.getvalue()
 
 
+@pytest.mark.slow
 @given(NUMBERS.flatmap(lambda kind: hnp.arrays(kind, hnp.array_shapes(min_dims=0, min_side=0))), st.booleans())
 def test_array_comes_back_as_it_was_written(tmp_path_factory, array, by_columns):
     path = tmp_path_factory.mktemp("npy") / "a.npy"

@@ -28,6 +28,7 @@ def test_file_is_gone_through_whatever_is_in_it(path, tmp_path):
     check_ends(tmp_path / "b.h5", 10**9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", ["while True: pass", "import os; os.abort()"])
 def test_library_that_does_not_end_or_breaks_down_is_a_fault_of_the_file(path, monkeypatch, fault):
     monkeypatch.setattr(hdf5, "SECONDS", 1)

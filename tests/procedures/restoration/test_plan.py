@@ -128,6 +128,7 @@ def test_parts_are_marked_or_those_with_the_most_detail():
     assert (x <= 10 and x + width >= 30 and y <= 60 and y + height >= 80) or (x, y) == (0, 60)
 
 
+@pytest.mark.slow
 def test_two_photographs_become_picture_and_depth(pair):
     outcome = estimate([frame(one[0]) for one in pair.z], FACTS, {})["picture"]
     assert outcome.verdict is not Verdict.REFUSED, outcome.reason

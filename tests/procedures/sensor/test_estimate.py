@@ -91,6 +91,7 @@ def truths() -> dict[str, float]:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "truth"), truths().items())
 def test_truth_lies_in_the_interval(found, name, truth):
     number = found.numbers[name]

@@ -70,6 +70,7 @@ def test_published_photographs_give_the_published_psf(shared_data: Path) -> None
     assert found.scale == pytest.approx((5.16, 5.15), rel=0.005)
 
 
+@pytest.mark.slow
 def test_errors_are_those_the_covariance_tells(pair: Pair) -> None:
     found = found_in(estimate(pair.near, pair.far, solver="ls"))
     truth = samples_of(OTF, 3, 13)
@@ -120,6 +121,7 @@ def test_solvers_keep_their_promises(pair: Pair) -> None:
     assert np.linalg.norm(positive - truth) < np.linalg.norm(free - truth)
 
 
+@pytest.mark.slow
 def test_recursion_and_equation_agree(pair: Pair) -> None:
     assert found_in(estimate(pair.near, pair.far)).diagnostics["recursion_check"] < 0.002
 
@@ -187,6 +189,7 @@ def test_another_focus_is_seen(otf: Otf, near_otf: Otf, verdict: Verdict, reason
     answers(estimate(pair.near, pair.far), verdict, reason, "focus again")
 
 
+@pytest.mark.slow
 def test_a_wire_before_the_wall_is_left_out(pair: Pair) -> None:
     far = pair.far.copy()
     far[:, 60:62] = 0.05
@@ -195,12 +198,14 @@ def test_a_wire_before_the_wall_is_left_out(pair: Pair) -> None:
     assert aligned_error(found.psf.h, samples_of(OTF, 3, 13))[0] < 0.025
 
 
+@pytest.mark.slow
 def test_another_exposure_is_seen(pair: Pair) -> None:
     outcome = estimate(pair.near, 0.7 * pair.far)
     answers(outcome, Verdict.DOUBTFUL, "has 0.70 times the near one's contrast", "same exposure")
     assert found_in(outcome).gain == pytest.approx(0.7, rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_shadow_is_seen(pair: Pair) -> None:
     shade = 1 - 0.4 * np.linspace(0, 1, pair.far.shape[1])
     answers(
@@ -208,6 +213,7 @@ def test_a_shadow_is_seen(pair: Pair) -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_smooth_wall_is_refused(pair: Pair, rng: np.random.Generator) -> None:
     near, far = (
         cv2.GaussianBlur(photo, (0, 0), blur) + 0.004 * rng.standard_normal(photo.shape).astype(np.float32)

@@ -41,6 +41,7 @@ def true_psf(otf: Otf) -> Psf:
     return Psf(samples_of(otf, 3, k), 3, 1e-14 * np.eye(k * k), Tail.none(k * k))
 
 
+@pytest.mark.slow
 def test_a_good_pair_passes(pair: Pair) -> None:
     outcome = estimate(pair.near, pair.far)
     assert outcome.verdict is Verdict.PASS, outcome.reason

@@ -61,6 +61,7 @@ def test_half_a_frame_is_not_read(view, tmp_path):
     assert inspect_raw(path).iso == 100
 
 
+@pytest.mark.slow
 def test_moving_right_moves_the_chart_left_by_f_over_distance(view, world):
     before = centre(view, view.photograph(Opening(0.0, 0.02, 1)))
     end_s = travel_line([world.axes["x_mm"]], [world.axes["x_mm"].position(0.0) + 10.0], 1.0, 20.0, 200.0)

@@ -51,6 +51,7 @@ def area_and_centroid(polygon: np.ndarray) -> tuple[float, np.ndarray]:
     return abs(float(np.sum(cross))) / 2, np.array(centroid)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("colours", [GREY, BAYER], ids=["grey", "bayer"])
 def test_a_constant_scene_gives_a_constant_picture(colours):
     light = render(Scene(wall=Wall(reflectance=0.4)), COMATIC, Region(0, 0, 60, 50), colours, oversampling=4)

@@ -161,6 +161,7 @@ def test_depth_of_field_vanishes_through_a_pinhole():
     assert blur_diameter_px(ThinLensCamera(10, 10), 300.0) == 0.0
 
 
+@pytest.mark.slow
 def test_a_moving_camera_smears_against_its_motion():
     # 30 pixels to the right while the shutter is open: a thing ends 30 pixels further left
     camera = ThinLensCamera(

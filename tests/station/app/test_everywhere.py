@@ -53,6 +53,7 @@ def test_the_stop_waits_for_no_one(tmp_path):
     drive(StationApp(lab), use)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("screen", ["f2", "f3"])
 def test_help_and_palette_tell_of_every_command_of_the_screen(tmp_path, screen):
     async def use(driver: Driver) -> None:

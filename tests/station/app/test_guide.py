@@ -36,6 +36,7 @@ def whole(run: FakeRun) -> RunEnded:
     return RunEnded("finished", Path("sessions/one/report.html"))
 
 
+@pytest.mark.slow
 @BOTH
 def test_enter_alone_leads_from_the_first_screen_to_the_report(tmp_path, size):
     lab = FakeLab(tmp_path, whole)

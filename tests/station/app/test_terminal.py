@@ -77,7 +77,7 @@ def test_a_terminal_that_is_gone_ends_the_program_and_its_run(terminal, tmp_path
         time.sleep(0.2)
     terminal.wait_for("How wide")
     terminal.press(b"\r")  # a session in which nothing was answered is not kept
-    terminal.wait_for("Print")
+    terminal.wait_for("matt paper")
     terminal.hang_up()
     assert terminal.program.wait(PATIENCE_S) == 3
     (journal,) = (tmp_path / "sessions").glob("*/journal.jsonl")

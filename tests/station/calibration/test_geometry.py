@@ -49,6 +49,7 @@ def result(shoot, outcome, tmp_path_factory) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_the_record_tells_camera_views_and_what_was_left_out(result, outcome):
     record = json.loads((result / "result.json").read_text())
     entry = record["planes"]["G1"]

@@ -34,6 +34,7 @@ def test_exit_codes_are_the_contract_s(how, found, code):
     assert exit_code(RunEnded(how), found) == code
 
 
+@pytest.mark.slow
 def test_the_end_of_input_stops_politely_and_keeps_the_session(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     done = CliRunner().invoke(main, ["--plain", "--simulate"], input="D90\n50/1.8\n200\n", prog_name="station")

@@ -80,6 +80,7 @@ def test_the_aperture_goes_into_record_and_verdict(run, picture, tmp_path):
     assert "by the aperture" in record["planes"]["Y"]["reason"]
 
 
+@pytest.mark.slow
 def test_a_named_edge_has_the_verdict_it_has_in_the_list(run, picture, tmp_path):
     listed = run("mtf", "edge", picture, "--out", tmp_path / "all")
     assert listed.exit_code == 0, listed.output

@@ -17,6 +17,7 @@ def _run(*arguments: str | Path) -> Result:
     return CliRunner().invoke(pattern, [str(argument) for argument in arguments])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "signature"), [("c.pdf", b"%PDF-1"), ("c.SVG", b"<?xml"), ("c.png", b"\x89PNG"), ("c.pgm", b"P5\n")]
 )

@@ -40,6 +40,7 @@ def test_truncated_photograph_ends_with_one_sentence_and_exit_4(shared_data, tmp
     assert remedy.startswith("  what to do: copy it")
 
 
+@pytest.mark.slow
 def test_real_photograph_passes(shared_data, tmp_path):
     folder = shared_data / "pattern_photo"
     words = ("psf", "pattern", folder / "img_example.pgm", "--bits", folder / "pattern_noise.pgm", "--out", tmp_path)
@@ -49,6 +50,7 @@ def test_real_photograph_passes(shared_data, tmp_path):
     assert abs(np.load(tmp_path / "psf_Y.npy").sum() - 1) < 1e-12
 
 
+@pytest.mark.slow
 def test_photograph_without_a_chart_is_exit_5(shared_data, tmp_path):
     done = station("psf", "pattern", shared_data / "edges" / "Test_edge1_mono.tif", "--out", tmp_path)
     assert done.returncode == 5, done.stderr

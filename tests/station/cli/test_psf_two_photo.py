@@ -16,6 +16,7 @@ def far(shared_data):
     return shared_data / "synthetic" / "two_photo" / "wall_a_far.pgm"
 
 
+@pytest.mark.slow
 def test_files_and_record_follow_the_contract(run, near, far, tmp_path):
     done = run("psf", "two-photo", far, near, "--out", tmp_path)
     assert done.exit_code == 0, done.output

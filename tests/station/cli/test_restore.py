@@ -43,6 +43,7 @@ def done(photographs, tmp_path_factory):
     return result, out
 
 
+@pytest.mark.slow
 def test_it_writes_what_the_contract_names(done):
     result, out = done
     assert result.exit_code == 0, result.output

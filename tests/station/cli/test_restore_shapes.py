@@ -67,6 +67,7 @@ def told(out):
     return json.loads((out / "result.json").read_text())
 
 
+@pytest.mark.slow
 def test_another_focus_is_an_offset_of_the_blur(run, picture, tmp_path):
     stacks = [mask_stack(pillbox(), 4.0, offset=by, R=R) for by in (0.0, 1.4)]
     images = photographs(tmp_path, picture, stacks)
@@ -128,6 +129,7 @@ def test_a_lens_symmetric_about_its_axis_is_told_by_a_few_shapes(run, picture, t
     assert errors[0] < 0.9 * errors[1]
 
 
+@pytest.mark.slow
 def test_the_cameras_poses_tell_inverse_depth(run, picture, tmp_path):
     # each pixel is the mean of what it saw on the way: no mask is made here
     focal, inverse = 800.0, {"left": 0.5, "right": 0.9}
@@ -151,6 +153,7 @@ def test_the_cameras_poses_tell_inverse_depth(run, picture, tmp_path):
     assert halves(tmp_path / "o") == pytest.approx((inverse["left"], inverse["right"]), rel=0.06)
 
 
+@pytest.mark.slow
 def test_steady_motion_is_symmetric_along_its_axis(run, tmp_path):
     # smooth enough for cubics; most of the detail lies along the motion, which has no say there
     rng = np.random.default_rng(3)

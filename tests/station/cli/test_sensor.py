@@ -130,6 +130,7 @@ def ladder(write, top: float) -> None:
         write("light", round(float(light), 4))
 
 
+@pytest.mark.slow
 def test_grey_pictures_without_stacks_give_what_they_can(run, grey, tmp_path):
     ladder(grey, 1.2)
     done = run("sensor", grey.folder, "--out", tmp_path / "out")
@@ -142,6 +143,7 @@ def test_grey_pictures_without_stacks_give_what_they_can(run, grey, tmp_path):
     assert "dsnu" not in plane
 
 
+@pytest.mark.slow
 def test_left_aligned_numbers_are_told_as_the_converter_gave_them(run, grey, tmp_path):
     ladder(grey, 1.2)
     for path in grey.folder.glob("*.png"):

@@ -71,6 +71,7 @@ def test_where_the_operator_says_no_nothing_moves(bench, session):
     assert operator.moved == []
 
 
+@pytest.mark.slow
 def test_small_corrections_of_one_look_are_begun_once_and_the_bench_s_moves_are_not_asked_of_hands(bench, session):
     def nearer(frame, facts):
         off = 900.0 - facts["at_z_mm"]
@@ -85,6 +86,7 @@ def test_small_corrections_of_one_look_are_begun_once_and_the_bench_s_moves_are_
     assert all(say.startswith("The bench corrects this by itself: z to ") for say in told)
 
 
+@pytest.mark.slow
 def test_after_hands_were_at_the_rig_the_next_correction_is_begun_anew(bench, session):
     advices = [
         Advice(False, "nearer", moves={"z_mm": 10.0}),

@@ -159,6 +159,7 @@ def test_photograph_that_was_altered_is_found_before_anything_is_computed(folder
     path.write_bytes(whole)
 
 
+@pytest.mark.slow
 def test_report_tells_all_and_nothing_in_it_is_taken_for_html(folder):
     done = CliRunner().invoke(main, ["session", "report", str(folder)])
     assert done.exit_code == 0, done.stderr

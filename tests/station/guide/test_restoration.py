@@ -55,6 +55,7 @@ def test_two_photographs_of_a_folder_become_picture_and_depth(tmp_path, shared_d
         assert (again / one.name).read_bytes() == one.read_bytes(), one.name
 
 
+@pytest.mark.slow
 def test_the_imu_s_samples_about_the_exposure_are_kept(tmp_path):
     shoot = replace(benches.short_plan().step("shots").requests[0], record_motion=True)
     with benches.quick_bench(tmp_path) as bench, benches.new_session(tmp_path, bench) as session:

@@ -127,6 +127,7 @@ def test_a_camera_that_takes_its_settings_through_its_cable_is_not_set_by_hand(b
     assert "by_hand" not in [ask.key for ask in operator.asked]
 
 
+@pytest.mark.slow
 def test_after_some_looks_the_operator_decides(bench, session):
     never = Look("trial", lambda frame, facts: Advice(False, "Not yet."), tries=2)
     answers = iter(["look again", "go on"])

@@ -18,6 +18,7 @@ from . import benches
 SEEDS = [int(os.environ["STATION_SCENARIO"])] if "STATION_SCENARIO" in os.environ else range(12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_random_trouble_ends_in_order(tmp_path, seed):
     faults, mishaps = random_trouble(seed)

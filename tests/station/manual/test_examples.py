@@ -29,6 +29,7 @@ def examples():
         yield pytest.param(*told, id=" ".join(pages), marks=marks.get(told, []))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("lines", "code"), list(examples()))
 def test_example_does_what_the_page_says(lines, code, tmp_path, monkeypatch, make_example_file):
     monkeypatch.chdir(tmp_path)

@@ -53,6 +53,7 @@ def strictly(text):
     return html5lib.HTMLParser(strict=True, namespaceHTMLElements=False).parse(text)
 
 
+@pytest.mark.slow
 def test_both_verdicts_come_first_and_are_not_mixed(page, report):
     assert (report.verdict, report.judged) == ("pass", "does not meet")
     header = strictly(page).find(".//main")[0]
@@ -64,12 +65,14 @@ def test_both_verdicts_come_first_and_are_not_mixed(page, report):
     assert "In cycles/pixel of the colour plane, whose pixel is 2 of the sensor" in told
 
 
+@pytest.mark.slow
 def test_page_without_a_specification_says_so(report):
     planes = [replace(one, record=replace(one.record, specification=None)) for one in report.planes]
     page = calibration_page(replace(report, planes=planes, specification=Specification()))
     assert "None was given: what the lens should be is not judged." in page
 
 
+@pytest.mark.slow
 def test_page_tells_every_frequency_in_the_unit_that_was_asked_for(report):
     pixels = Pixels(2, 4.0, 300)
     planes = [replace(one, record=one.record.in_unit(Unit.LINE_PAIRS, pixels)) for one in report.planes]

@@ -29,6 +29,7 @@ def outcome(vibrating):
     return restore(list(vibrating.z), vibrating.stacks, RestorationParameters(scheme=Scheme(6, 6, 6, 2, 10)))
 
 
+@pytest.mark.slow
 def test_a_good_pair_passes(outcome, vibrating):
     assert outcome.verdict == Verdict.PASS, outcome.reason
     assert outcome.value.sharp.shape == (1, 96, 112)
@@ -128,6 +129,7 @@ def test_colour_shares_one_depth(vibrating):
     assert np.median(found.value.sharp[1] / found.value.sharp[0]) == pytest.approx(0.6, abs=0.02)
 
 
+@pytest.mark.slow
 def test_saturated_samples_are_left_out(vibrating):
     z = vibrating.z.copy()
     z[0, 0, 40:44, 50:54] = 1.0

@@ -57,6 +57,7 @@ def test_a_pool_told_about_another_origin_is_moved(said, wrong):
     assert apart(turns.taken(said, wrong, HALF)) < 0.05
 
 
+@pytest.mark.slow
 def test_bends_end_no_worse_than_descent(said):
     bend = np.exp(-(((np.arange(POINTS) - 8) / 2.0) ** 2))[:, None]
     begun = TRUE + bend * np.array([[[1.6, -1.2]], [[-1.2, 1.6]]])
