@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from procedures.outcome import BadInput, BadParameter, Outcome, Refused
 from procedures.restoration.joint.estimate import Restoration, RestorationParameters, restore, told_in
-from procedures.restoration.joint.joint_descent import Round
+from procedures.restoration.joint.joint_descent import JointRound
 from procedures.restoration.joint.kernel_sizes import (
     BEYOND,
     DEFAULT_MAX_W,
@@ -24,9 +24,9 @@ from procedures.restoration.joint.kernel_sizes import (
     reach_of_masks,
     stacks_of,
 )
-from procedures.restoration.masks.blur_models import Unit, mask_stack, reach
+from procedures.restoration.masks.blur_models import DepthUnit, mask_stack, reach
 from procedures.restoration.masks.blur_operator import Array
-from procedures.restoration.masks.camera_motion import Poses, motion_blur, planar_stacks, px_per_inverse_m
+from procedures.restoration.masks.camera_motion import Poses, RigSettings, motion_blur, planar_stacks, px_per_inverse_m
 from procedures.restoration.masks.checks import check_extent, check_max_w
 from procedures.restoration.masks.defocus_and_motion import with_defocus
 from procedures.restoration.masks.mask_fields import Masks
@@ -35,6 +35,7 @@ from procedures.restoration.masks.shape_fields import ShapeField
 from procedures.restoration.unknown_motion.blind import Prototypes, prototype_shapes
 from procedures.restoration.unknown_motion.motion_splines import recorded
 from procedures.restoration.unknown_motion.path_refinement import MotionShapes, motion_of_scene
+from procedures.restoration.unknown_motion.path_settings import PathSettings
 from procedures.restoration.unknown_motion.recorded_paths import recorded_masks
 
 Shape = npt.NDArray[np.float64] | ShapeField
@@ -72,11 +73,13 @@ class RecordedMotion:
 
     focal_px : focal length in pixels of the plane; None for a rig that is taken not to turn, w then told in pixels.
     max_inverse_m : greatest inverse depth, 1/m; None for the one that blurs by `BlurSpec.max_w`.
+    settings : how finely it is drawn.
     """
 
     exposures: tuple[Poses, ...]
     focal_px: float | None = None
     max_inverse_m: float | None = None
+    settings: RigSettings = field(default_factory=RigSettings)
 
 
 @dataclass(frozen=True)
@@ -86,11 +89,13 @@ class UnknownMotion:
     region : the part; None for the first of those with the most detail that a pair of masks explains.
     paths : of the rig during each exposure, (n, 2) in any unit, where recorded: the search begins there.
     ratios : of w, as those of `KnownShapes`; none are 1.
+    settings : what the search goes by; None for the usual.
     """
 
     region: Box | None = None
     paths: tuple[Array, ...] = ()
     ratios: tuple[float, ...] = ()
+    settings: PathSettings | None = None
 
 
 @dataclass(frozen=True)
@@ -127,7 +132,7 @@ class SceneBlur:
 
     masks: Sequence[Masks]
     finer: Callable[[int], Sequence[Masks]]
-    unit: Unit = field(default_factory=Unit)
+    unit: DepthUnit = field(default_factory=DepthUnit)
     max_w: float | None = None
     ratios: tuple[float, ...] = ()
     motion: MotionShapes | None = None
@@ -136,7 +141,7 @@ class SceneBlur:
         self,
         photographs: Sequence[Array],
         parameters: RestorationParameters | None = None,
-        progress: Callable[[Round], None] | None = None,
+        progress: Callable[[JointRound], None] | None = None,
     ) -> Outcome[Restoration]:
         """Picture and depth of photographs (C, H, W), as `restore` judges them; doubtful where the blur is."""
         outcome = told_in(self.unit, restore([*photographs], self.masks, parameters, progress))
@@ -234,18 +239,19 @@ def _moved(source: RecordedMotion, max_w: float, shape: Size) -> SceneBlur:
     if focal is None:
 
         def planar(n: int) -> Sequence[Masks]:
-            stacks = planar_stacks([one.planar_path for one in exposures], n * max_w)
+            stacks = planar_stacks([one.planar_path for one in exposures], n * max_w, source.settings)
             check_extent(stacks[0].R, (n * shape[0], n * shape[1]))
             return stacks
 
         return SceneBlur(planar(1), planar)
     inverse = source.max_inverse_m
     if inverse is None:
-        inverse = max_w / px_per_inverse_m(exposures, focal, shape)
-    blur = motion_blur(exposures, focal, shape, inverse)
+        inverse = max_w / px_per_inverse_m(exposures, focal, shape, source.settings.least_path_m)
+    blur = motion_blur(exposures, focal, shape, inverse, source.settings)
 
     def finer(n: int) -> Sequence[Masks]:
-        return motion_blur(exposures, n * focal, (n * shape[0], n * shape[1]), inverse).fields
+        frame = (n * shape[0], n * shape[1])
+        return motion_blur(exposures, n * focal, frame, inverse, source.settings).fields
 
     return SceneBlur(blur.fields, finer, blur.unit)
 
@@ -291,7 +297,8 @@ def _motion_of_part(
     tell(found)
     begun = [recorded(path, mask, found.half_width) for path, mask in zip(drawn, found.masks, strict=False)]
     rng = np.random.default_rng(0)
-    motion = motion_of_scene([*photographs], box, found, max_w, rng, np.stack(begun) if begun else None)
+    known = np.stack(begun) if begun else None
+    motion = motion_of_scene([*photographs], box, found, max_w, rng, known, source.settings)
     tell(motion)
     return motion
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from procedures.raw import RawFrame
     from procedures.reading.sensor_dump import DumpLayout
     from procedures.restoration.joint.estimate import Restoration
-    from procedures.restoration.joint.joint_descent import Round
+    from procedures.restoration.joint.joint_descent import JointRound
     from procedures.restoration.masks.blur_operator import Array
     from procedures.restoration.photograph_blur import SceneBlur
 
@@ -269,6 +269,6 @@ def _photographs(
     return frames, photographs
 
 
-def _tell(done: Round) -> None:
+def _tell(done: JointRound) -> None:
     sentence = f"round {done.n}: {done.what}, cost {done.cost:.4g}, residual {done.residual * 255:.3f}/255"
     log("round", sentence, n=done.n, what=done.what, cost=done.cost, seconds=round(done.seconds, 3))
