@@ -68,7 +68,7 @@ class Sampling:
 
 
 @dataclass(frozen=True)
-class Tail:
+class PsfTail:
     """What a PSF has outside its support: amplitudes of the shapes of `numerics.kernel_tail`, beside samples of sum 1.
 
     Attributes
@@ -85,7 +85,7 @@ class Tail:
     cross: Array
 
     @classmethod
-    def none(cls, samples: int) -> Tail:
+    def none(cls, samples: int) -> PsfTail:
         """No tail, beside so many samples: the PSF ends with its support."""
         return cls(np.zeros(0), np.zeros((0, 0)), np.zeros((samples, 0)))
 
@@ -104,7 +104,7 @@ class Psf:
         Samples per sensor pixel of the plane: the pitch is 1/s pixel.
     covariance : (k^2, k^2) float64
         Covariance of `h.ravel()`, nuisance parameters included.
-    tail : Tail
+    tail : PsfTail
         What lies outside the support; by default nothing.
 
     Notes
@@ -116,7 +116,7 @@ class Psf:
     h: Array
     s: int
     covariance: Array
-    tail: Tail = field(default_factory=lambda: Tail.none(0))
+    tail: PsfTail = field(default_factory=lambda: PsfTail.none(0))
 
     def __post_init__(self) -> None:
         k = self.h.shape[0]
@@ -132,7 +132,7 @@ class Psf:
     def of(cls, parameters: Array, covariance: Array, k: int, s: int) -> Psf:
         """The PSF of k x k samples with these `parameters` (k^2 + q,) and their covariance."""
         n = k * k
-        tail = Tail(parameters[n:], covariance[n:, n:], covariance[:n, n:])
+        tail = PsfTail(parameters[n:], covariance[n:, n:], covariance[:n, n:])
         return cls(parameters[:n].reshape(k, k), s, covariance[:n, :n], tail)
 
     @property

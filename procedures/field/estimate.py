@@ -13,7 +13,7 @@ from procedures.field.interpolate import interpolate
 from procedures.outcome import BadInput, Outcome, Refused, Verdict
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.centre import mark_offset
-from procedures.pattern_psf.chart_finding.detection import Sighting, find_charts
+from procedures.pattern_psf.chart_finding.detection import ChartSighting, find_charts
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
 from procedures.psf_field import Node, PsfField
 from procedures.raw import Plane, RawFrame
@@ -55,11 +55,11 @@ class FrameNodes:
     doubts: int
 
 
-Job = tuple[Plane, int, Sighting]
+Job = tuple[Plane, int, ChartSighting]
 Estimated = Outcome[PatternPsf]
 
 
-class Each(Protocol):
+class MapLike(Protocol):
     """Does something to each of some things and gives the answers in order, as `map` does: here or side by side."""
 
     def __call__(self, function: Callable[[Job], Estimated], jobs: Sequence[Job], /) -> Iterable[Estimated]:
@@ -67,14 +67,14 @@ class Each(Protocol):
         ...
 
 
-def measure_frame(frame: RawFrame, chart: Chart, parameters: PatternParameters, each: Each = map) -> FrameNodes:
+def measure_frame(frame: RawFrame, chart: Chart, parameters: PatternParameters, each: MapLike = map) -> FrameNodes:
     """The nodes of all charts in all planes of a photograph.
 
     The charts are found in one plane, green where there is one; the others show them in the same places.
 
     Parameters
     ----------
-    each : Each
+    each : MapLike
         How the charts are gone through; `map` takes one after the other.
 
     Raises
@@ -109,7 +109,7 @@ def measure_frame(frame: RawFrame, chart: Chart, parameters: PatternParameters, 
 
 
 def estimate_field(
-    frames: Iterable[RawFrame], chart: Chart, parameters: PatternParameters | None = None, each: Each = map
+    frames: Iterable[RawFrame], chart: Chart, parameters: PatternParameters | None = None, each: MapLike = map
 ) -> dict[str, Outcome[PsfField]]:
     """The PSF over the frame, by plane, from photographs that show the chart at six places or more between them.
 
@@ -119,7 +119,7 @@ def estimate_field(
         Of one camera, lens, aperture and focus. They may be read while they are gone through: none is kept.
     parameters : PatternParameters, optional
         By default s = 4 and k = 17. All nodes need the same s.
-    each : Each
+    each : MapLike
         How the charts of a photograph are gone through; `map` takes one after the other.
 
     Returns
@@ -166,10 +166,10 @@ def node_of(found: PatternPsf, plane: Plane, source: str, number: int) -> Node:
     return Node(position, found.centre_covariance, on_sensor, found.psf, source, number)
 
 
-def _in_order(sightings: Sequence[Sighting]) -> list[Sighting]:
+def _in_order(sightings: Sequence[ChartSighting]) -> list[ChartSighting]:
     """Row by row: charts whose centres are within half a chart of each other's height are in one row."""
     left = sorted(sightings, key=lambda one: float(one.centre()[1]))
-    ordered: list[Sighting] = []
+    ordered: list[ChartSighting] = []
     while left:
         reach = left[0].centre()[1] + left[0].widths().mean() / 2
         row = [one for one in left if one.centre()[1] < reach]

@@ -18,7 +18,7 @@ from procedures.field.maps import FieldMap, grid
 from procedures.field.surfaces import fit_surface
 from procedures.numerics.kernel_tail import SHAPES, tail_kernels
 from procedures.outcome import BadInput
-from procedures.psf import Psf, Tail
+from procedures.psf import Psf, PsfTail
 from procedures.psf_field import Node, PsfField, in_half_diagonals
 from procedures.reading.exposure import Exposure
 from procedures.reading.guard import Room, decoding, largest_bytes, open_file
@@ -246,7 +246,7 @@ def _read_psfs(stored: Stored, s: int) -> Iterator[Psf]:
     if "tail" in stored:
         tails = (stored.numbers(name) for name in ("tail", "tail_covariance", "tail_cross"))
         for h, covariance, *tail in zip(supports, covariances, *tails, strict=True):
-            yield Psf(h, s, covariance, Tail(*tail))
+            yield Psf(h, s, covariance, PsfTail(*tail))
     else:
         for h, covariance in zip(supports, covariances, strict=True):
-            yield Psf(h, s, covariance, Tail.none(h.size))
+            yield Psf(h, s, covariance, PsfTail.none(h.size))

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from procedures.field.estimate import Each, FrameNodes, Miss, measure_frame
+from procedures.field.estimate import FrameNodes, MapLike, Miss, measure_frame
 from procedures.outcome import ProcedureError, Refused
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternParameters
@@ -106,7 +106,7 @@ def _side_by_side(
     """
     cores = os.cpu_count() or 1
     with ThreadPoolExecutor(min(len(paths), cores)) as frames, ThreadPoolExecutor(cores) as charts:
-        each: Each = charts.map if len(paths) < cores else map
+        each: MapLike = charts.map if len(paths) < cores else map
 
         def one(path: Path) -> Answer:
             try:

@@ -20,7 +20,7 @@ from procedures.field.facts import BASE, FieldFacts, TourStart
 from procedures.field.locations import MARGIN, Location, chosen_locations, direction, pan_tilt_deg, rail_mm, ray
 from procedures.numerics.warps import apply_homography
 from procedures.pattern import CELLS
-from procedures.pattern_psf.chart_finding.detection import Sighting, find_charts
+from procedures.pattern_psf.chart_finding.detection import ChartSighting, find_charts
 from procedures.pattern_psf.checks import check_distance, check_light, marks_of, registered, seen_chart, shown
 from procedures.pattern_psf.facts import RATIO_HIGH, RATIO_LOW, SIZES
 from procedures.pattern_psf.plan import plan as pattern_plan
@@ -112,7 +112,7 @@ def check_start(frame: RawFrame, facts: Facts) -> Advice:
     return replace(advice, facts={**advice.facts, **start, "tour_half_x": half[0], "tour_half_y": half[1]})
 
 
-def half_size(sighting: Sighting, plane: Plane) -> tuple[float, float]:
+def half_size(sighting: ChartSighting, plane: Plane) -> tuple[float, float]:
     """Half the width and height that the sheet takes of the frame, in parts of the frame's."""
     side = SHEET * CELLS / 2
     corners = CELLS / 2 + side * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=np.float64)
@@ -121,7 +121,7 @@ def half_size(sighting: Sighting, plane: Plane) -> tuple[float, float]:
     return float(reach[0]) / columns, float(reach[1]) / rows
 
 
-def start_facts(sighting: Sighting, plane: Plane, known: FieldFacts) -> dict[str, Fact]:
+def start_facts(sighting: ChartSighting, plane: Plane, known: FieldFacts) -> dict[str, Fact]:
     """What the moves of the tour follow from: lens, distance, where the chart is in the frame, where the axes are."""
     optics, shape = known.optics(plane.pitch), plane.samples.shape
     distance_mm = chart_pose(sighting.H_sensor_pattern, shape, optics).centre_mm[2]
@@ -137,7 +137,7 @@ def start_facts(sighting: Sighting, plane: Plane, known: FieldFacts) -> dict[str
     return told | {BASE + name: place for name, place in known.where().items()}
 
 
-def seen_at(sighting: Sighting, plane: Plane) -> Location:
+def seen_at(sighting: ChartSighting, plane: Plane) -> Location:
     """Where the chart's centre appears."""
     (x, y), (rows, columns) = sighting.centre(), plane.samples.shape
     return Location((float(x) + 0.5) / columns, (float(y) + 0.5) / rows)
@@ -252,7 +252,7 @@ REMEDIES = {
 }
 
 
-def light_readings(frame: RawFrame, sighting: Sighting) -> tuple[Reading, Reading]:
+def light_readings(frame: RawFrame, sighting: ChartSighting) -> tuple[Reading, Reading]:
     """White of the brightest plane, and what is clipped of it, where the chart is now."""
     registration = registered(shown(frame), sighting)
     lights = [measure_light(one.samples, registration, one.quantisation) for one in frame.planes.values()]
@@ -263,14 +263,14 @@ def light_readings(frame: RawFrame, sighting: Sighting) -> tuple[Reading, Readin
     )
 
 
-def off_place(location: Location, sighting: Sighting, plane: Plane) -> float:
+def off_place(location: Location, sighting: ChartSighting, plane: Plane) -> float:
     """How far the chart's centre is from where it shall be, in parts of the frame's width."""
     shape = plane.samples.shape
     x, y = sighting.centre() - np.array(location.in_pixels((shape[0], shape[1])))
     return float(np.hypot(x, y)) / float(shape[1])
 
 
-def correction(location: Location, sighting: Sighting, plane: Plane, known: FieldFacts) -> dict[str, float]:
+def correction(location: Location, sighting: ChartSighting, plane: Plane, known: FieldFacts) -> dict[str, float]:
     """How far the axes must move from where they are."""
     at = known.where()
     there = bring(seen_at(sighting, plane), location, at, known.begun())

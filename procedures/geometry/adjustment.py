@@ -26,7 +26,7 @@ from scipy.spatial.transform import Rotation
 
 from procedures.geometry.cameras import Camera
 from procedures.geometry.shape import ShapeModel
-from procedures.geometry.views import Pose, View
+from procedures.geometry.views import ChartView, Pose
 from procedures.outcome import Refused
 
 Array = npt.NDArray[np.float64]
@@ -138,7 +138,7 @@ class Adjustment:
         return float(np.sqrt(self.chi_square / self.freedom))
 
 
-def adjust(start: State, nodes: Array, views: Sequence[View], shape: ShapeModel) -> Adjustment:
+def adjust(start: State, nodes: Array, views: Sequence[ChartView], shape: ShapeModel) -> Adjustment:
     """The answer from a state near it.
 
     Parameters
@@ -146,7 +146,7 @@ def adjust(start: State, nodes: Array, views: Sequence[View], shape: ShapeModel)
     start : State
     nodes : (N, 3) float64
         The chart's plan, in mm.
-    views : sequence of View
+    views : sequence of ChartView
     shape : ShapeModel
 
     Raises
@@ -199,7 +199,7 @@ def _undetermined() -> Refused:
     )
 
 
-def _concluded(state: State, nodes: Array, views: Sequence[View], shape: ShapeModel, system: System) -> Adjustment:
+def _concluded(state: State, nodes: Array, views: Sequence[ChartView], shape: ShapeModel, system: System) -> Adjustment:
     p, q, count = len(state.camera.params), len(shape.prior_mm), sum(2 * len(view) for view in views)
     inverse, known = _inverse(system.reduced()[0]), p + q + POSE * len(views)
     covariance = inverse[:known, :known]
@@ -236,19 +236,19 @@ def moved_pose(pose: Pose, change: Array) -> Pose:
     return Pose(np.asarray(turn @ pose.R), np.asarray(turn @ pose.t + change[3:]))
 
 
-def residual(state: State, nodes: Array, view: View, shape: ShapeModel, number: int) -> Array:
+def residual(state: State, nodes: Array, view: ChartView, shape: ShapeModel, number: int) -> Array:
     """Where a view's nodes are seen less where they are put, in standard deviations, (n, 2)."""
     seen = state.camera.project(state.poses[number].apply(_shaped(state, nodes, view, shape)))
     return np.asarray(np.einsum("nab,nb->na", view.whitening, view.points - seen))
 
 
-def _shaped(state: State, nodes: Array, view: View, shape: ShapeModel) -> Array:
+def _shaped(state: State, nodes: Array, view: ChartView, shape: ShapeModel) -> Array:
     """The nodes (n, 3) of a view, where the chart really has them."""
     return np.asarray((nodes + state.deviations_mm(shape))[view.index])
 
 
 def assemble(
-    state: State, nodes: Array, views: Sequence[View], shape: ShapeModel, extra: Sequence[Array] | None = None
+    state: State, nodes: Array, views: Sequence[ChartView], shape: ShapeModel, extra: Sequence[Array] | None = None
 ) -> System:
     """The normal equations of a state.
 
@@ -306,7 +306,7 @@ def _with_prior(system: System, state: State, shape: ShapeModel) -> System:
     return System(U, u, V, v, W, chi_square)
 
 
-def _jacobian(state: State, nodes: Array, view: View, shape: ShapeModel, number: int) -> tuple[Array, Array]:
+def _jacobian(state: State, nodes: Array, view: ChartView, shape: ShapeModel, number: int) -> tuple[Array, Array]:
     """Derivatives of a view's points: (n, 2, p + q + 6) of camera, shape's terms and pose; (n, 2, 3) of the nodes."""
     pose = state.poses[number]
     points = pose.apply(_shaped(state, nodes, view, shape))

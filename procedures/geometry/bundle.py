@@ -16,7 +16,7 @@ import numpy.typing as npt
 import pycolmap
 
 from procedures.geometry.cameras import Camera, simple_camera
-from procedures.geometry.views import Pose, View
+from procedures.geometry.views import ChartView, Pose
 from procedures.outcome import Refused
 
 Array = npt.NDArray[np.float64]
@@ -38,7 +38,7 @@ class Bundle:
     cost_px: float
 
 
-def first_bundle(nodes: Array, views: Sequence[View], size: tuple[int, int]) -> Bundle:
+def first_bundle(nodes: Array, views: Sequence[ChartView], size: tuple[int, int]) -> Bundle:
     """Camera and poses from nothing: the best of several focal lengths, each adjusted with radial distortion.
 
     Parameters
@@ -72,12 +72,12 @@ def first_bundle(nodes: Array, views: Sequence[View], size: tuple[int, int]) -> 
     return min(found, key=lambda one: one.cost_px)
 
 
-def _some(view: View, chosen: npt.NDArray[np.bool_]) -> View:
+def _some(view: ChartView, chosen: npt.NDArray[np.bool_]) -> ChartView:
     """A view with some of its nodes."""
-    return View(view.source, view.index[chosen], view.points[chosen], view.covariance[chosen])
+    return ChartView(view.source, view.index[chosen], view.points[chosen], view.covariance[chosen])
 
 
-def first_pose(camera: Camera, nodes: Array, view: View) -> Pose:
+def first_pose(camera: Camera, nodes: Array, view: ChartView) -> Pose:
     """A pose from the homography between the flat chart and the pinhole's picture."""
     flat = camera.rays(view.points)[:, :2]
     known = np.isfinite(flat).all(axis=1)
@@ -89,7 +89,7 @@ def first_pose(camera: Camera, nodes: Array, view: View) -> Pose:
     return Pose(np.asarray(cv2.Rodrigues(turn)[0], dtype=np.float64), np.asarray(t, dtype=np.float64).ravel())
 
 
-def adjust_flat(camera: Camera, poses: Sequence[Pose], nodes: Array, views: Sequence[View]) -> Bundle:
+def adjust_flat(camera: Camera, poses: Sequence[Pose], nodes: Array, views: Sequence[ChartView]) -> Bundle:
     """The camera and poses that put the nodes nearest to where they are seen, all points weighing the same."""
     views = _seen_twice(views, len(nodes))
     scene = _reconstruction(camera, poses, nodes, views)
@@ -98,13 +98,13 @@ def adjust_flat(camera: Camera, poses: Sequence[Pose], nodes: Array, views: Sequ
     return _bundle(scene, nodes, views)
 
 
-def _seen_twice(views: Sequence[View], count: int) -> list[View]:
+def _seen_twice(views: Sequence[ChartView], count: int) -> list[ChartView]:
     """The views without nodes that only one of them shows: pycolmap takes no such points."""
     times = np.bincount(np.concatenate([view.index for view in views]), minlength=count)
     return [_some(view, times[view.index] > 1) for view in views]
 
 
-def flat_covariance(bundle: Bundle, nodes: Array, views: Sequence[View]) -> Array:
+def flat_covariance(bundle: Bundle, nodes: Array, views: Sequence[ChartView]) -> Array:
     """Covariance (p, p) of the parameters for unit noise of every coordinate, poses allowed for, by pycolmap."""
     scene = _reconstruction(bundle.camera, bundle.poses, nodes, _seen_twice(views, len(nodes)))
     config, options = _problem(scene)
@@ -119,7 +119,7 @@ def flat_covariance(bundle: Bundle, nodes: Array, views: Sequence[View]) -> Arra
 
 
 def _reconstruction(
-    camera: Camera, poses: Sequence[Pose], nodes: Array, views: Sequence[View]
+    camera: Camera, poses: Sequence[Pose], nodes: Array, views: Sequence[ChartView]
 ) -> pycolmap.Reconstruction:
     """pycolmap's scene: one camera, the nodes as points, a photograph for every view.
 
@@ -167,7 +167,7 @@ def _problem(
     return config, options
 
 
-def _bundle(scene: pycolmap.Reconstruction, nodes: Array, views: Sequence[View]) -> Bundle:
+def _bundle(scene: pycolmap.Reconstruction, nodes: Array, views: Sequence[ChartView]) -> Bundle:
     """What pycolmap's scene has come to."""
     camera = Camera.from_colmap(scene.cameras[1])
     poses = []

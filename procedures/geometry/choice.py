@@ -24,7 +24,7 @@ from procedures.geometry.adjustment import (
 from procedures.geometry.bundle import adjust_flat, first_bundle
 from procedures.geometry.cameras import Camera, parameter_names, simple_camera
 from procedures.geometry.shape import ShapeModel
-from procedures.geometry.views import Pose, View
+from procedures.geometry.views import ChartView, Pose
 from procedures.outcome import Refused
 
 Array = npt.NDArray[np.float64]
@@ -57,14 +57,14 @@ class Trial:
     left_over: float
 
 
-def first_state(nodes: Array, views: Sequence[View], size: tuple[int, int], shape: ShapeModel) -> State:
+def first_state(nodes: Array, views: Sequence[ChartView], size: tuple[int, int], shape: ShapeModel) -> State:
     """Camera, poses and the chart's shape by a model of few numbers: where every other begins."""
     bundle = first_bundle(nodes, views, size)
     start = State(bundle.camera, bundle.poses, np.zeros(len(shape.prior_mm)), np.zeros_like(nodes))
     return fit_model(FIRST, start, nodes, views, shape).state
 
 
-def fit_model(model: str, start: State, nodes: Array, views: Sequence[View], shape: ShapeModel) -> Adjustment:
+def fit_model(model: str, start: State, nodes: Array, views: Sequence[ChartView], shape: ShapeModel) -> Adjustment:
     """A model fitted to views: by pycolmap with the chart's shape of a state, then with the shape free.
 
     The state's distortion is not handed on, as other models have other numbers; pycolmap finds it again at once.
@@ -76,7 +76,7 @@ def fit_model(model: str, start: State, nodes: Array, views: Sequence[View], sha
 
 
 def choose_model(
-    models: Sequence[str], start: State, nodes: Array, views: Sequence[View], shape: ShapeModel
+    models: Sequence[str], start: State, nodes: Array, views: Sequence[ChartView], shape: ShapeModel
 ) -> tuple[Trial, ...]:
     """What was tried, the chosen one first.
 
@@ -110,7 +110,7 @@ def _as_good(one: Array, best: Array, freedom: Array) -> bool:
     return float(excess.mean()) <= max(AS_GOOD * float(best.sum() / freedom.sum()), error)
 
 
-def _left_over(model: str, start: State, nodes: Array, views: Sequence[View], shape: ShapeModel) -> Array:
+def _left_over(model: str, start: State, nodes: Array, views: Sequence[ChartView], shape: ShapeModel) -> Array:
     """What a model leaves of every view when it was fitted to the other half, in units of the covariances, (views,)."""
     left = np.full(len(views), np.inf)
     for half in (0, 1):
@@ -126,7 +126,7 @@ def _left_over(model: str, start: State, nodes: Array, views: Sequence[View], sh
     return left
 
 
-def fit_pose(camera: Camera, pose: Pose, nodes: Array, view: View) -> tuple[Pose, Array]:
+def fit_pose(camera: Camera, pose: Pose, nodes: Array, view: ChartView) -> tuple[Pose, Array]:
     """The pose of a chart of known shape from one near it, and what it leaves over in standard deviations, (n, 2)."""
     whitening = view.whitening
     for _ in range(POSE_STEPS):

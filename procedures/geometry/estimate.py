@@ -15,7 +15,7 @@ from procedures.geometry.misfit import Misfit, find_misfit
 from procedures.geometry.next_view import NextView, next_views
 from procedures.geometry.shape import NAMES, ShapeModel, own_errors, shape_model
 from procedures.geometry.uncertainty import enclosed, projection_uncertainty, seen_region
-from procedures.geometry.views import Pose, View, chart_nodes
+from procedures.geometry.views import ChartView, Pose, chart_nodes
 from procedures.outcome import Outcome, Quantity, Refused, Rule, Verdict, verdict_of
 
 Array = npt.NDArray[np.float64]
@@ -64,7 +64,7 @@ class PosedView:
 
     Attributes
     ----------
-    view : View
+    view : ChartView
     pose : Pose
     pose_covariance : (6, 6) float64
         Of its change in the camera's frame: rotation in radians, translation in mm, the chart's scale taken as known.
@@ -76,7 +76,7 @@ class PosedView:
         Where its points are seen less where the model puts them.
     """
 
-    view: View
+    view: ChartView
     pose: Pose
     pose_covariance: Array
     distance: Quantity
@@ -195,13 +195,13 @@ def _map_name(one: UncertaintyMap) -> str:
 
 
 def calibrate_geometry(
-    views: Sequence[View], size: tuple[int, int], parameters: GeometryParameters, nodes: Array | None = None
+    views: Sequence[ChartView], size: tuple[int, int], parameters: GeometryParameters, nodes: Array | None = None
 ) -> Outcome[Geometry]:
     """The camera that took the views, or the reason why they do not tell it.
 
     Parameters
     ----------
-    views : sequence of View
+    views : sequence of ChartView
         Of one chart, by one camera at one focus.
     size : (columns, rows)
         Of the frame, in sensor pixels.
@@ -235,7 +235,7 @@ def calibrate_geometry(
 
 
 def _settled(
-    model: str, start: State, nodes: Array, views: Sequence[View], shape: ShapeModel
+    model: str, start: State, nodes: Array, views: Sequence[ChartView], shape: ShapeModel
 ) -> tuple[Adjustment, ShapeModel]:
     """The model fitted, with the nodes' own errors as large beforehand as they are found."""
     found = fit_model(model, start, nodes, views, shape)
@@ -246,7 +246,7 @@ def _settled(
 
 
 def _geometry(
-    found: Adjustment, nodes: Array, views: Sequence[View], shape: ShapeModel, trials: tuple[Trial, ...],
+    found: Adjustment, nodes: Array, views: Sequence[ChartView], shape: ShapeModel, trials: tuple[Trial, ...],
     parameters: GeometryParameters,
 ) -> Geometry:  # fmt: skip
     camera = found.state.camera
@@ -273,7 +273,7 @@ def _geometry(
 
 
 def _posed(
-    found: Adjustment, nodes: Array, view: View, shape: ShapeModel, number: int, parameters: GeometryParameters
+    found: Adjustment, nodes: Array, view: ChartView, shape: ShapeModel, number: int, parameters: GeometryParameters
 ) -> PosedView:
     pose = found.state.poses[number]
     first = len(found.state.camera.params) + len(found.state.terms_mm) + POSE * number

@@ -19,7 +19,7 @@ from scipy.stats import f as f_distribution
 from procedures.geometry.adjustment import Adjustment, assemble
 from procedures.geometry.cameras import Camera
 from procedures.geometry.shape import ShapeModel
-from procedures.geometry.views import View
+from procedures.geometry.views import ChartView
 
 Array = npt.NDArray[np.float64]
 
@@ -69,7 +69,7 @@ def field_polynomials(pixels: Array, columns: int, rows: int) -> Array:
     return np.stack([U[:, i] * V[:, j] for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)], axis=1)
 
 
-def find_misfit(found: Adjustment, nodes: Array, views: Sequence[View], shape: ShapeModel) -> Misfit:
+def find_misfit(found: Adjustment, nodes: Array, views: Sequence[ChartView], shape: ShapeModel) -> Misfit:
     """The field that lowers an adjustment's sum of squares most, and whether that is more than chance."""
     camera = found.state.camera
     extra = [_columns(camera, view) for view in views]
@@ -100,7 +100,7 @@ def find_misfit(found: Adjustment, nodes: Array, views: Sequence[View], shape: S
     return Misfit(probability, float(np.sqrt(max(square, 0.0))), coefficients, camera.columns, camera.rows)
 
 
-def _columns(camera: Camera, view: View) -> Array:
+def _columns(camera: Camera, view: ChartView) -> Array:
     """How a view's points move with the field's coefficients, (n, 2, 2 k)."""
     basis = field_polynomials(view.points, camera.columns, camera.rows)
     return np.asarray(np.einsum("ab,nk->nabk", np.eye(2), basis).reshape(len(view), 2, -1))

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from procedures.geometry.adjustment import POSE, Adjustment, by_pose
 from procedures.geometry.cameras import Camera
 from procedures.geometry.shape import ShapeModel
-from procedures.geometry.views import Pose, View
+from procedures.geometry.views import ChartView, Pose
 
 Array = npt.NDArray[np.float64]
 
@@ -57,7 +57,7 @@ class NextView:
     after_px: float
 
 
-def next_views(found: Adjustment, nodes: Array, views: tuple[View, ...], shape: ShapeModel) -> list[NextView]:
+def next_views(found: Adjustment, nodes: Array, views: tuple[ChartView, ...], shape: ShapeModel) -> list[NextView]:
     """The poses that can be photographed, the one that helps most first.
 
     Parameters
@@ -65,7 +65,7 @@ def next_views(found: Adjustment, nodes: Array, views: tuple[View, ...], shape: 
     found : Adjustment
     nodes : (N, 3) float64
         The chart's plan.
-    views : tuple of View
+    views : tuple of ChartView
         That the adjustment was made of.
     shape : ShapeModel
     """

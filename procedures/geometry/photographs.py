@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.geometry.large_chart import reduced, refine_bins
-from procedures.geometry.views import View
+from procedures.geometry.views import ChartView
 from procedures.outcome import Outcome, Verdict
 from procedures.pattern import CELLS, Chart
-from procedures.pattern_psf.chart_finding.detection import Sighting, find_chart, find_charts
+from procedures.pattern_psf.chart_finding.detection import ChartSighting, find_chart, find_charts
 from procedures.pattern_psf.correspondences import Correspondences
 from procedures.pattern_psf.estimate import PatternParameters, estimate_psf, finest
 from procedures.raw import Plane
@@ -27,7 +27,7 @@ REACH_PX = 4
 """Side of the PSF's support, in pixels."""
 
 
-def view_of(plane: Plane, chart: Chart, source: str) -> Outcome[View]:
+def view_of(plane: Plane, chart: Chart, source: str) -> Outcome[ChartView]:
     """Where a photograph shows the chart, or the reason why it tells nothing.
 
     Parameters
@@ -65,13 +65,13 @@ def _reduction(plane: Plane) -> int:
     return max(1, ceil(float(charts[0].widths().max()) / WIDE))
 
 
-def _parameters(sighting: Sighting) -> PatternParameters:
+def _parameters(sighting: ChartSighting) -> PatternParameters:
     """How finely the PSF is sampled: as the cells allow, without looking for the best."""
     s = min(SAMPLES, finest(float(sighting.widths().mean()) / CELLS))
     return PatternParameters(s, REACH_PX * s + 1, chosen=True)
 
 
-def on_sensor(seen: Correspondences, plane: Plane, source: str) -> View:
+def on_sensor(seen: Correspondences, plane: Plane, source: str) -> ChartView:
     """The view of a plane's correspondences, in sensor pixels."""
     points = plane.pitch * seen.points + np.array(plane.origin, dtype=np.float64)
-    return View(source, seen.index, points, plane.pitch**2 * seen.covariance)
+    return ChartView(source, seen.index, points, plane.pitch**2 * seen.covariance)

@@ -15,7 +15,7 @@ Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class ChartView:
     """One photograph of the chart.
 
     Attributes

@@ -15,7 +15,7 @@ from procedures.advice import changed_settings, exposure_advice, paper_level
 from procedures.facts import facts_as
 from procedures.numerics.warps import fit_homography
 from procedures.pattern import CELLS
-from procedures.pattern_psf.chart_finding.detection import Sighting, find_charts
+from procedures.pattern_psf.chart_finding.detection import ChartSighting, find_charts
 from procedures.pattern_psf.distance.consistency import cautious_mm, probe_mm, seed_contradiction, size_contradiction
 from procedures.pattern_psf.distance.ranging import look_now, range_facts, range_readings, without_offset
 from procedures.pattern_psf.estimate import estimate_psf
@@ -47,7 +47,7 @@ def shown(frame: RawFrame) -> Plane:
 # --- is there a chart --------------------------------------------------------------------------------------------
 
 
-def seen_chart(plane: Plane, known: PatternFacts) -> Sighting | Advice:
+def seen_chart(plane: Plane, known: PatternFacts) -> ChartSighting | Advice:
     """The one chart in the frame, or what to do so that there is one."""
     found = find_charts(plane.samples)
     if not found:
@@ -64,7 +64,7 @@ def seen_chart(plane: Plane, known: PatternFacts) -> Sighting | Advice:
     return sighting
 
 
-def cut_off(cut: int, sighting: Sighting, plane: Plane, known: PatternFacts) -> Advice:
+def cut_off(cut: int, sighting: ChartSighting, plane: Plane, known: PatternFacts) -> Advice:
     """What to do where the frame cuts the chart; how far to shift the camera, once the lens is known."""
     say = f"The frame cuts the chart: {cut} of its 12 marks are outside. Aim at its middle."
     moves: dict[str, float] = {}
@@ -74,12 +74,12 @@ def cut_off(cut: int, sighting: Sighting, plane: Plane, known: PatternFacts) -> 
     return Advice(False, say, moves=moves, by_hand={"aim": 1.0}, marks=marks_of(sighting))
 
 
-def marks_of(sighting: Sighting) -> Marks:
+def marks_of(sighting: ChartSighting) -> Marks:
     """The marks in sight, for the preview."""
     return tuple((float(x), float(y)) for x, y in sighting.corners[sighting.visible])
 
 
-def registered(plane: Plane, sighting: Sighting) -> Registration:
+def registered(plane: Plane, sighting: ChartSighting) -> Registration:
     """The map by the marks alone."""
     block = block_size_px(register_marks(sighting.corners))
     return register_marks(refine_corners(plane.samples, sighting.corners, block))
@@ -110,7 +110,7 @@ def check_light(frame: RawFrame, facts: Facts) -> Advice:
     return held_by_cells(advice, plane, sighting, known) if advice.good else advice
 
 
-def held_by_cells(advice: Advice, plane: Plane, sighting: Sighting, known: PatternFacts) -> Advice:
+def held_by_cells(advice: Advice, plane: Plane, sighting: ChartSighting, known: PatternFacts) -> Advice:
     """The advice, if the chart shows its number's cells; once they were found to be these, they are not looked for."""
     if known.seed_agreement is not None:
         return advice
@@ -215,7 +215,7 @@ class Turned:
     fine: bool
 
 
-def turned(plane: Plane, sighting: Sighting, known: PatternFacts) -> Turned:
+def turned(plane: Plane, sighting: ChartSighting, known: PatternFacts) -> Turned:
     """The chart's pose; by the noise cells it is good to a tenth of a degree, by the marks alone to two degrees."""
     optics, shape = known.optics(plane.pitch), plane.samples.shape
     found = estimate_psf(plane, known.chart, known.quick_parameters).value

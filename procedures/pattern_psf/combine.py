@@ -25,7 +25,7 @@ from procedures.numerics.warps import inverse
 from procedures.outcome import Outcome, Rule, Verdict, verdict_of
 from procedures.pattern_psf.error_parts import Variation
 from procedures.pattern_psf.estimate import PatternPsf
-from procedures.psf import Psf, Tail
+from procedures.psf import Psf, PsfTail
 from procedures.quality import Diffraction, Quality, assess
 
 Array = npt.NDArray[np.float64]
@@ -157,7 +157,7 @@ def _mean(shots: Sequence[PatternPsf]) -> CombinedPsf:
     moved = np.linalg.lstsq(shifts[:n], (h - mean[:n]).T, rcond=None)[0]  # in samples
     scatter = np.cov(moved) if len(shots) > 1 else np.zeros((2, 2))
     whole = Q @ covariance @ Q.T + shifts @ (scatter / len(shots)) @ shifts.T
-    tail = Tail(mean[n:], whole[n:, n:], whole[:n, n:])
+    tail = PsfTail(mean[n:], whole[n:, n:], whole[:n, n:])
     return CombinedPsf(
         psf=Psf(mean[:n].reshape(k, k), shots[0].psf.s, whole[:n, :n], tail),
         shots=tuple(shots),

@@ -18,7 +18,7 @@ from procedures.choice import FINEST, START_S, Trial, choose, settling
 from procedures.numerics.kernel_tail import far_light
 from procedures.outcome import Outcome, Refused, Verdict
 from procedures.pattern import AIM_S_OVER_T, BLOCK, CELLS, GOOD_S_OVER_T, Chart
-from procedures.pattern_psf.chart_finding.detection import Sighting, check_usable, find_chart
+from procedures.pattern_psf.chart_finding.detection import ChartSighting, check_usable, find_chart
 from procedures.pattern_psf.correspondences import Correspondences, correspondences
 from procedures.pattern_psf.diagnostics import Diagnostics, diagnose
 from procedures.pattern_psf.error_parts import CALIBRATED, GROUPS, ErrorParts, Variation, error_parts
@@ -162,7 +162,7 @@ def estimate_psf(
     chart: Chart,
     parameters: PatternParameters | None = None,
     diffraction: Diffraction | None = None,
-    sighting: Sighting | None = None,
+    sighting: ChartSighting | None = None,
     sensor: SensorModel | None = None,
 ) -> Outcome[PatternPsf]:
     """The PSF of a plane that shows the chart, or the reason why it has none.
@@ -176,7 +176,7 @@ def estimate_psf(
     parameters : PatternParameters, optional
     diffraction : Diffraction, optional
         What limits this plane: where it is given, the Strehl ratio is reported too.
-    sighting : Sighting, optional
+    sighting : ChartSighting, optional
         The chart to use, of several in the photograph (`detection.find_charts`); None: the only one is found.
     sensor : SensorModel, optional
         What the sensor's own calibration tells: its response is undone and not fitted, its noise weighs the samples.
@@ -215,7 +215,7 @@ def _estimate(
     chart: Chart,
     parameters: PatternParameters,
     diffraction: Diffraction | None,
-    sighting: Sighting | None,
+    sighting: ChartSighting | None,
     sensor: SensorModel | None,
 ) -> Outcome[PatternPsf]:
     """The chain itself; raises Refused."""
@@ -277,7 +277,7 @@ class _Attempt:
     centre_covariance: Array
 
 
-def _register(samples: npt.NDArray[np.float32], sighting: Sighting | None) -> tuple[Array, Registration]:
+def _register(samples: npt.NDArray[np.float32], sighting: ChartSighting | None) -> tuple[Array, Registration]:
     """The chart's marks to subpixel, and the map they give."""
     if sighting is None:
         sighting = find_chart(samples)

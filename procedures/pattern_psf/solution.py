@@ -10,7 +10,7 @@ from procedures.numerics.solvers import cholesky_inverse, solve_constrained
 from procedures.pattern import CELLS
 from procedures.pattern_psf.centre import mark_offset_gradient
 from procedures.pattern_psf.refine import GEOMETRY, TAIL, Fit
-from procedures.psf import Psf, Tail
+from procedures.psf import Psf, PsfTail
 
 Array = npt.NDArray[np.float64]
 
@@ -33,7 +33,7 @@ def solution(fit: Fit, s: int, k: int, solver: str) -> tuple[Psf, Array]:
     centre_covariance = _centre_covariance(fit, covariance[:n, :n], forth)
     covariance = covariance + back @ (forth @ covariance[:n])
     covariance = covariance + (covariance[:, :n] @ forth.T) @ back.T
-    tail = Tail(p[n:], covariance[n:, n:], covariance[:n, n:])
+    tail = PsfTail(p[n:], covariance[n:, n:], covariance[:n, n:])
     return Psf(image, s, covariance[:n, :n], tail), centre_covariance
 
 

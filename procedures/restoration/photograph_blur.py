@@ -1,148 +1,282 @@
-"""The blur of a plan's two photographs, from what is known of lens, focus and motion."""
+"""What blurred the photographs of one scene, told in one value, and the masks that come of it.
+
+Whoever restores, by command, by plan or in a script, tells a `BlurSpec`; `blur_of` makes the masks.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from procedures.facts import required
-from procedures.outcome import BadInput, BadParameter, Refused
-from procedures.raw import Plane, RawFrame
-from procedures.restoration.facts import MOTIONS, RestorationFacts
-from procedures.restoration.joint.kernel_sizes import reach_of_masks, stacks_of
-from procedures.restoration.masks import thin_lens
-from procedures.restoration.masks.blur_models import Unit, named
-from procedures.restoration.masks.camera_motion import Poses, motion_blur, planar_stacks, px_per_inverse_m
+from procedures.outcome import BadInput, BadParameter, Outcome, Refused
+from procedures.restoration.joint.estimate import Restoration, RestorationParameters, restore, told_in
+from procedures.restoration.joint.joint_descent import JointRound
+from procedures.restoration.joint.kernel_sizes import (
+    BEYOND,
+    DEFAULT_MAX_W,
+    default_max_w,
+    fitting_ratios,
+    reach_of_masks,
+    stacks_of,
+)
+from procedures.restoration.masks.blur_models import DepthUnit, mask_stack, reach
+from procedures.restoration.masks.blur_operator import Array
+from procedures.restoration.masks.camera_motion import Poses, RigSettings, motion_blur, planar_stacks, px_per_inverse_m
 from procedures.restoration.masks.checks import check_extent, check_max_w
+from procedures.restoration.masks.defocus_and_motion import with_defocus
 from procedures.restoration.masks.mask_fields import Masks
-from procedures.restoration.unknown_motion.blind import prototype_shapes
+from procedures.restoration.masks.psf_shapes import MeasuredShape
+from procedures.restoration.masks.shape_fields import ShapeField
+from procedures.restoration.unknown_motion.blind import Prototypes, prototype_shapes
+from procedures.restoration.unknown_motion.motion_splines import recorded
 from procedures.restoration.unknown_motion.path_refinement import MotionShapes, motion_of_scene
+from procedures.restoration.unknown_motion.path_settings import PathSettings
+from procedures.restoration.unknown_motion.recorded_paths import recorded_masks
 
-Array = npt.NDArray[np.float64]
+Shape = npt.NDArray[np.float64] | ShapeField
+"""Drawn on [-1, 1], the same over the frame; or varying over it, and measured."""
+Size = tuple[int, int]
+Box = tuple[int, int, int, int]
+"""x, y, width and height, pixels."""
+Finding = Prototypes | MotionShapes
 
-MAX_W = 8.0
-"""Half-width of the widest blur to expect, in pixels of the plane."""
 DETAIL_PX = 8.0
 """Size of what counts as detail of a scene: larger is light and shade."""
 CANDIDATES = 4
 """Parts of the picture that are tried as the one of a single depth, where none was marked."""
 
 
-def shown(frame: RawFrame) -> Plane:
-    """The plane that is restored."""
-    return frame.planes.get("G1") or next(iter(frame.planes.values()))
-
-
-def focal_px(frame: RawFrame, known: RestorationFacts) -> float:
-    """The image's distance behind the lens in pixels of the plane that is restored; 0 where it is not known."""
-    told = frame.exposure
-    focal_mm, pitch_um = told.focal_length_mm, known.pixel_pitch_um
-    if not focal_mm or not pitch_um:
-        return 0.0
-    # focused nearer, the image lies farther behind the lens (4.1)
-    nearer = 1 - focal_mm / told.subject_distance_mm if told.subject_distance_mm else 1.0
-    return focal_mm / max(nearer, 0.5) / (pitch_um * 1e-3 * shown(frame).pitch)
+# --- what is told ------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
-class RigBlur:
-    """Masks of each photograph, what their w is told in, and the motion they are of where the photographs gave it."""
+class KnownShapes:
+    """A shape for each photograph: of the aperture, or of the motion's path.
+
+    ratios, offsets : w of each photograph is ratio times the first's plus offset, in pixels; none are 1 and 0, but of
+    measured shapes the ratio of their half-widths, and of kernels that of their sizes where it fits better.
+    """
+
+    shapes: tuple[Shape, ...]
+    ratios: tuple[float, ...] = ()
+    offsets: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class RecordedMotion:
+    """Where the camera was during each exposure.
+
+    focal_px : focal length in pixels of the plane; None for a rig that is taken not to turn, w then told in pixels.
+    max_inverse_m : greatest inverse depth, 1/m; None for the one that blurs by `BlurSpec.max_w`.
+    settings : how finely it is drawn.
+    """
+
+    exposures: tuple[Poses, ...]
+    focal_px: float | None = None
+    max_inverse_m: float | None = None
+    settings: RigSettings = field(default_factory=RigSettings)
+
+
+@dataclass(frozen=True)
+class UnknownMotion:
+    """Motion that the photographs themselves have to tell, by a flat part of one distance.
+
+    region : the part; None for the first of those with the most detail that a pair of masks explains.
+    paths : of the rig during each exposure, (n, 2) in any unit, where recorded: the search begins there.
+    ratios : of w, as those of `KnownShapes`; none are 1.
+    settings : what the search goes by; None for the usual.
+    """
+
+    region: Box | None = None
+    paths: tuple[Array, ...] = ()
+    ratios: tuple[float, ...] = ()
+    settings: PathSettings | None = None
+
+
+@dataclass(frozen=True)
+class DefocusBeside:
+    """The defocus of photographs that motion blurs too: of half-width ratio times w, as told, plus offset, pixels."""
+
+    shapes: tuple[Shape, ...]
+    ratios: tuple[float, ...]
+    offsets: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class BlurSpec:
+    """What is known of the blur of all photographs.
+
+    max_w : half-width of the widest blur, pixels of the first photograph; None for 8, or a measured one's and one.
+    """
+
+    source: KnownShapes | RecordedMotion | UnknownMotion
+    max_w: float | None = None
+    defocus: DefocusBeside | None = None
+
+
+# --- what comes of it --------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class SceneBlur:
+    """Masks of each photograph as functions of one w.
+
+    unit : what w is told in; max_w, ratios : as used, where w is a half-width; motion : where the photographs gave it;
+    finer : the same masks where pixels are n times as fine along each axis, and w counts in those.
+    """
 
     masks: Sequence[Masks]
-    unit: Unit = field(default_factory=Unit)
+    finer: Callable[[int], Sequence[Masks]]
+    unit: DepthUnit = field(default_factory=DepthUnit)
+    max_w: float | None = None
+    ratios: tuple[float, ...] = ()
     motion: MotionShapes | None = None
 
+    def restored(
+        self,
+        photographs: Sequence[Array],
+        parameters: RestorationParameters | None = None,
+        progress: Callable[[JointRound], None] | None = None,
+    ) -> Outcome[Restoration]:
+        """Picture and depth of photographs (C, H, W), as `restore` judges them; doubtful where the blur is."""
+        outcome = told_in(self.unit, restore([*photographs], self.masks, parameters, progress))
+        return outcome if self.motion is None else self.motion.judged(outcome)
 
-def masks(
-    pictures: Sequence[Array],
-    known: RestorationFacts,
-    relation: tuple[float, float],
-    exposures: Sequence[Poses] = (),
-    focal: float = 0.0,
-) -> RigBlur:
-    """The blur of each photograph as a function of one w. Raises Refused, BadParameter.
 
-    relation : ratio and offset of the second's w, see `blur_relation`.
-    exposures : both recorded ones, where they are; focal : length in pixels, 0 for a rig that is taken not to turn.
+def blur_of(spec: BlurSpec, photographs: Sequence[Array], tell: Callable[[Finding], None] | None = None) -> SceneBlur:
+    """The blur of photographs (C, H, W) of one scene.
+
+    tell : is given what is found of unknown motion, in the flat part and then in the whole frame.
+
+    Raises
+    ------
+    BadParameter, BadInput, Refused
+        If it leaves nothing of the photographs, tells no depth, or motion can be found in no part of them.
     """
-    max_w = MAX_W if known.max_w is None else known.max_w
-    check_max_w(max_w)
-    shape = (int(pictures[0].shape[1]), int(pictures[0].shape[2]))
-    if known.blur_by == MOTIONS:
-        if len(exposures) == len(pictures):
-            return rig_masks(exposures, focal, shape, max_w)
-        check_extent(reach_of_masks(max_w), shape)
-        motion = motion_shapes(pictures, known.region, max_w)
-        return RigBlur(stacks_of([*motion.shapes], (1.0,) * len(motion.shapes), max_w, shape), motion=motion)
-    ratio, offset = relation
-    return RigBlur(stacks_of([aperture(known.shape)] * 2, (1.0, ratio), max_w, shape, (0.0, offset)))
+    if spec.max_w is not None:
+        check_max_w(spec.max_w)
+    source, shape = spec.source, (int(photographs[0].shape[1]), int(photographs[0].shape[2]))
+    if isinstance(source, KnownShapes):
+        blur = _shaped(source, spec.max_w, photographs, shape)
+    elif isinstance(source, RecordedMotion):
+        blur = _moved(source, spec.max_w or DEFAULT_MAX_W, shape)
+    else:
+        blur = _found(source, spec.max_w or DEFAULT_MAX_W, photographs, shape, tell or (lambda finding: None))
+    return blur if spec.defocus is None else _spread(blur, spec.defocus, shape)
 
 
-def aperture(name: str) -> Array:
-    """The shape of an aperture by its name. Raises BadParameter."""
-    found = named(name)
-    if found is None:
-        raise BadParameter(f"no aperture is called {name!r}", "use pillbox, gaussian or polygon:BLADES")
-    return found
+# --- shapes ------------------------------------------------------------------------------------------------------
 
 
-def rig_masks(exposures: Sequence[Poses], focal: float, shape: tuple[int, int], max_w: float) -> RigBlur:
-    """Masks of recorded motion, and what w is told in: inverse depth where the focal length is known."""
-    if not focal:
-        stacks = planar_stacks([one.planar_path for one in exposures], max_w)
-        check_extent(stacks[0].R, shape)
-        return RigBlur(stacks)
-    blur = motion_blur(exposures, focal, shape, max_w / px_per_inverse_m(exposures, focal, shape))
-    return RigBlur(blur.fields, blur.unit)
+def _shaped(source: KnownShapes, max_w: float | None, photographs: Sequence[Array], shape: Size) -> SceneBlur:
+    shapes = source.shapes
+    measured = [one.half_width_px + 1 for one in shapes if isinstance(one, MeasuredShape)]
+    widest = max_w or max([default_max_w(_drawn(shapes)), *measured])
+    ratios = source.ratios or _ratios(source, widest, photographs)
+    finer = partial(_masks_of_shapes, shapes, ratios, source.offsets or (0.0,) * len(shapes), widest, shape)
+    return SceneBlur(finer(1), finer, max_w=widest, ratios=ratios)
 
 
-def blur_relation(first: RawFrame, second: RawFrame, known: RestorationFacts) -> tuple[float, float]:
-    """w of the second photograph is that of the first times a ratio, and an offset in pixels (4.8 to 4.10).
-
-    Where the camera noted both distances of focus, by them too; else the focus is taken to be the same.
-    """
-    ratio = blur_ratio(known)
-    lenses = lens(first, known.first_f_number, known), lens(second, known.second_f_number, known)
-    if lenses[0] is None or lenses[1] is None or lenses[0].focus_mm == lenses[1].focus_mm:
-        return ratio, 0.0
-    alpha, beta = thin_lens.relation(lenses[0], lenses[1])
-    # w counts from the plane of focus away from the camera, where radii are below zero
-    return alpha, -beta
+def _drawn(shapes: Sequence[Shape]) -> list[npt.NDArray[np.float64]]:
+    return [one for one in shapes if not isinstance(one, ShapeField)]
 
 
-def lens(frame: RawFrame, f_number: float | None, known: RestorationFacts) -> thin_lens.CameraSetting | None:
-    """Lens and focus of a photograph over pixels of the plane that is restored; None where something is not known."""
-    told, pitch_um = frame.exposure, known.pixel_pitch_um
-    focal_mm, focus_mm = told.focal_length_mm, told.subject_distance_mm
-    if not (focal_mm and focus_mm and pitch_um and f_number) or focus_mm <= focal_mm:
-        return None
-    return thin_lens.CameraSetting(focal_mm, f_number, focus_mm, pitch_um * shown(frame).pitch)
+def _ratios(source: KnownShapes, max_w: float, photographs: Sequence[Array]) -> tuple[float, ...]:
+    drawn = _drawn(source.shapes)
+    if len(drawn) == len(source.shapes) and not any(source.offsets):
+        return fitting_ratios(photographs, drawn, max_w)
+    return tuple(_ratio(source.shapes[0], one) for one in source.shapes)
 
 
-def blur_ratio(known: RestorationFacts) -> float:
-    """Blur of the second photograph over the first's: as the apertures, the focus being the same (4.8).
-
-    Raises BadParameter where they are not known.
-    """
-    remedy = "tell both f-numbers in the step `scene`"
-    first = required(known.first_f_number, "the first f-number", remedy)
-    return first / required(known.second_f_number, "the second f-number", remedy)
+def _ratio(first: Shape, other: Shape) -> float:
+    if isinstance(first, MeasuredShape) and isinstance(other, MeasuredShape):
+        return other.half_width_px / first.half_width_px
+    return 1.0
 
 
-def motion_shapes(pictures: Sequence[Array], region: str, max_w: float) -> MotionShapes:
-    """The motions' shapes from a part of one depth: the one marked, or the first that a pair of masks explains."""
-    largest = int(np.ceil(max_w))
+def _masks_of_shapes(
+    shapes: Sequence[Shape], ratios: Sequence[float], offsets: Sequence[float], max_w: float, shape: Size, n: int
+) -> Sequence[Masks]:
+    """Masks where pixels are n times as fine."""
+    shifts, frame = [n * one for one in offsets], (n * shape[0], n * shape[1])
+    drawn = _drawn(shapes)
+    if len(drawn) == len(shapes):
+        return stacks_of(drawn, ratios, n * max_w + (n - 1) * BEYOND, frame, shifts)
+    R = max(reach(n * max_w, ratio, offset) for ratio, offset in zip(ratios, shifts, strict=True))
+    check_extent(R, frame)
+    return [
+        one.masks(n * max_w, R, ratio, offset)
+        if isinstance(one, ShapeField)
+        else mask_stack(one, n * max_w, ratio=ratio, offset=offset, R=R)
+        for one, ratio, offset in zip(shapes, ratios, shifts, strict=True)
+    ]
+
+
+def _spread(motion: SceneBlur, defocus: DefocusBeside, shape: Size) -> SceneBlur:
+    """The blur of motion and defocus together."""
+    fields = [one if isinstance(one, ShapeField) else ShapeField(((one,),)) for one in defocus.shapes]
+    slopes = [one * motion.unit.per_pixel for one in defocus.ratios]
+
+    def spread(masks: Sequence[Masks], n: int) -> Sequence[Masks]:
+        both = with_defocus(masks, fields, slopes, [n * one for one in defocus.offsets])
+        check_extent(both[0].R, (n * shape[0], n * shape[1]))
+        return both
+
+    return replace(motion, masks=spread(motion.masks, 1), finer=lambda n: spread(motion.finer(n), n))
+
+
+# --- motion ------------------------------------------------------------------------------------------------------
+
+
+def _moved(source: RecordedMotion, max_w: float, shape: Size) -> SceneBlur:
+    """Of recorded motion: w is the inverse depth where the focal length is known, half-width of the path where not."""
+    exposures, focal = source.exposures, source.focal_px
+    if focal is None:
+
+        def planar(n: int) -> Sequence[Masks]:
+            stacks = planar_stacks([one.planar_path for one in exposures], n * max_w, source.settings)
+            check_extent(stacks[0].R, (n * shape[0], n * shape[1]))
+            return stacks
+
+        return SceneBlur(planar(1), planar)
+    inverse = source.max_inverse_m
+    if inverse is None:
+        inverse = max_w / px_per_inverse_m(exposures, focal, shape, source.settings.least_path_m)
+    blur = motion_blur(exposures, focal, shape, inverse, source.settings)
+
+    def finer(n: int) -> Sequence[Masks]:
+        frame = (n * shape[0], n * shape[1])
+        return motion_blur(exposures, n * focal, frame, inverse, source.settings).fields
+
+    return SceneBlur(blur.fields, finer, blur.unit)
+
+
+def _found(
+    source: UnknownMotion, max_w: float, photographs: Sequence[Array], shape: Size, tell: Callable[[Finding], None]
+) -> SceneBlur:
+    """Of motion that the photographs tell."""
+    check_extent(reach_of_masks(max_w), shape)
+    motion = _motion_in(source, max_w, photographs, tell)
+    ratios = source.ratios or (1.0,) * len(motion.shapes)
+    return replace(_shaped(KnownShapes((*motion.shapes,), ratios), max_w, photographs, shape), motion=motion)
+
+
+def _motion_in(
+    source: UnknownMotion, max_w: float, photographs: Sequence[Array], tell: Callable[[Finding], None]
+) -> MotionShapes:
+    """The motions' shapes from the part marked, or from the first that a pair of masks explains."""
+    if source.region is not None:
+        check_region(source.region, (photographs[0].shape[1], photographs[0].shape[2]))
+        return _motion_of_part(source, source.region, max_w, photographs, tell)
     refusal: Refused | BadInput | None = None
-    for x, y, width, height in marked(region) or parts(pictures[0][0], 32 * largest):
+    for box in parts(photographs[0].mean(axis=0), 32 * int(np.ceil(max_w))):
         try:
-            cut = np.stack([one[0, y : y + height, x : x + width] for one in pictures])
-            found = prototype_shapes(cut, largest)
-            box = (x, y, cut.shape[2], cut.shape[1])
-            return motion_of_scene([*pictures], box, found, max_w, np.random.default_rng(0))
+            return _motion_of_part(source, box, max_w, photographs, tell)
         except (Refused, BadInput) as error:
             refusal = error
     raise Refused(
@@ -151,20 +285,48 @@ def motion_shapes(pictures: Sequence[Array], region: str, max_w: float) -> Motio
     )
 
 
-Box = tuple[int, int, int, int]
+def _motion_of_part(
+    source: UnknownMotion, box: Box, max_w: float, photographs: Sequence[Array], tell: Callable[[Finding], None]
+) -> MotionShapes:
+    x, y, width, height = box
+    cut = np.stack([one[:, y : y + height, x : x + width].mean(axis=0) for one in photographs])
+    largest = int(np.ceil(max_w))
+    # the scene is drawn along minus the rig's path
+    drawn = [-one for one in source.paths]
+    found = prototype_shapes(cut, largest, first=recorded_masks(cut, drawn, largest) if drawn else None)
+    tell(found)
+    begun = [recorded(path, mask, found.half_width) for path, mask in zip(drawn, found.masks, strict=False)]
+    rng = np.random.default_rng(0)
+    known = np.stack(begun) if begun else None
+    motion = motion_of_scene([*photographs], box, found, max_w, rng, known, source.settings)
+    tell(motion)
+    return motion
 
 
-def marked(region: str) -> list[Box]:
-    """The part that the operator marked, x, y, width, height; none for auto. Raises BadParameter."""
-    if region.strip().lower() == "auto":
-        return []
+# --- the flat part -----------------------------------------------------------------------------------------------
+
+
+def region_of(text: str) -> Box | None:
+    """The part that was marked as x,y,width,height in pixels; None for auto. Raises BadParameter."""
+    if text.strip().lower() == "auto":
+        return None
     try:
-        x, y, width, height = (int(part) for part in region.split(","))
+        x, y, width, height = (int(part) for part in text.split(","))
     except ValueError as error:
         raise BadParameter(
-            f"a part is x,y,width,height in pixels; got {region!r}", "give four whole numbers"
+            f"a part is X,Y,W,H in pixels, or auto; got {text!r}", "give four whole numbers with commas between"
         ) from error
-    return [(x, y, width, height)]
+    return x, y, width, height
+
+
+def check_region(region: Box, shape: Size) -> None:
+    """Refuse a part that is not within photographs of that height and width. Raises BadParameter."""
+    x, y, width, height = region
+    if not (0 <= x < x + width <= shape[1] and 0 <= y < y + height <= shape[0]):
+        raise BadParameter(
+            f"the part {x},{y},{width},{height} is not within photographs of {shape[1]} x {shape[0]}",
+            "mark one inside them",
+        )
 
 
 def parts(picture: Array, side: int) -> Iterator[Box]:

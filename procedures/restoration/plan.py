@@ -33,10 +33,11 @@ from procedures.plan import (
 from procedures.raw import Plane, RawFrame
 from procedures.reading.exposure import disagreements
 from procedures.restoration.facts import APERTURES, MOTIONS, RestorationFacts
-from procedures.restoration.joint.estimate import RestorationParameters, restore, told_in
+from procedures.restoration.joint.estimate import RestorationParameters
+from procedures.restoration.joint.kernel_sizes import DEFAULT_MAX_W
 from procedures.restoration.joint.schedule import Scheme
-from procedures.restoration.masks.camera_motion import Poses, poses_of
-from procedures.restoration.photograph_blur import DETAIL_PX, MAX_W, aperture, blur_relation, focal_px, masks, shown
+from procedures.restoration.photograph_blur import DETAIL_PX, blur_of
+from procedures.restoration.two_photographs import aperture, blur_spec, shown
 
 Array = npt.NDArray[np.float64]
 
@@ -76,7 +77,7 @@ SCENE = (
     Ask("scene", "Set up a scene that stands still, detailed everywhere. Fix the camera to its rig, the IMU y up."),
     SetLight(lambda facts: 1.0),
     Ask("focused", "Focus nearer than anything in the scene, then switch autofocus off."),
-    Ask("max_w", "How far does the widest blur reach?", "number", "pixels", MAX_W, low=1.0, high=40.0),
+    Ask("max_w", "How far does the widest blur reach?", "number", "pixels", DEFAULT_MAX_W, low=1.0, high=40.0),
     Ask("first_f_number", "Which f-number has the first photograph?", "number", "", 8.0, low=0.5, high=64.0),
     Ask("second_f_number", "And the second one?", "number", "", 4.0, low=0.5, high=64.0),
     Ask("shape", "Which shape has the aperture? pillbox, gaussian, polygon:BLADES", "text", default="pillbox"),
@@ -228,21 +229,7 @@ def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes
     try:
         told = facts_as(RestorationFacts, facts)
         parameters = RestorationParameters(scheme=Scheme() if told.scheme is None else Scheme.parse(told.scheme))
-        exposures = [poses for poses in (rig_poses(frame) for frame in (first, last)) if poses is not None]
-        relation = blur_relation(first, last, told) if told.blur_by == APERTURES else (1.0, 0.0)
-        blur = masks(pictures, told, relation, exposures, focal_px(first, told))
-        outcome = told_in(blur.unit, restore([*pictures], blur.masks, parameters))
-        return {PICTURE: outcome if blur.motion is None else blur.motion.judged(outcome)}
-    except (Refused, BadParameter) as error:
+        blur = blur_of(blur_spec(first, last, told), pictures)
+        return {PICTURE: blur.restored(pictures, parameters)}
+    except (Refused, BadInput, BadParameter) as error:
         return {PICTURE: Outcome(None, Verdict.REFUSED, error.reason, error.remedy)}
-
-
-def rig_poses(frame: RawFrame) -> Poses | None:
-    """Where the camera was during an exposure, about where its rig rests; None where no record tells."""
-    open_s = frame.exposure.exposure_s
-    if frame.felt is None or open_s is None:
-        return None
-    try:
-        return poses_of(frame.felt, open_s)
-    except BadInput:
-        return None

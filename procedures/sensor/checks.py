@@ -9,7 +9,7 @@ from procedures.sensor.curves import light_spread
 from procedures.sensor.linearity import LEAST_LEVELS as LEAST_LEVELS_OF_LINE
 from procedures.sensor.linearity import RANGE
 from procedures.sensor.photon_transfer import LEAST_DARK_VARIANCE, REGRESSION, saturation_index
-from procedures.sensor.recording import Recording, column
+from procedures.sensor.recording import SensorRecording, column
 from procedures.sensor.stacks import slow_part
 from procedures.sensor.uniformity import unevenness
 
@@ -41,7 +41,7 @@ def _doubt(applies: bool, reason: str, remedy: str) -> Rule:
     return Rule(Verdict.DOUBTFUL, bool(applies), reason, remedy)
 
 
-def count_rules(recording: Recording) -> list[Rule]:
+def count_rules(recording: SensorRecording) -> list[Rule]:
     """What must be there before anything is computed."""
     lights, darks = len(recording.lights), len(recording.darks)
     return [
@@ -52,7 +52,7 @@ def count_rules(recording: Recording) -> list[Rule]:
     ]  # fmt: skip
 
 
-def ladder_rules(recording: Recording) -> list[Rule]:
+def ladder_rules(recording: SensorRecording) -> list[Rule]:
     """What the pictures themselves must be like."""
     variance = column(one.variance for one in recording.lights)
     signal = recording.signal
@@ -88,7 +88,7 @@ def ladder_rules(recording: Recording) -> list[Rule]:
     ]  # fmt: skip
 
 
-def stack_rules(recording: Recording, saturation_signal: float) -> list[Rule]:
+def stack_rules(recording: SensorRecording, saturation_signal: float) -> list[Rule]:
     """What the stacks must be like, or what is missing without them."""
     dark, flat = recording.dark_stack, recording.flat_stack
     if dark is None or flat is None:

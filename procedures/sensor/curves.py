@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procedures.sensor.levels import Level
-from procedures.sensor.recording import Recording, column
+from procedures.sensor.levels import LightLevel
+from procedures.sensor.recording import SensorRecording, column
 
 Array = npt.NDArray[np.float64]
 
@@ -54,7 +54,7 @@ class Curves:
     samples: int
 
 
-def curves_of(recording: Recording, rng: np.random.Generator, draws: int = DRAWS) -> Curves:
+def curves_of(recording: SensorRecording, rng: np.random.Generator, draws: int = DRAWS) -> Curves:
     """The measured curves and draws of them.
 
     Means and variances of so many samples are normal; the light's own changes, as pairs show them, move the means of
@@ -79,7 +79,7 @@ def curves_of(recording: Recording, rng: np.random.Generator, draws: int = DRAWS
     )
 
 
-def light_spread(recording: Recording) -> float:
+def light_spread(recording: SensorRecording) -> float:
     """Relative standard deviation of the light from one picture to the next, noise of the pictures taken out."""
     change = column(one.change for one in recording.lights) ** 2
     noise = column(one.change_variance for one in recording.lights)
@@ -89,7 +89,7 @@ def light_spread(recording: Recording) -> float:
     return float(np.sqrt(max(share.mean(), 0.0)))
 
 
-def _drawn(levels: Sequence[Level], rng: np.random.Generator, draws: int) -> tuple[Array, Array]:
+def _drawn(levels: Sequence[LightLevel], rng: np.random.Generator, draws: int) -> tuple[Array, Array]:
     """Means and variances of the levels and draws of them, each (1 + draws, levels)."""
     mean = _scattered([(one.mean, one.mean_variance) for one in levels], rng, draws)
     return mean, _scattered([(one.variance, one.variance_variance) for one in levels], rng, draws)

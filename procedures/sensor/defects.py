@@ -13,7 +13,7 @@ import numpy.typing as npt
 from scipy.special import ndtri
 
 from procedures.sensor.measured import Measured
-from procedures.sensor.stacks import Stack, slow_part
+from procedures.sensor.stacks import FrameStack, slow_part
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -112,12 +112,12 @@ def _histogram(field: Array, spread: float, limit: float, scale: float) -> Histo
     return Histogram(centres * scale, counts.astype(np.int64), model, limit * scale)
 
 
-def dark_field(stack: Stack) -> Array:
+def dark_field(stack: FrameStack) -> Array:
     """Deviations in the dark from each pixel's row, column and surroundings."""
     return _high_passed(stack.mean_picture)
 
 
-def response_field(dark: Stack, flat: Stack) -> Array:
+def response_field(dark: FrameStack, flat: FrameStack) -> Array:
     """Deviations of the response in even light, in digital numbers, what is in the dark taken off."""
     return _high_passed(flat.mean_picture - dark.mean_picture)
 

@@ -23,9 +23,9 @@ from procedures.sensor.photon_transfer import (
     saturation_range,
     transfer_numbers,
 )
-from procedures.sensor.recording import Recording
+from procedures.sensor.recording import SensorRecording
 from procedures.sensor.spectrograms import Period, Spectrogram, find_periods, spectrogram
-from procedures.sensor.stacks import Stack, slow_part
+from procedures.sensor.stacks import FrameStack, slow_part
 from procedures.sensor.uniformity import dark_numbers, response_numbers
 from procedures.sensor_model import SensorModel
 
@@ -79,7 +79,7 @@ class SensorResult:
     dark_level: float
 
 
-def characterise(recording: Recording, rng: np.random.Generator) -> Outcome[SensorResult]:
+def characterise(recording: SensorRecording, rng: np.random.Generator) -> Outcome[SensorResult]:
     """All numbers of one plane with their intervals, or the reason why there are none.
 
     Parameters
@@ -131,7 +131,7 @@ def _judged(rules: list[Rule], result: SensorResult) -> Outcome[SensorResult]:
     return Outcome(None if verdict is Verdict.REFUSED else result, verdict, reason, remedy)
 
 
-def _temporal(recording: Recording, rng: np.random.Generator) -> SensorResult:
+def _temporal(recording: SensorRecording, rng: np.random.Generator) -> SensorResult:
     """What the ladder tells."""
     curves = curves_of(recording, rng)
     top = saturation_index(curves.variance[0])
@@ -154,7 +154,7 @@ def _beside(curves: Curves, top: int) -> list[Linearity]:
     return [fit_linearity(curves, near) for near in saturation_range(curves, top)]
 
 
-def _spatial(result: SensorResult, recording: Recording) -> SensorResult:
+def _spatial(result: SensorResult, recording: SensorRecording) -> SensorResult:
     """The same with what the stacks tell."""
     dark, flat = recording.dark_stack, recording.flat_stack
     if dark is None:
@@ -172,7 +172,7 @@ def _spatial(result: SensorResult, recording: Recording) -> SensorResult:
     return result if flat is None else _with_response(result, dark, flat)
 
 
-def _with_response(result: SensorResult, dark: Stack, flat: Stack) -> SensorResult:
+def _with_response(result: SensorResult, dark: FrameStack, flat: FrameStack) -> SensorResult:
     """The same with the response's non-uniformity."""
     signal = flat.mean - dark.mean
     noise = np.sqrt(flat.left_over[0] + dark.left_over[0])
@@ -194,7 +194,7 @@ def _with_response(result: SensorResult, dark: Stack, flat: Stack) -> SensorResu
     return replace(result, numbers=numbers, light=_pattern(response, in_light, "%", 100 / signal))
 
 
-def _pattern(stack: Stack, defects: Defects, unit: str, scale: float) -> Pattern:
+def _pattern(stack: FrameStack, defects: Defects, unit: str, scale: float) -> Pattern:
     """Spectrograms and periods of a mean picture; the periods are looked for beside the defects."""
     mask = _mask(defects, stack.mean_picture.shape)
     tame = np.where(mask, np.median(stack.mean_picture), stack.mean_picture)

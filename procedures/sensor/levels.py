@@ -23,7 +23,7 @@ LOOKED_AT = 500_000
 
 
 @dataclass(frozen=True)
-class Level:
+class LightLevel:
     """What pairs of pictures of one exposure tell.
 
     Attributes
@@ -58,7 +58,7 @@ class Level:
     samples: int
 
 
-def measure_level(pictures: Sequence[Numbers], exposure_s: float, light: float) -> Level:
+def measure_level(pictures: Sequence[Numbers], exposure_s: float, light: float) -> LightLevel:
     """The level of an even number of pictures, taken two by two.
 
     Parameters
@@ -74,7 +74,7 @@ def measure_level(pictures: Sequence[Numbers], exposure_s: float, light: float) 
         raise ValueError(f"temporal noise needs two pictures of a level; got {len(pictures)}")
     pairs = [_measure_pair(a, b) for a, b in zip(pictures[::2], pictures[1::2], strict=False)]
     mean, variance, mean_variance, variance_variance, change = (float(v) for v in np.mean(pairs, axis=0))
-    return Level(
+    return LightLevel(
         exposure_s,
         light,
         mean,

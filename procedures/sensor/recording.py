@@ -8,32 +8,32 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procedures.sensor.levels import Level
-from procedures.sensor.stacks import Stack
+from procedures.sensor.levels import LightLevel
+from procedures.sensor.stacks import FrameStack
 
 Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Recording:
+class SensorRecording:
     """One plane's levels and stacks, in digital numbers.
 
     Attributes
     ----------
-    darks : tuple of Level
+    darks : tuple of LightLevel
         Without light, by exposure time.
-    lights : tuple of Level
+    lights : tuple of LightLevel
         By light.
     photons_known : bool
         Whether `light` is photons per pixel.
-    dark_stack, flat_stack : Stack or None
+    dark_stack, flat_stack : FrameStack or None
     """
 
-    darks: tuple[Level, ...]
-    lights: tuple[Level, ...]
+    darks: tuple[LightLevel, ...]
+    lights: tuple[LightLevel, ...]
     photons_known: bool
-    dark_stack: Stack | None
-    flat_stack: Stack | None
+    dark_stack: FrameStack | None
+    flat_stack: FrameStack | None
 
     @property
     def dark_weights(self) -> Array:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from scipy.ndimage import median_filter
 
 from procedures.sensor.measured import Measured, measured
-from procedures.sensor.stacks import Stack
+from procedures.sensor.stacks import FrameStack
 
 Array = npt.NDArray[np.float64]
 
@@ -70,7 +70,7 @@ class Period:
     amplitude: Measured
 
 
-def spectrogram(stack: Stack, direction: str, scale: float = 1.0) -> Spectrogram:
+def spectrogram(stack: FrameStack, direction: str, scale: float = 1.0) -> Spectrogram:
     """The spectrogram of a mean picture along one direction, its values times a scale."""
     field = stack.mean_picture - stack.mean
     field = field if direction == "horizontal" else field.T

@@ -21,7 +21,7 @@ BINOMIAL = np.array([0.25, 0.5, 0.25])
 
 
 @dataclass(frozen=True, eq=False)
-class Stack:
+class FrameStack:
     """A stack's mean picture.
 
     Attributes
@@ -81,7 +81,7 @@ class StackSums:
         self._rows.append(values.mean(axis=1))
         self._columns.append(values.mean(axis=0))
 
-    def stack(self, exposure_s: float, light: float) -> Stack:
+    def stack(self, exposure_s: float, light: float) -> FrameStack:
         """The stack of what came. Raises ValueError if that is fewer than three pictures."""
         count = len(self._rows)
         if self._zero is None or count < LEAST_PICTURES:
@@ -89,7 +89,7 @@ class StackSums:
         mean_picture = self._zero + self._total / count
         means = np.array([row.mean() for row in self._rows])
         shared = float(np.var(means, ddof=1))  # what all pixels have in common is a change of the light
-        return Stack(
+        return FrameStack(
             mean_picture,
             float(np.mean(self._squares - self._total**2 / count)) / (count - 1) - shared,
             float(np.mean(np.var(self._rows, axis=0, ddof=1))) - shared,
@@ -101,7 +101,7 @@ class StackSums:
         )
 
 
-def measure_stack(pictures: Iterable[Numbers], exposure_s: float, light: float) -> Stack:
+def measure_stack(pictures: Iterable[Numbers], exposure_s: float, light: float) -> FrameStack:
     """The stack of three pictures or more. Raises ValueError if there are fewer."""
     sums = StackSums()
     for picture in pictures:

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.sensor.measured import Measured, root, with_share
-from procedures.sensor.stacks import Stack
+from procedures.sensor.stacks import FrameStack
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -101,7 +101,7 @@ def _filled(field: Array, left_out: Mask) -> Array:
 
 
 def dark_numbers(
-    stack: Stack, gain: Measured, left_out: Mask | None = None, *, suffix: str = ""
+    stack: FrameStack, gain: Measured, left_out: Mask | None = None, *, suffix: str = ""
 ) -> Mapping[str, Measured]:
     """DSNU in digital numbers and, by the gain, in electrons: of all pixels, by row, by column, by pixel."""
     found = spatial_variances(stack.mean_picture, stack.left_over, stack.count, left_out)
@@ -116,7 +116,7 @@ def dark_numbers(
 
 
 def response_numbers(
-    dark: Stack, flat: Stack, bent: float, left_out: Mask | None = None, *, suffix: str = ""
+    dark: FrameStack, flat: FrameStack, bent: float, left_out: Mask | None = None, *, suffix: str = ""
 ) -> Mapping[str, Measured]:
     """PRNU in per cent of the signal: of all pixels, by row, by column, by pixel.
 

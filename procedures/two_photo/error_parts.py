@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from procedures.budget import Budget
 from procedures.numerics.warps import inverse
-from procedures.psf import Psf, Tail
+from procedures.psf import Psf, PsfTail
 from procedures.quality import Quality
 from procedures.two_photo.inter_image import Fit
 from procedures.two_photo.likeness import Likeness, NearLook
@@ -77,7 +77,7 @@ def near_errors(look: NearLook, J: Array, fx: Array, fy: Array) -> Array:
 def widened(psf: Psf, errors: Mapping[str, Array]) -> Psf:
     """The same PSF with the errors in its covariance."""
     n, C = psf.k**2, psf.parameter_covariance + sum(np.outer(one, one) for one in errors.values())
-    return replace(psf, covariance=C[:n, :n], tail=Tail(psf.tail.amplitudes, C[n:, n:], C[:n, n:]))
+    return replace(psf, covariance=C[:n, :n], tail=PsfTail(psf.tail.amplitudes, C[n:, n:], C[:n, n:]))
 
 
 def error_parts(

@@ -18,7 +18,7 @@ from procedures.choice import Trial, choose, settling
 from procedures.numerics.solvers import cholesky_solve, solve_constrained
 from procedures.numerics.warps import CubicWarp
 from procedures.outcome import Outcome, Refused, Verdict
-from procedures.psf import Psf, Sampling, Tail
+from procedures.psf import Psf, PsfTail, Sampling
 from procedures.quality import Diffraction, Quality, assess, beyond_diffraction
 from procedures.raw import Plane
 from procedures.two_photo.diagnostics import diagnose
@@ -237,7 +237,7 @@ def _of_sum_one(p: Array, covariance: Array, s: int, k: int) -> Psf:
     # J C J' with J = (I - p 1_n') / total
     covariance = covariance - np.outer(p, covariance[:n].sum(axis=0))
     covariance = (covariance - np.outer(covariance[:, :n].sum(axis=1), p)) / total**2
-    tail = Tail(p[n:], covariance[n:, n:], covariance[:n, n:])
+    tail = PsfTail(p[n:], covariance[n:, n:], covariance[:n, n:])
     return Psf(p[:n].reshape(k, k), s, covariance[:n, :n], tail)
 
 

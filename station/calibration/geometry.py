@@ -11,7 +11,7 @@ from pathlib import Path
 
 from procedures.geometry.estimate import Geometry, GeometryParameters, calibrate_geometry
 from procedures.geometry.photographs import view_of
-from procedures.geometry.views import View
+from procedures.geometry.views import ChartView
 from procedures.outcome import BadInput, Outcome, ProcedureError, Refused, Verdict
 from procedures.pattern import Chart
 from procedures.raw import RawFrame, default_plane, read_frame
@@ -26,13 +26,13 @@ class ViewRecord:
     Attributes
     ----------
     path, sha256 : of the file, the hash "" where it could not be read
-    view : View or None
+    view : ChartView or None
     verdict, reason, remedy : of the chart in it
     """
 
     path: Path
     sha256: str
-    view: View | None
+    view: ChartView | None
     verdict: Verdict
     reason: str = ""
     remedy: str = ""
@@ -54,7 +54,7 @@ class Shoot:
     records: tuple[ViewRecord, ...]
 
     @property
-    def views(self) -> list[View]:
+    def views(self) -> list[ChartView]:
         """Of the photographs that show the chart well."""
         return [record.view for record in self.records if record.view is not None]
 

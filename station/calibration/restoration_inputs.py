@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,19 +14,13 @@ from procedures.outcome import BadInput, BadParameter
 from procedures.raw import Felt
 from procedures.reading.arrays import check_real, read_npy
 from procedures.reading.text import read_json, read_numbers, read_rows
-from procedures.restoration.joint.kernel_sizes import BEYOND, default_max_w, fitting_ratios, stacks_of
 from procedures.restoration.masks import blur_models
-from procedures.restoration.masks.blur_models import Unit, reach
-from procedures.restoration.masks.camera_motion import Poses, motion_blur, poses_at, poses_of
-from procedures.restoration.masks.checks import check_extent
-from procedures.restoration.masks.defocus_and_motion import with_defocus
-from procedures.restoration.masks.mask_fields import Masks
-from procedures.restoration.masks.psf_shapes import MeasuredShape, measured_field, measured_heights, measured_shape
+from procedures.restoration.masks.camera_motion import Poses, poses_at, poses_of
+from procedures.restoration.masks.psf_shapes import measured_field, measured_heights, measured_shape
 from procedures.restoration.masks.shape_fields import ShapeField, symmetric
-from procedures.restoration.unknown_motion.path_refinement import MotionShapes
+from procedures.restoration.photograph_blur import Shape
 
 Array = npt.NDArray[np.float64]
-Pictures = npt.NDArray[np.floating[Any]]
 Size = tuple[int, int]
 
 COLUMNS = ("t_s", "ax", "ay", "az", "wx", "wy", "wz")
@@ -39,20 +32,6 @@ POSE_COLUMNS = ("t_s", "x", "y", "z", "rx", "ry", "rz")
 rotation vectors in radians from where the rig rests, x right, y up, z back."""
 RADIAL = "radial:"
 FIELD_SUFFIXES = (".h5", ".hdf5")
-
-
-@dataclass(frozen=True)
-class BlurInput:
-    """Masks of each photograph, what their w is told in, what the record says of them, and the motion found, if any.
-
-    finer : the same masks where pixels are n times as fine along each axis, and w counts in those.
-    """
-
-    masks: Sequence[Masks]
-    unit: Unit = field(default_factory=Unit)
-    told: dict[str, Any] = field(default_factory=dict)
-    motion: MotionShapes | None = None
-    finer: Callable[[int], Sequence[Masks]] | None = None
 
 
 # --- records of an IMU -------------------------------------------------------------------------------------------
@@ -117,162 +96,24 @@ def imu_table(felt: Felt) -> bytes:
     return ("\n".join(lines) + "\n").encode()
 
 
-def from_imu_records(
-    files: Sequence[Path],
-    exposures_s: Sequence[float | None],
-    focal_px: float,
-    max_inverse_m: float,
-    shape: Size,
-) -> BlurInput:
-    """Masks over the frame from the records of all exposures; w is the inverse depth.
+def poses_of_records(files: Sequence[Path], exposures_s: Sequence[float | None]) -> tuple[Poses, ...]:
+    """Where the camera was, from what an IMU felt during each exposure.
 
     exposures_s : of each photograph; None where neither camera nor operator told
     """
     if any(one is None for one in exposures_s):
         raise BadParameter("the photographs do not tell their exposure time", "give --exposure-s")
-    poses = [poses_of(read_imu(file), float(one or 0)) for file, one in zip(files, exposures_s, strict=True)]
-    given = {"imu": [str(one) for one in files], "exposure_s": list(exposures_s)}
-    return _moved(poses, focal_px, max_inverse_m, shape, given)
-
-
-def from_poses(files: Sequence[Path], focal_px: float, max_inverse_m: float, shape: Size) -> BlurInput:
-    """Masks over the frame from where the camera was during all exposures (5.1, 5.2); w is the inverse depth."""
-    given = {"poses": [str(one) for one in files]}
-    return _moved([read_poses(one) for one in files], focal_px, max_inverse_m, shape, given)
-
-
-def _moved(
-    poses: Sequence[Poses], focal_px: float, max_inverse_m: float, shape: Size, given: dict[str, Any]
-) -> BlurInput:
-    blur = motion_blur(poses, focal_px, shape, max_inverse_m)
-    told = {**given, "focal_px": focal_px, "max_inverse_depth": max_inverse_m}
-    told |= {"nodes": list(blur.fields[0].grid), "half_size": blur.fields[0].R}
-
-    def finer(n: int) -> Sequence[Masks]:
-        return motion_blur(poses, n * focal_px, (n * shape[0], n * shape[1]), max_inverse_m).fields
-
-    return BlurInput(blur.fields, blur.unit, told, finer=finer)
+    return tuple(poses_of(read_imu(file), float(one or 0)) for file, one in zip(files, exposures_s, strict=True))
 
 
 # --- shapes ------------------------------------------------------------------------------------------------------
 
 
-def from_shapes(
-    names: Sequence[str],
-    ratios: Sequence[float],
-    max_w: float | None,
-    photographs: Sequence[Pictures],
-    *,
-    plane: str = "Y",
-    samples_per_px: int | None = None,
-    offsets: Sequence[float] = (),
-) -> BlurInput:
-    """Masks from one shape for each photograph: a model's name, a shape file, or a measured PSF or field.
+def read_blur_shape(name: str, plane: str, shape: Size, samples_per_px: int | None = None) -> Shape:
+    """A shape over photographs (H, W): a model's by its name, one from a file, or a measured PSF or field.
 
-    ratios, offsets : w of each photograph is ratio times the first's plus offset, in pixels; none: 1 and 0, but of
-    measured ones the ratio of their half-widths.
-    photographs : (C, H, W) each; samples_per_px : a text file is a measured PSF sampled so, not a shape on [-1, 1].
+    plane : that of a field; samples_per_px : a text file is a measured PSF sampled so, not a shape on [-1, 1].
     """
-    found = [_shape(name, plane, _size(photographs), samples_per_px) for name in names]
-    return from_arrays(found, ratios, max_w, photographs, offsets)
-
-
-def from_arrays(
-    found: Sequence[Array | ShapeField],
-    ratios: Sequence[float],
-    max_w: float | None,
-    photographs: Sequence[Pictures],
-    offsets: Sequence[float] = (),
-) -> BlurInput:
-    """Masks from one shape for each photograph, as it is at hand."""
-    drawn = [one for one in found if not isinstance(one, ShapeField)]
-    measured = [one for one in found if isinstance(one, MeasuredShape)]
-    widest = max_w or max([default_max_w(drawn), *(one.half_width_px + 1 for one in measured)])
-    by = tuple(offsets) or (0.0,) * len(found)
-    if ratios:
-        each = tuple(ratios)
-    elif len(drawn) < len(found) or any(by):
-        each = tuple(_ratio(found[0], one) for one in found)
-    else:
-        each = fitting_ratios(photographs, drawn, widest)
-    rows, columns = _size(photographs)
-
-    def finer(n: int) -> Sequence[Masks]:
-        shifts, shape = [n * one for one in by], (n * rows, n * columns)
-        if len(drawn) == len(found):
-            return stacks_of(drawn, each, n * widest + (n - 1) * BEYOND, shape, shifts)
-        return _field_masks(found, each, shifts, n * widest, shape)
-
-    told: dict[str, Any] = {"ratio": list(each[1:]), "max_w": widest}
-    if any(by):
-        told["offset"] = list(by[1:])
-    if measured:
-        told["measured"] = [_told_of(one) for one in measured]
-    return BlurInput(finer(1), told=told, finer=finer)
-
-
-def spread_by_defocus(
-    motion: BlurInput,
-    names: Sequence[str],
-    ratios: Sequence[float],
-    offsets: Sequence[float],
-    photographs: Sequence[Pictures],
-    plane: str,
-) -> BlurInput:
-    """The blur of motion, and of defocus at the same time: of half-width ratio times w plus offset, in pixels.
-
-    names : shape of each photograph's defocus, as `from_shapes` takes them; ratios : pixels for a unit of w as told.
-    """
-    shapes = [_shape(name, plane, _size(photographs), None) for name in names]
-    fields = [one if isinstance(one, ShapeField) else ShapeField(((one,),)) for one in shapes]
-    slopes = [one * motion.unit.per_pixel for one in ratios]
-
-    def finer(n: int, of: Sequence[Masks]) -> Sequence[Masks]:
-        masks = with_defocus(of, fields, slopes, [n * one for one in offsets])
-        check_extent(masks[0].R, (n * photographs[0].shape[1], n * photographs[0].shape[2]))
-        return masks
-
-    told = {"defocus_shape": list(names), "defocus_ratio": list(ratios), "defocus_offset": list(offsets)}
-    of = motion.finer
-    return replace(
-        motion,
-        masks=finer(1, motion.masks),
-        told={**motion.told, **told},
-        finer=None if of is None else lambda n: finer(n, of(n)),
-    )
-
-
-def _size(photographs: Sequence[Pictures]) -> Size:
-    return int(photographs[0].shape[1]), int(photographs[0].shape[2])
-
-
-def _told_of(one: MeasuredShape) -> dict[str, Any]:
-    """What the record says of a measured shape."""
-    light = {"negative_light": one.cut, "energy_outside_support": one.energy_outside_support}
-    return {"half_width_px": one.half_width_px, **light}
-
-
-def _field_masks(
-    found: Sequence[Array | ShapeField], ratios: Sequence[float], offsets: Sequence[float], max_w: float, shape: Size
-) -> list[Masks]:
-    """Masks of shapes of which some are measured or vary over the frame."""
-    R = max(reach(max_w, ratio, offset) for ratio, offset in zip(ratios, offsets, strict=True))
-    check_extent(R, shape)
-    return [
-        one.masks(max_w, R, ratio, offset)
-        if isinstance(one, ShapeField)
-        else blur_models.mask_stack(one, max_w, ratio=ratio, offset=offset, R=R)
-        for one, ratio, offset in zip(found, ratios, offsets, strict=True)
-    ]
-
-
-def _ratio(first: Array | ShapeField, other: Array | ShapeField) -> float:
-    if isinstance(first, MeasuredShape) and isinstance(other, MeasuredShape):
-        return other.half_width_px / first.half_width_px
-    return 1.0
-
-
-def _shape(name: str, plane: str, shape: Size, samples_per_px: int | None) -> Array | ShapeField:
     if name.startswith(RADIAL):
         return _radial(name.removeprefix(RADIAL).split(","), shape, samples_per_px)
     known = blur_models.named(name)

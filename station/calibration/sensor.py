@@ -12,10 +12,10 @@ import numpy.typing as npt
 from procedures.outcome import BadInput, Outcome
 from procedures.raw import Exposure, Plane, RawFrame, read_frame
 from procedures.sensor.estimate import SensorResult, characterise
-from procedures.sensor.levels import Level, measure_level
+from procedures.sensor.levels import LightLevel, measure_level
 from procedures.sensor.noise_power import NoisePower, measure_noise_power
-from procedures.sensor.recording import Recording
-from procedures.sensor.stacks import LEAST_PICTURES, Stack, StackSums
+from procedures.sensor.recording import SensorRecording
+from procedures.sensor.stacks import LEAST_PICTURES, FrameStack, StackSums
 from station.calibration.sensor_folder import DARK, LIGHT, Shots
 
 Numbers = npt.NDArray[np.float64]
@@ -59,9 +59,9 @@ class SensorFiles:
 class _Gathered:
     """One plane while its pictures are read."""
 
-    darks: list[Level] = field(default_factory=list)
-    lights: list[Level] = field(default_factory=list)
-    stacks: list[tuple[str, Stack]] = field(default_factory=list)
+    darks: list[LightLevel] = field(default_factory=list)
+    lights: list[LightLevel] = field(default_factory=list)
+    stacks: list[tuple[str, FrameStack]] = field(default_factory=list)
     spectra: list[NoisePower | None] = field(default_factory=list)
     shape: tuple[int, ...] = ()
     step: float = 0.0
@@ -172,7 +172,7 @@ def _step(numbers: Numbers) -> float:
 
 def _characterised(of: _Gathered, *, photons_known: bool) -> Outcome[SensorResult]:
     dark, flat = (_largest(of.stacks, kind) for kind in (DARK, LIGHT))
-    recording = Recording(
+    recording = SensorRecording(
         _once(of.darks, lambda one: one.exposure_s),
         _once(of.lights, lambda one: one.light),
         photons_known,
@@ -191,14 +191,14 @@ def _noise_power(of: _Gathered) -> NoisePower | None:
     return None if found is None else replace(found, signal=flat.mean - dark.mean)
 
 
-def _once(levels: Sequence[Level], of: Callable[[Level], float]) -> tuple[Level, ...]:
+def _once(levels: Sequence[LightLevel], of: Callable[[LightLevel], float]) -> tuple[LightLevel, ...]:
     """The levels in order, one of each: where a stack repeats a level of the ladder, the ladder's, which came first."""
-    found: dict[float, Level] = {}
+    found: dict[float, LightLevel] = {}
     for level in levels:
         found.setdefault(of(level), level)
     return tuple(found[at] for at in sorted(found))
 
 
-def _largest(stacks: Sequence[tuple[str, Stack]], kind: str) -> Stack | None:
+def _largest(stacks: Sequence[tuple[str, FrameStack]], kind: str) -> FrameStack | None:
     """The stack of a kind with the most pictures."""
     return max((stack for of, stack in stacks if of == kind), key=lambda stack: stack.count, default=None)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from station.cli.psf.planes import raw_option, told_layout
-from station.cli.restore_blur import BlurOptions
+from station.cli.restore_blur import BlurOptions, blur_record, tell_finding, tell_measured
 from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import Number
 from station.common.errors import REFUSED
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from procedures.raw import RawFrame
     from procedures.reading.sensor_dump import DumpLayout
     from procedures.restoration.joint.estimate import Restoration
-    from procedures.restoration.joint.joint_descent import Round
+    from procedures.restoration.joint.joint_descent import JointRound
     from procedures.restoration.masks.blur_operator import Array
-    from station.calibration.restoration_inputs import BlurInput
+    from procedures.restoration.photograph_blur import SceneBlur
 
 _LEVELS = {"pass": "info", "doubtful": "warning"}
 
@@ -131,7 +131,11 @@ class _OneEach(click.Command):
 )
 @click.option("--total-variation", is_flag=True, help="Picture prior by total variation instead of Tikhonov.")
 @click.option("--depth-total-variation", is_flag=True, help="Prior of w by total variation.")
-@click.option("--prototype-region", metavar="X,Y,W,H", help="Flat part from which unknown motion shapes are estimated.")
+@click.option(
+    "--prototype-region",
+    metavar="X,Y,W,H",
+    help="Flat part from which unknown motion shapes are estimated; auto looks for one.",
+)
 @click.option(
     "--recorded-path",
     "paths",
@@ -185,32 +189,25 @@ def restore(
     start = time.perf_counter()
     if len(images) < 2:
         raise click.UsageError(f"restoration needs two photographs or more, got {len(images)}")
-    blur = BlurOptions(**{one.name: options.pop(one.name) for one in fields(BlurOptions)})
-    blur.check(len(images))
-    from procedures.restoration.joint.estimate import restore as restored
-    from procedures.restoration.joint.estimate import told_in
-    from procedures.restoration.masks.checks import check_max_w
+    told = BlurOptions(**{one.name: options.pop(one.name) for one in fields(BlurOptions)})
+    told.check(len(images))
+    from procedures.restoration.photograph_blur import blur_of
     from station.reports.restoration_files import write_refusal, write_restoration
     from station.reports.restoration_page import restoration_page
     from station.results.result_files import ResultFolder
 
-    if blur.max_w is not None:
-        check_max_w(blur.max_w)
     parameters = _parameters(options)
     with ResultFolder(out, force=forced()) as folder:
         frames, photographs = _photographs(images, plane, layout, encoding)
-        source = blur.read(frames, photographs)
-        outcome = _in_colour(
-            told_in(source.unit, restored(photographs, source.masks, parameters, _tell)), frames, source
-        )
-        if source.motion is not None:
-            outcome = source.motion.judged(outcome)
+        spec = told.spec(frames, photographs)
+        tell_measured(spec)
+        blur = blur_of(spec, photographs, tell_finding)
+        outcome = _in_colour(blur.restored(photographs, parameters, _tell), frames, blur)
         about = {
             "procedure": "restore",
             "input": [{"path": str(i), "sha256": f.sha256} for i, f in zip(images, frames, strict=True)],
             "parameters": {
-                **blur.told,
-                **source.told,
+                **blur_record(told, frames, spec, blur),
                 "planes": list(frames[0].planes),
                 **({"encoding": encoding} if encoding else {}),
                 **told_layout(layout),
@@ -223,8 +220,8 @@ def restore(
         else:
             text = write_restoration(folder, outcome, about, restoration_page(outcome, photographs, about))
     level = _LEVELS.get(str(outcome.verdict), "error")
-    told = outcome.reason or "picture and depth restored"
-    log("restored", f"{outcome.verdict}: {told}", level=level, remedy=outcome.remedy)
+    sentence = outcome.reason or "picture and depth restored"
+    log("restored", f"{outcome.verdict}: {sentence}", level=level, remedy=outcome.remedy)
     log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))
     if as_json:
         click.echo(text, nl=False)
@@ -239,14 +236,14 @@ def _parameters(options: dict[str, Any]) -> Any:
     return RestorationParameters(**{**options, "scheme": Scheme.parse(options["scheme"])})
 
 
-def _in_colour(outcome: Outcome[Restoration], frames: list[RawFrame], source: BlurInput) -> Outcome[Restoration]:
+def _in_colour(outcome: Outcome[Restoration], frames: list[RawFrame], blur: SceneBlur) -> Outcome[Restoration]:
     """The same, of whole mosaics with its picture in colour at every pixel of the sensor."""
-    if outcome.value is None or source.finer is None or len(frames[0].planes) < 4:
+    if outcome.value is None or len(frames[0].planes) < 4:
         return outcome
     from procedures.restoration.colour.estimate import in_colour
 
     log("colour", "picture in colour on the sensor's grid")
-    found = in_colour(outcome.value, [frame.planes for frame in frames], source.finer(2))
+    found = in_colour(outcome.value, [frame.planes for frame in frames], blur.finer(2))
     return replace(outcome, value=found)
 
 
@@ -272,6 +269,6 @@ def _photographs(
     return frames, photographs
 
 
-def _tell(done: Round) -> None:
+def _tell(done: JointRound) -> None:
     sentence = f"round {done.n}: {done.what}, cost {done.cost:.4g}, residual {done.residual * 255:.3f}/255"
     log("round", sentence, n=done.n, what=done.what, cost=done.cost, seconds=round(done.seconds, 3))

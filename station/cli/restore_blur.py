@@ -1,8 +1,8 @@
-"""What `station restore` is told of the blur: its options, whether they go together, and the masks they give."""
+"""What `station restore` is told of the blur: its options, whether they go together, and the blur they tell."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,8 +13,15 @@ from station.common.log import log
 if TYPE_CHECKING:
     from procedures.raw import RawFrame
     from procedures.restoration.masks.blur_operator import Array
-    from procedures.restoration.unknown_motion.path_refinement import MotionShapes
-    from station.calibration.restoration_inputs import BlurInput
+    from procedures.restoration.photograph_blur import (
+        BlurSpec,
+        Finding,
+        KnownShapes,
+        RecordedMotion,
+        SceneBlur,
+        Shape,
+        UnknownMotion,
+    )
 
 
 @dataclass(frozen=True)
@@ -108,97 +115,149 @@ class BlurOptions:
                     f"{option} takes one value, or one for each of {images} images; got {len(given)}"
                 )
 
-    @property
-    def told(self) -> dict[str, Any]:
-        """What the record says of the options that are there for every blur."""
-        names = ("blur", "prototype_region")
-        return {
-            **{name: getattr(self, name) for name in names},
-            "shape": list(self.shapes),
-            "recorded_path": list(self.paths),
-        }
+    def spec(self, frames: list[RawFrame], photographs: list[Array]) -> BlurSpec:
+        """What they tell of the blur, its files read."""
+        from procedures.restoration.photograph_blur import BlurSpec, DefocusBeside
 
-    def read(self, frames: list[RawFrame], photographs: list[Array]) -> BlurInput:
-        """The masks of every photograph."""
-        from station.calibration.restoration_inputs import spread_by_defocus
-
-        plane = next(iter(frames[0].planes))
-        found = self._read(frames, photographs, plane)
-        for one in found.told.get("measured", ()):
-            half, cut = one["half_width_px"], one["negative_light"]
-            log("shape", f"measured half-width {half:.2f} pixels; {cut:.1%} negative light left out", **one)
+        count, source = len(frames), self._source(frames, photographs)
         if self.blur != "both":
-            return found
-        names, ratios, offsets = (
-            self._repeated(one, len(frames))
-            for one in (self.defocus_shapes, self.defocus_ratios, self.defocus_offsets or (0.0,))
-        )
-        return spread_by_defocus(found, names, ratios, offsets, photographs, plane)
+            return BlurSpec(source, self.max_w)
+        ratios, offsets = (_repeated(one, count) for one in (self.defocus_ratios, self.defocus_offsets or (0.0,)))
+        shapes = _shapes(self.defocus_shapes, frames, photographs, None)
+        return BlurSpec(source, self.max_w, DefocusBeside(shapes, (*ratios,), (*offsets,)))
 
-    def _read(self, frames: list[RawFrame], photographs: list[Array], plane: str) -> BlurInput:
-        """The masks of what blurs most: motion, or defocus alone."""
-        from procedures.restoration.joint.kernel_sizes import DEFAULT_MAX_W
-        from station.calibration.restoration_inputs import from_arrays, from_imu_records, from_poses, from_shapes
+    def _source(self, frames: list[RawFrame], photographs: list[Array]) -> KnownShapes | RecordedMotion | UnknownMotion:
+        """Of what blurs most: motion, or defocus alone."""
+        from procedures.restoration.photograph_blur import KnownShapes, UnknownMotion, region_of
+        from procedures.restoration.unknown_motion.recorded_paths import read_path
 
-        count, size = len(frames), (photographs[0].shape[1], photographs[0].shape[2])
-        each, by = self._later(self.ratios, 1.0, count), self._later(self.offsets, 0.0, count)
-        focal, inverse = self.focal_px or 0.0, self.max_inverse_depth or 0.0
-        if self.poses:
-            return from_poses([Path(one) for one in self.poses], focal, inverse, size)
-        if self.imu:
-            exposures = self._repeated(self.exposure_s, count) or [one.exposure.exposure_s for one in frames]
-            return from_imu_records([Path(one) for one in self.imu], exposures, focal, inverse, size)
+        if self.imu or self.poses:
+            return self._recorded(frames)
+        ratios = _later(self.ratios, 1.0, len(frames))
         if self.prototype_region is not None:
-            largest = self.max_w or DEFAULT_MAX_W
-            found = _prototypes(photographs, self.prototype_region, largest, self.paths)
-            given = from_arrays([*found.shapes], each or (1.0,) * count, self.max_w, photographs)
-            return replace(given, told={**given.told, "motion": _described(found)}, motion=found)
-        names, samples = self._repeated(self.shapes, count), self.samples_per_pixel
-        return from_shapes(names, each, self.max_w, photographs, plane=plane, samples_per_px=samples, offsets=by)
+            paths = tuple(read_path(Path(one)) for one in self.paths)
+            return UnknownMotion(region_of(self.prototype_region), paths, ratios)
+        shapes = _shapes(self.shapes, frames, photographs, self.samples_per_pixel)
+        return KnownShapes(shapes, ratios, _later(self.offsets, 0.0, len(frames)))
 
-    @staticmethod
-    def _later(given: tuple[float, ...], first: float, count: int) -> tuple[float, ...]:
-        """One for each photograph, from those after the first, the last of which goes on; none where none are given."""
-        return (first, *given, *(given[-1:] * count))[:count] if given else ()
+    def _recorded(self, frames: list[RawFrame]) -> RecordedMotion:
+        from procedures.restoration.photograph_blur import RecordedMotion
+        from station.calibration.restoration_inputs import poses_of_records, read_poses
 
-    @staticmethod
-    def _repeated(given: tuple[Any, ...], count: int) -> list[Any]:
-        """One for each photograph, from one for each or one for all."""
-        return [*given] * (1 if len(given) == count else count)
+        if self.poses:
+            poses = tuple(read_poses(Path(one)) for one in self.poses)
+        else:
+            poses = poses_of_records([Path(one) for one in self.imu], self.exposures(frames))
+        return RecordedMotion(poses, self.focal_px, self.max_inverse_depth)
 
-
-def _prototypes(photographs: list[Array], region: str, max_w: float, paths: tuple[str, ...]) -> MotionShapes:
-    """Shapes of unknown motion from a flat part of the scene, begun from recorded paths of the rig."""
-    import numpy as np
-
-    from procedures.restoration.unknown_motion.blind import prototype_shapes
-    from procedures.restoration.unknown_motion.motion_splines import recorded
-    from procedures.restoration.unknown_motion.path_refinement import motion_of_scene
-    from procedures.restoration.unknown_motion.recorded_paths import read_path, recorded_masks
-
-    try:
-        x, y, width, height = (int(part) for part in region.split(","))
-    except ValueError as error:
-        raise click.UsageError(f"--prototype-region is X,Y,W,H in pixels, got {region!r}") from error
-    H, W = photographs[0].shape[1:]
-    if not (0 <= x < x + width <= W and 0 <= y < y + height <= H):
-        raise click.UsageError(f"--prototype-region {region} is not within photographs of {W} x {H}")
-    parts = np.stack([p[:, y : y + height, x : x + width].mean(axis=0) for p in photographs])
-    largest = int(np.ceil(max_w))
-    # the scene is drawn along minus the rig's path
-    drawn = [-read_path(Path(name)) for name in paths]
-    found = prototype_shapes(parts, largest, first=recorded_masks(parts, drawn, largest) if drawn else None)
-    log("prototypes", f"motion of half-width {found.half_width:.1f} pixels in the flat part")
-    begun = [recorded(path, mask, found.half_width) for path, mask in zip(drawn, found.masks, strict=False)]
-    box, rng = (x, y, width, height), np.random.default_rng(0)
-    log("paths", "looking for the paths that the whole frame agrees with; this takes some minutes")
-    motion = motion_of_scene(photographs, box, found, max_w, rng, np.stack(begun) if begun else None)
-    sentence = motion.doubt or f"paths of half-width {motion.half_width:.2f} pixels in the flat part"
-    log("motion", sentence, level="warning" if motion.doubt else "info", half_width=motion.half_width)
-    return motion
+    def exposures(self, frames: list[RawFrame]) -> list[float | None]:
+        """Exposure times as told, or as the files tell, seconds."""
+        return _repeated(self.exposure_s, len(frames)) or [one.exposure.exposure_s for one in frames]
 
 
-def _described(found: MotionShapes) -> dict[str, Any]:
-    """What the record says of motion found: half-width and paths in the flat part, pixels."""
+def _later(given: tuple[float, ...], first: float, count: int) -> tuple[float, ...]:
+    """One for each photograph, from those after the first, the last of which goes on; none where none are given."""
+    return (first, *given, *(given[-1:] * count))[:count] if given else ()
+
+
+def _repeated(given: tuple[Any, ...], count: int) -> list[Any]:
+    """One for each photograph, from one for each or one for all."""
+    return [*given] * (1 if len(given) == count else count)
+
+
+def _shapes(
+    names: tuple[str, ...], frames: list[RawFrame], photographs: list[Array], samples_per_px: int | None
+) -> tuple[Shape, ...]:
+    """A shape for each photograph."""
+    from station.calibration.restoration_inputs import read_blur_shape
+
+    plane, size = next(iter(frames[0].planes)), (photographs[0].shape[1], photographs[0].shape[2])
+    return tuple(read_blur_shape(name, plane, size, samples_per_px) for name in _repeated(names, len(frames)))
+
+
+# --- what is told of it ------------------------------------------------------------------------------------------
+
+
+def tell_measured(spec: BlurSpec) -> None:
+    """Log the sizes of measured shapes."""
+    for one in _measured(spec):
+        half, cut = one["half_width_px"], one["negative_light"]
+        log("shape", f"measured half-width {half:.2f} pixels; {cut:.1%} negative light left out", **one)
+
+
+def tell_finding(found: Finding) -> None:
+    """Log what is found of unknown motion."""
+    from procedures.restoration.unknown_motion.blind import Prototypes
+
+    if isinstance(found, Prototypes):
+        log("prototypes", f"motion of half-width {found.half_width:.1f} pixels in the flat part")
+        log("paths", "looking for the paths that the whole frame agrees with; this takes some minutes")
+    else:
+        sentence = found.doubt or f"paths of half-width {found.half_width:.2f} pixels in the flat part"
+        log("motion", sentence, level="warning" if found.doubt else "info", half_width=found.half_width)
+
+
+def blur_record(options: BlurOptions, frames: list[RawFrame], spec: BlurSpec, blur: SceneBlur) -> dict[str, Any]:
+    """What `result.json` says of the blur: the options, and what was found where they left it open."""
+    names = {"shape": options.shapes, "recorded_path": options.paths}
+    told: dict[str, Any] = {
+        "blur": options.blur,
+        "prototype_region": options.prototype_region,
+        **{name: list(given) for name, given in names.items()},
+    }
+    if options.imu:
+        told |= {"imu": list(options.imu), "exposure_s": options.exposures(frames)}
+    elif options.poses:
+        told |= {"poses": list(options.poses)}
+    return told | _of_source(spec, blur) | _of_defocus(options, spec) | _of_motion(blur)
+
+
+def _of_source(spec: BlurSpec, blur: SceneBlur) -> dict[str, Any]:
+    from procedures.restoration.masks.mask_fields import MaskField
+    from procedures.restoration.photograph_blur import KnownShapes, RecordedMotion
+
+    source = spec.source
+    if isinstance(source, RecordedMotion):
+        masks = MaskField.of(blur.masks[0])
+        given = {"focal_px": source.focal_px, "max_inverse_depth": source.max_inverse_m}
+        return {**given, "nodes": list(masks.grid), "half_size": masks.R}
+    told: dict[str, Any] = {"ratio": list(blur.ratios[1:]), "max_w": blur.max_w}
+    if isinstance(source, KnownShapes) and any(source.offsets):
+        told["offset"] = list(source.offsets[1:])
+    measured = _measured(spec)
+    return {**told, "measured": measured} if measured else told
+
+
+def _measured(spec: BlurSpec) -> list[dict[str, Any]]:
+    """What the record says of measured shapes."""
+    from procedures.restoration.masks.psf_shapes import MeasuredShape
+    from procedures.restoration.photograph_blur import KnownShapes
+
+    shapes = spec.source.shapes if isinstance(spec.source, KnownShapes) else ()
+    return [
+        {
+            "half_width_px": one.half_width_px,
+            "negative_light": one.cut,
+            "energy_outside_support": one.energy_outside_support,
+        }
+        for one in shapes
+        if isinstance(one, MeasuredShape)
+    ]
+
+
+def _of_defocus(options: BlurOptions, spec: BlurSpec) -> dict[str, Any]:
+    """Of defocus beside motion."""
+    if spec.defocus is None:
+        return {}
+    names = _repeated(options.defocus_shapes, len(spec.defocus.shapes))
+    ratios, offsets = list(spec.defocus.ratios), list(spec.defocus.offsets)
+    return {"defocus_shape": names, "defocus_ratio": ratios, "defocus_offset": offsets}
+
+
+def _of_motion(blur: SceneBlur) -> dict[str, Any]:
+    """Of motion found: half-width and paths in the flat part, pixels."""
+    found = blur.motion
+    if found is None:
+        return {}
     paths = None if found.path is None else found.path[:, ::8].round(3).tolist()
-    return {"half_width_px": found.half_width, "paths_px": paths, "doubt": found.doubt}
+    return {"motion": {"half_width_px": found.half_width, "paths_px": paths, "doubt": found.doubt}}

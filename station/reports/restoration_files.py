@@ -12,7 +12,7 @@ import numpy.typing as npt
 from procedures.outcome import Outcome
 from procedures.raw import RawFrame
 from procedures.restoration.joint.estimate import Restoration
-from procedures.restoration.photograph_blur import shown
+from procedures.restoration.two_photographs import shown
 from station.drawing.depth_pictures import coloured, encoded, levels, picture
 from station.drawing.linear_pictures import described_tiff
 from station.results.plane_result import PlaneResult

@@ -40,13 +40,14 @@ from procedures.reading import hdf5
 from procedures.reading.exposure import Exposure
 from procedures.reading.sensor_dump import DumpLayout
 from procedures.restoration.masks.psf_shapes import measured_field
+from procedures.restoration.photograph_blur import BlurSpec, KnownShapes, blur_of
 from procedures.restoration.unknown_motion.recorded_paths import read_path
 from simulators.camera.dng import Shot, write_dng
 from station.batch.procedure_file import read_procedure
 from station.bench.opening import make_bench, read_config
 from station.calibration.exports.geometry import FORMATS, export_camera, read_camera
 from station.calibration.field_photographs import focus_positions
-from station.calibration.restoration_inputs import from_shapes, imu_table, read_imu
+from station.calibration.restoration_inputs import imu_table, read_blur_shape, read_imu
 from station.calibration.sensor_folder import find_shots
 from station.calibration.sensor_models import read_sensor
 from station.results.plane_result import PlaneResult
@@ -242,7 +243,8 @@ def _imu(path: Path) -> None:
 
 def _shape(path: Path, samples_per_px: int | None = None) -> None:
     photographs = [_rng().random((1, 64, 64)), _rng().random((1, 64, 64))]
-    from_shapes([str(path), str(path)], (1.0, 1.3), 2.0, photographs, plane="G1", samples_per_px=samples_per_px)
+    shape = read_blur_shape(str(path), "G1", (64, 64), samples_per_px)
+    blur_of(BlurSpec(KnownShapes((shape, shape), (1.0, 1.3)), 2.0), photographs)
 
 
 def _blur(path: Path) -> None:

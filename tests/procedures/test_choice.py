@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from procedures.choice import assess_trial, band_edge, choose, settling
-from procedures.psf import Psf, Tail
+from procedures.psf import Psf, PsfTail
 
 SIGMA = 0.35
 
@@ -15,7 +15,7 @@ def gaussian(s: int, k: int, *, noise: float = 1e-5, tail: float = 0.0) -> Psf:
     """A Gaussian PSF with white noise's covariance, and a tail of an energy."""
     x = (np.arange(k) - k // 2) / s
     h = np.exp(-(x**2 + (x**2)[:, None]) / (2 * SIGMA**2))
-    outside = Tail(np.array([tail]), np.zeros((1, 1)), np.zeros((k * k, 1)))
+    outside = PsfTail(np.array([tail]), np.zeros((1, 1)), np.zeros((k * k, 1)))
     return Psf(h / h.sum(), s, noise**2 * np.eye(k * k), outside)
 
 

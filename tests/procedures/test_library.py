@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import ast
+import dataclasses
 import importlib
+import inspect
 import os
 import re
 import shutil
 import subprocess
 import sys
+import typing
 import zipfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -61,6 +65,39 @@ def test_types_and_program_agree_on_where_every_name_is():
     }
     assert sorted(imported) == sorted(procedures.__all__)
     assert all(getattr(procedures, name) is value for name, value in imported.items())
+
+
+def ours_in(hint: object) -> Iterator[type]:
+    """The project's own classes that a type is made of."""
+    of = typing.get_origin(hint) or hint
+    if inspect.isclass(of) and of.__module__.startswith("procedures."):
+        yield of
+    for part in (*typing.get_args(hint), *(hint if isinstance(hint, list) else ())):
+        yield from ours_in(part)
+
+
+def given_by(function: object) -> set[type]:
+    """The classes of what a function answers."""
+    return set(ours_in(typing.get_type_hints(function)["return"]))
+
+
+def taken_by(one: object) -> set[type]:
+    """The classes of what calling a function takes, or making an instance of a class."""
+    target = one.__init__ if inspect.isclass(one) else one
+    hints = typing.get_type_hints(target) if inspect.isfunction(target) else {}
+    return {found for name, hint in hints.items() if name != "return" for found in ours_in(hint)}
+
+
+def test_what_a_function_takes_and_gives_is_in_the_library():
+    public = {name: getattr(procedures, name) for name in procedures.__all__}
+    functions = [one for one in public.values() if inspect.isfunction(one)]
+    given = set().union(*map(given_by, functions))
+    needed, more = set(), set().union(*map(taken_by, functions))
+    while more:  # settings of settings; what a function gives need not be made by hand
+        needed |= more
+        more = set().union(*(taken_by(one) for one in more - given if dataclasses.is_dataclass(one))) - needed
+    assert {"RestorationParameters", "SegmentSettings", "PathSettings"} <= {one.__name__ for one in needed}
+    assert sorted(one.__qualname__ for one in (needed | given) - set(public.values())) == []
 
 
 def test_unknown_name_is_an_attribute_error():

@@ -9,7 +9,7 @@ import pytest
 from scipy.special import j0
 
 from procedures.numerics.kernel_tail import tail_sums
-from procedures.psf import Psf, Tail
+from procedures.psf import Psf, PsfTail
 from procedures.quality import Diffraction, assess, beyond_diffraction, otf
 
 S, K = 4, 33
@@ -33,7 +33,7 @@ def airy(limit: Diffraction) -> Psf:
     x = (np.arange(K) - K // 2) / S
     h = limit.psf(np.hypot(x, x[:, None])) / S**2  # of sum 1 over the plane, the tail outside included
     outside = np.array([(1 / h.sum() - 1) / tail_sums(K)[0]])
-    return Psf(h / h.sum(), S, 1e-12 * np.eye(h.size), Tail(outside, np.zeros((1, 1)), np.zeros((h.size, 1))))
+    return Psf(h / h.sum(), S, 1e-12 * np.eye(h.size), PsfTail(outside, np.zeros((1, 1)), np.zeros((h.size, 1))))
 
 
 def test_mtf50_and_widths_of_a_gaussian() -> None:

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from procedures.psf import Psf, Tail
+from procedures.psf import Psf, PsfTail
 from procedures.quality import assess
 from procedures.radial_profile import radial_profile
 from station.results.exports import profile_table
@@ -23,7 +23,7 @@ def gaussian(sigma_px, s=4, k=33, sd=1e-4):
 
 def with_tail(psf, amplitudes=(0.04, 0.005, 0.01, 0.0, 0.003, 0.0), sd=2e-3):
     q = len(amplitudes)
-    return replace(psf, tail=Tail(np.array(amplitudes), sd**2 * np.eye(q), np.zeros((psf.k**2, q))))
+    return replace(psf, tail=PsfTail(np.array(amplitudes), sd**2 * np.eye(q), np.zeros((psf.k**2, q))))
 
 
 def test_profile_of_a_gaussian_is_the_gaussian():

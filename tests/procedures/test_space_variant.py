@@ -9,7 +9,7 @@ from scipy.signal import convolve2d
 from procedures.field.models import Separate
 from procedures.numerics.scattered import Polynomial
 from procedures.outcome import BadParameter
-from procedures.psf import Psf, Tail
+from procedures.psf import Psf, PsfTail
 from procedures.psf_field import Node, PsfField, in_half_diagonals
 from procedures.space_variant import SpaceVariantBlur
 
@@ -112,7 +112,7 @@ def with_tails(field: PsfField, tails: list[float]) -> PsfField:
     n = K * K
     nodes = []
     for node, amount in zip(field.nodes, tails, strict=True):
-        tail = Tail(np.array([amount]), 1e-6 * np.eye(1), np.zeros((n, 1)))
+        tail = PsfTail(np.array([amount]), 1e-6 * np.eye(1), np.zeros((n, 1)))
         nodes.append(replace(node, psf=replace(node.psf, tail=tail)))
     direction = np.zeros((1, n + 1))
     direction[0, n] = 1

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procedures.psf import Psf, Tail
+from procedures.psf import Psf, PsfTail
 from procedures.quality import otf
 from procedures.transfer_function import mtf_map, phase_along
 
@@ -14,7 +14,7 @@ def _psf(dx_px: float = 0.0, *, tail: bool = False) -> Psf:
     h = np.exp(-((x - dx_px) ** 2 + x[:, None] ** 2) / (2 * 0.4**2))
     h /= h.sum()
     covariance = 1e-8 * np.eye(169)
-    outside = Tail(np.array([0.03]), np.array([[1e-6]]), np.zeros((169, 1)))
+    outside = PsfTail(np.array([0.03]), np.array([[1e-6]]), np.zeros((169, 1)))
     return Psf(h, 3, covariance, outside) if tail else Psf(h, 3, covariance)
 
 

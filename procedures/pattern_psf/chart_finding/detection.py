@@ -51,7 +51,7 @@ Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Sighting:
+class ChartSighting:
     """One chart found in a photograph.
 
     Attributes
@@ -93,7 +93,7 @@ class Sighting:
         out: Array = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
         return out
 
-    def moved(self, x: float, y: float) -> Sighting:
+    def moved(self, x: float, y: float) -> ChartSighting:
         """The same chart in a plane where everything appears so many pixels further right and down."""
         T = np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]])
         return replace(self, corners=self.corners + np.array([x, y]), H_sensor_pattern=T @ self.H_sensor_pattern)
@@ -142,7 +142,7 @@ def _homography(pixels: Array, chosen: npt.NDArray[np.bool_], tolerance: float) 
     return None if H is None else np.asarray(H, dtype=np.float64)
 
 
-def _settle(levels: list[tuple[int, Image]], start: Array) -> Sighting | None:
+def _settle(levels: list[tuple[int, Image]], start: Array) -> ChartSighting | None:
     """The chart near a homography from cells to pixels, its marks placed and everything checked."""
     block = BLOCK * np.sqrt(abs(np.linalg.det(_jacobian(start))))
     factor, level = levels[int(np.clip(np.log2(block / PLACED_BLOCK), 0, len(levels) - 1))]
@@ -162,7 +162,7 @@ def _settle(levels: list[tuple[int, Image]], start: Array) -> Sighting | None:
     if score < ACCEPTED:
         return None
     corners = np.where(visible[:, None], pixels, np.nan)
-    return Sighting(corners, best / best[2, 2], visible, score, bool(np.linalg.det(_jacobian(best)) < 0))
+    return ChartSighting(corners, best / best[2, 2], visible, score, bool(np.linalg.det(_jacobian(best)) < 0))
 
 
 def _centre(H: Array) -> Array:
@@ -185,7 +185,7 @@ def _sure_score(rectified: Image, visible: npt.NDArray[np.bool_]) -> float:
     return float(scores[0]) if scores[0] - scores[1:].max() > MARGIN else 0.0
 
 
-def find_charts(image: npt.NDArray[np.floating]) -> list[Sighting]:
+def find_charts(image: npt.NDArray[np.floating]) -> list[ChartSighting]:
     """The charts in a photograph, the most marks in best agreement first; also mirrored, partly hidden and cut ones.
 
     Parameters
@@ -201,7 +201,7 @@ def find_charts(image: npt.NDArray[np.floating]) -> list[Sighting]:
     if image.ndim != 2:
         raise BadInput(f"detection needs one grey plane; got an array of shape {image.shape}", "choose one plane")
     levels = list(_pyramid(np.ascontiguousarray(image, dtype=np.float32)))
-    found: list[Sighting] = []
+    found: list[ChartSighting] = []
     for factor, level in levels:
         for H in _candidates(level):
             at_full = _to_full(factor) @ H
@@ -212,28 +212,28 @@ def find_charts(image: npt.NDArray[np.floating]) -> list[Sighting]:
     return _apart(sorted(found, key=lambda s: -s.score * s.visible.sum()))
 
 
-def _apart(found: list[Sighting]) -> list[Sighting]:
+def _apart(found: list[ChartSighting]) -> list[ChartSighting]:
     """The first of those that overlap; a side of one chart can pass for the opposite side of another."""
-    kept: list[Sighting] = []
+    kept: list[ChartSighting] = []
     for sighting in found:
         if not _known(sighting.centre(), kept) and not any(_share_marks(sighting, s) for s in kept):
             kept.append(sighting)
     return kept
 
 
-def _share_marks(one: Sighting, other: Sighting) -> bool:
+def _share_marks(one: ChartSighting, other: ChartSighting) -> bool:
     """Whether two sightings have x-corners in common, which two charts cannot."""
     a, b = one.corners[one.visible], other.corners[other.visible]
     near = np.linalg.norm(a[:, None] - b, axis=2) < other.widths().min() * BLOCK / CELLS / 4
     return bool(near.any())
 
 
-def _known(centre: Array, found: list[Sighting]) -> bool:
+def _known(centre: Array, found: list[ChartSighting]) -> bool:
     """Whether a chart with its centre there would overlap one that was found."""
     return any(np.linalg.norm(s.centre() - centre) < s.widths().min() / 2 for s in found)
 
 
-def find_chart(image: npt.NDArray[np.floating]) -> Sighting:
+def find_chart(image: npt.NDArray[np.floating]) -> ChartSighting:
     """The one chart in a photograph.
 
     Raises
@@ -255,7 +255,7 @@ def find_chart(image: npt.NDArray[np.floating]) -> Sighting:
     return found[0]
 
 
-def check_usable(sighting: Sighting, shape: tuple[int, ...]) -> None:
+def check_usable(sighting: ChartSighting, shape: tuple[int, ...]) -> None:
     """Raise Refused for a chart that the estimator cannot use, in a photograph of this shape; see `find_chart`."""
     if sighting.mirrored:
         raise Refused("the chart is mirrored", "flip the picture left to right, or photograph the chart directly")

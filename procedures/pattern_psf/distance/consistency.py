@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from procedures.numerics.warps import apply_homography, inverse
 from procedures.pattern import CELLS, DEFAULT_SEED
-from procedures.pattern_psf.chart_finding.detection import Sighting
+from procedures.pattern_psf.chart_finding.detection import ChartSighting
 from procedures.pattern_psf.distance.ranging import APART, LASER_REACH_MM
 from procedures.pattern_psf.facts import PatternFacts, RangeLook, chart_of
 from procedures.pattern_psf.pose import Optics
@@ -139,7 +139,7 @@ def probe_mm(look: RangeLook, z: float, closer: bool, known: PatternFacts) -> fl
 # --- cells -------------------------------------------------------------------------------------------------------
 
 
-def seed_contradiction(plane: Plane, sighting: Sighting, known: PatternFacts) -> Advice | float | None:
+def seed_contradiction(plane: Plane, sighting: ChartSighting, known: PatternFacts) -> Advice | float | None:
     """How well the cells agree with the seed's; an advice where they are others, None where none can be seen."""
     if "chart_seed" in known.insisted:
         return None
@@ -154,7 +154,7 @@ def seed_contradiction(plane: Plane, sighting: Sighting, known: PatternFacts) ->
     return Advice(False, say, doubted=("chart_seed",))
 
 
-def cells_alike(plane: Plane, sighting: Sighting, seed: int) -> float | None:
+def cells_alike(plane: Plane, sighting: ChartSighting, seed: int) -> float | None:
     """Correlation of the noise region with a seed's cells, the best of small shifts; None where it has no detail."""
     x, y, columns, rows = _inside(sighting, plane)
     if min(columns, rows) < 8 * SHIFT_PX:
@@ -168,7 +168,7 @@ def cells_alike(plane: Plane, sighting: Sighting, seed: int) -> float | None:
     return float(cv2.matchTemplate(fine, inner, cv2.TM_CCOEFF_NORMED).max())
 
 
-def _inside(sighting: Sighting, plane: Plane) -> tuple[int, int, int, int]:
+def _inside(sighting: ChartSighting, plane: Plane) -> tuple[int, int, int, int]:
     """The middle three quarters of the noise region: first pixel (x, y), columns and rows."""
     rim = CELLS / 8
     corners = np.array([[rim, rim], [CELLS - rim, rim], [CELLS - rim, CELLS - rim], [rim, CELLS - rim]])
@@ -178,7 +178,7 @@ def _inside(sighting: Sighting, plane: Plane) -> tuple[int, int, int, int]:
     return x, y, int(min(high[0], plane.samples.shape[1])) - x, int(min(high[1], plane.samples.shape[0])) - y
 
 
-def _drawn(sighting: Sighting, seed: int, box: tuple[int, int, int, int]) -> npt.NDArray[np.float32]:
+def _drawn(sighting: ChartSighting, seed: int, box: tuple[int, int, int, int]) -> npt.NDArray[np.float32]:
     """The cells as the box's pixels see them, each the mean of FINE x FINE points."""
     x, y, columns, rows = box
     part = (np.arange(FINE) + 0.5) / FINE - 0.5

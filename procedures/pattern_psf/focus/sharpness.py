@@ -13,7 +13,7 @@ import numpy as np
 from procedures.choice import START_K, START_S
 from procedures.outcome import Outcome, Quantity, Refused, Verdict
 from procedures.pattern import Chart
-from procedures.pattern_psf.chart_finding.detection import Sighting, find_chart, find_charts
+from procedures.pattern_psf.chart_finding.detection import ChartSighting, find_chart, find_charts
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
 from procedures.raw import Plane
 
@@ -35,7 +35,7 @@ class Sharpness:
         Of detail that repeats along the rows (upright lines) and along the columns.
     s_over_t : float
         Sampling ratio of the chart; 1 is ideal.
-    sighting : Sighting
+    sighting : ChartSighting
         Where the chart was, in pixels of the plane.
     """
 
@@ -43,7 +43,7 @@ class Sharpness:
     along_rows: Quantity
     along_columns: Quantity
     s_over_t: float
-    sighting: Sighting
+    sighting: ChartSighting
 
     @property
     def astigmatism(self) -> tuple[float, float]:
@@ -53,7 +53,7 @@ class Sharpness:
 
 
 def measure_sharpness(
-    plane: Plane, chart: Chart, parameters: PatternParameters = QUICK, near: Sighting | None = None
+    plane: Plane, chart: Chart, parameters: PatternParameters = QUICK, near: ChartSighting | None = None
 ) -> Outcome[Sharpness]:
     """The sharpness of a plane that shows the chart, with the verdict on its PSF, or why there is none.
 
@@ -64,7 +64,7 @@ def measure_sharpness(
         The cells that were printed.
     parameters : PatternParameters
         s and k must be given: to choose them takes many estimates.
-    near : Sighting, optional
+    near : ChartSighting, optional
         Where the chart was in the photograph before.
     """
     try:
@@ -78,7 +78,7 @@ def measure_sharpness(
     return _sharpness(found, found.value, sighting)
 
 
-def _sharpness(found: Outcome[PatternPsf], value: PatternPsf, sighting: Sighting) -> Outcome[Sharpness]:
+def _sharpness(found: Outcome[PatternPsf], value: PatternPsf, sighting: ChartSighting) -> Outcome[Sharpness]:
     numbers = value.quality.numbers
     told = [numbers.get(f"mtf50_{way}") for way in ("radial", "horizontal", "vertical")]
     radial, rows, columns = told
@@ -89,7 +89,7 @@ def _sharpness(found: Outcome[PatternPsf], value: PatternPsf, sighting: Sighting
     return Outcome(one, found.verdict, found.reason, found.remedy)
 
 
-def _seen_near(plane: Plane, near: Sighting | None) -> Sighting | None:
+def _seen_near(plane: Plane, near: ChartSighting | None) -> ChartSighting | None:
     """The chart about where it was; None where it is not, or not alone."""
     if near is None:
         return None
@@ -98,7 +98,7 @@ def _seen_near(plane: Plane, near: Sighting | None) -> Sighting | None:
     return found[0].moved(x, y) if len(found) == 1 else None
 
 
-def _about(plane: Plane, sighting: Sighting) -> tuple[int, int, Plane]:
+def _about(plane: Plane, sighting: ChartSighting) -> tuple[int, int, Plane]:
     """The part of a plane about a chart, and its first pixel (x, y)."""
     half = REACH * float(sighting.widths().max())
     (x, y), (rows, columns) = sighting.centre(), plane.samples.shape

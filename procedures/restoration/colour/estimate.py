@@ -14,7 +14,7 @@ from procedures.restoration.colour.mosaic import Mosaics, depth_on_sensor, mosai
 from procedures.restoration.colour.picture import MosaicTerm, alone, mixing, with_depth
 from procedures.restoration.first_depth.segments import SegmentSettings
 from procedures.restoration.joint.estimate import Restoration
-from procedures.restoration.masks.blur_models import Unit
+from procedures.restoration.masks.blur_models import DepthUnit
 from procedures.restoration.masks.blur_operator import Array, MaskStack
 from procedures.restoration.masks.mask_fields import MaskField, Masks, one_grid
 
@@ -53,7 +53,7 @@ def in_colour(
         known, w, first, shifted(masks, 2 * found.shifts), found.diagnostics.noise, steps or Steps()
     )
     spread_w = np.repeat(np.repeat(2 * found.w_std, 2, axis=0), 2, axis=1)
-    unit = Unit(found.unit.name, found.unit.per_pixel / 2)
+    unit = DepthUnit(found.unit.name, found.unit.per_pixel / 2)
     return replace(found, sharp=sharp, w=w, w_std=spread_w, residual=residual, unit=unit)
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from procedures.restoration.joint.data_term import DataTerm, restore_picture
-from procedures.restoration.joint.gauss_newton import Weights, joint_step
+from procedures.restoration.joint.gauss_newton import PriorWeights, joint_step
 from procedures.restoration.joint.priors import differences, steps_allowed, total_variation
 from procedures.restoration.joint.schedule import DEPTH_SLOPE
 from procedures.restoration.masks.blur_operator import Array, Blur, FieldBlur
@@ -95,7 +95,7 @@ def with_depth(data: MosaicTerm, u: Array, w: Array, sigma: float, rounds: int, 
     """
     for _ in range(rounds):
         strength, diffusion = prior_of(u, sigma)
-        weights = Weights(strength, sigma**2 / DEPTH_SLOPE**2)
+        weights = PriorWeights(strength, sigma**2 / DEPTH_SLOPE**2)
         u, w = joint_step(data, u, w, weights, iterations, diffusion, steps_allowed(w, weights.step))
     return u, w
 

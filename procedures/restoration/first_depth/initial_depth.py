@@ -222,7 +222,7 @@ def algorithm_3(
 
 
 @dataclass(frozen=True)
-class Matching:
+class MatchingSettings:
     """Semi-global matching of the whitened costs, which are chi-squares near 1 per channel at the truth.
 
     window : side of their mean, pixels; cap : cost at which a level is simply wrong; small, large : penalties of a
@@ -250,13 +250,13 @@ def matched(
     sigmas: Array,
     *,
     least: float = 0.3,
-    matching: Matching | None = None,
+    matching: MatchingSettings | None = None,
 ) -> DepthStart:
     """The default start: whitened Algorithm III, its labels matched over the whole frame.
 
     Near the frame the differences contain what lies outside, so they count little there.
     """
-    m = matching or Matching()
+    m = matching or MatchingSettings()
     # over what the scene spans only: how a level's window and cost compare with others' depends on the largest
     rough = _matched_at(z, stacks, sigmas, levels_of(stacks, least, 2 * m.step), m).w
     levels = levels_of(stacks, least, m.step)
@@ -265,7 +265,7 @@ def matched(
     return _matched_at(z, stacks, sigmas, levels, m)
 
 
-def _matched_at(z: Array, stacks: Sequence[Masks], sigmas: Array, levels: Array, m: Matching) -> DepthStart:
+def _matched_at(z: Array, stacks: Sequence[Masks], sigmas: Array, levels: Array, m: MatchingSettings) -> DepthStart:
     """The levels given that match the whole frame at least cost."""
     volume = cost_volume(z, stacks, sigmas, levels, m.window, even=m.even)
     volume /= z.shape[1] * len(z) * (len(z) - 1) // 2

@@ -17,7 +17,7 @@ from procedures.restoration.joint.data_term import DataTerm
 from procedures.restoration.joint.noise_and_contrast import noise_gain, picture_uncertainty
 from procedures.restoration.joint.schedule import Schedule, Scheme, WeightSettings
 from procedures.restoration.masks import checks
-from procedures.restoration.masks.blur_models import Unit
+from procedures.restoration.masks.blur_models import DepthUnit
 from procedures.restoration.masks.blur_operator import Array
 from procedures.restoration.masks.mask_fields import MaskField, Masks, one_grid
 
@@ -26,7 +26,7 @@ AXES = ("both", "x", "y")
 
 
 @dataclass(frozen=True)
-class Limits:
+class RestorationLimits:
     """From when on a restoration is doubted or refused.
 
     Attributes
@@ -58,7 +58,7 @@ class RestorationParameters:
     """How to restore.
 
     image_weight, depth_weight : lambda_u and lambda_w of (6.1), photographs in [0, 1], w in pixels; None takes them
-    from the noise. lambda_w counts second differences of w (see `newton.Weights`). depth_start : "matched" (whitened
+    from the noise. lambda_w counts second differences of w (see `PriorWeights`). depth_start : "matched" (whitened
     Algorithm III over the whole frame), "blur" (Algorithm III), "symmetric" (Algorithm II). symmetric_axis : "both" for
     masks symmetric about axes and diagonals (Proposition 2), "x" or "y" for even ones along one axis (Proposition 3).
     total_variation, depth_total_variation : of picture and w, instead of quadratic priors.
@@ -74,10 +74,10 @@ class RestorationParameters:
     depth_total_variation: bool = False
     dtype: type[np.floating[Any]] = np.float32
     registration: registration.RegistrationSettings = field(default_factory=registration.RegistrationSettings)
-    matching: initial_depth.Matching = field(default_factory=initial_depth.Matching)
+    matching: initial_depth.MatchingSettings = field(default_factory=initial_depth.MatchingSettings)
     weights: WeightSettings = field(default_factory=WeightSettings)
     joint: joint_descent.JointSettings = field(default_factory=joint_descent.JointSettings)
-    limits: Limits = field(default_factory=Limits)
+    limits: RestorationLimits = field(default_factory=RestorationLimits)
 
     def __post_init__(self) -> None:
         if self.depth_start not in STARTS:
@@ -126,11 +126,11 @@ class Restoration:
     w_std: Array
     residual: Array
     start: initial_depth.DepthStart
-    history: tuple[joint_descent.Round, ...]
+    history: tuple[joint_descent.JointRound, ...]
     diagnostics: Diagnostics
     shifts: Array
     light: Array
-    unit: Unit = field(default_factory=Unit)
+    unit: DepthUnit = field(default_factory=DepthUnit)
 
 
 def own_noise(z: Array) -> float:
@@ -170,7 +170,7 @@ def restore(
     photographs: list[Array],
     stacks: Sequence[Masks],
     parameters: RestorationParameters | None = None,
-    progress: Callable[[joint_descent.Round], None] | None = None,
+    progress: Callable[[joint_descent.JointRound], None] | None = None,
 ) -> Outcome[Restoration]:
     """The sharp picture and the depth map, with a verdict; refused ones have no value. See `restoration_of`."""
     p = parameters or RestorationParameters()
@@ -181,7 +181,7 @@ def restoration_of(
     photographs: list[Array],
     stacks: Sequence[Masks],
     parameters: RestorationParameters | None = None,
-    progress: Callable[[joint_descent.Round], None] | None = None,
+    progress: Callable[[joint_descent.JointRound], None] | None = None,
 ) -> Restoration:
     """The sharp picture and the depth map, whatever they are worth.
 
@@ -287,9 +287,9 @@ def w_uncertainty(data: DataTerm, u: Array, w: Array, sigma: float, window: int 
     return np.asarray(np.pad(sigma / np.sqrt(np.maximum(power, 1e-20)), data.R, mode="edge"))
 
 
-def judge(result: Restoration, limits: Limits | None = None) -> Outcome[Restoration]:
+def judge(result: Restoration, limits: RestorationLimits | None = None) -> Outcome[Restoration]:
     """The verdict on a restoration: passed, doubtful with the first thing wrong, or refused without a value."""
-    d, s = result.diagnostics, limits or Limits()
+    d, s = result.diagnostics, limits or RestorationLimits()
     if d.residual_over_noise > s.most_residual:
         reason = (
             f"no picture explains the photographs: what is left over is {d.residual_over_noise:.0f} times their noise "
@@ -328,7 +328,7 @@ def judge(result: Restoration, limits: Limits | None = None) -> Outcome[Restorat
     return Outcome(result)
 
 
-def told_in(unit: Unit, outcome: Outcome[Restoration]) -> Outcome[Restoration]:
+def told_in(unit: DepthUnit, outcome: Outcome[Restoration]) -> Outcome[Restoration]:
     """The same, with w told in that unit."""
     return outcome if outcome.value is None else replace(outcome, value=replace(outcome.value, unit=unit))
 

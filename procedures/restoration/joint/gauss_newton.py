@@ -17,7 +17,7 @@ from procedures.restoration.masks.blur_operator import Array
 
 
 @dataclass(frozen=True)
-class Weights:
+class PriorWeights:
     """Weights of the priors in (6.1), the data term counted in squared grey values of photographs in [0, 1].
 
     picture : lambda_u; depth : lambda_w; step : change of w between neighbours, pixels, taken as a depth step.
@@ -40,7 +40,7 @@ def joint_step(
     data: DataTerm,
     u: Array,
     w: Array,
-    weights: Weights,
+    weights: PriorWeights,
     iterations: int,
     diffusion: tuple[Array | float, Array | float] = (1.0, 1.0),
     edges: tuple[Array | float, Array | float] = (1.0, 1.0),

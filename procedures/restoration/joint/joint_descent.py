@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from procedures.restoration.first_depth.segments import Labels, SegmentSettings, joined, mended, segments
 from procedures.restoration.joint.data_term import DataTerm, restore_picture
 from procedures.restoration.joint.depth_edges import EdgeSettings, layers_of, place_steps
-from procedures.restoration.joint.gauss_newton import Weights, joint_step
+from procedures.restoration.joint.gauss_newton import PriorWeights, joint_step
 from procedures.restoration.joint.noise_and_contrast import fitted_by_depth, moments
 from procedures.restoration.joint.priors import depth_variation, roughness, steps_allowed, total_variation
 from procedures.restoration.joint.restart_regions import Pair, RestartSettings, left_over, repaired
@@ -63,7 +63,7 @@ class JointSettings:
 
 
 @dataclass(frozen=True)
-class Round:
+class JointRound:
     """What one round did: cost (6.1) with the final weights, root mean square residual, mean change of w, seconds."""
 
     n: int
@@ -72,7 +72,7 @@ class Round:
     residual: float
     change: float
     seconds: float
-    weights: Weights
+    weights: PriorWeights
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class State:
     u: Array
     w: Array
     known: Statistics
-    history: tuple[Round, ...] = ()
+    history: tuple[JointRound, ...] = ()
     labels: Labels | None = None
 
 
@@ -129,7 +129,7 @@ def begin(problem: Problem, w: Array) -> State:
     return State(0, restore_picture(data, u, weight, 15), wide, known)
 
 
-def cost(problem: Problem, u: Array, w: Array, weights: Weights) -> tuple[float, float]:
+def cost(problem: Problem, u: Array, w: Array, weights: PriorWeights) -> tuple[float, float]:
     """Cost (6.1) and the robust root mean square residual of a pair; the data term is left focused on w."""
     problem.data.focus(w)
     e = problem.data.residual(u)
@@ -147,7 +147,9 @@ def _diffusion(problem: Problem, u: Array) -> tuple[Array | float, Array | float
     return down * u.dtype.type(scale), across * u.dtype.type(scale)
 
 
-def _edges(problem: Problem, e: Array | None, w: Array, weights: Weights, labels: Labels | None) -> tuple[Array, Array]:
+def _edges(
+    problem: Problem, e: Array | None, w: Array, weights: PriorWeights, labels: Labels | None
+) -> tuple[Array, Array]:
     """The depth prior's weights: none between segments; within them less where w is steep.
 
     A prior so strong that it bridges steps counts less where e, if given, is left over of the photographs, too.
@@ -184,7 +186,7 @@ def one_round(problem: Problem, state: State) -> State:
         u, w = _joint(problem, u, w, labels, weights, settled=state.n > 0)
     final = problem.schedule.final(state.known)
     value, residual = cost(problem, u, w, final)
-    done = Round(
+    done = JointRound(
         state.n, f"{opening.said} + joint" if opening else "joint", value, residual,
         float(np.abs(w - state.w).mean()), time.perf_counter() - start, weights,
     )  # fmt: skip
@@ -192,7 +194,7 @@ def one_round(problem: Problem, state: State) -> State:
 
 
 def _joint(
-    problem: Problem, u: Array, w: Array, labels: Labels | None, weights: Weights, settled: bool = True
+    problem: Problem, u: Array, w: Array, labels: Labels | None, weights: PriorWeights, settled: bool = True
 ) -> tuple[Array, Array]:
     """Picture and depth after one joint Gauss-Newton step.
 
@@ -204,7 +206,7 @@ def _joint(
     return joint_step(problem.data, u, w, weights, iterations, _diffusion(problem, u), edges)
 
 
-def _repaired(problem: Problem, state: State, weights: Weights) -> tuple[Array, Array, Labels]:
+def _repaired(problem: Problem, state: State, weights: PriorWeights) -> tuple[Array, Array, Labels]:
     """Picture, depth and segments some joint steps on, the parts that are not explained begun again."""
     s, jump = problem.settings, problem.settings.segments.jump
 
@@ -219,7 +221,7 @@ def _repaired(problem: Problem, state: State, weights: Weights) -> tuple[Array, 
     return found.u, found.w, found.labels
 
 
-def _placed(problem: Problem, state: State, step: PlaceEdges, weights: Weights) -> tuple[Array, Array, Labels]:
+def _placed(problem: Problem, state: State, step: PlaceEdges, weights: PriorWeights) -> tuple[Array, Array, Labels]:
     """Picture, depth and segments with the depth steps put in their place, from afar or from near."""
     reach, doubt = (step.reach, step.doubt) if step.reach is not None else (problem.reach, problem.reach - 1)
     s = problem.settings
@@ -232,7 +234,7 @@ def _placed(problem: Problem, state: State, step: PlaceEdges, weights: Weights) 
     return place_steps(problem.data, problem.other, state.u, w, labels, layers, soft, step.decided, s.edges)
 
 
-def _statistics(problem: Problem, u: Array, w: Array, weights: Weights, residual: float) -> Statistics:
+def _statistics(problem: Problem, u: Array, w: Array, weights: PriorWeights, residual: float) -> Statistics:
     """Noise and contrast that residual and picture of a round suggest; the noise at most half above the first."""
     R, stacks = problem.data.R, [blur.stack for blur in problem.data.blurs]
     gradient = 2 * roughness(u[:, R:-R, R:-R]) / u[:, R:-R, R:-R].size
@@ -250,11 +252,11 @@ def finish(problem: Problem, state: State) -> State:
     for _ in range(problem.scheme.final_rounds):
         u = restore_picture(problem.data, u, weights.picture, problem.scheme.final, _diffusion(problem, u))
     value, residual = cost(problem, u, state.w, weights)
-    done = Round(state.n, "picture", value, residual, 0.0, time.perf_counter() - start, weights)
+    done = JointRound(state.n, "picture", value, residual, 0.0, time.perf_counter() - start, weights)
     return replace(state, u=u, history=(*state.history, done))
 
 
-def run(problem: Problem, state: State, progress: Callable[[Round], None] | None = None) -> State:
+def run(problem: Problem, state: State, progress: Callable[[JointRound], None] | None = None) -> State:
     """All remaining rounds and the final picture, from the best pair met on the way."""
     best = last = state
     for last in rounds(problem, state):

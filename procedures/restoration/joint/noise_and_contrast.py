@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from procedures.restoration.joint.data_term import DataTerm
-from procedures.restoration.joint.gauss_newton import Weights
+from procedures.restoration.joint.gauss_newton import PriorWeights
 from procedures.restoration.masks.blur_operator import Array, MaskStack
 
 SIZE = 64
@@ -47,7 +47,7 @@ def moments(
     return max(float(noise), least, least_noise**2), max(float(contrast), 0.2 * gradient, 1e-8)
 
 
-def fitted_by_depth(data: DataTerm, u: Array, weights: Weights, determined: float = 1 / 6) -> float:
+def fitted_by_depth(data: DataTerm, u: Array, weights: PriorWeights, determined: float = 1 / 6) -> float:
     """Degrees of freedom that w takes from the photographs' noise, per pixel and channel.
 
     data : focused on w; weights : of the priors; determined : part of the curvature over w that counts, as the picture

@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass, field, replace
 
 from procedures.outcome import BadParameter
-from procedures.restoration.joint.gauss_newton import Weights
+from procedures.restoration.joint.gauss_newton import PriorWeights
 
 
 @dataclass(frozen=True)
@@ -151,13 +151,13 @@ class Schedule:
     bent: bool = True
     weights: WeightSettings = field(default_factory=WeightSettings)
 
-    def final(self, known: Statistics) -> Weights:
+    def final(self, known: Statistics) -> PriorWeights:
         """Weights of the last rounds."""
         picture = self.picture if self.picture is not None else self.weights.caution * known.sigma**2 / known.contrast
         depth = self.depth if self.depth is not None else known.sigma**2 / self.weights.slope**2
-        return Weights(picture, depth) if self.bent else Weights(picture, depth, tilt=1, bend=0)
+        return PriorWeights(picture, depth) if self.bent else PriorWeights(picture, depth, tilt=1, bend=0)
 
-    def at(self, n: int, known: Statistics) -> Weights:
+    def at(self, n: int, known: Statistics) -> PriorWeights:
         """Weights of round n = 0, 1, ..."""
         s = self.weights
         held = int(s.held * self.rounds)

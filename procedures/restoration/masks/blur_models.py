@@ -229,7 +229,7 @@ def masks_of(shape: Array, half_widths: NDArray[np.floating[Any]], R: int) -> Ar
 
 
 @dataclass(frozen=True)
-class Unit:
+class DepthUnit:
     """What w is told in: its name, and how much of it a pixel is."""
 
     name: str = "pixel"

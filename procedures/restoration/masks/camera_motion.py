@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from procedures.outcome import BadInput, BadParameter, Refused
 from procedures.raw import Felt
-from procedures.restoration.masks.blur_models import Unit
+from procedures.restoration.masks.blur_models import DepthUnit
 from procedures.restoration.masks.blur_operator import MaskStack
 from procedures.restoration.masks.checks import check_extent
 from procedures.restoration.masks.mask_fields import MaskField, positions
@@ -190,9 +190,9 @@ class MotionBlur:
     px_per_inverse_m: float
 
     @property
-    def unit(self) -> Unit:
+    def unit(self) -> DepthUnit:
         """What w is told in."""
-        return Unit("1/m", 1 / self.px_per_inverse_m)
+        return DepthUnit("1/m", 1 / self.px_per_inverse_m)
 
 
 def motion_blur(

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from procedures.outcome import Outcome, Verdict
-from procedures.restoration.first_depth.initial_depth import Matching, matched
+from procedures.restoration.first_depth.initial_depth import MatchingSettings, matched
 from procedures.restoration.joint.data_term import DataTerm, restore_picture
 from procedures.restoration.joint.estimate import RestorationParameters, restoration_of
-from procedures.restoration.joint.gauss_newton import Weights, joint_step
+from procedures.restoration.joint.gauss_newton import PriorWeights, joint_step
 from procedures.restoration.joint.priors import steps_allowed
 from procedures.restoration.joint.schedule import DEPTH_SLOPE
 from procedures.restoration.masks.blur_models import mask_stack
@@ -78,16 +78,16 @@ class _View:
     half: float
     max_w: float
     settings: PathSettings
-    sigma: float = Matching.least_sigma
+    sigma: float = MatchingSettings.least_sigma
 
     @property
     def R(self) -> int:
         return int(np.ceil(self.max_w + 0.5))
 
     @property
-    def weights(self) -> Weights:
+    def weights(self) -> PriorWeights:
         """Of the priors of picture and depth."""
-        return Weights(self.sigma**2 / self.settings.contrast, self.sigma**2 / DEPTH_SLOPE**2)
+        return PriorWeights(self.sigma**2 / self.settings.contrast, self.sigma**2 / DEPTH_SLOPE**2)
 
     def pinned(self, w: Array) -> Array:
         """Depth (H, W) with the flat part at its own w."""
@@ -110,7 +110,7 @@ class _View:
 
     def depth(self, stacks: list[MaskStack]) -> Array:
         """A first depth (H, W) for these masks."""
-        return self.pinned(matched(self.z, stacks, np.full(2, Matching.least_sigma)).w)
+        return self.pinned(matched(self.z, stacks, np.full(2, MatchingSettings.least_sigma)).w)
 
 
 @dataclass(frozen=True)

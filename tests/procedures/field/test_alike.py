@@ -9,7 +9,7 @@ import pytest
 
 from procedures.field.alike import alike, widened
 from procedures.outcome import Refused
-from procedures.psf import Psf, Tail
+from procedures.psf import Psf, PsfTail
 from procedures.psf_field import Node
 from procedures.quality import otf
 
@@ -20,8 +20,8 @@ def psf(k: int = 9, s: int = S, with_tail: bool = True) -> Psf:
     x = (np.arange(k) - k // 2) / s
     h = np.exp(-((x / 0.6) ** 2) - (x[:, None] / 0.5) ** 2)
     n = k * k
-    tail = Tail(np.array([0.05, 0.01, 0.004, -0.003, 0.002, 0.001]), 1e-6 * np.eye(6), np.zeros((n, 6)))
-    return Psf(h / h.sum(), s, 1e-8 * np.eye(n), tail if with_tail else Tail.none(n))
+    tail = PsfTail(np.array([0.05, 0.01, 0.004, -0.003, 0.002, 0.001]), 1e-6 * np.eye(6), np.zeros((n, 6)))
+    return Psf(h / h.sum(), s, 1e-8 * np.eye(n), tail if with_tail else PsfTail.none(n))
 
 
 def node(one: Psf, number: int = 1) -> Node:

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from procedures.geometry.views import Pose, View, chart_nodes
+from procedures.geometry.views import ChartView, Pose, chart_nodes
 
 CELL_MM = 300 / 320
 RADIAL, TANGENTIAL, THIN_PRISM = (-0.12, 0.06, -0.01), (4e-4, -3e-4), (6e-4, 0.0, -4e-4, 0.0)
@@ -67,7 +67,7 @@ class Shoot:
 class Taken:
     """The views, and what is true of them."""
 
-    views: list[View]
+    views: list[ChartView]
     poses: list[Pose]
     nodes: np.ndarray
     true_nodes: np.ndarray
@@ -102,7 +102,9 @@ def take(shoot: Shoot, rng: np.random.Generator, true_nodes: np.ndarray | None =
         inside = ((seen >= 0) & (seen <= np.array(shoot.camera.size) - 1)).all(axis=1)
         index = np.flatnonzero(inside)
         points = seen[index] + shoot.noise_px * rng.standard_normal((len(index), 2))
-        views.append(View(f"view{i:02d}", index, points, np.tile(shoot.noise_px**2 * np.eye(2), (len(index), 1, 1))))
+        views.append(
+            ChartView(f"view{i:02d}", index, points, np.tile(shoot.noise_px**2 * np.eye(2), (len(index), 1, 1)))
+        )
     return Taken(views, poses, nodes, true_nodes)
 
 

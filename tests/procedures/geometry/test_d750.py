@@ -15,7 +15,7 @@ from procedures.geometry.bundle import first_bundle
 from procedures.geometry.cameras import Camera
 from procedures.geometry.choice import fit_model
 from procedures.geometry.shape import shape_of_terms
-from procedures.geometry.views import Pose, View
+from procedures.geometry.views import ChartView, Pose
 
 SIDE, SIZE, SIGMA_PX = 10, (6016, 4016), 2.0
 
@@ -37,7 +37,7 @@ def views(published):
     for number, board in enumerate(published["observations_board"].reshape(-1, SIDE * SIDE, 3)):
         index = np.flatnonzero(board[:, 2] > 0)
         covariance = (SIGMA_PX / board[index, 2])[:, None, None] ** 2 * np.eye(2)
-        found.append(View(f"{number:03d}", index, board[index, :2], covariance))
+        found.append(ChartView(f"{number:03d}", index, board[index, :2], covariance))
     return found
 
 

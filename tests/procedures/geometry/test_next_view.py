@@ -9,7 +9,7 @@ from procedures.geometry.cameras import simple_camera
 from procedures.geometry.choice import first_state, fit_model
 from procedures.geometry.next_view import NextView, chart_at, next_view_words, next_views
 from procedures.geometry.shape import shape_model
-from procedures.geometry.views import View
+from procedures.geometry.views import ChartView
 
 from .conftest import PLAIN, SMALL
 from .simulated_views import take
@@ -36,7 +36,7 @@ def test_the_view_that_is_proposed_does_what_is_promised(few):
         seen = PLAIN.project(pose.apply(taken.true_nodes))
         inside = np.flatnonzero(((seen >= 0) & (seen <= np.array(PLAIN.size) - 1)).all(axis=1))
         points = seen[inside] + 0.01 * np.random.default_rng(1).standard_normal((len(inside), 2))
-        more = [*views, View("more", inside, points, np.tile(1e-4 * np.eye(2), (len(inside), 1, 1)))]
+        more = [*views, ChartView("more", inside, points, np.tile(1e-4 * np.eye(2), (len(inside), 1, 1)))]
         start = replace(found.state, poses=(*found.state.poses, pose))
         again = fit_model("OPENCV", start, taken.nodes, more, shape)
         reached.append(next_views(again, taken.nodes, tuple(more), shape)[0].before_px)

@@ -16,8 +16,9 @@ from procedures.reading.exposure import Exposure
 from procedures.restoration.facts import RestorationFacts
 from procedures.restoration.masks.camera_motion import planar_stacks
 from procedures.restoration.masks.thin_lens import CameraSetting
-from procedures.restoration.photograph_blur import blur_ratio, blur_relation, marked, parts
-from procedures.restoration.plan import aperture_ratio, check_first, check_second, estimate, plan, rig_poses
+from procedures.restoration.photograph_blur import parts, region_of
+from procedures.restoration.plan import aperture_ratio, check_first, check_second, estimate, plan
+from procedures.restoration.two_photographs import blur_ratio, blur_relation, rig_poses
 
 from .conftest import scene
 
@@ -118,10 +119,10 @@ def test_a_shape_that_no_aperture_has_is_asked_again(pair):
 
 
 def test_parts_are_marked_or_those_with_the_most_detail():
-    assert marked("10, 20,30,40") == [(10, 20, 30, 40)]
-    assert marked("auto") == []
+    assert region_of("10, 20,30,40") == (10, 20, 30, 40)
+    assert region_of("auto") is None
     with pytest.raises(BadParameter, match="four whole numbers"):
-        marked("left")
+        region_of("left")
     picture = np.zeros((100, 100))
     picture[60:90, 10:40] = np.random.default_rng(1).normal(size=(30, 30))
     x, y, width, height = next(parts(picture, 40))

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.sensor.levels import measure_level
-from procedures.sensor.recording import Recording
+from procedures.sensor.recording import SensorRecording
 from procedures.sensor.stacks import measure_stack
 
 Array = npt.NDArray[np.float64]
@@ -94,7 +94,7 @@ class KnownSensor:
         stack: int = 40,
         exposures_s: Sequence[float] = (0.01,),
         light_s: float | None = None,
-    ) -> Recording:
+    ) -> SensorRecording:
         """Dark pairs, a ladder of pairs, a dark stack and a flat one at half the scale."""
         rng = np.random.default_rng(seed)
         first = light_s or (exposures_s[0] if exposures_s else 0.01)
@@ -103,7 +103,7 @@ class KnownSensor:
             return [self.picture(photons, exposure_s, rng) for _ in range(2)]
 
         ladder = [self.photons_at(share) for share in shares]
-        return Recording(
+        return SensorRecording(
             tuple(measure_level(pair(0, t), t, 0.0) for t in exposures_s),
             tuple(measure_level(pair(p, first), first, p) for p in ladder),
             True,

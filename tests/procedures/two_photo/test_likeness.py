@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from procedures.outcome import Outcome, Verdict
-from procedures.psf import Psf, Tail
+from procedures.psf import Psf, PsfTail
 from procedures.raw import Plane
 from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf, estimate_psf
 from procedures.two_photo.likeness import beyond_light, light_turned, near_look
@@ -38,7 +38,7 @@ def sigmas(outcome: Outcome[TwoPhotoPsf]) -> float:
 def true_psf(otf: Otf) -> Psf:
     """Samples in a wide support, hardly uncertain."""
     k = 41
-    return Psf(samples_of(otf, 3, k), 3, 1e-14 * np.eye(k * k), Tail.none(k * k))
+    return Psf(samples_of(otf, 3, k), 3, 1e-14 * np.eye(k * k), PsfTail.none(k * k))
 
 
 @pytest.mark.slow

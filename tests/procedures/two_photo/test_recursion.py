@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from procedures.numerics.kernel_tail import tail_sums
-from procedures.psf import Psf, Tail
+from procedures.psf import Psf, PsfTail
 from procedures.two_photo.recursion import (
     TAIL,
     Recovered,
@@ -84,7 +84,7 @@ def with_tail(slope: float) -> np.ndarray:
 def test_the_psf_has_the_recursion_s_own_otf(J: np.ndarray) -> None:
     total = with_tail(1.0)
     h, k = psf_by_recursion(total, S, J), K * K
-    psf = Psf(h.h / h.h.sum(), S, np.eye(k), Tail(h.parameters[k:] / h.h.sum(), np.eye(TAIL), np.zeros((k, TAIL))))
+    psf = Psf(h.h / h.h.sum(), S, np.eye(k), PsfTail(h.parameters[k:] / h.h.sum(), np.eye(TAIL), np.zeros((k, TAIL))))
     f = np.linspace(0.01, 0.6, 25)
     for x, y in ((1, 0), (0, 1), (0.7, 0.7), (0.8, -0.6)):
         truth, _ = otf_by_recursion(total, S, J, x * f, y * f)
@@ -120,7 +120,7 @@ def test_a_tail_that_goes_on_comes_back() -> None:
 
 def spectra(fx: np.ndarray, fy: np.ndarray) -> np.ndarray:
     """Of unit samples and amplitudes."""
-    empty = Tail(np.zeros(TAIL), np.zeros((TAIL, TAIL)), np.zeros((K * K, TAIL)))
+    empty = PsfTail(np.zeros(TAIL), np.zeros((TAIL, TAIL)), np.zeros((K * K, TAIL)))
     return Psf(np.eye(K), S, np.eye(K * K), empty).spectra(fx, fy)
 
 

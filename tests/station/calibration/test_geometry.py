@@ -15,7 +15,7 @@ from click.testing import CliRunner
 
 from procedures.geometry.cameras import Camera
 from procedures.geometry.estimate import GeometryParameters
-from procedures.geometry.views import View
+from procedures.geometry.views import ChartView
 from procedures.outcome import BadInput, BadParameter, Outcome, Verdict
 from station.__main__ import main
 from station.calibration.exports.geometry import StoredCamera, export_camera, read_camera
@@ -216,7 +216,7 @@ def measured(monkeypatch, tmp_path):
     taken = take(Photographed(TRUTH, count=6, every=1), np.random.default_rng(13))
     views = {f"v{i}.pgm": view for i, view in enumerate(taken.views)}
 
-    def seen(plane, chart, source) -> Outcome[View]:
+    def seen(plane, chart, source) -> Outcome[ChartView]:
         return Outcome(replace(views[source], source=source))
 
     monkeypatch.setattr("station.calibration.geometry.view_of", seen)

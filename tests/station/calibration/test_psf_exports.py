@@ -13,7 +13,7 @@ from procedures.field.field_file import write_field
 from procedures.field.interpolate import interpolate
 from procedures.field.samplings import as_polynomial, powers, whole_psfs
 from procedures.outcome import BadInput, BadParameter
-from procedures.psf import Psf, Tail
+from procedures.psf import Psf, PsfTail
 from procedures.psf_field import Node
 from procedures.space_variant import SpaceVariantBlur
 from station.__main__ import main
@@ -32,7 +32,7 @@ def true_psf(x: float, y: float) -> np.ndarray:
 
 
 def node(x: float, y: float, number: int) -> Node:
-    tail = Tail(np.array([0.03]), np.full((1, 1), 1e-8), np.zeros((K * K, 1)))
+    tail = PsfTail(np.array([0.03]), np.full((1, 1), 1e-8), np.zeros((K * K, 1)))
     psf = Psf(true_psf(x, y), S, 1e-10 * np.eye(K * K), tail)
     return Node(np.array([x, y]), 1e-4 * np.eye(2), 2 * np.array([x, y]), psf, "made", number)
 

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from procedures.outcome import Quantity
-from procedures.psf import Psf, Tail
+from procedures.psf import Psf, PsfTail
 from procedures.reading.exposure import Exposure
 from station.results.exports import gaussian_radius, numbers_table, psf_fits, psf_tiff
 
@@ -77,7 +77,7 @@ def test_tiff_tells_what_it_is():
 
 def with_tail(psf):
     """With 0.04 within the reach of the tail, beside 1 inside the support."""
-    return replace(psf, tail=Tail(np.array([0.04]), np.array([[1e-6]]), np.zeros((psf.k**2, 1))))
+    return replace(psf, tail=PsfTail(np.array([0.04]), np.array([[1e-6]]), np.zeros((psf.k**2, 1))))
 
 
 def test_what_lies_outside_the_support_stands_beside_it():

@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter
 from procedures.restoration.first_depth import initial_depth, segments
 from procedures.restoration.joint import depth_edges, joint_descent
 from procedures.restoration.joint.data_term import conjugate_gradients, restore_picture
-from procedures.restoration.joint.gauss_newton import Weights, joint_step
+from procedures.restoration.joint.gauss_newton import PriorWeights, joint_step
 from procedures.restoration.joint.schedule import NEAR, Schedule, Scheme
 
 from ..conftest import scene
@@ -58,7 +58,7 @@ def first_truth(scene):
 
 def test_one_joint_step_lowers_the_cost(vibrating, problem, first):
     state = joint_descent.begin(problem, first)
-    weights = Weights(1e-3, 0.05)
+    weights = PriorWeights(1e-3, 0.05)
     before = joint_descent.cost(problem, state.u, state.w, weights)[0]
     u, w = joint_step(problem.data, state.u, state.w, weights, 12)
     assert joint_descent.cost(problem, u, w, weights)[0] < before
@@ -137,7 +137,7 @@ def test_the_depth_prior_yields_to_a_smeared_step_under_strong_noise(vibration_s
 
 
 def test_a_weak_depth_prior_does_not_yield(problem, first):
-    state, weights = joint_descent.begin(problem, first), Weights(1e-3, 0.05)
+    state, weights = joint_descent.begin(problem, first), PriorWeights(1e-3, 0.05)
     before = joint_descent.cost(problem, state.u, state.w, weights)
     assert joint_descent.cost(replace(problem, settings=STIFF), state.u, state.w, weights) == before
 

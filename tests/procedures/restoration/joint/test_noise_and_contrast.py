@@ -9,7 +9,7 @@ import pytest
 
 from procedures.restoration.joint import joint_descent, noise_and_contrast
 from procedures.restoration.joint.data_term import conjugate_gradients, restore_picture
-from procedures.restoration.joint.gauss_newton import Weights
+from procedures.restoration.joint.gauss_newton import PriorWeights
 from procedures.restoration.joint.priors import roughness
 from procedures.restoration.masks.array_loops import add_bending, add_diffusion
 
@@ -44,7 +44,7 @@ def test_noise_and_contrast_are_found_whatever_the_weight(vibrating, data, noise
 
 @pytest.mark.slow
 def test_depth_takes_as_much_noise_as_solving_says(vibrating, data):
-    u, weights = vibrating.sharp, Weights(1e-4, 0.01)
+    u, weights = vibrating.sharp, PriorWeights(1e-4, 0.01)
     told = noise_and_contrast.fitted_by_depth(data, u, weights)
 
     def taken(factor: float) -> float:

@@ -7,7 +7,7 @@ import pytest
 
 from procedures.restoration.joint import joint_descent
 from procedures.restoration.joint.data_term import restore_picture
-from procedures.restoration.joint.gauss_newton import Weights, joint_step
+from procedures.restoration.joint.gauss_newton import PriorWeights, joint_step
 from procedures.restoration.joint.priors import steps_allowed
 from procedures.restoration.joint.restart_regions import (
     Pair,
@@ -19,7 +19,7 @@ from procedures.restoration.joint.restart_regions import (
     unexplained,
 )
 
-WEIGHTS = Weights(1e-4, 0.01)
+WEIGHTS = PriorWeights(1e-4, 0.01)
 
 
 @pytest.fixture(scope="module")
