@@ -6,6 +6,7 @@ import json
 import os
 import socket
 import threading
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -35,11 +36,12 @@ PATIENCE_S = 3.0
 @click.option("--port", type=click.IntRange(0, 65535), default=PORT, show_default=True, help="0 takes a free one.")
 @click.option("--token", help=f"What clients must tell.  [default: {TOKEN} of the environment, or a new one]")
 @click.option("--no-token", is_flag=True, help="Let everybody in who reaches the port.")
+@click.option("--discovery", is_flag=True, help="Answer Alpaca's programs that look for servers (UDP 32227).")
 @click.option("--json", "as_json", is_flag=True, help="Write address and token as one JSON object.")
 @log_json_option
 def serve(
     config: Path | None, sessions: Path, simulate: bool, seed: int, host: str, port: int, token: str | None,
-    no_token: bool, as_json: bool,
+    no_token: bool, discovery: bool, as_json: bool,
 ) -> None:  # fmt: skip
     """Serve bench, sessions and runs to other programs until Ctrl-C: JSON over HTTP, Alpaca, a page for a phone.
 
@@ -62,7 +64,11 @@ def serve(
     key = None if no_token else new_token() if given is None else check_token(given)
     lab = StationLab(sessions=sessions, config=config or usual_config(), simulate=simulate, seed=seed)
     ended = threading.Event()
-    with listen(host, port) as listening:
+    with listen(host, port) as listening, ExitStack() as besides:
+        if discovery:
+            from station.service.alpaca.discovery import Discovery
+
+            besides.callback(Discovery(listening.getsockname()[1]).close)
         try:
             with guarded(lab.stop_run, ended.set, terminated=0):
                 served, hosting = _begin(lab, listening, host, key)

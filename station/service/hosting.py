@@ -35,12 +35,17 @@ def listen(host: str, port: int) -> socket.socket:
         listening.listen()
     except OSError as error:
         listening.close()
-        if error.errno == errno.EADDRINUSE:
-            remedy = "end that program, or choose another port: --port 0 takes a free one"
-            raise PortTaken(f"port {port} of {host} is needed, and another program has it", remedy) from error
-        reason = f"cannot listen at {host}, port {port}: {error.strerror}"
-        raise BadParameter(reason, "use an address of this machine, and a port above 1023") from error
+        raise bad_address(host, port, error) from error
     return listening
+
+
+def bad_address(host: str, port: int, error: OSError) -> BadParameter:
+    """Why an address cannot be listened at, and what to do."""
+    if error.errno == errno.EADDRINUSE:
+        remedy = "end that program, or choose another port: --port 0 takes a free one"
+        return PortTaken(f"port {port} of {host} is needed, and another program has it", remedy)
+    reason = f"cannot listen at {host}, port {port}: {error.strerror}"
+    return BadParameter(reason, "use an address of this machine, and a port above 1023")
 
 
 @dataclass

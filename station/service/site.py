@@ -15,6 +15,7 @@ from starlette.routing import Mount, Route
 from drivers.errors import DeviceError
 from procedures.outcome import ProcedureError
 from station.service.access import COOKIE, NAMES_OF_LOOPBACK, Gate, is_loopback
+from station.service.alpaca.server import AlpacaServer
 from station.service.answers import explained
 from station.service.bench_state import ServedBench
 from station.service.control import STOP, Control
@@ -26,11 +27,11 @@ PAGE_POLICY = "default-src 'self'; script-src 'unsafe-inline'; style-src 'unsafe
 
 def site(served: ServedBench, *, host: str, token: str | None, closing: threading.Event) -> Starlette:
     """The application; `host` is the address it is served at."""
-    routes = [*Control(served).routes(), *Sessions(served.lab.sessions, closing).routes()]
+    programs = [*Control(served).routes(), *Sessions(served.lab.sessions, closing).routes()]
     names = NAMES_OF_LOOPBACK | {host} if is_loopback(host) else None
     gate = Middleware(Gate, token=token, free=("/", API + STOP), names=names)
     return Starlette(
-        routes=[Route("/", page), Mount(API, routes=routes)],
+        routes=[Route("/", page), Mount(API, routes=programs), *AlpacaServer(served).routes()],
         middleware=[gate],
         exception_handlers=dict.fromkeys((ProcedureError, DeviceError, HTTPException, Exception), explained),
     )
