@@ -29,6 +29,7 @@ COMMANDS = {
     "batch": ("batch", "batch", "Estimate the PSFs of folders of photographs."),
     "session": ("session.group", "session", "List, resume, recompute and compare sessions."),
     "devices": ("devices", "devices", "Show what is configured and what answers."),
+    "serve": ("serve", "serve", "Serve the bench to other programs: HTTP and JSON, Alpaca, a page for a phone."),
     "simulate": ("simulate", "simulate", "Open the simulated bench for other programs."),
     "demo": ("demo", "demo", "Calibrate a simulated camera, start to end."),
     "init": ("init", "init", "Write commented files to begin with."),

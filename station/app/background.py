@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from station.common.errors import Explained
 
 if TYPE_CHECKING:
-    from drivers.interfaces import Condition
+    from station.bench.stage_watch import DeviceState
 
 
 @dataclass(frozen=True)
@@ -100,17 +100,7 @@ def problem_of(error: Exception) -> Problem:
 # --- the devices, looked at now and then -------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class DeviceState:
-    """One device as the bar shows it; `places`: where its axes are, as the wire told it last."""
-
-    name: str
-    condition: Condition
-    moving: bool = False
-    places: Mapping[str, float] = field(default_factory=dict)
-
-
-Look = Callable[[], Sequence[DeviceState]]
+Look = Callable[[], "Sequence[DeviceState]"]
 
 
 class Watcher:

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from textual.message import Message
 
-from station.app.background import DeviceState, Finished
+from station.app.background import Finished
+
+if TYPE_CHECKING:
+    from station.bench.stage_watch import DeviceState
 
 
 class News(Message):

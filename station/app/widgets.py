@@ -21,9 +21,9 @@ from station.drawing.glyphs import Glyphs, visible
 
 if TYPE_CHECKING:
     from procedures.plan import Plan, Reading
-    from station.app.background import DeviceState
     from station.app.commands import Offers
     from station.app.terminal_images import Cells, Thumbnail
+    from station.bench.stage_watch import DeviceState
     from station.guide.frontend import Doing
 
 GREYS = 32

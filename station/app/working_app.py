@@ -20,7 +20,7 @@ from textual.driver import Driver
 from textual.events import Key
 from textual.message import Message
 
-from station.app.background import BackgroundJob, DeviceState, Finished, Problem, Watcher, at_once, problem_of
+from station.app.background import BackgroundJob, Finished, Problem, Watcher, at_once, problem_of
 from station.app.commands import EndRun, GoOn, StepBack, StopEverything
 from station.app.messages import Devices, Ended, News, Terminated
 from station.app.screens.parts import AnswerBox, StationScreen
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from station.app.mailbox import Desk, Sitting
     from station.app.screens.guide import GuideScreen
     from station.bench.opening import Bench, Row
+    from station.bench.stage_watch import DeviceState
     from station.guide.workspace import Kept, Lab, Running
 
 SHOW_EVERY_S = 0.08
@@ -176,7 +177,7 @@ class WorkingApp(App[int]):
             self._bench_words = "the bench could not be opened"
             self._complain(finished.problem)
         if bench is not None:
-            from station.app.stage_watch import StageWatch
+            from station.bench.stage_watch import StageWatch
 
             self._watcher = Watcher(StageWatch(bench).look, lambda states: self._post(Devices(states)))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +52,12 @@ class SessionRecord:
     def lost(self) -> str:
         """Which lines are gone, in words, or why nobody can tell; "" where they are all there or the last is torn."""
         return "" if self.contents.torn and self.gap.lines == 1 else self.gap.words
+
+    def record(self) -> dict[str, Any]:
+        """For programs."""
+        from station.results.result_files import plain  # here: what it stands on is slow to import
+
+        return {"schema": "station/session/1", "folder": str(self.folder), "state": plain(asdict(self.state))}
 
 
 def read_session(folder: Path) -> SessionRecord:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -62,7 +61,9 @@ def session_list(root: Path, as_json: bool, **wanted: Any) -> None:
     with Index(root) as index:
         entries = index.sessions(chosen(**wanted))
     if as_json:
-        click.echo(json.dumps({"schema": "station/sessions/1", "sessions": [_plain(one) for one in entries]}, indent=1))
+        click.echo(
+            json.dumps({"schema": "station/sessions/1", "sessions": [one.record() for one in entries]}, indent=1)
+        )
     elif entries:
         click.echo(columns([HEADING, *(_row(one) for one in entries)]))
     else:
@@ -82,7 +83,3 @@ def _row(one: IndexEntry) -> tuple[str, ...]:
     verdict = "damaged" if one.damage else one.verdict or "-"
     words = (one.camera, one.lens, one.plan, shots, one.ended or "open", verdict)
     return one.folder.name, one.began[:16].replace("T", " "), *words
-
-
-def _plain(one: IndexEntry) -> dict[str, Any]:
-    return {**asdict(one), "folder": str(one.folder)}

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -32,7 +31,7 @@ def session_show(name: str, root: Path, check: bool, as_json: bool) -> None:
     from station.sessions.reader import check_whole, read_session, sums, unknown_files, verify, verify_results
 
     record = read_session(find_session(name, root))
-    click.echo(json.dumps(_plain(record), indent=1) if as_json else _words(record))
+    click.echo(json.dumps(record.record(), indent=1) if as_json else _words(record))
     for words in record.oddities:
         log("odd", words, level="warning")
     for file in unknown_files(record.folder, record.state):
@@ -45,12 +44,6 @@ def session_show(name: str, root: Path, check: bool, as_json: bool) -> None:
         check_whole(record)
         count = sum(not shot.lost for shot in record.state.shots)
         log("checked", f"all {count} photographs are as they were taken, all results as written", photographs=count)
-
-
-def _plain(record: SessionRecord) -> dict[str, Any]:
-    from station.results.result_files import plain
-
-    return {"schema": "station/session/1", "folder": str(record.folder), "state": plain(asdict(record.state))}
 
 
 def _words(record: SessionRecord) -> str:

@@ -9,11 +9,21 @@ from typing import TYPE_CHECKING, Any
 
 from drivers.errors import DeviceError
 from drivers.interfaces import Condition
-from station.app.background import DeviceState
 
 if TYPE_CHECKING:
     from station.bench.motions import Motion
     from station.bench.opening import Bench
+
+
+@dataclass(frozen=True)
+class DeviceState:
+    """One device as a front end shows it; `places`: where its axes are, as the wire told it last."""
+
+    name: str
+    condition: Condition
+    moving: bool = False
+    places: Mapping[str, float] = field(default_factory=dict)
+
 
 HOMING = "homing: keep clear"
 NEAR = 0.02

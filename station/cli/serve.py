@@ -1,0 +1,126 @@
+"""`station serve`: the bench for other programs, over HTTP."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import threading
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from station.cli.terminal.numbers import SEED
+from station.common.log import log, log_json_option
+
+if TYPE_CHECKING:
+    from station.guide.workspace import StationLab
+    from station.service.bench_state import ServedBench
+    from station.service.hosting import Hosting
+
+PORT = 11111
+"""What Alpaca's programs try first."""
+TOKEN = "STATION_TOKEN"
+PATIENCE_S = 3.0
+"""How long a run may take to write its last line."""
+
+
+@click.command()
+@click.option("--config", type=click.Path(path_type=Path), help="The bench's devices; station.toml where there is one.")
+@click.option("--sessions", type=click.Path(path_type=Path), default=Path("sessions"), show_default=True)
+@click.option("--simulate", is_flag=True, help="Serve the simulated bench.")
+@click.option("--seed", type=SEED, default=0, help="Of the simulated bench.")
+@click.option("--host", default="127.0.0.1", show_default=True, help="Where to listen; 0.0.0.0 for the local network.")
+@click.option("--port", type=click.IntRange(0, 65535), default=PORT, show_default=True, help="0 takes a free one.")
+@click.option("--token", help=f"What clients must tell.  [default: {TOKEN} of the environment, or a new one]")
+@click.option("--no-token", is_flag=True, help="Let everybody in who reaches the port.")
+@click.option("--discovery", is_flag=True, help="Answer Alpaca's programs that look for servers (UDP 32227).")
+@click.option("--json", "as_json", is_flag=True, help="Write address and token as one JSON object.")
+@log_json_option
+def serve(
+    config: Path | None, sessions: Path, simulate: bool, seed: int, host: str, port: int, token: str | None,
+    no_token: bool, discovery: bool, as_json: bool,
+) -> None:  # fmt: skip
+    """Serve bench, sessions and runs to other programs until Ctrl-C: JSON over HTTP, Alpaca, a page for a phone.
+
+    Everybody may stop the bench, without a token.
+    """
+    from procedures.outcome import BadParameter
+    from station.cli.app import usual_config
+    from station.common.stop_signals import guarded
+    from station.guide.workspace import StationLab
+
+    if token is not None and no_token:
+        raise BadParameter("--token and --no-token contradict each other", "leave one of them out")
+    try:
+        from station.service.access import check_token, new_token
+        from station.service.hosting import listen
+    except ImportError as error:
+        reason = f"the extra `serve` is needed, and {error.name} is not installed"
+        raise BadParameter(reason, "install it: pip install 'calibration-station[serve]'") from error
+    given = token if token is not None else os.environ.get(TOKEN)
+    key = None if no_token else new_token() if given is None else check_token(given)
+    lab = StationLab(sessions=sessions, config=config or usual_config(), simulate=simulate, seed=seed)
+    ended = threading.Event()
+    with listen(host, port) as listening, ExitStack() as besides:
+        if discovery:
+            from station.service.alpaca.discovery import Discovery
+
+            besides.callback(Discovery(listening.getsockname()[1]).close)
+        try:
+            with guarded(lab.stop_run, ended.set, terminated=0):
+                served, hosting = _begin(lab, listening, host, key)
+                try:
+                    _announce(host, hosting.port, key, as_json, served)
+                    ended.wait()
+                finally:
+                    hosting.end()
+                    served.close(PATIENCE_S)
+        finally:
+            lab.close()
+    log("ended", "the server has ended, and everything stands still")
+
+
+def _begin(lab: StationLab, listening: socket.socket, host: str, token: str | None) -> tuple[ServedBench, Hosting]:
+    """Open the bench, and answer from now on. Raises DeviceError where the bench cannot be meant."""
+    from station.service.bench_state import ServedBench
+    from station.service.hosting import Hosting
+    from station.service.site import site
+
+    closing = threading.Event()
+    served = ServedBench(lab)
+    hosting = Hosting(site(served, host=host, token=token, closing=closing), listening, closing)
+    hosting.begin()
+    return served, hosting
+
+
+def _announce(host: str, port: int, token: str | None, as_json: bool, served: ServedBench) -> None:
+    """Where it is, and what is wrong with the bench."""
+    from station.service.access import is_loopback
+
+    address = f"http://{_reached_at(host)}:{port}"
+    page = f"{address}/?token={token}" if token else f"{address}/"
+    told = {"address": address, "token": token, "page": page}
+    click.echo(json.dumps(told) if as_json else f"{address}\ntoken   {token or 'none'}\npage    {page}")
+    for row in served.rows:
+        if row.error is not None:
+            log("device", f"{row.name}: {row.error.reason}", level="error", remedy=row.error.remedy)
+    if served.bench is None:
+        log("no_bench", "there is no station.toml: only sessions are served, and runs by hand", level="warning")
+    if token is None and not is_loopback(host):
+        words = f"whoever reaches {address} can move the bench"
+        log("open", words, level="warning", remedy="leave --no-token out")
+
+
+def _reached_at(host: str) -> str:
+    """The address to tell: of a server that listens everywhere, the one that this machine has in its network."""
+    if host not in ("0.0.0.0", "::"):
+        return f"[{host}]" if ":" in host else host
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))  # an address of documentation: nothing is sent
+        except OSError:
+            return "127.0.0.1"
+        return str(probe.getsockname()[0])

@@ -1,0 +1,1 @@
+"""The bench for other programs, over HTTP: sessions and results, runs, growing journals, Alpaca, a phone's page."""

@@ -1,0 +1,243 @@
+"""The bench's camera as Alpaca's: whole sensor or a part of it, unbinned, the numbers as the RAW file has them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any, cast
+
+from drivers.interfaces import Camera, CameraSettings, Exposure
+from procedures.raw import RawFrame, default_plane, read_frame
+from station.service.alpaca.device import AlpacaDevice, Member, Task, absent, constant, refuse_operation
+from station.service.alpaca.errors import INVALID_VALUE, NOT_IMPLEMENTED, VALUE_NOT_SET, AlpacaError
+from station.service.alpaca.image import Mosaic, SensorImage, sensor_image
+from station.service.alpaca.parameters import Parameters
+from station.service.bench_state import ServedBench
+
+LONGEST_S = 3600.0
+IDLE, EXPOSING, FAILED = 0, 2, 5
+MONOCHROME, RGGB = 0, 2
+"""Sensor types: every 2 x 2 mosaic is RGGB with an offset."""
+
+
+@dataclass(frozen=True)
+class Taken:
+    """A photograph: what it shows, its record, when it was begun."""
+
+    image: SensorImage
+    frame: RawFrame
+    exposure: Exposure
+    began: datetime
+
+
+class BenchCamera(AlpacaDevice):
+    """ICameraV4. The sensor's size, type and pixels are known once a photograph was taken."""
+
+    def __init__(self, served: ServedBench, number: int) -> None:
+        assert served.bench is not None
+        self._camera: Camera = served.bench.camera
+        self._task = Task(served)
+        self._taken: Taken | None = None
+        self._ready = False
+        self._aborted = False
+        self._part: dict[str, int] = {"startx": 0, "starty": 0}
+        super().__init__(served, "camera", number, "camera", {"camera": self._camera})
+
+    # --- members
+
+    def readable(self) -> Mapping[str, Member]:
+        """ICameraV4."""
+        members: dict[str, Member] = {
+            "bayeroffsetx": lambda given: self._red[0],
+            "bayeroffsety": lambda given: self._red[1],
+            "camerastate": lambda given: self._state(),
+            "cameraxsize": lambda given: self._size[0],
+            "cameraysize": lambda given: self._size[1],
+            "imagearray": lambda given: self._shown_part(),
+            "imagearrayvariant": lambda given: self._shown_part(),
+            "imageready": lambda given: self._image_ready(),
+            "lastexposureduration": lambda given: self._last_duration(),
+            "lastexposurestarttime": lambda given: self._last.began.strftime("%Y-%m-%dT%H:%M:%S.%f")[:-3],
+            "maxadu": lambda given: self._sensor.image.white,
+            "numx": lambda given: self._wanted("numx", self._size[0]),
+            "numy": lambda given: self._wanted("numy", self._size[1]),
+            "percentcompleted": lambda given: self._percent(),
+            "pixelsizex": lambda given: self._pitch_um(),
+            "pixelsizey": lambda given: self._pitch_um(),
+            "sensortype": lambda given: MONOCHROME if self._sensor.image.red is None else RGGB,
+            "startx": lambda given: self._part["startx"],
+            "starty": lambda given: self._part["starty"],
+        }
+        return {**members, **CONSTANTS, **absent(*NEITHER, *ONLY_READ)}
+
+    def writable(self) -> Mapping[str, Member]:
+        """ICameraV4."""
+        members: dict[str, Member] = {
+            "abortexposure": lambda given: self._abort(),
+            "binx": lambda given: only(given, "BinX", 1),
+            "biny": lambda given: only(given, "BinY", 1),
+            "numx": lambda given: self._set_part(given, "NumX"),
+            "numy": lambda given: self._set_part(given, "NumY"),
+            "readoutmode": lambda given: only(given, "ReadoutMode", 0),
+            "startexposure": self._start,
+            "startx": lambda given: self._set_part(given, "StartX"),
+            "starty": lambda given: self._set_part(given, "StartY"),
+        }
+        return members | absent(*NEITHER, "pulseguide", "stopexposure")
+
+    def state(self) -> Mapping[str, Any]:
+        """What it is at, and whether there is an image."""
+        return {"CameraState": self._state(), "ImageReady": self._ready}
+
+    # --- exposures
+
+    def _start(self, given: Parameters) -> None:
+        duration_s = given.number("Duration")
+        given.flag("Light")  # a body has no shutter that stays shut on order: every frame is one of light
+        if not 0 <= duration_s <= LONGEST_S:
+            message = f"Duration must lie between 0 and {LONGEST_S:g} s, and {duration_s:g} came"
+            raise AlpacaError(INVALID_VALUE, message)
+        if self._taken is not None:
+            self._check_part(self._taken.image.levels)
+        self._task.begin(f"an exposure of {duration_s:g} s", lambda: self._expose(duration_s))
+        self._ready, self._aborted = False, False
+
+    def _expose(self, duration_s: float) -> None:
+        self._camera.configure(CameraSettings(exposure_s=duration_s or None))
+        began = datetime.now(UTC)
+        exposure = self._camera.expose()
+        frame = read_frame(exposure.path)
+        self._taken = Taken(sensor_image(list(frame.planes.values())), frame, exposure, began)
+        self.served.picture.show(frame.planes[default_plane(exposure.path)])
+        self._check_part(self._taken.image.levels)
+        self._ready = not self._aborted
+
+    def _abort(self) -> None:
+        if self._task.running:
+            self._aborted = True
+            self._camera.emergency_stop()
+
+    def _state(self) -> int:
+        if self._task.running:
+            return EXPOSING
+        return FAILED if self._task.failure is not None and not self._aborted else IDLE
+
+    def _image_ready(self) -> bool:
+        if not self._aborted:
+            self._task.check()
+        return self._ready and not self._task.running
+
+    def _percent(self) -> int:
+        if not self._task.running:
+            raise refuse_operation("nothing is being exposed; begin with StartExposure")
+        return 0
+
+    # --- the image
+
+    def _shown_part(self) -> Mosaic:
+        """The numbers of the part that is asked for. Raises AlpacaError where there is no image."""
+        if not self._image_ready():
+            raise refuse_operation("there is no image; begin with StartExposure, and wait for ImageReady")
+        levels = self._last.image.levels
+        self._check_part(levels)
+        x, y = self._part["startx"], self._part["starty"]
+        rows, columns = self._wanted("numy", levels.shape[0]), self._wanted("numx", levels.shape[1])
+        return levels[y : y + rows, x : x + columns]
+
+    def _wanted(self, number: str, size: int) -> int:
+        """How much of a side of this size is asked for."""
+        return self._part.get(number, size)
+
+    def _check_part(self, levels: Mosaic) -> None:
+        rows, columns = levels.shape
+        for start, number, size in (("startx", "numx", columns), ("starty", "numy", rows)):
+            first, count = self._part[start], self._wanted(number, size)
+            if not (first >= 0 and count >= 1 and first + count <= size):
+                message = f"{start} {first} and {number} {count} must lie within 0 .. {size}"
+                raise AlpacaError(INVALID_VALUE, message)
+
+    def _set_part(self, given: Parameters, name: str) -> None:
+        value = given.whole(name)
+        if value < (1 if name.startswith("Num") else 0):
+            raise AlpacaError(INVALID_VALUE, f"{name} must not be below 0, nor a size 0, and {value} came")
+        self._part[name.lower()] = value
+
+    # --- what the last photograph told
+
+    @property
+    def _sensor(self) -> Taken:
+        if self._taken is None:
+            raise AlpacaError(VALUE_NOT_SET, "the sensor is known after the first photograph; StartExposure takes one")
+        return self._taken
+
+    @property
+    def _last(self) -> Taken:
+        if self._taken is None:
+            raise refuse_operation("no photograph was taken yet; begin with StartExposure")
+        return self._taken
+
+    @property
+    def _size(self) -> tuple[int, int]:
+        rows, columns = self._sensor.image.levels.shape
+        return columns, rows
+
+    @property
+    def _red(self) -> tuple[int, int]:
+        red = self._sensor.image.red
+        if red is None:
+            raise AlpacaError(NOT_IMPLEMENTED, "BayerOffset is not implemented: the sensor has no colours")
+        return red
+
+    def _last_duration(self) -> float:
+        told = self._last.frame.exposure.exposure_s
+        asked = self._last.exposure.settings.exposure_s
+        if told is None and asked is None:
+            raise AlpacaError(VALUE_NOT_SET, "neither client nor file tell the exposure time; give a Duration above 0")
+        return told if told is not None else cast(float, asked)
+
+    def _pitch_um(self) -> float:
+        told = self._sensor.frame.exposure.pixel_pitch_um
+        if told is None:
+            raise AlpacaError(VALUE_NOT_SET, "the camera's files do not tell the pixel pitch; look it up in its data")
+        return told
+
+
+CONSTANTS: Mapping[str, Member] = {
+    name: constant(value)
+    for name, value in {
+        "binx": 1,
+        "biny": 1,
+        "canabortexposure": True,
+        "canasymmetricbin": False,
+        "canfastreadout": False,
+        "cangetcoolerpower": False,
+        "canpulseguide": False,
+        "cansetccdtemperature": False,
+        "canstopexposure": False,
+        "exposuremax": LONGEST_S,
+        "exposuremin": 0.0,
+        "exposureresolution": 0.0,
+        "hasshutter": False,
+        "ispulseguiding": False,
+        "maxbinx": 1,
+        "maxbiny": 1,
+        "readoutmode": 0,
+        "readoutmodes": ["RAW"],
+        "sensorname": "",
+    }.items()
+}
+NEITHER = ("cooleron", "fastreadout", "gain", "offset", "setccdtemperature", "subexposureduration")
+"""Members that cannot be read nor written."""
+ONLY_READ = (
+    "ccdtemperature", "coolerpower", "electronsperadu", "fullwellcapacity", "gainmax", "gainmin", "gains",
+    "heatsinktemperature", "offsetmax", "offsetmin", "offsets",
+)  # fmt: skip
+"""Members that cannot be read."""
+
+
+def only(given: Parameters, name: str, value: int) -> None:
+    """Raises AlpacaError where another value comes than the only one there is."""
+    came = given.whole(name)
+    if came != value:
+        raise AlpacaError(INVALID_VALUE, f"{name} can be {value} only, and {came} came")

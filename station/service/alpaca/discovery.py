@@ -1,0 +1,57 @@
+"""Alpaca's discovery: a datagram asks who is there, the answer is the server's port (version 1)."""
+
+from __future__ import annotations
+
+import json
+import socket
+import threading
+
+from station.service.hosting import bad_address
+
+PORT = 32227
+QUESTION = b"alpacadiscovery1"
+
+
+class Discovery:
+    """Answers while it is not closed; other servers of this machine may listen beside it.
+
+    Raises
+    ------
+    BadParameter
+        If the port cannot be listened at.
+    """
+
+    def __init__(self, served_port: int, host: str = "0.0.0.0", port: int = PORT) -> None:
+        self._answer = json.dumps({"AlpacaPort": served_port}).encode()
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            self._socket.bind((host, port))
+        except OSError as error:
+            self._socket.close()
+            raise bad_address(host, port, error) from error
+        threading.Thread(target=self._listen, name="discovery", daemon=True).start()
+
+    @property
+    def port(self) -> int:
+        """Where it listens."""
+        number: int = self._socket.getsockname()[1]
+        return number
+
+    def _listen(self) -> None:
+        while True:
+            try:
+                data, asker = self._socket.recvfrom(64)
+                if not data:
+                    return
+                if data.startswith(QUESTION):
+                    self._socket.sendto(self._answer, asker)
+            except OSError:  # closed; or an asker that is gone already
+                if self._socket.fileno() < 0:
+                    return
+
+    def close(self) -> None:
+        """Answer no more."""
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as waker:
+            waker.sendto(b"", ("127.0.0.1", self.port))
+        self._socket.close()

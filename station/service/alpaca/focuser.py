@@ -1,0 +1,100 @@
+"""An axis of a stage as an Alpaca focuser: positions are whole micrometres from the low end of its travel."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, cast
+
+from drivers.errors import DeviceError
+from drivers.interfaces import Stage, Travel
+from station.service.alpaca.device import AlpacaDevice, Member, Task, absent, constant, refuse_operation
+from station.service.alpaca.errors import INVALID_VALUE, AlpacaError
+from station.service.alpaca.parameters import Parameters
+from station.service.bench_state import ServedBench
+
+STEP_UM = 1.0
+STEPS_PER_MM = 1000.0 / STEP_UM
+
+
+class AxisFocuser(AlpacaDevice):
+    """One axis, `z_mm` or the like, of a stage of the bench; its action Home homes the whole stage."""
+
+    def __init__(self, served: ServedBench, number: int, stage: str, axis: str) -> None:
+        assert served.bench is not None
+        self._bench, self._stage_name, self._axis = served.bench, stage, axis
+        self._stage = cast(Stage, served.bench.devices[stage])
+        self._task = Task(served)
+        self.actions = {"Home": self._home}
+        super().__init__(served, "focuser", number, f"{stage} {axis}", {stage: self._stage})
+
+    def readable(self) -> Mapping[str, Member]:
+        """IFocuserV4."""
+        return {
+            "absolute": constant(True),
+            "ismoving": lambda given: self._is_moving(),
+            "maxincrement": lambda given: self._last_step,
+            "maxstep": lambda given: self._last_step,
+            "position": lambda given: self._position(),
+            "stepsize": constant(STEP_UM),
+            "tempcomp": constant(False),
+            "tempcompavailable": constant(False),
+            **absent("temperature"),
+        }
+
+    def writable(self) -> Mapping[str, Member]:
+        """IFocuserV4."""
+        return {
+            "halt": lambda given: self._stage.stop(),
+            "move": self._move,
+            **absent("tempcomp"),
+        }
+
+    def state(self) -> Mapping[str, Any]:
+        """Position, where it is known, and whether it moves."""
+        told: dict[str, Any] = {"IsMoving": self._task.running}
+        try:
+            told["Position"] = self._position()
+        except (AlpacaError, DeviceError):
+            return told
+        return told
+
+    @property
+    def _travel(self) -> Travel:
+        return self._stage.travel()[self._axis]
+
+    @property
+    def _last_step(self) -> int:
+        return int((self._travel.high - self._travel.low) * STEPS_PER_MM)
+
+    def _is_moving(self) -> bool:
+        self._task.check()
+        return self._task.running or self._bench.motions.of(self._stage_name) is not None
+
+    def _position(self) -> int:
+        motion = self._bench.motions.of(self._stage_name)
+        condition = self._stage.condition()
+        if motion is not None and not motion.target:
+            raise refuse_operation(f"{self._stage_name} is homing, and tells no position meanwhile; wait for IsMoving")
+        if not condition.usable:
+            raise refuse_operation(f"{condition.word}; {condition.remedy}: the action Home does that")
+        return round((self._stage.position()[self._axis] - self._travel.low) * STEPS_PER_MM)
+
+    def _move(self, given: Parameters) -> None:
+        step = given.whole("Position")
+        if not 0 <= step <= self._last_step:
+            raise AlpacaError(INVALID_VALUE, f"Position must lie between 0 and {self._last_step}, and {step} came")
+        condition = self._stage.condition()
+        if not condition.usable:
+            raise refuse_operation(f"{condition.word}; {condition.remedy}: the action Home does that")
+        goal = min(self._travel.low + step / STEPS_PER_MM, self._travel.high)
+        self._task.begin(
+            f"a move of {self._axis}", lambda: self._bench.motions.move(self._stage_name, {self._axis: goal})
+        )
+
+    def _home(self, words: str) -> str:
+        stops = self._bench.stops
+        self._task.begin(
+            f"the homing of {self._stage_name}",
+            lambda: self._bench.motions.home(self._stage_name, lambda: self._bench.check_stops(stops)),
+        )
+        return ""

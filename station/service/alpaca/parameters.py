@@ -1,0 +1,75 @@
+"""The parameters of a request: names in any case in a query, as they are written in a form (the standard, 2.2)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from urllib.parse import parse_qsl
+
+from station.service.alpaca.errors import BadRequest
+
+LARGEST_ID = 2**32 - 1
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """What came with a request. What is missing or cannot be read raises BadRequest."""
+
+    given: Mapping[str, str]
+    any_case: bool
+
+    @staticmethod
+    def of_query(text: str) -> Parameters:
+        """Those of a GET."""
+        return Parameters({name.lower(): value for name, value in parse_qsl(text, keep_blank_values=True)}, True)
+
+    @staticmethod
+    def of_form(data: bytes) -> Parameters:
+        """Those of a PUT."""
+        return Parameters(dict(parse_qsl(data.decode("utf-8", "replace"), keep_blank_values=True)), False)
+
+    def text(self, name: str) -> str:
+        """The value as it came."""
+        found = self.given.get(name.lower() if self.any_case else name)
+        if found is None:
+            raise BadRequest(f"the parameter {name} is required; {', '.join(self.given) or 'none'} came")
+        return found
+
+    def whole(self, name: str) -> int:
+        """A whole number."""
+        text = self.text(name).strip()
+        if len(text) > 12 or not text.removeprefix("-").isascii() or not text.removeprefix("-").isdigit():
+            raise BadRequest(f"{name} must be a whole number, and {text[:40]!r} came")
+        return int(text)
+
+    def number(self, name: str) -> float:
+        """A finite number."""
+        text = self.text(name).strip()
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            raise BadRequest(f"{name} must be a number, and {text[:40]!r} came")
+        return value
+
+    def flag(self, name: str) -> bool:
+        """True or False, in any case."""
+        text = self.text(name).strip().lower()
+        if text not in ("true", "false"):
+            raise BadRequest(f"{name} must be True or False, and {text[:40]!r} came")
+        return text == "true"
+
+    def transaction(self) -> int:
+        """The client's number of this request, 0 where it gives none."""
+        self._identity("ClientID")
+        return self._identity("ClientTransactionID")
+
+    def _identity(self, name: str) -> int:
+        if (name.lower() if self.any_case else name) not in self.given:
+            return 0
+        value = self.whole(name)
+        if not 0 <= value <= LARGEST_ID:
+            raise BadRequest(f"{name} must lie between 0 and {LARGEST_ID}, and {value} came")
+        return value

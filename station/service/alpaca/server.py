@@ -1,0 +1,133 @@
+"""Alpaca over HTTP: `/api/v1/KIND/NUMBER/MEMBER` and `/management`, transactions numbered, errors by number."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import json
+from collections.abc import Callable
+from typing import Any, cast
+
+import numpy as np
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, RedirectResponse, Response
+from starlette.routing import Route
+
+from drivers.interfaces import Stage
+from station.service.alpaca.camera import BenchCamera
+from station.service.alpaca.device import AlpacaDevice, program_version
+from station.service.alpaca.errors import BadRequest, as_alpaca
+from station.service.alpaca.focuser import AxisFocuser
+from station.service.alpaca.image import BYTES, INT32, Mosaic, image_bytes, nested
+from station.service.alpaca.parameters import Parameters
+from station.service.alpaca.switch import BenchSwitch, lines_of
+from station.service.answers import body_of
+from station.service.bench_state import ServedBench
+
+JSON = "application/json"
+
+
+def devices_of(served: ServedBench) -> list[AlpacaDevice]:
+    """The bench's camera, a focuser for each axis in millimetres, and a switch over lamp, shutter and laser."""
+    bench = served.bench
+    if bench is None:
+        return []
+    found: list[AlpacaDevice] = [BenchCamera(served, 0)] if "camera" in bench.devices else []
+    axes = [
+        (name, axis)
+        for name, device in bench.devices.items()
+        if hasattr(device, "move_to")
+        for axis in cast(Stage, device).travel()
+        if axis.endswith("_mm")
+    ]
+    found += [AxisFocuser(served, number, stage, axis) for number, (stage, axis) in enumerate(axes)]
+    return [*found, *([BenchSwitch(served, 0)] if lines_of(bench) else [])]
+
+
+class AlpacaServer:
+    """What answers Alpaca's clients."""
+
+    def __init__(self, served: ServedBench) -> None:
+        self._devices = {(one.kind, one.number): one for one in devices_of(served)}
+        self._transactions = itertools.count(1)
+
+    def routes(self) -> list[Route]:
+        """Where it is asked."""
+        return [
+            Route("/management/apiversions", self._told([1])),
+            Route("/management/v1/description", self._told(DESCRIPTION)),
+            Route("/management/v1/configureddevices", self._told([listed(one) for one in self._devices.values()])),
+            Route("/setup", to_page),
+            Route("/setup/v1/{kind}/{number:int}/setup", to_page),
+            Route("/api/v1/{kind}/{number}/{member}", self.device, methods=["GET", "PUT"]),
+        ]
+
+    def _told(self, value: Any) -> Callable[[Request], Response]:
+        return lambda request: self._answered(
+            Parameters.of_query(request.url.query), lambda client: self._framed(client, Value=value)
+        )
+
+    async def device(self, request: Request) -> Response:
+        """A member of a device."""
+        reading = request.method != "PUT"
+        given = Parameters.of_query(request.url.query) if reading else Parameters.of_form(await body_of(request))
+        kind, number, member = (request.path_params[name] for name in ("kind", "number", "member"))
+        device = self._devices.get((kind, int(number))) if number.isascii() and number.isdigit() else None
+        if device is None:
+            known = ", ".join(f"{kind}/{number}" for kind, number in self._devices) or "none"
+            return bad_request(f"there is no device {kind}/{number}; there are {known}")
+        as_bytes = BYTES in request.headers.get("accept", "")
+
+        def make(client: int) -> Response:
+            value = device.answer("GET" if reading else "PUT", member, given)
+            if isinstance(value, np.ndarray):
+                return self._image(value, client, as_bytes)
+            return self._framed(client, **({} if value is None else {"Value": value}))
+
+        return await asyncio.to_thread(self._answered, given, make)
+
+    def _answered(self, given: Parameters, make: Callable[[int], Response]) -> Response:
+        """What `make` makes of the client's number; what goes wrong as its number and a sentence."""
+        client = 0
+        try:
+            client = given.transaction()
+            return make(client)
+        except BadRequest as error:
+            return bad_request(str(error))
+        except Exception as error:  # whatever it is, the client hears it
+            told = as_alpaca(error)
+            return self._framed(client, ErrorNumber=told.number, ErrorMessage=told.message)
+
+    def _framed(self, client: int, **told: Any) -> Response:
+        """An answer in the standard's frame; an image that fails is told so too, which all clients take."""
+        ids = {"ClientTransactionID": client, "ServerTransactionID": next(self._transactions)}
+        return Response(json.dumps({"ErrorNumber": 0, "ErrorMessage": "", **ids, **told}), media_type=JSON)
+
+    def _image(self, levels: Mosaic, client: int, as_bytes: bool) -> Response:
+        if as_bytes:
+            return Response(image_bytes(levels, client, next(self._transactions)), media_type=BYTES)
+        return self._framed(client, Type=INT32, Rank=2, Value=nested(levels))
+
+
+DESCRIPTION = {
+    "ServerName": "Calibration station",
+    "Manufacturer": "Calibration station",
+    "ManufacturerVersion": program_version(),
+    "Location": "",
+}
+
+
+def listed(one: AlpacaDevice) -> dict[str, Any]:
+    """A device in the list of all."""
+    names = {"DeviceName": one.name, "DeviceType": one.kind.capitalize()}
+    return {**names, "DeviceNumber": one.number, "UniqueID": one.unique_id}
+
+
+def bad_request(message: str) -> Response:
+    """The answer to what is no request of Alpaca."""
+    return PlainTextResponse(message, 400)
+
+
+def to_page(request: Request) -> Response:
+    """There is nothing to set up here: the page shows the bench."""
+    return RedirectResponse("/", 303)

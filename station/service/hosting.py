@@ -1,0 +1,85 @@
+"""A server in a thread of its own, on a port that was taken before it began."""
+
+from __future__ import annotations
+
+import errno
+import socket
+import threading
+from dataclasses import dataclass
+
+import uvicorn
+from starlette.types import ASGIApp
+
+from procedures.outcome import BadParameter
+
+STARTED_S = 20.0
+ENDED_S = 3
+"""How long the end of the server waits for answers that are under way."""
+
+
+class PortTaken(BadParameter):
+    """Another program listens there."""
+
+
+def listen(host: str, port: int) -> socket.socket:
+    """A socket that listens there; port 0 takes a free one. Raises BadParameter, PortTaken."""
+    try:
+        family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+    except socket.gaierror as error:
+        raise BadParameter(f"{host!r} is no address of this machine: {error}", "use 127.0.0.1, or 0.0.0.0") from error
+    listening = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        if hasattr(socket, "SO_REUSEPORT"):  # POSIX: a port may be taken again at once after its program ended
+            listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.bind(address)
+        listening.listen()
+    except OSError as error:
+        listening.close()
+        raise bad_address(host, port, error) from error
+    return listening
+
+
+def bad_address(host: str, port: int, error: OSError) -> BadParameter:
+    """Why an address cannot be listened at, and what to do."""
+    if error.errno == errno.EADDRINUSE:
+        remedy = "end that program, or choose another port: --port 0 takes a free one"
+        return PortTaken(f"port {port} of {host} is needed, and another program has it", remedy)
+    reason = f"cannot listen at {host}, port {port}: {error.strerror}"
+    return BadParameter(reason, "use an address of this machine, and a port above 1023")
+
+
+@dataclass
+class Hosting:
+    """An application that is being served until `end`."""
+
+    app: ASGIApp
+    listening: socket.socket
+    closing: threading.Event
+
+    def __post_init__(self) -> None:
+        config = uvicorn.Config(
+            self.app, log_config=None, access_log=False, lifespan="off", ws="none", server_header=False,
+            timeout_graceful_shutdown=ENDED_S,
+        )  # fmt: skip
+        self._server = uvicorn.Server(config)
+        self._thread = threading.Thread(target=self._serve, name="server", daemon=True)
+
+    def _serve(self) -> None:
+        self._server.run(sockets=[self.listening])
+
+    @property
+    def port(self) -> int:
+        """Where it listens."""
+        number: int = self.listening.getsockname()[1]
+        return number
+
+    def begin(self) -> None:
+        """Answer from now on: what comes before is kept waiting by the system."""
+        self._thread.start()
+
+    def end(self) -> None:
+        """Answer no more; streams end, and answers that are under way are waited for."""
+        self.closing.set()
+        self._server.should_exit = True
+        self._thread.join(ENDED_S + 1)
+        self.listening.close()

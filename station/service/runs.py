@@ -1,0 +1,119 @@
+"""Runs that clients start, answer and stop, one at a time."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from procedures.outcome import BadParameter
+from procedures.plan import Fact
+from station.common.errors import Explained
+from station.guide.frontend import Trouble
+from station.guide.workspace import Running, StationLab
+from station.service.pictures import LatestPicture
+from station.service.remote_operator import RemoteOperator, Told
+from station.service.tenancy import Tenancy
+
+
+@dataclass(frozen=True)
+class RunOrder:
+    """Which run is asked for; `by_default` answers by defaults what need not wait for a person."""
+
+    plan: str
+    camera: str
+    lens: str
+    answers: Mapping[str, Fact] = field(default_factory=dict)
+    by_default: bool = False
+
+
+def read_order(data: Any, names: tuple[str, str]) -> RunOrder:
+    """The order that a client's JSON is; camera and lens are `names` where it tells none. Raises BadParameter."""
+    from station.guide.catalogue import DEFAULT
+
+    remedy = 'send {"plan": "pattern", "camera": "...", "lens": "...", "answers": {}, "by_default": false}'
+    kinds: dict[str, type] = {"plan": str, "camera": str, "lens": str, "answers": dict, "by_default": bool}
+    if not isinstance(data, Mapping):
+        raise BadParameter("a run is started with a JSON object, and something else came", remedy)
+    for name, value in data.items():
+        if name not in kinds:
+            raise BadParameter(f"there is no {name!r} in a run's order", remedy)
+        if not isinstance(value, kinds[name]):
+            raise BadParameter(f"{name!r} must be a {kinds[name].__name__}, and {value!r} came", remedy)
+    answers = data.get("answers", {})
+    if wrong := [key for key, one in answers.items() if not isinstance(one, str | int | float | bool)]:
+        raise BadParameter(f"the answers to {', '.join(wrong)} are no text, number, true or false", remedy)
+    about = {"plan": DEFAULT, "camera": names[0], "lens": names[1], **data}
+    return RunOrder(about["plan"], about["camera"], about["lens"], answers, about.get("by_default", False))
+
+
+class Runs:
+    """The runs of one lab. Any thread may call."""
+
+    def __init__(self, lab: StationLab, tenancy: Tenancy, picture: LatestPicture) -> None:
+        self._lab, self._tenancy, self._picture = lab, tenancy, picture
+        self._operator: RemoteOperator | None = None
+        self._running: Running | None = None
+        self._thread: threading.Thread | None = None
+        self._failed = ""
+
+    @property
+    def told(self) -> Told | None:
+        """How the run that was started last stands; None before the first."""
+        if self._operator is None:
+            return None
+        told = self._operator.told
+        return replace(told, ended="failed", trouble=Trouble(self._failed, "")) if self._failed else told
+
+    def start(self, order: RunOrder) -> None:
+        """Begin a run in a new session. Raises ProcedureError, InUse where something has the bench."""
+        from station.guide.catalogue import entry_named
+
+        entry_named(order.plan)
+        self._tenancy.take(f"a run of the plan {order.plan}")
+        try:
+            operator = RemoteOperator(order.answers, order.by_default, self._picture.show)
+            running = self._lab.begin(order.plan, order.camera, order.lens, operator)
+        except BaseException:
+            self._tenancy.leave()
+            raise
+        self._operator, self._running, self._failed = operator, running, ""
+        self._thread = threading.Thread(target=self._go, args=(running,), name="run", daemon=True)
+        self._thread.start()
+
+    def _go(self, running: Running) -> None:
+        try:
+            running.go()
+        except Exception as error:  # whatever it is, the client reads a sentence
+            self._failed = error.reason if isinstance(error, Explained) else f"{type(error).__name__}: {error}"
+        finally:
+            self._tenancy.leave()
+
+    def end(self) -> None:
+        """Let the run end after this exposure or move; an open question is not answered any more."""
+        if self._running is not None:
+            self._running.ask_to_stop()
+        self._silence()
+
+    def stop(self) -> None:
+        """Stop every device at once, by the way that signals take, and end the run if there is one. Never raises."""
+        self._lab.stop_run()
+        self._silence()
+
+    def _silence(self) -> None:
+        if self._operator is not None:
+            self._operator.stop()
+
+    def reply(self, key: str, words: str) -> None:
+        """Answer the run's open question. Raises BadParameter."""
+        if self._operator is None:
+            raise BadParameter(f"an answer to {key!r} came, and no run was started", "start one first")
+        self._operator.reply(key, words)
+
+    def wait(self, timeout_s: float) -> None:
+        """Wait for the end of the run, at most so long."""
+        if self._thread is not None:
+            with suppress(RuntimeError):
+                self._thread.join(timeout_s)

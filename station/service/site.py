@@ -1,0 +1,47 @@
+"""What is served where: one application of the page, the interface for programs, and Alpaca."""
+
+from __future__ import annotations
+
+import threading
+from importlib.resources import files
+
+from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.requests import Request
+from starlette.responses import RedirectResponse, Response
+from starlette.routing import Mount, Route
+
+from drivers.errors import DeviceError
+from procedures.outcome import ProcedureError
+from station.service.access import COOKIE, NAMES_OF_LOOPBACK, Gate, is_loopback
+from station.service.alpaca.server import AlpacaServer
+from station.service.answers import explained
+from station.service.bench_state import ServedBench
+from station.service.control import STOP, Control
+from station.service.sessions import Sessions
+
+API = "/station/v1"
+PAGE_POLICY = "default-src 'self'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; frame-ancestors 'none'"
+
+
+def site(served: ServedBench, *, host: str, token: str | None, closing: threading.Event) -> Starlette:
+    """The application; `host` is the address it is served at."""
+    programs = [*Control(served).routes(), *Sessions(served.lab.sessions, closing).routes()]
+    names = NAMES_OF_LOOPBACK | {host} if is_loopback(host) else None
+    gate = Middleware(Gate, token=token, free=("/", API + STOP), names=names)
+    return Starlette(
+        routes=[Route("/", page), Mount(API, routes=programs), *AlpacaServer(served).routes()],
+        middleware=[gate],
+        exception_handlers=dict.fromkeys((ProcedureError, DeviceError, HTTPException, Exception), explained),
+    )
+
+
+def page(request: Request) -> Response:
+    """The page for a phone. A token in its address becomes a cookie, so that it does not stay in the address."""
+    if token := request.query_params.get("token"):
+        answer = RedirectResponse("/", 303)
+        answer.set_cookie(COOKIE, token, httponly=True, samesite="strict")
+        return answer
+    text = files(__package__).joinpath("page.html").read_bytes()
+    return Response(text, media_type="text/html", headers={"Content-Security-Policy": PAGE_POLICY})

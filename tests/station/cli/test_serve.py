@@ -1,0 +1,79 @@
+"""`station serve` in the terminal: what it says, what it refuses, how it ends."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import urllib.error
+import urllib.request
+
+import pytest
+
+from station.service.hosting import listen
+
+
+def test_a_port_that_is_taken_is_refused(run):
+    with listen("127.0.0.1", 0) as taken:
+        port = taken.getsockname()[1]
+        done = run("serve", "--simulate", "--port", port)
+    assert done.exit_code == 2
+    assert f"port {port} of 127.0.0.1 is needed, and another program has it" in done.stderr
+    assert "--port 0 takes a free one" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--token", "short"), "a token of 12 ASCII characters or more is needed, without spaces; 5 came"),
+        (("--token", "long-enough-to-be-one", "--no-token"), "contradict each other"),
+        (("--host", "no such host"), "is no address of this machine"),
+    ],
+)
+def test_options_that_cannot_be_meant_are_refused(run, options, words):
+    done = run("serve", "--simulate", "--port", 0, *options)
+    assert done.exit_code == 2
+    assert words in done.stderr
+    assert "what to do" in done.stderr
+
+
+def test_without_the_extra_it_says_what_to_install(run, monkeypatch):
+    monkeypatch.setitem(sys.modules, "uvicorn", None)
+    monkeypatch.delitem(sys.modules, "station.service.hosting")
+    done = run("serve", "--simulate", "--port", 0)
+    assert done.exit_code == 2
+    assert "the extra `serve` is needed, and uvicorn is not installed" in done.stderr
+    assert "pip install 'calibration-station[serve]'" in done.stderr
+
+
+def post(address, path, data):
+    request = urllib.request.Request(address + path, json.dumps(data).encode(), {"Content-Type": "application/json"})
+    with urllib.request.urlopen(request, timeout=60) as reply:
+        return json.load(reply)
+
+
+def get(address, path):
+    with urllib.request.urlopen(address + path, timeout=60) as reply:
+        return json.load(reply)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="no such signals here")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_server_its_run_and_its_session(tmp_path, number):
+    words = [sys.executable, "-m", "station", "serve", "--simulate", "--port", "0", "--json", "--no-token"]
+    words += ["--sessions", str(tmp_path)]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as program:
+        address = json.loads(program.stdout.readline())["address"]
+        post(address, "/station/v1/run", {"by_default": True})
+        while (question := get(address, "/station/v1/run")["question"]) is None:
+            assert program.poll() is None
+        assert question["key"] == "move"
+        program.send_signal(number)
+        assert program.wait(60) == 0
+    with pytest.raises(urllib.error.URLError):
+        post(address, "/station/v1/stop", {})
+    (session,) = tmp_path.glob("*/")
+    journal = map(json.loads, (session / "journal.jsonl").read_text().splitlines())
+    assert [one["how"] for one in journal if one["event"] == "ended"] == ["emergency"]

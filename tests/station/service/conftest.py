@@ -1,0 +1,42 @@
+from __future__ import annotations
+
+from contextlib import contextmanager
+
+import pytest
+
+from station.guide import catalogue
+
+from ..guide import benches
+from .serving import serving
+
+
+@contextmanager
+def serving_short_plans(folder):
+    short = catalogue.GuidedProcedure("a short plan", benches.short_plan)
+    with pytest.MonkeyPatch.context() as patch, serving(folder) as both:
+        patch.setattr(catalogue, "PLANS", {**catalogue.PLANS, "short": short})
+        yield both
+
+
+@pytest.fixture
+def server(tmp_path):
+    """A client, and what is served; the plan `short` takes no time."""
+    with serving_short_plans(tmp_path) as both:
+        yield both
+
+
+@pytest.fixture(scope="module")
+def shared_server(tmp_path_factory):
+    """The same for tests that leave it as it is."""
+    with serving_short_plans(tmp_path_factory.mktemp("served")) as both:
+        yield both
+
+
+@pytest.fixture
+def client(server):
+    return server[0]
+
+
+@pytest.fixture
+def served(server):
+    return server[1]

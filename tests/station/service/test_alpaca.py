@@ -1,0 +1,399 @@
+"""The ASCOM Initiative's own client drives every member of the bench's Alpaca devices."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import socket
+import threading
+from contextlib import closing
+
+import numpy as np
+import pytest
+import requests
+from alpaca import camera as alpaca_camera
+from alpaca import exceptions, focuser, management, switch
+
+from procedures.raw import read_frame
+from station.service.alpaca.discovery import Discovery
+from station.service.alpaca.image import nested, sensor_image
+
+from .serving import TOKEN
+
+NOT_IMPLEMENTED = exceptions.NotImplementedException
+
+
+@pytest.fixture
+def camera(client):
+    device = alpaca_camera.Camera(client.address, 0)
+    device.Connected = True
+    return device
+
+
+@pytest.fixture
+def rail(client):
+    """The focuser that is the rail's axis."""
+    device = focuser.Focuser(client.address, 0)
+    device.Connected = True
+    return device
+
+
+@pytest.fixture
+def box(client):
+    device = switch.Switch(client.address, 0)
+    device.Connected = True
+    return device
+
+
+def once(holds):
+    """Wait until it is so."""
+    while not holds():
+        threading.Event().wait(0.005)  # the bench needs the processor too
+
+
+def homed(rail):
+    rail.Action("Home", "")
+    once(lambda: not rail.IsMoving)
+    return rail
+
+
+def members(device_class):
+    """Names of what a device of the client has: (read, called or written)."""
+    found = [(name, one) for name, one in inspect.getmembers(device_class) if not name.startswith("_")]
+    read = {name for name, one in found if isinstance(one, property)}
+    written = {name for name, one in found if isinstance(one, property) and one.fset is not None}
+    return read, written | {name for name, one in found if inspect.isfunction(one)}
+
+
+# --- management ----------------------------------------------------------------------------------------------------
+
+
+def test_the_server_tells_its_devices(client):
+    assert management.apiversions(client.address) == [1]
+    assert management.description(client.address)["ServerName"] == "Calibration station"
+    devices = management.configureddevices(client.address)
+    told = [(one["DeviceType"], one["DeviceNumber"], one["DeviceName"]) for one in devices]
+    assert told == [
+        ("Camera", 0, "camera"), ("Focuser", 0, "stage z_mm"), ("Focuser", 1, "stage x_mm"),
+        ("Focuser", 2, "stage y_mm"), ("Switch", 0, "lamp, shutter and laser"),
+    ]  # fmt: skip
+    assert len({one["UniqueID"] for one in devices}) == 5
+
+
+@pytest.mark.parametrize(
+    ("kind", "device_class", "besides"),
+    [
+        ("camera", alpaca_camera.Camera, {"ImageArrayRaw", "ImageArrayInfo"}),  # the client's own views of ImageArray
+        ("focuser", focuser.Focuser, set()),
+        ("switch", switch.Switch, set()),
+    ],
+)
+def test_no_member_of_the_client_is_missing(server, kind, device_class, besides):
+    from station.service.alpaca.server import devices_of
+
+    device = next(one for one in devices_of(server[1]) if one.kind == kind)
+    read, called = members(device_class)
+    there = {*device.gets, *device.puts}
+    assert {name for name in (read | called) - besides if name.lower() not in there} == set()
+
+
+# --- what all devices have -----------------------------------------------------------------------------------------
+
+
+def test_every_common_member_answers(client):
+    device = focuser.Focuser(client.address, 1)
+    assert not device.Connected
+    assert not device.Connecting
+    assert device.Name == "stage x_mm"
+    assert device.InterfaceVersion == 4
+    assert device.SupportedActions == ["Home", "EmergencyStop"]
+    assert device.Description
+    assert device.DriverInfo
+    assert device.DriverVersion
+    with pytest.raises(exceptions.NotConnectedException, match="put Connected = True first"):
+        _ = device.Position
+    device.Connect()
+    once(lambda: not device.Connecting)
+    assert device.Connected
+    assert {one["Name"] for one in device.DeviceState} == {"IsMoving"}  # before it has homed no position is known
+    for command in (device.CommandBlind, device.CommandBool, device.CommandString):
+        with pytest.raises(NOT_IMPLEMENTED):
+            command("x", False)
+    with pytest.raises(exceptions.ActionNotImplementedException, match="there are Home, EmergencyStop"):
+        device.Action("Fly", "")
+    device.Disconnect()
+    assert not device.Connected
+    device.Connected = True
+    device.Connected = False
+    assert not device.Connected
+
+
+def test_the_emergency_stop_is_an_action_of_every_device(camera, rail, box, served):
+    for number, device in enumerate((camera, rail, box), 1):
+        device.Action("EmergencyStop", "")
+        assert served.bench.stops == number
+
+
+# --- focuser -------------------------------------------------------------------------------------------------------
+
+
+def test_every_member_of_the_focuser(rail, served):
+    travel = served.bench.stage.travel()["z_mm"]
+    last = int(1000 * (travel.high - travel.low))
+    assert rail.Absolute
+    assert rail.StepSize == 1.0
+    assert rail.MaxStep == rail.MaxIncrement == last
+    assert not rail.TempCompAvailable
+    assert not rail.TempComp
+    with pytest.raises(NOT_IMPLEMENTED):
+        rail.TempComp = True
+    with pytest.raises(NOT_IMPLEMENTED):
+        _ = rail.Temperature
+    with pytest.raises(exceptions.InvalidOperationException, match="the action Home does that"):
+        rail.Move(1000)
+    with pytest.raises(exceptions.InvalidOperationException, match="not homed"):
+        _ = rail.Position
+    homed(rail)
+    rail.Move(123456)
+    once(lambda: not rail.IsMoving)
+    assert rail.Position == 123456
+    assert served.bench.stage.position()["z_mm"] == pytest.approx(travel.low + 123.456, abs=1e-3)  # a step is 1 um
+    rail.Move(last)
+    once(lambda: not rail.IsMoving)
+    assert rail.Position == pytest.approx(last, abs=1)
+    for beyond in (-1, last + 1):
+        with pytest.raises(exceptions.InvalidValueException, match=f"between 0 and {last}, and {beyond} came"):
+            rail.Move(beyond)
+    rail.Halt()
+    assert {one["Name"]: one["Value"] for one in rail.DeviceState} == {"IsMoving": False, "Position": rail.Position}
+
+
+def test_what_ended_a_move_is_told(rail, served, monkeypatch):
+    from drivers.errors import MoveFailed
+
+    def stall(name, target):
+        raise MoveFailed("z_mm came to rest at 3", "move again")
+
+    homed(rail)
+    monkeypatch.setattr(served.bench.motions, "move", stall)
+    rail.Move(10)
+    with pytest.raises(exceptions.DriverException, match="came to rest at 3; move again"):
+        once(lambda: not rail.IsMoving)
+
+
+def test_a_run_keeps_clients_from_moving_and_clients_a_run(rail, client, served):
+    homed(rail)
+    with served.tenancy.held("a run of the plan short"):
+        with pytest.raises(exceptions.InvalidOperationException, match="taken by a run of the plan short; wait until"):
+            rail.Move(10)
+        assert rail.Position >= 0
+        rail.Halt()  # stopping is free
+
+
+# --- switch --------------------------------------------------------------------------------------------------------
+
+
+def test_every_member_of_the_switch(box, served):
+    assert box.MaxSwitch == 5
+    names = [box.GetSwitchName(number) for number in range(5)]
+    assert names == ["light", "release", "half-press", "laser", "distance"]
+    assert [box.CanWrite(number) for number in range(5)] == [True, True, True, True, False]
+    assert all(box.GetSwitchDescription(number) for number in range(5))
+    assert [box.MinSwitchValue(number) for number in range(5)] == [0.0] * 5
+    assert [box.MaxSwitchValue(number) for number in range(5)] == [1.0, 1.0, 1.0, 1.0, 1e5]
+    assert [box.SwitchStep(number) for number in range(5)] == [0.01, 1.0, 1.0, 1.0, 0.1]
+    box.SetSwitchValue(0, 0.25)
+    assert box.GetSwitchValue(0) == served.bench.light.level() == 0.25
+    box.SetSwitch(0, True)
+    assert served.bench.light.level() == 1.0
+    assert box.GetSwitch(0)
+    box.SetSwitch(0, False)
+    assert not box.GetSwitch(0)
+    box.SetSwitch(2, True)
+    assert box.GetSwitch(2)
+    box.SetSwitch(2, False)
+    box.SetSwitch(3, True)
+    assert box.GetSwitchValue(3) == 1.0
+    assert box.GetSwitchValue(4) == pytest.approx(served.bench.rangefinder.measure().distance_mm, abs=10)  # its noise
+    box.SetSwitch(1, True)
+    box.SetSwitch(1, False)
+    with pytest.raises(NOT_IMPLEMENTED, match="distance is read only"):
+        box.SetSwitchValue(4, 1.0)
+    with pytest.raises(exceptions.InvalidValueException, match=r"between 0 and 1 for light, and 1\.5 came"):
+        box.SetSwitchValue(0, 1.5)
+    with pytest.raises(exceptions.InvalidValueException, match="between 0 and 4, and 5 came"):
+        box.GetSwitch(5)
+    for refused in (
+        lambda: box.SetAsync(0, True), lambda: box.SetAsyncValue(0, 0.5), lambda: box.CancelAsync(0),
+        lambda: box.StateChangeComplete(0), lambda: box.SetSwitchName(0, "lamp"),
+    ):  # fmt: skip
+        with pytest.raises(NOT_IMPLEMENTED):
+            refused()
+    assert not box.CanAsync(0)
+
+
+# --- camera --------------------------------------------------------------------------------------------------------
+
+ABSENT_TO_READ = (
+    "CCDTemperature", "CoolerOn", "CoolerPower", "ElectronsPerADU", "FastReadout", "FullWellCapacity", "Gain",
+    "GainMax", "GainMin", "Gains", "HeatSinkTemperature", "Offset", "OffsetMax", "OffsetMin", "Offsets",
+    "SetCCDTemperature", "SubExposureDuration",
+)  # fmt: skip
+ABSENT_TO_WRITE = ("CoolerOn", "FastReadout", "Gain", "Offset", "SetCCDTemperature", "SubExposureDuration")
+BEFORE_A_FRAME = (
+    "BayerOffsetX", "BayerOffsetY", "CameraXSize", "CameraYSize", "MaxADU", "NumX", "NumY", "PixelSizeX", "PixelSizeY",
+    "SensorType",
+)  # fmt: skip
+KNOWN = {
+    "BinX": 1, "BinY": 1, "MaxBinX": 1, "MaxBinY": 1, "CanAbortExposure": True, "CanAsymmetricBin": False,
+    "CanFastReadout": False, "CanGetCoolerPower": False, "CanPulseGuide": False, "CanSetCCDTemperature": False,
+    "CanStopExposure": False, "ExposureMin": 0.0, "ExposureMax": 3600.0, "ExposureResolution": 0.0,
+    "HasShutter": False, "IsPulseGuiding": False, "ReadoutMode": 0, "ReadoutModes": ["RAW"], "SensorName": "",
+    "StartX": 0, "StartY": 0, "ImageReady": False,
+}  # fmt: skip
+
+
+def test_every_member_of_the_camera_before_a_photograph(camera):
+    assert {name: getattr(camera, name) for name in KNOWN} == KNOWN
+    assert camera.CameraState is alpaca_camera.CameraStates.cameraIdle
+    for name in ABSENT_TO_READ:
+        with pytest.raises(NOT_IMPLEMENTED):
+            getattr(camera, name)
+    for name in ABSENT_TO_WRITE:
+        with pytest.raises(NOT_IMPLEMENTED):
+            setattr(camera, name, 1)
+    for name in BEFORE_A_FRAME:
+        with pytest.raises(exceptions.ValueNotSetException, match="StartExposure"):
+            getattr(camera, name)
+    for name in ("LastExposureDuration", "LastExposureStartTime", "ImageArray", "PercentCompleted"):
+        with pytest.raises(exceptions.InvalidOperationException, match="StartExposure"):
+            getattr(camera, name)
+    for call in (camera.StopExposure, lambda: camera.PulseGuide(alpaca_camera.GuideDirections.guideNorth, 1)):
+        with pytest.raises(NOT_IMPLEMENTED):
+            call()
+    camera.BinX = camera.BinY = 1
+    camera.ReadoutMode = 0
+    for name in ("BinX", "BinY", "ReadoutMode"):
+        with pytest.raises(exceptions.InvalidValueException):
+            setattr(camera, name, 2)
+    for seconds in (-1.0, 3601.0):
+        with pytest.raises(exceptions.InvalidValueException, match="between 0 and 3600 s"):
+            camera.StartExposure(seconds, True)
+    camera.AbortExposure()
+    assert camera.ImageArrayInfo is None
+
+
+def test_a_photograph_is_the_sensors_numbers(camera, served):
+    camera.StartExposure(0.02, True)  # as the frames of this bench tell
+    once(lambda: camera.ImageReady)
+    (path,) = served.bench.simulated.folder.iterdir()
+    truth = sensor_image(list(read_frame(path).planes.values())).levels
+    assert (camera.CameraXSize, camera.CameraYSize) == (camera.NumX, camera.NumY) == (96, 64) == truth.shape[::-1]
+    assert camera.MaxADU == 16383
+    assert camera.SensorType is alpaca_camera.SensorType.RGGB
+    assert (camera.BayerOffsetX, camera.BayerOffsetY) == (0, 0)
+    assert camera.LastExposureDuration == pytest.approx(0.02)
+    assert camera.LastExposureStartTime.startswith("20")
+    with pytest.raises(exceptions.ValueNotSetException, match="do not tell the pixel pitch"):
+        _ = camera.PixelSizeX
+    np.testing.assert_array_equal(np.array(camera.ImageArray), truth.T)
+    info = camera.ImageArrayInfo
+    assert (info.Rank, info.Dimension1, info.Dimension2) == (2, 96, 64)
+    np.testing.assert_array_equal(np.array(camera.ImageArrayRaw).reshape(96, 64), truth.T)
+    told = requests.get(camera.base_url + "/imagearray", timeout=30).json()
+    assert (told["Type"], told["Rank"], told["Value"]) == (2, 2, nested(truth))
+    assert served.picture.number == 1
+    camera.StartX, camera.StartY, camera.NumX, camera.NumY = 10, 4, 20, 30
+    np.testing.assert_array_equal(np.array(camera.ImageArray), truth[4:34, 10:30].T)
+    camera.NumX = 87
+    with pytest.raises(exceptions.InvalidValueException, match=r"startx 10 and numx 87 must lie within 0 \.\. 96"):
+        camera.StartExposure(0.02, True)
+
+
+def test_the_numbers_are_those_of_the_file(camera, served):
+    camera.StartExposure(0.0, True)
+    once(lambda: camera.ImageReady)
+    from ..guide import benches
+
+    written = np.random.default_rng(1).integers(600, 9000, (64, 96)).astype(np.uint16)  # as `frame_bytes` draws them
+    assert benches.frame_bytes(1)
+    np.testing.assert_array_equal(np.array(camera.ImageArray).T, written)
+
+
+def test_a_frame_that_is_another_than_was_asked_for_is_an_error(camera):
+    camera.StartExposure(0.5, True)
+    with pytest.raises(exceptions.DriverException, match=r"taken at 0\.02 s instead of 0\.5 s; set the body, repeat"):
+        once(lambda: camera.ImageReady)
+    assert camera.CameraState is alpaca_camera.CameraStates.cameraError
+
+
+def test_an_exposure_is_aborted_and_the_next_one_comes(camera, served, monkeypatch):
+    begun, go_on = threading.Event(), threading.Event()
+    expose = served.bench.camera.expose
+
+    def slow():
+        begun.set()
+        go_on.wait()
+        return expose()
+
+    monkeypatch.setattr(served.bench.camera, "expose", slow)
+    camera.StartExposure(0.02, True)
+    begun.wait()
+    assert camera.CameraState is alpaca_camera.CameraStates.cameraExposing
+    assert camera.PercentCompleted == 0
+    with pytest.raises(exceptions.InvalidOperationException, match="taken by an exposure of"):
+        camera.StartExposure(0.02, True)
+    camera.AbortExposure()
+    go_on.set()
+    once(lambda: camera.CameraState is alpaca_camera.CameraStates.cameraIdle)
+    assert not camera.ImageReady
+    monkeypatch.undo()
+    camera.StartExposure(0.02, True)
+    once(lambda: camera.ImageReady)
+
+
+# --- the protocol --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "form", "status"),
+    [
+        ("GET", "focuser/0/connected", None, 200),
+        ("GET", "focuser/0/connected?clientid=1&CLIENTTRANSACTIONID=77", None, 200),
+        ("GET", "focuser/0/connected?ClientID=-1", None, 400),
+        ("GET", "focuser/0/connected?ClientTransactionID=4294967296", None, 400),
+        ("GET", "focuser/0/connected?ClientTransactionID=seven", None, 400),
+        ("GET", "focuser/9/connected", None, 400),
+        ("GET", "focuser/x/connected", None, 400),
+        ("GET", "dome/0/connected", None, 400),
+        ("GET", "focuser/0/nosuch", None, 400),
+        ("GET", "focuser/0/halt", None, 400),
+        ("PUT", "focuser/0/connected", b"Connected=true", 200),
+        ("PUT", "focuser/0/connected", b"connected=true", 400),
+        ("PUT", "focuser/0/connected", b"Connected=maybe", 400),
+        ("PUT", "focuser/0/connected", b"", 400),
+        ("PUT", "focuser/0/connected", b"Connected=True&" + b"x" * 70000, 400),
+    ],
+)
+def test_requests_are_read_by_the_standard(shared_server, method, path, form, status):
+    client, _ = shared_server
+    headers = {"Content-Type": "application/x-www-form-urlencoded"}
+    came, _, body = client.request(method, f"/api/v1/{path}", form, **headers)
+    assert came == status, body
+    assert b'"ClientTransactionID": 77' in body or "77" not in path
+
+
+def test_transactions_are_numbered_and_strangers_are_turned_away(shared_server):
+    client, _ = shared_server
+    url = f"http://127.0.0.1:{client.port}/api/v1/focuser/0/name"
+    numbers = [requests.get(url, auth=("any", TOKEN), timeout=30).json()["ServerTransactionID"] for _ in range(3)]
+    assert numbers == sorted(set(numbers))
+    assert requests.get(url, timeout=30).status_code == 401
+
+
+def test_discovery_tells_the_port():
+    with closing(Discovery(4711, "127.0.0.1", 0)) as answering, socket.socket(type=socket.SOCK_DGRAM) as asker:
+        asker.settimeout(30)
+        asker.sendto(b"something else", ("127.0.0.1", answering.port))
+        asker.sendto(b"alpacadiscovery1", ("127.0.0.1", answering.port))
+        assert json.loads(asker.recv(64)) == {"AlpacaPort": 4711}

@@ -1,0 +1,141 @@
+"""Runs are started, answered and stopped by other programs; the bench tells how it is."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+
+from procedures.outcome import BadParameter
+from station.service.runs import read_order
+
+UNATTENDED = {"plan": "short", "camera": "C", "lens": "L", "answers": {"move": True}, "by_default": True}
+
+
+def wait_for(client, holds):
+    """The run, once it is so."""
+    while True:
+        threading.Event().wait(0.01)  # the run needs the processor too
+        run = client.get("/run")[1]
+        if holds(run):
+            return run
+
+
+def test_a_run_is_carried_out_and_its_session_is_there(client):
+    status, run = client.post("/run", UNATTENDED)
+    assert status == 201, run
+    session = wait_for(client, lambda run: run["session"])["session"]
+    entries = []
+    for entry in client.journal(session):
+        entries.append(entry)
+        if entry["event"] == "ended":
+            break
+    assert [one["seq"] for one in entries] == list(range(1, len(entries) + 1))
+    assert entries[-1]["how"] == "finished"
+    run = wait_for(client, lambda run: run["ended"])
+    assert (run["plan"], run["ended"], run["trouble"], run["question"]) == ("short", "finished", None, None)
+    _, listed = client.get("/sessions")
+    assert [(one["plan"], one["camera"], one["ended"]) for one in listed["sessions"]] == [("short", "C", "finished")]
+    state = client.get(f"/sessions/{session}")[1]["state"]
+    assert state["done"] == ["rig", "trials", "shots"]
+    assert state["facts"]["width"] == 3.0
+
+
+def test_nothing_moves_before_somebody_said_so(client, served):
+    client.post("/run", {**UNATTENDED, "answers": {}})
+    question = wait_for(client, lambda run: run["question"])["question"]
+    assert question["key"] == "move"
+    assert "Homing" in question["question"]
+    assert not any(one["moving"] for one in client.get("/status")[1]["devices"])
+    assert client.post("/run/answer", {"key": "width", "answer": 3})[1]["reason"].endswith("open question is 'move'")
+    assert client.post("/run/answer", {"key": "move", "answer": "perhaps"})[0] == 400
+    while not (run := wait_for(client, lambda run: run["question"] or run["ended"]))["ended"]:
+        client.post("/run/answer", {"key": run["question"]["key"], "answer": True})
+    assert run["ended"] == "finished"
+    assert served.bench.stage.position()["z_mm"] == pytest.approx(620.0, abs=0.01)  # the middle of the scan is its best
+
+
+def test_a_run_waits_for_answers_that_have_no_default(client):
+    client.post("/run", {"plan": "short", "answers": {"width": 300}})  # beyond what may be answered
+    question = wait_for(client, lambda run: run["question"])["question"]
+    assert (question["key"], question["unit"], question["low"], question["high"]) == ("width", "mm", 1.0, 9.0)
+    status, told = client.post("/run/answer", {"key": "width", "answer": 300})
+    assert (status, told["remedy"]) == (400, "It must lie between 1 and 9 mm.")
+    assert client.post("/run/end")[0] == 200
+    assert wait_for(client, lambda run: run["ended"])["ended"] == "stopped"
+
+
+def test_the_stop_needs_no_token_and_ends_the_run(client, served):
+    client.post("/run", {**UNATTENDED, "answers": {}})
+    wait_for(client, lambda run: run["question"])
+    client.token = ""
+    status, told = client.post("/stop")
+    assert status == 200
+    assert told["stopped"]
+    assert set(told["stops"][0]["after_ms"]) >= {"stage", "head", "shutter"}
+    assert client.get("/run")[0] == 401
+    served.runs.wait(30)
+    assert served.runs.told.ended == "emergency"
+    assert not served.bench.stage.condition().usable
+
+
+def test_the_stop_comes_through_while_everything_else_hangs(client, served, monkeypatch):
+    release, hanging = threading.Event(), threading.Semaphore(0)
+
+    def hang():
+        hanging.release()
+        release.wait()
+        return []
+
+    monkeypatch.setattr(served, "states", hang)
+    threads = [threading.Thread(target=client.get, args=("/status",)) for _ in range(45)]
+    for thread in threads:
+        thread.start()
+    for _ in range(40):  # as many as the server has threads for what blocks
+        hanging.acquire()
+    assert client.post("/stop")[0] == 200
+    release.set()
+    for thread in threads:
+        thread.join()
+
+
+def test_a_second_run_is_refused(client):
+    client.post("/run", {**UNATTENDED, "answers": {}})
+    status, told = client.post("/run", UNATTENDED)
+    assert status == 409
+    assert told == {
+        "reason": "the bench is taken by a run of the plan short",
+        "remedy": "wait until that ends, or stop it",
+    }
+
+
+def test_the_newest_photograph_is_a_picture(client, served):
+    assert client.get("/picture")[0] == 404
+    client.post("/run", UNATTENDED)
+    served.runs.wait(30)
+    status, headers, body = client.request("GET", "/station/v1/picture")
+    assert (status, headers["content-type"]) == (200, "image/jpeg")
+    assert body.startswith(b"\xff\xd8\xff")
+    assert headers["x-number"] == str(client.get("/status")[1]["picture"]) == "6"
+
+
+@pytest.mark.parametrize(
+    ("order", "reason"),
+    [
+        ([], "JSON object"),
+        ({"plans": "pattern"}, "no 'plans'"),
+        ({"plan": 3}, "must be a str, and 3 came"),
+        ({"answers": {"width": None}}, "answers to width"),
+        ({"by_default": "yes"}, "must be a bool"),
+    ],
+)
+def test_an_order_that_cannot_be_meant_is_refused(order, reason):
+    with pytest.raises(BadParameter, match=reason):
+        read_order(order, ("C", "L"))
+
+
+def test_an_unknown_plan_is_refused_and_leaves_the_bench_free(client):
+    status, told = client.post("/run", {"plan": "patern"})
+    assert status == 400
+    assert "choose one of pattern" in told["remedy"]
+    assert client.get("/status")[1]["tenant"] == ""
