@@ -11,6 +11,7 @@ from drivers.clock import Clock
 from drivers.dng_folder import DngFolder, Optics
 from drivers.folder_camera import FolderCamera, Tether
 from drivers.frames import Inspect
+from drivers.genicam.camera import GenicamCamera, GenicamSettings
 from drivers.gphoto import GphotoCamera
 from drivers.grbl import GrblStage
 from drivers.grbl_envelope import GrblAxis
@@ -134,6 +135,14 @@ def _micromanager_shutter(
     return MicroManagerShutter(parts.core(config, adapters), device, clock=parts.clock)
 
 
+def _genicam(
+    name: str, parts: Parts, *, folder: str, camera: str = "", pixel_format: str = "", gain_db: float | None = None,
+    patience_s: float = 5.0, **optics: Any,
+) -> GenicamCamera:  # fmt: skip
+    settings = GenicamSettings(pixel_format, gain_db, patience_s)
+    return GenicamCamera(parts.frames(folder, **optics), camera, settings, clock=parts.clock)
+
+
 def _wit(name: str, parts: Parts, *, port: str, baud: int = 115200) -> WitImu:
     return WitImu(parts.wire(name, port, WitParser, baud=baud), clock=parts.clock)
 
@@ -172,6 +181,7 @@ MAKERS: dict[str, Callable[..., Device]] = {
     "micromanager_stage": _micromanager_stage,
     "micromanager_camera": _micromanager_camera,
     "micromanager_shutter": _micromanager_shutter,
+    "genicam": _genicam,
     "wit": _wit,
     "fast": _fast,
     "jrt": _jrt,

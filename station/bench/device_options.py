@@ -251,6 +251,17 @@ OPTIONS: dict[str, Options] = {
         {**CORE, "device": LABEL, **FRAMES, "mosaic": Option(OneOf(("none", "RGGB", "BGGR", "GRBG", "GBRG")))}
     ),
     "micromanager_shutter": Options({**CORE, "device": Option(Text('"Shutter"'), required=True)}),
+    "genicam": Options(
+        {
+            "camera": Option(Text('"192.168.1.20"', "a camera's name or address in quotes")),
+            "pixel_format": Option(
+                Text('"BayerRG12p"', "a grey or Bayer pixel format of 8 to 16 bits", r"(Mono|Bayer(RG|BG|GR|GB))\d+\w*")
+            ),
+            "gain_db": Option(Number("0.0")),
+            "patience_s": Option(Number("5", 0.0, above=True)),
+            **FRAMES,
+        }
+    ),
     "wit": Options(LINE),
     "fast": Options(
         {

@@ -104,6 +104,15 @@ GOOD = {
         "pixel_pitch_um": "3.45",
         "black": "0",
     },
+    "machine_vision": {
+        "driver": '"genicam"',
+        "camera": '"192.168.1.20"',
+        "folder": '"in"',
+        "pixel_format": '"BayerRG12p"',
+        "gain_db": "-1.5",
+        "patience_s": "5",
+        "f_number": "4",
+    },
     "lamp": {"driver": '"grbl_light"', "on": '"stage"', "warm_up_s": "0.5"},
 }
 
@@ -165,6 +174,12 @@ WRONG = {
         },
     },
     "door": {"device": TEXT},
+    "machine_vision": {
+        "camera": TEXT,
+        "pixel_format": ['"RGB8"', '"mono8"', "8"],
+        "gain_db": NO_NUMBER,
+        "patience_s": ABOVE_0,
+    },
     "scope_camera": {
         "mosaic": ['"rggb"', '"RGB"', "true"],
         "f_number": ABOVE_0,
