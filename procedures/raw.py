@@ -26,7 +26,16 @@ from procedures.reading.grey_image import (
 from procedures.reading.guard import Room, decoding, open_file, read_file
 from procedures.reading.library_noise import captured_noise
 from procedures.reading.sensor_dump import DumpLayout, has_raw_header
-from procedures.reading.tiff_tags import BLACK_LEVEL, CFA_PATTERN, Tags, has_directory, mosaic_tags, written_black
+from procedures.reading.tiff_tags import (
+    BLACK_LEVEL,
+    CFA_PATTERN,
+    Tags,
+    has_directory,
+    is_monochrome,
+    mosaic_tags,
+    written_black,
+    written_black_everywhere,
+)
 
 __all__ = [
     "GREY_PLANE",
@@ -43,7 +52,7 @@ __all__ = [
 MOSAIC_PLANES = ("R", "G1", "G2", "B")
 """The planes of a 2 x 2 mosaic; G1 lies on the red rows."""
 GREY_PLANE = "Y"
-"""The plane of a grey image."""
+"""The plane of a grey image, or of a sensor without a mosaic."""
 
 
 def _no_pixels() -> npt.NDArray[np.intp]:
@@ -57,7 +66,7 @@ class Plane:
     Attributes
     ----------
     name : str
-        "R", "G1", "G2", "B" of a mosaic (G1 on the red rows), "Y" of a grey image.
+        "R", "G1", "G2", "B" of a mosaic (G1 on the red rows), "Y" of a grey image or a monochrome sensor.
     samples : (rows, columns) float32
         Black level subtracted, scaled so that white is 1; values below black stay negative.
     quantisation : float
@@ -117,7 +126,7 @@ def read_frame(
 ) -> RawFrame:
     """The planes of a photograph, linear, black 0 and white 1, with its exposure data.
 
-    RAW files with a 2 x 2 mosaic give R, G1, G2 and B; grey PGM, PNG and TIFF files give Y.
+    RAW files with a 2 x 2 mosaic give R, G1, G2 and B; grey PGM, PNG and TIFF files and monochrome DNGs give Y.
 
     Parameters
     ----------
@@ -151,11 +160,12 @@ def read_photograph(path: Path) -> bytes:
 
 
 def default_plane(path: Path | str, layout: DumpLayout | None = None) -> str:
-    """The plane that is meant where none is named: G1 of a mosaic, Y of a grey image. Raises as `read_frame`."""
+    """The plane that is meant where none is named: G1 of a mosaic, otherwise Y. Raises as `read_frame`."""
     if layout:
         return GREY_PLANE if GREY_PLANE in layout.first_pixels() else "G1"
     with open_file(Path(path)) as file, decoding(str(path), "a photograph", _COPY):
-        return GREY_PLANE if _kind(Path(path), file) in _GREY_READERS else "G1"
+        grey = _kind(Path(path), file) in _GREY_READERS or is_monochrome(mosaic_tags(file, str(path)))
+        return GREY_PLANE if grey else "G1"
 
 
 def _reader(path: Path, data: bytes, layout: DumpLayout | None) -> Callable[..., tuple[dict[str, Plane], Exposure]]:
@@ -277,6 +287,8 @@ def _libraw(rawpy: Any) -> str:
 
 
 def _mosaic_planes(path: Path, raw: Any, tags: Tags, names: Sequence[str] | None) -> dict[str, Plane]:
+    if is_monochrome(tags):
+        return {GREY_PLANE: _monochrome_plane(path, raw, tags, names)}
     _check_bayer(path, raw, tags)
     _check_names(names, MOSAIC_PLANES, path)
     size = raw.sizes
@@ -286,11 +298,27 @@ def _mosaic_planes(path: Path, raw: Any, tags: Tags, names: Sequence[str] | None
         if names is None or name in names:
             first = (size.top_margin + row, size.left_margin + column)
             black = _black(path, raw, tags, first, visible[row::2, column::2].shape)
-            if raw.white_level <= black.max():
-                reason = f"{path} has its white level {raw.white_level} not above its black level {black.max():g}"
-                raise BadInput(reason, _COPY)
+            _check_white(path, raw, black)
             planes[name] = _scaled_plane(name, visible[row::2, column::2], black, float(raw.white_level), (column, row))
     return planes
+
+
+def _monochrome_plane(path: Path, raw: Any, tags: Tags, names: Sequence[str] | None) -> Plane:
+    """Every pixel of a sensor without a mosaic; a black level that is not written is 0."""
+    _check_names(names, (GREY_PLANE,), path)
+    visible, first = raw.raw_image_visible, (raw.sizes.top_margin, raw.sizes.left_margin)
+    black = np.zeros((), np.float32)
+    if BLACK_LEVEL in tags:
+        black = written_black_everywhere(tags, first, visible.shape, str(path))
+    _check_white(path, raw, black)
+    return _scaled_plane(GREY_PLANE, visible, black, float(raw.white_level))
+
+
+def _check_white(path: Path, raw: Any, black: npt.NDArray[np.float32]) -> None:
+    """Raise BadInput unless white lies above black."""
+    if raw.white_level <= black.max():
+        reason = f"{path} has its white level {raw.white_level} not above its black level {black.max():g}"
+        raise BadInput(reason, _COPY)
 
 
 def _check_bayer(path: Path, raw: Any, tags: Tags) -> None:

@@ -24,6 +24,7 @@ BITS_PER_SAMPLE = 258
 PHOTOMETRIC = 262
 WHITE_IS_ZERO = 0
 CFA = 32803
+LINEAR_RAW = 34892
 CFA_PATTERN = 33422
 DNG_VERSION = 50706
 ACTIVE_AREA = 50829
@@ -68,7 +69,9 @@ class _Form(NamedTuple):
 
 
 def mosaic_tags(file: BinaryIO, name: str = "the file") -> Tags:
-    """The numeric tags of the directory that holds a DNG file's mosaic; empty where there is none to be read.
+    """The numeric tags of the directory that holds a DNG file's mosaic, or the samples of a sensor without one.
+
+    Empty where there is none to be read.
 
     Other RAW files are left to LibRaw: their makers use some of the same tags in their own ways. Raises as
     `image_directories`.
@@ -76,7 +79,12 @@ def mosaic_tags(file: BinaryIO, name: str = "the file") -> Tags:
     directories = image_directories(file, name)
     if not any(DNG_VERSION in tags for tags in directories):
         return {}
-    return next((tags for tags in directories if tags.get(PHOTOMETRIC) == (CFA,)), {})
+    return next((tags for tags in directories if tags.get(PHOTOMETRIC) == (CFA,) or is_monochrome(tags)), {})
+
+
+def is_monochrome(tags: Tags) -> bool:
+    """Whether these are of a sensor without a mosaic: linear samples, one of each pixel (DNG 1.6, chapter 3)."""
+    return tags.get(PHOTOMETRIC) == (LINEAR_RAW,) and tags.get(SAMPLES_PER_PIXEL) == (1,)
 
 
 def image_directories(file: BinaryIO, name: str = "the file") -> list[Tags]:
@@ -213,6 +221,17 @@ def written_black(tags: Tags, first: tuple[int, int], shape: tuple[int, int], na
     if not np.isfinite(level).all():
         raise BadInput(f"{name} writes a black level that is no number", "write its black levels again")
     return level.astype(np.float32)
+
+
+def written_black_everywhere(
+    tags: Tags, first: tuple[int, int], shape: tuple[int, int], name: str
+) -> npt.NDArray[np.float32]:
+    """The same of every pixel, for a sensor without a mosaic. Raises BadInput."""
+    black = np.empty(shape, np.float32)
+    for row, column in np.ndindex(2, 2):
+        part = black[row::2, column::2]
+        part[:] = written_black(tags, (first[0] + row, first[1] + column), (part.shape[0], part.shape[1]), name)
+    return black
 
 
 def _delta(values: tuple[float, ...], first: int, n: int, what: str, name: str) -> npt.NDArray[np.float64]:

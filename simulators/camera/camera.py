@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from drivers.dng import Shot, write_dng
 from procedures.pattern import CELLS, Chart
-from simulators.camera.dng import Shot, write_dng
 from simulators.camera.optics import ColourShift, Optics
 from simulators.camera.pupil import Wavefront, defocus_um
 from simulators.camera.render import Picture, render_frame

@@ -8,14 +8,20 @@ from pathlib import Path
 from typing import Any, cast
 
 from drivers.clock import Clock
+from drivers.dng_folder import DngFolder, Optics
 from drivers.folder_camera import FolderCamera, Tether
 from drivers.frames import Inspect
+from drivers.genicam.camera import GenicamCamera, GenicamSettings
 from drivers.gphoto import GphotoCamera
 from drivers.grbl import GrblStage
 from drivers.grbl_envelope import GrblAxis
 from drivers.imu import FastImu, WitImu
 from drivers.interfaces import Device, Parser, Shutter
 from drivers.light import DmxLight, DmxParser, GrblLight, Panel
+from drivers.micromanager.camera import MicroManagerCamera
+from drivers.micromanager.core import Core
+from drivers.micromanager.shutter import MicroManagerShutter
+from drivers.micromanager.stage import MicroManagerAxis, MicroManagerStage
 from drivers.protocols.grbl import GrblParser
 from drivers.protocols.grbl_link import GrblLink
 from drivers.protocols.imu import FastParser, WitParser
@@ -31,7 +37,7 @@ from drivers.zaber import ZaberAxis, ZaberStage
 class Parts:
     """What a maker may use: the devices made so far, folders, the clock, how RAW files are checked.
 
-    Every line leaves its transcript in `transcripts`.
+    Every line leaves its transcript in `transcripts`; devices of one configuration of Micro-Manager share its core.
     """
 
     made: Mapping[str, Device]
@@ -40,6 +46,7 @@ class Parts:
     inspect: Inspect
     wire_log: Path | None = None
     transcripts: dict[str, Transcript] = field(default_factory=dict)
+    cores: dict[Path, Core] = field(default_factory=dict)
 
     def wire(self, name: str, port: str, parser: Callable[[], Parser[Any]], **options: Any) -> SerialTransport[Any]:
         """The line to a device, with its transcript."""
@@ -52,6 +59,15 @@ class Parts:
         if on is None:
             return GrblLink(self.wire(name, str(port), GrblParser)), True
         return cast(GrblStage, self.made[on]).link, False
+
+    def core(self, config: str, adapters: str | None) -> Core:
+        """The core of this configuration file of Micro-Manager."""
+        path = (self.folder / config).resolve()
+        return self.cores.setdefault(path, Core(path, None if adapters is None else self.folder / adapters))
+
+    def frames(self, folder: str, **optics: Any) -> DngFolder:
+        """Where a camera that gives pixels leaves its files."""
+        return DngFolder(self.folder / folder, self.inspect, Optics(**optics), clock=self.clock)
 
 
 def _grbl(
@@ -97,6 +113,36 @@ def _gphoto(
     return GphotoCamera(place, parts.inspect, model=model, port=port, shutter=box, clock=parts.clock)
 
 
+def _micromanager_stage(
+    name: str, parts: Parts, *, config: str, axes: Sequence[Mapping[str, Any]], adapters: str | None = None,
+    patience_s: float = 60.0,
+) -> MicroManagerStage:  # fmt: skip
+    made = [MicroManagerAxis(**{**axis, "travel": tuple(axis["travel"])}) for axis in axes]
+    return MicroManagerStage(parts.core(config, adapters), made, patience_s=patience_s, clock=parts.clock)
+
+
+def _micromanager_camera(
+    name: str, parts: Parts, *, config: str, device: str, folder: str, adapters: str | None = None,
+    mosaic: str = "none", **optics: Any,
+) -> MicroManagerCamera:  # fmt: skip
+    frames, cfa = parts.frames(folder, **optics), None if mosaic == "none" else mosaic
+    return MicroManagerCamera(parts.core(config, adapters), device, frames, cfa=cfa, clock=parts.clock)
+
+
+def _micromanager_shutter(
+    name: str, parts: Parts, *, config: str, device: str, adapters: str | None = None
+) -> MicroManagerShutter:
+    return MicroManagerShutter(parts.core(config, adapters), device, clock=parts.clock)
+
+
+def _genicam(
+    name: str, parts: Parts, *, folder: str, camera: str = "", pixel_format: str = "", gain_db: float | None = None,
+    patience_s: float = 5.0, **optics: Any,
+) -> GenicamCamera:  # fmt: skip
+    settings = GenicamSettings(pixel_format, gain_db, patience_s)
+    return GenicamCamera(parts.frames(folder, **optics), camera, settings, clock=parts.clock)
+
+
 def _wit(name: str, parts: Parts, *, port: str, baud: int = 115200) -> WitImu:
     return WitImu(parts.wire(name, port, WitParser, baud=baud), clock=parts.clock)
 
@@ -132,6 +178,10 @@ MAKERS: dict[str, Callable[..., Device]] = {
     "relay": _relay,
     "folder": _folder,
     "gphoto": _gphoto,
+    "micromanager_stage": _micromanager_stage,
+    "micromanager_camera": _micromanager_camera,
+    "micromanager_shutter": _micromanager_shutter,
+    "genicam": _genicam,
     "wit": _wit,
     "fast": _fast,
     "jrt": _jrt,

@@ -169,6 +169,19 @@ POLL = Option(Number("0.2", 0.0, 5.0, above=True))
 LAMP = {"warm_up_s": SECONDS, "pwm_hz": Option(Number("1000", 0.0))}
 LINE = {"port": PORT, "baud": BAUD}
 ON_A_STAGE = {"on": Option(DEVICE), "port": MAYBE_PORT}
+CORE = {
+    "config": Option(Text('"microscope.cfg"', "the name of a configuration file in quotes"), required=True),
+    "adapters": Option(Text('"/opt/micro-manager"', "the folder of Micro-Manager's adapters in quotes")),
+}
+LABEL = Option(Text('"Camera"', "a device's label in that configuration in quotes"), required=True)
+FRAMES = {
+    "folder": FOLDER,
+    "f_number": Option(Number("4.0", 0.0, above=True)),
+    "focal_length_mm": Option(Number("25", 0.0, above=True)),
+    "lens": Option(Text('"Lens 25 mm"')),
+    "pixel_pitch_um": Option(Number("3.45", 0.0, above=True)),
+    "black": Option(Number("64", 0.0)),
+}
 
 OPTIONS: dict[str, Options] = {
     "grbl": Options(
@@ -219,6 +232,36 @@ OPTIONS: dict[str, Options] = {
             "shutter": Option(DEVICE),
         }
     ),
+    "micromanager_stage": Options(
+        {**CORE, "patience_s": Option(Number("60", 0.0, above=True))},
+        {
+            "name": NAME,
+            "device": Option(Text('"Z"', "a device's label in that configuration in quotes"), required=True),
+            "travel": Option(Ends("[0.0, 25.0]"), required=True),
+            "part": Option(OneOf(("x", "y"))),
+            "zero": Option(Number("0.0")),
+            "unit_per_um": Option(Number("0.001", 0.0, above=True)),
+            "direction": Option(OneOf((1, -1))),
+            "homes": Option(OneOf((True, False))),
+            "tolerance": Option(Number("0.005", 0.0, above=True)),
+        },
+        (("name",), ("device", "part")),
+    ),
+    "micromanager_camera": Options(
+        {**CORE, "device": LABEL, **FRAMES, "mosaic": Option(OneOf(("none", "RGGB", "BGGR", "GRBG", "GBRG")))}
+    ),
+    "micromanager_shutter": Options({**CORE, "device": Option(Text('"Shutter"'), required=True)}),
+    "genicam": Options(
+        {
+            "camera": Option(Text('"192.168.1.20"', "a camera's name or address in quotes")),
+            "pixel_format": Option(
+                Text('"BayerRG12p"', "a grey or Bayer pixel format of 8 to 16 bits", r"(Mono|Bayer(RG|BG|GR|GB))\d+\w*")
+            ),
+            "gain_db": Option(Number("0.0")),
+            "patience_s": Option(Number("5", 0.0, above=True)),
+            **FRAMES,
+        }
+    ),
     "wit": Options(LINE),
     "fast": Options(
         {
@@ -232,7 +275,7 @@ OPTIONS: dict[str, Options] = {
     "dmx": Options({"port": PORT, "channels": Option(Several(Whole("1", 1, 512))), **LAMP}),
     "grbl_light": Options({**ON_A_STAGE, **LAMP}),
 }
-STAGES, SHUTTERS = ("grbl",), ("strig", "rts", "relay")
+STAGES, SHUTTERS = ("grbl",), ("strig", "rts", "relay", "micromanager_shutter")
 REFERS = {"on": (STAGES, "GRBL stage"), "shutter": (SHUTTERS, "shutter")}
 """Keys that name another device, the drivers it may have, and what it is called."""
 EITHER = {"relay": ("on", "port"), "grbl_light": ("on", "port")}

@@ -38,6 +38,7 @@ from drivers.interfaces import (
     Shutter,
     Stage,
 )
+from drivers.micromanager.core import Core
 from drivers.wire.transcript import Transcript
 from procedures.outcome import BadInput
 from procedures.reading.text import parse_toml, read_text
@@ -197,9 +198,10 @@ def make_bench(
     clock = clock or SystemClock()
     made: dict[str, Device] = {}
     transcripts: dict[str, Transcript] = {}
+    cores: dict[Path, Core] = {}
     for name in sorted(tables, key=lambda one: _depth(tables, one)):
         options = {key: value for key, value in tables[name].items() if key != "driver"}
-        parts = Parts(made, folder, clock, inspect_raw, wire_log, transcripts)
+        parts = Parts(made, folder, clock, inspect_raw, wire_log, transcripts, cores)
         made[name] = MAKERS[tables[name]["driver"]](name, parts, **options)
     return Bench(made, {name: str(tables[name]["driver"]) for name in made}, clock, transcripts=transcripts)
 

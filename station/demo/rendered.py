@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from drivers.dng import Shot
 from procedures.outcome import BadParameter
 from procedures.ray_histogram.comparison import decibels, shown_error
 from procedures.ray_histogram.film import Film
 from procedures.ray_histogram.multiscale import FilteredFilm, filter_film
-from simulators.camera.dng import Shot
 from simulators.camera.optics import Optics
 from simulators.camera.rendered import photograph_render
 from simulators.camera.sensor import Sensor

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from drivers.dng import Shot
 from procedures.outcome import Outcome
 from procedures.raw import read_frame
 from procedures.ray_histogram.multiscale import filter_film
@@ -21,7 +22,6 @@ from procedures.restoration.joint.estimate import Restoration, RestorationParame
 from procedures.restoration.joint.kernel_sizes import stacks_of
 from procedures.restoration.masks.blur_models import pillbox
 from procedures.restoration.masks.thin_lens import CameraSetting
-from simulators.camera.dng import Shot
 from simulators.camera.optics import Optics
 from simulators.camera.rendered import blur_and_sample, photograph_render
 from simulators.camera.sensor import Sensor

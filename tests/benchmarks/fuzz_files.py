@@ -22,6 +22,7 @@ import cv2
 import numpy as np
 import rawpy  # noqa: F401  (loaded once, before the forks)
 
+from drivers.dng import Shot, write_dng
 from procedures.field.chromatic import DEGREES, LateralColour
 from procedures.field.field_file import read_camera as read_camera_of_field
 from procedures.field.field_file import read_colours, read_field, write_field
@@ -42,7 +43,6 @@ from procedures.reading.sensor_dump import DumpLayout
 from procedures.restoration.masks.psf_shapes import measured_field
 from procedures.restoration.photograph_blur import BlurSpec, KnownShapes, blur_of
 from procedures.restoration.unknown_motion.recorded_paths import read_path
-from simulators.camera.dng import Shot, write_dng
 from station.batch.procedure_file import read_procedure
 from station.bench.opening import make_bench, read_config
 from station.calibration.exports.geometry import FORMATS, export_camera, read_camera

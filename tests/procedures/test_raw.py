@@ -188,7 +188,6 @@ def test_interpolated_dng_is_refused(shared_data):
     [
         (X_TRANS, {}, "6 x 6 mosaic of X-Trans"),
         (ORDERS["RGGB"], {33421: None, 33422: None}, "monochrome sensor"),
-        (ORDERS["RGGB"], {33421: None, 33422: None, 262: ("H", [34892])}, "monochrome sensor"),
         ((3, 1, 5, 4), {}, "not red, green, green, blue"),
         ((0, 0, 1, 1), {}, "not red, green, green, blue"),
         (ORDERS["RGGB"], {50717: ("I", [200])}, "white level 200 not above its black level 256"),
@@ -202,6 +201,20 @@ def test_interpolated_dng_is_refused(shared_data):
 def test_what_is_no_bayer_mosaic_is_refused_by_name(write_dng, cfa, tags, reason):
     with pytest.raises(BadInput, match=reason):
         read_frame(write_dng(mosaic_of("RGGB"), cfa, tags))
+
+
+def test_a_monochrome_dng_gives_every_pixel_as_y(write_dng):
+    # black by position as the writer's (256..259), white 16383: what comes out is what went in
+    truth = np.random.default_rng(0).integers(300, 16000, (40, 50)).astype(np.uint16)
+    path = write_dng(truth, tags={33421: None, 33422: None, 262: ("H", [34892])})
+    frame = read_frame(path)
+    assert list(frame.planes) == [default_plane(path)] == ["Y"]
+    plane = frame.planes["Y"]
+    black = np.tile([[256.0, 257.0], [258.0, 259.0]], (20, 25))
+    np.testing.assert_allclose(plane.samples * (16383 - 257.5) + black, truth, atol=0.01)  # single precision
+    assert (plane.pitch, plane.origin, frame.exposure.exposure_s) == (1, (0, 0), 0.02)
+    with pytest.raises(BadParameter, match="has the planes Y"):
+        read_frame(path, ["G1"])
 
 
 @pytest.mark.parametrize("lost", [1, 100, 1_000_000, 3_905_000])

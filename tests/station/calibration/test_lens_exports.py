@@ -11,6 +11,7 @@ import pytest
 import rawpy
 from click.testing import CliRunner
 
+from drivers.dng import Shot, write_dng
 from procedures.field.chromatic import LateralColour
 from procedures.field.surfaces import fit_surface
 from procedures.geometry.cameras import Camera
@@ -20,7 +21,6 @@ from procedures.psf_field import in_half_diagonals
 from procedures.raw import read_frame
 from procedures.reading.dng_opcodes import doubles_of, opcodes_in, with_opcodes
 from procedures.vignetting.formula import LightSurface
-from simulators.camera.dng import Shot, write_dng
 from station.__main__ import main
 from station.calibration.exports.dng import export_dng, farthest
 from station.calibration.exports.geometry import StoredCamera

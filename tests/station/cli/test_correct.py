@@ -11,11 +11,11 @@ import pytest
 import rawpy
 from click.testing import CliRunner
 
+from drivers.dng import Shot, write_dng
 from procedures.correction.checks import check_exposure
 from procedures.field.field_file import read_camera, write_field
 from procedures.outcome import Refused
 from procedures.reading.exposure import Exposure
-from simulators.camera.dng import Shot, write_dng
 from station.__main__ import main
 from tests.procedures.correction.lens_photographs import RGGB, Sensor
 from tests.procedures.correction.seen import NOTED, RIM, SmallLens, bayer, grey, scene

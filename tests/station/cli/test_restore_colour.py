@@ -8,9 +8,9 @@ import pytest
 from click.testing import CliRunner
 from scipy.ndimage import gaussian_filter
 
+from drivers.dng import Shot, write_dng
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
 from procedures.restoration.masks.blur_operator import Blur
-from simulators.camera.dng import Shot, write_dng
 from station.__main__ import main
 
 SHAPE, R = (96, 112), 8

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from drivers.dng import Shot, write_dng
 from procedures.outcome import Outcome, Verdict
 from procedures.plan import Advice, Ask, Decide, Estimate, Go, Home, Look, Measure, Plan, Scan, SetLight, Shoot, Step
 from simulators.bench.bench import Setup, SimulatedBench
-from simulators.camera.dng import Shot, write_dng
 from station.bench.opening import make_bench, simulated_tables
 from station.sessions.session import Session
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import rawpy
 
-from simulators.camera.dng import Shot, pack, write_dng
+from drivers.dng import Shot, pack, write_dng
 
 ORDERS = ("RGGB", "BGGR", "GRBG", "GBRG")
 SHOT = Shot(
@@ -106,3 +106,17 @@ def test_a_turned_camera_says_so_and_keeps_its_numbers(tmp_path, rng, orientatio
     with rawpy.imread(str(tmp_path / "a.dng")) as raw:
         assert raw.sizes.flip == flip
         np.testing.assert_array_equal(raw.raw_image, mosaic)
+
+
+def test_what_is_not_known_is_not_written_and_the_pitch_is(tmp_path, rng):
+    shot = Shot(exposure_s=0.01, f_number=None, iso=None, focal_length_mm=None, lens="", pixel_pitch_um=3.45)
+    write_dng(
+        tmp_path / "a.dng", rng.integers(0, 4096, (30, 40), np.uint16), shot, cfa=None, black=(0,) * 4, white=4095
+    )
+    with open(tmp_path / "a.dng", "rb") as file:
+        tags = exifread.process_file(file, details=False)
+    assert not {"EXIF FNumber", "EXIF ISOSpeedRatings", "EXIF FocalLength", "EXIF LensModel"} & set(tags)
+    assert float(tags["EXIF ExposureTime"].values[0]) == 0.01
+    # pixels in a centimetre (unit 3)
+    assert 10_000 / float(tags["EXIF FocalPlaneXResolution"].values[0]) == pytest.approx(3.45, rel=1e-6)
+    assert tags["EXIF FocalPlaneResolutionUnit"].values == [3]

@@ -25,12 +25,13 @@ BYTE, ASCII, SHORT, LONG, RATIONAL, UNDEFINED, SRATIONAL = 1, 2, 3, 4, 5, 7, 10
 
 @dataclass(frozen=True)
 class Shot:
-    """What a camera notes about one exposure."""
+    """What a camera notes about one exposure; None where it does not know, and then the file says nothing."""
 
     exposure_s: float = 0.02
-    f_number: float = 5.6
-    iso: int = 100
-    focal_length_mm: float = 50.0
+    f_number: float | None = 5.6
+    iso: int | None = 100
+    focal_length_mm: float | None = 50.0
+    pixel_pitch_um: float | None = None
     subject_distance_mm: float | None = None
     captured_at: datetime = datetime(2026, 1, 1, 12, 0, 0)
     make: str = "Calibration Station"
@@ -129,7 +130,7 @@ def _header(
 
 
 def _colour_tags(cfa: str | None) -> dict[int, Tag]:
-    """The mosaic, and a plain colour matrix: the simulated filters have no better one."""
+    """The mosaic, and a plain colour matrix: nobody here knows the filters better."""
     if not cfa:
         return {}
     return {
@@ -143,18 +144,34 @@ def _colour_tags(cfa: str | None) -> dict[int, Tag]:
 def _exif_tags(shot: Shot) -> dict[int, Tag]:
     date = shot.captured_at.strftime("%Y:%m:%d %H:%M:%S")
     tags = {
-        33434: _rational(shot.exposure_s), 33437: _rational(shot.f_number), 34855: _short(min(shot.iso, 65535)),
-        34864: _short(2), 36864: (UNDEFINED, 4, b"0232"), 36867: _text(date), 36868: _text(date),
-        37377: _rational(-math.log2(shot.exposure_s), kind=SRATIONAL), 37378: _rational(2 * math.log2(shot.f_number)),
-        37386: _rational(shot.focal_length_mm), 37521: _text(f"{shot.captured_at.microsecond:06d}"),
-        42033: _text(shot.serial), 42034: _rational(*[shot.focal_length_mm] * 2, *[shot.f_number] * 2),
-        42035: _text(shot.make), 42036: _text(shot.lens), 42037: _text(shot.lens_serial),
-    }  # fmt: skip
+        33434: _rational(shot.exposure_s), 36864: (UNDEFINED, 4, b"0232"), 36867: _text(date), 36868: _text(date),
+        37377: _rational(-math.log2(shot.exposure_s), kind=SRATIONAL),
+        37521: _text(f"{shot.captured_at.microsecond:06d}"), 42033: _text(shot.serial),
+    } | _lens_tags(shot)  # fmt: skip
+    if shot.iso is not None:
+        tags |= {34855: _short(min(shot.iso, 65535)), 34864: _short(2)}
+    if shot.pixel_pitch_um is not None:
+        per_cm = _rational(10_000 / shot.pixel_pitch_um)
+        tags |= {41486: per_cm, 41487: per_cm, 41488: _short(3)}
     if shot.subject_distance_mm is not None:
         tags[37382] = _rational(shot.subject_distance_mm / 1000)
     if shot.comment:
         text = b"ASCII\0\0\0" + shot.comment.encode("ascii", "backslashreplace")
         tags[37510] = (UNDEFINED, len(text), text)
+    return tags
+
+
+def _lens_tags(shot: Shot) -> dict[int, Tag]:
+    """What is known of the lens: its marking (42034) needs both its focal length and its aperture."""
+    tags: dict[int, Tag] = {}
+    if shot.lens:
+        tags |= {42035: _text(shot.make), 42036: _text(shot.lens), 42037: _text(shot.lens_serial)}
+    if shot.f_number is not None:
+        tags |= {33437: _rational(shot.f_number), 37378: _rational(2 * math.log2(shot.f_number))}
+    if shot.focal_length_mm is not None:
+        tags[37386] = _rational(shot.focal_length_mm)
+    if shot.f_number is not None and shot.focal_length_mm is not None:
+        tags[42034] = _rational(*[shot.focal_length_mm] * 2, *[shot.f_number] * 2)
     return tags
 
 

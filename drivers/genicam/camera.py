@@ -1,0 +1,261 @@
+"""A Camera of GenICam: triggered by software, frame by frame, each written as a DNG with its exposure and gain."""
+
+from __future__ import annotations
+
+import json
+import threading
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+from drivers.clock import Clock, SystemClock
+from drivers.dng_folder import Body, DngFolder, Frame
+from drivers.errors import BadConfiguration, DeviceError, EmergencyStopped, FrameMissing, FrameWrong, LineLost, Rejected
+from drivers.genicam.aravis import asked, load
+from drivers.genicam.pixel_formats import PixelFormat, deepest, pixel_format, unpack
+from drivers.interfaces import CameraSettings, Condition, Exposure, Identity, ShutterTimes
+
+BUFFERS = 4
+SLICE_S = 0.05
+"""How often a wait for a frame looks whether it was stopped."""
+MICROSECONDS = 1e6
+ROUNDING = 0.05
+"""By which an exposure may differ from the one asked for: cameras count in lines or clock ticks."""
+GAIN_STEP_DB = 0.1
+"""By which a gain may differ from the one asked for."""
+REMEDY = "ask for what the camera offers: its maker's viewer or `arv-tool-0.8 features` lists it"
+
+
+@dataclass(frozen=True)
+class GenicamSettings:
+    """What is set when it is connected.
+
+    Attributes
+    ----------
+    pixel_format : as the camera names it; "" takes the deepest grey or raw one that it offers
+    gain_db : None leaves the camera's own
+    patience_s : how long a frame may take after its exposure
+    """
+
+    pixel_format: str = ""
+    gain_db: float | None = None
+    patience_s: float = 5.0
+
+
+class GenicamCamera:
+    """A Camera on Aravis; `camera` is its name or address as Aravis lists it, "" the first one found."""
+
+    def __init__(
+        self,
+        frames: DngFolder,
+        camera: str = "",
+        settings: GenicamSettings | None = None,
+        *,
+        clock: Clock | None = None,
+    ) -> None:
+        self.clock = clock or SystemClock()
+        self.settings = CameraSettings()
+        self._frames, self._name, self._wanted = frames, camera, settings or GenicamSettings()
+        self._aravis: Any = None
+        self._camera: Any = None
+        self._stream: Any = None
+        self._listening: tuple[Any, int] | None = None
+        self._body = Body("", "")
+        self._form = PixelFormat("Mono8", 8)
+        self._one_frame = threading.Lock()
+        self._stops = 0
+        self._lost = False
+
+    @property
+    def address(self) -> str:
+        """The camera's name or address."""
+        return self._name or "first GenICam camera"
+
+    # --- connecting
+
+    def connect(self) -> Identity:
+        """Find it, take control, set it, and let it wait for triggers. Raises DeviceError."""
+        self.close()
+        self._frames.check()
+        self._aravis = load()
+        with asked(self.address, "check power, cable and address; close its other programs", LineLost):
+            self._camera = self._aravis.Camera.new(self._name or None)
+        try:
+            identity = self._identify()
+            self._set_up()
+            self._start()
+        except BaseException:
+            self.close()
+            raise
+        return identity
+
+    def _identify(self) -> Identity:
+        camera = self._camera
+        with asked(self.address, "update the camera's firmware"):
+            self._body = Body(
+                camera.get_vendor_name(), camera.get_model_name(), camera.get_device_serial_number() or ""
+            )
+        firmware = next(filter(None, map(self._text, ("DeviceFirmwareVersion", "DeviceVersion"))), "")
+        device = camera.get_device()
+        self._listening = (device, device.connect("control-lost", self._lose))
+        return Identity(f"{self._body.make} {self._body.model}", firmware, self._body.serial, self.address)
+
+    def _lose(self, *_: object) -> None:
+        self._lost = True
+
+    def _text(self, feature: str) -> str:
+        with suppress(DeviceError), asked(self.address, ""):
+            if self._camera.is_feature_available(feature):
+                return str(self._camera.get_string(feature))
+        return ""
+
+    def _set_up(self) -> None:
+        camera, aravis = self._camera, self._aravis
+        with asked(self.address, REMEDY):
+            for feature in ("ExposureAuto", "GainAuto"):
+                if camera.is_feature_available(feature):
+                    camera.set_string(feature, "Off")
+            self._form = self._chosen_format(list(camera.dup_available_pixel_formats_as_strings()))
+            camera.set_pixel_format_from_string(self._form.name)
+            camera.set_acquisition_mode(aravis.AcquisitionMode.CONTINUOUS)
+            if not camera.is_software_trigger_supported():
+                raise BadConfiguration(f"{self.address} cannot be triggered by software", "use another camera")
+            camera.set_trigger("Software")
+            if self._wanted.gain_db is not None:
+                self._set_gain(self._wanted.gain_db)
+
+    def _chosen_format(self, offered: list[str]) -> PixelFormat:
+        wanted = self._wanted.pixel_format
+        form = pixel_format(wanted) if wanted else deepest(offered)
+        good = ", ".join(name for name in offered if pixel_format(name)) or "none that is grey or raw"
+        if form is None or form.name not in offered:
+            told = f"no pixel format {wanted} that can be used" if wanted else "no grey or raw pixel format"
+            raise BadConfiguration(f"{self.address} has {told}", f"name one of its own: {good}")
+        return form
+
+    def _set_gain(self, gain_db: float) -> None:
+        low, high = self._camera.get_gain_bounds()
+        if not low <= gain_db <= high:
+            raise Rejected(f"{self.address} has no gain of {gain_db:g} dB: it offers {low:g} .. {high:g}", REMEDY)
+        self._camera.set_gain(gain_db)
+        there_db = self._camera.get_gain()
+        if abs(there_db - gain_db) > GAIN_STEP_DB:
+            raise Rejected(f"{self.address} stands at {there_db:g} dB where {gain_db:g} dB were asked for", REMEDY)
+
+    def _start(self) -> None:
+        """Buffers for the frames, and a camera that waits for its trigger."""
+        with asked(self.address, "check the network: jumbo frames, firewall, a free port", LineLost):
+            self._stream = self._camera.create_stream(None, None)
+            size = self._camera.get_payload()
+            for _ in range(BUFFERS):
+                self._stream.push_buffer(self._aravis.Buffer.new_allocate(size))
+            self._camera.start_acquisition()
+
+    def _stop(self) -> None:
+        """No frames any more: what still comes of an earlier trigger is lost with its stream."""
+        if self._camera is not None and self._stream is not None:
+            with suppress(DeviceError), asked(self.address, ""):
+                self._camera.stop_acquisition()
+        self._stream = None
+
+    def close(self) -> None:
+        """Give the camera back."""
+        self._stop()
+        if self._listening is not None:
+            device, number = self._listening
+            device.disconnect(number)  # it would keep the camera, and the control over it
+        self._listening, self._camera, self._lost = None, None, False
+
+    def condition(self) -> Condition:
+        """Whether it is there."""
+        if self._camera is None:
+            return Condition("not connected", False, "connect it")
+        if self._lost:
+            return Condition("the camera is gone", False, "check its power and cable, then connect it again")
+        return Condition("ready")
+
+    # --- photographing
+
+    def configure(self, settings: CameraSettings) -> None:
+        """Set the exposure time. Raises Rejected where the camera has another then, or an ISO is asked for."""
+        self._require()
+        if settings.iso is not None:
+            raise Rejected(f"{self.address} has a gain and no ISO", "write its gain_db in station.toml")
+        if settings.exposure_s is not None:
+            self._set_exposure(settings.exposure_s)
+        self.settings = settings
+
+    def _set_exposure(self, exposure_s: float) -> None:
+        with asked(self.address, REMEDY):
+            low, high = (bound / MICROSECONDS for bound in self._camera.get_exposure_time_bounds())
+            if not low <= exposure_s <= high:
+                offer = f"it offers {low:g} .. {high:g}"
+                raise Rejected(
+                    f"{self.address} cannot expose {exposure_s:g} s: {offer}", "ask for a time in that range"
+                )
+            self._camera.set_exposure_time(exposure_s * MICROSECONDS)
+            there_s = self._camera.get_exposure_time() / MICROSECONDS
+        if abs(there_s / exposure_s - 1) > ROUNDING:
+            raise Rejected(f"{self.address} exposes {there_s:g} s where {exposure_s:g} s were asked for", REMEDY)
+
+    def _require(self) -> None:
+        if self._camera is None or self._lost:
+            raise LineLost(f"{self.address} is not connected", "connect first")
+
+    def expose(self) -> Exposure:
+        """One photograph of one trigger. Raises DeviceError."""
+        with self._one_frame:
+            self._require()
+            if self._stream is None:
+                self._start()
+            try:
+                return self._triggered()
+            except DeviceError:
+                self._stop()  # its frame may still come: it must not be taken for the next one's
+                raise
+
+    def _triggered(self) -> Exposure:
+        stops, requested_s = self._stops, self.clock.now_s()
+        with asked(self.address, REMEDY):
+            exposure_s = self._camera.get_exposure_time() / MICROSECONDS
+            gain_db = self._camera.get_gain() if self._camera.is_gain_available() else None
+            while (stale := self._stream.try_pop_buffer()) is not None:
+                self._stream.push_buffer(stale)
+            begun_s = self.clock.now_s()
+            self._camera.software_trigger()
+        buffer = self._frame_within(exposure_s + self._wanted.patience_s, stops)
+        try:
+            frame = self._read(buffer, exposure_s, gain_db)
+        finally:
+            self._stream.push_buffer(buffer)
+        times = ShutterTimes(begun_s, begun_s + exposure_s)
+        return self._frames.keep(frame, self._body, self.settings, requested_s, times)
+
+    def _frame_within(self, limit_s: float, stops: int) -> Any:
+        deadline_s = self.clock.now_s() + limit_s
+        while (buffer := self._stream.timeout_pop_buffer(int(SLICE_S * MICROSECONDS))) is None:
+            if self._stops != stops:
+                raise EmergencyStopped(f"emergency stop at {self.address}", "expose again")
+            if self._lost:
+                raise LineLost(f"{self.address} is gone", "check its power and cable, then connect it again")
+            if self.clock.now_s() > deadline_s:
+                raise FrameMissing(f"no frame came from {self.address} within {limit_s:g} s", "check its trigger")
+        return buffer
+
+    def _read(self, buffer: Any, exposure_s: float, gain_db: float | None) -> Frame:
+        """What a buffer holds. Raises FrameMissing where packets of it were lost."""
+        if buffer.get_status() != self._aravis.BufferStatus.SUCCESS:
+            told = buffer.get_status().value_nick
+            raise FrameMissing(f"a frame of {self.address} came incomplete ({told})", "lower its packet size or load")
+        rows, columns = buffer.get_image_height(), buffer.get_image_width()
+        try:
+            mosaic = unpack(buffer.get_image_data(), self._form, rows, columns, buffer.get_image_padding()[0])
+        except ValueError as error:
+            raise FrameWrong(f"{self.address}: {error}", "connect it again") from error
+        told = {"pixel_format": self._form.name, "frame": buffer.get_frame_id(), "camera_ns": buffer.get_timestamp()}
+        comment = json.dumps(told if gain_db is None else {**told, "gain_db": gain_db})
+        return Frame(mosaic, self._form.cfa, self._form.white, exposure_s, comment)
+
+    def emergency_stop(self) -> None:
+        """Nothing of it moves: a frame that is awaited is awaited no more."""
+        self._stops += 1

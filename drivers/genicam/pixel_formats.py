@@ -1,0 +1,117 @@
+"""Pixel formats of machine vision as arrays: grey and Bayer, of 8 to 16 bits, one after another or packed.
+
+Reference: EMVA, GenICam Pixel Format Naming Convention 2.4 (names, `p`: the least significant bits first, no gaps);
+GigE Vision 2.0, pixel formats (`Packed`: two pixels in three bytes, their high bits in the outer ones).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Mosaic = npt.NDArray[np.uint16]
+TILES = {"RG": "RGGB", "BG": "BGGR", "GR": "GRBG", "GB": "GBRG"}
+NAME = re.compile(r"(?:Mono|Bayer(RG|BG|GR|GB))(8|10|12|14|16)(p|Packed)?")
+
+
+@dataclass(frozen=True)
+class PixelFormat:
+    """Bits of a pixel, how they lie, and the colours of the 2 x 2 tile; None of a monochrome sensor.
+
+    packing : "" for whole bytes, low bits used, little-endian; "p" or "Packed" as in the names.
+    """
+
+    name: str
+    bits: int
+    packing: str = ""
+    cfa: str | None = None
+
+    @property
+    def white(self) -> int:
+        """The highest number."""
+        return int(2**self.bits - 1)
+
+    def octets(self, pixels: int) -> int:
+        """How many bytes so many pixels in a row take."""
+        if self.packing == "p":
+            return -(-pixels * self.bits // 8)
+        if self.packing == "Packed":
+            return -(-pixels * 3 // 2)
+        return pixels * (1 if self.bits == 8 else 2)
+
+
+def pixel_format(name: str) -> PixelFormat | None:
+    """The format of this name; None where it is no grey or raw one that can be unpacked."""
+    told = NAME.fullmatch(name)
+    if told is None:
+        return None
+    tile, bits, packing = told[1], int(told[2]), told[3] or ""
+    if packing and bits not in ((10, 12) if packing == "Packed" else (10, 12, 14)):
+        return None
+    return PixelFormat(name, bits, packing, TILES[tile] if tile else None)
+
+
+def deepest(names: Iterable[str]) -> PixelFormat | None:
+    """The one with the most bits of those that can be unpacked, of several the mosaic as it is, then the tightest."""
+    known = [one for one in map(pixel_format, names) if one is not None]
+    return max(known, key=lambda one: (one.bits, one.cfa is not None, bool(one.packing)), default=None)
+
+
+def unpack(data: bytes, form: PixelFormat, rows: int, columns: int, padding: int = 0) -> Mosaic:
+    """The picture as (rows, columns) numbers.
+
+    padding : bytes between rows; without any, packed rows follow each other without a gap, in mid-byte too.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer bytes than the picture takes.
+    """
+    lines, pixels = (rows, columns) if padding else (1, rows * columns)
+    each = form.octets(pixels)
+    stride = each + padding
+    if len(data) < lines * stride - padding:
+        raise ValueError(
+            f"{rows} x {columns} pixels of {form.name} take {lines * stride - padding} bytes; {len(data)} came"
+        )
+    flat = np.frombuffer(data[: lines * stride].ljust(lines * stride, b"\0"), np.uint8).reshape(lines, stride)[:, :each]
+    read = {"": _whole, "p": _low_bits_first, "Packed": _in_three_bytes}[form.packing]
+    return np.ascontiguousarray(read(flat, form.bits)[:, :pixels].reshape(rows, columns))
+
+
+Octets = npt.NDArray[np.uint8]
+
+
+def _whole(octets: Octets, bits: int) -> Mosaic:
+    if bits == 8:
+        return octets.astype(np.uint16)
+    return np.ascontiguousarray(octets).view("<u2").astype(np.uint16)
+
+
+def _low_bits_first(octets: Octets, bits: int) -> Mosaic:
+    """Groups of pixels that end with a byte: 4 of 10 or 14 bits, 2 of 12, each a little-endian number in the group."""
+    group = 2 if bits == 12 else 4
+    size = group * bits // 8
+    lines = octets.shape[0]
+    padded = np.zeros((lines, -(-octets.shape[1] // size) * size), np.uint8)
+    padded[:, : octets.shape[1]] = octets
+    parts = padded.reshape(lines, -1, size).astype(np.uint64)
+    word = sum((parts[..., i] << np.uint64(8 * i) for i in range(size)), np.zeros(parts.shape[:2], np.uint64))
+    mask = np.uint64(2**bits - 1)
+    numbers = np.stack([(word >> np.uint64(bits * i)) & mask for i in range(group)], axis=-1)
+    return numbers.astype(np.uint16).reshape(lines, -1)
+
+
+def _in_three_bytes(octets: Octets, bits: int) -> Mosaic:
+    """The high eight bits in the first and third byte, the low ones of the first pixel in the second's low half."""
+    lines, low = octets.shape[0], bits - 8
+    padded = np.zeros((lines, -(-octets.shape[1] // 3) * 3), np.uint8)
+    padded[:, : octets.shape[1]] = octets
+    first, middle, third = np.moveaxis(padded.reshape(lines, -1, 3).astype(np.uint16), -1, 0)
+    mask = np.uint16(2**low - 1)
+    pair = ((first << low) | (middle & mask), (third << low) | ((middle >> 4) & mask))
+    return np.stack(pair, axis=-1).reshape(lines, -1)

@@ -1,0 +1,107 @@
+"""A camera of Micro-Manager: its snapped image, written as a DNG with its exposure."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from drivers.clock import Clock, SystemClock
+from drivers.dng_folder import Body, DngFolder, Frame
+from drivers.errors import EmergencyStopped, FrameWrong, LineLost, Rejected
+from drivers.interfaces import CameraSettings, Condition, Exposure, Identity, ShutterTimes
+from drivers.micromanager.core import CAMERA, Core, asked, check_device, identity_words
+
+REMEDY = "check its power and cable, then connect it again"
+
+
+class MicroManagerCamera:
+    """A Camera of a configuration of Micro-Manager; `cfa` are the colours of its tile, None of a monochrome one."""
+
+    def __init__(
+        self, core: Core, device: str, frames: DngFolder, *, cfa: str | None = None, clock: Clock | None = None
+    ) -> None:
+        self.clock = clock or SystemClock()
+        self.settings = CameraSettings()
+        self._shared, self._label, self._frames, self._cfa = core, device, frames, cfa
+        self._core: Any = None
+        self._stops = 0
+
+    @property
+    def address(self) -> str:
+        """The device's label, and the configuration it is in."""
+        return f"{self._label} in {self._shared.config.name}"
+
+    def connect(self) -> Identity:
+        """Load the configuration and look whether the camera is there. Raises DeviceError."""
+        self.close()
+        self._frames.check()
+        core = self._shared.join(self)
+        try:
+            check_device(core, self._label, (CAMERA,), "camera", self._shared.config.name)
+        except BaseException:
+            self._shared.leave(self)
+            raise
+        self._core = core
+        told = f"Micro-Manager {identity_words(core, self._label)}"
+        return Identity(told, core.getVersionInfo(), "", self.address)
+
+    def close(self) -> None:
+        """Leave the configuration."""
+        self._core = None
+        self._shared.leave(self)
+
+    def condition(self) -> Condition:
+        """Whether it is there."""
+        return Condition("ready") if self._core is not None else Condition("not connected", False, "connect it")
+
+    def _open(self) -> Any:
+        if (core := self._core) is None:
+            raise LineLost(f"{self.address} is not connected", "connect first")
+        return core
+
+    def configure(self, settings: CameraSettings) -> None:
+        """Set the exposure time. Raises Rejected where the camera has another then, or an ISO is asked for."""
+        core = self._open()
+        if settings.iso is not None:
+            raise Rejected(f"{self.address} has a gain and no ISO", "set its gain in Micro-Manager's configuration")
+        if settings.exposure_s is not None:
+            with asked(self.address, "ask for a time that it has"):
+                core.setExposure(self._label, 1000 * settings.exposure_s)
+                there_s = core.getExposure(self._label) / 1000
+            if abs(there_s / settings.exposure_s - 1) > 0.01:
+                raise Rejected(
+                    f"{self.address} exposes {there_s:g} s where {settings.exposure_s:g} s were asked for",
+                    "ask for a time that it has",
+                )
+        self.settings = settings
+
+    def expose(self) -> Exposure:
+        """One photograph; one that an emergency stop overtook is kept in the folder. Raises DeviceError."""
+        core, stops, requested_s = self._open(), self._stops, self.clock.now_s()
+        with self._shared.in_a_row, asked(self.address, REMEDY):
+            core.setCameraDevice(self._label)
+            begun_s = self.clock.now_s()
+            core.snapImage()
+            times = ShutterTimes(begun_s, self.clock.now_s())
+            exposure_s = core.getExposure(self._label) / 1000
+            frame = Frame(self._plane(core), self._cfa, 2 ** int(core.getImageBitDepth()) - 1, exposure_s)
+        body = Body("Micro-Manager", identity_words(core, self._label))
+        kept = self._frames.keep(frame, body, self.settings, requested_s, times)
+        if self._stops != stops:
+            raise EmergencyStopped(f"emergency stop at {self.address}", "expose again")
+        return kept
+
+    def _plane(self, core: Any) -> np.ndarray[Any, np.dtype[np.uint16]]:
+        """The snapped image. Raises FrameWrong unless it is one plane of at most 16 bits."""
+        parts, octets = int(core.getNumberOfComponents()), int(core.getBytesPerPixel())
+        if parts != 1 or octets > 2:
+            raise FrameWrong(
+                f"{self.address} gives {parts} colours in {octets} bytes a pixel; one of at most 2 is meant",
+                "set its pixel type to a grey or raw one of 8 to 16 bits",
+            )
+        return np.asarray(core.getImage()).astype(np.uint16)
+
+    def emergency_stop(self) -> None:
+        """Nothing of it moves: an exposure that runs ends by itself, and is told to have been stopped."""
+        self._stops += 1

@@ -1,0 +1,93 @@
+"""A shutter of Micro-Manager: in the light's way, or on the wire of a camera's trigger."""
+
+from __future__ import annotations
+
+import threading
+from contextlib import suppress
+from typing import Any
+
+from drivers.clock import Clock, SystemClock
+from drivers.errors import LineLost, MoveFailed, Rejected
+from drivers.interfaces import Condition, Identity, ShutterTimes
+from drivers.micromanager.core import SHUTTER, Core, asked, check_device, identity_words
+
+
+class MicroManagerShutter:
+    """A Shutter of a configuration of Micro-Manager; its times are the host's."""
+
+    def __init__(self, core: Core, device: str, *, clock: Clock | None = None) -> None:
+        self.clock = clock or SystemClock()
+        self._shared, self._label = core, device
+        self._core: Any = None
+        self._end = threading.Condition()
+        self._aborts = 0
+
+    @property
+    def address(self) -> str:
+        """The device's label, and the configuration it is in."""
+        return f"{self._label} in {self._shared.config.name}"
+
+    def connect(self) -> Identity:
+        """Load the configuration and close the shutter. Raises DeviceError."""
+        self.close()
+        core = self._shared.join(self)
+        try:
+            check_device(core, self._label, (SHUTTER,), "shutter", self._shared.config.name)
+            self._set(core, False)
+        except BaseException:
+            self._shared.leave(self)
+            raise
+        self._core = core
+        return Identity(f"Micro-Manager {identity_words(core, self._label)}", core.getVersionInfo(), "", self.address)
+
+    def close(self) -> None:
+        """Leave the configuration."""
+        self._core = None
+        self._shared.leave(self)
+
+    def condition(self) -> Condition:
+        """Whether it is there."""
+        return Condition("ready") if self._core is not None else Condition("not connected", False, "connect it")
+
+    def focus(self, pressed: bool) -> None:
+        """Refused: it has no such contact. Raises Rejected."""
+        raise Rejected(f"{self.address} has no focus contact", "focus by hand, or use a STRIG/1 box")
+
+    def fire(self, pulse_s: float, focus_s: float = 0.0) -> ShutterTimes:
+        """Open for `pulse_s`. Raises DeviceError."""
+        if (core := self._core) is None:
+            raise LineLost(f"{self.address} is not connected", "connect first")
+        self.clock.sleep(focus_s)
+        aborts, begun_s = self._aborts, self.clock.now_s()
+        try:
+            self._set(core, True)
+            with self._end:
+                self.clock.wait(self._end, lambda: self._aborts != aborts, self.clock.now_s() + pulse_s)
+        finally:
+            self._set(core, False)
+        if self._aborts != aborts:
+            raise MoveFailed(f"the shot at {self.address} was cut short", "fire again")
+        return ShutterTimes(begun_s, self.clock.now_s())
+
+    def _set(self, core: Any, opened: bool) -> None:
+        with asked(self.address, "check its power and cable, then connect it again"):
+            core.setShutterOpen(self._label, opened)
+
+    def abort(self) -> None:
+        """Close now. Raises DeviceError."""
+        self._aborts += 1
+        with self._end:
+            self._end.notify_all()
+        if self._core is not None:
+            self._set(self._core, False)
+
+    def emergency_stop(self) -> None:
+        """Close now, whatever happens."""
+        self._aborts += 1
+        if (core := self._core) is not None:
+            with suppress(Exception):
+                core.setShutterOpen(self._label, False)
+        # the shot that waits wakes by itself at the latest when its pulse ends; it must not be waited for here
+        if self._end.acquire(blocking=False):
+            self._end.notify_all()
+            self._end.release()

@@ -1,0 +1,272 @@
+"""Stages of Micro-Manager as one Stage: single axes and XY tables, micrometres in, millimetres or degrees out.
+
+The core tells no travel, so station.toml does. Where an adapter cannot home, the position it tells is taken for true
+only if station.toml says so (`homes = false`: absolute encoders, piezos).
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from operator import methodcaller
+from typing import Any
+
+from drivers.clock import Clock, SystemClock
+from drivers.errors import DeviceError, EmergencyStopped, LineLost, MoveFailed, NoAnswer
+from drivers.homing_state import HOME, UNHOMED, Trust
+from drivers.interfaces import Condition, Doubt, Identity, Travel
+from drivers.micromanager.core import STAGE, XY_STAGE, Core, asked, check_device, identity_words
+from drivers.move_checks import OneMover, check_arrival, check_target
+from drivers.wire.connection import anything
+
+POLL_S = 0.02
+REMEDY = "check its power and cable, then connect it again"
+UNHOMABLE = "write homes = false for its axes where the position that it tells can be believed"
+STOP_S = 0.1
+"""How long an emergency stop waits for adapters that are busy with something else; their threads go on trying."""
+
+
+@dataclass(frozen=True)
+class MicroManagerAxis:
+    """One axis: its name with the unit, the label of its device, its travel in the unit.
+
+    Attributes
+    ----------
+    part : "x" or "y" of an XY table, "" of a single axis
+    zero : the value where the device says 0
+    unit_per_um : of the name's unit
+    direction : -1 where the device counts the other way
+    homes : whether `home` sends the device to its reference; otherwise what it tells is believed
+    tolerance : by which a move may end beside its target
+    """
+
+    name: str
+    device: str
+    travel: tuple[float, float]
+    part: str = ""
+    zero: float = 0.0
+    unit_per_um: float = 0.001
+    direction: int = 1
+    homes: bool = True
+    tolerance: float = 0.005
+
+    def to_um(self, value: float) -> float:
+        """Where the device is sent."""
+        return (value - self.zero) / (self.direction * self.unit_per_um)
+
+    def to_unit(self, um: float) -> float:
+        """What the device's number means."""
+        return self.zero + um * self.direction * self.unit_per_um
+
+
+class MicroManagerStage:
+    """A Stage of devices in one configuration of Micro-Manager."""
+
+    def __init__(
+        self, core: Core, axes: Sequence[MicroManagerAxis], *, patience_s: float = 60.0, clock: Clock | None = None
+    ) -> None:
+        self.clock = clock or SystemClock()
+        self.trust = Trust()
+        self._shared, self._axes, self._patience_s = core, tuple(axes), patience_s
+        self._labels = tuple(dict.fromkeys(axis.device for axis in axes))
+        self._core: Any = None
+        self._one_mover = OneMover()
+        self._stops = 0
+        self._unstoppable: tuple[str, ...] = ()
+
+    @property
+    def address(self) -> str:
+        """The devices' labels, and the configuration they are in."""
+        return f"{', '.join(self._labels)} in {self._shared.config.name}"
+
+    def connect(self) -> Identity:
+        """Load the configuration and look whether the axes are there. Raises DeviceError."""
+        self.close()
+        core = self._shared.join(self)
+        try:
+            for axis in self._axes:
+                kind, what = (XY_STAGE, "XY stage") if axis.part else (STAGE, "single axis")
+                check_device(core, axis.device, (kind,), what, self._shared.config.name)
+            # a stop that is harmless tells whether one that is not would work
+            self._unstoppable = tuple(label for label in self._labels if not _halted(core, label))
+        except BaseException:
+            self._shared.leave(self)
+            raise
+        self._core = core
+        told = "; ".join(identity_words(core, label) for label in self._labels)
+        return Identity(f"Micro-Manager {told}", core.getVersionInfo(), "", self.address)
+
+    def close(self) -> None:
+        """Leave the configuration."""
+        self.trust.lose(UNHOMED)
+        self.trust.why = UNHOMED
+        self._core = None
+        self._shared.leave(self)
+
+    def condition(self) -> Condition:
+        """Whether it may move, and whether it can be stopped."""
+        if self._core is None:
+            return Condition("not connected", False, "connect it")
+        if (why := self.trust.why) is not None:
+            return Condition(why.reason, False, why.remedy)
+        if self._unstoppable:
+            names = ", ".join(self._unstoppable)
+            return Condition(
+                "idle", doubt=Doubt(f"its adapter cannot stop {names}", "have a switch at hand that cuts its power")
+            )
+        return Condition("idle")
+
+    def _open(self) -> Any:
+        if (core := self._core) is None:
+            raise LineLost(f"{self.address} is not connected", "connect first")
+        return core
+
+    def travel(self) -> Mapping[str, Travel]:
+        """The range of each axis, as it was told."""
+        return {axis.name: Travel(*axis.travel) for axis in self._axes}
+
+    def position(self) -> Mapping[str, float]:
+        """Where the axes are now. Raises DeviceError."""
+        core = self._open()
+        with self._asked():
+            return {axis.name: axis.to_unit(_read(core, axis)) for axis in self._axes}
+
+    def moving(self) -> bool:
+        """Whether any device says that it is busy. Raises DeviceError."""
+        core = self._open()
+        with self._asked():
+            return any(core.deviceBusy(label) for label in self._labels)
+
+    def _asked(self) -> AbstractContextManager[None]:
+        return asked(self.address, REMEDY)
+
+    # --- moving
+
+    def home(self, allowed: Callable[[], None] = anything) -> None:
+        """Send to its reference what has one. Raises DeviceError."""
+        with self._one_mover:
+            self._open()
+            epoch, stops = self.trust.begin(self.trust.shouts), self._stops
+
+            def undisturbed() -> None:
+                allowed()
+                self.trust.undisturbed(epoch)
+
+            for label in dict.fromkeys(axis.device for axis in self._axes if axis.homes):
+                self._order(methodcaller("home", label), undisturbed, UNHOMABLE)
+                self._finish([label], epoch)
+            undisturbed()
+            if self._stops != stops:
+                raise MoveFailed(f"homing of {self.address} was interrupted", HOME)
+            self._check_inside()
+            self.trust.give(epoch)
+
+    def _check_inside(self) -> None:
+        for axis in self._axes:
+            here, (low, high) = self.position()[axis.name], axis.travel
+            if not low - axis.tolerance <= here <= high + axis.tolerance:
+                raise MoveFailed(
+                    f"{axis.name} stands at {here:.4f}, and its travel is {low:g} .. {high:g}",
+                    "correct zero, direction or travel in station.toml, or bring it inside by hand",
+                )
+
+    def move_to(self, **target: float) -> None:
+        """Go there and return when still. Raises DeviceError."""
+        with self._one_mover:
+            self._open()
+            self.trust.require()
+            check_target(target, self.travel())
+            stops, epoch = self._stops, self.trust.epoch
+            labels = [label for label in self._labels if any(axis.name in target for axis in self._of(label))]
+            for label in labels:
+                self._send(label, target)
+            self._finish(labels, epoch)
+            there = self.position()
+            for axis in self._axes:
+                if axis.name in target:
+                    check_arrival(axis.name, target[axis.name], there[axis.name], axis.tolerance, self._stops != stops)
+
+    def _of(self, label: str) -> list[MicroManagerAxis]:
+        return [axis for axis in self._axes if axis.device == label]
+
+    def _send(self, label: str, target: Mapping[str, float]) -> None:
+        """Give one device its order; of an XY table the part that is not meant stays where it is."""
+        axes = {axis.part: axis for axis in self._of(label) if axis.name in target}
+        goal = {part: axis.to_um(target[axis.name]) for part, axis in axes.items()}
+
+        def order(core: Any) -> None:
+            if "" in goal:
+                core.setPosition(label, goal[""])
+                return
+            x = goal["x"] if "x" in goal else core.getXPosition(label)
+            y = goal["y"] if "y" in goal else core.getYPosition(label)
+            core.setXYPosition(label, x, y)
+
+        self._order(order, self.trust.require)
+
+    def _order(self, order: Callable[[Any], None], allowed: Callable[[], None], remedy: str = REMEDY) -> None:
+        """Give an order if it is allowed; one that an emergency stop overtook is taken back. Raises DeviceError."""
+        core, shouts = self._open(), self.trust.shouts
+        allowed()
+        with asked(self.address, remedy):
+            order(core)
+        if self.trust.shouts != shouts:
+            self._halt_all(core)
+            self.trust.require()
+
+    def _finish(self, labels: Sequence[str], epoch: int) -> None:
+        """Wait until these devices are still. Whatever ends this before its end, nothing moves on."""
+        core, deadline_s = self._open(), self.clock.now_s() + self._patience_s
+        try:
+            with self._asked():
+                while any(core.deviceBusy(label) for label in labels):
+                    self.trust.undisturbed(epoch)
+                    if self.clock.now_s() > deadline_s:
+                        told = f"{self.address} still moves after {self._patience_s:g} s"
+                        raise NoAnswer(told, "check its mechanics, or raise patience_s")
+                    self.clock.sleep(POLL_S)
+            self.trust.undisturbed(epoch)
+        except DeviceError:
+            self._halt_all(core)
+            raise
+        except BaseException:  # the program ends
+            self.emergency_stop()
+            raise
+
+    def stop(self) -> None:
+        """Stay where it is. Raises Rejected where an adapter cannot."""
+        self._stops += 1
+        core = self._open()
+        with asked(self.address, "cut its power"):
+            for label in self._labels:
+                core.stop(label)
+
+    def emergency_stop(self) -> None:
+        """Stop all devices side by side; unsafe until homed."""
+        self._stops += 1
+        self.trust.shout(EmergencyStopped(f"emergency stop at {self.address}", f"make it safe, then {HOME}"))
+        if (core := self._core) is not None:
+            self._halt_all(core)
+
+    def _halt_all(self, core: Any) -> None:
+        threads = [threading.Thread(target=_halted, args=(core, label), daemon=True) for label in self._labels]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join(STOP_S / len(threads))
+
+
+def _halted(core: Any, label: str) -> bool:
+    """Whether the device took a stop."""
+    try:
+        core.stop(label)
+    except RuntimeError:
+        return False
+    return True
+
+
+def _read(core: Any, axis: MicroManagerAxis) -> float:
+    read = {"": core.getPosition, "x": core.getXPosition, "y": core.getYPosition}[axis.part]
+    return float(read(axis.device))

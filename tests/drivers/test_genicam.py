@@ -1,0 +1,206 @@
+"""GenicamCamera through the real Aravis, at its fake GigE Vision camera: another process, over the loopback network."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import threading
+
+import exifread
+import numpy as np
+import pytest
+
+DISTRIBUTION = "/usr/lib/python3/dist-packages"
+"""Where Debian keeps PyGObject: a virtual environment does not see it by itself."""
+sys.path.append(DISTRIBUTION)
+try:
+    gi = pytest.importorskip("gi", reason="PyGObject is not installed (extra `genicam`)", exc_type=ImportError)
+finally:
+    sys.path.remove(DISTRIBUTION)
+try:
+    gi.require_version("Aravis", "0.8")
+except ValueError:
+    pytest.skip("Aravis 0.8 is not installed (Debian: gir1.2-aravis-0.8)", allow_module_level=True)
+
+from drivers.dng_folder import DngFolder, Optics  # noqa: E402
+from drivers.errors import BadConfiguration, EmergencyStopped, FrameMissing, LineLost, Rejected  # noqa: E402
+from drivers.genicam.camera import GenicamCamera, GenicamSettings  # noqa: E402
+from drivers.interfaces import CameraSettings  # noqa: E402
+from procedures.raw import read_frame  # noqa: E402
+from station.bench.opening import inspect_raw, make_bench, read_config  # noqa: E402
+
+# of PyGObject 3.42 with Python 3.11, which is silent about it outside of tests
+pytestmark = pytest.mark.filterwarnings("ignore:DynamicImporter:ImportWarning")
+
+FAKE = """
+import sys
+sys.path.append({distribution!r})
+import gi
+gi.require_version("Aravis", "0.8")
+from gi.repository import Aravis
+camera = Aravis.GvFakeCamera.new("127.0.0.1", None)
+print(camera.is_running(), flush=True)
+sys.stdin.read()
+"""
+"""What arv-fake-gv-camera-0.8 does: the same camera out of the same library."""
+
+
+@pytest.fixture(scope="module")
+def fake():
+    command = [sys.executable, "-c", FAKE.format(distribution=DISTRIBUTION)]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    assert process.stdout.readline() == "True\n"
+    yield "127.0.0.1"
+    process.communicate("", timeout=10)
+
+
+@pytest.fixture
+def make(fake, tmp_path):
+    made = []
+
+    def camera(settings=None, optics=None, name=fake):
+        made.append(GenicamCamera(DngFolder(tmp_path, inspect_raw, optics), name, settings))
+        return made[-1]
+
+    yield camera
+    for one in made:
+        one.close()
+
+
+def small(camera, columns=64, rows=48):
+    """Of a frame of 2048 x 2048 pixels what these tests need."""
+    camera.connect()
+    camera._stop()
+    camera._camera.set_region(0, 0, columns, rows)
+    return camera
+
+
+def comment_of(path):
+    with path.open("rb") as file:
+        told = exifread.process_file(file, details=True)["EXIF UserComment"].values
+    return json.loads(told if isinstance(told, str) else bytes(told).removeprefix(b"ASCII\0\0\0"))
+
+
+def test_it_says_who_it_is_and_connects_again(make):
+    camera = make()
+    for _ in range(2):
+        identity = camera.connect()
+        assert (identity.model, identity.serial, identity.address) == ("Aravis Fake", "GV01", "127.0.0.1")
+        assert identity.firmware
+        assert camera.condition().usable
+    camera.close()
+    assert not camera.condition().usable
+    with pytest.raises(LineLost, match="connect first"):
+        camera.expose()
+
+
+@pytest.mark.slow  # Aravis asks the whole network for a second
+def test_a_camera_that_is_not_there_says_so(make):
+    with pytest.raises(LineLost, match="check power, cable and address"):
+        make(name="No-Such-Camera").connect()
+
+
+@pytest.mark.parametrize(
+    ("name", "planes", "white"),
+    [("Mono8", {"Y"}, 255), ("Mono16", {"Y"}, 65535), ("BayerRG8", {"R", "G1", "G2", "B"}, 255)],
+)
+def test_a_frame_is_a_dng_with_its_exposure_record(make, name, planes, white):
+    optics = Optics(f_number=2.8, focal_length_mm=16.0, lens="Fixed 16", pixel_pitch_um=3.45)
+    camera = small(make(GenicamSettings(name, gain_db=1.0), optics))
+    camera.configure(CameraSettings(exposure_s=0.0125))
+    taken = camera.expose()
+    frame = read_frame(taken.path)
+    assert set(frame.planes) == planes
+    assert {plane.white for plane in frame.planes.values()} == {white}
+    told = frame.exposure
+    assert (told.exposure_s, told.f_number, told.focal_length_mm, told.lens) == (0.0125, 2.8, 16.0, "Fixed 16")
+    assert (told.camera, told.iso) == ("Aravis Fake", None)
+    assert taken.settings == CameraSettings(0.0125, None, 2.8)
+    assert taken.sha256 == frame.sha256
+    comment = comment_of(taken.path)
+    assert (comment["pixel_format"], comment["gain_db"]) == (name, 1.0)
+
+
+def test_the_pixels_are_those_that_were_sent(make):
+    camera = small(make(GenicamSettings("Mono8", gain_db=0.0)))
+    camera.configure(CameraSettings(exposure_s=0.01))
+    numbers = read_frame(camera.expose().path).planes["Y"].samples * 255
+    # its ramp moves from frame to frame, and is the same along diagonals
+    np.testing.assert_allclose(numbers[1:, :-1], numbers[:-1, 1:], atol=1e-3)
+    steps = np.diff(numbers[0])
+    assert set(np.round(steps).astype(int)) <= {1, -254, -255}
+    assert numbers.max() > numbers.min() + 60
+
+
+def test_the_deepest_format_is_taken_by_itself(make):
+    camera = small(make())
+    assert comment_of(camera.expose().path)["pixel_format"] == "Mono16"
+
+
+@pytest.mark.slow  # a hundred frames over the network
+def test_a_hundred_frames_none_lost_each_with_its_record(make):
+    camera = small(make(GenicamSettings("BayerRG8", gain_db=2.0)), columns=32, rows=24)
+    times = [0.001 + 0.0001 * number for number in range(100)]
+    frames = []
+    for exposure_s in times:
+        camera.configure(CameraSettings(exposure_s=exposure_s))
+        frames.append(camera.expose())
+    assert len({taken.path for taken in frames}) == 100
+    comments = [comment_of(taken.path) for taken in frames]
+    numbers = np.array([comment["frame"] for comment in comments])
+    # GigE Vision counts frames from 1 to 65535 and begins again
+    assert set(np.diff(numbers) % 65535) == {1}
+    assert {comment["gain_db"] for comment in comments} == {2.0}
+    # the camera counts microseconds, the file millionths: half of one each
+    told = [inspect_raw(taken.path).exposure_s for taken in frames]
+    np.testing.assert_allclose(told, times, atol=1.5e-6)
+    statistics = camera._stream.get_statistics()
+    assert statistics.n_missing_packets == 0
+
+
+def test_what_the_camera_has_not_is_refused_by_name(make):
+    with pytest.raises(BadConfiguration, match=r"no pixel format Mono12p .*name one of its own: BayerBG8, .*Mono16"):
+        make(GenicamSettings("Mono12p")).connect()
+    with pytest.raises(Rejected, match=r"no gain of 90 dB: it offers 0 .. 10"):
+        make(GenicamSettings(gain_db=90.0)).connect()
+    with pytest.raises(Rejected, match=r"stands at 0 dB where 0.5 dB were asked for"):  # its gain is a whole number
+        make(GenicamSettings(gain_db=0.5)).connect()
+    camera = small(make())
+    with pytest.raises(Rejected, match=r"cannot expose 100 s: it offers 1e-05 .. 10"):
+        camera.configure(CameraSettings(exposure_s=100.0))
+    with pytest.raises(Rejected, match="a gain and no ISO"):
+        camera.configure(CameraSettings(iso=100))
+
+
+def test_a_frame_that_never_comes_is_an_error_and_the_next_one_comes(make):
+    camera = small(make(GenicamSettings(patience_s=0.1)))
+    camera.expose()
+    camera._camera.set_trigger_source("Line0")  # nobody pulls that line
+    with pytest.raises(FrameMissing, match=r"no frame came from 127.0.0.1 within"):
+        camera.expose()
+    camera._camera.set_trigger_source("Software")
+    camera.expose()
+
+
+def test_an_emergency_stop_ends_the_wait(make):
+    camera = small(make(GenicamSettings(patience_s=60.0)))
+    camera.expose()
+    camera._camera.set_trigger_source("Line0")
+    threading.Timer(0.1, camera.emergency_stop).start()
+    with pytest.raises(EmergencyStopped):
+        camera.expose()
+    camera.emergency_stop()
+
+
+def test_it_stands_in_station_toml(fake, tmp_path):
+    (tmp_path / "in").mkdir()
+    (tmp_path / "station.toml").write_text(
+        f'[devices.camera]\ndriver = "genicam"\ncamera = "{fake}"\nfolder = "in"\ngain_db = 2\n'
+    )
+    bench = make_bench(read_config(tmp_path / "station.toml"), folder=tmp_path)
+    bench.connect()
+    bench.devices["camera"]._stop()
+    bench.devices["camera"]._camera.set_region(0, 0, 32, 32)
+    assert comment_of(bench.camera.expose().path)["gain_db"] == 2.0
+    bench.close()

@@ -1,0 +1,326 @@
+"""Micro-Manager's adapters through its real core, at its own demo devices."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from drivers.dng_folder import DngFolder, Optics
+from drivers.errors import (
+    BadConfiguration,
+    DeviceError,
+    EmergencyStopped,
+    FrameWrong,
+    LineLost,
+    MoveFailed,
+    NotHomed,
+    OutsideTravel,
+    Rejected,
+)
+from drivers.interfaces import CameraSettings
+from drivers.micromanager.camera import MicroManagerCamera
+from drivers.micromanager.core import Core
+from drivers.micromanager.shutter import MicroManagerShutter
+from drivers.micromanager.stage import MicroManagerAxis, MicroManagerStage
+from procedures.raw import read_frame
+from station.bench.opening import inspect_raw, make_bench, read_config
+
+pytest.importorskip("pymmcore", reason="pymmcore is not installed (extra `micromanager`)")
+ADAPTERS = pytest.importorskip("mm_test_adapters", reason="Micro-Manager's demo devices are not installed")
+
+CONFIG = """\
+Property,Core,Initialize,0
+Device,Table,DemoCamera,DXYStage
+Device,Focus,DemoCamera,DStage
+Device,Cam,DemoCamera,DCam
+Device,Door,DemoCamera,DShutter
+Property,Core,Initialize,1
+Property,Table,Velocity,0.1
+Property,Cam,PixelType,16bit
+Property,Cam,OnCameraCCDXSize,48
+Property,Cam,OnCameraCCDYSize,32
+"""
+AXES = (
+    MicroManagerAxis("x_mm", "Table", (-0.2, 0.2), "x"),
+    MicroManagerAxis("y_mm", "Table", (-0.2, 0.2), "y", zero=0.1, direction=-1),
+    MicroManagerAxis("z_mm", "Focus", (-0.1, 0.1), homes=False),
+)
+STEP_MM = 0.00001
+"""The demo table's: 0.015 µm."""
+
+
+@pytest.fixture
+def core(tmp_path):
+    config = tmp_path / "demo.cfg"
+    config.write_text(CONFIG)
+    return Core(config, ADAPTERS.device_adapter_path())
+
+
+@pytest.fixture
+def truth(core):
+    """The core itself, beside the drivers."""
+    inside = core.join("truth")
+    yield inside
+    core.leave("truth")
+
+
+@pytest.fixture
+def stage(core):
+    stage = MicroManagerStage(core, AXES, patience_s=10.0)
+    stage.connect()
+    yield stage
+    stage.close()
+
+
+@pytest.fixture
+def homed(stage):
+    stage.home()
+    return stage
+
+
+def in_mid_move(stage, action):
+    """What a move of 0.15 mm at 0.1 mm/s ends with, if this is done while it is under way."""
+    ended = []
+
+    def move():
+        try:
+            stage.move_to(x_mm=0.15)
+        except DeviceError as error:
+            ended.append(error)
+
+    mover = threading.Thread(target=move)
+    mover.start()
+    while stage.position()["x_mm"] < 0.01:
+        time.sleep(0.005)
+    action()
+    mover.join(timeout=5.0)
+    return ended[0] if ended else None
+
+
+def test_it_says_who_it_is_and_does_not_move_before_homing(core):
+    stage = MicroManagerStage(core, AXES)
+    with pytest.raises(LineLost, match="connect first"):
+        stage.move_to(z_mm=0.0)
+    identity = stage.connect()
+    assert "DemoCamera DXYStage; DemoCamera DStage" in identity.model
+    assert identity.address == "Table, Focus in demo.cfg"
+    with pytest.raises(NotHomed):
+        stage.move_to(z_mm=0.05)
+    assert not stage.condition().usable
+    stage.close()
+    stage.close()
+
+
+def test_it_goes_where_it_is_sent_and_the_core_agrees(homed, truth):
+    homed.move_to(x_mm=0.02, y_mm=0.13, z_mm=-0.04)
+    assert homed.position() == pytest.approx({"x_mm": 0.02, "y_mm": 0.13, "z_mm": -0.04}, abs=STEP_MM)
+    # y counts the other way from 0.1 mm on: 0.13 = 0.1 - um / 1000
+    there = truth.getXPosition("Table"), truth.getYPosition("Table"), truth.getPosition("Focus")
+    assert there == pytest.approx((20, -30, -40), abs=1000 * STEP_MM)
+    homed.move_to(x_mm=0.01)
+    assert homed.position() == pytest.approx({"x_mm": 0.01, "y_mm": 0.13, "z_mm": -0.04}, abs=2 * STEP_MM)
+
+
+@pytest.mark.parametrize("target", [{"x_mm": 0.21}, {"z_mm": float("nan")}])
+def test_it_refuses_to_leave_its_travel(homed, target):
+    before = homed.position()
+    with pytest.raises(OutsideTravel):
+        homed.move_to(**target)
+    assert homed.position() == before
+    with pytest.raises(BadConfiguration, match="there is no axis w_mm"):
+        homed.move_to(w_mm=0.0)
+
+
+def test_what_cannot_home_says_so(core):
+    stage = MicroManagerStage(core, [MicroManagerAxis("z_mm", "Focus", (-0.1, 0.1))])
+    stage.connect()
+    with pytest.raises(Rejected, match=r"Unsupported device command.*homes = false"):
+        stage.home()
+    assert not stage.condition().usable
+    stage.close()
+
+
+def test_what_stands_outside_its_travel_is_not_believed(core):
+    stage = MicroManagerStage(core, [MicroManagerAxis("z_mm", "Focus", (1.0, 2.0), homes=False)])
+    stage.connect()
+    with pytest.raises(MoveFailed, match=r"stands at 0.0000, and its travel is 1 .. 2"):
+        stage.home()
+    assert not stage.condition().usable
+    stage.close()
+
+
+def test_a_stop_ends_a_move_and_keeps_the_position(homed):
+    ended = in_mid_move(homed, homed.stop)
+    assert isinstance(ended, MoveFailed)
+    assert "was stopped" in ended.reason
+    assert not homed.moving()
+    homed.move_to(x_mm=0.0)
+    assert homed.condition().usable
+
+
+def test_an_emergency_stop_ends_a_move_and_holds_until_homed(homed, truth):
+    ended = in_mid_move(homed, homed.emergency_stop)
+    assert isinstance(ended, EmergencyStopped)
+    assert not truth.deviceBusy("Table")
+    there = truth.getXPosition("Table")
+    assert there < 140
+    with pytest.raises(EmergencyStopped, match="then home"):
+        homed.move_to(x_mm=0.0)
+    assert truth.getXPosition("Table") == there
+    homed.home()
+    homed.move_to(x_mm=0.0)
+
+
+def test_an_order_that_an_emergency_stop_overtook_is_taken_back(homed, truth):
+    with pytest.raises(EmergencyStopped):
+        homed._order(lambda core: (homed.emergency_stop(), core.setXYPosition("Table", 100, 0)), lambda: None)
+    assert not truth.deviceBusy("Table")
+
+
+def test_a_missing_device_is_named_with_those_that_are_there(core):
+    stage = MicroManagerStage(core, [MicroManagerAxis("z_mm", "Table", (0.0, 1.0))])
+    with pytest.raises(BadConfiguration, match=r"Table is none, and a single axis is meant; name one .*: Focus"):
+        stage.connect()
+    camera = MicroManagerCamera(core, "Camera 2", DngFolder(core.config.parent, inspect_raw))
+    with pytest.raises(BadConfiguration, match=r"Camera 2 is not in it, and a camera is meant; name one .*: Cam"):
+        camera.connect()
+
+
+def test_a_configuration_that_does_not_load_is_told_in_the_cores_words(tmp_path):
+    stage = MicroManagerStage(Core(tmp_path / "no.cfg"), AXES)
+    with pytest.raises(BadConfiguration, match=r"there is no .*no.cfg"):
+        stage.connect()
+    (tmp_path / "no.cfg").write_text("Device,Z,NoSuchLibrary,DStage\n")
+    with pytest.raises(LineLost, match=r"no.cfg: .*NoSuchLibrary.*adapters are looked for in .*Device API version"):
+        stage.connect()
+
+
+@pytest.fixture
+def camera(core, tmp_path):
+    (tmp_path / "in").mkdir()
+    optics = Optics(f_number=4.0, focal_length_mm=25.0, pixel_pitch_um=3.45, black=100.0)
+    camera = MicroManagerCamera(core, "Cam", DngFolder(tmp_path / "in", inspect_raw, optics))
+    camera.connect()
+    yield camera
+    camera.close()
+
+
+def test_a_photograph_is_a_dng_of_the_pixels_that_the_core_read(camera, truth):
+    camera.configure(CameraSettings(exposure_s=0.004))
+    taken = camera.expose()
+    frame = read_frame(taken.path)
+    assert taken.sha256 == frame.sha256
+    assert taken.settings == CameraSettings(0.004, None, 4.0)
+    assert taken.requested_s <= taken.shutter.closed_s < taken.shutter.released_s <= taken.received_s
+    plane, told = frame.planes["Y"], frame.exposure
+    # black 100, white 65535: single precision over 16 bits
+    np.testing.assert_allclose(plane.samples * 65435 + 100, truth.getImage(), atol=0.01)
+    assert (told.exposure_s, told.f_number, told.focal_length_mm, told.iso) == (0.004, 4.0, 25.0, None)
+    assert told.pixel_pitch_um == pytest.approx(3.45)
+
+
+def test_photographs_are_numbered_on(camera):
+    assert [camera.expose().path.name for _ in range(2)] == ["IMG_0001.DNG", "IMG_0002.DNG"]
+    camera.connect()
+    assert camera.expose().path.name == "IMG_0003.DNG"
+
+
+def test_a_mosaic_is_read_as_one(core, camera, tmp_path):
+    bayer = MicroManagerCamera(core, "Cam", DngFolder(tmp_path / "in", inspect_raw), cfa="GRBG")
+    bayer.connect()
+    assert set(read_frame(bayer.expose().path).planes) == {"R", "G1", "G2", "B"}
+    bayer.close()
+
+
+def test_eight_bits_are_scaled_to_eight_bits(camera, truth):
+    truth.setProperty("Cam", "PixelType", "8bit")
+    assert read_frame(camera.expose().path).planes["Y"].white == 255
+
+
+def test_developed_colours_are_refused(camera, truth):
+    truth.setProperty("Cam", "PixelType", "32bitRGB")
+    with pytest.raises(FrameWrong, match="4 colours in 4 bytes a pixel"):
+        camera.expose()
+
+
+def test_what_the_camera_cannot_set_is_an_error(camera):
+    with pytest.raises(Rejected, match="has a gain and no ISO"):
+        camera.configure(CameraSettings(iso=200))
+    with pytest.raises(Rejected, match="ask for a time that it has"):
+        camera.configure(CameraSettings(exposure_s=1e-7))
+
+
+def test_a_frame_that_an_emergency_stop_overtook_is_kept_and_told(camera, truth, tmp_path):
+    camera.configure(CameraSettings(exposure_s=0.2))
+    timer = threading.Timer(0.05, camera.emergency_stop)
+    timer.start()
+    with pytest.raises(EmergencyStopped):
+        camera.expose()
+    assert read_frame(tmp_path / "in" / "IMG_0001.DNG").exposure.exposure_s == 0.2
+
+
+def test_a_shutter_is_open_as_long_as_asked_and_closed_by_a_stop(core, truth):
+    shutter = MicroManagerShutter(core, "Door")
+    with pytest.raises(LineLost):
+        shutter.fire(0.1)
+    truth.setShutterOpen("Door", True)
+    shutter.connect()
+    assert not truth.getShutterOpen("Door")
+    times = shutter.fire(0.05)
+    assert times.released_s - times.closed_s >= 0.05
+    ended = []
+
+    def shoot():
+        try:
+            shutter.fire(30.0)
+        except MoveFailed as error:
+            ended.append(error)
+
+    shot = threading.Thread(target=shoot)
+    shot.start()
+    while not truth.getShutterOpen("Door"):
+        time.sleep(0.005)
+    shutter.emergency_stop()
+    assert not truth.getShutterOpen("Door")
+    shot.join(timeout=5.0)
+    assert "cut short" in ended[0].reason
+    with pytest.raises(Rejected, match="no focus contact"):
+        shutter.focus(True)
+    shutter.close()
+
+
+def test_the_devices_of_a_station_toml_share_the_configuration(tmp_path):
+    (tmp_path / "demo.cfg").write_text(CONFIG)
+    (tmp_path / "in").mkdir()
+    common = f'config = "demo.cfg"\nadapters = "{ADAPTERS.device_adapter_path()}"\n'
+    (tmp_path / "station.toml").write_text(f"""
+[devices.stage]
+driver = "micromanager_stage"
+{common}axes = [
+    {{ name = "x_mm", device = "Table", part = "x", travel = [-0.2, 0.2] }},
+    {{ name = "z_mm", device = "Focus", travel = [-0.1, 0.1], homes = false }},
+]
+[devices.camera]
+driver = "micromanager_camera"
+{common}device = "Cam"
+folder = "in"
+f_number = 4.0
+[devices.shutter]
+driver = "micromanager_shutter"
+{common}device = "Door"
+""")
+    bench = make_bench(read_config(tmp_path / "station.toml"), folder=tmp_path)
+    bench.connect()
+    bench.stage.home()
+    bench.stage.move_to(z_mm=0.02)
+    bench.devices["shutter"].close()  # the others keep the configuration
+    assert bench.stage.position()["z_mm"] == pytest.approx(0.02)
+    assert bench.camera.expose().path.parent == tmp_path / "in"
+    bench.emergency_stop()
+    assert not bench.stage.condition().usable
+    bench.close()
+    with pytest.raises(LineLost):
+        bench.stage.position()
