@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import time
+import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, ClassVar
 
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical
+from textual.events import Key
 from textual.message import Message
 from textual.screen import Screen
 from textual.widgets import Input
@@ -106,6 +107,8 @@ class Choices(Part, can_focus=True):
         self.lines, self.at = list(lines), 0
         self.by_enter_alone = False
         """Whether neither the space bar nor a number takes a line: what follows must be meant."""
+        self.pressed_s = 0.0
+        """When the last key was pressed, which may be some time before it is heard."""
 
     def on_mount(self) -> None:
         """Show them."""
@@ -125,6 +128,10 @@ class Choices(Part, can_focus=True):
             style = "bold reverse" if i == self.at and self.has_focus else ""
             shown.append(literal(f"{mark}{SPACE}{number}{line}", style))
         self.update(lines_of(*shown))
+
+    def on_key(self, event: Key) -> None:
+        """Note when it was pressed."""
+        self.pressed_s = event.time
 
     def on_focus(self) -> None:
         """Make it seen."""
@@ -170,7 +177,7 @@ class AnswerBox(Vertical):
             self.fact = fact
 
     _ask: Ask | None = None
-    _asked_s = 0.0
+    _shown_s = math.inf
     _offers: Sequence[type[Command]] = ()
 
     def compose(self) -> ComposeResult:
@@ -204,7 +211,8 @@ class AnswerBox(Vertical):
         """A question, with its usual answer ready."""
         from station.guide.answers import words
 
-        self._ask, self._asked_s = ask, time.monotonic()
+        self._ask, self._shown_s = ask, math.inf
+        self.call_after_refresh(self._note_shown)
         typed = ask.kind in ("number", "text")
         self._show(ask.question + _wanted(ask), typed=typed, choices=not typed)
         if typed:
@@ -220,6 +228,9 @@ class AnswerBox(Vertical):
             at = lines.index(str(ask.default)) if str(ask.default) in lines else 0
             choices.set_lines(lines, at, by_enter_alone=ask.key == MOVE)
             choices.focus()
+
+    def _note_shown(self) -> None:
+        self._shown_s = Message().time  # by the clock that keys are timed with
 
     def offer(self, sentence: str, offers: Mapping[str, type[Command]]) -> None:
         """What can be done next: commands, by what they are called here."""
@@ -254,9 +265,8 @@ class AnswerBox(Vertical):
         from station.guide.answers import parse
         from station.guide.frontend import MOVE
 
-        if self._ask.key == MOVE and time.monotonic() - self._asked_s < READ_S:
+        if self._ask.key == MOVE and self.query_one(Choices).pressed_s - self._shown_s < READ_S:
             return  # the key was meant for what stood there before
-
         try:
             fact = parse(self._ask, text)
         except ValueError as error:

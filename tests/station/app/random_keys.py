@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 
@@ -76,11 +78,23 @@ class Bystander:
         self.expect(self.jogs <= sum(key in JOGGING for key in self.pressed), "a stage moves")
 
 
+@contextmanager
+def in_haste() -> Iterator[None]:
+    """Keys come one after the other, whatever the screen still does; and a question is read as fast as they come."""
+
+    async def shortly(*_: float) -> None:
+        await asyncio.sleep(0.002)
+
+    with patch.object(parts, "READ_S", 0.1), patch("textual.app.wait_for_idle", shortly):
+        yield
+
+
 def press_at_random(folder: Path, seed: int, keys: int) -> Bystander:
     """So many keys; the application is begun again where they ended it. What was seen."""
     rng, seen = np.random.default_rng(seed), Bystander()
-    while len(seen.pressed) < keys:
-        asyncio.run(_one_application(folder, rng, seen, keys))
+    with in_haste():
+        while len(seen.pressed) < keys:
+            asyncio.run(_one_application(folder, rng, seen, keys))
     return seen
 
 

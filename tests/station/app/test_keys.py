@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 
 import pytest
+from textual.events import Key
 
 from procedures.plan import Ask
 from station.app.app import StationApp
@@ -26,7 +27,12 @@ def test_a_move_is_begun_by_enter_alone_once_it_can_have_been_read(tmp_path):
         await driver.until("clear: Enter moves, F12 stops")
         await driver.press("space", "1", "y", "escape")
         assert driver.app._guide.answers.open
-        await driver.pilot.pause(READ_S)
+        await driver.pilot.pause(1.25 * READ_S)
+        early = Key("enter", "\r")  # pressed before the question was there, and heard after
+        early.time -= 10
+        driver.app.post_message(early)
+        await driver.pilot.pause()
+        assert driver.app._guide.answers.open
         await driver.press("enter")
         await driver.until("another session")
 
