@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
+from procedures.outcome import BadInput
 from procedures.pattern_psf.estimate import PatternParameters
-from procedures.raw import RawFrame, default_plane, read_frame
+from procedures.raw import RawFrame, default_plane, read_frame, read_photograph
 from procedures.reading.exposure import Exposure, check_typed
 from procedures.two_photo.estimate import TwoPhotoParameters
 from station.batch.procedure_file import ALL, EDGE, FIELD, TWO_PHOTO, Procedure
@@ -32,10 +34,27 @@ class Answer:
     write: Write
 
 
-def estimate(procedure: Procedure, paths: Sequence[Path], contents: Sequence[bytes]) -> Answer:
-    """The answer of a procedure; `contents` are the files', which a field reads by itself. Raises ProcedureError."""
+class ChangedMeanwhile(Exception):
+    """A file that is no longer what an item's hashes tell."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(f"{printable(path)} was changed while the batch read it")
+
+
+def estimate(
+    procedure: Procedure, paths: Sequence[Path], contents: Sequence[bytes], hashes: Sequence[str] = ()
+) -> Answer:
+    """The answer of a procedure; `contents` are the files', which a field reads by itself and holds to their hashes.
+
+    Raises
+    ------
+    ProcedureError
+        As the procedures do.
+    ChangedMeanwhile
+        If a file is no longer of its hash.
+    """
     if procedure.name == FIELD:
-        return _field(procedure, paths)
+        return _field(procedure, paths, hashes)
     frames = [_read(*file, procedure) for file in zip(paths, contents, strict=True)]
     return _edges(procedure, frames[0]) if procedure.name == EDGE else _psf(procedure, frames)
 
@@ -104,7 +123,28 @@ def _edges(procedure: Procedure, frame: RawFrame) -> Answer:
     return Answer([one.result for one in records], frame.exposure, write)
 
 
-def _field(procedure: Procedure, paths: Sequence[Path]) -> Answer:
+def hash_of(path: Path) -> str:
+    """Of a photograph; "" where it cannot be read, which its folder's field tells by name."""
+    try:
+        return hashlib.sha256(read_photograph(path)).hexdigest()
+    except BadInput:
+        return ""
+
+
+def _as_hashed(paths: Sequence[Path], hashes: Sequence[str]) -> Callable[[Path], bytes]:
+    """Reads files, each of which must be of its hash: what is decoded is what the row tells. Raises ChangedMeanwhile."""
+    known = dict(zip(paths, hashes, strict=True))
+
+    def content(path: Path) -> bytes:
+        data = read_photograph(path)
+        if hashlib.sha256(data).hexdigest() != known[path]:
+            raise ChangedMeanwhile(path)
+        return data
+
+    return content
+
+
+def _field(procedure: Procedure, paths: Sequence[Path], hashes: Sequence[str]) -> Answer:
     """The field of a folder's photographs."""
     from procedures.field.conclusion import conclude
     from procedures.field.measuring import measure
@@ -116,7 +156,8 @@ def _field(procedure: Procedure, paths: Sequence[Path]) -> Answer:
     if not procedure.trust_typed:
         check_noted(paths, optics, "write trust_typed = true")
     names = None if not procedure.planes or ALL in procedure.planes else list(procedure.planes)
-    measured = measure(paths, names, procedure.chart_source.chart, parameters, layout=procedure.layout)
+    content = _as_hashed(paths, hashes)
+    measured = measure(paths, names, procedure.chart_source.chart, parameters, layout=procedure.layout, content=content)
     exposure = measured.exposures[0].exposure if measured.exposures else Exposure()
     limit = partial(diffraction_limit, exposure, **optics)
     pixels = field_pixels(measured, optics["pixel_pitch_um"])

@@ -13,10 +13,9 @@ from typing import Any
 from procedures.outcome import BadInput, BadParameter, ProcedureError, Verdict
 from procedures.raw import read_photograph
 from procedures.reading.exposure import Exposure
-from station.batch.estimates import Answer, estimate
+from station.batch.estimates import Answer, ChangedMeanwhile, estimate, hash_of
 from station.batch.procedure_file import FIELD, PATTERN, SERIES, Procedure
 from station.calibration.folder_photographs import Item
-from station.common.durable_files import sha256_of
 from station.common.sanitise import encodable, printable, safe_stem
 from station.results.comparison import Comparison, Judged
 from station.results.plane_result import PlaneResult
@@ -139,7 +138,7 @@ def _row(item: Item, job: Job) -> Row:
     if item.trouble:
         return Row(item.files, UNREADABLE, item.trouble, item.remedy)
     if job.procedure.name == FIELD:  # it reads its photographs one after the other
-        contents, hashes = [], [sha256_of(path) for path in item.paths]
+        contents, hashes = [], [hash_of(path) for path in item.paths]
     else:
         contents = [read_photograph(path) for path in item.paths]
         hashes = [hashlib.sha256(data).hexdigest() for data in contents]
@@ -157,7 +156,7 @@ def _estimate(
 ) -> Row:
     start = time.perf_counter()
     try:
-        answer = estimate(job.procedure, item.paths, contents)
+        answer = estimate(job.procedure, item.paths, contents, hashes)
     except ProcedureError as error:
         row = replace(_failure(item, error), sha256=hashes, folder=folder)
         answer = Answer((), Exposure(), lambda place, about, page: write_psf_result(place, (), about))
@@ -220,6 +219,8 @@ def _failure(item: Item, error: Exception) -> Row:
     if isinstance(error, ProcedureError):
         verdict = UNREADABLE if isinstance(error, BadInput | BadParameter) else REFUSED
         return Row(item.files, verdict, encodable(error.reason), encodable(error.remedy))
+    if isinstance(error, ChangedMeanwhile):
+        return Row(item.files, UNREADABLE, encodable(str(error)), "wait until it is copied, and run the batch again")
     if isinstance(error, MemoryError) or getattr(error, "code", None) == NO_MEMORY:
         return Row(item.files, LOST, "it takes more memory than an item may take here", MORE_MEMORY)
     reason = f"the program failed on something it did not foresee: {type(error).__name__}: {printable(error)}"
