@@ -10,10 +10,10 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from procedures.outcome import BadInput, BadParameter, ProcedureError, Verdict
+from procedures.outcome import BadInput, BadParameter, Outcome, ProcedureError, Verdict
 from procedures.raw import read_photograph
 from procedures.reading.exposure import Exposure
-from station.batch.estimates import Answer, ChangedMeanwhile, estimate, hash_of
+from station.batch.estimates import Answer, ChangedMeanwhile, Write, estimate, further_files, hash_of
 from station.batch.procedure_file import FIELD, PATTERN, SERIES, Procedure
 from station.calibration.folder_photographs import Item
 from station.common.sanitise import encodable, printable, safe_stem
@@ -118,9 +118,13 @@ class Row:
         return self.verdict == PASS and self.specification in ("", Judged.MEETS)
 
 
-def key_of(hashes: Sequence[str], procedure: Procedure) -> str:
-    """What an item's result depends on, as a hash: the files, the procedure, and this program's version."""
+def key_of(hashes: Sequence[str], procedure: Procedure, further: Sequence[str] = ()) -> str:
+    """What an item's result depends on, as a hash: the files, the procedure, and this program's version.
+
+    further : hashes of files that the procedure names
+    """
     whole = {"files": list(hashes), "version": software()["version"], **procedure.fingerprint()}
+    whole |= {"further": list(further)} if further else {}
     return hashlib.sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()[:KEY_LETTERS]
 
 
@@ -142,7 +146,7 @@ def _row(item: Item, job: Job) -> Row:
     else:
         contents = [read_photograph(path) for path in item.paths]
         hashes = [hashlib.sha256(data).hexdigest() for data in contents]
-    key = key_of(hashes, job.procedure)
+    key = key_of(hashes, job.procedure, [*further_files(job.procedure, item.paths).values()])
     kept, redone = kept_row(job.out, job.done[key]) if key in job.done else (None, "")
     if kept is not None:
         return replace(kept, reused=True)
@@ -159,7 +163,7 @@ def _estimate(
         answer = estimate(job.procedure, item.paths, contents, hashes)
     except ProcedureError as error:
         row = replace(_failure(item, error), sha256=hashes, folder=folder)
-        answer = Answer((), Exposure(), lambda place, about, page: write_psf_result(place, (), about))
+        answer = Answer((), Exposure(), _write_failure(job.procedure, error))
     else:
         row = replace(_row_of(item, answer.planes, hashes, folder), noted=noted(answer.exposure))
     about = {
@@ -172,6 +176,16 @@ def _estimate(
     }
     answer.write(place, about, job.reports)
     return row
+
+
+def _write_failure(procedure: Procedure, error: ProcedureError) -> Write:
+    """Writes the record of what could not be estimated."""
+    if procedure.restoration is None:
+        return lambda place, about, page: write_psf_result(place, (), about)
+    from station.reports.restoration_files import write_refusal  # here: it draws, which is slow to load
+
+    refused: Outcome[Any] = Outcome(None, Verdict.REFUSED, error.reason, error.remedy)
+    return lambda place, about, page: write_refusal(place, refused, about)
 
 
 def _row_of(item: Item, records: Sequence[PlaneResult], hashes: Sequence[str], folder: str) -> Row:

@@ -76,7 +76,7 @@ def batch(
         raise click.UsageError("--cluster-tls goes with --cluster tls://HOST:PORT")
     from station.batch.allowance import Allowance
     from station.batch.item import Job, finished
-    from station.batch.procedure_file import FIELD, SERIES, TWO_PHOTO, read_procedure
+    from station.batch.procedure_file import ENDINGS, FIELD, SERIES, read_procedure
     from station.batch.process_pool import Stop
     from station.batch.run import run_batch
     from station.common.stop_signals import guarded
@@ -86,7 +86,7 @@ def batch(
     _say_who_can_connect(cluster)
     procedure = read_procedure(file)
     items = _items(folders, out, procedure)
-    what = {TWO_PHOTO: "pairs", FIELD: "fields"}.get(procedure.name, "photographs")
+    what = "pairs" if procedure.name in ENDINGS else "fields" if procedure.name == FIELD else "photographs"
     log("found", f"found {len(items)} {what}", items=len(items))
     jobs = jobs or os.cpu_count() or 1
     fair = Allowance.fair(min(jobs, len(items)))
@@ -134,12 +134,14 @@ def _say_who_can_connect(cluster: str | None) -> None:
 
 
 def _items(folders: tuple[Path, ...], out: Path, procedure: Procedure) -> list[Item]:
-    from station.batch.procedure_file import FIELD, TWO_PHOTO
-    from station.calibration.folder_photographs import by_folder, find_frames, in_pairs, singly, unread
+    from station.batch.procedure_file import ENDINGS, FIELD, TWO_PHOTO
+    from station.calibration.folder_photographs import by_folder, find_frames, in_pairs, in_rows, singly, unread
 
     missed: list[Item] = []
     frames = find_frames(folders, out, lambda folder, error: missed.append(unread(folder, error)))
-    if procedure.name == TWO_PHOTO:
+    if procedure.pairs is not None:
+        return in_rows(frames, procedure.pairs, most=2 if procedure.name == TWO_PHOTO else None) + missed
+    if procedure.name in ENDINGS:
         return in_pairs(frames, procedure.endings) + missed
     return (by_folder(frames) if procedure.name == FIELD else singly(frames)) + missed
 
@@ -221,15 +223,16 @@ def _planes(done: Batch) -> Table:
     from rich import box
     from rich.table import Table
 
-    from station.batch.run import STATISTICS, statistics
+    from station.batch.run import followed, statistics
     from station.results.number_names import short
     from station.results.verdict_words import measurement_words
 
+    numbers = followed(done.job.procedure)
     table = Table(
-        "plane", *(short(name) for name in STATISTICS), "verdicts", box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False
+        "plane", *(short(name) for name in numbers), "verdicts", box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False
     )
-    for name, entry in statistics(done.rows).items():
-        medians = [f"{entry[number]['median']:.4f}" if number in entry else "—" for number in STATISTICS]
+    for name, entry in statistics(done.rows, numbers).items():
+        medians = [f"{entry[number]['median']:.4f}" if number in entry else "—" for number in numbers]
         verdicts = _counted(entry["verdicts"], measurement_words)
         table.add_row(name, *medians, verdicts)
     table.caption = "Medians over all photographs."
