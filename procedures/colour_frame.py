@@ -14,13 +14,15 @@ from procedures.reading.exposure import read_exposure
 from procedures.reading.grey_image import read_colours
 
 
-def read_colour_frame(path: Path | str, encoding: str) -> RawFrame:
+def read_colour_frame(path: Path | str, encoding: str, *, data: bytes | None = None) -> RawFrame:
     """A photograph whose red, green and blue lie on one grid, from a TIFF or PNG of 16 bits: planes R, G and B.
 
     Parameters
     ----------
     encoding : str
         What its numbers mean: "linear" in light, or "srgb", the transfer curve of IEC 61966-2-1, which is undone.
+    data : bytes, optional
+        The file's content, where it was read already.
 
     Raises
     ------
@@ -28,7 +30,7 @@ def read_colour_frame(path: Path | str, encoding: str) -> RawFrame:
         If it is no such file.
     """
     path = Path(path)
-    data = read_photograph(path)
+    data = read_photograph(path) if data is None else data
     levels = read_colours(data, str(path)).astype(np.float32) / np.float32(65535)
     light = levels if encoding == "linear" else _linear(levels)
     planes = {name: Plane(name, np.ascontiguousarray(light[..., c]), 1 / 65535) for c, name in enumerate("RGB")}

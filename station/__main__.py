@@ -56,6 +56,10 @@ LARGE_HEAP = 50_000
 @click.option("--plain", is_flag=True, help="Guide by plain lines on stdin and stdout.")
 @click.option("--plan", help="What to be guided through.  [default: pattern]")
 @click.option("--specification", type=click.Path(path_type=Path), help="Limits to hold new sessions' results to.")
+@click.option(
+    "--unit", type=click.Choice(["cycles/pixel", "lp/mm", "lw/ph"], case_sensitive=False),
+    help="Of new sessions' frequencies.  [default: as station.toml says]",
+)  # fmt: skip
 @click.pass_context
 def main(
     ctx: click.Context,
@@ -67,6 +71,7 @@ def main(
     plain: bool,
     plan: str | None,
     specification: Path | None,
+    unit: str | None,
 ) -> None:
     """Camera calibration station: subpixel point spread functions with error bars.
 
@@ -83,12 +88,16 @@ def main(
         from station.cli.guide import run_plain
 
         run_plain(
-            simulate=simulate, config=config, sessions=sessions, seed=seed, plan=plan, specification=specification
-        )
+            simulate=simulate, config=config, sessions=sessions, seed=seed, plan=plan, specification=specification,
+            unit=unit,
+        )  # fmt: skip
     elif ctx.invoked_subcommand is None:
         from station.cli.app import run_app
 
-        run_app(simulate=simulate, config=config, sessions=sessions, seed=seed, plan=plan, specification=specification)
+        run_app(
+            simulate=simulate, config=config, sessions=sessions, seed=seed, plan=plan, specification=specification,
+            unit=unit,
+        )  # fmt: skip
 
 
 if __name__ == "__main__":

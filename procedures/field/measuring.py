@@ -6,7 +6,6 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ from procedures.outcome import ProcedureError, Refused
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.psf_field import Node
-from procedures.raw import Plane, RawFrame, read_frame
+from procedures.raw import Plane, RawFrame, read_frame, read_photograph
 from procedures.reading.sensor_dump import DumpLayout
 
 Told = Callable[[str], object]
@@ -56,7 +55,7 @@ class Measured:
 
 def measure(
     paths: Sequence[Path], names: Sequence[str] | None, chart: Chart, parameters: PatternParameters,
-    told: Told = silent, layout: DumpLayout | None = None,
+    told: Told = silent, layout: DumpLayout | None = None, content: Callable[[Path], bytes] = read_photograph,
 ) -> Measured:  # fmt: skip
     """The nodes of all photographs, several at a time; one that fails is named, and the rest goes on.
 
@@ -66,9 +65,14 @@ def measure(
         The planes; None for all.
     layout : DumpLayout, optional
         How the samples lie in photographs without a header.
+    content : callable, optional
+        Reads the files. What it raises that is no ProcedureError ends the measurement.
     """
     found = Measured()
-    read = partial(read_frame, names=names, layout=layout)
+
+    def read(path: Path) -> RawFrame:
+        return read_frame(path, names, layout, data=content(path))
+
     for path, answer in zip(paths, _side_by_side(paths, read, chart, parameters), strict=True):
         if isinstance(answer, ProcedureError):
             found.misses.append(Miss(path.name, answer.reason, answer.remedy))

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
+from procedures.outcome import BadInput
 from procedures.pattern_psf.estimate import PatternParameters
-from procedures.raw import RawFrame, default_plane, read_frame
+from procedures.raw import RawFrame, default_plane, read_frame, read_photograph
 from procedures.reading.exposure import Exposure, check_typed
 from procedures.two_photo.estimate import TwoPhotoParameters
 from station.batch.procedure_file import ALL, EDGE, FIELD, TWO_PHOTO, Procedure
 from station.calibration.planes import calibrate, calibrate_pair, diffraction_limit
-from station.common.sanitise import printable
+from station.common.sanitise import encodable, printable
 from station.results.plane_result import PlaneResult
 from station.results.result_files import ResultFolder, write_psf_result
 from station.results.units import Pixels, pixels_of
+
+if TYPE_CHECKING:
+    from station.calibration.restorations import RestorationOptions
 
 Write = Callable[[ResultFolder, Mapping[str, Any], bool], str]
 """Writes all files into a folder; is told what the record says beside its planes, and whether a page is wanted."""
@@ -32,10 +37,29 @@ class Answer:
     write: Write
 
 
-def estimate(procedure: Procedure, paths: Sequence[Path], contents: Sequence[bytes]) -> Answer:
-    """The answer of a procedure; `contents` are the files', which a field reads by itself. Raises ProcedureError."""
+class ChangedMeanwhile(Exception):
+    """A file that is no longer what an item's hashes tell."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(f"{printable(path)} was changed while the batch read it")
+
+
+def estimate(
+    procedure: Procedure, paths: Sequence[Path], contents: Sequence[bytes], hashes: Sequence[str] = ()
+) -> Answer:
+    """The answer of a procedure; `contents` are the files', which a field reads by itself and holds to their hashes.
+
+    Raises
+    ------
+    ProcedureError
+        As the procedures do.
+    ChangedMeanwhile
+        If a file is no longer of its hash.
+    """
     if procedure.name == FIELD:
-        return _field(procedure, paths)
+        return _field(procedure, paths, hashes)
+    if procedure.restoration is not None:
+        return _restoration(procedure, procedure.restoration, paths, contents)
     frames = [_read(*file, procedure) for file in zip(paths, contents, strict=True)]
     return _edges(procedure, frames[0]) if procedure.name == EDGE else _psf(procedure, frames)
 
@@ -104,7 +128,58 @@ def _edges(procedure: Procedure, frame: RawFrame) -> Answer:
     return Answer([one.result for one in records], frame.exposure, write)
 
 
-def _field(procedure: Procedure, paths: Sequence[Path]) -> Answer:
+def further_files(procedure: Procedure, paths: Sequence[Path]) -> dict[Path, str]:
+    """The files that an answer depends on beside its photographs, with their hashes; "" of those that are not there."""
+    options = procedure.restoration
+    return {} if options is None else {one: hash_of(one) for one in options.placed(procedure.folder, paths).files}
+
+
+def hash_of(path: Path) -> str:
+    """Of a file; "" where it cannot be read, which those who read it tell by name."""
+    try:
+        return hashlib.sha256(read_photograph(path)).hexdigest()
+    except BadInput:
+        return ""
+
+
+def _as_hashed(paths: Sequence[Path], hashes: Sequence[str]) -> Callable[[Path], bytes]:
+    """Reads files that must be of their hashes: what is decoded is what the row tells. Raises ChangedMeanwhile."""
+    known = dict(zip(paths, hashes, strict=True))
+
+    def content(path: Path) -> bytes:
+        data = read_photograph(path)
+        if hashlib.sha256(data).hexdigest() != known[path]:
+            raise ChangedMeanwhile(path)
+        return data
+
+    return content
+
+
+def _restoration(
+    procedure: Procedure, options: RestorationOptions, paths: Sequence[Path], contents: Sequence[bytes]
+) -> Answer:
+    """Picture and depth of photographs of one scene, as `station restore` finds them."""
+    from station.calibration.restorations import read_photographs, restored  # here: they load what restores
+    from station.reports.restoration_files import restoration_result, write_outcome
+
+    before, chosen = further_files(procedure, paths), options.placed(procedure.folder, paths)
+    plane = procedure.planes[0] if procedure.planes else None
+    chosen.blur.check(len(paths))
+    frames, photographs = read_photographs(paths, plane, procedure.layout, options.encoding, contents)
+    outcome, told = restored(chosen, frames, photographs)
+    for path, known in further_files(procedure, paths).items():
+        if before.get(path) != known:
+            raise ChangedMeanwhile(path)
+
+    def write(place: ResultFolder, about: Mapping[str, Any], page: bool) -> str:
+        files = [{"path": encodable(str(path)), "sha256": known} for path, known in before.items()]
+        whole = {**about, "parameters": {**about.get("parameters", {}), **told, "files": files}}
+        return write_outcome(place, outcome, whole, photographs, page=page)
+
+    return Answer([restoration_result(outcome, frames)], frames[0].exposure, write)
+
+
+def _field(procedure: Procedure, paths: Sequence[Path], hashes: Sequence[str]) -> Answer:
     """The field of a folder's photographs."""
     from procedures.field.conclusion import conclude
     from procedures.field.measuring import measure
@@ -116,7 +191,8 @@ def _field(procedure: Procedure, paths: Sequence[Path]) -> Answer:
     if not procedure.trust_typed:
         check_noted(paths, optics, "write trust_typed = true")
     names = None if not procedure.planes or ALL in procedure.planes else list(procedure.planes)
-    measured = measure(paths, names, procedure.chart_source.chart, parameters, layout=procedure.layout)
+    content = _as_hashed(paths, hashes)
+    measured = measure(paths, names, procedure.chart_source.chart, parameters, layout=procedure.layout, content=content)
     exposure = measured.exposures[0].exposure if measured.exposures else Exposure()
     limit = partial(diffraction_limit, exposure, **optics)
     pixels = field_pixels(measured, optics["pixel_pitch_um"])

@@ -10,13 +10,12 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from procedures.outcome import BadInput, BadParameter, ProcedureError, Verdict
+from procedures.outcome import BadInput, BadParameter, Outcome, ProcedureError, Verdict
 from procedures.raw import read_photograph
 from procedures.reading.exposure import Exposure
-from station.batch.estimates import Answer, estimate
+from station.batch.estimates import Answer, ChangedMeanwhile, Write, estimate, further_files, hash_of
 from station.batch.procedure_file import FIELD, PATTERN, SERIES, Procedure
 from station.calibration.folder_photographs import Item
-from station.common.durable_files import sha256_of
 from station.common.sanitise import encodable, printable, safe_stem
 from station.results.comparison import Comparison, Judged
 from station.results.plane_result import PlaneResult
@@ -119,9 +118,13 @@ class Row:
         return self.verdict == PASS and self.specification in ("", Judged.MEETS)
 
 
-def key_of(hashes: Sequence[str], procedure: Procedure) -> str:
-    """What an item's result depends on, as a hash: the files, the procedure, and this program's version."""
+def key_of(hashes: Sequence[str], procedure: Procedure, further: Sequence[str] = ()) -> str:
+    """What an item's result depends on, as a hash: the files, the procedure, and this program's version.
+
+    further : hashes of files that the procedure names
+    """
     whole = {"files": list(hashes), "version": software()["version"], **procedure.fingerprint()}
+    whole |= {"further": list(further)} if further else {}
     return hashlib.sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()[:KEY_LETTERS]
 
 
@@ -139,11 +142,11 @@ def _row(item: Item, job: Job) -> Row:
     if item.trouble:
         return Row(item.files, UNREADABLE, item.trouble, item.remedy)
     if job.procedure.name == FIELD:  # it reads its photographs one after the other
-        contents, hashes = [], [sha256_of(path) for path in item.paths]
+        contents, hashes = [], [hash_of(path) for path in item.paths]
     else:
         contents = [read_photograph(path) for path in item.paths]
         hashes = [hashlib.sha256(data).hexdigest() for data in contents]
-    key = key_of(hashes, job.procedure)
+    key = key_of(hashes, job.procedure, [*further_files(job.procedure, item.paths).values()])
     kept, redone = kept_row(job.out, job.done[key]) if key in job.done else (None, "")
     if kept is not None:
         return replace(kept, reused=True)
@@ -157,10 +160,10 @@ def _estimate(
 ) -> Row:
     start = time.perf_counter()
     try:
-        answer = estimate(job.procedure, item.paths, contents)
+        answer = estimate(job.procedure, item.paths, contents, hashes)
     except ProcedureError as error:
         row = replace(_failure(item, error), sha256=hashes, folder=folder)
-        answer = Answer((), Exposure(), lambda place, about, page: write_psf_result(place, (), about))
+        answer = Answer((), Exposure(), _write_failure(job.procedure, error))
     else:
         row = replace(_row_of(item, answer.planes, hashes, folder), noted=noted(answer.exposure))
     about = {
@@ -173,6 +176,16 @@ def _estimate(
     }
     answer.write(place, about, job.reports)
     return row
+
+
+def _write_failure(procedure: Procedure, error: ProcedureError) -> Write:
+    """Writes the record of what could not be estimated."""
+    if procedure.restoration is None:
+        return lambda place, about, page: write_psf_result(place, (), about)
+    from station.reports.restoration_files import write_refusal  # here: it draws, which is slow to load
+
+    refused: Outcome[Any] = Outcome(None, Verdict.REFUSED, error.reason, error.remedy)
+    return lambda place, about, page: write_refusal(place, refused, about)
 
 
 def _row_of(item: Item, records: Sequence[PlaneResult], hashes: Sequence[str], folder: str) -> Row:
@@ -220,6 +233,8 @@ def _failure(item: Item, error: Exception) -> Row:
     if isinstance(error, ProcedureError):
         verdict = UNREADABLE if isinstance(error, BadInput | BadParameter) else REFUSED
         return Row(item.files, verdict, encodable(error.reason), encodable(error.remedy))
+    if isinstance(error, ChangedMeanwhile):
+        return Row(item.files, UNREADABLE, encodable(str(error)), "wait until it is copied, and run the batch again")
     if isinstance(error, MemoryError) or getattr(error, "code", None) == NO_MEMORY:
         return Row(item.files, LOST, "it takes more memory than an item may take here", MORE_MEMORY)
     reason = f"the program failed on something it did not foresee: {type(error).__name__}: {printable(error)}"

@@ -1,7 +1,7 @@
 """A batch's procedure as a file says it: what to estimate, how, and what is good enough.
 
 ```toml
-procedure = "pattern"               # or "two-photo", "field", "edge", "series"
+procedure = "pattern"               # or "two-photo", "field", "edge", "series", "restore" (see `restoration_file`)
 planes = ["G1"]                     # or ["all"]; by default G1 of a RAW file, Y of a grey image
 specification = "lens.toml"         # beside this file; or the same [limits] and [[limit]] here
 unit = "cycles/pixel"               # of every frequency, here and in the results; or "lp/mm", "lw/ph"
@@ -13,7 +13,7 @@ optics = { pixel_pitch_um = 3.76, f_number = 8, wavelength_nm = 530 }
 physics = false                     # pattern, series: whether PSFs are explained by photosites and aberrations
 trust_typed = false                 # true: optics count against what the cameras noted in their files
 raw = "1920x1080,RGGB,u16le,64,1023"          # where the photographs are a sensor's samples without a header
-pairs = { near = "_near", far = "_far" }      # two-photo: how the names of a pair's photographs end
+pairs = { near = "_near", far = "_far" }      # two-photo: how names of a pair end; or { table = "pairs.csv" }
 
 [limits]
 mtf50_horizontal = { min = 0.25 }
@@ -27,7 +27,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from procedures.field.estimate import FIELD as FIELD_PARAMETERS
 from procedures.outcome import BadParameter
@@ -44,15 +44,24 @@ from station.results.specification_file import read_specification, specification
 from station.results.terms import USUAL, Terms
 from station.results.units import Frequency, Unit
 
-PATTERN, TWO_PHOTO, FIELD, EDGE, SERIES = "pattern", "two-photo", "field", "edge", "series"
+if TYPE_CHECKING:
+    from station.calibration.restorations import RestorationOptions
+
+PATTERN, TWO_PHOTO, FIELD, EDGE, SERIES, RESTORE = "pattern", "two-photo", "field", "edge", "series", "restore"
 DEFAULTS: Mapping[str, Sampling | None] = {
     PATTERN: PatternParameters(),
     TWO_PHOTO: TwoPhotoParameters(),
     FIELD: FIELD_PARAMETERS,
     EDGE: None,
     SERIES: PatternParameters(),
+    RESTORE: None,
 }
 """How a PSF is sampled by each procedure; None where there is none."""
+ENDINGS: Mapping[str, Mapping[str, str]] = {
+    TWO_PHOTO: {"near": "_near", "far": "_far"},
+    RESTORE: {"first": "_1", "second": "_2"},
+}
+"""Of procedures whose items are pairs: which photograph's name ends how, where nothing is told."""
 OF_CHARTS = (PATTERN, FIELD, SERIES)
 ALL = "all"
 OPTICS = ("pixel_pitch_um", "f_number", "wavelength_nm")
@@ -64,8 +73,8 @@ class Procedure:
 
     Attributes
     ----------
-    name : "pattern", "two-photo", "field" (a folder's photographs together), "edge" or "series"
-    parameters : PatternParameters or TwoPhotoParameters, or None of edges
+    name : "pattern", "two-photo", "field" (a folder's photographs together), "edge", "series" or "restore"
+    parameters : PatternParameters or TwoPhotoParameters, or None of edges and restorations
     planes : tuple of str
         Empty for the default one of each file, ("all",) for all.
     chart : Source or None
@@ -76,6 +85,12 @@ class Procedure:
         The unit, further frequencies, and what the results are held to.
     endings : (str, str)
         How the names of a pair's photographs end.
+    pairs : Path or None
+        A table whose rows name the photographs of an item, in place of endings.
+    restoration : RestorationOptions or None
+        As the file says them; None of other procedures.
+    folder : Path
+        Of the procedure file, where files lie that it names.
     layout : DumpLayout or None
         How the samples lie in photographs without a header; None where each file tells it itself.
     physics : bool
@@ -90,7 +105,10 @@ class Procedure:
     chart: Source | None = None
     optics: Mapping[str, float] = field(default_factory=dict)
     terms: Terms = USUAL
-    endings: tuple[str, str] = ("_near", "_far")
+    endings: tuple[str, str] = ("", "")
+    pairs: Path | None = None
+    restoration: RestorationOptions | None = None
+    folder: Path = Path()
     layout: DumpLayout | None = None
     trust_typed: bool = False
     physics: bool = False
@@ -109,6 +127,8 @@ class Procedure:
         trust = {"trust_typed": True} if self.trust_typed else {}
         physics = {"physics": True} if self.physics else {}
         sampling = {} if self.parameters is None else self.parameters.told()
+        if self.restoration is not None:
+            sampling = self.restoration.told
         return {**sampling, **physics, **chart, **self.optics, **layout, **trust, **self.terms.parameters()}
 
     def fingerprint(self) -> dict[str, Any]:
@@ -132,6 +152,9 @@ def read_procedure(path: Path) -> Procedure:
     name = table.get("procedure", str, PATTERN)
     if name not in DEFAULTS:
         raise table.wrong("procedure", f"is {printable(name)!r}", f"use one of {', '.join(DEFAULTS)}")
+    if name == RESTORE:
+        return _restoration(table, path.parent)
+    endings, pairs = _pairs(table.table("pairs"), path.parent, name) if name in ENDINGS else (Procedure.endings, None)
     procedure = Procedure(
         name,
         _parameters(table.table("parameters"), DEFAULTS[name]),
@@ -139,10 +162,11 @@ def read_procedure(path: Path) -> Procedure:
         _chart(table.table("chart"), path.parent) if name in OF_CHARTS else None,
         _optics(table.table("optics")),
         _terms(table, path.parent),
-        _endings(table.table("pairs")) if name == TWO_PHOTO else Procedure.endings,
-        _layout(table),
-        table.get("trust_typed", bool, False),
-        table.get("physics", bool, False) if name in (PATTERN, SERIES) else False,
+        endings,
+        pairs,
+        layout=_layout(table),
+        trust_typed=table.get("trust_typed", bool, False),
+        physics=table.get("physics", bool, False) if name in (PATTERN, SERIES) else False,
     )
     table.end()
     return procedure
@@ -209,9 +233,31 @@ def _terms(table: Table, beside: Path) -> Terms:
     return Terms(unit, at, read_specification(beside / name) if name else own)
 
 
-def _endings(table: Table) -> tuple[str, str]:
-    near, far = table.get("near", str, Procedure.endings[0]), table.get("far", str, Procedure.endings[1])
+def _pairs(table: Table, beside: Path, procedure: str) -> tuple[tuple[str, str], Path | None]:
+    """How a pair's names end, or the table that names them."""
+    keys, usual = list(ENDINGS[procedure]), ENDINGS[procedure]
+    one, other = (table.get(key, str, usual[key]) for key in keys)
+    rows = table.get("table", str, "")
     table.end()
-    if not near or not far or near == far:
-        raise table.wrong("near", "and pairs.far must be two different endings", 'write near = "_near", far = "_far"')
-    return near, far
+    if rows and any(table.has(key) for key in keys):
+        raise table.wrong("table", "and endings are both given", "give one of them")
+    if not one or not other or one == other:
+        words = f"and pairs.{keys[1]} must be two different endings"
+        raise table.wrong(keys[0], words, f'write {keys[0]} = "{usual[keys[0]]}", {keys[1]} = "{usual[keys[1]]}"')
+    return (one, other), beside / rows if rows else None
+
+
+def _restoration(table: Table, beside: Path) -> Procedure:
+    """Of restorations, which have no chart, no optics and no limits."""
+    from station.batch.restoration_file import read_restoration  # here: it loads what restores
+
+    options = read_restoration(table.table("parameters"))
+    planes = _planes(table)
+    if len(planes) > 1:
+        raise table.wrong("planes", "must be one plane here", 'write ["G1"], or ["all"] for colour')
+    endings, pairs = _pairs(table.table("pairs"), beside, RESTORE)
+    found = Procedure(
+        RESTORE, None, planes, endings=endings, pairs=pairs, restoration=options, folder=beside, layout=_layout(table)
+    )
+    table.end()
+    return found

@@ -23,7 +23,7 @@ from urllib.parse import quote
 from station.batch.allowance import Allowance
 from station.batch.batch_folder import LINES, PAGE, TABLE, check_own, known_hashes, owned, unwritable
 from station.batch.item import JUDGED, LOST, VERDICTS, Job, PlaneRow, Row, work
-from station.batch.procedure_file import Procedure
+from station.batch.procedure_file import EDGE, RESTORE, Procedure
 from station.batch.process_pool import Lost, Stop, run_in_processes
 from station.calibration.folder_photographs import Item
 from station.common.atomic_files import write_whole
@@ -33,7 +33,15 @@ from station.results.result_files import PUBLISHING, RECORD, plain, sealed_text,
 
 SCHEMA = "station/batch/1"
 STATISTICS = ("mtf50_horizontal", "mtf50_vertical", "energy_above_nyquist", "residual_std")
-"""Numbers that the summary tells of all photographs together."""
+OF_OTHERS = {EDGE: ("mtf50", "mtf_nyquist"), RESTORE: ("w_median", "residual_over_noise", "undetermined")}
+"""Numbers that the summary tells of all photographs together: of PSFs, and of other procedures."""
+
+
+def followed(procedure: Procedure) -> tuple[str, ...]:
+    """The numbers that a procedure's summary tells."""
+    return OF_OTHERS.get(procedure.name, STATISTICS)
+
+
 HEAD = (
     "files",
     "verdict",
@@ -218,7 +226,7 @@ def _page(batch: Batch) -> bytes:
         Sample(str(row.noted.get("camera", "")), name, number, told["value"], told.get("unit", "1"))
         for row in batch.rows
         for name, plane in row.planes.items()
-        for number in STATISTICS
+        for number in followed(batch.job.procedure)
         if (told := plane.numbers.get(number)) is not None
     ]
     procedure = batch.job.procedure
@@ -247,7 +255,7 @@ def _record(batch: Batch) -> dict[str, Any]:
         "reused": sum(row.reused for row in batch.rows),
         "verdicts": batch.counts,
         "specification_verdicts": batch.judged,
-        "planes": statistics(batch.rows),
+        "planes": statistics(batch.rows, followed(procedure)),
         "failed": [
             {
                 "files": row.files,
@@ -263,14 +271,14 @@ def _record(batch: Batch) -> dict[str, Any]:
     }
 
 
-def statistics(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
+def statistics(rows: Sequence[Row], numbers: Sequence[str] = STATISTICS) -> dict[str, dict[str, Any]]:
     """Of every plane how many are of each verdict, and the median, least and greatest of some numbers."""
     found: dict[str, dict[str, Any]] = {}
     for name in sorted({name for row in rows for name in row.planes}):
         planes = [row.planes[name] for row in rows if name in row.planes]
         counted = Counter(plane.verdict for plane in planes)
         entry: dict[str, Any] = {"verdicts": {verdict: counted[verdict] for verdict in VERDICTS if counted[verdict]}}
-        for number in STATISTICS:
+        for number in numbers:
             values = [plane.numbers[number]["value"] for plane in planes if number in plane.numbers]
             if values:
                 entry[number] = {"n": len(values), "median": median(values), "min": min(values), "max": max(values)}

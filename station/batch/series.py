@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from station.batch.item import USABLE, Row
-from station.calibration.series import Point, Setting, together
+from station.calibration.series import PAGE, TABLE, Best, Point, Setting, best_apertures, series_table, together
+from station.common.atomic_files import write_whole
+from station.common.sanitise import printable
 
 NUMBERS: Mapping[str, tuple[str, ...]] = {
     "mtf50": ("mtf50_horizontal", "mtf50_vertical"),
@@ -14,6 +17,8 @@ NUMBERS: Mapping[str, tuple[str, ...]] = {
     "wavefront_rms": ("wavefront_rms",),
 }
 """What is followed: a number, and those of a plane whose mean it is."""
+ONE = {"camera": "cameras", "lens": "lenses", "focal_length_mm": "focal lengths"}
+"""What a series has one of."""
 
 
 def points_of(rows: Sequence[Row]) -> list[Point]:
@@ -28,6 +33,33 @@ def points_of(rows: Sequence[Row]) -> list[Point]:
                     found.setdefault((plane, number, setting), []).append(_mean_of_parts(told))
     points = [Point(*key, *together(shots), shots[0][2], len(shots)) for key, shots in found.items()]
     return sorted(points, key=_order)
+
+
+def best_of(rows: Sequence[Row]) -> list[Best]:
+    """The best aperture of each plane, where there are several."""
+    return best_apertures(points_of(rows))
+
+
+def several(rows: Sequence[Row]) -> list[str]:
+    """What differs among photographs that should be of one lens on one camera from one mounting, in sentences."""
+    found = []
+    for key, words in ONE.items():
+        values = sorted({str(row.noted[key]) for row in rows if key in row.noted})
+        if len(values) > 1:
+            found.append(f"the photographs are of several {words}: {', '.join(map(printable, values))}")
+    return found
+
+
+def write_series(out: Path, rows: Sequence[Row]) -> list[Path]:
+    """Write a series' table and page into its folder; returns their paths."""
+    from station.reports.batches.series_page import series_page  # here: it draws, which is slow to load
+
+    points = points_of(rows)
+    page = series_page(points, best_apertures(points)).encode()
+    files = {out / TABLE: series_table(points), out / PAGE: page}
+    for path, data in files.items():
+        write_whole(path, data)
+    return [*files]
 
 
 def _order(one: Point) -> tuple[Any, ...]:

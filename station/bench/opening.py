@@ -175,7 +175,13 @@ class Bench:
 
 
 def read_config(path: Path) -> dict[str, Any]:
-    """The devices' tables of a station.toml, every value checked. Raises BadConfiguration with the line."""
+    """The devices' tables of a station.toml, every value checked; none where it tells a unit alone.
+
+    Raises
+    ------
+    BadConfiguration
+        With the line.
+    """
     if not path.exists():
         raise BadConfiguration(f"there is no {path}", "write one, or use --simulate")
     try:
@@ -184,6 +190,8 @@ def read_config(path: Path) -> dict[str, Any]:
     except BadInput as error:
         raise BadConfiguration(error.reason, error.remedy) from error
     devices = config.get("devices")
+    if config.keys() == {"unit"}:
+        return {}
     if not isinstance(devices, dict) or not devices:
         raise BadConfiguration(f"{path} configures no devices", "add tables like [devices.stage]")
     TableCheck(devices, path.name, key_lines(text)).check()

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from procedures.outcome import BadInput, BadParameter
+from procedures.reading.text import read_rows
 from station.common.sanitise import encodable, printable
 
 RAW_SUFFIXES = frozenset(
@@ -19,7 +20,7 @@ GREY_SUFFIXES = frozenset((".pgm", ".png", ".tif", ".tiff"))
 
 @dataclass(frozen=True)
 class Item:
-    """What is estimated at once: one photograph, or two of one wall.
+    """What is estimated at once: one photograph, or those that belong together.
 
     Attributes
     ----------
@@ -123,3 +124,43 @@ def in_pairs(frames: Sequence[Path], endings: tuple[str, str]) -> list[Item]:
     alone += [frame for one in groups.values() if len(one) == 1 for frame in one.values()]
     words = f"a pair's names end in {endings[0]} and {endings[1]}; this photograph has no partner"
     return pairs + [Item((frame,), words) for frame in alone]
+
+
+def in_rows(frames: Sequence[Path], table: Path, least: int = 2, most: int | None = None) -> list[Item]:
+    """The photographs that each row of a CSV file names together, by their names or the ends of their paths.
+
+    A row that names none of the photographs, or several by one name, or not as many as belong together, is an item
+    with that as its trouble. A first row of which no name is a photograph's is taken for headings.
+
+    Raises
+    ------
+    BadInput
+        If the table cannot be read, or has no rows.
+    """
+    lines = [
+        [name.strip() for name in row] for row in read_rows(table, "give a CSV file: a row of names for each item")
+    ]
+    rows = [[name for name in row if name] for row in lines if any(row)]
+    if rows and not any(_named(frames, name) for name in rows[0]):
+        rows = rows[1:]
+    if not rows:
+        raise BadInput(f"{printable(table)} has no rows of photographs", "write for example: scene_1.dng,scene_2.dng")
+    return [_row(frames, row, table, least, most or len(row)) for row in rows]
+
+
+def _named(frames: Sequence[Path], name: str) -> list[Path]:
+    parts = Path(name).parts
+    return [frame for frame in frames if parts and frame.parts[-len(parts) :] == parts]
+
+
+def _row(frames: Sequence[Path], names: Sequence[str], table: Path, least: int, most: int) -> Item:
+    """The item that a row names."""
+    found = [_named(frames, name) for name in names]
+    words = [f"{len(one) or 'no'} photographs are called {printable(name)}"
+             for name, one in zip(names, found, strict=True) if len(one) != 1]  # fmt: skip
+    if not least <= len(names) <= most:
+        words.append(f"{least} photographs belong together, and the row has {len(names)}")
+    if words:
+        here = tuple(one[0] if one else Path(name) for name, one in zip(names, found, strict=True))
+        return Item(here, f"{printable(table.name)}: {'; '.join(words)}", "correct the table, or the folders")
+    return Item(tuple(one[0] for one in found))

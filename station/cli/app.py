@@ -33,6 +33,7 @@ def run_app(
     seed: int,
     plan: str | None = None,
     specification: Path | None = None,
+    unit: str | None = None,
 ) -> None:
     """Run the application until the operator leaves it; exits with its code.
 
@@ -47,8 +48,9 @@ def run_app(
     from station.app.app import StationApp, share_the_lock
 
     lab = StationLab(
-        sessions=sessions, config=config or usual_config(), simulate=simulate, seed=seed, specification=specification
-    )
+        sessions=sessions, config=config or usual_config(), simulate=simulate, seed=seed, specification=specification,
+        unit=frozen_unit(unit, config),
+    )  # fmt: skip
     app = StationApp(lab, plan=plan)
     share_the_lock()
     _end_with_the_terminal(app, lab)
@@ -85,6 +87,15 @@ def check_specification(path: Path) -> None:
     from station.results.specification_file import read_specification
 
     read_specification(path)
+
+
+def frozen_unit(name: str | None, config: Path | None) -> str | None:
+    """The unit of new sessions' frequencies that is asked for here or by station.toml; None for the usual one."""
+    from station.results.preferred_unit import preferred_unit
+    from station.results.units import Unit
+
+    unit = Unit(name.lower()) if name else preferred_unit(config)
+    return None if unit is Unit.CYCLES else str(unit)
 
 
 def check_plan(name: str) -> None:

@@ -74,23 +74,47 @@ def batch(
     """
     if tls is not None and not (cluster or "").startswith("tls://"):
         raise click.UsageError("--cluster-tls goes with --cluster tls://HOST:PORT")
-    from station.batch.allowance import Allowance
-    from station.batch.item import Job, finished
-    from station.batch.procedure_file import FIELD, SERIES, TWO_PHOTO, read_procedure
-    from station.batch.process_pool import Stop
-    from station.batch.run import run_batch
-    from station.common.stop_signals import guarded
+    from station.batch.procedure_file import read_procedure
 
     if cluster is not None:  # its workers may stand in other folders
         folders, out = tuple(folder.absolute() for folder in folders), out.absolute()
     _say_who_can_connect(cluster)
     procedure = read_procedure(file)
+    limits = {} if memory_mb is None else {"memory_bytes": memory_mb * 1_000_000}
+    carry_out(
+        procedure, folders, out, jobs=jobs, reports=reports, strict=strict, as_json=as_json, cluster=cluster, tls=tls,
+        time_s=time_s, **limits,
+    )  # fmt: skip
+
+
+def carry_out(
+    procedure: Procedure,
+    folders: tuple[Path, ...],
+    out: Path,
+    *,
+    jobs: int | None,
+    reports: bool,
+    strict: bool = False,
+    as_json: bool = False,
+    cluster: str | None = None,
+    tls: tuple[Path, Path, Path] | None = None,
+    time_s: float = 3600,
+    memory_bytes: int | None = None,
+) -> None:
+    """Run a batch, tell it as it goes, and leave with its exit code."""
+    from station.batch.allowance import Allowance
+    from station.batch.item import Job, finished
+    from station.batch.procedure_file import ENDINGS, FIELD, SERIES
+    from station.batch.process_pool import Stop
+    from station.batch.run import run_batch
+    from station.common.stop_signals import guarded
+
     items = _items(folders, out, procedure)
-    what = {TWO_PHOTO: "pairs", FIELD: "fields"}.get(procedure.name, "photographs")
+    what = "pairs" if procedure.name in ENDINGS else "fields" if procedure.name == FIELD else "photographs"
     log("found", f"found {len(items)} {what}", items=len(items))
     jobs = jobs or os.cpu_count() or 1
     fair = Allowance.fair(min(jobs, len(items)))
-    allowance = Allowance(fair.memory_bytes if memory_mb is None else memory_mb * 1_000_000, time_s)
+    allowance = Allowance(memory_bytes or fair.memory_bytes, time_s)
     job, stop = Job(procedure, out, finished(out), reports), Stop()
     with guarded(lambda: None, lambda: _ask(stop), terminated=INTERRUPTED), _heard(len(items)) as heard, _stopped(out):
         done, text = run_batch(
@@ -111,18 +135,14 @@ def batch(
 
 
 def _tell_series(done: Batch) -> None:
-    """Write the series' table and page, and tell the best aperture of each plane."""
-    from station.batch.series import points_of
-    from station.calibration.series import PAGE, TABLE, best_apertures, series_table
-    from station.common.atomic_files import write_whole
-    from station.reports.batches.series_page import series_page
+    """Write the series' table and page; tell the best aperture of each plane, and what does not belong together."""
+    from station.batch.series import best_of, several, write_series
 
-    points = points_of(done.rows)
-    best = best_apertures(points)
-    for name, data in ((TABLE, series_table(points)), (PAGE, series_page(points, best).encode())):
-        write_whole(done.job.out / name, data)
-        log("written", f"wrote {done.job.out / name}", path=str(done.job.out / name))
-    for one in best:
+    for words in several(done.rows):
+        log("several", words, level="warning", remedy="make a series of each by itself")
+    for path in write_series(done.job.out, done.rows):
+        log("written", f"wrote {path}", path=str(path))
+    for one in best_of(done.rows):
         log("best", one.words, plane=one.plane, f_number=one.f_number, confidence=one.confidence)
 
 
@@ -134,12 +154,14 @@ def _say_who_can_connect(cluster: str | None) -> None:
 
 
 def _items(folders: tuple[Path, ...], out: Path, procedure: Procedure) -> list[Item]:
-    from station.batch.procedure_file import FIELD, TWO_PHOTO
-    from station.calibration.folder_photographs import by_folder, find_frames, in_pairs, singly, unread
+    from station.batch.procedure_file import ENDINGS, FIELD, TWO_PHOTO
+    from station.calibration.folder_photographs import by_folder, find_frames, in_pairs, in_rows, singly, unread
 
     missed: list[Item] = []
     frames = find_frames(folders, out, lambda folder, error: missed.append(unread(folder, error)))
-    if procedure.name == TWO_PHOTO:
+    if procedure.pairs is not None:
+        return in_rows(frames, procedure.pairs, most=2 if procedure.name == TWO_PHOTO else None) + missed
+    if procedure.name in ENDINGS:
         return in_pairs(frames, procedure.endings) + missed
     return (by_folder(frames) if procedure.name == FIELD else singly(frames)) + missed
 
@@ -221,15 +243,16 @@ def _planes(done: Batch) -> Table:
     from rich import box
     from rich.table import Table
 
-    from station.batch.run import STATISTICS, statistics
+    from station.batch.run import followed, statistics
     from station.results.number_names import short
     from station.results.verdict_words import measurement_words
 
+    numbers = followed(done.job.procedure)
     table = Table(
-        "plane", *(short(name) for name in STATISTICS), "verdicts", box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False
+        "plane", *(short(name) for name in numbers), "verdicts", box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False
     )
-    for name, entry in statistics(done.rows).items():
-        medians = [f"{entry[number]['median']:.4f}" if number in entry else "—" for number in STATISTICS]
+    for name, entry in statistics(done.rows, numbers).items():
+        medians = [f"{entry[number]['median']:.4f}" if number in entry else "—" for number in numbers]
         verdicts = _counted(entry["verdicts"], measurement_words)
         table.add_row(name, *medians, verdicts)
     table.caption = "Medians over all photographs."

@@ -12,7 +12,7 @@ import click
 from procedures.outcome import Verdict
 from procedures.plan import Ask
 from station.app.background import at_once
-from station.cli.app import check_plan, check_specification, usual_config
+from station.cli.app import check_plan, check_specification, frozen_unit, usual_config
 from station.common.errors import INTERRUPTED, REFUSED
 from station.common.stop_signals import EXIT_DEVICE, guarded
 from station.guide.frontend import Event, Result, RunEnded, Stopped
@@ -33,6 +33,7 @@ def run_plain(
     seed: int,
     plan: str | None,
     specification: Path | None = None,
+    unit: str | None = None,
 ) -> None:
     """Guide the operator through a plan in a new session; exits with the contract's codes."""
     from station.guide.catalogue import DEFAULT
@@ -40,8 +41,9 @@ def run_plain(
     if specification is not None:
         check_specification(specification)
     lab = StationLab(
-        sessions=sessions, config=config or usual_config(), simulate=simulate, seed=seed, specification=specification
-    )
+        sessions=sessions, config=config or usual_config(), simulate=simulate, seed=seed, specification=specification,
+        unit=frozen_unit(unit, config),
+    )  # fmt: skip
     lab.virtual_time = True  # a simulated bench's time may jump: nobody watches it move
     operator = Watched(sys.stdin, sys.stdout)
     raise click.exceptions.Exit(conduct(lab, operator, lambda: _begin(lab, plan or DEFAULT, operator)))

@@ -3,27 +3,21 @@
 from __future__ import annotations
 
 import time
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from station.cli.psf.planes import raw_option, told_layout
-from station.cli.restore_blur import BlurOptions, blur_record, tell_finding, tell_measured
 from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import Number
 from station.common.errors import REFUSED
 from station.common.log import log, log_json_option
 
 if TYPE_CHECKING:
-    from procedures.outcome import Outcome
-    from procedures.raw import RawFrame
     from procedures.reading.sensor_dump import DumpLayout
-    from procedures.restoration.joint.estimate import Restoration
     from procedures.restoration.joint.joint_descent import JointRound
-    from procedures.restoration.masks.blur_operator import Array
-    from procedures.restoration.photograph_blur import SceneBlur
 
 _LEVELS = {"pass": "info", "doubtful": "warning"}
 
@@ -189,84 +183,35 @@ def restore(
     start = time.perf_counter()
     if len(images) < 2:
         raise click.UsageError(f"restoration needs two photographs or more, got {len(images)}")
-    told = BlurOptions(**{one.name: options.pop(one.name) for one in fields(BlurOptions)})
-    told.check(len(images))
-    from procedures.restoration.photograph_blur import blur_of
-    from station.reports.restoration_files import write_refusal, write_restoration
-    from station.reports.restoration_page import restoration_page
+    from station.calibration.restoration_blur import BlurOptions
+    from station.calibration.restorations import DescentOptions, RestorationOptions, read_photographs, restored
+    from station.reports.restoration_files import write_outcome
     from station.results.result_files import ResultFolder
 
-    parameters = _parameters(options)
+    blur = BlurOptions(**{one.name: options.pop(one.name) for one in fields(BlurOptions)})
+    blur.check(len(images))
+    chosen = RestorationOptions(blur, DescentOptions(**options), encoding)
+    _ = chosen.descent.parameters  # what cannot be meant is said before any work
     with ResultFolder(out, force=forced()) as folder:
-        frames, photographs = _photographs(images, plane, layout, encoding)
-        spec = told.spec(frames, photographs)
-        tell_measured(spec)
-        blur = blur_of(spec, photographs, tell_finding)
-        outcome = _in_colour(blur.restored(photographs, parameters, _tell), frames, blur)
+        frames, photographs = read_photographs(images, plane, layout, encoding)
+        for image, frame in zip(images, frames, strict=True):
+            log("read", f"read {image}: {', '.join(frame.planes)}", path=str(image), sha256=frame.sha256)
+        outcome, told = restored(chosen, frames, photographs, log, _tell)
         about = {
             "procedure": "restore",
             "input": [{"path": str(i), "sha256": f.sha256} for i, f in zip(images, frames, strict=True)],
-            "parameters": {
-                **blur_record(told, frames, spec, blur),
-                "planes": list(frames[0].planes),
-                **({"encoding": encoding} if encoding else {}),
-                **told_layout(layout),
-                **options,
-            },
+            "parameters": {**told, **told_layout(layout)},
             "duration_s": round(time.perf_counter() - start, 3),
         }
-        if outcome.value is None:
-            text = write_refusal(folder, outcome, about)
-        else:
-            text = write_restoration(folder, outcome, about, restoration_page(outcome, photographs, about))
+        text = write_outcome(folder, outcome, about, photographs)
     level = _LEVELS.get(str(outcome.verdict), "error")
-    sentence = outcome.reason or "picture and depth restored"
-    log("restored", f"{outcome.verdict}: {sentence}", level=level, remedy=outcome.remedy)
+    words = outcome.reason or "picture and depth restored"
+    log("restored", f"{outcome.verdict}: {words}", level=level, remedy=outcome.remedy)
     log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))
     if as_json:
         click.echo(text, nl=False)
     if outcome.value is None:
         raise click.exceptions.Exit(REFUSED)
-
-
-def _parameters(options: dict[str, Any]) -> Any:
-    from procedures.restoration.joint.estimate import RestorationParameters
-    from procedures.restoration.joint.schedule import Scheme
-
-    return RestorationParameters(**{**options, "scheme": Scheme.parse(options["scheme"])})
-
-
-def _in_colour(outcome: Outcome[Restoration], frames: list[RawFrame], blur: SceneBlur) -> Outcome[Restoration]:
-    """The same, of whole mosaics with its picture in colour at every pixel of the sensor."""
-    if outcome.value is None or len(frames[0].planes) < 4:
-        return outcome
-    from procedures.restoration.colour.estimate import in_colour
-
-    log("colour", "picture in colour on the sensor's grid")
-    found = in_colour(outcome.value, [frame.planes for frame in frames], blur.finer(2))
-    return replace(outcome, value=found)
-
-
-def _photographs(
-    images: tuple[Path, ...], plane: str | None, layout: DumpLayout | None, encoding: str | None
-) -> tuple[list[RawFrame], list[Array]]:
-    """Frames, and their planes stacked as channels (C, H, W)."""
-    import numpy as np
-
-    from procedures.colour_frame import read_colour_frame
-    from procedures.raw import default_plane, read_frame
-    from procedures.restoration.masks.checks import check_photographs
-
-    if encoding:
-        frames = [read_colour_frame(image, encoding) for image in images]
-    else:
-        chosen = plane or default_plane(images[0], layout)
-        frames = [read_frame(image, None if chosen == "all" else [chosen], layout) for image in images]
-    for image, frame in zip(images, frames, strict=True):
-        log("read", f"read {image}: {', '.join(frame.planes)}", path=str(image), sha256=frame.sha256)
-    photographs: list[Array] = [np.stack([p.samples.astype(np.float64) for p in f.planes.values()]) for f in frames]
-    check_photographs(photographs)
-    return frames, photographs
 
 
 def _tell(done: JointRound) -> None:

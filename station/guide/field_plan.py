@@ -54,6 +54,7 @@ def results(outcomes: Mapping[str, Outcome[FieldResult]], terms: Terms, facts: F
     if whole is None:
         return [PlaneResult(name, one.verdict, one.reason, one.remedy) for name, one in outcomes.items()]
     pixels = field_pixels(whole.measured, facts_as(FieldFacts, facts).pixel_pitch_um)
+    terms = terms.tellable(next(iter(pixels.values())))
     try:
         told = field_results(whole, terms, pixels, lambda plane: None)
     except BadParameter as error:

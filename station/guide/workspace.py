@@ -108,11 +108,12 @@ class StationLab:
         simulate: bool = False,
         seed: int = 0,
         specification: Path | None = None,
+        unit: str | None = None,
     ) -> None:
         self.sessions = sessions
         self.names = ("simulated camera", "simulated lens") if simulate else ("camera", "lens")
         self._config, self._simulate, self._seed = config, simulate, seed
-        self._specification = specification
+        self._specification, self._unit = specification, unit
         self._tables: Mapping[str, Any] = {}
         self._opening = threading.Lock()
         self._bench: Bench | None = None
@@ -137,7 +138,7 @@ class StationLab:
             return simulated_bench(folder, seed=self._seed, virtual_time=self.virtual_time)
         if self._config is not None:
             self._tables = read_config(self._config)
-            return make_bench(self._tables, folder=self._config.resolve().parent)
+            return make_bench(self._tables, folder=self._config.resolve().parent) if self._tables else None
         return None
 
     virtual_time = False
@@ -183,14 +184,13 @@ class StationLab:
         return self._run(session, operator)
 
     def _settings(self, bench: Bench | None) -> dict[str, Any]:
-        """What a session freezes: how its bench was configured, and what its results are held to."""
+        """What a session freezes: how its bench was configured, and what its results are told in and held to."""
         drivers = dict(bench.drivers) if bench is not None else {}
         settings = {"simulate": self._simulate, "drivers": drivers, "devices": self._tables}
-        if self._specification is None:
-            return settings
-        from station.sessions.session_terms import KEY, frozen
+        from station.sessions.session_terms import KEY, UNIT, frozen
 
-        return {**settings, KEY: frozen(self._specification)}
+        unit = {} if self._unit is None else {UNIT: self._unit}
+        return {**settings, **unit, **({} if self._specification is None else {KEY: frozen(self._specification)})}
 
     def _run(self, session: Session, operator: Operator) -> Running:
         from station.guide.catalogue import plan_named

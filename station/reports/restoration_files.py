@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from procedures.outcome import Outcome
+from procedures.outcome import Outcome, Quantity
 from procedures.raw import RawFrame
 from procedures.restoration.joint.estimate import Restoration
 from procedures.restoration.two_photographs import shown
@@ -24,12 +24,47 @@ SHARP_WORDS = "restored picture, linear, 1 = white, first row uppermost; calibra
 Array = npt.NDArray[np.floating[Any]]
 
 
+def restoration_result(outcome: Outcome[Restoration], frames: Sequence[RawFrame]) -> PlaneResult:
+    """A restoration as the result of its planes together: the median of its blur, and what it says of itself."""
+    name, found = "+".join(frames[0].planes), outcome.value
+    if found is None:
+        return PlaneResult(name, outcome.verdict, outcome.reason, outcome.remedy)
+    per, unit = found.unit.per_pixel, found.unit.name
+    spread = float(np.median(found.w_std)) * per
+    method = "median over the map; uncertainty: the median of each place's least"
+    numbers = {"w_median": Quantity(float(np.median(found.w)) * per, unit, spread, method, found.w.size)}
+    return PlaneResult(
+        name, outcome.verdict, outcome.reason, outcome.remedy, numbers,
+        values={"w_least": float(found.w.min()) * per, "w_greatest": float(found.w.max()) * per,
+                **asdict(found.diagnostics)},
+        found=found,
+    )  # fmt: skip
+
+
+def write_outcome(
+    folder: ResultFolder,
+    outcome: Outcome[Restoration],
+    about: Mapping[str, Any],
+    photographs: Sequence[Array],
+    *,
+    page: bool = True,
+) -> str:
+    """The files of a restoration, with its page or without, or the record of its refusal; returns the record's text."""
+    if outcome.value is None:
+        return write_refusal(folder, outcome, about)
+    if not page:
+        return write_restoration(folder, outcome, about, None)
+    from station.reports.restoration_page import restoration_page  # here: it draws, which is slow to load
+
+    return write_restoration(folder, outcome, about, restoration_page(outcome, photographs, about))
+
+
 def write_restoration(
-    folder: ResultFolder, outcome: Outcome[Restoration], about: Mapping[str, Any], page: bytes
+    folder: ResultFolder, outcome: Outcome[Restoration], about: Mapping[str, Any], page: bytes | None
 ) -> str:
     """Stage and publish every file; returns the record's text.
 
-    about : procedure, input, parameters, duration_s; page : the report
+    about : procedure, input, parameters, duration_s; page : the report, None where none is wanted
     """
     found = outcome.value
     if found is None:
@@ -40,7 +75,8 @@ def write_restoration(
     folder.write("w.npy", npy(found.w * unit.per_pixel, np.float32))
     folder.write("w_std.npy", npy(found.w_std * unit.per_pixel, np.float32))
     folder.write("depth.png", encoded(".png", coloured(found.w)))
-    folder.write("report.html", page)
+    if page is not None:
+        folder.write("report.html", page)
     record = {
         "schema": RESTORATION,
         **about,
@@ -74,7 +110,6 @@ def write_refusal(folder: ResultFolder, outcome: Outcome[Restoration], about: Ma
 def write_plane(folder: ResultFolder, result: PlaneResult, frames: Sequence[RawFrame], about: Mapping[str, Any]) -> str:
     """The result of a guided restoration: the files of `write_restoration`, or the record of its refusal."""
     from station.calibration.restoration_inputs import imu_table
-    from station.reports.restoration_page import restoration_page  # here: it draws, which is slow to load
 
     found: Restoration | None = result.found
     outcome = Outcome(found, result.verdict, result.reason, result.remedy)
@@ -86,4 +121,4 @@ def write_plane(folder: ResultFolder, result: PlaneResult, frames: Sequence[RawF
     timeless = replace(found, history=tuple(replace(r, seconds=0.0) for r in found.history))
     outcome = replace(outcome, value=timeless)  # the files are the same whenever they are computed
     photographs = [shown(frame).samples.astype(np.float64)[None] for frame in (frames[0], frames[len(frames) - 1])]
-    return write_restoration(folder, outcome, about, restoration_page(outcome, photographs, about))
+    return write_outcome(folder, outcome, about, photographs)

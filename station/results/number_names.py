@@ -83,7 +83,15 @@ OF_PLACES: Mapping[str, Words] = {
     "astigmatism": Words("MTF50, sagittal less meridional", "astigmatism"),
 }
 """Numbers that a place of a field has beside those of its PSF."""
-_ALL = {**QUANTITIES, **VALUES, **OF_EDGES, **OF_PLACES}
+OF_RESTORATIONS: Mapping[str, Words] = {
+    "w_median": Words("Blur w, median over the frame", "w, median"),
+    "w_least": Words("Blur w, least of the frame", "w, least"),
+    "w_greatest": Words("Blur w, greatest of the frame", "w, greatest"),
+    "residual_over_noise": Words("What is left over, over the noise", "left over / noise"),
+    "undetermined": Words("Share of the frame without a sure depth", "no sure depth"),
+}
+"""Numbers of a restored scene."""
+_ALL = {**QUANTITIES, **VALUES, **OF_EDGES, **OF_PLACES, **OF_RESTORATIONS}
 
 
 def words_of(name: str, unit: str = "cycles/pixel") -> Words:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from procedures.outcome import BadParameter
 from station.results.comparison import Comparison, Judged, Judgement, worst
 from station.results.limits import Specification, Spot, compare
 from station.results.plane_result import PlaneResult
@@ -35,6 +36,14 @@ class Terms:
         pixels.factor(self.unit)  # what cannot be told in the end is refused before the work
         asked = (*self.at, *self.specification.frequencies)
         return tuple(sorted({one.per_pixel(pixels) for one in asked}))
+
+    def tellable(self, pixels: Pixels) -> Terms:
+        """The same, in cycles per pixel where what the unit needs is not known."""
+        try:
+            pixels.factor(self.unit)
+        except BadParameter:
+            return replace(self, unit=Unit.CYCLES)
+        return self
 
     def told(self, record: PlaneResult, pixels: Pixels, spots: Sequence[Spot] = ()) -> PlaneResult:
         """A plane's result, compared with the specification and told in the unit."""

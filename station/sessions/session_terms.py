@@ -1,4 +1,4 @@
-"""What a session's results are held to: the specification that it was begun with, kept in its frozen configuration."""
+"""In what terms a session's results are told: unit and specification that it was begun with, in what it has frozen."""
 
 from __future__ import annotations
 
@@ -9,13 +9,16 @@ from typing import Any
 
 from procedures.budget import with_frequencies
 from procedures.outcome import ProcedureError
+from station.common.sanitise import printable
 from station.results.plane_result import PlaneResult, curves_of, numbers_of
+from station.results.preferred_unit import unit_named
 from station.results.specification_file import parse_specification, specification_text
 from station.results.terms import USUAL, Terms
-from station.results.units import Pixels
+from station.results.units import Pixels, Unit
 from station.sessions.layout import read_config
 
 KEY = "specification"
+UNIT = "unit"
 
 
 def frozen(path: Path) -> dict[str, str]:
@@ -26,21 +29,31 @@ def frozen(path: Path) -> dict[str, str]:
 
 
 def terms_of_session(folder: Path) -> Terms:
-    """What the results of a session are held to; the usual where it was begun without a specification."""
+    """What the results of a session are told in and held to; the usual where it was begun without either.
+
+    Raises
+    ------
+    BadParameter
+        If what it has frozen names no unit, or no specification.
+    """
     config, _ = read_config(folder)
-    told: Mapping[str, Any] = config.get("config", {}).get(KEY, {})
+    kept = config.get("config", {})
+    unit = unit_named(str(kept.get(UNIT, Unit.CYCLES)), f"{printable(folder)}, unit")
+    told: Mapping[str, Any] = kept.get(KEY, {})
     if not isinstance(told, Mapping) or not isinstance(told.get("text"), str):
-        return USUAL
-    return Terms(specification=parse_specification(told["text"], str(told.get("path", ""))))
+        return USUAL if unit is Unit.CYCLES else Terms(unit)
+    return Terms(unit, specification=parse_specification(told["text"], str(told.get("path", ""))))
 
 
 def in_terms(result: PlaneResult, terms: Terms, pixels: Pixels) -> PlaneResult:
     """A plane's result held to the terms, its MTF told at their frequencies as well; as it is where they say nothing.
 
-    Where the limits' unit needs what is not known, they stay undecided and the reason is told with the verdict.
+    Where the limits' unit needs what is not known, they stay undecided and the reason is told with the verdict; where
+    that of the session does, cycles per pixel are told.
     """
+    terms = terms.tellable(pixels)
     if not terms.specification.limits:
-        return result
+        return terms.told(result, pixels)
     try:
         at = terms.frequencies(pixels)
     except ProcedureError as error:

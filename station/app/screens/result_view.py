@@ -42,7 +42,7 @@ def mtf_plot(planes: Sequence[PlaneResult]) -> Plotted | None:
     if not curves:
         return None
     last = max(float(np.max(curve.x)) for curve in curves)
-    frame = Frame((0.0, last), (0.0, 1.05), "MTF, cycles/pixel")
+    frame = Frame((0.0, last), (0.0, 1.05), f"MTF, {planes[0].unit}")
     return lambda width, height, ascii: plot(curves, frame, width, height, ascii=ascii)
 
 

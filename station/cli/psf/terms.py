@@ -15,6 +15,7 @@ from station.common.sanitise import printable
 if TYPE_CHECKING:
     from station.results.plane_result import PlaneResult
     from station.results.terms import Terms
+    from station.results.units import Unit
 
 Command = Callable[..., Any]
 
@@ -44,15 +45,28 @@ def _frequencies(context: click.Context, option: click.Parameter, words: str | N
     return found
 
 
+unit_option = click.option(
+    "--unit", type=click.Choice(UNITS, case_sensitive=False),
+    help="Of every frequency: cycles/pixel of the plane, lp/mm on the sensor, lw/ph of the frame's short side."
+    "  [default: as station.toml says, else cycles/pixel]",
+)  # fmt: skip
+
+
+def chosen_unit(name: str | None) -> Unit:
+    """The unit that was asked for, else that of station.toml. Raises BadParameter where it names none."""
+    from station.results.preferred_unit import preferred_unit
+    from station.results.units import Unit
+
+    context = click.get_current_context(silent=True)
+    config = context.find_root().params.get("config") if context else None
+    return preferred_unit(config) if name is None else Unit(name.lower())
+
+
 def terms_options(command: Command) -> Command:
     """Give a command --unit, --at, --specification and --force."""
-    unit = click.option(
-        "--unit", type=click.Choice(UNITS, case_sensitive=False), default="cycles/pixel", show_default=True,
-        help="Of every frequency: cycles/pixel of the plane, lp/mm on the sensor, lw/ph of the frame's short side.",
-    )  # fmt: skip
     at = click.option("--at", callback=_frequencies, metavar="F,F...", help="Tell the MTF at these frequencies too.")
     held = click.option("--specification", type=click.Path(path_type=Path), help="Limits to hold the lens to, in TOML.")
-    return unit(at(held(force_option(command))))
+    return unit_option(at(held(force_option(command))))
 
 
 def terms_of(options: dict[str, Any]) -> Terms:
@@ -60,9 +74,9 @@ def terms_of(options: dict[str, Any]) -> Terms:
     from station.results.limits import Specification
     from station.results.specification_file import read_specification
     from station.results.terms import Terms
-    from station.results.units import Frequency, Unit
+    from station.results.units import Frequency
 
-    unit, file = Unit(options.pop("unit").lower()), options.pop("specification")
+    unit, file = chosen_unit(options.pop("unit")), options.pop("specification")
     at = tuple(Frequency(value, unit) for value in options.pop("at"))
     return Terms(unit, at, read_specification(file) if file else Specification())
 

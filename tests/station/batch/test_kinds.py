@@ -59,7 +59,7 @@ def test_photographs_of_each_folder_are_one_field(tmp_path, monkeypatch):
         (tmp_path / "in" / f"{name}.png").write_bytes(name.encode())
     seen = []
 
-    def field(procedure, paths):
+    def field(procedure, paths, hashes):
         seen.append([path.name for path in paths])
         raise Refused("too few charts", "photograph more")
 
@@ -70,6 +70,36 @@ def test_photographs_of_each_folder_are_one_field(tmp_path, monkeypatch):
         ("refused", "too few charts", 2),
         ("refused", "too few charts", 1),
     ]
+
+
+def test_a_field_whose_photograph_is_replaced_while_it_is_read_is_not_kept(tmp_path, monkeypatch):
+    """The row's hash is of the bytes that were decoded, or there is no row of a measurement."""
+    for name in "ab":
+        edge_picture(tmp_path / "in" / f"{name}.png", 0.25)
+    replaced, whole = tmp_path / "in" / "b.png", estimates.estimate
+
+    def estimate(*args):
+        edge_picture(replaced, 0.2)
+        return whole(*args)
+
+    monkeypatch.setattr("station.batch.item.estimate", estimate)
+    (row,) = rows_of(tmp_path, f'procedure = "{FIELD}"\n', by_folder)
+    assert (row.verdict, row.folder) == ("unreadable", "")
+    assert row.reason == f"{replaced} was changed while the batch read it"
+    assert not finished(tmp_path / "out")
+    monkeypatch.undo()
+    (row,) = rows_of(tmp_path, f'procedure = "{FIELD}"\n', by_folder)
+    assert (row.verdict, len(finished(tmp_path / "out"))) == ("refused", 1)  # there is no chart in it
+    decoded = [read_frame(path).sha256 for path in sorted(replaced.parent.iterdir())]
+    assert row.sha256 == decoded
+
+
+def test_a_field_names_the_photograph_that_cannot_be_read(tmp_path):
+    edge_picture(tmp_path / "in" / "a.png", 0.25)
+    (tmp_path / "in" / "b.png").symlink_to("nowhere")
+    (row,) = rows_of(tmp_path, f'procedure = "{FIELD}"\n', by_folder)
+    assert row.verdict == "refused"
+    assert row.sha256[1] == ""
 
 
 def test_what_the_camera_noted_stands_in_the_row(tmp_path, chart_photograph, monkeypatch):

@@ -8,9 +8,12 @@ import io
 import html5lib
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
+from station.__main__ import main
 from station.batch.item import PlaneRow, Row
-from station.batch.series import points_of
+from station.batch.procedure_file import SERIES, read_procedure
+from station.batch.series import points_of, several, write_series
 from station.calibration.series import Point, Setting, best_apertures, series_table
 from station.reports.batches.series_page import series_page
 
@@ -71,3 +74,32 @@ def test_table_and_page_tell_every_point():
     text = " ".join(" ".join(tree.itertext()).split())
     assert "Best at f/5.6" in text or "best at f/5.6" in text
     assert "over the f-number with 95 % bars" in page
+
+
+def test_photographs_of_another_lens_or_camera_are_named():
+    rows = [row(4.0, 0.3, lens="50 mm", camera="one"), row(5.6, 0.3, lens="35 mm", camera="one"), row(8.0, 0.3)]
+    assert several(rows) == ["the photographs are of several lenses: 35 mm, 50 mm"]
+
+
+def test_a_series_writes_its_table_and_page(tmp_path):
+    rows = [row(4.0, 0.31), row(5.6, 0.33)]
+    assert [path.name for path in write_series(tmp_path, rows)] == ["series.csv", "series.html"]
+    assert (tmp_path / "series.csv").read_bytes() == series_table(points_of(rows))
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["--pixel-pitch-um", "4"], "physics = true\noptics = { pixel_pitch_um = 4 }"),
+        (["--plane", "b", "--unit", "lw/ph", "-k", "13"], 'planes = ["B"]\nunit = "lw/ph"\nparameters = { k = 13 }'),
+    ],
+)
+def test_the_command_is_a_batch_of_that_procedure(tmp_path, monkeypatch, words, text):
+    told = []
+    monkeypatch.setattr(
+        "station.cli.psf.series.carry_out", lambda procedure, folders, out, **more: told.append(procedure)
+    )
+    result = CliRunner().invoke(main, ["psf", "series", str(tmp_path), *words, "--out", str(tmp_path / "out")])
+    assert result.exit_code == 0, result.output
+    (tmp_path / "p.toml").write_text(f'procedure = "{SERIES}"\n{text}\n')
+    assert told[0].fingerprint() == read_procedure(tmp_path / "p.toml").fingerprint()

@@ -17,7 +17,7 @@ from station.results.plane_result import PlaneResult
 from station.results.terms import USUAL
 from station.results.units import Pixels
 from station.sessions.session import Session
-from station.sessions.session_terms import KEY, frozen, in_terms, terms_of_session
+from station.sessions.session_terms import KEY, UNIT, frozen, in_terms, terms_of_session
 
 TEXT = """\
 title = "lens \u00b5"
@@ -95,3 +95,19 @@ def test_plain_guide_returns_whether_the_specification_is_met(judged, code):
     green = PlaneResult("G1", Verdict.PASS, specification=Comparison(Judged(judged)))
     result = Result("out", {"G1": green}, Verdict.PASS, "", "")
     assert exit_code(RunEnded("finished"), result) == code
+
+
+def test_session_tells_frequencies_in_the_unit_that_it_was_begun_with(tmp_path):
+    terms = terms_of_session(begun(tmp_path, **{UNIT: "lp/mm"}))
+    before, told = plane(), in_terms(plane(), terms, Pixels(2, 4.0))
+    one = told.numbers["mtf50_horizontal"]
+    # a pixel of the plane is two of 4 um: 125 lp/mm for a cycle per pixel
+    assert (one.value, one.unit) == (pytest.approx(125 * before.numbers["mtf50_horizontal"].value), "lp/mm")
+    np.testing.assert_allclose(told.curves["frequency"], 125 * before.curves["frequency"])
+    unknown = in_terms(plane(), terms, Pixels(2)).numbers["mtf50_horizontal"]
+    assert (unknown.value, unknown.unit) == (before.numbers["mtf50_horizontal"].value, "cycles/pixel")
+
+
+def test_session_that_has_frozen_no_unit_is_named(tmp_path):
+    with pytest.raises(BadParameter, match=r"unit: there is no unit 'lp/inch'"):
+        terms_of_session(begun(tmp_path, **{UNIT: "lp/inch"}))

@@ -1,14 +1,14 @@
-"""What `station restore` is told of the blur: its options, whether they go together, and the blur they tell."""
+"""What a restoration is told of the blur: its options, whether they go together, and the blur they tell."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
-
-from station.common.log import log
+from procedures.outcome import BadParameter
+from procedures.restoration.masks.checks import check_max_w
 
 if TYPE_CHECKING:
     from procedures.raw import RawFrame
@@ -23,74 +23,87 @@ if TYPE_CHECKING:
         UnknownMotion,
     )
 
+Tell = Callable[..., object]
+"""Hears of every step, as `station.common.log.log` does."""
+SEE = "see `station restore --help`"
+
+
+BLURS = ("defocus", "motion", "both")
+
+
+def _unfit(reason: str) -> BadParameter:
+    return BadParameter(reason, SEE)
+
+
+def silent(event: str, sentence: str, **facts: object) -> None:
+    """Nobody listens."""
+
 
 @dataclass(frozen=True)
 class BlurOptions:
-    """The options by name, as the command line has them."""
+    """The options by name, as `station restore` and a procedure file of a batch have them."""
 
     blur: str
-    shapes: tuple[str, ...]
-    samples_per_pixel: int | None
-    ratios: tuple[float, ...]
-    offsets: tuple[float, ...]
-    defocus_shapes: tuple[str, ...]
-    defocus_ratios: tuple[float, ...]
-    defocus_offsets: tuple[float, ...]
-    max_w: float | None
-    prototype_region: str | None
-    paths: tuple[str, ...]
-    imu: tuple[str, ...]
-    poses: tuple[str, ...]
-    focal_px: float | None
-    max_inverse_depth: float | None
-    exposure_s: tuple[float, ...]
+    shapes: tuple[str, ...] = ()
+    samples_per_pixel: int | None = None
+    ratios: tuple[float, ...] = ()
+    offsets: tuple[float, ...] = ()
+    defocus_shapes: tuple[str, ...] = ()
+    defocus_ratios: tuple[float, ...] = ()
+    defocus_offsets: tuple[float, ...] = ()
+    max_w: float | None = None
+    prototype_region: str | None = None
+    paths: tuple[str, ...] = ()
+    imu: tuple[str, ...] = ()
+    poses: tuple[str, ...] = ()
+    focal_px: float | None = None
+    max_inverse_depth: float | None = None
+    exposure_s: tuple[float, ...] = ()
 
     def check(self, images: int) -> None:
-        """Refuse options that do not go together. Raises UsageError."""
+        """Refuse options that do not go together. Raises BadParameter."""
+        if self.blur not in BLURS:
+            raise _unfit(f"--blur is one of {', '.join(BLURS)}, not {self.blur!r}")
+        if self.max_w is not None:
+            check_max_w(self.max_w)
         if self.paths and (self.prototype_region is None or len(self.paths) != 2):
-            raise click.UsageError("--recorded-path needs --prototype-region, and one path for each of two photographs")
+            raise _unfit("--recorded-path needs --prototype-region, and one path for each of two photographs")
         if self.imu or self.poses:
             self._check_recorded(images)
         elif (self.focal_px, self.max_inverse_depth) != (None, None):
-            raise click.UsageError("--focal-px and --max-inverse-depth go with --imu and --poses")
+            raise _unfit("--focal-px and --max-inverse-depth go with --imu and --poses")
         elif self.prototype_region is None:
             self._check_shapes(images)
         if self.exposure_s and not self.imu:
-            raise click.UsageError("--exposure-s goes with --imu")
+            raise _unfit("--exposure-s goes with --imu")
         for option, given in (("--ratio", self.ratios), ("--offset", self.offsets)):
             if len(given) >= images:
-                raise click.UsageError(
-                    f"{option} is for images after the first, here {images - 1}; got {len(given)} values"
-                )
+                raise _unfit(f"{option} is for images after the first, here {images - 1}; got {len(given)} values")
         if self.offsets and (self.blur != "defocus" or self.prototype_region):
-            raise click.UsageError("--offset goes with --blur defocus: it comes from another focus")
+            raise _unfit("--offset goes with --blur defocus: it comes from another focus")
         self._check_defocus(images)
 
     def _check_shapes(self, images: int) -> None:
         if len(self.shapes) not in (1, images):
-            raise click.UsageError(
-                f"--shape takes one shape, or one for each of {images} images; got {len(self.shapes)}"
-            )
+            raise _unfit(f"--shape takes one shape, or one for each of {images} images; got {len(self.shapes)}")
         for name in self.shapes:
             if self.blur != "defocus" and (name in ("pillbox", "gaussian") or name.startswith("polygon:")):
-                raise click.UsageError(
+                raise _unfit(
                     f"--shape {name} is a blur of --blur defocus; --blur {self.blur} takes text arrays of motion"
                 )
 
     def _check_recorded(self, images: int) -> None:
         option, records = ("--imu", self.imu) if self.imu else ("--poses", self.poses)
         if self.imu and self.poses:
-            raise click.UsageError("give --imu or --poses, not both")
+            raise _unfit("give --imu or --poses, not both")
         if self.blur == "defocus" or self.shapes or self.ratios or self.prototype_region:
-            raise click.UsageError(
-                f"{option} goes with --blur motion or both, without --shape, --ratio and --prototype-region"
-            )
+            raise _unfit(f"{option} goes with --blur motion or both, without --shape, --ratio and --prototype-region")
         if len(records) != images:
-            raise click.UsageError(f"{option} takes one record for each of {images} images; got {len(records)}")
+            raise _unfit(f"{option} takes one record for each of {images} images; got {len(records)}")
         if self.focal_px is None or self.max_inverse_depth is None:
-            raise click.UsageError(f"{option} needs --focal-px and --max-inverse-depth")
+            raise _unfit(f"{option} needs --focal-px and --max-inverse-depth")
         if len(self.exposure_s) not in (0, 1, images):
-            raise click.UsageError(f"--exposure-s takes one time, or one for each of {images} images")
+            raise _unfit(f"--exposure-s takes one time, or one for each of {images} images")
 
     def _check_defocus(self, images: int) -> None:
         each = {
@@ -100,20 +113,18 @@ class BlurOptions:
         }
         if self.blur != "both":
             if any(each.values()):
-                raise click.UsageError(f"{', '.join(each)} go with --blur both")
+                raise _unfit(f"{', '.join(each)} go with --blur both")
             return
         if self.prototype_region:
-            raise click.UsageError("--prototype-region finds motion alone: it goes with --blur motion")
+            raise _unfit("--prototype-region finds motion alone: it goes with --blur motion")
         if not self.defocus_shapes or not self.defocus_ratios:
-            raise click.UsageError(
+            raise _unfit(
                 "--blur both needs --defocus-shape and --defocus-ratio: the shape of defocus beside that of motion, "
                 "and the pixels of its half-width for each unit of w"
             )
         for option, given in each.items():
             if given and len(given) not in (1, images):
-                raise click.UsageError(
-                    f"{option} takes one value, or one for each of {images} images; got {len(given)}"
-                )
+                raise _unfit(f"{option} takes one value, or one for each of {images} images; got {len(given)}")
 
     def spec(self, frames: list[RawFrame], photographs: list[Array]) -> BlurSpec:
         """What they tell of the blur, its files read."""
@@ -178,23 +189,23 @@ def _shapes(
 # --- what is told of it ------------------------------------------------------------------------------------------
 
 
-def tell_measured(spec: BlurSpec) -> None:
-    """Log the sizes of measured shapes."""
+def tell_measured(spec: BlurSpec, tell: Tell) -> None:
+    """Tell the sizes of measured shapes."""
     for one in _measured(spec):
         half, cut = one["half_width_px"], one["negative_light"]
-        log("shape", f"measured half-width {half:.2f} pixels; {cut:.1%} negative light left out", **one)
+        tell("shape", f"measured half-width {half:.2f} pixels; {cut:.1%} negative light left out", **one)
 
 
-def tell_finding(found: Finding) -> None:
-    """Log what is found of unknown motion."""
+def tell_finding(found: Finding, tell: Tell) -> None:
+    """Tell what is found of unknown motion."""
     from procedures.restoration.unknown_motion.blind import Prototypes
 
     if isinstance(found, Prototypes):
-        log("prototypes", f"motion of half-width {found.half_width:.1f} pixels in the flat part")
-        log("paths", "looking for the paths that the whole frame agrees with; this takes some minutes")
+        tell("prototypes", f"motion of half-width {found.half_width:.1f} pixels in the flat part")
+        tell("paths", "looking for the paths that the whole frame agrees with; this takes some minutes")
     else:
         sentence = found.doubt or f"paths of half-width {found.half_width:.2f} pixels in the flat part"
-        log("motion", sentence, level="warning" if found.doubt else "info", half_width=found.half_width)
+        tell("motion", sentence, level="warning" if found.doubt else "info", half_width=found.half_width)
 
 
 def blur_record(options: BlurOptions, frames: list[RawFrame], spec: BlurSpec, blur: SceneBlur) -> dict[str, Any]:

@@ -1,0 +1,191 @@
+"""A restoration as the command and a batch are told of it: from options and files to the outcome and its record."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from procedures.colour_frame import read_colour_frame
+from procedures.outcome import Outcome
+from procedures.raw import RawFrame, default_plane, read_frame
+from procedures.reading.sensor_dump import DumpLayout
+from procedures.restoration.joint.estimate import Restoration, RestorationParameters
+from procedures.restoration.joint.joint_descent import JointRound
+from procedures.restoration.joint.schedule import Scheme
+from procedures.restoration.masks.blur_models import named
+from procedures.restoration.masks.blur_operator import Array
+from procedures.restoration.masks.checks import check_photographs
+from procedures.restoration.photograph_blur import SceneBlur, blur_of
+from station.calibration.restoration_blur import BlurOptions, Tell, blur_record, silent, tell_finding, tell_measured
+from station.calibration.restoration_inputs import RADIAL
+
+NAME = "{name}"
+"""Stands in the name of a record for that of the photograph, without its suffix; such records lie beside it."""
+OF_FILES = ("shapes", "defocus_shapes", "paths", "imu", "poses")
+"""Options that name files."""
+ENCODINGS = ("linear", "srgb")
+
+
+@dataclass(frozen=True)
+class DescentOptions:
+    """How picture and depth are found: options by name, as `station restore` and a procedure file have them."""
+
+    image_weight: float | None = None
+    depth_weight: float | None = None
+    scheme: str = "20x(20+20)+5x20"
+    depth_start: str = "matched"
+    symmetric_axis: str = "both"
+    total_variation: bool = False
+    depth_total_variation: bool = False
+
+    @property
+    def parameters(self) -> RestorationParameters:
+        """As the procedure takes them. Raises BadParameter."""
+        return RestorationParameters(**{**self.told, "scheme": Scheme.parse(self.scheme)})
+
+    @property
+    def told(self) -> dict[str, Any]:
+        """What a record says of them."""
+        return {one.name: getattr(self, one.name) for one in fields(self)}
+
+
+@dataclass(frozen=True)
+class RestorationOptions:
+    """All that a restoration is told beside its photographs.
+
+    Attributes
+    ----------
+    blur : BlurOptions
+    descent : DescentOptions
+    encoding : "linear", "srgb" or None
+        What the numbers of colour files of 16 bits mean; None for planes of RAW and grey files.
+    """
+
+    blur: BlurOptions
+    descent: DescentOptions = field(default_factory=DescentOptions)
+    encoding: str | None = None
+
+    @property
+    def told(self) -> dict[str, Any]:
+        """All options that are not as usual, by name."""
+        given = {one.name: getattr(self.blur, one.name) for one in fields(self.blur)}
+        found = {name: value for name, value in given.items() if value not in ((), None)}
+        return {**found, **({"encoding": self.encoding} if self.encoding else {}), **self.descent.told}
+
+    def spread(self, photographs: int) -> RestorationOptions:
+        """The same with one record for each photograph where a name with `{name}` stands for all."""
+        found: dict[str, Any] = {
+            option: names * photographs
+            for option in OF_FILES
+            if len(names := getattr(self.blur, option)) == 1 and NAME in names[0]
+        }
+        return replace(self, blur=replace(self.blur, **found))
+
+    def placed(self, folder: Path, photographs: Sequence[Path]) -> RestorationOptions:
+        """The same with whole paths: files lie in `folder`, those with `{name}` in theirs beside each photograph."""
+        spread = self.spread(len(photographs)).blur
+        last = len(photographs) - 1
+        found: dict[str, Any] = {
+            option: tuple(_placed(name, folder, photographs[min(i, last)]) for i, name in enumerate(names))
+            for option in OF_FILES
+            if (names := getattr(spread, option))
+        }
+        return replace(self, blur=replace(spread, **found))
+
+    @property
+    def files(self) -> list[Path]:
+        """The files that the options name, with the records that measured PSFs stand beside."""
+        names = [name for option in OF_FILES for name in getattr(self.blur, option)]
+        found = [Path(part) for name in names for part in _parts(name)]
+        beside = [one.parent / "result.json" for one in found if one.suffix.lower() == ".npy"]
+        return list(dict.fromkeys([*found, *(one for one in beside if one.exists())]))
+
+
+def _placed(name: str, folder: Path, photograph: Path) -> str:
+    if NAME in name:
+        return str(photograph.parent / name.replace(NAME, photograph.stem))
+    parts = _parts(name)
+    if not parts:
+        return name
+    whole = ",".join(str(folder / part) for part in parts)
+    return f"{RADIAL}{whole}" if name.startswith(RADIAL) else whole
+
+
+def _parts(name: str) -> list[str]:
+    """The files in the name of a shape or record; none in that of a model."""
+    if name.startswith(RADIAL):
+        return name.removeprefix(RADIAL).split(",")
+    return [] if named(name) is not None else [name]
+
+
+def read_photographs(
+    images: Sequence[Path],
+    plane: str | None,
+    layout: DumpLayout | None,
+    encoding: str | None,
+    contents: Sequence[bytes] | None = None,
+) -> tuple[list[RawFrame], list[Array]]:
+    """Frames, and their planes stacked as channels (C, H, W).
+
+    plane : a name, "all" or None for the default one; contents : of the files, where they were read already
+
+    Raises
+    ------
+    BadInput
+        If a file cannot be read so, or the photographs do not go together.
+    """
+    known: Sequence[bytes | None] = contents or [None] * len(images)
+    if encoding:
+        frames = [read_colour_frame(image, encoding, data=data) for image, data in zip(images, known, strict=True)]
+    else:
+        chosen = plane or default_plane(images[0], layout)
+        names = None if chosen == "all" else [chosen]
+        frames = [read_frame(image, names, layout, data=data) for image, data in zip(images, known, strict=True)]
+    photographs: list[Array] = [np.stack([p.samples.astype(np.float64) for p in f.planes.values()]) for f in frames]
+    check_photographs(photographs)
+    return frames, photographs
+
+
+def restored(
+    options: RestorationOptions,
+    frames: list[RawFrame],
+    photographs: list[Array],
+    tell: Tell = silent,
+    progress: Callable[[JointRound], None] | None = None,
+) -> tuple[Outcome[Restoration], dict[str, Any]]:
+    """The sharp picture and the depth map with their verdict, and what a record says of the parameters.
+
+    Raises
+    ------
+    ProcedureError
+        As `procedures.restoration` does, and where the options' files cannot be read.
+    """
+    spec = options.blur.spec(frames, photographs)
+    tell_measured(spec, tell)
+    blur = blur_of(spec, photographs, partial(tell_finding, tell=tell))
+    outcome = _in_colour(blur.restored(photographs, options.descent.parameters, progress), frames, blur, tell)
+    told = {
+        **blur_record(options.blur, frames, spec, blur),
+        "planes": list(frames[0].planes),
+        **({"encoding": options.encoding} if options.encoding else {}),
+        **options.descent.told,
+    }
+    return outcome, told
+
+
+def _in_colour(
+    outcome: Outcome[Restoration], frames: list[RawFrame], blur: SceneBlur, tell: Tell
+) -> Outcome[Restoration]:
+    """The same, of whole mosaics with its picture in colour at every pixel of the sensor."""
+    if outcome.value is None or len(frames[0].planes) < 4:
+        return outcome
+    from procedures.restoration.colour.estimate import in_colour
+
+    tell("colour", "picture in colour on the sensor's grid")
+    planes: list[Mapping[str, Any]] = [frame.planes for frame in frames]
+    return replace(outcome, value=in_colour(outcome.value, planes, blur.finer(2)))

@@ -1,0 +1,47 @@
+from __future__ import annotations
+
+import pytest
+from click.testing import CliRunner
+
+from procedures.outcome import BadParameter
+from station.__main__ import main
+from station.bench.opening import read_config
+from station.cli.app import frozen_unit
+from station.cli.psf.terms import terms_of
+from station.results.preferred_unit import preferred_unit
+from station.results.units import Unit
+
+
+@pytest.fixture
+def station_toml(tmp_path, monkeypatch):
+    """station_toml(text): that of the folder in which the program is begun."""
+    monkeypatch.chdir(tmp_path)
+    return (tmp_path / "station.toml").write_text
+
+
+def options(unit=None):
+    return {"unit": unit, "specification": None, "at": (0.2,)}
+
+
+def test_station_toml_tells_the_unit_and_an_option_another(station_toml):
+    assert preferred_unit() is Unit.CYCLES
+    station_toml('unit = "LP/mm"\n')
+    terms = terms_of(options())
+    assert (terms.unit, terms.at[0].unit) == (Unit.LINE_PAIRS, Unit.LINE_PAIRS)
+    assert terms_of(options("lw/ph")).unit is Unit.LINE_WIDTHS
+    assert frozen_unit(None, None) == "lp/mm"
+    assert frozen_unit("cycles/pixel", None) is None
+
+
+def test_what_is_no_unit_is_named(station_toml):
+    station_toml('unit = "lp/inch"\n')
+    with pytest.raises(BadParameter, match=r"station\.toml, unit: there is no unit 'lp/inch'; use one of cycles/pixel"):
+        preferred_unit()
+    result = CliRunner().invoke(main, ["mtf", "edge", "a.png", "--out", "out"])
+    assert result.exit_code == 2
+    assert "there is no unit 'lp/inch'" in result.stderr
+
+
+def test_a_unit_alone_configures_no_devices(station_toml, tmp_path):
+    station_toml('unit = "lw/ph"\n')
+    assert read_config(tmp_path / "station.toml") == {}
