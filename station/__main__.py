@@ -20,6 +20,7 @@ COMMANDS = {
     "sensor": ("sensor", "sensor", "Measure gain, noise and non-uniformity of a sensor (EMVA 1288)."),
     "geometry": ("geometry", "geometry", "Calibrate a camera's geometry: intrinsics, distortion, poses."),
     "vignetting": ("vignetting", "vignetting", "Measure the light lost towards the corners, from flats."),
+    "tilt": ("tilt", "tilt", "Find the sensor's tilt, and the turns of its screws that mend it."),
     "export": ("export", "export", "Write a result as a file of another program."),
     "focus": ("focus", "focus", "Tell how sharp every photograph is as it comes, and which way to turn."),
     "mtf": ("mtf.group", "mtf", "Measure a modulation transfer function."),

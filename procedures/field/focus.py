@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from numpy.polynomial.polynomial import polyder, polyval
 
 from procedures.field.maps import COLUMNS, FieldMap, grid, radius_direction
 from procedures.field.surfaces import Surface, fit_surface
@@ -125,24 +126,63 @@ def focus_surface(
             f"best focus needs {FEWEST_POSITIONS} focus positions or more; there are {len(bracket)}",
             "photograph the same charts on both sides of the best focus",
         )
+    found = best_focus(bracket, shape, frequency=frequency)
+    positions = np.array([one.position for one in found])
+    best = np.array([[top.at for top in one.tops] for one in found])
+    variance = np.array([[top.variance for top in one.tops] for one in found])
+    covariances = np.einsum("nm,ma->nma", variance, np.eye(2))
+    surface = fit_surface(in_half_diagonals(positions, shape), best, covariances, (2,))
+    return FocusSurface(shape, positions, best, variance, surface, unit)
+
+
+@dataclass(frozen=True)
+class Top:
+    """Where the MTF along one direction is greatest.
+
+    Attributes
+    ----------
+    at, variance : float
+        Focus position, and the variance that the noise of the PSFs makes.
+    sways : mapping of photograph to float
+        How far it moves when the position of that photograph is told higher by one; their sum is 1.
+    """
+
+    at: float
+    variance: float
+    sways: Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class PlaceFocus:
+    """Best focus at one place (x, y) of the plane: of sagittal and of meridional detail."""
+
+    position: Array
+    tops: tuple[Top, Top]
+
+
+def best_focus(
+    bracket: Mapping[float, Sequence[Node]], shape: tuple[int, int], *, frequency: float = FREQUENCY
+) -> list[PlaceFocus]:
+    """Best focus at every place whose MTF has its top within the bracket.
+
+    Raises
+    ------
+    Refused
+        If these are fewer than seven.
+    """
     found = []
     for series in _series(bracket, shape):
         x, y = np.mean([node.position for _, node in series], axis=0)
         radius = radius_direction(shape, x, y)
-        tops = [_top(series, angle, frequency) for angle in (radius + np.pi / 2, radius)]
-        if all(top is not None for top in tops):
-            found.append(((x, y), *(top for top in tops if top is not None)))
+        sagittal, meridional = (_top(series, angle, frequency) for angle in (radius + np.pi / 2, radius))
+        if sagittal is not None and meridional is not None:
+            found.append(PlaceFocus(np.array([x, y]), (sagittal, meridional)))
     if len(found) < FEWEST_PLACES:
         raise Refused(
             f"best focus lies within the bracket at {len(found)} places; {FEWEST_PLACES} are needed",
             "extend the bracket on both sides, and photograph more charts",
         )
-    positions = np.array([place for place, _, _ in found])
-    best = np.array([[s[0], m[0]] for _, s, m in found])
-    variance = np.array([[s[1], m[1]] for _, s, m in found])
-    covariances = np.einsum("nm,ma->nma", variance, np.eye(2))
-    surface = fit_surface(in_half_diagonals(positions, shape), best, covariances, (2,))
-    return FocusSurface(shape, positions, best, variance, surface, unit)
+    return found
 
 
 _Series = list[tuple[float, Node]]
@@ -151,10 +191,9 @@ _Series = list[tuple[float, Node]]
 def _series(bracket: Mapping[float, Sequence[Node]], shape: tuple[int, int]) -> list[_Series]:
     """The nodes of each place at all positions, as far as they are there."""
     positions = sorted(bracket)
-    middle = positions[len(positions) // 2]
     reach = SAME_PLACE * np.hypot(*shape) / 2
-    found = []
-    for node in bracket[middle]:
+    found: list[_Series] = []
+    for node in _places([bracket[z] for z in positions], reach):
         series: _Series = []
         for z in positions:
             near = min(bracket[z], key=lambda one: float(np.linalg.norm(one.position - node.position)), default=None)
@@ -164,8 +203,18 @@ def _series(bracket: Mapping[float, Sequence[Node]], shape: tuple[int, int]) -> 
     return found
 
 
-def _top(series: _Series, angle: float, frequency: float) -> tuple[float, float] | None:
-    """Position of the greatest MTF along a direction, and its variance; None where it is not within the bracket."""
+def _places(shots: Sequence[Sequence[Node]], reach: float) -> list[Node]:
+    """One node of each place, from the middle outwards: a chart too blurred at one position is seen at another."""
+    middle = len(shots) // 2
+    found: list[Node] = []
+    for i in sorted(range(len(shots)), key=lambda i: abs(i - middle)):
+        seen = [one.position for one in found]
+        found += [node for node in shots[i] if all(np.linalg.norm(node.position - at) >= reach for at in seen)]
+    return found
+
+
+def _top(series: _Series, angle: float, frequency: float) -> Top | None:
+    """The greatest MTF along a direction; None where it is not within the bracket."""
     if len(series) < FEWEST_POSITIONS:
         return None
     z = np.array([position for position, _ in series])
@@ -175,18 +224,21 @@ def _top(series: _Series, angle: float, frequency: float) -> tuple[float, float]
         used = np.argsort(-mtf)[:FEWEST_POSITIONS]
     middle, span = z[used].mean(), np.ptp(z[used])
     t, weight = (z[used] - middle) / span, mtf[used] / np.sqrt(variance[used])
-    degree = 2 if len(t) < 5 else 4
-    D = t[:, None] ** np.arange(degree + 1)
+    D = t[:, None] ** np.arange(3 if len(t) < 5 else 5)
     solution = np.linalg.pinv(D * weight[:, None]) * weight
     c = solution @ np.log(mtf[used])
     top = _highest(c, float(t.min()), float(t.max()))
     if top is None:
         return None
-    powers = np.arange(degree + 1)
-    bend = float(np.sum((powers * (powers - 1) * c)[2:] * top ** (powers[2:] - 2)))
-    slope = np.concatenate([[0.0], powers[1:] * top ** (powers[1:] - 1)])
-    spread = (slope @ solution) ** 2 @ (variance[used] / mtf[used] ** 2) / bend**2
-    return float(middle + span * top), float(span**2 * spread)
+    slope, bend = polyder(c), float(polyval(top, polyder(c, 2)))
+    # a logarithm that is greater by one moves the top by that; a position that is, its logarithm along the curve
+    moves = polyval(top, polyder(np.eye(len(c)))) @ solution / bend
+    sways: dict[str, float] = {}
+    for i, sway in zip(np.arange(len(z))[used], moves * polyval(t, slope), strict=True):
+        source = series[i][1].source
+        sways[source] = sways.get(source, 0.0) + float(sway)
+    spread = moves**2 @ (variance[used] / mtf[used] ** 2)
+    return Top(float(middle + span * top), float(span**2 * spread), sways)
 
 
 def _highest(c: Array, low: float, high: float) -> float | None:
@@ -194,7 +246,7 @@ def _highest(c: Array, low: float, high: float) -> float | None:
     roots = np.roots((np.arange(1, len(c)) * c[1:])[::-1])
     real = roots[np.abs(roots.imag) < 1e-9].real
     inside = real[(real > low) & (real < high)]
-    values = np.polynomial.polynomial.polyval(np.concatenate([inside, [low, high]]), c)
+    values = polyval(np.concatenate([inside, [low, high]]), c)
     best = int(np.argmax(values))
     return float(inside[best]) if best < len(inside) else None
 

@@ -1,0 +1,105 @@
+"""The sensor's plane against the surface of best focus, fitted to heights at places of the frame.
+
+A height is how far the sensor stands behind the image there, in micrometres. Their smooth part is a quadratic: the
+lens's own curvature, which no screw mends, and the plane that is nearest to the quadratic over the whole frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy import linalg, stats
+
+from procedures.outcome import Refused
+
+Array = npt.NDArray[np.float64]
+
+FEWEST = 7
+"""Places: one more than a quadratic has coefficients, so that something is left over to judge them by."""
+SINGULAR = 1e3
+"""Condition of the design above which the places do not tell the plane from the curvature."""
+
+
+@dataclass(frozen=True, eq=False)
+class SensorPlane:
+    """Height of the sensor behind the surface of best focus: offset + slope . (x, y), and what is left of a quadratic.
+
+    (x, y) are millimetres on the sensor from the frame's centre, to the right and down as the photograph shows them.
+
+    Attributes
+    ----------
+    size_mm : (float, float)
+        Width and height of the frame.
+    plane : (3,) float64, covariance : (3, 3) float64
+        Offset in um, slopes in um/mm.
+    curvature : (3,) float64, curvature_covariance : (3, 3) float64
+        Coefficients of x^2, x y and y^2, in um/mm^2.
+    places_mm, heights_um, residuals_um : (N, 2), (N,) and (N,) float64
+    misfit : float
+        Root of chi^2 over the degrees of freedom; where above 1 the covariances are widened by it.
+    chance : float
+        Of a chi^2 as large.
+    """
+
+    size_mm: tuple[float, float]
+    plane: Array
+    covariance: Array
+    curvature: Array
+    curvature_covariance: Array
+    places_mm: Array
+    heights_um: Array
+    residuals_um: Array
+    misfit: float
+    chance: float
+
+    @property
+    def corners_mm(self) -> Array:
+        """(4, 2), from the upper left clockwise."""
+        return np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * self.size_mm / 2
+
+    def rms(self, planes: Array) -> Array:
+        """Root mean square height over the frame of planes (n, 3), (n,)."""
+        return np.sqrt(planes[:, 0] ** 2 + planes[:, 1:] ** 2 @ (np.square(self.size_mm) / 12))
+
+    def widened(self, slope_variance: float) -> SensorPlane:
+        """The same with a common error of the slopes besides, of that variance in each, in (um/mm)^2."""
+        more = np.diag([0.0, slope_variance, slope_variance])
+        return replace(self, covariance=self.covariance + more)
+
+
+def fit_plane(places_mm: Array, heights_um: Array, covariance: Array, size_mm: tuple[float, float]) -> SensorPlane:
+    """The plane through heights (N,) with covariance (N, N) at places (N, 2), by generalised least squares.
+
+    Where the residuals exceed what the covariance allows, the covariance is widened by them (Birge's ratio).
+
+    Raises
+    ------
+    Refused
+        If there are fewer than seven places, or they lie so that they tell no quadratic.
+    """
+    scale = float(np.hypot(*size_mm)) / 2
+    x, y = (places_mm / scale).T
+    design = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+    if len(x) < FEWEST or np.linalg.cond(design) > SINGULAR:
+        raise Refused(
+            f"{len(x)} places do not tell a tilt from the lens's own curvature",
+            "photograph charts at nine places: the centre, the sides and the corners of the frame",
+        )
+    root = linalg.cholesky(covariance, lower=True)
+    A, b = (linalg.solve_triangular(root, one, lower=True) for one in (design, heights_um))
+    solution = np.linalg.pinv(A)
+    c = solution @ b
+    freedom = len(x) - len(c)
+    chi2 = float(np.sum((b - A @ c) ** 2))
+    misfit = float(np.sqrt(chi2 / freedom))
+    unit = np.diag(scale ** -np.array([0.0, 1, 1, 2, 2, 2]))
+    c, C = unit @ c, unit @ (solution @ solution.T) @ unit * max(misfit, 1.0) ** 2
+    to_plane = np.eye(6)[:3]
+    to_plane[0, [3, 5]] = np.square(size_mm) / 12  # the mean of x^2 and of y^2 over the frame
+    residuals = heights_um - design @ (np.linalg.inv(unit) @ c)
+    return SensorPlane(
+        size_mm, to_plane @ c, to_plane @ C @ to_plane.T, c[3:], C[3:, 3:], places_mm, heights_um, residuals, misfit,
+        float(stats.chi2.sf(chi2, freedom)),
+    )  # fmt: skip

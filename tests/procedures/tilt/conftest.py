@@ -1,0 +1,5 @@
+from __future__ import annotations
+
+from tests.procedures.field.conftest import covariance
+
+__all__ = ["covariance"]

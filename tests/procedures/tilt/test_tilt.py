@@ -1,0 +1,154 @@
+"""Simulated sensors whose tilt, backfocus and screws are known, and brackets of a simulated lens before one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from procedures.outcome import BadParameter, Refused, Verdict
+from procedures.tilt.estimate import TiltParameters, estimate_tilt
+from procedures.tilt.plane import fit_plane
+from procedures.tilt.positions import Positions, behind_lens_um
+from procedures.tilt.screws import Screws, turns_for
+from tests.procedures.field.lens import LENS, SHAPE, FieldCamera, grid, nodes
+
+FRAME = (36.0, 24.0)
+NINE = np.array([(x, y) for y in (-10.0, 0.0, 10.0) for x in (-15.0, 0.0, 15.0)])
+PLACE_UM, POSITION_UM = 1.0, 0.5
+NOISE = PLACE_UM**2 * np.eye(9) + POSITION_UM**2  # of each place, and of the rail, which all places share
+SCREWS = Screws(count=3, radius_mm=25.0, pitch_mm=0.35, first_deg=30.0, turn_uncertainty=0.003)  # a degree
+
+
+def corners(plane):
+    x, y = np.array(FRAME) / 2
+    return plane[0] + np.array([(sx * x, sy * y) for sx in (-1, 1) for sy in (-1, 1)]) @ plane[1:]
+
+
+def random_sensor(rng):
+    """Offset and slopes of a sensor whose highest corner stands up to 100 um out, and the lens's own curvature."""
+    slopes = rng.standard_normal(2)
+    slopes *= rng.uniform(0, 100) / np.abs(corners(np.array([0.0, *slopes]))).max()
+    return np.array([rng.uniform(-50, 50), *slopes]), rng.uniform(-0.1, 0.1, 3)
+
+
+def heights(plane, bend, rng):
+    """As they are measured at nine places; the offset is that of the plane nearest to the curved whole."""
+    x, y = NINE.T
+    middle = bend[0] * FRAME[0] ** 2 / 12 + bend[2] * FRAME[1] ** 2 / 12
+    true = plane[0] - middle + NINE @ plane[1:] + bend @ np.stack([x * x, x * y, y * y])
+    return true + rng.multivariate_normal(np.zeros(9), NOISE)
+
+
+def test_of_a_hundred_sensors_95_percent_lie_within_their_intervals():
+    # three numbers of each of 100 sensors: 95 % of 300 is 285 +- 3.8; widening by what nine places leave over adds some
+    rng, inside, uncertainties = np.random.default_rng(3), [], []
+    for _ in range(100):
+        plane, bend = random_sensor(rng)
+        found = fit_plane(NINE, heights(plane, bend, rng), NOISE, FRAME)
+        spread = np.sqrt(np.diag(found.covariance))
+        inside += list(np.abs(found.plane - plane) < 1.96 * spread)
+        uncertainties.append(np.max(spread[1:] * FRAME))
+    assert 0.92 <= np.mean(inside) <= 0.99
+    assert np.median(uncertainties) < 2.0  # um over the frame
+
+
+def test_two_turns_of_the_screws_lay_every_sensor_into_focus():
+    rng, left = np.random.default_rng(4), []
+    for _ in range(60):
+        plane, bend = random_sensor(rng)
+        for _ in range(2):
+            told = turns_for(fit_plane(NINE, heights(plane, bend, rng), NOISE, FRAME), SCREWS, with_focus=True)
+            turned = np.array([one.value for one in told.turns])
+            slips = SCREWS.turn_uncertainty * rng.standard_normal(SCREWS.count)
+            plane = plane + np.linalg.solve(SCREWS.heights, 1000 * SCREWS.pitch_mm * (turned + slips))
+        left.append(np.abs(corners(plane)).max())
+    # the last measurement and hands that are a degree off leave about 1.4 um (rms) in a corner
+    assert np.quantile(left, 0.95) < 5.0
+    assert max(left) < 7.0
+
+
+def test_a_turn_helps_as_often_as_it_is_said_to():
+    # slopes anywhere within a box that is wide against their uncertainty, as the probability takes them; of those whose
+    # turn is in doubt as many become flatter as were said to
+    rng, said, was = np.random.default_rng(5), [], []
+    for _ in range(150):
+        plane = np.array([0.0, *rng.uniform(-0.12, 0.12, 2)])
+        found = fit_plane(NINE, heights(plane, np.zeros(3), rng), NOISE, FRAME)
+        told = turns_for(found, SCREWS, with_focus=False)
+        slips = SCREWS.turn_uncertainty * rng.standard_normal(3)
+        moved = 1000 * SCREWS.pitch_mm * (np.array([one.value for one in told.turns]) + slips)
+        after = plane + np.linalg.solve(SCREWS.heights, moved) * [0, 1, 1]
+        said.append(told.helps)
+        was.append(found.rms(after[None])[0] < found.rms(plane[None])[0])
+    said, was = np.array(said), np.array(was)
+    doubtful = said < 0.97
+    assert np.count_nonzero(doubtful) > 30
+    error = np.sqrt(np.sum(said * (1 - said) * doubtful)) / np.count_nonzero(doubtful)
+    assert said[doubtful].mean() == pytest.approx(was[doubtful].mean(), abs=3 * error)
+
+
+def test_screws_stand_where_the_image_upside_down_puts_them():
+    top, right, bottom, left = Screws(count=4, radius_mm=10.0).places_mm
+    # from behind the camera the photograph's lower edge is the sensor's upper one, its left the right one
+    np.testing.assert_allclose([top, right, bottom, left], [(0, 10), (-10, 0), (0, -10), (10, 0)], atol=1e-9)
+
+
+def test_a_screw_is_turned_by_its_height_over_its_pitch():
+    # 2 um/mm from left to right of the photograph: the right screw, at -20 mm, stands 40 um too near to the lens
+    exact = fit_plane(NINE, NINE @ [2.0, 0.0], 1e-6 * np.eye(9), FRAME)
+    told = turns_for(exact, Screws(count=4, radius_mm=20.0, pitch_mm=0.5, turn_uncertainty=0.0), with_focus=False)
+    assert [one.value for one in told.turns] == pytest.approx([0.0, 0.08, 0.0, -0.08], abs=1e-6)
+    assert told.helps == 1.0
+
+
+def test_a_sheet_that_is_not_flat_widens_the_plane():
+    bumps = np.array([9.0, -9, 9, -9, 9, -9, 9, -9, 9])
+    smooth, rough = (fit_plane(NINE, one, NOISE, FRAME) for one in (np.zeros(9), bumps))
+    assert rough.chance < 0.001 < smooth.chance
+    assert rough.covariance[1, 1] > 10 * smooth.covariance[1, 1]
+
+
+def test_six_places_or_a_row_of_them_are_refused():
+    for places in (NINE[:6], np.column_stack([np.linspace(-15, 15, 9), np.zeros(9)])):
+        with pytest.raises(Refused, match="do not tell a tilt"):
+            fit_plane(places, np.zeros(len(places)), np.eye(len(places)), FRAME)
+
+
+def test_positions_before_the_lens_are_those_of_their_images():
+    # Newton: x x' = f^2; 1000 mm before the focal point of 50 mm the image is 2.5 mm behind the other
+    assert behind_lens_um(1050.0, Positions.SET, 50.0) == pytest.approx(52500)
+    assert behind_lens_um(1050.0, Positions.CHART, 50.0) == pytest.approx(-52500)
+    assert behind_lens_um(1.5, Positions.LENS, None) == 1500
+    with pytest.raises(BadParameter, match="--focal-length-mm"):
+        behind_lens_um(1050.0, Positions.SET, None)
+
+
+PARAMETERS = TiltParameters(pixel_pitch_um=5.94, chart_tilt_deg=0.0, nominal_mm=0.0)
+TILT_UM = (0.12, -0.08)
+
+
+def bracket(covariance, step_mm=0.025):
+    """Nine places of a lens at f/2.8 before a tilted sensor, at seven positions; rms path a is 16 sqrt(3) N^2 a um."""
+    camera = FieldCamera(replace(LENS, tilt_um=TILT_UM, axis=(0.0, 0.0)), period_px=36)
+    rng = np.random.default_rng(8)
+    places = grid(3, 3)
+    return {
+        position: nodes(camera, places, covariance, rng, defocus_um=1000 * position / (16 * 3**0.5 * 2.8**2))
+        for position in step_mm * np.arange(-3, 4)
+    }
+
+
+@pytest.mark.slow
+def test_a_tilted_sensor_before_a_lens_is_found_from_its_bracket(covariance):
+    outcome = estimate_tilt(bracket(covariance), SHAPE, 2, PARAMETERS)
+    assert outcome.verdict is Verdict.PASS, outcome.reason
+    numbers = outcome.value.numbers()
+    half = np.hypot(*SHAPE) / 2
+    for name, tilt, side in zip(("tilt_horizontal", "tilt_vertical"), TILT_UM, (SHAPE[1], SHAPE[0]), strict=True):
+        true = 16 * 3**0.5 * 2.8**2 * tilt * side / half
+        assert numbers[name].uncertainty < 2.0
+        assert numbers[name].value == pytest.approx(true, abs=3 * numbers[name].uncertainty + 1.0)
+    assert abs(numbers["backfocus"].value) < 25  # the lens's own curvature, whose mean over the frame is not zero
+    assert outcome.value.turns.helps > 0.99
