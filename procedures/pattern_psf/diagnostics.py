@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from procedures.choice import Trial
 from procedures.pattern_psf.error_parts import ErrorParts
+from procedures.pattern_psf.paper_noise import NoiseLook
 from procedures.pattern_psf.radiometry import Light
 from procedures.pattern_psf.refine import GEOMETRY, RESPONSE, SPREAD, TAIL, Fit, TailPrior
 from procedures.pattern_psf.registration import Registration, map_distance, mark_residuals
@@ -66,6 +67,12 @@ class Diagnostics:
         Of the rings around the core against what a lens leaves there, in standard uncertainties.
     crushed : float
         Share of the black blocks' samples that lie at one value.
+    sharpened_by, sharpened_radius_px, sharpened_sigmas : float
+        The unsharp mask that the noise of paper and residual tells: amount, radius, and how surely.
+    sharpening_uncertainty : float
+        Standard uncertainty of the amount of a mask of one pixel.
+    finest_noise, finest_noise_uncertainty : float
+        Noise variance of the paper's finest detail over that of the sensor's calibration, or of the white blocks.
     """
 
     agreement: float
@@ -93,6 +100,12 @@ class Diagnostics:
     tail_sigmas: float
     missing_light: float
     crushed: float
+    sharpened_by: float
+    sharpened_radius_px: float
+    sharpened_sigmas: float
+    sharpening_uncertainty: float
+    finest_noise: float
+    finest_noise_uncertainty: float
 
 
 def unexplained(fit: Fit) -> float:
@@ -111,6 +124,7 @@ def diagnose(
     parts: ErrorParts,
     prior: TailPrior | None,
     trial: Trial,
+    noise: NoiseLook,
 ) -> Diagnostics:
     """Measure what the verdict needs.
 
@@ -130,6 +144,7 @@ def diagnose(
     prior : TailPrior or None
     trial : Trial
         The last one of s and k, whose PSF it is.
+    noise : NoiseLook
     """
     marks = mark_residuals(fit.registration, corners)
     pixels_per_cell = 1 / np.sqrt(abs(np.linalg.det(fit.registration.jacobian())))
@@ -159,6 +174,12 @@ def diagnose(
         tail_sigmas=_tail_sigmas(fit, psf.s, prior),
         missing_light=missing_light(psf),
         crushed=light.crushed,
+        sharpened_by=noise.sharpening.amount,
+        sharpened_radius_px=noise.sharpening.radius_px,
+        sharpened_sigmas=noise.sharpening.sigmas,
+        sharpening_uncertainty=noise.sharpening.uncertainty,
+        finest_noise=noise.finest,
+        finest_noise_uncertainty=noise.uncertainty,
     )
 
 

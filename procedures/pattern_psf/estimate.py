@@ -25,6 +25,7 @@ from procedures.pattern_psf.error_parts import CALIBRATED, GROUPS, ErrorParts, V
 from procedures.pattern_psf.gamma.amplification import gamma_bound, gamma_of_fit
 from procedures.pattern_psf.observation import Observation, count_inside, noise_window, observe
 from procedures.pattern_psf.outliers import swept, without_outliers, without_places
+from procedures.pattern_psf.paper_noise import look_at_noise
 from procedures.pattern_psf.radiometry import Light, bend_of_chart, measure_light, straighten, with_sensor
 from procedures.pattern_psf.refine import GEOMETRY, Fit, TailPrior, first_look, refine
 from procedures.pattern_psf.registration import (
@@ -248,11 +249,12 @@ def _estimate(
     quality = assess(found.psf, n=len(found.fit.observation), diffraction=diffraction, at=parameters.at)
     parts = error_parts(found.fit, found.psf, quality, WATCHED, GROUPS if sensor is None else CALIBRATED)
     quality = taken_apart(with_settling(quality, settling(tried)), parts.parts)
+    noise = look_at_noise(samples, light, found.fit)
     diagnostics = diagnose(
-        found.fit, found.psf, light, corners, marks_map, found.outliers, parts, known.tail, tried[-1]
+        found.fit, found.psf, light, corners, marks_map, found.outliers, parts, known.tail, tried[-1], noise
     )
     contradicted = beyond_diffraction(quality, diffraction)
-    more = Doubts(parameters, parameters.chosen, tried, parts.variations, contradicted)
+    more = Doubts(parameters, parameters.chosen, tried, parts.variations, contradicted, sensor)
     verdict, reason, remedy = judge(diagnostics, found.fit, more)
     if verdict is Verdict.REFUSED:
         return Outcome(None, verdict, reason, remedy)

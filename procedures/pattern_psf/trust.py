@@ -15,6 +15,7 @@ from procedures.pattern_psf.error_parts import Variation
 from procedures.pattern_psf.radiometry import Light
 from procedures.pattern_psf.refine import Fit
 from procedures.psf import Sampling
+from procedures.sensor_model import SensorModel
 
 Array = npt.NDArray[np.float64]
 
@@ -34,6 +35,14 @@ OTHER_APERTURE = 3.0
 """Standard uncertainties between the far tail and the f-number's, from which one of them is wrong."""
 DUG_OUT = 3.0
 """Standard uncertainties of missing light from which a picture was sharpened."""
+COLOURED = 3.0
+"""The same of noise whose neighbours go apart and of missing light together. White noise goes 2.6 in one photograph of
+a hundred, and what a lens leaves around its core is mostly many below 0."""
+HINT = 1.0
+"""Of the noise alone, from which it has a say in that."""
+OTHER_NOISE, SURELY = 0.1, 4.0
+"""Share by which the finest noise's variance differs from the sensor's calibration, and standard uncertainties of that,
+from which the picture was processed or taken at another gain."""
 CRUSHED = 0.05
 """Share of black samples at one value from which black is cut off."""
 LEFT_OVER = 2.0
@@ -58,6 +67,8 @@ class Doubts:
     variations : tuple of Variation
     contradicted : list of Rule
         What f-number and pitch forbid, as far as they are known.
+    sensor : SensorModel or None
+        Its calibration, which tells the noise.
     """
 
     parameters: Sampling
@@ -65,6 +76,7 @@ class Doubts:
     tried: tuple[Trial, ...]
     variations: tuple[Variation, ...]
     contradicted: list[Rule]
+    sensor: SensorModel | None = None
 
 
 def check_light(light: Light, quantisation: float) -> None:
@@ -121,8 +133,8 @@ def misfits(fit: Fit) -> bool:
 
 def judge(d: Diagnostics, fit: Fit, more: Doubts) -> tuple[Verdict, str, str]:
     """Verdict, reason and remedy: the first refusal, else all doubts together."""
-    doubts = _doubts(d, fit) + _left_out(more) + _processed(d) + _mismatched(d) + more.contradicted
-    return verdict_of(_refusals(d) + doubts + _varying(more.variations))
+    doubts = _doubts(d, fit) + _left_out(more) + _processed(d) + _other_noise(d, more.sensor)
+    return verdict_of(_refusals(d) + doubts + _mismatched(d) + more.contradicted + _varying(more.variations))
 
 
 def _refusals(d: Diagnostics) -> list[Rule]:
@@ -261,6 +273,13 @@ def _processed(d: Diagnostics) -> list[Rule]:
         ),
         Rule(
             doubtful,
+            d.sharpened_sigmas > HINT and np.hypot(d.sharpened_sigmas, max(d.missing_light, 0.0)) > COLOURED,
+            f"the noise of neighbouring pixels goes apart, by {d.sharpened_sigmas:.1f} standard uncertainties, as a "
+            f"mask of {d.sharpened_by:.0%} and {d.sharpened_radius_px:g} px makes it: the picture was sharpened",
+            "use the RAW file, or switch sharpening off",
+        ),
+        Rule(
+            doubtful,
             d.crushed > CRUSHED,
             f"black is cut off: {d.crushed:.0%} of its samples lie at one value",
             "use the RAW file, or raise the black level",
@@ -280,6 +299,24 @@ def _processed(d: Diagnostics) -> list[Rule]:
     ]
 
 
+def _other_noise(d: Diagnostics, sensor: SensorModel | None) -> list[Rule]:
+    """Noise that the sensor's calibration does not know."""
+    if sensor is None:
+        return []
+    off = abs(d.finest_noise - 1)
+    uncertainty = float(np.hypot(d.finest_noise * d.finest_noise_uncertainty, sensor.gain_uncertainty / sensor.gain))
+    what = "sharpened" if d.finest_noise > 1 else "smoothed"
+    return [
+        Rule(
+            Verdict.DOUBTFUL,
+            off > max(OTHER_NOISE, SURELY * uncertainty),
+            f"noise from pixel to pixel has {d.finest_noise:.2f} ± {uncertainty:.2f} times the variance that the "
+            f"sensor's calibration tells: the picture was {what}, or taken at another gain",
+            "use the RAW file, at the gain of the calibration",
+        )
+    ]
+
+
 def _mismatched(d: Diagnostics) -> list[Rule]:
     """What the model leaves over, and what contradicts it."""
     doubtful = Verdict.DOUBTFUL
@@ -287,8 +324,9 @@ def _mismatched(d: Diagnostics) -> list[Rule]:
         Rule(
             doubtful,
             abs(d.tail_sigmas) > OTHER_APERTURE,
-            f"the far tail lies {abs(d.tail_sigmas):.0f} standard uncertainties from what the f-number tells",
-            "check f-number and pixel pitch",
+            f"the far tail lies {abs(d.tail_sigmas):.0f} standard uncertainties from what the f-number tells"
+            + (": there is less light, as where a picture was sharpened" if d.tail_sigmas < 0 else ""),
+            "check f-number and pixel pitch" + (", or use the RAW file" if d.tail_sigmas < 0 else ""),
         ),
         Rule(
             doubtful,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 
+import cv2
 import numpy as np
 import pytest
 
@@ -75,3 +76,22 @@ def test_straightened_is_the_inverse_of_bent() -> None:
 def test_straight_response_changes_nothing() -> None:
     same = straighten(plane(), replace(SENSOR, bend=()))
     assert same.samples == pytest.approx(plane().samples, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_noise_beside_the_calibration_is_told() -> None:
+    right = found(SENSOR).diagnostics
+    # 13 000 differences, of which as many as 9/4 overlap, and a gain known to 0.3 %
+    assert right["finest_noise"] == pytest.approx(1, abs=4 * right["finest_noise_uncertainty"])
+    signal = plane()
+    masked = signal.samples + np.float32(0.1) * (signal.samples - cv2.GaussianBlur(signal.samples, (0, 0), 1.5))
+    parameters = PatternParameters(s=3, k=13, chosen=True)
+    as_it_is, sharpened = (
+        estimate_psf(replace(signal, samples=x), CHART, parameters, sensor=SENSOR) for x in (signal.samples, masked)
+    )
+    assert "sensor's calibration" not in as_it_is.reason
+    assert sharpened.verdict is Verdict.DOUBTFUL
+    assert "sensor's calibration tells: the picture was sharpened" in sharpened.reason
+    assert sharpened.value is not None
+    # a mask of 0.1 makes 1.1 of the finest detail
+    assert sharpened.value.diagnostics["finest_noise"] == pytest.approx(1.21, rel=0.1)

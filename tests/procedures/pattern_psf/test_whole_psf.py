@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from functools import cache
 
+import cv2
 import numpy as np
 import pytest
 
 from procedures.outcome import Verdict
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
+from procedures.raw import Plane
 
 from .analytic_camera import View, circular, exposed, light, mtf50
 
@@ -22,6 +24,11 @@ NAMES = ("mtf50_horizontal", "mtf50_vertical", "mtf_nyquist_horizontal", "mtf_ny
 @cache
 def photograph() -> np.ndarray:
     return light(F56, CHART, View())
+
+
+@cache
+def softer() -> np.ndarray:
+    return light(F8, CHART, View())
 
 
 def found(parameters: PatternParameters | None = None, seed: int = 0) -> tuple[PatternPsf, Verdict]:
@@ -121,6 +128,32 @@ def test_sharpened_picture_is_told(rng: np.random.Generator) -> None:
     outcome = estimate_psf(type(plane)("Y", sharpened.astype(np.float32), plane.quantisation), CHART)
     assert outcome.verdict is Verdict.DOUBTFUL
     assert "sharpened" in outcome.reason
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("amount", "radius"), [(0.2, 0.7), (0.5, 1.0)])
+def test_noise_tells_a_mask_whose_psf_a_softer_lens_could_have(amount: float, radius: float) -> None:
+    plane = exposed(softer(), np.random.default_rng(0))
+    masked = plane.samples + amount * (plane.samples - cv2.GaussianBlur(plane.samples, (0, 0), radius))
+    settings = PatternParameters(4, 17, chosen=True)
+    before, after = (estimate_psf(Plane("Y", x, plane.quantisation), CHART, settings) for x in (plane.samples, masked))
+    assert before.verdict is Verdict.PASS
+    assert after.verdict is Verdict.DOUBTFUL
+    assert after.value is not None
+    assert "noise of neighbouring pixels goes apart" in after.reason
+    assert amount / 1.6 < after.value.diagnostics["sharpened_by"] < 1.6 * amount
+
+
+@pytest.mark.slow
+def test_known_aperture_tells_a_wide_mask(rng: np.random.Generator) -> None:
+    from procedures.quality import Diffraction
+
+    plane = exposed(photograph(), rng)
+    masked = plane.samples + 0.1 * (plane.samples - cv2.GaussianBlur(plane.samples, (0, 0), 2.0))
+    limit = Diffraction(f_number=5.6, pixel_pitch_um=1.62 * 0.55 * 5.6, wavelength_nm=550)  # cutoff 1.62
+    outcome = estimate_psf(Plane("Y", masked, plane.quantisation), CHART, PatternParameters(4, 17, chosen=True), limit)
+    assert outcome.verdict is Verdict.DOUBTFUL
+    assert "as where a picture was sharpened" in outcome.reason
 
 
 @pytest.mark.slow
