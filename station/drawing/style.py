@@ -16,6 +16,7 @@ from markupsafe import Markup, escape
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from station.drawing.hover import with_titles
 from station.drawing.palette_png import smaller
 
 INK, FAINT = "#2b3036", "#9aa3ad"
@@ -59,7 +60,7 @@ def svg(figure: Figure, name: str, description: str) -> Markup:
         figure.savefig(text, format="svg", metadata=nothing, transparent=True)
     drawn = text.getvalue()
     drawn = drawn[drawn.index("<svg") :]
-    drawn = re.sub(r"<metadata>.*?</metadata>", "", drawn, flags=re.S)
+    drawn = with_titles(re.sub(r"<metadata>.*?</metadata>", "", drawn, flags=re.S))
     used = set(re.findall(r'(?:url\(#|href="#)([^)"]+)', drawn))
     drawn = re.sub(r' id="([^"]+)"', lambda m: f' id="{name}-{m[1]}"' if m[1] in used else "", drawn)
     drawn = re.sub(r'(url\(#|href="#)', rf"\g<1>{name}-", drawn)

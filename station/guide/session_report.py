@@ -6,7 +6,8 @@ A plan that writes its results its own way has drawn their page with them: that 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from station.guide.catalogue import plan_named
 from station.guide.session_result import SessionResult, compute
 from station.reports.page import exposure_words
 from station.reports.pattern_report import PlaneSheet, Report, ReportLine, ReportShot, calibration_page
+from station.results.overlay import Overlay
 from station.sessions.reader import SessionRecord, read_session, verify, verify_results
 from station.sessions.session_terms import terms_of_session
 from station.sessions.state import State, replay
@@ -48,6 +50,11 @@ def session_page(folder: Path, found: SessionResult | None = None) -> str:
     if (page := _kept_page(folder, record)) is not None:
         return page
     return calibration_page(session_report(folder, found))
+
+
+def overlaid_page(folder: Path, overlays: Sequence[Overlay]) -> str:
+    """The same with other results' MTF drawn over its own. Raises as `session_report`, and where units differ."""
+    return calibration_page(replace(session_report(folder), overlays=overlays))
 
 
 def session_report(folder: Path, found: SessionResult | None = None) -> Report:
@@ -95,6 +102,7 @@ def _report(record: SessionRecord, state: State, found: SessionResult) -> Report
         specification=terms_of_session(record.folder).specification,
         made=last.at[:16].replace("T", " ") + " UTC",
         software=last.about["machine"]["software"],
+        beside=f"{last.folder}/",
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import matplotlib
@@ -14,6 +15,7 @@ from procedures.psf import Psf
 from procedures.quality import Diffraction, Quality, frequencies
 from procedures.transfer_function import Otf, mtf_map, phase_along
 from procedures.two_photo.diagnostics import CLEAR
+from station.drawing.hover import tell_along
 from station.drawing.style import ALONG, CONFIDENT, FAINT, INK, STYLE, axes_grid, colour_bar, svg
 
 Array = npt.NDArray[np.float64]
@@ -21,6 +23,10 @@ Array = npt.NDArray[np.float64]
 LIMIT_COLOUR = "#6b4c9a"
 PHASE_KNOWN_DEG = 5.0
 """Standard uncertainty of the phase beyond which it is not drawn."""
+DASHES = ((5, 2), (3, 1, 1, 1), (1, 1.5))
+"""Of other results, in turn."""
+LONGEST_NAME = 24
+"""Letters of another result's name in the legend."""
 MAP_SIZE = 81
 CONTOURS = (0.1, 0.5)
 
@@ -54,8 +60,9 @@ class _Curve:
 
 
 def mtf_figure(
-    quality: Quality, truth: Otf | None, name: str, limit: Diffraction | None = None, axis: FrequencyAxis = PER_PIXEL
-) -> Markup:
+    quality: Quality, truth: Otf | None, name: str, limit: Diffraction | None = None, axis: FrequencyAxis = PER_PIXEL,
+    others: Mapping[str, Mapping[str, Array]] | None = None,
+) -> Markup:  # fmt: skip
     """MTF along both axes over frequency with 95 % bands; below, where the truth is known, how far it is off.
 
     Parameters
@@ -66,6 +73,8 @@ def mtf_figure(
         Where it is known, its MTF is drawn too.
     axis : FrequencyAxis
         In what frequencies are told.
+    others : mapping of name to columns, optional
+        Curves of other results over frequencies told alike: horizontal and vertical, or mtf across an edge.
     """
     f = quality.frequencies
     shown = f * axis.factor
@@ -85,6 +94,8 @@ def mtf_figure(
             true.set_label("true" if curve is curves["vertical"] else None)
     if limit is not None:
         places[0, 0].plot(shown, limit.otf(f), color=LIMIT_COLOUR, lw=1.3, ls=(0, (1, 1)), label="diffraction")
+    draw_others(places[0, 0], others or {})
+    tell_along(places[0, 0], shown, list(_told_along(shown, curves, axis)))
     _finish_mtf(places[0, 0], axis)
     _draw_undetermined(places[0, 0], shown, np.maximum(*(curve.uncertainty for curve in curves.values())))
     if truth is not None:
@@ -96,6 +107,24 @@ def mtf_figure(
         _frequency_axis(axes, shown, axis, bottom=axes is places[-1, 0])
     described = "MTF along rows and columns with its 95 % bands" + (", against the true MTF" if truth else "")
     return svg(figure, name, described + (", and the diffraction limit" if limit else ""))
+
+
+def draw_others(axes: Axes, others: Mapping[str, Mapping[str, Array]]) -> None:
+    """The curves of other results, dashed, each named once."""
+    for number, (name, columns) in enumerate(others.items()):
+        dashes, label = (0, DASHES[number % len(DASHES)]), name[:LONGEST_NAME]
+        for direction in ("horizontal", "vertical", "mtf"):
+            if direction in columns:
+                colour = ALONG.get(direction, INK)
+                axes.plot(columns["frequency"], columns[direction], color=colour, lw=1, ls=dashes, label=label)
+                label = "_"  # named once
+
+
+def _told_along(f: Array, curves: Mapping[str, _Curve], axis: FrequencyAxis) -> Iterator[str]:
+    """What the curves are at every frequency, in words."""
+    for i, at in enumerate(f):
+        both = (f"{name} {one.value[i]:.3f} ± {one.uncertainty[i]:.3f}" for name, one in curves.items())
+        yield f"{at:.3g} {axis.unit}: {', '.join(both)}"
 
 
 def _true_mtf(truth: Otf | None, fx: Array, fy: Array) -> Array | None:

@@ -28,8 +28,9 @@ from station.results.budget_table import BudgetTable, budget_table
 from station.results.comparison import Comparison, Judged
 from station.results.limits import Specification
 from station.results.number_names import VALUES, titled, words_of
+from station.results.overlay import Overlay
 from station.results.plane_result import PlaneResult
-from station.results.result_files import software
+from station.results.result_files import file_names, software
 from station.results.terms import specification_verdict
 from station.results.units import Pixels
 from station.results.verdict_words import MEASUREMENT, SPECIFICATION
@@ -167,6 +168,10 @@ class Report:
         Light, temperature, distance, operator, ...; the bench, one line for each device.
     made : str
         When, where that is known.
+    overlays : sequence of Overlay
+        Results whose MTF is drawn over this one's.
+    beside : str or None
+        Where the result's files lie, from the page's folder: "", "derived/1/"; None where they may lie anywhere.
     """
 
     subject: str
@@ -179,11 +184,20 @@ class Report:
     made: str = ""
     specification: Specification = field(default_factory=Specification)
     software: Mapping[str, Any] = field(default_factory=software)
+    overlays: Sequence[Overlay] = ()
+    beside: str | None = None
 
     @property
     def verdict(self) -> str:
         """The worst of the planes'."""
         return max((plane.verdict for plane in self.planes), key=ORDER.index, default="refused")
+
+    @property
+    def files(self) -> list[str]:
+        """The result's files beside the page, from its folder; none where it is not known where they lie."""
+        if self.beside is None:
+            return []
+        return [f"{self.beside}{name}" for name in file_names([plane.record for plane in self.planes])]
 
     @property
     def headline(self) -> str:
@@ -214,7 +228,7 @@ class Report:
 
 def calibration_page(report: Report) -> str:
     """The report as HTML, its pictures inside; everything in it that came from outside is escaped."""
-    sheets = [(sheet, _pictures(sheet, f"p{i}")) for i, sheet in enumerate(report.planes, 1)]
+    sheets = [(sheet, _pictures(sheet, f"p{i}", report.overlays)) for i, sheet in enumerate(report.planes, 1)]
     return render(
         "calibration.html",
         report=report,
@@ -231,18 +245,22 @@ def _sources(sheets: Sequence[PlaneSheet]) -> list[str]:
     return [words for words in TERMS.values() if words in told]
 
 
-def _pictures(sheet: PlaneSheet, name: str) -> Mapping[str, Any]:
+def _pictures(sheet: PlaneSheet, name: str, overlays: Sequence[Overlay] = ()) -> Mapping[str, Any]:
     """The figures of a plane, as far as there is something to draw."""
     record, pictures = sheet.record, dict[str, Any]()
     if record.psf is not None:
         pictures["psf"] = psf_figures.psf_figure(record.psf, None, f"{name}-psf")
+        pictures["log"] = psf_figures.log_psf_figure(record.psf, f"{name}-log")
         pictures["energy"] = psf_figures.energy_figure(radial_profile(record.psf), f"{name}-energy")
         axis = otf_figures.FrequencyAxis(str(record.unit), record.factor)
         pictures["phase"] = otf_figures.phase_figure(record.psf, f"{name}-phase", axis)
         pictures["map"] = otf_figures.mtf_map_figure(record.psf, f"{name}-map", record.diffraction, axis)
         if record.quality is not None:
-            figure = otf_figures.mtf_figure(record.quality, None, f"{name}-mtf", record.diffraction, axis)
-            pictures["mtf"] = figure
+            others = curves_over(overlays, record)
+            pictures["mtf"] = otf_figures.mtf_figure(
+                record.quality, None, f"{name}-mtf", record.diffraction, axis, others
+            )
+            pictures["others"] = list(others)
     if record.inter_image is not None:
         pictures["inter_image"] = psf_figures.kernel_figure(record.inter_image, f"{name}-kernel")
     if sheet.chart is not None and sheet.photograph is not None:
@@ -256,6 +274,12 @@ def _pictures(sheet: PlaneSheet, name: str) -> Mapping[str, Any]:
     return pictures
 
 
+def curves_over(overlays: Sequence[Overlay], record: PlaneResult) -> dict[str, Mapping[str, Array]]:
+    """The curves of other results that are of a plane, by their names. Raises BadParameter where units differ."""
+    found = {one.name: one.of(record.name, record.unit) for one in overlays}
+    return {name: columns for name, columns in found.items() if columns}
+
+
 # --- of files alone ----------------------------------------------------------------------------------------------
 
 
@@ -265,6 +289,7 @@ def report_of_files(
     results: Sequence[PlaneResult],
     parameters: Mapping[str, object],
     specification: Specification | None = None,
+    overlays: Sequence[Overlay] = (),
 ) -> Report:
     """The report of a command: what the files themselves tell about camera and conditions.
 
@@ -272,6 +297,7 @@ def report_of_files(
     ----------
     frames : the photographs, the first being the one in which charts were found
     specification : what the results were held to, where they were
+    overlays : results whose MTF is drawn over these
     """
     exposure = frames[0].exposure
     return Report(
@@ -282,6 +308,8 @@ def report_of_files(
         parameters=parameters,
         conditions=_conditions(exposure),
         specification=specification or Specification(),
+        overlays=overlays,
+        beside="",
     )
 
 

@@ -139,6 +139,31 @@ def psf_figure(psf: Psf, truth: Array | None, name: str) -> Markup:
     return svg(figure, name, "the point spread function" + (", less the true one" if truth is not None else ""))
 
 
+DEEPEST = -5.0
+"""Powers of ten of its peak to which a PSF is drawn at most."""
+
+
+def log_psf_figure(psf: Psf, name: str) -> Markup:
+    """The PSF in powers of ten of its peak, down to the standard uncertainty of a sample: flare that is known."""
+    peak = float(psf.h.max())
+    noise = float(np.sqrt(np.median(np.diagonal(psf.covariance)[: psf.h.size])))
+    floor = float(np.clip(np.log10(max(noise / peak, 10**DEEPEST)), DEEPEST, -1.0))
+    figure, ((axes,),) = axes_grid(3.2, 2.05, rim_in=(0.28, 0.12, 0.58, 0.22))
+    reach = (psf.k / 2) / psf.s
+    image = axes.imshow(
+        np.log10(np.maximum(psf.h / peak, 10**floor)), extent=(-reach, reach, reach, -reach), interpolation="none",
+        cmap="viridis", vmin=floor, vmax=0.0,
+    )  # fmt: skip
+    axes.spines[:].set_visible(False)
+    axes.set_title("PSF over its peak", fontsize=9)
+    axes.set_xticks((-2, 0, 2) if reach >= 2 else (-1, 0, 1))
+    axes.set_yticks(axes.get_xticks())
+    ticks = np.arange(np.ceil(floor), 0.5)
+    bar = colour_bar(figure, axes, image, (0, -0.27, 1, 0.045), orientation="horizontal", ticks=ticks)
+    bar.ax.set_xticklabels(["1" if tick == 0 else f"{10.0**tick:g}" for tick in ticks])
+    return svg(figure, name, "the point spread function in powers of ten of its peak")
+
+
 def energy_figure(profile: Profile, name: str) -> Markup:
     """The energy inside circles over their radius, with its 95 % band; a line where they leave the support."""
     figure, ((axes,),) = axes_grid(3.2, 2.5, rim_in=(0.55, 0.14, 0.4, 0.08))

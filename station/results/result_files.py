@@ -230,6 +230,24 @@ def write_psf_result(folder: ResultFolder, planes: Sequence[PlaneResult], about:
     return write_record(folder, record)
 
 
+def file_names(planes: Sequence[PlaneResult]) -> list[str]:
+    """The names of the files that `write_psf_result` writes for people and programs, the record first."""
+    found = [RECORD]
+    if any(plane.quality is not None for plane in planes):
+        found += ["numbers.csv", "budget.csv"]
+    for plane in planes:
+        if plane.curves:
+            found.append(f"mtf_{plane.name}.csv")
+        if plane.psf is not None:
+            found += [f"profile_{plane.name}.csv", f"psf_{plane.name}.npy", f"covariance_{plane.name}.npy"]
+            found += [f"psf_{plane.name}.{suffix}" for suffix in ("fits", "tiff", "png")]
+        if plane.information is not None:
+            found.append(f"information_{plane.name}.csv")
+        if plane.inter_image is not None:
+            found.append(f"inter_image_{plane.name}.npy")
+    return found
+
+
 def _sampling(planes: Sequence[PlaneResult]) -> dict[str, Any]:
     """s and k as they were used: one number where all planes have the same, else one a plane."""
     used = {plane.name: plane.psf for plane in planes if plane.psf is not None}

@@ -16,7 +16,9 @@ from station.cli.psf.planes import (
     chart_options,
     chart_source,
     finish,
+    overlay_option,
     psf_options,
+    read_overlays,
     read_planes,
     tell_each,
     told_layout,
@@ -43,6 +45,7 @@ if TYPE_CHECKING:
     help="Of station sensor: its response is undone, its noise weighs the samples.",
 )
 @certificate_option
+@overlay_option
 @psf_options(s="auto", k="auto", solver="ls")
 def psf_pattern(
     image: Path,
@@ -55,6 +58,7 @@ def psf_pattern(
     out: Path,
     report: bool,
     certificate: bool,
+    overlays: tuple[Path, ...],
     as_json: bool,
     **options: Any,
 ) -> None:
@@ -66,7 +70,7 @@ def psf_pattern(
     from station.results.result_files import ResultFolder
     from station.results.units import pixels_of
 
-    trusted, terms = options.pop("trust_typed"), terms_of(options)
+    trusted, terms, others = options.pop("trust_typed"), terms_of(options), read_overlays(overlays)
     optics = {name: options.pop(name) for name in OPTICS}
     parameters = PatternParameters(**options)
     with ResultFolder(out, force=forced()) as folder:
@@ -95,8 +99,9 @@ def psf_pattern(
             [frame],
             parameters=given,
             terms=terms,
-            report=report,
+            report=report or bool(others),
             certificate=certificate,
             start=start,
+            overlays=others,
         )
     finish(planes, text, as_json=as_json)

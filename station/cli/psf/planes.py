@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from procedures.raw import RawFrame
     from procedures.reading.sensor_dump import DumpLayout
     from station.reports.pattern_report import Report
+    from station.results.overlay import Overlay
     from station.results.plane_result import PlaneResult
     from station.results.result_files import ResultFolder
     from station.results.terms import Terms
@@ -121,6 +122,19 @@ certificate_option = click.option(
 )
 
 
+overlay_option = click.option(
+    "--overlay", "overlays", multiple=True, type=click.Path(path_type=Path), metavar="RESULT",
+    help="Draw the MTF of this result or session over the page's too; as often as wanted.",
+)  # fmt: skip
+
+
+def read_overlays(paths: Sequence[Path]) -> list[Overlay]:
+    """The results to draw over this one's. Raises BadParameter where one is none."""
+    from station.results.overlay import read_overlay
+
+    return [read_overlay(path) for path in paths]
+
+
 def chart_options(command: Command) -> Command:
     """The options that tell which chart was printed."""
     bits = click.option("--bits", type=click.Path(path_type=Path), help="The chart's 256 x 256 cells as a grey image.")
@@ -181,6 +195,7 @@ def write_result(
     report: bool,
     certificate: bool,
     start: float,
+    overlays: Sequence[Overlay] = (),
 ) -> str:
     """Write the result of photographs, its report and certificate where wanted; returns the record's text."""
     from station.results.result_files import write_psf_result
@@ -192,7 +207,7 @@ def write_result(
             report_of_files,
         )
 
-        told = report_of_files(procedure, frames, found, parameters, terms.specification)
+        told = report_of_files(procedure, frames, found, parameters, terms.specification, overlays)
         if report:
             folder.write(PAGE, calibration_page(told).encode())
         if certificate:

@@ -14,7 +14,9 @@ from station.cli.psf.planes import (
     OPTICS,
     certificate_option,
     finish,
+    overlay_option,
     psf_options,
+    read_overlays,
     read_planes,
     tell_each,
     told_layout,
@@ -32,6 +34,7 @@ if TYPE_CHECKING:
 @click.argument("a", type=click.Path(path_type=Path))
 @click.argument("b", type=click.Path(path_type=Path))
 @certificate_option
+@overlay_option
 @psf_options(s="auto", k="auto", solver="ls")
 def psf_two_photo(
     a: Path,
@@ -41,6 +44,7 @@ def psf_two_photo(
     out: Path,
     report: bool,
     certificate: bool,
+    overlays: tuple[Path, ...],
     as_json: bool,
     **options: Any,
 ) -> None:
@@ -51,7 +55,7 @@ def psf_two_photo(
     from station.results.result_files import ResultFolder
     from station.results.units import pixels_of
 
-    trusted, terms = options.pop("trust_typed"), terms_of(options)
+    trusted, terms, others = options.pop("trust_typed"), terms_of(options), read_overlays(overlays)
     optics = {name: options.pop(name) for name in OPTICS}
     parameters = TwoPhotoParameters(**options)
     with ResultFolder(out, force=forced()) as folder:
@@ -71,8 +75,9 @@ def psf_two_photo(
             [first, second],
             parameters=given,
             terms=terms,
-            report=report,
+            report=report or bool(others),
             certificate=certificate,
             start=start,
+            overlays=others,
         )
     finish(planes, text, as_json=as_json)

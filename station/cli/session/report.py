@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from station.cli.psf.planes import overlay_option, read_overlays
 from station.cli.session.group import find_session, session_argument
 from station.common.log import log, log_json_option
 
@@ -14,16 +15,18 @@ from station.common.log import log, log_json_option
 @session_argument
 @click.option("--out", type=click.Path(path_type=Path), help="The HTML file.  [default: report.html in the session]")
 @click.option("--certificate", is_flag=True, help="Write certificate.html and certificate.pdf beside it.")
+@overlay_option
 @log_json_option
-def session_report(name: str, root: Path, out: Path | None, certificate: bool) -> None:
+def session_report(name: str, root: Path, out: Path | None, certificate: bool, overlays: tuple[Path, ...]) -> None:
     """Write the report of SESSION's last result."""
     from station.common.atomic_files import write_whole
-    from station.guide.session_report import session_page
+    from station.guide.session_report import overlaid_page, session_page
     from station.reports.pattern_report import PAGE
 
-    folder = find_session(name, root)
+    folder, others = find_session(name, root), read_overlays(overlays)
     path = out or folder / PAGE
-    write_whole(path, session_page(folder).encode())
+    page = overlaid_page(folder, others) if others else session_page(folder)
+    write_whole(path, page.encode())
     log("written", f"wrote {path}", path=str(path))
     if certificate:
         _certify(folder, path.parent)

@@ -14,7 +14,7 @@ import html5lib
 import numpy as np
 import pytest
 
-from procedures.outcome import Outcome, Quantity, Verdict
+from procedures.outcome import BadParameter, Outcome, Quantity, Verdict
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.quality import Diffraction
@@ -22,8 +22,17 @@ from procedures.raw import read_frame
 from procedures.reading.exposure import Exposure
 from station.calibration.planes import calibrate
 from station.reports.otf_figures import mtf_figure
-from station.reports.pattern_report import PlaneSheet, Report, ReportLine, ReportShot, calibration_page, report_of_files
+from station.reports.pattern_report import (
+    PlaneSheet,
+    Report,
+    ReportLine,
+    ReportShot,
+    calibration_page,
+    curves_over,
+    report_of_files,
+)  # fmt: skip
 from station.results.limits import Limit, Specification
+from station.results.overlay import Overlay
 from station.results.plane_result import PlaneResult
 from station.results.terms import Terms
 from station.results.units import Frequency, Pixels, Unit
@@ -260,7 +269,9 @@ def test_browser_shows_every_picture_and_nothing_runs_over(shown, which):
     assert seen["width"] == {"wide": 1280, "narrow": 400}[which]
     assert seen["wide"] == []
     assert seen["scroll"] <= seen["width"]
-    assert len(seen["pictures"]) == 2 * 7  # PSF, two of the MTF, energy, phase, chart, residual of two planes
+    assert (
+        len(seen["pictures"]) == 2 * 8
+    )  # two of the PSF, two of the MTF, energy, phase, chart, residual of two planes
     assert len(seen["rasters"]) >= 2 * 3
     assert all(250 < width < seen["width"] and height > 150 for width, height in seen["pictures"])
     assert all(width > 3 and height > 3 for width, height in seen["rasters"])
@@ -294,3 +305,32 @@ def test_edges_and_physics_stand_beside_the_numbers(report):
     text = " ".join("".join(strictly(page).itertext()).split())
     for words in ("MTF50 across the near-vertical edge", "0.3000 ± 0.0030", "its corner missing at 45°", "1.04"):
         assert words in text
+
+
+def test_figures_tell_their_numbers_where_a_pointer_rests(page, report):
+    titles = [one.text for one in strictly(page).iter(SVG.replace("svg}svg", "svg}title"))]
+    assert len(titles) == 40 * len(report.planes)
+    quality = report.planes[0].record.quality
+    one = next(text for text in titles if text.startswith(f"{quality.frequencies[-1]:.3g} cycles/pixel: horizontal "))
+    value, uncertainty = quality.mtf_horizontal[-1], quality.mtf_horizontal_uncertainty[-1]
+    assert f"horizontal {value:.3f} ± {uncertainty:.3f}" in one
+    assert "<script" not in page
+
+
+def test_other_results_are_drawn_over_and_named(report):
+    record = report.planes[0].record
+    curves = {"frequency": record.curves["frequency"], "horizontal": record.curves["vertical"]}
+    other = Overlay("<last year>", Unit.CYCLES, {record.name: curves})
+    others = curves_over([other], record)
+    drawn = strictly(f"<!doctype html><title>.</title>{mtf_figure(record.quality, None, 'a', others=others)}")
+    assert "<last year>" in "".join(drawn.itertext())
+    assert curves_over([other], report.planes[1].record) == {}
+    with pytest.raises(BadParameter, match="b tells its MTF in lp/mm"):
+        curves_over([Overlay("b", Unit.LINE_PAIRS, {record.name: curves})], record)
+
+
+def test_the_files_beside_the_page_are_linked(page, report):
+    links = [one.get("href") for one in strictly(page).iter("a")]
+    assert {"result.json", "mtf_G1.csv", "psf_G2.fits"} <= set(links)
+    assert replace(report, beside="derived/1/").files[0] == "derived/1/result.json"
+    assert replace(report, beside=None).files == []
