@@ -9,12 +9,12 @@ import numpy.typing as npt
 
 from procedures.choice import Trial
 from procedures.pattern_psf.error_parts import ErrorParts
-from procedures.pattern_psf.paper_noise import NoiseLook
 from procedures.pattern_psf.radiometry import Light
 from procedures.pattern_psf.refine import GEOMETRY, RESPONSE, SPREAD, TAIL, Fit, TailPrior
 from procedures.pattern_psf.registration import Registration, map_distance, mark_residuals
 from procedures.psf import Psf
-from procedures.sharpening import missing_light
+from procedures.sharpening.paper import NoiseLook
+from procedures.sharpening.ring import missing_light
 
 Array = npt.NDArray[np.float64]
 

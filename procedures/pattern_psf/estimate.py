@@ -23,9 +23,8 @@ from procedures.pattern_psf.correspondences import Correspondences, corresponden
 from procedures.pattern_psf.diagnostics import Diagnostics, diagnose
 from procedures.pattern_psf.error_parts import CALIBRATED, GROUPS, ErrorParts, Variation, error_parts
 from procedures.pattern_psf.gamma.amplification import gamma_bound, gamma_of_fit
-from procedures.pattern_psf.observation import Observation, count_inside, noise_window, observe
+from procedures.pattern_psf.observation import Observation, count_inside, noise_window, observe, surroundings
 from procedures.pattern_psf.outliers import swept, without_outliers, without_places
-from procedures.pattern_psf.paper_noise import look_at_noise
 from procedures.pattern_psf.radiometry import Light, bend_of_chart, measure_light, straighten, with_sensor
 from procedures.pattern_psf.refine import GEOMETRY, Fit, TailPrior, first_look, refine
 from procedures.pattern_psf.registration import (
@@ -41,6 +40,7 @@ from procedures.psf import Psf, Sampling
 from procedures.quality import Diffraction, Quality, assess, beyond_diffraction
 from procedures.raw import Plane
 from procedures.sensor_model import SensorModel
+from procedures.sharpening.paper import look_at_noise
 
 Array = npt.NDArray[np.float64]
 
@@ -249,7 +249,9 @@ def _estimate(
     quality = assess(found.psf, n=len(found.fit.observation), diffraction=diffraction, at=parameters.at)
     parts = error_parts(found.fit, found.psf, quality, WATCHED, GROUPS if sensor is None else CALIBRATED)
     quality = taken_apart(with_settling(quality, settling(tried)), parts.parts)
-    noise = look_at_noise(samples, light, found.fit)
+    around = surroundings(found.fit.registration, samples.shape).cut(samples)
+    levels = float(light.black[0]), float(light.white[0])
+    noise = look_at_noise(around, levels, light.variance_at, _residual_picture(found.fit)[0])
     diagnostics = diagnose(
         found.fit, found.psf, light, corners, marks_map, found.outliers, parts, known.tail, tried[-1], noise
     )

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numerics.warps import cubic_monomials
-from procedures.pattern import CELLS
+from procedures.pattern import BLOCK, CELLS
 from procedures.pattern_psf.radiometry import Light, quadratic
 from procedures.pattern_psf.rasterise import Window
 from procedures.pattern_psf.registration import Registration
@@ -63,11 +63,23 @@ class Observation:
 
 def noise_window(registration: Registration, shape: tuple[int, ...]) -> Window:
     """The pixels that can lie in the noise region, inside the plane."""
-    rim = registration.to_sensor(np.array([[0.0, 0.0], [CELLS, 0.0], [CELLS, CELLS], [0.0, CELLS]]))
+    return _window(registration, shape, 0.0, 0.0)
+
+
+def surroundings(registration: Registration, shape: tuple[int, ...]) -> Window:
+    """The chart with its frame and half of its width around it, inside the plane."""
+    return _window(registration, shape, float(BLOCK), 0.5)
+
+
+def _window(registration: Registration, shape: tuple[int, ...], frame: float, wider: float) -> Window:
+    """The pixels of the noise region, so many cells around it, and a share of that in pixels, inside the plane."""
+    low, high = -frame, CELLS + frame
+    rim = registration.to_sensor(np.array([[low, low], [high, low], [high, high], [low, high]]))
     limit = np.array(shape[::-1]) - 1
-    low = np.clip(np.floor(rim.min(axis=0)), 0, limit).astype(int)
-    high = np.clip(np.ceil(rim.max(axis=0)), 0, limit).astype(int)
-    return Window(int(low[0]), int(low[1]), int(high[0] - low[0] + 1), int(high[1] - low[1] + 1))
+    more = wider * np.ptp(rim, axis=0)
+    first = np.clip(np.floor(rim.min(axis=0) - more), 0, limit).astype(int)
+    last = np.clip(np.ceil(rim.max(axis=0) + more), 0, limit).astype(int)
+    return Window(int(first[0]), int(first[1]), int(last[0] - first[0] + 1), int(last[1] - first[1] + 1))
 
 
 def observe(

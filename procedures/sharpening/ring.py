@@ -1,4 +1,4 @@
-"""Whether a picture was sharpened: light does not leave less around its core than its far tail tells, sharpening does.
+"""Sharpening told by the PSF: light does not leave less around its core than its far tail tells, sharpening does.
 
 Sharpening subtracts a blurred picture from the picture, which digs a ring around the PSF's core. A lens cannot: beyond
 the core the mean PSF falls to its tail of a / r^3 from above, whatever the aberrations, and the tail is not negative.
