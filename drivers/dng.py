@@ -1,0 +1,213 @@
+"""A DNG file of a mosaic, as a camera writes it: uncompressed, with black levels, exposure and serial numbers.
+
+Tags are those of TIFF 6, of TIFF/EP and EXIF 2.32, and of the DNG specification 1.4.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+Mosaic = npt.NDArray[np.uint16]
+Tag = tuple[int, int, bytes]
+"""Type, count, and the values' bytes."""
+
+BYTE, ASCII, SHORT, LONG, RATIONAL, UNDEFINED, SRATIONAL = 1, 2, 3, 4, 5, 7, 10
+
+
+@dataclass(frozen=True)
+class Shot:
+    """What a camera notes about one exposure; None where it does not know, and then the file says nothing."""
+
+    exposure_s: float = 0.02
+    f_number: float | None = 5.6
+    iso: int | None = 100
+    focal_length_mm: float | None = 50.0
+    pixel_pitch_um: float | None = None
+    subject_distance_mm: float | None = None
+    captured_at: datetime = datetime(2026, 1, 1, 12, 0, 0)
+    make: str = "Calibration Station"
+    model: str = "Simulated Bench"
+    serial: str = "0001"
+    lens: str = "Simulated 50 mm"
+    lens_serial: str = "0001"
+    comment: str = ""
+
+
+def write_dng(
+    path: Path,
+    mosaic: Mosaic,
+    shot: Shot,
+    *,
+    cfa: str | None,
+    black: Sequence[float],
+    white: int,
+    bits: int = 16,
+    orientation: int = 1,
+) -> None:
+    """Write a mosaic (rows, columns) to a DNG file.
+
+    Parameters
+    ----------
+    cfa : str or None
+        Colours of the 2 x 2 tile, row by row; None writes a monochrome file.
+    black : (4,)
+        Black level of each position of the tile, row by row.
+    bits : int
+        Width of a number in the file: 16 is fastest, 10, 12 and 14 pack them most significant bit first.
+
+    Raises
+    ------
+    ValueError
+        If a number does not fit into `bits`.
+    """
+    if int(mosaic.max(initial=0)) >= 2**bits:
+        raise ValueError(f"numbers up to {int(mosaic.max())} do not fit into {bits} bits; write 16")
+    data = pack(mosaic, bits)
+    head = _header(mosaic.shape, len(data), shot, cfa, black, white, bits, orientation)
+    with open(path, "wb") as file:
+        file.write(head)
+        file.write(data)
+
+
+def pack(mosaic: Mosaic, bits: int) -> bytes:
+    """The rows' numbers at `bits` bits each, most significant first, each row filled up to a whole byte.
+
+    Four numbers of 10, 12 or 14 bits are 5, 6 or 7 bytes: they are put together in one word of 64 bits.
+    """
+    if bits == 16:
+        return mosaic.astype("<u2").tobytes()
+    rows, columns = mosaic.shape
+    padded = np.zeros((rows, -(-columns // 4) * 4), dtype=np.uint64)
+    padded[:, :columns] = mosaic
+    quads = padded.reshape(rows, -1, 4)
+    word = quads[..., 0]
+    for i in (1, 2, 3):
+        word = (word << np.uint64(bits)) | quads[..., i]
+    word <<= np.uint64(64 - 4 * bits)
+    octets = word.astype(">u8").view(np.uint8).reshape(rows, -1, 8)[:, :, : bits // 2]
+    return octets.reshape(rows, -1)[:, : -(-columns * bits // 8)].tobytes()
+
+
+def _header(
+    shape: tuple[int, ...],
+    size: int,
+    shot: Shot,
+    cfa: str | None,
+    black: Sequence[float],
+    white: int,
+    bits: int,
+    orientation: int,
+) -> bytes:
+    """All that precedes the pixels, filled up to a multiple of 16 bytes."""
+    rows, columns = shape
+    tags = {
+        254: _long(0), 256: _long(columns), 257: _long(rows), 258: _short(bits), 259: _short(1),
+        262: _short(32803 if cfa else 34892), 271: _text(shot.make), 272: _text(shot.model), 274: _short(orientation),
+        277: _short(1), 278: _long(rows), 279: _long(size), 284: _short(1), 305: _text("calibration-station"),
+        306: _text(shot.captured_at.strftime("%Y:%m:%d %H:%M:%S")),
+        50706: _bytes(1, 4, 0, 0), 50707: _bytes(1, 1, 0, 0), 50708: _text(f"{shot.make} {shot.model}"),
+        50713: _short(2, 2), 50714: _rational(*black), 50717: _long(white), 50735: _text(shot.serial),
+    }  # fmt: skip
+    tags |= _colour_tags(cfa)
+    exif = _exif_tags(shot)
+    directory = 8
+    # the lengths do not depend on the addresses: lay everything out once with zeros, then with the addresses
+    tags |= {273: _long(0), 34665: _long(0)}
+    exif_at = directory + len(_directory(tags, directory))
+    data_at = -(-(exif_at + len(_directory(exif, exif_at))) // 16) * 16
+    tags |= {273: _long(data_at), 34665: _long(exif_at)}
+    head = struct.pack("<2sHI", b"II", 42, directory) + _directory(tags, directory) + _directory(exif, exif_at)
+    return head.ljust(data_at, b"\0")
+
+
+def _colour_tags(cfa: str | None) -> dict[int, Tag]:
+    """The mosaic, and a plain colour matrix: nobody here knows the filters better."""
+    if not cfa:
+        return {}
+    return {
+        33421: _short(2, 2), 33422: _bytes(*("RGB".index(colour) for colour in cfa)),
+        50710: _bytes(0, 1, 2), 50711: _short(1),
+        50721: _rational(1, 0, 0, 0, 1, 0, 0, 0, 1, kind=SRATIONAL),
+        50728: _rational(0.6, 1.0, 0.7), 50778: _short(21),
+    }  # fmt: skip
+
+
+def _exif_tags(shot: Shot) -> dict[int, Tag]:
+    date = shot.captured_at.strftime("%Y:%m:%d %H:%M:%S")
+    tags = {
+        33434: _rational(shot.exposure_s), 36864: (UNDEFINED, 4, b"0232"), 36867: _text(date), 36868: _text(date),
+        37377: _rational(-math.log2(shot.exposure_s), kind=SRATIONAL),
+        37521: _text(f"{shot.captured_at.microsecond:06d}"), 42033: _text(shot.serial),
+    } | _lens_tags(shot)  # fmt: skip
+    if shot.iso is not None:
+        tags |= {34855: _short(min(shot.iso, 65535)), 34864: _short(2)}
+    if shot.pixel_pitch_um is not None:
+        per_cm = _rational(10_000 / shot.pixel_pitch_um)
+        tags |= {41486: per_cm, 41487: per_cm, 41488: _short(3)}
+    if shot.subject_distance_mm is not None:
+        tags[37382] = _rational(shot.subject_distance_mm / 1000)
+    if shot.comment:
+        text = b"ASCII\0\0\0" + shot.comment.encode("ascii", "backslashreplace")
+        tags[37510] = (UNDEFINED, len(text), text)
+    return tags
+
+
+def _lens_tags(shot: Shot) -> dict[int, Tag]:
+    """What is known of the lens: its marking (42034) needs both its focal length and its aperture."""
+    tags: dict[int, Tag] = {}
+    if shot.lens:
+        tags |= {42035: _text(shot.make), 42036: _text(shot.lens), 42037: _text(shot.lens_serial)}
+    if shot.f_number is not None:
+        tags |= {33437: _rational(shot.f_number), 37378: _rational(2 * math.log2(shot.f_number))}
+    if shot.focal_length_mm is not None:
+        tags[37386] = _rational(shot.focal_length_mm)
+    if shot.f_number is not None and shot.focal_length_mm is not None:
+        tags[42034] = _rational(*[shot.focal_length_mm] * 2, *[shot.f_number] * 2)
+    return tags
+
+
+def _directory(tags: dict[int, Tag], at: int) -> bytes:
+    """One image file directory that begins at a byte of the file: its entries, then the values that do not fit."""
+    beyond = at + 2 + 12 * len(tags) + 4
+    entries, values = b"", b""
+    for number in sorted(tags):
+        kind, count, raw = tags[number]
+        place = raw.ljust(4, b"\0")
+        if len(raw) > 4:
+            place = struct.pack("<I", beyond + len(values))
+            values += raw + b"\0" * (len(raw) % 2)
+        entries += struct.pack("<HHI", number, kind, count) + place
+    return struct.pack("<H", len(tags)) + entries + b"\0\0\0\0" + values
+
+
+def _bytes(*values: int) -> Tag:
+    return BYTE, len(values), bytes(values)
+
+
+def _short(*values: int) -> Tag:
+    return SHORT, len(values), struct.pack(f"<{len(values)}H", *values)
+
+
+def _long(value: int) -> Tag:
+    return LONG, 1, struct.pack("<I", value)
+
+
+def _text(value: str) -> Tag:
+    raw = value.encode("ascii", "replace") + b"\0"
+    return ASCII, len(raw), raw
+
+
+def _rational(*values: float, kind: int = RATIONAL) -> Tag:
+    """Numbers as fractions that round to them: numerators of some 31 bits at most, denominators up to a million."""
+    fractions = [Fraction(value).limit_denominator(1_000_000) for value in values]
+    code = "<2i" if kind == SRATIONAL else "<2I"
+    return kind, len(values), b"".join(struct.pack(code, f.numerator, f.denominator) for f in fractions)
