@@ -7,6 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
+from drivers.alpaca.camera import AlpacaCamera, AlpacaCameraSettings
+from drivers.alpaca.link import AlpacaServer
+from drivers.alpaca.stage import AlpacaAxis, AlpacaStage
+from drivers.alpaca.switch import AlpacaLight, AlpacaShutter, AlpacaSwitch
 from drivers.clock import Clock
 from drivers.dng_folder import DngFolder, Optics
 from drivers.folder_camera import FolderCamera, Tether
@@ -143,6 +147,37 @@ def _genicam(
     return GenicamCamera(parts.frames(folder, **optics), camera, settings, clock=parts.clock)
 
 
+def _alpaca_stage(
+    name: str, parts: Parts, *, server: str, axes: Sequence[Mapping[str, Any]], password_variable: str = "",
+    patience_s: float = 60.0,
+) -> AlpacaStage:  # fmt: skip
+    made = [AlpacaAxis(**axis) for axis in axes]
+    return AlpacaStage(AlpacaServer(server, password_variable), made, patience_s=patience_s, clock=parts.clock)
+
+
+def _alpaca_camera(
+    name: str, parts: Parts, *, server: str, folder: str, device: int = 0, password_variable: str = "",
+    exposure_s: float = 0.1, patience_s: float = 30.0, **optics: Any,
+) -> AlpacaCamera:  # fmt: skip
+    settings = AlpacaCameraSettings(exposure_s, patience_s)
+    at = AlpacaServer(server, password_variable)
+    return AlpacaCamera(at, device, parts.frames(folder, **optics), settings, clock=parts.clock)
+
+
+def _alpaca_light(
+    name: str, parts: Parts, *, server: str, switch: int, device: int = 0, password_variable: str = "", **panel: float
+) -> AlpacaLight:
+    line = AlpacaSwitch(AlpacaServer(server, password_variable), device, switch)
+    return AlpacaLight(line, panel=Panel(**panel), clock=parts.clock)
+
+
+def _alpaca_shutter(
+    name: str, parts: Parts, *, server: str, switch: int, device: int = 0, password_variable: str = ""
+) -> AlpacaShutter:
+    line = AlpacaSwitch(AlpacaServer(server, password_variable), device, switch)
+    return AlpacaShutter(line, clock=parts.clock)
+
+
 def _wit(name: str, parts: Parts, *, port: str, baud: int = 115200) -> WitImu:
     return WitImu(parts.wire(name, port, WitParser, baud=baud), clock=parts.clock)
 
@@ -182,6 +217,10 @@ MAKERS: dict[str, Callable[..., Device]] = {
     "micromanager_camera": _micromanager_camera,
     "micromanager_shutter": _micromanager_shutter,
     "genicam": _genicam,
+    "alpaca_stage": _alpaca_stage,
+    "alpaca_camera": _alpaca_camera,
+    "alpaca_light": _alpaca_light,
+    "alpaca_shutter": _alpaca_shutter,
     "wit": _wit,
     "fast": _fast,
     "jrt": _jrt,

@@ -182,6 +182,14 @@ FRAMES = {
     "pixel_pitch_um": Option(Number("3.45", 0.0, above=True)),
     "black": Option(Number("64", 0.0)),
 }
+HOST_AND_PORT = r"(\[[^\]\s]+\]|[^:@\s/]+):\d{1,5}"
+SERVER = {
+    "server": Option(Text('"192.168.1.20:11111"', "address and port of a server in quotes", HOST_AND_PORT), True),
+    "password_variable": Option(Text('"STATION_TOKEN"', "the name of a variable of the environment", r"[A-Za-z_]\w*")),
+}
+COUNTED = Whole("0", 0, 2**16)
+ALPACA = {**SERVER, "device": Option(COUNTED)}
+PATIENCE = Option(Number("60", 0.0, above=True))
 
 OPTIONS: dict[str, Options] = {
     "grbl": Options(
@@ -262,6 +270,23 @@ OPTIONS: dict[str, Options] = {
             **FRAMES,
         }
     ),
+    "alpaca_stage": Options(
+        {**SERVER, "patience_s": PATIENCE},
+        {
+            "name": NAME,
+            "focuser": Option(COUNTED, required=True),
+            "unit_per_step": Option(Number("0.001", 0.0, above=True)),
+            "zero": Option(Number("0.0")),
+            "direction": Option(OneOf((1, -1))),
+            "home": Option(Text('"Home"', "the name of the focuser's action that homes it in quotes")),
+        },
+        (("name",), ("focuser",)),
+    ),
+    "alpaca_camera": Options(
+        {**ALPACA, "exposure_s": Option(Number("0.1", 0.0, above=True)), "patience_s": PATIENCE, **FRAMES}
+    ),
+    "alpaca_light": Options({**ALPACA, "switch": Option(COUNTED, required=True), **LAMP}),
+    "alpaca_shutter": Options({**ALPACA, "switch": Option(COUNTED, required=True)}),
     "wit": Options(LINE),
     "fast": Options(
         {
@@ -275,7 +300,7 @@ OPTIONS: dict[str, Options] = {
     "dmx": Options({"port": PORT, "channels": Option(Several(Whole("1", 1, 512))), **LAMP}),
     "grbl_light": Options({**ON_A_STAGE, **LAMP}),
 }
-STAGES, SHUTTERS = ("grbl",), ("strig", "rts", "relay", "micromanager_shutter")
+STAGES, SHUTTERS = ("grbl",), ("strig", "rts", "relay", "micromanager_shutter", "alpaca_shutter")
 REFERS = {"on": (STAGES, "GRBL stage"), "shutter": (SHUTTERS, "shutter")}
 """Keys that name another device, the drivers it may have, and what it is called."""
 EITHER = {"relay": ("on", "port"), "grbl_light": ("on", "port")}

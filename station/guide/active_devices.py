@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 POSITION_LOST = (Alarm, WasReset, NotHomed, EmergencyStopped)
 LINE_TROUBLE = (NoAnswer, LineLost, Alarm, WasReset)
 NOT_THERE = ("not connected", "the folder is gone")
-SETTABLE = ("gphoto", "micromanager_camera", "genicam")
+SETTABLE = ("gphoto", "micromanager_camera", "genicam", "alpaca_camera")
 """Drivers whose camera takes its settings from here; others are set by hand."""
 AT = "at_"
 """Before an axis' name: the fact where it is."""

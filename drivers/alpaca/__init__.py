@@ -1,0 +1,1 @@
+"""Devices of other programs behind ASCOM Alpaca: focusers as axes, cameras, switches as lamp and shutter."""

@@ -1,0 +1,185 @@
+"""Switches of an Alpaca server: one as a Light, one as a Shutter that is timed from here."""
+
+from __future__ import annotations
+
+import threading
+
+from drivers.alpaca.link import AlpacaLink, AlpacaServer
+from drivers.clock import Clock, SystemClock
+from drivers.errors import BadConfiguration, EmergencyStopped, LineLost, MoveFailed, Rejected
+from drivers.interfaces import Condition, Identity, ShutterTimes
+from drivers.light import Panel, check_level
+
+SET = "setswitch"
+
+
+class AlpacaSwitch:
+    """One switch, by its number on the device: connected, and found to be writable."""
+
+    def __init__(self, server: AlpacaServer, device: int, switch: int) -> None:
+        self.link = AlpacaLink(server, "switch", device)
+        self.switch = switch
+        self.low, self.high = 0.0, 1.0
+
+    @property
+    def address(self) -> str:
+        """Switch, device and server."""
+        return f"number {self.switch} of {self.link.address}"
+
+    def connect(self) -> Identity:
+        """Connect, and ask for name and range. Raises DeviceError."""
+        identity = self.link.open()
+        device = self.link.device
+        try:
+            with self.link.asked():
+                count = int(device.MaxSwitch)
+                if self.switch >= count:
+                    told = f"{self.link.address} has {count} switches, and number {self.switch} is asked for"
+                    raise BadConfiguration(told, "they are counted from 0")
+                name, writable = str(device.GetSwitchName(self.switch)), bool(device.CanWrite(self.switch))
+                self.low = float(device.MinSwitchValue(self.switch))
+                self.high = float(device.MaxSwitchValue(self.switch))
+            if not writable:
+                raise BadConfiguration(f"{name} at {self.address} is read only", "name the number of another switch")
+        except BaseException:
+            self.link.close()
+            raise
+        return Identity(f"{identity.model}, {name}", identity.firmware, "", self.address)
+
+    def set(self, on: bool) -> None:
+        """Switch it. Raises DeviceError."""
+        with self.link.asked():
+            self.link.device.SetSwitch(self.switch, on)
+
+    def shout_off(self) -> None:
+        """Switch it off, past whatever is being asked; never raises."""
+        self.link.shout(SET, {"Id": str(self.switch), "State": "False"})
+
+
+class AlpacaLight:
+    """A Light on a switch of an Alpaca server."""
+
+    def __init__(self, switch: AlpacaSwitch, *, panel: Panel | None = None, clock: Clock | None = None) -> None:
+        self.clock = clock or SystemClock()
+        self.panel = panel or Panel()
+        self._switch = switch
+        self._level = 0.0
+        self._since_s = -float("inf")
+
+    @property
+    def address(self) -> str:
+        """Switch, device and server."""
+        return self._switch.address
+
+    def connect(self) -> Identity:
+        """Connect, and ask for name and range. Raises DeviceError."""
+        return self._switch.connect()
+
+    def close(self) -> None:
+        """Leave it; the lamp keeps its level."""
+        self._switch.link.close()
+
+    def condition(self) -> Condition:
+        """Level, and whether it has warmed up."""
+        if not self._switch.link.is_open:
+            return Condition("not connected", False, "connect it")
+        return Condition(f"{100 * self._level:.0f} %" + ("" if self.steady() else ", warming up"))
+
+    def set_level(self, level: float) -> None:
+        """Set a part of its range. Raises DeviceError."""
+        switch = self._switch
+        value = switch.low + check_level(level) * (switch.high - switch.low)
+        with switch.link.asked():
+            switch.link.device.SetSwitchValue(switch.switch, value)
+        if level != self._level:
+            self._level, self._since_s = level, self.clock.now_s()
+
+    def level(self) -> float:
+        """What it was last set to."""
+        return self._level
+
+    def steady(self) -> bool:
+        """Whether it has warmed up since the level was changed."""
+        return self.clock.now_s() - self._since_s >= self.panel.warm_up_s
+
+    def emergency_stop(self) -> None:
+        """Light is harmless, and people need it: it stays."""
+
+
+class AlpacaShutter:
+    """A Shutter on a switch of an Alpaca server; its times are the host's, of when the server had answered."""
+
+    def __init__(self, switch: AlpacaSwitch, *, clock: Clock | None = None) -> None:
+        self.clock = clock or SystemClock()
+        self._switch = switch
+        self._end = threading.Condition()
+        self._aborts = 0
+        self._stopped: EmergencyStopped | None = None
+
+    @property
+    def address(self) -> str:
+        """Switch, device and server."""
+        return self._switch.address
+
+    def connect(self) -> Identity:
+        """Connect, and open the contact. Raises DeviceError."""
+        identity = self._switch.connect()
+        try:
+            self._switch.set(False)
+        except BaseException:
+            self.close()
+            raise
+        return identity
+
+    def close(self) -> None:
+        """Leave it."""
+        self._switch.link.close()
+
+    def condition(self) -> Condition:
+        """Whether it is there."""
+        return Condition("ready") if self._switch.link.is_open else Condition("not connected", False, "connect it")
+
+    def focus(self, pressed: bool) -> None:
+        """Refused: it has no such contact. Raises Rejected."""
+        raise Rejected(f"{self.address} has no focus contact", "focus by hand, or use a STRIG/1 box")
+
+    def fire(self, pulse_s: float, focus_s: float = 0.0) -> ShutterTimes:
+        """Close the contact for `pulse_s`. Raises DeviceError."""
+        if not self._switch.link.is_open:
+            raise LineLost(f"{self.address} is not connected", "connect first")
+        self._stopped = None
+        aborts = self._aborts
+        self.clock.sleep(focus_s)
+        try:
+            if self._aborts == aborts:
+                self._switch.set(True)
+            closed_s = self.clock.now_s()
+            with self._end:
+                self.clock.wait(self._end, lambda: self._aborts != aborts, closed_s + pulse_s)
+        finally:
+            self._switch.set(False)
+        if self._stopped is not None:
+            raise self._stopped
+        if self._aborts != aborts:
+            raise MoveFailed(f"the shot at {self.address} was cut short", "fire again")
+        return ShutterTimes(closed_s, self.clock.now_s())
+
+    def abort(self) -> None:
+        """Open the contact now. Raises DeviceError."""
+        self._interrupt()
+        if self._switch.link.is_open:
+            self._switch.set(False)
+
+    def _interrupt(self) -> None:
+        self._aborts += 1
+        # the shot that waits wakes by itself at the latest when its pulse ends; it must not be waited for here
+        if self._end.acquire(blocking=False):
+            self._end.notify_all()
+            self._end.release()
+
+    def emergency_stop(self) -> None:
+        """Open the contact now, past whatever is being asked."""
+        self._stopped = EmergencyStopped(f"emergency stop at {self.address}", "make it safe, then fire again")
+        self._interrupt()
+        if self._switch.link.is_open:
+            self._switch.shout_off()
