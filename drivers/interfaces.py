@@ -84,6 +84,14 @@ class ImuBlock:
 
 
 @dataclass(frozen=True)
+class ShakePath:
+    """One round of a path about rest, played around and around: offsets by axis, in its unit, `interval_s` apart."""
+
+    interval_s: float
+    offsets: Mapping[str, tuple[float, ...]]
+
+
+@dataclass(frozen=True)
 class Distance:
     """One laser reading from the housing's reference plane; lower `quality` is better, None where none is told."""
 
@@ -231,6 +239,26 @@ class Light(Device, Protocol):
 
     def level(self) -> float:
         """What it was last set to."""
+        ...
+
+
+class Shaker(Device, Protocol):
+    """Something that carries the camera around a path that it is told, while it photographs."""
+
+    def strokes(self) -> Mapping[str, float]:
+        """How far each axis goes from rest, both ways."""
+        ...
+
+    def start(self, path: ShakePath) -> ShakePath:
+        """Play this path until `stop`; the path as it is really commanded. Raises DeviceError."""
+        ...
+
+    def began_s(self) -> float:
+        """When the first point was put out, by the same clock and at the same comparison of clocks as the last shot."""
+        ...
+
+    def stop(self) -> None:
+        """Come to rest at the end of the round. Raises DeviceError."""
         ...
 
 

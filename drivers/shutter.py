@@ -1,6 +1,6 @@
-"""Three ways to close a camera's release contact: a STRIG/1 box, a bare RTS line, the relay of a GRBL controller.
+"""Three ways to close a camera's release contact: a STRIG box, a bare RTS line, the relay of a GRBL controller.
 
-The protocol is in `firmware/STRIG1.md`, with the sketch that speaks it. Only the box says when the contact really
+The protocol is in `firmware/STRIG.md`, with the sketch that speaks it. Only the box says when the contact really
 closed; the others tell when they were asked to.
 """
 
@@ -21,15 +21,18 @@ REPLY_S = 0.5
 BOOT_S = 3.0  # boot loader and start of an Arduino that was reset by the opening of its port
 KEEP_ALIVE_S = 2.0  # the box opens its contacts after five silent seconds
 TOLERANCE_S = 0.005
+REFUSALS = {3: "wait for the shot, or abort it", 4: "wire a shaker to the box, or take it out of station.toml"}
+"""What to do, by the box's number."""
 
 
 @dataclass(frozen=True)
 class Hello:
-    """`STRIG/1 board firmware serial`."""
+    """`STRIG/1 board firmware serial`, or another version of the protocol."""
 
     board: str
     firmware: str
     serial: str
+    version: int = 1
 
 
 @dataclass(frozen=True)
@@ -72,20 +75,22 @@ class Unread:
 
 Event = Hello | Accepted | Refusal | Contact | BoxTime | Unread
 ENDS = ("DONE", "ABORT", "WATCHDOG")
+MOTIONS = ("SHAKE", "REST")
+EVENTS = ("SHUTTER", *ENDS, *MOTIONS)
 
 
 def read_line(raw: bytes) -> Event:
     """The event one line means."""
     match raw.decode("ascii", "replace").split(" "):
-        case ["STRIG/1", board, firmware, serial]:
-            return Hello(board, firmware, serial)
+        case ["STRIG/1" | "STRIG/2" as greeting, board, firmware, serial]:
+            return Hello(board, firmware, serial, int(greeting[-1]))
         case ["OK", seq] if _whole(seq):
             return Accepted(int(seq))
         case ["SYNC", t_us] if _whole(t_us):
             return BoxTime(int(t_us))
         case ["EVT", "FLASH", t_us] if _whole(t_us):
             return Contact("FLASH", 0, int(t_us))
-        case ["EVT", ("SHUTTER" | "DONE" | "ABORT" | "WATCHDOG") as kind, seq, t_us] if _whole(seq) and _whole(t_us):
+        case ["EVT", kind, seq, t_us] if kind in EVENTS and _whole(seq) and _whole(t_us):
             return Contact(kind, int(seq), int(t_us))
         case ["ERR", code, *text] if _whole(code):
             return Refusal(int(code), " ".join(text))
@@ -112,7 +117,7 @@ def _verdict(event: Event) -> list[Accepted | Refusal] | None:
 
 
 class StrigShutter:
-    """A Shutter that is a STRIG/1 box."""
+    """A Shutter that is a STRIG box; `version` is that of its protocol, 0 before it was asked."""
 
     def __init__(self, transport: Transport[Event], *, clock: Clock | None = None) -> None:
         self.clock = clock or SystemClock()
@@ -120,6 +125,9 @@ class StrigShutter:
         self._contacts: dict[tuple[int, str], int] = {}
         self._flash_us: int | None = None
         self._offset_s = 0.0
+        self.version = 0
+        self.motion: dict[str, Contact] = {}
+        """The last of each kind of event that a shaker on this box told."""
         self._stopped: EmergencyStopped | None = None
 
     @property
@@ -132,7 +140,8 @@ class StrigShutter:
         with opened(self._transport, self._hear):
             hello = self._ask_until(self.clock.now_s() + BOOT_S)
             self._synchronise()
-        return Identity(f"STRIG/1 {hello.board}", hello.firmware, hello.serial, self.address)
+        self.version = hello.version
+        return Identity(f"STRIG/{hello.version} {hello.board}", hello.firmware, hello.serial, self.address)
 
     def _ask_until(self, deadline_s: float) -> Hello:
         while True:
@@ -153,7 +162,9 @@ class StrigShutter:
         self._offset_s = min(trips)[1]
 
     def _hear(self, event: Event, host_s: float) -> None:
-        if isinstance(event, Contact):
+        if isinstance(event, Contact) and event.kind in MOTIONS:
+            self.motion[event.kind] = event
+        elif isinstance(event, Contact):
             self._contacts[event.seq, event.kind] = event.t_us
             if event.kind == "FLASH":
                 self._flash_us = event.t_us
@@ -168,12 +179,26 @@ class StrigShutter:
 
     def focus(self, pressed: bool) -> None:
         """Half-press or let go. Raises DeviceError."""
-        self._command(f"FOCUS {int(pressed)}")
+        self.command(f"FOCUS {int(pressed)}")
 
-    def _command(self, line: str, allowed: Callable[[], None] = anything) -> int:
+    @property
+    def is_open(self) -> bool:
+        """Whether the line is there."""
+        return self._transport.is_open
+
+    def to_host_s(self, t_us: int) -> float:
+        """A time of the box by the host's clock, as they were last compared."""
+        return t_us * 1e-6 + self._offset_s
+
+    def wait(self, ready: Callable[[], bool], timeout_s: float) -> bool:
+        """Wait for something that an event tells. Raises LineLost, or what interrupted."""
+        return self._transport.wait(ready, timeout_s)
+
+    def command(self, line: str, allowed: Callable[[], None] = anything) -> int:
+        """Give this order; its number. Raises DeviceError."""
         reply = self._transport.request(line.encode() + b"\n", _verdict, REPLY_S, allowed=allowed)[0]
         if isinstance(reply, Refusal):
-            remedy = "wait for the shot, or abort it" if reply.code == 3 else "check the cable"
+            remedy = REFUSALS.get(reply.code, "check the cable")
             raise Rejected(f"{self.address} refused {line!r}: {reply.text}", remedy, f"ERR {reply.code}")
         return reply.seq
 
@@ -186,7 +211,7 @@ class StrigShutter:
         self._synchronise()
         self._contacts.clear()
         self._flash_us = None
-        seq = self._command(f"SHOT {round(focus_s * 1000)} {round(pulse_s * 1000)}", self._not_stopped)
+        seq = self.command(f"SHOT {round(focus_s * 1000)} {round(pulse_s * 1000)}", self._not_stopped)
         self._until_ended(seq, self.clock.now_s() + pulse_s + focus_s + 1.0)
         return self._times(seq, pulse_s)
 
@@ -205,19 +230,19 @@ class StrigShutter:
             self._synchronise(1)
 
     def _times(self, seq: int, pulse_s: float) -> ShutterTimes:
-        told = {kind: t_us * 1e-6 + self._offset_s for (s, kind), t_us in self._contacts.items() if s == seq}
+        told = {kind: self.to_host_s(t_us) for (s, kind), t_us in self._contacts.items() if s == seq}
         if "DONE" not in told:
             raise MoveFailed(f"shot {seq} at {self.address} was cut short", "fire again")
         closed_s, released_s = told.get("SHUTTER"), told["DONE"]
         if closed_s is None or abs(released_s - closed_s - pulse_s) > TOLERANCE_S:
             held = "an unknown time" if closed_s is None else f"{1000 * (released_s - closed_s):.0f} ms"
             raise MoveFailed(f"the contact was closed for {held} instead of {1000 * pulse_s:.0f} ms", "check the cable")
-        flash_s = None if self._flash_us is None else self._flash_us * 1e-6 + self._offset_s
+        flash_s = None if self._flash_us is None else self.to_host_s(self._flash_us)
         return ShutterTimes(closed_s, released_s, flash_s)
 
     def abort(self) -> None:
         """Open the contacts now. Raises DeviceError."""
-        self._command("ABORT")
+        self.command("ABORT")
 
     def emergency_stop(self) -> None:
         """Open the contacts past every lock."""

@@ -19,6 +19,7 @@ from simulators.bench.body import BodySettings, CameraBody, Opening
 from simulators.bench.device_faults import Fate, Mishap, random_faults, random_mishaps
 from simulators.bench.simulated_operator import Hands
 from simulators.bench.view import View
+from simulators.bench.voice_coils import VoiceCoils
 from simulators.camera.subjects import SUBJECTS
 from simulators.devices.cable_faults import Faults
 from simulators.devices.grbl import GrblController
@@ -57,7 +58,7 @@ class Setup:
 
 
 class SimulatedBench:
-    """Rail and height on GRBL, a pan-tilt head on Zaber, a STRIG/1 box with a body, two IMUs, two lasers, a lamp."""
+    """Rail and height on GRBL, a pan-tilt head on Zaber, a STRIG/2 box, body, shaker, two IMUs and lasers, a lamp."""
 
     def __init__(self, folder: Path, setup: Setup | None = None) -> None:
         setup = setup or Setup()
@@ -90,7 +91,7 @@ class SimulatedBench:
         return {
             "stage": GrblController({"X": axes["z_mm"], "Y": axes["x_mm"], "Z": axes["y_mm"]}, outputs=outputs),
             "head": ZaberChain(chain),
-            "shutter": StrigBox(self.body),
+            "shutter": StrigBox(self.body, actuators=VoiceCoils(self.world)),
             "rts": RtsLine(self.body),
             "imu": WitModule(self.world, seeds[0]),
             "fast_imu": FastModule(self.world, seeds[1]),

@@ -1,7 +1,9 @@
-"""Shutter boxes at byte level: a STRIG/1 box and a bare RTS line, both closing a camera's contacts."""
+"""Shutter boxes at byte level: a STRIG/2 box with a shaker, and a bare RTS line, both closing a camera's contacts."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -9,6 +11,8 @@ NEVER = float("inf")
 LONGEST_MS = 3_600_000
 LONGEST_LINE = 63
 WATCHDOG_S = 5.0
+SHAKES = ("PATH", "POINT", "SHAKE")
+MOST, FULL = 128, 4095
 
 
 class Contacts(Protocol):
@@ -27,6 +31,18 @@ class Contacts(Protocol):
         ...
 
 
+class Actuators(Protocol):
+    """What is wired to a box's two channels, which rest at 2048."""
+
+    def play(self, points: Sequence[tuple[int, int]], interval_s: float, now_s: float) -> None:
+        """Go around these points from now on."""
+        ...
+
+    def rest(self, now_s: float) -> None:
+        """Go back to rest."""
+        ...
+
+
 @dataclass
 class PendingShot:
     """One accepted shot: its number and when its contacts move."""
@@ -37,14 +53,40 @@ class PendingShot:
     closed: bool = False
 
 
+@dataclass
+class Shaking:
+    """A path as it is told, and while it is played: number of the command, when it began, when it ends."""
+
+    points: list[tuple[int, int]]
+    number: int
+    interval_us: int
+    seq: int = 0
+    began_s: float = NEVER
+    rest_at_s: float = NEVER
+
+    @property
+    def runs(self) -> bool:
+        """Whether it is played."""
+        return self.began_s != NEVER
+
+
 class StrigBox:
-    """A box that speaks STRIG/1, see drivers/firmware/STRIG1.md; its clock runs `drift` fast."""
+    """A box that speaks STRIG/2, see drivers/firmware/STRIG.md; its clock runs `drift` fast."""
 
     baud = 115200
 
-    def __init__(self, contacts: Contacts, *, serial: str = "SIM-1", drift: float = 20e-6, boot_s: float = 0.3) -> None:
-        self.contacts = contacts
-        self._hello = f"STRIG/1 simulated 1.0 {serial}"
+    def __init__(
+        self,
+        contacts: Contacts,
+        *,
+        actuators: Actuators | None = None,
+        serial: str = "SIM-1",
+        drift: float = 20e-6,
+        boot_s: float = 0.3,
+    ) -> None:
+        self.contacts, self.actuators = contacts, actuators
+        self._hello = f"STRIG/2 simulated 2.0 {serial}"
+        self._path = Shaking([], 0, 0)
         self._drift, self._boot = drift, boot_s
         self._booted_s = 0.0
         self._boot_end_s = NEVER
@@ -66,6 +108,9 @@ class StrigBox:
         """Power-up: contacts open, clock and count at zero."""
         self._open(now_s)
         self._shot, self._seq = None, 0
+        if self._path.runs and self.actuators is not None:
+            self.actuators.rest(now_s)
+        self._path = Shaking([], 0, 0)
         self._line.clear()
         self._out.clear()
         self._booted_s, self._boot_end_s = now_s, now_s + self._boot
@@ -94,6 +139,8 @@ class StrigBox:
     def next_event_s(self) -> float | None:
         """The earliest of boot, contacts, watchdog and flash."""
         moments = [self._boot_end_s, self._flash_at_s]
+        if self._path.runs:
+            moments.append(min(self._path.rest_at_s, self._heard_s + WATCHDOG_S))
         if self._shot is not None:
             shot = self._shot
             moments.append(min(shot.release_at_s, self._heard_s + WATCHDOG_S) if shot.closed else shot.close_at_s)
@@ -108,6 +155,15 @@ class StrigBox:
             self._flash_at_s = NEVER
         if self._shot is not None:
             self._live(self._shot, now_s)
+        if self._path.runs and min(self._path.rest_at_s, self._heard_s + WATCHDOG_S) <= now_s:
+            self._rest(now_s)
+
+    def _rest(self, now_s: float) -> None:
+        """The shaker rests."""
+        if self._path.runs and self.actuators is not None:
+            self.actuators.rest(now_s)
+            self._say(f"EVT REST {self._path.seq} {self._t_us(now_s)}")
+            self._path.began_s = self._path.rest_at_s = NEVER
 
     def _live(self, shot: PendingShot, now_s: float) -> None:
         if not shot.closed and shot.close_at_s <= now_s:
@@ -141,16 +197,19 @@ class StrigBox:
             self._say("ERR 2 bad argument")
             return
         command, *words = line.decode("ascii", "replace").split(" ")
-        if command == "ID?":
+        if line == b"ID?":
             self._say(self._hello)
-        elif command == "SYNC?":
+        elif line == b"SYNC?":
             self._say(f"SYNC {self._t_us(now_s)}")
-        elif command == "ABORT":
+        elif line == b"ABORT":
             self._accept()
             self._end("ABORT", now_s)
-        elif command not in ("FOCUS", "SHOT", "BULB"):
+            self._rest(now_s)
+        elif command not in ("FOCUS", "SHOT", "BULB", *SHAKES):
             self._say("ERR 1 unknown command")
-        elif self._shot is not None:
+        elif command in SHAKES and self.actuators is None:
+            self._say("ERR 4 no shaker")
+        elif self._shot is not None or (self._path.runs and command in SHAKES and line != b"SHAKE 0"):
             self._say("ERR 3 busy")
         else:
             self._act(command, [int(w) if w.isascii() and w.isdigit() and len(w) < 8 else -1 for w in words], now_s)
@@ -171,8 +230,38 @@ class StrigBox:
                 self._shot = PendingShot(self._accept(), close_s, close_s + pulse / 1000)
             case "BULB", [pulse] if good and pulse > 0:
                 self._shot = PendingShot(self._accept(), now_s, now_s + pulse / 1000)
+            case "PATH", [number, interval_us] if good and 2 <= number <= MOST and 1000 <= interval_us <= 1_000_000:
+                self._accept()
+                self._path = Shaking([], number, interval_us)
+            case "POINT", [i, x, y] if good and i <= len(self._path.points) and i < self._path.number and x <= FULL:
+                self._take_point(i, x, y)
+            case "SHAKE", [0 | 1 as on] if good:
+                self._shake(bool(on), now_s)
             case _:
                 self._say("ERR 2 bad argument")
+
+    def _take_point(self, i: int, x: int, y: int) -> None:
+        if y > FULL:
+            self._say("ERR 2 bad argument")
+            return
+        self._accept()
+        self._path.points[i : i + 1] = [(x, y)]
+
+    def _shake(self, on: bool, now_s: float) -> None:
+        path = self._path
+        if on and (self.actuators is None or not path.points or len(path.points) < path.number):
+            self._say("ERR 2 bad argument")
+            return
+        seq = self._accept()
+        if not on:
+            if path.runs:  # at the end of the round that it is in, by the box's clock
+                round_s = path.number * path.interval_us * 1e-6 / (1 + self._drift)
+                path.rest_at_s = path.began_s + round_s * max(math.ceil((now_s - path.began_s) / round_s), 1)
+            return
+        assert self.actuators is not None
+        path.seq, path.began_s, path.rest_at_s = seq, now_s, NEVER
+        self.actuators.play(path.points, path.interval_us * 1e-6 / (1 + self._drift), now_s)
+        self._say(f"EVT SHAKE {seq} {self._t_us(now_s)}")
 
 
 class RtsLine:

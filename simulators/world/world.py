@@ -11,9 +11,11 @@ import threading
 from bisect import bisect_right
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from simulators.world.motion import Axis, Mode, Shock
@@ -62,6 +64,29 @@ class Drive:
 
 
 @dataclass(frozen=True)
+class Round:
+    """What a shaker does to an axis that goes around a path: points in its unit, `interval_s` apart, from then on.
+
+    Between the points it goes as smoothly as it can: a periodic cubic spline.
+    """
+
+    axis: str
+    began_s: float
+    interval_s: float
+    points: tuple[float, ...]
+
+    @cached_property
+    def _spline(self) -> CubicSpline:
+        times = self.interval_s * np.arange(len(self.points) + 1)
+        return CubicSpline(times, [*self.points, self.points[0]], bc_type="periodic")
+
+    def response(self, t_s: Array) -> tuple[Array, Array]:
+        """Displacement and acceleration at (n,) times."""
+        since = t_s - self.began_s
+        return np.asarray(self._spline(since)), np.asarray(self._spline(since, 2))
+
+
+@dataclass(frozen=True)
 class Room:
     """What the world is like: geometry, temperature, shaking."""
 
@@ -104,7 +129,7 @@ class World:
         self.axes = {name: Axis(low, high, middle[name]) for name, (low, high) in self.room.travel.items()}
         self._kicks: list[Shock] = []
         self._lamp_s, self._lamp = [-math.inf], [1.0]
-        self._driven: list[tuple[float, tuple[Drive, ...]]] = [(-math.inf, ())]
+        self._driven: list[tuple[float, tuple[Drive | Round, ...]]] = [(-math.inf, ())]
         self._lock = threading.Lock()
 
     # --- temperature and light
@@ -134,7 +159,7 @@ class World:
         with self._lock:
             self._kicks.append((now_s, self.room.shock_mm_s, 0.0))
 
-    def drive(self, drives: tuple[Drive, ...], now_s: float) -> None:
+    def drive(self, drives: tuple[Drive | Round, ...], now_s: float) -> None:
         """Let a shaker move the camera so from now on; none stops it."""
         with self._lock:
             self._driven.append((now_s, drives))

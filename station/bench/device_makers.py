@@ -31,6 +31,7 @@ from drivers.protocols.grbl_link import GrblLink
 from drivers.protocols.imu import FastParser, WitParser
 from drivers.protocols.zaber import ZaberParser
 from drivers.rangefinder import BoschParser, BoschRangefinder, JrtParser, JrtRangefinder
+from drivers.shaker import ShakerAxis, StrigShaker
 from drivers.shutter import DeafParser, RelayShutter, RtsShutter, StrigParser, StrigShutter
 from drivers.transport import SerialTransport
 from drivers.wire.transcript import Transcript
@@ -93,6 +94,11 @@ def _zaber(
 
 def _strig(name: str, parts: Parts, *, port: str, baud: int = 115200) -> StrigShutter:
     return StrigShutter(parts.wire(name, port, StrigParser, baud=baud), clock=parts.clock)
+
+
+def _strig_shaker(name: str, parts: Parts, *, box: str, axes: Sequence[Mapping[str, Any]]) -> StrigShaker:
+    made = [ShakerAxis(**axis) for axis in axes]
+    return StrigShaker(cast(StrigShutter, parts.made[box]), made, clock=parts.clock)
 
 
 def _rts(name: str, parts: Parts, *, port: str) -> RtsShutter:
@@ -209,6 +215,7 @@ MAKERS: dict[str, Callable[..., Device]] = {
     "grbl": _grbl,
     "zaber": _zaber,
     "strig": _strig,
+    "strig_shaker": _strig_shaker,
     "rts": _rts,
     "relay": _relay,
     "folder": _folder,

@@ -218,6 +218,16 @@ OPTIONS: dict[str, Options] = {
         (("name",), ("device", "axis")),
     ),
     "strig": Options(LINE),
+    "strig_shaker": Options(
+        {"box": Option(DEVICE, required=True)},
+        {
+            "name": NAME,
+            "channel": Option(OneOf((0, 1)), required=True),
+            "stroke": Option(Number("2.0", 0.0, above=True), required=True),
+            "direction": Option(OneOf((1, -1))),
+        },
+        (("name",), ("channel",)),
+    ),
     "rts": Options({"port": PORT}),
     "relay": Options(ON_A_STAGE),
     "folder": Options(
@@ -301,7 +311,7 @@ OPTIONS: dict[str, Options] = {
     "grbl_light": Options({**ON_A_STAGE, **LAMP}),
 }
 STAGES, SHUTTERS = ("grbl",), ("strig", "rts", "relay", "micromanager_shutter", "alpaca_shutter")
-REFERS = {"on": (STAGES, "GRBL stage"), "shutter": (SHUTTERS, "shutter")}
+REFERS = {"on": (STAGES, "GRBL stage"), "shutter": (SHUTTERS, "shutter"), "box": (("strig",), "STRIG box")}
 """Keys that name another device, the drivers it may have, and what it is called."""
 EITHER = {"relay": ("on", "port"), "grbl_light": ("on", "port")}
 """Drivers that need one of two keys."""

@@ -35,6 +35,7 @@ from drivers.interfaces import (
     Imu,
     Light,
     Rangefinder,
+    Shaker,
     Shutter,
     Stage,
 )
@@ -49,7 +50,7 @@ from station.bench.stopping import Asked, Stop, stop_all, stops_on_wires
 from station.bench.surroundings import SimulatedSurroundings, Surroundings
 from station.common.toml_lines import key_lines
 
-AFTER = ("on", "shutter")  # keys that name a device which must be there first
+AFTER = ("on", "shutter", "box")  # keys that name a device which must be there first
 
 
 @dataclass(frozen=True)
@@ -124,6 +125,11 @@ class Bench:
     def shutter(self) -> Shutter:
         """The shutter box."""
         return cast(Shutter, self._find("shutter"))
+
+    @property
+    def shaker(self) -> Shaker:
+        """What shakes the camera."""
+        return cast(Shaker, self._find("shaker"))
 
     @property
     def imu(self) -> Imu:

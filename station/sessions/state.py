@@ -104,11 +104,13 @@ class State:
     notices: tuple[str, ...] = ()
     strangers: Mapping[str, str] = field(default_factory=dict)
     ended: str | None = None
+    halted: bool = False
 
     @property
     def empty(self) -> bool:
-        """Whether nothing was answered, photographed or done: nothing that anybody would go on with."""
-        return not (self.done or self.facts or self.shots or self.results or self.adopting or self.awaited)
+        """Whether nothing was answered, photographed, done or halted: nothing that anybody would look at again."""
+        kept = (self.done, self.facts, self.shots, self.results, self.adopting, self.awaited, self.halted)
+        return not any(kept)
 
     def shot(self, number: int) -> Shot:
         """The shot of that number. Raises KeyError."""
@@ -250,6 +252,10 @@ def _ended(state: State, line: JournalLine) -> State:
     return replace(state, ended=str(line.data["how"]))
 
 
+def _halted(state: State, line: JournalLine) -> State:
+    return replace(state, halted=True)
+
+
 CHANGES: Mapping[str, Callable[[State, JournalLine], State]] = {
     "told": _told,
     "noticed": _noticed,
@@ -267,6 +273,7 @@ CHANGES: Mapping[str, Callable[[State, JournalLine], State]] = {
     "derived": _derived,
     "found": _found,
     "ended": _ended,
+    "halted": _halted,
 }
 
 

@@ -87,6 +87,8 @@ STREAMS: dict[str, tuple[Callable[[], Any], list[bytes], list[Any]]] = {
         strig.StrigParser,
         [
             b"STRIG/1 uno 1.0 A7\n",
+            b"STRIG/2 uno 2.0 A7\n",
+            b"EVT SHAKE 4 123456\n",
             b"OK 3\n",
             b"EVT SHUTTER 3 123456789012\n",
             b"EVT FLASH 5\n",
@@ -95,6 +97,8 @@ STREAMS: dict[str, tuple[Callable[[], Any], list[bytes], list[Any]]] = {
         ],
         [
             strig.Hello("uno", "1.0", "A7"),
+            strig.Hello("uno", "2.0", "A7", 2),
+            strig.Contact("SHAKE", 4, 123456),
             strig.Accepted(3),
             strig.Contact("SHUTTER", 3, 123456789012),
             strig.Contact("FLASH", 0, 5),

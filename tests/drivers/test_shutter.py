@@ -27,7 +27,7 @@ def test_the_clocks_differ_by_drift_and_start_alone(box, bench):
 def test_a_busy_box_is_said(box, bench):
     def second():
         bench.clock.sleep(0.5)
-        box._command("SHOT 0 100")
+        box.command("SHOT 0 100")
 
     first, refused = bench.clock.together(lambda: box.fire(2.0), second)
     assert first.released_s - first.closed_s == pytest.approx(2.0, abs=1e-3)
@@ -52,7 +52,7 @@ def test_a_contact_that_was_closed_for_another_time_is_an_error(box, bench):
 
 
 def test_a_silent_host_lets_go_of_the_contact(box, bench):
-    box._command("BULB 60000")
+    box.command("BULB 60000")
     bench.clock.sleep(20.0)
     assert box._contacts[1, "WATCHDOG"] - box._contacts[1, "SHUTTER"] == pytest.approx(5e6, rel=1e-3)
 

@@ -1,5 +1,6 @@
-/* STRIG/1 on a bare ATmega328P at 16 MHz, without the Arduino core: shutter on PD2, focus on PD3, hot shoe on PD4
- * against ground. Build: avr-gcc -mmcu=atmega328p -Os -I../strig main.c ../strig/strig.c -o strig.elf */
+/* STRIG/2 on a bare ATmega328P at 16 MHz, without the Arduino core: shutter on PD2, focus on PD3, hot shoe on PD4
+ * against ground; a shaker is on an MCP4822 on SPI (PB3, PB5), its CS on PB2.
+ * Build: avr-gcc -mmcu=atmega328p -Os -I../strig main.c ../strig/strig.c -o strig.elf */
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <avr/sleep.h>
@@ -9,6 +10,7 @@
 #define SHUTTER _BV(PD2)
 #define FOCUS _BV(PD3)
 #define HOT_SHOE _BV(PD4)
+#define DAC_SELECT _BV(PB2)
 #define RING 128 /* a power of two */
 
 const char board_name[] = "atmega328p";
@@ -77,10 +79,32 @@ void board_focus(bool closed)
 
 bool board_flash(void) { return !(PIND & HOT_SHOE); }
 
+bool board_has_shaker(void) { return true; }
+
+static void put_out(uint16_t word)
+{
+    PORTB &= (uint8_t)~DAC_SELECT;
+    for (uint8_t i = 0; i < 2; i++, word <<= 8) {
+        SPDR = (uint8_t)(word >> 8);
+        while (!(SPSR & _BV(SPIF)))
+            ;
+    }
+    PORTB |= DAC_SELECT;
+}
+
+void board_shaker(uint16_t x, uint16_t y)
+{
+    put_out(0x1000 | x); /* channel A, full range, switched on (MCP4822 data sheet, register 5-1) */
+    put_out(0x9000 | y);
+}
+
 int main(void)
 {
     DDRD = SHUTTER | FOCUS;
     PORTD = HOT_SHOE;                             /* pull-up */
+    DDRB = DAC_SELECT | _BV(PB3) | _BV(PB5);
+    PORTB = DAC_SELECT;
+    SPCR = _BV(SPE) | _BV(MSTR);                  /* 4 MHz */
     UBRR0 = 16;                                   /* 115200 baud, 2.1 % fast */
     UCSR0A = _BV(U2X0);
     UCSR0C = _BV(UCSZ01) | _BV(UCSZ00);

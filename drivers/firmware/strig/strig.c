@@ -1,4 +1,4 @@
-/* STRIG/1, see ../STRIG1.md. */
+/* STRIG/2, see ../STRIG.md. */
 #include "strig.h"
 
 #include <string.h>
@@ -6,6 +6,11 @@
 #define LONGEST 63
 #define LONGEST_MS 3600000UL
 #define WATCHDOG_US 5000000ULL
+#define MOST_POINTS 128
+#define SHORTEST_US 1000UL
+#define LONGEST_US 1000000UL
+#define FULL 4095
+#define REST 2048
 
 enum phase { IDLE, DELAY, FOCUS, CLOSED };
 
@@ -19,6 +24,15 @@ static uint64_t close_at_us;
 static uint64_t release_at_us;
 static uint64_t heard_us;       /* last byte from the host */
 static bool flash_before;
+
+static uint16_t path[MOST_POINTS][2];
+static uint8_t points;          /* of the path */
+static uint8_t told;            /* how many of them were */
+static uint32_t interval_us;
+static bool shaking, resting;   /* resting: from the end of this round on */
+static uint32_t shake;          /* number of the command that began it */
+static uint8_t point;           /* that is put out */
+static uint64_t next_us;        /* when the following one is */
 
 /* A number in decimal. One 64-bit division splits it; the rest is done in 32 bits, which small cores are quicker at. */
 static void send_number(uint64_t number)
@@ -50,7 +64,7 @@ static void send_event(const char *kind, uint32_t number, uint64_t t_us)
 
 static void greet(void)
 {
-    board_send("STRIG/1 ");
+    board_send("STRIG/2 ");
     board_send(board_name);
     board_send(" " STRIG_FIRMWARE " ");
     board_send(board_serial);
@@ -63,6 +77,15 @@ static void accept(void)
     board_send("OK ");
     send_number(seq);
     board_send("\n");
+}
+
+static void rest(void)
+{
+    board_shaker(REST, REST);
+    if (shaking) {
+        shaking = false;
+        send_event("REST", shake, board_now_us());
+    }
 }
 
 static void end_shot(const char *kind)
@@ -103,10 +126,58 @@ static void start_shot(uint32_t delay_ms, uint32_t focus_ms, uint32_t pulse_ms)
     strig_poll();
 }
 
+static bool take_path(uint8_t count, const uint32_t *n)
+{
+    if (count != 2 || n[0] < 2 || n[0] > MOST_POINTS || n[1] < SHORTEST_US || n[1] > LONGEST_US)
+        return false;
+    points = (uint8_t)n[0];
+    interval_us = n[1];
+    told = 0;
+    accept();
+    return true;
+}
+
+static bool take_point(uint8_t count, const uint32_t *n)
+{
+    if (count != 3 || n[0] > told || n[0] >= points || n[1] > FULL || n[2] > FULL)
+        return false;
+    path[n[0]][0] = (uint16_t)n[1];
+    path[n[0]][1] = (uint16_t)n[2];
+    if (n[0] == told)
+        told++;
+    accept();
+    return true;
+}
+
+static bool take_shake(uint8_t count, const uint32_t *n)
+{
+    if (count != 1 || n[0] > 1 || (n[0] == 1 && (points == 0 || told < points)))
+        return false;
+    accept();
+    if (n[0] == 0) {
+        resting = true;
+        return true;
+    }
+    uint64_t now_us = board_now_us();
+    board_shaker(path[0][0], path[0][1]);
+    shaking = true;
+    resting = false;
+    shake = seq;
+    point = 0;
+    next_us = now_us + interval_us;
+    send_event("SHAKE", shake, now_us);
+    return true;
+}
+
 static bool begins(const char *word)
 {
     size_t n = strlen(word);
     return strncmp(line, word, n) == 0 && (line[n] == ' ' || line[n] == '\0');
+}
+
+static bool shakes(void)
+{
+    return begins("PATH") || begins("POINT") || begins("SHAKE");
 }
 
 static void act(void)
@@ -126,6 +197,18 @@ static void act(void)
             start_shot(n[2], n[0], n[1]);
             return;
         }
+    } else if (begins("PATH")) {
+        count = read_numbers(line + 4, n, 2);
+        if (count >= 0 && take_path((uint8_t)count, n))
+            return;
+    } else if (begins("POINT")) {
+        count = read_numbers(line + 5, n, 3);
+        if (count >= 0 && take_point((uint8_t)count, n))
+            return;
+    } else if (begins("SHAKE")) {
+        count = read_numbers(line + 5, n, 1);
+        if (count >= 0 && take_shake((uint8_t)count, n))
+            return;
     } else {
         count = read_numbers(line + 4, n, 1);
         if (count == 1 && n[0] > 0) {
@@ -147,9 +230,12 @@ static void obey(uint64_t arrived_us)
     } else if (strcmp(line, "ABORT") == 0) {
         accept();
         end_shot("ABORT");
-    } else if (!begins("FOCUS") && !begins("SHOT") && !begins("BULB")) {
+        rest();
+    } else if (!begins("FOCUS") && !begins("SHOT") && !begins("BULB") && !shakes()) {
         board_send("ERR 1 unknown command\n");
-    } else if (phase != IDLE) {
+    } else if (shakes() && !board_has_shaker()) {
+        board_send("ERR 4 no shaker\n");
+    } else if (phase != IDLE || (shaking && shakes() && strcmp(line, "SHAKE 0") != 0)) {
         board_send("ERR 3 busy\n");
     } else {
         act();
@@ -162,9 +248,12 @@ void strig_begin(void)
     seq = 0;
     phase = IDLE;
     flash_before = false;
+    points = told = 0;
+    shaking = resting = false;
     heard_us = board_now_us();
     board_shutter(false);
     board_focus(false);
+    board_shaker(REST, REST);
     greet();
 }
 
@@ -205,5 +294,15 @@ void strig_poll(void)
         end_shot("DONE");
     } else if (phase == CLOSED && now_us - heard_us >= WATCHDOG_US) {
         end_shot("WATCHDOG");
+    }
+    if (shaking && now_us - heard_us >= WATCHDOG_US) {
+        rest();
+    } else if (shaking && now_us >= next_us) {
+        next_us += interval_us;
+        point = (uint8_t)(point + 1 == points ? 0 : point + 1);
+        if (point == 0 && resting)
+            rest();
+        else
+            board_shaker(path[point][0], path[point][1]);
     }
 }

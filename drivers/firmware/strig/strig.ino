@@ -1,6 +1,12 @@
-// STRIG/1 on an Arduino or a Pico (Arduino core): focus contact on pin 3, shutter contact on pin 2, both active high
-// into opto-couplers; hot shoe on pin 4 against ground.
+// STRIG/2 on an Arduino or a Pico (Arduino core): focus contact on pin 3, shutter contact on pin 2, both active high
+// into opto-couplers; hot shoe on pin 4 against ground. A shaker's two channels are those of an MCP4822 on SPI, its CS on
+// pin 10: set HAS_SHAKER where there is one.
+#include <SPI.h>
+
 #include "strig.h"
+
+const bool HAS_SHAKER = false;
+const int DAC_SELECT = 10;
 
 const int SHUTTER = 2, FOCUS = 3, HOT_SHOE = 4;
 
@@ -26,8 +32,32 @@ extern "C" void board_shutter(bool closed) { digitalWrite(SHUTTER, closed ? HIGH
 extern "C" void board_focus(bool closed) { digitalWrite(FOCUS, closed ? HIGH : LOW); }
 extern "C" bool board_flash(void) { return digitalRead(HOT_SHOE) == LOW; }
 
+extern "C" bool board_has_shaker(void) { return HAS_SHAKER; }
+
+static void put_out(uint16_t command, uint16_t value)
+{
+    digitalWrite(DAC_SELECT, LOW);
+    SPI.transfer16(command | value);
+    digitalWrite(DAC_SELECT, HIGH);
+}
+
+extern "C" void board_shaker(uint16_t x, uint16_t y)
+{
+    if (!HAS_SHAKER)
+        return;
+    SPI.beginTransaction(SPISettings(8000000, MSBFIRST, SPI_MODE0));
+    put_out(0x1000, x); // channel A, full range, switched on (MCP4822 data sheet, register 5-1)
+    put_out(0x9000, y);
+    SPI.endTransaction();
+}
+
 void setup()
 {
+    if (HAS_SHAKER) {
+        pinMode(DAC_SELECT, OUTPUT);
+        digitalWrite(DAC_SELECT, HIGH);
+        SPI.begin();
+    }
     pinMode(SHUTTER, OUTPUT);
     pinMode(FOCUS, OUTPUT);
     pinMode(HOT_SHOE, INPUT_PULLUP);

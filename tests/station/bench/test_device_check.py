@@ -113,6 +113,11 @@ GOOD = {
         "patience_s": "5",
         "f_number": "4",
     },
+    "shaker": {
+        "driver": '"strig_shaker"',
+        "box": '"shutter"',
+        "axes": {"name": '"x_mm"', "channel": "0", "stroke": "2.0", "direction": "-1"},
+    },
     "lamp": {"driver": '"grbl_light"', "on": '"stage"', "warm_up_s": "0.5"},
 }
 
@@ -174,6 +179,7 @@ WRONG = {
         },
     },
     "door": {"device": TEXT},
+    "shaker": {"box": ['"relay"', '"box"', "1"], "axes": {"channel": ["2", "true", "0.0"], "stroke": ABOVE_0}},
     "machine_vision": {
         "camera": TEXT,
         "pixel_format": ['"RGB8"', '"mono8"', "8"],

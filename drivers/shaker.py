@@ -1,0 +1,146 @@
+"""A shaker on the channels of a STRIG/2 box: it carries the camera around a path while the box's shutter is open.
+
+Path and shot share the box's clock, so where in the round the shutter opened is known to microseconds. The protocol is
+in `firmware/STRIG.md`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from drivers.clock import Clock, SystemClock
+from drivers.errors import BadConfiguration, LineLost, MoveFailed, NoAnswer, OutsideTravel
+from drivers.interfaces import Condition, Identity, ShakePath
+from drivers.shutter import KEEP_ALIVE_S, StrigShutter
+from drivers.wire.connection import line_condition
+
+REST, DEEPEST = 2048, 2047
+"""Of a channel's 4096 steps: where it rests, and how far it goes from there."""
+FEWEST, MOST = 2, 128
+SHORTEST_S, LONGEST_S = 0.001, 1.0
+ANSWER_S = 0.5
+
+
+@dataclass(frozen=True)
+class ShakerAxis:
+    """One channel: its axis' name with the unit, how far it goes from rest at full deflection, and which way.
+
+    `direction` -1: the axis goes down where the channel goes up.
+    """
+
+    name: str
+    channel: int
+    stroke: float
+    direction: int = 1
+
+    def to_steps(self, offset: float) -> int:
+        """What the channel is set to."""
+        return REST + round(DEEPEST * self.direction * offset / self.stroke)
+
+    def to_unit(self, steps: int) -> float:
+        """Where that is."""
+        return self.direction * (steps - REST) * self.stroke / DEEPEST
+
+
+class StrigShaker:
+    """A Shaker on a box that a StrigShutter has connected."""
+
+    def __init__(self, box: StrigShutter, axes: Sequence[ShakerAxis], *, clock: Clock | None = None) -> None:
+        self.clock = clock or SystemClock()
+        self._box, self._axes = box, tuple(axes)
+        self._round_s = 0.0
+
+    @property
+    def address(self) -> str:
+        """The box's port."""
+        return self._box.address
+
+    def connect(self) -> Identity:
+        """Look whether the box has channels. Raises BadConfiguration, LineLost, Rejected."""
+        self._require()
+        if self._box.version < 2:
+            raise BadConfiguration(
+                f"the box at {self.address} speaks STRIG/1, which has no shaker",
+                "load the firmware of drivers/firmware",
+            )
+        self.stop()
+        return Identity("STRIG/2 shaker", "", "", self.address)
+
+    def close(self) -> None:
+        """Nothing of its own: the shutter has the line."""
+
+    def condition(self) -> Condition:
+        """Whether the line is there."""
+        return line_condition(self._box.is_open)
+
+    def _require(self) -> None:
+        if not self._box.is_open:
+            raise LineLost(f"the shutter box at {self.address} is not connected", "connect the shutter first")
+
+    def strokes(self) -> Mapping[str, float]:
+        """How far each axis goes from rest, both ways."""
+        return {axis.name: axis.stroke for axis in self._axes}
+
+    def start(self, path: ShakePath) -> ShakePath:
+        """Play this path; as commanded: in whole steps and microseconds. Raises DeviceError."""
+        self._require()
+        number, interval_us = self._check(path), round(1e6 * path.interval_s)
+        self.stop()
+        steps = {axis.channel: [axis.to_steps(v) for v in path.offsets.get(axis.name, (0.0,) * number)]
+                 for axis in self._axes}  # fmt: skip
+        still = [REST] * number
+        self._box.command(f"PATH {number} {interval_us}")
+        for i, (x, y) in enumerate(zip(steps.get(0, still), steps.get(1, still), strict=True)):
+            self._box.command(f"POINT {i} {x} {y}")
+        self._box.motion.clear()
+        self._round_s = number * interval_us * 1e-6
+        self._box.command("SHAKE 1")
+        if not self._box.wait(lambda: "SHAKE" in self._box.motion, ANSWER_S):
+            raise NoAnswer(f"{self.address} did not say when it began to shake", "check the cable")
+        told = {axis.name: tuple(axis.to_unit(v) for v in steps[axis.channel]) for axis in self._axes}
+        return ShakePath(interval_us * 1e-6, told)
+
+    def _check(self, path: ShakePath) -> int:
+        """How many points the path has. Raises BadConfiguration, OutsideTravel."""
+        strokes, lengths = self.strokes(), {len(values) for values in path.offsets.values()}
+        number = max(lengths, default=0)
+        if not set(path.offsets) <= set(strokes):
+            raise BadConfiguration(
+                f"a path of {', '.join(path.offsets)} is asked for", f"axes are {', '.join(strokes)}"
+            )
+        if len(lengths) != 1 or not FEWEST <= number <= MOST:
+            told = f"a path of {' and '.join(map(str, sorted(lengths)))} points is asked for"
+            raise BadConfiguration(told, f"give {FEWEST} to {MOST}, as many of every axis")
+        if not SHORTEST_S <= path.interval_s <= LONGEST_S:
+            told = f"points {path.interval_s:g} s apart are asked for"
+            raise BadConfiguration(told, f"give an interval from {SHORTEST_S:g} to {LONGEST_S:g} s")
+        for name, values in path.offsets.items():
+            far = max(map(abs, values)) if all(map(math.isfinite, values)) else math.inf
+            if far > strokes[name] * (1 + 1e-9):
+                raise OutsideTravel(f"{name} goes {strokes[name]:g} from rest, not {far:g}", "give a smaller path")
+        return number
+
+    def began_s(self) -> float:
+        """When point 0 was put out first, by the clocks as they were compared for the last shot. Raises MoveFailed."""
+        if "REST" in self._box.motion or "SHAKE" not in self._box.motion:
+            raise MoveFailed(f"the shaker at {self.address} came to rest before its time", "photograph again")
+        return self._box.to_host_s(self._box.motion["SHAKE"].t_us)
+
+    def stop(self) -> None:
+        """Rest when the round is over. Raises DeviceError."""
+        self._require()
+        self._box.command("SHAKE 0")
+        if "SHAKE" not in self._box.motion or "REST" in self._box.motion:
+            return
+        deadline_s = self.clock.now_s() + self._round_s + ANSWER_S
+        while not self._box.wait(lambda: "REST" in self._box.motion, min(KEEP_ALIVE_S, self._round_s + ANSWER_S)):
+            if self.clock.now_s() >= deadline_s:
+                self._box.command("ABORT")
+                raise NoAnswer(f"{self.address} did not say that its shaker rests", "check the cable")
+            self._box.command("SHAKE 0")
+
+    def emergency_stop(self) -> None:
+        """Rest at once, and open the shutter: it is one box."""
+        self._box.emergency_stop()

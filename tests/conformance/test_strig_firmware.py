@@ -1,0 +1,179 @@
+"""The shutter box's firmware, compiled for this machine, beside its twin: the same lines bring the same answers."""
+
+from __future__ import annotations
+
+import ctypes
+import random
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from simulators.devices.shutter import StrigBox
+
+HERE = Path(__file__).parent
+SKETCH = HERE.parent.parent / "drivers" / "firmware" / "strig"
+STEP_S = 0.0005
+TIME_US = 200
+"""By which times may differ: the firmware looks every 50 us, the twin at once."""
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory):
+    if shutil.which("gcc") is None:
+        pytest.skip("gcc not found")
+    built = tmp_path_factory.mktemp("strig") / "strig.so"
+    command = ["gcc", "-shared", "-fPIC", "-O1", "-Wall", "-Wextra", "-Werror", f"-I{SKETCH}", SKETCH / "strig.c"]
+    subprocess.run([*map(str, command), str(HERE / "strig_host.c"), "-o", str(built)], check=True)
+    found = ctypes.CDLL(str(built))
+    found.host_said.restype = ctypes.c_char_p
+    found.host_run.argtypes = [ctypes.c_uint64]
+    return found
+
+
+class Firmware:
+    """The compiled protocol."""
+
+    def __init__(self, library, has_shaker=True):
+        self._library = library
+        library.host_begin(has_shaker)
+        library.host_forget()
+
+    def hear(self, line, at_s):
+        self.run(at_s)
+        self._library.host_hear(line.encode() + b"\n")
+
+    def run(self, until_s):
+        self._library.host_run(round(until_s * 1e6))
+
+    def said(self):
+        lines = self._library.host_said().decode().splitlines()
+        self._library.host_forget()
+        return [line for line in lines if not line.startswith("*")], [line for line in lines if line.startswith("*")]
+
+
+class Outputs:
+    """What the twin closes and plays."""
+
+    def __init__(self):
+        self.played = []
+
+    def close(self, now_s):
+        pass
+
+    def release(self, now_s):
+        pass
+
+    def flash_s(self):
+        return None
+
+    def play(self, points, interval_s, now_s):
+        self.played.append(("play", tuple(points), interval_s, now_s))
+
+    def rest(self, now_s):
+        self.played.append(("rest", now_s))
+
+
+class Twin:
+    """The simulated box."""
+
+    def __init__(self, has_shaker=True):
+        self.outputs = Outputs()
+        self._box = StrigBox(self.outputs, actuators=self.outputs if has_shaker else None, drift=0.0, boot_s=0.0)
+        self._box.set_lines(False, True, 0.0)
+        self._box.advance(0.0)
+
+    def hear(self, line, at_s):
+        self._heard = self._box.advance(at_s)
+        self._box.receive(line.encode() + b"\n", at_s)
+        return self._heard
+
+    def run(self, until_s):
+        return self._box.advance(until_s)
+
+
+def told_the_same(library, script, has_shaker=True):
+    """Both hear the script: what the firmware said, what the twin said, what each put out."""
+    firmware, twin, heard = Firmware(library, has_shaker), Twin(has_shaker), b""
+    for at_s, line in script:
+        firmware.hear(line, at_s)
+        heard += twin.hear(line, at_s)
+    end_s = script[-1][0] + 8.0
+    firmware.run(end_s)
+    heard += twin.run(end_s)
+    ours, outputs = firmware.said()
+    return ours, heard.decode().splitlines(), outputs, twin.outputs.played
+
+
+TIMED = re.compile(r"^(EVT \w+(?: \d+)?|SYNC) (\d+)$")
+
+
+def split(line):
+    """A line without its time, and the time."""
+    found = TIMED.match(line)
+    return (line, 0) if found is None else (found[1], int(found[2]))
+
+
+def compare(ours, theirs):
+    first, second = [split(line) for line in ours], [split(line) for line in theirs]
+    assert [line for line, _ in first] == [line for line, _ in second]
+    assert max((abs(a - b) for (_, a), (_, b) in zip(first, second, strict=True)), default=0) <= TIME_US
+
+
+def test_a_path_is_played_around_and_around_and_ends_with_its_round(library):
+    points = [(2048 + 100 * i, 4095 - 7 * i) for i in range(5)]
+    script = [(0.1, "PATH 5 2000"), *((0.2, f"POINT {i} {x} {y}") for i, (x, y) in enumerate(points))]
+    script += [(0.3, "SHAKE 1"), (0.3237, "SHAKE 0")]
+    ours, theirs, outputs, played = told_the_same(library, script)
+    compare(ours, theirs)
+    assert ours[-1].startswith("EVT REST 7 ")
+    began_us, rested_us = (split(line)[1] for line in (ours[-3], ours[-1]))
+    assert (began_us, rested_us) == (300_000, 330_000)  # three rounds of 10 ms
+    shaken = [line for line in outputs if "shaker" in line]
+    assert shaken == [f"* shaker {x:04d} {y:04d}" for x, y in points * 3] + ["* shaker 2048 2048"]
+    assert played == [("play", tuple(points), 0.002, 0.3), ("rest", pytest.approx(0.33))]
+
+
+def test_a_shot_is_taken_while_it_shakes_by_the_same_clock(library):
+    script = [
+        (0.1, "PATH 2 5000"),
+        (0.1, "POINT 0 0 0"),
+        (0.1, "POINT 1 4095 4095"),
+        (0.2, "SHAKE 1"),
+        (0.25, "SHOT 0 30"),
+    ]
+    ours, theirs, _, _ = told_the_same(library, script)
+    compare(ours, theirs)
+    assert [split(line)[0] for line in ours[4:]] == ["EVT SHAKE 4", "OK 5", "EVT SHUTTER 5", "EVT DONE 5", "EVT REST 4"]
+
+
+@pytest.mark.parametrize("has_shaker", [True, False])
+def test_any_lines_bring_the_same_answers(library, has_shaker):
+    rng = random.Random(5)
+    words = ["PATH", "POINT", "SHAKE", "SHOT", "BULB", "FOCUS", "ABORT", "ID?", "SYNC?", "HELLO", "PATHS", "SHAKE1"]
+    numbers = [0, 1, 2, 3, 4, 128, 129, 500, 999, 1000, 4095, 4096, 1_000_000, 1_000_001, 3_600_001, 99999999]
+    script, at_s = [], 0.1
+    for _ in range(400):
+        line = " ".join([rng.choice(words), *(str(rng.choice(numbers)) for _ in range(rng.choice([0, 1, 2, 2, 3, 4])))])
+        likely = ["PATH 2 1000", "POINT 0 1 2", "POINT 1 3 4", "SHAKE 1", "SHAKE 0", "POINT 2 5 6", "ABORT", "SHOT 0 3"]
+        script.append((at_s, rng.choice([line, rng.choice(likely), rng.choice(likely)])))
+        at_s += rng.choice([0.0001, 0.0103, 0.0507])
+    ours, theirs, _, _ = told_the_same(library, script, has_shaker)
+    compare(ours, theirs)
+    assert ("EVT SHAKE" in "".join(ours)) == has_shaker
+    assert has_shaker or "ERR 4 no shaker" in ours
+
+
+def test_a_silent_host_lets_the_shaker_rest(library):
+    script = [(0.1, "PATH 2 1000"), (0.1, "POINT 0 0 0"), (0.1, "POINT 1 9 9"), (0.2, "SHAKE 1")]
+    ours, theirs, outputs, _ = told_the_same(library, script)
+    compare(ours, theirs)
+    assert split(ours[-1]) == ("EVT REST 4", pytest.approx(5_200_000, abs=100))
+    assert outputs[-1] == "* shaker 2048 2048"
+
+
+def test_the_greeting_tells_the_version(library):
+    library.host_begin(True)
+    assert library.host_said().splitlines()[-1] == b"STRIG/2 simulated 2.0 SIM-1"
