@@ -22,6 +22,7 @@ from station.app.commands import (
     Leave,
     NewSession,
     ShowBench,
+    ShowFocus,
     ShowGuide,
     ShowHelp,
     ShowPalette,
@@ -33,7 +34,7 @@ from station.app.screens.dialogs import Choose, Help
 from station.app.screens.parts import StationScreen
 from station.app.screens.start import StartScreen
 from station.app.widgets import DeviceBar, KeyLine, Part, literal
-from station.app.working_app import BENCH, GUIDE, RESULTS, WorkingApp
+from station.app.working_app import BENCH, FOCUS, GUIDE, RESULTS, WorkingApp
 from station.common.stop_signals import EXIT_DEVICE
 
 if TYPE_CHECKING:
@@ -77,6 +78,7 @@ class StationApp(WorkingApp):
         super().__init__(lab, glyphs)
         self.add_mode(GUIDE, lambda: StartScreen(*lab.names, plan))
         self.add_mode(BENCH, lambda: self._styled(_bench_screen()))
+        self.add_mode(FOCUS, lambda: self._styled(_focus_screen()))
         self.add_mode(RESULTS, lambda: self._styled(_results_screen(lab.sessions)))
 
     def _styled(self, screen: Screen[Any]) -> Screen[Any]:
@@ -98,8 +100,8 @@ class StationApp(WorkingApp):
 
     def _can(self, command: type[Command]) -> bool:
         if command is EndRun:
-            return self.running("run") is not None or self.running("by hand") is not None
-        modes = {ShowGuide: GUIDE, ShowBench: BENCH, ShowResults: RESULTS}
+            return any(self.running(name) is not None for name in ("run", "by hand", "focus"))
+        modes = {ShowGuide: GUIDE, ShowBench: BENCH, ShowFocus: FOCUS, ShowResults: RESULTS}
         return modes.get(command) != self.current_mode
 
     async def action_command(self, name: str) -> None:
@@ -119,6 +121,10 @@ class StationApp(WorkingApp):
     @on(ShowBench)
     def _show_bench(self) -> None:
         self._show_mode(BENCH)
+
+    @on(ShowFocus)
+    def _show_focus(self) -> None:
+        self._show_mode(FOCUS)
 
     @on(ShowResults)
     def _show_results(self) -> None:
@@ -182,6 +188,12 @@ def _bench_screen() -> Screen[Any]:
     from station.app.screens.bench import BenchScreen
 
     return BenchScreen()
+
+
+def _focus_screen() -> Screen[Any]:
+    from station.app.screens.focus import FocusScreen
+
+    return FocusScreen()
 
 
 def _results_screen(sessions: Path) -> Screen[Any]:

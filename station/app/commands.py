@@ -115,8 +115,14 @@ class Leave(Command):
     keys, word, urgent = "ctrl+q", "quit", True
 
 
+class ShowFocus(Command):
+    """Live focus: how sharp every photograph is that comes, and which way to turn the ring."""
+
+    keys, word = "f7", "focus"
+
+
 EVERYWHERE: tuple[type[Command], ...] = (
-    StopEverything, ShowHelp, ShowGuide, ShowBench, ShowResults, EndRun, ShowPalette, Leave,
+    StopEverything, ShowHelp, ShowGuide, ShowBench, ShowResults, EndRun, ShowPalette, Leave, ShowFocus,
 )  # fmt: skip
 
 
@@ -219,6 +225,30 @@ BENCH: tuple[type[Command], ...] = (
 )  # fmt: skip
 
 
+# --- live focus --------------------------------------------------------------------------------------------------
+
+
+class TurnNear(Command):
+    """Turn the simulated ring one step towards near, and take a photograph."""
+
+    keys, shown = "left,minus", "Left"
+
+
+class TurnFar(Command):
+    """Turn the simulated ring one step towards infinity, and take a photograph."""
+
+    keys, word, shown, pair = "right,plus", "turn the ring", "Right", "Left/Right"
+
+
+class EndFocus(Command):
+    """End live focus, or go back to where the photographs come from."""
+
+    keys, word, shown = "escape", "end", "Esc"
+
+
+FOCUS: tuple[type[Command], ...] = (TurnNear, TurnFar, EndFocus)
+
+
 # --- results -----------------------------------------------------------------------------------------------------
 
 
@@ -242,7 +272,7 @@ class Reload(Command):
 
 RESULTS: tuple[type[Command], ...] = (NextPlane, Compare, Reload)
 
-BY_NAME = {command.__name__: command for command in (*EVERYWHERE, *GUIDE, *BENCH, *RESULTS)}
+BY_NAME = {command.__name__: command for command in (*EVERYWHERE, *GUIDE, *BENCH, *FOCUS, *RESULTS)}
 
 
 # --- the palette -------------------------------------------------------------------------------------------------

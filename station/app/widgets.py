@@ -17,6 +17,7 @@ from textual.strip import Strip
 from textual.widget import Widget
 from textual.widgets import Static
 
+from station.drawing.big_letters import big_lines
 from station.drawing.glyphs import Glyphs, visible
 
 if TYPE_CHECKING:
@@ -162,6 +163,21 @@ class CurveView(Drawn):
         """The curves as large as they fit."""
         lines = self.plot(width, height, self.glyphs.ascii) if self.plot is not None else []
         return tuple(_text_strip(line) for line in lines)
+
+
+class BigText(Drawn):
+    """Digits and signs as large as there is room for."""
+
+    text = ""
+
+    def show(self, text: str) -> None:
+        """Another text."""
+        self.text = text
+        self.redraw()
+
+    def draw(self, width: int, height: int) -> tuple[Strip, ...]:
+        """It, in blocks."""
+        return tuple(_text_strip(line) for line in big_lines(self.text, width, height, self.glyphs.full))
 
 
 def _text_strip(text: str) -> Strip:

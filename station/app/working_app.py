@@ -17,14 +17,14 @@ from rich.text import Text
 from textual import on
 from textual.app import App
 from textual.driver import Driver
-from textual.events import Key
 from textual.message import Message
 
-from station.app.background import BackgroundJob, Finished, Problem, Watcher, at_once, problem_of
-from station.app.commands import EndRun, GoOn, StepBack, StopEverything
+from station.app.background import BackgroundJob, DeviceState, Finished, Problem, Watcher, at_once, problem_of
+from station.app.commands import EndRun, GoOn, StepBack
 from station.app.messages import Devices, Ended, News, Terminated
 from station.app.screens.parts import AnswerBox, StationScreen
 from station.app.screens.start import StartScreen
+from station.app.stopping_driver import stopping_first
 from station.common.errors import TRACEBACK
 from station.common.stop_signals import EXIT_DEVICE
 from station.drawing.glyphs import Glyphs, glyphs_for, visible
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 SHOW_EVERY_S = 0.08
 """What runs tell is shown at most so often: 12 times a second is as much as an eye or an ssh line wants."""
-GUIDE, BENCH, RESULTS = "guide", "bench", "results"
+GUIDE, BENCH, FOCUS, RESULTS = "guide", "bench", "focus", "results"
 ALARM = "EMERGENCY STOP: everything was halted. Stages must be homed to move again."
 
 
@@ -64,7 +64,7 @@ class WorkingApp(App[int]):
         self._subject = self._alarm = ""
         self._wanted: Callable[[Desk], Running] | None = None
         self._wanted_mode = ""
-        self._run_is_due = False
+        self._run_is_due = self._focus_on_bench = False
         self._afterwards: Callable[[], object] | None = None
         self._shown_s = 0.0
         self._drain_is_due = False
@@ -129,11 +129,18 @@ class WorkingApp(App[int]):
         """Why the bench cannot be used by hand now; empty where it can."""
         if self._run_is_due:
             return "The guide is at work: end its run first (Ctrl+C)."
+        if self._focus_on_bench and self.running("focus"):
+            return "Live focus has the bench: end it first (F7, then Esc)."
         return "One thing at a time: the bench is still at the last." if self.running("by hand") else ""
 
     def by_hand(self, work: Callable[[], Any]) -> None:
         """Something on the bench screen's behalf."""
         self._start("by hand", work, halt=self.lab.emergency_stop)
+
+    def focus(self, work: Callable[[], Any], end: Callable[[], None], *, on_bench: bool) -> None:
+        """Live focus on its screen's behalf; photographs in a folder leave the bench to others."""
+        self._focus_on_bench = on_bench
+        self._start("focus", work, ask=end, halt=self.lab.emergency_stop)
 
     @on(Ended)
     def _ended(self, message: Ended) -> None:
@@ -145,6 +152,7 @@ class WorkingApp(App[int]):
             "open": self._opened,
             "run": self._run_ended,
             "by hand": self._moved_by_hand,
+            "focus": self._tell_screens,
             "results": self._results_read,
             "sessions": self._sessions_read,
         }[finished.job.name]
@@ -182,14 +190,15 @@ class WorkingApp(App[int]):
             self._watcher = Watcher(StageWatch(bench).look, lambda states: self._post(Devices(states)))
 
     def _moved_by_hand(self, finished: Finished) -> None:
-        from station.app.screens.bench import BenchScreen
-
         if finished.problem is None:
             self._alarm = ""
         if isinstance(finished.value, list):
             self.rows = finished.value
-        for screen in self.get_screen_stack(BENCH) if BENCH in self._screen_stacks else ():
-            if isinstance(screen, BenchScreen):
+        self._tell_screens(finished)
+
+    def _tell_screens(self, finished: Finished) -> None:
+        for screen in (one for stack in self._screen_stacks.values() for one in stack):
+            if isinstance(screen, StationScreen) and screen.is_mounted:
                 screen.done(finished)
 
     def _results_read(self, finished: Finished) -> None:
@@ -310,7 +319,7 @@ class WorkingApp(App[int]):
     @on(EndRun)
     def _end_run(self) -> None:
         """Once: after this exposure. Twice: now."""
-        by_hand, run = self.running("by hand"), self.running("run")
+        by_hand, run = self.running("by hand") or self.running("focus"), self.running("run")
         if run is not None:
             if run.cancel() and self._guide is not None:
                 self._guide.ending()
@@ -335,20 +344,14 @@ class WorkingApp(App[int]):
         self.refresh_frame()
 
     def _halt(self) -> None:
+        if self._focus_on_bench and (focus := self.running("focus")):
+            focus.cancel()
         running = self._sitting is not None and self.running("run")
         at_once(self._sitting.halt if self._sitting is not None and running else self.lab.emergency_stop)
 
     def get_driver_class(self) -> type[Driver]:
         """The terminal's driver, whose thread stops the bench when it reads the key, whatever the screens are at."""
-        app = self
-
-        class StopsFirst(super().get_driver_class()):  # type: ignore[misc]
-            def process_message(self, message: Message) -> None:
-                if isinstance(message, Key) and message.key in StopEverything.keys.split(","):
-                    app.lab.emergency_stop()
-                super().process_message(message)
-
-        return StopsFirst
+        return stopping_first(super().get_driver_class(), lambda: self.lab.emergency_stop())  # the lab comes later
 
     # --- what is shown -------------------------------------------------------------------------------------------
 
@@ -385,6 +388,7 @@ class WorkingApp(App[int]):
 def _load(lab: Lab) -> tuple[Mapping[str, str], Sequence[Kept]]:
     """Import what screens and runs need, and read what is on the disk; in a thread."""
     import station.app.screens.bench
+    import station.app.screens.focus
     import station.app.screens.guide
     import station.app.screens.results  # noqa: F401
 

@@ -98,7 +98,7 @@ def _frames(
         stack.callback(bench.close)
         stack.enter_context(guarded(bench.emergency_stop, ended.set))
         bench.connect()
-        yield source.tethered(bench) if config is not None else source.simulated_sweep(bench)
+        yield source.tethered(bench) if config is not None else source.simulated(bench)
 
 
 def line(seen: FocusSeen) -> str:

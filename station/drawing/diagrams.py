@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
 from procedures.plan import Diagram
 from station.drawing.terminal_plots import Curve, Frame, plot
 
+Plotted = Callable[[int, int, bool], list[str]]
+"""Lines of so many characters, so many of them, in ASCII or not."""
+MARGIN = 0.2
+"""Above and below a curve, as a share of its height."""
 WIDTH, HEIGHT = 64, 11
 """Of the drawing, in characters."""
 
@@ -19,6 +24,20 @@ def drawn(diagram: Diagram, width: int, height: int, ascii: bool) -> list[str]:
     x, y = np.array(diagram.x), np.array(diagram.y)
     frame = Frame((float(x[0]), float(x[-1])), (0.0, 1.05 * float(y.max())), diagram.label)
     return plot([Curve(x, y), Curve(x, y, letter="o", points=True)], frame, width, height, ascii=ascii)
+
+
+def trend(places: Sequence[float], scores: Sequence[float], label: str, best: float | None = None) -> Plotted:
+    """Scores so far over their places, each as a point, NaN left out; `best` as a dashed level."""
+    order = np.argsort(np.array(places, dtype=float), kind="stable")
+    x, y = np.array(places, dtype=float)[order], np.array(scores, dtype=float)[order]
+    known = y[np.isfinite(y)]
+    low, top = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
+    room = MARGIN * (top - low) or MARGIN
+    span = (float(x[0]), float(x[-1])) if x[-1] > x[0] else (float(x[0]) - 1, float(x[0]) + 1)
+    curves = [Curve(x, y), Curve(x, y, letter="o", points=True)]
+    if best is not None:
+        curves.append(Curve(np.array(span), np.full(2, best), letter="-", dashed=True))
+    return partial(plot, curves, Frame(span, (low - room, top + room), label))
 
 
 def diagram_lines(diagram: Diagram, *, ascii: bool) -> list[str]:

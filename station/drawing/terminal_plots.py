@@ -43,7 +43,7 @@ class Frame:
     label: str = ""
 
 
-def plot(curves: Sequence[Curve], frame: Frame, width: int, height: int, *, ascii: bool = False) -> list[str]:
+def plot(curves: Sequence[Curve], frame: Frame, width: int, height: int, ascii: bool = False) -> list[str]:
     """`height` lines of at most `width` characters: the curves, the ends of both axes, and the label."""
     canvas = _Canvas(max(1, width - GUTTER), max(1, height - 1), 1 if ascii else 2, 1 if ascii else 4)
     for curve in curves:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 import numpy.typing as npt
@@ -95,30 +96,58 @@ def _parabola(x: Array, y: Array, u: Array) -> tuple[Array, Array]:
     return c, np.asarray(C * max(strays, 1.0), dtype=np.float64)
 
 
-def which_way(scores: Sequence[float], uncertainties: Sequence[float]) -> str:
+class Way(StrEnum):
+    """Which way to turn the focus ring."""
+
+    TRY = "either way"
+    ON = "the same way"
+    BACK = "back"
+    STAY = "not at all"
+
+
+@dataclass(frozen=True)
+class Turn:
+    """What to do with the focus ring: which way, and the sentence."""
+
+    way: Way
+    say: str
+
+
+def which_way(scores: Sequence[float], uncertainties: Sequence[float], places: Sequence[float] = ()) -> Turn:
     """What to do with the focus ring after the last of these frames, which were taken one after the other.
 
     Parameters
     ----------
     scores : (n,) sharpness, NaN where none could be told
     uncertainties : (n,)
+    places : (n,) settings of the focus, in steps towards infinity, where they are known; else as many steps were made
+        as frames taken, all the same way
     """
     y, u = np.asarray(scores, dtype=np.float64), np.asarray(uncertainties, dtype=np.float64)
-    if not len(y) or not np.isfinite(y[-1]):
-        return "Turn back: this frame cannot be told." if np.isfinite(y).any() else "Focus by eye first."
+    if not np.isfinite(y).any():
+        return Turn(Way.TRY, "Focus by eye first.")
+    if not np.isfinite(y[-1]):
+        return Turn(Way.BACK, "Turn back: this frame cannot be told.")
     known = np.flatnonzero(np.isfinite(y))
     if len(known) == 1:
-        return "Turn the ring a little, either way."
+        return Turn(Way.TRY, "Turn the ring a little, either way.")
     best, last, before = known[np.argmax(y[known])], known[-1], known[-2]
-    since = int(last - best)
     if _falls(y, u, best, last):
-        steps = f"{since} step{'s' * (since > 1)}"
-        return f"Turn back {steps}: frame {best + 1} was sharper, {y[best]:.3f}."
+        back = _steps_back(places, int(best), int(last))
+        return Turn(Way.BACK, f"Turn {back}: frame {best + 1} was sharper, {y[best]:.3f}.")
     if _falls(y, u, last, before):
-        return "Sharper: go on the same way."
+        return Turn(Way.ON, "Sharper: go on the same way.")
     if best != known[0] and _falls(y, u, best, known[0]):
-        return "Stay: this is as sharp as the best."
-    return "No difference yet: turn further."
+        return Turn(Way.STAY, "Stay: this is as sharp as the best.")
+    return Turn(Way.ON, "No difference yet: turn further.")
+
+
+def _steps_back(places: Sequence[float], best: int, last: int) -> str:
+    """How to come from one frame's setting to the best one's: "back 2 steps", "2 steps towards near"."""
+    steps = places[best] - places[last] if len(places) > last else np.nan
+    count = abs(steps) if np.isfinite(steps) else float(last - best)
+    words = f"{count:g} step{'s' * (count != 1)}"
+    return f"{words} towards {'infinity' if steps > 0 else 'near'}" if np.isfinite(steps) else f"back {words}"
 
 
 def _falls(y: Array, u: Array, high: int, low: int) -> bool:

@@ -111,6 +111,8 @@ class BenchScreen(StationScreen):
 
     def done(self, finished: Finished) -> None:
         """What came of a command."""
+        if finished.job.name != "by hand":
+            return
         if finished.problem is not None:
             self._say(f"{finished.problem.reason}. {finished.problem.remedy}.")
         elif isinstance(finished.value, Said):

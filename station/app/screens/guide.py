@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from functools import partial, singledispatchmethod
 from typing import TYPE_CHECKING, ClassVar
 
-import numpy as np
 from textual.app import ComposeResult
 from textual.binding import BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
@@ -17,8 +16,7 @@ from station.app.screens.parts import AnswerBox, StationScreen
 from station.app.screens.result_view import mtf_plot
 from station.app.terminal_images import psf_thumbnail
 from station.app.widgets import CurveView, Part, Picture, ProgressLine, Rail, Readings, lines_of, literal, verdict_words
-from station.drawing.diagrams import drawn
-from station.drawing.terminal_plots import Curve, Frame, plot
+from station.drawing.diagrams import drawn, trend
 from station.guide.frontend import (
     MOVE,
     CurveSeen,
@@ -43,8 +41,6 @@ ENDINGS = {
     "stopped": "The run was ended. What was taken is kept.",
     "emergency": "Everything was stopped. Look at the bench first. Going on homes the stages.",
 }
-MARGIN = 0.2
-"""Above and below a curve, as a share of its height."""
 AFTER_THE_END: dict[str, type[Command]] = {"see the results": ShowResults, "another session": NewSession}
 AFTER_A_STOP: dict[str, type[Command]] = {"go on where it stopped": GoOn, "another session": NewSession}
 
@@ -160,14 +156,7 @@ class GuideScreen(StationScreen):
 
     @show.register
     def _(self, curve: CurveSeen) -> None:
-        x, y = np.array(curve.places, dtype=float), np.array(curve.scores, dtype=float)
-        known = y[np.isfinite(y)]
-        low, top = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
-        room = MARGIN * (top - low) or MARGIN
-        span = (float(x.min()), float(x.max())) if len(x) > 1 else (float(x[0]) - 1, float(x[0]) + 1)
-        drawn = [Curve(x, y), Curve(x, y, letter="o", points=True)]
-        frame = Frame(span, (low - room, top + room), f"sharpness over {curve.axis}")
-        self._show_curve(lambda width, height, ascii: plot(drawn, frame, width, height, ascii=ascii))
+        self._show_curve(trend(curve.places, curve.scores, f"sharpness over {curve.axis}"))
 
     @show.register
     def _(self, shown: Shown) -> None:

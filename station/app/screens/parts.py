@@ -19,6 +19,7 @@ from station.app.widgets import DeviceBar, KeyLine, Part, lines_of, literal
 
 if TYPE_CHECKING:
     from procedures.plan import Ask, Fact
+    from station.app.background import Finished
 
 
 SPACE = "\N{NO-BREAK SPACE}"
@@ -68,6 +69,9 @@ class StationScreen(Screen[None]):
     def can(self, command: type[Command]) -> bool:
         """Whether a command of this screen can be given now."""
         return True
+
+    def done(self, finished: Finished) -> None:
+        """What came of work on a screen's behalf."""
 
 
 class Choices(Part, can_focus=True):

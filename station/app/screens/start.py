@@ -11,6 +11,7 @@ from textual.containers import Vertical, VerticalScroll
 from textual.message import Message
 from textual.widgets import Input
 
+from station.app.commands import ShowFocus
 from station.app.screens.parts import Choices, StationScreen
 from station.app.widgets import Part, lines_of
 
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 
 USUAL_PLAN = {"pattern": "pattern PSF"}
 """What is offered until the plans have been loaded."""
+
+LIVE_FOCUS = f"live focus: which way to turn the ring, and no calibration ({ShowFocus.key_name()})"
 
 
 class StartScreen(StationScreen):
@@ -92,7 +95,7 @@ class StartScreen(StationScreen):
         self.query_one("#plans", Choices).set_lines(self._plan_lines(), at)
 
     def _plan_lines(self) -> list[str]:
-        return [f"{title}: press Enter to begin" for title in self._plans.values()]
+        return [*(f"{title}: press Enter to begin" for title in self._plans.values()), LIVE_FOCUS]
 
     def show_kept(self, kept: Sequence[Kept]) -> None:
         """The sessions; those that are not finished first."""
@@ -126,6 +129,9 @@ class StartScreen(StationScreen):
         """Begin, or go on."""
         if event.choices.id == "kept":
             self.post_message(self.Resume(self._kept[event.index].folder))
+            return
+        if event.index == len(self._plans):
+            self.post_message(ShowFocus())
             return
         if self._plan is not None and self._plans is USUAL_PLAN:
             return  # the plan that was asked for has not been loaded yet

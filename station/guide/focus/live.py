@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,7 +14,7 @@ from procedures.outcome import BadInput, BadParameter, Outcome, Verdict
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.pattern_psf.focus.sharpness import QUICK, Sharpness, measure_sharpness
-from procedures.pattern_psf.focus.sweep import Peak, best_focus, which_way
+from procedures.pattern_psf.focus.sweep import Peak, Way, best_focus, which_way
 from procedures.raw import Plane, default_plane, read_frame
 
 if TYPE_CHECKING:
@@ -58,6 +58,8 @@ class FocusSeen:
     scores, uncertainties : MTF50 of all photographs so far, NaN where none could be told
     peak : top of the sweep, where its settings are known
     say : what to do next
+    way : which way to turn the ring
+    places : settings of the focus of all photographs so far, NaN where they are not known
     """
 
     frame: Frame
@@ -67,6 +69,8 @@ class FocusSeen:
     uncertainties: tuple[float, ...]
     peak: Peak | None
     say: str
+    way: Way = Way.TRY
+    places: tuple[float, ...] = ()
 
     @property
     def number(self) -> int:
@@ -75,9 +79,9 @@ class FocusSeen:
 
     @property
     def best(self) -> int | None:
-        """Number of the sharpest so far."""
-        known = [(score, i) for i, score in enumerate(self.scores, 1) if score == score]
-        return max(known)[1] if known else None
+        """Number of the sharpest so far, of equal ones the first."""
+        known = [(score, -i) for i, score in enumerate(self.scores, 1) if score == score]
+        return -max(known)[1] if known else None
 
 
 @dataclass
@@ -101,6 +105,7 @@ class LiveFocus:
         found = self._measure(frame.plane)
         self._last = found.value or self._last
         self._note(frame, found)
+        turn = which_way(self._scores, self._uncertainties, self._places)
         return FocusSeen(
             frame,
             found,
@@ -108,7 +113,9 @@ class LiveFocus:
             tuple(self._scores),
             tuple(self._uncertainties),
             best_focus(self._places, self._scores, self._uncertainties),
-            which_way(self._scores, self._uncertainties),
+            turn.say,
+            turn.way,
+            tuple(self._places),
         )
 
     def _measure(self, plane: Outcome[Plane]) -> Outcome[Sharpness]:
@@ -165,28 +172,37 @@ class Source:
 
     def tethered(self, bench: Bench) -> Iterator[Frame]:
         """One exposure of the bench's camera after the other; nothing is moved. Raises DeviceError."""
+        stops = bench.stops
         while not self.ended():
-            yield self.read(bench.camera.expose().path, self.clock())
+            yield self._exposed(bench, stops)
 
-    def simulated_sweep(self, bench: Bench) -> Iterator[Frame]:
-        """A simulated person hangs the chart, focuses by eye, and turns the ring step by step. Raises DeviceError."""
-        hands = bench.surroundings.hands
+    def simulated(self, bench: Bench, places: Iterable[float] = SWEEP) -> Iterator[Frame]:
+        """A simulated person hangs the chart, focuses by eye, and turns the ring to one place after the other.
+
+        The stages home first, and go to the middle of their travel. Raises DeviceError.
+        """
+        hands, stops = bench.surroundings.hands, bench.stops
         if hands is None:
             raise BadParameter("only a simulated bench has hands that turn the ring", "use --simulate")
-        for stage in (bench.stage, bench.head):
-            stage.home()
-            stage.move_to(**{name: (one.low + one.high) / 2 for name, one in stage.travel().items()})
+        for name, stage in (("stage", bench.stage), ("head", bench.head)):
+            bench.motions.home(name, lambda: bench.check_stops(stops))
+            bench.motions.move(name, {axis: (one.low + one.high) / 2 for axis, one in stage.travel().items()})
         bench.light.set_level(1.0)
         for key in PERSON:
             hands.do(key, {})
         hands.follow(LEFT_BY_EYE)
         at = 0.0
-        for place in SWEEP:
+        for place in places:
             if self.ended():
                 return
             hands.follow({"focus_steps": place - at})
             at = place
-            yield self.read(bench.camera.expose().path, self.clock(), place)
+            yield self._exposed(bench, stops, place)
+
+    def _exposed(self, bench: Bench, stops: int, place: float | None = None) -> Frame:
+        """An exposure, unless everything was stopped. Raises DeviceError."""
+        bench.check_stops(stops)
+        return self.read(bench.camera.expose().path, self.clock(), place)
 
 
 def _photographs(folder: Path) -> set[Path]:

@@ -102,7 +102,7 @@ def test_a_photograph_of_another_size_is_named(monkeypatch, tmp_path):
     sizes = {"a.dng": (20, 30), "b.dng": (20, 40), "c.dng": (20, 30)}
     psf = Psf(gaussian(0.5), S, COVARIANCE)
 
-    def read(path, names, layout=None):
+    def read(path, names, layout=None, data=None):
         plane = Plane("Y", np.zeros(sizes[path.name], dtype=np.float32), 1.0)
         return RawFrame(path, "0" * 64, {"Y": plane}, Exposure())
 
@@ -113,7 +113,9 @@ def test_a_photograph_of_another_size_is_named(monkeypatch, tmp_path):
     monkeypatch.setattr(measuring, "read_frame", read)
     monkeypatch.setattr(measuring, "measure_frame", nodes)
     told = []
-    found = measuring.measure([tmp_path / name for name in sizes], None, None, None, told.append)
+    found = measuring.measure(
+        [tmp_path / name for name in sizes], None, None, None, told.append, content=lambda path: b""
+    )
     assert found.failed == ["b.dng"]
     assert "has not the planes and sizes of a.dng" in found.misses[0].reason
     assert told == list(sizes)

@@ -21,7 +21,7 @@ from .fakes import STEPS, FakeLab, FakeRun, doing, seen
 
 KEYS = (
     *("enter",) * 8, *("ctrl+q",) * 3, *("escape", "up", "down", "left", "right", "space", "tab", "shift+tab") * 2,
-    *("f1", "f2", "f3", "f4", "f5", "f6", "f8", "f12", "ctrl+x", "ctrl+c", "ctrl+p", "question_mark", "backspace"),
+    *(f"f{n}" for n in (1, 2, 3, 4, 5, 6, 7, 8, 12)), "ctrl+x", "ctrl+c", "ctrl+p", "question_mark", "backspace",
     *"123abchdwprxyz[]-+ 90", "home", "end", "pageup", "pagedown", "delete", "ctrl+a", "ctrl+u",
 )  # fmt: skip
 WIDTH = Ask("width", "How wide?", "number", unit="mm", low=1, high=9, default=3.0)

@@ -289,7 +289,7 @@ def test_an_old_session_is_gone_on_with_from_the_first_screen(tmp_path):
     async def use(driver: Driver) -> None:
         await driver.until("2 steps done")
         await driver.until("50 mm")  # camera and lens of the last session are proposed
-        await driver.press("down", "enter")
+        await driver.press("down", "down", "enter")
         await driver.until(lambda: lab.begun)
 
     drive(StationApp(lab), use)

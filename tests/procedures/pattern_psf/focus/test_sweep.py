@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from procedures.pattern_psf.focus.sweep import best_focus, which_way
+from procedures.pattern_psf.focus.sweep import Way, best_focus, which_way
 
 
 def test_the_top_of_a_parabola_is_found_exactly():
@@ -47,17 +47,19 @@ def test_a_top_beyond_the_sweep_is_told_as_such():
 
 
 @pytest.mark.parametrize(
-    ("scores", "words"),
+    ("scores", "way", "words"),
     [
-        ((), "Focus by eye"),
-        ((0.3,), "either way"),
-        ((0.3, 0.35), "go on the same way"),
-        ((0.35, 0.3), "Turn back 1 step: frame 1"),
-        ((0.3, 0.4, 0.37, 0.3), "Turn back 2 steps: frame 2"),
-        ((0.3, 0.4, 0.401), "Stay"),
-        ((0.3, 0.301), "turn further"),
-        ((0.3, math.nan), "Turn back"),
+        ((), Way.TRY, "Focus by eye"),
+        ((0.3,), Way.TRY, "either way"),
+        ((0.3, 0.35), Way.ON, "go on the same way"),
+        ((0.35, 0.3), Way.BACK, "Turn back 1 step: frame 1"),
+        ((0.3, 0.4, 0.37, 0.3), Way.BACK, "Turn back 2 steps: frame 2"),
+        ((0.3, 0.4, 0.401), Way.STAY, "Stay"),
+        ((0.3, 0.301), Way.ON, "turn further"),
+        ((0.3, math.nan), Way.BACK, "Turn back"),
     ],
 )
-def test_the_trend_tells_which_way_to_turn(scores, words):
-    assert words in which_way(scores, [0.002] * len(scores))
+def test_the_trend_tells_which_way_to_turn(scores, way, words):
+    turn = which_way(scores, [0.002] * len(scores))
+    assert turn.way is way
+    assert words in turn.say
