@@ -19,7 +19,7 @@ from textual.app import App
 from textual.driver import Driver
 from textual.message import Message
 
-from station.app.background import BackgroundJob, DeviceState, Finished, Problem, Watcher, at_once, problem_of
+from station.app.background import BackgroundJob, Finished, Problem, Watcher, at_once, problem_of
 from station.app.commands import EndRun, GoOn, StepBack
 from station.app.messages import Devices, Ended, News, Terminated
 from station.app.screens.parts import AnswerBox, StationScreen

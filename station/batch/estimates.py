@@ -22,7 +22,7 @@ from station.results.result_files import ResultFolder, write_psf_result
 from station.results.units import Pixels, pixels_of
 
 if TYPE_CHECKING:
-    from station.calibration.restorations import RestorationOptions
+    from station.calibration.restoration.restorations import RestorationOptions
 
 Write = Callable[[ResultFolder, Mapping[str, Any], bool], str]
 """Writes all files into a folder; is told what the record says beside its planes, and whether a page is wanted."""
@@ -159,7 +159,7 @@ def _restoration(
     procedure: Procedure, options: RestorationOptions, paths: Sequence[Path], contents: Sequence[bytes]
 ) -> Answer:
     """Picture and depth of photographs of one scene, as `station restore` finds them."""
-    from station.calibration.restorations import read_photographs, restored  # here: they load what restores
+    from station.calibration.restoration.restorations import read_photographs, restored  # here: they load what restores
     from station.reports.restoration_files import restoration_result, write_outcome
 
     before, chosen = further_files(procedure, paths), options.placed(procedure.folder, paths)

@@ -45,7 +45,7 @@ from station.results.terms import USUAL, Terms
 from station.results.units import Frequency, Unit
 
 if TYPE_CHECKING:
-    from station.calibration.restorations import RestorationOptions
+    from station.calibration.restoration.restorations import RestorationOptions
 
 PATTERN, TWO_PHOTO, FIELD, EDGE, SERIES, RESTORE = "pattern", "two-photo", "field", "edge", "series", "restore"
 DEFAULTS: Mapping[str, Sampling | None] = {

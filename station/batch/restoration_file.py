@@ -15,8 +15,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from station.calibration.restoration_blur import BlurOptions
-from station.calibration.restorations import ENCODINGS, DescentOptions, RestorationOptions
+from station.calibration.restoration.blur_options import BlurOptions
+from station.calibration.restoration.restorations import ENCODINGS, DescentOptions, RestorationOptions
 from station.common.toml_table import Table
 
 WORDS = {

@@ -183,8 +183,13 @@ def restore(
     start = time.perf_counter()
     if len(images) < 2:
         raise click.UsageError(f"restoration needs two photographs or more, got {len(images)}")
-    from station.calibration.restoration_blur import BlurOptions
-    from station.calibration.restorations import DescentOptions, RestorationOptions, read_photographs, restored
+    from station.calibration.restoration.blur_options import BlurOptions
+    from station.calibration.restoration.restorations import (
+        DescentOptions,
+        RestorationOptions,
+        read_photographs,
+        restored,
+    )
     from station.reports.restoration_files import write_outcome
     from station.results.result_files import ResultFolder
 

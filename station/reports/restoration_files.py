@@ -109,7 +109,7 @@ def write_refusal(folder: ResultFolder, outcome: Outcome[Restoration], about: Ma
 
 def write_plane(folder: ResultFolder, result: PlaneResult, frames: Sequence[RawFrame], about: Mapping[str, Any]) -> str:
     """The result of a guided restoration: the files of `write_restoration`, or the record of its refusal."""
-    from station.calibration.restoration_inputs import imu_table
+    from station.calibration.restoration.inputs import imu_table
 
     found: Restoration | None = result.found
     outcome = Outcome(found, result.verdict, result.reason, result.remedy)

@@ -47,7 +47,7 @@ from station.batch.procedure_file import read_procedure
 from station.bench.opening import make_bench, read_config
 from station.calibration.exports.geometry import FORMATS, export_camera, read_camera
 from station.calibration.field_photographs import focus_positions
-from station.calibration.restoration_inputs import imu_table, read_blur_shape, read_imu
+from station.calibration.restoration.inputs import imu_table, read_blur_shape, read_imu
 from station.calibration.sensor_folder import find_shots
 from station.calibration.sensor_models import read_sensor
 from station.results.plane_result import PlaneResult

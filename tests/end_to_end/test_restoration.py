@@ -15,7 +15,7 @@ from procedures.outcome import Verdict
 from procedures.restoration.plan import estimate
 from simulators.camera.sensor import Sensor
 from station.bench.opening import simulated_bench
-from station.calibration.restoration_inputs import read_imu
+from station.calibration.restoration.inputs import read_imu
 from station.guide.catalogue import plan_named
 from station.guide.frontend import Result
 from station.guide.run import Run

@@ -18,7 +18,7 @@ from simulators.bench.body import Opening
 from simulators.bench.view import Mount
 from simulators.camera.sensor import Sensor
 from station.__main__ import main
-from station.calibration.restoration_inputs import imu_table, read_imu
+from station.calibration.restoration.inputs import imu_table, read_imu
 
 OPEN_S = 0.2
 QUICK = ["--scheme", "1x(4+4)+1x8"]

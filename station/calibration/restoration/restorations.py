@@ -21,8 +21,15 @@ from procedures.restoration.masks.blur_models import named
 from procedures.restoration.masks.blur_operator import Array
 from procedures.restoration.masks.checks import check_photographs
 from procedures.restoration.photograph_blur import SceneBlur, blur_of
-from station.calibration.restoration_blur import BlurOptions, Tell, blur_record, silent, tell_finding, tell_measured
-from station.calibration.restoration_inputs import RADIAL
+from station.calibration.restoration.blur_options import (
+    BlurOptions,
+    Tell,
+    blur_record,
+    silent,
+    tell_finding,
+    tell_measured,
+)
+from station.calibration.restoration.inputs import RADIAL
 
 NAME = "{name}"
 """Stands in the name of a record for that of the photograph, without its suffix; such records lie beside it."""

@@ -153,7 +153,7 @@ class BlurOptions:
 
     def _recorded(self, frames: list[RawFrame]) -> RecordedMotion:
         from procedures.restoration.photograph_blur import RecordedMotion
-        from station.calibration.restoration_inputs import poses_of_records, read_poses
+        from station.calibration.restoration.inputs import poses_of_records, read_poses
 
         if self.poses:
             poses = tuple(read_poses(Path(one)) for one in self.poses)
@@ -180,7 +180,7 @@ def _shapes(
     names: tuple[str, ...], frames: list[RawFrame], photographs: list[Array], samples_per_px: int | None
 ) -> tuple[Shape, ...]:
     """A shape for each photograph."""
-    from station.calibration.restoration_inputs import read_blur_shape
+    from station.calibration.restoration.inputs import read_blur_shape
 
     plane, size = next(iter(frames[0].planes)), (photographs[0].shape[1], photographs[0].shape[2])
     return tuple(read_blur_shape(name, plane, size, samples_per_px) for name in _repeated(names, len(frames)))

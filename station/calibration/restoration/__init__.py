@@ -1,0 +1,1 @@
+"""Restorations as commands, sessions and batches ask for them: options, files, outcome."""
