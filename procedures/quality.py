@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numerics.bessel import j1
-from procedures.numerics.kernel_tail import EXCHANGED, MIRRORED, SHAPES, tail_spectra
+from procedures.numerics.kernel_tail import DIFFERS, EXCHANGED, LEAST_TAIL, MIRRORED, SHAPES, tail_spectra
 from procedures.outcome import Quantity, Rule, Verdict
 from procedures.psf import Psf
 from procedures.spatial_numbers import CIRCLES, Found, circle, name_of_circle, section_widths, spatial_numbers
@@ -196,9 +196,19 @@ def truncation(psf: Psf) -> float:
 
 
 def stray_energy(psf: Psf) -> float:
-    """Standard uncertainty of the share outside the support from the same: ROUGHNESS E / (R sqrt(8 pi))."""
-    share, _ = psf.energy_outside
-    return ROUGHNESS * abs(share) * psf.s / (psf.k / 2 * float(np.sqrt(8 * np.pi)))
+    """Standard uncertainty of the share outside the support from the same: ROUGHNESS E / (R sqrt(8 pi)).
+
+    Where the tail strays farther into its shapes than a lens in focus lets expect (coma and astigmatism of a field's
+    corner, reaching beyond the support), it strays as much farther from them.
+    """
+    return _surprise(psf) * ROUGHNESS * abs(psf.share_outside) * psf.s / (psf.k / 2 * float(np.sqrt(8 * np.pi)))
+
+
+def _surprise(psf: Psf) -> float:
+    """Root mean square of the amplitudes beside the mean tail's over what is expected of them, at least 1."""
+    first, *others = psf.tail.amplitudes.tolist() or [0.0]
+    expected = DIFFERS[: len(others)] * max(abs(first), LEAST_TAIL)
+    return max(1.0, float(np.sqrt(np.mean((others / expected) ** 2)))) if others else 1.0
 
 
 def _stray(psf: Psf, f: Array) -> Array:

@@ -132,6 +132,7 @@ def _half_way(values: Array, peak: Indices, outer: Indices, inner: Indices) -> A
         return np.asarray(inner + (outer - inner) * (before - half) / (before - beyond))
 
 
+@lru_cache(maxsize=8)
 def _nyquist_kernel(size: int, s: int) -> Array:
     """(size, size): the quadratic form S h S . h is the integral of |OTF|^2 over |fx|, |fy| <= 1/2, of sum h^2."""
     return np.asarray(np.sinc((np.arange(size)[:, None] - np.arange(size)) / s) / s)

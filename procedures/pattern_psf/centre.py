@@ -47,13 +47,11 @@ def mark_offset_gradient(h: Array, s: int, J: Array) -> Array:
     # equation (1) is F_a = sum w g_a (g . ray) = 0, g linear in h, and w and ray following the centre
     along = w * np.sum(g * ray, axis=0)
     tensor = np.einsum("aij,bij,ij->ab", g, g, w) - np.einsum("aij,bij,ij->ab", g, ray, along) / view.window**2
-    rows = []
-    for a in range(2):
-        change = _correlation(view.slopes[a], along, len(h))
-        for b in range(2):
-            change += _correlation(view.slopes[b], w * g[a] * ray[b], len(h))
-        rows.append(change)
-    return np.asarray(np.linalg.solve(tensor, np.array(rows)) / s)
+    fields = np.einsum("aij,bij->abij", w * g, ray)
+    fields[0, 0] += along
+    fields[1, 1] += along
+    change = np.array([_correlation(view.slopes, fields[a], len(h)) for a in range(2)])
+    return np.asarray(np.linalg.solve(tensor, change) / s)
 
 
 @dataclass(frozen=True)
@@ -90,21 +88,23 @@ def _view(h: Array, J: Array) -> _View:
     return _View(centre, slopes, g, ray, w, window)
 
 
-def _correlation(slope: Array, field: Array, k: int) -> Array:
-    """Sums of `field` times `slope` shifted by each of the PSF's samples, (k^2,)."""
-    n = field.shape[0]
-    first = (slope.shape[0] - n) // 2 - k // 2
-    part = slope[first : first + n + k - 1, first : first + n + k - 1]
+def _correlation(slopes: Array, fields: Array, k: int) -> Array:
+    """Sums of fields (b, n, n) times slopes (b, N, N) shifted by each of the PSF's samples, over all b, (k^2,)."""
+    n = fields.shape[1]
+    first = (slopes.shape[1] - n) // 2 - k // 2
+    parts = slopes[:, first : first + n + k - 1, first : first + n + k - 1]
     # a correlation that goes round: of its places, the first k x k lie within
-    spectrum = transforms.rfft2(part) * np.conj(transforms.rfft2(field, part.shape))
-    return np.asarray(transforms.irfft2(spectrum, part.shape)[k - 1 :: -1, k - 1 :: -1].ravel())
+    size = transforms.next_fast_len(n + k - 1)
+    spectra = transforms.rfft2(parts, (size, size)) * np.conj(transforms.rfft2(fields, (size, size)))
+    return np.asarray(transforms.irfft2(spectra.sum(axis=0), (size, size))[k - 1 :: -1, k - 1 :: -1].ravel())
 
 
 def _x_corner(J: Array, reach: int) -> Array:
     """A boundless x-corner on the s grid, (2 reach + 1) square: black above and below, antialiased, centred."""
     n = SUPERSAMPLING * (2 * reach + 1)
     t = (np.arange(n) - (n - 1) / 2) / SUPERSAMPLING
-    across = J[0, 0] * t + J[0, 1] * t[:, None]
-    down = J[1, 0] * t + J[1, 1] * t[:, None]
-    wedge: Array = np.sign(np.abs(across) - np.abs(down))
-    return np.asarray(wedge.reshape(n // SUPERSAMPLING, SUPERSAMPLING, -1, SUPERSAMPLING).mean(axis=(1, 3)))
+    across = np.abs(J[0, 0] * t + J[0, 1] * t[:, None])
+    down = np.abs(J[1, 0] * t + J[1, 1] * t[:, None])
+    wedge = (across > down).view(np.int8) - (across < down).view(np.int8)
+    by_rows = wedge.reshape(-1, SUPERSAMPLING, n).sum(axis=1, dtype=np.int8)
+    return np.asarray(by_rows.reshape(len(by_rows), -1, SUPERSAMPLING).sum(axis=2) / SUPERSAMPLING**2)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.special import j0
 
-from procedures.numerics.kernel_tail import tail_sums
+from procedures.numerics.kernel_tail import DIFFERS, tail_sums
 from procedures.psf import Psf, PsfTail
-from procedures.quality import Diffraction, assess, beyond_diffraction, otf
+from procedures.quality import Diffraction, assess, beyond_diffraction, otf, stray_energy
 
 S, K = 4, 33
 
@@ -136,3 +136,17 @@ def test_uncertainties_are_those_of_repeated_noise(rng: np.random.Generator) -> 
     clear[0] = False
     spread = np.std([draw.mtf_horizontal for draw in draws], axis=0)[clear]
     np.testing.assert_allclose(spread, expected.mtf_horizontal_uncertainty[clear], rtol=0.26)
+
+
+def test_share_outside_is_less_sure_where_the_tail_is_not_that_of_a_lens_in_focus() -> None:
+    h, no_noise = gaussian(0.5, 0.5, k=17), np.zeros((6, 6))
+
+    def stray(*others: float) -> float:
+        """Over what is told of rings, a quarter of E / (R sqrt(8 pi)); amplitudes in units of what is expected."""
+        amplitudes = 0.05 * np.array([1, *(np.array(others) * DIFFERS)])
+        psf = Psf(h, S, 1e-12 * np.eye(h.size), PsfTail(amplitudes, no_noise, np.zeros((h.size, 6))))
+        return stray_energy(psf) / (0.25 * psf.energy_outside[0] / (17 / 2 / S * np.sqrt(8 * np.pi)))
+
+    assert stray(0, 0, 0, 0, 0) == pytest.approx(1)
+    assert stray(1, 0, -1, 1, 1) == pytest.approx(1)
+    assert stray(4, 0, -4, 4, 4) == pytest.approx(np.sqrt(64 / 5))
