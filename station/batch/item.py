@@ -20,6 +20,7 @@ from station.common.durable_files import sha256_of
 from station.common.sanitise import encodable, printable, safe_stem
 from station.results.comparison import Comparison, Judged
 from station.results.plane_result import PlaneResult
+from station.results.record_head import InputFile, RecordHead
 from station.results.result_files import RECORD, ResultFolder, software, write_psf_result
 from station.results.result_seal import damage
 
@@ -160,18 +161,18 @@ def _estimate(
         answer = estimate(job.procedure, item.paths, contents)
     except ProcedureError as error:
         row = replace(_failure(item, error), sha256=hashes, folder=folder)
-        answer = Answer((), Exposure(), lambda place, about, page: write_psf_result(place, (), about))
+        answer = Answer((), Exposure(), lambda place, head, page: write_psf_result(place, (), head))
     else:
         row = replace(_row_of(item, answer.planes, hashes, folder), noted=noted(answer.exposure))
-    about = {
-        "procedure": PATTERN if job.procedure.name == SERIES else job.procedure.name,
-        "input": [{"path": name, "sha256": one} for name, one in zip(item.files, hashes, strict=True)],
-        "parameters": job.procedure.told(),
-        **job.procedure.terms.about(answer.planes),
-        "batch": asdict(row),
-        "duration_s": round(time.perf_counter() - start, 3),
-    }
-    answer.write(place, about, job.reports)
+    head = RecordHead(
+        PATTERN if job.procedure.name == SERIES else job.procedure.name,
+        tuple(map(InputFile, item.files, hashes)),
+        job.procedure.told(),
+        job.procedure.terms.specified(answer.planes),
+        batch=asdict(row),
+        duration_s=round(time.perf_counter() - start, 3),
+    )
+    answer.write(place, head, job.reports)
     return row
 
 

@@ -15,6 +15,7 @@ from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import Number
 from station.common.errors import REFUSED
 from station.common.log import log, log_json_option
+from station.results.record_head import InputFile, RecordHead
 
 if TYPE_CHECKING:
     from procedures.outcome import Outcome
@@ -203,22 +204,20 @@ def restore(
         tell_measured(spec)
         blur = blur_of(spec, photographs, tell_finding)
         outcome = _in_colour(blur.restored(photographs, parameters, _tell), frames, blur)
-        about = {
-            "procedure": "restore",
-            "input": [{"path": str(i), "sha256": f.sha256} for i, f in zip(images, frames, strict=True)],
-            "parameters": {
-                **blur_record(told, frames, spec, blur),
-                "planes": list(frames[0].planes),
-                **({"encoding": encoding} if encoding else {}),
-                **told_layout(layout),
-                **options,
-            },
-            "duration_s": round(time.perf_counter() - start, 3),
+        parameters_told = {
+            **blur_record(told, frames, spec, blur),
+            "planes": list(frames[0].planes),
+            **({"encoding": encoding} if encoding else {}),
+            **told_layout(layout),
+            **options,
         }
+        files = tuple(InputFile(str(one), frame.sha256) for one, frame in zip(images, frames, strict=True))
+        duration_s = round(time.perf_counter() - start, 3)
+        head = RecordHead("restore", files, parameters_told, duration_s=duration_s)
         if outcome.value is None:
-            text = write_refusal(folder, outcome, about)
+            text = write_refusal(folder, outcome, head)
         else:
-            text = write_restoration(folder, outcome, about, restoration_page(outcome, photographs, about))
+            text = write_restoration(folder, outcome, head, restoration_page(outcome, photographs, head))
     level = _LEVELS.get(str(outcome.verdict), "error")
     sentence = outcome.reason or "picture and depth restored"
     log("restored", f"{outcome.verdict}: {sentence}", level=level, remedy=outcome.remedy)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -16,6 +16,7 @@ from procedures.restoration.two_photographs import shown
 from station.drawing.depth_pictures import coloured, encoded, levels, picture
 from station.drawing.linear_pictures import described_tiff
 from station.results.plane_result import PlaneResult
+from station.results.record_head import RecordHead
 from station.results.restored import RESTORATION
 from station.results.result_files import ResultFolder, npy, software, write_record
 
@@ -24,12 +25,10 @@ SHARP_WORDS = "restored picture, linear, 1 = white, first row uppermost; calibra
 Array = npt.NDArray[np.floating[Any]]
 
 
-def write_restoration(
-    folder: ResultFolder, outcome: Outcome[Restoration], about: Mapping[str, Any], page: bytes
-) -> str:
+def write_restoration(folder: ResultFolder, outcome: Outcome[Restoration], head: RecordHead, page: bytes) -> str:
     """Stage and publish every file; returns the record's text.
 
-    about : procedure, input, parameters, duration_s; page : the report
+    page : the report
     """
     found = outcome.value
     if found is None:
@@ -43,7 +42,7 @@ def write_restoration(
     folder.write("report.html", page)
     record = {
         "schema": RESTORATION,
-        **about,
+        **head.told(),
         "verdict": str(outcome.verdict),
         "reason": outcome.reason,
         "remedy": outcome.remedy,
@@ -65,13 +64,13 @@ def write_restoration(
     return write_record(folder, record)
 
 
-def write_refusal(folder: ResultFolder, outcome: Outcome[Restoration], about: Mapping[str, Any]) -> str:
+def write_refusal(folder: ResultFolder, outcome: Outcome[Restoration], head: RecordHead) -> str:
     """Publish the record of a refusal, which has no other files; returns its text."""
     told = {"verdict": str(outcome.verdict), "reason": outcome.reason, "remedy": outcome.remedy}
-    return write_record(folder, {"schema": RESTORATION, **about, **told, "software": software()})
+    return write_record(folder, {"schema": RESTORATION, **head.told(), **told, "software": software()})
 
 
-def write_plane(folder: ResultFolder, result: PlaneResult, frames: Sequence[RawFrame], about: Mapping[str, Any]) -> str:
+def write_plane(folder: ResultFolder, result: PlaneResult, frames: Sequence[RawFrame], head: RecordHead) -> str:
     """The result of a guided restoration: the files of `write_restoration`, or the record of its refusal."""
     from station.calibration.restoration_inputs import imu_table
     from station.reports.restoration_page import restoration_page  # here: it draws, which is slow to load
@@ -79,11 +78,11 @@ def write_plane(folder: ResultFolder, result: PlaneResult, frames: Sequence[RawF
     found: Restoration | None = result.found
     outcome = Outcome(found, result.verdict, result.reason, result.remedy)
     if found is None:
-        return write_refusal(folder, outcome, about)
+        return write_refusal(folder, outcome, head)
     for n, frame in enumerate((frames[0], frames[len(frames) - 1]), start=1):
         if frame.felt is not None:
             folder.write(f"imu_{n}.csv", imu_table(frame.felt))
     timeless = replace(found, history=tuple(replace(r, seconds=0.0) for r in found.history))
     outcome = replace(outcome, value=timeless)  # the files are the same whenever they are computed
     photographs = [shown(frame).samples.astype(np.float64)[None] for frame in (frames[0], frames[len(frames) - 1])]
-    return write_restoration(folder, outcome, about, restoration_page(outcome, photographs, about))
+    return write_restoration(folder, outcome, head, restoration_page(outcome, photographs, head))
