@@ -10,7 +10,7 @@ import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeout
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
@@ -178,10 +178,9 @@ class GphotoCamera:
     def configure(self, settings: CameraSettings) -> None:
         """Set what the body lets be set, by the nearest choice it offers. Raises DeviceError."""
         self.settings = settings
-        for name, widgets in WIDGETS.items():
-            wanted = getattr(settings, name)
-            if wanted is not None:
-                self._do(partial(self._choose, widgets, float(wanted)))
+        for name, wanted in asdict(settings).items():
+            if name in WIDGETS and wanted is not None:
+                self._do(partial(self._choose, WIDGETS[name], float(wanted)))
 
     def _choose(self, names: Sequence[str], wanted: float) -> None:
         """Set the first of these that the body has to the nearest choice, and see that it took. Raises Rejected."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 
 import numpy as np
 
@@ -104,7 +105,8 @@ def _lower_iso(level: float, exposure: Exposure, readings: tuple[Reading, ...], 
 def _noted(exposure: Exposure) -> dict[str, Fact]:
     """What the camera wrote about the shot, as facts."""
     names = ("camera", "lens", "exposure_s", "iso", "f_number", "focal_length_mm", "pixel_pitch_um")
-    return {name: value for name in names if (value := getattr(exposure, name)) is not None}
+    told = asdict(exposure)
+    return {name: told[name] for name in names if told[name] is not None}
 
 
 def changed_settings(exposure: Exposure, known: CameraFacts) -> str:

@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -69,7 +70,8 @@ def write_field(
     with h5py.File(path, "w") as file:
         file.attrs.update({"schema": SCHEMA, "conventions": CONVENTIONS, **provenance})
         if camera is not None:
-            file.attrs[CAMERA] = json.dumps({name: getattr(camera, name) for name in NOTED})
+            told = asdict(camera)
+            file.attrs[CAMERA] = json.dumps({name: told[name] for name in NOTED})
         for name, found in fields.items():
             plane = file.create_group(name)
             _write_plane(plane, found)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import datetime
 from typing import Any, BinaryIO, cast
 
@@ -190,10 +190,11 @@ up to 3 % (22 for 22.6), focal lengths and sensors' sizes are engraved and print
 
 def disagreements(exposure: Exposure, typed: Mapping[str, float | None]) -> list[str]:
     """Where the camera wrote something else than was typed, a sentence for each; `typed` by the names of `TYPED`."""
+    by_camera = asdict(exposure)
     return [
         f"the {words} was given as {value:g}{unit}, and the camera noted {noted:g}{unit}"
         for name, (words, unit, near) in TYPED.items()
-        if (value := typed.get(name)) and (noted := getattr(exposure, name)) and abs(value / noted - 1) > near
+        if (value := typed.get(name)) and (noted := by_camera[name]) and abs(value / noted - 1) > near
     ]
 
 

@@ -168,10 +168,8 @@ def chart_outlines(chart: Chart) -> Segments:
     parts.extend(_subdivided(outline(triangle), BLOCK) for triangle in triangles())
     if chart.edges:
         parts.extend(_subdivided(outline(area), CELLS) for area in edge_areas())
-    starts, ends, weights = (
-        np.concatenate([getattr(p, name) for p in parts]) for name in ("starts", "ends", "weights")
-    )
-    return Segments(starts, ends, weights)
+    columns = zip(*((one.starts, one.ends, one.weights) for one in parts), strict=True)
+    return Segments(*map(np.concatenate, columns))
 
 
 def _noise_outlines(chart: Chart) -> Segments:

@@ -18,6 +18,7 @@ from textual.widget import Widget
 from textual.widgets import Static
 
 from station.drawing.big_letters import big_lines
+from station.drawing.colours import MARK_GROUND, MARK_TEXT
 from station.drawing.glyphs import Glyphs, visible
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 GREYS = 32
 """Levels told apart in half blocks; runs of one level are one segment."""
 PLAIN = Style()  # Textual's filter for NO_COLOR wants a style on every segment
-MARK = Style(color="black", bgcolor="yellow", bold=True)
+MARK = Style(color=MARK_TEXT, bgcolor=MARK_GROUND, bold=True)
 BAR = 16
 """Cells of the progress bar."""
 

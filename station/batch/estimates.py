@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -18,13 +18,14 @@ from station.batch.procedure_file import ALL, EDGE, FIELD, TWO_PHOTO, Procedure
 from station.calibration.planes import calibrate, calibrate_pair, diffraction_limit
 from station.common.sanitise import encodable, printable
 from station.results.plane_result import PlaneResult
+from station.results.record_head import RecordHead
 from station.results.result_files import ResultFolder, write_psf_result
 from station.results.units import Pixels, pixels_of
 
 if TYPE_CHECKING:
     from station.calibration.restoration.restorations import RestorationOptions
 
-Write = Callable[[ResultFolder, Mapping[str, Any], bool], str]
+Write = Callable[[ResultFolder, RecordHead, bool], str]
 """Writes all files into a folder; is told what the record says beside its planes, and whether a page is wanted."""
 
 
@@ -92,10 +93,10 @@ def _psf(procedure: Procedure, frames: Sequence[RawFrame]) -> Answer:
         found = calibrate(frames[0], chart, parameters, limit, threads=1, physics=procedure.physics)
     planes = [procedure.terms.told(one, pixels[one.name]) for one in found]
 
-    def write(place: ResultFolder, about: Mapping[str, Any], page: bool) -> str:
+    def write(place: ResultFolder, head: RecordHead, page: bool) -> str:
         if page:
             _write_page(place, procedure, frames, planes)
-        return write_psf_result(place, planes, about)
+        return write_psf_result(place, planes, head)
 
     return Answer(planes, frames[0].exposure, write)
 
@@ -122,8 +123,8 @@ def _edges(procedure: Procedure, frame: RawFrame) -> Answer:
     limit = partial(diffraction_limit, frame.exposure, **optics)
     records = list(measure_edges(frame, None, limit, procedure.terms, optics["pixel_pitch_um"]))
 
-    def write(place: ResultFolder, about: Mapping[str, Any], page: bool) -> str:
-        return write_edge_result(place, frame, records, about)
+    def write(place: ResultFolder, head: RecordHead, page: bool) -> str:
+        return write_edge_result(place, frame, records, head)
 
     return Answer([one.result for one in records], frame.exposure, write)
 
@@ -171,9 +172,9 @@ def _restoration(
         if before.get(path) != known:
             raise ChangedMeanwhile(path)
 
-    def write(place: ResultFolder, about: Mapping[str, Any], page: bool) -> str:
+    def write(place: ResultFolder, head: RecordHead, page: bool) -> str:
         files = [{"path": encodable(str(path)), "sha256": known} for path, known in before.items()]
-        whole = {**about, "parameters": {**about.get("parameters", {}), **told, "files": files}}
+        whole = replace(head, parameters={**head.parameters, **told, "files": files})
         return write_outcome(place, outcome, whole, photographs, page=page)
 
     return Answer([restoration_result(outcome, frames)], frames[0].exposure, write)
@@ -200,7 +201,7 @@ def _field(procedure: Procedure, paths: Sequence[Path], hashes: Sequence[str]) -
     found = conclude(measured, limit=limit, at=at)
     planes = field_results(found, procedure.terms, pixels, limit)
 
-    def write(place: ResultFolder, about: Mapping[str, Any], page: bool) -> str:
-        return write_field(place, found, planes, about, report=page)
+    def write(place: ResultFolder, head: RecordHead, page: bool) -> str:
+        return write_field(place, found, planes, head, report=page)
 
     return Answer(planes, exposure, write)

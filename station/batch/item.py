@@ -19,6 +19,7 @@ from station.calibration.folder_photographs import Item
 from station.common.sanitise import encodable, printable, safe_stem
 from station.results.comparison import Comparison, Judged
 from station.results.plane_result import PlaneResult
+from station.results.record_head import InputFile, RecordHead
 from station.results.result_files import RECORD, ResultFolder, software, write_psf_result
 from station.results.result_seal import damage
 
@@ -166,26 +167,26 @@ def _estimate(
         answer = Answer((), Exposure(), _write_failure(job.procedure, error))
     else:
         row = replace(_row_of(item, answer.planes, hashes, folder), noted=noted(answer.exposure))
-    about = {
-        "procedure": PATTERN if job.procedure.name == SERIES else job.procedure.name,
-        "input": [{"path": name, "sha256": one} for name, one in zip(item.files, hashes, strict=True)],
-        "parameters": job.procedure.told(),
-        **job.procedure.terms.about(answer.planes),
-        "batch": asdict(row),
-        "duration_s": round(time.perf_counter() - start, 3),
-    }
-    answer.write(place, about, job.reports)
+    head = RecordHead(
+        PATTERN if job.procedure.name == SERIES else job.procedure.name,
+        tuple(map(InputFile, item.files, hashes)),
+        job.procedure.told(),
+        job.procedure.terms.specified(answer.planes),
+        batch=asdict(row),
+        duration_s=round(time.perf_counter() - start, 3),
+    )
+    answer.write(place, head, job.reports)
     return row
 
 
 def _write_failure(procedure: Procedure, error: ProcedureError) -> Write:
     """Writes the record of what could not be estimated."""
     if procedure.restoration is None:
-        return lambda place, about, page: write_psf_result(place, (), about)
+        return lambda place, head, page: write_psf_result(place, (), head)
     from station.reports.restoration_files import write_refusal  # here: it draws, which is slow to load
 
     refused: Outcome[Any] = Outcome(None, Verdict.REFUSED, error.reason, error.remedy)
-    return lambda place, about, page: write_refusal(place, refused, about)
+    return lambda place, head, page: write_refusal(place, refused, head)
 
 
 def _row_of(item: Item, records: Sequence[PlaneResult], hashes: Sequence[str], folder: str) -> Row:

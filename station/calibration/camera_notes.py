@@ -10,7 +10,7 @@ from __future__ import annotations
 import struct
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from fractions import Fraction
 
 from procedures.raw import Exposure, RawFrame
@@ -59,7 +59,8 @@ def exposure_of(frames: Sequence[RawFrame]) -> Exposure | None:
     if not frames:
         return None
     names = ("camera", "lens", "f_number", "focal_length_mm", "subject_distance_mm")
-    same = {name: {getattr(frame.exposure, name) for frame in frames} for name in names}
+    noted = [asdict(frame.exposure) for frame in frames]
+    same = {name: {one[name] for one in noted} for name in names}
     return Exposure(**{name: next(iter(values)) for name, values in same.items() if len(values) == 1})
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from procedures.raw import RawFrame, read_frame, read_photograph
 from procedures.reading.sensor_dump import DumpLayout
 from station.calibration.camera_notes import CameraNotes, read_notes
 from station.calibration.picture_files import BLACK, WHITE, write_linear_dng, write_tiff
+from station.results.record_head import RecordHead
 from station.results.result_files import ResultFolder, software, write_record
 
 SCHEMA = "station/correct/1"
@@ -78,21 +79,21 @@ def _doubted(outcome: Outcome[Correction], unknown: list[str]) -> Outcome[Correc
     return replace(outcome, verdict=Verdict.DOUBTFUL, reason=reasons, remedy=remedies)
 
 
-def write_correction(folder: ResultFolder, found: Corrected, about: Mapping[str, Any], page: bytes) -> str:
-    """Stage and publish every file of a correction; returns the record's text. `about` as the record begins."""
+def write_correction(folder: ResultFolder, found: Corrected, head: RecordHead, page: bytes) -> str:
+    """Stage and publish every file of a correction; returns the record's text."""
     value = found.outcome.value
     if value is None:
-        return write_refusal(folder, found, about)
+        return write_refusal(folder, found, head)
     write_tiff(folder.staging / TIFF, value.picture, found.notes, DESCRIPTION)
     write_linear_dng(folder.staging / DNG, value.picture, found.notes)
     folder.write(MAPS, _maps(value))
     folder.write(PAGE, page)
-    return write_record(folder, record(found, about))
+    return write_record(folder, record(found, head))
 
 
-def write_refusal(folder: ResultFolder, found: Corrected, about: Mapping[str, Any]) -> str:
+def write_refusal(folder: ResultFolder, found: Corrected, head: RecordHead) -> str:
     """Publish the record of a refusal, which has no other files; returns its text."""
-    return write_record(folder, {"schema": SCHEMA, **about, **_verdict(found), "software": software()})
+    return write_record(folder, {"schema": SCHEMA, **head.told(), **_verdict(found), "software": software()})
 
 
 def _verdict(found: Corrected) -> dict[str, str]:
@@ -100,7 +101,7 @@ def _verdict(found: Corrected) -> dict[str, str]:
     return {"verdict": str(outcome.verdict), "reason": outcome.reason, "remedy": outcome.remedy}
 
 
-def record(found: Corrected, about: Mapping[str, Any]) -> dict[str, Any]:
+def record(found: Corrected, head: RecordHead) -> dict[str, Any]:
     """What `result.json` says."""
     value = found.outcome.value
     if value is None:
@@ -108,7 +109,7 @@ def record(found: Corrected, about: Mapping[str, Any]) -> dict[str, Any]:
     told = value.prediction
     return {
         "schema": SCHEMA,
-        **about,
+        **head.told(),
         **_verdict(found),
         "encodings": {
             TIFF: {"encoding": "linear", "black": 0, "white": 65535},

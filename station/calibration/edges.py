@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -16,6 +16,7 @@ from station.drawing.edge_pictures import edge_picture
 from station.results.exports import csv_bytes
 from station.results.limits import place_of
 from station.results.plane_result import PlaneResult
+from station.results.record_head import RecordHead
 from station.results.result_files import ResultFolder, software, write_record
 from station.results.terms import USUAL, Terms
 from station.results.units import pixels_of, told_numbers
@@ -102,13 +103,8 @@ def _numbers(edge: EdgeMtf, at: Sequence[float]) -> dict[str, Quantity]:
     return {**edge.numbers, **asked}
 
 
-def write_edge_result(
-    folder: ResultFolder, frame: RawFrame, records: Sequence[EdgeRecord], about: Mapping[str, Any]
-) -> str:
-    """Write mtf_P.csv and edge_P.png of every plane that has edges, and the record; returns the record's text.
-
-    about : procedure, input, parameters, duration_s, specification
-    """
+def write_edge_result(folder: ResultFolder, frame: RawFrame, records: Sequence[EdgeRecord], head: RecordHead) -> str:
+    """Write mtf_P.csv and edge_P.png of every plane that has edges, and the record; returns the record's text."""
     for record in records:
         told = record.result
         if record.edges:
@@ -119,8 +115,7 @@ def write_edge_result(
     at = {"at": list(records[0].at)} if records and records[0].at else {}
     whole = {
         "schema": SCHEMA,
-        **about,
-        "parameters": {**about.get("parameters", {}), **at},
+        **head.told(**at),
         "planes": {record.name: _plane_entry(record) for record in records},
         "software": software(),
     }

@@ -95,7 +95,7 @@ def best_apertures(points: Sequence[Point]) -> list[Best]:
 def _best(plane: str, by_aperture: Mapping[float, Point]) -> Best:
     """The chance is the share of draws from the points' uncertainties in which the aperture is the best."""
     points = list(by_aperture.values())
-    values, spreads = (np.array([getattr(one, name) for one in points]) for name in ("value", "uncertainty"))
+    values, spreads = np.array([(one.value, one.uncertainty) for one in points]).T
     drawn = values + spreads * np.random.default_rng(SEED).standard_normal((DRAWS, len(points)))
     i = int(np.argmax(values))
     chance = float(np.mean(drawn.argmax(axis=1) == i))

@@ -15,6 +15,7 @@ from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import Number
 from station.common.errors import INTERRUPTED
 from station.common.log import Fact, log, log_json_option, logs_json
+from station.drawing.colours import TERMINAL_COLOURS
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -273,6 +274,9 @@ def _wrong(done: Batch) -> Table:
         why = "; ".join(words for words in (row.reason, row.against) if words)
         words = printable(" + ".join(row.files)), printable(why)
         table.add_row(
-            escape(words[0]), f"[red]{measurement_words(row.verdict)}[/]", row.specification, escape(words[1])
+            escape(words[0]),
+            f"[{TERMINAL_COLOURS['fail']}]{measurement_words(row.verdict)}[/]",
+            row.specification,
+            escape(words[1]),
         )
     return table

@@ -15,6 +15,7 @@ from station.cli.terminal.numbers import Number
 from station.cli.terminal.progress import progress
 from station.common.errors import REFUSED
 from station.common.log import log, log_json_option
+from station.results.record_head import InputFile, RecordHead
 
 if TYPE_CHECKING:
     from procedures.reading.sensor_dump import DumpLayout
@@ -92,16 +93,12 @@ def correct(
         found = correct_photograph(photo, field, parameters, layout, _by_hundredths(told), insisted=insist)
         given = {"prior": prior, "strength": strength, "iterations": iterations, "field": str(field)}
         given |= {"tile_px": tile_px or "auto", **told_layout(layout), **({"insist": True} if insist else {})}
-        about = {
-            "procedure": "correct",
-            "input": [{"path": str(photo), "sha256": found.frame.sha256}],
-            "parameters": given,
-            "duration_s": round(time.perf_counter() - start, 3),
-        }
+        duration_s = round(time.perf_counter() - start, 3)
+        head = RecordHead("correct", (InputFile(str(photo), found.frame.sha256),), given, duration_s=duration_s)
         if found.outcome.value is None:
-            text = write_refusal(folder, found, about)
+            text = write_refusal(folder, found, head)
         else:
-            text = write_correction(folder, found, about, correction_page(found, about))
+            text = write_correction(folder, found, head, correction_page(found, head))
     outcome = found.outcome
     sentence = f"{outcome.verdict}: {outcome.reason or 'the photograph is corrected'}"
     log("corrected", sentence, level=LEVELS[str(outcome.verdict)], remedy=outcome.remedy)

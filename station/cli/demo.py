@@ -13,6 +13,7 @@ from station.cli.terminal.numbers import SEED
 from station.cli.terminal.progress import progress as progress_shown
 from station.common.errors import REFUSED
 from station.common.log import log, log_json_option
+from station.drawing.colours import TERMINAL_COLOURS
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from station.demo.demonstration import ComparedPlane, Demonstration, Summary
     from station.guide.frontend import Result
 
-COLOURS = {"pass": "green", "doubtful": "yellow", "refused": "red"}
 HEADINGS = {"horizontal": "MTF50, rows", "vertical": "MTF50, columns"}
 WIDE = 100
 """Columns of a terminal from which on the table shows both directions."""
@@ -154,4 +154,4 @@ def _cells(plane: ComparedPlane, directions: Sequence[str]) -> list[str]:
             cells += [stated(measured.value, measured.uncertainty)] if measured else ["—"]
             cells += [f"{against.true:.4f}"] if against else ["—"]
         cells += [percent(plane.comparison.error), percent(plane.comparison.expected)]
-    return [*cells, f"[{COLOURS[verdict]}]{verdict}[/]"]
+    return [*cells, f"[{TERMINAL_COLOURS[verdict]}]{verdict}[/]"]

@@ -10,6 +10,7 @@ import click
 
 from station.cli.terminal.progress import progress as progress_shown
 from station.common.log import log, log_json_option
+from station.drawing.colours import TERMINAL_COLOURS
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
     from station.demo.reproduce.reproduction import Reproduction
 
 DISAGREES = 1
-COLOURS = {"pass": "green", "fail": "red", "left out": "yellow"}
 
 
 @click.command("reproduce")
@@ -75,7 +75,7 @@ def _table(found: Reproduction) -> Table:
     for one in found.done:
         passed = sum(line.passes for line in one.lines)
         numbers = f"{passed} of {len(one.lines)}" if one.lines else "-"
-        table.add_row(one.row.name, one.row.place, numbers, Text(str(one.state), COLOURS[one.state]))
+        table.add_row(one.row.name, one.row.place, numbers, Text(str(one.state), TERMINAL_COLOURS[one.state]))
         if one.reason:
             table.add_row("", Text(one.reason, "dim"), "", "")
         for line in one.lines:

@@ -14,6 +14,7 @@ from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import Number
 from station.common.errors import REFUSED
 from station.common.log import log, log_json_option
+from station.results.record_head import InputFile, RecordHead
 
 if TYPE_CHECKING:
     from procedures.reading.sensor_dump import DumpLayout
@@ -202,13 +203,10 @@ def restore(
         for image, frame in zip(images, frames, strict=True):
             log("read", f"read {image}: {', '.join(frame.planes)}", path=str(image), sha256=frame.sha256)
         outcome, told = restored(chosen, frames, photographs, log, _tell)
-        about = {
-            "procedure": "restore",
-            "input": [{"path": str(i), "sha256": f.sha256} for i, f in zip(images, frames, strict=True)],
-            "parameters": {**told, **told_layout(layout)},
-            "duration_s": round(time.perf_counter() - start, 3),
-        }
-        text = write_outcome(folder, outcome, about, photographs)
+        files = tuple(InputFile(str(one), frame.sha256) for one, frame in zip(images, frames, strict=True))
+        duration_s = round(time.perf_counter() - start, 3)
+        head = RecordHead("restore", files, {**told, **told_layout(layout)}, duration_s=duration_s)
+        text = write_outcome(folder, outcome, head, photographs)
     level = _LEVELS.get(str(outcome.verdict), "error")
     words = outcome.reason or "picture and depth restored"
     log("restored", f"{outcome.verdict}: {words}", level=level, remedy=outcome.remedy)

@@ -16,6 +16,8 @@ from pathlib import Path
 
 PREFIX = "station-"
 """Of folders among the system's temporary files."""
+RANDOM_BYTES = 8
+"""Told in hexadecimal after the prefix: a folder that a person called `station-demo` is none of these."""
 
 
 def hold(folder: Path) -> int | None:
@@ -51,7 +53,7 @@ def release(descriptor: int | None) -> None:
 def make(prefix: str, within: Path, mode: int = 0o700) -> tuple[Path, int | None]:
     """A new folder and its `hold`. Raises OSError."""
     for _ in range(100):
-        folder = within / f"{prefix}{secrets.token_hex(8)}"
+        folder = within / f"{prefix}{secrets.token_hex(RANDOM_BYTES)}"
         folder.mkdir(mode)
         with contextlib.suppress(BlockingIOError, FileNotFoundError):  # a sweep came between the two
             descriptor = hold(folder)
@@ -61,9 +63,9 @@ def make(prefix: str, within: Path, mode: int = 0o700) -> tuple[Path, int | None
     raise OSError(f"{within} takes no folder that stays")
 
 
-def sweep(within: Path, pattern: str) -> None:
-    """Remove folders of this user's that nobody holds; what cannot be removed is left."""
-    for folder in within.glob(pattern):
+def sweep(within: Path, prefix: str) -> None:
+    """Remove folders that `make` made for this user and nobody holds; what cannot be removed is left."""
+    for folder in within.glob(prefix + 2 * RANDOM_BYTES * "[0-9a-f]"):
         with contextlib.suppress(OSError):
             status = folder.lstat()
             if folder.is_symlink() or not folder.is_dir() or status.st_uid != os.getuid():
@@ -78,7 +80,7 @@ def sweep(within: Path, pattern: str) -> None:
 def temporary_folder() -> Iterator[Path]:
     """A folder among the system's temporary files, removed at the end; those of runs that were killed are, too."""
     among = Path(tempfile.gettempdir())
-    sweep(among, f"{PREFIX}*")
+    sweep(among, PREFIX)
     folder, descriptor = make(PREFIX, among)
     try:
         yield folder

@@ -22,6 +22,7 @@ from station.calibration.planes import calibrate, diffraction_limit
 from station.common.progress import Progress, silent
 from station.demo.demonstration import ComparedPlane, Demonstration, DemoPhotograph, summary
 from station.demo.truth_comparison import compare
+from station.results.record_head import InputFile, RecordHead
 from station.results.result_files import RECORD, ResultFolder, software, write_psf_result, write_record
 
 SCHEMA = "station/demo/1"
@@ -86,14 +87,14 @@ def _shoot(
     progress(f"{setup.title}: photographed")
     frame = read_frame(root / path)
     planes = tuple(_check(frame, truth, chart, parameters, setup, progress))
-    about = {
-        "procedure": "pattern",
-        "input": [{"path": path.as_posix(), "sha256": frame.sha256}],
-        "parameters": {**parameters.told(), "chart": chart.origin, "pixel_pitch_um": PITCH_UM},
-        "duration_s": round(time.perf_counter() - start, 3),
-    }
+    head = RecordHead(
+        "pattern",
+        (InputFile(path.as_posix(), frame.sha256),),
+        {**parameters.told(), "chart": chart.origin, "pixel_pitch_um": PITCH_UM},
+        duration_s=round(time.perf_counter() - start, 3),
+    )
     with ResultFolder(root / "results" / setup.name) as folder:
-        write_psf_result(folder, [plane.result for plane in planes], about)
+        write_psf_result(folder, [plane.result for plane in planes], head)
     return DemoPhotograph(setup, path, frame, planes)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from station.drawing import colours
 from station.drawing.linear_pictures import display_png
 
 Linear = npt.NDArray[np.floating]
@@ -54,7 +55,7 @@ def ray_page(title: str, rows: tuple[RenderRow | StripRow, ...]) -> bytes:
 
     template = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True).from_string(_PAGE)
     shown = [_shown(row) for row in rows]
-    return template.render(title=title, rows=shown).encode()
+    return template.render(title=title, rows=shown, palette=colours).encode()
 
 
 def _shown(row: RenderRow | StripRow) -> dict[str, Any]:
@@ -105,11 +106,11 @@ def _uri(picture: Linear) -> str:
 _PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>{{ title }}</title>
 <style>
-body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem; color: #222; background: #fafafa }
+body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem; color: {{ palette.TEXT }}; background: {{ palette.GROUND }} }
 .strip { display: flex; gap: 1rem; margin: 1rem 0 }
 figure { margin: 0; flex: 1; min-width: 0 }
 img { width: 100%; image-rendering: pixelated }
-figcaption { color: #555 }
+figcaption { color: {{ palette.SOFT }} }
 details img { max-width: 33% }
 </style></head><body>
 <h1>{{ title }}</h1>

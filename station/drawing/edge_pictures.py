@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 
 from procedures.raw import Plane
 from procedures.slanted_edge.estimate import EdgeMtf, EdgeOutcome
-from station.drawing.style import CONFIDENT, FAINT, INK, MARK, STYLE
+from station.drawing.colours import FAINT, INK, MARK
+from station.drawing.style import CONFIDENT, STYLE
 
 SHOWN = 6
 """Edges drawn; a result's record and table have all."""

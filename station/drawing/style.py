@@ -1,4 +1,4 @@
-"""What all drawings share: colours, style, axes with told rims, and SVG that stands inside a page.
+"""What all drawings share: style, axes with told rims, and SVG that stands inside a page.
 
 The same numbers give the same bytes.
 """
@@ -16,13 +16,10 @@ from markupsafe import Markup, escape
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from station.drawing.colours import FAINT, INK
 from station.drawing.hover import with_titles
 from station.drawing.palette_png import smaller
 
-INK, FAINT = "#2b3036", "#9aa3ad"
-ALONG = {"horizontal": "#1f5fa8", "vertical": "#c4541a"}
-PLANE_COLOURS = {"R": "#c0392b", "G1": "#1e8449", "G2": "#7dbb42", "B": "#2e6fbf", "Y": "#444444"}
-MARK = "#ff8c1a"
 CONFIDENT = 1.96
 """Standard uncertainties on either side that hold 95 %."""
 STYLE: dict[Any, Any] = {

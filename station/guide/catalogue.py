@@ -5,12 +5,13 @@ Each is imported by the function that needs it, so that a table of all of them c
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from procedures.outcome import BadParameter
 from procedures.plan import Facts, Outcomes, Plan
+from station.results.record_head import RecordHead
 
 if TYPE_CHECKING:
     from procedures.raw import RawFrame
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from station.results.terms import Terms
 
     Results = Callable[[Sequence[RawFrame], Outcomes, Terms, Facts], list[PlaneResult]]
-    Write = Callable[[ResultFolder, Sequence[PlaneResult], Sequence[RawFrame], Mapping[str, Any]], str]
+    Write = Callable[[ResultFolder, Sequence[PlaneResult], Sequence[RawFrame], RecordHead], str]
 
 
 def _psf_results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
@@ -34,11 +35,11 @@ def _psf_results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, f
 
 
 def _write_psf(
-    folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], about: Mapping[str, Any]
+    folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead
 ) -> str:
     from station.results.result_files import write_psf_result
 
-    return write_psf_result(folder, planes, about)
+    return write_psf_result(folder, planes, head)
 
 
 @dataclass(frozen=True)
@@ -51,8 +52,8 @@ class GuidedProcedure:
         The planes' results, of photographs, what was found in them, the terms that they are told in and the session's
         facts; by default those of a PSF a plane.
     write : callable
-        Writes and publishes a folder's files, of it, results, photographs and what the record says besides; returns
-        the record's text.
+        Writes and publishes a folder's files, of it, results, photographs and the record's head; returns the
+        record's text.
     """
 
     title: str
@@ -86,11 +87,11 @@ def _field_results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms,
 
 
 def _write_field(
-    folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], about: Mapping[str, Any]
+    folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead
 ) -> str:
     from station.reports.field_files import write_planes
 
-    return write_planes(folder, planes, about)
+    return write_planes(folder, planes, head)
 
 
 def _restoration() -> Plan:
@@ -108,12 +109,12 @@ def _restoration_results(
 
 
 def _write_restoration(
-    folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], about: Mapping[str, Any]
+    folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead
 ) -> str:
     from station.reports.restoration_files import write_plane
 
     (picture,) = planes
-    return write_plane(folder, picture, frames, about)
+    return write_plane(folder, picture, frames, head)
 
 
 PLANS = {

@@ -15,6 +15,7 @@ from procedures.plan import Estimate, Known, Plan
 from procedures.raw import Felt, RawFrame, read_frame
 from station.guide.catalogue import entry_named
 from station.results.plane_result import PlaneResult
+from station.results.record_head import InputFile, RecordHead
 from station.results.result_files import ResultFolder
 from station.sessions.compute_environment import same_bits
 from station.sessions.journal import Damaged
@@ -145,17 +146,14 @@ def compute(
         results = entry.results(frames, outcomes, terms, state.facts)
         if into is not None:
             with ResultFolder(into, sealed=sealed, force=True) as place:
-                entry.write(place, results, frames, {**_about(plan, state), **terms.about(results)})
+                entry.write(place, results, frames, _head(plan, state, terms.specified(results)))
     return SessionResult(frames, {one.name: one for one in results}, *verdict_of_planes(results))
 
 
-def _about(plan: Plan, state: State) -> dict[str, Any]:
-    """What a record says besides its numbers; when it was drawn and how long that took is in the journal."""
-    return {
-        "procedure": plan.name,
-        "input": [{"path": shot.path, "sha256": shot.sha256} for shot in state.counting()],
-        "parameters": dict(state.facts),
-    }
+def _head(plan: Plan, state: State, specification: Mapping[str, Any] | None) -> RecordHead:
+    """How a record begins; when it was drawn and how long that took is in the journal."""
+    files = tuple(InputFile(shot.path, shot.sha256) for shot in state.counting())
+    return RecordHead(plan.name, files, dict(state.facts), specification)
 
 
 def verdict_of_planes(planes: Sequence[PlaneResult]) -> tuple[Verdict, str, str]:

@@ -14,23 +14,19 @@ from reportlab.lib.units import mm
 from reportlab.pdfgen.canvas import Canvas
 from reportlab.platypus import Frame, KeepInFrame, Paragraph, Spacer, Table
 
+from station.drawing import colours
 from station.reports.certificate import Certificate, certificate_of
 from station.reports.pattern_report import Report
 
 MARGIN = 16 * mm
 WIDTH = A4[0] - 2 * MARGIN
-INK, SOFT = colors.HexColor("#1d2329"), colors.HexColor("#59636e")
-COLOURS = {
-    **dict.fromkeys(("pass", "meets"), "#1a7f4b"),
-    **dict.fromkeys(("doubtful", "undecided"), "#a86400"),
-    **dict.fromkeys(("refused", "does not meet"), "#b3261e"),
-}
+INK, SOFT = colors.HexColor(colours.TEXT), colors.HexColor(colours.SOFT)
 PLAIN = ParagraphStyle("plain", fontName="Helvetica", fontSize=9, leading=11.5, textColor=INK)
 SMALL = ParagraphStyle("small", PLAIN, fontSize=7.5, leading=9.5, textColor=SOFT)
 TITLE = ParagraphStyle("title", PLAIN, fontName="Helvetica-Bold", fontSize=17, leading=21)
 HEAD = ParagraphStyle("head", PLAIN, fontName="Helvetica-Bold", fontSize=10, leading=13, spaceBefore=7)
 VERDICT = ParagraphStyle("verdict", PLAIN, fontName="Helvetica-Bold", fontSize=11, leading=14)
-LINE = ("LINEBELOW", (0, 0), (-1, -1), 0.25, colors.HexColor("#dfe3e8"))
+LINE = ("LINEBELOW", (0, 0), (-1, -1), 0.25, colors.HexColor(colours.RULE))
 TIGHT = [
     ("TOPPADDING", (0, 0), (-1, -1), 1.2),
     ("BOTTOMPADDING", (0, 0), (-1, -1), 1.2),
@@ -59,8 +55,8 @@ def certificate_pdf(report: Report) -> bytes:
 def _story(told: Certificate, report: Report) -> list[Any]:
     judged = str(report.judged or "")
     verdicts = [
-        ("Measurement", told.measurement, COLOURS[report.verdict]),
-        (f"Specification {told.title}".strip(), told.specification, COLOURS.get(judged, "#1d2329")),
+        ("Measurement", told.measurement, colours.VERDICT_COLOURS[report.verdict]),
+        (f"Specification {told.title}".strip(), told.specification, colours.VERDICT_COLOURS.get(judged, colours.TEXT)),
     ]
     return [
         Paragraph("Calibration station", SMALL),

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
@@ -18,6 +17,7 @@ from station.calibration.correction import Corrected
 from station.drawing.linear_pictures import display_png
 from station.reports import psf_figures
 from station.reports.page import exposure_words, render
+from station.results.record_head import RecordHead
 from station.results.result_files import software
 
 Single = npt.NDArray[np.float32]
@@ -27,7 +27,7 @@ WIDEST_PX, PART_PX = 720, 180
 PLACES = ((0.5, 0.5, "In the middle"), (0.06, 0.06, "Near the upper left corner"), (0.94, 0.94, "Near the lower right"))
 
 
-def correction_page(found: Corrected, about: Mapping[str, Any]) -> bytes:
+def correction_page(found: Corrected, head: RecordHead) -> bytes:
     """The page, UTF-8, with its pictures inside; `found` has a value."""
     value = found.outcome.value
     if value is None:
@@ -37,7 +37,7 @@ def correction_page(found: Corrected, about: Mapping[str, Any]) -> bytes:
     return render(
         "correction.html",
         outcome=found.outcome,
-        about=about,
+        head=head,
         found=value,
         undone=found.undone,
         exposure=exposure_words(found.frame.exposure),

@@ -15,7 +15,8 @@ from procedures.field.chromatic import LateralColour
 from procedures.field.maps import FieldMap
 from procedures.field.models import Axis
 from procedures.psf_field import PsfField
-from station.drawing.style import FAINT, INK, MARK, PLANE_COLOURS, STYLE, axes_grid, colour_bar, svg
+from station.drawing.colours import FAINT, INK, MARK, PLANE_COLOURS
+from station.drawing.style import STYLE, axes_grid, colour_bar, svg
 
 Array = npt.NDArray[np.float64]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from procedures.field.maps import FieldMap
 from station.calibration.camera_notes import exposure_of
 from station.reports.field_page import field_page
 from station.results.plane_result import PlaneResult
+from station.results.record_head import InputFile, RecordHead
 from station.results.result_files import ResultFolder, json_text, software, write_psf_result
 from station.results.terms import Terms
 
@@ -37,56 +38,50 @@ def write_field_result(
 
     `planes` are the answers at the frame's centre, in the terms that were asked for.
     """
-    about = {
-        "procedure": "field",
-        "input": [{"path": str(path), "sha256": sha256} for path, sha256 in found.measured.frames],
-        "parameters": {**parameters, **terms.parameters()},
-        **terms.about(planes),
-    }
-    return write_field(folder, found, planes, about, start, report=report)
+    files = tuple(InputFile(str(path), sha256) for path, sha256 in found.measured.frames)
+    head = RecordHead("field", files, {**parameters, **terms.parameters()}, terms.specified(planes))
+    return write_field(folder, found, planes, head, start, report=report)
 
 
-def write_planes(folder: ResultFolder, planes: Sequence[PlaneResult], about: Mapping[str, Any]) -> str:
+def write_planes(folder: ResultFolder, planes: Sequence[PlaneResult], head: RecordHead) -> str:
     """The same files of planes that have found a field, all the same one; the record of its refusal where none has."""
     found = next((one.found for one in planes if one.found is not None), None)
-    return write_psf_result(folder, planes, about) if found is None else write_field(folder, found, planes, about)
+    return write_psf_result(folder, planes, head) if found is None else write_field(folder, found, planes, head)
 
 
 def write_field(
     folder: ResultFolder,
     found: FieldResult,
     planes: Sequence[PlaneResult],
-    source: Mapping[str, Any],
+    head: RecordHead,
     start: float | None = None,
     *,
     report: bool = True,
 ) -> str:
-    """All files; `source` tells procedure, input and parameters, `start` when it began where that is to be told."""
+    """All files; `start` tells when it began, where that is to be told."""
     measured = found.measured
     fitted = {name: one.value for name, one in found.planes.items() if one.value is not None}
-    about: dict[str, Any] = {
-        **source,
-        "field": {
-            "file": FILE,
-            "frames": len(measured.frames),
-            "failed": measured.failed,
-            "misses": [asdict(miss) for miss in measured.misses],
-            "doubtful_nodes": sum(measured.doubts),
-            "planes": {name: _told(one) for name, one in fitted.items()},
-            "lateral_colour": {colour.plane: _colour_told(colour) for colour in found.colours},
-            **_focus_told(found),
-        },
+    entry = {
+        "file": FILE,
+        "frames": len(measured.frames),
+        "failed": measured.failed,
+        "misses": [asdict(miss) for miss in measured.misses],
+        "doubtful_nodes": sum(measured.doubts),
+        "planes": {name: _told(one) for name, one in fitted.items()},
+        "lateral_colour": {colour.plane: _colour_told(colour) for colour in found.colours},
+        **_focus_told(found),
     }
+    head = replace(head, field=entry)
     if fitted:
         fields = {name: one.interpolation for name, one in fitted.items()}
         maps = {name: _maps(found, name, one) for name, one in fitted.items()}
         camera = exposure_of(measured.exposures)
-        field_file.write_field(folder.staging / FILE, fields, maps, found.colours, _provenance(about), camera)
+        field_file.write_field(folder.staging / FILE, fields, maps, found.colours, _provenance(head), camera)
     if start is not None:
-        about["duration_s"] = round(time.perf_counter() - start, 3)
+        head = replace(head, duration_s=round(time.perf_counter() - start, 3))
     if report:
-        folder.write(PAGE, field_page(found, planes, about, software()).encode())
-    return write_psf_result(folder, planes, about)
+        folder.write(PAGE, field_page(found, planes, head, software()).encode())
+    return write_psf_result(folder, planes, head)
 
 
 def _maps(found: FieldResult, name: str, one: PlaneField) -> tuple[FieldMap, ...]:
@@ -96,9 +91,10 @@ def _maps(found: FieldResult, name: str, one: PlaneField) -> tuple[FieldMap, ...
     return one.maps
 
 
-def _provenance(about: Mapping[str, Any]) -> dict[str, str]:
+def _provenance(head: RecordHead) -> dict[str, str]:
     """Texts for the file's attributes."""
-    kept = {name: about[name] for name in ("procedure", "input", "parameters")}
+    told = head.told()
+    kept = {name: told[name] for name in ("procedure", "input", "parameters")}
     return {**{name: json_text({name: value}) for name, value in kept.items()}, "software": json_text(software())}
 
 

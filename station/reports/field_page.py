@@ -12,6 +12,7 @@ from procedures.outcome import Verdict
 from station.reports import field_figures
 from station.reports.page import render
 from station.results.plane_result import PlaneResult
+from station.results.record_head import RecordHead
 from station.results.terms import specification_verdict
 
 READER = """\
@@ -29,7 +30,7 @@ PAIRS = "grid-template-columns: repeat(auto-fit, minmax(min(100%, 480px), 1fr))"
 
 
 def field_page(
-    found: FieldResult, results: Sequence[PlaneResult], about: Mapping[str, Any], software: Mapping[str, Any]
+    found: FieldResult, results: Sequence[PlaneResult], head: RecordHead, software: Mapping[str, Any]
 ) -> str:
     """The page; `results` are the planes' answers at the frame's centre, in the terms that were asked for."""
     judged = specification_verdict(results)
@@ -41,7 +42,7 @@ def field_page(
         found=found,
         results=results,
         judged=judged and str(judged),
-        about=about,
+        head=head,
         worst=worst,
         planes=[_plane(*one) for one in fitted],
         shown=next((i for i, (one, _) in enumerate(fitted) if one.name == found.reference), 0),

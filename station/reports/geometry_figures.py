@@ -16,7 +16,8 @@ from procedures.geometry.cameras import Camera
 from procedures.geometry.estimate import Geometry, PosedView, UncertaintyMap
 from procedures.geometry.views import chart_nodes
 from procedures.pattern_psf.correspondences import BINS
-from station.drawing.style import ALONG, FAINT, INK, MARK, STYLE, axes_grid, colour_bar, svg
+from station.drawing.colours import ALONG, FAINT, INK, MARK
+from station.drawing.style import STYLE, axes_grid, colour_bar, svg
 
 Array = npt.NDArray[np.float64]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from procedures.geometry.estimate import Geometry, PosedView
 from procedures.outcome import Outcome, Quantity
 from station.calibration.geometry import Shoot, ViewRecord
 from station.results.exports import csv_bytes, numbers_table
+from station.results.record_head import RecordHead, files_read
 from station.results.result_files import ResultFolder, npy, software, write_record
 
 Array = npt.NDArray[np.float64]
@@ -36,19 +37,14 @@ def write_geometry_result(
     found = outcome.value
     if found is not None:
         _write_tables(folder, shoot, found)
-    about = {
-        "schema": SCHEMA,
-        "procedure": "geometry",
-        "input": [{"path": str(one.path), "sha256": one.sha256} for one in shoot.records],
-        "parameters": dict(parameters),
-        "planes": {shoot.plane: geometry_entry(shoot, outcome)},
-        "software": software(),
-    }
+    head = RecordHead("geometry", files_read(shoot.records), parameters)
     if found is not None and report:
         from station.reports.geometry_page import geometry_page  # it draws: that import is slow
 
-        folder.write(PAGE, geometry_page(shoot, outcome, about).encode())
-    return write_record(folder, {**about, "duration_s": round(time.perf_counter() - start, 3)})
+        folder.write(PAGE, geometry_page(shoot, outcome, head).encode())
+    head = replace(head, duration_s=round(time.perf_counter() - start, 3))
+    planes = {shoot.plane: geometry_entry(shoot, outcome)}
+    return write_record(folder, {"schema": SCHEMA, **head.told(), "planes": planes, "software": software()})
 
 
 def geometry_entry(shoot: Shoot, outcome: Outcome[Geometry]) -> dict[str, Any]:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 
 from procedures.geometry.cameras import distortion
@@ -14,13 +11,15 @@ from procedures.outcome import Outcome
 from station.calibration.geometry import Shoot
 from station.reports import geometry_figures as figures
 from station.reports.page import render
+from station.results.record_head import RecordHead
+from station.results.result_files import software
 
 PAIRS = "grid-template-columns: repeat(auto-fit, minmax(min(100%, 420px), 1fr))"
 RESIDUALS_SHOWN = 6
 """Views whose residuals are drawn: those that leave most."""
 
 
-def geometry_page(shoot: Shoot, outcome: Outcome[Geometry], about: Mapping[str, Any]) -> str:
+def geometry_page(shoot: Shoot, outcome: Outcome[Geometry], head: RecordHead) -> str:
     """The page of a camera that was found; raises ValueError where there is none."""
     found = outcome.value
     if found is None:
@@ -36,7 +35,7 @@ def geometry_page(shoot: Shoot, outcome: Outcome[Geometry], about: Mapping[str, 
         plane=shoot.plane,
         missed=shoot.missed,
         next_view=next_view_words(found.next_view) if found.next_view else "",
-        about=about,
+        head=head,
         pairs=PAIRS,
         coverage=figures.coverage_figure(found),
         uncertainties=[
@@ -46,7 +45,7 @@ def geometry_page(shoot: Shoot, outcome: Outcome[Geometry], about: Mapping[str, 
         misfit=figures.misfit_figure(found),
         chart=figures.chart_figure(found),
         residuals=[(found.views[i], figures.residual_figure(found, found.views[i], i)) for i in sorted(worst)],
-        software=about["software"],
+        software=software(),
     )
 
 

@@ -15,12 +15,12 @@ from procedures.psf import Psf
 from procedures.quality import Diffraction, Quality, frequencies
 from procedures.transfer_function import Otf, mtf_map, phase_along
 from procedures.two_photo.diagnostics import CLEAR
+from station.drawing.colours import ALONG, FAINT, INK, LIMIT_COLOUR
 from station.drawing.hover import tell_along
-from station.drawing.style import ALONG, CONFIDENT, FAINT, INK, STYLE, axes_grid, colour_bar, svg
+from station.drawing.style import CONFIDENT, STYLE, axes_grid, colour_bar, svg
 
 Array = npt.NDArray[np.float64]
 
-LIMIT_COLOUR = "#6b4c9a"
 PHASE_KNOWN_DEG = 5.0
 """Standard uncertainty of the phase beyond which it is not drawn."""
 DASHES = ((5, 2), (3, 1, 1, 1), (1, 1.5))

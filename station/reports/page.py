@@ -8,7 +8,8 @@ import jinja2
 
 from procedures.raw import Exposure
 from station.common.uncertainty_text import stated
-from station.drawing.style import PLANE_COLOURS
+from station.drawing import colours
+from station.drawing.colours import PLANE_COLOURS
 from station.results.number_names import titled
 from station.results.verdict_words import measurement_words, specification_words
 
@@ -50,7 +51,7 @@ def render(template: str, **context: Any) -> str:
     )
     environment.filters.update(stated=stated, percent=percent, signed=signed, sentence=sentence)
     environment.filters.update(measurement=measurement_words, specified=specification_words)
-    environment.globals.update(titles=NUMBERS, diagnostics=DIAGNOSTICS, colours=PLANE_COLOURS)
+    environment.globals.update(titles=NUMBERS, diagnostics=DIAGNOSTICS, colours=PLANE_COLOURS, palette=colours)
     return environment.get_template(template).render(context)
 
 

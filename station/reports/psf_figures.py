@@ -19,18 +19,8 @@ from procedures.pattern_psf.registration import Registration
 from procedures.psf import Psf
 from procedures.radial_profile import Profile
 from procedures.raw import Plane
-from station.drawing.style import (
-    ALONG,
-    CONFIDENT,
-    FAINT,
-    INK,
-    MARK,
-    PLANE_COLOURS,
-    STYLE,
-    axes_grid,
-    colour_bar,
-    svg,
-)
+from station.drawing.colours import ALONG, FAINT, INK, MARK, PLANE_COLOURS
+from station.drawing.style import CONFIDENT, STYLE, axes_grid, colour_bar, svg
 
 Array = npt.NDArray[np.float64]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -16,6 +16,7 @@ from procedures.restoration.two_photographs import shown
 from station.drawing.depth_pictures import coloured, encoded, levels, picture
 from station.drawing.linear_pictures import described_tiff
 from station.results.plane_result import PlaneResult
+from station.results.record_head import RecordHead
 from station.results.restored import RESTORATION
 from station.results.result_files import ResultFolder, npy, software, write_record
 
@@ -44,27 +45,25 @@ def restoration_result(outcome: Outcome[Restoration], frames: Sequence[RawFrame]
 def write_outcome(
     folder: ResultFolder,
     outcome: Outcome[Restoration],
-    about: Mapping[str, Any],
+    head: RecordHead,
     photographs: Sequence[Array],
     *,
     page: bool = True,
 ) -> str:
     """The files of a restoration, with its page or without, or the record of its refusal; returns the record's text."""
     if outcome.value is None:
-        return write_refusal(folder, outcome, about)
+        return write_refusal(folder, outcome, head)
     if not page:
-        return write_restoration(folder, outcome, about, None)
+        return write_restoration(folder, outcome, head, None)
     from station.reports.restoration_page import restoration_page  # here: it draws, which is slow to load
 
-    return write_restoration(folder, outcome, about, restoration_page(outcome, photographs, about))
+    return write_restoration(folder, outcome, head, restoration_page(outcome, photographs, head))
 
 
-def write_restoration(
-    folder: ResultFolder, outcome: Outcome[Restoration], about: Mapping[str, Any], page: bytes | None
-) -> str:
+def write_restoration(folder: ResultFolder, outcome: Outcome[Restoration], head: RecordHead, page: bytes | None) -> str:
     """Stage and publish every file; returns the record's text.
 
-    about : procedure, input, parameters, duration_s; page : the report, None where none is wanted
+    page : the report, None where none is wanted
     """
     found = outcome.value
     if found is None:
@@ -79,7 +78,7 @@ def write_restoration(
         folder.write("report.html", page)
     record = {
         "schema": RESTORATION,
-        **about,
+        **head.told(),
         "verdict": str(outcome.verdict),
         "reason": outcome.reason,
         "remedy": outcome.remedy,
@@ -101,24 +100,24 @@ def write_restoration(
     return write_record(folder, record)
 
 
-def write_refusal(folder: ResultFolder, outcome: Outcome[Restoration], about: Mapping[str, Any]) -> str:
+def write_refusal(folder: ResultFolder, outcome: Outcome[Restoration], head: RecordHead) -> str:
     """Publish the record of a refusal, which has no other files; returns its text."""
     told = {"verdict": str(outcome.verdict), "reason": outcome.reason, "remedy": outcome.remedy}
-    return write_record(folder, {"schema": RESTORATION, **about, **told, "software": software()})
+    return write_record(folder, {"schema": RESTORATION, **head.told(), **told, "software": software()})
 
 
-def write_plane(folder: ResultFolder, result: PlaneResult, frames: Sequence[RawFrame], about: Mapping[str, Any]) -> str:
+def write_plane(folder: ResultFolder, result: PlaneResult, frames: Sequence[RawFrame], head: RecordHead) -> str:
     """The result of a guided restoration: the files of `write_restoration`, or the record of its refusal."""
     from station.calibration.restoration.inputs import imu_table
 
     found: Restoration | None = result.found
     outcome = Outcome(found, result.verdict, result.reason, result.remedy)
     if found is None:
-        return write_refusal(folder, outcome, about)
+        return write_refusal(folder, outcome, head)
     for n, frame in enumerate((frames[0], frames[len(frames) - 1]), start=1):
         if frame.felt is not None:
             folder.write(f"imu_{n}.csv", imu_table(frame.felt))
     timeless = replace(found, history=tuple(replace(r, seconds=0.0) for r in found.history))
     outcome = replace(outcome, value=timeless)  # the files are the same whenever they are computed
     photographs = [shown(frame).samples.astype(np.float64)[None] for frame in (frames[0], frames[len(frames) - 1])]
-    return write_outcome(folder, outcome, about, photographs)
+    return write_outcome(folder, outcome, head, photographs)

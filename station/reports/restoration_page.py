@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from procedures.restoration.masks.blur_models import mask_stack, pillbox
 from station.drawing.depth_pictures import encoded, levels, picture
 from station.reports import psf_figures
 from station.reports.page import render
+from station.results.record_head import RecordHead
 from station.results.result_files import software
 
 Array = npt.NDArray[np.floating[Any]]
@@ -28,10 +29,10 @@ FOCUS_AT = (("near", 90), ("in the middle", 50), ("far", 10))
 """Where the refocused pictures are sharp: percentiles of w."""
 
 
-def restoration_page(outcome: Outcome[Restoration], photographs: Sequence[Array], about: Mapping[str, Any]) -> bytes:
+def restoration_page(outcome: Outcome[Restoration], photographs: Sequence[Array], head: RecordHead) -> bytes:
     """The page, UTF-8, with its pictures inside.
 
-    outcome : with a value; photographs : (C, H, W) each, 1 = white; about : as `write_restoration` takes it
+    outcome : with a value; photographs : (C, H, W) each, 1 = white
     """
     found = outcome.value
     if found is None:
@@ -44,7 +45,7 @@ def restoration_page(outcome: Outcome[Restoration], photographs: Sequence[Array]
     return render(
         "restoration.html",
         outcome=outcome,
-        about=about,
+        head=head,
         diagnostics=found.diagnostics,
         w=tuple(float(one) * found.unit.per_pixel for one in (found.w.min(), found.w.max())),
         unit=found.unit.name,

@@ -15,7 +15,8 @@ from procedures.sensor.estimate import Pattern, SensorResult
 from procedures.sensor.general import input_snr
 from procedures.sensor.noise import linear_snr, total_snr
 from procedures.sensor.spectrograms import Period
-from station.drawing.style import ALONG, CONFIDENT, FAINT, INK, MARK, STYLE, axes_grid, svg
+from station.drawing.colours import ALONG, FAINT, INK, MARK
+from station.drawing.style import CONFIDENT, STYLE, axes_grid, svg
 
 Corner = Literal["upper left", "upper right"]
 Array = npt.NDArray[np.float64]

@@ -14,7 +14,8 @@ from matplotlib.figure import Figure
 
 from procedures.outcome import BadParameter
 from station.common.sanitise import printable
-from station.drawing.style import CONFIDENT, INK, PLANE_COLOURS, STYLE
+from station.drawing.colours import INK, PLANE_COLOURS
+from station.drawing.style import CONFIDENT, STYLE
 from station.reports.trend import Trend, years_between
 
 FORMATS = ("svg", "png")

@@ -30,6 +30,7 @@ from station.drawing.psf_picture import psf_picture
 from station.results.budget_table import budget_csv
 from station.results.exports import csv_bytes, numbers_table, profile_table, psf_fits, psf_tiff
 from station.results.plane_result import PlaneResult
+from station.results.record_head import RecordHead
 
 if TYPE_CHECKING:
     from procedures.physics.estimate import Physics
@@ -79,7 +80,7 @@ class ResultFolder:
             self.path.mkdir(parents=True, exist_ok=True)
             self._created = missing
             self._check(self._named())
-            sweep(self.path, f"{UNFINISHED}*")
+            sweep(self.path, UNFINISHED)
             self.staging, self._held = make(UNFINISHED, self.path)
         except OSError as error:
             raise self._unwritable(error) from error
@@ -205,13 +206,8 @@ _RESULT_FILE = re.compile(
 """Files that results have: none of somebody else's is written over."""
 
 
-def write_psf_result(folder: ResultFolder, planes: Sequence[PlaneResult], about: Mapping[str, Any]) -> str:
-    """Write the files of every plane and the record; returns the record's text.
-
-    Parameters
-    ----------
-    about : procedure, input, parameters, duration_s: what the record says besides its planes
-    """
+def write_psf_result(folder: ResultFolder, planes: Sequence[PlaneResult], head: RecordHead) -> str:
+    """Write the files of every plane and the record; returns the record's text."""
     for plane in planes:
         _write_plane(folder, plane)
     if any(plane.quality is not None for plane in planes):
@@ -221,8 +217,7 @@ def write_psf_result(folder: ResultFolder, planes: Sequence[PlaneResult], about:
         folder.write("budget.csv", budget_csv(planes))
     record = {
         "schema": SCHEMA,
-        **about,
-        "parameters": {**about.get("parameters", {}), **_sampling(planes)},
+        **head.told(**_sampling(planes)),
         "choice": {plane.name: [asdict(trial) for trial in plane.choice] for plane in planes if plane.choice},
         "planes": {plane.name: _plane_entry(plane) for plane in planes},
         "software": software(),

@@ -61,12 +61,12 @@ class Terms:
         """What a record's parameters tell of them, where it is not the usual."""
         return {"unit": str(self.unit)} if self.unit is not Unit.CYCLES else {}
 
-    def about(self, planes: Sequence[PlaneResult]) -> dict[str, Any]:
-        """What a record tells of its specification: all of it, and the verdict; nothing where there is none."""
+    def specified(self, planes: Sequence[PlaneResult]) -> dict[str, Any] | None:
+        """What a record tells of its specification: all of it, and the verdict; None where there is none."""
         if not self.specification.limits:
-            return {}
+            return None
         verdict = specification_verdict(planes)
-        return {"specification": {"verdict": verdict and str(verdict), **self.specification.told()}}
+        return {"verdict": verdict and str(verdict), **self.specification.told()}
 
 
 USUAL = Terms()

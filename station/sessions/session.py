@@ -123,7 +123,7 @@ class Session:
         names = (safe_name(camera, "camera"), safe_name(lens, "lens"), safe_name(plan, "plan"))
         with kept(root):
             root.mkdir(parents=True, exist_ok=True)
-            sweep(root, ".creating-*")
+            sweep(root, ".creating-")
             raw, held = make(".creating-", root, 0o777)
         try:
             furnish(raw, toml_text({**head, "seed": seed, "config": config}).encode(), first, disk)

@@ -52,6 +52,7 @@ from station.calibration.sensor_folder import find_shots
 from station.calibration.sensor_models import read_sensor
 from station.results.plane_result import PlaneResult
 from station.results.reader import read_result
+from station.results.record_head import RecordHead
 from station.results.result_files import ResultFolder, write_psf_result
 from station.results.result_seal import damage
 from station.sessions.index import Index
@@ -137,7 +138,7 @@ def _psf(width: float = 1.0, k: int = 9) -> Psf:
 def _result(path: Path) -> None:
     """A result's folder, whose file of this name is then mutated."""
     with ResultFolder(path.parent) as folder:
-        write_psf_result(folder, [PlaneResult.of("G1", Verdict.PASS, _psf())], {"procedure": "pattern"})
+        write_psf_result(folder, [PlaneResult.of("G1", Verdict.PASS, _psf())], RecordHead("pattern"))
     (path.parent / "mtf_G1.csv").write_text("frequency,horizontal,vertical,radial\n0,1,1,1\n0.5,0.4,0.4,0.4\n")
 
 

@@ -1,8 +1,8 @@
 """Unknown motion: shapes from a flat part of 150 x 150, and the restoration with them against that with the true ones.
 
-`python tests/benchmarks/restoration_blind.py [--recorded]`
+`python tests/benchmarks/restoration_blind.py [--recorded] [--pairs N]`
 
-`--recorded` begins the search from both paths as a unit with errors of 3 % records them.
+`--recorded` begins the search from both paths as a unit with errors of 3 % records them; `--pairs` takes the first N.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from procedures.restoration.unknown_motion.recorded_paths import recorded_masks
 
 Array = NDArray[np.floating]
 FLAT = slice(5, 155)
+PAIRS = ((21, 22), (1, 2), (3, 4), (41, 42), (51, 52), (61, 62), (71, 72), (81, 82))
 
 
 def likeness(a: Array, b: Array) -> float:
@@ -84,9 +85,10 @@ def main() -> None:
     """Pairs of vibrations, all of which the search was made with."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--recorded", action="store_true")
+    parser.add_argument("--pairs", type=int, default=len(PAIRS))
     asked = parser.parse_args()
     print(f"Python {platform.python_version()}, {platform.machine()}")
-    for motions in ((21, 22), (1, 2), (3, 4), (41, 42), (51, 52), (61, 62), (71, 72), (81, 82)):
+    for motions in PAIRS[: asked.pairs]:
         trial(motions, asked.recorded)
 
 

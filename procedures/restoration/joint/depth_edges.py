@@ -8,7 +8,7 @@ Gauss-Newton over (u, b) finds the border, and b > 1/2 is the new labelling.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -130,7 +130,7 @@ def _shared_in_window(
     if (y.stop - y.start) * (x.stop - x.start) > settings.worth_cutting * shape[0] * shape[1]:
         return shared(high, low, u, layers, weight, settings)
     at = (slice(y.start, y.stop + 2 * high.R), slice(x.start, x.stop + 2 * high.R))
-    part = Layers(*(getattr(layers, field.name)[at] for field in fields(layers)))
+    part = Layers(*(whole[at] for whole in vars(layers).values()))
     sharper, share = u.copy(), layers.share.astype(u.dtype)
     sharper[:, *at], share[at] = shared(
         high.windowed(y, x), low.windowed(y, x), np.ascontiguousarray(u[:, *at]), part, weight, settings

@@ -84,10 +84,9 @@ class RestorationParameters:
             raise BadParameter(f"depth start {self.depth_start!r} is unknown", f"use one of {', '.join(STARTS)}")
         if self.symmetric_axis not in AXES:
             raise BadParameter(f"symmetric axis {self.symmetric_axis!r} is unknown", f"use one of {', '.join(AXES)}")
-        for name in ("image_weight", "depth_weight"):
-            value = getattr(self, name)
+        for name, value in (("image weight", self.image_weight), ("depth weight", self.depth_weight)):
             if value is not None and not value > 0:
-                raise BadParameter(f"{name.replace('_', ' ')} must be positive, got {value}", "leave it out")
+                raise BadParameter(f"{name} must be positive, got {value}", "leave it out")
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from station.cli.psf.terms import plane_option, terms_of, terms_options
 from station.cli.terminal.force import forced
 from station.cli.terminal.numbers import Number
 from station.common.log import log, log_json_option
+from station.results.record_head import RecordHead, files_read
 
 if TYPE_CHECKING:
     from procedures.reading.sensor_dump import DumpLayout
@@ -83,14 +84,14 @@ def mtf_edge(
             records.append(record)
         known = {name: value for name, value in optics.items() if value is not None}
         given = {"roi": roi, **known, **told_layout(layout)}
-        about = {
-            "procedure": "edge",
-            "input": [{"path": str(frame.path), "sha256": frame.sha256}],
-            "parameters": {**given, **terms.parameters()},
-            **terms.about([record.result for record in records]),
-            "duration_s": round(time.perf_counter() - start, 3),
-        }
-        text = write_edge_result(folder, frame, records, about)
+        head = RecordHead(
+            "edge",
+            files_read([frame]),
+            {**given, **terms.parameters()},
+            terms.specified([record.result for record in records]),
+            duration_s=round(time.perf_counter() - start, 3),
+        )
+        text = write_edge_result(folder, frame, records, head)
         log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))
     finish([record.result for record in records], text, as_json=as_json)
 

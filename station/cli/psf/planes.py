@@ -13,6 +13,7 @@ from station.cli.psf.terms import plane_option, tell_specification, terms_option
 from station.cli.terminal.numbers import SEED, Number
 from station.common.errors import REFUSED
 from station.common.log import log, log_json_option
+from station.results.record_head import RecordHead, files_read
 
 if TYPE_CHECKING:
     from procedures.pattern_print.source import Source
@@ -215,13 +216,13 @@ def write_result(
     text = write_psf_result(
         folder,
         found,
-        {
-            "procedure": procedure,
-            "input": [{"path": str(frame.path), "sha256": frame.sha256} for frame in frames],
-            "parameters": {**parameters, **terms.parameters()},
-            **terms.about(found),
-            "duration_s": round(time.perf_counter() - start, 3),
-        },
+        RecordHead(
+            procedure,
+            files_read(frames),
+            {**parameters, **terms.parameters()},
+            terms.specified(found),
+            duration_s=round(time.perf_counter() - start, 3),
+        ),
     )
     record = str(folder.path / "result.json")
     log("written", f"wrote {record}", path=record)

@@ -10,11 +10,10 @@ import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup
 
-from station.drawing.style import FAINT, INK, axes_grid, svg
+from station.drawing.colours import FAINT, SERIES
+from station.drawing.style import axes_grid, svg
 
 Array = npt.NDArray[np.float64]
-
-COLOURS = (INK, "#1f5fa8", "#c4541a", "#1e8449", "#8e44ad", "#b8860b")
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +44,7 @@ def curves(
     figure, ((axes,),) = axes_grid(3.6, 2.7, rim_in=(0.62, 0.12, 0.45, 0.12))
     if published is not None:
         axes.plot(published.x, published.y, published.style, color=FAINT, lw=2.5, label=published.label)
-    for curve, colour in zip(curves, COLOURS, strict=False):
+    for curve, colour in zip(curves, SERIES, strict=False):
         if curve.band is not None:
             centre = np.asarray(curve.y)
             axes.fill_between(curve.x, centre - curve.band, centre + curve.band, color=colour, alpha=0.2, lw=0)

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from markupsafe import Markup
 
-from station.drawing.style import FAINT, INK, PLANE_COLOURS, axes_grid, svg
+from station.drawing.colours import FAINT, INK, PLANE_COLOURS
+from station.drawing.style import axes_grid, svg
 from station.reports.page import render
 from station.results.number_names import words_of
 

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from markupsafe import Markup
 
 from station.calibration.series import Best, Point
-from station.drawing.style import CONFIDENT, PLANE_COLOURS, axes_grid, svg
+from station.drawing.colours import PLANE_COLOURS
+from station.drawing.style import CONFIDENT, axes_grid, svg
 from station.reports.page import render
 
 

@@ -20,6 +20,7 @@ from station.drawing.depth_pictures import encoded
 from station.drawing.glyphs import ASCII
 from station.guide.frontend import RunEnded
 from station.results.plane_result import PlaneResult
+from station.results.record_head import RecordHead
 from station.results.restored import RESTORATION
 from station.results.result_files import ResultFolder, write_psf_result, write_record
 
@@ -122,7 +123,7 @@ def write_result(sessions: Path, name: str, width_px: float) -> Path:
     bad = PlaneResult("R", Verdict.REFUSED, "too dark", "light the chart")
     folder = sessions / name / "derived" / "1"
     with ResultFolder(folder) as result:
-        write_psf_result(result, [bad, good], {"procedure": "pattern"})
+        write_psf_result(result, [bad, good], RecordHead("pattern"))
     return folder
 
 

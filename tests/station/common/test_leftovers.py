@@ -58,20 +58,30 @@ def test_folder_of_a_simulated_bench_whose_program_was_killed_is_removed(tmp_pat
 
     killed(work)
     assert len(list(tmp_path.iterdir())) == 1
-    (tmp_path / "station-link").symlink_to("/")
+    (tmp_path / f"station-{'0' * 16}").symlink_to("/")
     with temporary_folder() as folder:
-        assert set(tmp_path.iterdir()) == {folder, tmp_path / "station-link"}
+        assert set(tmp_path.iterdir()) == {folder, tmp_path / f"station-{'0' * 16}"}
         assert stat.S_IMODE(folder.stat().st_mode) == 0o700
-    assert set(tmp_path.iterdir()) == {tmp_path / "station-link"}
+    assert set(tmp_path.iterdir()) == {tmp_path / f"station-{'0' * 16}"}
 
 
 def test_what_cannot_be_locked_or_is_held_stays(tmp_path):
     folder, descriptor = make("station-", tmp_path)
-    sweep(tmp_path, "station-*")
+    sweep(tmp_path, "station-")
     assert folder.is_dir()
     release(descriptor)
-    sweep(tmp_path, "station-*")
+    sweep(tmp_path, "station-")
     assert not folder.exists()
+
+
+def test_a_folder_that_a_person_called_so_stays(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    for name in ("station-demo", "station-dvbge5zg"):  # the second as other programs call theirs
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "photo.dng").write_bytes(b"light")
+    with temporary_folder():
+        pass
+    assert sorted(one.name for one in tmp_path.glob("*/photo.dng")) == ["photo.dng"] * 2
 
 
 def test_all_that_a_result_leaves_is_its_owners_alone_where_umask_says_so(tmp_path):

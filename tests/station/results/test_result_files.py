@@ -18,6 +18,7 @@ from procedures.psf import Psf
 from procedures.quality import Diffraction, assess
 from station.drawing.psf_picture import psf_picture
 from station.results.plane_result import PlaneResult
+from station.results.record_head import RecordHead
 from station.results.result_files import ResultFolder, write_psf_result, write_record
 
 
@@ -37,7 +38,7 @@ def test_physics_of_a_psf_stands_in_its_plane(tmp_path):
     physics = Physics("square", "four spots", None, {"side": number}, 250.0, 240, 0.001, h, (("square", 0.0),))
     record = PlaneResult.of("G1", Verdict.PASS, psf_of(h), physics=Outcome(physics, Verdict.DOUBTFUL, "why", "what"))
     with ResultFolder(tmp_path) as folder:
-        told = json.loads(write_psf_result(folder, [record], {}))["planes"]["G1"]["physics"]
+        told = json.loads(write_psf_result(folder, [record], RecordHead("pattern")))["planes"]["G1"]["physics"]
     assert (told["verdict"], told["reason"], told["remedy"]) == ("doubtful", "why", "what")
     assert (told["aperture"], told["low_pass_filter"], told["missing_corner_deg"]) == ("square", "four spots", None)
     assert told["side"]["value"] == 0.95
@@ -52,7 +53,7 @@ def test_every_term_of_every_number_is_told_beside_it(tmp_path):
     quality = taken_apart(assess(psf, n=5000, diffraction=limit), {"strehl": {"noise": 3e-4, "light": 4e-4}})
     record = PlaneResult.of("G1", Verdict.PASS, psf, quality, diffraction=limit)
     with ResultFolder(tmp_path) as folder:
-        told = json.loads(write_psf_result(folder, [record], {}))["planes"]["G1"]
+        told = json.loads(write_psf_result(folder, [record], RecordHead("pattern")))["planes"]["G1"]
     with (tmp_path / "budget.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert list(rows[0]) == ["plane", "number", "term", "uncertainty", "unit"]
@@ -119,7 +120,7 @@ def test_record_of_the_older_result_goes_before_its_files_are_replaced(tmp_path,
 def test_saved_psf_is_the_same_to_the_last_bit(tmp_path, rng):
     h = rng.normal(size=(5, 5))
     with ResultFolder(tmp_path) as folder:
-        write_psf_result(folder, [PlaneResult.of("G1", Verdict.PASS, psf_of(h))], {})
+        write_psf_result(folder, [PlaneResult.of("G1", Verdict.PASS, psf_of(h))], RecordHead("pattern"))
     np.testing.assert_array_equal(np.load(tmp_path / "psf_G1.npy", allow_pickle=False), h)
     assert json.loads((tmp_path / "result.json").read_text())["planes"]["G1"]["verdict"] == "pass"
 
@@ -166,7 +167,7 @@ def test_result_goes_where_a_link_to_a_folder_leads(tmp_path, named):
     (tmp_path / "real").mkdir()
     (tmp_path / "link").symlink_to(tmp_path / "real")
     with ResultFolder(tmp_path / named) as folder:
-        write_psf_result(folder, [], {})
+        write_psf_result(folder, [], RecordHead("pattern"))
     assert (tmp_path / named.replace("link", "real") / "result.json").is_file()
 
 

@@ -14,6 +14,7 @@ from procedures.psf import Psf
 from procedures.quality import Diffraction, assess
 from station.results.limits import Limit, Place, Specification
 from station.results.plane_result import PlaneResult
+from station.results.record_head import InputFile, RecordHead
 from station.results.result_files import ResultFolder, write_psf_result
 from station.results.terms import Terms
 from station.results.units import Frequency, Pixels, Unit
@@ -43,9 +44,9 @@ def record(tmp_path_factory):
         values={"gamma": 0.5, "residual_std": np.float64(1.02)}, diagnostics={"whiteness": float("nan")}, pitch=2,
     )  # fmt: skip
     planes = [terms.told(replace(plane, diffraction=limit), pixels), PlaneResult("B", Verdict.REFUSED, "dark", "light")]
-    about = {"procedure": "pattern", "input": [{"path": "a", "sha256": "0" * 64}], "parameters": {"s": "auto"}}
+    head = RecordHead("pattern", (InputFile("a", "0" * 64),), {"s": "auto"}, terms.specified(planes))
     with ResultFolder(tmp_path_factory.mktemp("result")) as folder:
-        return json.loads(write_psf_result(folder, planes, {**about, **terms.about(planes)}))
+        return json.loads(write_psf_result(folder, planes, head))
 
 
 def test_record_follows_its_schema(record):

@@ -1,0 +1,72 @@
+"""What a record says besides its results: what was done, to which files, and how."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+
+class ReadFile(Protocol):
+    """A file that was read: a photograph, a frame of a session."""
+
+    @property
+    def path(self) -> Path:
+        """Where it is."""
+        ...
+
+    @property
+    def sha256(self) -> str:
+        """Of its bytes."""
+        ...
+
+
+@dataclass(frozen=True)
+class InputFile:
+    """A file as a record names it."""
+
+    path: str
+    sha256: str
+
+
+@dataclass(frozen=True)
+class RecordHead:
+    """The entries that the records of all procedures begin with.
+
+    Attributes
+    ----------
+    parameters : mapping
+        By name, as JSON has them: each procedure has its own, and a record is read by versions that know other ones.
+    specification, batch, field : mapping or None
+        Entries of records that have them.
+    duration_s : float or None
+        How long it took; None where the same files have to come of it again.
+    """
+
+    procedure: str
+    input: tuple[InputFile, ...] = ()
+    parameters: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    specification: Mapping[str, Any] | None = None
+    batch: Mapping[str, Any] | None = None
+    field: Mapping[str, Any] | None = None
+    duration_s: float | None = None
+
+    def told(self, **more: Any) -> dict[str, Any]:
+        """Its entries; `more` are parameters that were left open and found."""
+        told = {
+            "procedure": self.procedure,
+            "input": [asdict(one) for one in self.input],
+            "parameters": {**self.parameters, **more},
+            "specification": self.specification,
+            "batch": self.batch,
+            "field": self.field,
+            "duration_s": self.duration_s,
+        }
+        return {name: value for name, value in told.items() if value is not None}
+
+
+def files_read(files: Sequence[ReadFile]) -> tuple[InputFile, ...]:
+    """Files as a record names them."""
+    return tuple(InputFile(str(one.path), one.sha256) for one in files)
