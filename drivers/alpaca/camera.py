@@ -15,6 +15,8 @@ from drivers.interfaces import CameraSettings, Condition, Exposure, Identity
 
 POLL_S = 0.05
 MONOCHROME, RGGB = 0, 2
+FAILED = 5
+"""Of the states of a camera."""
 TILE = ("RG", "GB")
 LARGEST = np.iinfo(np.uint16).max
 
@@ -118,7 +120,12 @@ class AlpacaCamera:
 
     def _ready(self) -> bool:
         with self._link.asked():
-            return bool(self._link.device.ImageReady)
+            if self._link.device.ImageReady:
+                return True
+            failed = int(self._link.device.CameraState) == FAILED
+        if failed:  # what went wrong some servers tell at ImageReady, others nowhere
+            raise FrameMissing(f"{self.address} says that its exposure failed", "look at its server, then repeat")
+        return False
 
     def _check_stops(self, stops: int) -> None:
         if self._stops != stops:

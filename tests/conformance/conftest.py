@@ -12,7 +12,12 @@ from typing import Any
 
 import pytest
 
+from drivers.alpaca.camera import AlpacaCamera, AlpacaCameraSettings
+from drivers.alpaca.link import AlpacaServer
+from drivers.alpaca.stage import AlpacaAxis, AlpacaStage
+from drivers.alpaca.switch import AlpacaLight, AlpacaShutter, AlpacaSwitch
 from drivers.clock import Clock, SystemClock
+from drivers.dng_folder import DngFolder
 from drivers.folder_camera import FolderCamera
 from drivers.frames import Facts
 from drivers.gphoto import GphotoCamera
@@ -240,6 +245,15 @@ LIGHTS: dict[str, Callable[..., Any]] = {
     "grbl_light": lambda wire, clock, *_: GrblLight(GrblLink(wire("stage", GrblParser)), clock=clock),
 }
 CAMERAS: dict[str, Callable[..., Any]] = {"folder_camera": _folder_camera, "gphoto_camera": _gphoto_camera}
+ALPACA: dict[str, Callable[[AlpacaServer, int, str, Path], Any]] = {
+    "alpaca_stage": lambda server, number, home, _: AlpacaStage(server, [AlpacaAxis("z_mm", number, home=home)]),
+    "alpaca_camera": lambda server, number, _, folder: AlpacaCamera(
+        server, number, DngFolder(folder, lambda path: Facts(exposure_s=0.02)), AlpacaCameraSettings(exposure_s=0.02)
+    ),
+    "alpaca_light": lambda server, number, *_: AlpacaLight(AlpacaSwitch(server, 0, number)),
+    "alpaca_shutter": lambda server, number, *_: AlpacaShutter(AlpacaSwitch(server, 0, number)),
+}
+"""Only at a real server: `--driver alpaca_stage --port 192.168.1.20:11111/0/Home`, the focuser and its action."""
 KINDS = {
     "stage": STAGES,
     "shutter": SHUTTERS,
@@ -259,6 +273,8 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
         if f"{kind}_rig" in metafunc.fixturenames:
             chosen = metafunc.config.getoption("--driver", default=None)
             names = [name for name in makers if chosen in (None, name)]
+            if chosen in ALPACA and kind in ("device", chosen.partition("_")[2]):
+                names = [chosen]
             if kind == "stage" and metafunc.config.getoption("--grbl-firmware", default=None):
                 names = ["grbl_firmware"]
             metafunc.parametrize(f"{kind}_rig", names, indirect=True)
@@ -283,6 +299,12 @@ def _make_rig(request: pytest.FixtureRequest, folder: Path) -> Iterator[Rig]:
     port = request.config.getoption("--port", default=None)
     if request.param == "grbl_firmware":
         yield from _firmware_rig(request)
+        return
+    if request.param in ALPACA:
+        address, number, home = (*str(port).split("/"), "0", "")[:3]
+        device = ALPACA[request.param](AlpacaServer(address), int(number), home, folder)
+        yield Rig(device, SystemClock(), None)
+        device.close()
         return
     if request.param == "strig_simavr" and port is None:
         port = request.getfixturevalue("simavr_port")

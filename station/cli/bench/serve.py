@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from station.cli.terminal.numbers import SEED
+from station.cli.terminal.numbers import SEED, Number
 from station.common.log import log, log_json_option
 
 if TYPE_CHECKING:
@@ -37,11 +37,12 @@ PATIENCE_S = 3.0
 @click.option("--token", help=f"What clients must tell.  [default: {TOKEN} of the environment, or a new one]")
 @click.option("--no-token", is_flag=True, help="Let everybody in who reaches the port.")
 @click.option("--discovery", is_flag=True, help="Answer Alpaca's programs that look for servers (UDP 32227).")
+@click.option("--for-s", type=Number(min=0, max=1e9), help="End after so many seconds.  [default: on Ctrl-C]")
 @click.option("--json", "as_json", is_flag=True, help="Write address and token as one JSON object.")
 @log_json_option
 def serve(
     config: Path | None, sessions: Path, simulate: bool, seed: int, host: str, port: int, token: str | None,
-    no_token: bool, discovery: bool, as_json: bool,
+    no_token: bool, discovery: bool, for_s: float | None, as_json: bool,
 ) -> None:  # fmt: skip
     """Serve bench, sessions and runs to other programs until Ctrl-C: JSON over HTTP, Alpaca, a page for a phone.
 
@@ -74,7 +75,7 @@ def serve(
                 served, hosting = _begin(lab, listening, host, key)
                 try:
                     _announce(host, hosting.port, key, as_json, served)
-                    ended.wait()
+                    ended.wait(for_s)
                 finally:
                     hosting.end()
                     served.close(PATIENCE_S)

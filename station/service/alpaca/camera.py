@@ -116,16 +116,16 @@ class BenchCamera(AlpacaDevice):
     def _abort(self) -> None:
         if self._task.running:
             self._aborted = True
+            self._task.halted()
             self._camera.emergency_stop()
 
     def _state(self) -> int:
         if self._task.running:
             return EXPOSING
-        return FAILED if self._task.failure is not None and not self._aborted else IDLE
+        return FAILED if self._task.failure is not None else IDLE
 
     def _image_ready(self) -> bool:
-        if not self._aborted:
-            self._task.check()
+        self._task.check()
         return self._ready and not self._task.running
 
     def _percent(self) -> int:

@@ -177,6 +177,11 @@ class Task:
         self._served = served
         self._thread: threading.Thread | None = None
         self.failure: Exception | None = None
+        self._halted = False
+
+    def halted(self) -> None:
+        """Whoever asked for what is under way has it ended: that is no failure."""
+        self._halted = True
 
     @property
     def running(self) -> bool:
@@ -198,9 +203,9 @@ class Task:
                     self._served.bench.check_stops(stops)
                 work()
             except Exception as error:  # told to whoever asks how it went
-                self.failure = error
+                self.failure = None if self._halted else error
 
-        self.failure = None
+        self.failure, self._halted = None, False
         self._thread = self._served.tenancy.begin(what, run)
 
 

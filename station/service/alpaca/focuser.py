@@ -44,7 +44,7 @@ class AxisFocuser(AlpacaDevice):
     def writable(self) -> Mapping[str, Member]:
         """IFocuserV4."""
         return {
-            "halt": lambda given: self._stage.stop(),
+            "halt": lambda given: self._halt(),
             "move": self._move,
             **absent("tempcomp"),
         }
@@ -90,6 +90,10 @@ class AxisFocuser(AlpacaDevice):
         self._task.begin(
             f"a move of {self._axis}", lambda: self._bench.motions.move(self._stage_name, {self._axis: goal})
         )
+
+    def _halt(self) -> None:
+        self._task.halted()
+        self._stage.stop()
 
     def _home(self, words: str) -> str:
         stops = self._bench.stops

@@ -181,6 +181,26 @@ def test_what_ended_a_move_is_told(rail, served, monkeypatch):
         once(lambda: not rail.IsMoving)
 
 
+def test_a_move_that_was_halted_has_not_failed(rail, served, monkeypatch):
+    from drivers.errors import MoveFailed
+
+    moving, halted = threading.Event(), threading.Event()
+
+    def move(**target):
+        moving.set()
+        halted.wait()
+        raise MoveFailed("z_mm was stopped at 3", "move again")
+
+    homed(rail)
+    monkeypatch.setattr(served.bench.stage, "move_to", move)
+    monkeypatch.setattr(served.bench.stage, "stop", halted.set)
+    rail.Move(10)
+    moving.wait()
+    assert rail.IsMoving
+    rail.Halt()
+    once(lambda: not rail.IsMoving)
+
+
 def test_a_run_keeps_clients_from_moving_and_clients_a_run(rail, client, served):
     homed(rail)
     with served.tenancy.held("a run of the plan short"):

@@ -238,6 +238,15 @@ def test_an_exposure_that_fails_at_the_server_is_told(camera):
         camera.expose()
 
 
+def test_an_exposure_whose_failure_the_server_does_not_tell_ends_soon(camera, monkeypatch):
+    from alpaca.camera import Camera, CameraStates
+
+    monkeypatch.setattr(Camera, "ImageReady", property(lambda self: False))
+    monkeypatch.setattr(Camera, "CameraState", property(lambda self: CameraStates.cameraError))
+    with pytest.raises(FrameMissing, match="says that its exposure failed"):
+        camera.expose()
+
+
 @pytest.fixture
 def slow_camera(served, monkeypatch):
     begun, go_on = threading.Event(), threading.Event()
@@ -353,6 +362,7 @@ def test_a_switch_that_cannot_be_one_is_refused(at, switch, words):
 # --- station.toml --------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_bench_of_another_bench(client, tmp_path, server):
     address = {"server": f"127.0.0.1:{client.port}", "password_variable": "BENCH_TOKEN"}
     (tmp_path / "here").mkdir()

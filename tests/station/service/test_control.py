@@ -21,6 +21,7 @@ def wait_for(client, holds):
             return run
 
 
+@pytest.mark.slow
 def test_a_run_is_carried_out_and_its_session_is_there(client):
     status, run = client.post("/run", UNATTENDED)
     assert status == 201, run
@@ -41,6 +42,7 @@ def test_a_run_is_carried_out_and_its_session_is_there(client):
     assert state["facts"]["width"] == 3.0
 
 
+@pytest.mark.slow
 def test_nothing_moves_before_somebody_said_so(client, served):
     client.post("/run", {**UNATTENDED, "answers": {}})
     question = wait_for(client, lambda run: run["question"])["question"]
@@ -109,6 +111,7 @@ def test_a_second_run_is_refused(client):
     }
 
 
+@pytest.mark.slow
 def test_the_newest_photograph_is_a_picture(client, served):
     assert client.get("/picture")[0] == 404
     client.post("/run", UNATTENDED)
