@@ -40,6 +40,7 @@ from procedures.reading.tiff_tags import (
 __all__ = [
     "GREY_PLANE",
     "MOSAIC_PLANES",
+    "Carried",
     "Exposure",
     "Felt",
     "Plane",
@@ -103,11 +104,25 @@ class Felt:
     rotation_rad_s: npt.NDArray[np.float64]
 
 
+@dataclass(frozen=True, eq=False)
+class Carried:
+    """The closed path around which a shaker was told to carry the camera during an exposure.
+
+    position_m : (n, 3) of one round, x to the right, y up, z back, from where it rests
+    interval_s : between them
+    since_s : from the first of them to the opening of the shutter; None where nobody told
+    """
+
+    position_m: npt.NDArray[np.float64]
+    interval_s: float
+    since_s: float | None = None
+
+
 @dataclass(frozen=True)
 class RawFrame:
     """A photograph as read: its planes by name, in the order R, G1, G2, B, and where it came from.
 
-    `felt` is the motion meanwhile, where a session recorded it.
+    `felt` and `carried` are the motion meanwhile, where a session recorded it.
     """
 
     path: Path
@@ -115,6 +130,7 @@ class RawFrame:
     planes: Mapping[str, Plane]
     exposure: Exposure
     felt: Felt | None = None
+    carried: Carried | None = None
 
 
 def read_frame(

@@ -18,7 +18,7 @@ from procedures.reading.text import read_json, read_numbers, read_rows
 from procedures.restoration.joint.kernel_sizes import BEYOND, default_max_w, fitting_ratios, stacks_of
 from procedures.restoration.masks import blur_models
 from procedures.restoration.masks.blur_models import Unit, reach
-from procedures.restoration.masks.camera_motion import Poses, motion_blur, poses_at, poses_of
+from procedures.restoration.masks.camera_motion import FLIPPED, Poses, motion_blur, poses_at, poses_of
 from procedures.restoration.masks.checks import check_extent
 from procedures.restoration.masks.defocus_and_motion import with_defocus
 from procedures.restoration.masks.mask_fields import Masks
@@ -114,6 +114,14 @@ def imu_table(felt: Felt) -> bytes:
     """A record as `read_imu` takes it."""
     rows = np.column_stack([felt.time_s, felt.acceleration_m_s2, felt.rotation_rad_s])
     lines = [",".join(COLUMNS), *(",".join(f"{value:.7g}" for value in row) for row in rows)]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def poses_table(poses: Poses, exposure_s: float) -> bytes:
+    """Poses as `read_poses` takes them."""
+    t = np.linspace(0, exposure_s, len(poses.position_m))
+    rows = np.column_stack([t, poses.position_m * FLIPPED, poses.turn_rad * FLIPPED])
+    lines = [",".join(POSE_COLUMNS), *(",".join(f"{value:.9g}" for value in row) for row in rows)]
     return ("\n".join(lines) + "\n").encode()
 
 

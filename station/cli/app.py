@@ -31,6 +31,7 @@ def run_app(
     config: Path | None,
     sessions: Path,
     seed: int,
+    shaker: bool = False,
     plan: str | None = None,
     specification: Path | None = None,
 ) -> None:
@@ -47,8 +48,9 @@ def run_app(
     from station.app.app import StationApp, share_the_lock
 
     lab = StationLab(
-        sessions=sessions, config=config or usual_config(), simulate=simulate, seed=seed, specification=specification
-    )
+        sessions=sessions, config=config or usual_config(), simulate=simulate, seed=seed, specification=specification,
+        shaker=shaker,
+    )  # fmt: skip
     app = StationApp(lab, plan=plan)
     share_the_lock()
     _end_with_the_terminal(app, lab)

@@ -31,6 +31,7 @@ def run_plain(
     config: Path | None,
     sessions: Path,
     seed: int,
+    shaker: bool = False,
     plan: str | None,
     specification: Path | None = None,
 ) -> None:
@@ -40,8 +41,9 @@ def run_plain(
     if specification is not None:
         check_specification(specification)
     lab = StationLab(
-        sessions=sessions, config=config or usual_config(), simulate=simulate, seed=seed, specification=specification
-    )
+        sessions=sessions, config=config or usual_config(), simulate=simulate, seed=seed, specification=specification,
+        shaker=shaker,
+    )  # fmt: skip
     lab.virtual_time = True  # a simulated bench's time may jump: nobody watches it move
     operator = Watched(sys.stdin, sys.stdout)
     raise click.exceptions.Exit(conduct(lab, operator, lambda: _begin(lab, plan or DEFAULT, operator)))
