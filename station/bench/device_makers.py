@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any, cast
 
 from drivers.clock import Clock
-from drivers.dng_folder import DngFolder, Optics
 from drivers.folder_camera import FolderCamera, Tether
+from drivers.frame_files.dng_folder import DngFolder, Optics
 from drivers.frames import Inspect
 from drivers.genicam.camera import GenicamCamera, GenicamSettings
 from drivers.gphoto import GphotoCamera
