@@ -101,7 +101,8 @@ class Ask:
     """A question to the operator; the answer becomes the fact `key`. Not asked where `when`, of what is known, says no.
 
     `kind` "confirm" is answered by True when it is done, "number" by a float within [low, high] in `unit`, "text" by
-    a line, "choice" by one of `choices`. What is known under `key` already is the default, else `default`.
+    a line, "choice" by one of `choices`. What is known under `key` already is the default, else `default`. Not asked
+    either where `given`, of what is known and what the bench has (`HAS_SHAKER`), tells the answer.
     """
 
     key: str
@@ -113,6 +114,19 @@ class Ask:
     high: float | None = None
     choices: tuple[str, ...] = ()
     when: Callable[[Facts], bool] = lambda facts: True
+    given: Callable[[Facts], Fact | None] = lambda facts: None
+
+
+HAS_SHAKER = "has_shaker"
+"""The fact that the bench has something that carries the camera around a path."""
+
+
+@dataclass(frozen=True)
+class Shake:
+    """A closed path, once around in `round_s`: by axis, shares of the shaker's strokes at equal times."""
+
+    round_s: float
+    shares: Mapping[str, tuple[float, ...]]
 
 
 @dataclass(frozen=True)
@@ -194,7 +208,8 @@ class Shoot:
 
     `estimate(frame, facts, results, known)` is what a shot gives, beside the results of the shots before it.
     `enough(results, facts)`: from the outcomes of `estimate` of the shots so far, whether to go on. `record_motion`:
-    the IMU is recorded during each exposure, which is not waited for until the rig is still.
+    the IMU is recorded during each exposure, which is not waited for until the rig is still. `shake` is what a shaker
+    does meanwhile, where the bench has one.
     """
 
     purpose: str
@@ -203,6 +218,7 @@ class Shoot:
     enough: Callable[[Sequence[Outcomes], Facts], Advice]
     most: int = 16
     record_motion: bool = False
+    shake: Callable[[Facts], Shake | None] = lambda facts: None
 
 
 @dataclass(frozen=True)

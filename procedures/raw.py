@@ -25,7 +25,9 @@ from procedures.reading.grey_image import (
 )
 from procedures.reading.guard import Room, decoding, open_file, read_file
 from procedures.reading.library_noise import captured_noise
+from procedures.reading.motion_records import Carried, Felt
 from procedures.reading.sensor_dump import DumpLayout, has_raw_header
+from procedures.reading.stuck_pixels import no_pixels, stuck_pixels
 from procedures.reading.tiff_tags import (
     BLACK_LEVEL,
     CFA_PATTERN,
@@ -40,6 +42,7 @@ from procedures.reading.tiff_tags import (
 __all__ = [
     "GREY_PLANE",
     "MOSAIC_PLANES",
+    "Carried",
     "Exposure",
     "Felt",
     "Plane",
@@ -53,10 +56,6 @@ MOSAIC_PLANES = ("R", "G1", "G2", "B")
 """The planes of a 2 x 2 mosaic; G1 lies on the red rows."""
 GREY_PLANE = "Y"
 """The plane of a grey image, or of a sensor without a mosaic."""
-
-
-def _no_pixels() -> npt.NDArray[np.intp]:
-    return np.empty((0, 2), dtype=np.intp)
 
 
 @dataclass(frozen=True)
@@ -88,26 +87,14 @@ class Plane:
     origin: tuple[int, int] = (0, 0)
     black: float = 0.0
     white: float = 1.0
-    bad_pixels: npt.NDArray[np.intp] = field(default_factory=_no_pixels)
-
-
-@dataclass(frozen=True, eq=False)
-class Felt:
-    """What an inertial unit on the camera felt about an exposure, its x to the right, its y up.
-
-    time_s : (n,) from the opening of the shutter on; acceleration_m_s2, rotation_rad_s : (n, 3), gravity included.
-    """
-
-    time_s: npt.NDArray[np.float64]
-    acceleration_m_s2: npt.NDArray[np.float64]
-    rotation_rad_s: npt.NDArray[np.float64]
+    bad_pixels: npt.NDArray[np.intp] = field(default_factory=no_pixels)
 
 
 @dataclass(frozen=True)
 class RawFrame:
     """A photograph as read: its planes by name, in the order R, G1, G2, B, and where it came from.
 
-    `felt` is the motion meanwhile, where a session recorded it.
+    `felt` and `carried` are the motion meanwhile, where a session recorded it.
     """
 
     path: Path
@@ -115,6 +102,7 @@ class RawFrame:
     planes: Mapping[str, Plane]
     exposure: Exposure
     felt: Felt | None = None
+    carried: Carried | None = None
 
 
 def read_frame(
@@ -393,27 +381,5 @@ def _scaled_plane(
     samples -= black
     samples *= np.float32(1 / (white - mean_black))
     pitch, origin = (1, (0, 0)) if position is None else (2, position)
-    bad = _stuck_pixels(samples, -mean_black / (white - mean_black))
+    bad = stuck_pixels(samples, -mean_black / (white - mean_black))
     return Plane(name, samples, 1 / (white - mean_black), pitch, origin, mean_black, white, bad)
-
-
-def _stuck_pixels(samples: npt.NDArray[np.float32], zero: float) -> npt.NDArray[np.intp]:
-    """[row, column] of pixels at white whose eight neighbours stay under half of it, and of pixels at the digital
-    number 0 whose neighbours all exceed a tenth of white. Over one such pixel in a hundred, they are the picture."""
-    white, dead = np.float32(1 - 1e-6), np.float32(zero + 1e-6)
-    bad = [_alone(samples, samples >= white, lambda near: near.max(axis=0) < 0.5)]
-    bad += [_alone(samples, samples <= dead, lambda near: near.min(axis=0) > 0.1)]
-    return np.concatenate(bad)
-
-
-def _alone(samples: npt.NDArray[np.float32], chosen: npt.NDArray[np.bool_], differs: Any) -> npt.NDArray[np.intp]:
-    rows, columns = samples.shape
-    places = np.column_stack(np.divmod(np.flatnonzero(chosen), columns))
-    if len(places) == 0 or len(places) > samples.size / 100:
-        return _no_pixels()
-    row, column = places.T
-    places = places[(row > 0) & (row < rows - 1) & (column > 0) & (column < columns - 1)]
-    around = [(r, c) for r in (-1, 0, 1) for c in (-1, 0, 1) if r or c]
-    near = np.stack([samples[places[:, 0] + r, places[:, 1] + c] for r, c in around])
-    found: npt.NDArray[np.intp] = places[differs(near)]
-    return found

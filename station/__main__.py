@@ -50,6 +50,7 @@ LARGE_HEAP = 50_000
 )
 @click.version_option(package_name="calibration-station")
 @click.option("--simulate", is_flag=True, help="Work with the simulated bench.")
+@click.option("--shaker", is_flag=True, help="With --simulate: the bench has a shaker.")
 @click.option("--config", type=click.Path(path_type=Path), help="The bench's devices; station.toml where there is one.")
 @click.option("--sessions", type=click.Path(path_type=Path), default=Path("sessions"), show_default=True)
 @click.option("--seed", type=SEED, default=0, help="Of the simulated bench.")
@@ -65,6 +66,7 @@ LARGE_HEAP = 50_000
 def main(
     ctx: click.Context,
     simulate: bool,
+    shaker: bool,
     config: Path | None,
     sessions: Path,
     seed: int,
@@ -85,19 +87,21 @@ def main(
     gc.set_threshold(LARGE_HEAP)
     atexit.register(gc.freeze)
     set_quiet(ctx, quiet)
+    if shaker and not simulate:
+        raise click.UsageError("--shaker is of the simulated bench: give --simulate, or write [devices.shaker]")
     if ctx.invoked_subcommand is None and plain:
         from station.cli.guide import run_plain
 
         run_plain(
-            simulate=simulate, config=config, sessions=sessions, seed=seed, plan=plan, specification=specification,
-            unit=unit,
+            simulate=simulate, shaker=shaker, config=config, sessions=sessions, seed=seed, plan=plan,
+            specification=specification, unit=unit,
         )  # fmt: skip
     elif ctx.invoked_subcommand is None:
         from station.cli.app import run_app
 
         run_app(
-            simulate=simulate, config=config, sessions=sessions, seed=seed, plan=plan, specification=specification,
-            unit=unit,
+            simulate=simulate, shaker=shaker, config=config, sessions=sessions, seed=seed, plan=plan,
+            specification=specification, unit=unit,
         )  # fmt: skip
 
 

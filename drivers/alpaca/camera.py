@@ -9,8 +9,8 @@ import numpy as np
 
 from drivers.alpaca.link import AlpacaLink, AlpacaServer, Levels
 from drivers.clock import Clock, SystemClock
-from drivers.dng_folder import Body, DngFolder, Frame
 from drivers.errors import BadConfiguration, EmergencyStopped, FrameMissing, FrameWrong, LineLost, Rejected
+from drivers.frame_files.dng_folder import Body, DngFolder, Frame
 from drivers.interfaces import CameraSettings, Condition, Exposure, Identity
 
 POLL_S = 0.05

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from drivers.clock import Clock, SystemClock
-from drivers.dng_folder import Body, DngFolder, Frame
 from drivers.errors import BadConfiguration, DeviceError, EmergencyStopped, FrameMissing, FrameWrong, LineLost, Rejected
+from drivers.frame_files.dng_folder import Body, DngFolder, Frame
 from drivers.genicam.aravis import asked, load
 from drivers.genicam.pixel_formats import PixelFormat, deepest, pixel_format, unpack
 from drivers.interfaces import CameraSettings, Condition, Exposure, Identity, ShutterTimes

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from drivers.clock import Clock, SystemClock
-from drivers.dng_folder import Body, DngFolder, Frame
 from drivers.errors import EmergencyStopped, FrameWrong, LineLost, Rejected
+from drivers.frame_files.dng_folder import Body, DngFolder, Frame
 from drivers.interfaces import CameraSettings, Condition, Exposure, Identity, ShutterTimes
 from drivers.micromanager.core import CAMERA, Core, asked, check_device, identity_words
 

@@ -16,10 +16,12 @@ from procedures.drawings import steps as drawings
 from procedures.facts import facts_as
 from procedures.outcome import BadInput, BadParameter, Outcome, Refused, Verdict
 from procedures.plan import (
+    HAS_SHAKER,
     Advice,
     Ask,
     Decide,
     Estimate,
+    Fact,
     Facts,
     Known,
     Look,
@@ -27,6 +29,7 @@ from procedures.plan import (
     Plan,
     Reading,
     SetLight,
+    Shake,
     Shoot,
     Step,
 )
@@ -48,6 +51,12 @@ LEAST_RATIO = 1.15
 SAME_LIGHT = 0.1
 OTHER_LIGHT = 1.12
 """Factor between two ways to tell the f-numbers' ratio, from which one is wrong: rings and shutters make 6 %."""
+LEAST_ROUND_S = 0.05
+"""A shaker goes around once in an exposure, but not faster than this: voice coils follow 20 Hz."""
+POINTS = 48
+"""Of a path: a millisecond apart in its fastest round, under a second in an exposure of 48 s."""
+SHARE = 0.95
+"""Of its stroke that a shaker goes."""
 TEXTURE = 5.0
 """Contrast of the scene's detail over the noise, at least."""
 
@@ -72,21 +81,56 @@ def plan() -> Plan:
     )  # fmt: skip
 
 
+def shaken(facts: Facts) -> bool:
+    """Whether a shaker blurs the photographs: the bench has one, and nobody said that it is to be the apertures."""
+    return bool(facts.get(HAS_SHAKER)) and facts.get("blur_by", MOTIONS) == MOTIONS
+
+
+def by_hand(facts: Facts) -> bool:
+    """Whether hands, by aperture ring or rig, blur them."""
+    return not shaken(facts)
+
+
+def done_by_shaker(facts: Facts) -> Fact | None:
+    """What is asked of hands is done where there is a shaker."""
+    return True if shaken(facts) else None
+
+
 SCENE = (
-    Ask("blur_by", "What will blur the two photographs?", "choice", default=APERTURES, choices=(APERTURES, MOTIONS)),
+    Ask(
+        "blur_by", "What will blur the two photographs?", "choice", default=APERTURES, choices=(APERTURES, MOTIONS),
+        given=lambda facts: MOTIONS if shaken(facts) else None,
+    ),
     Ask("scene", "Set up a scene that stands still, detailed everywhere. Fix the camera to its rig, the IMU y up."),
     SetLight(lambda facts: 1.0),
     Ask("focused", "Focus nearer than anything in the scene, then switch autofocus off."),
     Ask("max_w", "How far does the widest blur reach?", "number", "pixels", DEFAULT_MAX_W, low=1.0, high=40.0),
-    Ask("first_f_number", "Which f-number has the first photograph?", "number", "", 8.0, low=0.5, high=64.0),
-    Ask("second_f_number", "And the second one?", "number", "", 4.0, low=0.5, high=64.0),
-    Ask("shape", "Which shape has the aperture? pillbox, gaussian, polygon:BLADES", "text", default="pillbox"),
+    Ask(
+        "first_f_number", "Which f-number has the first photograph?", "number", "", 8.0, low=0.5, high=64.0,
+        when=by_hand,
+    ),
+    Ask("second_f_number", "And the second one?", "number", "", 4.0, low=0.5, high=64.0, when=by_hand),
+    Ask(
+        "shape", "Which shape has the aperture? pillbox, gaussian, polygon:BLADES", "text", default="pillbox",
+        when=by_hand,
+    ),
     Ask("pixel_pitch_um", "How far apart are the pixels? 0: the rig does not turn.", "number", "µm", 0.0, low=0.0),
-    Ask("region", "Where is a flat part of one distance? x,y,width,height in pixels, or auto.", "text", default="auto"),
+    Ask(
+        "region", "Where is a flat part of one distance? x,y,width,height in pixels, or auto.", "text", default="auto",
+        when=by_hand,
+    ),
 )  # fmt: skip
-FIRST = Ask("first", "Set the first aperture; or make the rig ready for its first motion.")
-MOVES = Ask("first_moves", "Set the rig in its first motion, if that is what blurs; otherwise touch nothing.")
-SECOND = Ask("second", "Set the second aperture and as much more or less time; or set the rig in its second motion.")
+FIRST = Ask("first", "Set the first aperture; or make the rig ready for its first motion.", given=done_by_shaker)
+MOVES = Ask(
+    "first_moves",
+    "Set the rig in its first motion, if that is what blurs; otherwise touch nothing.",
+    given=done_by_shaker,
+)
+SECOND = Ask(
+    "second",
+    "Set the second aperture and as much more or less time; or set the rig in its second motion.",
+    given=done_by_shaker,
+)
 
 # --- checks ------------------------------------------------------------------------------------------------------
 
@@ -213,7 +257,26 @@ def shots(which: str, ask: Ask) -> tuple[Any, ...]:
 
     # the light is judged while the rig is still
     look = (Look("light", check_first), MOVES) if which == "first" else ()
-    return (ask, *look, Shoot(which, CHECKS[which], estimate_one, enough, most=8, record_motion=True))
+    shoot = Shoot(
+        which, CHECKS[which], estimate_one, enough, most=8, record_motion=True, shake=lambda facts: path(which, facts)
+    )
+    return (ask, *look, shoot)
+
+
+def path(which: str, facts: Facts) -> Shake | None:
+    """Around which a shaker carries the camera: two loops, the first mostly along x, the second along y.
+
+    They cross as the kernels of a pair should: what one blurs away the other keeps.
+    """
+    known = facts_as(RestorationFacts, facts)
+    if known.blur_by != MOTIONS:
+        return None
+    turn = 2 * np.pi * np.arange(POINTS) / POINTS
+    lag = 0.6 if which == "first" else 1.1
+    loop = SHARE * np.cos(turn), SHARE / 2 * np.cos(2 * turn + lag)
+    x, y = loop if which == "first" else loop[::-1]
+    round_s = max(known.first_exposure_s or 0.0, LEAST_ROUND_S)
+    return Shake(round_s, {"x_mm": tuple(x.tolist()), "y_mm": tuple(y.tolist())})
 
 
 # --- estimate ----------------------------------------------------------------------------------------------------

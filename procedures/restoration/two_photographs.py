@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import numpy as np
 import numpy.typing as npt
 
@@ -11,7 +13,7 @@ from procedures.raw import Plane, RawFrame
 from procedures.restoration.facts import MOTIONS, RestorationFacts
 from procedures.restoration.masks import thin_lens
 from procedures.restoration.masks.blur_models import named
-from procedures.restoration.masks.camera_motion import Poses, poses_of
+from procedures.restoration.masks.camera_motion import Poses, poses_of, poses_on
 from procedures.restoration.photograph_blur import (
     BlurSpec,
     KnownShapes,
@@ -60,14 +62,20 @@ def focal_px(frame: RawFrame, known: RestorationFacts) -> float | None:
 
 
 def rig_poses(frame: RawFrame) -> Poses | None:
-    """Where the camera was during an exposure, about where its rig rests; None where no record tells."""
+    """Where the camera was during an exposure, about where its rig rests; None where no record tells.
+
+    What a shaker was told comes before what was felt: it has no drift.
+    """
     open_s = frame.exposure.exposure_s
-    if frame.felt is None or open_s is None:
+    if open_s is None:
         return None
-    try:
-        return poses_of(frame.felt, open_s)
-    except BadInput:
-        return None
+    with suppress(BadInput):
+        if frame.carried is not None:
+            return poses_on(frame.carried, open_s)
+    with suppress(BadInput):
+        if frame.felt is not None:
+            return poses_of(frame.felt, open_s)
+    return None
 
 
 def blur_relation(first: RawFrame, second: RawFrame, known: RestorationFacts) -> tuple[float, float]:

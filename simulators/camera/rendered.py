@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft
 
-from drivers.dng import Shot, write_dng
+from drivers.frame_files.dng import Shot, write_dng
 from simulators.camera.optics import Optics
 from simulators.camera.sensor import Mosaic, Sensor
 

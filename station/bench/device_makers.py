@@ -12,8 +12,8 @@ from drivers.alpaca.link import AlpacaServer
 from drivers.alpaca.stage import AlpacaAxis, AlpacaStage
 from drivers.alpaca.switch import AlpacaLight, AlpacaShutter, AlpacaSwitch
 from drivers.clock import Clock
-from drivers.dng_folder import DngFolder, Optics
 from drivers.folder_camera import FolderCamera, Tether
+from drivers.frame_files.dng_folder import DngFolder, Optics
 from drivers.frames import Inspect
 from drivers.genicam.camera import GenicamCamera, GenicamSettings
 from drivers.gphoto import GphotoCamera

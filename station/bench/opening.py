@@ -234,19 +234,32 @@ def inspect_raw(path: Path) -> Facts:
     return Facts(told.exposure_s, None if told.iso is None else round(told.iso), told.f_number)
 
 
-def simulated_bench(folder: Path, *, seed: int = 0, faults: bool = False, virtual_time: bool = False) -> Bench:
-    """A bench whose devices are simulated in this process; `bench.simulated` is the truth behind it."""
+def simulated_bench(
+    folder: Path, *, seed: int = 0, faults: bool = False, virtual_time: bool = False, shaker: bool = False
+) -> Bench:
+    """A bench whose devices are simulated in this process; `bench.simulated` is the truth behind it.
+
+    Without `shaker` the rig is set in motion by hand.
+    """
     from simulators.bench.bench import Setup, SimulatedBench, random_trouble
 
     spoilt, mishaps = random_trouble(seed) if faults else ({}, ())
     truth = SimulatedBench(folder, Setup(seed=seed, faults=spoilt, mishaps=mishaps, virtual_time=virtual_time))
-    bench = make_bench(simulated_tables(truth.address, folder), folder=folder, clock=truth.clock)
+    bench = make_bench(simulated_tables(truth.address, folder, shaker=shaker), folder=folder, clock=truth.clock)
     bench.surroundings = SimulatedSurroundings(truth)
     bench.simulated, bench._on_close = truth, (truth.close,)
     return bench
 
 
-def simulated_tables(address: Callable[[str], str], folder: Path) -> dict[str, dict[str, Any]]:
+SHAKER = {
+    "driver": "strig_shaker",
+    "box": "shutter",
+    "axes": [{"name": "x_mm", "channel": 0, "stroke": 2.0}, {"name": "y_mm", "channel": 1, "stroke": 2.0}],
+}
+"""The table of the simulated bench's shaker."""
+
+
+def simulated_tables(address: Callable[[str], str], folder: Path, *, shaker: bool = False) -> dict[str, dict[str, Any]]:
     """The configuration of the simulated bench, as it would stand in station.toml."""
     letters = (("z_mm", "X", 3000.0), ("x_mm", "Y", 1500.0), ("y_mm", "Z", 1500.0))
     pan_tilt = (("pan_deg", 1, -30.0), ("tilt_deg", 2, -20.0))
@@ -271,4 +284,5 @@ def simulated_tables(address: Callable[[str], str], folder: Path) -> dict[str, d
         "fast_imu": {"driver": "fast", "port": address("fast_imu")},
         "rangefinder": {"driver": "jrt", "port": address("rangefinder")},
         "light": {"driver": "dmx", "port": address("light")},
+        **({"shaker": SHAKER} if shaker else {}),
     }

@@ -31,6 +31,7 @@ def run_app(
     config: Path | None,
     sessions: Path,
     seed: int,
+    shaker: bool = False,
     plan: str | None = None,
     specification: Path | None = None,
     unit: str | None = None,
@@ -49,7 +50,7 @@ def run_app(
 
     lab = StationLab(
         sessions=sessions, config=config or usual_config(), simulate=simulate, seed=seed, specification=specification,
-        unit=frozen_unit(unit, config),
+        shaker=shaker, unit=frozen_unit(unit, config),
     )  # fmt: skip
     app = StationApp(lab, plan=plan)
     share_the_lock()

@@ -31,6 +31,7 @@ def run_plain(
     config: Path | None,
     sessions: Path,
     seed: int,
+    shaker: bool = False,
     plan: str | None,
     specification: Path | None = None,
     unit: str | None = None,
@@ -42,7 +43,7 @@ def run_plain(
         check_specification(specification)
     lab = StationLab(
         sessions=sessions, config=config or usual_config(), simulate=simulate, seed=seed, specification=specification,
-        unit=frozen_unit(unit, config),
+        shaker=shaker, unit=frozen_unit(unit, config),
     )  # fmt: skip
     lab.virtual_time = True  # a simulated bench's time may jump: nobody watches it move
     operator = Watched(sys.stdin, sys.stdout)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.dng import Shot
+from drivers.frame_files.dng import Shot
 from procedures.outcome import BadParameter
 from procedures.ray_histogram.comparison import decibels, shown_error
 from procedures.ray_histogram.film import Film

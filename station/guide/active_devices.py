@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, cast
 
 from drivers.errors import Alarm, DeviceError, EmergencyStopped, Held, LineLost, NoAnswer, NotHomed, WasReset
-from drivers.interfaces import CameraSettings, Doubt, Exposure, Imu, Travel
-from procedures.plan import Fact
+from drivers.interfaces import CameraSettings, Doubt, Exposure, Imu, ShakePath, Travel
+from procedures.plan import HAS_SHAKER, Fact, Shake
 
 if TYPE_CHECKING:
     from station.bench.motions import Motions
@@ -108,6 +108,34 @@ class Rig:
     def has_camera(self) -> bool:
         """Whether the bench photographs by itself."""
         return self._device("camera") is not None
+
+    # --- shaking
+
+    def abilities(self) -> dict[str, Fact]:
+        """What the bench has that questions depend on, as facts."""
+        return {HAS_SHAKER: True} if "shaker" in self.names() else {}
+
+    def start_shaking(self, shake: Shake) -> ShakePath | None:
+        """Let the shaker go around this path; as it is commanded, None where there is none. Raises DeviceError."""
+        with self._using("shaker") as shaker:
+            if shaker is None:
+                return None
+            strokes = shaker.strokes()
+            shares = {axis: shares for axis, shares in shake.shares.items() if axis in strokes}
+            number = max(map(len, shares.values()), default=0)
+            offsets = {axis: tuple(strokes[axis] * one for one in each) for axis, each in shares.items()}
+            path: ShakePath = shaker.start(ShakePath(shake.round_s / max(number, 1), offsets))
+            return path
+
+    def shaking_since_s(self) -> float:
+        """When the first point of the path was put out, by the clock of the last shot. Raises DeviceError."""
+        with self._using("shaker") as shaker:
+            return float(shaker.began_s())
+
+    def stop_shaking(self) -> None:
+        """Come to rest. Raises DeviceError."""
+        with self._using("shaker") as shaker:
+            shaker.stop()
 
     # --- connecting and mending
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
 from drivers.errors import DeviceError, EmergencyStopped
-from drivers.interfaces import Exposure, ImuBlock
-from procedures.plan import Facts
+from drivers.interfaces import Exposure, ImuBlock, ShakePath
+from procedures.plan import Facts, Shake
 from procedures.raw import RawFrame, read_frame
 from station.guide.active_devices import Rig, Snapshot
 from station.guide.dialogue import Conversation, Skipped
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 MOTION_HZ = 200.0
 MOTION_RIM_S = 0.2
 """What is kept of the IMU's record before and after the exposure: lag of the shutter, and comparison of clocks."""
+SPRINGS_S = 0.5
+"""From the beginning of a path to the photograph: what began with a jerk has died away."""
 LONGEST_OPEN_S = 2.0
 """Exposure that is allowed for where none was asked for."""
 
@@ -60,12 +62,16 @@ class Exposer:
         self._camera = camera
         self._session = session
         self._talk = talk
+        self._clock = clock
         self.settling = Settling(rig.imu, clock, patience)
 
-    def take(self, purpose: str, step: str, *, moving: bool = False) -> Taken:
-        """One photograph: when the rig is still, or with the IMU recorded while it moves. Raises Skipped, Stopped."""
+    def take(self, purpose: str, step: str, *, moving: bool = False, shake: Shake | None = None) -> Taken:
+        """One photograph: when the rig is still, or with the IMU recorded while it moves, shaken or by itself.
+
+        Raises Skipped, Stopped.
+        """
         tremor = None if moving else self._talk.attempt(self._still, self._rig.mend)
-        shot = self._kept(purpose, step, tremor, moving=moving)
+        shot = self._kept(purpose, step, tremor, moving=moving, shake=shake)
         frame = self._talk.attempt(lambda: read_frame(self._session.original(shot)))
         return Taken(shot, frame, {**self._talk.facts, **shot_facts(shot)})
 
@@ -81,7 +87,7 @@ class Exposer:
             self._talk.hear(Trouble(error.reason, f"going on without the IMU; {error.remedy}"))
             return self.settling.wait()
 
-    def _kept(self, purpose: str, step: str, tremor: Tremor | None, *, moving: bool) -> Shot:
+    def _kept(self, purpose: str, step: str, tremor: Tremor | None, *, moving: bool, shake: Shake | None) -> Shot:
         """Expose, and take the file in; a full disk lets the file wait where the camera put it."""
         number = self._talk.attempt(lambda: self._session.expect(step, purpose))
         kept: dict[str, Any] = {}
@@ -98,8 +104,8 @@ class Exposer:
             self._rig.announce(number)
             if not moving:
                 return self._camera.expose()
-            exposure, block = self._felt()
-            kept.update(motion_record(exposure, block))
+            exposure, told = self._moved(shake)
+            kept.update(told)
             return exposure
 
         try:
@@ -109,6 +115,34 @@ class Exposer:
             raise
         adopt = partial(self._session.adopt, exposure, step=step, purpose=purpose, snapshot=kept)
         return self._talk.attempt(adopt, always=True)
+
+    def _moved(self, shake: Shake | None) -> tuple[Exposure, dict[str, Any]]:
+        """One photograph while the rig moves, and what is known of that."""
+        path = None if shake is None else self._rig.start_shaking(shake)
+        if path is None:
+            exposure, block = self._felt()
+            return exposure, motion_record(exposure, block)
+        try:
+            self._clock.sleep(SPRINGS_S)
+            exposure, block = self._felt()
+            return exposure, {**motion_record(exposure, block), **self._path_record(path)}
+        finally:
+            self._rest()
+
+    def _path_record(self, path: ShakePath) -> dict[str, Any]:
+        """What the session keeps of the path; nothing where the shaker came to rest meanwhile."""
+        try:
+            return {"shake": {"began_s": self._rig.shaking_since_s(), **asdict(path)}}
+        except DeviceError as error:  # the photograph is there: it must be kept
+            self._talk.hear(Trouble(error.reason, f"the motion is not known; {error.remedy}"))
+            return {}
+
+    def _rest(self) -> None:
+        """The shaker comes to rest; a photograph that was taken is not lost where it does not."""
+        try:
+            self._rig.stop_shaking()
+        except DeviceError as error:
+            self._talk.hear(Trouble(error.reason, error.remedy))
 
     def _felt(self) -> tuple[Exposure, ImuBlock | None]:
         """One photograph, and what the IMU felt meanwhile; None where there is none, or it fails."""

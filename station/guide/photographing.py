@@ -181,7 +181,9 @@ class Watching:
         for _ in range(shoot.most):
             if results and self._enough(shoot, results):
                 return
-            self._judge(shoot, self._exposer.take(shoot.purpose, self.step, moving=shoot.record_motion), results)
+            shake = shoot.shake(self._talk.facts)
+            taken = self._exposer.take(shoot.purpose, self.step, moving=shoot.record_motion, shake=shake)
+            self._judge(shoot, taken, results)
         if not (results and self._enough(shoot, results)):
             self._talk.doing(f"{shoot.most} shots were taken: going on with those that count")
 

@@ -247,7 +247,12 @@ class Run:
 
     @_carry.register
     def _(self, ask: Ask) -> None:
-        if not ask.when(self._talk.facts):
+        facts = {**self._talk.facts, **self._rig.abilities()}
+        if not ask.when(facts):
+            return
+        if (given := ask.given(facts)) is not None:
+            if ask.kind != "confirm":
+                self._talk.learn({ask.key: given})
             return
         if ask.kind == "confirm":
             self._talk.learn({ask.key: self._talk.confirmed(ask)})

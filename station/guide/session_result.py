@@ -12,7 +12,7 @@ import numpy as np
 
 from procedures.outcome import Verdict
 from procedures.plan import Estimate, Known, Plan
-from procedures.raw import Felt, RawFrame, read_frame
+from procedures.raw import Carried, Felt, RawFrame, read_frame
 from station.guide.catalogue import entry_named
 from station.results.plane_result import PlaneResult
 from station.results.record_head import InputFile, RecordHead
@@ -58,8 +58,15 @@ class Frames(Sequence[RawFrame]):
     Raises Damaged where one that is read has another hash than it is told to have.
     """
 
-    def __init__(self, paths: Sequence[Path], felt: Sequence[Felt | None] = (), hashes: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        paths: Sequence[Path],
+        felt: Sequence[Felt | None] = (),
+        hashes: Sequence[str] = (),
+        carried: Sequence[Carried | None] = (),
+    ) -> None:
         self._paths, self._felt, self._hashes = paths, felt or (None,) * len(paths), hashes
+        self._carried = carried or (None,) * len(paths)
         largest = max((path.stat().st_size for path in paths), default=1)
         self._read = lru_cache(max(1, int(MEMORY / (4 * largest))))(read_frame)
 
@@ -68,11 +75,12 @@ class Frames(Sequence[RawFrame]):
 
     def __getitem__(self, index: Any) -> Any:
         if isinstance(index, slice):
-            return Frames(self._paths[index], self._felt[index], self._hashes[index])
+            return Frames(self._paths[index], self._felt[index], self._hashes[index], self._carried[index])
         frame, felt = self._read(self._paths[index]), self._felt[index]
         if self._hashes and frame.sha256 != self._hashes[index]:
             raise Damaged(f"{frame.path} is not what was taken any more", "bring it back from a copy")
-        return frame if felt is None else replace(frame, felt=felt)
+        carried = self._carried[index]
+        return frame if felt is carried is None else replace(frame, felt=felt, carried=carried)
 
 
 def felt_during(shot: Shot) -> Felt | None:
@@ -84,6 +92,24 @@ def felt_during(shot: Shot) -> Felt | None:
         np.array(motion[key], dtype=np.float64) for key in ("host_s", "acceleration_m_s2", "rotation_rad_s")
     )
     return Felt(times - float(shutter["flash_s"]), acceleration, rotation)
+
+
+COLUMNS = {"x_mm": 0, "y_mm": 1, "z_mm": 2}
+"""Of a position, by a shaker's axis: to the right, up, back."""
+
+
+def carried_during(shot: Shot) -> Carried | None:
+    """The path that a shaker was told for a photograph; None where there was none, or it turned the camera, too."""
+    told, shutter = shot.snapshot.get("shake"), shot.exposure.get("shutter") or {}
+    if not told or not set(told["offsets"]) <= set(COLUMNS):
+        return None
+    ways = {COLUMNS[axis]: np.array(way, dtype=np.float64) / 1000 for axis, way in told["offsets"].items()}
+    position_m = np.zeros((len(next(iter(ways.values()))), 3))
+    for column, way in ways.items():
+        position_m[:, column] = way
+    flash_s = shutter.get("flash_s")
+    since_s = None if flash_s is None else float(flash_s) - float(told["began_s"])
+    return Carried(position_m, float(told["interval_s"]), since_s)
 
 
 class Told(Sequence[RawFrame]):
@@ -139,7 +165,8 @@ def compute(
     """
     shots, entry = state.counting(), entry_named(plan.name)
     paths, felt = [inside(folder, shot.path) for shot in shots], [felt_during(shot) for shot in shots]
-    frames = Frames(paths, felt, [shot.sha256 for shot in shots])
+    carried = [carried_during(shot) for shot in shots]
+    frames = Frames(paths, felt, [shot.sha256 for shot in shots], carried)
     with same_bits():
         outcomes = estimate_of(plan).estimate(Told(frames, progress), state.facts, {} if known is None else known)
         terms = terms_of_session(folder)

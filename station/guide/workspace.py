@@ -109,8 +109,10 @@ class StationLab:
         seed: int = 0,
         specification: Path | None = None,
         unit: str | None = None,
+        shaker: bool = False,
     ) -> None:
         self.sessions = sessions
+        self._shaker = shaker
         self.names = ("simulated camera", "simulated lens") if simulate else ("camera", "lens")
         self._config, self._simulate, self._seed = config, simulate, seed
         self._specification, self._unit = specification, unit
@@ -135,7 +137,8 @@ class StationLab:
 
         if self._simulate:
             folder = self._scratch.enter_context(temporary_folder())
-            return simulated_bench(folder, seed=self._seed, virtual_time=self.virtual_time)
+            virtual = self.virtual_time
+            return simulated_bench(folder, seed=self._seed, virtual_time=virtual, shaker=self._shaker)
         if self._config is not None:
             self._tables = read_config(self._config)
             return make_bench(self._tables, folder=self._config.resolve().parent) if self._tables else None

@@ -108,7 +108,8 @@ def write_refusal(folder: ResultFolder, outcome: Outcome[Restoration], head: Rec
 
 def write_plane(folder: ResultFolder, result: PlaneResult, frames: Sequence[RawFrame], head: RecordHead) -> str:
     """The result of a guided restoration: the files of `write_restoration`, or the record of its refusal."""
-    from station.calibration.restoration.inputs import imu_table
+    from procedures.restoration.two_photographs import rig_poses
+    from station.calibration.restoration.inputs import imu_table, poses_table
 
     found: Restoration | None = result.found
     outcome = Outcome(found, result.verdict, result.reason, result.remedy)
@@ -117,6 +118,9 @@ def write_plane(folder: ResultFolder, result: PlaneResult, frames: Sequence[RawF
     for n, frame in enumerate((frames[0], frames[len(frames) - 1]), start=1):
         if frame.felt is not None:
             folder.write(f"imu_{n}.csv", imu_table(frame.felt))
+        poses, exposure_s = rig_poses(frame), frame.exposure.exposure_s
+        if frame.carried is not None and poses is not None and exposure_s is not None:
+            folder.write(f"poses_{n}.csv", poses_table(poses, exposure_s))
     timeless = replace(found, history=tuple(replace(r, seconds=0.0) for r in found.history))
     outcome = replace(outcome, value=timeless)  # the files are the same whenever they are computed
     photographs = [shown(frame).samples.astype(np.float64)[None] for frame in (frames[0], frames[len(frames) - 1])]

@@ -17,8 +17,8 @@ from drivers.alpaca.link import AlpacaServer
 from drivers.alpaca.stage import AlpacaAxis, AlpacaStage
 from drivers.alpaca.switch import AlpacaLight, AlpacaShutter, AlpacaSwitch
 from drivers.clock import Clock, SystemClock
-from drivers.dng_folder import DngFolder
 from drivers.folder_camera import FolderCamera
+from drivers.frame_files.dng_folder import DngFolder
 from drivers.frames import Facts
 from drivers.gphoto import GphotoCamera
 from drivers.grbl import GrblStage

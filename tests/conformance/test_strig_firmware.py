@@ -11,6 +11,10 @@ from pathlib import Path
 
 import pytest
 
+from drivers.interfaces import ShakePath
+from drivers.shaker import ShakerAxis, StrigShaker
+from drivers.shutter import StrigParser, StrigShutter
+from drivers.transport import SerialTransport
 from simulators.devices.shutter import StrigBox
 
 HERE = Path(__file__).parent
@@ -177,3 +181,20 @@ def test_a_silent_host_lets_the_shaker_rest(library):
 def test_the_greeting_tells_the_version(library):
     library.host_begin(True)
     assert library.host_said().splitlines()[-1] == b"STRIG/2 simulated 2.0 SIM-1"
+
+
+@pytest.mark.slow  # the processor runs in real time
+def test_the_real_processor_goes_around_in_whole_rounds(simavr_port):
+    box = StrigShutter(SerialTransport(simavr_port, StrigParser))
+    box.connect()
+    shaker = StrigShaker(box, [ShakerAxis("x_mm", 0, 2.0), ShakerAxis("y_mm", 1, 2.0)])
+    assert shaker.connect().model == "STRIG/2 shaker"
+    shaker.start(ShakePath(0.002, {"x_mm": tuple(i / 20 for i in range(40)), "y_mm": (1.0, -1.0) * 20}))
+    box.clock.sleep(0.2)
+    began_us = box.motion["SHAKE"].t_us
+    shaker.stop()
+    rounds = (box.motion["REST"].t_us - began_us) / 80_000
+    # it looks every 128 us and says so when it has
+    assert rounds == pytest.approx(round(rounds), abs=0.01)
+    assert rounds >= 1
+    box.close()

@@ -23,8 +23,8 @@ try:
 except ValueError:
     pytest.skip("Aravis 0.8 is not installed (Debian: gir1.2-aravis-0.8)", allow_module_level=True)
 
-from drivers.dng_folder import DngFolder, Optics  # noqa: E402
 from drivers.errors import BadConfiguration, EmergencyStopped, FrameMissing, LineLost, Rejected  # noqa: E402
+from drivers.frame_files.dng_folder import DngFolder, Optics  # noqa: E402
 from drivers.genicam.camera import GenicamCamera, GenicamSettings  # noqa: E402
 from drivers.interfaces import CameraSettings  # noqa: E402
 from procedures.raw import read_frame  # noqa: E402

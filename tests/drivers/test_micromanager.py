@@ -8,7 +8,6 @@ import time
 import numpy as np
 import pytest
 
-from drivers.dng_folder import DngFolder, Optics
 from drivers.errors import (
     BadConfiguration,
     DeviceError,
@@ -20,6 +19,7 @@ from drivers.errors import (
     OutsideTravel,
     Rejected,
 )
+from drivers.frame_files.dng_folder import DngFolder, Optics
 from drivers.interfaces import CameraSettings
 from drivers.micromanager.camera import MicroManagerCamera
 from drivers.micromanager.core import Core

@@ -16,7 +16,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from procedures.outcome import BadInput, BadParameter, Refused
-from procedures.raw import Felt
+from procedures.raw import Carried, Felt
 from procedures.restoration.masks.blur_models import DepthUnit
 from procedures.restoration.masks.blur_operator import MaskStack
 from procedures.restoration.masks.checks import check_extent
@@ -31,6 +31,8 @@ FEWEST = 16
 """Samples of a record from which motion is found."""
 MOST_TURN = 0.15
 """Radians up to which rates may be summed without regard to their order."""
+WHOLE_ROUND = 0.02
+"""By which an exposure may differ from whole rounds of a path so that it does not matter where it began."""
 INSTANTS = 512
 """Poses of an exposure: dots of a path of 100 pixels lie a fifth of a pixel apart."""
 
@@ -125,6 +127,26 @@ def poses_at(time_s: Array, position_m: Array, turn_rad: Array) -> Poses:
     at = np.linspace(time_s[0], time_s[-1], INSTANTS)
     position, turn = (np.stack([np.interp(at, time_s, one) for one in a.T], axis=1) for a in (position_m, turn_rad))
     return Poses(position * FLIPPED, turn * FLIPPED)
+
+
+def poses_on(carried: Carried, exposure_s: float) -> Poses:
+    """Poses during an exposure, from the path that was commanded, which is gone around as a periodic cubic spline.
+
+    Raises
+    ------
+    BadInput
+        If nobody told where on it the shutter opened, and the exposure is no whole round.
+    """
+    points, round_s = carried.position_m, carried.interval_s * len(carried.position_m)
+    rounds = exposure_s / round_s
+    if carried.since_s is None and abs(rounds - max(round(rounds), 1)) > WHOLE_ROUND * rounds:
+        raise BadInput(
+            f"the exposure of {exposure_s:g} s is no whole round of {round_s:g} s, and nobody told where it began",
+            "wire the hot shoe, or expose a whole round",
+        )
+    at = (carried.since_s or 0.0) + np.linspace(0, exposure_s, INSTANTS)
+    spline = CubicSpline(carried.interval_s * np.arange(len(points) + 1), [*points, points[0]], bc_type="periodic")
+    return Poses(np.asarray(spline(at)) * FLIPPED, np.zeros((INSTANTS, 3)))
 
 
 def check_record(felt: Felt, exposure_s: float) -> Array:

@@ -15,7 +15,7 @@ from procedures.raw import Felt
 from procedures.reading.arrays import check_real, read_npy
 from procedures.reading.text import read_json, read_numbers, read_rows
 from procedures.restoration.masks import blur_models
-from procedures.restoration.masks.camera_motion import Poses, poses_at, poses_of
+from procedures.restoration.masks.camera_motion import FLIPPED, Poses, poses_at, poses_of
 from procedures.restoration.masks.psf_shapes import measured_field, measured_heights, measured_shape
 from procedures.restoration.masks.shape_fields import ShapeField, symmetric
 from procedures.restoration.photograph_blur import Shape
@@ -93,6 +93,14 @@ def imu_table(felt: Felt) -> bytes:
     """A record as `read_imu` takes it."""
     rows = np.column_stack([felt.time_s, felt.acceleration_m_s2, felt.rotation_rad_s])
     lines = [",".join(COLUMNS), *(",".join(f"{value:.7g}" for value in row) for row in rows)]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def poses_table(poses: Poses, exposure_s: float) -> bytes:
+    """Poses as `read_poses` takes them."""
+    t = np.linspace(0, exposure_s, len(poses.position_m))
+    rows = np.column_stack([t, poses.position_m * FLIPPED, poses.turn_rad * FLIPPED])
+    lines = [",".join(POSE_COLUMNS), *(",".join(f"{value:.9g}" for value in row) for row in rows)]
     return ("\n".join(lines) + "\n").encode()
 
 

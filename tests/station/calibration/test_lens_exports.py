@@ -11,7 +11,7 @@ import pytest
 import rawpy
 from click.testing import CliRunner
 
-from drivers.dng import Shot, write_dng
+from drivers.frame_files.dng import Shot, write_dng
 from procedures.field.chromatic import LateralColour
 from procedures.field.surfaces import fit_surface
 from procedures.geometry.cameras import Camera

@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 from scipy.ndimage import gaussian_filter
 
-from drivers.dng import Shot, write_dng
+from drivers.frame_files.dng import Shot, write_dng
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
 from procedures.restoration.masks.blur_operator import Blur
 from station.__main__ import main

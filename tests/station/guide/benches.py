@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.dng import Shot, write_dng
+from drivers.frame_files.dng import Shot, write_dng
 from procedures.outcome import Outcome, Verdict
 from procedures.plan import Advice, Ask, Decide, Estimate, Go, Home, Look, Measure, Plan, Scan, SetLight, Shoot, Step
 from simulators.bench.bench import Setup, SimulatedBench
@@ -28,7 +28,7 @@ def frame_bytes(number: int) -> bytes:
 
 
 @contextmanager
-def quick_bench(folder: Path, *, faults=None, mishaps=(), seed: int = 1):
+def quick_bench(folder: Path, *, faults=None, mishaps=(), seed: int = 1, shaker: bool = False):
     """A bench on which any exposure gives a small frame at once."""
     incoming = folder / "incoming"
     incoming.mkdir(exist_ok=True)
@@ -37,7 +37,8 @@ def quick_bench(folder: Path, *, faults=None, mishaps=(), seed: int = 1):
         develop=lambda opening: frame_bytes(opening.number),
     )  # fmt: skip
     truth = SimulatedBench(incoming, setup)
-    bench = make_bench(simulated_tables(truth.address, incoming), folder=incoming, clock=truth.clock)
+    tables = simulated_tables(truth.address, incoming, shaker=shaker)
+    bench = make_bench(tables, folder=incoming, clock=truth.clock)
     bench.simulated = truth
     try:
         yield bench

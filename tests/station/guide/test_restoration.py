@@ -10,11 +10,15 @@ import numpy as np
 import pytest
 
 from drivers.clock import SystemClock
+from procedures.plan import HAS_SHAKER, Shake
+from procedures.restoration.masks.camera_motion import poses_on
+from procedures.restoration.plan import path
+from station.calibration.restoration.inputs import poses_table, read_poses
 from station.guide.catalogue import plan_named
-from station.guide.frontend import Result
+from station.guide.frontend import Result, Trouble
 from station.guide.run import Run
 from station.guide.scripted import Scripted
-from station.guide.session_result import compute
+from station.guide.session_result import carried_during, compute
 from station.guide.vibration import Patience
 from station.sessions.session import Session
 
@@ -71,3 +75,80 @@ def test_the_imu_s_samples_about_the_exposure_are_kept(tmp_path):
         # gravity, however the head is turned; sways have no mean
         assert abs(np.linalg.norm(np.mean(motion["acceleration_m_s2"], axis=0)) - 9.80665) < 0.1
         assert np.asarray(motion["rotation_rad_s"]).shape == (len(t), 3)
+
+
+ROUND = Shake(0.2, {"x_mm": (0.0, 0.6, 0.9, 0.6, 0.0, -0.6, -0.9, -0.6), "y_mm": (0.5, 0.3, 0.0, -0.3) * 2})
+
+
+def shaken_run(folder, spoil=lambda bench: None, **quick):
+    """The shots of a short plan that shakes the camera, what the operator heard, and the truth of the bench."""
+    shoot = replace(benches.short_plan().step("shots").requests[0], record_motion=True, shake=lambda facts: ROUND)
+    with benches.quick_bench(folder, shaker=True, **quick) as bench, benches.new_session(folder, bench) as session:
+        spoil(bench)
+        operator = Scripted()
+        plan = benches.short_plan(shoot=shoot)
+        ended = Run(replace(plan, steps=(plan.step("shots"),)), bench, session, operator).go()
+        return session.state.counting(), operator.heard, bench.simulated, ended
+
+
+def test_a_shaker_carries_the_camera_along_the_path_that_is_kept(tmp_path):
+    shots, _, truth, ended = shaken_run(tmp_path)
+    assert ended.how == "finished"
+    assert len(shots) == 2
+    for shot, opening in zip(shots, truth.body.openings[-len(shots) :], strict=True):
+        poses = poses_on(carried_during(shot), opening.exposure_s)
+        t_s = opening.begin_s + np.linspace(0, opening.exposure_s, len(poses.position_m))
+        sway = truth.world.sway(t_s)
+        # x right, y down; the world's modes, which the move before and the shutter shook, sway by hundredths of a
+        # millimetre and less
+        np.testing.assert_allclose(1000 * poses.position_m[:, 0], sway["x_mm"][0], atol=0.02)
+        np.testing.assert_allclose(-1000 * poses.position_m[:, 1], sway["y_mm"][0], atol=0.02)
+        (tmp_path / "poses.csv").write_bytes(poses_table(poses, opening.exposure_s))
+        again = read_poses(tmp_path / "poses.csv")
+        np.testing.assert_allclose(again.position_m, poses.position_m, atol=1e-9)  # nine digits of millimetres
+        assert np.ptp(sway["x_mm"][0]) > 0.2
+    # at rest afterwards, and before the first of them
+    assert abs(truth.world.sway(np.array([truth.clock.now_s() + 60.0]))["x_mm"][0][0]) < 1e-3
+
+
+def test_a_shaker_that_comes_to_rest_too_early_is_told_and_the_photograph_is_kept(tmp_path):
+    def spoil(bench):
+        fire = bench.shutter.fire
+
+        def cut(*args):
+            bench.shutter.abort()
+            return fire(*args)
+
+        bench.shutter.fire = cut
+
+    shots, heard, _, ended = shaken_run(tmp_path, spoil)
+    assert ended.how == "finished"
+    assert len(shots) == 2
+    assert not any("shake" in shot.snapshot for shot in shots)
+    assert any(isinstance(one, Trouble) and "came to rest before its time" in one.reason for one in heard)
+
+
+def test_nobody_is_asked_what_a_shaker_does():
+    facts = {HAS_SHAKER: True}
+    asks = plan_named("restoration").asks()
+    silent = {key for key, ask in asks.items() if not ask.when(facts) or ask.given(facts) is not None}
+    by_shaker = {"blur_by", "first_f_number", "second_f_number", "shape", "region", "first", "first_moves", "second"}
+    assert silent == by_shaker
+    assert asks["blur_by"].given(facts) == "motions"
+    # the apertures remain to be chosen, and then hands do it
+    chosen = {HAS_SHAKER: True, "blur_by": "apertures"}
+    assert not any(not ask.when(chosen) or ask.given(chosen) is not None for ask in asks.values())
+    assert path("first", chosen) is None
+
+
+def test_the_two_paths_are_closed_smooth_and_cross():
+    first, second = (path(which, {"blur_by": "motions", "first_exposure_s": 0.2}) for which in ("first", "second"))
+    for one, wide in ((first, "x_mm"), (second, "y_mm")):
+        assert one.round_s == 0.2
+        spans = {axis: np.ptp(shares) for axis, shares in one.shares.items()}
+        assert max(spans, key=spans.__getitem__) == wide
+        assert max(np.abs(shares).max() for shares in one.shares.values()) <= 1.0
+        for shares in one.shares.values():
+            steps = np.abs(np.diff([*shares, shares[0]]))
+            assert steps.max() < 0.2 * np.ptp(shares)  # the last point leads back to the first as any other does
+    assert path("first", {"blur_by": "motions", "first_exposure_s": 0.001}).round_s == 0.05

@@ -14,7 +14,6 @@ from drivers.alpaca.camera import AlpacaCamera, AlpacaCameraSettings
 from drivers.alpaca.link import HEADER, AlpacaLink, AlpacaServer, read_image
 from drivers.alpaca.stage import AlpacaAxis, AlpacaStage
 from drivers.alpaca.switch import AlpacaLight, AlpacaShutter, AlpacaSwitch
-from drivers.dng_folder import DngFolder, Optics
 from drivers.errors import (
     BadConfiguration,
     DeviceError,
@@ -27,6 +26,7 @@ from drivers.errors import (
     OutsideTravel,
     Rejected,
 )
+from drivers.frame_files.dng_folder import DngFolder, Optics
 from drivers.interfaces import CameraSettings
 from procedures.raw import read_frame
 from station.bench.opening import inspect_raw, make_bench

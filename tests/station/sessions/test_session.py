@@ -109,6 +109,12 @@ def test_known_facts_are_not_written_again(session):
     assert (session.folder / "journal.jsonl").stat().st_size == size
 
 
+def test_session_that_nothing_but_a_stop_touched_is_kept_for_its_times(session):
+    assert session.state.empty
+    session.note("halted", asked_s=1.0, on_the_wire_s={"stage": 1.001}, after_ms={"stage": 1.0})
+    assert not session.state.empty
+
+
 def test_step_that_is_reopened_takes_those_after_it_along_and_its_shots_count_no_more(session, camera):
     for step in ("focus", "shots", "estimate"):
         session.begin_step(step)

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from procedures.outcome import BadInput, BadParameter, Refused
-from procedures.raw import Felt
+from procedures.raw import Carried, Felt
 from procedures.restoration.masks import camera_motion as c
 from procedures.restoration.masks.mask_fields import positions
 
@@ -158,3 +158,30 @@ def test_a_unit_at_rest_feels_gravity_and_no_motion():
     t = np.arange(-0.1, 0.4, 0.005)
     still = c.poses_of(Felt(t, np.tile([0.3, 9.8, -0.2], (len(t), 1)), np.zeros((len(t), 3))), OPEN_S)
     assert np.abs(still.position_m).max() < 1e-12
+
+
+def commanded(since_s=0.0):
+    """The shifts of the same rig, as a shaker is told them: 64 points of a round of 0.1 s."""
+    t = np.arange(64) * (0.1 / 64)
+    return Carried(truth(t)[0] * c.FLIPPED, 0.1 / 64, since_s)
+
+
+@pytest.mark.parametrize("since_s", [0.0, 0.033, 7.55])
+def test_poses_are_those_of_the_path_that_was_commanded(since_s):
+    found = c.poses_on(commanded(since_s), OPEN_S)
+    at = since_s + np.linspace(0, OPEN_S, len(found.position_m))
+    # what a cubic spline through 64 points of a sine leaves out: h^4 / 384 of its fourth derivative, 1e-6 of it
+    np.testing.assert_allclose(found.position_m, truth(at)[0], atol=1e-8)
+    assert not found.turn_rad.any()
+
+
+def test_where_a_whole_round_was_begun_does_not_matter():
+    told, unknown = (c.poses_on(commanded(since_s), 0.1) for since_s in (0.04, None))
+    blurs = [c.planar_stacks([one.planar_path, one.planar_path], 4.0)[0] for one in (told, unknown)]
+    first, second = (stack.masks[-1] for stack in blurs)
+    np.testing.assert_allclose(first, second, atol=0.02 * first.max())
+
+
+def test_a_part_of_a_round_must_be_told_where_it_began():
+    with pytest.raises(BadInput, match=r"0.13 s is no whole round of 0.1 s, and nobody told where it began"):
+        c.poses_on(commanded(None), 0.13)

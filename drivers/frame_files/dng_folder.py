@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from drivers.clock import Clock, SystemClock
-from drivers.dng import Mosaic, Shot, write_dng
 from drivers.errors import FrameWrong, LineLost
+from drivers.frame_files.dng import Mosaic, Shot, write_dng
 from drivers.frames import Inspect, check_settings, sha256_of
 from drivers.interfaces import CameraSettings, Exposure, ShutterTimes
 
