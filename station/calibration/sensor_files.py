@@ -38,6 +38,18 @@ def write_sensor_result(
     folder: ResultFolder, found: SensorFiles, parameters: Mapping[str, Any], start: float, page: bytes | None
 ) -> str:
     """Write the tables of every plane that was not refused, the XML, the page and the record; the record's text."""
+    about = {"procedure": "sensor", "input": list(found.inputs), "parameters": dict(parameters)}
+    return write_sensor_record(folder, found, about, page, start)
+
+
+def write_sensor_record(
+    folder: ResultFolder,
+    found: SensorFiles,
+    about: Mapping[str, Any],
+    page: bytes | None = None,
+    start: float | None = None,
+) -> str:
+    """The same; `about` tells procedure, input and parameters, `start` when it began where that is to be told."""
     for plane in found.planes:
         if plane.outcome.value is not None:
             _write_plane(folder, plane.name, plane.outcome.value)
@@ -49,15 +61,14 @@ def write_sensor_result(
         folder.write("report.html", page)
     record = {
         "schema": SCHEMA,
-        "procedure": "sensor",
+        **about,
         "camera": found.camera,
         "iso": found.iso,
-        "input": list(found.inputs),
-        "parameters": dict(parameters),
         "planes": {plane.name: _plane_entry(plane) for plane in found.planes},
         "software": software(),
-        "duration_s": round(time.perf_counter() - start, 3),
     }
+    if start is not None:
+        record["duration_s"] = round(time.perf_counter() - start, 3)
     return write_record(folder, record)
 
 

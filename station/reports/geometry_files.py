@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -13,8 +13,10 @@ import numpy.typing as npt
 from procedures.geometry.cameras import distortion
 from procedures.geometry.estimate import Geometry, PosedView
 from procedures.outcome import Outcome, Quantity
+from procedures.raw import RawFrame
 from station.calibration.geometry import Shoot, ViewRecord
 from station.results.exports import csv_bytes, numbers_table
+from station.results.plane_result import PlaneResult
 from station.results.result_files import ResultFolder, npy, software, write_record
 
 Array = npt.NDArray[np.float64]
@@ -33,22 +35,45 @@ def write_geometry_result(
     report: bool = False,
 ) -> str:
     """Write covariances, tables, the page where it is wanted, and the record; returns the record's text."""
-    found = outcome.value
-    if found is not None:
-        _write_tables(folder, shoot, found)
     about = {
-        "schema": SCHEMA,
         "procedure": "geometry",
         "input": [{"path": str(one.path), "sha256": one.sha256} for one in shoot.records],
         "parameters": dict(parameters),
-        "planes": {shoot.plane: geometry_entry(shoot, outcome)},
-        "software": software(),
     }
+    whole = _write_files(folder, shoot, outcome, about, report=report)
+    return write_record(folder, {**whole, "duration_s": round(time.perf_counter() - start, 3)})
+
+
+def write_plane(
+    folder: ResultFolder, plane: PlaneResult, frames: Sequence[RawFrame], about: Mapping[str, Any]
+) -> str:  # fmt: skip
+    """The same files of a guided session's one plane and its photographs; what was refused has its record alone."""
+    found: Geometry | None = plane.found
+    views = {} if found is None else {one.view.source: one.view for one in found.views}
+    records, size = [], (0, 0)
+    for frame in frames:
+        view, of = views.get(frame.path.name), frame.planes.get(plane.name)
+        records.append(ViewRecord(frame.path, frame.sha256, view, plane.verdict))
+        if of is not None:
+            size = (of.samples.shape[1] * of.pitch, of.samples.shape[0] * of.pitch)
+    outcome = Outcome(found, plane.verdict, plane.reason, plane.remedy)
+    whole = _write_files(folder, Shoot(plane.name, size, tuple(records)), outcome, about, report=True)
+    return write_record(folder, whole)
+
+
+def _write_files(
+    folder: ResultFolder, shoot: Shoot, outcome: Outcome[Geometry], about: Mapping[str, Any], *, report: bool
+) -> dict[str, Any]:
+    """Covariances, tables and the page where it is wanted; returns the record but for how long it took."""
+    found = outcome.value
+    if found is not None:
+        _write_tables(folder, shoot, found)
+    whole = {"schema": SCHEMA, **about, "planes": {shoot.plane: geometry_entry(shoot, outcome)}, "software": software()}
     if found is not None and report:
         from station.reports.geometry_page import geometry_page  # it draws: that import is slow
 
-        folder.write(PAGE, geometry_page(shoot, outcome, about).encode())
-    return write_record(folder, {**about, "duration_s": round(time.perf_counter() - start, 3)})
+        folder.write(PAGE, geometry_page(shoot, outcome, whole).encode())
+    return whole
 
 
 def geometry_entry(shoot: Shoot, outcome: Outcome[Geometry]) -> dict[str, Any]:

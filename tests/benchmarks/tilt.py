@@ -71,7 +71,8 @@ def measured(folder: Path, table: Path) -> dict:
         sys.executable, "-m", "station", "tilt", str(folder), "--focus", str(table), "--positions", "set",
         "--screw-radius-mm", str(SCREWS.radius_mm), "--screw-pitch-mm", str(SCREWS.pitch_mm),
         "--first-screw-deg", str(SCREWS.first_deg), "--turn-uncertainty", str(SCREWS.turn_uncertainty),
-        "--chart-tilt-deg", "0", "--pixel-pitch-um", str(PITCH_UM), "--focal-length-mm", str(LENS.focal_length_mm), "--out", str(out),
+        "--chart-tilt-deg", "0", "--pixel-pitch-um", str(PITCH_UM), "--focal-length-mm", str(LENS.focal_length_mm),
+        "--out", str(out),
     ]  # fmt: skip
     done = subprocess.run(command, check=False, cwd=Path(__file__).resolve().parents[2])
     if done.returncode not in (0, 1):
@@ -99,6 +100,7 @@ def main(rounds: int = 3, corner_um: float = 80.0, seed: int = 1) -> None:
             turned = np.array([one["turn"]["value"] for one in told["screws"]])
             slips = SCREWS.turn_uncertainty * rng.standard_normal(SCREWS.count)
             slopes = slopes + np.linalg.solve(SCREWS.heights, 1000 * SCREWS.pitch_mm * (turned + slips))[1:]
+            print(f"  turned: corner truly {np.abs(CORNERS @ slopes).max():.2f} um", flush=True)
 
 
 if __name__ == "__main__":
