@@ -100,10 +100,10 @@ TOUR = _drawing(r"""
 """)
 VIEWS = _drawing(r"""
     +------------------------------+
-    | /|                     |\ |  turn the chart by
-    | ||      ____           || |  35 degrees to all
-    | \|     /____\          |/ |  sides, as told,
-    |                           |  in all places
+    | /|                        |\ |  turn the chart by
+    | ||         ____           || |  35 degrees to all
+    | \|        /____\          |/ |  sides, as told,
+    |                              |  in all places
     | ____                    ____ |  of the frame
     | \__/                    \__/ |
     +------------------------------+
