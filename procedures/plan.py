@@ -282,8 +282,8 @@ class Step:
 class Plan:
     """A guided procedure. `name` is what sessions and procedure files call it.
 
-    `subject` is what it photographs, "chart", "wall" or "depth": a simulated bench stands before that. `facts` is the
-    dataclass of what it knows (`procedures.facts`), where it has one.
+    `subject` is what it photographs, "chart", "wall", "depth" or "panel": a simulated bench stands before that.
+    `facts` is the dataclass of what it knows (`procedures.facts`), where it has one.
     """
 
     name: str

@@ -98,6 +98,34 @@ TOUR = _drawing(r"""
      the frame: the chart is photographed in
      each place, out to its corners
 """)
+VIEWS = _drawing(r"""
+    +------------------------------+
+    | /|                        |\ |  turn the chart by
+    | ||         ____           || |  35 degrees to all
+    | \|        /____\          |/ |  sides, as told,
+    |                              |  in all places
+    | ____                    ____ |  of the frame
+    | \__/                    \__/ |
+    +------------------------------+
+     the frame: one photograph of each pose
+""")
+PANEL = _drawing(r"""
+      panel
+      |:::|
+      |:::|
+      |:::| . . .  [=O  camera: even light
+      |:::|             over the whole frame
+      |:::|
+      |:::|
+""")
+DARK = _drawing(r"""
+      panel, off
+      |   |
+      |   |
+      |   |       #[=O  camera, covered
+      |   |
+      |   |
+""")
 WALL = _drawing(r"""
       wall, with detail of all sizes
        |

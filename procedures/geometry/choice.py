@@ -34,8 +34,8 @@ LEAST_VIEWS = 6
 AS_GOOD = 0.005
 """A simpler model is taken where it leaves no more than this above the best: 0.07 standard deviations of a point; or
 no more than one standard error of the difference, over the views."""
-FIRST = "OPENCV"
-"""The model of `first_state`."""
+FIRST, POOREST = "OPENCV", "SIMPLE_RADIAL"
+"""The model of `first_state`; of a long lens, whose narrow frame does not tell the first from a turn."""
 POSE_STEPS, POSE_STILL = 20, 1e-3
 
 
@@ -61,7 +61,10 @@ def first_state(nodes: Array, views: Sequence[ChartView], size: tuple[int, int],
     """Camera, poses and the chart's shape by a model of few numbers: where every other begins."""
     bundle = first_bundle(nodes, views, size)
     start = State(bundle.camera, bundle.poses, np.zeros(len(shape.prior_mm)), np.zeros_like(nodes))
-    return fit_model(FIRST, start, nodes, views, shape).state
+    try:
+        return fit_model(FIRST, start, nodes, views, shape).state
+    except Refused:
+        return fit_model(POOREST, start, nodes, views, shape).state
 
 
 def fit_model(model: str, start: State, nodes: Array, views: Sequence[ChartView], shape: ShapeModel) -> Adjustment:

@@ -8,7 +8,7 @@ same camera.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from procedures.geometry.adjustment import POSE, Adjustment, by_pose
 from procedures.geometry.cameras import Camera
-from procedures.geometry.shape import ShapeModel
+from procedures.geometry.shape import ShapeModel, rigid_shape
 from procedures.geometry.views import ChartView, Pose
 
 Array = npt.NDArray[np.float64]
@@ -32,6 +32,11 @@ SHARES = (0.7, 1.0, 1.4)
 WITHIN = 0.8
 """Of the chart that must be in the frame."""
 FRAME = (13, 9)
+LOOSE: Mapping[str, Callable[[Camera], float]] = {
+    "pixel": lambda camera: 0.03 * camera.columns,
+    "1": lambda camera: 0.1,
+}
+"""Standard deviations of a camera's parameters before anything was photographed, by their units."""
 
 
 @dataclass(frozen=True)
@@ -74,15 +79,56 @@ def next_views(found: Adjustment, nodes: Array, views: tuple[ChartView, ...], sh
     usual = float(np.median([np.linalg.norm(pose.t) for pose in found.state.poses]))
     variances = np.concatenate([np.einsum("naa->na", one.covariance) for one in views])
     sigma = float(np.sqrt(np.median(variances))) * found.scale
+    distances = tuple(share * usual for share in SHARES)
+    return _ranked(camera, information, nodes + found.state.deviations_mm(shape), shape, sigma, distances)
+
+
+def planned_view(
+    camera: Camera, poses: Sequence[Pose], nodes: Array, distance_mm: float, sigma_px: float, rim: tuple[float, float]
+) -> NextView | None:
+    """The pose to photograph next where nothing was adjusted yet: by a camera as its data sheet has it.
+
+    Parameters
+    ----------
+    camera : Camera
+        Without distortion; its parameters are taken to be known as little as `LOOSE` says.
+    poses : sequence of Pose
+        Of the views there are.
+    nodes : (N, 3) float64
+    distance_mm : float
+        At which the chart stays, as the focus does.
+    sigma_px : float
+        Of a node's place in a photograph.
+    rim : (x, y)
+        How near to the frame's sides the chart's centre may come, in fractions of the frame.
+
+    Returns
+    -------
+    NextView or None
+        None where no pose fits into the frame.
+    """
+    shape = rigid_shape(nodes)
+    information = np.diag([LOOSE[unit](camera) ** -2 for unit in camera.units])
+    for pose in poses:
+        gain = _information(camera, pose, nodes, shape, sigma_px)
+        information = information if gain is None else information + gain
+    places = [(x, y) for x in (rim[0], 0.5, 1 - rim[0]) for y in (rim[1], 0.5, 1 - rim[1])]
+    return next(iter(_ranked(camera, information, nodes, shape, sigma_px, (distance_mm,), places)), None)
+
+
+def _ranked(
+    camera: Camera, information: Array, nodes: Array, shape: ShapeModel, sigma_px: float,
+    distances_mm: Sequence[float], places: Sequence[tuple[float, float]] = tuple(product(PLACES, PLACES)),
+) -> list[NextView]:  # fmt: skip
+    """The poses that can be photographed by what camera and chart are known to afterwards."""
     A = _projection(camera)
-    before = _rms(A, _scaled(found)[:known, :known])
+    before = _rms(A, np.asarray(np.linalg.inv(information), dtype=np.float64))
     answers = []
-    for at, (yaw, pitch), share in product(product(PLACES, PLACES), TILTS_DEG, SHARES):
-        pose = chart_at(camera, at, yaw, pitch, share * usual)
-        gain = _information(camera, pose, nodes + found.state.deviations_mm(shape), shape, sigma)
+    for at, (yaw, pitch), distance in product(places, TILTS_DEG, distances_mm):
+        gain = _information(camera, chart_at(camera, at, yaw, pitch, distance), nodes, shape, sigma_px)
         if gain is not None:
             after = _rms(A, np.asarray(np.linalg.inv(information + gain), dtype=np.float64))
-            answers.append(NextView(at, yaw, pitch, share * usual, before, after))
+            answers.append(NextView(at, yaw, pitch, distance, before, after))
     return sorted(answers, key=lambda one: one.after_px)
 
 
@@ -137,7 +183,7 @@ def next_view_words(one: NextView) -> str:
 
 def _words(one: NextView) -> Iterator[str]:
     x, y = ("left", "middle", "right"), ("upper", "middle", "lower")
-    row, column = (names[PLACES.index(share)] for names, share in ((y, one.at[1]), (x, one.at[0])))
+    row, column = (names[(share >= 0.5) + (share > 0.5)] for names, share in ((y, one.at[1]), (x, one.at[0])))
     yield "the middle of the frame" if (row, column) == ("middle", "middle") else f"the {row} {column} of the frame"
     yield f"{one.distance_mm:.0f} mm away"
     if one.yaw_deg:

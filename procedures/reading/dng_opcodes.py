@@ -1,7 +1,8 @@
 """Opcodes of a DNG: what a developer is to do with the picture, written into a copy of the file, and read.
 
 Nothing of the file is changed but one pointer: the directory of the mosaic is written again at the end, its tags as
-they were, OpcodeList3 (applied to the demosaicked picture) beside them. Reference: Adobe DNG 1.6, chapters 4 and 7.
+they were, OpcodeList2 (applied to the mosaic) and OpcodeList3 (to the demosaicked picture) beside them.
+Reference: Adobe DNG 1.6, chapters 4 and 7.
 """
 
 from __future__ import annotations
@@ -11,10 +12,13 @@ import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+import numpy.typing as npt
+
 from procedures.outcome import BadInput
 
-OPCODE_LIST_3 = 51022
-WARP_RECTILINEAR, FIX_VIGNETTE_RADIAL = 1, 3
+OPCODE_LIST_2, OPCODE_LIST_3 = 51009, 51022
+WARP_RECTILINEAR, FIX_VIGNETTE_RADIAL, GAIN_MAP = 1, 3, 9
 VERSION = bytes((1, 3, 0, 0))
 """Of the specification that has these opcodes."""
 OPTIONAL = 1
@@ -49,14 +53,56 @@ def fix_vignette_radial(terms: Sequence[float], centre: tuple[float, float]) -> 
     return Opcode(FIX_VIGNETTE_RADIAL, struct.pack(">7d", *terms, *centre))
 
 
+@dataclass(frozen=True, eq=False)
+class GainMap:
+    """Gains over the frame, that of every pixel between four points bilinear.
+
+    Attributes
+    ----------
+    size : (columns, rows)
+        Of the mosaic.
+    origin : (x, y)
+        First pixel that it is for; others follow at every `pitch` of them.
+    gains : (rows, columns) float32
+        At points spread evenly from side to side: the first at 0, the last at 1 of the frame, whose pixels' centres lie
+        at (i + 1/2) / n.
+    """
+
+    size: tuple[int, int]
+    origin: tuple[int, int]
+    pitch: int
+    gains: npt.NDArray[np.float32]
+
+    def opcode(self) -> Opcode:
+        """As it stands in a file."""
+        (columns, rows), (x, y), (v, h) = self.size, self.origin, self.gains.shape
+        area = struct.pack(">10I", y, x, rows, columns, 0, 1, self.pitch, self.pitch, v, h)
+        spacing = struct.pack(">4dI", 1 / (v - 1), 1 / (h - 1), 0.0, 0.0, 1)
+        return Opcode(GAIN_MAP, area + spacing + self.gains.astype(">f4").tobytes())
+
+    @classmethod
+    def of(cls, opcode: Opcode) -> GainMap:
+        """From an opcode that `opcode` made."""
+        y, x, rows, columns, _, _, pitch, _, v, h = struct.unpack_from(">10I", opcode.data)
+        gains = np.frombuffer(opcode.data, ">f4", v * h, offset=76).reshape(v, h).astype(np.float32)
+        return cls((columns, rows), (x, y), pitch, gains)
+
+
 def doubles_of(opcode: Opcode) -> tuple[float, ...]:
     """The numbers of one of these two, the count of planes left out."""
     head = 4 if opcode.number == WARP_RECTILINEAR else 0
     return struct.unpack(f">{(len(opcode.data) - head) // 8}d", opcode.data[head:])
 
 
-def with_opcodes(data: bytes, opcodes: Sequence[Opcode], name: str) -> bytes:
-    """The DNG with these opcodes for its mosaic, in place of those that it had.
+def with_opcodes(data: bytes, opcodes: Sequence[Opcode], name: str, on_mosaic: Sequence[Opcode] = ()) -> bytes:
+    """The DNG with these opcodes, in place of those that it had.
+
+    Parameters
+    ----------
+    opcodes : sequence of Opcode
+        For the demosaicked picture.
+    on_mosaic : sequence of Opcode
+        For the mosaic; where there is none, those of the file stay.
 
     Raises
     ------
@@ -67,25 +113,27 @@ def with_opcodes(data: bytes, opcodes: Sequence[Opcode], name: str) -> bytes:
         order, pointer, entries, following = _mosaic_directory(data, name)
     except struct.error as error:
         raise BadInput(f"{name} ends within a directory", "give the file as the camera wrote it") from error
-    content = _list(opcodes)
     out = bytearray(data) + b"\0" * (len(data) % 2)
-    value_at = len(out)
-    out += content + b"\0" * (len(content) % 2)
-    new = struct.pack(order + "HHI", OPCODE_LIST_3, UNDEFINED, len(content)) + struct.pack(order + "I", value_at)
-    kept = [one for one in entries if struct.unpack_from(order + "H", one)[0] != OPCODE_LIST_3]
-    rewritten = sorted([*kept, new], key=lambda one: int(struct.unpack_from(order + "H", one)[0]))
+    lists = {OPCODE_LIST_3: opcodes} | ({OPCODE_LIST_2: on_mosaic} if on_mosaic else {})
+    new = []
+    for tag, told in lists.items():
+        content = _list(told)
+        new.append(struct.pack(order + "HHII", tag, UNDEFINED, len(content), len(out)))
+        out += content + b"\0" * (len(content) % 2)
+    kept = [one for one in entries if struct.unpack_from(order + "H", one)[0] not in lists]
+    rewritten = sorted([*kept, *new], key=lambda one: int(struct.unpack_from(order + "H", one)[0]))
     struct.pack_into(order + "I", out, pointer, len(out))
     out += struct.pack(order + "H", len(rewritten)) + b"".join(rewritten) + struct.pack(order + "I", following)
     return bytes(out)
 
 
-def opcodes_in(data: bytes, name: str) -> list[Opcode]:
-    """The opcodes of OpcodeList3 of a DNG's mosaic; raises BadInput as `with_opcodes`."""
+def opcodes_in(data: bytes, name: str, list_tag: int = OPCODE_LIST_3) -> list[Opcode]:
+    """The opcodes of one list of a DNG's mosaic; raises BadInput as `with_opcodes`."""
     try:
         order, _, entries, _ = _mosaic_directory(data, name)
         for one in entries:
             tag, _, count, at = struct.unpack(order + "HHII", one)
-            if tag == OPCODE_LIST_3:
+            if tag == list_tag:
                 return _read_list(data[at : at + count])
     except struct.error as error:
         raise BadInput(f"{name} ends within a directory", "give the file as the camera wrote it") from error

@@ -106,7 +106,7 @@ class SimulatedBench:
         return Hands(self, self._seed)
 
     def show(self, subject: str) -> None:
-        """Stand before "chart", "wall" or "depth"; a person who had begun with another subject begins again."""
+        """Stand before one of `SUBJECTS`; a person who had begun with another subject begins again."""
         if subject == self.subject:
             return
         self.__dict__.pop("hands", None)

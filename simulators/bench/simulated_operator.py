@@ -40,6 +40,7 @@ SET_UP = (
     "mounted",
     "wall",
     "scene",
+    "panel",
     "focused",
     "refocused",
     "focused_near",
@@ -135,7 +136,7 @@ class Hands:
                 view.cell_mm = float(facts.get("chart_width_mm", self._person.width_mm)) / 320 * self._person.printer
             case "mounted":
                 view.mount = self._mount()
-            case "wall" | "scene":
+            case "wall" | "scene" | "panel":
                 view.mount = self._before_wall()
             case "first":
                 self._shake(())

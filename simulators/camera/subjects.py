@@ -71,6 +71,15 @@ def depth(rng: np.random.Generator) -> Subject:
     return Subject(sheets, 16.0, MOTIONS)
 
 
+PANEL_MM = 4000.0
+"""Side of the light panel: it fills the frame from anywhere on the rail."""
+
+
+def panel(rng: np.random.Generator) -> Subject:
+    """A panel that shines evenly."""
+    return Subject((Sheet(np.ones((8, 8), dtype=np.float32), PANEL_MM / 8),))
+
+
 def _cover(inside: npt.NDArray[np.bool_]) -> Frame:
     return smooth(inside.astype(np.float32))
 
@@ -79,5 +88,6 @@ SUBJECTS: Mapping[str, Callable[[np.random.Generator], Subject]] = {
     "chart": lambda rng: Subject(),
     "wall": wall,
     "depth": depth,
+    "panel": panel,
 }
 """By the name that plans call them."""

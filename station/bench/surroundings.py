@@ -39,7 +39,7 @@ class Surroundings:
         return None
 
     def stand_before(self, subject: str) -> None:
-        """The rig stands before "chart", "wall" or "depth"."""
+        """The rig stands before "chart", "wall", "depth" or "panel"."""
 
     def number_next_frame(self, number: int) -> None:
         """The next frame is the session's shot of this number."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -71,6 +72,7 @@ def measure_sensor(
     shots: Sequence[Shots],
     plane: str | None,
     tell: Callable[[Iterator[Path]], Iterator[Path]] = lambda paths: paths,
+    read: Callable[[Path], RawFrame] | None = None,
 ) -> SensorFiles:
     """Every plane asked for; the pictures are read once, one after the other.
 
@@ -80,6 +82,8 @@ def measure_sensor(
         A plane's name; "all" or None for every plane.
     tell : callable
         Sees every path as it is read.
+    read : callable, optional
+        Gives a picture; by default its file is opened.
 
     Raises
     ------
@@ -89,9 +93,10 @@ def measure_sensor(
     gathered: dict[str, _Gathered] = {}
     inputs: list[dict[str, str]] = []
     exposures: list[Exposure] = []
+    opened = read or partial(read_frame, names=None if plane in (None, "all") else [str(plane)])
     paths = tell(path for one in shots for path in one.paths)
     for one in shots:
-        frames = (_read(next(paths), plane, inputs, exposures) for _ in one.paths)
+        frames = (_checked(opened(next(paths)), inputs, exposures) for _ in one.paths)
         _gather(gathered, one, frames)
     light = any(one.photons is not None for one in shots)
     planes = [
@@ -102,13 +107,12 @@ def measure_sensor(
     return SensorFiles(inputs, first.camera, first.iso, planes)
 
 
-def _read(path: Path, plane: str | None, inputs: list[dict[str, str]], exposures: list[Exposure]) -> RawFrame:
-    frame = read_frame(path, None if plane in (None, "all") else [str(plane)])
-    inputs.append({"path": str(path), "sha256": frame.sha256})
+def _checked(frame: RawFrame, inputs: list[dict[str, str]], exposures: list[Exposure]) -> RawFrame:
+    inputs.append({"path": str(frame.path), "sha256": frame.sha256})
     exposures.append(frame.exposure)
     if frame.exposure.iso != exposures[0].iso:
         raise BadInput(
-            f"all pictures must be of one sensitivity; {path} is of ISO {frame.exposure.iso}, those before it of "
+            f"all pictures must be of one sensitivity; {frame.path} is of ISO {frame.exposure.iso}, those before it of "
             f"{exposures[0].iso}",
             _ONE_CAMERA,
         )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from procedures.sensor.measured import Measured
 from procedures.sensor.noise import linear_snr, total_snr
 from station.calibration.sensor import SensorFiles, SensorPlane
 from station.results.exports import csv_bytes
+from station.results.record_head import InputFile, RecordHead
 from station.results.result_files import ResultFolder, interval_entry, npy, software, write_record
 
 Array = npt.NDArray[np.float64]
@@ -38,6 +39,18 @@ def write_sensor_result(
     folder: ResultFolder, found: SensorFiles, parameters: Mapping[str, Any], start: float, page: bytes | None
 ) -> str:
     """Write the tables of every plane that was not refused, the XML, the page and the record; the record's text."""
+    head = RecordHead("sensor", tuple(InputFile(**one) for one in found.inputs), parameters)
+    return write_sensor_record(folder, found, head, page, start)
+
+
+def write_sensor_record(
+    folder: ResultFolder,
+    found: SensorFiles,
+    head: RecordHead,
+    page: bytes | None = None,
+    start: float | None = None,
+) -> str:
+    """The same; `start` tells when it began where that is to be told."""
     for plane in found.planes:
         if plane.outcome.value is not None:
             _write_plane(folder, plane.name, plane.outcome.value)
@@ -47,16 +60,15 @@ def write_sensor_result(
     folder.write("emva1288.xml", summary_xml(found))
     if page is not None:
         folder.write("report.html", page)
+    if start is not None:
+        head = replace(head, duration_s=round(time.perf_counter() - start, 3))
     record = {
         "schema": SCHEMA,
-        "procedure": "sensor",
+        **head.told(),
         "camera": found.camera,
         "iso": found.iso,
-        "input": list(found.inputs),
-        "parameters": dict(parameters),
         "planes": {plane.name: _plane_entry(plane) for plane in found.planes},
         "software": software(),
-        "duration_s": round(time.perf_counter() - start, 3),
     }
     return write_record(folder, record)
 

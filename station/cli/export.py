@@ -24,6 +24,7 @@ LENSES = ("lensfun", "dng")
 @click.option("--plane", help="Of a PSF field.  [default: G1, or the first there is]")
 @click.option("--field", type=click.Path(path_type=Path), help="lensfun: a field's result, for lateral colour.")
 @click.option("--vignetting", type=click.Path(path_type=Path), help="lensfun, dng: a result of station vignetting.")
+@click.option("--gain-map", is_flag=True, help="dng: vignetting as a map of gains for each plane, colour shading too.")
 @click.option("--photo", type=click.Path(path_type=Path), help="dng: the photograph that is copied.")
 @click.option("--maker", default="unknown", show_default=True, help="lensfun: of camera and lens.")
 @click.option("--camera", help="lensfun: its model.  [default: as the field tells]")
@@ -39,6 +40,7 @@ def export(
     plane: str | None,
     field: Path | None,
     vignetting: Path | None,
+    gain_map: bool,
     photo: Path | None,
     maker: str,
     camera: str | None,
@@ -63,7 +65,7 @@ def export(
         given = GivenNames(maker, camera, lens, focal_length_mm, f_number, pixel_pitch_um)
         _export_lensfun(result, field, vignetting, given, out)
     elif form == "dng":
-        _export_dng(result, vignetting, photo, out)
+        _export_dng(result, vignetting, photo, out, gain_map=gain_map)
     else:
         _export_camera(result, form, out)
     log("written", f"wrote {out}", path=str(out))
@@ -114,7 +116,7 @@ def _export_lensfun(result: Path, field: Path | None, vignetting: Path | None, g
     _tell_lost(made.lost)
 
 
-def _export_dng(result: Path, vignetting: Path | None, photo: Path | None, out: Path) -> None:
+def _export_dng(result: Path, vignetting: Path | None, photo: Path | None, out: Path, *, gain_map: bool) -> None:
     from procedures.outcome import BadParameter
     from procedures.raw import default_plane, read_frame
     from procedures.reading.guard import read_file
@@ -131,10 +133,21 @@ def _export_dng(result: Path, vignetting: Path | None, photo: Path | None, out: 
     stored = None if of_light else read_camera(result)
     light = result if of_light else vignetting
     data = read_file(photo)
-    frame = read_frame(photo, [default_plane(photo)], data=data)
+    frame = read_frame(photo, None if gain_map else [default_plane(photo)], data=data)
     plane = next(iter(frame.planes.values()))
     rows, columns = (n * plane.pitch for n in plane.samples.shape)
-    made = export_dng(data, photo.name, stored, green_of(read_vignetting(light)) if light else None, (columns, rows))
+    lights = read_vignetting(light) if light else {}
+    green = green_of(lights) if light and not gain_map else None
+    shading = None
+    if gain_map:
+        missing = [name for name in frame.planes if name not in lights]
+        if missing:
+            raise BadParameter(
+                f"a map of gains is needed for every plane; the flats tell none of {', '.join(missing)}",
+                "give the result of station vignetting, of RAW files of this camera",
+            )
+        shading = {name: (lights[name], one.origin) for name, one in frame.planes.items()}
+    made = export_dng(data, photo.name, stored, green, (columns, rows), shading)
     write_whole(out, made.data)
     _tell_lost(made.lost)
 

@@ -75,13 +75,13 @@ def _two_photo() -> Plan:
 
 
 def _field() -> Plan:
-    from station.guide.field_plan import plan
+    from station.guide.plans.field import plan
 
     return plan()
 
 
 def _field_results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
-    from station.guide.field_plan import results
+    from station.guide.plans.field import results
 
     return results(outcomes, terms, facts)
 
@@ -117,12 +117,63 @@ def _write_restoration(
     return write_plane(folder, picture, frames, head)
 
 
+def _geometry() -> Plan:
+    from procedures.geometry.plan import plan
+
+    return plan()
+
+
+def _found_results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
+    from station.results.plane_result import PlaneResult
+
+    return [
+        PlaneResult(
+            name, one.verdict, one.reason, one.remedy, found=one.value,
+            numbers={} if one.value is None else one.value.numbers(),
+        )
+        for name, one in outcomes.items()
+    ]  # fmt: skip
+
+
+def _write_geometry(
+    folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead
+) -> str:
+    from station.reports.geometry_files import write_plane
+
+    (plane,) = planes
+    return write_plane(folder, plane, frames, head)
+
+
+def _sensor() -> Plan:
+    from station.guide.plans.sensor import plan
+
+    return plan()
+
+
+def _sensor_results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
+    from station.guide.plans.sensor import results
+
+    return results(outcomes)
+
+
+def _write_sensor(
+    folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead
+) -> str:
+    from station.guide.plans.sensor import write
+
+    return write(folder, planes, head)
+
+
 PLANS = {
     "pattern": GuidedProcedure("the PSF from a printed noise chart", _pattern),
     "two-photo": GuidedProcedure("the PSF from two photographs of a textured wall", _two_photo),
     "field": GuidedProcedure(
         "the PSF over the whole frame, from the chart at many places", _field, _field_results, _write_field
     ),
+    "geometry": GuidedProcedure(
+        "intrinsics and distortion, from the chart in many poses", _geometry, _found_results, _write_geometry
+    ),
+    "sensor": GuidedProcedure("gain, noise and non-uniformity of a sensor", _sensor, _sensor_results, _write_sensor),
     "restoration": GuidedProcedure(
         "picture and depth from two blurred photographs", _restoration, _restoration_results, _write_restoration
     ),

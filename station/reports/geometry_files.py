@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -13,8 +13,10 @@ import numpy.typing as npt
 from procedures.geometry.cameras import distortion
 from procedures.geometry.estimate import Geometry, PosedView
 from procedures.outcome import Outcome, Quantity
+from procedures.raw import RawFrame
 from station.calibration.geometry import Shoot, ViewRecord
 from station.results.exports import csv_bytes, numbers_table
+from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead, files_read
 from station.results.result_files import ResultFolder, npy, software, write_record
 
@@ -34,15 +36,41 @@ def write_geometry_result(
     report: bool = False,
 ) -> str:
     """Write covariances, tables, the page where it is wanted, and the record; returns the record's text."""
-    found = outcome.value
-    if found is not None:
-        _write_tables(folder, shoot, found)
     head = RecordHead("geometry", files_read(shoot.records), parameters)
-    if found is not None and report:
+    _write_files(folder, shoot, outcome, head, report=report)
+    return _write_record(folder, shoot, outcome, replace(head, duration_s=round(time.perf_counter() - start, 3)))
+
+
+def write_plane(folder: ResultFolder, plane: PlaneResult, frames: Sequence[RawFrame], head: RecordHead) -> str:
+    """The same files of a guided session's one plane and its photographs; what was refused has its record alone."""
+    found: Geometry | None = plane.found
+    views = {} if found is None else {one.view.source: one.view for one in found.views}
+    records, size = [], (0, 0)
+    for frame in frames:
+        view, of = views.get(frame.path.name), frame.planes.get(plane.name)
+        records.append(ViewRecord(frame.path, frame.sha256, view, plane.verdict))
+        if of is not None:
+            size = (of.samples.shape[1] * of.pitch, of.samples.shape[0] * of.pitch)
+    shoot = Shoot(plane.name, size, tuple(records))
+    outcome = Outcome(found, plane.verdict, plane.reason, plane.remedy)
+    _write_files(folder, shoot, outcome, head, report=True)
+    return _write_record(folder, shoot, outcome, head)
+
+
+def _write_files(
+    folder: ResultFolder, shoot: Shoot, outcome: Outcome[Geometry], head: RecordHead, *, report: bool
+) -> None:
+    """Covariances, tables and the page where it is wanted."""
+    if outcome.value is None:
+        return
+    _write_tables(folder, shoot, outcome.value)
+    if report:
         from station.reports.geometry_page import geometry_page  # it draws: that import is slow
 
         folder.write(PAGE, geometry_page(shoot, outcome, head).encode())
-    head = replace(head, duration_s=round(time.perf_counter() - start, 3))
+
+
+def _write_record(folder: ResultFolder, shoot: Shoot, outcome: Outcome[Geometry], head: RecordHead) -> str:
     planes = {shoot.plane: geometry_entry(shoot, outcome)}
     return write_record(folder, {"schema": SCHEMA, **head.told(), "planes": planes, "software": software()})
 

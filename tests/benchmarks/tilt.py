@@ -100,6 +100,7 @@ def main(rounds: int = 3, corner_um: float = 80.0, seed: int = 1) -> None:
             turned = np.array([one["turn"]["value"] for one in told["screws"]])
             slips = SCREWS.turn_uncertainty * rng.standard_normal(SCREWS.count)
             slopes = slopes + np.linalg.solve(SCREWS.heights, 1000 * SCREWS.pitch_mm * (turned + slips))[1:]
+            print(f"  turned: corner truly {np.abs(CORNERS @ slopes).max():.2f} um", flush=True)
 
 
 if __name__ == "__main__":

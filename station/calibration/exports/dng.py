@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy.typing as npt
 
 from procedures.geometry.radial import RadialCamera, as_radial
 from procedures.outcome import BadParameter
-from procedures.reading.dng_opcodes import Opcode, fix_vignette_radial, warp_rectilinear, with_opcodes
+from procedures.reading.dng_opcodes import GainMap, Opcode, fix_vignette_radial, warp_rectilinear, with_opcodes
 from procedures.vignetting.formula import even_powers
 from station.calibration.exports.geometry import StoredCamera
 from station.calibration.exports.lensfun import PLACES, pitch_of
@@ -30,6 +31,7 @@ class DngExport:
 
 def export_dng(
     data: bytes, name: str, stored: StoredCamera | None, vignetting: StoredVignetting | None, size: tuple[int, int],
+    shading: Mapping[str, tuple[StoredVignetting, tuple[int, int]]] | None = None,
 ) -> DngExport:  # fmt: skip
     """A copy of a DNG with the opcodes of a camera and of its vignetting.
 
@@ -37,6 +39,8 @@ def export_dng(
     ----------
     size : (columns, rows)
         Of the photograph in the file.
+    shading : mapping of plane to its vignetting and its first pixel (x, y), optional
+        In place of `vignetting`: a map of gains for each plane of the mosaic.
 
     Raises
     ------
@@ -55,11 +59,16 @@ def export_dng(
         opcode, words = warp_opcode(stored, size)
         opcodes.append(opcode)
         lost.append(words)
-    if not opcodes:
+    maps = []
+    for of, origin in (shading or {}).values():
+        gains, words = gain_map(of, origin, size)
+        maps.append(gains.opcode())
+        lost.append(words)
+    if not (opcodes or maps):
         raise BadParameter(
             "a DNG takes a geometry, a vignetting or both; there is neither", "name one of their results"
         )
-    return DngExport(with_opcodes(data, opcodes, name), tuple(lost))
+    return DngExport(with_opcodes(data, opcodes, name, maps), tuple(lost))
 
 
 def warp_opcode(stored: StoredCamera, size: tuple[int, int]) -> tuple[Opcode, str]:
@@ -93,6 +102,23 @@ def vignette_opcode(found: StoredVignetting, columns: int, rows: int) -> tuple[O
     fit = even_powers(r, 1 / light.at(places), VIGNETTE_TERMS)
     words = f"FixVignetteRadial: {fit.lost:.2%} of the light rms, {fit.most:.2%} at most, are lost; no colour shading"
     return fix_vignette_radial(list(fit.terms), over_frame(centre, size)), words
+
+
+def gain_map(found: StoredVignetting, origin: tuple[int, int], size: tuple[int, int]) -> tuple[GainMap, str]:
+    """One over the light of a plane, 1 at the frame's centre, and what the straight lines between its points lose."""
+    pitch = pitch_of(found.light.shape, *size)
+
+    def gain(columns: Array, rows: Array) -> Array:
+        x, y = np.meshgrid(columns, rows)
+        sensor = np.column_stack([x.ravel(), y.ravel()]) * size - 0.5
+        return np.asarray(1 / found.light.at((sensor - origin) / pitch)).reshape(x.shape)
+
+    at = np.linspace(0, 1, PLACES)
+    gains = gain(at, at)
+    between = (at[1:] + at[:-1]) / 2
+    straight = (gains[1:, 1:] + gains[1:, :-1] + gains[:-1, 1:] + gains[:-1, :-1]) / 4
+    most = float(np.abs(straight / gain(between, between) - 1).max())
+    return GainMap(size, origin, pitch, gains.astype(np.float32)), f"GainMap of {found.plane}: {most:.3%} at most"
 
 
 def farthest(centre: tuple[float, float] | Array, size: tuple[int, int]) -> float:

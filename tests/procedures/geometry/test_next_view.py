@@ -7,9 +7,9 @@ import pytest
 
 from procedures.geometry.cameras import simple_camera
 from procedures.geometry.choice import first_state, fit_model
-from procedures.geometry.next_view import NextView, chart_at, next_view_words, next_views
+from procedures.geometry.next_view import NextView, chart_at, next_view_words, next_views, planned_view
 from procedures.geometry.shape import shape_model
-from procedures.geometry.views import ChartView
+from procedures.geometry.views import ChartView, chart_nodes
 
 from .conftest import PLAIN, SMALL
 from .simulated_views import take
@@ -58,3 +58,22 @@ def test_the_sides_that_are_nearer_are_named_as_they_are():
 
 def _camera():
     return simple_camera("PINHOLE", (900.0, 900.0), (320.0, 240.0), (641, 481))
+
+
+def test_views_planned_one_after_the_other_go_to_several_sides_and_tell_more_and_more():
+    camera = simple_camera("OPENCV", (4000.0, 4000.0), (319.5, 239.5), (640, 480))
+    nodes = chart_nodes(0.3)
+    poses, reached = [], []
+    for _ in range(5):
+        wanted = planned_view(camera, poses, nodes, 1700.0, 0.02, (0.25, 0.3))
+        poses.append(chart_at(camera, wanted.at, wanted.yaw_deg, wanted.pitch_deg, wanted.distance_mm))
+        reached.append(wanted.after_px)
+        assert wanted.at[0] in (0.25, 0.5, 0.75)
+    assert sorted(reached, reverse=True) == reached
+    assert reached[-1] < reached[0] / 5**0.5  # what the same view five times would do
+    assert len({tuple(np.round(pose.R[2], 1)) for pose in poses}) >= 3
+
+
+def test_no_view_is_planned_where_the_chart_is_larger_than_the_frame():
+    camera = simple_camera("OPENCV", (4000.0, 4000.0), (319.5, 239.5), (640, 480))
+    assert planned_view(camera, [], chart_nodes(5.0), 1700.0, 0.02, (0.25, 0.3)) is None

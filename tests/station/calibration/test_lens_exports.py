@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import rawpy
 from click.testing import CliRunner
+from scipy.ndimage import map_coordinates
 
 from drivers.frame_files.dng import Shot, write_dng
 from procedures.field.chromatic import LateralColour
@@ -19,7 +20,7 @@ from procedures.geometry.radial import as_radial
 from procedures.outcome import BadInput, BadParameter
 from procedures.psf_field import in_half_diagonals
 from procedures.raw import read_frame
-from procedures.reading.dng_opcodes import doubles_of, opcodes_in, with_opcodes
+from procedures.reading.dng_opcodes import OPCODE_LIST_2, GainMap, doubles_of, opcodes_in, with_opcodes
 from procedures.vignetting.formula import LightSurface
 from station.__main__ import main
 from station.calibration.exports.dng import export_dng, farthest
@@ -180,6 +181,27 @@ def test_the_gain_of_the_opcode_is_one_over_the_light(photo):
     assert np.ptp(even) / even.mean() < 1e-4  # a Gaussian by five even powers
 
 
+def test_gain_maps_make_every_plane_of_the_mosaic_even(photo, tmp_path):
+    # red falls off by another law: the map holds colour shading, which one radial formula cannot
+    red = LightSurface(PLANE, 2, np.array([0.05, 0.0, -0.5, 0.1, -0.4]))
+    lights = {"R": (StoredVignetting("R", red, CENTRE), (0, 0)), "G1": (StoredVignetting("G1", LIGHT, CENTRE), (1, 0))}
+    made = export_dng(photo.read_bytes(), "photo", None, None, (COLUMNS, ROWS), lights)
+    (tmp_path / "copy.dng").write_bytes(made.data)
+    with rawpy.imread(str(photo)) as before, rawpy.imread(str(tmp_path / "copy.dng")) as after:
+        np.testing.assert_array_equal(before.raw_image, after.raw_image)
+    told = opcodes_in(made.data, "copy", OPCODE_LIST_2)
+    assert [one.number for one in told] == [9, 9]
+    for opcode, (stored_light, origin) in zip(told, lights.values(), strict=True):
+        found = GainMap.of(opcode)
+        assert (found.origin, found.pitch, found.size) == (origin, 2, (COLUMNS, ROWS))
+        y, x = np.mgrid[origin[1] : ROWS : 38, origin[0] : COLUMNS : 38].reshape(2, -1).astype(float)
+        # as the specification's reader: centres at (i + 1/2) / n, bilinear between the points
+        at = np.stack([(y + 0.5) / ROWS, (x + 0.5) / COLUMNS]) * (np.array(found.gains.shape)[:, None] - 1)
+        gain = map_coordinates(found.gains, at, order=1)
+        even = gain * stored_light.light.at((np.column_stack([x, y]) - origin) / 2)
+        assert np.abs(even - 1).max() < 5e-4  # 41 points a side, the curvature of the light between them
+
+
 def test_opcodes_take_the_place_of_those_that_were_there(photo):
     once = export_dng(photo.read_bytes(), "photo", stored(), None, (COLUMNS, ROWS)).data
     twice = export_dng(once, "photo", stored(DECENTRED), None, (COLUMNS, ROWS)).data
@@ -214,5 +236,9 @@ def test_the_commands_measure_flats_and_export(photo, tmp_path):
     run = CliRunner().invoke(main, ["export", str(tmp_path / "v"), "--to", "dng", "--photo", str(photo), str(copy)])
     assert run.exit_code == 0, run.output
     assert [one.number for one in opcodes_in(copy.read_bytes(), "copy")] == [3]
+    told = ["export", str(tmp_path / "v"), "--to", "dng", "--photo", str(photo), "--gain-map", str(copy)]
+    run = CliRunner().invoke(main, told)
+    assert run.exit_code == 0, run.output
+    assert [one.number for one in opcodes_in(copy.read_bytes(), "copy", OPCODE_LIST_2)] == [9, 9, 9, 9]
     run = CliRunner().invoke(main, ["export", str(tmp_path / "v"), "--to", "dng", str(copy)])
     assert run.exit_code == 2

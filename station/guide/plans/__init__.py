@@ -1,0 +1,1 @@
+"""Plans whose estimates put files and photographs together as the commands do."""

@@ -1,0 +1,78 @@
+"""The guided plan of a sensor, with the estimate that sorts its pictures by light and characterises every plane."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from procedures.facts import facts_as
+from procedures.outcome import BadInput, Outcome, Verdict
+from procedures.plan import Facts, Known, Outcomes, Plan
+from procedures.raw import RawFrame
+from procedures.sensor import plan as guide
+from procedures.sensor.facts import SensorFacts, mark_of
+from station.calibration.sensor import SensorFiles, SensorPlane, measure_sensor
+from station.calibration.sensor_files import write_sensor_record
+from station.calibration.sensor_folder import DARK, LIGHT, Shots
+from station.results.plane_result import PlaneResult
+from station.results.record_head import RecordHead
+from station.results.result_files import ResultFolder
+
+
+def plan() -> Plan:
+    """The plan."""
+    return guide.plan(estimate)
+
+
+def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes:
+    """By plane the whole sensor, with the plane's verdict; a refusal in its place where the pictures give none."""
+    lit = facts_as(SensorFacts, facts).lit
+    groups: dict[float, list[int]] = {}
+    exposures, names = [], {}
+    for i, frame in enumerate(frames):
+        exposures.append(frame.exposure.exposure_s or 1.0)
+        names[frame.path] = i
+        if (light := lit.get(mark_of(frame.sha256))) is not None:
+            groups.setdefault(light, []).append(i)
+    paths = list(names)
+    shots = [
+        Shots(
+            LIGHT if light else DARK, exposures[taken[0]], None, light or None, tuple(paths[i] for i in taken)
+        )
+        for light, taken in sorted(groups.items())
+    ]  # fmt: skip
+    try:
+        found = measure_sensor(shots, None, read=lambda path: frames[names[path]])
+    except BadInput as refusal:
+        planes = frames[0].planes if frames else ()
+        return {name: Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy) for name in planes}
+    return {one.name: _of_whole(found, one) for one in found.planes}
+
+
+def _of_whole(found: SensorFiles, one: SensorPlane) -> Outcome[SensorFiles]:
+    outcome = one.outcome
+    return Outcome(found, outcome.verdict, outcome.reason, outcome.remedy)
+
+
+def results(outcomes: Mapping[str, Outcome[SensorFiles]]) -> list[PlaneResult]:
+    """Every plane's numbers; what was found is the whole sensor."""
+    return [_result(name, one) for name, one in outcomes.items()]
+
+
+def _result(name: str, one: Outcome[SensorFiles]) -> PlaneResult:
+    whole = one.value
+    of = None if whole is None else next(plane for plane in whole.planes if plane.name == name).outcome.value
+    numbers = {} if of is None else dict(of.numbers)
+    return PlaneResult(name, one.verdict, one.reason, one.remedy, found=whole, numbers=numbers)
+
+
+def write(folder: ResultFolder, planes: Sequence[PlaneResult], head: RecordHead) -> str:
+    """The files of `station sensor`, of a session's pictures."""
+    whole = next((one.found for one in planes if one.found is not None), None)
+    if whole is None:
+        refused = [
+            SensorPlane(one.name, Outcome(None, one.verdict, one.reason, one.remedy), (), 1.0, None) for one in planes
+        ]
+        return write_sensor_record(folder, SensorFiles((), None, None, refused), head)
+    from station.reports.sensor_page import sensor_page  # it draws: that import is slow
+
+    return write_sensor_record(folder, whole, head, sensor_page(whole))
