@@ -101,5 +101,5 @@ def colour_bar(figure: Figure, axes: Axes, image: Any, place: tuple[float, float
 
 
 def few_ticks(low: float, high: float) -> list[float]:
-    """At most five round numbers between two, for the ticks of a bar."""
-    return [float(one) for one in MaxNLocator(4).tick_values(low, high) if low <= one <= high]
+    """At most five round numbers between two, for the ticks of a bar; where there are none, the first of the two."""
+    return [float(one) for one in MaxNLocator(4).tick_values(low, high) if low <= one <= high] or [low]

@@ -76,7 +76,7 @@ def _panels(
     (rows, columns), width = shape, 3.2
     figure, axes_of = axes_grid(
         width * len(panels), width * 0.72 * min(rows / columns, 1.5) + 0.72, 1, len(panels),
-        rim_in=(0.42, 0.62, 0.44, 0.3), wspace=0.45,
+        rim_in=(0.42, 0.72, 0.44, 0.3), wspace=0.5,
     )  # fmt: skip
     x, y = places.x, places.y
     extent = (x[0] - _step(x), x[-1] + _step(x), y[-1] + _step(y), y[0] - _step(y))
