@@ -15,7 +15,7 @@ from procedures.outcome import ProcedureError, Refused
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.psf_field import Node
-from procedures.raw import Plane, RawFrame, read_frame, read_photograph
+from procedures.raw import Plane, RawFrame, read_frame
 from procedures.reading.sensor_dump import DumpLayout
 
 Told = Callable[[str], object]
@@ -55,7 +55,7 @@ class Measured:
 
 def measure(
     paths: Sequence[Path], names: Sequence[str] | None, chart: Chart, parameters: PatternParameters,
-    told: Told = silent, layout: DumpLayout | None = None, content: Callable[[Path], bytes] = read_photograph,
+    told: Told = silent, layout: DumpLayout | None = None, content: Callable[[Path], bytes] | None = None,
 ) -> Measured:  # fmt: skip
     """The nodes of all photographs, several at a time; one that fails is named, and the rest goes on.
 
@@ -66,11 +66,13 @@ def measure(
     layout : DumpLayout, optional
         How the samples lie in photographs without a header.
     content : callable, optional
-        Reads the files. What it raises that is no ProcedureError ends the measurement.
+        Reads the files, where they are not just read. What it raises that is no ProcedureError ends the measurement.
     """
     found = Measured()
 
     def read(path: Path) -> RawFrame:
+        if content is None:
+            return read_frame(path, names, layout)
         return read_frame(path, names, layout, data=content(path))
 
     for path, answer in zip(paths, _side_by_side(paths, read, chart, parameters), strict=True):

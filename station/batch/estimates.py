@@ -116,7 +116,7 @@ def _write_page(
 
 
 def _edges(procedure: Procedure, frame: RawFrame) -> Answer:
-    """The slanted edges of a photograph; it has no page."""
+    """The slanted edges of a photograph."""
     from station.calibration.edges import measure_edges, write_edge_result
 
     optics = _optics(procedure)
@@ -124,6 +124,11 @@ def _edges(procedure: Procedure, frame: RawFrame) -> Answer:
     records = list(measure_edges(frame, None, limit, procedure.terms, optics["pixel_pitch_um"]))
 
     def write(place: ResultFolder, head: RecordHead, page: bool) -> str:
+        if page:
+            from station.reports.edge_page import edge_page, edge_report  # here: it draws, which is slow to load
+
+            told = edge_report(frame, records, procedure.told(), procedure.terms)
+            place.write("report.html", edge_page(told, frame, records).encode())
         return write_edge_result(place, frame, records, head)
 
     return Answer([one.result for one in records], frame.exposure, write)

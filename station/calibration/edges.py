@@ -36,12 +36,15 @@ class EdgeRecord:
         The best edge's numbers in the terms that were asked for, held to the specification.
     at : tuple of float
         Where the MTF is told, in cycles per pixel of the plane.
+    limit : Diffraction or None
+        What diffraction allows, where it is known.
     """
 
     name: str
     outcomes: tuple[EdgeOutcome, ...]
     result: PlaneResult
     at: tuple[float, ...] = ()
+    limit: Diffraction | None = None
 
     @property
     def best(self) -> EdgeOutcome:
@@ -85,7 +88,7 @@ def measure_edges(
         known, at = limit(plane), terms.frequencies(pixels[plane.name])
         outcomes = [estimate_edge(plane, roi, known)] if roi else estimate_edges(plane, known)
         told = terms.told(_result(plane, outcomes[0], at), pixels[plane.name])
-        yield EdgeRecord(plane.name, tuple(outcomes), told, at)
+        yield EdgeRecord(plane.name, tuple(outcomes), told, at, known)
 
 
 def _result(plane: Plane, best: EdgeOutcome, at: Sequence[float]) -> PlaneResult:

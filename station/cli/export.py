@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from station.cli.psf.terms import plane_name
 from station.cli.terminal.numbers import Number
 from station.common.log import log, log_json_option
 
@@ -21,7 +22,7 @@ LENSES = ("lensfun", "dng")
 @click.command("export")
 @click.argument("result", type=click.Path(path_type=Path))
 @click.option("--to", "form", type=click.Choice((*CAMERAS, *PSFS, *LENSES)), required=True, help="Of which program.")
-@click.option("--plane", help="Of a PSF field.  [default: G1, or the first there is]")
+@click.option("--plane", callback=plane_name, help="Of a PSF field.  [default: G1, or the first there is]")
 @click.option("--field", type=click.Path(path_type=Path), help="lensfun: a field's result, for lateral colour.")
 @click.option("--vignetting", type=click.Path(path_type=Path), help="lensfun, dng: a result of station vignetting.")
 @click.option("--gain-map", is_flag=True, help="dng: vignetting as a map of gains for each plane, colour shading too.")

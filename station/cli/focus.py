@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from station.cli.psf.planes import chart_options, chart_source
+from station.cli.psf.terms import plane_name
 from station.cli.terminal.numbers import SEED
 from station.common.errors import REFUSED
 
@@ -30,7 +31,7 @@ BAR = 30
 @chart_options
 @click.option("-s", "s", type=click.IntRange(2, 16), default=4, show_default=True, help="PSF samples per pixel.")
 @click.option("-k", "k", type=click.IntRange(3, 101), default=17, show_default=True, help="PSF samples along a side.")
-@click.option("--plane", help="R, G1, G2, B or Y.  [default: G1 of a RAW file, Y of a grey image]")
+@click.option("--plane", callback=plane_name, help="R, G1, G2, B or Y.  [default: G1 of a RAW file, Y of a grey image]")
 @click.option("--equal-steps", is_flag=True, help="The ring is turned by one equal step from frame to frame.")
 @click.option("--frames", type=click.IntRange(min=1), help="End after so many photographs.  [default: on Ctrl-C]")
 @click.option("--json", "as_json", is_flag=True, help="Write one JSON object a photograph to stdout.")

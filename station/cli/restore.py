@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from station.cli.psf.planes import raw_option, told_layout
+from station.cli.psf.terms import plane_option
 from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import Number
 from station.common.errors import REFUSED
@@ -157,7 +158,7 @@ class _OneEach(click.Command):
 @click.option(
     "--exposure-s", type=Number(), multiple=True, help="Exposure time, for --imu.  [default: as the files tell]"
 )
-@click.option("--plane", help="R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]")
+@plane_option
 @click.option(
     "--encoding",
     type=click.Choice(["linear", "srgb"]),

@@ -15,6 +15,7 @@ import matplotlib
 from markupsafe import Markup, escape
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from station.drawing.colours import FAINT, INK
 from station.drawing.hover import with_titles
@@ -94,3 +95,8 @@ def colour_bar(figure: Figure, axes: Axes, image: Any, place: tuple[float, float
     bar.outline.set_visible(False)
     bar.ax.tick_params(length=0)
     return bar
+
+
+def few_ticks(low: float, high: float) -> list[float]:
+    """At most five round numbers between two, for the ticks of a bar; where there are none, the first of the two."""
+    return [float(one) for one in MaxNLocator(4).tick_values(low, high) if low <= one <= high] or [low]

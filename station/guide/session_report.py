@@ -17,8 +17,9 @@ from station.common.sanitise import printable
 from station.guide.catalogue import plan_named
 from station.guide.session_result import SessionResult, compute
 from station.reports.page import exposure_words
-from station.reports.pattern_report import PlaneSheet, Report, ReportLine, ReportShot, calibration_page
+from station.reports.pattern_report import METHODS, PlaneSheet, Report, ReportLine, ReportShot, calibration_page
 from station.results.overlay import Overlay
+from station.results.plane_result import PlaneResult
 from station.sessions.reader import SessionRecord, read_session, verify, verify_results
 from station.sessions.session_terms import terms_of_session
 from station.sessions.state import State, replay
@@ -70,7 +71,7 @@ def session_report(folder: Path, found: SessionResult | None = None) -> Report:
     record = read_session(folder)
     if not record.state.results:
         raise Refused(f"{folder.name} has no result yet", "go on with it: station session resume")
-    if PAGE in record.state.results[-1].files:
+    if record.state.plan not in METHODS:
         raise Refused(f"a {record.state.plan} has no certificate", "its page is report.html in the result's folder")
     verify(folder, record.state)
     drawn = max(i for i, line in enumerate(record.contents.lines) if line.event == "derived")
@@ -94,7 +95,7 @@ def _report(record: SessionRecord, state: State, found: SessionResult) -> Report
     return Report(
         subject=f"{printable(state.camera)}, {printable(state.lens)}",
         procedure=state.plan,
-        planes=[PlaneSheet(one, found.frames[0].planes[name]) for name, one in found.planes.items()],
+        planes=[PlaneSheet(_of_frame(one), found.frames[0].planes[name]) for name, one in found.planes.items()],
         shots=list(_shots(record.state, {frame.sha256: frame.exposure for frame in found.frames})),
         parameters={name: printable(value) for name, value in state.facts.items()},
         conditions=list(_conditions(state)),
@@ -104,6 +105,14 @@ def _report(record: SessionRecord, state: State, found: SessionResult) -> Report
         software=last.about["machine"]["software"],
         beside=f"{last.folder}/",
     )
+
+
+def _of_frame(one: PlaneResult) -> PlaneResult:
+    """A plane's result; of a field with its medians over the frame."""
+    from procedures.field.conclusion import FieldResult
+    from station.reports.field_files import with_medians
+
+    return with_medians(one, one.found) if isinstance(one.found, FieldResult) else one
 
 
 def _shots(state: State, noted: Mapping[str, Exposure]) -> Iterator[ReportShot]:

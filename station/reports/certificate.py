@@ -21,8 +21,16 @@ NUMBERS = (
     *("mtf50_horizontal", "mtf50_vertical", "mtf20_horizontal", "mtf20_vertical"),
     *("mtf_nyquist_horizontal", "mtf_nyquist_vertical", "fwhm_horizontal", "fwhm_vertical"),
     *("encircled_energy_80", "strehl"),
+    *("mtf50_sagittal_median", "mtf50_meridional_median", "astigmatism_median"),
+    *("mtf50", "mtf30", "mtf20", "mtf10", "mtf_nyquist"),
 )
 """What is certified, besides the MTF at frequencies that were asked for."""
+VALIDITY = {
+    "edge": "The numbers are of the MTF across each plane's best edge, photosite included, at its place of the frame",
+    "field": "The numbers are of the whole PSF, photosite included, at the frame's centre or over the frame",
+}
+"""What the numbers of a procedure hold of."""
+HERE = "The numbers are of the whole PSF, photosite included, at this place of the frame"
 MOST_LIMITS = 10
 MOST_SHOTS = 6
 
@@ -54,6 +62,7 @@ class Certificate:
     shots: tuple[ReportLine, ...]
     method: str
     settings: str
+    validity: str
 
 
 def certificate_of(report: Report) -> Certificate:
@@ -78,6 +87,7 @@ def certificate_of(report: Report) -> Certificate:
         shots=tuple(_shots(report)),
         method=METHODS.get(report.procedure, report.procedure),
         settings=f"{given}; calibration-station {version}",
+        validity=f"{VALIDITY.get(report.procedure, HERE)}, this focus and this aperture.",
     )
 
 

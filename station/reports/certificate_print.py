@@ -15,8 +15,9 @@ from reportlab.pdfgen.canvas import Canvas
 from reportlab.platypus import Frame, KeepInFrame, Paragraph, Spacer, Table
 
 from station.drawing import colours
-from station.reports.certificate import Certificate, certificate_of
+from station.reports.certificate import PAGE, PRINT, Certificate, certificate_of, certificate_page
 from station.reports.pattern_report import Report
+from station.results.result_files import ResultFolder
 
 MARGIN = 16 * mm
 WIDTH = A4[0] - 2 * MARGIN
@@ -52,6 +53,12 @@ def certificate_pdf(report: Report) -> bytes:
     return data.getvalue()
 
 
+def write_certificate(folder: ResultFolder, report: Report) -> None:
+    """Stage the certificate of a report, as a page and as a PDF."""
+    folder.write(PAGE, certificate_page(report).encode())
+    folder.write(PRINT, certificate_pdf(report))
+
+
 def _story(told: Certificate, report: Report) -> list[Any]:
     judged = str(report.judged or "")
     verdicts = [
@@ -70,7 +77,7 @@ def _story(told: Certificate, report: Report) -> list[Any]:
         Paragraph("Numbers", HEAD),
         _numbers(told),
         _words(_footnote(told), SMALL),
-        Paragraph("Conditions", HEAD),
+        *([Paragraph("Conditions", HEAD)] if told.conditions else []),
         _table([[_words(one.name, SMALL), _words(one.words, PLAIN)] for one in told.conditions], (0.28, 0.72)),
         Paragraph("Method and provenance", HEAD),
         _words(f"{told.method}. {told.settings}.", SMALL),
@@ -90,10 +97,7 @@ _SIGNED = [
 
 def _footnote(told: Certificate) -> str:
     pixel = f" Frequencies in {told.pixel}." if told.pixel else ""
-    return (
-        f"± expanded uncertainty, coverage factor 2 (about 95 %).{pixel} The numbers are of the whole PSF, photosite "
-        "included, at this place of the frame, this focus and this aperture."
-    )
+    return f"± expanded uncertainty, coverage factor 2 (about 95 %).{pixel} {told.validity}"
 
 
 def _numbers(told: Certificate) -> Any:

@@ -9,6 +9,7 @@ import matplotlib
 import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup
+from matplotlib.axes import Axes
 from matplotlib.patches import Ellipse, Rectangle
 
 from procedures.field.chromatic import LateralColour
@@ -16,7 +17,7 @@ from procedures.field.maps import FieldMap
 from procedures.field.models import Axis
 from procedures.psf_field import PsfField
 from station.drawing.colours import FAINT, INK, MARK, PLANE_COLOURS
-from station.drawing.style import STYLE, axes_grid, colour_bar, svg
+from station.drawing.style import STYLE, axes_grid, colour_bar, few_ticks, svg
 
 Array = npt.NDArray[np.float64]
 
@@ -41,26 +42,42 @@ class _Panel:
     unit: str
 
 
-def field_map_figure(one: FieldMap, nodes: Array, shape: tuple[int, int], name: str) -> Markup:
-    """A map and its standard uncertainty side by side, the nodes as dots."""
+def share_of(one: FieldMap) -> float:
+    """The share of the frame that a map covers."""
+    return float(np.isfinite(one.value).mean())
+
+
+def field_map_figure(
+    one: FieldMap, nodes: Array, shape: tuple[int, int], name: str, mm_per_pixel: float | None = None
+) -> Markup:
+    """A map and its standard uncertainty side by side, the nodes as dots; axes in mm of image height where known."""
     unit = "" if one.unit == "1" else one.unit
     panels = [_Panel(one.title, one.value, _limits(one), "RdBu_r" if one.name in SIGNED else "viridis", unit)]
     if one.uncertainty is not None:
         panels.append(_Panel("standard uncertainty", one.uncertainty, _from_zero(one.uncertainty), ERRORS, unit))
-    return _panels(panels, one, nodes, shape, name)
+    return _panels(panels, one, nodes, shape, name, mm_per_pixel)
 
 
-def errors_figure(maps: Sequence[FieldMap], nodes: Array, shape: tuple[int, int], name: str) -> Markup:
+def errors_figure(
+    maps: Sequence[FieldMap], nodes: Array, shape: tuple[int, int], name: str, mm_per_pixel: float | None = None
+) -> Markup:
     """The predicted errors side by side, each in its own scale."""
     panels = [_Panel(one.title, one.value, _from_zero(one.value), ERRORS, one.unit) for one in maps]
-    return _panels(panels, maps[0], nodes, shape, name)
+    return _panels(panels, maps[0], nodes, shape, name, mm_per_pixel)
 
 
-def _panels(panels: Sequence[_Panel], places: FieldMap, nodes: Array, shape: tuple[int, int], name: str) -> Markup:
+def _panels(
+    panels: Sequence[_Panel],
+    places: FieldMap,
+    nodes: Array,
+    shape: tuple[int, int],
+    name: str,
+    mm_per_pixel: float | None,
+) -> Markup:
     (rows, columns), width = shape, 3.2
     figure, axes_of = axes_grid(
-        width * len(panels), width * 0.72 * min(rows / columns, 1.5) + 0.66, 1, len(panels),
-        rim_in=(0.08, 0.62, 0.26, 0.3), wspace=0.32,
+        width * len(panels), width * 0.72 * min(rows / columns, 1.5) + 0.72, 1, len(panels),
+        rim_in=(0.42, 0.72, 0.44, 0.3), wspace=0.5,
     )  # fmt: skip
     x, y = places.x, places.y
     extent = (x[0] - _step(x), x[-1] + _step(x), y[-1] + _step(y), y[0] - _step(y))
@@ -71,12 +88,29 @@ def _panels(panels: Sequence[_Panel], places: FieldMap, nodes: Array, shape: tup
         )  # fmt: skip
         axes.plot(*nodes.T, ".", color=INK, ms=2)
         axes.add_patch(Rectangle((-0.5, -0.5), columns, rows, fill=False, ec=FAINT, lw=0.8))
-        axes.set(xlim=(-1, columns), ylim=(rows, -1), xticks=[], yticks=[])
+        axes.set(xlim=(-1, columns), ylim=(rows, -1))
+        if panel is panels[0]:  # the others are as wide and high, and every tick takes time to draw
+            _heights(axes, shape, mm_per_pixel)
+        else:
+            axes.set(xticks=[], yticks=[])
         axes.spines[:].set_visible(False)
-        axes.set_title(panel.title, fontsize=9)
-        axes.set_xlabel(panel.unit)
-        colour_bar(figure, axes, image, (1.03, 0.05, 0.04, 0.9))
+        axes.set_title(f"{panel.title}{f', {panel.unit}' if panel.unit else ''}", fontsize=9)
+        ticks = few_ticks(low, high)
+        bar = colour_bar(figure, axes, image, (1.03, 0.05, 0.04, 0.9), ticks=ticks)
+        bar.ax.set_yticklabels([f"{one:.3g}".replace("-", "−") for one in ticks])
     return svg(figure, name, "; ".join(f"{panel.title} {panel.unit}" for panel in panels) + ", over the frame")
+
+
+def _heights(axes: Axes, shape: tuple[int, int], mm_per_pixel: float | None) -> None:
+    """Ticks along both axes from the frame's centre: mm of image height where the pitch is known, else pixels."""
+    scale = mm_per_pixel or 1.0
+    for axis, size in ((axes.xaxis, shape[1]), (axes.yaxis, shape[0])):
+        half = scale * size / 2
+        step = next(one for power in range(-3, 6) for one in (10.0**power * n for n in (1, 2, 5)) if 3 * one >= half)
+        told = [one * step for one in range(-3, 4) if abs(one * step) <= half]
+        axis.set_ticks([(size - 1) / 2 + one / scale for one in told], [f"{abs(one):g}" for one in told])
+    axes.tick_params(length=2)
+    axes.set_xlabel(f"from the frame's centre, {'mm' if mm_per_pixel else 'pixels of the plane'}")
 
 
 def _step(values: Array) -> float:

@@ -12,13 +12,19 @@ import numpy as np
 from procedures.field import field_file
 from procedures.field.chromatic import LateralColour
 from procedures.field.conclusion import FieldResult, PlaneField
+from procedures.field.image_height import HeightCurve, over_height
 from procedures.field.maps import FieldMap
 from station.calibration.camera_notes import exposure_of
-from station.reports.field_page import field_page
+from station.reports.certificate_print import write_certificate
+from station.reports.field_page import field_page, mm_per_pixel
+from station.reports.height_curves import FREQUENCIES, heights_table
+from station.reports.otf_figures import FrequencyAxis
+from station.reports.pattern_report import Report, report_of_files
 from station.results.plane_result import PlaneResult
 from station.results.record_head import InputFile, RecordHead
 from station.results.result_files import ResultFolder, json_text, software, write_psf_result
 from station.results.terms import Terms
+from station.results.units import told_quantity
 
 FILE, PAGE = "field.h5", "report.html"
 CANDIDATES_TOLD = 8
@@ -33,14 +39,34 @@ def write_field_result(
     parameters: Mapping[str, Any],
     start: float,
     report: bool = True,
+    certificate: bool = False,
 ) -> str:
-    """Write all files, and the page where it is wanted; returns the record's text.
+    """Write all files, page and certificate where they are wanted; returns the record's text.
 
     `planes` are the answers at the frame's centre, in the terms that were asked for.
     """
     files = tuple(InputFile(str(path), sha256) for path, sha256 in found.measured.frames)
     head = RecordHead("field", files, {**parameters, **terms.parameters()}, terms.specified(planes))
+    if certificate:
+        write_certificate(folder, field_report(found, planes, head.parameters, terms))
     return write_field(folder, found, planes, head, start, report=report)
+
+
+def field_report(
+    found: FieldResult, planes: Sequence[PlaneResult], parameters: Mapping[str, object], terms: Terms
+) -> Report:
+    """What a field's certificate tells: the frame's centre, and the medians over the frame."""
+    told = [with_medians(one, found) for one in planes]
+    return report_of_files("field", found.measured.exposures, told, parameters, terms.specification)
+
+
+def with_medians(one: PlaneResult, found: FieldResult) -> PlaneResult:
+    """A plane's result with the medians of its maps among the numbers, in its unit."""
+    outcome = found.planes.get(one.name)
+    if outcome is None or outcome.value is None:
+        return one
+    medians = {name: told_quantity(number, one.unit, one.factor) for name, number in outcome.value.numbers.items()}
+    return replace(one, numbers={**one.numbers, **medians})
 
 
 def write_planes(folder: ResultFolder, planes: Sequence[PlaneResult], head: RecordHead) -> str:
@@ -79,9 +105,21 @@ def write_field(
         field_file.write_field(folder.staging / FILE, fields, maps, found.colours, _provenance(head), camera)
     if start is not None:
         head = replace(head, duration_s=round(time.perf_counter() - start, 3))
+    heights = _heights(found)
+    for one in planes:
+        if one.name in heights:
+            axis, mm = FrequencyAxis(str(one.unit), one.factor), mm_per_pixel(found, one.name, head.parameters)
+            folder.write(f"heights_{one.name}.csv", heights_table(heights[one.name], axis, mm))
     if report:
-        folder.write(PAGE, field_page(found, planes, head, software()).encode())
+        folder.write(PAGE, field_page(found, planes, head, software(), heights).encode())
     return write_psf_result(folder, planes, head)
+
+
+def _heights(found: FieldResult) -> dict[str, list[HeightCurve]]:
+    """Every plane's MTF over image height, of those that have a field around the frame's centre."""
+    fields = {name: one.value.interpolation.field for name, one in found.planes.items() if one.value is not None}
+    curves = {name: over_height(field, FREQUENCIES) for name, field in fields.items()}
+    return {name: one for name, one in curves.items() if one}
 
 
 def _maps(found: FieldResult, name: str, one: PlaneField) -> tuple[FieldMap, ...]:

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from procedures.field.conclusion import FieldResult, PlaneField
+from procedures.field.image_height import HeightCurve
+from procedures.field.maps import FieldMap
 from procedures.outcome import Verdict
 from station.reports import field_figures
+from station.reports.height_curves import heights_figure
+from station.reports.otf_figures import FrequencyAxis
 from station.reports.page import render
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
 from station.results.terms import specification_verdict
+from station.results.units import Unit, told_quantity
 
 READER = """\
 import h5py, numpy as np
@@ -30,9 +36,16 @@ PAIRS = "grid-template-columns: repeat(auto-fit, minmax(min(100%, 480px), 1fr))"
 
 
 def field_page(
-    found: FieldResult, results: Sequence[PlaneResult], head: RecordHead, software: Mapping[str, Any]
+    found: FieldResult,
+    results: Sequence[PlaneResult],
+    head: RecordHead,
+    software: Mapping[str, Any],
+    heights: Mapping[str, Sequence[HeightCurve]],
 ) -> str:
-    """The page; `results` are the planes' answers at the frame's centre, in the terms that were asked for."""
+    """The page; `results` are the planes' answers at the frame's centre, in the terms that were asked for.
+
+    heights : by plane, its MTF over image height
+    """
     judged = specification_verdict(results)
     verdicts = [one.verdict for one in results]
     worst = next(v for v in (Verdict.REFUSED, Verdict.DOUBTFUL, Verdict.PASS) if v in verdicts)
@@ -44,7 +57,10 @@ def field_page(
         judged=judged and str(judged),
         head=head,
         worst=worst,
-        planes=[_plane(*one) for one in fitted],
+        planes=[
+            _plane(*one, heights.get(one[0].name, ()), mm_per_pixel(found, one[0].name, head.parameters))
+            for one in fitted
+        ],
         shown=next((i for i, (one, _) in enumerate(fitted) if one.name == found.reference), 0),
         pairs=PAIRS,
         refused=[one for one in results if one.psf is None],
@@ -61,23 +77,44 @@ def _reader(record: PlaneResult, one: PlaneField) -> str:
     return READER.replace("PLANE", record.name).replace("X, Y", f"{columns / 2:.1f}, {rows / 2:.1f}")
 
 
-def _plane(record: PlaneResult, one: PlaneField) -> dict[str, Any]:
-    """What the template shows of a plane."""
+def mm_per_pixel(found: FieldResult, plane: str, parameters: Mapping[str, Any]) -> float | None:
+    """The pitch of a plane's pixels in mm, as it was given or the camera noted it; None where it is not known."""
+    given = parameters.get("pixel_pitch_um")
+    known = given or next((one.exposure.pixel_pitch_um for one in found.measured.exposures), None)
+    return None if not known else found.measured.planes[plane].pitch * float(known) / 1000
+
+
+def _plane(record: PlaneResult, one: PlaneField, curves: Sequence[HeightCurve], mm: float | None) -> dict[str, Any]:
+    """What the template shows of a plane; mm : of its pixels."""
     found, name = one.interpolation, record.name
     field = found.field
-    drawn = [m for m in one.maps if m.uncertainty is not None]
+    frame = field.positions, field.shape
+    drawn = [in_unit(m, record) for m in one.maps if m.uncertainty is not None]
     errors = [m for m in one.maps if m.uncertainty is None]
-    pictures = [(m, field_figures.field_map_figure(m, field.positions, field.shape, f"{name}-{m.name}")) for m in drawn]
+    pictures = [
+        (m, field_figures.share_of(m), field_figures.field_map_figure(m, *frame, f"{name}-{m.name}", mm)) for m in drawn
+    ]
+    axis = FrequencyAxis(str(record.unit), record.factor)
     return {
         "record": record,
         "found": found,
-        "numbers": one.numbers,
+        "numbers": {key: told_quantity(number, record.unit, record.factor) for key, number in one.numbers.items()},
         "error": _medians(one),
         "maps": pictures,
-        "errors": field_figures.errors_figure(errors, field.positions, field.shape, f"{name}-errors"),
+        "errors": field_figures.errors_figure(errors, *frame, f"{name}-errors", mm),
+        "heights": heights_figure(curves, f"{name}-heights", axis, mm) if curves else None,
+        "directions": max((int(one.directions.max()) for one in curves), default=0),
         "mosaic": field_figures.mosaic_figure(field, f"{name}-mosaic"),
         "places": field_figures.places_figure(field, found.axis, f"{name}-places"),
     }
+
+
+def in_unit(one: FieldMap, record: PlaneResult) -> FieldMap:
+    """A map with its frequencies in the unit of a plane's result."""
+    if one.unit != Unit.CYCLES or one.uncertainty is None:
+        return one
+    factor = record.factor
+    return replace(one, value=one.value * factor, uncertainty=one.uncertainty * factor, unit=str(record.unit))
 
 
 def _medians(one: PlaneField) -> dict[str, float]:

@@ -93,10 +93,10 @@ def mtf_figure(
             (true,) = places[0, 0].plot(shown, curve.true, color=INK, lw=0.8, ls=(0, (3, 2)))
             true.set_label("true" if curve is curves["vertical"] else None)
     if limit is not None:
-        places[0, 0].plot(shown, limit.otf(f), color=LIMIT_COLOUR, lw=1.3, ls=(0, (1, 1)), label="diffraction")
+        draw_diffraction(places[0, 0], shown, limit.otf(f))
     draw_others(places[0, 0], others or {})
     tell_along(places[0, 0], shown, list(_told_along(shown, curves, axis)))
-    _finish_mtf(places[0, 0], axis)
+    finish_mtf(places[0, 0], axis)
     _draw_undetermined(places[0, 0], shown, np.maximum(*(curve.uncertainty for curve in curves.values())))
     if truth is not None:
         for direction, curve in curves.items():
@@ -162,7 +162,13 @@ def _draw_undetermined(axes: Axes, f: Array, uncertainty: Array) -> None:
         _legend(axes)
 
 
-def _finish_mtf(axes: Axes, axis: FrequencyAxis) -> None:
+def draw_diffraction(axes: Axes, f: Array, mtf: Array) -> None:
+    """What diffraction alone passes, dotted."""
+    axes.plot(f, mtf, color=LIMIT_COLOUR, lw=1.3, ls=(0, (1, 1)), label="diffraction")
+
+
+def finish_mtf(axes: Axes, axis: FrequencyAxis) -> None:
+    """Nyquist, a half, the axis of the MTF and the legend."""
     axes.axvline(axis.nyquist, color=FAINT, lw=0.7)
     axes.text(axis.nyquist, 1.0, " Nyquist", color=FAINT, va="top", fontsize=7.5)
     axes.axhline(0.5, color=FAINT, lw=0.5, ls=(0, (1, 2)))

@@ -43,6 +43,9 @@ ORDER = ("pass", "doubtful", "refused")
 METHODS = {
     "pattern": "M. Delbracio, P. Musé, A. Almansa: Non-parametric Sub-pixel Local Point Spread Function Estimation. "
     "Image Processing On Line 2, 2012. doi:10.5201/ipol.2012.admm-nppsf",
+    "field": "the PSF of every chart by M. Delbracio, P. Musé, A. Almansa, Image Processing On Line 2, 2012, "
+    "doi:10.5201/ipol.2012.admm-nppsf; between them interpolated by the model that predicts charts left out best",
+    "edge": "ISO 12233:2023, Photography: Electronic still picture imaging, edge-based spatial frequency response",
     "two-photo": "M. Delbracio, A. Almansa, P. Musé: Recovering the Subpixel PSF from Two Photographs at Different "
     "Distances. Image Processing On Line 3, 2013. doi:10.5201/ipol.2013.77",
 }

@@ -81,6 +81,9 @@ OF_PLACES: Mapping[str, Words] = {
     "mtf50_sagittal": Words("MTF50 of sagittal detail", "MTF50, sagittal"),
     "mtf50_meridional": Words("MTF50 of meridional detail", "MTF50, meridional"),
     "astigmatism": Words("MTF50, sagittal less meridional", "astigmatism"),
+    "mtf50_sagittal_median": Words("MTF50 of sagittal detail, median over the frame"),
+    "mtf50_meridional_median": Words("MTF50 of meridional detail, median over the frame"),
+    "astigmatism_median": Words("MTF50, sagittal less meridional, median over the frame"),
 }
 """Numbers that a place of a field has beside those of its PSF."""
 OF_RESTORATIONS: Mapping[str, Words] = {

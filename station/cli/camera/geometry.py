@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from station.cli.psf.planes import LEVELS, chart_options, chart_source, raw_option, told_layout
+from station.cli.psf.terms import plane_name
 from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import Number
 from station.cli.terminal.progress import progress
@@ -42,7 +43,7 @@ FAILED_ITEMS = 1
 @click.option(
     "--at-mm", "distances", type=Number(min=1), multiple=True, help="Also tell the uncertainty at a distance."
 )
-@click.option("--plane", help="R, G1, G2, B or Y.  [default: G1 of RAW files, Y of grey images]")
+@click.option("--plane", callback=plane_name, help="R, G1, G2, B or Y.  [default: G1 of RAW files, Y of grey images]")
 @raw_option
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
 @click.option("--report/--no-report", default=True, show_default=True, help="Write report.html too, for people.")

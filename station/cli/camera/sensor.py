@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from station.cli.psf.planes import LEVELS
+from station.cli.psf.terms import plane_name
 from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.progress import progress
 from station.common.errors import REFUSED
@@ -52,7 +53,7 @@ exposure time that the camera noted.
 
 @click.command("sensor", epilog=EPILOG)
 @click.argument("folder", type=click.Path(path_type=Path))
-@click.option("--plane", help="R, G1, G2, B, Y or all.  [default: all]")
+@click.option("--plane", callback=plane_name, help="R, G1, G2, B, Y or all.  [default: all]")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
 @click.option("--report/--no-report", default=True, show_default=True, help="Write report.html too, for people.")
 @click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout too.")

@@ -3,13 +3,23 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.cli.psf.planes import LEVELS, finish, raw_option, read_planes, told_layout
+from station.cli.psf.planes import (
+    LEVELS,
+    certificate_option,
+    finish,
+    overlay_option,
+    raw_option,
+    read_overlays,
+    read_planes,
+    told_layout,
+)
 from station.cli.psf.terms import plane_option, terms_of, terms_options
 from station.cli.terminal.force import forced
 from station.cli.terminal.numbers import Number
@@ -17,10 +27,14 @@ from station.common.log import log, log_json_option
 from station.results.record_head import RecordHead, files_read
 
 if TYPE_CHECKING:
+    from procedures.raw import RawFrame
     from procedures.reading.sensor_dump import DumpLayout
     from procedures.slanted_edge.estimate import EdgeOutcome
     from station.calibration.edges import EdgeRecord
+    from station.results.overlay import Overlay
     from station.results.plane_result import PlaneResult
+    from station.results.result_files import ResultFolder
+    from station.results.terms import Terms
 
 
 def _roi(context: click.Context, option: click.Parameter, words: str | None) -> tuple[int, ...] | None:
@@ -48,6 +62,9 @@ def _roi(context: click.Context, option: click.Parameter, words: str | None) -> 
 @raw_option
 @terms_options
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
+@click.option("--report", is_flag=True, help="Write report.html too, for people.")
+@certificate_option
+@overlay_option
 @click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout too.")
 @log_json_option
 def mtf_edge(
@@ -57,6 +74,9 @@ def mtf_edge(
     layout: DumpLayout | None,
     out: Path,
     *,
+    report: bool,
+    certificate: bool,
+    overlays: tuple[Path, ...],
     as_json: bool,
     **options: Any,
 ) -> None:
@@ -73,7 +93,7 @@ def mtf_edge(
     from station.calibration.planes import diffraction_limit
     from station.results.result_files import ResultFolder
 
-    terms = terms_of(options)
+    terms, others = terms_of(options), read_overlays(overlays)
     optics = options
     with ResultFolder(out, force=forced()) as folder:
         frame = read_planes(image, plane, layout)
@@ -84,16 +104,41 @@ def mtf_edge(
             records.append(record)
         known = {name: value for name, value in optics.items() if value is not None}
         given = {"roi": roi, **known, **told_layout(layout)}
+        parameters = {**given, **terms.parameters()}
         head = RecordHead(
             "edge",
             files_read([frame]),
-            {**given, **terms.parameters()},
+            parameters,
             terms.specified([record.result for record in records]),
             duration_s=round(time.perf_counter() - start, 3),
         )
+        if report or certificate or others:
+            _write_pages(folder, frame, records, parameters, terms, others, certificate=certificate)
         text = write_edge_result(folder, frame, records, head)
         log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))
     finish([record.result for record in records], text, as_json=as_json)
+
+
+def _write_pages(
+    folder: ResultFolder,
+    frame: RawFrame,
+    records: Sequence[EdgeRecord],
+    given: Mapping[str, object],
+    terms: Terms,
+    overlays: Sequence[Overlay],
+    *,
+    certificate: bool,
+) -> None:
+    """The page, and the certificate where it is wanted."""
+    from station.reports.edge_page import edge_page, edge_report  # here: it draws, which is slow to load
+    from station.reports.pattern_report import PAGE
+
+    told = edge_report(frame, records, given, terms, overlays)
+    folder.write(PAGE, edge_page(told, frame, records).encode())
+    if certificate:
+        from station.reports.certificate_print import write_certificate
+
+        write_certificate(folder, told)
 
 
 def _tell(record: EdgeRecord) -> None:

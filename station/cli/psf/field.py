@@ -12,6 +12,7 @@ import click
 from station.cli.psf.planes import (
     INSIST,
     OPTICS,
+    certificate_option,
     chart_options,
     chart_source,
     finish,
@@ -37,6 +38,7 @@ FAILED_ITEMS = 1
 @click.option(
     "--focus", type=click.Path(path_type=Path), help="A CSV table: photograph's name, focus position in mm (a bracket)."
 )
+@certificate_option
 @psf_options(s=4, k=17, solver="ls", report=True)
 def psf_field(
     folder: Path,
@@ -47,6 +49,7 @@ def psf_field(
     layout: DumpLayout | None,
     out: Path,
     report: bool,
+    certificate: bool,
     as_json: bool,
     **options: Any,
 ) -> None:
@@ -88,7 +91,9 @@ def psf_field(
         planes = field_results(found, terms, pixels, limit)
         known = {name: value for name, value in optics.items() if value is not None}
         given = {**options, "chart": source.origin, **known, **told_layout(layout), **told_trust(trusted)}
-        text = write_field_result(results, found, planes, terms, parameters=given, report=report, start=start)
+        text = write_field_result(
+            results, found, planes, terms, parameters=given, report=report, certificate=certificate, start=start
+        )
     tell_each(planes)
     log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))
     finish(planes, text, as_json=as_json)

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from procedures.pattern_print.source import Source
     from procedures.raw import RawFrame
     from procedures.reading.sensor_dump import DumpLayout
-    from station.reports.pattern_report import Report
     from station.results.overlay import Overlay
     from station.results.plane_result import PlaneResult
     from station.results.result_files import ResultFolder
@@ -212,6 +211,8 @@ def write_result(
         if report:
             folder.write(PAGE, calibration_page(told).encode())
         if certificate:
+            from station.reports.certificate_print import write_certificate
+
             write_certificate(folder, told)
     text = write_psf_result(
         folder,
@@ -227,15 +228,6 @@ def write_result(
     record = str(folder.path / "result.json")
     log("written", f"wrote {record}", path=record)
     return text
-
-
-def write_certificate(folder: ResultFolder, told: Report) -> None:
-    """The certificate of a report, as a page and as a PDF."""
-    from station.reports.certificate import PAGE, PRINT, certificate_page
-    from station.reports.certificate_print import certificate_pdf
-
-    folder.write(PAGE, certificate_page(told).encode())
-    folder.write(PRINT, certificate_pdf(told))
 
 
 def finish(records: Sequence[PlaneResult], text: str, *, as_json: bool) -> None:

@@ -24,13 +24,13 @@ LEVELS = {"meets": "info", "undecided": "warning", "does not meet": "error"}
 """Of a log line, by the specification's verdict."""
 
 
-def _plane(context: click.Context, option: click.Parameter, name: str | None) -> str | None:
+def plane_name(context: click.Context, option: click.Parameter, name: str | None) -> str | None:
     """R for r, all for ALL."""
     return name if name is None else "all" if name.lower() == "all" else name.upper()
 
 
 plane_option = click.option(
-    "--plane", callback=_plane, help="R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]"
+    "--plane", callback=plane_name, help="R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]"
 )
 
 

@@ -72,7 +72,7 @@ def test_a_bracket_tells_the_tilt_and_the_field_is_that_of_the_sharpest_position
 @pytest.mark.slow
 def test_the_page_shows_the_best_focus_and_lateral_colour(bracket):
     results = [centre_result(name, outcome) for name, outcome in bracket.planes.items()]
-    page = field_page(bracket, results, RecordHead("field", duration_s=1.0), software())
+    page = field_page(bracket, results, RecordHead("field", duration_s=1.0), software(), {})
     for words in ("Best focus", "focus tilt x", "Lateral colour", "R against G1"):
         assert words in page
 

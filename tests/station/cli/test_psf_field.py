@@ -1,7 +1,9 @@
 from __future__ import annotations
 
+import csv
 import json
 
+import html5lib
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from procedures.pattern import CELLS, Chart
 from simulators.camera.camera import SimulatedCamera
 from simulators.camera.sensor import Sensor
 from simulators.world.scene import Scene
+from station.common.uncertainty_text import stated
 from station.results.result_files import ResultFolder, write_record
 
 CHART = Chart.from_seed()
@@ -43,7 +46,7 @@ def done(folder, tmp_path_factory):
     from station.__main__ import main
 
     out = tmp_path_factory.mktemp("out")
-    words = ["psf", "field", str(folder[0]), "--out", str(out), "-k", "13", "--json"]
+    words = ["psf", "field", str(folder[0]), "--out", str(out), "-k", "13", "--certificate", "--json"]
     return CliRunner().invoke(main, words, prog_name="station"), out
 
 
@@ -66,6 +69,28 @@ def test_the_record_has_the_form_of_every_psf_result(done):
     assert record["planes"]["Y"]["verdict"] in ("pass", "doubtful")
     assert np.load(out / "psf_Y.npy", allow_pickle=False).shape == (13, 13)
     assert {"unit", "value", "uncertainty"} <= set(record["field"]["planes"]["Y"]["mtf50_sagittal_median"])
+
+
+@pytest.mark.slow
+def test_the_certificate_tells_the_centre_and_the_medians_over_the_frame(done):
+    record = json.loads(done[0].stdout)
+    text = (done[1] / "certificate.html").read_text()
+    number = record["field"]["planes"]["Y"]["mtf50_sagittal_median"]
+    assert f"MTF50 of sagittal detail, median over the frame, {number['unit']}" in text
+    assert stated(number["value"], 2 * number["uncertainty"]) in text
+    assert "at the frame&#39;s centre or over the frame" in text
+    assert (done[1] / "certificate.pdf").read_bytes().startswith(b"%PDF")
+
+
+@pytest.mark.slow
+def test_page_and_table_tell_the_mtf_over_image_height(done):
+    page = (done[1] / "report.html").read_text()
+    rows = list(csv.DictReader((done[1] / "heights_Y.csv").read_text().splitlines()))
+    assert {"image_height [pixel]", "frequency [cycles/pixel]", "sagittal", "meridional_uncertainty"} <= rows[0].keys()
+    assert {row["frequency [cycles/pixel]"] for row in rows} == {"0.125", "0.25"}
+    assert "Sagittal (solid) and meridional MTF (dashed) over image height" in page
+    assert "of the frame, which the nodes enclose" in page
+    html5lib.HTMLParser(strict=True).parse(page)
 
 
 @pytest.mark.slow
