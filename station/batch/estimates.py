@@ -191,7 +191,7 @@ def _field(procedure: Procedure, paths: Sequence[Path], hashes: Sequence[str]) -
     from procedures.field.measuring import measure
     from station.calibration.field import field_pixels, field_results
     from station.calibration.field_photographs import check_noted
-    from station.reports.field_files import write_field
+    from station.reports.field.field_files import write_field
 
     optics, parameters = _optics(procedure), cast(PatternParameters, procedure.parameters)
     if not procedure.trust_typed:

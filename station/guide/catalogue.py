@@ -89,7 +89,7 @@ def _field_results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms,
 def _write_field(
     folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead
 ) -> str:
-    from station.reports.field_files import write_planes
+    from station.reports.field.field_files import write_planes
 
     return write_planes(folder, planes, head)
 

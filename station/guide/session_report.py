@@ -110,7 +110,7 @@ def _report(record: SessionRecord, state: State, found: SessionResult) -> Report
 def _of_frame(one: PlaneResult) -> PlaneResult:
     """A plane's result; of a field with its medians over the frame."""
     from procedures.field.conclusion import FieldResult
-    from station.reports.field_files import with_medians
+    from station.reports.field.field_files import with_medians
 
     return with_medians(one, one.found) if isinstance(one.found, FieldResult) else one
 

@@ -17,6 +17,7 @@ from procedures.slanted_edge.estimate import EdgeMtf, EdgeOutcome, orientation
 from station.calibration.edges import EdgeRecord
 from station.drawing.colours import MARK
 from station.drawing.hover import tell_along
+from station.drawing.style import CONFIDENT, axes_grid, svg
 from station.reports.otf_figures import FrequencyAxis, draw_diffraction, draw_others, finish_mtf
 from station.reports.page import render
 from station.reports.pattern_report import PlaneSheet, Report, curves_over, report_of_files

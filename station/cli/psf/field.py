@@ -65,7 +65,7 @@ def psf_field(
     from station.calibration.field import field_pixels, field_results
     from station.calibration.field_photographs import check_noted, focus_positions, photographs
     from station.calibration.planes import diffraction_limit
-    from station.reports.field_files import write_field_result
+    from station.reports.field.field_files import write_field_result
     from station.results.result_files import ResultFolder
     from station.results.units import Pixels
 

@@ -17,7 +17,7 @@ from procedures.psf_field import Node
 from procedures.raw import Plane, RawFrame
 from procedures.reading.exposure import Exposure
 from station.calibration.field import centre_result
-from station.reports.field_page import field_page
+from station.reports.field.field_page import field_page
 from station.results.record_head import RecordHead
 from station.results.result_files import software
 

@@ -1,0 +1,1 @@
+"""The files of a field and the page that shows them."""
