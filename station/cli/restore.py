@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from station.cli.psf.planes import raw_option, told_layout
-from station.cli.restore_blur import BlurOptions
+from station.cli.restoration.blur import BlurOptions
+from station.cli.restoration.metres import MetresOptions
 from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import Number
 from station.common.errors import REFUSED
@@ -158,6 +159,27 @@ class _OneEach(click.Command):
 @click.option(
     "--exposure-s", type=Number(), multiple=True, help="Exposure time, for --imu.  [default: as the files tell]"
 )
+@click.option(
+    "--metres",
+    type=click.Choice(["front", "behind"]),
+    help="Tell depth in metres: the scene lies in front of the plane of focus, or behind it. --ratio and --offset come "
+    "from the camera's numbers.",
+)
+@click.option(
+    "--f-number",
+    "f_numbers",
+    type=Number(0.5, 100),
+    multiple=True,
+    help="For --metres, one or one for each image.  [default: as the files tell]",
+)
+@click.option(
+    "--focus-m",
+    type=Number(0.01),
+    multiple=True,
+    help="For --metres: distance of the plane of focus from the lens, one or one each.  [default: as the files tell]",
+)
+@click.option("--focal-length-mm", type=Number(0.1), help="For --metres.  [default: as the files tell]")
+@click.option("--pixel-pitch-um", type=Number(0.1), help="For --metres: of the sensor's pixels.")
 @click.option("--plane", help="R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]")
 @click.option(
     "--encoding",
@@ -186,6 +208,10 @@ def restore(
     if len(images) < 2:
         raise click.UsageError(f"restoration needs two photographs or more, got {len(images)}")
     blur = BlurOptions(**{one.name: options.pop(one.name) for one in fields(BlurOptions)})
+    metres = MetresOptions(**{one.name: options.pop(one.name) for one in fields(MetresOptions)})
+    metres.check(blur, len(images))
+    if metres.metres is not None and not blur.shapes:
+        blur = replace(blur, shapes=("pillbox",))
     blur.check(len(images))
     from procedures.restoration.joint.estimate import restore as restored
     from procedures.restoration.joint.estimate import told_in
@@ -199,18 +225,24 @@ def restore(
     parameters = _parameters(options)
     with ResultFolder(out, force=forced()) as folder:
         frames, photographs = _photographs(images, plane, layout, encoding)
-        source = blur.read(frames, photographs)
+        settings = metres.settings(frames) if metres.metres else []
+        source = (metres.blur(blur, settings) if settings else blur).read(frames, photographs)
         outcome = _in_colour(
             told_in(source.unit, restored(photographs, source.masks, parameters, _tell)), frames, source
         )
         if source.motion is not None:
             outcome = source.motion.judged(outcome)
+        distances = None
+        if settings and outcome.value is not None:
+            distances = metres.distances(outcome.value, photographs, source.masks, settings[0])
+            outcome = metres.judged(outcome, distances)
         about = {
             "procedure": "restore",
             "input": [{"path": str(i), "sha256": f.sha256} for i, f in zip(images, frames, strict=True)],
             "parameters": {
                 **blur.told,
                 **source.told,
+                **(metres.told(settings) if settings else {}),
                 "planes": list(frames[0].planes),
                 **({"encoding": encoding} if encoding else {}),
                 **told_layout(layout),
@@ -221,7 +253,8 @@ def restore(
         if outcome.value is None:
             text = write_refusal(folder, outcome, about)
         else:
-            text = write_restoration(folder, outcome, about, restoration_page(outcome, photographs, about))
+            page = restoration_page(outcome, photographs, about, distances)
+            text = write_restoration(folder, outcome, about, page, distances)
     level = _LEVELS.get(str(outcome.verdict), "error")
     told = outcome.reason or "picture and depth restored"
     log("restored", f"{outcome.verdict}: {told}", level=level, remedy=outcome.remedy)

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from procedures.outcome import Outcome
 from procedures.raw import RawFrame
 from procedures.restoration.joint.estimate import Restoration
+from procedures.restoration.metres import Distances
 from procedures.restoration.photograph_blur import shown
 from station.drawing.depth_pictures import coloured, encoded, levels, picture
 from station.drawing.linear_pictures import described_tiff
@@ -25,11 +26,15 @@ Array = npt.NDArray[np.floating[Any]]
 
 
 def write_restoration(
-    folder: ResultFolder, outcome: Outcome[Restoration], about: Mapping[str, Any], page: bytes
+    folder: ResultFolder,
+    outcome: Outcome[Restoration],
+    about: Mapping[str, Any],
+    page: bytes,
+    distances: Distances | None = None,
 ) -> str:
     """Stage and publish every file; returns the record's text.
 
-    about : procedure, input, parameters, duration_s; page : the report
+    about : procedure, input, parameters, duration_s; page : the report; distances : depth in metres, where it is told
     """
     found = outcome.value
     if found is None:
@@ -41,6 +46,9 @@ def write_restoration(
     folder.write("w_std.npy", npy(found.w_std * unit.per_pixel, np.float32))
     folder.write("depth.png", encoded(".png", coloured(found.w)))
     folder.write("report.html", page)
+    if distances is not None:
+        folder.write("distance.npy", npy(distances.metres, np.float32))
+        folder.write("distance_std.npy", npy(distances.std, np.float32))
     record = {
         "schema": RESTORATION,
         **about,
@@ -53,6 +61,7 @@ def write_restoration(
             "unit": unit.name,
             "per_pixel": unit.per_pixel,
         },
+        **({} if distances is None else {"distance": _told_distances(distances)}),
         "shift": {"x_y": found.shifts.tolist(), "unit": "pixel"},
         "light": found.light.tolist(),
         "diagnostics": asdict(found.diagnostics),
@@ -63,6 +72,20 @@ def write_restoration(
         "software": software(),
     }
     return write_record(folder, record)
+
+
+def _told_distances(found: Distances) -> dict[str, Any]:
+    """What the record says of depth in metres; numbers over the frame are None where none is told."""
+    any_told = found.told > 0
+    return {
+        "least": float(np.nanmin(found.metres)) if any_told else None,
+        "greatest": float(np.nanmax(found.metres)) if any_told else None,
+        "median_std": float(np.nanmedian(found.std)) if any_told else None,
+        "median_common_std": float(np.nanmedian(found.common)) if any_told else None,
+        "unit": "m",
+        "told": found.told,
+        "side": found.side,
+    }
 
 
 def write_refusal(folder: ResultFolder, outcome: Outcome[Restoration], about: Mapping[str, Any]) -> str:

@@ -1,0 +1,1 @@
+"""What `station restore` is told besides its photographs: of the blur, and of the camera."""
