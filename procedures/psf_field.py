@@ -68,6 +68,10 @@ class CoefficientModel(Protocol):
         """The same as weights (n, r, N, r)."""
         ...
 
+    def carried(self, held: Array, points: Array) -> Array:
+        """How far the model holds on the way from `held`, where the nodes end, to points (n, 2) beyond; (n, 2)."""
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class PsfField:
@@ -127,7 +131,7 @@ class PsfField:
 
     @cached_property
     def hull(self) -> Hull:
-        """What the nodes enclose: beyond it the PSF is that of the nearest place inside."""
+        """What the nodes enclose: beyond it the PSF is that of the nearest place that they tell of."""
         return Hull(self.positions)
 
     @cached_property
@@ -166,7 +170,7 @@ class PsfField:
     def at(self, x: float, y: float) -> Psf:
         """The whole PSF at a place of the plane, with the covariance of its error: noise and interpolation.
 
-        Beyond the nodes (`inside`) it is that of the nearest place among them, and its true error may be larger.
+        Beyond the nodes (`inside`) it is that of the nearest place that they tell of, with a larger error.
         """
         p = self.parameters(np.array([[x, y]], dtype=np.float64))[0]
         return Psf.of(p, self.noise(x, y) + self.interpolation(x, y), self.k, self.s)
@@ -187,9 +191,20 @@ class PsfField:
         """Covariance (p, p) of what the model leaves out.
 
         It is taken for random from node to node: with variance there, and as much as the nodes' share of it brings.
+        Where the nodes tell nothing, as much may be wrong as the PSF changed on as long a way before.
         """
         T = self._transfer(x, y)
-        return (1 + float(np.sum(T**2)) / len(T)) * self._lack_of_components + self.lack_rest
+        random = (1 + float(np.sum(T**2)) / len(T)) * self._lack_of_components + self.lack_rest
+        beyond = self._beyond(x, y) @ self.components
+        return np.asarray(random + np.outer(beyond, beyond))
+
+    def _beyond(self, x: float, y: float) -> Array:
+        """Change of the coefficients (r,) on the way to the farthest place that the nodes tell of, as long as from
+        there to this one."""
+        placed = self._placed(np.array([[x, y]], dtype=np.float64))
+        before = 2 * placed - in_half_diagonals(np.array([[x, y]]), self.shape)
+        values = self.coefficients_at_nodes - self.origin
+        return np.asarray(self.model.predict(placed, values)[0] - self.model.predict(before, values)[0])
 
     def error(self, points: Array) -> tuple[Array, Array]:
         """Norms (n,) of the errors predicted at points (n, 2): of the noise, and of the interpolation."""
@@ -242,8 +257,10 @@ class PsfField:
         return np.asarray(self.model.transfer(self._placed(point), len(self.components))[0])
 
     def _placed(self, points: Array) -> Array:
-        """Points of the plane, the nearest among the nodes for those beyond, as the model takes them."""
-        return in_half_diagonals(self.hull.nearest(np.asarray(points, dtype=np.float64)), self.shape)
+        """Points of the plane as the model takes them; for those beyond the nodes, as far out as it holds."""
+        points = np.asarray(points, dtype=np.float64)
+        held = in_half_diagonals(self.hull.nearest(points), self.shape)
+        return self.model.carried(held, in_half_diagonals(points, self.shape))
 
 
 def held_by_priors(psf: Psf) -> Array:

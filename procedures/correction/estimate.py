@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import islice
 
 import numpy as np
@@ -13,6 +14,7 @@ import numpy.typing as npt
 
 from procedures.correction.checks import check_fields, doubts_of
 from procedures.correction.deconvolve import Splitting, Tile, deconvolve, mean_difference
+from procedures.correction.loss import FieldError, field_error
 from procedures.correction.mosaic import Mosaic
 from procedures.correction.noise import Noise, noise_of
 from procedures.correction.optics import Optics, Shift
@@ -66,6 +68,7 @@ class Correction:
     clipped : float
         Share of the photograph's samples that are clipped.
     prediction : what is gained, and what it costs
+    optics, mosaic, prior : what it was made with
     """
 
     picture: Single
@@ -75,6 +78,14 @@ class Correction:
     side: int
     clipped: float
     prediction: Prediction
+    optics: Optics
+    mosaic: Mosaic
+    prior: Prior
+
+    @cached_property
+    def field_error(self) -> FieldError:
+        """What the field's own uncertainty adds to the picture's error; takes some seconds when first asked for."""
+        return field_error(self.optics, self.mosaic, self.prior, self.tau, self.difference, self.picture)
 
 
 def correct(
@@ -113,7 +124,7 @@ def correct(
     picture = work.restored(difference, progress)
     tau = work.tau(difference)
     prediction = predict(optics, mosaic, p.prior, tau, difference)
-    found = Correction(picture, noise, tau, difference, side, mosaic.clipped, prediction)
+    found = Correction(picture, noise, tau, difference, side, mosaic.clipped, prediction, optics, mosaic, p.prior)
     return Outcome(found, verdict, reason, remedy)
 
 

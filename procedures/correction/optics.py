@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
+from procedures.psf import extended
 from procedures.psf_field import PsfField
 from procedures.raw import Plane
 from procedures.space_variant import SpaceVariantBlur
@@ -64,21 +65,25 @@ class Optics:
         """Transfer functions of all planes on n x n samples about a place of the sensor, (P, n, n // 2 + 1)."""
         return np.stack([self._of_plane(name, x, y, n) for name in self.fields])
 
+    def responses(self, name: str, n: int) -> Spectrum:
+        """What each parameter of a plane's PSFs adds to their transfer functions on n x n samples, not yet of sum 1;
+        (p, n (n // 2 + 1))."""
+        blur, field = self._blurs[name], self.fields[name]
+        each = np.eye(field.k**2 + field.q)
+        found = [scipy.fft.rfft2(wrapped(blur.kernel(extended(one, field.k)), n)) for one in each]
+        return np.asarray(found, dtype=np.complex64).reshape(len(each), -1)
+
     def _of_plane(self, name: str, x: float, y: float, n: int) -> Spectrum:
-        place = self._in_plane(name, np.array([[x, y]]))
+        place = self.in_plane(name, np.array([[x, y]]))
         kernel = self._blurs[name].at(place)[0]
-        wrapped = np.zeros((n, n))
-        half = len(kernel) // 2
-        at = (np.arange(len(kernel)) - half) % n
-        np.add.at(wrapped, np.ix_(at, at), kernel)  # what reaches beyond a small tile comes back on its other side
-        F = scipy.fft.rfft2(wrapped)
+        F = scipy.fft.rfft2(wrapped(kernel, n))
         if name in self.shifts:
             dx, dy = self.shifts[name](place)[0]
             fy, fx = np.fft.fftfreq(n)[:, None], np.fft.fftfreq(n)[: n // 2 + 1]
             F = F * np.exp(-2j * np.pi * (fx * dx + fy * dy))
         return np.asarray(F, dtype=np.complex64)
 
-    def _in_plane(self, name: str, points: Array) -> Array:
+    def in_plane(self, name: str, points: Array) -> Array:
         """Points of the sensor in pixels of the plane."""
         return np.asarray((points - np.array(self.origins[name])) / self.pitch)
 
@@ -97,16 +102,24 @@ class Optics:
     def _change(self, shape: tuple[int, int], reach: float) -> float:
         """Root mean square change of the supports over a quarter of a tile's side, of their norm."""
         name, field = next(iter(self.fields.items()))
-        here, *moved = (field.samples(self._in_plane(name, places)) for places in _places(shape, reach / 2))
+        here, *moved = (field.samples(self.in_plane(name, places)) for places in _places(shape, reach / 2))
         return float(np.sqrt(max(np.sum((other - here) ** 2) for other in moved) / np.sum(here**2)))
 
     def _move(self, shape: tuple[int, int], reach: float) -> float:
         """Largest change of lateral colour over a quarter of a tile's side, in pixels of the sensor."""
         most = 0.0
         for name, shift in self.shifts.items():
-            here, *moved = (shift(self._in_plane(name, places)) for places in _places(shape, reach / 2))
+            here, *moved = (shift(self.in_plane(name, places)) for places in _places(shape, reach / 2))
             most = max(most, *(float(np.abs(other - here).max()) for other in moved))
         return most
+
+
+def wrapped(kernel: Array, n: int) -> Array:
+    """A kernel about sample 0 of n x n; what reaches beyond them comes back on the other side."""
+    wrapped = np.zeros((n, n))
+    at = (np.arange(len(kernel)) - len(kernel) // 2) % n
+    np.add.at(wrapped, np.ix_(at, at), kernel)
+    return wrapped
 
 
 def _places(shape: tuple[int, int], step: float) -> tuple[Array, Array, Array]:

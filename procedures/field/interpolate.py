@@ -35,6 +35,9 @@ COUNTS = (1, 2, 3, 4, 6, 8, 12, 16, MOST)
 DEGREES = (0, 1, 2, 3, 4, 5, 6)
 STIFFNESS = (0.0, 0.03)
 SYMMETRIC_DEGREES = (2, 3, 4)
+HIGH_DEGREE, EARNED = 6, 0.95
+"""Degree of a lens with strong aberrations near the corners, and its error over those of lower degrees from which it is
+believed: where noise alone decides, its maps err by more than they tell."""
 MOST_SYMMETRIC = 16
 """Components of the symmetric lens, at most."""
 UNSURE = 0.25
@@ -215,12 +218,13 @@ def _symmetric_scores(data: Whitened, folds: _Folds, r: int, axis: Axis) -> _Sco
     at = (float(axis.position[0]), float(axis.position[1]))
     scores: _Scores = []
     for count in sorted({r, min(2 * r, most, MOST_SYMMETRIC)}):
-        for degree in SYMMETRIC_DEGREES:
+        for degree in (*SYMMETRIC_DEGREES, HIGH_DEGREE):
             recipe = Recipe("symmetric lens", degree, at)
             left = [_left_out(data, fold, recipe, count) for fold in folds]
             error = sum(float(data.trust[out] @ np.sum(e**2, axis=1)) for e, (_, out) in zip(left, folds, strict=True))
             scores.append((recipe, count, error / data.z.size))
-    return scores
+    least = min(error for recipe, _, error in scores if recipe.setting != HIGH_DEGREE)
+    return [one for one in scores if one[0].setting != HIGH_DEGREE or one[2] < EARNED * least]
 
 
 def _left_out(data: Whitened, fold: tuple[Indices, Indices], recipe: Recipe, r: int) -> Array:

@@ -23,6 +23,8 @@ RIDGE = 1e-5
 show of a ring is not blown up."""
 FARTHEST_CENTRE = 0.7
 """A lens's axis is looked for this far from the frame's centre, in half diagonals."""
+OUTERMOST = 4
+"""Nodes that must lie as far from the axis as a place beyond all of them for which a symmetric lens is believed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +41,10 @@ class Separate:
     def transfer(self, points: Array, r: int) -> Array:
         """(n, r, N, r)."""
         return np.asarray(np.einsum("ni,ab->naib", self.smoother.weights(points), np.eye(r)))
+
+    def carried(self, held: Array, points: Array) -> Array:
+        """(n, 2): a surface tells nothing beyond its nodes."""
+        return held
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +158,16 @@ class AxialSymmetry:
         design = self.design(points)
         solved = cho_solve(factor, design.reshape(-1, design.shape[2]).T).T
         return np.asarray((solved @ (D.T * weight)).reshape(len(points), r, -1, r))
+
+    def carried(self, held: Array, points: Array) -> Array:
+        """(n, 2): to all sides as far from the axis as nodes lie to some."""
+        start, way = held - np.array(self.axis), points - held
+        far = np.sort(np.hypot(*(self.places - np.array(self.axis)).T))[-min(OUTERMOST, len(self.places))]
+        # the share t of the way at which |start + t way| = far
+        a, b = np.sum(way**2, axis=1), np.sum(start * way, axis=1)
+        short = np.maximum(far**2 - np.sum(start**2, axis=1), 0.0)
+        t = (np.sqrt(b**2 + a * short) - b) / np.maximum(a, 1e-12)
+        return np.asarray(held + np.clip(t, 0.0, 1.0)[:, None] * way)
 
     def design(self, points: Array) -> Array:
         """What each unknown adds to the coefficients at points (n, 2): (n, r, unknowns)."""

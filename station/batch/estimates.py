@@ -170,19 +170,19 @@ def _restoration(
 
     before, chosen = further_files(procedure, paths), options.placed(procedure.folder, paths)
     plane = procedure.planes[0] if procedure.planes else None
-    chosen.blur.check(len(paths))
+    chosen = chosen.checked(len(paths))
     frames, photographs = read_photographs(paths, plane, procedure.layout, options.encoding, contents)
-    outcome, told = restored(chosen, frames, photographs)
+    found = restored(chosen, frames, photographs)
     for path, known in further_files(procedure, paths).items():
         if before.get(path) != known:
             raise ChangedMeanwhile(path)
 
     def write(place: ResultFolder, head: RecordHead, page: bool) -> str:
         files = [{"path": encodable(str(path)), "sha256": known} for path, known in before.items()]
-        whole = replace(head, parameters={**head.parameters, **told, "files": files})
-        return write_outcome(place, outcome, whole, photographs, page=page)
+        whole = replace(head, parameters={**head.parameters, **found.told, "files": files})
+        return write_outcome(place, found, whole, photographs, page=page)
 
-    return Answer([restoration_result(outcome, frames)], frames[0].exposure, write)
+    return Answer([restoration_result(found.outcome, frames)], frames[0].exposure, write)
 
 
 def _field(procedure: Procedure, paths: Sequence[Path], hashes: Sequence[str]) -> Answer:

@@ -124,9 +124,14 @@ def record(found: Corrected, head: RecordHead) -> dict[str, Any]:
             "mtf50_before": _number(told.before, "cycles/pixel"),
             "mtf50_after": _number(told.after, "cycles/pixel"),
             "noise_gain": _number(told.noise_gain, "1"),
+            "field_error": {"rms": value.field_error.rms, "unit": "1", "of_noise": _rms(value.field_error.noise)},
         },
         "software": software(),
     }
+
+
+def _rms(squares: Any) -> float:
+    return float(np.sqrt(np.mean(squares)))
 
 
 def _number(values: Any, unit: str) -> dict[str, Any]:

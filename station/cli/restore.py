@@ -20,6 +20,8 @@ from station.results.record_head import InputFile, RecordHead
 if TYPE_CHECKING:
     from procedures.reading.sensor_dump import DumpLayout
     from procedures.restoration.joint.joint_descent import JointRound
+    from station.calibration.restoration.blur_options import BlurOptions
+    from station.calibration.restoration.metres_options import MetresOptions
 
 _LEVELS = {"pass": "info", "doubtful": "warning"}
 
@@ -158,6 +160,27 @@ class _OneEach(click.Command):
 @click.option(
     "--exposure-s", type=Number(), multiple=True, help="Exposure time, for --imu.  [default: as the files tell]"
 )
+@click.option(
+    "--metres",
+    type=click.Choice(["front", "behind"]),
+    help="Tell depth in metres: the scene lies in front of the plane of focus, or behind it. --ratio and --offset come "
+    "from the camera's numbers.",
+)
+@click.option(
+    "--f-number",
+    "f_numbers",
+    type=Number(0.5, 100),
+    multiple=True,
+    help="For --metres, one or one for each image.  [default: as the files tell]",
+)
+@click.option(
+    "--focus-m",
+    type=Number(0.01),
+    multiple=True,
+    help="For --metres: distance of the plane of focus from the lens, one or one each.  [default: as the files tell]",
+)
+@click.option("--focal-length-mm", type=Number(0.1), help="For --metres.  [default: as the files tell]")
+@click.option("--pixel-pitch-um", type=Number(0.1), help="For --metres: of the sensor's pixels.")
 @plane_option
 @click.option(
     "--encoding",
@@ -186,6 +209,7 @@ def restore(
     if len(images) < 2:
         raise click.UsageError(f"restoration needs two photographs or more, got {len(images)}")
     from station.calibration.restoration.blur_options import BlurOptions
+    from station.calibration.restoration.metres_options import MetresOptions
     from station.calibration.restoration.restorations import (
         DescentOptions,
         RestorationOptions,
@@ -195,19 +219,17 @@ def restore(
     from station.reports.restoration_files import write_outcome
     from station.results.result_files import ResultFolder
 
-    blur = BlurOptions(**{one.name: options.pop(one.name) for one in fields(BlurOptions)})
-    blur.check(len(images))
-    chosen = RestorationOptions(blur, DescentOptions(**options), encoding)
-    _ = chosen.descent.parameters  # what cannot be meant is said before any work
+    blur, metres = BlurOptions(**_taken(BlurOptions, options)), MetresOptions(**_taken(MetresOptions, options))
+    chosen = RestorationOptions(blur, DescentOptions(**options), encoding, metres).checked(len(images))
     with ResultFolder(out, force=forced()) as folder:
         frames, photographs = read_photographs(images, plane, layout, encoding)
         for image, frame in zip(images, frames, strict=True):
             log("read", f"read {image}: {', '.join(frame.planes)}", path=str(image), sha256=frame.sha256)
-        outcome, told = restored(chosen, frames, photographs, log, _tell)
+        found = restored(chosen, frames, photographs, log, _tell)
         files = tuple(InputFile(str(one), frame.sha256) for one, frame in zip(images, frames, strict=True))
         duration_s = round(time.perf_counter() - start, 3)
-        head = RecordHead("restore", files, {**told, **told_layout(layout)}, duration_s=duration_s)
-        text = write_outcome(folder, outcome, head, photographs)
+        head = RecordHead("restore", files, {**found.told, **told_layout(layout)}, duration_s=duration_s)
+        outcome, text = found.outcome, write_outcome(folder, found, head, photographs)
     level = _LEVELS.get(str(outcome.verdict), "error")
     words = outcome.reason or "picture and depth restored"
     log("restored", f"{outcome.verdict}: {words}", level=level, remedy=outcome.remedy)
@@ -221,3 +243,8 @@ def restore(
 def _tell(done: JointRound) -> None:
     sentence = f"round {done.n}: {done.what}, cost {done.cost:.4g}, residual {done.residual * 255:.3f}/255"
     log("round", sentence, n=done.n, what=done.what, cost=done.cost, seconds=round(done.seconds, 3))
+
+
+def _taken(kind: type[BlurOptions | MetresOptions], options: dict[str, Any]) -> dict[str, Any]:
+    """Those of the options that are of this kind, taken from the others."""
+    return {one.name: options.pop(one.name) for one in fields(kind)}

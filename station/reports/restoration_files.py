@@ -12,7 +12,9 @@ import numpy.typing as npt
 from procedures.outcome import Outcome, Quantity
 from procedures.raw import RawFrame
 from procedures.restoration.joint.estimate import Restoration
+from procedures.restoration.metres import Distances
 from procedures.restoration.two_photographs import shown
+from station.calibration.restoration.restorations import Restored
 from station.drawing.depth_pictures import coloured, encoded, levels, picture
 from station.drawing.linear_pictures import described_tiff
 from station.results.plane_result import PlaneResult
@@ -43,28 +45,24 @@ def restoration_result(outcome: Outcome[Restoration], frames: Sequence[RawFrame]
 
 
 def write_outcome(
-    folder: ResultFolder,
-    outcome: Outcome[Restoration],
-    head: RecordHead,
-    photographs: Sequence[Array],
-    *,
-    page: bool = True,
+    folder: ResultFolder, found: Restored, head: RecordHead, photographs: Sequence[Array], *, page: bool = True
 ) -> str:
     """The files of a restoration, with its page or without, or the record of its refusal; returns the record's text."""
-    if outcome.value is None:
-        return write_refusal(folder, outcome, head)
+    if found.outcome.value is None:
+        return write_refusal(folder, found.outcome, head)
     if not page:
-        return write_restoration(folder, outcome, head, None)
+        return write_restoration(folder, found, head, None)
     from station.reports.restoration_page import restoration_page  # here: it draws, which is slow to load
 
-    return write_restoration(folder, outcome, head, restoration_page(outcome, photographs, head))
+    return write_restoration(folder, found, head, restoration_page(found.outcome, photographs, head, found.distances))
 
 
-def write_restoration(folder: ResultFolder, outcome: Outcome[Restoration], head: RecordHead, page: bytes | None) -> str:
+def write_restoration(folder: ResultFolder, restored: Restored, head: RecordHead, page: bytes | None) -> str:
     """Stage and publish every file; returns the record's text.
 
     page : the report, None where none is wanted
     """
+    outcome, distances = restored.outcome, restored.distances
     found = outcome.value
     if found is None:
         raise ValueError("a restoration without a value has no files")
@@ -76,6 +74,9 @@ def write_restoration(folder: ResultFolder, outcome: Outcome[Restoration], head:
     folder.write("depth.png", encoded(".png", coloured(found.w)))
     if page is not None:
         folder.write("report.html", page)
+    if distances is not None:
+        folder.write("distance.npy", npy(distances.metres, np.float32))
+        folder.write("distance_std.npy", npy(distances.std, np.float32))
     record = {
         "schema": RESTORATION,
         **head.told(),
@@ -88,6 +89,7 @@ def write_restoration(folder: ResultFolder, outcome: Outcome[Restoration], head:
             "unit": unit.name,
             "per_pixel": unit.per_pixel,
         },
+        **({} if distances is None else {"distance": _told_distances(distances)}),
         "shift": {"x_y": found.shifts.tolist(), "unit": "pixel"},
         "light": found.light.tolist(),
         "diagnostics": asdict(found.diagnostics),
@@ -98,6 +100,20 @@ def write_restoration(folder: ResultFolder, outcome: Outcome[Restoration], head:
         "software": software(),
     }
     return write_record(folder, record)
+
+
+def _told_distances(found: Distances) -> dict[str, Any]:
+    """What the record says of depth in metres; numbers over the frame are None where none is told."""
+    any_told = found.told > 0
+    return {
+        "least": float(np.nanmin(found.metres)) if any_told else None,
+        "greatest": float(np.nanmax(found.metres)) if any_told else None,
+        "median_std": float(np.nanmedian(found.std)) if any_told else None,
+        "median_common_std": float(np.nanmedian(found.common)) if any_told else None,
+        "unit": "m",
+        "told": found.told,
+        "side": found.side,
+    }
 
 
 def write_refusal(folder: ResultFolder, outcome: Outcome[Restoration], head: RecordHead) -> str:
@@ -124,4 +140,4 @@ def write_plane(folder: ResultFolder, result: PlaneResult, frames: Sequence[RawF
     timeless = replace(found, history=tuple(replace(r, seconds=0.0) for r in found.history))
     outcome = replace(outcome, value=timeless)  # the files are the same whenever they are computed
     photographs = [shown(frame).samples.astype(np.float64)[None] for frame in (frames[0], frames[len(frames) - 1])]
-    return write_outcome(folder, outcome, head, photographs)
+    return write_outcome(folder, Restored(outcome, {}), head, photographs)

@@ -13,6 +13,7 @@ from markupsafe import Markup
 from procedures.outcome import Outcome
 from procedures.restoration.joint.estimate import Restoration, refocused
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
+from procedures.restoration.metres import Distances
 from station.drawing.depth_pictures import encoded, levels, picture
 from station.reports import psf_figures
 from station.reports.page import render
@@ -29,7 +30,12 @@ FOCUS_AT = (("near", 90), ("in the middle", 50), ("far", 10))
 """Where the refocused pictures are sharp: percentiles of w."""
 
 
-def restoration_page(outcome: Outcome[Restoration], photographs: Sequence[Array], head: RecordHead) -> bytes:
+def restoration_page(
+    outcome: Outcome[Restoration],
+    photographs: Sequence[Array],
+    head: RecordHead,
+    distances: Distances | None = None,
+) -> bytes:
     """The page, UTF-8, with its pictures inside.
 
     outcome : with a value; photographs : (C, H, W) each, 1 = white
@@ -54,6 +60,7 @@ def restoration_page(outcome: Outcome[Restoration], photographs: Sequence[Array]
         after=shown(found.sharp),
         refocused=[(where, shown(image)) for where, image in _refocused(found)],
         **_maps(found),
+        distances=_in_metres(distances),
         course=psf_figures.course_figure(
             [r.n for r in found.history],
             [r.cost for r in found.history],
@@ -88,6 +95,25 @@ def _maps(found: Restoration) -> dict[str, Markup]:
             "residual",
             colours="RdBu_r",
             limits=(-limit, limit),
+        ),
+    }
+
+
+def _in_metres(found: Distances | None) -> dict[str, Any] | None:
+    """Maps of the distance and its standard uncertainty, and their numbers; None where no distance is told."""
+    if found is None or not found.told:
+        return None
+    least, greatest = (float(one) for one in np.nanpercentile(found.metres, (0.5, 99.5)))
+    most = float(np.nanpercentile(found.std, 95))
+    return {
+        "range": (least, greatest),
+        "std": float(np.nanmedian(found.std)),
+        "told": found.told,
+        "map": psf_figures.map_figure(
+            _small(found.metres), "distance in m", "distance", colours="viridis", limits=(least, greatest)
+        ),
+        "spread": psf_figures.map_figure(
+            _small(found.std), "standard uncertainty in m", "distance_std", colours="magma", limits=(0.0, most)
         ),
     }
 

@@ -1,6 +1,7 @@
 """A photograph through a simulated lens, corrected through the measured field: what is gained, and how long it takes.
 
     python tests/benchmarks/correction.py gain            PSNR against the scene: several fields, and none
+    python tests/benchmarks/correction.py loss            what fields' errors cost against the lens's own, and as told
     python tests/benchmarks/correction.py speed [MEGAPIXELS]   four planes of a mosaic; 24 by default
 
 The scene is a public photograph (matplotlib's sample of Grace Hopper, of the U.S. Navy), blurred by the lens's own
@@ -15,14 +16,18 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from unittest import mock
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import cv2
 import matplotlib
 import numpy as np
+import scipy.fft
 
+from procedures.correction import estimate
 from procedures.correction.estimate import CorrectionParameters, correct
+from procedures.correction.optics import Optics, wrapped
 from procedures.correction.priors import ORDERS, Prior
 from procedures.field.interpolate import interpolate
 from procedures.field.models import Separate
@@ -67,14 +72,60 @@ def gaussian_of(psf: Psf) -> Psf:
     return Psf(h / h.sum(), S, psf.covariance)
 
 
-def gain() -> None:
-    """Print PSNR in dB, of the whole frame and without its rim."""
-    camera, rng = FieldCamera(LENS), np.random.default_rng(5)
+def photograph(camera: FieldCamera) -> tuple[RawFrame, np.ndarray]:
+    """The photograph, and the light that it is of."""
     light = public_photograph()
-    truth = light[RIM:-RIM, RIM:-RIM]
     through = blurred(light, kernels_over(lambda x, y: sampled(camera.whole(x, y), S, 1), SHAPE, (7, 9)), RIM)
     sensor = Sensor()
-    frame = RawFrame(Path("simulated"), "", {"Y": Plane("Y", sensor.read(through, rng), 1 / sensor.steps)}, Exposure())
+    plane = Plane("Y", sensor.read(through, np.random.default_rng(5)), 1 / sensor.steps)
+    return RawFrame(Path("simulated"), "", {"Y": plane}, Exposure()), light[RIM:-RIM, RIM:-RIM]
+
+
+class OwnOptics(Optics):
+    """The lens's own transfer functions for those of a field."""
+
+    camera = FieldCamera(LENS)
+
+    def _of_plane(self, name: str, x: float, y: float, n: int) -> np.ndarray:
+        return scipy.fft.rfft2(wrapped(sampled(self.camera.whole(x, y), S, 1), n)).astype(np.complex64)
+
+
+def loss() -> None:
+    """Print the loss against the lens's own PSFs in dB, and the error that fields add, measured and told, in levels of
+    255: of the frame, and without its rim."""
+    camera = FieldCamera(LENS)
+    frame, truth = photograph(camera)
+    covariance, how = np.eye(K * K + 6) * SAMPLE_STD**2, CorrectionParameters(Prior("second-order"))
+
+    def squared(field: PsfField) -> tuple[np.ndarray, float]:
+        found = correct(frame, {"Y": field}, parameters=how).value
+        assert found is not None
+        difference = (found.picture[0] - truth) ** 2
+        return np.array([difference.mean(), difference[EDGE:-EDGE, EDGE:-EDGE].mean()]), found.field_error.rms**2
+
+    dense = interpolate("Y", SHAPE, nodes(camera, grid(7, 5, 0.03), covariance, np.random.default_rng(1))).field
+    with mock.patch.object(estimate, "Optics", OwnOptics):
+        best, _ = squared(dense)
+    print(f"{'charts':30} {'loss, dB':>17} {'adds':>17} {'told':>8}")
+    for columns, rows, margin, noise in ((5, 5, 0.05, 1), (7, 5, 0.05, 1), (7, 5, 0.03, 1), (7, 5, 0.03, 4)):
+        tries = []
+        for seed in (1, 2):
+            rng = np.random.default_rng(seed)
+            measured = nodes(camera, grid(columns, rows, margin), noise**2 * covariance, rng)
+            tries.append(squared(interpolate("Y", SHAPE, measured).field))
+        cost, told = np.mean([one[0] for one in tries], axis=0), np.mean([one[1] for one in tries])
+        lost, added = 10 * np.log10(cost / best), 255 * np.sqrt(np.maximum(cost - best, 0))
+        words = f"{columns} x {rows} to {margin:.0%}, noise {noise} times"
+        print(
+            f"{words:30} {lost[0]:8.3f} {lost[1]:8.3f} {added[0]:8.3f} {added[1]:8.3f} {255 * told**0.5:8.3f}",
+            flush=True,
+        )
+
+
+def gain() -> None:
+    """Print PSNR in dB, of the whole frame and without its rim."""
+    camera = FieldCamera(LENS)
+    frame, truth = photograph(camera)
     covariance = np.eye(K * K + 6) * SAMPLE_STD**2
     measured = nodes(camera, grid(5, 5, 0.05), covariance, np.random.default_rng(1))
     closer = nodes(camera, grid(7, 5, 0.03), covariance, np.random.default_rng(1))
@@ -123,4 +174,6 @@ def speed(megapixels: float = 24.0) -> None:
 
 
 if __name__ == "__main__":
-    {"gain": gain, "speed": lambda: speed(*(float(one) for one in sys.argv[2:]))}[(sys.argv[1:] or ["gain"])[0]]()
+    {"gain": gain, "loss": loss, "speed": lambda: speed(*(float(one) for one in sys.argv[2:]))}[
+        (sys.argv[1:] or ["gain"])[0]
+    ]()

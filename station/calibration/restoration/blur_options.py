@@ -31,7 +31,8 @@ SEE = "see `station restore --help`"
 BLURS = ("defocus", "motion", "both")
 
 
-def _unfit(reason: str) -> BadParameter:
+def unfit(reason: str) -> BadParameter:
+    """An option that cannot be meant so."""
     return BadParameter(reason, SEE)
 
 
@@ -63,47 +64,47 @@ class BlurOptions:
     def check(self, images: int) -> None:
         """Refuse options that do not go together. Raises BadParameter."""
         if self.blur not in BLURS:
-            raise _unfit(f"--blur is one of {', '.join(BLURS)}, not {self.blur!r}")
+            raise unfit(f"--blur is one of {', '.join(BLURS)}, not {self.blur!r}")
         if self.max_w is not None:
             check_max_w(self.max_w)
         if self.paths and (self.prototype_region is None or len(self.paths) != 2):
-            raise _unfit("--recorded-path needs --prototype-region, and one path for each of two photographs")
+            raise unfit("--recorded-path needs --prototype-region, and one path for each of two photographs")
         if self.imu or self.poses:
             self._check_recorded(images)
         elif (self.focal_px, self.max_inverse_depth) != (None, None):
-            raise _unfit("--focal-px and --max-inverse-depth go with --imu and --poses")
+            raise unfit("--focal-px and --max-inverse-depth go with --imu and --poses")
         elif self.prototype_region is None:
             self._check_shapes(images)
         if self.exposure_s and not self.imu:
-            raise _unfit("--exposure-s goes with --imu")
+            raise unfit("--exposure-s goes with --imu")
         for option, given in (("--ratio", self.ratios), ("--offset", self.offsets)):
             if len(given) >= images:
-                raise _unfit(f"{option} is for images after the first, here {images - 1}; got {len(given)} values")
+                raise unfit(f"{option} is for images after the first, here {images - 1}; got {len(given)} values")
         if self.offsets and (self.blur != "defocus" or self.prototype_region):
-            raise _unfit("--offset goes with --blur defocus: it comes from another focus")
+            raise unfit("--offset goes with --blur defocus: it comes from another focus")
         self._check_defocus(images)
 
     def _check_shapes(self, images: int) -> None:
         if len(self.shapes) not in (1, images):
-            raise _unfit(f"--shape takes one shape, or one for each of {images} images; got {len(self.shapes)}")
+            raise unfit(f"--shape takes one shape, or one for each of {images} images; got {len(self.shapes)}")
         for name in self.shapes:
             if self.blur != "defocus" and (name in ("pillbox", "gaussian") or name.startswith("polygon:")):
-                raise _unfit(
+                raise unfit(
                     f"--shape {name} is a blur of --blur defocus; --blur {self.blur} takes text arrays of motion"
                 )
 
     def _check_recorded(self, images: int) -> None:
         option, records = ("--imu", self.imu) if self.imu else ("--poses", self.poses)
         if self.imu and self.poses:
-            raise _unfit("give --imu or --poses, not both")
+            raise unfit("give --imu or --poses, not both")
         if self.blur == "defocus" or self.shapes or self.ratios or self.prototype_region:
-            raise _unfit(f"{option} goes with --blur motion or both, without --shape, --ratio and --prototype-region")
+            raise unfit(f"{option} goes with --blur motion or both, without --shape, --ratio and --prototype-region")
         if len(records) != images:
-            raise _unfit(f"{option} takes one record for each of {images} images; got {len(records)}")
+            raise unfit(f"{option} takes one record for each of {images} images; got {len(records)}")
         if self.focal_px is None or self.max_inverse_depth is None:
-            raise _unfit(f"{option} needs --focal-px and --max-inverse-depth")
+            raise unfit(f"{option} needs --focal-px and --max-inverse-depth")
         if len(self.exposure_s) not in (0, 1, images):
-            raise _unfit(f"--exposure-s takes one time, or one for each of {images} images")
+            raise unfit(f"--exposure-s takes one time, or one for each of {images} images")
 
     def _check_defocus(self, images: int) -> None:
         each = {
@@ -113,18 +114,18 @@ class BlurOptions:
         }
         if self.blur != "both":
             if any(each.values()):
-                raise _unfit(f"{', '.join(each)} go with --blur both")
+                raise unfit(f"{', '.join(each)} go with --blur both")
             return
         if self.prototype_region:
-            raise _unfit("--prototype-region finds motion alone: it goes with --blur motion")
+            raise unfit("--prototype-region finds motion alone: it goes with --blur motion")
         if not self.defocus_shapes or not self.defocus_ratios:
-            raise _unfit(
+            raise unfit(
                 "--blur both needs --defocus-shape and --defocus-ratio: the shape of defocus beside that of motion, "
                 "and the pixels of its half-width for each unit of w"
             )
         for option, given in each.items():
             if given and len(given) not in (1, images):
-                raise _unfit(f"{option} takes one value, or one for each of {images} images; got {len(given)}")
+                raise unfit(f"{option} takes one value, or one for each of {images} images; got {len(given)}")
 
     def spec(self, frames: list[RawFrame], photographs: list[Array]) -> BlurSpec:
         """What they tell of the blur, its files read."""

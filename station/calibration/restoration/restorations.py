@@ -20,6 +20,7 @@ from procedures.restoration.joint.schedule import Scheme
 from procedures.restoration.masks.blur_models import named
 from procedures.restoration.masks.blur_operator import Array
 from procedures.restoration.masks.checks import check_photographs
+from procedures.restoration.metres import Distances
 from procedures.restoration.photograph_blur import SceneBlur, blur_of
 from station.calibration.restoration.blur_options import (
     BlurOptions,
@@ -30,6 +31,7 @@ from station.calibration.restoration.blur_options import (
     tell_measured,
 )
 from station.calibration.restoration.inputs import RADIAL
+from station.calibration.restoration.metres_options import MetresOptions
 
 NAME = "{name}"
 """Stands in the name of a record for that of the photograph, without its suffix; such records lie beside it."""
@@ -71,16 +73,29 @@ class RestorationOptions:
     descent : DescentOptions
     encoding : "linear", "srgb" or None
         What the numbers of colour files of 16 bits mean; None for planes of RAW and grey files.
+    metres : MetresOptions
+        Whether depth is told in metres, and from what.
     """
 
     blur: BlurOptions
     descent: DescentOptions = field(default_factory=DescentOptions)
     encoding: str | None = None
+    metres: MetresOptions = field(default_factory=MetresOptions)
+
+    def checked(self, photographs: int) -> RestorationOptions:
+        """The same, with the shape that distances ask for. Raises BadParameter where options do not go together."""
+        self.metres.check(self.blur, photographs)
+        blur = self.blur
+        if self.metres.metres is not None and not blur.shapes:
+            blur = replace(blur, shapes=("pillbox",))
+        blur.check(photographs)
+        _ = self.descent.parameters
+        return replace(self, blur=blur)
 
     @property
     def told(self) -> dict[str, Any]:
         """All options that are not as usual, by name."""
-        given = {one.name: getattr(self.blur, one.name) for one in fields(self.blur)}
+        given = {one.name: getattr(of, one.name) for of in (self.blur, self.metres) for one in fields(of)}
         found = {name: value for name, value in given.items() if value not in ((), None)}
         return {**found, **({"encoding": self.encoding} if self.encoding else {}), **self.descent.told}
 
@@ -158,31 +173,56 @@ def read_photographs(
     return frames, photographs
 
 
+@dataclass(frozen=True, eq=False)
+class Restored:
+    """A restoration with its verdict.
+
+    Attributes
+    ----------
+    outcome : Outcome[Restoration]
+    told : mapping
+        What a record says of the parameters.
+    distances : Distances, optional
+        Depth in metres where it was asked for.
+    """
+
+    outcome: Outcome[Restoration]
+    told: Mapping[str, Any]
+    distances: Distances | None = None
+
+
 def restored(
     options: RestorationOptions,
     frames: list[RawFrame],
     photographs: list[Array],
     tell: Tell = silent,
     progress: Callable[[JointRound], None] | None = None,
-) -> tuple[Outcome[Restoration], dict[str, Any]]:
-    """The sharp picture and the depth map with their verdict, and what a record says of the parameters.
+) -> Restored:
+    """The sharp picture and the depth map.
 
     Raises
     ------
     ProcedureError
         As `procedures.restoration` does, and where the options' files cannot be read.
     """
-    spec = options.blur.spec(frames, photographs)
+    metres = options.metres
+    settings = metres.settings(frames) if metres.metres else []
+    spec = (metres.blur(options.blur, settings) if settings else options.blur).spec(frames, photographs)
     tell_measured(spec, tell)
     blur = blur_of(spec, photographs, partial(tell_finding, tell=tell))
     outcome = _in_colour(blur.restored(photographs, options.descent.parameters, progress), frames, blur, tell)
+    distances = None
+    if settings and outcome.value is not None:
+        distances = metres.distances(outcome.value, photographs, blur.masks, settings[0])
+        outcome = metres.judged(outcome, distances)
     told = {
         **blur_record(options.blur, frames, spec, blur),
+        **(metres.told(settings) if settings else {}),
         "planes": list(frames[0].planes),
         **({"encoding": options.encoding} if options.encoding else {}),
         **options.descent.told,
     }
-    return outcome, told
+    return Restored(outcome, told, distances)
 
 
 def _in_colour(

@@ -66,9 +66,9 @@ class SmallLens:
             at, np.eye(2) * 1e-6, at, Psf(h / h.sum(), S, np.eye(K * K) * max(noise, 1e-7) ** 2), "lens", number
         )
 
-    def field(self, name: str, noise: float = 1e-6) -> Interpolation:
+    def field(self, name: str, noise: float = 1e-6, seed: int = 11) -> Interpolation:
         """Measured at 5 x 4 places."""
-        rng = np.random.default_rng(11)
+        rng = np.random.default_rng(seed)
         rows, columns = self.shape
         places = [(x, y) for y in np.linspace(0, rows - 1, 4) for x in np.linspace(0, columns - 1, 5)]
         unshifted = SmallLens(self.shape, self.sigma_px, self.growth, self.coma)

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from procedures.field.interpolate import interpolate, rebuild
+from procedures.field.models import Separate
+from procedures.numerics.scattered import ThinPlate
 from procedures.outcome import Refused
 from procedures.psf import Psf
 from procedures.psf_field import held_by_priors
@@ -129,11 +131,21 @@ def test_a_field_without_change_is_told_to_be_constant(covariance):
     assert np.mean(errors) < 0.45 * np.sqrt(np.trace(covariance[: K * K, : K * K]))
 
 
-def test_beyond_the_nodes_the_psf_is_that_of_the_nearest_place(found):
-    assert not found.field.inside(np.array([[2.0, 250.0]]))[0]
-    near = found.field.hull.nearest(np.array([[2.0, 250.0]]))[0]
+def test_beyond_the_nodes_a_symmetric_lens_is_told_as_far_from_its_axis_as_they_lie(camera, found):
+    side = np.array([375.0, 2.0])
+    assert not found.field.inside(side[None])[0]
+    near = found.field.hull.nearest(side[None])[0]
+    error, of_nearest = (np.linalg.norm(found.field.at(*place).h - camera.psf(*side)) for place in (side, near))
+    assert error < 0.7 * of_nearest
+    # the corner lies farther from the axis than any node: as on the way there
+    np.testing.assert_allclose(found.field.at(-400, -300).h, found.field.at(-800, -600).h, atol=1e-3)
+
+
+def test_beyond_the_nodes_a_surface_tells_the_psf_of_the_nearest_place(found):
+    field = replace(found.field, model=Separate("plate", ThinPlate(found.field.model.places, np.ones(25))))
+    near = field.hull.nearest(np.array([[2.0, 250.0]]))[0]
     assert near[0] == pytest.approx(grid()[0, 0], abs=0.1)
-    np.testing.assert_allclose(found.field.at(2.0, 250.0).h, found.field.at(*near).h, atol=1e-12)
+    np.testing.assert_allclose(field.at(2.0, 250.0).h, field.at(*near).h, atol=1e-12)
 
 
 @pytest.mark.parametrize(("chosen", "words"), [(slice(5), "from 6 places"), (slice(0, None, 5), "one line")])

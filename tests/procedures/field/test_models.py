@@ -44,3 +44,15 @@ def test_what_the_model_can_say_is_reproduced(optic, rng):
     np.testing.assert_allclose(model.predict(elsewhere, values), expected, atol=1e-4)
     weights = model.transfer(elsewhere, K * K)
     np.testing.assert_allclose(np.einsum("narb,rb->na", weights, values), expected, atol=1e-4)
+
+
+def test_the_symmetric_lens_is_believed_as_far_from_its_axis_as_four_nodes_lie(optic):
+    axis, circle = (0.1, 0.0), np.linspace(0, 2 * np.pi, 5)[:-1]
+    ring = np.array(axis) + 0.6 * np.column_stack([np.cos(circle), np.sin(circle)])
+    model = AxialSymmetry(np.vstack([ring, [[0.1, 0.0]]]), np.ones(5), optic, 2, axis)
+    held = np.array([[0.4, 0.3], [0.7, 0.0], [0.3, 0.1]])
+    points = np.array([[0.5, 0.4], [0.9, 0.0], [0.3, 0.1]])  # within the circle, beyond it, not beyond the nodes
+    expected = [points[0], held[1], points[2]]
+    np.testing.assert_allclose(model.carried(held, points), expected, atol=1e-9)
+    beyond = model.carried(held[:1], held[:1] + 3.0)[0]
+    assert np.hypot(*(beyond - axis)) == pytest.approx(0.6)

@@ -101,6 +101,7 @@ def test_the_record_tells_verdict_noise_and_what_is_predicted(done):
     assert (record["schema"], record["verdict"]) == ("station/correct/1", "pass")
     told = record["predicted"]
     assert told["mtf50_after"]["median"] > told["mtf50_before"]["median"]
+    assert 0 < told["field_error"]["of_noise"] < told["field_error"]["rms"] < 0.01
     assert set(record["noise"]) == set(RGGB)
     assert record["encodings"]["corrected.tiff"]["encoding"] == "linear"
     assert "Before and after" in (done[1] / "report.html").read_text()

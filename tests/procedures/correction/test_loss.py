@@ -1,0 +1,59 @@
+"""What a field's error costs: the filters' linear change against photographs corrected through fields that err."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from procedures.correction.estimate import CorrectionParameters, correct
+from procedures.correction.loss import PLACES, field_error
+from procedures.correction.optics import Optics
+from procedures.correction.priors import Prior
+from procedures.raw import Plane
+
+from .lens_photographs import Sensor
+from .seen import RIM, SmallLens, grey, scene
+
+SHAPE = (150, 200)
+NOISE = 0.002
+"""Of a PSF's samples: 0.03 of its light over all at every chart."""
+
+
+class Whole:
+    """A frame of one grey plane."""
+
+    shape, channel, channels = SHAPE, (0,), 1
+
+
+@pytest.fixture(scope="module")
+def picture():
+    return scene(SHAPE).astype(np.float32)
+
+
+@pytest.mark.slow
+def test_it_is_told_where_there_is_detail_and_grows_with_contrast(picture):
+    optics = Optics.of({"Y": Plane("Y", picture[0], 1e-4)}, {"Y": SmallLens(SHAPE, 0.8).field("Y", 1e-3).field}, {})
+    flat, one, double = (
+        field_error(optics, Whole(), Prior(), 1e-5, 0.03, shown) for shown in (0 * picture + 0.5, picture, 2 * picture)
+    )
+    assert flat.rms < 1e-9
+    np.testing.assert_allclose(double.noise, 4 * one.noise, rtol=1e-5)
+    assert one.noise.shape == PLACES
+    assert one.rms == pytest.approx(np.sqrt(np.mean(one.noise + one.interpolation)))
+
+
+@pytest.mark.slow
+def test_the_error_that_the_covariance_tells_is_that_of_photographs_corrected_so():
+    lens = SmallLens(SHAPE, 0.8, growth=0.0, coma=0.0)
+    photograph = grey(lens, scene(tuple(n + 2 * RIM for n in SHAPE)), Sensor(white_e=60000.0))
+    parameters = CorrectionParameters(Prior("second-order"))
+
+    def squared(noise, seed):
+        found = correct(photograph.frame, {"Y": lens.field("Y", noise, seed).field}, parameters=parameters).value
+        return np.mean((found.picture - photograph.truth) ** 2), found.field_error
+
+    best, told = squared(1e-6, 0)
+    assert told.rms**2 < 0.02 * best
+    costs, told = zip(*(squared(NOISE, seed) for seed in range(4)), strict=True)
+    # four draws of a sum over about a hundred frequencies: 7 % by chance
+    assert np.sqrt(np.mean([one.rms**2 for one in told])) == pytest.approx(np.sqrt(np.mean(costs) - best), rel=0.2)
