@@ -63,6 +63,8 @@ def write_restoration(
         },
         **({} if distances is None else {"distance": _told_distances(distances)}),
         "shift": {"x_y": found.shifts.tolist(), "unit": "pixel"},
+        "turn": {"value": np.rad2deg(found.turns).tolist(), "unit": "degree"},
+        "zoom": found.zooms.tolist(),
         "light": found.light.tolist(),
         "diagnostics": asdict(found.diagnostics),
         "iterations": [
