@@ -91,6 +91,8 @@ def write_restoration(folder: ResultFolder, restored: Restored, head: RecordHead
         },
         **({} if distances is None else {"distance": _told_distances(distances)}),
         "shift": {"x_y": found.shifts.tolist(), "unit": "pixel"},
+        "turn": {"value": np.rad2deg(found.turns).tolist(), "unit": "degree"},
+        "zoom": found.zooms.tolist(),
         "light": found.light.tolist(),
         "diagnostics": asdict(found.diagnostics),
         "iterations": [

@@ -56,6 +56,7 @@ def restoration_page(
         w=tuple(float(one) * found.unit.per_pixel for one in (found.w.min(), found.w.max())),
         unit=found.unit.name,
         shifts=found.shifts[1:].tolist() if found.shifts.any() else [],
+        turns=_turns(found),
         before=[shown(image) for image in photographs],
         after=shown(found.sharp),
         refocused=[(where, shown(image)) for where, image in _refocused(found)],
@@ -97,6 +98,13 @@ def _maps(found: Restoration) -> dict[str, Markup]:
             limits=(-limit, limit),
         ),
     }
+
+
+def _turns(found: Restoration) -> list[tuple[float, float]]:
+    """Turn in degrees and zoom of each photograph after the first; none where none was taken up."""
+    if not found.turns.any():
+        return []
+    return [(float(np.rad2deg(a)), float(b)) for a, b in zip(found.turns[1:], found.zooms[1:], strict=True)]
 
 
 def _in_metres(found: Distances | None) -> dict[str, Any] | None:

@@ -13,10 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft2, next_fast_len, rfft2
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import gaussian_filter, minimum_filter
 from scipy.ndimage import shift as moved
 from scipy.signal import fftconvolve
 
+from procedures.outcome import Refused
+from procedures.restoration.first_depth.similarity import Similarity, similarity, turned_back
 from procedures.restoration.masks.blur_operator import Array, MaskStack
 from procedures.restoration.masks.checks import check_shift
 from procedures.restoration.masks.mask_fields import MaskField, Masks
@@ -36,8 +38,13 @@ class RegistrationSettings:
         Part of what the relation leaves that a shift must take away to be believed.
     least_shift : float
         Pixels; less may be what levels of depth 0.3 pixels apart leave where blurs lie beside their middle.
-    least_light, most_light : float
-        Difference of light from which it is taken up, and beyond which the photographs are not of one scene.
+    least_light, most_light, any_light : float
+        Difference of light from which it is taken up; up to which it is whatever else differs; and the greatest factor
+        that is taken up where the photographs agree but for it.
+    agree, bent : float
+        What a factor leaves, over the contrast, up to which photographs agree; and what it leaves over what a curve
+        leaves, from which light is not proportional: 1.0 for linear photographs, 2.6 and more for a gamma of 1.1 and
+        black levels apart by 5 % of white.
     light_levels, light_part : int
         Depths at which light is compared, and the side of the frame's middle where that is done, pixels.
     """
@@ -48,6 +55,9 @@ class RegistrationSettings:
     least_shift: float = 0.2
     least_light: float = 0.01
     most_light: float = 0.3
+    any_light: float = 4.0
+    agree: float = 0.3
+    bent: float = 2.0
     light_levels: int = 9
     light_part: int = 512
 
@@ -68,12 +78,24 @@ class Displacement:
 
 def displacement(z: Array, stacks: Sequence[Masks], s: RegistrationSettings | None = None) -> Displacement:
     """How far photograph z[1] is shifted against z[0] beyond what the masks say. z : (2, C, H, W)."""
-    s = s or RegistrationSettings()
+    return _common([cost for cost, _ in _costs(z, stacks, s or RegistrationSettings())])
+
+
+Costs = list[tuple[Array, tuple[float, float]]]
+"""What every shift of a part of the frame leaves, and where its middle lies."""
+
+
+def _costs(z: Array, stacks: Sequence[Masks], s: RegistrationSettings) -> Costs:
     grey = z.mean(axis=1)
     # what is smooth tells no shift, and the tiles' windows would take its slope for one
     tiles = _tiles(grey - gaussian_filter(grey, (0, stacks[0].R / 2, stacks[0].R / 2)), stacks[0].R, s.most_tiles)
     fields = [MaskField.of(one) for one in stacks]
-    cost = np.sum([_tile_cost(tile, [one.near(*place) for one in fields], s) for tile, place in tiles], axis=0)
+    return [(_tile_cost(tile, [one.near(*place) for one in fields], s), place) for tile, place in tiles]
+
+
+def _common(costs: Sequence[Array]) -> Displacement:
+    """The shift that all the parts agree on."""
+    cost = np.sum(costs, axis=0)
     size = np.array(cost.shape)
     middle = size // 2
     place = np.array(np.unravel_index(cost.argmin(), cost.shape)).clip(1, size - 2)
@@ -134,19 +156,22 @@ def _valley(line: NDArray[np.floating], k: np.intp) -> tuple[float, float]:
 class Registered:
     """Photographs (P, C, H, W) and trust (P, 1, H, W) brought to the first, and what was taken up.
 
-    shifts : (P, 2) x, y against the first, pixels; light : (P,) over the first's.
+    shifts : (P, 2) x, y against the first, pixels; light : (P,) over the first's; turns, zooms : (P,) radians from x to
+    y, and over the first's size.
     """
 
     z: Array
     trust: Array
     shifts: Array
     light: Array
+    turns: Array
+    zooms: Array
 
 
 def registered(
     z: Array, trust: Array, stacks: Sequence[Masks], settings: RegistrationSettings | None = None
 ) -> Registered:
-    """Photographs with every shift and difference of light against the first taken up.
+    """Photographs with every turn, zoom, shift and difference of light against the first taken up.
 
     z : (P, C, H, W); trust : (P, 1, H, W).
 
@@ -158,37 +183,129 @@ def registered(
     s = settings or RegistrationSettings()
     z, trust = z.copy(), trust.copy()
     shifts, light = np.zeros((len(z), 2)), np.ones(len(z))
+    turns, zooms = np.zeros(len(z)), np.ones(len(z))
     for n in range(1, len(z)):
         pair = [stacks[0], stacks[n]]
-        found = displacement(z[[0, n]], pair, s)
+        costs = _costs(z[[0, n]], pair, s)
+        alike = _similarity(costs, z.shape[2:])
+        if alike.believed:
+            z[n], trust[n] = turned_back(z[n], trust[n], alike)
+            turns[n], zooms[n] = alike.turn, alike.zoom
+            costs = _costs(z[[0, n]], pair, s)
+        found = _common([cost for cost, _ in costs])
         if found.believed(s):
             check_shift(n + 1, found.x, found.y, pair[0].R)
             # the tiles saw other parts of the scene; what they miss for that is seen once they are in place
             rest = displacement(np.stack([z[0], taken_up(z[n], trust[n], found.x, found.y)[0]]), pair, s)
             shifts[n] = found.x + rest.x, found.y + rest.y
             z[n], trust[n] = taken_up(z[n], trust[n], *shifts[n])
-        more = relative_light(z[[0, n]], pair, s)
-        if s.least_light < abs(more - 1) < s.most_light:
-            light[n] = more
-            z[n] /= more
-    return Registered(z, trust, shifts, light)
+        more = relative_light(z[[0, n]], pair, s, trust[[0, n]])
+        check_tone(n + 1, more, s)
+        if more.believed(s):
+            light[n] = more.factor
+            z[n] /= more.factor
+    return Registered(z, trust, shifts, light, turns, zooms)
 
 
-def relative_light(z: Array, stacks: Sequence[Masks], s: RegistrationSettings | None = None) -> float:
-    """Light of photograph z[1] over that of z[0]: factor between z1 * h2 and z2 * h1 at the depth that suits best."""
-    s, (H, W) = s or RegistrationSettings(), z.shape[2:]
-    y, x = max(0, (H - s.light_part) // 2), max(0, (W - s.light_part) // 2)
-    one, two = z.mean(axis=1)[:, y : y + s.light_part, x : x + s.light_part]
-    best, least = 1.0, np.inf
+def _similarity(costs: Costs, shape: tuple[int, ...]) -> Similarity:
+    """Turn and zoom, by the shift of every part of the frame."""
+    each = [_common([cost]) for cost, _ in costs]
+    shifts = np.array([[one.x, one.y] for one in each])
+    return similarity([place for _, place in costs], shifts, (shape[0], shape[1]))
+
+
+@dataclass(frozen=True)
+class Light:
+    """Light of one photograph over another's.
+
+    Attributes
+    ----------
+    factor : float
+    left, left_by_curve : float
+        Root mean square of what the factor leaves, and of what a parabola leaves, over the contrast.
+    curvature, offset : float
+        Of the parabola: how its slope changes over the levels, half of it over its mean; its value in the dark over the
+        mean level.
+    """
+
+    factor: float
+    left: float
+    left_by_curve: float
+    curvature: float
+    offset: float
+
+    def believed(self, s: RegistrationSettings) -> bool:
+        """Whether it is to be taken up."""
+        if abs(self.factor - 1) < s.most_light:
+            return abs(self.factor - 1) > s.least_light
+        return 1 / s.any_light < self.factor < s.any_light and self.left < s.agree
+
+
+def check_tone(n: int, light: Light, s: RegistrationSettings) -> None:
+    """Refuse a photograph whose light is not proportional to the first's.
+
+    Raises
+    ------
+    Refused
+        If a curve explains much more than a factor does.
+    """
+    if light.left_by_curve < s.agree and light.left > s.bent * light.left_by_curve:
+        raise Refused(
+            f"photograph {n} has another tone curve or black level than photograph 1: between their levels "
+            f"lies a curve that begins at {light.offset:+.0%} of the mean and bends by {light.curvature:+.0%}",
+            "give both as linear light from the same settings: RAW files, or exports without a tone curve",
+        )
+
+
+def relative_light(
+    z: Array, stacks: Sequence[Masks], s: RegistrationSettings | None = None, trust: Array | None = None
+) -> Light:
+    """Light of photograph z[1] over that of z[0]: between z1 * h2 and z2 * h1 at the depth that suits best.
+
+    trust : (2, 1, H, W), 0 for samples that do not count, as do none that their light is spread to
+    """
+    s, R = s or RegistrationSettings(), stacks[0].R
+    y, x = (slice(max(0, (size - s.light_part) // 2), None) for size in z.shape[2:])
+    one, two = z.mean(axis=1)[:, y, x][:, : s.light_part, : s.light_part]
+    known = np.ones(one.shape, bool)
+    if trust is not None:
+        known = minimum_filter(trust.min(axis=(0, 1)), 2 * R + 1)[y, x][: s.light_part, : s.light_part] > 0
+    counted = known[R:-R, R:-R] if known[R:-R, R:-R].sum() > 100 else np.s_[:]
     largest = min(stack.max_w for stack in stacks)
+    tried = []
     for w in np.linspace(largest / s.light_levels, largest, s.light_levels):
         h1, h2 = (stack.at(float(w)) for stack in stacks)
-        a, b = fftconvolve(one, h2, mode="valid"), fftconvolve(two, h1, mode="valid")
-        factor = float(np.vdot(a, b) / max(np.vdot(a, a), 1e-30))
-        left = float(np.mean((b - factor * a) ** 2))
-        if left < least:
-            best, least = factor, left
-    return best
+        a, b = (fftconvolve(*both, mode="valid")[counted].ravel() for both in ((one, h2), (two, h1)))
+        tried.append((_left(a, b, 1), a, b))
+    return _light(*min(tried, key=lambda level: level[0])[1:])
+
+
+def _light(a: Array, b: Array) -> Light:
+    """Levels b over levels a."""
+    constant, slope, bend = _curve(a, b)
+    low, high = np.percentile(a, (2, 98))
+    curvature = bend * (high - low) / max(abs(slope + bend * (high + low)), 1e-9)
+    contrast = max(float(b.std()), 1e-9)
+    left, by_curve = (float(np.sqrt(_left(a, b, degree))) / contrast for degree in (1, 2))
+    return Light(_factor(a, b), left, by_curve, float(curvature), constant / max(float(b.mean()), 1e-9))
+
+
+def _left(a: Array, b: Array, degree: int) -> float:
+    """Mean square that a factor (degree 1) or a parabola (2) leaves of levels b over levels a."""
+    if degree == 1:
+        return float(np.mean((b - _factor(a, b) * a) ** 2))
+    return float(np.mean((b - np.polynomial.polynomial.polyval(a, _curve(a, b))) ** 2))
+
+
+def _factor(a: Array, b: Array) -> float:
+    """Levels b over levels a."""
+    return float(np.vdot(a, b)) / max(float(np.vdot(a, a)), 1e-30)
+
+
+def _curve(a: Array, b: Array) -> tuple[float, float, float]:
+    """The parabola of levels b over levels a: constant, slope, bend."""
+    found = np.polynomial.polynomial.polyfit(a, b, 2)
+    return float(found[0]), float(found[1]), float(found[2])
 
 
 def taken_up(photograph: Array, trust: Array, x: float, y: float) -> tuple[Array, Array]:

@@ -116,7 +116,7 @@ class Restoration:
     """Sharp picture (C, H, W), w (H, W) pixels and its least standard deviation, residuals (P, C, H, W), history.
 
     shifts : (P, 2) x, y of each photograph against the first beyond what its masks contain, pixels; light : (P,) over
-    the first's; both taken up.
+    the first's; turns, zooms : (P,) against the first, radians and over its size; all taken up.
     unit : what w is told in to people and files.
     """
 
@@ -129,6 +129,8 @@ class Restoration:
     diagnostics: Diagnostics
     shifts: Array
     light: Array
+    turns: Array
+    zooms: Array
     unit: DepthUnit = field(default_factory=DepthUnit)
 
 
@@ -262,7 +264,8 @@ def _restoration(
         at_limit=float((w > limit - 0.2).mean()),
     )
     sharp = state.u[:, R:-R, R:-R]
-    return Restoration(sharp, w, spread, residual, start, state.history, diagnostics, brought.shifts, brought.light)
+    moved = (brought.shifts, brought.light, brought.turns, brought.zooms)
+    return Restoration(sharp, w, spread, residual, start, state.history, diagnostics, *moved)
 
 
 def _left_over(residual: Array, data: DataTerm) -> float:

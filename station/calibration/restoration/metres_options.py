@@ -100,13 +100,14 @@ class MetresOptions:
 
         from procedures.restoration.first_depth.registration import registered
         from procedures.restoration.masks.checks import trust_of
-        from procedures.restoration.metres import ambiguity, distances_of
+        from procedures.restoration.metres import ambiguity, distances_of, unexplained
 
         z = np.stack(photographs)
         brought = registered(z, trust_of(z), masks).z
-        w = found.w.astype(np.float64)
-        spread = ambiguity(list(brought), masks, w, found.diagnostics.noise)
-        return distances_of(w, np.hypot(found.w_std, spread), setting, str(self.metres))
+        w, noise = found.w.astype(np.float64), found.diagnostics.noise
+        spread = np.hypot(found.w_std, ambiguity(list(brought), masks, w, noise))
+        spread[unexplained(found.residual.astype(np.float64), noise)] = np.inf
+        return distances_of(w, spread, setting, str(self.metres))
 
     @staticmethod
     def judged(outcome: Outcome[Restoration], distances: Distances) -> Outcome[Restoration]:

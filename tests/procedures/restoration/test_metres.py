@@ -6,7 +6,7 @@ import pytest
 from procedures.outcome import BadParameter
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
 from procedures.restoration.masks.thin_lens import CameraSetting
-from procedures.restoration.metres import BEHIND, FRONT, MASKS_PX, Knowledge, ambiguity, distances_of
+from procedures.restoration.metres import BEHIND, FRONT, MASKS_PX, Knowledge, ambiguity, distances_of, unexplained
 
 from .conftest import scene
 
@@ -61,3 +61,13 @@ def test_depth_is_ambiguous_where_there_is_no_texture():
     assert np.median(spread[8:-8, 56:-8]) > 0.7
     # another depth than the photographs' is no nearer for being told
     assert np.median(ambiguity(list(seen.z), stacks, w + 1, noise)[8:24, 8:28]) > 0.8
+
+
+def test_where_something_is_left_over_nothing_is_explained(rng):
+    residual = 0.01 * rng.standard_normal((2, 1, 60, 80))
+    residual[:, :, 20:40, 50:70] *= 3
+    found = unexplained(residual, 0.01)
+    assert found[24:36, 54:66].all()
+    assert not found[:, :40].any()
+    told = distances_of(np.ones((60, 80)), np.where(found, np.inf, 0.1), SETTING, FRONT)
+    assert (np.isnan(told.metres) == found).all()

@@ -11,7 +11,7 @@ from procedures.restoration.masks.blur_models import mask_stack, pillbox
 from procedures.restoration.masks.blur_operator import Blur
 from procedures.restoration.masks.thin_lens import CameraSetting
 
-from .test_restore_shapes import BOTH, FAR, NEAR, QUICK, SIZE, R, depth, write
+from .test_restore_shapes import BOTH, FAR, NEAR, SIZE, R, depth, write
 
 FOCAL_MM, FOCUS_M, PITCH_UM = 12.0, 0.45, 6.0
 CAMERA = [
@@ -43,8 +43,8 @@ def images(tmp_path_factory):
 @pytest.mark.slow
 def test_two_halves_lie_as_far_as_the_lens_blurs_them(run, images, tmp_path):
     done = run(
-        "restore", *images, "--blur", "defocus", "--max-w", "4", "--metres", "behind", *CAMERA, *QUICK,
-        "--out", tmp_path / "o",
+        "restore", *images, "--blur", "defocus", "--max-w", "4", "--metres", "behind", *CAMERA,
+        "--scheme", "6x(8+8)+2x10", "--out", tmp_path / "o",
     )  # fmt: skip
     assert done.exit_code == 0, done.output
     setting = CameraSetting(FOCAL_MM, 2.8, 1000 * FOCUS_M, PITCH_UM)
