@@ -57,11 +57,11 @@ def plan() -> Plan:
         "restoration",
         "Sharp picture and depth from two photographs",
         (
-            Step("scene", "Scene", "Set up the scene, the rig and the light.", SCENE, drawings.SCENE),
-            Step("first", "First", "Take the first photograph.", shots("first", FIRST), drawings.FIRST),
+            Step("scene", "Scene", "Set up the scene, the rig and the light.", SCENE, drawings.SCENE, gave_blur),
+            Step("first", "First", "Take the first photograph.", shots("first", FIRST), drawings.FIRST, gave_first),
             Step(
                 "second", "Second", "Take the second: another aperture or motion.", shots("second", SECOND),
-                drawings.SECOND,
+                drawings.SECOND, gave_second,
             ),
             Step("estimate", "Restore", "Restore picture and depth from both.", (Estimate(estimate),)),
             Step("verdict", "Verdict", "Accept the result, or take both again.", (Decide("first"),)),
@@ -71,21 +71,64 @@ def plan() -> Plan:
     )  # fmt: skip
 
 
+def by_apertures(facts: Facts) -> bool:
+    """Whether two apertures blur the photographs."""
+    return facts_as(RestorationFacts, facts).blur_by == APERTURES
+
+
+def by_motions(facts: Facts) -> bool:
+    """Whether two motions of the rig do."""
+    return not by_apertures(facts)
+
+
+def gave_blur(facts: Facts) -> str:
+    """What blurs."""
+    return facts_as(RestorationFacts, facts).blur_by
+
+
+def gave_first(facts: Facts) -> str:
+    """How bright the first photograph is."""
+    level = facts_as(RestorationFacts, facts).first_level
+    return "" if level is None else f"mean {100 * level:.0f} %"
+
+
+def gave_second(facts: Facts) -> str:
+    """How much brighter the second is."""
+    known = facts_as(RestorationFacts, facts)
+    if known.first_level is None or known.second_level is None:
+        return ""
+    return f"light {100 * (known.second_level / known.first_level - 1):+.0f} %"
+
+
 SCENE = (
     Ask("blur_by", "What will blur the two photographs?", "choice", default=APERTURES, choices=(APERTURES, MOTIONS)),
-    Ask("scene", "Set up a scene that stands still, detailed everywhere. Fix the camera to its rig, the IMU y up."),
+    Ask("scene", "Set up a scene that stands still, detailed everywhere. Fix the camera to its rig, the IMU y up.",
+        when=by_motions),
+    Ask("scene", "Set up a scene that stands still, detailed everywhere, and fix the camera.", when=by_apertures),
     SetLight(lambda facts: 1.0),
     Ask("focused", "Focus nearer than anything in the scene, then switch autofocus off."),
     Ask("max_w", "How far does the widest blur reach?", "number", "pixels", MAX_W, low=1.0, high=40.0),
-    Ask("first_f_number", "Which f-number has the first photograph?", "number", "", 8.0, low=0.5, high=64.0),
-    Ask("second_f_number", "And the second one?", "number", "", 4.0, low=0.5, high=64.0),
-    Ask("shape", "Which shape has the aperture? pillbox, gaussian, polygon:BLADES", "text", default="pillbox"),
-    Ask("pixel_pitch_um", "How far apart are the pixels? 0: the rig does not turn.", "number", "µm", 0.0, low=0.0),
-    Ask("region", "Where is a flat part of one distance? x,y,width,height in pixels, or auto.", "text", default="auto"),
+    Ask("first_f_number", "Which f-number has the first photograph?", "number", "", 8.0, low=0.5, high=64.0,
+        when=by_apertures),
+    Ask("second_f_number", "And the second one?", "number", "", 4.0, low=0.5, high=64.0, when=by_apertures),
+    Ask("shape", "Which shape has the aperture? pillbox, gaussian, polygon:BLADES", "text", default="pillbox",
+        when=by_apertures),
+    Ask("pixel_pitch_um", "How far apart are the pixels? 0: the rig does not turn.", "number", "µm", 0.0, low=0.0,
+        when=by_motions),
+    Ask("pixel_pitch_um", "How far apart are the pixels? 0: not known.", "number", "µm",
+        0.0, low=0.0, when=by_apertures),
+    Ask("region", "Where is a flat part of one distance? x,y,width,height in pixels, or auto.", "text", default="auto",
+        when=by_motions),
 )  # fmt: skip
-FIRST = Ask("first", "Set the first aperture; or make the rig ready for its first motion.")
-MOVES = Ask("first_moves", "Set the rig in its first motion, if that is what blurs; otherwise touch nothing.")
-SECOND = Ask("second", "Set the second aperture and as much more or less time; or set the rig in its second motion.")
+FIRST = (
+    Ask("first", "Set the first aperture.", when=by_apertures),
+    Ask("first", "Let the rig stand still: the light is looked at first.", when=by_motions),
+)
+MOVES = Ask("first_moves", "Set the rig in its first motion.", when=by_motions)
+SECOND = (
+    Ask("second", "Set the second aperture, and as much more or less time; touch nothing else.", when=by_apertures),
+    Ask("second", "Set the rig in its second motion.", when=by_motions),
+)
 
 # --- checks ------------------------------------------------------------------------------------------------------
 
@@ -201,7 +244,7 @@ def aperture_ratio(known: RestorationFacts) -> float:
     return max(ratio, 1 / ratio)
 
 
-def shots(which: str, ask: Ask) -> tuple[Any, ...]:
+def shots(which: str, asks: tuple[Ask, ...]) -> tuple[Any, ...]:
     """One photograph that counts; the IMU is recorded meanwhile."""
 
     def estimate_one(frame: RawFrame, facts: Facts, results: Sequence[Outcomes], known: Known) -> Outcomes:
@@ -212,7 +255,7 @@ def shots(which: str, ask: Ask) -> tuple[Any, ...]:
 
     # the light is judged while the rig is still
     look = (Look("light", check_first), MOVES) if which == "first" else ()
-    return (ask, *look, Shoot(which, CHECKS[which], estimate_one, enough, most=8, record_motion=True))
+    return (*asks, *look, Shoot(which, CHECKS[which], estimate_one, enough, most=8, record_motion=True))
 
 
 # --- estimate ----------------------------------------------------------------------------------------------------

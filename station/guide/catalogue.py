@@ -119,9 +119,7 @@ def _write_restoration(
 PLANS = {
     "pattern": GuidedProcedure("the PSF from a printed noise chart", _pattern),
     "two-photo": GuidedProcedure("the PSF from two photographs of a textured wall", _two_photo),
-    "field": GuidedProcedure(
-        "the PSF over the whole frame, from the chart at many places", _field, _field_results, _write_field
-    ),
+    "field": GuidedProcedure("the PSF over the whole frame, place by place", _field, _field_results, _write_field),
     "restoration": GuidedProcedure(
         "picture and depth from two blurred photographs", _restoration, _restoration_results, _write_restoration
     ),
