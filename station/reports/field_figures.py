@@ -73,9 +73,15 @@ def _panels(panels: Sequence[_Panel], places: FieldMap, nodes: Array, shape: tup
         axes.set(xlim=(-1, columns), ylim=(rows, -1), xticks=[], yticks=[])
         axes.spines[:].set_visible(False)
         axes.set_title(panel.title, fontsize=9)
-        axes.set_xlabel(panel.unit)
+        axes.set_xlabel(", ".join(text for text in (panel.unit, covered(panel.values)) if text))
         colour_bar(figure, axes, image, (1.03, 0.05, 0.04, 0.9))
     return svg(figure, name, "; ".join(f"{panel.title} {panel.unit}" for panel in panels) + ", over the frame")
+
+
+def covered(values: Array) -> str:
+    """The share of the frame that a map tells of: what the nodes enclose; "" where that is all of it."""
+    share = float(np.isfinite(values).mean())
+    return "" if share == 1 else f"{share:.0%} of the frame"
 
 
 def _step(values: Array) -> float:
