@@ -38,16 +38,17 @@ chart || - - - - - - - - - - - - [=O  camera
       seen from above          lamp
 """)
 DISTANCE = _drawing(r"""
-      wall
-       |
-      ||
-      ||
-chart || - - - - - - - - - - - - [=O  camera
-      ||                         <-->
-      ||                     back or closer,
-       |<----- distance ----->   as told
-       |
-      seen from the side
+wall
+  |
+ ||
+ || - - - - - - - - - - - [=O    back or closer,
+ ||                       <-->    as told
+  |<------ distance ----->
+
+ the PSF's samples, and the cells of the chart:
+  .  .  .  .  .    .  .  .  .  .    .  .  .  .  .
+ |-|-|-|-|-|-|-|  |---|---|---|--  |-------|-------
+ s/t 0.7 too far  s/t 1.3 is best  s/t 2.7 too near
 """)
 SQUARE = _drawing(r"""
       chart                      chart

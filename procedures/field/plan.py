@@ -17,7 +17,7 @@ from procedures.advice import changed_settings
 from procedures.drawings import steps as drawings
 from procedures.facts import Axis, facts_as
 from procedures.field.facts import BASE, FieldFacts, TourStart
-from procedures.field.locations import MARGIN, Location, chosen_locations, direction, pan_tilt_deg, rail_mm, ray
+from procedures.field.locations import Location, chosen_locations, direction, pan_tilt_deg, rail_mm, ray
 from procedures.numerics.warps import apply_homography
 from procedures.pattern import CELLS
 from procedures.pattern_psf.chart_finding.detection import ChartSighting, find_charts
@@ -73,7 +73,7 @@ def plan(estimate: Estimator) -> Plan:
             Step(
                 "places",
                 "Places",
-                "Choose how many places of the frame to measure.",
+                "Choose how many places of the frame to measure; they reach its corners.",
                 PLACES,
                 drawings.TOUR,
                 gave_places,
@@ -156,7 +156,7 @@ def locations(facts: Facts) -> list[Location]:
     """Where the chart's centre shall be: as near to the frame's sides as the whole sheet allows."""
     known = facts_as(FieldFacts, facts)
     start = known.begun()
-    rim_x, rim_y = (max(half + NEAR, MARGIN) for half in start.half)
+    rim_x, rim_y = (half + NEAR for half in start.half)
     rows, columns = start.shape
     found = chosen_locations(USUAL if known.places is None else int(known.places), columns / rows, margin=0.0)
     return [Location(rim_x + (1 - 2 * rim_x) * one.x, rim_y + (1 - 2 * rim_y) * one.y) for one in found]

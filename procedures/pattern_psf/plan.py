@@ -61,6 +61,7 @@ FEWEST, MOST = 3, 16
 """Shots: fewer cannot be tested for agreement."""
 WANTED = 0.002
 """Standard uncertainty of MTF50 to reach in every plane, in cycles/pixel."""
+S_OVER_T = f"s/t near {RATIO:g}. s/t is how many of the PSF's samples, side by side, fall on one cell of the chart."
 RING = (-2.0, -1.0, 0.0, 1.0, 2.0)
 """Small turns of the focus ring, from where autofocus or the eye put it; positive towards infinity."""
 RAIL = (-1.5, -0.75, 0.0, 0.75, 1.5)
@@ -82,7 +83,7 @@ def plan() -> Plan:
                 drawings.MOUNT, gave(lambda known: known.white_percent, "{:.0f} %"),
             ),
             Step(
-                "distance", "Distance", "Go where the noise of the photograph spoils the PSF least.", DISTANCE,
+                "distance", "Distance", f"Go where noise spoils the PSF least: {S_OVER_T}", DISTANCE,
                 drawings.DISTANCE, gave(lambda known: known.s_over_t, "s/t {:.2f}"),
             ),
             Step(

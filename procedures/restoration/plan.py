@@ -67,11 +67,11 @@ def plan() -> Plan:
         "restoration",
         "Sharp picture and depth from two photographs",
         (
-            Step("scene", "Scene", "Set up the scene, the rig and the light.", SCENE, drawings.SCENE),
-            Step("first", "First", "Take the first photograph.", shots("first", FIRST), drawings.FIRST),
+            Step("scene", "Scene", "Set up the scene, the rig and the light.", SCENE, drawings.SCENE, gave_blur),
+            Step("first", "First", "Take the first photograph.", shots("first", FIRST), drawings.FIRST, gave_first),
             Step(
                 "second", "Second", "Take the second: another aperture or motion.", shots("second", SECOND),
-                drawings.SECOND,
+                drawings.SECOND, gave_second,
             ),
             Step("estimate", "Restore", "Restore picture and depth from both.", (Estimate(estimate),)),
             Step("verdict", "Verdict", "Accept the result, or take both again.", (Decide("first"),)),
@@ -86,14 +86,38 @@ def shaken(facts: Facts) -> bool:
     return bool(facts.get(HAS_SHAKER)) and facts.get("blur_by", MOTIONS) == MOTIONS
 
 
-def by_hand(facts: Facts) -> bool:
-    """Whether hands, by aperture ring or rig, blur them."""
-    return not shaken(facts)
-
-
 def done_by_shaker(facts: Facts) -> Fact | None:
     """What is asked of hands is done where there is a shaker."""
     return True if shaken(facts) else None
+
+
+def by_apertures(facts: Facts) -> bool:
+    """Whether two apertures blur the photographs."""
+    return facts_as(RestorationFacts, facts).blur_by == APERTURES
+
+
+def by_motions(facts: Facts) -> bool:
+    """Whether two motions of the rig do."""
+    return not by_apertures(facts)
+
+
+def gave_blur(facts: Facts) -> str:
+    """What blurs."""
+    return facts_as(RestorationFacts, facts).blur_by
+
+
+def gave_first(facts: Facts) -> str:
+    """How bright the first photograph is."""
+    level = facts_as(RestorationFacts, facts).first_level
+    return "" if level is None else f"mean {100 * level:.0f} %"
+
+
+def gave_second(facts: Facts) -> str:
+    """How much brighter the second is."""
+    known = facts_as(RestorationFacts, facts)
+    if known.first_level is None or known.second_level is None:
+        return ""
+    return f"light {100 * (known.second_level / known.first_level - 1):+.0f} %"
 
 
 SCENE = (
@@ -101,35 +125,32 @@ SCENE = (
         "blur_by", "What will blur the two photographs?", "choice", default=APERTURES, choices=(APERTURES, MOTIONS),
         given=lambda facts: MOTIONS if shaken(facts) else None,
     ),
-    Ask("scene", "Set up a scene that stands still, detailed everywhere. Fix the camera to its rig, the IMU y up."),
+    Ask("scene", "Set up a scene that stands still, detailed everywhere. Fix the camera to its rig, the IMU y up.",
+        when=by_motions),
+    Ask("scene", "Set up a scene that stands still, detailed everywhere, and fix the camera.", when=by_apertures),
     SetLight(lambda facts: 1.0),
     Ask("focused", "Focus nearer than anything in the scene, then switch autofocus off."),
     Ask("max_w", "How far does the widest blur reach?", "number", "pixels", DEFAULT_MAX_W, low=1.0, high=40.0),
-    Ask(
-        "first_f_number", "Which f-number has the first photograph?", "number", "", 8.0, low=0.5, high=64.0,
-        when=by_hand,
-    ),
-    Ask("second_f_number", "And the second one?", "number", "", 4.0, low=0.5, high=64.0, when=by_hand),
-    Ask(
-        "shape", "Which shape has the aperture? pillbox, gaussian, polygon:BLADES", "text", default="pillbox",
-        when=by_hand,
-    ),
-    Ask("pixel_pitch_um", "How far apart are the pixels? 0: the rig does not turn.", "number", "µm", 0.0, low=0.0),
-    Ask(
-        "region", "Where is a flat part of one distance? x,y,width,height in pixels, or auto.", "text", default="auto",
-        when=by_hand,
-    ),
+    Ask("first_f_number", "Which f-number has the first photograph?", "number", "", 8.0, low=0.5, high=64.0,
+        when=by_apertures),
+    Ask("second_f_number", "And the second one?", "number", "", 4.0, low=0.5, high=64.0, when=by_apertures),
+    Ask("shape", "Which shape has the aperture? pillbox, gaussian, polygon:BLADES", "text", default="pillbox",
+        when=by_apertures),
+    Ask("pixel_pitch_um", "How far apart are the pixels? 0: the rig does not turn.", "number", "µm", 0.0, low=0.0,
+        when=by_motions),
+    Ask("pixel_pitch_um", "How far apart are the pixels? 0: not known.", "number", "µm",
+        0.0, low=0.0, when=by_apertures),
+    Ask("region", "Where is a flat part of one distance? x,y,width,height in pixels, or auto.", "text", default="auto",
+        when=lambda facts: by_motions(facts) and not shaken(facts)),
 )  # fmt: skip
-FIRST = Ask("first", "Set the first aperture; or make the rig ready for its first motion.", given=done_by_shaker)
-MOVES = Ask(
-    "first_moves",
-    "Set the rig in its first motion, if that is what blurs; otherwise touch nothing.",
-    given=done_by_shaker,
+FIRST = (
+    Ask("first", "Set the first aperture.", when=by_apertures),
+    Ask("first", "Let the rig stand still: the light is looked at first.", when=by_motions, given=done_by_shaker),
 )
-SECOND = Ask(
-    "second",
-    "Set the second aperture and as much more or less time; or set the rig in its second motion.",
-    given=done_by_shaker,
+MOVES = Ask("first_moves", "Set the rig in its first motion.", when=by_motions, given=done_by_shaker)
+SECOND = (
+    Ask("second", "Set the second aperture, and as much more or less time; touch nothing else.", when=by_apertures),
+    Ask("second", "Set the rig in its second motion.", when=by_motions, given=done_by_shaker),
 )
 
 # --- checks ------------------------------------------------------------------------------------------------------
@@ -246,7 +267,7 @@ def aperture_ratio(known: RestorationFacts) -> float:
     return max(ratio, 1 / ratio)
 
 
-def shots(which: str, ask: Ask) -> tuple[Any, ...]:
+def shots(which: str, asks: tuple[Ask, ...]) -> tuple[Any, ...]:
     """One photograph that counts; the IMU is recorded meanwhile."""
 
     def estimate_one(frame: RawFrame, facts: Facts, results: Sequence[Outcomes], known: Known) -> Outcomes:
@@ -260,7 +281,7 @@ def shots(which: str, ask: Ask) -> tuple[Any, ...]:
     shoot = Shoot(
         which, CHECKS[which], estimate_one, enough, most=8, record_motion=True, shake=lambda facts: path(which, facts)
     )
-    return (ask, *look, shoot)
+    return (*asks, *look, shoot)
 
 
 def path(which: str, facts: Facts) -> Shake | None:

@@ -21,6 +21,7 @@ class TwoPhotoFacts(CameraFacts):
     s : samples per pixel; None lets the photographs choose
     focus_by : "ring" or "skip"
     near_level : mean of the near photograph
+    far_light_percent : how much brighter the wall is from afar
     near_laser_mm : the rangefinder's reading from nearby
     near_frames, far_frames : photographs that count
     """
@@ -30,6 +31,7 @@ class TwoPhotoFacts(CameraFacts):
     s: int | None = None
     focus_by: str = "ring"
     near_level: float | None = None
+    far_light_percent: float | None = None
     near_laser_mm: float | None = derived_from("near_mm")
     near_frames: int | None = None
     far_frames: int | None = None

@@ -68,14 +68,23 @@ def plan() -> Plan:
                 "Find a flat wall with detail of all sizes, and plan two distances.",
                 WALL,
                 drawings.WALL,
+                gave_wall,
             ),
-            Step("near", "Near", "Photograph the wall from nearby.", (*focus("near"), *shoot("near")), drawings.NEAR),
+            Step(
+                "near",
+                "Near",
+                "Photograph the wall from nearby.",
+                (*focus("near"), *shoot("near")),
+                drawings.NEAR,
+                gave_near,
+            ),
             Step(
                 "far",
                 "Far",
                 "Move back, focus again, change nothing else.",
                 (*FAR, *focus("far"), *shoot("far")),
                 drawings.FAR,
+                gave_far,
             ),
             Step("estimate", "Estimate", "Estimate every plane's PSF from both.", (Estimate(estimate),)),
             Step("verdict", "Verdict", "Accept the result, or take the photographs again.", (Decide("near"),)),
@@ -83,6 +92,24 @@ def plan() -> Plan:
         subject="wall",
         facts=TwoPhotoFacts,
     )
+
+
+def gave_wall(facts: Facts) -> str:
+    """The two distances."""
+    known = facts_as(TwoPhotoFacts, facts)
+    return "" if known.near_mm is None else f"{known.near_mm / 1000:.2f} m x {known.ratio:g}"
+
+
+def gave_near(facts: Facts) -> str:
+    """How bright the wall is from nearby."""
+    level = facts_as(TwoPhotoFacts, facts).near_level
+    return "" if level is None else f"mean {100 * level:.0f} %"
+
+
+def gave_far(facts: Facts) -> str:
+    """How much brighter it is from afar."""
+    change = facts_as(TwoPhotoFacts, facts).far_light_percent
+    return "" if change is None else f"light {change:+.0f} %"
 
 
 # --- wall and distances ------------------------------------------------------------------------------------------
@@ -236,7 +263,7 @@ def check_far(frame: RawFrame, facts: Facts) -> Advice:
         return Advice(False, say, readings, by_hand={"light": -change})
     if not readings[1].good:
         return Advice(False, f"{clipped:.1%} is clipped: keep bright things out of the frame.", readings)
-    return Advice(True, "The light is the same.", readings)
+    return Advice(True, "The light is the same.", readings, facts={"far_light_percent": 100 * change})
 
 
 CHECKS = {"near": check_near, "far": check_far}

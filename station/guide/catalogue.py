@@ -167,9 +167,7 @@ def _write_sensor(
 PLANS = {
     "pattern": GuidedProcedure("the PSF from a printed noise chart", _pattern),
     "two-photo": GuidedProcedure("the PSF from two photographs of a textured wall", _two_photo),
-    "field": GuidedProcedure(
-        "the PSF over the whole frame, from the chart at many places", _field, _field_results, _write_field
-    ),
+    "field": GuidedProcedure("the PSF over the whole frame, place by place", _field, _field_results, _write_field),
     "geometry": GuidedProcedure(
         "intrinsics and distortion, from the chart in many poses", _geometry, _found_results, _write_geometry
     ),

@@ -5,7 +5,8 @@ drawn from that function: nothing is cut to a support.
 
 Usage: psf_field.py accuracy|speed [FOLDER], the folder keeping the photographs for another run; or
 psf_field.py draws [N], N fields at each of three f-numbers, two photographs of a sensor without a mosaic each, whose
-scene is drawn once and whose noise anew.
+scene is drawn once and whose noise anew; or
+psf_field.py corners [N], the same of N fields from the guide's usual tour, told at the tour's four corners.
 """
 
 from __future__ import annotations
@@ -28,11 +29,13 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from procedures.field.conclusion import FieldResult, PlaneField, conclude
-from procedures.field.maps import MAPS, FieldMap, derive, radius_direction
+from procedures.field.maps import MAPS, FieldMap, derive, numbers_of, radius_direction
 from procedures.field.measuring import Measured, measure, measure_frames
+from procedures.field.plan import SHEET, locations
 from procedures.pattern import Chart
 from procedures.pattern_psf.centre import mark_offset
 from procedures.pattern_psf.estimate import PatternParameters
+from procedures.psf import Psf
 from procedures.raw import Plane, RawFrame
 from procedures.reading.exposure import Exposure
 from simulators.bench.demonstration import OPTICS, PITCH_UM
@@ -268,6 +271,36 @@ def draws(count: int) -> None:
     tell(together)
 
 
+def corners(count: int) -> None:
+    """The bands of the numbers where the usual tour comes nearest to the frame's corners, against the truth."""
+    lens, chart = replace(LENS, lateral_colour=0.0), Chart.from_seed()
+    one = SimulatedCamera(lens, MONO, 2 * PITCH_UM, Optics(mono_parts(lens), 2 * PITCH_UM), white_e_per_s=1.5e5)
+    half = SHEET * PIXELS / 2
+    known = dict.fromkeys(("distance_mm", "principal_px", "x", "y"), 1.0) | {"rows": 500.0, "columns": 750.0}
+    known |= {"half_x": half / MONO.columns, "half_y": half / MONO.rows}
+    tour = locations({f"tour_{name}": value for name, value in known.items()})
+    scenes = [Scene((one.place(chart, pixels=PIXELS, at=(at.x, at.y), roll_deg=1.0),)) for at in tour]
+    lights, off = [one.light(scene) for scene in scenes], {}
+    for draw in range(count):
+        rng, exposure = np.random.default_rng(draw), Exposure()
+        shots = [one.photograph(s, rng, light=li, exposure_s=0.02) for s, li in zip(scenes, lights, strict=True)]
+        planes = [Plane("Y", shot.plane("Y").astype(np.float32), 2**-14) for shot in shots]
+        frames = [RawFrame(Path(f"{i}"), "", {"Y": plane}, exposure) for i, plane in enumerate(planes)]
+        found = conclude(measure_frames(frames, chart, PatternParameters(S, K)))
+        field = found.planes["Y"].result().interpolation.field
+        (left, top), (right, bottom) = field.positions.min(axis=0), field.positions.max(axis=0)
+        for x, y in ((x, y) for x in (left, right) for y in (top, bottom)):
+            x, y = (float(value) for value in field.hull.nearest(np.array([[x, y]]))[0])
+            C = field.noise(x, y) + field.interpolation(x, y)
+            psf = Psf.of(field.parameters(np.array([[x, y]]))[0], C, field.k, field.s)
+            radius = radius_direction(field.shape, x, y)
+            true = true_numbers(place_in_mono(x, y, lens), radius)
+            for (name, *_), value, sigma, truth in zip(MAPS, *numbers_of(psf, radius), true, strict=True):
+                off.setdefault(name, []).append(np.array([value - truth, sigma, truth]))
+    print(f"{count} fields of {len(tour)} photographs, at the tour's corners")
+    tell(off)
+
+
 def tell_field(name: str, one: PlaneField) -> None:
     """The model, the axis, and of the planes compared the errors of the samples at the nodes and between them."""
     field, axis = one.interpolation.field, one.interpolation.axis
@@ -311,6 +344,9 @@ def main() -> None:
     what = sys.argv[1] if len(sys.argv) > 1 else "accuracy"
     if what == "draws":
         draws(int(sys.argv[2]) if len(sys.argv) > 2 else DRAWS)
+        return
+    if what == "corners":
+        corners(int(sys.argv[2]) if len(sys.argv) > 2 else DRAWS)
         return
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(sys.argv[2]) if len(sys.argv) > 2 else Path(temporary)

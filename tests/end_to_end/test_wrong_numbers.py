@@ -26,18 +26,18 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_it_is_named_within_two_steps_and_within_two_photographs(case, tmp_path):
+@pytest.mark.parametrize(("plan", "case"), [*(("pattern", case) for case in CASES), ("field", "ruler")])
+def test_it_is_named_within_two_steps_and_within_two_photographs(plan, case, tmp_path):
     answers, words, step = CASES[case]
     incoming = tmp_path / "incoming"
     incoming.mkdir()
     bench = simulated_bench(incoming, seed=3, virtual_time=True)
     view = bench.simulated.view
     view.camera = replace(view.camera, oversampling=4)  # finer than any of these numbers is wrong
-    session = Session.create(tmp_path, plan="pattern", camera="C", lens="L", config={}, clock=bench.clock, seed=3)
+    session = Session.create(tmp_path, plan=plan, camera="C", lens="L", config={}, clock=bench.clock, seed=3)
     session.learn({key: value for key, value in answers.items() if key == "chart_seed"})
     operator = Scripted({**answers, "contradiction": "stop"})
-    ended = Run(plan_named("pattern"), bench, session, operator).go()
+    ended = Run(plan_named(plan), bench, session, operator).go()
     state = session.state
     session.close()
     bench.close()

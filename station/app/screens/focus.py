@@ -224,8 +224,9 @@ class FocusScreen(StationScreen):
         seen = message.seen
         self.query_one("#told").display = self.query_one(CurveView).display = True
         self.query_one("#source", Part).update(literal(_took(seen)))
-        self.query_one(AnswerBox).tell(seen.say)
         found = seen.found.value
+        why = f"This photograph tells nothing: {seen.found.reason}. What to do: {seen.found.remedy}."
+        self.query_one(AnswerBox).tell(seen.say if found is not None else why)
         self.query_one(BigText).show(f"{found.mtf50.value:.3f}{SIGNS[seen.way]}" if found is not None else "-.---?")
         glyphs = self.query_one(BigText).glyphs
         self.query_one("#numbers", Part).update(lines_of(*(glyphs.spelt(line) for line in numbers_of(seen))))
@@ -254,11 +255,9 @@ def _took(seen: FocusSeen) -> str:
 
 
 def numbers_of(seen: FocusSeen) -> list[str]:
-    """What one photograph gave, and the best so far; or why it gave nothing."""
-    found = seen.found.value
-    if found is None:
-        lines = [f"{seen.found.reason}.", f"{seen.found.remedy}."]
-    else:
+    """What one photograph gave, and the best so far."""
+    found, lines = seen.found.value, []
+    if found is not None:
         lines = [
             f"MTF50 {stated(found.mtf50.value, found.mtf50.uncertainty)}",
             "cycles/pixel of the plane",

@@ -249,6 +249,7 @@ class GuideScreen(StationScreen):
         self._make_room()
 
     def _make_room(self) -> None:
-        """Where there are neither numbers nor curves, the picture has their room."""
-        shown = self.query_one(Readings).display or self.query_one(CurveView).display
-        self.query_one("#numbers").display = bool(shown)
+        """Where there are neither numbers nor curves, the picture has their room; a drawing leaves them its own."""
+        shown = bool(self.query_one(Readings).display or self.query_one(CurveView).display)
+        self.query_one("#numbers").display = shown
+        self.set_class(shown and self.query_one(Picture).picture is None, "-drawing")

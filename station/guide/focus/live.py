@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,6 +18,7 @@ from procedures.pattern_psf.focus.sweep import Peak, Way, best_focus, which_way
 from procedures.raw import Plane, default_plane, read_frame
 
 if TYPE_CHECKING:
+    from procedures.plan import Fact
     from station.bench.opening import Bench
 
 SUFFIXES = RAW_SUFFIXES | {".tif", ".tiff", ".png", ".pgm"}
@@ -27,10 +28,15 @@ GROWN_S = 3.0
 """A file that cannot be read is tried again until its size has rested so long."""
 SWEEP = (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0)
 """Small steps of the simulated focus ring, from where the eye put it."""
-LEFT_BY_EYE = {"aim": 1.0, "exposure_ev": 1.0, "chart_yaw_deg": -2.6, "chart_pitch_deg": 1.9}
-"""What the person mends before: the chart in the middle, and nearly square."""
-PERSON = ("printed", "mounted", "lit", "camera_set", "focused")
-"""What the simulated person does before the ring is turned."""
+LEFT_BY_EYE: Mapping[str, Fact] = {
+    **dict.fromkeys(("printed", "mounted", "lit", "camera_set", "focused"), True),
+    "hand_aim": 1.0,
+    "hand_exposure_ev": 1.0,
+    "hand_chart_yaw_deg": -2.6,
+    "hand_chart_pitch_deg": 1.9,
+}
+"""How the simulated person leaves the bench, whatever was done on it before: the chart in the middle, nearly square,
+and focused by eye."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,9 +194,8 @@ class Source:
             bench.motions.home(name, lambda: bench.check_stops(stops))
             bench.motions.move(name, {axis: (one.low + one.high) / 2 for axis, one in stage.travel().items()})
         bench.light.set_level(1.0)
-        for key in PERSON:
-            hands.do(key, {})
-        hands.follow(LEFT_BY_EYE)
+        bench.surroundings.stand_before("chart")
+        hands.take_up(LEFT_BY_EYE)
         at = 0.0
         for place in places:
             if self.ended():

@@ -10,10 +10,10 @@ import pytest
 
 from procedures.facts import facts_as
 from procedures.outcome import BadInput, BadParameter, Refused, Verdict
-from procedures.plan import Shoot
+from procedures.plan import Ask, Shoot
 from procedures.raw import Felt, Plane, RawFrame
 from procedures.reading.exposure import Exposure
-from procedures.restoration.facts import RestorationFacts
+from procedures.restoration.facts import APERTURES, MOTIONS, RestorationFacts
 from procedures.restoration.masks.camera_motion import planar_stacks
 from procedures.restoration.masks.thin_lens import CameraSetting
 from procedures.restoration.photograph_blur import parts, region_of
@@ -176,3 +176,25 @@ def test_masks_of_a_recorded_path_grow_with_w():
         np.testing.assert_allclose(spread, w**2 / 2, atol=0.35)
     with pytest.raises(Refused, match="must move"):
         planar_stacks([0 * one for one in paths], 4.0)
+
+
+@pytest.mark.parametrize(
+    ("kind", "asked", "not_asked"),
+    [
+        (APERTURES, {"first_f_number", "second_f_number", "shape"}, {"first_moves", "region"}),
+        (MOTIONS, {"first_moves", "region"}, {"first_f_number", "second_f_number", "shape"}),
+    ],
+)
+def test_what_is_asked_fits_what_blurs(kind, asked, not_asked):
+    requests = (request for step in plan().steps for request in step.requests)
+    keys = [one.key for one in requests if isinstance(one, Ask) and one.when({"blur_by": kind})]
+    assert asked <= set(keys)
+    assert not not_asked & set(keys)
+    assert len(keys) == len(set(keys))
+
+
+def test_the_rail_shows_what_blurs_how_bright_it_is_and_how_the_light_has_changed():
+    facts = {"blur_by": MOTIONS, "first_level": 0.4, "second_level": 0.42}
+    told = [plan().step(name).gave(facts) for name in ("scene", "first", "second")]
+    assert told == ["motions", "mean 40 %", "light +5 %"]
+    assert [plan().step(name).gave({}) for name in ("first", "second")] == ["", ""]

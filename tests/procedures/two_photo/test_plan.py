@@ -147,3 +147,14 @@ def test_a_photograph_smaller_than_a_patch_is_as_fine_as_a_large_one(rng):
     # white: as much power in both bands, whatever the size; 40 x 52 has some hundred frequencies in a band
     assert fineness(noise, 0.0) == pytest.approx(1.0, abs=0.05)
     assert fineness(noise[:40, :52], 0.0) == pytest.approx(1.0, abs=0.3)
+
+
+def test_the_rail_shows_distances_and_light(wall):
+    near = check_near(frame(wall[0][0]), FACTS)
+    facts = {**FACTS, **near.facts}
+    facts.update(check_far(frame(1.1 * wall[1][0]), facts).facts)
+    told = [plan().step(name).gave(facts) for name in ("wall", "near", "far")]
+    assert told[:2] == ["1.00 m x 4.4", f"mean {100 * facts['near_level']:.0f} %"]
+    # the frame's middle is what was seen from nearby, but for its rim
+    assert told[2] in {f"light +{percent} %" for percent in range(7, 14)}
+    assert max(map(len, told)) <= 12

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from procedures.outcome import Outcome, Quantity
+from procedures.outcome import Outcome, Quantity, Verdict
 from procedures.plan import Ask
 from procedures.raw import Plane
 from station.app.app import StationApp
@@ -122,7 +122,7 @@ class FakeCamera:
         return SimpleNamespace(path=self.folder / f"{min(2 + round(self.turned), 3)}.png")
 
     # the simulated person
-    def do(self, key, facts) -> None: ...
+    def take_up(self, facts) -> None: ...
 
     def follow(self, by_hand) -> None:
         self.turned += by_hand.get("focus_steps", 0.0)
@@ -140,7 +140,7 @@ class SimulatedLab(FakeLab):
         )  # fmt: skip
         self.bench.devices.update(head=self.stage, camera=self.camera, light=lamp)  # type: ignore[dict-item]
         self.bench.drivers = dict.fromkeys(self.bench.devices, "fake")
-        self.bench.surroundings = SimpleNamespace(hands=self.camera)  # type: ignore[assignment]
+        self.bench.surroundings = SimpleNamespace(hands=self.camera, stand_before=lambda subject: None)  # type: ignore[assignment]
 
     def open(self) -> Opened:
         return Opened(self.bench, ())
@@ -191,6 +191,23 @@ def test_a_folder_that_is_not_there_is_named_and_asked_again(tmp_path):
         await driver.press("enter", *"nowhere", "enter")
         await driver.until("there is no folder nowhere")
         await driver.until("Where do the photographs of the chart come from?")
+
+    drive(StationApp(lab), use)
+
+
+def test_a_photograph_that_tells_nothing_says_why_where_one_looks(tmp_path, measured, monkeypatch):
+    refused = Outcome(None, Verdict.REFUSED, "no chart in the photograph", "show all of it")
+    monkeypatch.setattr(live, "measure_sharpness", lambda *_: refused)
+    lab = FakeLab(tmp_path, lambda run: chosen_step(run))
+
+    async def use(driver: Driver) -> None:
+        await driver.until("press Enter to begin")
+        await driver.press("f7")
+        await driver.until("Where do the photographs of the chart come from?")
+        await driver.press("enter", ".", "enter")
+        await driver.until("Take a photograph.")
+        cv2.imwrite("1.png", np.zeros((4, 4), np.uint8))
+        await driver.until("This photograph tells nothing: no chart in the photograph. What to do: ")
 
     drive(StationApp(lab), use)
 

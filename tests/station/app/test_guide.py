@@ -77,6 +77,21 @@ def test_before_the_first_photograph_a_drawing_shows_what_to_do(tmp_path, size, 
     drive(StationApp(FakeLab(tmp_path, whole), glyphs), use, size)
 
 
+@BOTH
+def test_a_curve_never_stands_beside_half_a_drawing(tmp_path, size):
+    diagram = gamma_diagram(Optics(24.0, 11.88, 0.3), 4, 17, 1.3)
+    lab = FakeLab(tmp_path, lambda run: chosen_step(run, Shown(diagram), MOVED))
+
+    async def use(driver: Driver) -> None:
+        await driver.begin()
+        await driver.until(MOVED.question)
+        await driver.until("gamma over")
+        assert ("measure this ruler" in driver.text) == (size[0] > 80)
+        assert ("#:.#" in driver.text) == (size[0] > 80)
+
+    drive(StationApp(lab), use, size)
+
+
 def test_the_rail_shows_what_each_step_gave(tmp_path):
     async def use(driver: Driver) -> None:
         await driver.begin()
