@@ -17,7 +17,7 @@ from procedures.field.maps import FieldMap
 from station.calibration.camera_notes import exposure_of
 from station.reports.certificate_print import write_certificate
 from station.reports.field_page import field_page, mm_per_pixel
-from station.reports.height_curves import FREQUENCIES, heights_table
+from station.reports.fields.height_curves import FREQUENCIES, heights_table
 from station.reports.otf_figures import FrequencyAxis
 from station.reports.pattern_report import Report, report_of_files
 from station.results.plane_result import PlaneResult

@@ -13,7 +13,7 @@ from procedures.field.image_height import HeightCurve
 from procedures.field.maps import FieldMap
 from procedures.outcome import Verdict
 from station.reports import field_figures
-from station.reports.height_curves import heights_figure
+from station.reports.fields.height_curves import heights_figure
 from station.reports.otf_figures import FrequencyAxis
 from station.reports.page import render
 from station.results.plane_result import PlaneResult
