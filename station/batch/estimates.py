@@ -125,7 +125,7 @@ def _edges(procedure: Procedure, frame: RawFrame) -> Answer:
 
     def write(place: ResultFolder, head: RecordHead, page: bool) -> str:
         if page:
-            from station.reports.edge_page import edge_page, edge_report  # here: it draws, which is slow to load
+            from station.reports.edges.edge_page import edge_page, edge_report  # here: it draws, which is slow to load
 
             told = edge_report(frame, records, procedure.told(), procedure.terms)
             place.write("report.html", edge_page(told, frame, records).encode())

@@ -81,9 +81,6 @@ OF_PLACES: Mapping[str, Words] = {
     "mtf50_sagittal": Words("MTF50 of sagittal detail", "MTF50, sagittal"),
     "mtf50_meridional": Words("MTF50 of meridional detail", "MTF50, meridional"),
     "astigmatism": Words("MTF50, sagittal less meridional", "astigmatism"),
-    "mtf50_sagittal_median": Words("MTF50 of sagittal detail, median over the frame"),
-    "mtf50_meridional_median": Words("MTF50 of meridional detail, median over the frame"),
-    "astigmatism_median": Words("MTF50, sagittal less meridional, median over the frame"),
 }
 """Numbers that a place of a field has beside those of its PSF."""
 OF_RESTORATIONS: Mapping[str, Words] = {
@@ -94,11 +91,15 @@ OF_RESTORATIONS: Mapping[str, Words] = {
     "undetermined": Words("Share of the frame without a sure depth", "no sure depth"),
 }
 """Numbers of a restored scene."""
+MEDIAN = "_median"
+"""Ends the name of a number of a field's map."""
 _ALL = {**QUANTITIES, **VALUES, **OF_EDGES, **OF_PLACES, **OF_RESTORATIONS}
 
 
 def words_of(name: str, unit: str = "cycles/pixel") -> Words:
     """A number in words; `unit` is that of the frequency in its name, where it has one."""
+    if name not in _ALL and name.endswith(MEDIAN):
+        return Words(f"{words_of(name.removesuffix(MEDIAN), unit).words}, median over the frame")
     if (told := frequency_of(name)) is None:
         return _ALL.get(name, Words(name))
     frequency, direction = told

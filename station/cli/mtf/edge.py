@@ -130,7 +130,7 @@ def _write_pages(
     certificate: bool,
 ) -> None:
     """The page, and the certificate where it is wanted."""
-    from station.reports.edge_page import edge_page, edge_report  # here: it draws, which is slow to load
+    from station.reports.edges.edge_page import edge_page, edge_report  # here: it draws, which is slow to load
     from station.reports.pattern_report import PAGE
 
     told = edge_report(frame, records, given, terms, overlays)

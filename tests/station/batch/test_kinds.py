@@ -72,6 +72,7 @@ def test_photographs_of_each_folder_are_one_field(tmp_path, monkeypatch):
     ]
 
 
+@pytest.mark.slow
 def test_a_field_whose_photograph_is_replaced_while_it_is_read_is_not_kept(tmp_path, monkeypatch):
     """The row's hash is of the bytes that were decoded, or there is no row of a measurement."""
     for name in "ab":
@@ -94,6 +95,7 @@ def test_a_field_whose_photograph_is_replaced_while_it_is_read_is_not_kept(tmp_p
     assert row.sha256 == decoded
 
 
+@pytest.mark.slow
 def test_a_field_names_the_photograph_that_cannot_be_read(tmp_path):
     edge_picture(tmp_path / "in" / "a.png", 0.25)
     (tmp_path / "in" / "b.png").symlink_to("nowhere")

@@ -14,7 +14,7 @@ from procedures.quality import Diffraction
 from procedures.raw import Exposure, Plane, RawFrame
 from station.calibration.edges import measure_edges
 from station.reports.certificate import certificate_of, certificate_page
-from station.reports.edge_page import edge_page, edge_report
+from station.reports.edges.edge_page import edge_page, edge_report
 from station.results.limits import Limit, Specification
 from station.results.overlay import Overlay
 from station.results.terms import Terms

@@ -1,89 +1,30 @@
-"""The page of a photograph's slanted edges: verdict first, every edge with its own, its place, spread and MTF."""
+"""The figures of slanted edges: where they lie, the light across them, their MTF."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup
 from matplotlib.patches import Rectangle
 
-from procedures.outcome import Quantity
 from procedures.quality import Diffraction
-from procedures.raw import Plane, RawFrame
-from procedures.slanted_edge.estimate import EdgeMtf, EdgeOutcome, orientation
-from station.calibration.edges import EdgeRecord
+from procedures.raw import Plane
+from procedures.slanted_edge.estimate import EdgeMtf, EdgeOutcome
 from station.drawing.colours import MARK
 from station.drawing.hover import tell_along
 from station.drawing.style import CONFIDENT, axes_grid, svg
 from station.reports.otf_figures import FrequencyAxis, draw_diffraction, draw_others, finish_mtf
-from station.reports.page import render
-from station.reports.pattern_report import PlaneSheet, Report, curves_over, report_of_files
-from station.results.number_names import words_of
-from station.results.overlay import Overlay
-from station.results.terms import Terms
-from station.results.units import told_numbers
 
 Array = npt.NDArray[np.float64]
 
-SHOWN = 6
-"""Edges of a plane that are drawn; its table tells all."""
 COLOURS = ("#1f5fa8", "#c4541a", "#1e8449", "#6b4c9a", "#8a6d1b", "#444444")
 WIDEST_PX = 480
 """Larger photographs are drawn smaller."""
 
 
-def edge_report(
-    frame: RawFrame, records: Sequence[EdgeRecord], parameters: Mapping[str, object], terms: Terms,
-    overlays: Sequence[Overlay] = (),
-) -> Report:  # fmt: skip
-    """What page and certificate tell of a photograph's edges."""
-    results = [one.result for one in records]
-    return report_of_files("edge", [frame], results, parameters, terms.specification, overlays)
-
-
-def edge_page(report: Report, frame: RawFrame, records: Sequence[EdgeRecord]) -> str:
-    """The page as HTML, its pictures inside; everything in it that came from outside is escaped."""
-    sheets = [
-        (sheet, record, _edges(record), _pictures(sheet, record, frame.planes[record.name], report, f"p{i}"))
-        for i, (sheet, record) in enumerate(zip(report.planes, records, strict=True), 1)
-    ]
-    files = ["result.json"]
-    for one in records:
-        files += [f"mtf_{one.name}.csv", f"edge_{one.name}.png"] if one.edges else []
-    return render("edge.html", report=report, sheets=sheets, shown=SHOWN, files=files)
-
-
-def _edges(record: EdgeRecord) -> list[dict[str, Any]]:
-    """Every edge that has a place: its number, verdict, where it lies, and its numbers in the result's unit."""
-    found = []
-    for number, one in enumerate((one for one in record.outcomes if one.roi is not None), 1):
-        told = {} if one.value is None else told_numbers(one.value.numbers, record.result.unit, record.result.factor)
-        found.append({"number": number, "outcome": one, "way": orientation(one.turned), "numbers": _worded(told)})
-    return found
-
-
-def _worded(numbers: Mapping[str, Quantity]) -> list[tuple[str, Quantity]]:
-    return [(words_of(name).words, one) for name, one in numbers.items()]
-
-
-def _pictures(sheet: PlaneSheet, record: EdgeRecord, plane: Plane, report: Report, name: str) -> dict[str, Any]:
-    """The figures of a plane: where its edges lie, and of those that were measured spread and MTF."""
-    placed = [one for one in record.outcomes if one.roi is not None]
-    pictures: dict[str, Any] = {"places": _places_figure(plane, placed, f"{name}-places")} if placed else {}
-    shown = [(number, one.value) for number, one in enumerate(placed, 1) if one.value is not None][:SHOWN]
-    if shown:
-        others = curves_over(report.overlays, record.result)
-        axis = FrequencyAxis(str(record.result.unit), record.result.factor)
-        pictures["spread"] = _spread_figure(shown, f"{name}-spread")
-        pictures["mtf"] = edges_mtf_figure(shown, axis, f"{name}-mtf", record.limit, others)
-        pictures["others"] = list(others)
-    return pictures
-
-
-def _places_figure(plane: Plane, edges: Sequence[EdgeOutcome], name: str) -> Markup:
+def places_figure(plane: Plane, edges: Sequence[EdgeOutcome], name: str) -> Markup:
     """The photograph with every edge's region and its number."""
     rows, columns = plane.samples.shape
     step = max(1, round(max(rows, columns) / WIDEST_PX))
@@ -102,7 +43,7 @@ def _places_figure(plane: Plane, edges: Sequence[EdgeOutcome], name: str) -> Mar
     return svg(figure, name, "the photograph, and where its edges were measured")
 
 
-def _spread_figure(edges: Sequence[tuple[int, EdgeMtf]], name: str) -> Markup:
+def spread_figure(edges: Sequence[tuple[int, EdgeMtf]], name: str) -> Markup:
     """The edge spread functions, each between its dark and its bright plain."""
     figure, ((axes,),) = axes_grid(3.2, 2.5, rim_in=(0.55, 0.14, 0.4, 0.08))
     for number, edge in edges:

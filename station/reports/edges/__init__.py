@@ -1,0 +1,1 @@
+"""The page of slanted edges and its figures."""
