@@ -8,6 +8,9 @@ import sys
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
+
+from station.__main__ import main
 
 HEAVY = ("numpy", "scipy", "cv2", "rawpy", "exifread", "numba", "rich", "reportlab", "jinja2", "procedures.raw")
 
@@ -63,6 +66,12 @@ def test_wrong_cells_are_exit_5(shared_data, tmp_path):
     done = station("psf", "pattern", shared_data / "pattern_photo" / "img_example.pgm", "--seed", 3, "--out", tmp_path)
     assert done.returncode == 5, done.stderr
     assert "--bits" in done.stderr
+
+
+def test_a_shaker_without_a_simulated_bench_is_usage():
+    done = CliRunner().invoke(main, ["--shaker", "--plain"])
+    assert done.exit_code == 2
+    assert "--shaker is of the simulated bench: give --simulate" in done.stderr
 
 
 def test_unknown_command_is_usage():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -11,7 +12,9 @@ import pytest
 
 from drivers.clock import SystemClock
 from procedures.plan import HAS_SHAKER, Ask, Shake
+from procedures.raw import Carried, Exposure, Felt, RawFrame
 from procedures.restoration.masks.camera_motion import poses_on
+from procedures.restoration.two_photographs import rig_poses
 from station.calibration.restoration.inputs import poses_table, read_poses
 from station.guide.catalogue import plan_named
 from station.guide.frontend import Result, Trouble
@@ -125,6 +128,20 @@ def test_a_shaker_that_comes_to_rest_too_early_is_told_and_the_photograph_is_kep
     assert len(shots) == 2
     assert not any("shake" in shot.snapshot for shot in shots)
     assert any(isinstance(one, Trouble) and "came to rest before its time" in one.reason for one in heard)
+
+
+def test_the_restoration_knows_the_commanded_path_before_what_was_felt():
+    circle = np.column_stack([np.cos(np.arange(12) * np.pi / 6), np.sin(np.arange(12) * np.pi / 6), np.zeros(12)])
+    carried = Carried(1e-3 * circle, 0.01, 0.02)
+    t = np.arange(-0.2, 0.4, 0.005)
+    still = Felt(t, np.tile([0.0, 9.81, 0.0], (len(t), 1)), np.zeros((len(t), 3)))
+    exposure = Exposure(exposure_s=0.1)
+    frame = RawFrame(Path("a.dng"), "", {}, exposure, still, carried)
+    np.testing.assert_array_equal(rig_poses(frame).position_m, poses_on(carried, 0.1).position_m)
+    # a part of a round that began nobody knows where: then it is what was felt
+    lost = replace(frame, carried=replace(carried, since_s=None))
+    assert np.abs(rig_poses(lost).position_m).max() < 1e-9
+    assert rig_poses(replace(lost, felt=None)) is None
 
 
 def asked(facts):
