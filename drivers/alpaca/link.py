@@ -23,8 +23,10 @@ import numpy.typing as npt
 from drivers.errors import BadConfiguration, LineLost, NoAnswer, Rejected
 from drivers.interfaces import Identity
 
-SHOUT_S = 1.0
-"""How long a stop waits for its server; whoever stops does not wait for it."""
+SHOUT_S, SHOUTS = 10.0, 3
+"""How long a stop waits for its server's answer, and how often it is sent; whoever stops does not wait for it. A server
+that is slow may drop the request of a client that has hung up.
+"""
 BYTES = "application/imagebytes"
 HEADER = struct.Struct("<11i")
 ELEMENTS = {1: "<i2", 2: "<i4", 6: "u1", 8: "<u2", 9: "<u4"}
@@ -139,9 +141,11 @@ class AlpacaLink:
     # --- past the client
 
     def shout(self, member: str, form: Mapping[str, str] | None = None) -> None:
-        """Call a member now, waiting for no request that is under way; never raises."""
-        with suppress(OSError, HTTPException, ValueError):
-            self._ask("PUT", member, urlencode(form or {}), SHOUT_S)
+        """Call a member now, waiting for no request that is under way, until it is answered; never raises."""
+        for _ in range(SHOUTS):
+            with suppress(OSError, HTTPException, ValueError):
+                self._ask("PUT", member, urlencode(form or {}), SHOUT_S)
+                return
 
     def image(self, timeout_s: float) -> Levels:
         """The image (rows, columns) of a camera. Raises DeviceError.

@@ -20,7 +20,8 @@ from drivers.wire.connection import anything
 POLL_S = 0.05
 MM_PER_UM = 1e-3
 PRECISION_STEPS = 2
-HALT = "halt"
+HALT, HALTED_S = "halt", 0.25
+"""How long a stop waits for servers that are slow to answer; its threads go on trying."""
 
 
 @dataclass(frozen=True)
@@ -253,7 +254,7 @@ class AlpacaStage:
         for thread in threads:
             thread.start()
         for thread in threads:
-            thread.join()
+            thread.join(HALTED_S / len(threads))
 
 
 def _position(part: Part) -> int:

@@ -28,6 +28,8 @@ ALWAYS = frozenset((
 ))  # fmt: skip
 """Members that answer before the device is connected."""
 STOP = "EmergencyStop"
+HALTED_S = 3.0
+"""How long a driver may take to tell that its move has ended, after the axis stands. Clients wait five seconds."""
 NOT_AT_ALL: Mapping[str, Member] = {}
 
 
@@ -184,6 +186,11 @@ class Task:
         self._halted = True
 
     @property
+    def was_halted(self) -> bool:
+        """Whether what was begun last was ended by who asked for it."""
+        return self._halted
+
+    @property
     def running(self) -> bool:
         """Whether it goes on."""
         return self._thread is not None and self._thread.is_alive()
@@ -194,7 +201,9 @@ class Task:
             raise as_alpaca(self.failure)
 
     def begin(self, what: str, work: Callable[[], None]) -> None:
-        """Do this beside; nothing begins while something goes on. Raises InUse."""
+        """Do this beside; nothing begins while something goes on, but what was halted is waited for. Raises InUse."""
+        if self._halted and self._thread is not None:
+            self._thread.join(HALTED_S)
         stops = self._served.bench.stops if self._served.bench is not None else 0
 
         def run() -> None:

@@ -68,6 +68,8 @@ class AxisFocuser(AlpacaDevice):
 
     def _is_moving(self) -> bool:
         self._task.check()
+        if self._task.was_halted:  # the axis stands before its driver has told that the move is over
+            return self._stage.moving()
         return self._task.running or self._bench.motions.of(self._stage_name) is not None
 
     def _position(self) -> int:

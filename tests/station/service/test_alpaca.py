@@ -194,6 +194,7 @@ def test_a_move_that_was_halted_has_not_failed(rail, served, monkeypatch):
     homed(rail)
     monkeypatch.setattr(served.bench.stage, "move_to", move)
     monkeypatch.setattr(served.bench.stage, "stop", halted.set)
+    monkeypatch.setattr(served.bench.stage, "moving", lambda: not halted.is_set())
     rail.Move(10)
     moving.wait()
     assert rail.IsMoving

@@ -158,8 +158,22 @@ def test_the_stop_passes_a_request_that_is_not_answered(homed, held_up):
     held_up.moving.wait()
     with Device._ctid_lock:
         homed.emergency_stop()
-        assert held_up.halted.is_set()
+        held_up.halted.wait()
     assert not homed.condition().usable
+
+
+def test_a_stop_is_sent_again_where_it_was_not_answered(monkeypatch):
+    sent = []
+
+    def ask(self, method, member, form, timeout_s):
+        sent.append((method, member))
+        if len(sent) < 3:
+            raise ConnectionResetError
+        return "", b""
+
+    monkeypatch.setattr(AlpacaLink, "_ask", ask)
+    AlpacaLink(AlpacaServer("127.0.0.1:1"), "focuser", 0).shout("halt")
+    assert sent == [("PUT", "halt")] * 3
 
 
 def test_what_a_server_says_no_to_is_told(homed, served):
