@@ -13,6 +13,7 @@ from procedures.field import field_file
 from procedures.field.chromatic import LateralColour
 from procedures.field.conclusion import FieldResult, PlaneField
 from procedures.field.maps import FieldMap
+from procedures.vignetting.formula import LightSurface
 from station.calibration.camera_notes import exposure_of
 from station.reports.field_page import field_page
 from station.results.plane_result import PlaneResult
@@ -32,10 +33,12 @@ def write_field_result(
     parameters: Mapping[str, Any],
     start: float,
     report: bool = True,
+    lights: Mapping[str, LightSurface] | None = None,
 ) -> str:
     """Write all files, and the page where it is wanted; returns the record's text.
 
-    `planes` are the answers at the frame's centre, in the terms that were asked for.
+    `planes` are the answers at the frame's centre, in the terms that were asked for; `lights` is the lens's vignetting,
+    where it was measured.
     """
     about = {
         "procedure": "field",
@@ -43,7 +46,7 @@ def write_field_result(
         "parameters": {**parameters, **terms.parameters()},
         **terms.about(planes),
     }
-    return write_field(folder, found, planes, about, start, report=report)
+    return write_field(folder, found, planes, about, start, report=report, lights=lights)
 
 
 def write_planes(folder: ResultFolder, planes: Sequence[PlaneResult], about: Mapping[str, Any]) -> str:
@@ -60,6 +63,7 @@ def write_field(
     start: float | None = None,
     *,
     report: bool = True,
+    lights: Mapping[str, LightSurface] | None = None,
 ) -> str:
     """All files; `source` tells procedure, input and parameters, `start` when it began where that is to be told."""
     measured = found.measured
@@ -82,11 +86,21 @@ def write_field(
         maps = {name: _maps(found, name, one) for name, one in fitted.items()}
         camera = exposure_of(measured.exposures)
         field_file.write_field(folder.staging / FILE, fields, maps, found.colours, _provenance(about), camera)
+        if lights:
+            field_file.add_lights(folder.staging / FILE, lights)
+            about["field"]["vignetting"] = {name: _light_told(one) for name, one in lights.items()}
     if start is not None:
         about["duration_s"] = round(time.perf_counter() - start, 3)
     if report:
         folder.write(PAGE, field_page(found, planes, about, software()).encode())
     return write_psf_result(folder, planes, about)
+
+
+def _light_told(light: LightSurface) -> dict[str, Any]:
+    """What the record says of a plane's vignetting."""
+    rows, columns = light.shape
+    corners = np.array([(x, y) for x in (0, columns - 1) for y in (0, rows - 1)], dtype=np.float64)
+    return {"corner_light": float(light.at(corners).mean()), "darkest_corner": float(light.at(corners).min())}
 
 
 def _maps(found: FieldResult, name: str, one: PlaneField) -> tuple[FieldMap, ...]:
