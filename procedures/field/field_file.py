@@ -24,6 +24,7 @@ from procedures.psf_field import Node, PsfField, in_half_diagonals
 from procedures.reading.exposure import Exposure
 from procedures.reading.guard import Room, decoding, largest_bytes, open_file
 from procedures.reading.hdf5 import Stored, check_ends
+from procedures.vignetting.formula import LightSurface
 
 if TYPE_CHECKING:
     import h5py
@@ -44,9 +45,11 @@ PLANE/nodes: what was measured.
 PLANE/anywhere: base + sum over c of coefficients[i, j, c] components[c] is the PSF's support at (x[j], y[i]); the same
 of base_tail and components_tail is the tail's amplitudes.
 PLANE/maps: numbers of the whole PSF and their standard uncertainties, NaN beyond the nodes.
-lateral_colour/PLANE: shift against the reference plane, in pixels of the sensor."""
+lateral_colour/PLANE: shift against the reference plane, in pixels of the sensor.
+vignetting/PLANE: log of the light over that at the frame's centre, a polynomial of the place in half diagonals."""
 CAMERA = "camera"
 """The attribute that tells what the photographs were taken with, as JSON."""
+VIGNETTING = "vignetting"
 NOTED = ("camera", "lens", "f_number", "focal_length_mm", "subject_distance_mm")
 WORDS = ("camera", "lens")
 COLUMNS = 64
@@ -83,6 +86,42 @@ def write_field(
             _put(group, "shift", colour.shift, "pixel of the sensor")
             _put(group, "covariance", colour.covariance, "squared pixel of the sensor")
             _write_maps(group.create_group("maps"), colour.maps())
+
+
+def add_lights(path: Path, lights: Mapping[str, LightSurface]) -> None:
+    """Add the light that the lens loses over the frame, by plane, to a field that was written.
+
+    Raises
+    ------
+    BadInput
+        If it is of a frame of another size.
+    """
+    import h5py
+
+    with h5py.File(path, "a") as file:
+        for name, light in lights.items():
+            shape = (int(file[name].attrs["rows"]), int(file[name].attrs["columns"])) if name in file else light.shape
+            if shape != light.shape:
+                raise BadInput(
+                    f"the vignetting of {name} is of {light.shape[1]} x {light.shape[0]} pixels, the field of "
+                    f"{shape[1]} x {shape[0]}",
+                    "give the flats and the charts of one camera",
+                )
+            group = file.create_group(f"{VIGNETTING}/{name}")
+            group.attrs.update({"rows": light.shape[0], "columns": light.shape[1], "degree": light.degree})
+            _put(group, "coefficients", light.coefficients, "1")
+
+
+def read_lights(path: Path | str) -> dict[str, LightSurface]:
+    """The light over the frame by plane, as it was added; empty where none was. Raises BadInput as `read_field`."""
+    with _opened(path) as file:
+        room = Room(str(path))
+        return {name: _read_light(group, room) for name, group in file.get(VIGNETTING, {}).items()}
+
+
+def _read_light(group: h5py.Group, room: Room) -> LightSurface:
+    shape = int(group.attrs["rows"]), int(group.attrs["columns"])
+    return LightSurface(shape, int(group.attrs["degree"]), Stored(group, room).numbers("coefficients"))
 
 
 def _put(group: h5py.Group, name: str, values: npt.ArrayLike, unit: str, **options: Any) -> None:

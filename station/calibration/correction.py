@@ -13,7 +13,8 @@ import numpy as np
 
 from procedures.correction.checks import check_exposure
 from procedures.correction.estimate import Correction, CorrectionParameters, correct
-from procedures.field.field_file import read_camera, read_colours, read_field
+from procedures.correction.light import evened
+from procedures.field.field_file import read_camera, read_colours, read_field, read_lights
 from procedures.outcome import Outcome, Verdict
 from procedures.raw import RawFrame, read_frame, read_photograph
 from procedures.reading.sensor_dump import DumpLayout
@@ -36,6 +37,8 @@ class Corrected:
     notes: CameraNotes
     undone: tuple[str, ...]
     """Planes whose lateral colour was undone."""
+    evened: tuple[str, ...] = ()
+    """Planes whose vignetting was."""
 
 
 def correct_photograph(
@@ -64,8 +67,13 @@ def correct_photograph(
     fields, camera = read_field(field), read_camera(field)
     unknown = ["--insist was given"] if insisted else check_exposure(frame.exposure, camera)
     shifts = {name: colour.shift_at for name, colour in read_colours(field).items() if name in frame.planes}
+    known = read_lights(field)
+    lights = {name: known[name].at for name in frame.planes if name in known}
     outcome = correct(frame, fields, shifts, parameters, progress)
-    return Corrected(frame, _doubted(outcome, unknown), read_notes(data, frame.exposure), tuple(shifts))
+    if lights and outcome.value is not None:
+        outcome = replace(outcome, value=evened(outcome.value, frame.planes, lights))
+    notes = read_notes(data, frame.exposure)
+    return Corrected(frame, _doubted(outcome, unknown), notes, tuple(shifts), tuple(lights))
 
 
 def _doubted(outcome: Outcome[Correction], unknown: list[str]) -> Outcome[Correction]:
@@ -120,6 +128,7 @@ def record(found: Corrected, head: RecordHead) -> dict[str, Any]:
         "tile_px": value.side,
         "clipped": value.clipped,
         "lateral_colour_undone": list(found.undone),
+        "vignetting_undone": list(found.evened),
         "predicted": {
             "mtf50_before": _number(told.before, "cycles/pixel"),
             "mtf50_after": _number(told.after, "cycles/pixel"),

@@ -38,6 +38,9 @@ FAILED_ITEMS = 1
 @click.option(
     "--focus", type=click.Path(path_type=Path), help="A CSV table: photograph's name, focus position in mm (a bracket)."
 )
+@click.option(
+    "--vignetting", type=click.Path(path_type=Path), help="A result of station vignetting, to be kept with the field."
+)
 @certificate_option
 @psf_options(s=4, k=17, solver="ls", report=True)
 def psf_field(
@@ -45,6 +48,7 @@ def psf_field(
     bits: Path | None,
     seed: int | None,
     focus: Path | None,
+    vignetting: Path | None,
     plane: str | None,
     layout: DumpLayout | None,
     out: Path,
@@ -65,6 +69,7 @@ def psf_field(
     from station.calibration.field import field_pixels, field_results
     from station.calibration.field_photographs import check_noted, focus_positions, photographs
     from station.calibration.planes import diffraction_limit
+    from station.calibration.vignetting import read_vignetting
     from station.reports.field.field_files import write_field_result
     from station.results.result_files import ResultFolder
     from station.results.units import Pixels
@@ -76,6 +81,7 @@ def psf_field(
     if not trusted:
         check_noted(paths, optics, INSIST)
     positions = focus_positions(focus, paths) if focus else None
+    lights = {name: one.light for name, one in read_vignetting(vignetting).items()} if vignetting else {}
     names = None if plane in (None, "all") else [str(plane)]
     with ResultFolder(out, force=forced()) as results, progress(len(paths)) as told:
         measured = measure(paths, names, source.chart, parameters, told, layout)
@@ -91,8 +97,17 @@ def psf_field(
         planes = field_results(found, terms, pixels, limit)
         known = {name: value for name, value in optics.items() if value is not None}
         given = {**options, "chart": source.origin, **known, **told_layout(layout), **told_trust(trusted)}
+        given |= {"vignetting": str(vignetting)} if vignetting else {}
         text = write_field_result(
-            results, found, planes, terms, parameters=given, report=report, certificate=certificate, start=start
+            results,
+            found,
+            planes,
+            terms,
+            parameters=given,
+            report=report,
+            certificate=certificate,
+            start=start,
+            lights=lights,
         )
     tell_each(planes)
     log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))

@@ -14,6 +14,7 @@ from procedures.field.chromatic import LateralColour
 from procedures.field.conclusion import FieldResult, PlaneField
 from procedures.field.image_height import HeightCurve, over_height
 from procedures.field.maps import FieldMap
+from procedures.vignetting.formula import LightSurface
 from station.calibration.camera_notes import exposure_of
 from station.reports.certificate_print import write_certificate
 from station.reports.field.field_page import field_page, mm_per_pixel
@@ -40,16 +41,18 @@ def write_field_result(
     start: float,
     report: bool = True,
     certificate: bool = False,
+    lights: Mapping[str, LightSurface] | None = None,
 ) -> str:
     """Write all files, page and certificate where they are wanted; returns the record's text.
 
-    `planes` are the answers at the frame's centre, in the terms that were asked for.
+    `planes` are the answers at the frame's centre, in the terms that were asked for; `lights` is the lens's vignetting,
+    where it was measured.
     """
     files = tuple(InputFile(str(path), sha256) for path, sha256 in found.measured.frames)
     head = RecordHead("field", files, {**parameters, **terms.parameters()}, terms.specified(planes))
     if certificate:
         write_certificate(folder, field_report(found, planes, head.parameters, terms))
-    return write_field(folder, found, planes, head, start, report=report)
+    return write_field(folder, found, planes, head, start, report=report, lights=lights)
 
 
 def field_report(
@@ -83,6 +86,7 @@ def write_field(
     start: float | None = None,
     *,
     report: bool = True,
+    lights: Mapping[str, LightSurface] | None = None,
 ) -> str:
     """All files; `start` tells when it began, where that is to be told."""
     measured = found.measured
@@ -97,12 +101,16 @@ def write_field(
         "lateral_colour": {colour.plane: _colour_told(colour) for colour in found.colours},
         **_focus_told(found),
     }
+    if fitted and lights:
+        entry["vignetting"] = {name: _light_told(one) for name, one in lights.items()}
     head = replace(head, field=entry)
     if fitted:
         fields = {name: one.interpolation for name, one in fitted.items()}
         maps = {name: _maps(found, name, one) for name, one in fitted.items()}
         camera = exposure_of(measured.exposures)
         field_file.write_field(folder.staging / FILE, fields, maps, found.colours, _provenance(head), camera)
+        if lights:
+            field_file.add_lights(folder.staging / FILE, lights)
     if start is not None:
         head = replace(head, duration_s=round(time.perf_counter() - start, 3))
     heights = _heights(found)
@@ -120,6 +128,13 @@ def _heights(found: FieldResult) -> dict[str, list[HeightCurve]]:
     fields = {name: one.value.interpolation.field for name, one in found.planes.items() if one.value is not None}
     curves = {name: over_height(field, FREQUENCIES) for name, field in fields.items()}
     return {name: one for name, one in curves.items() if one}
+
+
+def _light_told(light: LightSurface) -> dict[str, Any]:
+    """What the record says of a plane's vignetting."""
+    rows, columns = light.shape
+    corners = np.array([(x, y) for x in (0, columns - 1) for y in (0, rows - 1)], dtype=np.float64)
+    return {"corner_light": float(light.at(corners).mean()), "darkest_corner": float(light.at(corners).min())}
 
 
 def _maps(found: FieldResult, name: str, one: PlaneField) -> tuple[FieldMap, ...]:

@@ -13,9 +13,10 @@ from click.testing import CliRunner
 
 from drivers.frame_files.dng import Shot, write_dng
 from procedures.correction.checks import check_exposure
-from procedures.field.field_file import read_camera, write_field
+from procedures.field.field_file import add_lights, read_camera, write_field
 from procedures.outcome import Refused
 from procedures.reading.exposure import Exposure
+from procedures.vignetting.formula import LightSurface
 from station.__main__ import main
 from tests.procedures.correction.lens_photographs import RGGB, Sensor
 from tests.procedures.correction.seen import NOTED, RIM, SmallLens, bayer, grey, scene
@@ -82,6 +83,25 @@ def test_a_raw_photograph_becomes_a_sharper_linear_dng_and_tiff(files, done):
         assert raw.raw_type.name == "Stack"
         levels = raw.raw_image[..., :3].transpose(2, 0, 1).astype(float)
     np.testing.assert_allclose(np.clip((levels - 2048) / 60000, 0, 1), picture, atol=2 / 60000)  # both round
+
+
+@pytest.mark.slow
+def test_light_that_the_field_knows_to_be_lost_is_given_back(files, done, tmp_path):
+    field = tmp_path / "field.h5"
+    field.write_bytes((files[0] / "field.h5").read_bytes())
+    falloff = {name: LightSurface(PLANES, 2, np.array([0.1, 0, -0.5, 0, -0.5])) for name in RGGB}
+    add_lights(field, falloff)
+    result = run(files[0] / "photo.dng", "--field", field, "--out", tmp_path / "out", "--json")
+    assert result.exit_code == 0, result.output
+    record = json.loads(result.stdout)
+    assert record["vignetting_undone"] == list(RGGB)
+    before, after = stored(done[1], (128, 160, 3)), stored(tmp_path / "out", (128, 160, 3))
+    y, x = 5, 150  # the formula itself: half a diagonal of the plane is 51.2 pixels, red lies at even pixels
+    u = np.array([x / 2 - 39.5, y / 2 - 31.5]) / np.hypot(*PLANES) * 2
+    light = np.exp(0.1 * u[0] - 0.5 * u @ u)
+    assert after[y, x, 0] == pytest.approx(min(before[y, x, 0] / light, 1), abs=2 / 65535 / light)
+    earlier = json.loads((done[1] / "result.json").read_text())["predicted"]["noise_gain"]
+    assert record["predicted"]["noise_gain"]["greatest"] > 1.2 * earlier["greatest"]
 
 
 @pytest.mark.slow
