@@ -35,8 +35,9 @@ def photograph(seed: int) -> tuple[str, float]:
     outcome = estimate_psf(Plane("Y", shot.plane("Y").astype(np.float32), 1 / 65535), chart)
     if outcome.value is None:
         return f"refused: {outcome.reason[:70]}", float("nan")
-    truth = shot.true_psf("Y", 4, 17)
-    error, _ = aligned_error(outcome.value.psf.h, truth.h)
+    psf = outcome.value.psf
+    truth = shot.true_psf("Y", psf.s, psf.k)
+    error, _ = aligned_error(psf.h, truth.h)
     ratio = error / float(np.hypot(outcome.value.diagnostics["relative_uncertainty"], truth.floor))
     return ("right" if ratio < WRONG else f"WRONG with verdict {outcome.verdict}", ratio)
 
