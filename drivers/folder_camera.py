@@ -12,7 +12,7 @@ from pathlib import Path
 from drivers.clock import Clock, SystemClock
 from drivers.errors import DeviceError, EmergencyStopped, FrameMissing, FrameWrong, LineLost
 from drivers.frames import Facts, Inspect, check_settings, is_raw, sha256_of
-from drivers.interfaces import CameraSettings, Condition, Exposure, Identity, Shutter, ShutterTimes
+from drivers.interfaces import CameraSettings, Condition, ExposedFile, Identity, Shutter, ShutterTimes
 
 Stamp = tuple[int, int]  # size, modification time in ns
 
@@ -94,7 +94,7 @@ class FolderCamera:
         """Expect these settings in the files: this body is set by hand."""
         self.settings = settings
 
-    def expose(self) -> Exposure:
+    def expose(self) -> ExposedFile:
         """Fire once and return the one RAW file that comes of it. Raises FrameMissing, FrameWrong."""
         self._stopped = None
         self._wait_for_strays()
@@ -123,11 +123,11 @@ class FolderCamera:
         if self._stopped is not None:
             raise self._stopped
 
-    def _record(self, path: Path, digest: str, requested_s: float, shutter: ShutterTimes) -> Exposure:
+    def _record(self, path: Path, digest: str, requested_s: float, shutter: ShutterTimes) -> ExposedFile:
         companions = tuple(sorted(p for p in self._folder.glob(path.stem + ".*") if p != path and not is_raw(p)))
         received_s = self.clock.now_s()
         size = path.stat().st_size
-        return Exposure(path, digest, size, self.settings, requested_s, received_s, shutter, companions)
+        return ExposedFile(path, digest, size, self.settings, requested_s, received_s, shutter, companions)
 
     def _look(self) -> dict[Path, Stamp]:
         """Every RAW file with its size and time; a file that vanishes while one looks was renamed."""

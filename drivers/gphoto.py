@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 from drivers.clock import Clock, SystemClock
 from drivers.errors import BadConfiguration, DeviceError, FrameMissing, LineLost, NoAnswer, Rejected
 from drivers.frames import Inspect, check_settings, is_raw, sha256_of
-from drivers.interfaces import CameraSettings, Condition, Exposure, Identity, Shutter
+from drivers.interfaces import CameraSettings, Condition, ExposedFile, Identity, Shutter
 
 T = TypeVar("T")
 CALL_S = 15.0
@@ -257,7 +257,7 @@ class GphotoCamera:
         part.rename(target)
         return target
 
-    def expose(self) -> Exposure:
+    def expose(self) -> ExposedFile:
         """One photograph, fetched, decoded and hashed. Raises DeviceError."""
         requested_s = self.clock.now_s()
         before = set(self.files()) if self._shutter else set()
@@ -270,7 +270,7 @@ class GphotoCamera:
             raise FrameMissing(f"{path.name} does not decode: {error}", "check the card, then repeat") from error
         check_settings(path, facts, self.settings)
         received_s = self.clock.now_s()
-        return Exposure(path, sha256_of(path), path.stat().st_size, self.settings, requested_s, received_s, times)
+        return ExposedFile(path, sha256_of(path), path.stat().st_size, self.settings, requested_s, received_s, times)
 
     def _new_file(self, before: set[Place]) -> Place:
         """The RAW file of a shot that was fired from outside: told by the body's events, or else found by listing."""

@@ -26,7 +26,7 @@ from drivers.homing_state import HOME
 from drivers.interfaces import Condition, Doubt, Identity, Transport, Travel
 from drivers.move_checks import OneMover, check_arrival, check_target
 from drivers.protocols.grbl import HOLD, JOG_CANCEL, MOTORS_HELD, PAUSES, RESET, RESUMABLE, RESUME, Event
-from drivers.protocols.grbl_link import GrblLink, Report
+from drivers.protocols.grbl_link import GrblLink, StatusReport
 from drivers.wire.connection import anything
 
 RESUME_S = 5.0
@@ -134,7 +134,7 @@ class GrblStage:
         """Where the axes are now, in their own units. Raises DeviceError."""
         return self._user(self.link.settled_report())
 
-    def _user(self, report: Report) -> dict[str, float]:
+    def _user(self, report: StatusReport) -> dict[str, float]:
         there = {}
         for name, one in self._envelopes.items():
             if one.index >= len(report.machine):
@@ -238,7 +238,7 @@ class GrblStage:
         top = min(feed / 60, math.sqrt(length * acceleration))  # a short way is over before it is at its feed
         return feed, length / top + top / acceleration
 
-    def _until_still(self, duration_s: float) -> Report:
+    def _until_still(self, duration_s: float) -> StatusReport:
         """Two equal reports of Idle in a row. Raises NoAnswer when twice the time and two seconds have passed."""
         limit_s = 2 * duration_s * 100 / min(self.link.feed_override, 100.0) + 2
         deadline_s = self.clock.now_s() + limit_s
@@ -256,7 +256,7 @@ class GrblStage:
                 raise self._too_slow(limit_s)
             pause_s = 0.0 if report.state == "Idle" else self._poll_s
 
-    def _check_pause(self, report: Report) -> None:
+    def _check_pause(self, report: StatusReport) -> None:
         """Raises Held where a person holds the machine."""
         if report.pause is not None:
             reason, remedy = report.pause

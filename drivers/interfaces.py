@@ -59,7 +59,7 @@ class CameraSettings:
 
 
 @dataclass(frozen=True)
-class Exposure:
+class ExposedFile:
     """One RAW file on disk with the record of how it came to be."""
 
     path: Path
@@ -197,7 +197,7 @@ class Camera(Device, Protocol):
         """Set, or expect, these settings. Raises DeviceError."""
         ...
 
-    def expose(self) -> Exposure:
+    def expose(self) -> ExposedFile:
         """Take one photograph and return its RAW file, complete, decodable and hashed. Raises DeviceError."""
         ...
 

@@ -25,7 +25,7 @@ INPUTS, GATHERED = "inputs", "gathered"
 
 
 @dataclass(frozen=True)
-class Axis:
+class AxisTravel:
     """Where an axis is, and the ends of its travel, in the unit that its name carries; None where it is not known."""
 
     at: float | None = None
@@ -47,11 +47,11 @@ class Axis:
         return None if self.low is None or self.high is None else (self.low + self.high) / 2
 
 
-def axes_of(facts: Facts) -> dict[str, Axis]:
+def axes_of(facts: Facts) -> dict[str, AxisTravel]:
     """The axes by name. Raises BadParameter."""
     prefixes = (AT, LOW, HIGH)
     names = {name.removeprefix(start): None for name in facts for start in prefixes if name.startswith(start)}
-    return {name: Axis(*(_number_or_none(facts, start + name) for start in prefixes)) for name in names}
+    return {name: AxisTravel(*(_number_or_none(facts, start + name) for start in prefixes)) for name in names}
 
 
 def insisted_of(facts: Facts) -> frozenset[str]:
@@ -82,7 +82,7 @@ class CameraFacts:
     pixel_pitch_um: float | None = None
     distance_mm: float | None = None
     """The rangefinder's reading."""
-    axes: Mapping[str, Axis] = gathered(axes_of)
+    axes: Mapping[str, AxisTravel] = gathered(axes_of)
     insisted: frozenset[str] = gathered(insisted_of)
 
     def where(self) -> dict[str, float]:

@@ -222,7 +222,7 @@ class Shoot:
 
 
 @dataclass(frozen=True)
-class Stop:
+class TourStop:
     """One place of a tour: its name, which its shots bear as their purpose; how to get there; whether a shot counts.
 
     What `check` advises against a shot is followed before the next try.
@@ -241,7 +241,7 @@ class Tour:
     After `tries` shots that do not count the operator decides: leave the place out, try again, or stop.
     """
 
-    stops: Callable[[Facts], Sequence[Stop]]
+    stops: Callable[[Facts], Sequence[TourStop]]
     tries: int = 4
 
 

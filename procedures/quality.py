@@ -18,7 +18,7 @@ from procedures.numerics.bessel import j1
 from procedures.numerics.kernel_tail import DIFFERS, EXCHANGED, LEAST_TAIL, MIRRORED, SHAPES, tail_spectra
 from procedures.outcome import Quantity, Rule, Verdict
 from procedures.psf import Psf
-from procedures.spatial_numbers import CIRCLES, Found, circle, name_of_circle, section_widths, spatial_numbers
+from procedures.spatial_numbers import CIRCLES, DrawnNumber, circle, name_of_circle, section_widths, spatial_numbers
 from procedures.transfer_function import LEVELS, crossing, curve_numbers
 
 Array = npt.NDArray[np.float64]
@@ -153,7 +153,7 @@ def assess(psf: Psf, *, n: int, diffraction: Diffraction | None = None, at: Sequ
     mtf_v, slope_v = _modulus(psf, vertical)
     mtf_r, slope_r = _radial_mean(psf, f)
     curves = {"horizontal": (mtf_h, slope_h), "vertical": (mtf_v, slope_v), "radial": (mtf_r, slope_r)}
-    found: list[Found] = []
+    found: list[DrawnNumber] = []
     for name, (mtf, slope) in curves.items():
         found += curve_numbers(f, mtf, slope, name, at)
     found += spatial_numbers(psf)
@@ -222,7 +222,7 @@ def _left_open(
     f: Array,
     curves: Mapping[str, tuple[Array, Array]],
     uncertainties: Mapping[str, float],
-    found: list[Found],
+    found: list[DrawnNumber],
     diffraction: Diffraction | None,
 ) -> dict[str, float]:
     """What the support (of the curves' numbers) and the band (of the spatial ones) leave open, by number."""
@@ -342,7 +342,7 @@ def energy_outside_support(psf: Psf, n: int) -> Quantity:
     return Quantity(share, "1", uncertainty, "share of all light outside the support", n)
 
 
-def _strehl(psf: Psf, diffraction: Diffraction) -> Found:
+def _strehl(psf: Psf, diffraction: Diffraction) -> DrawnNumber:
     """Value of the PSF at its centre over that of diffraction alone, both limited to the s grid's band.
 
     The measured PSF holds the pixel's aperture and the optical low-pass filter too: it is the camera's ratio, not
@@ -355,7 +355,7 @@ def _strehl(psf: Psf, diffraction: Diffraction) -> Found:
     gradient = -value * psf.weights / psf.light
     gradient[centre] += 1 / psf.light / ideal
     method = f"centre over diffraction at f/{diffraction.f_number:g}, {diffraction.wavelength_nm:g} nm"
-    return Found("strehl", value, "1", method, gradient)
+    return DrawnNumber("strehl", value, "1", method, gradient)
 
 
 def beyond_diffraction(quality: Quality, diffraction: Diffraction | None) -> list[Rule]:

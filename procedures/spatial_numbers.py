@@ -28,7 +28,7 @@ AROUND = 4
 
 
 @dataclass(frozen=True)
-class Found:
+class DrawnNumber:
     """A number as it is drawn from a PSF: its name, value, unit, method, and its gradient by the parameters."""
 
     name: str
@@ -38,7 +38,7 @@ class Found:
     gradient: Array
 
 
-def spatial_numbers(psf: Psf) -> list[Found]:
+def spatial_numbers(psf: Psf) -> list[DrawnNumber]:
     """Width, shape, energy: the numbers read from the band-limited PSF itself."""
     x = psf.offsets_px
     above, slope = energy_above_nyquist(psf)
@@ -47,7 +47,7 @@ def spatial_numbers(psf: Psf) -> list[Found]:
         _of_support(psf, "centroid_y_support", np.repeat(x, psf.k)),
         _width(psf, "fwhm_horizontal", 1),
         _width(psf, "fwhm_vertical", 0),
-        Found("energy_above_nyquist", above, "1", "share of |OTF|^2", slope),
+        DrawnNumber("energy_above_nyquist", above, "1", "share of |OTF|^2", slope),
     ]
     return [*found, *_encircled(psf), *_ellipse_numbers(psf)]
 
@@ -75,13 +75,13 @@ def energy_above_nyquist(psf: Psf) -> tuple[float, Array]:
     return 1 - inside / whole, psf.contract(2 * (inside / whole * image - through) / whole)
 
 
-def _of_support(psf: Psf, name: str, x: Array) -> Found:
+def _of_support(psf: Psf, name: str, x: Array) -> DrawnNumber:
     """The first moment over the support, which alone has one: a tail of 1/r^3 has none."""
     h = psf.h.ravel()
     total = h.sum()
     value = float(h @ x / total)
     gradient = np.concatenate([(x - value) / total, np.zeros(len(psf.parameters) - psf.k**2)])
-    return Found(name, value, "pixel", "first moment inside the support, from the PSF's centre", gradient)
+    return DrawnNumber(name, value, "pixel", "first moment inside the support, from the PSF's centre", gradient)
 
 
 def section_widths(psf: Psf) -> tuple[float, float]:
@@ -91,7 +91,7 @@ def section_widths(psf: Psf) -> tuple[float, float]:
     return horizontal, vertical
 
 
-def _width(psf: Psf, name: str, axis: int) -> Found:
+def _width(psf: Psf, name: str, axis: int) -> DrawnNumber:
     """One of `section_widths`, along rows (1) or columns (0)."""
     middle = psf.k // 2
     profile = psf.h[middle] if axis else psf.h[:, middle]
@@ -101,7 +101,7 @@ def _width(psf: Psf, name: str, axis: int) -> Found:
     value, *moved = _widths(profile + steps, psf.s).tolist()
     gradient = np.zeros(len(psf.parameters))
     gradient[used] = (np.array(moved[: psf.k]) - moved[psf.k :]) / (2 * step)
-    return Found(name, value, "pixel", "band-limited section through the centre", gradient)
+    return DrawnNumber(name, value, "pixel", "band-limited section through the centre", gradient)
 
 
 def _widths(profiles: Array, s: int) -> Array:
@@ -237,7 +237,7 @@ def name_of_circle(share: float) -> str:
     return f"encircled_energy_{share * 100:.0f}"
 
 
-def _encircled(psf: Psf) -> list[Found]:
+def _encircled(psf: Psf) -> list[DrawnNumber]:
     """Radii about the marks' centre within which shares of all light lie, of the band-limited PSF."""
     image, found = psf.extended(), []
     for share in CIRCLES:
@@ -248,7 +248,9 @@ def _encircled(psf: Psf) -> list[Found]:
             within = _fine_grid(one.size, psf.s).within(one.radius)
             by_image[rim : len(image) - rim, rim : len(image) - rim] = within
             gradient = (share * psf.weights - psf.contract(by_image)) / psf.light / one.density
-        found.append(Found(name_of_circle(share), one.radius, "pixel", f"radius of {share:.0%} of all light", gradient))
+        found.append(
+            DrawnNumber(name_of_circle(share), one.radius, "pixel", f"radius of {share:.0%} of all light", gradient)
+        )
     return found
 
 
@@ -261,7 +263,7 @@ def _moment_weight(psf: Psf) -> Array:
     return np.asarray(np.exp(-(x**2 + (x**2)[:, None]) / (2 * sigma**2)).ravel())
 
 
-def _ellipse_numbers(psf: Psf) -> list[Found]:
+def _ellipse_numbers(psf: Psf) -> list[DrawnNumber]:
     """Ellipticity 1 - b/a, and the major axis' angle, of the second moments under a Gaussian weight."""
     x, y = np.tile(psf.offsets_px, psf.k), np.repeat(psf.offsets_px, psf.k)
     w = _moment_weight(psf)
@@ -271,8 +273,8 @@ def _ellipse_numbers(psf: Psf) -> list[Found]:
     gradients[:, : psf.k**2] = slope @ monomials.T
     method = "weighted second moments"
     return [
-        Found("ellipticity", float(value[0]), "1", f"1 - b/a of {method}", gradients[0]),
-        Found("ellipse_angle", float(value[1]), "degree", "major axis, from x towards y", gradients[1]),
+        DrawnNumber("ellipticity", float(value[0]), "1", f"1 - b/a of {method}", gradients[0]),
+        DrawnNumber("ellipse_angle", float(value[1]), "degree", "major axis, from x towards y", gradients[1]),
     ]
 
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from procedures.numerics.kernel_tail import tail_spectra
 from procedures.psf import Psf
-from procedures.spatial_numbers import Found
+from procedures.spatial_numbers import DrawnNumber
 
 Array = npt.NDArray[np.float64]
 Otf = Callable[[Array, Array], npt.NDArray[np.complex128]]
@@ -80,7 +80,7 @@ def frequency_of(name: str) -> tuple[float, str] | None:
     return (float(found["frequency"]), found["direction"] or "") if found else None
 
 
-def curve_numbers(f: Array, mtf: Array, slope: Array, name: str, at: Sequence[float] = ()) -> Iterator[Found]:
+def curve_numbers(f: Array, mtf: Array, slope: Array, name: str, at: Sequence[float] = ()) -> Iterator[DrawnNumber]:
     """The numbers of one curve.
 
     Parameters
@@ -95,15 +95,15 @@ def curve_numbers(f: Array, mtf: Array, slope: Array, name: str, at: Sequence[fl
         Frequencies at which the MTF is told; those beyond the curve are left out.
     """
     i = int(np.searchsorted(f, NYQUIST))
-    yield Found(f"mtf_nyquist_{name}", float(mtf[i]), "1", "|OTF| at 0.5 cycles/pixel", slope[i])
+    yield DrawnNumber(f"mtf_nyquist_{name}", float(mtf[i]), "1", "|OTF| at 0.5 cycles/pixel", slope[i])
     for level in LEVELS:
         if (found := crossing(f, mtf, slope, level / 100)) is not None:
             method = f"first crossing of |OTF| = {level / 100:g}"
-            yield Found(f"mtf{level}_{name}", found[0], "cycles/pixel", method, found[1])
+            yield DrawnNumber(f"mtf{level}_{name}", found[0], "cycles/pixel", method, found[1])
     for frequency in at:
         if 0 <= frequency <= f[-1]:
             value, gradient = _at(f, mtf, slope, frequency)
-            yield Found(name_at(frequency, name), value, "1", f"|OTF| at {frequency:.6g} cycles/pixel", gradient)
+            yield DrawnNumber(name_at(frequency, name), value, "1", f"|OTF| at {frequency:.6g} cycles/pixel", gradient)
 
 
 def crossing(f: Array, mtf: Array, slope: Array, level: float = 0.5) -> tuple[float, Array] | None:

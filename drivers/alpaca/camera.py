@@ -11,7 +11,7 @@ from drivers.alpaca.link import AlpacaLink, AlpacaServer, Levels
 from drivers.clock import Clock, SystemClock
 from drivers.errors import BadConfiguration, EmergencyStopped, FrameMissing, FrameWrong, LineLost, Rejected
 from drivers.frame_files.dng_folder import Body, DngFolder, Frame
-from drivers.interfaces import CameraSettings, Condition, Exposure, Identity
+from drivers.interfaces import CameraSettings, Condition, ExposedFile, Identity
 
 POLL_S = 0.05
 MONOCHROME, RGGB = 0, 2
@@ -82,7 +82,7 @@ class AlpacaCamera:
         exposure_s = self.settings.exposure_s if settings.exposure_s is None else settings.exposure_s
         self.settings = CameraSettings(exposure_s, settings.iso, settings.f_number)
 
-    def expose(self) -> Exposure:
+    def expose(self) -> ExposedFile:
         """One photograph, fetched, written and read again. Raises DeviceError."""
         if not self._one_frame.acquire(blocking=False):
             raise Rejected(f"{self.address} exposes already", "wait for the frame")
@@ -91,7 +91,7 @@ class AlpacaCamera:
         finally:
             self._one_frame.release()
 
-    def _expose(self) -> Exposure:
+    def _expose(self) -> ExposedFile:
         if not self._link.is_open:
             raise LineLost(f"{self.address} is not connected", "connect first")
         stops, requested_s = self._stops, self.clock.now_s()

@@ -15,7 +15,7 @@ from drivers.clock import Clock, SystemClock
 from drivers.errors import FrameWrong, LineLost
 from drivers.frame_files.dng import Mosaic, Shot, write_dng
 from drivers.frames import Inspect, check_settings, sha256_of
-from drivers.interfaces import CameraSettings, Exposure, ShutterTimes
+from drivers.interfaces import CameraSettings, ExposedFile, ShutterTimes
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class DngFolder:
 
     def keep(
         self, frame: Frame, body: Body, wanted: CameraSettings, requested_s: float, shutter: ShutterTimes | None = None
-    ) -> Exposure:
+    ) -> ExposedFile:
         """The frame as a file that reads back, as it was wanted. Raises FrameWrong, LineLost."""
         self.check()
         path = self._write(frame, body)
@@ -92,7 +92,7 @@ class DngFolder:
         check_settings(path, facts, wanted)
         settings = CameraSettings(frame.exposure_s, None, self._optics.f_number)
         size, received_s = path.stat().st_size, self._clock.now_s()
-        return Exposure(path, sha256_of(path), size, settings, requested_s, received_s, shutter)
+        return ExposedFile(path, sha256_of(path), size, settings, requested_s, received_s, shutter)
 
     def _write(self, frame: Frame, body: Body) -> Path:
         optics, path = self._optics, self._next()

@@ -13,7 +13,7 @@ from drivers.errors import BadConfiguration, DeviceError, EmergencyStopped, Fram
 from drivers.frame_files.dng_folder import Body, DngFolder, Frame
 from drivers.genicam.aravis import asked, load
 from drivers.genicam.pixel_formats import PixelFormat, deepest, pixel_format, unpack
-from drivers.interfaces import CameraSettings, Condition, Exposure, Identity, ShutterTimes
+from drivers.interfaces import CameraSettings, Condition, ExposedFile, Identity, ShutterTimes
 
 BUFFERS = 4
 SLICE_S = 0.05
@@ -202,7 +202,7 @@ class GenicamCamera:
         if self._camera is None or self._lost:
             raise LineLost(f"{self.address} is not connected", "connect first")
 
-    def expose(self) -> Exposure:
+    def expose(self) -> ExposedFile:
         """One photograph of one trigger. Raises DeviceError."""
         with self._one_frame:
             self._require()
@@ -214,7 +214,7 @@ class GenicamCamera:
                 self._stop()  # its frame may still come: it must not be taken for the next one's
                 raise
 
-    def _triggered(self) -> Exposure:
+    def _triggered(self) -> ExposedFile:
         stops, requested_s = self._stops, self.clock.now_s()
         with asked(self.address, REMEDY):
             exposure_s = self._camera.get_exposure_time() / MICROSECONDS

@@ -9,7 +9,7 @@ import numpy as np
 from drivers.clock import Clock, SystemClock
 from drivers.errors import EmergencyStopped, FrameWrong, LineLost, Rejected
 from drivers.frame_files.dng_folder import Body, DngFolder, Frame
-from drivers.interfaces import CameraSettings, Condition, Exposure, Identity, ShutterTimes
+from drivers.interfaces import CameraSettings, Condition, ExposedFile, Identity, ShutterTimes
 from drivers.micromanager.core import CAMERA, Core, asked, check_device, identity_words
 
 REMEDY = "check its power and cable, then connect it again"
@@ -76,7 +76,7 @@ class MicroManagerCamera:
                 )
         self.settings = settings
 
-    def expose(self) -> Exposure:
+    def expose(self) -> ExposedFile:
         """One photograph; one that an emergency stop overtook is kept in the folder. Raises DeviceError."""
         core, stops, requested_s = self._open(), self._stops, self.clock.now_s()
         with self._shared.in_a_row, asked(self.address, REMEDY):

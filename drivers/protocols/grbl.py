@@ -146,7 +146,7 @@ class Status:
 
 
 @dataclass(frozen=True)
-class Setting:
+class GrblSetting:
     """`$number=value` in the answer to `$$`."""
 
     number: int
@@ -184,7 +184,7 @@ class Unread:
     raw: bytes
 
 
-Event = Ok | Failed | AlarmRaised | Status | Setting | ConfigItem | Feedback | Banner | Unread
+Event = Ok | Failed | AlarmRaised | Status | GrblSetting | ConfigItem | Feedback | Banner | Unread
 
 STATES = {"Idle", "Run", "Hold", "Jog", "Alarm", "Door", "Check", "Home", "Sleep", "Tool"}
 _NUMBERED = re.compile(r"(error|ALARM):(\d{1,4})")
@@ -226,7 +226,7 @@ def read_line(raw: bytes) -> Event:
     if found := _NUMBERED.fullmatch(line):
         return Failed(int(found[2])) if found[1] == "error" else AlarmRaised(int(found[2]))
     if found := _SETTING.fullmatch(line):
-        return Setting(int(found[1]), float(found[2]))
+        return GrblSetting(int(found[1]), float(found[2]))
     if found := _CONFIG.fullmatch(line):
         return ConfigItem(found[1], found[2])
     if found := _FEEDBACK.fullmatch(line):

@@ -25,8 +25,8 @@ from drivers.protocols.grbl import (
     Event,
     Failed,
     Feedback,
+    GrblSetting,
     Ok,
-    Setting,
     Status,
     alarm_text,
     error_text,
@@ -43,7 +43,7 @@ RESETS = 4
 
 
 @dataclass(frozen=True)
-class Report:
+class StatusReport:
     """State, sub-state, and machine position in millimetres or degrees, one value per letter."""
 
     state: str
@@ -158,7 +158,7 @@ class GrblLink:
         return Identity(model=firmware, firmware=version, serial=name, address=self.address)
 
     def _read_settings(self) -> dict[int, float]:
-        return {event.number: event.value for event in self.command("$$") if isinstance(event, Setting)}
+        return {event.number: event.value for event in self.command("$$") if isinstance(event, GrblSetting)}
 
     def _twice_alike(self, read: Callable[[], T]) -> T:
         """What the controller tells twice alike: without checksums, a damaged digit looks like another travel."""
@@ -227,11 +227,11 @@ class GrblLink:
         self._transport.request(b"\n$G\n", answer, REPLY_S)
         self._in_step = True
 
-    def report(self) -> Report:
+    def report(self) -> StatusReport:
         """Ask `?`, again if it goes unanswered; position in machine space. Raises DeviceError."""
         return self._transport.request(STATUS, self._placed, STATUS_S, tries=3)
 
-    def settled_report(self) -> Report:
+    def settled_report(self) -> StatusReport:
         """Two reports in a row that agree: GRBL sends no checksums, and a damaged digit looks like another place.
 
         While it moves, the later one. Raises DeviceError.
@@ -246,7 +246,7 @@ class GrblLink:
             f"{self.address} reports another position each time", "check the cable, and that nothing moves it"
         )
 
-    def _placed(self, event: Event) -> Report | None:
+    def _placed(self, event: Event) -> StatusReport | None:
         """A report's machine position: MPos, or WPos + WCO once an offset was told; inches where $13 says so."""
         if not isinstance(event, Status):
             return None
@@ -256,7 +256,7 @@ class GrblLink:
         if machine is None:
             return None
         scale = 25.4 if self.setting(13, 0.0) == 1.0 else 1.0
-        return Report(event.state, event.sub, tuple(value * scale for value in machine))
+        return StatusReport(event.state, event.sub, tuple(value * scale for value in machine))
 
     def pause(self, duration_s: float) -> None:
         """Wait, ended early by alarm, reset or emergency stop. Raises what ended it."""

@@ -19,7 +19,7 @@ from procedures.raw import Plane
 
 if TYPE_CHECKING:
     from procedures.slanted_edge.estimate import EdgeMtf
-    from procedures.slanted_edge.strip import Line, Strip
+    from procedures.slanted_edge.strip import EdgeLine, Strip
 
 Array = npt.NDArray[np.float64]
 
@@ -124,7 +124,7 @@ def _cell_px(found: PatternPsf) -> float:
     return 1 / math.sqrt(abs(np.linalg.det(found.registration.jacobian())))
 
 
-def _strip(plane: Plane, found: PatternPsf, i: int) -> tuple[Strip, Line] | None:
+def _strip(plane: Plane, found: PatternPsf, i: int) -> tuple[Strip, EdgeLine] | None:
     """Where the map puts an edge: its strip, all else that is printed masked, and the line; None outside the frame."""
     registration = found.registration
     cell_px = _cell_px(found)
@@ -153,7 +153,7 @@ def _strip(plane: Plane, found: PatternPsf, i: int) -> tuple[Strip, Line] | None
     return replace(strip, valid=shaped.T if strip.turned else shaped, reach_px=reach), near
 
 
-def _shows_edge(strip: Strip, line: Line, found: PatternPsf) -> bool:
+def _shows_edge(strip: Strip, line: EdgeLine, found: PatternPsf) -> bool:
     """Whether there are two levels as far apart as the chart's black and white."""
     from procedures.slanted_edge.strip import LEAST_SIDE
 

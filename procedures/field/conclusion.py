@@ -12,7 +12,7 @@ from procedures.field.estimate import Miss
 from procedures.field.focus import FocusSurface, focus_surface, sharpest
 from procedures.field.interpolate import Interpolation, interpolate
 from procedures.field.maps import FieldMap, derive
-from procedures.field.measuring import Measured, Told, silent
+from procedures.field.measuring import MeasuredFrames, Told, silent
 from procedures.outcome import Outcome, Quantity, Refused, Rule, Verdict, verdict_of
 from procedures.psf import Psf
 from procedures.psf_field import Node
@@ -52,7 +52,7 @@ class PlaneField:
 class FieldResult:
     """The whole answer, by plane; `reference` is the plane that lateral colour and focus are told of."""
 
-    measured: Measured
+    measured: MeasuredFrames
     planes: Mapping[str, Outcome[PlaneField]]
     colours: tuple[LateralColour, ...]
     reference: str
@@ -61,7 +61,7 @@ class FieldResult:
 
 
 def conclude(
-    measured: Measured, focus: Mapping[str, float] | None = None, limit: Limit = lambda plane: None,
+    measured: MeasuredFrames, focus: Mapping[str, float] | None = None, limit: Limit = lambda plane: None,
     told: Told = silent, at: Sequence[float] = (),
 ) -> FieldResult:  # fmt: skip
     """Field, maps and numbers of every plane, lateral colour between them, best focus where positions are known.
@@ -111,7 +111,7 @@ def _bracket(nodes: Sequence[Node], focus: Mapping[str, float]) -> dict[float, l
     return found
 
 
-def _colours(measured: Measured, kept: Mapping[str, Sequence[Node]], reference: str) -> tuple[LateralColour, ...]:
+def _colours(measured: MeasuredFrames, kept: Mapping[str, Sequence[Node]], reference: str) -> tuple[LateralColour, ...]:
     """Lateral colour of every plane against the reference, as far as there are charts enough."""
     found = []
     for name, nodes in kept.items():

@@ -12,8 +12,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from procedures.field.alike import alike
-from procedures.field.models import AxialSymmetry, Axis, Separate, fit_axis, mirrored
-from procedures.field.whitening import MOST, Whitened
+from procedures.field.models import AxialSymmetry, Separate, SymmetryAxis, fit_axis, mirrored
+from procedures.field.whitening import MOST, WhitenedNodes
 from procedures.numerics.scattered import Polynomial, ThinPlate
 from procedures.outcome import Refused
 from procedures.psf_field import CoefficientModel, Node, PsfField, in_half_diagonals
@@ -90,7 +90,7 @@ class Interpolation:
         Of its model; with the number of components it is enough to build the field again from its nodes.
     candidates : tuple of Candidate
         All that were tried, the best first.
-    axis : Axis or None
+    axis : SymmetryAxis or None
         Where the lens's axis of symmetry meets the frame, in half diagonals from its centre; None where the nodes
         do not tell.
     """
@@ -98,7 +98,7 @@ class Interpolation:
     field: PsfField
     recipe: Recipe
     candidates: tuple[Candidate, ...]
-    axis: Axis | None
+    axis: SymmetryAxis | None
 
 
 def interpolate(plane: str, shape: tuple[int, int], nodes: Sequence[Node]) -> Interpolation:
@@ -116,7 +116,7 @@ def interpolate(plane: str, shape: tuple[int, int], nodes: Sequence[Node]) -> In
     """
     _check(plane, shape, nodes)
     nodes = alike(nodes)
-    data = Whitened.of(nodes, shape)
+    data = WhitenedNodes.of(nodes, shape)
     folds = list(_folds(data.places))
     scores = _separate_scores(data, folds)
     best = min(scores, key=lambda one: one[2])
@@ -134,7 +134,7 @@ def rebuild(plane: str, shape: tuple[int, int], nodes: Sequence[Node], recipe: R
     """The field of an earlier choice from its nodes, without choosing again. Raises Refused as `interpolate`."""
     _check(plane, shape, nodes)
     nodes = alike(nodes)
-    return _field(plane, shape, nodes, Whitened.of(nodes, shape), recipe, components)
+    return _field(plane, shape, nodes, WhitenedNodes.of(nodes, shape), recipe, components)
 
 
 def _check(plane: str, shape: tuple[int, int], nodes: Sequence[Node]) -> None:
@@ -174,7 +174,7 @@ def _folds(places: Array) -> Iterator[tuple[Indices, Indices]]:
 # --- models as recipes: built again from whichever nodes are kept -------------------------------------------------
 
 
-def _build(recipe: Recipe, data: Whitened, kept: Indices, V: Array) -> CoefficientModel:
+def _build(recipe: Recipe, data: WhitenedNodes, kept: Indices, V: Array) -> CoefficientModel:
     """The model of the nodes that are kept. Raises ValueError where they do not determine it."""
     places, trust = data.places[kept], data.trust[kept]
     if recipe.kind == "polynomial":
@@ -188,7 +188,7 @@ _Scores = list[tuple[Recipe, int, float]]
 _Folds = Sequence[tuple[Indices, Indices]]
 
 
-def _separate_scores(data: Whitened, folds: _Folds) -> _Scores:
+def _separate_scores(data: WhitenedNodes, folds: _Folds) -> _Scores:
     """The error of every polynomial and plate with every number of components."""
     recipes = [Recipe("polynomial", d) for d in DEGREES] + [Recipe("thin plate", v) for v in STIFFNESS]
     counts = [r for r in COUNTS if r <= min(len(kept) for kept, _ in folds) - 1]
@@ -212,7 +212,7 @@ def _separate_scores(data: Whitened, folds: _Folds) -> _Scores:
     ]
 
 
-def _symmetric_scores(data: Whitened, folds: _Folds, r: int, axis: Axis) -> _Scores:
+def _symmetric_scores(data: WhitenedNodes, folds: _Folds, r: int, axis: SymmetryAxis) -> _Scores:
     """The error of the symmetric lens, with as many components as served the others best, and with twice as many."""
     most = min(len(kept) for kept, _ in folds) - 1
     at = (float(axis.position[0]), float(axis.position[1]))
@@ -227,7 +227,7 @@ def _symmetric_scores(data: Whitened, folds: _Folds, r: int, axis: Axis) -> _Sco
     return [one for one in scores if one[0].setting != HIGH_DEGREE or one[2] < EARNED * least]
 
 
-def _left_out(data: Whitened, fold: tuple[Indices, Indices], recipe: Recipe, r: int) -> Array:
+def _left_out(data: WhitenedNodes, fold: tuple[Indices, Indices], recipe: Recipe, r: int) -> Array:
     """Errors (n, p) at the nodes left out, in units of noise."""
     kept, out = fold
     mean, V = data.basis(kept)
@@ -238,20 +238,20 @@ def _left_out(data: Whitened, fold: tuple[Indices, Indices], recipe: Recipe, r: 
     return np.asarray(data.z[out] - mean - (predicted - V @ mean) @ V)
 
 
-def _shares(data: Whitened, fold: tuple[Indices, Indices], recipe: Recipe, r: int) -> Array:
+def _shares(data: WhitenedNodes, fold: tuple[Indices, Indices], recipe: Recipe, r: int) -> Array:
     """How much of one node's variance comes to those left out through the others, (n,)."""
     kept, out = fold
     model = _build(recipe, data, kept, data.basis(kept)[1][:r])
     return np.asarray(np.sum(model.transfer(data.places[out], r) ** 2, axis=(1, 2, 3)) / r)
 
 
-def _origin(data: Whitened, mean: Array, V: Array) -> Array:
+def _origin(data: WhitenedNodes, mean: Array, V: Array) -> Array:
     """Coefficients (r,) of the mean made symmetric about its centre: what a lens shows on its axis, about."""
     h = data.back @ mean
     return np.asarray(V @ data.to @ (h + mirrored(h, data.k)) / 2)
 
 
-def _axis(data: Whitened, r: int) -> Axis | None:
+def _axis(data: WhitenedNodes, r: int) -> SymmetryAxis | None:
     """Where the lens's axis is, by the nodes; None where they are too few, or do not really tell."""
     if len(data.z) < 2 * FEWEST:
         return None
@@ -268,7 +268,7 @@ def _field(
     plane: str,
     shape: tuple[int, int],
     nodes: Sequence[Node],
-    data: Whitened,
+    data: WhitenedNodes,
     recipe: Recipe,
     r: int,
 ) -> PsfField:
@@ -292,7 +292,7 @@ def _field(
     )
 
 
-def _lack(data: Whitened, folds: _Folds, recipe: Recipe, r: int, V: Array) -> tuple[Array, float]:
+def _lack(data: WhitenedNodes, folds: _Folds, recipe: Recipe, r: int, V: Array) -> tuple[Array, float]:
     """Variance of what the model leaves out: of the coefficients (r, r), and of every other direction.
 
     The errors at nodes left out have the noise of the node, that of the others by their share, and what is looked for,

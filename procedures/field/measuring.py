@@ -27,7 +27,7 @@ def silent(done: str) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class MeasuredFrames:
     """All nodes of all photographs.
 
     Attributes
@@ -56,7 +56,7 @@ class Measured:
 def measure(
     paths: Sequence[Path], names: Sequence[str] | None, chart: Chart, parameters: PatternParameters,
     told: Told = silent, layout: DumpLayout | None = None, content: Callable[[Path], bytes] | None = None,
-) -> Measured:  # fmt: skip
+) -> MeasuredFrames:  # fmt: skip
     """The nodes of all photographs, several at a time; one that fails is named, and the rest goes on.
 
     Parameters
@@ -68,7 +68,7 @@ def measure(
     content : callable, optional
         Reads the files, where they are not just read. What it raises that is no ProcedureError ends the measurement.
     """
-    found = Measured()
+    found = MeasuredFrames()
 
     def read(path: Path) -> RawFrame:
         if content is None:
@@ -85,9 +85,9 @@ def measure(
     return found
 
 
-def measure_frames(frames: Iterable[RawFrame], chart: Chart, parameters: PatternParameters) -> Measured:
+def measure_frames(frames: Iterable[RawFrame], chart: Chart, parameters: PatternParameters) -> MeasuredFrames:
     """The nodes of photographs that are read one after the other; their charts are shared out among the cores."""
-    found = Measured()
+    found = MeasuredFrames()
     with ThreadPoolExecutor(os.cpu_count() or 1) as charts:
         for frame in frames:
             try:
@@ -134,7 +134,7 @@ def _without_samples(frame: RawFrame) -> RawFrame:
     return replace(frame, planes={name: replace(plane, samples=nothing) for name, plane in frame.planes.items()})
 
 
-def _gather(found: Measured, frame: RawFrame, measured: FrameNodes) -> None:
+def _gather(found: MeasuredFrames, frame: RawFrame, measured: FrameNodes) -> None:
     """Add one photograph; Miss where it is not of the size or planes of the first."""
     shapes = {name: plane.samples.shape for name, plane in found.planes.items()}
     if found.planes and measured.shapes != shapes:

@@ -198,14 +198,14 @@ class AxialSymmetry:
 
 
 @dataclass(frozen=True)
-class Axis:
+class SymmetryAxis:
     """Where a lens's axis of symmetry meets the frame, in half diagonals from its centre, and the covariance."""
 
     position: Array
     covariance: Array
 
 
-def fit_axis(places: Array, trust: Array, optic: Optic, degree: int, values: Array) -> Axis:
+def fit_axis(places: Array, trust: Array, optic: Optic, degree: int, values: Array) -> SymmetryAxis:
     """The axis about which the nodes' coefficients (N, r) are most symmetric; `trust` is one over their variance."""
 
     def residual(axis: Array) -> Array:
@@ -222,7 +222,7 @@ def fit_axis(places: Array, trust: Array, optic: Optic, degree: int, values: Arr
     J = np.stack([(residual(best + d) - residual(best - d)) / (2 * step) for d in np.eye(2) * step], axis=1)
     left = residual(best)
     excess = max(float(left @ left) / max(len(left) - _unknowns(optic, degree), 1), 1.0)
-    return Axis(best, np.asarray(excess * np.linalg.inv(J.T @ J + 1e-9 * np.eye(2)), dtype=np.float64))
+    return SymmetryAxis(best, np.asarray(excess * np.linalg.inv(J.T @ J + 1e-9 * np.eye(2)), dtype=np.float64))
 
 
 def _unknowns(optic: Optic, degree: int) -> int:

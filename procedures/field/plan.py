@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from procedures.advice import changed_settings
 from procedures.drawings import steps as drawings
-from procedures.facts import Axis, facts_as
+from procedures.facts import AxisTravel, facts_as
 from procedures.field.facts import BASE, FieldFacts, TourStart
 from procedures.field.locations import Location, chosen_locations, direction, pan_tilt_deg, rail_mm, ray
 from procedures.numerics.warps import apply_homography
@@ -40,8 +40,8 @@ from procedures.plan import (
     Plan,
     Reading,
     Step,
-    Stop,
     Tour,
+    TourStop,
 )
 from procedures.raw import Plane, RawFrame
 
@@ -162,16 +162,16 @@ def locations(facts: Facts) -> list[Location]:
     return [Location(rim_x + (1 - 2 * rim_x) * one.x, rim_y + (1 - 2 * rim_y) * one.y) for one in found]
 
 
-def stops(facts: Facts) -> list[Stop]:
+def stops(facts: Facts) -> list[TourStop]:
     """The tour: a place of the frame each."""
     found = locations(facts)
     names = [f"place {i} of {len(found)}" for i in range(1, len(found) + 1)]
     return [stop(name, location) for name, location in zip(names, found, strict=True)]
 
 
-def stop(name: str, location: Location) -> Stop:
+def stop(name: str, location: Location) -> TourStop:
     """One place."""
-    return Stop(name, Go(partial(to_place, location), partial(say_place, location)), partial(check_place, location))
+    return TourStop(name, Go(partial(to_place, location), partial(say_place, location)), partial(check_place, location))
 
 
 def say_place(location: Location, facts: Facts) -> str:
@@ -196,7 +196,7 @@ def to_place(location: Location, facts: Facts) -> dict[str, float]:
     if "pan_deg" in places and "z_mm" in start.base:
         ahead, there = (float(ray(one, start.shape, start.principal_px)[2]) for one in (start.seen_at, location))
         z = start.base["z_mm"] + start.distance_mm * (ahead / there - 1)
-        places["z_mm"] = known.axes.get("z_mm", Axis()).nearest(z)
+        places["z_mm"] = known.axes.get("z_mm", AxisTravel()).nearest(z)
     return places
 
 

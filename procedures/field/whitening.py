@@ -21,7 +21,7 @@ FLOOR = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Whitened:
+class WhitenedNodes:
     """The nodes' PSFs z in coordinates where the mean noise is 1 in every direction.
 
     Attributes
@@ -43,7 +43,7 @@ class Whitened:
     k: int
 
     @classmethod
-    def of(cls, nodes: Sequence[Node], shape: tuple[int, int]) -> Whitened:
+    def of(cls, nodes: Sequence[Node], shape: tuple[int, int]) -> WhitenedNodes:
         """The nodes of a plane with that many rows and columns."""
         covariances = np.array([node.psf.parameter_covariance for node in nodes])
         mean, k = covariances.mean(axis=0), nodes[0].psf.k

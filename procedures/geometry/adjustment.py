@@ -45,7 +45,7 @@ POSE = 6
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class AdjustmentState:
     """Camera, poses, and the chart's shape.
 
     Attributes
@@ -115,7 +115,7 @@ class Adjustment:
 
     Attributes
     ----------
-    state : State
+    state : AdjustmentState
     covariance : (p + q + 6 views, p + q + 6 views) float64
         Of the camera's parameters, the shape's terms, and the poses' changes, in this order.
     errors_variance : (N, 3) float64
@@ -126,7 +126,7 @@ class Adjustment:
         Number of coordinates less what was fitted to them, what is known beforehand counted as far as it holds.
     """
 
-    state: State
+    state: AdjustmentState
     covariance: Array
     errors_variance: Array
     chi_square: float
@@ -138,12 +138,12 @@ class Adjustment:
         return float(np.sqrt(self.chi_square / self.freedom))
 
 
-def adjust(start: State, nodes: Array, views: Sequence[ChartView], shape: ShapeModel) -> Adjustment:
+def adjust(start: AdjustmentState, nodes: Array, views: Sequence[ChartView], shape: ShapeModel) -> Adjustment:
     """The answer from a state near it.
 
     Parameters
     ----------
-    start : State
+    start : AdjustmentState
     nodes : (N, 3) float64
         The chart's plan, in mm.
     views : sequence of ChartView
@@ -199,7 +199,9 @@ def _undetermined() -> Refused:
     )
 
 
-def _concluded(state: State, nodes: Array, views: Sequence[ChartView], shape: ShapeModel, system: System) -> Adjustment:
+def _concluded(
+    state: AdjustmentState, nodes: Array, views: Sequence[ChartView], shape: ShapeModel, system: System
+) -> Adjustment:
     p, q, count = len(state.camera.params), len(shape.prior_mm), sum(2 * len(view) for view in views)
     inverse, known = _inverse(system.reduced()[0]), p + q + POSE * len(views)
     covariance = inverse[:known, :known]
@@ -219,7 +221,7 @@ def _errors_variance(system: System, inverse: Array) -> Array:
     return np.asarray(own + np.einsum("nam,mk,nak->na", K, inverse, K, optimize=True))
 
 
-def _moved(state: State, step: Array, errors: Array) -> State:
+def _moved(state: AdjustmentState, step: Array, errors: Array) -> AdjustmentState:
     """The state after a step of everything."""
     p, q = len(state.camera.params), len(state.terms_mm)
     changes = step[p + q : p + q + POSE * len(state.poses)].reshape(-1, POSE)
@@ -236,19 +238,23 @@ def moved_pose(pose: Pose, change: Array) -> Pose:
     return Pose(np.asarray(turn @ pose.R), np.asarray(turn @ pose.t + change[3:]))
 
 
-def residual(state: State, nodes: Array, view: ChartView, shape: ShapeModel, number: int) -> Array:
+def residual(state: AdjustmentState, nodes: Array, view: ChartView, shape: ShapeModel, number: int) -> Array:
     """Where a view's nodes are seen less where they are put, in standard deviations, (n, 2)."""
     seen = state.camera.project(state.poses[number].apply(_shaped(state, nodes, view, shape)))
     return np.asarray(np.einsum("nab,nb->na", view.whitening, view.points - seen))
 
 
-def _shaped(state: State, nodes: Array, view: ChartView, shape: ShapeModel) -> Array:
+def _shaped(state: AdjustmentState, nodes: Array, view: ChartView, shape: ShapeModel) -> Array:
     """The nodes (n, 3) of a view, where the chart really has them."""
     return np.asarray((nodes + state.deviations_mm(shape))[view.index])
 
 
 def assemble(
-    state: State, nodes: Array, views: Sequence[ChartView], shape: ShapeModel, extra: Sequence[Array] | None = None
+    state: AdjustmentState,
+    nodes: Array,
+    views: Sequence[ChartView],
+    shape: ShapeModel,
+    extra: Sequence[Array] | None = None,
 ) -> System:
     """The normal equations of a state.
 
@@ -284,7 +290,7 @@ def assemble(
     return _with_prior(System(U, u, V, v, W, chi_square), state, shape)
 
 
-def _with_prior(system: System, state: State, shape: ShapeModel) -> System:
+def _with_prior(system: System, state: AdjustmentState, shape: ShapeModel) -> System:
     """The system with what is known beforehand of the distortion and the chart's shape."""
     U, u, V, v, W = system.U, system.u, system.V, system.v, system.W
     plain = np.array([unit != "pixel" for unit in state.camera.units]) / PLAIN**2
@@ -306,7 +312,9 @@ def _with_prior(system: System, state: State, shape: ShapeModel) -> System:
     return System(U, u, V, v, W, chi_square)
 
 
-def _jacobian(state: State, nodes: Array, view: ChartView, shape: ShapeModel, number: int) -> tuple[Array, Array]:
+def _jacobian(
+    state: AdjustmentState, nodes: Array, view: ChartView, shape: ShapeModel, number: int
+) -> tuple[Array, Array]:
     """Derivatives of a view's points: (n, 2, p + q + 6) of camera, shape's terms and pose; (n, 2, 3) of the nodes."""
     pose = state.poses[number]
     points = pose.apply(_shaped(state, nodes, view, shape))

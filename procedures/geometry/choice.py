@@ -16,7 +16,7 @@ import numpy.typing as npt
 from procedures.geometry.adjustment import (
     POSE,
     Adjustment,
-    State,
+    AdjustmentState,
     adjust,
     by_pose,
     moved_pose,
@@ -40,7 +40,7 @@ POSE_STEPS, POSE_STILL = 20, 1e-3
 
 
 @dataclass(frozen=True)
-class Trial:
+class ModelTrial:
     """A model that was tried.
 
     Attributes
@@ -57,17 +57,19 @@ class Trial:
     left_over: float
 
 
-def first_state(nodes: Array, views: Sequence[ChartView], size: tuple[int, int], shape: ShapeModel) -> State:
+def first_state(nodes: Array, views: Sequence[ChartView], size: tuple[int, int], shape: ShapeModel) -> AdjustmentState:
     """Camera, poses and the chart's shape by a model of few numbers: where every other begins."""
     bundle = first_bundle(nodes, views, size)
-    start = State(bundle.camera, bundle.poses, np.zeros(len(shape.prior_mm)), np.zeros_like(nodes))
+    start = AdjustmentState(bundle.camera, bundle.poses, np.zeros(len(shape.prior_mm)), np.zeros_like(nodes))
     try:
         return fit_model(FIRST, start, nodes, views, shape).state
     except Refused:
         return fit_model(POOREST, start, nodes, views, shape).state
 
 
-def fit_model(model: str, start: State, nodes: Array, views: Sequence[ChartView], shape: ShapeModel) -> Adjustment:
+def fit_model(
+    model: str, start: AdjustmentState, nodes: Array, views: Sequence[ChartView], shape: ShapeModel
+) -> Adjustment:
     """A model fitted to views: by pycolmap with the chart's shape of a state, then with the shape free.
 
     The state's distortion is not handed on, as other models have other numbers; pycolmap finds it again at once.
@@ -79,25 +81,25 @@ def fit_model(model: str, start: State, nodes: Array, views: Sequence[ChartView]
 
 
 def choose_model(
-    models: Sequence[str], start: State, nodes: Array, views: Sequence[ChartView], shape: ShapeModel
-) -> tuple[Trial, ...]:
+    models: Sequence[str], start: AdjustmentState, nodes: Array, views: Sequence[ChartView], shape: ShapeModel
+) -> tuple[ModelTrial, ...]:
     """What was tried, the chosen one first.
 
     Parameters
     ----------
     models : sequence of str
         The simplest first.
-    start : State
+    start : AdjustmentState
         Of all views.
     """
     if len(views) < LEAST_VIEWS or len(models) == 1:
-        unknown = [Trial(model, len(parameter_names(model)), float("nan")) for model in models]
+        unknown = [ModelTrial(model, len(parameter_names(model)), float("nan")) for model in models]
         first = next((one for one in unknown if one.model == FIRST), unknown[0])
         return (first, *(one for one in unknown if one is not first))
     left = {model: _left_over(model, start, nodes, views, shape) for model in models}
     freedom = np.array([2 * len(view) - POSE for view in views], dtype=np.float64)
     trials = [
-        Trial(model, len(parameter_names(model)), float(one.sum() / freedom.sum())) for model, one in left.items()
+        ModelTrial(model, len(parameter_names(model)), float(one.sum() / freedom.sum())) for model, one in left.items()
     ]
     best = min(trials, key=lambda trial: trial.left_over)
     chosen = next(one for one in trials if one is best or _as_good(left[one.model], left[best.model], freedom))
@@ -113,7 +115,9 @@ def _as_good(one: Array, best: Array, freedom: Array) -> bool:
     return float(excess.mean()) <= max(AS_GOOD * float(best.sum() / freedom.sum()), error)
 
 
-def _left_over(model: str, start: State, nodes: Array, views: Sequence[ChartView], shape: ShapeModel) -> Array:
+def _left_over(
+    model: str, start: AdjustmentState, nodes: Array, views: Sequence[ChartView], shape: ShapeModel
+) -> Array:
     """What a model leaves of every view when it was fitted to the other half, in units of the covariances, (views,)."""
     left = np.full(len(views), np.inf)
     for half in (0, 1):

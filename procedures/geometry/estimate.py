@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from procedures.geometry.adjustment import POSE, Adjustment, State, adjust, residual
+from procedures.geometry.adjustment import POSE, Adjustment, AdjustmentState, adjust, residual
 from procedures.geometry.cameras import MODELS, Camera, parameter_names
-from procedures.geometry.choice import LEAST_VIEWS, Trial, choose_model, first_state, fit_model
+from procedures.geometry.choice import LEAST_VIEWS, ModelTrial, choose_model, first_state, fit_model
 from procedures.geometry.misfit import Misfit, find_misfit
 from procedures.geometry.next_view import NextView, next_views
 from procedures.geometry.shape import NAMES, ShapeModel, own_errors, shape_model
@@ -132,7 +132,7 @@ class Geometry:
         Of its parameters, poses and the chart's shape allowed for.
     views : tuple of PosedView
     shape : ChartShape
-    trials : tuple of Trial
+    trials : tuple of ModelTrial
         Models that were tried, the chosen one first.
     misfit : Misfit
         What the model leaves undrawn.
@@ -154,7 +154,7 @@ class Geometry:
     covariance: Array
     views: tuple[PosedView, ...]
     shape: ChartShape
-    trials: tuple[Trial, ...]
+    trials: tuple[ModelTrial, ...]
     misfit: Misfit
     residual_scale: float
     maps: tuple[UncertaintyMap, ...]
@@ -235,7 +235,7 @@ def calibrate_geometry(
 
 
 def _settled(
-    model: str, start: State, nodes: Array, views: Sequence[ChartView], shape: ShapeModel
+    model: str, start: AdjustmentState, nodes: Array, views: Sequence[ChartView], shape: ShapeModel
 ) -> tuple[Adjustment, ShapeModel]:
     """The model fitted, with the nodes' own errors as large beforehand as they are found."""
     found = fit_model(model, start, nodes, views, shape)
@@ -246,7 +246,7 @@ def _settled(
 
 
 def _geometry(
-    found: Adjustment, nodes: Array, views: Sequence[ChartView], shape: ShapeModel, trials: tuple[Trial, ...],
+    found: Adjustment, nodes: Array, views: Sequence[ChartView], shape: ShapeModel, trials: tuple[ModelTrial, ...],
     parameters: GeometryParameters,
 ) -> Geometry:  # fmt: skip
     camera = found.state.camera

@@ -39,8 +39,8 @@ from procedures.plan import (
     Plan,
     Reading,
     Step,
-    Stop,
     Tour,
+    TourStop,
 )
 from procedures.raw import RawFrame
 
@@ -125,12 +125,12 @@ def _planned(
     return planned_view(camera, [as_pose(one) for one in poses], chart_nodes(cell_mm), distance_mm, SCATTER_PX, rim)
 
 
-def stops(facts: Facts) -> list[Stop]:
+def stops(facts: Facts) -> list[TourStop]:
     """As many as are wanted; where each is, is told by the views before it."""
     wanted = facts_as(GeometryFacts, facts).views
     count = USUAL if wanted is None else int(wanted)
     return [
-        Stop(f"view {i} of {count}", Go(partial(to_view, i), partial(say_view, i)), partial(check_view, i))
+        TourStop(f"view {i} of {count}", Go(partial(to_view, i), partial(say_view, i)), partial(check_view, i))
         for i in range(1, count + 1)
     ]
 

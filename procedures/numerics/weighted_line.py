@@ -12,7 +12,7 @@ Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Line:
+class WeightedLine:
     """y = mean + slope (x - centre), with standard uncertainties.
 
     Attributes
@@ -41,7 +41,7 @@ class Line:
         return self.mean + self.slope * away, np.hypot(self.mean_uncertainty, self.slope_uncertainty * away)
 
 
-def weighted_line(x: Array, y: Array, uncertainty: Array) -> Line:
+def weighted_line(x: Array, y: Array, uncertainty: Array) -> WeightedLine:
     """The line of least weighted squares, weights 1 / uncertainty^2.
 
     Where the points scatter about it by more than their uncertainties, these are taken as that much too small
@@ -82,4 +82,4 @@ def weighted_line(x: Array, y: Array, uncertainty: Array) -> Line:
     score = abs(slope) / slope_uncertainty
     tail = stats.t.sf(score, freedom) if birge > 1 else stats.norm.sf(score)
     mean_uncertainty = factor * float(np.sum(w)) ** -0.5
-    return Line(slope, slope_uncertainty, mean, mean_uncertainty, centre, birge, float(2 * tail), len(x))
+    return WeightedLine(slope, slope_uncertainty, mean, mean_uncertainty, centre, birge, float(2 * tail), len(x))

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from procedures.numerics.ordered import quantile
 from procedures.pattern import CELLS
-from procedures.pattern_psf.refine import Fit
+from procedures.pattern_psf.refine import ChartFit
 
 Array = npt.NDArray[np.float64]
 
@@ -57,12 +57,12 @@ def bin_centres(bins: int = BINS) -> Array:
     return np.column_stack([x.ravel(), y.ravel()])
 
 
-def correspondences(fit: Fit) -> Correspondences:
+def correspondences(fit: ChartFit) -> Correspondences:
     """Where the bins are seen, from what the joint fit leaves in each of them.
 
     Parameters
     ----------
-    fit : Fit
+    fit : ChartFit
         Of a refinement that came to its end: its slopes are those of its samples.
     """
     if len(fit.slopes) != len(fit.observation):  # the cells were not found: there was no refinement

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from procedures.choice import Trial
 from procedures.pattern_psf.error_parts import ErrorParts
 from procedures.pattern_psf.radiometry import Light
-from procedures.pattern_psf.refine import GEOMETRY, RESPONSE, SPREAD, TAIL, Fit, TailPrior
+from procedures.pattern_psf.refine import GEOMETRY, RESPONSE, SPREAD, TAIL, ChartFit, TailPrior
 from procedures.pattern_psf.registration import Registration, map_distance, mark_residuals
 from procedures.psf import Psf
 from procedures.sharpening.paper import NoiseLook
@@ -108,14 +108,14 @@ class Diagnostics:
     finest_noise_uncertainty: float
 
 
-def unexplained(fit: Fit) -> float:
+def unexplained(fit: ChartFit) -> float:
     """Share of the variance that is neither explained nor noise."""
     o = fit.observation
     return max(1 - fit.agreement - float(np.mean(1 / o.weight**2)) / float(np.var(o.y)), 0.0)
 
 
 def diagnose(
-    fit: Fit,
+    fit: ChartFit,
     psf: Psf,
     light: Light,
     corners: Array,
@@ -130,7 +130,7 @@ def diagnose(
 
     Parameters
     ----------
-    fit : Fit
+    fit : ChartFit
     psf : Psf
         The normalised answer.
     light : Light
@@ -183,7 +183,7 @@ def diagnose(
     )
 
 
-def _tail_sigmas(fit: Fit, s: int, prior: TailPrior | None) -> float:
+def _tail_sigmas(fit: ChartFit, s: int, prior: TailPrior | None) -> float:
     """How far the tail that the photograph alone tells lies from what the f-number tells, in standard uncertainties.
 
     With c the variance of the fitted amplitude t, for unit noise, and p, m the prior's variance and mean, the data
@@ -201,7 +201,7 @@ def _tail_sigmas(fit: Fit, s: int, prior: TailPrior | None) -> float:
     return float(away / np.sqrt(alone * fit.residual_std**2 + known))
 
 
-def _neighbour_correlation(fit: Fit) -> float:
+def _neighbour_correlation(fit: ChartFit) -> float:
     """Largest correlation of the residual at lag one, along rows or columns."""
     o = fit.observation
     grid = np.zeros((o.rows.max() + 1, o.columns.max() + 1))

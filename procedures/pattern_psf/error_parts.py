@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from procedures.budget import Budget
 from procedures.numerics.normal_equations import NormalEquations
-from procedures.pattern_psf.refine import GEOMETRY, RESPONSE, SPREAD, TAIL, TILES, Fit
+from procedures.pattern_psf.refine import GEOMETRY, RESPONSE, SPREAD, TAIL, TILES, ChartFit
 from procedures.psf import Psf
 from procedures.quality import Quality
 
@@ -75,7 +75,7 @@ class ErrorParts:
 
 
 def error_parts(
-    fit: Fit, psf: Psf, quality: Quality, watched: tuple[str, ...], groups: Mapping[str, slice] = GROUPS
+    fit: ChartFit, psf: Psf, quality: Quality, watched: tuple[str, ...], groups: Mapping[str, slice] = GROUPS
 ) -> ErrorParts:
     """The uncertainties of all numbers taken apart.
 
@@ -112,7 +112,7 @@ def error_parts(
     return ErrorParts(parts, dict(zip(names, ratio.tolist(), strict=True)), tuple(variations))
 
 
-def _by_fitted(gradients: Array, fit: Fit, psf: Psf) -> Array:
+def _by_fitted(gradients: Array, fit: ChartFit, psf: Psf) -> Array:
     """Gradients (b, k^2 + q) by the PSF of sum 1 as gradients (b, k^2 + p) by all that was fitted."""
     n, total = len(fit.h), float(fit.h.sum())
     along = gradients @ psf.parameters

@@ -26,7 +26,7 @@ from procedures.pattern_psf.gamma.amplification import gamma_bound, gamma_of_fit
 from procedures.pattern_psf.observation import Observation, count_inside, noise_window, observe, surroundings
 from procedures.pattern_psf.outliers import swept, without_outliers, without_places
 from procedures.pattern_psf.radiometry import Light, bend_of_chart, measure_light, straighten, with_sensor
-from procedures.pattern_psf.refine import GEOMETRY, Fit, TailPrior, first_look, refine
+from procedures.pattern_psf.refine import GEOMETRY, ChartFit, TailPrior, first_look, refine
 from procedures.pattern_psf.registration import (
     Registration,
     block_size_px,
@@ -275,7 +275,7 @@ class _Known:
 class _Attempt:
     """The joint fit at one s and k, the share of outliers left out, and its PSF with the centre's covariance."""
 
-    fit: Fit
+    fit: ChartFit
     outliers: float
     psf: Psf
     centre_covariance: Array
@@ -308,7 +308,7 @@ def _fit(
     s: int,
     k: int,
     known: _Known,
-) -> tuple[Fit, float]:
+) -> tuple[ChartFit, float]:
     """The joint fit, and the share of samples left out of it as outliers."""
     window = noise_window(registration, samples.shape)
     hidden = not np.isfinite(corners).all()
@@ -322,10 +322,10 @@ def _fit(
     levels = float(light.black[0]), float(light.white[0])
     far = far_light(samples, (window.x, window.y), (window.rows, window.columns), s, k, levels)
 
-    def fitted(some: Observation) -> Fit:
+    def fitted(some: Observation) -> ChartFit:
         return refine(some, chart, registration, window, s, k, far, known.tail, known.bend)
 
-    def looked(some: Observation) -> Fit:
+    def looked(some: Observation) -> ChartFit:
         return first_look(some, chart, registration, window, s, k)
 
     fit = swept(fitted(observation), fitted, without_outliers, 2 * n)
@@ -373,7 +373,7 @@ def _result(
     )
 
 
-def _residual_picture(fit: Fit) -> tuple[Array, tuple[int, int]]:
+def _residual_picture(fit: ChartFit) -> tuple[Array, tuple[int, int]]:
     """The residual where its samples lie, NaN between them, and the pixel (x, y) at which that picture begins."""
     o = fit.observation
     picture = np.full((o.rows.max() + 1, o.columns.max() + 1), np.nan)

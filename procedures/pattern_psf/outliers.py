@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from procedures.numerics.ordered import quantile
 from procedures.pattern_psf.observation import Observation
-from procedures.pattern_psf.refine import Fit
+from procedures.pattern_psf.refine import ChartFit
 
 Array = npt.NDArray[np.float64]
 
@@ -24,12 +24,12 @@ MOST_SWEEPS = 3
 
 
 def swept(
-    fit: Fit,
-    again: Callable[[Observation], Fit],
-    clean: Callable[[Fit], Observation],
+    fit: ChartFit,
+    again: Callable[[Observation], ChartFit],
+    clean: Callable[[ChartFit], Observation],
     fewest: int,
     most: int = MOST_SWEEPS,
-) -> Fit:
+) -> ChartFit:
     """A fit `again` to what `clean` leaves of its samples, until that leaves nearly all of them, or too few."""
     few = max(10, 1e-3 * len(fit.observation))
     for _ in range(most):
@@ -40,13 +40,13 @@ def swept(
     return fit
 
 
-def without_outliers(fit: Fit) -> Observation:
+def without_outliers(fit: ChartFit) -> Observation:
     """The observation without the samples that no noise explains: specks, scratches, a wire before the chart."""
     scale = 1.4826 * quantile(np.abs(fit.residual), 0.5)
     return fit.observation.where(np.abs(fit.residual) < SPECK * scale)
 
 
-def without_places(fit: Fit) -> Observation:
+def without_places(fit: ChartFit) -> Observation:
     """The observation without the places that fit far worse than most: under a finger, in a reflection."""
     from scipy.ndimage import uniform_filter  # here: few photographs need it, and it is slow to load
 

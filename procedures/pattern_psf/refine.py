@@ -55,7 +55,7 @@ STILL_PX = 0.015  # the step itself is accounted for to first order: what is lef
 
 
 @dataclass(frozen=True)
-class Fit:
+class ChartFit:
     """The state of the refinement: the map, the PSF, the light's corrections, and what is left over.
 
     Attributes
@@ -167,7 +167,7 @@ class _Model:
         weight = o.weight.astype(np.float32)
         return np.asarray(sample_convolution(inner, o.rows, o.columns, weight, self.raster.s, self.k, more))
 
-    def far(self, fit: Fit, u: Array32) -> Array:
+    def far(self, fit: ChartFit, u: Array32) -> Array:
         """What is no part of h: the outlines seen through the PSF, the chart `u` seen through the tail, (m, 7)."""
         o, s = fit.observation, self.raster.s
         outline = self.raster.read_outline(fit.registration, self.window, self.k // 2)
@@ -177,7 +177,7 @@ class _Model:
         tail[:, 0] += self.far_light[o.rows, o.columns]
         return np.column_stack([spread, tail])
 
-    def edges(self, fit: Fit) -> Edges:
+    def edges(self, fit: ChartFit) -> Edges:
         """How the samples change with the printed edges."""
         o, h = fit.observation, fit.h.reshape(self.k, self.k)
         return Edges.of(edge_columns(self.chart, fit.registration, o.points, h, self.raster.s, o.weight))
@@ -193,7 +193,7 @@ def refine(
     far: Array32,
     tail: TailPrior | None = None,
     bend: float | None = None,
-) -> Fit:
+) -> ChartFit:
     """The joint estimate of PSF, map and light, from the marks' map on; of the printed edges where they tell.
 
     Some of the samples bring the map near, all of them bring it to rest.
@@ -244,7 +244,7 @@ def refine(
 
 def first_look(
     observation: Observation, chart: Chart, registration: Registration, window: Window, s: int, k: int
-) -> Fit:
+) -> ChartFit:
     """The PSF by the marks' map as it stands, which nothing before the chart can lead astray."""
     model = _Model(
         whole_chart(chart), band_limited_chart(chart, registration, s), window, k, np.zeros((0, 0), np.float32)
@@ -253,7 +253,7 @@ def first_look(
     return _first_fit(observation, A, gram(A), registration)
 
 
-def _scores(fit: Fit, whole: Array32) -> Array:
+def _scores(fit: ChartFit, whole: Array32) -> Array:
     """The share of every tile in A'r and Z'r, (TILES^2, k^2 + p); A and Z are the system's columns but the last."""
     o = fit.observation
     row, column = (np.minimum(place * TILES // (place.max() + 1), TILES - 1) for place in (o.rows, o.columns))
@@ -261,17 +261,17 @@ def _scores(fit: Fit, whole: Array32) -> Array:
     return np.asarray(sums[:, :-1], dtype=np.float64)
 
 
-def _first_fit(o: Observation, A: Array32, AA: Array, registration: Registration) -> Fit:
+def _first_fit(o: Observation, A: Array32, AA: Array, registration: Registration) -> ChartFit:
     """The PSF by the marks' map with the light's quadratics free."""
     equations = eliminate(products(AA, A, o.quadratics * o.weight[:, None], o.y * o.weight))
     h = equations.kernel
     light = np.zeros(TAIL + len(SHAPES))
     light[:6] = equations.nuisance(h)
     prediction = (A @ h.astype(np.float32)) / o.weight + o.quadratics @ light[:6]
-    return Fit(registration, h, light, o, prediction, equations, np.zeros(0))
+    return ChartFit(registration, h, light, o, prediction, equations, np.zeros(0))
 
 
-def _centred(fit: Fit, model: _Model) -> Fit:
+def _centred(fit: ChartFit, model: _Model) -> ChartFit:
     """The same fit with the map shifted to where the marks are seen through its PSF; the next step moves the PSF."""
     h = fit.h.reshape(model.k, model.k)
     return replace(
@@ -279,13 +279,13 @@ def _centred(fit: Fit, model: _Model) -> Fit:
     )
 
 
-def _coarse_step(fit: Fit, model: _Model, A: Array32, AA: Array) -> Fit:
+def _coarse_step(fit: ChartFit, model: _Model, A: Array32, AA: Array) -> ChartFit:
     """A Gauss-Newton step of geometry, light and response by the map's system A, with its Gram matrix."""
     start, Z = _linearised(fit, A, model, np.zeros((len(fit.observation), 0)))
     return _advanced(start, A, Z, eliminate(products(AA, A, Z * fit.observation.weight[:, None], start.residual)))
 
 
-def _fine_step(fit: Fit, model: _Model) -> tuple[Fit, Array32]:
+def _fine_step(fit: ChartFit, model: _Model) -> tuple[ChartFit, Array32]:
     """A Gauss-Newton step of everything, with the printed edges where it leaves more than noise; and its system."""
     n, u = model.k**2, model.read(fit.registration, tail_border(model.k))
     whole = model.system(fit.observation, u, NUISANCE + 1)
@@ -308,7 +308,7 @@ def _fine_step(fit: Fit, model: _Model) -> tuple[Fit, Array32]:
     return replace(found, edges=offsets, edge_rms=rms), whole
 
 
-def _with_known(parts: Products, fit: Fit, model: _Model) -> Products:
+def _with_known(parts: Products, fit: ChartFit, model: _Model) -> Products:
     """The products with what is known of the response and of the tail's amplitudes before they are fitted."""
     first, known = GEOMETRY + TAIL, model.tail
     precision, pull = np.zeros((2, len(parts.ZZ)))
@@ -329,7 +329,7 @@ def _with_known(parts: Products, fit: Fit, model: _Model) -> Products:
     return parts.with_prior(precision, pull)
 
 
-def _advanced(start: Fit, A: Array32, Z: Array, equations: NormalEquations) -> Fit:
+def _advanced(start: ChartFit, A: Array32, Z: Array, equations: NormalEquations) -> ChartFit:
     """The fit with the increments that solve the equations, and the prediction they make, to first order."""
     o, n = start.observation, Z.shape[1]
     dh = equations.kernel
@@ -346,7 +346,7 @@ def _advanced(start: Fit, A: Array32, Z: Array, equations: NormalEquations) -> F
     )
 
 
-def _linearised(fit: Fit, A: Array32, model: _Model, far: Array) -> tuple[Fit, Array]:
+def _linearised(fit: ChartFit, A: Array32, model: _Model, far: Array) -> tuple[ChartFit, Array]:
     """The fit with its prediction by the system A, and the columns of geometry, light, response and `far`."""
     o, k = fit.observation, model.k
     seen = (A @ fit.h.astype(np.float32)).astype(np.float64) / o.weight

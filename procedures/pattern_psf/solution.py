@@ -9,13 +9,13 @@ from procedures.numerics.kernel_prior import prior_covariance
 from procedures.numerics.solvers import cholesky_inverse, solve_constrained
 from procedures.pattern import CELLS
 from procedures.pattern_psf.centre import mark_offset_gradient
-from procedures.pattern_psf.refine import GEOMETRY, TAIL, Fit
+from procedures.pattern_psf.refine import GEOMETRY, TAIL, ChartFit
 from procedures.psf import Psf, PsfTail
 
 Array = npt.NDArray[np.float64]
 
 
-def solution(fit: Fit, s: int, k: int, solver: str) -> tuple[Psf, Array]:
+def solution(fit: ChartFit, s: int, k: int, solver: str) -> tuple[Psf, Array]:
     """The PSF as asked for, of sum 1, with the covariance of the least-squares solution, and of its centre (2, 2).
 
     For "clip" and "nnls" the same covariance is an upper limit: what they add to the data only takes noise away.
@@ -37,7 +37,7 @@ def solution(fit: Fit, s: int, k: int, solver: str) -> tuple[Psf, Array]:
     return Psf(image, s, covariance[:n, :n], tail), centre_covariance
 
 
-def _kernel(fit: Fit, covariance: Array, s: int, solver: str) -> Array:
+def _kernel(fit: ChartFit, covariance: Array, s: int, solver: str) -> Array:
     """The kernel (k^2,) as the solver has it, its sum the contrast's correction.
 
     Non-negativity alone leaves the noise that is positive: where a photograph is noisy that is most of the
@@ -52,7 +52,7 @@ def _kernel(fit: Fit, covariance: Array, s: int, solver: str) -> Array:
     return solve_constrained(G, b, solver)
 
 
-def _with_tail(fit: Fit) -> Array:
+def _with_tail(fit: ChartFit) -> Array:
     """Covariance of the samples and the tail's amplitudes, (k^2 + q, k^2 + q), before they are normalised.
 
     Given h, the nuisance parameters are linear in it: t = (Z'Z)^-1 (Z'r - Z'A h).
@@ -75,7 +75,7 @@ def _normalised(p: Array, covariance: Array, n: int) -> tuple[Array, Array]:
     return p, covariance / total**2
 
 
-def _centre_covariance(fit: Fit, covariance: Array, forth: Array) -> Array:
+def _centre_covariance(fit: ChartFit, covariance: Array, forth: Array) -> Array:
     """Covariance (2, 2), in squared pixels, of the place where the chart's centre is seen.
 
     An error of h moves where the marks are seen, by `forth`, and brings errors of the displacement with it; the

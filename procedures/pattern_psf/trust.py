@@ -13,7 +13,7 @@ from procedures.pattern import AIM_S_OVER_T, GOOD_S_OVER_T
 from procedures.pattern_psf.diagnostics import Diagnostics, unexplained
 from procedures.pattern_psf.error_parts import Variation
 from procedures.pattern_psf.radiometry import Light
-from procedures.pattern_psf.refine import Fit
+from procedures.pattern_psf.refine import ChartFit
 from procedures.psf import Sampling
 from procedures.sensor_model import SensorModel
 
@@ -101,7 +101,7 @@ def check_light(light: Light, quantisation: float) -> None:
         )
 
 
-def check_cells(fit: Fit) -> None:
+def check_cells(fit: ChartFit) -> None:
     """Raises Refused where the noise region does not show the cells: nothing else can be told then."""
     verdict, reason, remedy = verdict_of(_unseen(fit.agreement, unexplained(fit)))
     if verdict is Verdict.REFUSED:
@@ -126,12 +126,12 @@ def _unseen(agreement: float, unexplained: float) -> list[Rule]:
     ]
 
 
-def misfits(fit: Fit) -> bool:
+def misfits(fit: ChartFit) -> bool:
     """Whether a fit would be refused for what it leaves over."""
     return fit.agreement < SEEN or unexplained(fit) > UNEXPLAINED
 
 
-def judge(d: Diagnostics, fit: Fit, more: Doubts) -> tuple[Verdict, str, str]:
+def judge(d: Diagnostics, fit: ChartFit, more: Doubts) -> tuple[Verdict, str, str]:
     """Verdict, reason and remedy: the first refusal, else all doubts together."""
     doubts = _doubts(d, fit) + _left_out(more) + _processed(d) + _other_noise(d, more.sensor)
     return verdict_of(_refusals(d) + doubts + _mismatched(d) + more.contradicted + _varying(more.variations))
@@ -177,7 +177,7 @@ def _refusals(d: Diagnostics) -> list[Rule]:
     ]
 
 
-def _doubts(d: Diagnostics, fit: Fit) -> list[Rule]:
+def _doubts(d: Diagnostics, fit: ChartFit) -> list[Rule]:
     """What leaves a PSF usable but less than the photograph could have given."""
     doubtful = Verdict.DOUBTFUL
     return [

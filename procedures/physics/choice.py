@@ -5,20 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 
-from procedures.physics.fit import Fit, Whitened, fit_parts, start_near
+from procedures.physics.fit import ModelFit, WhitenedPsf, fit_parts, start_near
 from procedures.physics.sensor import Aperture, LowPass, Parts
 
 ABERRATIONS: tuple[tuple[int, ...], ...] = ((), (0,), (7,), (0, 7), tuple(range(8)))
 """None, defocus, spherical, both, all."""
 
 
-def choose(data: Whitened) -> tuple[Fit, list[Fit]]:
+def choose(data: WhitenedPsf) -> tuple[ModelFit, list[ModelFit]]:
     """The best model, and all that were tried, the best first.
 
     One part after the other is exchanged: the low-pass filter, then diffusion, the aperture, and again the filter
     under the new aperture, with all aberrations free; then those that tell nothing are left out.
     """
-    tried: dict[Parts, Fit] = {}
+    tried: dict[Parts, ModelFit] = {}
 
     def best_of(candidates: Iterable[Parts], near: Parts | None = None) -> Parts:
         candidates = list(candidates)
@@ -42,6 +42,6 @@ def choose(data: Whitened) -> tuple[Fit, list[Fit]]:
     return tried[parts], order
 
 
-def scale_of(fits: Iterable[Fit]) -> float:
+def scale_of(fits: Iterable[ModelFit]) -> float:
     """What the best model leaves over its freedoms, 1 at least: where no model is perfect, differences count less."""
     return max(1.0, min(fit.chi2 / fit.freedom for fit in fits))

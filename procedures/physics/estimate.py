@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from procedures.outcome import BadParameter, Outcome, Quantity, Rule, Verdict, verdict_of
 from procedures.physics.choice import choose, scale_of
-from procedures.physics.fit import Fit, Whitened
+from procedures.physics.fit import ModelFit, WhitenedPsf
 from procedures.physics.model import Grid, names_of
 from procedures.physics.one_sided import OneSided, at_bounds
 from procedures.physics.pupil import TERMS
@@ -80,7 +80,7 @@ def estimate_physics(psf: Psf, diffraction: Diffraction | None, pitch: int) -> O
     BadParameter
         If aperture or pitch are not known: without them diffraction and defocus cannot be told apart.
     """
-    data = Whitened.of(Grid(psf, check_known(diffraction), pitch))
+    data = WhitenedPsf.of(Grid(psf, check_known(diffraction), pitch))
     fit, tried = choose(data)
     numbers = _numbers(data, fit)
     bounded = at_bounds(data, fit, numbers)
@@ -99,7 +99,7 @@ def check_known(diffraction: Diffraction | None) -> Diffraction:
     return diffraction
 
 
-def _doubts(fit: Fit, tried: list[Fit]) -> list[Rule]:
+def _doubts(fit: ModelFit, tried: list[ModelFit]) -> list[Rule]:
     ratio = fit.chi2 / fit.freedom
     scale = scale_of(tried)
     rivals = [one for one in tried if one.parts != fit.parts and one.criterion(scale) - fit.criterion(scale) < ALIKE]
@@ -124,7 +124,7 @@ def _bounds_reached(bounded: list[OneSided]) -> list[Rule]:
     return [Rule(Verdict.DOUBTFUL, True, one.words, remedy) for one in bounded]
 
 
-def _physics(data: Whitened, fit: Fit, tried: list[Fit], numbers: Mapping[str, Quantity]) -> Physics:
+def _physics(data: WhitenedPsf, fit: ModelFit, tried: list[ModelFit], numbers: Mapping[str, Quantity]) -> Physics:
     scale = scale_of(tried)
     least = fit.criterion(scale)
     prediction, _ = data.grid.model(fit.parts, fit.p)
@@ -143,7 +143,7 @@ def _physics(data: Whitened, fit: Fit, tried: list[Fit], numbers: Mapping[str, Q
     )
 
 
-def _words(fit: Fit) -> str:
+def _words(fit: ModelFit) -> str:
     """A model in words."""
     free = [TERMS[i].replace("_", " ") for i in fit.parts.aberrations]
     lens = "all aberrations" if len(free) == len(TERMS) else " and ".join(free) or "no aberrations"
@@ -151,7 +151,7 @@ def _words(fit: Fit) -> str:
     return f"{fit.parts.aperture}, low-pass filter: {fit.parts.low_pass}{charge}, {lens}"
 
 
-def _numbers(data: Whitened, fit: Fit) -> dict[str, Quantity]:
+def _numbers(data: WhitenedPsf, fit: ModelFit) -> dict[str, Quantity]:
     """The parameters and what follows from them, each with its uncertainty."""
     names, n = names_of(fit.parts), data.rank
     sign = _sign(fit, names)
@@ -188,7 +188,7 @@ def _numbers(data: Whitened, fit: Fit) -> dict[str, Quantity]:
     return numbers
 
 
-def _sign(fit: Fit, names: tuple[str, ...]) -> float:
+def _sign(fit: ModelFit, names: tuple[str, ...]) -> float:
     """What the even aberrations are multiplied by, so that the largest is positive."""
     even = [value for name, value in zip(names, fit.p, strict=True) if name in EVEN]
     return -1.0 if even and max(even, key=abs) < 0 else 1.0

@@ -26,14 +26,14 @@ other, so there are two."""
 
 
 @dataclass(frozen=True, eq=False)
-class Whitened:
+class WhitenedPsf:
     """A PSF turned so that its noise is white: W (r, k^2) with W C W' = 1, r the covariance's rank."""
 
     grid: Grid
     W: Array
 
     @classmethod
-    def of(cls, grid: Grid) -> Whitened:
+    def of(cls, grid: Grid) -> WhitenedPsf:
         """By the eigenvectors of its covariance."""
         values, vectors = np.linalg.eigh((grid.psf.covariance + grid.psf.covariance.T) / 2)
         kept = values > RANK * values[-1]
@@ -46,7 +46,7 @@ class Whitened:
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class ModelFit:
     """A model's parameters.
 
     Attributes
@@ -70,7 +70,7 @@ class Fit:
         return self.chi2 / scale + len(self.p) * float(np.log(self.freedom + len(self.p)))
 
 
-def fit_parts(data: Whitened, parts: Parts, start: Array | None = None) -> Fit:
+def fit_parts(data: WhitenedPsf, parts: Parts, start: Array | None = None) -> ModelFit:
     """The best parameters of a model, from one start or from `STARTS`."""
     starts = (
         [start] if start is not None else [start_of(parts, *pair) for pair in STARTS[: 2 if parts.aberrations else 1]]
@@ -80,14 +80,14 @@ def fit_parts(data: Whitened, parts: Parts, start: Array | None = None) -> Fit:
     return min(found, key=lambda one: one.chi2)
 
 
-def start_near(fit: Fit, parts: Parts) -> Array:
+def start_near(fit: ModelFit, parts: Parts) -> Array:
     """Where a fit of other parts begins: at the values of a fit that has most of them."""
     known = dict(zip(names_of(fit.parts), fit.p, strict=True))
     fresh = start_of(parts, *STARTS[0])
     return np.array([known.get(name, value) for name, value in zip(names_of(parts), fresh, strict=True)])
 
 
-def distance_of_rise(data: Whitened, fit: Fit, name: str, bound: float, inward: float) -> float:
+def distance_of_rise(data: WhitenedPsf, fit: ModelFit, name: str, bound: float, inward: float) -> float:
     """How far from a bound a parameter may lie until chi-square has risen by 1 over its value at the bound.
 
     The other parameters follow meanwhile. Where a fit leaves more than noise would, the rise asked for is as much
@@ -95,7 +95,7 @@ def distance_of_rise(data: Whitened, fit: Fit, name: str, bound: float, inward: 
 
     Parameters
     ----------
-    fit : Fit
+    fit : ModelFit
         With this parameter; it is taken from there to the bound first.
     inward : float
         1 or -1, the way from the bound.
@@ -105,7 +105,7 @@ def distance_of_rise(data: Whitened, fit: Fit, name: str, bound: float, inward: 
     free = np.arange(len(fit.p)) != place
     reach = float(high[place] - low[place])
 
-    def held(distance: float, start: Array) -> Fit:
+    def held(distance: float, start: Array) -> ModelFit:
         p = start.copy()
         p[place] = bound + inward * distance
         return _descend(data, fit.parts, p, (low, high), free)
@@ -126,8 +126,12 @@ def distance_of_rise(data: Whitened, fit: Fit, name: str, bound: float, inward: 
 
 
 def _descend(
-    data: Whitened, parts: Parts, start: Array, bounds: tuple[Array, Array], free: npt.NDArray[np.bool_] | None = None
-) -> Fit:
+    data: WhitenedPsf,
+    parts: Parts,
+    start: Array,
+    bounds: tuple[Array, Array],
+    free: npt.NDArray[np.bool_] | None = None,
+) -> ModelFit:
     """The best fit from a start; what is not `free` stays there."""
     moves = np.ones(len(start), dtype=bool) if free is None else free
     cache: dict[bytes, tuple[Array, Array]] = {}
@@ -159,4 +163,4 @@ def _descend(
     chi2, freedom = 2 * float(done.cost), data.rank - int(moves.sum())
     covariance = np.zeros((len(start), len(start)))
     covariance[np.ix_(moves, moves)] = np.linalg.pinv(done.jac.T @ done.jac, rcond=1e-12) * max(chi2 / freedom, 1.0)
-    return Fit(parts, placed(np.asarray(done.x, dtype=np.float64)), covariance, chi2, freedom)
+    return ModelFit(parts, placed(np.asarray(done.x, dtype=np.float64)), covariance, chi2, freedom)

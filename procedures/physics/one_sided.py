@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from procedures.outcome import Quantity
-from procedures.physics.fit import Fit, Whitened, distance_of_rise, start_near
+from procedures.physics.fit import ModelFit, WhitenedPsf, distance_of_rise, start_near
 from procedures.physics.model import bounds_of, names_of
 from procedures.physics.pupil import TERMS
 
@@ -41,7 +41,7 @@ class OneSided:
         return replace(number, value=self.bound, uncertainty=self.uncertainty, method=method)
 
 
-def at_bounds(data: Whitened, fit: Fit, numbers: dict[str, Quantity]) -> list[OneSided]:
+def at_bounds(data: WhitenedPsf, fit: ModelFit, numbers: dict[str, Quantity]) -> list[OneSided]:
     """The numbers of a fit that are known from one side only: parameters at bounds, fill factor over 1, Strehl ratio 1.
 
     `numbers` are the fit's, with the uncertainties that its curvature gives.
@@ -50,7 +50,7 @@ def at_bounds(data: Whitened, fit: Fit, numbers: dict[str, Quantity]) -> list[On
     return [one for one in (*found, _fill_factor(numbers["fill_factor"]), _strehl(data, fit)) if one]
 
 
-def _parameter(data: Whitened, fit: Fit, name: str, number: Quantity) -> OneSided | None:
+def _parameter(data: WhitenedPsf, fit: ModelFit, name: str, number: Quantity) -> OneSided | None:
     place = names_of(fit.parts).index(name)
     low, high = (float(limits[place]) for limits in bounds_of(fit.parts))
     for bound, inward in ((low, 1.0), (high, -1.0)):
@@ -68,7 +68,7 @@ def _fill_factor(number: Quantity) -> OneSided | None:
     return OneSided("fill_factor", 1.0, number.uncertainty * (float(np.hypot(d, 1)) - d), number.value)
 
 
-def _strehl(data: Whitened, fit: Fit) -> OneSided | None:
+def _strehl(data: WhitenedPsf, fit: ModelFit) -> OneSided | None:
     """A lens that needs no aberrations to be explained: what the most hidden of them may take from its Strehl ratio."""
     if fit.parts.aberrations:
         return None

@@ -23,7 +23,7 @@ _one_at_a_time = threading.RLock()
 
 
 @dataclass
-class Noise:
+class LibraryWords:
     """What was printed: `text` of the libraries, after the block."""
 
     text: bytes = field(default=b"")
@@ -35,12 +35,12 @@ class Noise:
 
 
 @contextmanager
-def captured_noise() -> Iterator[Noise]:
+def captured_noise() -> Iterator[LibraryWords]:
     """Collect what libraries write to the process's standard error during the block.
 
     The file descriptor is shared by all threads, so what others write meanwhile is passed on afterwards, complete.
     """
-    noise = Noise()
+    noise = LibraryWords()
     with _one_at_a_time, _unnamed_file() as file:
         try:
             kept = os.dup(2)

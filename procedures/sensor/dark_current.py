@@ -8,13 +8,13 @@ from collections.abc import Mapping
 import numpy as np
 
 from procedures.sensor.curves import Curves
-from procedures.sensor.measured import Measured, from_draws
+from procedures.sensor.measured import IntervalNumber, from_draws
 from procedures.sensor.photon_transfer import Transfer, line
 
 LEAST_EXPOSURES = 3
 
 
-def dark_current_numbers(curves: Curves, found: Transfer) -> Mapping[str, Measured]:
+def dark_current_numbers(curves: Curves, found: Transfer) -> Mapping[str, IntervalNumber]:
     """Dark current by mean and by variance, in electrons per second; nothing where fewer than three exposures tell."""
     times = curves.dark_exposure_s
     if len(np.unique(times)) < LEAST_EXPOSURES:

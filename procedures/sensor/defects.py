@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import ndtri
 
-from procedures.sensor.measured import Measured
+from procedures.sensor.measured import IntervalNumber
 from procedures.sensor.stacks import FrameStack, slow_part
 
 Array = npt.NDArray[np.float64]
@@ -55,14 +55,14 @@ class Defects:
     places : (n, 2) intp
         [row, column], the largest deviation first.
     deviation : (n,) float64
-    count : Measured
+    count : IntervalNumber
         With an interval: pixels near the limit may lie on either side, within their own noise.
     histogram : Histogram
     """
 
     places: npt.NDArray[np.intp]
     deviation: Array
-    count: Measured
+    count: IntervalNumber
     histogram: Histogram
 
 
@@ -85,14 +85,14 @@ def find_defects(field: Array, noise: float, scale: float = 1.0) -> Defects:
     return Defects(places[order], field[far][order] * scale, count, _histogram(field, spread, limit, scale))
 
 
-def _count(size: Array, limit: float, noise: float) -> Measured:
+def _count(size: Array, limit: float, noise: float) -> IntervalNumber:
     """The number over the limit, between those that are surely and those that are possibly."""
     low, value, high = (int(np.sum(size > limit + k * noise)) for k in (2, 0, -2))
     method = "deviation from the neighbourhood beyond what a normal distribution has once"
     # at the inner limit the flank of the good pixels comes in: these are known to be none
     expected = size.size * 2 * float(_beyond((limit - 2 * noise) / max(limit, 1e-12), size.size))
     high = max(value, round(high - expected))
-    return Measured(value, "pixels", (high - low) / 4, method, size.size, low, high)
+    return IntervalNumber(value, "pixels", (high - low) / 4, method, size.size, low, high)
 
 
 def _beyond(share: float, n: int) -> float:

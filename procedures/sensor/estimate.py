@@ -15,7 +15,7 @@ from procedures.sensor.dark_current import dark_current_numbers
 from procedures.sensor.defects import Defects, dark_field, find_defects, response_field
 from procedures.sensor.general import general_numbers
 from procedures.sensor.linearity import Linearity, Response, fit_linearity, fit_response, linearity_numbers
-from procedures.sensor.measured import Measured
+from procedures.sensor.measured import IntervalNumber
 from procedures.sensor.photon_transfer import (
     Transfer,
     fit_transfer,
@@ -60,7 +60,7 @@ class SensorResult:
 
     Attributes
     ----------
-    numbers : mapping of str to Measured
+    numbers : mapping of str to IntervalNumber
     curves, transfer, linearity, response
         What the numbers of the temporal part are drawn from.
     dark, light : Pattern or None
@@ -69,7 +69,7 @@ class SensorResult:
         Mean of the dark pictures, in digital numbers.
     """
 
-    numbers: Mapping[str, Measured]
+    numbers: Mapping[str, IntervalNumber]
     curves: Curves
     transfer: Transfer
     linearity: Linearity

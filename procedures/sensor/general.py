@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.sensor.curves import Curves
-from procedures.sensor.measured import Measured, from_draws
+from procedures.sensor.measured import IntervalNumber, from_draws
 
 Array = npt.NDArray[np.float64]
 
@@ -32,7 +32,7 @@ def threshold(curves: Curves) -> Array:
     return np.asarray((growth + np.sqrt(growth**2 + 4 * slope**2 * dark)) / (2 * slope**2))
 
 
-def general_numbers(curves: Curves, saturation: int, *, photons_known: bool) -> Mapping[str, Measured]:
+def general_numbers(curves: Curves, saturation: int, *, photons_known: bool) -> Mapping[str, IntervalNumber]:
     """Largest SNR, threshold and dynamic range of the general model."""
     snr = input_snr(curves)[:, : saturation + 1]
     best = int(np.argmax(snr[0]))

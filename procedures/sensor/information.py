@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.psf import Psf
-from procedures.sensor.measured import Measured, measured
+from procedures.sensor.measured import IntervalNumber, measured
 from procedures.sensor.noise_power import NEIGHBOURS, NoisePower
 
 Array = npt.NDArray[np.float64]
@@ -45,7 +45,7 @@ class Information:
         [fy, fx].
     equivalent_mtf, equivalent_mtf_uncertainty : (n, n) float64
         sqrt(NEQ / NEQ at 0): the MTF of a camera with white noise that is worth the same.
-    numbers : mapping of str to Measured
+    numbers : mapping of str to IntervalNumber
     """
 
     frequencies: Array
@@ -55,7 +55,7 @@ class Information:
     neq_uncertainty: Array
     equivalent_mtf: Array
     equivalent_mtf_uncertainty: Array
-    numbers: Mapping[str, Measured]
+    numbers: Mapping[str, IntervalNumber]
 
 
 def information(psf: Psf, noise: NoisePower, rng: np.random.Generator) -> Information:
@@ -105,7 +105,7 @@ def _zero_weights() -> tuple[list[tuple[int, int]], Array]:
     return places, np.asarray(np.linalg.pinv(design)[0])
 
 
-def _numbers(neq: Array, noise: NoisePower, share: float, of_zero: float) -> Mapping[str, Measured]:
+def _numbers(neq: Array, noise: NoisePower, share: float, of_zero: float) -> Mapping[str, IntervalNumber]:
     """Capacity, quanta at frequency 0, and quanta at half of Nyquist."""
     snr = SCENE * neq
     capacity = np.mean(np.log2(1 + snr), axis=(1, 2)) / 2

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.sensor.curves import Curves
-from procedures.sensor.measured import CONFIDENT, Measured, measured
+from procedures.sensor.measured import CONFIDENT, IntervalNumber, measured
 
 Array = npt.NDArray[np.float64]
 
@@ -121,7 +121,7 @@ def _solved(design: Array, values: Array) -> Array:
     return np.asarray(np.linalg.solve(gram, right[..., None])[..., 0])
 
 
-def linearity_numbers(found: Linearity, beside: Sequence[Linearity], n: int) -> Mapping[str, Measured]:
+def linearity_numbers(found: Linearity, beside: Sequence[Linearity], n: int) -> Mapping[str, IntervalNumber]:
     """Linearity error, and the largest deviations to either side, in per cent.
 
     Parameters

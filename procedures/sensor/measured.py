@@ -16,7 +16,7 @@ CONFIDENT = 1.96
 
 
 @dataclass(frozen=True)
-class Measured(Quantity):
+class IntervalNumber(Quantity):
     """A number with the 95 % interval in which the true one lies."""
 
     low: float
@@ -25,7 +25,7 @@ class Measured(Quantity):
 
 def measured(
     value: float, uncertainty: float, unit: str, method: str, n: int, *, least: float = -np.inf, lower: float = 0.0
-) -> Measured:
+) -> IntervalNumber:
     """A number whose error is normal.
 
     Parameters
@@ -36,10 +36,10 @@ def measured(
         By how much noise alone may have raised the value: the interval reaches down by so much more.
     """
     low, high = value - CONFIDENT * uncertainty - lower, value + CONFIDENT * uncertainty
-    return Measured(value, unit, uncertainty, method, n, max(low, least), max(high, least))
+    return IntervalNumber(value, unit, uncertainty, method, n, max(low, least), max(high, least))
 
 
-def from_draws(values: Array, unit: str, method: str, n: int, *, beside: float = 0.0) -> Measured:
+def from_draws(values: Array, unit: str, method: str, n: int, *, beside: float = 0.0) -> IntervalNumber:
     """The first value, with the spread of the others, which are what it might as well have been.
 
     Parameters
@@ -52,7 +52,7 @@ def from_draws(values: Array, unit: str, method: str, n: int, *, beside: float =
     return measured(float(values[0]), uncertainty, unit, method, n)
 
 
-def root(variance: float, uncertainty: float, scale: float, unit: str, method: str, n: int) -> Measured:
+def root(variance: float, uncertainty: float, scale: float, unit: str, method: str, n: int) -> IntervalNumber:
     """The square root of a variance, times a scale; 0 where noise left the variance negative.
 
     The interval is that of the variance, through the root: it ends at 0 where the variance may be none.
@@ -61,16 +61,16 @@ def root(variance: float, uncertainty: float, scale: float, unit: str, method: s
     ends = np.sqrt(np.maximum([variance, low, high], 0)) * scale
     value = float(ends[0])
     spread = uncertainty * scale / (2 * np.sqrt(variance)) if variance > uncertainty else np.sqrt(uncertainty) * scale
-    return Measured(value, unit, float(spread), method, n, float(ends[1]), float(ends[2]))
+    return IntervalNumber(value, unit, float(spread), method, n, float(ends[1]), float(ends[2]))
 
 
-def with_share(number: Measured, share: float) -> Measured:
+def with_share(number: IntervalNumber, share: float) -> IntervalNumber:
     """The number with a further relative standard uncertainty, such as that of what it was divided by."""
     if not number.value or not share:
         return number
     more = share * number.value
     below, above = number.value - number.low, number.high - number.value
-    return Measured(
+    return IntervalNumber(
         number.value,
         number.unit,
         float(np.hypot(number.uncertainty, more)),

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from procedures.sensor.curves import Curves
 from procedures.sensor.linearity import Response
-from procedures.sensor.measured import Measured, from_draws, measured
+from procedures.sensor.measured import IntervalNumber, from_draws, measured
 
 Array = npt.NDArray[np.float64]
 
@@ -111,13 +111,13 @@ def _through_zero(x: Array, y: Array) -> Array:
     return np.asarray(np.sum(x * y, axis=-1) / np.sum(x * x, axis=-1))
 
 
-def transfer_numbers(curves: Curves, found: Transfer, *, photons_known: bool) -> Mapping[str, Measured]:
+def transfer_numbers(curves: Curves, found: Transfer, *, photons_known: bool) -> Mapping[str, IntervalNumber]:
     """The numbers of sensitivity and noise, by name."""
     n = curves.samples * int(found.fitted.sum())
     bent = found.bent / found.gain[0]
     gain, dark = found.gain, found.dark_deviation
 
-    def told(values: Array, unit: str, method: str, *, share: float = 0.0) -> Measured:
+    def told(values: Array, unit: str, method: str, *, share: float = 0.0) -> IntervalNumber:
         return from_draws(values, unit, method, n, beside=abs(float(values[0])) * share)
 
     noise_e = np.sqrt(np.maximum(dark**2 - 1 / 12, 0)) / gain
@@ -144,7 +144,7 @@ def transfer_numbers(curves: Curves, found: Transfer, *, photons_known: bool) ->
 
 def _saturation_numbers(
     curves: Curves, found: Transfer, threshold_e: Array, bent: float, n: int, *, photons_known: bool
-) -> Mapping[str, Measured]:
+) -> Mapping[str, IntervalNumber]:
     """What follows from the light at saturation: it lies somewhere between the levels beside the one found."""
     at, light, signal = found.saturation, curves.light[0], curves.signal[0]
     first, last = saturation_range(curves, at)
@@ -169,18 +169,18 @@ def _saturation_numbers(
 
 def _between(
     values: Array, low: float, high: float, power: float, bent: float, unit: str, method: str, n: int
-) -> Measured:
+) -> IntervalNumber:
     """A number that goes with a power of the light at saturation, which lies between two factors of the value."""
     value = float(values[0])
     own = float(np.hypot(np.std(values[1:]), value * bent * power))
     number = measured(value, own, unit, method, n)
     ends = (number.low - value * (1 - low**power), number.high + value * (high**power - 1))
     spread = float(np.hypot(own, value * (high**power - low**power) / np.sqrt(12)))
-    return Measured(value, unit, spread, method, n, *ends)
+    return IntervalNumber(value, unit, spread, method, n, *ends)
 
 
-def _decibels(number: Measured, factor: float) -> Measured:
+def _decibels(number: IntervalNumber, factor: float) -> IntervalNumber:
     """A ratio as a level."""
     value, low, high = (factor * float(np.log10(max(part, 1e-300))) for part in (number.value, number.low, number.high))
     spread = factor / np.log(10) * number.uncertainty / number.value
-    return Measured(value, "dB", float(spread), number.method, number.n, low, high)
+    return IntervalNumber(value, "dB", float(spread), number.method, number.n, low, high)

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import median_filter
 
-from procedures.sensor.measured import Measured, measured
+from procedures.sensor.measured import IntervalNumber, measured
 from procedures.sensor.stacks import FrameStack
 
 Array = npt.NDArray[np.float64]
@@ -59,15 +59,15 @@ class Period:
     ----------
     pattern : str
         "row": the rows differ, along a column; or "column".
-    frequency : Measured
+    frequency : IntervalNumber
         In cycles per pixel.
-    amplitude : Measured
+    amplitude : IntervalNumber
         From the middle to the crest.
     """
 
     pattern: str
-    frequency: Measured
-    amplitude: Measured
+    frequency: IntervalNumber
+    amplitude: IntervalNumber
 
 
 def spectrogram(stack: FrameStack, direction: str, scale: float = 1.0) -> Spectrogram:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procedures.sensor.measured import Measured, root, with_share
+from procedures.sensor.measured import IntervalNumber, root, with_share
 from procedures.sensor.stacks import FrameStack
 
 Array = npt.NDArray[np.float64]
@@ -101,12 +101,12 @@ def _filled(field: Array, left_out: Mask) -> Array:
 
 
 def dark_numbers(
-    stack: FrameStack, gain: Measured, left_out: Mask | None = None, *, suffix: str = ""
-) -> Mapping[str, Measured]:
+    stack: FrameStack, gain: IntervalNumber, left_out: Mask | None = None, *, suffix: str = ""
+) -> Mapping[str, IntervalNumber]:
     """DSNU in digital numbers and, by the gain, in electrons: of all pixels, by row, by column, by pixel."""
     found = spatial_variances(stack.mean_picture, stack.left_over, stack.count, left_out)
     n = stack.mean_picture.size
-    numbers: dict[str, Measured] = {}
+    numbers: dict[str, IntervalNumber] = {}
     for part in PARTS:
         name, method = _named("dsnu", part, suffix), f"{_words(part)} of the mean dark picture"
         in_dn = root(found.value[part], found.uncertainty[part], 1.0, "DN", method, n)
@@ -117,7 +117,7 @@ def dark_numbers(
 
 def response_numbers(
     dark: FrameStack, flat: FrameStack, bent: float, left_out: Mask | None = None, *, suffix: str = ""
-) -> Mapping[str, Measured]:
+) -> Mapping[str, IntervalNumber]:
     """PRNU in per cent of the signal: of all pixels, by row, by column, by pixel.
 
     Parameters

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
 from procedures.outcome import Refused
-from procedures.slanted_edge.strip import Line, Strip
+from procedures.slanted_edge.strip import EdgeLine, Strip
 
 Array = npt.NDArray[np.float64]
 
@@ -70,7 +70,7 @@ class Course:
         return np.asarray(x * normal[:, None] * (1 if self.rising else -1))
 
 
-def find_course(strip: Strip, start: Line | None = None) -> Course:
+def find_course(strip: Strip, start: EdgeLine | None = None) -> Course:
     """The edge's course in a strip, near a line where one is known.
 
     Raises
@@ -91,7 +91,7 @@ def find_course(strip: Strip, start: Line | None = None) -> Course:
     return course
 
 
-def _first_line(strip: Strip, start: Line | None) -> tuple[Line, bool, float]:
+def _first_line(strip: Strip, start: EdgeLine | None) -> tuple[EdgeLine, bool, float]:
     """A line along the strongest smoothed derivative, its sign, and the reach that its width asks for."""
     smooth = gaussian_filter1d(uniform_filter1d(strip.samples, 5, axis=0), SMOOTHING_PX, axis=1, order=1)
     x, along = np.arange(smooth.shape[1]), strip.along[:, None]
@@ -117,16 +117,16 @@ def _first_line(strip: Strip, start: Line | None) -> tuple[Line, bool, float]:
     return line, bool(total > 0), _reach(strip, line)
 
 
-def _weighted_line(weight: Array, x: Array, along: Array) -> Line:
+def _weighted_line(weight: Array, x: Array, along: Array) -> EdgeLine:
     """x = middle + slope along, by weighted least squares."""
     total = weight.sum()
     mean_x, mean_t = float((weight * x).sum() / total), float((weight * along).sum() / total)
     spread = float((weight * (along - mean_t) ** 2).sum())
     slope = float((weight * (along - mean_t) * (x - mean_x)).sum()) / spread if spread > 0 else 0.0
-    return Line(mean_x - slope * mean_t, slope)
+    return EdgeLine(mean_x - slope * mean_t, slope)
 
 
-def _reach(strip: Strip, line: Line) -> float:
+def _reach(strip: Strip, line: EdgeLine) -> float:
     """How far from the edge the rows' derivative is looked at: twice its full width at half maximum, at least 4."""
     x = np.arange(strip.samples.shape[1]) - line.middle - line.slope * strip.along[:, None]
     inside = strip.usable & (np.abs(x) < strip.reach_px)

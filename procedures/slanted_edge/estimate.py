@@ -20,11 +20,11 @@ from procedures.outcome import Outcome, Quantity, Refused, Verdict
 from procedures.quality import Diffraction
 from procedures.raw import Plane
 from procedures.slanted_edge.edge_line import Course, find_course
-from procedures.slanted_edge.find import Sighting, edge_listed, find_edges
+from procedures.slanted_edge.find import EdgeSighting, edge_listed, find_edges
 from procedures.slanted_edge.profile import Profile, edge_profile
 from procedures.slanted_edge.refinement import refine_course
 from procedures.slanted_edge.resampling import expected_noise, resampled_mtf
-from procedures.slanted_edge.strip import Line, Roi, Strip, strip_of
+from procedures.slanted_edge.strip import EdgeLine, Roi, Strip, strip_of
 from procedures.slanted_edge.tail import Tail
 from procedures.slanted_edge.transfer import FREQUENCIES, frequency_at, mtf_of
 from procedures.slanted_edge.trust import MOST_OVERSHOOT, check_clipping, check_course, check_samples, judge
@@ -138,7 +138,7 @@ def estimate_edge(plane: Plane, roi: Roi, diffraction: Diffraction | None = None
     return _placed(measure(_informed(strip, plane, diffraction)), strip)
 
 
-def _of_sighting(sighting: Sighting, plane: Plane, diffraction: Diffraction | None) -> EdgeOutcome:
+def _of_sighting(sighting: EdgeSighting, plane: Plane, diffraction: Diffraction | None) -> EdgeOutcome:
     return _placed(measure(_informed(sighting.strip, plane, diffraction), sighting.line), sighting.strip)
 
 
@@ -152,7 +152,7 @@ def _placed(outcome: Outcome[EdgeMtf], strip: Strip) -> EdgeOutcome:
     return EdgeOutcome(outcome.value, outcome.verdict, outcome.reason, outcome.remedy, strip.roi, strip.turned)
 
 
-def measure(strip: Strip, line: Line | None = None) -> Outcome[EdgeMtf]:
+def measure(strip: Strip, line: EdgeLine | None = None) -> Outcome[EdgeMtf]:
     """The MTF across the edge of a strip, near a line where one is known; refused outcomes have no value."""
     try:
         check_samples(strip)

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from procedures.outcome import Refused
-from procedures.slanted_edge.strip import Array, Array32, Line, Roi, Strip, strip_of
+from procedures.slanted_edge.strip import Array, Array32, EdgeLine, Roi, Strip, strip_of
 
 LEAST_LENGTH_PX = 24.0
 LEAST_ANGLE_DEG, MOST_ANGLE_DEG = 2.0, 43.0
@@ -30,11 +30,11 @@ NOISE_LEVELS = 1.5
 
 
 @dataclass(frozen=True, eq=False)
-class Sighting:
+class EdgeSighting:
     """An edge that was found: its strip, and the line along it."""
 
     strip: Strip
-    line: Line
+    line: EdgeLine
     score: float
 
 
@@ -60,7 +60,7 @@ class _Segment:
         return float(np.degrees(np.arctan2(min(x, y), max(x, y))))
 
 
-def find_edges(samples: Array32) -> list[Sighting]:
+def find_edges(samples: Array32) -> list[EdgeSighting]:
     """The slanted edges of a plane, the best first.
 
     Raises
@@ -76,7 +76,7 @@ def find_edges(samples: Array32) -> list[Sighting]:
     return _apart(sorted(found, key=lambda one: -one.score))
 
 
-def edge_listed(samples: Array32, roi: Roi) -> Sighting | None:
+def edge_listed(samples: Array32, roi: Roi) -> EdgeSighting | None:
     """The edge that `find_edges` gives this very region; None where it gives it to none."""
     try:
         return next((one for one in find_edges(samples) if one.strip.roi == roi), None)
@@ -152,7 +152,7 @@ def _joined(a: _Segment, b: _Segment) -> _Segment:
     return _Segment(points[np.argmin(places)], points[np.argmax(places)])
 
 
-def _sighting(samples: Array32, segment: _Segment) -> Sighting | None:
+def _sighting(samples: Array32, segment: _Segment) -> EdgeSighting | None:
     """The edge of a segment with its plain areas, None where they are too small."""
     band = _band(samples, segment)
     contrast = abs(float(np.median(band[int(MOST_REACH_PX + CORE_PX)]) - np.median(band[int(MOST_REACH_PX - CORE_PX)])))
@@ -166,7 +166,7 @@ def _sighting(samples: Array32, segment: _Segment) -> Sighting | None:
         return None
     start, end = segment.start + inset * segment.direction, segment.end - inset * segment.direction
     strip, line = strip_along(samples, start, end, reach)
-    return Sighting(strip, line, contrast * length**0.5)
+    return EdgeSighting(strip, line, contrast * length**0.5)
 
 
 def _band(samples: Array32, segment: _Segment) -> Array:
@@ -192,7 +192,7 @@ def _plain_px(side: Array, contrast: float) -> float:
     return float(core + wrong[0] - 1) if len(wrong) else float(len(side) - 1)
 
 
-def strip_along(samples: Array32, start: Array, end: Array, reach: float) -> tuple[Strip, Line]:
+def strip_along(samples: Array32, start: Array, end: Array, reach: float) -> tuple[Strip, EdgeLine]:
     """The strip from one point of an edge to another, and the line between them in it."""
     turned = bool(abs(end - start)[0] > abs(end - start)[1])
     # u runs along the edge, v across it
@@ -208,19 +208,19 @@ def strip_along(samples: Array32, start: Array, end: Array, reach: float) -> tup
     roi = Roi(int(corner[0]), int(corner[1]), int(size[0]), int(size[1]))
     slope = float((last - first)[v] / (last - first)[u])
     middle = float(first[v] + slope * ((low_u + high_u) / 2 - first[u]) - low_v)
-    return strip_of(samples, roi, turned=turned, reach_px=reach), Line(middle, slope)
+    return strip_of(samples, roi, turned=turned, reach_px=reach), EdgeLine(middle, slope)
 
 
-def _apart(sightings: list[Sighting]) -> list[Sighting]:
+def _apart(sightings: list[EdgeSighting]) -> list[EdgeSighting]:
     """Without those that lie on a better one's line."""
-    kept: list[Sighting] = []
+    kept: list[EdgeSighting] = []
     for one in sightings:
         if not any(_same(one, other) for other in kept):
             kept.append(one)
     return kept
 
 
-def _same(a: Sighting, b: Sighting) -> bool:
+def _same(a: EdgeSighting, b: EdgeSighting) -> bool:
     """Whether a's middle lies on b."""
     (x, y), (x0, y0) = _centre(a), _centre(b)
     if a.strip.turned != b.strip.turned:
@@ -229,7 +229,7 @@ def _same(a: Sighting, b: Sighting) -> bool:
     return bool(abs(across - b.line.slope * along) < 4 and abs(along) < len(b.strip.samples) / 2)
 
 
-def _centre(one: Sighting) -> tuple[float, float]:
+def _centre(one: EdgeSighting) -> tuple[float, float]:
     """(x, y) of the line's middle in the plane."""
     roi, half = one.strip.roi, (len(one.strip.samples) - 1) / 2
     return (roi.x + half, roi.y + one.line.middle) if one.strip.turned else (roi.x + one.line.middle, roi.y + half)

@@ -59,7 +59,7 @@ class Roi:
 
 
 @dataclass(frozen=True)
-class Line:
+class EdgeLine:
     """Where an edge is expected: within `near_px` of x = middle + slope t, t along it from the strip's centre."""
 
     middle: float

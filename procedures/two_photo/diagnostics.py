@@ -10,10 +10,10 @@ import numpy.typing as npt
 from procedures.clipping import find_clipping
 from procedures.psf import Psf
 from procedures.two_photo.error_parts import ErrorParts, near_errors
-from procedures.two_photo.inter_image import Fit
+from procedures.two_photo.inter_image import PairFit
 from procedures.two_photo.likeness import Likeness
 from procedures.two_photo.near_noise import Kernel, noise_at_most
-from procedures.two_photo.registration import Sighting
+from procedures.two_photo.registration import PairSighting
 from procedures.two_photo.sharpness import sharpness_ratio
 
 Array = npt.NDArray[np.float64]
@@ -136,10 +136,10 @@ class Diagnostics:
 
 
 def diagnose(
-    fit: Fit,
+    fit: PairFit,
     kernel: Kernel,
     psf: Psf,
-    sighting: Sighting,
+    sighting: PairSighting,
     near: Array32,
     far: Array32,
     near_noise_limit: float,
@@ -205,7 +205,7 @@ def clipped_share(photograph: Array32) -> float:
     return max(found.black, found.white)
 
 
-def _sharpness_ratio(fit: Fit, near: Array32, far: Array32, noise: float) -> float:
+def _sharpness_ratio(fit: PairFit, near: Array32, far: Array32, noise: float) -> float:
     """Of the parts that both photographs show."""
     (x, y), (rows, columns) = fit.near.corner, fit.near.shape
     rim = fit.warp.forward(np.array([[x, y], [x + columns, y], [x + columns, y + rows], [x, y + rows]], dtype=float))
@@ -214,7 +214,7 @@ def _sharpness_ratio(fit: Fit, near: Array32, far: Array32, noise: float) -> flo
     return sharpness_ratio(near[low[1] : high[1], low[0] : high[0]], far[y : y + rows, x : x + columns], noise)
 
 
-def local_shifts(fit: Fit) -> tuple[float, float]:
+def local_shifts(fit: PairFit) -> tuple[float, float]:
     """How far parts of the wall lie from the map: rms shift in far pixels beyond noise, and its significance.
 
     Each tile's residual is explained by a shift of its own; a wall that is one plane leaves noise of known size.
@@ -240,7 +240,7 @@ def local_shifts(fit: Fit) -> tuple[float, float]:
     return float(np.sqrt(max(beyond, 0.0))), float((chi2.sum() - freedom) / np.sqrt(2 * freedom))
 
 
-def relief(fit: Fit) -> float:
+def relief(fit: PairFit) -> float:
     """Root mean square of a random shift, in far pixels, whose residual grows with the gradient as it does.
 
     Squared residuals as a constant, a linear function of the level (noise) and one of the squared gradient.
@@ -251,7 +251,7 @@ def relief(fit: Fit) -> float:
     return float(np.sqrt(max(share, 0.0)))
 
 
-def _neighbour_correlation(fit: Fit) -> float:
+def _neighbour_correlation(fit: PairFit) -> float:
     """Largest correlation of the residual at lag one, along rows or columns."""
     grid = np.full(fit.near.shape, np.nan)
     grid[fit.samples.rows, fit.samples.columns] = fit.residual
@@ -259,7 +259,7 @@ def _neighbour_correlation(fit: Fit) -> float:
     return max((float(np.nanmean(pair)) / fit.variance for pair in pairs), key=abs)
 
 
-def _light_change(fit: Fit) -> float:
+def _light_change(fit: PairFit) -> float:
     """Root mean square of the multiplied quadratics, over the samples."""
     x, y = ((fit.samples.points - fit.warp.centre) / fit.warp.radius).T
     return float(np.std(np.stack([x, y, x * x, x * y, y * y], axis=-1) @ fit.light[6:]))

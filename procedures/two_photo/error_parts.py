@@ -12,7 +12,7 @@ from procedures.budget import Budget
 from procedures.numerics.warps import inverse
 from procedures.psf import Psf, PsfTail
 from procedures.quality import Quality
-from procedures.two_photo.inter_image import Fit
+from procedures.two_photo.inter_image import PairFit
 from procedures.two_photo.likeness import Likeness, NearLook
 from procedures.two_photo.near_noise import Kernel
 from procedures.two_photo.recursion import Recovered, band, nearest
@@ -81,7 +81,7 @@ def widened(psf: Psf, errors: Mapping[str, Array]) -> Psf:
 
 
 def error_parts(
-    fit: Fit, kernel: Kernel, recovered: Recovered, free: Psf, quality: Quality, errors: Mapping[str, Array]
+    fit: PairFit, kernel: Kernel, recovered: Recovered, free: Psf, quality: Quality, errors: Mapping[str, Array]
 ) -> ErrorParts:
     """The uncertainties of all numbers taken apart.
 
@@ -112,7 +112,7 @@ def error_parts(
     return ErrorParts(parts, dict(zip(quality.gradients, ratio.tolist(), strict=True)))
 
 
-def tiles_say(fit: Fit, kernel: Kernel, recovered: Recovered, gradients: Array) -> Array:
+def tiles_say(fit: PairFit, kernel: Kernel, recovered: Recovered, gradients: Array) -> Array:
     """What each tile of the region adds to each number, (tiles, b): it scatters as noise does where all agree.
 
     `gradients` (b, k^2 + q) are by the PSF's parameters.

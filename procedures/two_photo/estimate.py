@@ -23,11 +23,11 @@ from procedures.quality import Diffraction, Quality, assess, beyond_diffraction
 from procedures.raw import Plane
 from procedures.two_photo.diagnostics import diagnose
 from procedures.two_photo.error_parts import error_parts, likely_errors, widened
-from procedures.two_photo.inter_image import Fit, fit_kernel
+from procedures.two_photo.inter_image import PairFit, fit_kernel
 from procedures.two_photo.likeness import likeness
 from procedures.two_photo.near_noise import Kernel, noise_at_most, without_near_noise
 from procedures.two_photo.recursion import Recovered, psf_by_equation, psf_by_recursion
-from procedures.two_photo.registration import Sighting, register
+from procedures.two_photo.registration import PairSighting, register
 from procedures.two_photo.trust import check_distance, check_light, judge, most_samples_per_pixel
 
 Array = npt.NDArray[np.float64]
@@ -151,7 +151,7 @@ class _Attempt:
     """The joint fit at one s and k, the kernel without the near noise's bias, and the PSF drawn from it, free and as
     asked for."""
 
-    fit: Fit
+    fit: PairFit
     kernel: Kernel
     recovered: Recovered
     free: Psf
@@ -187,7 +187,7 @@ def _estimate(
 
 
 def _chosen(
-    near: Array32, far: Array32, sighting: Sighting, limit: float, parameters: TwoPhotoParameters, most_s: int
+    near: Array32, far: Array32, sighting: PairSighting, limit: float, parameters: TwoPhotoParameters, most_s: int
 ) -> tuple[_Attempt, tuple[Trial, ...]]:
     """The result for the s and k that are given, or that do, and what was tried; raises Refused."""
     start: CubicWarp | None = None
@@ -245,7 +245,7 @@ def _result(
     found: _Attempt,
     quality: Quality,
     tried: tuple[Trial, ...],
-    sighting: Sighting,
+    sighting: PairSighting,
     diagnostics: Mapping[str, float],
 ) -> TwoPhotoPsf:
     """Everything that is reported, from the final fit."""

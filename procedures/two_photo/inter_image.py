@@ -81,7 +81,7 @@ class NearImage:
 
 
 @dataclass(frozen=True)
-class Fit:
+class PairFit:
     """The state of the estimate: map, kernel, light, and what is left over.
 
     Attributes
@@ -154,7 +154,9 @@ class Fit:
         return 1 - self.variance / float(np.var(self.samples.y))
 
 
-def fit_kernel(near: Array32, far: Array32, H_near_far: Array, s: int, k: int, start: CubicWarp | None = None) -> Fit:
+def fit_kernel(
+    near: Array32, far: Array32, H_near_far: Array, s: int, k: int, start: CubicWarp | None = None
+) -> PairFit:
     """The inter-image kernel with the map refined to a few thousandths of a pixel.
 
     Parameters
@@ -184,7 +186,7 @@ def fit_kernel(near: Array32, far: Array32, H_near_far: Array, s: int, k: int, s
     return fit
 
 
-def _settled(fit: Fit, samples: Samples, k: int) -> Fit:
+def _settled(fit: PairFit, samples: Samples, k: int) -> PairFit:
     """Gauss-Newton steps on the fit's own samples while the map moves, the last one on all of `samples`."""
     for step in range(1, MAX_STEPS + 1):
         if fit.moved_px < NEAR_PX or step >= MAX_STEPS - 2:
@@ -196,7 +198,7 @@ def _settled(fit: Fit, samples: Samples, k: int) -> Fit:
     return fit
 
 
-def _without_outliers(fit: Fit) -> Samples:
+def _without_outliers(fit: PairFit) -> Samples:
     """The samples without those that no noise explains: something before the wall in one of the photographs."""
     away = np.abs(fit.residual)
     return fit.samples.kept(away < OUTLYING * 1.4826 * float(np.median(away)))
@@ -237,7 +239,7 @@ def _system(samples: Samples, u: Array32, s: int, k: int) -> Array32:
     return np.asarray(sample_convolution(inner, samples.rows, samples.columns, unweighted, s, k))
 
 
-def _first_fit(samples: Samples, near: NearImage, warp: CubicWarp, k: int) -> Fit:
+def _first_fit(samples: Samples, near: NearImage, warp: CubicWarp, k: int) -> PairFit:
     """The kernel by the first map, the added light free."""
     A, place = _system(samples, near.read(warp, tail_border(k)), near.s, k), _place(samples, warp)
     equations = eliminate(products(gram(A), A, place, samples.y))
@@ -247,10 +249,12 @@ def _first_fit(samples: Samples, near: NearImage, warp: CubicWarp, k: int) -> Fi
     light[:6] = equations.nuisance(kernel)
     slopes = np.zeros((len(seen), 2))
     prediction = seen + place @ light[:6]
-    return Fit(warp, kernel, np.zeros(TAIL), light, samples, near, equations, seen, slopes, prediction, 0, np.inf, 0.0)
+    return PairFit(
+        warp, kernel, np.zeros(TAIL), light, samples, near, equations, seen, slopes, prediction, 0, np.inf, 0.0
+    )
 
 
-def _centred(fit: Fit, k: int) -> Fit:
+def _centred(fit: PairFit, k: int) -> PairFit:
     """The same fit with the map shifted to where the kernel is centred; the next step moves the kernel."""
     offset = centre_of(fit.kernel.reshape(k, k)) / fit.near.s
     return replace(fit, warp=fit.warp.translated(-offset))
@@ -276,7 +280,7 @@ def centre_of(kernel: Array) -> Array:
     return centre
 
 
-def _step(fit: Fit, k: int, *, whole: bool) -> Fit:
+def _step(fit: PairFit, k: int, *, whole: bool) -> PairFit:
     """One Gauss-Newton step: a new system for the current map, increments of everything; the tail in `whole` ones."""
     samples, warp = fit.samples, fit.warp
     u = fit.near.read(warp, tail_border(k))
@@ -318,7 +322,7 @@ def _step(fit: Fit, k: int, *, whole: bool) -> Fit:
     )
 
 
-def _scores(fit: Fit, A: Array32, Z: Array, residual: Array) -> tuple[Indices, Array]:
+def _scores(fit: PairFit, A: Array32, Z: Array, residual: Array) -> tuple[Indices, Array]:
     """Samples of every tile, and its share in the products with the residual: kernel, tail, nuisance parameters."""
     rows, columns = (
         np.minimum(place * TILES // n, TILES - 1)
@@ -332,7 +336,7 @@ def _scores(fit: Fit, A: Array32, Z: Array, residual: Array) -> tuple[Indices, A
     return np.bincount(tile, minlength=TILES * TILES), np.asarray(scores, dtype=np.float64)
 
 
-def _with_tail_known(parts: Products, fit: Fit, variance: float) -> NormalEquations:
+def _with_tail_known(parts: Products, fit: PairFit, variance: float) -> NormalEquations:
     """The equations of kernel and tail, with what is known of the tail's other shapes before they are fitted.
 
     `variance` is that of the residual: what is known counts against it.

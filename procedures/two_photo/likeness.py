@@ -23,7 +23,7 @@ from scipy.ndimage import map_coordinates, uniform_filter
 
 from procedures.psf import Psf
 from procedures.sharpening.ring import missing_light
-from procedures.two_photo.inter_image import Fit
+from procedures.two_photo.inter_image import PairFit
 from procedures.two_photo.sharpness import patch_spectra
 
 Array = npt.NDArray[np.float64]
@@ -122,7 +122,7 @@ class Likeness:
     beyond_light: float
 
 
-def likeness(fit: Fit, psf: Psf, near: Array32) -> Likeness:
+def likeness(fit: PairFit, psf: Psf, near: Array32) -> Likeness:
     """How alike the photographs are, by the final fit and the PSF drawn from it without constraint."""
     left_over, colour, smoothing, streaks = remains(fit)
     look = near_look(_common(fit, near), psf)
@@ -132,7 +132,7 @@ def likeness(fit: Fit, psf: Psf, near: Array32) -> Likeness:
     )
 
 
-def remains(fit: Fit) -> tuple[float, float, float, float]:
+def remains(fit: PairFit) -> tuple[float, float, float, float]:
     """`left_over`, `colour`, `smoothing` and `streaks` of `Likeness`, from the spectra of residual and prediction."""
     residual, prediction = np.zeros(fit.near.shape), np.full(fit.near.shape, fit.prediction.mean())
     residual[fit.samples.rows, fit.samples.columns] = fit.residual
@@ -156,7 +156,7 @@ def remains(fit: Fit) -> tuple[float, float, float, float]:
     return float(np.sqrt(share)), colour, smoothing, streaks
 
 
-def at_detail(fit: Fit) -> float:
+def at_detail(fit: PairFit) -> float:
     """`detail` of `Likeness`: the quarter of the samples that stand out most from their neighbours, over the quarter
     that does least, once what grows with the light is taken out."""
     prediction = np.full(fit.near.shape, fit.prediction.mean())
@@ -169,7 +169,7 @@ def at_detail(fit: Fit) -> float:
     return float(power[stands_out > high].mean() / power[stands_out < low].mean())
 
 
-def _common(fit: Fit, near: Array32) -> Array32:
+def _common(fit: PairFit, near: Array32) -> Array32:
     """The part of the near photograph that the far one shows too."""
     (x, y), (rows, columns) = fit.near.corner, fit.near.shape
     rim = fit.warp.forward(np.array([[x, y], [x + columns, y], [x + columns, y + rows], [x, y + rows]], dtype=float))

@@ -20,7 +20,7 @@ from procedures.numerics.kernel_tail import tail_kernels
 from procedures.numerics.solvers import cholesky_solve
 from procedures.numerics.warps import inverse
 from procedures.outcome import Refused
-from procedures.two_photo.inter_image import TAIL, Fit
+from procedures.two_photo.inter_image import TAIL, PairFit
 from procedures.two_photo.recursion import gain_of
 
 Array = npt.NDArray[np.float64]
@@ -70,12 +70,12 @@ class Kernel:
         return 1 - float(self.k.sum()) / self.gain
 
 
-def without_near_noise(fit: Fit, near_noise_limit: float) -> Kernel:
+def without_near_noise(fit: PairFit, near_noise_limit: float) -> Kernel:
     """The kernel with the bias that the near photograph's noise gives least squares taken out.
 
     Parameters
     ----------
-    fit : Fit
+    fit : PairFit
     near_noise_limit : float
         Upper limit of the near pixels' noise: what the residual holds beyond it is not noise of a pixel.
 

@@ -30,7 +30,7 @@ TOLERANCE_PX = 1.5  # distance of a match from the homography, in pixels of the 
 
 
 @dataclass(frozen=True)
-class Sighting:
+class PairSighting:
     """How two photographs lie on each other.
 
     Attributes
@@ -60,7 +60,7 @@ class _Features:
     reduction: int
 
 
-def register(a: Array32, b: Array32) -> Sighting:
+def register(a: Array32, b: Array32) -> PairSighting:
     """The order of two photographs and the homography from the far one to the near one.
 
     Small copies are matched first: a near photograph reduced to about the far one's scale gives more and better
@@ -80,7 +80,7 @@ def register(a: Array32, b: Array32) -> Sighting:
     whole = [_reduction(photograph, MOST_PIXELS) for photograph in photographs]
 
     found: dict[tuple[int, int], _Features] = {}
-    best: Sighting | None = None
+    best: PairSighting | None = None
 
     def features(which: int, reduction: int) -> _Features:
         if (which, reduction) not in found:
@@ -137,7 +137,7 @@ def find_features(photograph: npt.NDArray[np.uint8], reduction: int) -> _Feature
     return _Features((points + 0.5) * reduction - 0.5, np.asarray(found, dtype=np.float32), reduction)
 
 
-def _sighted(a: _Features, b: _Features) -> Sighting | None:
+def _sighted(a: _Features, b: _Features) -> PairSighting | None:
     """The sighting that two sets of features support, if they do."""
     p, q = _match(a, b)
     if len(p) < FEWEST:
@@ -156,7 +156,7 @@ def _sighted(a: _Features, b: _Features) -> Sighting | None:
     H_near_far = H if swapped else inverse(H)
     far, near = (p, q) if swapped else (q, p)
     off = cv2.perspectiveTransform(far.reshape(-1, 1, 2), H_near_far).reshape(-1, 2) - near
-    return Sighting(swapped, H_near_far, len(p), float(np.sqrt(np.mean(off**2) / max(zoom, 1 / zoom))))
+    return PairSighting(swapped, H_near_far, len(p), float(np.sqrt(np.mean(off**2) / max(zoom, 1 / zoom))))
 
 
 def _match(a: _Features, b: _Features) -> tuple[Array, Array]:

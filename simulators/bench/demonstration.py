@@ -33,7 +33,7 @@ WHITE_E_PER_S = 1.5e5
 
 
 @dataclass(frozen=True)
-class Setup:
+class Staging:
     """One photograph: where the chart appears in which frame, how large and how turned.
 
     Attributes
@@ -63,11 +63,11 @@ class Setup:
 
 
 SETUPS = (
-    Setup("1-centre-far", "Centre, from far", (0.5, 0.5), 1.0, roll_deg=1.5),
-    Setup("2-centre", "Centre", (0.5, 0.5), 1.6, roll_deg=-2.0, slope=(0.02, 0.01)),
-    Setup("3-edge", "Right edge, tilted", (0.82, 0.5), 1.6, yaw_deg=12.0, roll_deg=4.0, slope=(-0.04, 0.0)),
-    Setup("4-corner", "Top left, tilted", (0.17, 0.23), 1.6, yaw_deg=-8.0, pitch_deg=6.0, slope=(0.05, 0.04)),
-    Setup(
+    Staging("1-centre-far", "Centre, from far", (0.5, 0.5), 1.0, roll_deg=1.5),
+    Staging("2-centre", "Centre", (0.5, 0.5), 1.6, roll_deg=-2.0, slope=(0.02, 0.01)),
+    Staging("3-edge", "Right edge, tilted", (0.82, 0.5), 1.6, yaw_deg=12.0, roll_deg=4.0, slope=(-0.04, 0.0)),
+    Staging("4-corner", "Top left, tilted", (0.17, 0.23), 1.6, yaw_deg=-8.0, pitch_deg=6.0, slope=(0.05, 0.04)),
+    Staging(
         "5-corner-rolled", "Bottom right, rolled", (0.85, 0.8), 1.6,
         rows=2000, columns=3000, pitch_deg=-7.0, roll_deg=-24.0, slope=(-0.03, -0.04),
     ),
@@ -75,7 +75,7 @@ SETUPS = (
 """The photographs of the demonstration, in their order."""
 
 
-def stage(setup: Setup, chart: Chart) -> tuple[SimulatedCamera, Scene]:
+def stage(setup: Staging, chart: Chart) -> tuple[SimulatedCamera, Scene]:
     """The camera, and what stands before it."""
     sensor = Sensor(setup.rows, setup.columns, full_well_e=60000.0, gain_e_per_dn=3.78)
     camera = SimulatedCamera(LENS, sensor, PITCH_UM, OPTICS, WHITE_E_PER_S)
@@ -90,7 +90,7 @@ def stage(setup: Setup, chart: Chart) -> tuple[SimulatedCamera, Scene]:
     return camera, Scene((placed,), light=camera.light_on(placed, setup.slope))
 
 
-def photograph(setup: Setup, chart: Chart, rng: np.random.Generator, path: Path) -> Photograph:
+def photograph(setup: Staging, chart: Chart, rng: np.random.Generator, path: Path) -> Photograph:
     """Expose once and write the DNG."""
     camera, scene = stage(setup, chart)
     return camera.photograph(scene, rng, path, exposure_s=EXPOSURE_S, iso=ISO, bits=14)

@@ -20,7 +20,7 @@ from simulators.camera.truth import ChartTruth
 from simulators.world.projection import Pose as ChartPose
 from simulators.world.projection import Projection
 from simulators.world.scene import Light, PlacedChart, Scene, Wall
-from simulators.world.world import Array, Pose, World
+from simulators.world.world import Array, CameraPoses, World
 
 INSTANTS_PER_S = 480  # of an exposure: modes up to 60 Hz are met eight times a period
 FEWEST, MOST = 8, 96
@@ -61,7 +61,7 @@ def mean_pose(centres: Array, turns: Rotation) -> ChartPose:
     return ChartPose((x, y, z), yaw, pitch, roll)
 
 
-def turning(pose: Pose) -> bool:
+def turning(pose: CameraPoses) -> bool:
     """Whether a camera turns so much that no one path tells how the whole frame is blurred."""
     return max(float(np.ptp(angle)) for angle in (pose.pan_deg, pose.tilt_deg, pose.roll_deg)) > NEGLIGIBLE_DEG
 
@@ -89,7 +89,7 @@ class View:
     sheets: tuple[Sheet, ...] = ()
     taken: list[Photograph] = field(default_factory=list)
 
-    def chart_seen(self, pose: Pose, behind_mm: float = 0.0) -> tuple[Array, Rotation]:
+    def chart_seen(self, pose: CameraPoses, behind_mm: float = 0.0) -> tuple[Array, Rotation]:
         """The chart's centre in the camera's frame at each instant, (n, 3) mm, and its turn; or what hangs behind."""
         mount = self.mount or Mount()
         middle = {name: (low + high) / 2 for name, (low, high) in self.world.room.travel.items()}
@@ -127,7 +127,7 @@ class View:
         truths = (ChartTruth(projection.pinhole() @ one.to_space(), projection, one.optics) for one in placed)
         return replace(taken, truths=tuple(truths))
 
-    def _placed(self, sheet: Sheet, pose: Pose, camera: SimulatedCamera) -> PlacedSheet:
+    def _placed(self, sheet: Sheet, pose: CameraPoses, camera: SimulatedCamera) -> PlacedSheet:
         """Where a sheet is in the mean, and its blur: by the optics, its distance from the focus, and its path.
 
         Where the camera turns, the path is another everywhere: it is drawn instant by instant.
@@ -139,7 +139,7 @@ class View:
         return replace(placed, optics=replace(camera, optics=placed.optics).optics_at(placed, focus_mm))
 
     def _drawn(
-        self, placed: Sequence[PlacedSheet], pose: Pose, projection: Projection, shape: tuple[int, int],
+        self, placed: Sequence[PlacedSheet], pose: CameraPoses, projection: Projection, shape: tuple[int, int],
         tile: Mapping[tuple[int, int], str],
     ) -> Frame:  # fmt: skip
         if not turning(pose):

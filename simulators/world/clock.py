@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 
-class Source(Protocol):
+class EventSource(Protocol):
     """Something that changes by itself at times it can tell."""
 
     def next_event_s(self) -> float | None:
@@ -42,10 +42,10 @@ class FastClock:
         self.speed = speed
         self._start = time.monotonic()
 
-    def attach(self, source: Source) -> None:
+    def attach(self, source: EventSource) -> None:
         """Sources wake themselves by `real_s`."""
 
-    def detach(self, source: Source) -> None:
+    def detach(self, source: EventSource) -> None:
         """Nothing to forget."""
 
     def now_s(self) -> float:
@@ -87,17 +87,17 @@ class VirtualClock:
         self._now_s = 0.0
         self._one = threading.Lock()
         self._book = threading.Lock()
-        self._sources: list[Source] = []
+        self._sources: list[EventSource] = []
         self._waiters: dict[object, Waiter] = {}
         self._running = 0
         self._own = threading.local()
 
-    def attach(self, source: Source) -> None:
+    def attach(self, source: EventSource) -> None:
         """Let time pass in steps of this source's events too."""
         with self._book:
             self._sources.append(source)
 
-    def detach(self, source: Source) -> None:
+    def detach(self, source: EventSource) -> None:
         """Forget a source."""
         with self._book:
             self._sources.remove(source)
@@ -187,7 +187,7 @@ class VirtualClock:
         with waiter.condition:
             return self._now_s >= waiter.deadline_s or waiter.ready()
 
-    def _jump(self, sources: list[Source]) -> None:
+    def _jump(self, sources: list[EventSource]) -> None:
         with self._book:
             moments = [waiter.deadline_s for waiter in self._waiters.values()]
             moments += [moment for source in sources if (moment := source.next_event_s()) is not None]

@@ -27,7 +27,7 @@ UNIT = np.array([1.0, -1.0, -1.0])
 
 
 @dataclass(frozen=True)
-class Pose:
+class CameraPoses:
     """The camera's place in front of the chart at each of (n,) times, thermal drift and vibration included.
 
     x right, y up, z away from the chart from its plane; pan and tilt as yaw and pitch of the optical axis, to the right
@@ -193,15 +193,15 @@ class World:
 
     # --- where the camera is
 
-    def pose(self, t_s: Array) -> Pose:
+    def pose(self, t_s: Array) -> CameraPoses:
         """The camera's pose at (n,) times."""
         return self._pose(t_s, {name: x for name, (x, _) in self.sway(t_s).items()})
 
-    def _pose(self, t_s: Array, sway: Mapping[str, Array]) -> Pose:
+    def _pose(self, t_s: Array, sway: Mapping[str, Array]) -> CameraPoses:
         place = {name: axis.positions(t_s) for name, axis in self.axes.items()}
         warm = np.array([self.temperature_c(t) for t in t_s.tolist()]) - self.room.ambient_c
         turned = np.degrees(1.0 / self.room.arm_mm)
-        return Pose(
+        return CameraPoses(
             x_mm=place["x_mm"] + sway["x_mm"],
             y_mm=place["y_mm"] + sway["y_mm"] + sway["shock_mm"],
             z_mm=self.room.near_mm + place["z_mm"] * (1 + self.room.expansion_per_c * warm) + sway["z_mm"],

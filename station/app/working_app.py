@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from drivers.interfaces import Condition
     from station.app.mailbox import Desk, Sitting
     from station.app.screens.guide import GuideScreen
-    from station.bench.opening import Bench, Row
+    from station.bench.opening import Bench, DeviceRow
     from station.bench.stage_watch import DeviceState
     from station.guide.workspace import Kept, Lab, Running
 
@@ -53,7 +53,7 @@ class WorkingApp(App[int]):
         self.lab = lab
         self.glyphs = glyphs or glyphs_for(os.environ, sys.stdout.encoding or "")
         self.bench: Bench | None = None
-        self.rows: Sequence[Row] = ()
+        self.rows: Sequence[DeviceRow] = ()
         self._jobs: dict[str, BackgroundJob] = {}
         self._states: Sequence[DeviceState] = ()
         self._bench_words = "opening the bench"

@@ -72,7 +72,7 @@ class PlaneRow:
 
 
 @dataclass(frozen=True)
-class Row:
+class ItemRow:
     """What became of an item, in one line.
 
     Attributes
@@ -129,7 +129,7 @@ def key_of(hashes: Sequence[str], procedure: Procedure, further: Sequence[str] =
     return hashlib.sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()[:KEY_LETTERS]
 
 
-def work(item: Item, job: Job) -> Row:
+def work(item: Item, job: Job) -> ItemRow:
     """Estimate one item and keep its result, or find that this was done; whatever goes wrong is in the row."""
     start = time.perf_counter()
     try:
@@ -139,9 +139,9 @@ def work(item: Item, job: Job) -> Row:
     return replace(row, files=item.files, duration_s=round(time.perf_counter() - start, 3))
 
 
-def _row(item: Item, job: Job) -> Row:
+def _row(item: Item, job: Job) -> ItemRow:
     if item.trouble:
-        return Row(item.files, UNREADABLE, item.trouble, item.remedy)
+        return ItemRow(item.files, UNREADABLE, item.trouble, item.remedy)
     if job.procedure.name == FIELD:  # it reads its photographs one after the other
         contents, hashes = [], [hash_of(path) for path in item.paths]
     else:
@@ -158,7 +158,7 @@ def _row(item: Item, job: Job) -> Row:
 
 def _estimate(
     item: Item, job: Job, contents: Sequence[bytes], hashes: Sequence[str], folder: str, place: ResultFolder
-) -> Row:
+) -> ItemRow:
     start = time.perf_counter()
     try:
         answer = estimate(job.procedure, item.paths, contents, hashes)
@@ -189,7 +189,7 @@ def _write_failure(procedure: Procedure, error: ProcedureError) -> Write:
     return lambda place, head, page: write_refusal(place, refused, head)
 
 
-def _row_of(item: Item, records: Sequence[PlaneResult], hashes: Sequence[str], folder: str) -> Row:
+def _row_of(item: Item, records: Sequence[PlaneResult], hashes: Sequence[str], folder: str) -> ItemRow:
     planes = {record.name: plane_row(record) for record in records}
     name, worst = max(planes.items(), key=lambda one: VERDICTS.index(one[1].verdict))
     reason = f"{name}: {worst.reason}" if worst.reason else ""
@@ -197,7 +197,7 @@ def _row_of(item: Item, records: Sequence[PlaneResult], hashes: Sequence[str], f
     against = "; ".join(
         f"{one.name}: {words}" for one in records if one.specification for words in one.specification.against
     )
-    return Row(
+    return ItemRow(
         item.files, worst.verdict, reason, worst.remedy, hashes, folder, planes, specification=judged, against=against
     )
 
@@ -229,17 +229,19 @@ def plane_row(record: PlaneResult) -> PlaneRow:
     return PlaneRow(str(record.verdict), record.reason, record.remedy, numbers, found["verdict"] or "", found["limits"])
 
 
-def _failure(item: Item, error: Exception) -> Row:
+def _failure(item: Item, error: Exception) -> ItemRow:
     """What an error says about an item: it is no photograph, or cannot be used, or this program fails on it."""
     if isinstance(error, ProcedureError):
         verdict = UNREADABLE if isinstance(error, BadInput | BadParameter) else REFUSED
-        return Row(item.files, verdict, encodable(error.reason), encodable(error.remedy))
+        return ItemRow(item.files, verdict, encodable(error.reason), encodable(error.remedy))
     if isinstance(error, ChangedMeanwhile):
-        return Row(item.files, UNREADABLE, encodable(str(error)), "wait until it is copied, and run the batch again")
+        return ItemRow(
+            item.files, UNREADABLE, encodable(str(error)), "wait until it is copied, and run the batch again"
+        )
     if isinstance(error, MemoryError) or getattr(error, "code", None) == NO_MEMORY:
-        return Row(item.files, LOST, "it takes more memory than an item may take here", MORE_MEMORY)
+        return ItemRow(item.files, LOST, "it takes more memory than an item may take here", MORE_MEMORY)
     reason = f"the program failed on something it did not foresee: {type(error).__name__}: {printable(error)}"
-    return Row(item.files, FAULT, reason, "report it, with the photograph")
+    return ItemRow(item.files, FAULT, reason, "report it, with the photograph")
 
 
 # --- what earlier runs have done ---------------------------------------------------------------------------------
@@ -251,13 +253,13 @@ def finished(out: Path) -> dict[str, str]:
     return {folder.name[-KEY_LETTERS:]: f"{RESULTS}/{folder.name}" for folder in folders}
 
 
-def kept_row(out: Path, folder: str) -> tuple[Row | None, str]:
+def kept_row(out: Path, folder: str) -> tuple[ItemRow | None, str]:
     """The row that a result was kept with; None where it is not what was written, and what is not."""
     if wrong := damage(out / folder):
         return None, f"{', '.join(wrong)} of the result that was there: missing, or not what was written"
     try:
         row = json.loads((out / folder / RECORD).read_text(encoding="utf-8"))["batch"]
         planes = {name: PlaneRow(**plane) for name, plane in row.pop("planes").items()}
-        return Row(**row, planes=planes), ""
+        return ItemRow(**row, planes=planes), ""
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None, f"{RECORD} of the result that was there is not this version's"

@@ -22,7 +22,7 @@ from urllib.parse import quote
 
 from station.batch.allowance import Allowance
 from station.batch.batch_folder import LINES, PAGE, TABLE, check_own, known_hashes, owned, unwritable
-from station.batch.item import JUDGED, LOST, VERDICTS, Job, PlaneRow, Row, work
+from station.batch.item import JUDGED, LOST, VERDICTS, ItemRow, Job, PlaneRow, work
 from station.batch.procedure_file import EDGE, RESTORE, Procedure
 from station.batch.process_pool import Lost, Stop, run_in_processes
 from station.calibration.folder_photographs import Item
@@ -61,7 +61,7 @@ NOTED = (
     ("focus_distance [mm]", "focus_distance_mm"),
 )  # fmt: skip
 """Headings of what the camera noted, and its names in a row."""
-Work = Callable[[Item, Job], Row]
+Work = Callable[[Item, Job], ItemRow]
 Tls = tuple[Path, Path, Path] | None
 
 
@@ -70,7 +70,7 @@ class Batch:
     """What became of the items, in their order; `undone` were not begun before the batch was stopped."""
 
     job: Job
-    rows: tuple[Row, ...]
+    rows: tuple[ItemRow, ...]
     undone: int
     duration_s: float
 
@@ -87,7 +87,7 @@ class Batch:
         return {verdict: counted[verdict] for verdict in JUDGED[1:] if counted[verdict]}
 
     @property
-    def failed(self) -> tuple[Row, ...]:
+    def failed(self) -> tuple[ItemRow, ...]:
         """The items that are not usable."""
         return tuple(row for row in self.rows if not row.usable)
 
@@ -101,7 +101,7 @@ def run_batch(
     allowance: Allowance | None = None,
     tls: Tls = None,
     stop: Stop | None = None,
-    heard: Callable[[Row], None] = lambda row: None,
+    heard: Callable[[ItemRow], None] = lambda row: None,
     function: Work = work,
     force: bool = False,
 ) -> tuple[Batch, str]:
@@ -132,7 +132,7 @@ def run_batch(
         If the folder cannot be written, holds somebody else's files, or there is no such cluster.
     """
     start, stop = time.perf_counter(), stop or Stop()
-    rows: dict[int, Row] = {}
+    rows: dict[int, ItemRow] = {}
     if not force:
         check_own(job.out)
     with owned(job.out), _lines(job.out) as tell:
@@ -157,7 +157,7 @@ def _answers(
     tls: Tls,
     stop: Stop,
     function: Work,
-) -> Generator[tuple[int, Row | Lost], None, None]:
+) -> Generator[tuple[int, ItemRow | Lost], None, None]:
     jobs = min(jobs, len(items))
     allowance = allowance or Allowance.fair(jobs)
     if cluster is None:
@@ -167,21 +167,21 @@ def _answers(
     return run_on_cluster(function, job, items, jobs, stop, cluster, allowance, tls)
 
 
-def _lost(item: Item, lost: Lost) -> Row:
+def _lost(item: Item, lost: Lost) -> ItemRow:
     remedy = "look at this photograph by itself; if the system ran out of memory, use fewer --jobs"
-    return Row(item.files, LOST, lost.reason, remedy)
+    return ItemRow(item.files, LOST, lost.reason, remedy)
 
 
 # --- the batch's folder ------------------------------------------------------------------------------------------
 
 
 @contextmanager
-def _lines(out: Path) -> Iterator[Callable[[Row], None]]:
+def _lines(out: Path) -> Iterator[Callable[[ItemRow], None]]:
     """Writes a line for each row, at once."""
     try:
         with (out / LINES).open("w", encoding="utf-8") as file:
 
-            def tell(row: Row) -> None:
+            def tell(row: ItemRow) -> None:
                 file.write(_line(row))
                 file.flush()
 
@@ -190,7 +190,7 @@ def _lines(out: Path) -> Iterator[Callable[[Row], None]]:
         raise unwritable(out, error) from error
 
 
-def _line(row: Row) -> str:
+def _line(row: ItemRow) -> str:
     return json.dumps(plain(asdict(row)), ensure_ascii=False, allow_nan=False) + "\n"
 
 
@@ -271,7 +271,7 @@ def _record(batch: Batch) -> dict[str, Any]:
     }
 
 
-def statistics(rows: Sequence[Row], numbers: Sequence[str] = STATISTICS) -> dict[str, dict[str, Any]]:
+def statistics(rows: Sequence[ItemRow], numbers: Sequence[str] = STATISTICS) -> dict[str, dict[str, Any]]:
     """Of every plane how many are of each verdict, and the median, least and greatest of some numbers."""
     found: dict[str, dict[str, Any]] = {}
     for name in sorted({name for row in rows for name in row.planes}):
@@ -286,7 +286,7 @@ def statistics(rows: Sequence[Row], numbers: Sequence[str] = STATISTICS) -> dict
     return found
 
 
-def _table(rows: Sequence[Row]) -> bytes:
+def _table(rows: Sequence[ItemRow]) -> bytes:
     """One line for each plane, or for the item where it has none; headings tell units; no cell is a formula."""
     planes = [(row, name, plane) for row in rows for name, plane in _planes(row)]
     units = {name: one.get("unit", "") for _, _, plane in planes if plane for name, one in plane.numbers.items()}
@@ -314,7 +314,7 @@ def _against(plane: PlaneRow) -> str:
     return "; ".join(str(one["words"]) for one in plane.limits if one["verdict"] != "meets")
 
 
-def _planes(row: Row) -> list[tuple[str, PlaneRow | None]]:
+def _planes(row: ItemRow) -> list[tuple[str, PlaneRow | None]]:
     return [*row.planes.items()] or [("", None)]
 
 

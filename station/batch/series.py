@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from station.batch.item import USABLE, Row
-from station.calibration.series import PAGE, TABLE, Best, Point, Setting, best_apertures, series_table, together
+from station.batch.item import USABLE, ItemRow
+from station.calibration.series import PAGE, TABLE, Best, Point, SeriesSetting, best_apertures, series_table, together
 from station.common.atomic_files import write_whole
 from station.common.sanitise import printable
 
@@ -21,11 +21,11 @@ ONE = {"camera": "cameras", "lens": "lenses", "focal_length_mm": "focal lengths"
 """What a series has one of."""
 
 
-def points_of(rows: Sequence[Row]) -> list[Point]:
+def points_of(rows: Sequence[ItemRow]) -> list[Point]:
     """Every number of every plane at every setting, in their order; what gave no measurement is left out."""
-    found: dict[tuple[str, str, Setting], list[tuple[float, float, str]]] = {}
+    found: dict[tuple[str, str, SeriesSetting], list[tuple[float, float, str]]] = {}
     for row in rows:
-        setting = Setting(*(_number(row.noted.get(key)) for key in ("f_number", "focus_distance_mm", "iso")))
+        setting = SeriesSetting(*(_number(row.noted.get(key)) for key in ("f_number", "focus_distance_mm", "iso")))
         for plane, one in row.planes.items():
             for number, parts in NUMBERS.items() if one.verdict in USABLE else ():
                 if all(part in one.numbers for part in parts):
@@ -35,12 +35,12 @@ def points_of(rows: Sequence[Row]) -> list[Point]:
     return sorted(points, key=_order)
 
 
-def best_of(rows: Sequence[Row]) -> list[Best]:
+def best_of(rows: Sequence[ItemRow]) -> list[Best]:
     """The best aperture of each plane, where there are several."""
     return best_apertures(points_of(rows))
 
 
-def several(rows: Sequence[Row]) -> list[str]:
+def several(rows: Sequence[ItemRow]) -> list[str]:
     """What differs among photographs that should be of one lens on one camera from one mounting, in sentences."""
     found = []
     for key, words in ONE.items():
@@ -50,7 +50,7 @@ def several(rows: Sequence[Row]) -> list[str]:
     return found
 
 
-def write_series(out: Path, rows: Sequence[Row]) -> list[Path]:
+def write_series(out: Path, rows: Sequence[ItemRow]) -> list[Path]:
     """Write a series' table and page into its folder; returns their paths."""
     from station.reports.batches.series_page import series_page  # here: it draws, which is slow to load
 

@@ -46,7 +46,7 @@ from procedures.reading.text import parse_toml, read_text
 from station.bench.device_check import TableCheck
 from station.bench.device_makers import MAKERS, Parts
 from station.bench.motions import Motions
-from station.bench.stopping import Asked, Stop, stop_all, stops_on_wires
+from station.bench.stopping import Asked, StopRequest, stop_all, stops_on_wires
 from station.bench.surroundings import SimulatedSurroundings, Surroundings
 from station.common.toml_lines import key_lines
 
@@ -54,7 +54,7 @@ AFTER = ("on", "shutter", "box")  # keys that name a device which must be there 
 
 
 @dataclass(frozen=True)
-class Row:
+class DeviceRow:
     """One device as `station devices` shows it: what answered and how it is, or what is wrong."""
 
     name: str
@@ -89,17 +89,17 @@ class Bench:
         if failures:
             raise NotConnected(failures)
 
-    def rows(self) -> list[Row]:
+    def rows(self) -> list[DeviceRow]:
         """Each device after an attempt to connect it."""
         return [self._row(name) for name in self.devices]
 
-    def _row(self, name: str) -> Row:
+    def _row(self, name: str) -> DeviceRow:
         device, driver = self.devices[name], self.drivers[name]
         try:
             self.identities[name] = identity = device.connect()
         except DeviceError as error:
-            return Row(name, driver, device.address, None, device.condition(), error)
-        return Row(name, driver, device.address, identity, device.condition())
+            return DeviceRow(name, driver, device.address, None, device.condition(), error)
+        return DeviceRow(name, driver, device.address, identity, device.condition())
 
     def _find(self, name: str) -> Device:
         if name not in self.devices:
@@ -163,7 +163,7 @@ class Bench:
         """How many emergency stops there were."""
         return len(self._stops)
 
-    def stops_since(self, number: int) -> list[Stop]:
+    def stops_since(self, number: int) -> list[StopRequest]:
         """The emergency stops after the first `number`, and when each was on which wire."""
         return stops_on_wires(self._stops[number:], self.transcripts)
 

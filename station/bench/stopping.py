@@ -23,7 +23,7 @@ class Asked:
 
 
 @dataclass(frozen=True)
-class Stop:
+class StopRequest:
     """One stop of the bench: when it was asked for, and when the stop bytes were on each wire; None: not yet."""
 
     asked_s: float
@@ -53,14 +53,14 @@ def _begin(thread: threading.Thread) -> bool:
     return True
 
 
-def stops_on_wires(asked: Sequence[Asked], transcripts: Mapping[str, Transcript]) -> list[Stop]:
+def stops_on_wires(asked: Sequence[Asked], transcripts: Mapping[str, Transcript]) -> list[StopRequest]:
     """These stops, once they are done, with when each wire took its bytes; wires that were told nothing are left out.
 
     The port of a wire that refused the bytes has None.
     """
     for stop in asked:
         stop.done.wait(2 * PATIENCE_S)
-    return [Stop(stop.at_s, _sent(stop.at_s, transcripts)) for stop in asked]
+    return [StopRequest(stop.at_s, _sent(stop.at_s, transcripts)) for stop in asked]
 
 
 def _sent(since_s: float, transcripts: Mapping[str, Transcript]) -> dict[str, float | None]:

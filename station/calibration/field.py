@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from procedures.field.conclusion import FieldResult, Limit, PlaneField
-from procedures.field.measuring import Measured
+from procedures.field.measuring import MeasuredFrames
 from procedures.outcome import Outcome
 from station.calibration.field_spots import field_spots
 from station.results.limits import Place
@@ -26,7 +26,7 @@ def centre_result(name: str, outcome: Outcome[PlaneField], pitch: int = 1) -> Pl
     )  # fmt: skip
 
 
-def field_pixels(measured: Measured, pitch_um: float | None = None) -> dict[str, Pixels]:
+def field_pixels(measured: MeasuredFrames, pitch_um: float | None = None) -> dict[str, Pixels]:
     """What the frequencies of every plane are counted in; a pitch that is given counts before the camera's own."""
     known = pitch_um or next((one.exposure.pixel_pitch_um for one in measured.exposures), None)
     return {name: Pixels(one.pitch, known, min(one.samples.shape)) for name, one in measured.planes.items()}

@@ -39,7 +39,7 @@ class ViewRecord:
 
 
 @dataclass(frozen=True, eq=False)
-class Shoot:
+class GeometryPhotographs:
     """All photographs, measured.
 
     Attributes
@@ -73,7 +73,7 @@ class _Measured:
 
 def measure_views(
     paths: Sequence[Path], plane: str | None, chart: Chart, layout: DumpLayout | None = None, told: Progress = silent
-) -> Shoot:
+) -> GeometryPhotographs:
     """The charts of all photographs, several at a time; one that fails is named, and the rest goes on.
 
     Parameters
@@ -122,7 +122,7 @@ def _size(frame: RawFrame, name: str) -> tuple[int, int]:
     return columns * plane.pitch, rows * plane.pitch
 
 
-def _together(found: Sequence[_Measured]) -> Shoot:
+def _together(found: Sequence[_Measured]) -> GeometryPhotographs:
     read = [one for one in found if one.plane]
     if not read:
         first = found[0].record
@@ -134,10 +134,10 @@ def _together(found: Sequence[_Measured]) -> Shoot:
             f"photographs of one camera have one size and one plane; got {differing}",
             "give the photographs of one camera and one lens, all as RAW or all as grey images",
         )
-    return Shoot(read[0].plane, read[0].size, tuple(one.record for one in found))
+    return GeometryPhotographs(read[0].plane, read[0].size, tuple(one.record for one in found))
 
 
-def conclude(shoot: Shoot, parameters: GeometryParameters) -> Outcome[Geometry]:
+def conclude(shoot: GeometryPhotographs, parameters: GeometryParameters) -> Outcome[Geometry]:
     """The camera of a shoot, or why it has none; photographs that were left out are told in a doubt or refusal."""
     found = calibrate_geometry(shoot.views, shoot.size, parameters)
     missed = shoot.missed

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from procedures.sensor.estimate import Pattern, SensorResult, sensor_model
 from procedures.sensor.general import input_snr
-from procedures.sensor.measured import Measured
+from procedures.sensor.measured import IntervalNumber
 from procedures.sensor.noise import linear_snr, total_snr
 from station.calibration.sensor import SensorFiles, SensorPlane
 from station.results.exports import csv_bytes
@@ -191,7 +191,7 @@ def summary_xml(found: SensorFiles) -> bytes:
     return data + b"\n"
 
 
-def _add_section(parent: ElementTree.Element, name: str, numbers: Mapping[str, Measured]) -> None:
+def _add_section(parent: ElementTree.Element, name: str, numbers: Mapping[str, IntervalNumber]) -> None:
     section = ElementTree.SubElement(parent, name)
     for quantity, one in numbers.items():
         item = ElementTree.SubElement(section, quantity)

@@ -22,7 +22,7 @@ DRAWS, SEED = 20_000, 1
 
 
 @dataclass(frozen=True)
-class Setting:
+class SeriesSetting:
     """What was set: None where the camera noted nothing."""
 
     f_number: float | None
@@ -36,7 +36,7 @@ class Point:
 
     plane: str
     number: str
-    setting: Setting
+    setting: SeriesSetting
     value: float
     uncertainty: float
     unit: str

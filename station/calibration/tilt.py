@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from procedures.field.measuring import Measured
+from procedures.field.measuring import MeasuredFrames
 from procedures.outcome import BadParameter, Outcome, Refused, Verdict
 from procedures.psf_field import Node
 from procedures.reading.exposure import read_exposure
@@ -25,7 +25,7 @@ PAGE = "report.html"
 
 
 def measure_tilt(
-    measured: Measured, plane: str, positions: Mapping[str, float], parameters: TiltParameters
+    measured: MeasuredFrames, plane: str, positions: Mapping[str, float], parameters: TiltParameters
 ) -> Outcome[Tilt]:
     """The tilt from the nodes of all photographs whose position is known; refused where none gave any.
 
@@ -68,7 +68,7 @@ def check_known(parameters: TiltParameters, positions: Mapping[str, float]) -> N
 
 def write_tilt_result(
     folder: ResultFolder,
-    measured: Measured,
+    measured: MeasuredFrames,
     plane: str,
     outcome: Outcome[Tilt],
     *,

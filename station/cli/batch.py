@@ -20,7 +20,7 @@ from station.drawing.colours import TERMINAL_COLOURS
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from station.batch.item import Row
+    from station.batch.item import ItemRow
     from station.batch.procedure_file import Procedure
     from station.batch.run import Batch
     from station.calibration.folder_photographs import Item
@@ -182,7 +182,7 @@ def _stopped(out: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _heard(total: int) -> Iterator[Callable[[Row], None]]:
+def _heard(total: int) -> Iterator[Callable[[ItemRow], None]]:
     """Tells every row as it comes, with rate and time left: a bar where a person watches, lines otherwise."""
     import time
 
@@ -190,7 +190,7 @@ def _heard(total: int) -> Iterator[Callable[[Row], None]]:
 
     pace = Pace(total, time.monotonic)
 
-    def tell(row: Row) -> None:
+    def tell(row: ItemRow) -> None:
         left = pace.step()
         level = "info" if row.sure else "warning"
         words = f"{pace.done} of {total}, {left}: {_sentence(row)}"
@@ -206,7 +206,7 @@ def _heard(total: int) -> Iterator[Callable[[Row], None]]:
         yield tell
 
 
-def _sentence(row: Row) -> str:
+def _sentence(row: ItemRow) -> str:
     from station.common.sanitise import printable
     from station.results.verdict_words import measurement_words, specification_words
 

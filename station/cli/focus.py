@@ -17,7 +17,7 @@ from station.cli.terminal.numbers import SEED
 from station.common.errors import REFUSED
 
 if TYPE_CHECKING:
-    from station.guide.focus.live import FocusSeen, Frame, Source
+    from station.guide.focus.live import FocusSeen, LiveFrame, PhotographSource
 
 BAR = 30
 """Characters of the bar of the sharpest."""
@@ -60,11 +60,11 @@ def focus(
     if k % 2 == 0:
         raise click.UsageError(f"k must be odd; got {k}")
     from procedures.pattern_psf.estimate import PatternParameters
-    from station.guide.focus.live import LiveFocus, Source
+    from station.guide.focus.live import LiveFocus, PhotographSource
 
     ended = threading.Event()
     live = LiveFocus(chart_source(bits, seed).chart, PatternParameters(s, k, chosen=True), equal_steps)
-    source = Source(ended.is_set, plane)
+    source = PhotographSource(ended.is_set, plane)
     seen = None
     with _frames(source, ended, folder, config, simulated_seed) as coming:
         for frame in coming:
@@ -80,8 +80,8 @@ def focus(
 
 @contextmanager
 def _frames(
-    source: Source, ended: threading.Event, folder: Path | None, config: Path | None, seed: int
-) -> Iterator[Iterator[Frame]]:
+    source: PhotographSource, ended: threading.Event, folder: Path | None, config: Path | None, seed: int
+) -> Iterator[Iterator[LiveFrame]]:
     """The photographs; within, Ctrl-C ends them, after the one that is at work."""
     from station.bench.opening import make_bench, read_config, simulated_bench
     from station.common.leftovers import temporary_folder

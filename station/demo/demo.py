@@ -16,7 +16,7 @@ from procedures.pattern_print.sheet import Size
 from procedures.pattern_print.source import Source
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.raw import RawFrame, read_frame
-from simulators.bench.demonstration import PITCH_UM, SETUPS, Setup, photograph
+from simulators.bench.demonstration import PITCH_UM, SETUPS, Staging, photograph
 from simulators.camera.camera import Photograph
 from station.calibration.planes import calibrate, diffraction_limit
 from station.common.progress import Progress, silent
@@ -32,13 +32,13 @@ STEPS_PER_PHOTOGRAPH = 5
 """The photograph, then its four planes."""
 
 
-def steps(setups: tuple[Setup, ...] = SETUPS) -> int:
+def steps(setups: tuple[Staging, ...] = SETUPS) -> int:
     """How many steps of progress a demonstration reports: also the chart and the page."""
     return STEPS_PER_PHOTOGRAPH * len(setups) + 2
 
 
 def run_demo(
-    out: Path, seed: int = 1, *, setups: tuple[Setup, ...] = SETUPS, progress: Progress = silent
+    out: Path, seed: int = 1, *, setups: tuple[Staging, ...] = SETUPS, progress: Progress = silent
 ) -> tuple[Demonstration, str]:
     """Print, photograph, read, estimate, compare, report; returns what was found, and the record's text.
 
@@ -73,7 +73,7 @@ def _page(found: Demonstration) -> str:
 
 def _shoot(
     root: Path,
-    setup: Setup,
+    setup: Staging,
     chart: Source,
     parameters: PatternParameters,
     rng: np.random.Generator,
@@ -103,7 +103,7 @@ def _check(
     truth: Photograph,
     chart: Source,
     parameters: PatternParameters,
-    setup: Setup,
+    setup: Staging,
     progress: Progress,
 ) -> Iterator[ComparedPlane]:
     """Every plane estimated from the file, and compared with the PSF that made it."""

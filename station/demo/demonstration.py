@@ -12,7 +12,7 @@ from procedures.outcome import Verdict
 from procedures.pattern_print.source import Source
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.raw import RawFrame
-from simulators.bench.demonstration import Setup
+from simulators.bench.demonstration import Staging
 from station.demo.truth_comparison import TruthComparison
 from station.results.plane_result import PlaneResult
 
@@ -40,7 +40,7 @@ class DemoPhotograph:
         Of the DNG, from the demonstration's folder.
     """
 
-    setup: Setup
+    setup: Staging
     path: Path
     frame: RawFrame
     planes: tuple[ComparedPlane, ...]

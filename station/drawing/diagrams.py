@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from procedures.plan import Diagram
-from station.drawing.terminal_plots import Curve, Frame, plot
+from station.drawing.terminal_plots import TerminalCurve, TerminalFrame, plot
 
 Plotted = Callable[[int, int, bool], list[str]]
 """Lines of so many characters, so many of them, in ASCII or not."""
@@ -22,8 +22,8 @@ WIDTH, HEIGHT = 64, 11
 def drawn(diagram: Diagram, width: int, height: int, ascii: bool) -> list[str]:
     """The curve alone, from zero up."""
     x, y = np.array(diagram.x), np.array(diagram.y)
-    frame = Frame((float(x[0]), float(x[-1])), (0.0, 1.05 * float(y.max())), diagram.label)
-    return plot([Curve(x, y), Curve(x, y, letter="o", points=True)], frame, width, height, ascii=ascii)
+    frame = TerminalFrame((float(x[0]), float(x[-1])), (0.0, 1.05 * float(y.max())), diagram.label)
+    return plot([TerminalCurve(x, y), TerminalCurve(x, y, letter="o", points=True)], frame, width, height, ascii=ascii)
 
 
 def trend(places: Sequence[float], scores: Sequence[float], label: str, best: float | None = None) -> Plotted:
@@ -34,10 +34,10 @@ def trend(places: Sequence[float], scores: Sequence[float], label: str, best: fl
     low, top = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
     room = MARGIN * (top - low) or MARGIN
     span = (float(x[0]), float(x[-1])) if x[-1] > x[0] else (float(x[0]) - 1, float(x[0]) + 1)
-    curves = [Curve(x, y), Curve(x, y, letter="o", points=True)]
+    curves = [TerminalCurve(x, y), TerminalCurve(x, y, letter="o", points=True)]
     if best is not None:
-        curves.append(Curve(np.array(span), np.full(2, best), letter="-", dashed=True))
-    return partial(plot, curves, Frame(span, (low - room, top + room), label))
+        curves.append(TerminalCurve(np.array(span), np.full(2, best), letter="-", dashed=True))
+    return partial(plot, curves, TerminalFrame(span, (low - room, top + room), label))
 
 
 def diagram_lines(diagram: Diagram, *, ascii: bool) -> list[str]:

@@ -20,7 +20,7 @@ DASH = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class TerminalCurve:
     """y over x, both (n,), x rising; `band` is the half-width of its error band; NaN leaves a gap.
 
     `letter` draws it where there are no dots; dashed curves are told apart from solid ones without colour.
@@ -35,7 +35,7 @@ class Curve:
 
 
 @dataclass(frozen=True)
-class Frame:
+class TerminalFrame:
     """The ranges shown, and the words below."""
 
     x: tuple[float, float]
@@ -43,7 +43,9 @@ class Frame:
     label: str = ""
 
 
-def plot(curves: Sequence[Curve], frame: Frame, width: int, height: int, ascii: bool = False) -> list[str]:
+def plot(
+    curves: Sequence[TerminalCurve], frame: TerminalFrame, width: int, height: int, ascii: bool = False
+) -> list[str]:
     """`height` lines of at most `width` characters: the curves, the ends of both axes, and the label."""
     canvas = _Canvas(max(1, width - GUTTER), max(1, height - 1), 1 if ascii else 2, 1 if ascii else 4)
     for curve in curves:
@@ -79,7 +81,7 @@ class _Canvas:
         return ["".join(chr(BRAILLE + code) if code else " " for code in row) for row in codes]
 
 
-def _draw(canvas: _Canvas, curve: Curve, frame: Frame) -> None:
+def _draw(canvas: _Canvas, curve: TerminalCurve, frame: TerminalFrame) -> None:
     known = np.isfinite(curve.y)
     if not known.any():
         return
@@ -95,7 +97,7 @@ def _draw(canvas: _Canvas, curve: Curve, frame: Frame) -> None:
     _trace(canvas, x, y, frame, letter=curve.letter, every=DASH if curve.dashed else 0)
 
 
-def _trace(canvas: _Canvas, x: Array, y: Array, frame: Frame, *, letter: str, every: int) -> None:
+def _trace(canvas: _Canvas, x: Array, y: Array, frame: TerminalFrame, *, letter: str, every: int) -> None:
     """A line from column to column, filled where it is steep; `every` n columns, half are left out."""
     first, last = _columns(canvas, np.array([x[0], x[-1]]), frame)
     columns = np.arange(max(first, 0), min(last, canvas.dots.shape[1] - 1) + 1)
@@ -113,12 +115,12 @@ def _trace(canvas: _Canvas, x: Array, y: Array, frame: Frame, *, letter: str, ev
         before = row
 
 
-def _columns(canvas: _Canvas, x: Array, frame: Frame) -> Cells:
+def _columns(canvas: _Canvas, x: Array, frame: TerminalFrame) -> Cells:
     low, high = frame.x
     return _placed((x - low) / ((high - low) or 1.0), canvas.dots.shape[1])
 
 
-def _rows(canvas: _Canvas, y: Array, frame: Frame) -> Cells:
+def _rows(canvas: _Canvas, y: Array, frame: TerminalFrame) -> Cells:
     low, high = frame.y
     with np.errstate(over="ignore"):
         return _placed((high - y) / ((high - low) or 1.0), canvas.dots.shape[0])

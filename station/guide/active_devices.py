@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, cast
 
 from drivers.errors import Alarm, DeviceError, EmergencyStopped, Held, LineLost, NoAnswer, NotHomed, WasReset
-from drivers.interfaces import CameraSettings, Doubt, Exposure, Imu, ShakePath, Travel
+from drivers.interfaces import CameraSettings, Doubt, ExposedFile, Imu, ShakePath, Travel
 from procedures.plan import HAS_SHAKER, Fact, Shake
 
 if TYPE_CHECKING:
     from station.bench.motions import Motions
     from station.bench.opening import Bench
-    from station.bench.stopping import Stop
+    from station.bench.stopping import StopRequest
 
 POSITION_LOST = (Alarm, WasReset, NotHomed, EmergencyStopped)
 LINE_TROUBLE = (NoAnswer, LineLost, Alarm, WasReset)
@@ -276,10 +276,10 @@ class Rig:
         with self._using("camera") as camera:
             camera.configure(CameraSettings(exposure_s=exposure_s))
 
-    def expose(self) -> Exposure:
+    def expose(self) -> ExposedFile:
         """One photograph by the bench's camera. Raises DeviceError."""
         with self._using("camera") as camera:
-            exposure: Exposure = camera.expose()
+            exposure: ExposedFile = camera.expose()
             return exposure
 
     # --- what is so now
@@ -318,7 +318,7 @@ class Rig:
         if self.bench is not None:
             self.bench.check_stops(self._stops)
 
-    def stops(self) -> list[Stop]:
+    def stops(self) -> list[StopRequest]:
         """The emergency stops since this rig was made."""
         return self.bench.stops_since(self._stops) if self.bench is not None else []
 

@@ -21,7 +21,7 @@ REMEDY = "give the numbers anew, or insist that they are right"
 
 
 @dataclass
-class Progress:
+class LookProgress:
     """Whether looks get better: of one kind of reading, how far it was off its tolerance at each look in a row."""
 
     name: str = ""

@@ -7,7 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
 from drivers.errors import DeviceError, EmergencyStopped
-from drivers.interfaces import Exposure, ImuBlock, ShakePath
+from drivers.interfaces import ExposedFile, ImuBlock, ShakePath
 from procedures.plan import Facts, Shake
 from procedures.raw import RawFrame, read_frame
 from station.guide.active_devices import Rig, Snapshot
@@ -17,7 +17,7 @@ from station.guide.vibration import Patience, Settling, Tremor, Unrest
 
 if TYPE_CHECKING:
     from drivers.clock import Clock
-    from station.sessions.session import Session, Shot
+    from station.sessions.session import Session, SessionShot
 
 
 MOTION_HZ = 200.0
@@ -32,7 +32,7 @@ LONGEST_OPEN_S = 2.0
 class Photographer(Protocol):
     """What answers a request with a file: the bench's camera, or the operator."""
 
-    def expose(self) -> Exposure:
+    def expose(self) -> ExposedFile:
         """One photograph. Raises DeviceError."""
         ...
 
@@ -41,7 +41,7 @@ class Photographer(Protocol):
 class Taken:
     """A photograph that is in the session: its entry there, its planes, and the facts of its moment."""
 
-    shot: Shot
+    shot: SessionShot
     frame: RawFrame
     facts: Facts
 
@@ -87,12 +87,14 @@ class Exposer:
             self._talk.hear(Trouble(error.reason, f"going on without the IMU; {error.remedy}"))
             return self.settling.wait()
 
-    def _kept(self, purpose: str, step: str, tremor: Tremor | None, *, moving: bool, shake: Shake | None) -> Shot:
+    def _kept(
+        self, purpose: str, step: str, tremor: Tremor | None, *, moving: bool, shake: Shake | None
+    ) -> SessionShot:
         """Expose, and take the file in; a full disk lets the file wait where the camera put it."""
         number = self._talk.attempt(lambda: self._session.expect(step, purpose))
         kept: dict[str, Any] = {}
 
-        def expose() -> Exposure:
+        def expose() -> ExposedFile:
             known = set(self._rig.silent)
             snapshot = self._rig.snapshot()
             for name in set(snapshot.silent) - known:
@@ -116,7 +118,7 @@ class Exposer:
         adopt = partial(self._session.adopt, exposure, step=step, purpose=purpose, snapshot=kept)
         return self._talk.attempt(adopt, always=True)
 
-    def _moved(self, shake: Shake | None) -> tuple[Exposure, dict[str, Any]]:
+    def _moved(self, shake: Shake | None) -> tuple[ExposedFile, dict[str, Any]]:
         """One photograph while the rig moves, and what is known of that."""
         path = None if shake is None else self._rig.start_shaking(shake)
         if path is None:
@@ -144,7 +146,7 @@ class Exposer:
         except DeviceError as error:
             self._talk.hear(Trouble(error.reason, error.remedy))
 
-    def _felt(self) -> tuple[Exposure, ImuBlock | None]:
+    def _felt(self) -> tuple[ExposedFile, ImuBlock | None]:
         """One photograph, and what the IMU felt meanwhile; None where there is none, or it fails."""
         imu = self._rig.imu
         try:
@@ -167,7 +169,7 @@ class Exposer:
         return exposure, block
 
 
-def motion_record(exposure: Exposure, block: ImuBlock | None) -> dict[str, Any]:
+def motion_record(exposure: ExposedFile, block: ImuBlock | None) -> dict[str, Any]:
     """What the session keeps of the IMU: its samples about the time the shutter was open, by the host's clock."""
     if block is None or not len(block.host_s):
         return {}
@@ -193,7 +195,7 @@ def record(snapshot: Snapshot, tremor: Tremor | None) -> dict[str, Any]:
     return kept
 
 
-def shot_facts(shot: Shot) -> Facts:
+def shot_facts(shot: SessionShot) -> Facts:
     """The facts of a photograph's moment, from what the session kept of it."""
     axes = {f"at_{name}": float(value) for name, value in shot.snapshot.get("axes", {}).items()}
     others = {name: value for name, value in shot.snapshot.items() if isinstance(value, int | float)}

@@ -9,7 +9,7 @@ from pathlib import Path
 from drivers.clock import Clock
 from drivers.errors import FrameMissing
 from drivers.frames import RAW_SUFFIXES, sha256_of
-from drivers.interfaces import CameraSettings, Exposure
+from drivers.interfaces import CameraSettings, ExposedFile
 from procedures.plan import Ask, Fact
 
 SUFFIXES = RAW_SUFFIXES | {".tif", ".tiff", ".png", ".pgm"}
@@ -46,7 +46,7 @@ class HandCamera:
         if self.folder == before:
             self._known = known  # what came late is what was photographed
 
-    def expose(self) -> Exposure:
+    def expose(self) -> ExposedFile:
         """The photograph that the operator takes now. Raises FrameMissing."""
         if self._missed:
             self._correct_folder()
@@ -61,4 +61,6 @@ class HandCamera:
             )
         path = new[0]  # one at a time: what came besides is the next one
         self._known.add(path)
-        return Exposure(path, sha256_of(path), path.stat().st_size, CameraSettings(), requested_s, self._clock.now_s())
+        return ExposedFile(
+            path, sha256_of(path), path.stat().st_size, CameraSettings(), requested_s, self._clock.now_s()
+        )

@@ -7,16 +7,16 @@ from dataclasses import dataclass, field, replace
 
 from procedures.advice import time_words
 from procedures.outcome import Verdict
-from procedures.plan import Advice, Ask, Go, Known, Look, Outcomes, Scan, Shoot, Stop, Tour
+from procedures.plan import Advice, Ask, Go, Known, Look, Outcomes, Scan, Shoot, Tour, TourStop
 from procedures.raw import RawFrame, read_frame
 from station.guide.active_devices import AT, Rig
 from station.guide.consent import Consent, in_words, label
-from station.guide.contradictions import Progress, resolve
+from station.guide.contradictions import LookProgress, resolve
 from station.guide.dialogue import AGAIN, STOP, Conversation, Skipped
 from station.guide.exposure import Exposer, Taken, shot_facts
 from station.guide.frontend import CurveSeen, Doing, Seen, Stopped
 from station.sessions.compute_environment import same_bits
-from station.sessions.session import Session, Shot
+from station.sessions.session import Session, SessionShot
 
 EXPOSURE = "exposure_ev"
 LOOK_AGAIN, GO_ON = "look again", "go on"
@@ -57,7 +57,7 @@ class Watching:
         self._consent = consent
         self.step = ""
         self.asks: Mapping[str, Ask] = {}
-        self._progress = Progress()
+        self._progress = LookProgress()
 
     def moved(self) -> None:
         """Something moved: keep where it is and how far it can go, and let it settle."""
@@ -68,7 +68,7 @@ class Watching:
 
     def look(self, look: Look) -> None:
         """Look and mend until the check is content, or the operator is. Raises Skipped, Stopped."""
-        progress = Progress()
+        progress = LookProgress()
         while not any(self._look_once(look, progress) for _ in range(look.tries)):
             question = f"After {look.tries} looks it is not as it should be. Look again, or go on with it as it is?"
             answer = self._talk.choose("look", question, (LOOK_AGAIN, GO_ON, STOP))
@@ -77,7 +77,7 @@ class Watching:
             if answer == GO_ON:
                 return
 
-    def _look_once(self, look: Look, progress: Progress) -> bool:
+    def _look_once(self, look: Look, progress: LookProgress) -> bool:
         taken = self._exposer.take(look.purpose, self.step)
         advice = self._talk.attempt(lambda: look.check(taken.frame, taken.facts))
         self._session.judge(taken.shot, False, "a trial" if advice.good else advice.say)
@@ -175,7 +175,7 @@ class Watching:
     def shoot(self, shoot: Shoot) -> None:
         """Shots until they are enough; those that an interrupted run took are looked at first. Raises Stopped."""
         results: list[Outcomes] = []
-        self._progress = Progress()
+        self._progress = LookProgress()
         for shot in self._earlier(shoot.purpose):
             self._judge(shoot, self._read_again(shot), results)
         for _ in range(shoot.most):
@@ -187,12 +187,12 @@ class Watching:
         if not (results and self._enough(shoot, results)):
             self._talk.doing(f"{shoot.most} shots were taken: going on with those that count")
 
-    def _earlier(self, purpose: str) -> list[Shot]:
+    def _earlier(self, purpose: str) -> list[SessionShot]:
         """The shots of this step and purpose that count, or were not judged before the interruption."""
         shots = self._session.state.shots
         return [s for s in shots if (s.step, s.purpose) == (self.step, purpose) and s.counts is not False]
 
-    def _read_again(self, shot: Shot) -> Taken:
+    def _read_again(self, shot: SessionShot) -> Taken:
         """A photograph that an interrupted run took."""
         frame = self._talk.attempt(lambda: read_frame(self._session.original(shot)))
         return Taken(shot, frame, {**self._talk.facts, **shot_facts(shot)})
@@ -244,7 +244,7 @@ class Watching:
                 self._session.note("left_out", step=self.step, place=stop.name, reason=reason)
                 self._talk.hear(Doing(f"{stop.name} is left out: {reason}"))
 
-    def _visited(self, stop: Stop) -> bool:
+    def _visited(self, stop: TourStop) -> bool:
         """Whether a shot of this place counts; one that was not judged before an interruption is judged now."""
         for shot in self._earlier(stop.name):
             if shot.counts is None:
@@ -252,10 +252,10 @@ class Watching:
                 self._keep(taken, self._checked(stop, taken))
         return any(shot.counts for shot in self._earlier(stop.name))
 
-    def _checked(self, stop: Stop, taken: Taken) -> Advice:
+    def _checked(self, stop: TourStop, taken: Taken) -> Advice:
         return self._talk.attempt(lambda: stop.check(taken.frame, taken.facts))
 
-    def _visit(self, stop: Stop, tries: int, go: Callable[[Go], None]) -> str:
+    def _visit(self, stop: TourStop, tries: int, go: Callable[[Go], None]) -> str:
         """Go there and try until a shot counts: "", or why the place is left out."""
         try:
             go(stop.go)
@@ -273,7 +273,7 @@ class Watching:
             self._rig.leave_out_lost()
             return "the operator skipped it"
 
-    def _goes_on_trying(self, stop: Stop, tries: int) -> bool:
+    def _goes_on_trying(self, stop: TourStop, tries: int) -> bool:
         """What the operator decides about a place where no shot counts. Raises Stopped."""
         question = f"{stop.name}: {tries} shots do not count. Leave this place out, or try again?"
         answer = self._talk.choose("place", question, (LEAVE_OUT, AGAIN, STOP))

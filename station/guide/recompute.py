@@ -22,11 +22,11 @@ from station.results.result_files import RECORD
 from station.results.result_seal import is_sealed
 from station.sessions.compute_environment import KERNELS, machine
 from station.sessions.reader import read_session, verify
-from station.sessions.state import DerivedResult, State, replay
+from station.sessions.state import DerivedResult, SessionState, replay
 
 
 @dataclass(frozen=True)
-class Moved:
+class MovedNumber:
     """A number of a plane that is another now: `sigmas` is by how many of the standard uncertainties told then."""
 
     plane: str
@@ -63,7 +63,7 @@ class RecomputedResult:
     kernels: str = ""
     version: str = ""
     numbers: int = 0
-    moved: tuple[Moved, ...] = ()
+    moved: tuple[MovedNumber, ...] = ()
     verdicts: tuple[tuple[str, str, str], ...] = ()
 
     @property
@@ -130,7 +130,7 @@ def _tuples(value: Any) -> Any:
     return tuple(_tuples(part) for part in value) if isinstance(value, list) else value
 
 
-def _again(folder: Path, result: DerivedResult, state: State) -> RecomputedResult:
+def _again(folder: Path, result: DerivedResult, state: SessionState) -> RecomputedResult:
     with temporary_folder() as raw:
         fresh = Path(raw, "result")
         compute(folder, state, plan_named(state.plan), fresh, sealed=is_sealed(folder / result.folder))
@@ -155,7 +155,7 @@ def _again(folder: Path, result: DerivedResult, state: State) -> RecomputedResul
     )
 
 
-def _planes_compared(old: Path, new: Path) -> tuple[int, tuple[Moved, ...], tuple[tuple[str, str, str], ...]]:
+def _planes_compared(old: Path, new: Path) -> tuple[int, tuple[MovedNumber, ...], tuple[tuple[str, str, str], ...]]:
     """How many numbers two results share, which of them differ, and which planes' verdicts."""
     try:
         before, now = read_result(old).planes, read_result(new).planes
@@ -169,10 +169,10 @@ def _planes_compared(old: Path, new: Path) -> tuple[int, tuple[Moved, ...], tupl
     return len(shared), tuple(moved), verdicts
 
 
-def _moved(plane: str, change: Change) -> Moved:
+def _moved(plane: str, change: Change) -> MovedNumber:
     """Of the same photograph, so that its uncertainty is the measure, and not that of a difference of two."""
     then, now, spread = change.one.value, change.other.value, change.one.uncertainty
-    return Moved(plane, change.name, then, now, (now - then) / spread if spread > 0 else math.inf)
+    return MovedNumber(plane, change.name, then, now, (now - then) / spread if spread > 0 else math.inf)
 
 
 def _hash(path: Path) -> str:

@@ -22,7 +22,7 @@ from station.results.overlay import Overlay
 from station.results.plane_result import PlaneResult
 from station.sessions.reader import SessionRecord, read_session, verify, verify_results
 from station.sessions.session_terms import terms_of_session
-from station.sessions.state import State, replay
+from station.sessions.state import SessionState, replay
 
 PAGE = "report.html"
 REPORTED = "reported"
@@ -90,7 +90,7 @@ def _kept_page(folder: Path, record: SessionRecord) -> str | None:
     return text if same else None
 
 
-def _report(record: SessionRecord, state: State, found: SessionResult) -> Report:
+def _report(record: SessionRecord, state: SessionState, found: SessionResult) -> Report:
     last = record.state.results[-1]
     return Report(
         subject=f"{printable(state.camera)}, {printable(state.lens)}",
@@ -115,7 +115,7 @@ def _of_frame(one: PlaneResult) -> PlaneResult:
     return with_medians(one, one.found) if isinstance(one.found, FieldResult) else one
 
 
-def _shots(state: State, noted: Mapping[str, Exposure]) -> Iterator[ReportShot]:
+def _shots(state: SessionState, noted: Mapping[str, Exposure]) -> Iterator[ReportShot]:
     """The photographs that the result comes from, then those that do not count, with the reason."""
     for shot in sorted(state.shots, key=lambda shot: not shot.counts):
         exposure = noted.get(shot.sha256) if shot.counts else None
@@ -125,7 +125,7 @@ def _shots(state: State, noted: Mapping[str, Exposure]) -> Iterator[ReportShot]:
         yield ReportShot(shot.path, shot.sha256, words, taken, note)
 
 
-def _conditions(state: State) -> Iterator[ReportLine]:
+def _conditions(state: SessionState) -> Iterator[ReportLine]:
     """What the devices said when the counting shots were taken, from the least to the greatest."""
     told: dict[str, list[float]] = {}
     for shot in state.counting():

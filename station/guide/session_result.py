@@ -22,7 +22,7 @@ from station.sessions.journal import Damaged
 from station.sessions.layout import inside
 from station.sessions.session import Session
 from station.sessions.session_terms import terms_of_session
-from station.sessions.state import Shot, State
+from station.sessions.state import SessionShot, SessionState
 
 ORDER = (Verdict.PASS, Verdict.DOUBTFUL, Verdict.REFUSED)
 
@@ -83,7 +83,7 @@ class Frames(Sequence[RawFrame]):
         return frame if felt is carried is None else replace(frame, felt=felt, carried=carried)
 
 
-def felt_during(shot: Shot) -> Felt | None:
+def felt_during(shot: SessionShot) -> Felt | None:
     """The motion recorded with a photograph; None where it was not, or not when the shutter opened."""
     motion, shutter = shot.snapshot.get("motion"), shot.exposure.get("shutter")
     if not motion or not shutter or shutter.get("flash_s") is None:
@@ -98,7 +98,7 @@ COLUMNS = {"x_mm": 0, "y_mm": 1, "z_mm": 2}
 """Of a position, by a shaker's axis: to the right, up, back."""
 
 
-def carried_during(shot: Shot) -> Carried | None:
+def carried_during(shot: SessionShot) -> Carried | None:
     """The path that a shaker was told for a photograph; None where there was none, or it turned the camera, too."""
     told, shutter = shot.snapshot.get("shake"), shot.exposure.get("shutter") or {}
     if not told or not set(told["offsets"]) <= set(COLUMNS):
@@ -145,7 +145,7 @@ def derive(
 
 def compute(
     folder: Path,
-    state: State,
+    state: SessionState,
     plan: Plan,
     into: Path | None = None,
     progress: Counted = uncounted,
@@ -177,7 +177,7 @@ def compute(
     return SessionResult(frames, {one.name: one for one in results}, *verdict_of_planes(results))
 
 
-def _head(plan: Plan, state: State, specification: Mapping[str, Any] | None) -> RecordHead:
+def _head(plan: Plan, state: SessionState, specification: Mapping[str, Any] | None) -> RecordHead:
     """How a record begins; when it was drawn and how long that took is in the journal."""
     files = tuple(InputFile(shot.path, shot.sha256) for shot in state.counting())
     return RecordHead(plan.name, files, dict(state.facts), specification)

@@ -18,7 +18,7 @@ from procedures.outcome import BadParameter, ProcedureError
 from station.common.leftovers import temporary_folder
 
 if TYPE_CHECKING:
-    from station.bench.opening import Bench, Row
+    from station.bench.opening import Bench, DeviceRow
     from station.guide.frontend import Operator, RunEnded
     from station.guide.run import Run
     from station.sessions.session import Session
@@ -42,7 +42,7 @@ class Opened:
     """The bench as it was opened: None where none is configured; what each device answered."""
 
     bench: Bench | None
-    rows: Sequence[Row] = ()
+    rows: Sequence[DeviceRow] = ()
 
 
 class Running(Protocol):

@@ -14,7 +14,7 @@ from procedures.geometry.cameras import distortion
 from procedures.geometry.estimate import Geometry, PosedView
 from procedures.outcome import Outcome, Quantity
 from procedures.raw import RawFrame
-from station.calibration.geometry import Shoot, ViewRecord
+from station.calibration.geometry import GeometryPhotographs, ViewRecord
 from station.results.exports import csv_bytes, numbers_table
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead, files_read
@@ -28,7 +28,7 @@ PAGE = "report.html"
 
 def write_geometry_result(
     folder: ResultFolder,
-    shoot: Shoot,
+    shoot: GeometryPhotographs,
     outcome: Outcome[Geometry],
     *,
     parameters: Mapping[str, Any],
@@ -51,14 +51,14 @@ def write_plane(folder: ResultFolder, plane: PlaneResult, frames: Sequence[RawFr
         records.append(ViewRecord(frame.path, frame.sha256, view, plane.verdict))
         if of is not None:
             size = (of.samples.shape[1] * of.pitch, of.samples.shape[0] * of.pitch)
-    shoot = Shoot(plane.name, size, tuple(records))
+    shoot = GeometryPhotographs(plane.name, size, tuple(records))
     outcome = Outcome(found, plane.verdict, plane.reason, plane.remedy)
     _write_files(folder, shoot, outcome, head, report=True)
     return _write_record(folder, shoot, outcome, head)
 
 
 def _write_files(
-    folder: ResultFolder, shoot: Shoot, outcome: Outcome[Geometry], head: RecordHead, *, report: bool
+    folder: ResultFolder, shoot: GeometryPhotographs, outcome: Outcome[Geometry], head: RecordHead, *, report: bool
 ) -> None:
     """Covariances, tables and the page where it is wanted."""
     if outcome.value is None:
@@ -70,12 +70,14 @@ def _write_files(
         folder.write(PAGE, geometry_page(shoot, outcome, head).encode())
 
 
-def _write_record(folder: ResultFolder, shoot: Shoot, outcome: Outcome[Geometry], head: RecordHead) -> str:
+def _write_record(
+    folder: ResultFolder, shoot: GeometryPhotographs, outcome: Outcome[Geometry], head: RecordHead
+) -> str:
     planes = {shoot.plane: geometry_entry(shoot, outcome)}
     return write_record(folder, {"schema": SCHEMA, **head.told(), "planes": planes, "software": software()})
 
 
-def geometry_entry(shoot: Shoot, outcome: Outcome[Geometry]) -> dict[str, Any]:
+def geometry_entry(shoot: GeometryPhotographs, outcome: Outcome[Geometry]) -> dict[str, Any]:
     """What the record says of the plane that was measured."""
     entry: dict[str, Any] = {"verdict": str(outcome.verdict), "reason": outcome.reason, "remedy": outcome.remedy}
     missed = [_missed_entry(one) for one in shoot.missed]
@@ -126,7 +128,7 @@ def _view_entry(one: PosedView) -> dict[str, Any]:
     }
 
 
-def _write_tables(folder: ResultFolder, shoot: Shoot, found: Geometry) -> None:
+def _write_tables(folder: ResultFolder, shoot: GeometryPhotographs, found: Geometry) -> None:
     folder.write("geometry_covariance.npy", npy(found.covariance))
     joint = found.adjustment.covariance * found.residual_scale**2
     folder.write("geometry_joint_covariance.npy", npy(joint))

@@ -8,7 +8,7 @@ from procedures.geometry.cameras import distortion
 from procedures.geometry.estimate import Geometry
 from procedures.geometry.next_view import next_view_words
 from procedures.outcome import Outcome
-from station.calibration.geometry import Shoot
+from station.calibration.geometry import GeometryPhotographs
 from station.reports import geometry_figures as figures
 from station.reports.page import render
 from station.results.record_head import RecordHead
@@ -19,7 +19,7 @@ RESIDUALS_SHOWN = 6
 """Views whose residuals are drawn: those that leave most."""
 
 
-def geometry_page(shoot: Shoot, outcome: Outcome[Geometry], head: RecordHead) -> str:
+def geometry_page(shoot: GeometryPhotographs, outcome: Outcome[Geometry], head: RecordHead) -> str:
     """The page of a camera that was found; raises ValueError where there is none."""
     found = outcome.value
     if found is None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from markupsafe import Markup
 
 from procedures.sensor.estimate import Pattern, SensorResult
-from procedures.sensor.measured import Measured
+from procedures.sensor.measured import IntervalNumber
 from procedures.sensor.spectrograms import Period
 from station.calibration.sensor import SensorFiles, SensorPlane
 from station.reports import sensor_figures as figures
@@ -62,7 +62,7 @@ class PlaneView:
 
     name: str
     plane: SensorPlane
-    rows: list[tuple[str, Measured]]
+    rows: list[tuple[str, IntervalNumber]]
     figures: list[tuple[Markup, str]]
     periods: list[tuple[str, Period]]
     defects: list[tuple[str, int, int, float, str]]

@@ -10,9 +10,9 @@ from datetime import datetime
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics.weighted_line import Line, weighted_line
+from procedures.numerics.weighted_line import WeightedLine, weighted_line
 from procedures.raw import GREY_PLANE, MOSAIC_PLANES
-from station.sessions.index import Measured
+from station.sessions.index import IndexedNumber
 
 Array = npt.NDArray[np.float64]
 
@@ -39,8 +39,8 @@ class Trend:
     plane: str
     quantity: str
     unit: str
-    points: tuple[Measured, ...]
-    line: Line | None
+    points: tuple[IndexedNumber, ...]
+    line: WeightedLine | None
 
     @property
     def years(self) -> Array:
@@ -64,7 +64,7 @@ class Trend:
         return "no drift seen"
 
 
-def years_of(points: Sequence[Measured]) -> Array:
+def years_of(points: Sequence[IndexedNumber]) -> Array:
     """When the sessions of the points began, in years since the first of them, (n,)."""
     return np.array([years_between(points[0].began, point.began) for point in points])
 
@@ -74,20 +74,20 @@ def years_between(before: str, after: str) -> float:
     return (datetime.fromisoformat(after) - datetime.fromisoformat(before)).total_seconds() / YEAR_S
 
 
-def trends(measured: Sequence[Measured]) -> list[Trend]:
+def trends(measured: Sequence[IndexedNumber]) -> list[Trend]:
     """A trend for every lens, plan, plane and quantity; refused planes have no numbers and are left out."""
     groups = itertools.groupby(sorted(measured, key=_series), _series)
     return [_trend(tuple(points)) for _, points in groups]
 
 
-def _series(one: Measured) -> tuple[str, str, str, int, str, str]:
+def _series(one: IndexedNumber) -> tuple[str, str, str, int, str, str]:
     """What may be compared over time; in the order of lists, planes as in the mosaic."""
     planes = (*MOSAIC_PLANES, GREY_PLANE)
     place = planes.index(one.plane) if one.plane in planes else len(planes)
     return one.lens, one.plan, one.quantity, place, one.plane, one.unit
 
 
-def _trend(points: tuple[Measured, ...]) -> Trend:
+def _trend(points: tuple[IndexedNumber, ...]) -> Trend:
     years = years_of(points)
     line = None
     if len(np.unique(years)) > 1:

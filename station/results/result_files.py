@@ -35,7 +35,7 @@ from station.results.record_head import RecordHead
 if TYPE_CHECKING:
     from procedures.physics.estimate import Physics
     from procedures.sensor.information import Information
-    from procedures.sensor.measured import Measured
+    from procedures.sensor.measured import IntervalNumber
 
 RECORD = "result.json"
 PUBLISHING = ".publishing.json"
@@ -361,7 +361,7 @@ def _plane_entry(plane: PlaneResult) -> dict[str, Any]:
     return entry
 
 
-def interval_entry(number: Measured) -> dict[str, Any]:
+def interval_entry(number: IntervalNumber) -> dict[str, Any]:
     """A number with its 95 % interval."""
     told = asdict(number)
     interval = [told.pop("low"), told.pop("high")]

@@ -25,7 +25,7 @@ from station.results.result_files import RECORD
 from station.sessions.journal_head import HEAD
 from station.sessions.layout import CONFIG, DERIVED, FOLDERS, JOURNAL
 from station.sessions.reader import damaged_results, read_session, sessions_in
-from station.sessions.state import State
+from station.sessions.state import SessionState
 
 FILE = ".index.sqlite"
 VERSION = 2
@@ -78,7 +78,7 @@ class IndexEntry:
 
 
 @dataclass(frozen=True)
-class Measured:
+class IndexedNumber:
     """One number of one session's last result."""
 
     folder: Path
@@ -148,7 +148,7 @@ class Index:
         )
         return [IndexEntry(self.root / row[0], row[1] or "", row[2] or "", *row[3:]) for row in rows]
 
-    def measured(self, wanted: Filter | None = None, quantities: Sequence[str] = ()) -> list[Measured]:
+    def measured(self, wanted: Filter | None = None, quantities: Sequence[str] = ()) -> list[IndexedNumber]:
         """The numbers of the sessions' last results, oldest first; all quantities where none is named."""
         clause, values = _where(wanted or Filter())
         rows = self._database.execute(
@@ -159,7 +159,7 @@ class Index:
             " ORDER BY began, folder, plane, quantity",
             values,
         )
-        return [Measured(self.root / row[0], *row[1:]) for row in rows if not quantities or row[7] in quantities]
+        return [IndexedNumber(self.root / row[0], *row[1:]) for row in rows if not quantities or row[7] in quantities]
 
     def names(self, table: str) -> list[str]:
         """All cameras, or all lenses. Raises KeyError."""
@@ -195,7 +195,7 @@ class Index:
         told = [*record.oddities, *([f"{', '.join(wrong)}: missing, or not what was written"] if wrong else [])]
         self._insert(name, stamp, record.state, damage="; ".join(told))
 
-    def _insert(self, name: str, stamp: str, state: State | None, damage: str = "") -> None:
+    def _insert(self, name: str, stamp: str, state: SessionState | None, damage: str = "") -> None:
         if state is None:
             row: tuple[Any, ...] = (name, stamp, None, None, "", "", "", 0, 0, "", encodable(damage))
         else:
@@ -294,7 +294,7 @@ def _where(wanted: Filter) -> tuple[str, list[str]]:
     return ("WHERE " + " AND ".join(f"{column} ?" for column in given) if given else ""), list(given.values())
 
 
-def _numbers(folder: Path, state: State) -> Iterator[tuple[Any, ...]]:
+def _numbers(folder: Path, state: SessionState) -> Iterator[tuple[Any, ...]]:
     """Plane, verdict, and each quantity of the last result, if its record is what the journal says."""
     last = state.results[-1] if state.results else None
     path = folder / last.folder / RECORD if last else folder

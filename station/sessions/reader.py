@@ -21,7 +21,7 @@ from station.sessions.layout import (
     is_session,
     read_config,
 )
-from station.sessions.state import State, replay
+from station.sessions.state import SessionState, replay
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class SessionRecord:
     folder: Path
     config: Mapping[str, Any]
     contents: Contents
-    state: State
+    state: SessionState
     gap: Gap
 
     @property
@@ -89,7 +89,7 @@ def _has_head(contents: Contents) -> bool:
     return any(line.event == "opened" and line.data.get("head") for line in contents.lines)
 
 
-def unknown_files(folder: Path, state: State) -> list[str]:
+def unknown_files(folder: Path, state: SessionState) -> list[str]:
     """Photographs in originals/ and results in derived/ that the journal does not speak of."""
     known = {shot.path for shot in (*state.shots, state.adopting) if shot} | {one.folder for one in state.results}
     originals = [path for path in (folder / ORIGINALS).iterdir() if not path.name.startswith(".")]
@@ -97,7 +97,7 @@ def unknown_files(folder: Path, state: State) -> list[str]:
     return [name for path in sorted(originals + results) if (name := path.relative_to(folder).as_posix()) not in known]
 
 
-def verify(folder: Path, state: State, without: Collection[int] = ()) -> None:
+def verify(folder: Path, state: SessionState, without: Collection[int] = ()) -> None:
     """Every photograph has the hash that the journal tells. Raises Damaged, naming all that have not."""
     here = [shot for shot in state.shots if not shot.lost and shot.number not in without]
     wrong = [shot for shot in here if not holds(folder / shot.path, shot.sha256)]
@@ -110,7 +110,7 @@ def verify(folder: Path, state: State, without: Collection[int] = ()) -> None:
         )
 
 
-def damaged_results(folder: Path, state: State) -> list[str]:
+def damaged_results(folder: Path, state: SessionState) -> list[str]:
     """Files of results that are missing, or not what the journal tells."""
     files = [(f"{one.folder}/{name}", digest) for one in state.results for name, digest in one.files.items()]
     return [name for name, digest in files if not holds(folder / name, digest)]
@@ -136,7 +136,7 @@ def check_whole(record: SessionRecord) -> None:
         )
 
 
-def sums(folder: Path, state: State) -> bytes:
+def sums(folder: Path, state: SessionState) -> bytes:
     """The hashes of configuration, photographs and results, as `sha256sum` writes them."""
     entries = {CONFIG: sha256_of(folder / CONFIG)}
     entries |= {shot.path: shot.sha256 for shot in state.shots if not shot.lost}

@@ -15,7 +15,7 @@ from station.sessions.compute_environment import machine
 from station.sessions.journal_head import HEAD
 from station.sessions.layout import DERIVED, ORIGINALS
 from station.sessions.reader import SessionRecord, damaged_results, unknown_files
-from station.sessions.state import Shot, State
+from station.sessions.state import SessionShot, SessionState
 
 
 class OpenSession(Protocol):
@@ -25,7 +25,7 @@ class OpenSession(Protocol):
     leftovers: tuple[Path, ...]
 
     @property
-    def state(self) -> State:
+    def state(self) -> SessionState:
         """What the journal says now."""
 
     def note(self, event: str, **data: Any) -> None:
@@ -34,7 +34,7 @@ class OpenSession(Protocol):
     def notice(self, say: str) -> None:
         """Something the operator must hear."""
 
-    def take_in(self, shot: Shot, source: Path) -> Shot:
+    def take_in(self, shot: SessionShot, source: Path) -> SessionShot:
         """Copy a photograph that was announced, and confirm it."""
 
     def write_sums(self) -> None:
@@ -78,7 +78,7 @@ def recover(session: OpenSession, record: SessionRecord, without: Collection[int
     session.write_sums()
 
 
-def finish_adopting(session: OpenSession, shot: Shot) -> None:
+def finish_adopting(session: OpenSession, shot: SessionShot) -> None:
     """Take in a photograph that was announced, if it is still there as it was; else say that it is lost."""
     source = Path(shot.exposure["path"])
     if holds(session.folder / shot.path, shot.sha256) or holds(source, shot.sha256):

@@ -30,7 +30,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from drivers.clock import Clock
-from drivers.interfaces import Exposure
+from drivers.interfaces import ExposedFile
 from procedures.plan import Facts
 from station.common.durable_files import READ_ONLY, Disk, NotKept, files_in, hashes_in, holds, holds_all, kept
 from station.common.leftovers import make, release, sweep
@@ -53,9 +53,9 @@ from station.sessions.layout import (
 )
 from station.sessions.reader import SessionRecord, read_session, sums, verify
 from station.sessions.recovery import finish_adopting, recover
-from station.sessions.state import DerivedResult, Shot, State, after
+from station.sessions.state import DerivedResult, SessionShot, SessionState, after
 
-__all__ = ["DerivedResult", "Session", "Shot", "State"]
+__all__ = ["DerivedResult", "Session", "SessionShot", "SessionState"]
 
 Today = Callable[[], datetime]
 
@@ -83,7 +83,7 @@ class Session:
         self.leftovers: tuple[Path, ...] = ()  # results that the journal does not speak of: never written over
 
     @property
-    def state(self) -> State:
+    def state(self) -> SessionState:
         """What the journal says now."""
         return self._state
 
@@ -241,7 +241,7 @@ class Session:
             self.note("exposing", step=step, purpose=purpose)
             return self.state.next_number
 
-    def adopt(self, exposure: Exposure, *, step: str, purpose: str, snapshot: Mapping[str, Any]) -> Shot:
+    def adopt(self, exposure: ExposedFile, *, step: str, purpose: str, snapshot: Mapping[str, Any]) -> SessionShot:
         """Take a photograph in: a read-only copy in originals/ whose bytes were checked, in the journal.
 
         The file stays where the camera's software put it as well. Where the disk is full, it only stays there; with
@@ -264,17 +264,17 @@ class Session:
                 path = free_original(self.folder, number, exposure.path.name, exposure.sha256)
                 told = {**asdict(exposure), "path": exposure.path.absolute()}
                 file = (path, exposure.sha256, exposure.size_bytes)
-                pending = self._announce(Shot(number, *file, purpose, step, exposure=told, snapshot=snapshot))
+                pending = self._announce(SessionShot(number, *file, purpose, step, exposure=told, snapshot=snapshot))
             return self.take_in(pending, exposure.path)
 
-    def _announce(self, shot: Shot) -> Shot:
+    def _announce(self, shot: SessionShot) -> SessionShot:
         told = asdict(shot)
         names = ("path", "sha256", "size_bytes", "purpose", "step", "exposure", "snapshot")
         self.note("adopting", shot=shot.number, **{name: told[name] for name in names})
         assert self.state.adopting is not None
         return self.state.adopting
 
-    def judge(self, shot: Shot, counts: bool, reason: str = "") -> Shot:
+    def judge(self, shot: SessionShot, counts: bool, reason: str = "") -> SessionShot:
         """Whether the result is drawn from it. The same photograph never counts twice. Raises NotKept."""
         with self._guard:
             for other in self.state.counting():
@@ -283,11 +283,11 @@ class Session:
             self.note("judged", shot=shot.number, counts=counts, reason=reason)
             return self.state.shot(shot.number)
 
-    def original(self, shot: Shot) -> Path:
+    def original(self, shot: SessionShot) -> Path:
         """Where its photograph is. Raises Damaged if it is not there."""
         return inside(self.folder, shot.path)
 
-    def take_in(self, shot: Shot, source: Path) -> Shot:
+    def take_in(self, shot: SessionShot, source: Path) -> SessionShot:
         """Copy a photograph that was announced, unless it is there, and confirm it. Raises Changed, NotKept.
 
         Where something else has got its name meanwhile, it gets another.

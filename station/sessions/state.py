@@ -17,7 +17,7 @@ LOST = "its photograph is lost"
 
 
 @dataclass(frozen=True)
-class Shot:
+class SessionShot:
     """One photograph of the session.
 
     Attributes
@@ -70,7 +70,7 @@ class Awaited:
 
 
 @dataclass(frozen=True)
-class State:
+class SessionState:
     """A session as its journal tells it.
 
     Attributes
@@ -96,10 +96,10 @@ class State:
     done: tuple[str, ...] = ()
     step: str = ""
     facts: Mapping[str, Fact] = field(default_factory=dict)
-    shots: tuple[Shot, ...] = ()
+    shots: tuple[SessionShot, ...] = ()
     results: tuple[DerivedResult, ...] = ()
     standing: DerivedResult | None = None
-    adopting: Shot | None = None
+    adopting: SessionShot | None = None
     awaited: Awaited | None = None
     notices: tuple[str, ...] = ()
     strangers: Mapping[str, str] = field(default_factory=dict)
@@ -112,14 +112,14 @@ class State:
         kept = (self.done, self.facts, self.shots, self.results, self.adopting, self.awaited, self.halted)
         return not any(kept)
 
-    def shot(self, number: int) -> Shot:
+    def shot(self, number: int) -> SessionShot:
         """The shot of that number. Raises KeyError."""
         for shot in self.shots:
             if shot.number == number:
                 return shot
         raise KeyError(number)
 
-    def counting(self) -> tuple[Shot, ...]:
+    def counting(self) -> tuple[SessionShot, ...]:
         """The shots that results are drawn from."""
         return tuple(shot for shot in self.shots if shot.counts)
 
@@ -129,9 +129,9 @@ class State:
         return max((shot.number for shot in self.shots), default=0) + 1
 
 
-def replay(lines: Iterable[JournalLine]) -> State:
+def replay(lines: Iterable[JournalLine]) -> SessionState:
     """The state after all lines. Raises Damaged where one says what cannot be."""
-    state: State | None = None
+    state: SessionState | None = None
     for line in lines:
         try:
             state = _created(line) if state is None else after(state, line)
@@ -145,14 +145,14 @@ def replay(lines: Iterable[JournalLine]) -> State:
     return state
 
 
-def _created(line: JournalLine) -> State:
+def _created(line: JournalLine) -> SessionState:
     if line.event != "created":
         raise ValueError("a journal begins with `created`")
     plan, camera, lens, began = (str(line.data[name]) for name in ("plan", "camera", "lens", "began"))
-    return State(plan, camera, lens, began, int(line.data["seed"]))
+    return SessionState(plan, camera, lens, began, int(line.data["seed"]))
 
 
-def after(state: State, line: JournalLine) -> State:
+def after(state: SessionState, line: JournalLine) -> SessionState:
     """The state after one more line; events that are none of a state's business leave it as it is."""
     change = CHANGES.get(line.event)
     if change is None:
@@ -162,33 +162,33 @@ def after(state: State, line: JournalLine) -> State:
     return changed if untouched else replace(changed, standing=None)
 
 
-def _told(state: State, line: JournalLine) -> State:
+def _told(state: SessionState, line: JournalLine) -> SessionState:
     return replace(state, notices=())
 
 
-def _noticed(state: State, line: JournalLine) -> State:
+def _noticed(state: SessionState, line: JournalLine) -> SessionState:
     return replace(state, notices=(*state.notices, str(line.data["say"])))
 
 
-def _learned(state: State, line: JournalLine) -> State:
+def _learned(state: SessionState, line: JournalLine) -> SessionState:
     return replace(state, facts={**state.facts, **line.data["facts"]})
 
 
-def _forgot(state: State, line: JournalLine) -> State:
+def _forgot(state: SessionState, line: JournalLine) -> SessionState:
     gone = set(line.data["names"])
     return replace(state, facts={name: fact for name, fact in state.facts.items() if name not in gone})
 
 
-def _step_began(state: State, line: JournalLine) -> State:
+def _step_began(state: SessionState, line: JournalLine) -> SessionState:
     return replace(state, step=str(line.data["step"]), ended=None)
 
 
-def _step_ended(state: State, line: JournalLine) -> State:
+def _step_ended(state: SessionState, line: JournalLine) -> SessionState:
     name = str(line.data["step"])
     return replace(state, step="", done=(*(step for step in state.done if step != name), name))
 
 
-def _reopened(state: State, line: JournalLine) -> State:
+def _reopened(state: SessionState, line: JournalLine) -> SessionState:
     """The steps from this one on are to be done again: their shots stay, and count no more."""
     name = str(line.data["step"])
     steps = (*state.done, *([state.step] if state.step else []))
@@ -201,39 +201,39 @@ def _reopened(state: State, line: JournalLine) -> State:
     return replace(state, done=done, step="", shots=shots, ended=None)
 
 
-def _exposing(state: State, line: JournalLine) -> State:
+def _exposing(state: SessionState, line: JournalLine) -> SessionState:
     return replace(state, awaited=Awaited(str(line.data["step"]), str(line.data["purpose"])))
 
 
-def _gave_up(state: State, line: JournalLine) -> State:
+def _gave_up(state: SessionState, line: JournalLine) -> SessionState:
     return replace(state, awaited=None, adopting=None)
 
 
-def _adopting(state: State, line: JournalLine) -> State:
+def _adopting(state: SessionState, line: JournalLine) -> SessionState:
     return replace(state, adopting=_shot(line.data))
 
 
-def _adopted(state: State, line: JournalLine) -> State:
+def _adopted(state: SessionState, line: JournalLine) -> SessionState:
     shot = state.adopting
     if shot is None or shot.number != line.data["shot"]:
         raise ValueError("no shot was being adopted")
     return replace(state, adopting=None, awaited=None, shots=(*state.shots, shot))
 
 
-def _judged(state: State, line: JournalLine) -> State:
+def _judged(state: SessionState, line: JournalLine) -> SessionState:
     return _with_shot(state, line, counts=bool(line.data["counts"]), reason=str(line.data["reason"]))
 
 
-def _lost(state: State, line: JournalLine) -> State:
+def _lost(state: SessionState, line: JournalLine) -> SessionState:
     return _with_shot(state, line, counts=False, reason=LOST, lost=True)
 
 
-def _with_shot(state: State, line: JournalLine, **change: Any) -> State:
+def _with_shot(state: SessionState, line: JournalLine, **change: Any) -> SessionState:
     old = state.shot(line.data["shot"])
     return replace(state, shots=tuple(replace(shot, **change) if shot is old else shot for shot in state.shots))
 
 
-def _derived(state: State, line: JournalLine) -> State:
+def _derived(state: SessionState, line: JournalLine) -> SessionState:
     data = dict(line.data)
     folder = str(data.pop("folder"))
     if not DERIVED.fullmatch(folder):
@@ -244,19 +244,19 @@ def _derived(state: State, line: JournalLine) -> State:
     return replace(state, results=(*state.results, result), standing=result)
 
 
-def _found(state: State, line: JournalLine) -> State:
+def _found(state: SessionState, line: JournalLine) -> SessionState:
     return replace(state, strangers={**state.strangers, str(line.data["path"]): str(line.data["sha256"])})
 
 
-def _ended(state: State, line: JournalLine) -> State:
+def _ended(state: SessionState, line: JournalLine) -> SessionState:
     return replace(state, ended=str(line.data["how"]))
 
 
-def _halted(state: State, line: JournalLine) -> State:
+def _halted(state: SessionState, line: JournalLine) -> SessionState:
     return replace(state, halted=True)
 
 
-CHANGES: Mapping[str, Callable[[State, JournalLine], State]] = {
+CHANGES: Mapping[str, Callable[[SessionState, JournalLine], SessionState]] = {
     "told": _told,
     "noticed": _noticed,
     "learned": _learned,
@@ -277,11 +277,11 @@ CHANGES: Mapping[str, Callable[[State, JournalLine], State]] = {
 }
 
 
-def _shot(data: Mapping[str, Any]) -> Shot:
+def _shot(data: Mapping[str, Any]) -> SessionShot:
     path = str(data["path"])
     if not ORIGINAL.fullmatch(path):
         raise ValueError(f"photographs lie in originals/, not in {path}")
-    return Shot(
+    return SessionShot(
         int(data["shot"]),
         path,
         str(data["sha256"]),

@@ -30,7 +30,7 @@ import numpy as np
 
 from procedures.field.conclusion import FieldResult, PlaneField, conclude
 from procedures.field.maps import MAPS, FieldMap, derive, numbers_of, radius_direction
-from procedures.field.measuring import Measured, measure, measure_frames
+from procedures.field.measuring import MeasuredFrames, measure, measure_frames
 from procedures.field.plan import SHEET, locations
 from procedures.pattern import Chart
 from procedures.pattern_psf.centre import mark_offset
@@ -238,7 +238,7 @@ def accuracy(folder: Path) -> None:
     colour_coverage(found)
 
 
-def concluded(measured: Measured) -> FieldResult:
+def concluded(measured: MeasuredFrames) -> FieldResult:
     """The fields, with maps of few places: the truth takes a second each."""
     import procedures.field.conclusion as module
 

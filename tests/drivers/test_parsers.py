@@ -52,7 +52,7 @@ STREAMS: dict[str, tuple[Callable[[], Any], list[bytes], list[Any]]] = {
             grbl.Ok(),
             grbl.Failed(9),
             grbl.Status("Idle", 0, {"MPos": "0.000,-10.000,5.000", "FS": "0,0", "WCO": "0.000,0.000,0.000"}),
-            grbl.Setting(130, 200.0),
+            grbl.GrblSetting(130, 200.0),
             grbl.AlarmRaised(2),
             grbl.Banner("FluidNC", "3.7.8"),
             grbl.Feedback("VER", "1.1h.20190830:"),

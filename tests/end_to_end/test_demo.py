@@ -15,7 +15,7 @@ import pytest
 from click.testing import CliRunner
 
 from procedures.raw import read_frame
-from simulators.bench.demonstration import SETUPS, Setup
+from simulators.bench.demonstration import SETUPS, Staging
 from station.__main__ import main
 from station.demo import demo
 from station.demo.demo_page import demonstration_page
@@ -191,7 +191,7 @@ def test_same_seed_gives_the_same_bytes_and_another_does_not(demonstration, tmp_
 @pytest.fixture
 def refused(monkeypatch):
     """A demonstration whose only chart is too far away."""
-    far = (Setup("far", "Too <far>", (0.5, 0.5), 0.5, rows=400, columns=600),)
+    far = (Staging("far", "Too <far>", (0.5, 0.5), 0.5, rows=400, columns=600),)
     monkeypatch.setattr(demo, "run_demo", partial(demo.run_demo, setups=far))
 
 
@@ -218,7 +218,7 @@ def test_json_is_the_record_and_nothing_else(refused, tmp_path):
 def test_interrupted_demonstration_leaves_what_was_there(monkeypatch, tmp_path):
     (tmp_path / "index.html").write_text("older")
     monkeypatch.setattr(demo, "read_frame", lambda path: (_ for _ in ()).throw(KeyboardInterrupt))
-    small = (Setup("small", "Small", (0.5, 0.5), 0.5, rows=200, columns=300),)
+    small = (Staging("small", "Small", (0.5, 0.5), 0.5, rows=200, columns=300),)
     with pytest.raises(KeyboardInterrupt):
         demo.run_demo(tmp_path, setups=small)
     assert [path.name for path in tmp_path.iterdir()] == ["index.html"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from procedures.facts import Axis, CameraFacts, dropped, facts_as
+from procedures.facts import AxisTravel, CameraFacts, dropped, facts_as
 from procedures.field.facts import FieldFacts
 from procedures.outcome import BadParameter
 from procedures.pattern_psf.facts import PatternFacts, RangeLook
@@ -36,7 +36,7 @@ def test_a_value_that_is_no_such_thing_is_named(name, value, words):
 
 def test_an_axis_is_one_value_by_name():
     axes = facts_as(CameraFacts, {"at_z_mm": 5.0, "low_z_mm": 0.0, "high_z_mm": 10.0, "at_pan_deg": 1.0}).axes
-    assert axes == {"z_mm": Axis(5.0, 0.0, 10.0), "pan_deg": Axis(1.0)}
+    assert axes == {"z_mm": AxisTravel(5.0, 0.0, 10.0), "pan_deg": AxisTravel(1.0)}
     assert (axes["z_mm"].nearest(12.0), axes["z_mm"].nearest(-1.0), axes["z_mm"].middle) == (10.0, 0.0, 5.0)
     assert axes["pan_deg"].nearest(400.0) == 400.0
     assert axes["z_mm"].holds(10.0)

@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 
 import procedures
-from simulators.bench.demonstration import EXPOSURE_S, ISO, Setup, stage
+from simulators.bench.demonstration import EXPOSURE_S, ISO, Staging, stage
 from simulators.camera.truth import true_mtf
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -40,7 +40,9 @@ def five_lines(page: Path) -> str:
 @pytest.fixture(scope="module")
 def photograph(tmp_path_factory):
     """A folder with photo.dng, a chart before the demonstration's lens, and the optics that drew it."""
-    camera, scene = stage(Setup("small", "Small", (0.5, 0.5), 1.0, rows=260, columns=260), procedures.Chart.from_seed())
+    camera, scene = stage(
+        Staging("small", "Small", (0.5, 0.5), 1.0, rows=260, columns=260), procedures.Chart.from_seed()
+    )
     path = tmp_path_factory.mktemp("script") / "photo.dng"
     shot = camera.photograph(scene, np.random.default_rng(3), path, exposure_s=EXPOSURE_S, iso=ISO)
     return path.parent, shot.truths[0].optics

@@ -195,7 +195,7 @@ def _screen_part(image: Picture, maps: Array, hits: npt.NDArray[np.bool_]) -> Ar
 
 
 @dataclass(frozen=True)
-class Placed:
+class PlacedMarks:
     """Where the marks of a rectified picture really are.
 
     Attributes
@@ -210,7 +210,7 @@ class Placed:
     likeness: Array
 
 
-def place_marks(rectified: Picture, *, half: int = 5, search: int = 6) -> Placed:
+def place_marks(rectified: Picture, *, half: int = 5, search: int = 6) -> PlacedMarks:
     """Find each mark near its expected place by normalised correlation, to a fraction of a rectified pixel."""
     offsets = np.zeros((len(X_CORNERS), 2))
     likeness = np.zeros(len(X_CORNERS))
@@ -224,7 +224,7 @@ def place_marks(rectified: Picture, *, half: int = 5, search: int = 6) -> Placed
             continue
         window = np.where(seen, window, window[seen].mean())
         offsets[n], likeness[n] = _peak(cv2.matchTemplate(window, mark, cv2.TM_CCOEFF_NORMED))
-    return Placed(X_CORNERS + offsets / PIXELS_PER_CELL, likeness)
+    return PlacedMarks(X_CORNERS + offsets / PIXELS_PER_CELL, likeness)
 
 
 def _peak(likeness: npt.NDArray[np.generic]) -> tuple[Array, float]:

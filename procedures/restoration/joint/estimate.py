@@ -90,7 +90,7 @@ class RestorationParameters:
 
 
 @dataclass(frozen=True)
-class Diagnostics:
+class RestorationDiagnostics:
     """What a restoration says of itself.
 
     noise : standard deviation, white = 1; residual_over_noise : root mean square of what is left over, over the
@@ -126,7 +126,7 @@ class Restoration:
     residual: Array
     start: initial_depth.DepthStart
     history: tuple[joint_descent.JointRound, ...]
-    diagnostics: Diagnostics
+    diagnostics: RestorationDiagnostics
     shifts: Array
     light: Array
     turns: Array
@@ -239,7 +239,7 @@ def misfit_of(trusted: NDArray[np.bool_], R: int) -> NDArray[np.bool_]:
 
 def _restoration(
     data: DataTerm,
-    state: joint_descent.State,
+    state: joint_descent.DescentState,
     start: initial_depth.DepthStart,
     brought: registration.Registered,
     saturated: float,
@@ -253,7 +253,7 @@ def _restoration(
     limit = min(b.stack.max_w for b in data.blurs)
     masks, middle, weight = [b.stack for b in data.blurs], float(np.median(w)), state.history[-1].weights.picture
     rms, own = _left_over(residual, data), max(own_noise(data.z), least_noise)
-    diagnostics = Diagnostics(
+    diagnostics = RestorationDiagnostics(
         noise=state.known.sigma,
         residual_over_noise=rms / own,
         unexplained=float(np.sqrt(max(rms**2 - own**2, 0.0)) / max(float(data.z.std(axis=(-2, -1)).mean()), 1e-9)),

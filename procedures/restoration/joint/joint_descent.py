@@ -20,7 +20,7 @@ from procedures.restoration.joint.depth_edges import EdgeSettings, layers_of, pl
 from procedures.restoration.joint.gauss_newton import PriorWeights, joint_step
 from procedures.restoration.joint.noise_and_contrast import fitted_by_depth, moments
 from procedures.restoration.joint.priors import depth_variation, roughness, steps_allowed, total_variation
-from procedures.restoration.joint.restart_regions import Pair, RestartSettings, left_over, repaired
+from procedures.restoration.joint.restart_regions import RegionAttempt, RestartSettings, left_over, repaired
 from procedures.restoration.joint.schedule import (
     PlaceEdges,
     RestartRegions,
@@ -76,7 +76,7 @@ class JointRound:
 
 
 @dataclass(frozen=True)
-class State:
+class DescentState:
     """Where the rounds stand: n done, picture (C, H', W'), depth (H', W'), noise and contrast, history."""
 
     n: int
@@ -116,7 +116,7 @@ def problem_of(
     return one, two
 
 
-def begin(problem: Problem, w: Array) -> State:
+def begin(problem: Problem, w: Array) -> DescentState:
     """The state at a first depth w (H, W): extended beyond the frame, its picture restored softly."""
     data = problem.data
     R, dtype = data.R, data.z.dtype
@@ -126,7 +126,7 @@ def begin(problem: Problem, w: Array) -> State:
     data.focus(wide)
     known = Statistics(problem.sigma, problem.settings.contrast)
     weight = max(1e-3, problem.schedule.final(known).picture)
-    return State(0, restore_picture(data, u, weight, 15), wide, known)
+    return DescentState(0, restore_picture(data, u, weight, 15), wide, known)
 
 
 def cost(problem: Problem, u: Array, w: Array, weights: PriorWeights) -> tuple[float, float]:
@@ -166,13 +166,13 @@ def _edges(
     return down * same_down, across * same_across
 
 
-def rounds(problem: Problem, state: State) -> Iterator[State]:
+def rounds(problem: Problem, state: DescentState) -> Iterator[DescentState]:
     """States after each further round, up to the scheme's number."""
     while state.n < problem.scheme.rounds:
         yield (state := one_round(problem, state))
 
 
-def one_round(problem: Problem, state: State) -> State:
+def one_round(problem: Problem, state: DescentState) -> DescentState:
     """The state after one more round: what opens it, then a joint step."""
     start = time.perf_counter()
     weights = problem.schedule.at(state.n, state.known)
@@ -190,7 +190,9 @@ def one_round(problem: Problem, state: State) -> State:
         state.n, f"{opening.said} + joint" if opening else "joint", value, residual,
         float(np.abs(w - state.w).mean()), time.perf_counter() - start, weights,
     )  # fmt: skip
-    return State(state.n + 1, u, w, _statistics(problem, u, w, weights, residual), (*state.history, done), labels)
+    return DescentState(
+        state.n + 1, u, w, _statistics(problem, u, w, weights, residual), (*state.history, done), labels
+    )
 
 
 def _joint(
@@ -206,22 +208,24 @@ def _joint(
     return joint_step(problem.data, u, w, weights, iterations, _diffusion(problem, u), edges)
 
 
-def _repaired(problem: Problem, state: State, weights: PriorWeights) -> tuple[Array, Array, Labels]:
+def _repaired(problem: Problem, state: DescentState, weights: PriorWeights) -> tuple[Array, Array, Labels]:
     """Picture, depth and segments some joint steps on, the parts that are not explained begun again."""
     s, jump = problem.settings, problem.settings.segments.jump
 
-    def onward(pair: Pair) -> Pair:
+    def onward(pair: RegionAttempt) -> RegionAttempt:
         for _ in range(s.restart.on_trial):
             u, w = _joint(problem, pair.u, pair.w, pair.labels, weights)
-            pair = Pair(u, w, pair.labels)
+            pair = RegionAttempt(u, w, pair.labels)
         return pair
 
-    old = Pair(state.u, state.w, segments(state.w, s.segments, s.restart.doubt, state.labels))
+    old = RegionAttempt(state.u, state.w, segments(state.w, s.segments, s.restart.doubt, state.labels))
     found = repaired(problem.data, problem.other, old, problem.reach, jump, weights.picture, onward, s.restart, s.edges)
     return found.u, found.w, found.labels
 
 
-def _placed(problem: Problem, state: State, step: PlaceEdges, weights: PriorWeights) -> tuple[Array, Array, Labels]:
+def _placed(
+    problem: Problem, state: DescentState, step: PlaceEdges, weights: PriorWeights
+) -> tuple[Array, Array, Labels]:
     """Picture, depth and segments with the depth steps put in their place, from afar or from near."""
     reach, doubt = (step.reach, step.doubt) if step.reach is not None else (problem.reach, problem.reach - 1)
     s = problem.settings
@@ -243,7 +247,7 @@ def _statistics(problem: Problem, u: Array, w: Array, weights: PriorWeights, res
     return Statistics(min(float(np.sqrt(noise)), 1.5 * problem.sigma), contrast)
 
 
-def finish(problem: Problem, state: State) -> State:
+def finish(problem: Problem, state: DescentState) -> DescentState:
     """The picture alone, at the depth found, with the final weight: N_TV times N_u iterations."""
     start = time.perf_counter()
     weights = problem.schedule.final(state.known)
@@ -256,7 +260,7 @@ def finish(problem: Problem, state: State) -> State:
     return replace(state, u=u, history=(*state.history, done))
 
 
-def run(problem: Problem, state: State, progress: Callable[[JointRound], None] | None = None) -> State:
+def run(problem: Problem, state: DescentState, progress: Callable[[JointRound], None] | None = None) -> DescentState:
     """All remaining rounds and the final picture, from the best pair met on the way."""
     best = last = state
     for last in rounds(problem, state):

@@ -60,7 +60,7 @@ class RestartSettings:
 
 
 @dataclass(frozen=True)
-class Pair:
+class RegionAttempt:
     """Picture (C, H', W'), depth and segments (H', W') of one attempt."""
 
     u: Array
@@ -101,14 +101,14 @@ def believed(labels: Labels, wrong: Mask, s: RestartSettings) -> Labels:
 def begun_again(
     data: DataTerm,
     other: DataTerm,
-    old: Pair,
+    old: RegionAttempt,
     wrong: Mask,
     reach: int,
     jump: float,
     weight: float,
     s: RestartSettings,
     edges: EdgeSettings,
-) -> Pair:
+) -> RegionAttempt:
     """The pair with its wrong parts begun again; leaves the terms focused elsewhere.
 
     reach : pixels from which a step may come; jump : change of w taken for one; weight : of the picture's prior.
@@ -123,30 +123,32 @@ def begun_again(
     data.focus(w)
     u = restore_picture(data, np.where(wrong, blurred, old.u).astype(old.u.dtype), soft, 15)
     again = replace(edges, rounds=s.rounds)
-    return Pair(*place_steps(data, other, u, w, labels, layers, soft, settings=again))
+    return RegionAttempt(*place_steps(data, other, u, w, labels, layers, soft, settings=again))
 
 
-def better_of(data: DataTerm, old: Pair, new: Pair, wrong: Mask, doubt: int) -> Pair:
+def better_of(data: DataTerm, old: RegionAttempt, new: RegionAttempt, wrong: Mask, doubt: int) -> RegionAttempt:
     """At every place about the wrong parts the pair that leaves less within the masks' reach of it."""
     left = []
     for pair in (old, new):
         data.focus(pair.w)
         left.append(uniform_filter(np.pad((data.residual(pair.u) ** 2).sum(axis=(0, 1)), data.R), 2 * data.R + 1))
     take = binary_dilation(wrong, iterations=doubt) & (left[1] < left[0])
-    return Pair(np.where(take, new.u, old.u), np.where(take, new.w, old.w), np.where(take, new.labels, old.labels))
+    return RegionAttempt(
+        np.where(take, new.u, old.u), np.where(take, new.w, old.w), np.where(take, new.labels, old.labels)
+    )
 
 
 def repaired(
     data: DataTerm,
     other: DataTerm,
-    old: Pair,
+    old: RegionAttempt,
     reach: int,
     jump: float,
     weight: float,
-    onward: Callable[[Pair], Pair],
+    onward: Callable[[RegionAttempt], RegionAttempt],
     settings: RestartSettings | None = None,
     edges: EdgeSettings | None = None,
-) -> Pair:
+) -> RegionAttempt:
     """The pair some rounds on, its wrong parts begun again where that leaves less; onward : those rounds.
 
     See `begun_again` for the others.

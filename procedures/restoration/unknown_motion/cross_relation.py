@@ -55,7 +55,7 @@ class PlaceSettings:
 
 
 @dataclass(frozen=True)
-class Place:
+class FrameCut:
     """Spectra of both photographs' cuts (2, n, n / 2 + 1), and which of its pixels lie outside the flat part."""
 
     spectra: Array
@@ -81,7 +81,7 @@ class Disagreement:
         margin = (2 * self.R, self.n - 2 * self.R)
         wide = np.pad(z, ((0, 0), margin, margin), mode="reflect").astype(np.float32)
         self.places = [
-            Place(rfft2(wide[:, y : y + self.n, x : x + self.n]), outside[y : y + s.side, x : x + s.side])
+            FrameCut(rfft2(wide[:, y : y + self.n, x : x + self.n]), outside[y : y + s.side, x : x + s.side])
             for y, x in _detailed(z, outside, s)
         ]
 
@@ -98,7 +98,7 @@ class Disagreement:
         found = [least[place.outside] for place, _, _, least in self._by_size(first, second)]
         return float(np.mean(-cap * np.expm1(-np.concatenate(found) / cap))) if found else 0.0
 
-    def _by_size(self, first: Array, second: Array) -> Iterator[tuple[Place, Array, Array, Array]]:
+    def _by_size(self, first: Array, second: Array) -> Iterator[tuple[FrameCut, Array, Array, Array]]:
         """Of every place the disagreement at every size, (sizes, h, w), the size of least mean, and that mean."""
         noise = _noise(first, second)
         first, second = first / noise, second / noise
@@ -131,7 +131,7 @@ class Disagreement:
                 evidence.add(self._patches(place, noise[size], at, evidence.R), -d[size][at], weight[at])
         return list(found.values())
 
-    def _patches(self, place: Place, noise: Array, at: NDArray[np.bool_], R: int) -> Array:
+    def _patches(self, place: FrameCut, noise: Array, at: NDArray[np.bool_], R: int) -> Array:
         """Change of the disagreement at chosen pixels with both masks' entries, (2 (2R + 1)^2, pixels)."""
         K, rows = 2 * R + 1, []
         for sign, spectrum in zip((-1, 1), place.spectra[::-1], strict=True):

@@ -36,7 +36,7 @@ class PairSettings:
 
 
 @dataclass(frozen=True)
-class Pair:
+class PathPair:
     """Two curves (2, POINTS, 2), pixels in the flat part, and how much the frame contradicts them."""
 
     points: Array
@@ -80,27 +80,27 @@ class Search:
     ) -> None:
         self.around, self.flat, self.settings = around, flat, settings or PairSettings()
 
-    def begun(self, points: Array, pools: Sequence[Sequence[Array]]) -> list[Pair]:
+    def begun(self, points: Array, pools: Sequence[Sequence[Array]]) -> list[PathPair]:
         """Pairs of one curve of each pool that the frame contradicts least, the flat part's `points` in their place."""
         s, half = self.settings, self.around.half
         curves = [distinct(self.flat, points, half, k, pool, s) for k, pool in enumerate(pools)]
         seen = [[self.around.seen(one) for one in those] for those in curves]
         pairs = [
-            Pair(np.stack([curves[0][a], curves[1][b]]), self.around.of(first, second))
+            PathPair(np.stack([curves[0][a], curves[1][b]]), self.around.of(first, second))
             for a, first in enumerate(seen[0])
             for b, second in enumerate(seen[1])
         ]
         return sorted(pairs, key=lambda pair: pair.disagreement)[: s.descending]
 
-    def descended(self, points: Array) -> Pair:
+    def descended(self, points: Array) -> PathPair:
         """The best pair met in descending from `points`."""
         met = []
         for _ in range(self.settings.descents):
             evidence = [*self.flat, *self.around.evidence(points)]
             points = fitted(evidence, points, self.around.half, (0, 1), INSTANTS, 15, 1e-3)[1]
-            met.append(Pair(points, self.around.of(*(self.around.seen(one) for one in points))))
+            met.append(PathPair(points, self.around.of(*(self.around.seen(one) for one in points))))
         return min(met, key=lambda pair: pair.disagreement)
 
-    def best(self, beginnings: Sequence[Array]) -> list[Pair]:
+    def best(self, beginnings: Sequence[Array]) -> list[PathPair]:
         """Where the descents from beginnings, (2, POINTS, 2) each, end, the best first."""
         return sorted((self.descended(one) for one in beginnings), key=lambda one: one.disagreement)

@@ -34,7 +34,7 @@ from station.app.widgets import Part, lines_of, literal
 
 if TYPE_CHECKING:
     from drivers.interfaces import Condition
-    from station.bench.opening import Bench, Row
+    from station.bench.opening import Bench, DeviceRow
 
 STEPS = (0.01, 0.1, 1.0, 10.0, 100.0)
 LIGHT_STEP = 0.1
@@ -126,7 +126,7 @@ class BenchScreen(StationScreen):
 
     def _show(self) -> None:
         glyphs = self.query_one("#rows", Part).glyphs
-        known: Sequence[Row] = self.app.rows  # type: ignore[attr-defined]
+        known: Sequence[DeviceRow] = self.app.rows  # type: ignore[attr-defined]
         rows = [row_in_words(row, self._condition(row), glyphs.good, glyphs.bad) for row in known]
         self.query_one("#rows", Part).update(lines_of(*(rows or ["" if self.bench else NO_BENCH])))
         lines = [f"Move by hand, in steps of {STEPS[self._step]:g}"]
@@ -141,7 +141,7 @@ class BenchScreen(StationScreen):
                 self._say(self._taken)
         self._show_wire()
 
-    def _condition(self, row: Row) -> Condition:
+    def _condition(self, row: DeviceRow) -> Condition:
         """How the device is now, rather than when it was connected."""
         return self.app.conditions.get(row.name, row.condition)  # type: ignore[attr-defined,no-any-return]
 
@@ -243,7 +243,7 @@ class BenchScreen(StationScreen):
         self._show_wire()
 
 
-def row_in_words(row: Row, now: Condition, good: str, bad: str) -> str:
+def row_in_words(row: DeviceRow, now: Condition, good: str, bad: str) -> str:
     """A device: what answered and how it is, or what is wrong and what to do."""
     mark = good if now.usable else bad
     who = f"{row.identity.model} {row.identity.firmware}".strip() if row.identity else "no answer"

@@ -28,7 +28,7 @@ from station.app.terminal_images import Thumbnail, thumbnail
 from station.app.widgets import BigText, CurveView, Part, Picture, lines_of, literal
 from station.common.uncertainty_text import stated
 from station.drawing.diagrams import trend
-from station.guide.focus.live import Frame, LiveFocus, Source
+from station.guide.focus.live import LiveFocus, LiveFrame, PhotographSource
 from station.guide.frontend import MOVE
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ NAMED = Ask("folder", "In which folder do they arrive?", "text")
 HOMES = Ask(MOVE, "The simulated stages home, each axis to its switch, then go to the middle of their travel.")
 SIGNS = {Way.TRY: "?", Way.ON: ">", Way.BACK: "<", Way.STAY: "="}
 """Beside the number: go on, turn back, stay."""
-Coming = Callable[[Source], Iterator[Frame]]
+Coming = Callable[[PhotographSource], Iterator[LiveFrame]]
 
 
 class FocusScreen(StationScreen):
@@ -167,10 +167,10 @@ class FocusScreen(StationScreen):
         self._at_work = True
         self.query_one("#source", Part).update(literal(f"Photographs come from {self._from}."))
         self.query_one(AnswerBox).tell("Waiting for the first photograph." if on_bench else "Take a photograph.")
-        frames = coming(Source(self._ended.is_set))
+        frames = coming(PhotographSource(self._ended.is_set))
         app.focus(partial(self._work, frames), self._end, on_bench=on_bench)  # type: ignore[attr-defined]
 
-    def _work(self, frames: Iterator[Frame]) -> None:
+    def _work(self, frames: Iterator[LiveFrame]) -> None:
         """Measure what comes; in a thread."""
         live = LiveFocus(Chart.from_seed())
         for frame in frames:

@@ -10,7 +10,7 @@ from procedures.outcome import Quantity
 from station.app.widgets import verdict_words
 from station.common.uncertainty_text import stated
 from station.drawing.glyphs import Glyphs
-from station.drawing.terminal_plots import Curve, Frame, plot
+from station.drawing.terminal_plots import TerminalCurve, TerminalFrame, plot
 from station.results.number_names import short
 from station.results.plane_result import PlaneResult
 from station.results.reader import Change
@@ -33,16 +33,18 @@ LETTERS = "*o"
 
 def mtf_plot(planes: Sequence[PlaneResult]) -> Plotted | None:
     """The radial MTF of each plane with its 95 % band, the second one dashed; None where no plane has one."""
-    curves: list[Curve] = []
+    curves: list[TerminalCurve] = []
     for plane, letter in zip([one for one in planes if one.curves], LETTERS, strict=False):
         band = plane.curves.get("radial_uncertainty")
         dashed = bool(curves)
         wide = None if band is None else COVERAGE * band
-        curves.append(Curve(plane.curves["frequency"], plane.curves["radial"], wide, letter=letter, dashed=dashed))
+        curves.append(
+            TerminalCurve(plane.curves["frequency"], plane.curves["radial"], wide, letter=letter, dashed=dashed)
+        )
     if not curves:
         return None
     last = max(float(np.max(curve.x)) for curve in curves)
-    frame = Frame((0.0, last), (0.0, 1.05), f"MTF, {planes[0].unit}")
+    frame = TerminalFrame((0.0, last), (0.0, 1.05), f"MTF, {planes[0].unit}")
     return lambda width, height, ascii: plot(curves, frame, width, height, ascii=ascii)
 
 

@@ -15,7 +15,7 @@ from station.common.log import log, log_json_option
 
 if TYPE_CHECKING:
     from drivers.interfaces import Stage
-    from station.bench.opening import Bench, Row
+    from station.bench.opening import Bench, DeviceRow
 
 FAILED = 3
 """The exit code of device errors."""
@@ -97,7 +97,7 @@ class AtTheTerminal:
         return None
 
 
-def _commission(bench: Bench, rows: list[Row], tables: Mapping[str, Any], output: Path | None) -> None:
+def _commission(bench: Bench, rows: list[DeviceRow], tables: Mapping[str, Any], output: Path | None) -> None:
     """Each stage that answered, one after another."""
     from station.bench.commission import commission
 
@@ -115,7 +115,7 @@ def interrupt() -> None:
     raise KeyboardInterrupt
 
 
-def entry(row: Row) -> dict[str, Any]:
+def entry(row: DeviceRow) -> dict[str, Any]:
     """One row for programs."""
     who, error = row.identity, row.error
     return {
@@ -133,7 +133,7 @@ def entry(row: Row) -> dict[str, Any]:
     }
 
 
-def table(rows: list[Row]) -> str:
+def table(rows: list[DeviceRow]) -> str:
     """The rows for people: aligned columns; where a device may not be used yet, what to do."""
     cells = [["device", "driver", "answers as", "firmware", "serial", "state", "what to do"]]
     for row in rows:

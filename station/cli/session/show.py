@@ -15,7 +15,7 @@ from station.common.log import log, log_json_option
 
 if TYPE_CHECKING:
     from station.sessions.reader import SessionRecord
-    from station.sessions.state import Shot
+    from station.sessions.state import SessionShot
 
 
 @click.command("show")
@@ -73,7 +73,7 @@ def _words(record: SessionRecord) -> str:
 SHOT_HEADING = ("shot", "file", "step", "purpose", "counts", "why not")
 
 
-def _shot_row(shot: Shot) -> tuple[str, ...]:
+def _shot_row(shot: SessionShot) -> tuple[str, ...]:
     counts = {True: "yes", False: "no", None: "not judged"}[shot.counts]
     return str(shot.number), shot.path, shot.step, shot.purpose, counts, shot.reason
 

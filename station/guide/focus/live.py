@@ -40,7 +40,7 @@ and focused by eye."""
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class LiveFrame:
     """A photograph as it came: its plane, or why it cannot be read; the setting of the focus where it is known.
 
     `arrived_s` is when its file was there, by the clock of whoever saw it.
@@ -58,7 +58,7 @@ class FocusSeen:
 
     Attributes
     ----------
-    frame : Frame
+    frame : LiveFrame
     found : Outcome[Sharpness]
     took_s : from the file's arrival to its number
     scores, uncertainties : MTF50 of all photographs so far, NaN where none could be told
@@ -68,7 +68,7 @@ class FocusSeen:
     places : settings of the focus of all photographs so far, NaN where they are not known
     """
 
-    frame: Frame
+    frame: LiveFrame
     found: Outcome[Sharpness]
     took_s: float
     scores: tuple[float, ...]
@@ -106,7 +106,7 @@ class LiveFocus:
     _scores: list[float] = field(default_factory=list)
     _uncertainties: list[float] = field(default_factory=list)
 
-    def see(self, frame: Frame) -> FocusSeen:
+    def see(self, frame: LiveFrame) -> FocusSeen:
         """Measure a photograph; one that cannot be read or measured says why."""
         found = self._measure(frame.plane)
         self._last = found.value or self._last
@@ -130,7 +130,7 @@ class LiveFocus:
         near = None if self._last is None else self._last.sighting
         return measure_sharpness(plane.value, self.chart, self.parameters, near)
 
-    def _note(self, frame: Frame, found: Outcome[Sharpness]) -> None:
+    def _note(self, frame: LiveFrame, found: Outcome[Sharpness]) -> None:
         number = float(len(self._scores) + 1) if self.equal_steps else math.nan
         mtf50 = None if found.value is None else found.value.mtf50
         self._scores.append(math.nan if mtf50 is None else mtf50.value)
@@ -142,7 +142,7 @@ class LiveFocus:
 
 
 @dataclass(frozen=True)
-class Source:
+class PhotographSource:
     """Where photographs come from, until `ended` says that no more are wanted.
 
     `plane` is the plane to look at, None for the usual one; `clock` tells seconds.
@@ -152,16 +152,16 @@ class Source:
     plane: str | None = None
     clock: Callable[[], float] = time.monotonic
 
-    def read(self, path: Path, arrived_s: float, place: float | None = None) -> Frame:
+    def read(self, path: Path, arrived_s: float, place: float | None = None) -> LiveFrame:
         """A photograph's plane, or why there is none."""
         try:
             name = self.plane or default_plane(path)
             plane = Outcome(read_frame(path, [name]).planes[name])
         except (BadInput, BadParameter) as error:
-            return Frame(path, Outcome(None, Verdict.REFUSED, error.reason, error.remedy), arrived_s, place)
-        return Frame(path, plane, arrived_s, place)
+            return LiveFrame(path, Outcome(None, Verdict.REFUSED, error.reason, error.remedy), arrived_s, place)
+        return LiveFrame(path, plane, arrived_s, place)
 
-    def watched(self, folder: Path, pause: Callable[[float], object]) -> Iterator[Frame]:
+    def watched(self, folder: Path, pause: Callable[[float], object]) -> Iterator[LiveFrame]:
         """The photographs that arrive in a folder from now on, each as soon as it can be read. Raises BadInput."""
         known, arrived = _photographs(folder), dict[Path, tuple[int, float]]()
         while not self.ended():
@@ -176,13 +176,13 @@ class Source:
                     yield frame
             pause(POLL_S)
 
-    def tethered(self, bench: Bench) -> Iterator[Frame]:
+    def tethered(self, bench: Bench) -> Iterator[LiveFrame]:
         """One exposure of the bench's camera after the other; nothing is moved. Raises DeviceError."""
         stops = bench.stops
         while not self.ended():
             yield self._exposed(bench, stops)
 
-    def simulated(self, bench: Bench, places: Iterable[float] = SWEEP) -> Iterator[Frame]:
+    def simulated(self, bench: Bench, places: Iterable[float] = SWEEP) -> Iterator[LiveFrame]:
         """A simulated person hangs the chart, focuses by eye, and turns the ring to one place after the other.
 
         The stages home first, and go to the middle of their travel. Raises DeviceError.
@@ -204,7 +204,7 @@ class Source:
             at = place
             yield self._exposed(bench, stops, place)
 
-    def _exposed(self, bench: Bench, stops: int, place: float | None = None) -> Frame:
+    def _exposed(self, bench: Bench, stops: int, place: float | None = None) -> LiveFrame:
         """An exposure, unless everything was stopped. Raises DeviceError."""
         bench.check_stops(stops)
         return self.read(bench.camera.expose().path, self.clock(), place)

@@ -14,7 +14,7 @@ from matplotlib.patches import Ellipse, Rectangle
 
 from procedures.field.chromatic import LateralColour
 from procedures.field.maps import FieldMap
-from procedures.field.models import Axis
+from procedures.field.models import SymmetryAxis
 from procedures.psf_field import PsfField
 from station.drawing.colours import FAINT, INK, MARK, PLANE_COLOURS
 from station.drawing.style import STYLE, axes_grid, colour_bar, few_ticks, svg
@@ -153,7 +153,7 @@ def mosaic_figure(field: PsfField, name: str) -> Markup:
     return svg(figure, name, f"the PSF of {field.plane} at {len(points)} places")
 
 
-def places_figure(field: PsfField, axis: Axis | None, name: str) -> Markup:
+def places_figure(field: PsfField, axis: SymmetryAxis | None, name: str) -> Markup:
     """The frame, its nodes and what they enclose, and the axis of the lens with its 95 % ellipse."""
     rows, columns = field.shape
     figure, ((axes,),) = axes_grid(4.4, 4.1 * min(rows / columns, 1.5) + 0.5, rim_in=(0.08, 0.08, 0.4, 0.08))

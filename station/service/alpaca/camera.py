@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, cast
 
-from drivers.interfaces import Camera, CameraSettings, Exposure
+from drivers.interfaces import Camera, CameraSettings, ExposedFile
 from procedures.raw import RawFrame, default_plane, read_frame
 from station.service.alpaca.device import AlpacaDevice, Member, Task, absent, constant, refuse_operation
 from station.service.alpaca.errors import INVALID_VALUE, NOT_IMPLEMENTED, VALUE_NOT_SET, AlpacaError
@@ -27,7 +27,7 @@ class Taken:
 
     image: SensorImage
     frame: RawFrame
-    exposure: Exposure
+    exposure: ExposedFile
     began: datetime
 
 

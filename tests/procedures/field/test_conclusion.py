@@ -10,7 +10,7 @@ import pytest
 from procedures.field import measuring
 from procedures.field.conclusion import conclude
 from procedures.field.estimate import FrameNodes, Miss
-from procedures.field.measuring import Measured
+from procedures.field.measuring import MeasuredFrames
 from procedures.outcome import Refused
 from procedures.psf import Psf
 from procedures.psf_field import Node
@@ -33,9 +33,9 @@ def gaussian(sigma: float) -> np.ndarray:
     return h / h.sum()
 
 
-def measured(rng, sources=POSITIONS_MM, places=5, planes=("R", "G1")) -> Measured:
+def measured(rng, sources=POSITIONS_MM, places=5, planes=("R", "G1")) -> MeasuredFrames:
     """A blur that is least where the tilted plane of best focus meets the position: sigma^2 = 0.5^2 + 0.3 z^2."""
-    found = Measured()
+    found = MeasuredFrames()
     for name in planes:
         found.planes[name] = Plane(name, np.broadcast_to(np.float32(0), SHAPE), 1 / 16383, 2)
         found.nodes[name] = []
@@ -94,7 +94,7 @@ def test_planes_with_too_few_nodes_are_refused_by_name():
 
 
 def test_nothing_at_all_is_refused_with_the_first_reason():
-    empty = Measured(misses=[Miss("a.dng", "a.dng is empty", "copy it again")], failed=["a.dng"])
+    empty = MeasuredFrames(misses=[Miss("a.dng", "a.dng is empty", "copy it again")], failed=["a.dng"])
     with pytest.raises(Refused, match="none of 1 photographs gives a PSF"):
         conclude(empty)
 

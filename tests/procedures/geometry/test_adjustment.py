@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from procedures.geometry.adjustment import State, adjust
+from procedures.geometry.adjustment import AdjustmentState, adjust
 from procedures.geometry.bundle import adjust_flat, first_bundle, flat_covariance
 from procedures.geometry.cameras import simple_camera
 from procedures.geometry.shape import rigid_shape, shape_model
@@ -26,7 +26,9 @@ def flat():
 def test_a_perfect_chart_and_equal_points_give_what_pycolmap_gives(flat):
     taken, bundle = flat
     shape = rigid_shape(taken.nodes)
-    found = adjust(State(bundle.camera, bundle.poses, np.zeros(0), 0 * taken.nodes), taken.nodes, taken.views, shape)
+    found = adjust(
+        AdjustmentState(bundle.camera, bundle.poses, np.zeros(0), 0 * taken.nodes), taken.nodes, taken.views, shape
+    )
     p = len(bundle.camera.params)
     sigma = np.sqrt(np.diag(found.covariance)[:p])
     # both stop where a step changes little: a thirtieth of a standard uncertainty
@@ -38,7 +40,7 @@ def test_a_perfect_chart_and_equal_points_give_what_pycolmap_gives(flat):
 
 def test_the_sum_of_squares_is_that_of_noise(flat):
     taken, bundle = flat
-    state = State(bundle.camera, bundle.poses, np.zeros(0), 0 * taken.nodes)
+    state = AdjustmentState(bundle.camera, bundle.poses, np.zeros(0), 0 * taken.nodes)
     found = adjust(state, taken.nodes, taken.views, rigid_shape(taken.nodes))
     count = sum(2 * len(view) for view in taken.views)
     assert found.freedom == count - 8 - 6 * len(taken.views)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from procedures.geometry.adjustment import State, residual
+from procedures.geometry.adjustment import AdjustmentState, residual
 from procedures.geometry.bundle import first_bundle
 from procedures.geometry.cameras import Camera
 from procedures.geometry.choice import fit_model
@@ -56,13 +56,13 @@ def test_mrcals_optimum_is_found_again_from_nothing(published, views):
     nodes, terms = warped_board(published)
     shape = shape_of_terms(nodes, terms, np.full(2, 20.0), 0.0)
     bundle = first_bundle(nodes, views, SIZE)
-    start = State(bundle.camera, bundle.poses, np.zeros(2), np.zeros_like(nodes))
+    start = AdjustmentState(bundle.camera, bundle.poses, np.zeros(2), np.zeros_like(nodes))
     found = fit_model("FULL_OPENCV", start, nodes, views, shape)
     # what they leave over, by their camera, poses and warp: the poses are of the board's corner there
     corner, theirs = nodes[0], 1000 * published["calobject_warp"]
     camera = Camera("FULL_OPENCV", published["intrinsics"][0], *SIZE)
     poses = tuple(_about_centre(rt, corner) for rt in published["frames_rt_toref"])
-    optimum = State(camera, poses, np.zeros(0), np.zeros_like(nodes))
+    optimum = AdjustmentState(camera, poses, np.zeros(0), np.zeros_like(nodes))
     flat = shape_of_terms(nodes, np.zeros((len(nodes), 3, 0)), np.zeros(0), 0.0)
     ours = _rms(found.state, nodes, views, shape)
     assert ours == pytest.approx(_rms(optimum, nodes + terms @ theirs, views, flat), rel=1e-4)
@@ -77,6 +77,6 @@ def _about_centre(rt: np.ndarray, corner: np.ndarray) -> Pose:
     return Pose(R, 1000 * rt[3:] - R @ corner)
 
 
-def _rms(state: State, nodes, views, shape) -> float:
+def _rms(state: AdjustmentState, nodes, views, shape) -> float:
     left = np.concatenate([residual(state, nodes, view, shape, i) for i, view in enumerate(views)])
     return float(np.sqrt(np.mean(left**2)))

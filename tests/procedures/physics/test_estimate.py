@@ -12,7 +12,7 @@ from procedures.outcome import BadParameter, Outcome, Quantity, Verdict
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import estimate_psf
 from procedures.physics.estimate import Physics, estimate_physics
-from procedures.physics.fit import Whitened, distance_of_rise, fit_parts
+from procedures.physics.fit import WhitenedPsf, distance_of_rise, fit_parts
 from procedures.physics.model import Grid, names_of
 from procedures.physics.one_sided import _fill_factor
 from procedures.physics.pupil import TERMS, Pupil
@@ -135,7 +135,7 @@ def test_error_bars_are_as_large_as_errors(rng: np.random.Generator) -> None:
     true = np.array([0.9, *(v / WAVELENGTHS_UM["G"] for v in (0.05, 0.02, 0.03, -0.02, 0.04, 0, 0, 0.03))])
     for _ in range(8):
         psf, diffraction = measured(optics, "G", 0.02, rng)
-        fit = fit_parts(Whitened.of(Grid(psf, diffraction, 2)), parts, start)
+        fit = fit_parts(WhitenedPsf.of(Grid(psf, diffraction, 2)), parts, start)
         start = fit.p
         z.append((fit.p[2:] - true) / np.sqrt(np.diag(fit.covariance))[2:])
     # 72 numbers, some of them correlated: their spread is known to an eighth
@@ -160,7 +160,7 @@ def test_a_perfect_lens_has_no_aberrations(rng: np.random.Generator) -> None:
 @pytest.mark.parametrize("term", ["defocus", "coma_x"])
 def test_chi_square_rises_by_one_where_the_bound_s_distance_says(rng: np.random.Generator, term: str) -> None:
     psf, diffraction = measured(camera(PixelAperture(0.9, 0.9), wavefront=Wavefront()), "G", 0.01, rng)
-    data, parts = Whitened.of(Grid(psf, diffraction, 2)), Parts(aberrations=())
+    data, parts = WhitenedPsf.of(Grid(psf, diffraction, 2)), Parts(aberrations=())
     fit = fit_parts(data, parts)
     probe = replace(parts, aberrations=(TERMS.index(term),))
     begun = replace(fit, parts=probe, p=np.append(fit.p, 0.0))
@@ -200,7 +200,7 @@ def test_l_shaped_photosites_are_turned_between_green_and_red(rng: np.random.Gen
     assert green.missing_corner_deg == 135
     assert green.numbers["notch"].value == pytest.approx(0.55, abs=0.05)
     psf, diffraction = measured(optics, "R", 0.005, rng)
-    data = Whitened.of(Grid(psf, diffraction, 2))
+    data = WhitenedPsf.of(Grid(psf, diffraction, 2))
     fits = [fit_parts(data, Parts(shape, aberrations=(0,))) for shape in Aperture]
     best = min(fits, key=lambda one: one.criterion())
     assert best.parts.aperture.missing_corner_deg == green.missing_corner_deg + 90

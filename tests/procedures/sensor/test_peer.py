@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from procedures.sensor.measured import Measured
+from procedures.sensor.measured import IntervalNumber
 from station.calibration.sensor import measure_sensor
 from station.calibration.sensor_folder import find_shots
 
@@ -79,5 +79,5 @@ def test_numbers_agree_to_half_a_per_cent(both, name):
 @pytest.mark.parametrize("name", ["linearity_error_min", "linearity_error_max"])
 def test_deviations_from_the_line_agree(both, name):
     theirs, ours = both
-    number: Measured = ours[name]
+    number: IntervalNumber = ours[name]
     assert number.value == pytest.approx(theirs[name], abs=max(0.005 * abs(theirs[name]), 1e-6))

@@ -13,7 +13,7 @@ from procedures.raw import Plane
 from station.app.terminal_images import Thumbnail, in_letters, lay_out, shrink, thumbnail
 from station.app.widgets import left_of, progress_in_words
 from station.drawing.glyphs import ASCII, UNICODE, glyphs_for, visible
-from station.drawing.terminal_plots import GUTTER, Curve, Frame, plot
+from station.drawing.terminal_plots import GUTTER, TerminalCurve, TerminalFrame, plot
 from station.guide.frontend import Doing
 
 SIDES = st.integers(1, 40)
@@ -67,7 +67,7 @@ def heights(lines: list[str]) -> list[int]:
 @pytest.mark.parametrize("ascii", [True, False])
 def test_a_falling_line_falls(ascii):
     x = np.linspace(0, 1, 50)
-    shown = heights(plot([Curve(x, 1 - x)], Frame((0, 1), (0, 1)), 45, 21, ascii=ascii))
+    shown = heights(plot([TerminalCurve(x, 1 - x)], TerminalFrame((0, 1), (0, 1)), 45, 21, ascii=ascii))
     assert shown == sorted(shown)
     assert shown[0] == 0
     assert shown[-1] == 19
@@ -75,7 +75,7 @@ def test_a_falling_line_falls(ascii):
 
 def test_a_band_lies_on_both_sides_of_its_curve():
     x = np.linspace(0, 1, 50)
-    lines = plot([Curve(x, 0 * x + 0.5, band=0 * x + 0.25)], Frame((0, 1), (0, 1)), 45, 22, ascii=True)
+    lines = plot([TerminalCurve(x, 0 * x + 0.5, band=0 * x + 0.25)], TerminalFrame((0, 1), (0, 1)), 45, 22, ascii=True)
     column = "".join(line[GUTTER + 4] for line in lines[:-1])
     assert column.count("*") == 1
     assert column.index(".") < column.index("*") < column.rindex(".")
@@ -83,8 +83,8 @@ def test_a_band_lies_on_both_sides_of_its_curve():
 
 def test_two_curves_are_told_apart_without_colour():
     x = np.linspace(0, 1, 50)
-    one, other = Curve(x, 0 * x + 0.2), Curve(x, 0 * x + 0.8, dashed=True)
-    lines = plot([one, other], Frame((0, 1), (0, 1)), 45, 12)
+    one, other = TerminalCurve(x, 0 * x + 0.2), TerminalCurve(x, 0 * x + 0.8, dashed=True)
+    lines = plot([one, other], TerminalFrame((0, 1), (0, 1)), 45, 12)
     rows = [line[GUTTER:] for line in lines[:-1] if line[GUTTER:].strip()]
     assert " " in rows[0].strip()
     assert " " not in rows[-1].strip()
@@ -93,7 +93,7 @@ def test_two_curves_are_told_apart_without_colour():
 @given(st.lists(st.floats(allow_nan=True, allow_infinity=True), min_size=1, max_size=8))
 def test_any_numbers_can_be_drawn(values):
     x = np.arange(len(values), dtype=float)
-    lines = plot([Curve(x, np.array(values))], Frame((0.0, 8.0), (0.0, 1.0)), 30, 8)
+    lines = plot([TerminalCurve(x, np.array(values))], TerminalFrame((0.0, 8.0), (0.0, 1.0)), 30, 8)
     assert len(lines) == 8
 
 

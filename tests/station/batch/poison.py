@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 import signal
 
-from station.batch.item import Job, Row, work
+from station.batch.item import ItemRow, Job, work
 from station.calibration.folder_photographs import Item
 
 
-def poisoned(item: Item, job: Job) -> Row:
+def poisoned(item: Item, job: Job) -> ItemRow:
     """The work of a batch, but a photograph called poison ends its process."""
     if item.paths[0].stem == "poison":
         os.kill(os.getpid(), signal.SIGKILL)

@@ -13,7 +13,7 @@ from procedures.outcome import BadParameter, Refused
 from procedures.raw import read_frame
 from station.batch import estimates
 from station.batch import run as batch_run
-from station.batch.item import Job, Row, finished, work
+from station.batch.item import ItemRow, Job, finished, work
 from station.batch.procedure_file import FIELD, read_procedure
 from station.batch.run import run_batch
 from station.calibration.folder_photographs import by_folder, find_frames, singly
@@ -108,7 +108,7 @@ def test_what_the_camera_noted_stands_in_the_row(tmp_path, chart_photograph, mon
     path = chart_photograph(tmp_path / "in" / "a.dng")
     exposure = read_frame(path).exposure
     monkeypatch.setattr(estimates, "calibrate", lambda *args, **more: iter(()))
-    monkeypatch.setattr("station.batch.item._row_of", lambda item, *rest: Row(item.files, "pass"))
+    monkeypatch.setattr("station.batch.item._row_of", lambda item, *rest: ItemRow(item.files, "pass"))
     (row,) = rows_of(tmp_path, 'procedure = "series"\n')
     assert row.noted["f_number"] == exposure.f_number
     assert (row.noted["exposure_s"], row.noted["iso"]) == (exposure.exposure_s, exposure.iso)

@@ -11,10 +11,10 @@ import pytest
 from click.testing import CliRunner
 
 from station.__main__ import main
-from station.batch.item import PlaneRow, Row
+from station.batch.item import ItemRow, PlaneRow
 from station.batch.procedure_file import SERIES, read_procedure
 from station.batch.series import points_of, several, write_series
-from station.calibration.series import Point, Setting, best_apertures, series_table
+from station.calibration.series import Point, SeriesSetting, best_apertures, series_table
 from station.reports.batches.series_page import series_page
 
 
@@ -24,7 +24,7 @@ def row(f_number, mtf50, sd=0.001, plane="G1", verdict="pass", **noted):
         for along, value in (("horizontal", mtf50 - 0.01), ("vertical", mtf50 + 0.01))
     }
     notes = {"f_number": f_number, "iso": 100.0, **noted} if f_number else noted
-    return Row(("a",), verdict, planes={plane: PlaneRow(verdict, "", "", numbers)}, noted=notes)
+    return ItemRow(("a",), verdict, planes={plane: PlaneRow(verdict, "", "", numbers)}, noted=notes)
 
 
 def test_photographs_of_one_setting_are_put_together():
@@ -49,7 +49,7 @@ def test_settings_are_kept_apart_and_in_order():
 @pytest.mark.parametrize(("apart", "confidence"), [(10.0, 1.0), (0.0, 0.5), (1.0, 0.760)])
 def test_confidence_in_the_best_aperture_is_the_chance_that_it_is(apart, confidence):
     sd = 0.001
-    points = [Point("G1", "mtf50", Setting(f, None, None), value, sd, "cycles/pixel", 1)
+    points = [Point("G1", "mtf50", SeriesSetting(f, None, None), value, sd, "cycles/pixel", 1)
               for f, value in ((4.0, 0.3), (5.6, 0.3 + apart * sd))]  # fmt: skip
     (best,) = best_apertures(points)
     # Phi(apart / sqrt 2); 20000 draws tell a share to 0.0035: four of these

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from drivers.clock import SystemClock
-from drivers.interfaces import CameraSettings, Exposure
+from drivers.interfaces import CameraSettings, ExposedFile
 from procedures.outcome import BadInput, BadParameter
 from station.calibration.field_photographs import check_noted, focus_positions, photographs
 from station.sessions.session import Session
@@ -35,7 +35,7 @@ def photographed(session, number, counts) -> None:
     path.write_bytes(bytes([number]) * 9)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     session.expect("tour", "place")
-    exposure = Exposure(path, digest, 9, CameraSettings(0.02, 100), 1.0, 2.0)
+    exposure = ExposedFile(path, digest, 9, CameraSettings(0.02, 100), 1.0, 2.0)
     shot = session.adopt(exposure, step="tour", purpose="place", snapshot={})
     if counts is not None:
         session.judge(shot, counts)

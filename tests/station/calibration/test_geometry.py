@@ -19,21 +19,21 @@ from procedures.geometry.views import ChartView
 from procedures.outcome import BadInput, BadParameter, Outcome, Verdict
 from station.__main__ import main
 from station.calibration.exports.geometry import StoredCamera, export_camera, read_camera
-from station.calibration.geometry import Shoot, ViewRecord, conclude
+from station.calibration.geometry import GeometryPhotographs, ViewRecord, conclude
 from station.reports.geometry_files import write_geometry_result
 from station.results.result_files import ResultFolder
 from tests.procedures.geometry.simulated_views import CELL_MM, TrueCamera, take
-from tests.procedures.geometry.simulated_views import Shoot as Photographed
+from tests.procedures.geometry.simulated_views import GeometryPhotographs as Photographed
 
 TRUTH = TrueCamera(radial=(-0.12, 0.06, 0.0), thin_prism=(0.0, 0.0, 0.0, 0.0))
 
 
 @pytest.fixture(scope="module")
-def shoot() -> Shoot:
+def shoot() -> GeometryPhotographs:
     taken = take(Photographed(TRUTH, count=6, print_mm=0.02, bend_mm=0.2), np.random.default_rng(12))
     good = [ViewRecord(Path(f"{view.source}.dng"), "0" * 64, view, Verdict.PASS) for view in taken.views]
     bad = ViewRecord(Path("dark.dng"), "1" * 64, None, Verdict.REFUSED, "the photograph is too dark", "expose longer")
-    return Shoot("G1", TRUTH.size, (*good, bad))
+    return GeometryPhotographs("G1", TRUTH.size, (*good, bad))
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +84,7 @@ def test_the_page_says_how_well_the_frame_is_known(result):
 
 
 def test_a_refusal_names_a_photograph_that_gave_none(shoot):
-    few = Shoot("G1", shoot.size, (shoot.records[0], shoot.records[-1]))
+    few = GeometryPhotographs("G1", shoot.size, (shoot.records[0], shoot.records[-1]))
     found = conclude(few, GeometryParameters(CELL_MM))
     assert found.verdict is Verdict.REFUSED
     assert "1 of 2 photographs gave none, dark.dng: the photograph is too dark" in found.reason

@@ -8,7 +8,7 @@ import pytest
 
 from procedures.facts import CameraFacts, derived_from
 from procedures.plan import Advice, Ask, Look, Plan, Reading, Step
-from station.guide.contradictions import CORRECT, INSIST, Progress
+from station.guide.contradictions import CORRECT, INSIST, LookProgress
 from station.guide.frontend import Trouble
 from station.guide.run import Run
 from station.guide.scripted import Scripted
@@ -103,7 +103,7 @@ def test_after_three_moves_that_mend_nothing_the_plan_stops_and_says_what_it_res
 
 
 def test_moves_that_help_are_not_counted():
-    progress = Progress()
+    progress = LookProgress()
     for value in (3.0, 2.5, 2.2, 2.0, 1.8):
         # off by 1.5, 1.0, 0.7, 0.5, 0.3
         advice = Advice(False, "Move.", (Reading("s/t", value, "", 1.0, 1.5),), moves={"z_mm": 10.0})

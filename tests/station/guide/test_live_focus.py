@@ -10,12 +10,12 @@ import pytest
 
 from procedures.outcome import BadInput
 from procedures.pattern import Chart
-from station.guide.focus.live import GROWN_S, LiveFocus, Source
+from station.guide.focus.live import GROWN_S, LiveFocus, PhotographSource
 
 PICTURE = np.full((40, 60), 20000, np.uint16)
 
 
-def source_of(looks: int) -> Source:
+def source_of(looks: int) -> PhotographSource:
     """Ends after so many looks at the folder, a tenth of a second apart."""
     count = itertools.count()
     now = {"looks": 0}
@@ -24,7 +24,7 @@ def source_of(looks: int) -> Source:
         now["looks"] = next(count)
         return now["looks"] >= looks
 
-    return Source(ended, clock=lambda: now["looks"] / 10)
+    return PhotographSource(ended, clock=lambda: now["looks"] / 10)
 
 
 def test_only_what_arrives_is_told_and_once(tmp_path):

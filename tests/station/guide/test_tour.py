@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from procedures.plan import Advice, Go, Plan, Step, Stop, Tour
+from procedures.plan import Advice, Go, Plan, Step, Tour, TourStop
 from station.guide.frontend import Doing
 from station.guide.photographing import LEAVE_OUT
 from station.guide.run import Run
@@ -33,7 +33,7 @@ def session(tmp_path, bench):
 def tour_plan(check=lambda name, facts: Advice(True, "good"), tries=2, off_mm=0.0):
     def stop(name, place_mm):
         go = Go(lambda facts: {"z_mm": place_mm + off_mm}, lambda facts: f"going to {name}")
-        return Stop(name, go, lambda frame, facts: check(name, facts))
+        return TourStop(name, go, lambda frame, facts: check(name, facts))
 
     stops = [stop(*one) for one in PLACES_MM.items()]
     home = benches.Home()
@@ -68,7 +68,7 @@ def test_what_the_check_advises_is_followed_before_the_next_try(bench, session):
 
 def test_without_axes_the_operator_is_told_where_to(bench, session):
     go = Go(lambda facts: {}, lambda facts: "Turn the camera to the left.")
-    stops = [Stop("left", go, lambda frame, facts: Advice(True, "good"))]
+    stops = [TourStop("left", go, lambda frame, facts: Advice(True, "good"))]
     plan = Plan("short", "A tour", (Step("tour", "Tour", "Go.", (Tour(lambda facts: stops),)),))
     operator = Scripted()
     Run(plan, bench, session, operator).go()

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 
-from drivers.interfaces import CameraSettings, Exposure
+from drivers.interfaces import CameraSettings, ExposedFile
 from station.results.result_files import ResultFolder, write_record
 from station.sessions.layout import is_session
 from station.sessions.session import Session
@@ -39,7 +39,7 @@ class Camera:
     exposures: list[str] = field(default_factory=list)
     noise: str = ""
 
-    def expose(self, what: str) -> Exposure:
+    def expose(self, what: str) -> ExposedFile:
         self.folder.mkdir(exist_ok=True)
         self.exposures.append(what)
         data = hashlib.sha256((what + self.noise).encode()).digest() * 40
@@ -48,9 +48,9 @@ class Camera:
         return exposure_of(path)
 
 
-def exposure_of(path: Path) -> Exposure:
+def exposure_of(path: Path) -> ExposedFile:
     data = path.read_bytes()
-    return Exposure(path, hashlib.sha256(data).hexdigest(), len(data), CameraSettings(0.02, 100), 1.0, 2.0)
+    return ExposedFile(path, hashlib.sha256(data).hexdigest(), len(data), CameraSettings(0.02, 100), 1.0, 2.0)
 
 
 @dataclass

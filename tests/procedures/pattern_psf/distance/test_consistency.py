@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from procedures.facts import Axis
+from procedures.facts import AxisTravel
 from procedures.pattern_psf.distance.consistency import cautious_mm, measured_scale, probe_mm, size_contradiction
 from procedures.pattern_psf.facts import SIZES, PatternFacts, RangeLook
 from procedures.raw import Exposure
@@ -89,7 +89,7 @@ def test_the_first_move_is_short_until_the_rail_has_told_whether_the_numbers_are
 
 
 def test_the_move_that_tells_the_scale_stays_on_the_rail():
-    rail = {"z_mm": Axis(580.0, 0.0, 600.0)}
+    rail = {"z_mm": AxisTravel(580.0, 0.0, 600.0)}
     now = look(1380.0, rail=True)
     assert probe_mm(now, 1380.0, False, replace(TRUE, axes=rail)) == pytest.approx(-0.08 * 1380.0)
     assert probe_mm(now, 1380.0, True, replace(TRUE, axes=rail)) == pytest.approx(-0.08 * 1380.0)

@@ -10,7 +10,7 @@ from procedures.restoration.joint.data_term import restore_picture
 from procedures.restoration.joint.gauss_newton import PriorWeights, joint_step
 from procedures.restoration.joint.priors import steps_allowed
 from procedures.restoration.joint.restart_regions import (
-    Pair,
+    RegionAttempt,
     RestartSettings,
     believed,
     better_of,
@@ -38,7 +38,7 @@ def notched(vibrating, terms):
     w = np.where(notch, w - 1, w).astype(np.float32)
     terms[0].focus(w)
     u = restore_picture(terms[0], np.full(vibrating.sharp.shape, 0.5, np.float32), 1e-4, 40)
-    return Pair(u, w, np.where(near & ~notch, 2, 1).astype(np.int32)), notch
+    return RegionAttempt(u, w, np.where(near & ~notch, 2, 1).astype(np.int32)), notch
 
 
 def onward(data, pair):
@@ -46,7 +46,7 @@ def onward(data, pair):
         down, across = steps_allowed(pair.w, WEIGHTS.step)
         same = pair.labels[1:] == pair.labels[:-1], pair.labels[:, 1:] == pair.labels[:, :-1]
         u, w = joint_step(data, pair.u, pair.w, WEIGHTS, 20, (1.0, 1.0), (down * same[0], across * same[1]))
-        pair = Pair(u, w, pair.labels)
+        pair = RegionAttempt(u, w, pair.labels)
     return pair
 
 
@@ -96,7 +96,7 @@ def test_segments_that_are_wrong_all_over_go_to_their_neighbours():
 
 def test_what_leaves_less_is_kept_place_by_place(vibrating, terms, notched):
     pair, notch = notched
-    truth = Pair(vibrating.sharp.astype(np.float32), vibrating.w.astype(np.float32), pair.labels)
+    truth = RegionAttempt(vibrating.sharp.astype(np.float32), vibrating.w.astype(np.float32), pair.labels)
     best = better_of(terms[0], pair, truth, notch, 2)
     assert np.abs(best.w - truth.w)[notch].max() < 1e-6
     assert better_of(terms[0], truth, pair, notch, 2).w == pytest.approx(truth.w)
