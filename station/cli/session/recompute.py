@@ -43,6 +43,8 @@ def session_recompute(name: str, root: Path, numbers: tuple[int, ...], as_json: 
 
 
 SAME_MACHINE = "versions and processor are the same: the program itself has changed since, or the result was altered"
+AGREE = 0.01
+"""Of a number's uncertainty: by less nobody would tell two results apart."""
 TOLD = 6
 """Files and entries that are named, of many."""
 HASHES = "files."
@@ -81,4 +83,7 @@ def _numbers(one: RecomputedResult) -> list[str]:
         return [f"its {one.numbers} numbers are the same"]
     far = one.moved[0]
     words = f"the most {far.number} of {far.plane}, {far.then:.6g} then and {far.now:.6g} now"
-    return [f"{len(one.moved)} of {one.numbers} numbers moved, {words}: {far.sigmas:+.2g} of its uncertainty"]
+    agree = (
+        [f"all numbers agree within {abs(far.sigmas):.2g} of their uncertainties"] if abs(far.sigmas) < AGREE else []
+    )
+    return [*agree, f"{len(one.moved)} of {one.numbers} numbers moved, {words}: {far.sigmas:+.2g} of its uncertainty"]

@@ -5,6 +5,8 @@ import json
 import pytest
 
 from station.cli.session.group import newest_unfinished
+from station.guide import recompute
+from station.guide.recompute import MovedNumber, RecomputedResult
 from station.guide.workspace import kept_in
 from station.sessions.session import Session
 
@@ -55,6 +57,19 @@ def test_date_that_is_none_is_refused(session):
     done = session("list", "--since", "yesterday")
     assert done.exit_code == 2
     assert "--since needs a date" in done.stderr
+
+
+@pytest.mark.parametrize(("sigmas", "agree"), [(-6e-5, True), (0.3, False)])
+def test_numbers_that_nobody_would_tell_apart_are_said_to_agree(session, monkeypatch, sigmas, agree):
+    moved = (MovedNumber("G1", "mtf50_radial", 0.3, 0.3 + sigmas * 1e-3, sigmas),)
+    result = RecomputedResult("derived/1", (), ("result.json",), (), (), numbers=56, moved=moved)
+    monkeypatch.setattr(recompute, "recompute", lambda folder, numbers: iter([result]))
+    done = session("recompute", "2026-03-10-box-50-mm-pattern")
+    assert done.exit_code == 1  # its bytes differ all the same
+    assert ("all numbers agree within 6e-05 of their uncertainties" in done.stderr) is agree
+    assert (
+        f"1 of 56 numbers moved, the most mtf50_radial of G1, 0.3 then and {0.3 + sigmas * 1e-3:.6g} now" in done.stderr
+    )
 
 
 def test_no_session_is_said_and_no_error(run, tmp_path):
