@@ -217,7 +217,7 @@ class GrblStage:
             stops = self._stops
             try:
                 self.link.command(f"$J=G53 G90 G21 {words} F{feed:.1f}", allowed=self.link.trust.require)
-                report = self._until_still(duration_s)
+                report = self._until_still(duration_s, stops)
             except DeviceError:
                 self._give_up_moving()
                 raise
@@ -238,13 +238,16 @@ class GrblStage:
         top = min(feed / 60, math.sqrt(length * acceleration))  # a short way is over before it is at its feed
         return feed, length / top + top / acceleration
 
-    def _until_still(self, duration_s: float) -> StatusReport:
-        """Two equal reports of Idle in a row. Raises NoAnswer when twice the time and two seconds have passed."""
+    def _until_still(self, duration_s: float, stops: int) -> StatusReport:
+        """Two equal reports of Idle in a row, looked for from the move's end or a stop on.
+
+        Raises NoAnswer when twice the time and two seconds have passed.
+        """
         limit_s = 2 * duration_s * 100 / min(self.link.feed_override, 100.0) + 2
         deadline_s = self.clock.now_s() + limit_s
-        before, pause_s = None, duration_s
+        before = None
+        self.link.pause(duration_s, lambda: self._stops != stops)
         while True:
-            self.link.pause(pause_s)
             report = self.link.report()
             if report.state == "Idle" and report == before:
                 return report
@@ -254,7 +257,7 @@ class GrblStage:
                 raise MoveFailed(f"{self.address} stopped in state {report.state}", f"clear it, then {HOME}")
             if self.clock.now_s() > deadline_s:
                 raise self._too_slow(limit_s)
-            pause_s = 0.0 if report.state == "Idle" else self._poll_s
+            self.link.pause(0.0 if report.state == "Idle" else self._poll_s)
 
     def _check_pause(self, report: StatusReport) -> None:
         """Raises Held where a person holds the machine."""

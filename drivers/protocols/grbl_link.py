@@ -258,10 +258,13 @@ class GrblLink:
         scale = 25.4 if self.setting(13, 0.0) == 1.0 else 1.0
         return StatusReport(event.state, event.sub, tuple(value * scale for value in machine))
 
-    def pause(self, duration_s: float) -> None:
-        """Wait, ended early by alarm, reset or emergency stop. Raises what ended it."""
+    def pause(self, duration_s: float, over: Callable[[], bool] = lambda: False) -> None:
+        """Wait, ended early by alarm, reset or emergency stop, and where it is over. Raises what ended it.
+
+        `over` is asked after every event on the wire.
+        """
         epoch = self.trust.epoch
-        self._transport.wait(lambda: self.trust.epoch != epoch, duration_s)
+        self._transport.wait(lambda: self.trust.epoch != epoch or over(), duration_s)
         if self.trust.epoch != epoch:
             self.trust.require()
 

@@ -84,16 +84,25 @@ def test_it_refuses_an_axis_it_has_not(homed):
 
 def test_stop_ends_a_move_and_keeps_the_position(homed, stage_rig):
     homed.move_to(**middle(homed, 0.0))
-    clock = stage_rig.clock
+    clock, ended_s = stage_rig.clock, {}
+
+    def move():
+        try:
+            homed.move_to(**middle(homed, 1.0))
+        finally:
+            ended_s["move"] = clock.now_s()
 
     def stop():
         clock.sleep(1.0)
         assert homed.moving()
         homed.stop()
+        ended_s["stop"] = clock.now_s()
 
-    moved, stopped = stage_rig.together(lambda: homed.move_to(**middle(homed, 1.0)), stop)
+    moved, stopped = stage_rig.together(move, stop)
     assert isinstance(moved, MoveFailed), moved
     assert stopped is None
+    # slowing down and some polls, whatever time the move would have taken
+    assert ended_s["move"] - ended_s["stop"] < 3.0
     assert "was stopped" in moved.reason
     assert not homed.moving()
     homed.move_to(**middle(homed))

@@ -253,7 +253,7 @@ def test_stop_stops_a_homing_that_nobody_waits_for(make, bench, twin):
 
 
 def test_an_exception_that_ends_the_program_stops_a_move(homed, bench, monkeypatch):
-    def interrupted(duration_s):
+    def interrupted(duration_s, over):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(homed.link, "pause", interrupted)
