@@ -23,7 +23,7 @@ from station.calibration.geometry import GeometryPhotographs, ViewRecord, conclu
 from station.reports.geometry_files import write_geometry_result
 from station.results.result_files import ResultFolder
 from tests.procedures.geometry.simulated_views import CELL_MM, TrueCamera, take
-from tests.procedures.geometry.simulated_views import GeometryPhotographs as Photographed
+from tests.procedures.geometry.simulated_views import Shoot as Photographed
 
 TRUTH = TrueCamera(radial=(-0.12, 0.06, 0.0), thin_prism=(0.0, 0.0, 0.0, 0.0))
 

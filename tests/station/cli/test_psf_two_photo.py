@@ -70,6 +70,6 @@ def test_report_shows_the_far_photograph_in_the_near_one(run, near, far, tmp_pat
     run("psf", "two-photo", far, near, "--report", "--out", tmp_path)
     page = (tmp_path / "report.html").read_text()
     assert "Trusted, in Y." in page
-    assert page.count("<svg") == 7  # PSF, MTF, energy, MTF over both frequencies, phase, kernel, the pair
+    assert page.count("<svg") == 8  # PSF twice, MTF, energy, MTF over both frequencies, phase, kernel, the pair
     assert "doi:10.5201/ipol.2013.77" in page
     assert all(path.name in page for path in (near, far))

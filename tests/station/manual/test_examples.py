@@ -46,6 +46,5 @@ def test_every_task_has_an_example_that_is_run():
     shown = {page.stem for page in PAGES if FENCE.search(page.read_text(encoding="utf-8"))}
     tasks = {page.stem for page in PAGES if page.parent.name == "how-to"}
     # the wall needs two photographs of one wall, which take longer to render than all other files together; the
-    # library's lines are run by tests/procedures/test_library.py; what is served goes on until it is ended, and is
-    # tested in tests/station/service
-    assert tasks - shown == {"two-photographs", "library", "serve"}
+    # library's lines are run by tests/procedures/test_library.py
+    assert tasks - shown == {"two-photographs", "library"}

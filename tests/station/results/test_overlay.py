@@ -10,6 +10,7 @@ from procedures.psf import Psf
 from procedures.quality import assess
 from station.results.overlay import read_overlay
 from station.results.plane_result import PlaneResult
+from station.results.record_head import RecordHead
 from station.results.result_files import ResultFolder, file_names, write_psf_result
 from station.results.units import Pixels, Unit
 
@@ -24,7 +25,7 @@ def plane():
 
 def write(folder, plane):
     with ResultFolder(folder) as results:
-        return write_psf_result(results, [plane], {"procedure": "pattern", "input": [], "parameters": {}})
+        return write_psf_result(results, [plane], RecordHead("pattern"))
 
 
 def test_curves_of_a_result_and_of_a_sessions_newest_are_read(tmp_path, plane):
