@@ -112,6 +112,8 @@ def draw(
     sheets : from the back to the front, the first without a cover
     colours : the colour of each pixel of the mosaic's tile, by position (x, y)
     """
+    if (level := _even(sheets)) is not None:
+        return np.full(shape, level, np.float32)
     n, period = OVERSAMPLING, 1 + max(x for x, _ in colours)
     margin = 2 * -(-max(one.optics.margin_px() for one in sheets) // 2)
     wide = tuple(n * fft.next_fast_len(size + 2 * margin, real=True) for size in shape)
@@ -123,6 +125,13 @@ def draw(
         for x, y in (place for place, its in colours.items() if its == colour):
             frame[y::period, x::period] = seen[y::period, x::period]
     return np.maximum(frame, 0.0)
+
+
+def _even(sheets: Sequence[PlacedSheet]) -> np.float32 | None:
+    """The level of a panel that shines evenly, which no blur changes; None of all else."""
+    (first, *others) = sheets
+    picture = first.sheet.reflectance
+    return None if others or np.ptp(picture) else np.float32(picture.flat[0])
 
 
 def draw_moving(
