@@ -7,6 +7,7 @@ import pytest
 from drivers.errors import DeviceError, LineLost
 
 
+@pytest.mark.slow
 def test_it_connects_closes_and_connects_again(device_rig):
     device = device_rig.device
     for _ in range(2):

@@ -74,6 +74,7 @@ def test_silence_is_an_error_not_an_empty_block(imu, imu_rig):
         imu.read_block(1.0)
 
 
+@pytest.mark.slow
 def test_it_feels_a_move_ring_down(imu, imu_rig):
     if imu_rig.bench is None:
         pytest.skip("nothing moves at a real one here")

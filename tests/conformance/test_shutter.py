@@ -13,6 +13,7 @@ def shutter(shutter_rig):
     return shutter_rig.device
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pulse_s", [0.05, 0.5, 7.0])
 def test_it_closes_for_as_long_as_asked_and_says_when(shutter, shutter_rig, pulse_s):
     if pulse_s > 5 and shutter_rig.bench is None:

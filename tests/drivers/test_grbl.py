@@ -318,6 +318,7 @@ def test_a_feed_hold_is_named(homed, bench):
     homed.move_to(z_mm=100.0)
 
 
+@pytest.mark.slow
 def test_a_feed_override_is_named_and_waited_for(homed, twin, bench):
     twin.feed_override = 40
     for _ in range(20):  # told in some reports only

@@ -34,6 +34,7 @@ def test_mtf50_before_is_that_of_the_lens(told):
     assert told[3e-4].before[0, 0] < middle
 
 
+@pytest.mark.slow
 def test_a_weaker_prior_gains_more_and_costs_more(told):
     weak, usual, strong = (told[tau] for tau in (1e-5, 3e-4, 1.0))
     assert (weak.noise_gain > usual.noise_gain).all()

@@ -51,6 +51,7 @@ def test_nodes_lie_where_each_plane_shows_the_charts(shot, found):
             assert np.all(np.abs(off) < 4 * np.sqrt(np.diag(node.position_covariance)) + 1e-3)
 
 
+@pytest.mark.slow
 def test_lateral_colour_is_the_difference_of_the_planes_places(shot, found):
     # one half diagonal is 338 sensor pixels: at 205 of them from the axis red is 0.07 * 0.02 * 205 = 0.29 farther out
     for number, (red, green) in enumerate(zip(found.nodes["R"], found.nodes["G1"], strict=True)):
@@ -105,6 +106,7 @@ def test_a_plane_with_too_few_charts_is_refused_with_the_reason(shot):
     assert "6 places of the frame or more; plane G1 has 2" in outcomes["G1"].reason
 
 
+@pytest.mark.slow
 def test_photographs_of_a_field_are_of_one_size(six, monkeypatch):
     sizes = iter([(280, 310), (280, 312)])
     monkeypatch.setattr(estimate, "measure_frame", lambda *_: FrameNodes({"Y": []}, {"Y": next(sizes)}, [], 0))

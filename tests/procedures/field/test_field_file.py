@@ -108,6 +108,7 @@ def test_every_array_has_its_unit_and_the_file_its_conventions(written):
     assert {name.split("/")[-1] for name in without} == {"source", "number"}
 
 
+@pytest.mark.slow
 def test_other_files_are_named(tmp_path):
     (tmp_path / "a.h5").write_bytes(b"no HDF5")
     with pytest.raises(BadInput, match="cannot be read as HDF5"):

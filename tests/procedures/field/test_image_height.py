@@ -52,6 +52,7 @@ def test_heights_end_where_the_nodes_end(curve):
     assert 0 < curve.directions[-1] < DIRECTIONS
 
 
+@pytest.mark.slow
 def test_nodes_beside_the_centre_tell_no_heights_there(measured):
     beside = [node for node in measured if node.position[0] > SHAPE[1] / 2 + 10]
     curves = over_height(interpolate("G1", SHAPE, beside).field, (F,))

@@ -75,6 +75,7 @@ def root_of(covariance):
     return vectors * np.sqrt(np.maximum(values, 0))
 
 
+@pytest.mark.slow
 def test_what_the_priors_of_the_tail_leave_does_not_average_out(found):
     # cos 4 and sin 4 are known by their priors alone: a share of 0.3 of the mean tail, at every node the same
     base = found.field.nodes[0].psf

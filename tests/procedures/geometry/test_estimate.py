@@ -84,6 +84,7 @@ def test_few_views_are_doubted(taken):
     assert "5 views are too few" in found.reason
 
 
+@pytest.mark.slow
 def test_frontal_views_are_not_passed():
     frontal = replace(SMALL, camera=PLAIN, tilt_deg=0.5, bend_mm=0.0)
     taken = take(frontal, np.random.default_rng(6))

@@ -92,6 +92,7 @@ def test_every_kind_of_argument_and_answer_is_handed_over(kernels):
     np.testing.assert_array_equal(made.many(made.Pair(wide[:, 0], 3), 1 + 0j, True, (1, 2))[2], np.sqrt(wide[:, 0]))
 
 
+@pytest.mark.slow
 def test_what_is_kept_is_not_compiled_again(kernels, monkeypatch):
     answers(kernels())
     monkeypatch.setattr(compiled.Kernel, "_compiled", lambda *_: pytest.fail("it was compiled again"))
@@ -131,6 +132,7 @@ def test_damaged_file_is_written_again(kernels, tmp_path):
     assert all(kernel_store.read(file) for file in (tmp_path / "kept").glob("*.kernel"))
 
 
+@pytest.mark.slow
 def test_code_that_needs_more_of_numba_is_left_to_it(kernels, tmp_path):
     made = kernels()
     np.testing.assert_array_equal(made.flat(np.arange(8.0).reshape(2, 4)[:, :4]), [[0, 2], [4, 6]])

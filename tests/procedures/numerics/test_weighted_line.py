@@ -38,6 +38,7 @@ def test_slope_scatters_as_its_uncertainty_tells(rng):
     assert all(line.slope_uncertainty >= told * (1 - 1e-12) for line in lines)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [1.0, 5.0])
 def test_no_slope_is_found_where_there_is_none(rng, factor):
     # whether or not the told uncertainties are right; 5 % of 2000 are 100, with a deviation of 10

@@ -130,6 +130,7 @@ def test_the_way_to_the_right_distance_is_told_in_metres_and_leads_there(shoot, 
     assert placed.readings[0].value == pytest.approx(RATIO, rel=0.015)
 
 
+@pytest.mark.slow
 def test_the_distance_is_that_of_the_simulator(shoot):
     told = {reading.name: reading.value for reading in check_distance(shoot(), FACTS).readings}
     # marks to a hundredth of a pixel of 70

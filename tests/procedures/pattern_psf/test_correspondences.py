@@ -36,6 +36,7 @@ def test_bins_are_seen_where_they_are_with_the_scatter_that_is_stated(bench):
     np.testing.assert_allclose(spread, 1, atol=0.08)
 
 
+@pytest.mark.slow
 def test_bins_err_independently(bench):
     one = seen(bench, 5)
     left = one.points - bench.photograph.true_points("Y", one.cells)

@@ -33,6 +33,7 @@ def value(outcome: Outcome[PatternPsf]) -> PatternPsf:
     return outcome.value
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("solver", "share"), [("ls", 1.1), ("nnls", 0.4)])
 @pytest.mark.parametrize("case", CASES)
 def test_known_psf_is_found_to_the_statistical_bound(shared_data: Path, case: str, solver: str, share: float) -> None:
@@ -94,6 +95,7 @@ def test_noise_of_three_per_cent_is_held_down_where_nothing_may_be_negative(
             assert held.quality.numbers[name].value == pytest.approx(free_number.value, abs=2 * free_number.uncertainty)
 
 
+@pytest.mark.slow
 def test_a_psf_of_two_peaks_stays_one(bench: Bench, rng: np.random.Generator) -> None:
     # the second peak is neither close to the centre nor wide: the prior must not take it for noise
     plane = bench.plane(0.005, rng)

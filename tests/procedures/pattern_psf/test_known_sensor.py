@@ -61,6 +61,7 @@ def test_noise_is_the_sensors() -> None:
     assert found(noisier).residual_std == pytest.approx(0.5, abs=0.02)
 
 
+@pytest.mark.slow
 def test_white_beyond_saturation_is_refused() -> None:
     outcome = estimate_psf(plane(), CHART, sensor=replace(SENSOR, saturation=2000.0))
     assert outcome.verdict is Verdict.REFUSED

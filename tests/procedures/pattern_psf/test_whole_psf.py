@@ -77,6 +77,7 @@ def test_doubt_says_which_support_would_do() -> None:
     assert f"-k {better[1]}" in outcome.remedy
 
 
+@pytest.mark.slow
 def test_energy_outside_the_support_is_the_optics_own() -> None:
     estimate, _ = found(PatternParameters(4, 17))
     n = 1024

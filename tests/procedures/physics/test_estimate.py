@@ -66,6 +66,7 @@ def value(outcome: Outcome[Physics]) -> Physics:
     return outcome.value
 
 
+@pytest.mark.slow
 def test_the_pupil_s_otf_is_that_of_another_mathematics() -> None:
     # quadrature over the overlap there, Fourier transforms of a sampled disc here: right to the disc's rim
     f, scale = np.arange(-32, 33) / 16, 2 * 0.55 * 5.6 / 7.5

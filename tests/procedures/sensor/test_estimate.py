@@ -98,6 +98,7 @@ def test_truth_lies_in_the_interval(found, name, truth):
     assert number.low <= truth <= number.high, (number, truth)
 
 
+@pytest.mark.slow
 def test_curvature_is_told_from_gain(found):
     # 1 % of curvature is 1.5 % of K as a line is fitted; small signals know nothing of it
     assert found.transfer.bent > 0.0005

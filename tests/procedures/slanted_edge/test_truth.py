@@ -134,6 +134,7 @@ def several(rng: np.random.Generator) -> Plane:
     return Plane("Y", noisy.astype(np.float32), 1 / 4095)
 
 
+@pytest.mark.slow
 def test_each_edge_has_its_verdict_and_its_place_says_the_same(rng: np.random.Generator) -> None:
     plane = several(rng)
     outcomes = estimate_edges(plane)

@@ -228,6 +228,7 @@ def test_another_wall_is_refused(pair: Pair) -> None:
     answers(estimate(pair.near, other.far), Verdict.REFUSED, "must agree on one plane", "same flat, textured part")
 
 
+@pytest.mark.slow
 def test_clipped_and_dark_photographs_are_refused(pair: Pair) -> None:
     answers(
         estimate(np.minimum(2 * pair.near, 1), pair.far), Verdict.REFUSED, "must not be clipped", "expose both less"

@@ -73,6 +73,7 @@ def test_near_noise_shrinks_least_squares_and_the_correction_undoes_it() -> None
     assert abs(corrected - 1) < 2 * spread
 
 
+@pytest.mark.slow
 def test_noise_above_the_texture_is_refused() -> None:
     noisy = photographs(gaussian(0.6, 0.6), noise=0.06, size=90)
     fit = fit_kernel(noisy.near, noisy.far, noisy.H_near_far, S, K)

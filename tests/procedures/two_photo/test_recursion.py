@@ -100,6 +100,7 @@ def test_a_mean_tail_grows_by_what_the_near_photograph_hides() -> None:
     assert found[K * K] / kernel[K * K] == pytest.approx(1 / (1 - 1 / 4), rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_tail_that_goes_on_comes_back() -> None:
     # (1 + (r/a)^2)^(-3/2) has the OTF exp(-2 pi a f) and the tail 1/r^3; the kernel is the same with 3/4 of a
     a, zoom = 0.15, 4.0

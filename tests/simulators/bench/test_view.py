@@ -49,6 +49,7 @@ def test_noise_of_a_frame_follows_from_its_number_alone(world, view):
     assert np.any(one != two)
 
 
+@pytest.mark.slow
 def test_half_a_frame_is_not_read(view, tmp_path):
     from station.bench.opening import inspect_raw
 

@@ -89,6 +89,7 @@ def test_overexposed_paper_saturates_and_ink_does_not(rng):
     assert plane.min() < 0.5
 
 
+@pytest.mark.slow
 def test_a_chart_out_of_focus_is_blurred_and_its_truth_with_it(rng):
     placed = GREY.place(CHART, pixels=100)
     near = replace(GREY, focus_mm=placed.pose.centre_mm[2] / 2)

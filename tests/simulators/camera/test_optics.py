@@ -106,6 +106,7 @@ def test_far_out_of_focus_the_psf_is_the_disc_of_geometry():
     assert spread * pitch_um == pytest.approx(50 / 2**0.5, rel=0.03)
 
 
+@pytest.mark.slow
 def test_positive_coma_throws_its_tail_towards_larger_x():
     h = true_psf(Optics((CircularPupil(5.6, Wavefront(coma_x_um=0.08)), PixelAperture()), 3.76), 4, 33).h
     x = (np.arange(33) - 16) / 4

@@ -58,6 +58,7 @@ def test_a_constant_scene_gives_a_constant_picture(colours):
     np.testing.assert_allclose(light, 0.4, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_blur_keeps_the_light_and_its_place():
     # photosites without gaps count every ray once: the samples sum to the integral, whatever blurs between
     scene = Scene((frontal(80),), Wall(reflectance=0.0))
@@ -66,6 +67,7 @@ def test_blur_keeps_the_light_and_its_place():
     assert sums[0] == pytest.approx(sums[1], rel=1e-9)
 
 
+@pytest.mark.slow
 def test_a_tilted_sheet_lies_where_the_pinhole_puts_it():
     # with photosites without gaps the samples of a band-limited picture sum to its integral (Poisson): a sheet's area
     # and centroid are those of its projected corners. 0.001 px on every edge would be 0.45 px^2 and 0.001 px.
@@ -112,6 +114,7 @@ def test_a_small_square_draws_the_true_psf():
     assert np.abs(truth - truth[:, ::-1]).max() > 0.01  # the tail lies on one side, and on the same
 
 
+@pytest.mark.slow
 def test_each_plane_of_a_mosaic_samples_at_its_own_pixels():
     scene = Scene((frontal(100),))
     mosaic = render(scene, COMATIC, colours=BAYER, oversampling=4)
@@ -141,6 +144,7 @@ def test_light_is_the_polynomial_about_its_centre():
     assert light.at(np.array(10.0), np.array(20.0)) == 2
 
 
+@pytest.mark.slow
 def test_a_cover_hides_the_mark_and_a_nearer_sheet_the_farther():
     hidden = render(Scene((frontal(120, covers=cover(1, 0, reflectance=0.5)),)))
     x, y = (int(v) for v in 99.5 + (X_CORNERS[0] - 128) * 120 / 256)

@@ -175,6 +175,7 @@ def test_a_moving_camera_smears_against_its_motion():
     assert variance[1] < 0.5
 
 
+@pytest.mark.slow
 def test_a_turning_camera_smears_far_and_near_alike():
     # turning to the right by 0.02 rad about the vertical: f * 0.02 on the sensor, whatever the distance
     shifts = []

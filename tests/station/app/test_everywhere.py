@@ -119,6 +119,7 @@ def test_leaving_asks_first_when_a_run_goes(tmp_path):
     drive(StationApp(lab), use)
 
 
+@pytest.mark.slow
 def test_the_first_paint_needs_neither_numpy_nor_bench(tmp_path):
     """Start to first screen: what is slow to load is loaded after it."""
     import subprocess

@@ -55,6 +55,7 @@ def measured(monkeypatch, tmp_path):
     monkeypatch.setattr(screen, "marks_of", lambda sighting: ((10.0, 10.0), (50.0, 30.0)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", ROOMS, ids=str)
 def test_every_photograph_of_a_folder_tells_which_way_to_turn(tmp_path, measured, size, monkeypatch):
     monkeypatch.setattr(screen, "_took", lambda seen: f"Photograph {seen.number}: measured.")
@@ -83,6 +84,7 @@ def test_every_photograph_of_a_folder_tells_which_way_to_turn(tmp_path, measured
     drive(StationApp(lab), use, size)
 
 
+@pytest.mark.slow
 def test_it_is_chosen_on_the_first_screen_and_a_run_may_go_on_beside_a_folder(tmp_path, measured):
     lab = FakeLab(tmp_path, lambda run: chosen_step(run, Ask("width", "How wide?", "number", default=1.0)))
 
@@ -146,6 +148,7 @@ class SimulatedLab(FakeLab):
         return Opened(self.bench, ())
 
 
+@pytest.mark.slow
 def test_the_simulated_ring_turns_by_keys_and_stages_move_by_enter_alone(tmp_path, measured):
     lab = SimulatedLab(tmp_path)
 

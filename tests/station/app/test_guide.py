@@ -92,6 +92,7 @@ def test_a_curve_never_stands_beside_half_a_drawing(tmp_path, size):
     drive(StationApp(lab), use, size)
 
 
+@pytest.mark.slow
 def test_the_rail_shows_what_each_step_gave(tmp_path):
     async def use(driver: Driver) -> None:
         await driver.begin()
@@ -105,6 +106,7 @@ def test_the_rail_shows_what_each_step_gave(tmp_path):
     drive(StationApp(FakeLab(tmp_path, whole)), use)
 
 
+@pytest.mark.slow
 def test_the_guide_works_without_colours(tmp_path, monkeypatch):
     monkeypatch.setenv("NO_COLOR", "1")
 
@@ -135,6 +137,7 @@ def test_an_ascii_screen_has_nothing_but_ascii(tmp_path):
     drive(StationApp(FakeLab(tmp_path, whole), ASCII), use)
 
 
+@pytest.mark.slow
 def test_a_number_outside_its_limits_is_asked_for_again(tmp_path):
     lab = FakeLab(tmp_path, whole)
 
@@ -311,6 +314,7 @@ def test_an_old_session_is_gone_on_with_from_the_first_screen(tmp_path):
     assert lab.begun == [(tmp_path / "old", None)]
 
 
+@pytest.mark.slow
 def test_a_question_is_heard_of_on_the_other_screens(tmp_path):
     go = threading.Event()
 
@@ -345,6 +349,7 @@ def test_a_run_that_tells_faster_than_can_be_shown_loses_no_step(tmp_path):
     drive(StationApp(FakeLab(tmp_path, hasty)), use)
 
 
+@pytest.mark.slow
 @BOTH
 def test_a_curve_that_explains_stands_beside_its_sentence_and_leaves_room_for_the_question(tmp_path, size):
     def explained(run: FakeRun) -> RunEnded:

@@ -100,6 +100,7 @@ def test_a_key_pressed_while_the_program_loads_is_not_lost(tmp_path):
     drive(StationApp(lab), use)
 
 
+@pytest.mark.slow
 def test_what_moves_is_shown_with_target_place_and_time_left_and_stands_where_the_wire_told(tmp_path):
     lab, reached, go_on = FakeLab(tmp_path, whole), threading.Event(), threading.Event()
 

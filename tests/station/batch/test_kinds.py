@@ -104,6 +104,7 @@ def test_a_field_names_the_photograph_that_cannot_be_read(tmp_path):
     assert row.sha256[1] == ""
 
 
+@pytest.mark.slow
 def test_what_the_camera_noted_stands_in_the_row(tmp_path, chart_photograph, monkeypatch):
     path = chart_photograph(tmp_path / "in" / "a.dng")
     exposure = read_frame(path).exposure

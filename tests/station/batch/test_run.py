@@ -204,6 +204,7 @@ def test_photograph_that_is_replaced_while_it_is_worked_on_is_told_by_the_hash_o
     assert row.sha256 == [decoded[0].sha256] == [hashlib.sha256(whole).hexdigest()]
 
 
+@pytest.mark.slow
 def test_changed_procedure_and_half_written_results_are_done_again(tmp_path, chart_photograph):
     source, out = chart_photograph(tmp_path / "in" / "one.dng").parent, tmp_path / "out"
     (first,) = again(source, out)

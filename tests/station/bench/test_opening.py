@@ -174,6 +174,7 @@ def test_what_is_suspended_stops_first(monkeypatch):
     assert signal.getsignal(signal.SIGTSTP) == before
 
 
+@pytest.mark.slow
 def test_a_stop_waits_for_no_computation_of_the_main_thread():
     # one long call in which the main thread takes no step of Python's, and so runs no handler of its own
     told = []

@@ -63,6 +63,7 @@ def test_the_record_tells_camera_views_and_what_was_left_out(result, outcome):
     ]
 
 
+@pytest.mark.slow
 def test_the_tables_are_those_of_the_answer(result, outcome):
     found = outcome.value
     np.testing.assert_array_equal(np.load(result / "geometry_covariance.npy"), found.covariance)

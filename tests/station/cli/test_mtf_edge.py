@@ -24,6 +24,7 @@ def picture(tmp_path):
     return path
 
 
+@pytest.mark.slow
 def test_region_gives_record_table_and_picture(run, picture, tmp_path):
     done = run("mtf", "edge", picture, "--roi", "5,5,50,70", "--out", tmp_path / "out", "--json")
     assert done.exit_code == 0, done.output
@@ -45,6 +46,7 @@ def test_region_gives_record_table_and_picture(run, picture, tmp_path):
     assert (tmp_path / "out" / "edge_Y.png").read_bytes()[:4] == b"\x89PNG"
 
 
+@pytest.mark.slow
 def test_edges_are_found_where_no_region_is_given(run, picture, tmp_path):
     done = run("mtf", "edge", picture, "--out", tmp_path / "out")
     assert done.exit_code == 0, done.output

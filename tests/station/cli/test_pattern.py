@@ -47,6 +47,7 @@ def test_message_names_both_widths_and_the_seed(tmp_path: Path) -> None:
     assert "noise 128 mm" in said
 
 
+@pytest.mark.slow
 def test_a_lens_that_is_told_shows_what_every_distance_does_to_the_noise(tmp_path: Path) -> None:
     lens = ("--focal-length-mm", "50", "--pixel-pitch-um", "4")
     told = _run(tmp_path / "c.pgm", *lens, "--f-number", "8").stderr

@@ -32,6 +32,7 @@ def test_help_loads_nothing_heavy(words):
     assert "Usage:" in done.stdout
 
 
+@pytest.mark.slow
 def test_truncated_photograph_ends_with_one_sentence_and_exit_4(shared_data, tmp_path):
     cut = tmp_path / "cut.dng"
     cut.write_bytes((shared_data / "raw" / "tinydng_colorchart.dng").read_bytes()[:1_000_000])

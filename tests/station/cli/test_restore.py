@@ -51,6 +51,7 @@ def test_it_writes_what_the_contract_names(done):
     assert not [f for f in out.iterdir() if f.name.startswith(".")]
 
 
+@pytest.mark.slow
 def test_the_picture_keeps_the_inputs_scale(done, photographs):
     sharp = cv2.imread(str(done[1] / "sharp.tiff"), cv2.IMREAD_UNCHANGED)
     before = cv2.imread(photographs[0][0], cv2.IMREAD_UNCHANGED) / 65535

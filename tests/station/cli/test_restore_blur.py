@@ -96,6 +96,7 @@ def test_a_record_is_read_as_it_is_written(tmp_path):
     np.testing.assert_allclose(found.rotation_rad_s, felt.rotation_rad_s, rtol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [

@@ -59,6 +59,7 @@ def test_every_result_is_computed_again_bit_for_bit_by_any_number_of_threads(fol
     assert all(one.machine == () for one in found)
 
 
+@pytest.mark.slow
 def test_result_of_a_version_that_told_no_hashes_comes_out_the_same(folder, tmp_path, monkeypatch):
     shutil.copytree(folder, earlier := tmp_path / "earlier")
     monkeypatch.setattr("station.guide.session_result.compute", partial(compute, sealed=False))
@@ -127,6 +128,7 @@ def test_file_that_was_altered_is_named(folder):
     assert "numbers are the same; differ: result.json; in the record: parameters.mean" in done.stderr
 
 
+@pytest.mark.slow
 def test_a_number_that_moved_is_told_in_units_of_its_uncertainty(folder):
     path = folder / "derived/2/result.json"
     whole = path.read_bytes()

@@ -84,6 +84,7 @@ def test_nothing_is_exposed_before_the_rig_is_still(bench, session):
         assert abs(sway["z_mm"][0][0]) < 0.05
 
 
+@pytest.mark.slow
 def test_a_look_mends_by_the_bench_what_the_bench_can(bench, session):
     def nearer(frame, facts):
         off = 900.0 - facts["at_z_mm"]

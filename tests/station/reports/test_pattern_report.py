@@ -92,6 +92,7 @@ def test_page_tells_every_frequency_in_the_unit_that_was_asked_for(report):
     assert Frequency(31.25, Unit.LINE_PAIRS).per_pixel(pixels) == pytest.approx(0.25)
 
 
+@pytest.mark.slow
 def test_every_number_has_its_uncertainty_unit_and_method(page, report):
     text = " ".join("".join(strictly(page).itertext()).split())
     for sheet in report.planes:

@@ -64,6 +64,7 @@ def copied(kept):
     shutil.rmtree(folder)
 
 
+@pytest.mark.slow
 def test_the_journal_is_streamed_as_it_was_written(client, kept, session):
     written = (kept[1] / "journal.jsonl").read_bytes().splitlines()
     streamed = []

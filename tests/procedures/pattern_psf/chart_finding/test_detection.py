@@ -143,6 +143,7 @@ def test_mirrored_chart_is_refused() -> None:
     assert "mirrored; flip" in refusal(plain()[0][::-1])
 
 
+@pytest.mark.slow
 def test_several_charts_are_refused_with_their_places() -> None:
     camera = camera_of(180, 360)
     charts = tuple(camera.place(CHART, pixels=80, at=(x, 0.5), roll_deg=10 + 500 * x) for x in (0.25, 0.75))

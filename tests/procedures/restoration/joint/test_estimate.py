@@ -53,6 +53,7 @@ def test_a_photograph_tells_its_own_noise():
     assert own_noise(0.5 + 0 * z + 0.01 * rng.standard_normal(z.shape)) == pytest.approx(0.01, rel=0.05)
 
 
+@pytest.mark.slow
 def test_what_is_left_over_is_near_the_noise(outcome):
     assert outcome.value.diagnostics.residual_over_noise < 1
 

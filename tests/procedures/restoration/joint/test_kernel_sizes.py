@@ -61,6 +61,7 @@ def test_masks_reach_a_little_beyond_the_largest_w():
     assert 4 + BEYOND <= one.max_w < 4.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("padded", [False, True])
 def test_ratios_of_kernels_are_those_that_fit(padded):
     from scipy.signal import fftconvolve

@@ -37,6 +37,7 @@ def test_both_motions_are_recovered(flat, found):
     assert [likeness(a, b) > 0.95 for a, b in zip(found.masks, flat[1], strict=True)] == [True, True]
 
 
+@pytest.mark.slow
 def test_their_shift_against_each_other_is_kept(flat, found):
     # centroids may move together, not apart
     def centroid(h):
