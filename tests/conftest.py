@@ -41,8 +41,15 @@ def pytest_configure(config: pytest.Config) -> None:
     config.option.loadscopereorder = False
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The house rules first, then the files with slow tests, so that none of these is waited for at the end."""
+    """The house rules first, then the files with slow tests, so that none of these is waited for at the end.
+
+    A test is slow too that asks for one of the fixtures that its file calls SLOW_FIXTURES: what they make takes seconds.
+    """
+    for item in items:
+        if isinstance(item, pytest.Function) and set(item.fixturenames) & getattr(item.module, "SLOW_FIXTURES", set()):
+            item.add_marker(pytest.mark.slow)
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: (item.path.name != "test_house.py", item.path not in slow))
 

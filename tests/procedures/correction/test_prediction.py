@@ -44,6 +44,7 @@ def test_a_weaker_prior_gains_more_and_costs_more(told):
     assert (usual.gain > 1).all()
 
 
+@pytest.mark.slow
 def test_without_noise_to_hold_back_the_gain_is_that_of_the_inverse(told):
     # tau 1e-5 over 0.03 is small beside |H|^2 > 0.003 up to the corners of the frequency square but few
     lens, n = SmallLens(SHAPE, 0.7, growth=1.0, coma=0.0), 128

@@ -19,6 +19,7 @@ from simulators.camera.sensor import Sensor
 from simulators.camera.truth import true_mtf
 from simulators.world.scene import Scene, Wall
 
+SLOW_FIXTURES = {"checks"}
 WHITE_E = 2e4
 OPTICS = Optics.typical(f_number=5.6, pitch_um=7.52, gaussian_px=0.3)
 EDGED = replace(Chart.from_seed(), edges=True)

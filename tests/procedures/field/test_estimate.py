@@ -19,6 +19,7 @@ from simulators.camera.sensor import Sensor
 from simulators.camera.truth import true_mtf
 from simulators.world.scene import Scene, Shape
 
+SLOW_FIXTURES = {"shot"}
 CHART = Chart.from_seed()
 MIDDLE = np.full((1, 2), CELLS / 2)
 PARAMETERS = PatternParameters(4, 13)
@@ -62,6 +63,7 @@ def test_lateral_colour_is_the_difference_of_the_planes_places(shot, found):
         np.testing.assert_allclose(shift, expected, atol=4 * error + 2e-3)
 
 
+@pytest.mark.slow
 def test_a_chart_that_gives_nothing_is_named_with_its_place(found):
     assert {miss.plane for miss in found.misses} <= {"R", "G1", "G2", "B"}
     assert all("hidden" in miss.reason and miss.source == "three.dng" for miss in found.misses)

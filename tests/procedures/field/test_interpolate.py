@@ -18,6 +18,9 @@ from .conftest import SEED
 from .lens import NEAR, SHAPE, FieldCamera, K, S, grid, nodes
 
 
+SLOW_FIXTURES = {"measured"}
+
+
 @pytest.fixture(scope="module")
 def found(measured):
     return interpolate("G1", SHAPE, measured)
@@ -91,6 +94,7 @@ def test_what_the_priors_of_the_tail_leave_does_not_average_out(found):
     assert noise[0, 0] < 0.5 * 1e-6
 
 
+@pytest.mark.slow
 def test_every_psf_has_sum_1(found, places):
     # the noise drawn for the nodes adds to 1e-7
     np.testing.assert_allclose(found.field.samples(places).sum(axis=(1, 2)), 1, atol=1e-6)

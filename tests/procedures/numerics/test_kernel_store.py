@@ -140,6 +140,7 @@ def test_code_that_needs_more_of_numba_is_left_to_it(kernels, tmp_path):
     np.testing.assert_array_equal(made.flat(np.ascontiguousarray(x)), [[0, 4], [8, 12]])
 
 
+@pytest.mark.slow
 def test_folder_that_cannot_be_written_keeps_nothing_and_works(kernels, monkeypatch, tmp_path):
     (tmp_path / "file").touch()
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "file" / "below"))

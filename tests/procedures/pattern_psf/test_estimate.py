@@ -124,6 +124,7 @@ def test_error_bars_are_those_of_repeated_photographs(bench: Bench, rng: np.rand
     assert 0.5 < ratio < 1.6
 
 
+@pytest.mark.slow
 def test_photon_noise_and_uneven_light_are_weighted(bench: Bench, rng: np.random.Generator) -> None:
     variance = 2e-4 * bench.clean
     samples = bench.clean + np.sqrt(variance) * rng.standard_normal(bench.clean.shape)

@@ -74,6 +74,7 @@ def test_straightened_is_the_inverse_of_bent() -> None:
     assert SENSOR.straightened(SENSOR.bent(straight)) == pytest.approx(straight, abs=0.01)
 
 
+@pytest.mark.slow
 def test_straight_response_changes_nothing() -> None:
     same = straighten(plane(), replace(SENSOR, bend=()))
     assert same.samples == pytest.approx(plane().samples, abs=1e-6)

@@ -89,6 +89,7 @@ def test_energy_outside_the_support_is_the_optics_own() -> None:
     assert abs(share - (1 - inside)) < 3 * uncertainty + 0.001
 
 
+@pytest.mark.slow
 def test_known_aperture_narrows_the_tail(rng: np.random.Generator) -> None:
     from procedures.quality import Diffraction
 
@@ -101,6 +102,7 @@ def test_known_aperture_narrows_the_tail(rng: np.random.Generator) -> None:
     assert abs(told.diagnostics["tail_sigmas"]) < 3
 
 
+@pytest.mark.slow
 def test_wrong_aperture_is_doubted(rng: np.random.Generator) -> None:
     from procedures.quality import Diffraction
 
@@ -110,6 +112,7 @@ def test_wrong_aperture_is_doubted(rng: np.random.Generator) -> None:
     assert "f-number" in outcome.reason
 
 
+@pytest.mark.slow
 def test_budget_adds_up() -> None:
     estimate, _ = found()
     for name, number in estimate.quality.numbers.items():

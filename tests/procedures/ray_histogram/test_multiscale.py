@@ -52,6 +52,7 @@ def test_defaults_gain_half_a_decibel_over_the_published_program(cornell, refere
     assert unclipped >= PUBLISHED[samples, 1.0, 3][1] + 0.5
 
 
+@pytest.mark.slow
 def test_error_falls_with_samples_as_if_nothing_were_wrongly_shared(light):
     # four flat regions of distinct nature: 3 dB per doubling is the ideal, 2.8 leaves room for the edges
     y, x = np.indices((48, 48))

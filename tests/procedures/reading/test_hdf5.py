@@ -22,6 +22,7 @@ def path(tmp_path):
     return tmp_path / "a.h5"
 
 
+@pytest.mark.slow
 def test_file_is_gone_through_whatever_is_in_it(path, tmp_path):
     check_ends(path, 10**9)
     (tmp_path / "b.h5").write_bytes(b"no HDF5")

@@ -66,6 +66,7 @@ def restored(u, w, stacks, origins):
     return picture, residual, first * known.gains[:, None, None]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("phase", PHASES)
 def test_a_grey_scene_stays_grey_up_to_the_frame_s_edges(scene, stacks, phase):
     grey, w = scene

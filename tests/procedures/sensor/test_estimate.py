@@ -106,6 +106,7 @@ def test_curvature_is_told_from_gain(found):
     assert found.numbers["system_gain"].uncertainty > 3 * found.numbers["system_gain_at_dark"].uncertainty
 
 
+@pytest.mark.slow
 def test_every_outlier_is_named_and_no_other_pixel(found):
     named = [tuple(p) for one in (found.dark, found.light) for p in one.defects.places.tolist()]
     assert sorted(named) == sorted(map(tuple, SENSOR.patterns[2].tolist()))

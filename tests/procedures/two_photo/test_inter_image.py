@@ -18,6 +18,7 @@ OFF = np.array([[1, 0, 0.8], [0, 1, -0.7], [0, 0, 1.0]])
 DIRECTIONS = ((1, 0), (0, 1), (0.5**0.5, 0.5**0.5), (0.5**0.5, -(0.5**0.5)))
 
 
+@pytest.mark.slow
 def test_map_is_refined_to_a_hundredth_of_a_pixel(pair: Pair) -> None:
     stretched = np.diag([1.002, 0.999, 1.0])
     fit = fit_kernel(pair.near, pair.far, OFF @ pair.H_near_far @ stretched, S, K)

@@ -209,6 +209,7 @@ def test_a_tilted_sensor_defocuses_along_its_slope():
     assert lens.wavefront(0.5, 0.2) == Wavefront(defocus_um=0.5 * 0.1 - 0.2 * 0.3)
 
 
+@pytest.mark.slow
 def test_lateral_colour_moves_the_chart_as_the_truth_says():
     # magnification such that green and yellow (Y) are exactly one pixel apart in x at the chart: its picture is moved
     placed = GREY.place(CHART, pixels=70, at=(0.7, 0.5))

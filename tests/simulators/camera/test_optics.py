@@ -27,6 +27,7 @@ def cutoff(f_number: float, pitch_um: float) -> float:
     return pitch_um / (WAVELENGTHS_UM["Y"] * f_number)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("blur", BLURS, ids=lambda b: type(b).__name__)
 def test_no_blur_makes_or_takes_light(blur):
     assert Optics((blur,), 3.76).otf(ZERO, ZERO)[0] == pytest.approx(1, abs=1e-6)

@@ -123,6 +123,7 @@ def test_each_plane_of_a_mosaic_samples_at_its_own_pixels():
     np.testing.assert_allclose(mosaic[1::2, 0::2], alone[1::2, 0::2], atol=2e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("optics", [COMPACT, COMATIC], ids=["gaussian", "diffraction"])
 @pytest.mark.parametrize("placed", [TILTED, ALIGNED], ids=["tilted", "aligned"])
 def test_a_finer_grid_changes_the_picture_by_less_than_a_ten_thousandth(placed, optics):

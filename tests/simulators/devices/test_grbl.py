@@ -218,6 +218,7 @@ PARTS = [
 WORDS = st.lists(st.sampled_from([*PARTS, " "]))
 
 
+@pytest.mark.slow
 @settings(max_examples=200, deadline=None)
 @given(st.lists(WORDS.map("".join), min_size=1, max_size=5))
 def test_whatever_line_comes_gets_one_response(texts):

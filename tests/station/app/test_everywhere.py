@@ -20,6 +20,7 @@ ASK = Ask("width", "How wide?", "number", default=1.0)
 HOSTILE = "[bold red]x[/] \x1b[31mred\x1b[0m \u202egpj.exe \x07 [@click=app.quit]q[/]"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("screen", "stop"),
     [("guide", "ctrl+x"), ("f1", "f12"), ("f3", "f12"), ("f4", "f12"), ("ctrl+p", "ctrl+x"), ("ctrl+q", "f12")],

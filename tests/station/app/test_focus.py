@@ -184,6 +184,7 @@ def test_the_simulated_ring_turns_by_keys_and_stages_move_by_enter_alone(tmp_pat
     assert len(lab.camera.homed_first) == 4
 
 
+@pytest.mark.slow
 def test_a_folder_that_is_not_there_is_named_and_asked_again(tmp_path):
     lab = FakeLab(tmp_path, lambda run: chosen_step(run))
 

@@ -40,6 +40,7 @@ def test_a_move_is_begun_by_enter_alone_once_it_can_have_been_read(tmp_path):
     assert lab.runs[0].answers == [True]
 
 
+@pytest.mark.slow
 def test_enter_twice_begins_one_run(tmp_path):
     lab = FakeLab(tmp_path, whole)
 

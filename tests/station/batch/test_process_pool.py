@@ -50,6 +50,7 @@ def test_processes_that_die_without_end_are_not_blamed_on_the_items(errands, tmp
         run(errands, tmp_path, count=20, jobs=1, quits=tuple(range(20)))
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "waitid"), reason="the system does not tell which child is stopped")
 def test_process_that_is_stopped_is_ended_and_its_item_done_again(errands, tmp_path, monkeypatch):
     monkeypatch.setattr("station.batch.process_pool.STOPPED_S", 0.2)

@@ -29,6 +29,7 @@ from station.batch.procedure_file import read_procedure
 from station.batch.run import run_batch
 from station.calibration.folder_photographs import Item, find_frames, singly
 
+SLOW_FIXTURES = {"done"}
 ROOT = Path(__file__).parents[3]
 LIMITS = "[limits]\nmtf50_horizontal = { min = 0.4 }\n"
 BROKEN = {"truncated": "unreadable", "empty": "unreadable", "text": "unreadable", "dark": "refused"}
@@ -175,6 +176,7 @@ def test_kept_result_with_a_file_that_is_not_what_was_written_is_not_used(done, 
         )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_result_that_was_damaged_is_done_again_and_that_is_said(tmp_path, chart_photograph):
     source, out = chart_photograph(tmp_path / "in" / "one.dng").parent, tmp_path / "out"
     (first,) = again(source, out)

@@ -25,6 +25,7 @@ from station.results.result_files import ResultFolder
 from tests.procedures.geometry.simulated_views import CELL_MM, TrueCamera, take
 from tests.procedures.geometry.simulated_views import Shoot as Photographed
 
+SLOW_FIXTURES = {"outcome"}
 TRUTH = TrueCamera(radial=(-0.12, 0.06, 0.0), thin_prism=(0.0, 0.0, 0.0, 0.0))
 
 
@@ -77,6 +78,7 @@ def test_the_tables_are_those_of_the_answer(result, outcome):
     )
 
 
+@pytest.mark.slow
 def test_the_page_says_how_well_the_frame_is_known(result):
     page = (result / "report.html").read_text()
     assert "How well the frame is known" in page

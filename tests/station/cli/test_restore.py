@@ -16,6 +16,7 @@ from procedures.restoration.unknown_motion.path_pairs import PairSettings
 from procedures.restoration.unknown_motion.path_settings import PathSettings
 from station.__main__ import main
 
+SLOW_FIXTURES = {"photographs"}
 QUICK = ["--scheme", "2x(4+4)+1x6", "--max-w", "5.2"]
 
 
@@ -61,12 +62,14 @@ def test_the_picture_keeps_the_inputs_scale(done, photographs):
     assert sharp.mean() == pytest.approx(before.mean(), rel=0.02)
 
 
+@pytest.mark.slow
 def test_depth_is_near_the_truth(done, photographs):
     w = np.load(done[1] / "w.npy")
     assert w.dtype == np.float32
     assert np.median(np.abs(w - photographs[2])) < 0.1
 
 
+@pytest.mark.slow
 def test_the_record_says_what_was_done(done):
     result, out = done
     record = json.loads((out / "result.json").read_text())

@@ -20,6 +20,7 @@ from simulators.camera.sensor import Sensor
 from station.__main__ import main
 from station.calibration.restoration.inputs import imu_table, read_imu
 
+SLOW_FIXTURES = {"shaken", "defocused"}
 OPEN_S = 0.2
 QUICK = ["--scheme", "1x(4+4)+1x8"]
 
@@ -117,6 +118,7 @@ def test_a_record_that_is_none_exits_4(shaken, tmp_path, text, complaint):
     assert not (tmp_path / "o").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "complaint"),
     [

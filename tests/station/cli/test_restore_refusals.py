@@ -91,6 +91,7 @@ def test_shape_files(folder, tmp_path, text):
     assert all(part in said for part in SHAPES[text][1:])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "code", "complaint"),
     [

@@ -51,6 +51,7 @@ class Watchful(Scripted):
         return super().answer(ask)
 
 
+@pytest.mark.slow
 def test_each_request_that_moves_is_asked_about_once_with_axis_from_and_to(bench, session):
     operator = Watchful(bench)
     assert Run(benches.short_plan(), bench, session, operator).go().how == "finished"
@@ -100,6 +101,7 @@ def test_after_hands_were_at_the_rig_the_next_correction_is_begun_anew(bench, se
     assert sum("moves on as this step needs" in question for question in operator.questions) == 2
 
 
+@pytest.mark.slow
 def test_a_place_where_it_stands_is_not_asked_about(bench, session):
     there = Go(lambda facts: {"z_mm": facts["at_z_mm"]}, lambda facts: "going nowhere")
     operator = Watchful(bench)
@@ -127,6 +129,7 @@ def test_a_resumed_session_asks_before_going_back(bench, session):
     assert all(count == 1 for _, count in operator.moved)
 
 
+@pytest.mark.slow
 def test_a_stage_that_lost_its_position_does_not_home_again_unasked(tmp_path):
     with (
         benches.quick_bench(tmp_path, mishaps=[Mishap(19.0, "alarm", 1)]) as bench,

@@ -22,6 +22,7 @@ from station.sessions.session import Session
 from ..sessions.short_plan import ENTRY, SHOTS, photographs, plan
 from ..sessions.work import FixedClock, exposure_of, today
 
+SLOW_FIXTURES = {"folder"}
 CAMERA = "<script>alert(1)</script>{{ 7 * 7 }}"
 
 
@@ -71,6 +72,7 @@ def test_result_of_a_version_that_told_no_hashes_comes_out_the_same(folder, tmp_
     assert found.identical
 
 
+@pytest.mark.slow
 def test_each_result_comes_from_what_was_known_when_it_was_drawn(folder):
     records = [json.loads((folder / f"derived/{i}/result.json").read_text()) for i in (1, 2)]
     assert [record["parameters"]["mean"] for record in records] == [0.25, 0.5]

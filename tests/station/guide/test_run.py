@@ -113,6 +113,7 @@ def test_what_the_bench_cannot_is_asked_of_the_operator(bench, session, moves, w
     assert session.state.facts[f"hand_{name}"] == change
 
 
+@pytest.mark.slow
 def test_a_camera_that_takes_its_settings_through_its_cable_is_not_set_by_hand(bench, session):
     looks, wanted = [], []
 
@@ -140,6 +141,7 @@ def test_after_some_looks_the_operator_decides(bench, session):
 # --- stopping ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_asking_to_stop_ends_after_this_exposure_and_the_session_goes_on_later(bench, session, tmp_path):
     def listen(event):
         if isinstance(event, Doing) and event.say == "exposing" and len(session.state.shots) == 4:
@@ -190,6 +192,7 @@ def test_what_ends_the_program_stops_the_bench_and_ends_the_session(bench, sessi
     assert len(halts(session)) == 1
 
 
+@pytest.mark.slow
 def test_a_door_is_a_sentence_and_trying_again_once_it_is_closed_goes_on(bench, session):
     twin, cable = bench.simulated.devices["stage"], bench.simulated.cables["stage"]
 
@@ -256,6 +259,7 @@ def test_a_rail_that_lost_its_position_is_told_and_homed_again(tmp_path, kind, m
         assert there == pytest.approx(620.0, abs=0.02)  # not only by what the controller believes
 
 
+@pytest.mark.slow
 def test_what_is_skipped_is_done_without(bench, session):
     operator = Scripted({"trouble": "skip"})
     beyond = Go(lambda facts: {"z_mm": 9999.0}, lambda facts: "going too far")

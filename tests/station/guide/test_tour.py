@@ -54,6 +54,7 @@ def test_every_place_is_gone_to_and_photographed_once(bench, session):
     assert at_mm(session) == pytest.approx(list(PLACES_MM.values()), abs=0.05)
 
 
+@pytest.mark.slow
 def test_what_the_check_advises_is_followed_before_the_next_try(bench, session):
     def check(name, facts):
         off = PLACES_MM[name] - facts["at_z_mm"]

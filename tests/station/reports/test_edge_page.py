@@ -48,6 +48,7 @@ def strictly(page):
     return html5lib.HTMLParser(strict=True, namespaceHTMLElements=False).parse(page)
 
 
+@pytest.mark.slow
 def test_page_tells_verdicts_numbers_and_places(frame, told):
     page = edge_page(told[0], frame, told[1])
     tree = strictly(page)
@@ -65,6 +66,7 @@ def test_page_tells_verdicts_numbers_and_places(frame, told):
     assert {one.get("href") for one in tree.iter("a")} == {"result.json", "mtf_Y.csv", "edge_Y.png"}
 
 
+@pytest.mark.slow
 def test_figure_tells_the_mtf_where_the_pointer_rests(frame, told):
     (edge,) = told[1][0].edges
     titles = [

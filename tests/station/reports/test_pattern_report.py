@@ -37,6 +37,7 @@ from station.results.plane_result import PlaneResult
 from station.results.terms import Terms
 from station.results.units import Frequency, Pixels, Unit
 
+SLOW_FIXTURES = {"report"}
 SVG = "{http://www.w3.org/2000/svg}svg"
 HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(1)>\"' {{ 7*7 }} \x1b[2J"
 
@@ -104,6 +105,7 @@ def test_every_number_has_its_uncertainty_unit_and_method(page, report):
     assert "Gaussian radius for RAW developers" in text
 
 
+@pytest.mark.slow
 def test_uncertainties_are_taken_apart_number_by_number(page, report):
     tables = [table for table in strictly(page).iter("table") if table.get("class") == "budget"]
     assert len(tables) == len(report.planes)

@@ -74,6 +74,7 @@ def test_the_journal_is_streamed_as_it_was_written(client, kept, session):
     assert streamed == written
 
 
+@pytest.mark.slow
 def test_a_stream_goes_on_where_it_was_broken_off(client, session):
     path = f"/station/v1/sessions/{session}/journal?follow=false"
     _, _, body = client.request("GET", path, **{"Last-Event-ID": "3"})

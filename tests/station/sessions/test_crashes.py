@@ -38,6 +38,7 @@ EVERY = pytest.mark.parametrize("every", [11, pytest.param(1, marks=pytest.mark.
 """Of the operations, those that are tried; the numbers of operations per line have no factor in common with 11."""
 
 
+@pytest.mark.slow
 @EVERY
 @pytest.mark.parametrize("lose", [False, True], ids=["killed", "power cut"])
 @pytest.mark.parametrize("how", ["before", "half", "after"])

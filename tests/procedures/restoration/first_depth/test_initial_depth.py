@@ -60,6 +60,7 @@ def test_the_default_start_beats_both_algorithms(shared_data):
     assert matched < 0.5 * error(initial_depth.algorithm_2(z, stacks, 1.4e-3).w)
 
 
+@pytest.mark.slow
 def test_starts_know_where_they_are_weak(vibrating):
     start = initial_depth.matched(vibrating.z, vibrating.stacks, np.full(2, 0.002))
     wrong = np.abs(start.w - vibrating.w[6:-6, 6:-6])

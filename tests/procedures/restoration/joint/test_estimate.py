@@ -21,6 +21,7 @@ from procedures.restoration.joint.schedule import Scheme
 from procedures.restoration.masks.blur_models import mask_stack
 from procedures.restoration.masks.checks import check_max_w
 
+SLOW_FIXTURES = {"outcome"}
 QUICK = RestorationParameters(scheme=Scheme(3, 4, 4, 1, 6))
 
 
@@ -70,6 +71,7 @@ def test_photographs_of_two_scenes_are_refused(vibrating):
     assert left == pytest.approx(100 / 2**0.5, rel=0.15)
 
 
+@pytest.mark.slow
 def test_uncertainty_of_the_picture_is_its_error_where_the_masks_are_true(outcome, vibrating):
     # steps of the depth and the frame's rim are not in it, the detail of this scene is what the prior supposes
     error = vibrating.picture_error(outcome.value.sharp) / 255

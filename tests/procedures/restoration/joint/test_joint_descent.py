@@ -74,6 +74,7 @@ def test_restoration_nears_the_known_depth(vibrating, problem, restored, first):
     assert vibrating.depth_error(restored.w[6:-6, 6:-6]) < 0.15
 
 
+@pytest.mark.slow
 def test_rounds_can_be_stopped_and_resumed(problem, first):
     running = joint_descent.rounds(problem, joint_descent.begin(problem, first))
     stopped, straight = next(running), next(running)

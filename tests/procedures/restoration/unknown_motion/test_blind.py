@@ -10,6 +10,9 @@ from procedures.restoration.masks.blur_models import mask
 from procedures.restoration.unknown_motion import blind
 
 
+SLOW_FIXTURES = {"flat"}
+
+
 def likeness(a, b):
     """Normalised correlation of two masks at their best shift."""
     a, b = np.pad(a, 6), np.pad(b, 6)
@@ -49,6 +52,7 @@ def test_their_shift_against_each_other_is_kept(flat, found):
     np.testing.assert_allclose(between, centroid(flat[1][0]) - centroid(flat[1][1]), atol=0.15)
 
 
+@pytest.mark.slow
 def test_the_support_is_found(flat, found):
     assert blind.support(flat[0], 5) == 2
     assert 1.5 <= found.half_width <= 3
