@@ -45,7 +45,7 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The house rules first, then the files with slow tests, so that none of these is waited for at the end.
 
-    A test is slow too that asks for one of the fixtures that its file calls SLOW_FIXTURES: what they make takes seconds.
+    A test is slow too that asks for one of the fixtures which its file calls SLOW_FIXTURES: these take seconds to make.
     """
     for item in items:
         if isinstance(item, pytest.Function) and set(item.fixturenames) & getattr(item.module, "SLOW_FIXTURES", set()):

@@ -17,7 +17,6 @@ from procedures.psf_field import held_by_priors
 from .conftest import SEED
 from .lens import NEAR, SHAPE, FieldCamera, K, S, grid, nodes
 
-
 SLOW_FIXTURES = {"measured"}
 
 
@@ -153,6 +152,7 @@ def test_beyond_the_nodes_a_surface_tells_the_psf_of_the_nearest_place(found):
     np.testing.assert_allclose(field.at(2.0, 250.0).h, field.at(*near).h, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("chosen", "words"), [(slice(5), "from 6 places"), (slice(0, None, 5), "one line")])
 def test_too_few_nodes_and_nodes_on_a_line_are_refused(camera, covariance, chosen, words):
     few = nodes(camera, grid(5, 7)[chosen], covariance, np.random.default_rng(1))

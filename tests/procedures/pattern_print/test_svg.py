@@ -38,6 +38,7 @@ def test_path_fills_the_cells_of_the_seed(root: ET.Element, source: Source) -> N
     np.testing.assert_array_equal(inside == 0, source.chart.cells == 1)
 
 
+@pytest.mark.slow
 def test_path_is_put_at_the_chart_s_place_and_scale(root: ET.Element) -> None:
     path = root.find(f"{SVG}path[@id='chart']")
     assert path is not None

@@ -140,6 +140,7 @@ def test_the_distance_is_that_of_the_simulator(shoot):
 OFF = [(48.0, -24.0, "Shift the camera"), (60.0, -40.0, "cuts the chart")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("right", "down", "words"), OFF)
 def test_a_chart_off_the_middle_is_brought_there(shoot, right, down, words):
     advice = check_distance(shoot(Pose((right, down, FAR_MM))), FACTS)
@@ -192,6 +193,7 @@ def test_without_a_chart_the_brightest_paper_is_exposed_for_and_the_chart_is_ask
     assert "No chart is seen" in bright.say
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wrong", [2, 7])
 def test_a_chart_of_another_number_is_named_by_its_cells(shoot, wrong):
     taken = shoot(Pose((0.0, 0.0, FAR_MM)))

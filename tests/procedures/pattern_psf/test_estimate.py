@@ -50,6 +50,7 @@ def test_known_psf_is_found_to_the_statistical_bound(shared_data: Path, case: st
     assert found.psf.h.sum() == pytest.approx(1)
 
 
+@pytest.mark.slow
 def test_real_photograph_agrees_with_the_published_answers(shared_data: Path) -> None:
     plane = grey(shared_data / "pattern_photo" / "img_example.pgm")
     chart = Chart.from_image(grey(shared_data / "pattern_photo" / "pattern_noise.pgm").samples)
@@ -134,6 +135,7 @@ def test_photon_noise_and_uneven_light_are_weighted(bench: Bench, rng: np.random
     assert error < 1.15 * found.diagnostics["relative_uncertainty"]
 
 
+@pytest.mark.slow
 def test_orientation_of_an_asymmetric_psf(rng: np.random.Generator, bench: Bench) -> None:
     # a second image of the scene 1 pixel right and 2 down: the PSF's second peak lies there, not opposite
     plane = bench.plane(0.003, rng)

@@ -25,6 +25,7 @@ def columns(bench: Bench):
     return registration, o, h, C
 
 
+@pytest.mark.slow
 def test_moving_all_lines_moves_the_chart(bench: Bench, columns) -> None:
     registration, o, h, C = columns
     every = np.zeros(2 * LINES)
@@ -59,6 +60,7 @@ def test_noise_alone_has_no_offsets(columns, rng: np.random.Generator) -> None:
     assert Edges.of(C(np.full(len(o.y), 1 / 0.004))).widths(rng.standard_normal(len(o.y)))[0] < 0.006
 
 
+@pytest.mark.slow
 def test_products_are_those_of_one_matrix(columns, rng: np.random.Generator) -> None:
     _, o, _, C = columns
     edges = C(np.ones(len(o.y)))

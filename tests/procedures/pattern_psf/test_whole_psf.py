@@ -124,6 +124,7 @@ def test_budget_adds_up() -> None:
     assert terms["choice"] > 0
 
 
+@pytest.mark.slow
 def test_sharpened_picture_is_told(rng: np.random.Generator) -> None:
     plane = exposed(photograph(), rng)
     blurred = (plane.samples + np.roll(plane.samples, 1, 0) + np.roll(plane.samples, -1, 0)) / 3

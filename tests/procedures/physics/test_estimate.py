@@ -158,6 +158,7 @@ def test_a_perfect_lens_has_no_aberrations(rng: np.random.Generator) -> None:
     assert "strehl lens is at its bound 1, which it is within" in outcome.reason
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("term", ["defocus", "coma_x"])
 def test_chi_square_rises_by_one_where_the_bound_s_distance_says(rng: np.random.Generator, term: str) -> None:
     psf, diffraction = measured(camera(PixelAperture(0.9, 0.9), wavefront=Wavefront()), "G", 0.01, rng)

@@ -112,6 +112,7 @@ def test_every_outlier_is_named_and_no_other_pixel(found):
     assert sorted(named) == sorted(map(tuple, SENSOR.patterns[2].tolist()))
 
 
+@pytest.mark.slow
 def test_both_sinusoids_are_found_and_no_other(found):
     row, column = found.dark.periods
     for one, (pattern, (amplitude, frequency)) in zip(

@@ -28,6 +28,7 @@ def test_map_is_refined_to_a_hundredth_of_a_pixel(pair: Pair) -> None:
     assert np.abs(off - off.mean(axis=0)).max() < 0.01
 
 
+@pytest.mark.slow
 def test_residual_is_the_noise(pair: Pair) -> None:
     fit = fit_kernel(pair.near, pair.far, pair.H_near_far, S, K)
     # 0.002 in both photographs; the near one's adds c |k|^2, some hundredths; 1e4 samples give 1 %

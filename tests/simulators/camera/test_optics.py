@@ -33,6 +33,7 @@ def test_no_blur_makes_or_takes_light(blur):
     assert Optics((blur,), 3.76).otf(ZERO, ZERO)[0] == pytest.approx(1, abs=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("blur", BLURS, ids=lambda b: type(b).__name__)
 def test_the_psf_is_real(blur, rng):
     fx, fy = rng.uniform(-1, 1, (2, 50))

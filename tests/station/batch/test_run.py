@@ -188,6 +188,7 @@ def test_result_that_was_damaged_is_done_again_and_that_is_said(tmp_path, chart_
     assert (third.reused, third.redone) == (True, "")
 
 
+@pytest.mark.slow
 def test_photograph_that_is_replaced_while_it_is_worked_on_is_told_by_the_hash_of_what_was_decoded(
     tmp_path, chart_photograph, monkeypatch
 ):

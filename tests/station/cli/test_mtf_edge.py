@@ -61,6 +61,7 @@ def test_regions_that_hold_no_edge_are_refused(run, picture, tmp_path, roi, code
     assert done.exit_code == code
 
 
+@pytest.mark.slow
 def test_refusal_leaves_its_reason_and_no_table(run, picture, tmp_path):
     run("mtf", "edge", picture, "--out", tmp_path / "out")
     assert run("mtf", "edge", picture, "--roi", "0,0,12,80", "--out", tmp_path / "out").exit_code == 5

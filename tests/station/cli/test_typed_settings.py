@@ -16,6 +16,7 @@ def photograph(chart_photograph, tmp_path):
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["pattern", "two-photo", "field"])
 def test_f_number_that_contradicts_the_file_is_refused_with_both(run, estimator, photograph, tmp_path, command):
     images = {"pattern": [photograph], "two-photo": [photograph, photograph], "field": [photograph.parent]}[command]

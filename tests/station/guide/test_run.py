@@ -96,6 +96,7 @@ def test_a_look_mends_by_the_bench_what_the_bench_can(bench, session):
     assert session.state.facts["low_z_mm"] == 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("moves", "why"), [({"z_mm": 5000.0}, "goes from 0 to 1500"), ({"lens_mm": 1.0}, "")])
 def test_what_the_bench_cannot_is_asked_of_the_operator(bench, session, moves, why):
     looks = []
@@ -211,6 +212,7 @@ def test_a_door_is_a_sentence_and_trying_again_once_it_is_closed_goes_on(bench, 
     assert trouble.remedy == "close it and resume"
 
 
+@pytest.mark.slow
 def test_motors_that_let_go_are_doubted_before_anything_moves(bench, session):
     bench.simulated.devices["stage"].settings[1] = 25
     operator = Scripted()
@@ -245,6 +247,7 @@ def test_a_lost_frame_is_told_and_taken_again(tmp_path):
         assert len(bench.simulated.body.openings) == 7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "moment_s"), [("alarm", 19.0), ("reset", 19.0), ("reset", 40.0), ("stall", 19.0)])
 def test_a_rail_that_lost_its_position_is_told_and_homed_again(tmp_path, kind, moment_s):
     with (

@@ -89,6 +89,7 @@ def ends(whole: Path) -> list[int]:
     return [i + 1 for i, byte in enumerate(data) if byte == ord("\n")][:-1]
 
 
+@pytest.mark.slow
 def test_cut_at_any_line_is_said_and_nothing_is_written_over(finished, tmp_path):
     before = precious(finished)
     for number, length in enumerate(ends(finished), 1):
@@ -135,6 +136,7 @@ def test_cut_at_any_byte_of_the_last_ten_lines_is_said_and_nothing_is_written_ov
             check(folder, before)
 
 
+@pytest.mark.slow
 def test_cut_at_any_line_it_goes_on_to_its_end(finished, tmp_path):
     before = precious(finished)
     for length in ends(finished):

@@ -9,7 +9,6 @@ from procedures.outcome import BadInput, Refused
 from procedures.restoration.masks.blur_models import mask
 from procedures.restoration.unknown_motion import blind
 
-
 SLOW_FIXTURES = {"flat"}
 
 
