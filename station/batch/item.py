@@ -17,10 +17,11 @@ from station.batch.estimates import Answer, ChangedMeanwhile, Write, estimate, f
 from station.batch.procedure_file import FIELD, PATTERN, SERIES, Procedure
 from station.calibration.folder_photographs import Item
 from station.common.sanitise import encodable, printable, safe_stem
+from station.common.versions import software
 from station.results.comparison import Comparison, Judged
 from station.results.plane_result import PlaneResult
 from station.results.record_head import InputFile, RecordHead
-from station.results.result_files import RECORD, ResultFolder, software, write_psf_result
+from station.results.result_files import RECORD, ResultFolder, write_psf_result
 from station.results.result_seal import damage
 
 RESULTS = "results"

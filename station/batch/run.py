@@ -28,8 +28,9 @@ from station.batch.process_pool import Lost, Stop, run_in_processes
 from station.calibration.folder_photographs import Item
 from station.common.atomic_files import write_whole
 from station.common.sanitise import cell, printable
+from station.common.versions import software
 from station.results.exports import csv_bytes
-from station.results.result_files import PUBLISHING, RECORD, plain, sealed_text, software
+from station.results.result_files import PUBLISHING, RECORD, plain, sealed_text
 
 SCHEMA = "station/batch/1"
 STATISTICS = ("mtf50_horizontal", "mtf50_vertical", "energy_above_nyquist", "residual_std")

@@ -12,12 +12,13 @@ from procedures.raw import Plane, RawFrame
 from procedures.slanted_edge.estimate import EdgeMtf, EdgeOutcome, estimate_edge, estimate_edges, orientation
 from procedures.slanted_edge.strip import Roi
 from procedures.transfer_function import name_at
+from station.common.versions import software
 from station.drawing.edge_pictures import edge_picture
 from station.results.exports import csv_bytes
 from station.results.limits import place_of
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
-from station.results.result_files import ResultFolder, software, write_record
+from station.results.result_files import ResultFolder, write_record
 from station.results.terms import USUAL, Terms
 from station.results.units import pixels_of, told_numbers
 

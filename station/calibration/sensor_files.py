@@ -16,9 +16,10 @@ from procedures.sensor.general import input_snr
 from procedures.sensor.measured import IntervalNumber
 from procedures.sensor.noise import linear_snr, total_snr
 from station.calibration.sensor import SensorFiles, SensorPlane
+from station.common.versions import software
 from station.results.exports import csv_bytes
 from station.results.record_head import InputFile, RecordHead
-from station.results.result_files import ResultFolder, interval_entry, npy, software, write_record
+from station.results.result_files import ResultFolder, interval_entry, npy, write_record
 
 Array = npt.NDArray[np.float64]
 

@@ -17,8 +17,9 @@ from procedures.reading.exposure import read_exposure
 from procedures.reading.guard import open_file
 from procedures.tilt.estimate import Tilt, TiltParameters, chart_slope, estimate_tilt
 from procedures.tilt.positions import behind_lens_um
+from station.common.versions import software
 from station.results.exports import csv_bytes, numbers_table
-from station.results.result_files import ResultFolder, software, write_record
+from station.results.result_files import ResultFolder, write_record
 
 SCHEMA = "station/tilt/1"
 PAGE = "report.html"

@@ -17,8 +17,9 @@ from procedures.reading.text import read_json
 from procedures.vignetting.estimate import PlaneVignetting, estimate_vignetting
 from procedures.vignetting.formula import LightSurface
 from station.common.progress import Progress, silent
+from station.common.versions import software
 from station.results.exports import csv_bytes, numbers_table
-from station.results.result_files import RECORD, ResultFolder, software, write_record
+from station.results.result_files import RECORD, ResultFolder, write_record
 
 SCHEMA = "station/vignetting/1"
 _GIVE = "name the folder that `station vignetting` wrote"

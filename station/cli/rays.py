@@ -83,7 +83,8 @@ def rays(
     from procedures.ray_histogram.film_files import read_film
     from procedures.ray_histogram.filter import PAPER, FilterParameters
     from procedures.ray_histogram.multiscale import filter_film
-    from station.results.result_files import ResultFolder, software, write_record
+    from station.common.versions import software
+    from station.results.result_files import ResultFolder, write_record
 
     parameters = replace(PAPER, **options) if published else FilterParameters(**options)
     with ResultFolder(out, force=forced()) as folder:

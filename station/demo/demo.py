@@ -20,10 +20,11 @@ from simulators.bench.demonstration import PITCH_UM, SETUPS, Staging, photograph
 from simulators.camera.camera import Photograph
 from station.calibration.planes import calibrate, diffraction_limit
 from station.common.progress import Progress, silent
+from station.common.versions import software
 from station.demo.demonstration import ComparedPlane, Demonstration, DemoPhotograph, summary
 from station.demo.truth_comparison import compare
 from station.results.record_head import InputFile, RecordHead
-from station.results.result_files import RECORD, ResultFolder, software, write_psf_result, write_record
+from station.results.result_files import RECORD, ResultFolder, write_psf_result, write_record
 
 SCHEMA = "station/demo/1"
 CHART = "chart.pdf"

@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from procedures.pattern_print.sheet import Size
+from station.common.versions import software
 from station.reports import otf_figures, psf_figures
 from station.reports.page import exposure_words, render
-from station.results.result_files import software
 
 if TYPE_CHECKING:
     from station.demo.demonstration import Demonstration, DemoPhotograph, Summary

@@ -24,12 +24,13 @@ from simulators.camera.sensor import Sensor
 from simulators.rays.path_tracer import ThinLensCamera
 from simulators.rays.ray_scenes import SCENES
 from station.common.progress import Progress, silent
+from station.common.versions import software
 from station.demo.ray_page import RenderRow, StripRow, ray_page
 from station.demo.render_films import passes, render_film
 from station.demo.rendered_depth import DepthPlan, RestoredDepth, depth_entry, depth_row, restored_depth
 from station.demo.rendered_depth import steps as depth_steps
 from station.drawing.linear_pictures import display_png
-from station.results.result_files import ResultFolder, software, write_record
+from station.results.result_files import ResultFolder, write_record
 
 SCHEMA = "station/rendered/1"
 PAGE = "rays.html"

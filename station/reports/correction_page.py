@@ -14,11 +14,11 @@ from procedures.correction.estimate import Correction
 from procedures.correction.prediction import Prediction
 from procedures.raw import RawFrame
 from station.calibration.correction import Corrected
+from station.common.versions import software
 from station.drawing.linear_pictures import display_png
 from station.reports import psf_figures
 from station.reports.page import exposure_words, render
 from station.results.record_head import RecordHead
-from station.results.result_files import software
 
 Single = npt.NDArray[np.float32]
 

@@ -15,10 +15,11 @@ from procedures.geometry.estimate import Geometry, PosedView
 from procedures.outcome import Outcome, Quantity
 from procedures.raw import RawFrame
 from station.calibration.geometry import GeometryPhotographs, ViewRecord
+from station.common.versions import software
 from station.results.exports import csv_bytes, numbers_table
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead, files_read
-from station.results.result_files import ResultFolder, npy, software, write_record
+from station.results.result_files import ResultFolder, npy, write_record
 
 Array = npt.NDArray[np.float64]
 

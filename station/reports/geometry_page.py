@@ -9,10 +9,10 @@ from procedures.geometry.estimate import Geometry
 from procedures.geometry.next_view import next_view_words
 from procedures.outcome import Outcome
 from station.calibration.geometry import GeometryPhotographs
+from station.common.versions import software
 from station.reports import geometry_figures as figures
 from station.reports.page import render
 from station.results.record_head import RecordHead
-from station.results.result_files import software
 
 PAIRS = "grid-template-columns: repeat(auto-fit, minmax(min(100%, 420px), 1fr))"
 RESIDUALS_SHOWN = 6

@@ -22,6 +22,7 @@ from procedures.radial_profile import radial_profile
 from procedures.raw import Exposure, Plane, RawFrame
 from procedures.two_photo.estimate import TwoPhotoPsf
 from station.common.sanitise import printable
+from station.common.versions import software
 from station.reports import otf_figures, psf_figures
 from station.reports.page import NUMBERS, exposure_words, render
 from station.results.budget_table import BudgetTable, budget_table
@@ -30,7 +31,7 @@ from station.results.limits import Specification
 from station.results.number_names import VALUES, titled, words_of
 from station.results.overlay import Overlay
 from station.results.plane_result import PlaneResult
-from station.results.result_files import file_names, software
+from station.results.result_files import file_names
 from station.results.terms import specification_verdict
 from station.results.units import Pixels
 from station.results.verdict_words import MEASUREMENT, SPECIFICATION

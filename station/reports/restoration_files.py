@@ -15,12 +15,13 @@ from procedures.restoration.joint.estimate import Restoration
 from procedures.restoration.metres import Distances
 from procedures.restoration.two_photographs import shown
 from station.calibration.restoration.restorations import Restored
+from station.common.versions import software
 from station.drawing.depth_pictures import coloured, encoded, levels, picture
 from station.drawing.linear_pictures import described_tiff
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
 from station.results.restored import RESTORATION
-from station.results.result_files import ResultFolder, npy, software, write_record
+from station.results.result_files import ResultFolder, npy, write_record
 
 SHARP_WORDS = "restored picture, linear, 1 = white, first row uppermost; calibration-station"
 """The picture's description."""

@@ -14,11 +14,11 @@ from procedures.outcome import Outcome
 from procedures.restoration.joint.estimate import Restoration, refocused
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
 from procedures.restoration.metres import Distances
+from station.common.versions import software
 from station.drawing.depth_pictures import encoded, levels, picture
 from station.reports import psf_figures
 from station.reports.page import render
 from station.results.record_head import RecordHead
-from station.results.result_files import software
 
 Array = npt.NDArray[np.floating[Any]]
 

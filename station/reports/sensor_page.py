@@ -11,9 +11,9 @@ from procedures.sensor.estimate import Pattern, SensorResult
 from procedures.sensor.measured import IntervalNumber
 from procedures.sensor.spectrograms import Period
 from station.calibration.sensor import SensorFiles, SensorPlane
+from station.common.versions import software
 from station.reports import sensor_figures as figures
 from station.reports.page import render
-from station.results.result_files import software
 
 TITLES = {
     "quantum_efficiency": "Quantum efficiency η",

@@ -9,10 +9,8 @@ import math
 import os
 import re
 import shutil
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from functools import cache
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
@@ -26,6 +24,7 @@ from procedures.quality import energy_outside_support
 from station.common.durable_files import Disk, hashes_in, holds, read_own
 from station.common.leftovers import make, release, sweep
 from station.common.sanitise import encodable
+from station.common.versions import software
 from station.drawing.psf_picture import psf_picture
 from station.results.budget_table import budget_csv
 from station.results.exports import csv_bytes, numbers_table, profile_table, psf_fits, psf_tiff
@@ -46,9 +45,6 @@ SEAL = "sha256"
 SCHEMA = "station/psf/1"
 CANDIDATES = 5
 """Physical models told of, the best first."""
-METADATA = re.compile(r"(?P<name>[^-]+)-(?P<version>[^-]+)(-py[\d.]+)?\.(dist|egg)-info")
-"""Folders that tell what is installed."""
-PACKAGES = ("numpy", "scipy", "numba", "opencv-contrib-python-headless", "rawpy")
 
 Array = npt.NDArray[np.float64]
 
@@ -308,26 +304,6 @@ def information_table(found: Information) -> bytes:
         for i, fx in enumerate(found.frequencies):
             rows.append([f"{value:.7g}" for value in (fx, abs(found.frequencies[j]), *(one[j, i] for one in maps))])
     return csv_bytes(rows)
-
-
-def software() -> dict[str, Any]:
-    """Versions of this program and of the packages its numbers come from."""
-    return {"version": _version("calibration-station"), "packages": {name: _version(name) for name in PACKAGES}}
-
-
-def _version(distribution: str) -> str | None:
-    return _versions().get(distribution.replace("-", "_"))
-
-
-@cache
-def _versions() -> dict[str, str]:
-    """Versions of what is installed, as the folders of metadata are named: reading those takes thirty times as long.
-
-    Source: PyPA, "Recording installed projects". The first on Python's path counts.
-    """
-    folders = [Path(place) for place in reversed(sys.path) if os.path.isdir(place or ".")]
-    named = [METADATA.fullmatch(name) for folder in folders for name in os.listdir(folder)]
-    return {found["name"].lower(): found["version"] for found in named if found}
 
 
 def _plane_entry(plane: PlaneResult) -> dict[str, Any]:

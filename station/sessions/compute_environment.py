@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from functools import cache
 from typing import Any
 
-from station.results.result_files import software
+from station.common.versions import software
 
 KERNELS = "OPENBLAS_CORETYPE"
 """Environment variable by which OpenBLAS computes as another family of processors would."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
+from station.common.versions import software
 from station.demo.reproduce.catalogue import NOT_HERE
 from station.demo.reproduce.reproduction import Reproduction, RowState
 from station.reports.page import render
-from station.results.result_files import software
 
 PLAIN_FROM, PLAIN_TO = 1e-3, 1e5
 """Numbers outside are written with their power of ten."""

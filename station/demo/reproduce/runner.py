@@ -11,9 +11,10 @@ from typing import Any
 
 from procedures.outcome import BadParameter, ProcedureError
 from station.common.progress import Progress, silent
+from station.common.versions import software
 from station.demo.reproduce.reproduction import CheckedFigure, Done, Reproduction, RowState
 from station.demo.reproduce.row import Row, Setting
-from station.results.result_files import ResultFolder, software, write_record
+from station.results.result_files import ResultFolder, write_record
 
 SCHEMA = "station/reproduce/1"
 PAGE = "index.html"

@@ -16,6 +16,7 @@ from procedures.field.image_height import HeightCurve, over_height
 from procedures.field.maps import FieldMap
 from procedures.vignetting.formula import LightSurface
 from station.calibration.camera_notes import exposure_of
+from station.common.versions import software
 from station.reports.certificate_print import write_certificate
 from station.reports.field.field_page import field_page, mm_per_pixel
 from station.reports.field.height_curves import FREQUENCIES, heights_table
@@ -23,7 +24,7 @@ from station.reports.otf_figures import FrequencyAxis
 from station.reports.pattern_report import Report, report_of_files
 from station.results.plane_result import PlaneResult
 from station.results.record_head import InputFile, RecordHead
-from station.results.result_files import ResultFolder, json_text, software, write_psf_result
+from station.results.result_files import ResultFolder, json_text, write_psf_result
 from station.results.terms import Terms
 from station.results.units import told_quantity
 

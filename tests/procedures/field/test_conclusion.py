@@ -17,9 +17,9 @@ from procedures.psf_field import Node
 from procedures.raw import Plane, RawFrame
 from procedures.reading.exposure import Exposure
 from station.calibration.field import centre_result
+from station.common.versions import software
 from station.reports.field.field_page import field_page
 from station.results.record_head import RecordHead
-from station.results.result_files import software
 
 S, K, SHAPE = 4, 13, (300, 450)
 COVARIANCE = 1e-7 * np.eye(K * K)
