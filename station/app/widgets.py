@@ -98,7 +98,8 @@ class Drawn(Widget):
     def render_line(self, y: int) -> Strip:
         """One of the lines."""
         strip = self._strips[y] if y < len(self._strips) else _text_strip("")
-        return strip.adjust_cell_length(self.size.width, self.rich_style).apply_style(Style(bgcolor=None))
+        ground = self.rich_style
+        return strip.adjust_cell_length(self.size.width, ground).apply_style(Style(bgcolor=ground.bgcolor))
 
 
 class Picture(Drawn):
