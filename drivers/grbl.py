@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 from drivers.clock import Clock, SystemClock
 from drivers.errors import (
@@ -24,7 +25,7 @@ from drivers.errors import (
 from drivers.grbl_envelope import Envelope, GrblAxis, envelope
 from drivers.homing_state import HOME
 from drivers.interfaces import Condition, Doubt, Identity, Transport, Travel
-from drivers.move_checks import OneMover, check_arrival, check_target
+from drivers.move_checks import OneMover, check_arrival, check_target, in_turn
 from drivers.protocols.grbl import HOLD, JOG_CANCEL, MOTORS_HELD, PAUSES, RESET, RESUMABLE, RESUME, Event
 from drivers.protocols.grbl_link import GrblLink, StatusReport
 from drivers.wire.connection import anything
@@ -55,7 +56,6 @@ class GrblStage:
         self._poll_s = poll_s
         self._one_mover = OneMover()
         self._homing = False
-        self._stops = 0
         self._envelopes: dict[str, Envelope] = {}
 
     @property
@@ -151,14 +151,9 @@ class GrblStage:
         """Find the limit switches. Raises DeviceError."""
         with self._one_mover:
             epoch = self.link.recover()
-
-            def undisturbed() -> None:
-                allowed()
-                self.link.trust.undisturbed(epoch)
-
             self._homing = True
             try:
-                self._find_switches(undisturbed)
+                self._find_switches(in_turn(allowed, partial(self.link.trust.undisturbed, epoch)))
             finally:
                 self._homing = False
             self._check_machine_space()
@@ -202,7 +197,7 @@ class GrblStage:
 
     def move_to(self, **target: float) -> None:
         """Go there in a straight line and return when still. Raises DeviceError."""
-        with self._one_mover:
+        with self._one_mover as stops:
             self.link.require_trust()
             check_target(target, self.travel())
             goal = dict(target)
@@ -214,9 +209,9 @@ class GrblStage:
                 return
             ways = [(self._envelopes[name], value) for name, value in goal.items()]
             words = " ".join(f"{one.axis.letter}{one.to_machine(value):.3f}" for one, value in ways)
-            stops = self._stops
+            may_begin = in_turn(self.link.trust.require, partial(self._one_mover.require, stops))
             try:
-                self.link.command(f"$J=G53 G90 G21 {words} F{feed:.1f}", allowed=self.link.trust.require)
+                self.link.command(f"$J=G53 G90 G21 {words} F{feed:.1f}", allowed=may_begin)
                 report = self._until_still(duration_s, stops)
             except DeviceError:
                 self._give_up_moving()
@@ -246,7 +241,7 @@ class GrblStage:
         limit_s = 2 * duration_s * 100 / min(self.link.feed_override, 100.0) + 2
         deadline_s = self.clock.now_s() + limit_s
         before = None
-        self.link.pause(duration_s, lambda: self._stops != stops)
+        self.link.pause(duration_s, partial(self._one_mover.stopped, stops))
         while True:
             report = self.link.report()
             if report.state == "Idle" and report == before:
@@ -274,7 +269,7 @@ class GrblStage:
     def _arrived(self, goal: Mapping[str, float], there: Mapping[str, float], stops: int) -> None:
         for name, target in goal.items():
             tolerance = 1.5 * self._envelopes[name].resolution
-            check_arrival(name, target, there[name], tolerance, self._stops != stops)
+            check_arrival(name, target, there[name], tolerance, self._one_mover.stopped(stops))
 
     def _give_up_moving(self) -> None:
         """Leave nothing moving behind an error; what cannot be reached by now is beyond software."""
@@ -294,7 +289,7 @@ class GrblStage:
 
     def stop(self) -> None:
         """Slow down and stay; while homing, and where the position is lost anyway, reset. Raises DeviceError."""
-        self._stops += 1
+        self._one_mover.stop()
         if self._homing or self.link.trust.why is not None:
             self.link.halt(NotHomed("homing was stopped", HOME))
             return
@@ -316,5 +311,5 @@ class GrblStage:
 
     def emergency_stop(self) -> None:
         """Feed hold and soft reset past every lock; unsafe until homed."""
-        self._stops += 1
+        self._one_mover.stop()
         self.link.shout(HOLD + RESET, EmergencyStopped(f"emergency stop at {self.address}", "make it safe, then home"))

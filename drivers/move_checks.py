@@ -3,24 +3,49 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from drivers.errors import BadConfiguration, MoveFailed, OutsideTravel, Rejected
 from drivers.interfaces import Travel
 
 
 class OneMover:
-    """Whoever enters moves the stage; a second one is refused at once."""
+    """Whoever enters moves the stage, and is told how often it had been stopped; a second one is refused at once."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
+        self._stops = 0
 
-    def __enter__(self) -> None:
+    def __enter__(self) -> int:
         if not self._lock.acquire(blocking=False):
             raise Rejected("the stage is already moving", "wait for the move to end, or stop it")
+        return self._stops
 
     def __exit__(self, *_: object) -> None:
         self._lock.release()
+
+    def stop(self) -> None:
+        """Note that the stage is stopped: what is on its way gives no further order."""
+        self._stops += 1
+
+    def stopped(self, since: int) -> bool:
+        """Whether it was stopped since it had been so often."""
+        return self._stops != since
+
+    def require(self, since: int) -> None:
+        """Raises MoveFailed where it was: an axis that was still to be sent stays where it is."""
+        if self.stopped(since):
+            raise MoveFailed("the stage was stopped before all axes were on their way", "begin again")
+
+
+def in_turn(*checks: Callable[[], None]) -> Callable[[], None]:
+    """Several checks as one, in their order."""
+
+    def check() -> None:
+        for one in checks:
+            one()
+
+    return check
 
 
 def check_target(target: Mapping[str, float], travel: Mapping[str, Travel]) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 
 from drivers.clock import Clock, SystemClock
 from drivers.errors import (
@@ -22,7 +23,7 @@ from drivers.errors import (
 )
 from drivers.homing_state import HOME, UNHOMED, Trust
 from drivers.interfaces import Condition, Identity, Transport, Travel
-from drivers.move_checks import OneMover, check_arrival, check_target
+from drivers.move_checks import OneMover, check_arrival, check_target, in_turn
 from drivers.protocols.zaber import FLAGS, REJECTIONS, UNREFERENCED, Alert, Event, Reply, checksum
 from drivers.wire.connection import anything, opened
 
@@ -73,7 +74,6 @@ class ZaberStage:
         self._ids = 0
         self._checking: set[int] = set()
         self._alerts = 0
-        self._stops = 0
         self._one_mover = OneMover()
         self._travel: dict[str, Travel] = {}
         self._speed: dict[str, float] = {}
@@ -200,21 +200,19 @@ class ZaberStage:
 
     def home(self, allowed: Callable[[], None] = anything) -> None:
         """Send every axis to its home sensor. Raises DeviceError."""
-        with self._one_mover:
+        with self._one_mover as stops:
             self._require_line()
-            epoch, stops = self.trust.begin(self.trust.shouts), self._stops
-
-            def undisturbed() -> None:
-                allowed()
-                self.trust.undisturbed(epoch)
-
+            epoch = self.trust.begin(self.trust.shouts)
+            undisturbed = in_turn(
+                allowed, partial(self.trust.undisturbed, epoch), partial(self._one_mover.require, stops)
+            )
             with self._left_still(self._axes):
                 for axis in self._axes:
                     self._send(axis.device, axis.axis, "warnings clear", tries=3)
                     self._send(axis.device, axis.axis, "home", allowed=undisturbed)
                 longest_s = max((travel.high - travel.low) / self._speed[name] for name, travel in self._travel.items())
                 self._finish(list(self._axes), 4 * longest_s + 10)
-            if self._stops != stops or any(self._status(axis).flag == "NI" for axis in self._axes):
+            if self._one_mover.stopped(stops) or any(self._status(axis).flag == "NI" for axis in self._axes):
                 raise MoveFailed(f"homing at {self.address} was interrupted", HOME)
             self.trust.give(epoch)
 
@@ -224,21 +222,21 @@ class ZaberStage:
 
     def move_to(self, **target: float) -> None:
         """Send the axes there, each on its own way, and return when all are still. Raises DeviceError."""
-        with self._one_mover:
+        with self._one_mover as stops:
             self._require_line()
             self.trust.require()
             check_target(target, self._travel)
             goals = {axis: target[axis.name] for axis in self._axes if axis.name in target}
-            stops = self._stops
-            start = self.position()
+            start, may_go = self.position(), in_turn(self.trust.require, partial(self._one_mover.require, stops))
             longest_s = max((abs(goals[a] - start[a.name]) / self._speed[a.name] for a in goals), default=0.0)
             with self._left_still(list(goals)):
                 for axis, value in goals.items():
-                    self._send(axis.device, axis.axis, f"move abs {axis.to_steps(value)}", allowed=self.trust.require)
+                    self._send(axis.device, axis.axis, f"move abs {axis.to_steps(value)}", allowed=may_go)
                 self._finish(list(goals), 2 * longest_s + 2)
+            stopped = self._one_mover.stopped(stops)
             for axis, value in goals.items():
                 tolerance = PRECISION_STEPS * abs(axis.unit_per_step)
-                check_arrival(axis.name, value, axis.to_unit(self._steps(axis)), tolerance, self._stops != stops)
+                check_arrival(axis.name, value, axis.to_unit(self._steps(axis)), tolerance, stopped)
 
     def _finish(self, axes: list[ZaberAxis], limit_s: float) -> None:
         """Wait until the axes are idle, and look at their flags. Raises NoAnswer past the limit."""
@@ -278,13 +276,13 @@ class ZaberStage:
 
     def stop(self) -> None:
         """Slow down and stay. Raises DeviceError."""
-        self._stops += 1
+        self._one_mover.stop()
         for axis in self._axes:
             self._send(axis.device, axis.axis, "stop", tries=3)
 
     def emergency_stop(self) -> None:
         """Stop all devices of the chain without slowing down, past every lock; unsafe until homed."""
-        self._stops += 1
+        self._one_mover.stop()
         error = EmergencyStopped(f"emergency stop at {self.address}", f"make it safe, then {HOME}")
         self.trust.shout(error)
         self._transport.shout(b"\n/0 0 estop\n", error)

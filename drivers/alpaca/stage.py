@@ -8,13 +8,14 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 from drivers.alpaca.link import NOT_NOW, AlpacaLink, AlpacaServer
 from drivers.clock import Clock, SystemClock
-from drivers.errors import BadConfiguration, EmergencyStopped, LineLost, MoveFailed, NoAnswer, Rejected
+from drivers.errors import BadConfiguration, EmergencyStopped, LineLost, NoAnswer, Rejected
 from drivers.homing_state import HOME, UNHOMED, Trust
 from drivers.interfaces import Condition, Identity, Travel
-from drivers.move_checks import OneMover, check_arrival, check_target
+from drivers.move_checks import OneMover, check_arrival, check_target, in_turn
 from drivers.wire.connection import anything
 
 POLL_S = 0.05
@@ -87,7 +88,6 @@ class AlpacaStage:
         self._parts = {axis.name: Part(axis, AlpacaLink(server, "focuser", axis.focuser)) for axis in axes}
         self._patience_s = patience_s
         self._one_mover = OneMover()
-        self._stops = 0
         self._open = False
 
     @property
@@ -158,54 +158,52 @@ class AlpacaStage:
 
     def home(self, allowed: Callable[[], None] = anything) -> None:
         """Call the action of every axis that has one, one after another. Raises DeviceError."""
-        with self._one_mover:
+        with self._one_mover as stops:
             self._require_open()
-            epoch, stops = self.trust.begin(self.trust.shouts), self._stops
-
-            def undisturbed() -> None:
-                allowed()
-                self.trust.undisturbed(epoch)
-
+            epoch = self.trust.begin(self.trust.shouts)
+            undisturbed = in_turn(
+                allowed, partial(self.trust.undisturbed, epoch), partial(self._one_mover.require, stops)
+            )
             for part in self._parts.values():
                 if part.axis.home:
                     self._order(part, lambda part=part: part.link.device.Action(part.axis.home, ""), undisturbed)  # type: ignore[misc]
                     self._finish([part], epoch)
             undisturbed()
-            if self._stops != stops:
-                raise MoveFailed(f"homing of {self.address} was interrupted", HOME)
             self.position()  # a focuser that knows no place says so here
             self.trust.give(epoch)
 
     def move_to(self, **target: float) -> None:
         """Send the axes there side by side, and return when all are still. Raises DeviceError."""
-        with self._one_mover:
+        with self._one_mover as stops:
             self._require_open()
             self.trust.require()
             check_target(target, self.travel())
-            stops, epoch = self._stops, self.trust.epoch
+            epoch, may_go = self.trust.epoch, in_turn(self.trust.require, partial(self._one_mover.require, stops))
             parts = [self._parts[name] for name in target]
             try:
                 for number, part in enumerate(parts):
-                    self._send(part, target[part.axis.name], parts[:number], epoch)
+                    self._send(part, target[part.axis.name], parts[:number], epoch, may_go)
             except BaseException:
                 self._halt_all()
                 raise
             self._finish(parts, epoch)
-            there = self.position()
+            there, stopped = self.position(), self._one_mover.stopped(stops)
             for part in parts:
                 name, tolerance = part.axis.name, PRECISION_STEPS * part.scale.unit_per_step
-                check_arrival(name, target[name], there[name], tolerance, self._stops != stops)
+                check_arrival(name, target[name], there[name], tolerance, stopped)
 
-    def _send(self, part: Part, value: float, begun: Sequence[Part], epoch: int) -> None:
+    def _send(
+        self, part: Part, value: float, begun: Sequence[Part], epoch: int, allowed: Callable[[], None]
+    ) -> None:  # fmt: skip
         """Send one axis; a server that moves one at a time refuses while others move, and is asked again."""
         step = min(max(part.scale.to_step(value), 0), part.scale.last)
         try:
-            self._order(part, lambda: part.link.device.Move(step), self.trust.require)
+            self._order(part, lambda: part.link.device.Move(step), allowed)
         except Rejected as error:
             if not begun or error.code != NOT_NOW:
                 raise
             self._finish(begun, epoch)
-            self._order(part, lambda: part.link.device.Move(step), self.trust.require)
+            self._order(part, lambda: part.link.device.Move(step), allowed)
 
     def _order(self, part: Part, order: Callable[[], object], allowed: Callable[[], None]) -> None:
         """Give an order if it is allowed; one that an emergency stop overtook is taken back. Raises DeviceError."""
@@ -235,7 +233,7 @@ class AlpacaStage:
 
     def stop(self) -> None:
         """Stay where it is. Raises DeviceError."""
-        self._stops += 1
+        self._one_mover.stop()
         self._require_open()
         for part in self._parts.values():
             with part.link.asked():
@@ -243,7 +241,7 @@ class AlpacaStage:
 
     def emergency_stop(self) -> None:
         """Halt all focusers side by side, past whatever is being asked; unsafe until homed."""
-        self._stops += 1
+        self._one_mover.stop()
         self.trust.shout(EmergencyStopped(f"emergency stop at {self.address}", f"make it safe, then {HOME}"))
         if self._open:
             self._halt_all()

@@ -10,6 +10,7 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from functools import partial
 from operator import methodcaller
 from typing import Any
 
@@ -18,7 +19,7 @@ from drivers.errors import DeviceError, EmergencyStopped, LineLost, MoveFailed, 
 from drivers.homing_state import HOME, UNHOMED, Trust
 from drivers.interfaces import Condition, Doubt, Identity, Travel
 from drivers.micromanager.core import STAGE, XY_STAGE, Core, asked, check_device, identity_words
-from drivers.move_checks import OneMover, check_arrival, check_target
+from drivers.move_checks import OneMover, check_arrival, check_target, in_turn
 from drivers.wire.connection import anything
 
 POLL_S = 0.02
@@ -73,7 +74,6 @@ class MicroManagerStage:
         self._labels = tuple(dict.fromkeys(axis.device for axis in axes))
         self._core: Any = None
         self._one_mover = OneMover()
-        self._stops = 0
         self._unstoppable: tuple[str, ...] = ()
 
     @property
@@ -146,20 +146,16 @@ class MicroManagerStage:
 
     def home(self, allowed: Callable[[], None] = anything) -> None:
         """Send to its reference what has one. Raises DeviceError."""
-        with self._one_mover:
+        with self._one_mover as stops:
             self._open()
-            epoch, stops = self.trust.begin(self.trust.shouts), self._stops
-
-            def undisturbed() -> None:
-                allowed()
-                self.trust.undisturbed(epoch)
-
+            epoch = self.trust.begin(self.trust.shouts)
+            undisturbed = in_turn(
+                allowed, partial(self.trust.undisturbed, epoch), partial(self._one_mover.require, stops)
+            )
             for label in dict.fromkeys(axis.device for axis in self._axes if axis.homes):
                 self._order(methodcaller("home", label), undisturbed, UNHOMABLE)
                 self._finish([label], epoch)
             undisturbed()
-            if self._stops != stops:
-                raise MoveFailed(f"homing of {self.address} was interrupted", HOME)
             self._check_inside()
             self.trust.give(epoch)
 
@@ -174,24 +170,24 @@ class MicroManagerStage:
 
     def move_to(self, **target: float) -> None:
         """Go there and return when still. Raises DeviceError."""
-        with self._one_mover:
+        with self._one_mover as stops:
             self._open()
             self.trust.require()
             check_target(target, self.travel())
-            stops, epoch = self._stops, self.trust.epoch
+            epoch, may_go = self.trust.epoch, in_turn(self.trust.require, partial(self._one_mover.require, stops))
             labels = [label for label in self._labels if any(axis.name in target for axis in self._of(label))]
             for label in labels:
-                self._send(label, target)
+                self._send(label, target, may_go)
             self._finish(labels, epoch)
-            there = self.position()
+            there, stopped = self.position(), self._one_mover.stopped(stops)
             for axis in self._axes:
                 if axis.name in target:
-                    check_arrival(axis.name, target[axis.name], there[axis.name], axis.tolerance, self._stops != stops)
+                    check_arrival(axis.name, target[axis.name], there[axis.name], axis.tolerance, stopped)
 
     def _of(self, label: str) -> list[MicroManagerAxis]:
         return [axis for axis in self._axes if axis.device == label]
 
-    def _send(self, label: str, target: Mapping[str, float]) -> None:
+    def _send(self, label: str, target: Mapping[str, float], allowed: Callable[[], None]) -> None:
         """Give one device its order; of an XY table the part that is not meant stays where it is."""
         axes = {axis.part: axis for axis in self._of(label) if axis.name in target}
         goal = {part: axis.to_um(target[axis.name]) for part, axis in axes.items()}
@@ -204,7 +200,7 @@ class MicroManagerStage:
             y = goal["y"] if "y" in goal else core.getYPosition(label)
             core.setXYPosition(label, x, y)
 
-        self._order(order, self.trust.require)
+        self._order(order, allowed)
 
     def _order(self, order: Callable[[Any], None], allowed: Callable[[], None], remedy: str = REMEDY) -> None:
         """Give an order if it is allowed; one that an emergency stop overtook is taken back. Raises DeviceError."""
@@ -237,7 +233,7 @@ class MicroManagerStage:
 
     def stop(self) -> None:
         """Stay where it is. Raises Rejected where an adapter cannot."""
-        self._stops += 1
+        self._one_mover.stop()
         core = self._open()
         with asked(self.address, "cut its power"):
             for label in self._labels:
@@ -245,7 +241,7 @@ class MicroManagerStage:
 
     def emergency_stop(self) -> None:
         """Stop all devices side by side; unsafe until homed."""
-        self._stops += 1
+        self._one_mover.stop()
         self.trust.shout(EmergencyStopped(f"emergency stop at {self.address}", f"make it safe, then {HOME}"))
         if (core := self._core) is not None:
             self._halt_all(core)

@@ -104,13 +104,12 @@ class SessionState:
     notices: tuple[str, ...] = ()
     strangers: Mapping[str, str] = field(default_factory=dict)
     ended: str | None = None
-    halted: bool = False
 
     @property
     def empty(self) -> bool:
-        """Whether nothing was answered, photographed, done or halted: nothing that anybody would look at again."""
-        kept = (self.done, self.facts, self.shots, self.results, self.adopting, self.awaited, self.halted)
-        return not any(kept)
+        """Whether nothing was answered, photographed or done, and no emergency ended it: nothing to look at again."""
+        kept = (self.done, self.facts, self.shots, self.results, self.adopting, self.awaited)
+        return not any(kept) and self.ended != "emergency"
 
     def shot(self, number: int) -> SessionShot:
         """The shot of that number. Raises KeyError."""
@@ -252,10 +251,6 @@ def _ended(state: SessionState, line: JournalLine) -> SessionState:
     return replace(state, ended=str(line.data["how"]))
 
 
-def _halted(state: SessionState, line: JournalLine) -> SessionState:
-    return replace(state, halted=True)
-
-
 CHANGES: Mapping[str, Callable[[SessionState, JournalLine], SessionState]] = {
     "told": _told,
     "noticed": _noticed,
@@ -273,7 +268,6 @@ CHANGES: Mapping[str, Callable[[SessionState, JournalLine], SessionState]] = {
     "derived": _derived,
     "found": _found,
     "ended": _ended,
-    "halted": _halted,
 }
 
 

@@ -161,6 +161,34 @@ def test_a_stop_ends_a_move_and_keeps_the_position(homed):
     assert homed.condition().usable
 
 
+def after_the_first(stage, monkeypatch, name):
+    """Stop the stage after this was done once; what it was done with comes into the list."""
+    does, done = getattr(stage, name), []
+
+    def wrapped(*given):
+        does(*given)
+        done.append(given[0])
+        if len(done) == 1:
+            stage.stop()
+
+    monkeypatch.setattr(stage, name, wrapped)
+    return done
+
+
+def test_after_a_stop_no_further_device_is_sent_or_homed(homed, truth, monkeypatch):
+    sent = after_the_first(homed, monkeypatch, "_send")
+    with pytest.raises(MoveFailed, match="stopped before all axes"):
+        homed.move_to(x_mm=0.15, z_mm=0.1)
+    assert len(sent) == 1
+    assert homed.position()["z_mm"] == 0.0
+    monkeypatch.undo()
+    ended = after_the_first(homed, monkeypatch, "_finish")
+    with pytest.raises(MoveFailed, match="stopped before all axes"):
+        homed.home()
+    assert len(ended) == 1
+    assert not homed.condition().usable
+
+
 def test_an_emergency_stop_ends_a_move_and_holds_until_homed(homed, truth):
     ended = in_mid_move(homed, homed.emergency_stop)
     assert isinstance(ended, EmergencyStopped)

@@ -46,6 +46,24 @@ def sent(stage):
     return [p.data for p in stage._transport.transcript.last() if p.way == ">"]
 
 
+def test_after_a_stop_the_other_axis_is_not_sent(homed, monkeypatch):
+    send, orders, before = homed._send, [], homed.position()
+
+    def stopped_meanwhile(device, axis, words, **given):
+        answer = send(device, axis, words, **given)
+        if words.startswith("move abs"):
+            orders.append(words)
+            homed.stop()
+        return answer
+
+    monkeypatch.setattr(homed, "_send", stopped_meanwhile)
+    first, second = homed.travel()
+    with pytest.raises(MoveFailed, match="stopped before all axes"):
+        homed.move_to(**{name: homed.travel()[name].high for name in (first, second)})
+    assert len(orders) == 1
+    assert homed.position()[second] == before[second]
+
+
 def test_every_command_carries_its_checksum_and_an_id_of_its_own(homed):
     homed.position()
     lines = sent(homed)

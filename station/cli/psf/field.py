@@ -27,6 +27,9 @@ from station.cli.terminal.progress import progress
 from station.common.log import log
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from procedures.field.estimate import Miss
     from procedures.reading.sensor_dump import DumpLayout
 
 FAILED_ITEMS = 1
@@ -85,10 +88,7 @@ def psf_field(
     names = None if plane in (None, "all") else [str(plane)]
     with ResultFolder(out, force=forced()) as results, progress(len(paths)) as told:
         measured = measure(paths, names, source.chart, parameters, told, layout)
-        for miss in measured.misses:
-            log(
-                "missed", f"{miss.source} {miss.plane} {miss.place}: {miss.reason}", level="warning", remedy=miss.remedy
-            )
+        tell_misses(measured.misses)
         exposure = measured.exposures[0].exposure if measured.exposures else None
         limit = partial(diffraction_limit, exposure, **optics) if exposure else (lambda plane: None)
         pixels = field_pixels(measured, optics["pixel_pitch_um"])
@@ -114,3 +114,9 @@ def psf_field(
     finish(planes, text, as_json=as_json)
     if measured.failed:
         raise click.exceptions.Exit(FAILED_ITEMS)
+
+
+def tell_misses(misses: Iterable[Miss]) -> None:
+    """Which places of which photographs gave nothing, each with its reason."""
+    for miss in misses:
+        log("missed", f"{miss.source} {miss.plane} {miss.place}: {miss.reason}", level="warning", remedy=miss.remedy)

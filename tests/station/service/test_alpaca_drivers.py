@@ -81,11 +81,12 @@ def beside(work):
 @pytest.fixture
 def held_up(served, monkeypatch):
     """The bench's stage moves and does not arrive until it is let go or stopped."""
-    moving, go_on = threading.Event(), threading.Event()
+    moving, go_on, asked = threading.Event(), threading.Event(), []
     stage = served.bench.stage
     stop = stage.stop
 
     def move(**target):
+        asked.append(target)
         moving.set()
         go_on.wait()
         raise MoveFailed("z_mm was stopped on its way", "move again")
@@ -96,7 +97,7 @@ def held_up(served, monkeypatch):
 
     monkeypatch.setattr(stage, "move_to", move)
     monkeypatch.setattr(stage, "stop", halt)
-    yield SimpleNamespace(moving=moving, halted=go_on)
+    yield SimpleNamespace(moving=moving, halted=go_on, asked=asked)
     go_on.set()
 
 
@@ -136,6 +137,16 @@ def test_stop_ends_a_move(homed, held_up):
     thread.join()
     assert isinstance(outcome[0], DeviceError)
     assert "stopped" in outcome[0].reason
+
+
+def test_after_a_stop_the_other_axis_is_not_sent(homed, held_up):
+    # the server moves one at a time: the second axis waits for the first one
+    thread, outcome = beside(lambda: homed.move_to(z_mm=400.0, x_mm=-5.0))
+    held_up.moving.wait()
+    homed.stop()
+    thread.join()
+    assert isinstance(outcome[0], DeviceError)
+    assert len(held_up.asked) == 1
 
 
 def test_an_emergency_stop_ends_a_move_and_holds_until_homed(homed, held_up):

@@ -109,9 +109,11 @@ def test_known_facts_are_not_written_again(session):
     assert (session.folder / "journal.jsonl").stat().st_size == size
 
 
-def test_session_that_nothing_but_a_stop_touched_is_kept_for_its_times(session):
-    assert session.state.empty
+def test_session_that_nothing_but_an_emergency_touched_is_kept_for_its_times(session):
     session.note("halted", asked_s=1.0, on_the_wire_s={"stage": 1.001}, after_ms={"stage": 1.0})
+    session.end("stopped")  # by a Ctrl-C at the first question: the devices were told, and nothing moved
+    assert session.state.empty
+    session.end("emergency")
     assert not session.state.empty
 
 
