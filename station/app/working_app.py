@@ -94,7 +94,7 @@ class WorkingApp(App[int]):
 
     def _fatal_error(self) -> None:
         """A fault of the program: the bench stops; a sentence for the operator, the traceback for whoever asks."""
-        at_once(self.lab.emergency_stop)
+        self._halt()
         if os.environ.get(TRACEBACK) or self._exception is None or self.is_headless:
             super()._fatal_error()
             return

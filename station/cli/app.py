@@ -59,7 +59,7 @@ def run_app(
         code = app.run()
     finally:
         if app.return_code != 0:
-            lab.emergency_stop()  # whatever ended it may have left something moving
+            lab.stop_run()  # whatever ended it may have left something moving
         app.finish(PATIENCE_S)
         lab.close()
     raise click.exceptions.Exit(code if code is not None else app.return_code or 0)
@@ -76,7 +76,7 @@ def _end_with_the_terminal(app: StationApp, lab: StationLab) -> None:
         os._exit(EXIT_DEVICE)
 
     def hear(number: int, frame: FrameType | None) -> None:
-        at_once(lab.emergency_stop)
+        at_once(lab.stop_run)
         at_once(end)
 
     for number in ENDING:

@@ -110,7 +110,7 @@ class BegunApp(StationApp):
 def application() -> None:
     lab = new_lab()
     app = BegunApp(lab)
-    signal.signal(signal.SIGUSR1, lambda *_: app.call_later(boom))
+    signal.signal(signal.SIGUSR1, lambda *_: app.call_next(boom))
     app_command._end_with_the_terminal(app, lab)
     try:
         app.run()
