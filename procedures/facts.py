@@ -78,6 +78,7 @@ class CameraFacts:
     exposure_s: float | None = None
     iso: float | None = None
     f_number: float | None = None
+    """As the camera noted it."""
     focal_length_mm: float | None = None
     pixel_pitch_um: float | None = None
     distance_mm: float | None = None

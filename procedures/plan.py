@@ -177,13 +177,14 @@ class Look:
     """Expose a trial frame when the rig is still, check it, mend what the check says, and look again until it is good.
 
     `check(frame, facts)` is pure. After `tries` looks the operator decides: look again, go on with what is, or stop.
-    `rests_on` are the keys of what was asked and its moves are reckoned from.
+    `rests_on` are the keys of what was asked and its moves are reckoned from. Left out where `when` says no.
     """
 
     purpose: str
     check: Callable[[RawFrame, Facts], Advice]
     tries: int = 8
     rests_on: tuple[str, ...] = ()
+    when: Callable[[Facts], bool] = lambda facts: True
 
 
 @dataclass(frozen=True)

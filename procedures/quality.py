@@ -81,6 +81,10 @@ class Quality:
     at: tuple[float, ...] = ()
 
 
+CAMERA, OPERATOR = "camera", "operator"
+"""Who told an f-number."""
+
+
 @dataclass(frozen=True)
 class Diffraction:
     """What sets the diffraction limit of a plane.
@@ -91,11 +95,19 @@ class Diffraction:
     pixel_pitch_um : float
         Pitch of the *plane's* pixels (twice the sensor's for a Bayer plane), in micrometres.
     wavelength_nm : float
+    told_by : str
+        Of the f-number: `CAMERA`, or `OPERATOR`, whose word it is where the camera noted none or another.
     """
 
     f_number: float
     pixel_pitch_um: float
     wavelength_nm: float
+    told_by: str = CAMERA
+
+    @property
+    def typed(self) -> bool:
+        """Whether the f-number is somebody's word."""
+        return self.told_by == OPERATOR
 
     @property
     def cutoff(self) -> float:
@@ -354,7 +366,8 @@ def _strehl(psf: Psf, diffraction: Diffraction) -> DrawnNumber:
     value = float(psf.h.ravel()[centre]) / psf.light / ideal
     gradient = -value * psf.weights / psf.light
     gradient[centre] += 1 / psf.light / ideal
-    method = f"centre over diffraction at f/{diffraction.f_number:g}, {diffraction.wavelength_nm:g} nm"
+    word = " as typed" if diffraction.typed else ""
+    method = f"centre over diffraction at f/{diffraction.f_number:g}{word}, {diffraction.wavelength_nm:g} nm"
     return DrawnNumber("strehl", value, "1", method, gradient)
 
 

@@ -13,6 +13,8 @@ from procedures.pattern_print.sheet import DEFAULT_WIDTH_MM, Size
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.pattern_psf.pose import Optics
 from procedures.plan import Facts
+from procedures.quality import CAMERA, OPERATOR, WAVELENGTHS_NM, Diffraction
+from procedures.raw import Plane
 
 RATIO, (RATIO_LOW, RATIO_HIGH) = AIM_S_OVER_T, BEST_S_OVER_T
 """Aim and tolerance of s/t. At 1 the chart is as fine as the PSF's samples; with a camera that is sharper than its
@@ -68,6 +70,7 @@ class PatternFacts(CameraFacts):
         on the sensor's scale, the sampling ratio, the larger of yaw and pitch, the sharpness, its standard uncertainty
     wanted_mtf50 : standard uncertainty to reach, in cycles/pixel
     tape_mm : distance of the chart by a tape measure, where there is neither laser nor rail
+    typed_f_number : as the operator told it, where the camera noted none
     """
 
     chart_width_mm: float | None = None
@@ -86,6 +89,19 @@ class PatternFacts(CameraFacts):
     mtf50_uncertainty: float | None = None
     wanted_mtf50: float | None = None
     tape_mm: float | None = None
+    typed_f_number: float | None = None
+
+    @property
+    def aperture(self) -> float | None:
+        """The f-number: as the camera noted it, else as it was typed; None where neither is known."""
+        return self.typed_f_number if self.f_number is None else self.f_number
+
+    def diffraction(self, plane: Plane) -> Diffraction | None:
+        """What limits the plane, where aperture and pixels are known."""
+        if self.aperture is None or self.pixel_pitch_um is None:
+            return None
+        by = OPERATOR if self.f_number is None else CAMERA
+        return Diffraction(self.aperture, self.pixel_pitch_um * plane.pitch, WAVELENGTHS_NM[plane.name[0]], by)
 
     @property
     def chart(self) -> Chart:

@@ -30,6 +30,7 @@ from procedures.pattern_psf.checks import (
 from procedures.pattern_psf.combine import combine
 from procedures.pattern_psf.estimate import estimate_psf
 from procedures.pattern_psf.facts import RATIO, SIZES, PatternFacts
+from procedures.pattern_psf.focus.aperture import check_aperture
 from procedures.pattern_psf.gamma.words import gamma_diagram
 from procedures.plan import (
     Advice,
@@ -53,7 +54,6 @@ from procedures.plan import (
     Show,
     Step,
 )
-from procedures.quality import WAVELENGTHS_NM, Diffraction
 from procedures.raw import Plane, RawFrame
 
 CHART = "chart.pdf"
@@ -192,10 +192,6 @@ def explain_distance(facts: Facts) -> Diagram:
     return gamma_diagram(known.optics(), known.s_or_start, known.parameters.k or START_K, RATIO)
 
 
-UNNOTED = Ask(
-    "f_number", "Which f-number is set? The camera does not note it.", "number", "", low=0.5, high=64.0,
-    when=lambda facts: facts_as(PatternFacts, facts).f_number is None,
-)  # fmt: skip
 TAPE = Ask(
     "tape_mm", "How far is the chart from the lens now, by a tape measure?", "number", "mm", low=50.0, high=1e5,
     when=lambda facts: "distance_mm" not in facts and "at_z_mm" not in facts,
@@ -203,7 +199,6 @@ TAPE = Ask(
 DISTANCE = (
     Ask("focal_length_mm", "What is the lens's focal length?", "number", "mm", low=1.0, high=5000.0),
     Ask("pixel_pitch_um", "How far apart are the sensor's pixels?", "number", "µm", low=0.5, high=50.0),
-    UNNOTED,
     Show(explain_distance),
     Measure(),
     TAPE,
@@ -234,7 +229,7 @@ def rail_places(facts: Facts) -> Sequence[float]:
     if known.focus_by != "rail" or rail is None or rail.at is None:
         return ()
     optics, here = known.optics(), rail.at
-    f_number = required(known.f_number, "the f-number", "tell it in the step `distance`, or focus by the ring")
+    f_number = required(known.aperture, "the f-number", "tell it, or focus by the ring")
     pixel_mm, z = optics.plane_pitch_um / 1000, known.wanted_distance_mm()
     depth = pixel_mm * f_number * (z / optics.focal_length_mm) ** 2
     return [here + step * depth for step in RAIL if rail.holds(here + step * depth)]
@@ -266,7 +261,12 @@ def choose_focus(axis: str, unit: str) -> Any:
     return choose
 
 
+UNNOTED = Ask(
+    "typed_f_number", "Which f-number is set? The camera does not note it.", "number", "", low=0.5, high=64.0,
+    when=lambda facts: facts_as(PatternFacts, facts).f_number is None,
+)  # fmt: skip
 FOCUS = (
+    UNNOTED,
     Ask("refocused", "Focus on the chart again: the distance has changed. Leave autofocus off."),
     Ask("focus_by", "How will you bracket the focus?", "choice", default="ring", choices=("ring", "rail", "skip")),
     Scan("focus", "focus_steps", ring_places, sharpness, choose_focus("focus_steps", " steps"), say_ring),
@@ -274,6 +274,7 @@ FOCUS = (
         "focus", "z_mm", rail_places, sharpness, choose_focus("z_mm", " mm"),
         lambda change: f"Move the camera by {change:.1f} mm.",
     ),
+    Look("aperture", check_aperture, when=lambda facts: facts_as(PatternFacts, facts).f_number is None),
 )  # fmt: skip
 
 # --- shots -------------------------------------------------------------------------------------------------------
@@ -293,20 +294,13 @@ def _first_found(results: Sequence[Outcomes]) -> Outcomes:
 def _estimate_plane(
     frame: RawFrame, plane: Plane, told: PatternFacts, like: Outcome[Any] | None, known: Known
 ) -> Outcome[Any]:
-    parameters, limit = told.parameters, diffraction(plane, told)
+    parameters, limit = told.parameters, told.diffraction(plane)
     if like is not None and like.value is not None:
         parameters = replace(parameters, s=like.value.psf.s, k=like.value.psf.k, chosen=True)
     key = (frame.sha256, plane.name, told.chart_seed, parameters, limit)
     if key not in known:
         known[key] = estimate_psf(plane, told.chart, parameters, limit)
     return known[key]
-
-
-def diffraction(plane: Plane, known: PatternFacts) -> Diffraction | None:
-    """What limits the plane, where aperture and pixels are known."""
-    if known.f_number is None or known.pixel_pitch_um is None:
-        return None
-    return Diffraction(known.f_number, known.pixel_pitch_um * plane.pitch, WAVELENGTHS_NM[plane.name[0]])
 
 
 def uncertainty(found: Outcome[Any]) -> float:

@@ -44,6 +44,8 @@ class Lens:
         A tilted sensor: defocus, as root mean square path difference, per half diagonal along x and y.
     lateral_colour : float
         Relative growth of the image per micrometre of wavelength, 1 in green.
+    noted : bool
+        Whether the camera knows the lens, and notes aperture and focal length.
     """
 
     focal_length_mm: float = 50.0
@@ -57,6 +59,7 @@ class Lens:
     axis: tuple[float, float] = (0.0, 0.0)
     tilt_um: tuple[float, float] = (0.0, 0.0)
     lateral_colour: float = 0.0
+    noted: bool = True
 
     def wavefront(self, x: float, y: float) -> Wavefront:
         """Aberrations at a place in the frame, (x, y) from its centre in half diagonals."""
@@ -301,8 +304,8 @@ class SimulatedCamera:
             self.shot,
             exposure_s=exposure_s,
             iso=iso,
-            f_number=self.lens.f_number,
-            focal_length_mm=self.lens.focal_length_mm,
+            f_number=self.lens.f_number if self.lens.noted else None,
+            focal_length_mm=self.lens.focal_length_mm if self.lens.noted else None,
             subject_distance_mm=focus_mm,
             captured_at=at or self.shot.captured_at,
             comment=json.dumps({"H_sensor_pattern": maps}),

@@ -16,7 +16,7 @@ from procedures.outcome import BadInput, Outcome, Refused, Verdict
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
 from procedures.psf import Psf
-from procedures.quality import WAVELENGTHS_NM, Diffraction, Quality
+from procedures.quality import CAMERA, OPERATOR, WAVELENGTHS_NM, Diffraction, Quality
 from procedures.raw import Exposure, Plane, RawFrame
 from station.calibration.sensor_models import NO_SENSOR, KnownSensor
 from station.results.limits import place_of
@@ -223,4 +223,5 @@ def diffraction_limit(
     aperture = f_number or exposure.f_number
     if pixel_pitch_um is None or not aperture:
         return None
-    return Diffraction(aperture, pixel_pitch_um * plane.pitch, wavelength_nm or WAVELENGTHS_NM[plane.name[0]])
+    by = OPERATOR if aperture != exposure.f_number else CAMERA
+    return Diffraction(aperture, pixel_pitch_um * plane.pitch, wavelength_nm or WAVELENGTHS_NM[plane.name[0]], by)

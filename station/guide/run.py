@@ -314,7 +314,8 @@ class Run:
 
     @_carry.register
     def _(self, look: Look) -> None:
-        self._watching().look(look)
+        if look.when(self._talk.facts):
+            self._watching().look(look)
 
     @_carry.register
     def _(self, scan: Scan) -> None:

@@ -1,8 +1,11 @@
-"""The MTF of another result, drawn over one's own: read from the tables beside its record."""
+"""The MTF of another result, drawn over one's own: read from the tables beside its record.
+
+A field's result has two: the MTF at the frame's centre over frequency, and at some frequencies over image height.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -36,10 +39,40 @@ class Overlay:
 
     def of(self, plane: str, unit: Unit) -> Mapping[str, Array]:
         """The curves of a plane; none where it has not that plane. Raises BadParameter where its unit is another."""
-        if self.unit != unit:
-            reason = f"{self.name} tells its MTF in {self.unit}, and this result in {unit}"
-            raise BadParameter(reason, f"add --unit {self.unit}")
+        _check_unit(self.name, self.unit, unit)
         return self.planes.get(plane, {})
+
+
+@dataclass(frozen=True, eq=False)
+class HeightOverlay:
+    """The curves over image height of another field.
+
+    Attributes
+    ----------
+    name : what a legend calls it
+    unit : of its frequencies
+    length : "mm" or "pixel", of its heights
+    planes : by name of the plane, columns of (n,): image_height, frequency, sagittal, meridional and what is told of
+        these; a row for each height and frequency
+    """
+
+    name: str
+    unit: Unit
+    length: str
+    planes: Mapping[str, Mapping[str, Array]]
+
+    def check(self, unit: Unit) -> None:
+        """Raises BadParameter where frequencies are told in another unit: before the work that they are drawn over."""
+        _check_unit(self.name, self.unit, unit)
+
+    def of(self, plane: str, length: str) -> Mapping[str, Array]:
+        """The curves of a plane; none where it has not that plane, or tells heights in another unit."""
+        return self.planes.get(plane, {}) if self.length == length else {}
+
+
+def _check_unit(name: str, theirs: Unit, own: Unit) -> None:
+    if theirs != own:
+        raise BadParameter(f"{name} tells its MTF in {theirs}, and this result in {own}", f"add --unit {theirs}")
 
 
 def read_overlay(path: Path) -> Overlay:
@@ -50,26 +83,54 @@ def read_overlay(path: Path) -> Overlay:
     BadParameter
         If there is no such result, or it has no table of an MTF.
     """
+    read = _tables(path, "mtf", "frequency", "an MTF")
+    (unit,) = _units(path, (heads[0] for heads, _ in read.values()))
+    return Overlay(printable(path.name or path), unit, {name: columns for name, (_, columns) in read.items()})
+
+
+def read_height_overlay(path: Path) -> HeightOverlay:
+    """The curves over image height of the field in a folder; of a session's, those of its newest result.
+
+    Raises
+    ------
+    BadParameter
+        If there is no such result, or it is none of a field.
+    """
+    read = _tables(path, "heights", "image_height", "an MTF over image height")
+    (unit,) = _units(path, (heads[1] for heads, _ in read.values()))
+    lengths = {heads[0].partition("[")[2].rstrip("]") for heads, _ in read.values()}
+    if len(lengths) > 1:
+        raise BadParameter(f"{printable(path)} tells its planes in several units", REMEDY)
+    columns = {name: columns for name, (_, columns) in read.items()}
+    return HeightOverlay(printable(path.name or path), unit, lengths.pop(), columns)
+
+
+def _tables(path: Path, stem: str, first: str, words: str) -> dict[str, tuple[list[str], dict[str, Array]]]:
+    """By plane the headings and columns of a result's tables of one kind. Raises BadParameter where there is none."""
     results = sorted(path.glob(f"derived/*/{RECORD}"), key=lambda one: (len(one.parent.name), one.parent.name))
     folder = results[-1].parent if results else path
-    tables = {table.stem.removeprefix("mtf_"): table for table in sorted(folder.glob("mtf_*.csv"))}
+    tables = {table.stem.removeprefix(f"{stem}_"): table for table in sorted(folder.glob(f"{stem}_*.csv"))}
     if not (folder / RECORD).is_file() or not tables:
-        raise BadParameter(f"{printable(path)} has no result with an MTF to draw over this one's", REMEDY)
-    read = {name: _columns(table) for name, table in tables.items()}
-    units = {unit for unit, _ in read.values()}
+        raise BadParameter(f"{printable(path)} has no result with {words} to draw over this one's", REMEDY)
+    return {name: _columns(table, first, words) for name, table in tables.items()}
+
+
+def _units(path: Path, heads: Iterable[str]) -> set[Unit]:
+    """The one unit that the headings tell. Raises BadParameter where there are several."""
+    units = {next((one for one in Unit if f"[{one}]" in head), Unit.CYCLES) for head in heads}
     if len(units) > 1:
-        raise BadParameter(f"{printable(folder)} tells its planes in several units", REMEDY)
-    return Overlay(printable(path.name or path), units.pop(), {name: columns for name, (_, columns) in read.items()})
+        raise BadParameter(f"{printable(path)} tells its planes in several units", REMEDY)
+    return units
 
 
-def _columns(table: Path) -> tuple[Unit, dict[str, Array]]:
-    """The unit of the frequencies, and the columns by the words before their units."""
+def _columns(table: Path, first: str, words: str) -> tuple[list[str], dict[str, Array]]:
+    """The headings, and the columns by the words before their units. Raises BadParameter."""
     head, *rows = read_rows(table, REMEDY) or [[]]
     try:
         values = np.array([[float(cell) for cell in row] for row in rows], dtype=np.float64)
         columns = dict(zip((name.partition(" [")[0] for name in head), values.T, strict=True))
     except ValueError as error:
-        raise BadParameter(f"{printable(table)} is no table of an MTF", REMEDY) from error
-    if "frequency" not in columns or not np.isfinite(values).all():
-        raise BadParameter(f"{printable(table)} is no table of an MTF", REMEDY)
-    return next((one for one in Unit if f"[{one}]" in head[0]), Unit.CYCLES), columns
+        raise BadParameter(f"{printable(table)} is no table of {words}", REMEDY) from error
+    if not {first, "frequency"} <= columns.keys() or not np.isfinite(values).all():
+        raise BadParameter(f"{printable(table)} is no table of {words}", REMEDY)
+    return list(head), columns

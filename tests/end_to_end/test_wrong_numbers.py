@@ -8,10 +8,11 @@ import pytest
 
 from station.bench.opening import simulated_bench
 from station.guide.catalogue import plan_named
-from station.guide.frontend import Trouble
+from station.guide.frontend import StepEnded, Trouble
 from station.guide.run import Run
 from station.guide.scripted import Scripted
 from station.sessions.session import Session
+from tests.end_to_end.test_field_guide import as_left
 
 pytestmark = pytest.mark.slow
 CASES = {
@@ -46,3 +47,38 @@ def test_it_is_named_within_two_steps_and_within_two_photographs(plan, case, tmp
     reason = [event.reason for event in operator.heard if isinstance(event, Trouble)][-1]
     assert words in reason
     assert sum(shot.step == "distance" for shot in state.shots) <= 2
+
+
+BEFORE_FOCUS = ("print", "mount", "distance", "square")
+
+
+@pytest.mark.parametrize(("plan", "factor"), [("pattern", 0.5), ("pattern", 1.0), ("field", 2.0)])
+def test_an_f_number_that_the_camera_does_not_note_is_held_against_the_far_tail(plan, factor, tmp_path):
+    incoming = tmp_path / "incoming"
+    incoming.mkdir()
+    bench = simulated_bench(incoming, seed=3, virtual_time=True)
+    view = bench.simulated.view
+    lens = replace(view.camera.lens, f_number=8.0, noted=False)
+    view.camera = replace(view.camera, lens=lens, oversampling=4)
+    session = Session.create(tmp_path, plan=plan, camera="C", lens="L", config={}, clock=bench.clock, seed=3)
+    session.learn({key: value for key, value in as_left(bench).items() if key != "f_number"})
+    for name in BEFORE_FOCUS:
+        session.begin_step(name)
+        session.finish_step(name)
+    typed = {"typed_f_number": factor * lens.f_number, "focus_by": "skip", "contradiction": "stop"}
+    operator = Scripted(typed)
+    run = Run(plan_named(plan), bench, session, operator)
+
+    def listen(event):
+        if isinstance(event, StepEnded):
+            run.ask_to_stop()
+
+    operator.listen = listen
+    run.go()
+    state = session.state
+    session.close()
+    bench.close()
+    reasons = [event.reason for event in operator.heard if isinstance(event, Trouble)]
+    assert [f"f/{factor * 8:g} was given" in reason for reason in reasons] == ([] if factor == 1 else [True])
+    assert ("focus" in state.done) == (factor == 1)
+    assert sum(shot.step == "focus" for shot in state.shots) == 1

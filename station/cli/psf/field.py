@@ -44,6 +44,14 @@ FAILED_ITEMS = 1
 @click.option(
     "--vignetting", type=click.Path(path_type=Path), help="A result of station vignetting, to be kept with the field."
 )
+@click.option(
+    "--overlay",
+    "overlays",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    metavar="RESULT",
+    help="Draw the MTF over image height of this field or session over the page's too; as often as wanted.",
+)
 @certificate_option
 @psf_options(s=4, k=17, solver="ls", report=True)
 def psf_field(
@@ -52,6 +60,7 @@ def psf_field(
     seed: int | None,
     focus: Path | None,
     vignetting: Path | None,
+    overlays: tuple[Path, ...],
     plane: str | None,
     layout: DumpLayout | None,
     out: Path,
@@ -74,6 +83,7 @@ def psf_field(
     from station.calibration.planes import diffraction_limit
     from station.calibration.vignetting import read_vignetting
     from station.reports.field.field_files import write_field_result
+    from station.results.overlay import read_height_overlay
     from station.results.result_files import ResultFolder
     from station.results.units import Pixels
 
@@ -85,6 +95,9 @@ def psf_field(
         check_noted(paths, optics, INSIST)
     positions = focus_positions(focus, paths) if focus else None
     lights = {name: one.light for name, one in read_vignetting(vignetting).items()} if vignetting else {}
+    others = [read_height_overlay(path) for path in overlays]
+    for other in others:
+        other.check(terms.unit)
     names = None if plane in (None, "all") else [str(plane)]
     with ResultFolder(out, force=forced()) as results, progress(len(paths)) as told:
         measured = measure(paths, names, source.chart, parameters, told, layout)
@@ -108,6 +121,7 @@ def psf_field(
             certificate=certificate,
             start=start,
             lights=lights,
+            overlays=others,
         )
     tell_each(planes)
     log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))

@@ -33,9 +33,14 @@ def session_resume(
     record = read_session(folder := find_session(name, root) if name else newest_unfinished(root))
     if back_to is not None:
         _check_step(record.state.plan, back_to)
-    simulated = simulate or record.config.get("config", {}).get("simulate") is True
-    seed = record.state.seed
-    lab = StationLab(sessions=folder.parent, config=config or usual_config(), simulate=simulated, seed=seed)
+    began_with = record.config.get("config", {})
+    lab = StationLab(
+        sessions=folder.parent,
+        config=config or usual_config(),
+        simulate=simulate or began_with.get("simulate") is True,
+        seed=record.state.seed,
+        shaker="shaker" in began_with.get("drivers", {}),  # of a simulated bench: another's stands in its station.toml
+    )
     lab.virtual_time = True  # a simulated bench's time may jump: nobody watches it move
     operator = Watched(sys.stdin, sys.stdout)
     code = conduct(lab, operator, lambda: lab.resume(folder, operator, back_to=back_to, without=without))

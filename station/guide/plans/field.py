@@ -31,7 +31,9 @@ def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes
     measured = measure_frames(frames, told.chart, told.parameters)
     exposure = measured.exposures[0].exposure if measured.exposures else None
     limit = (
-        partial(diffraction_limit, exposure, pixel_pitch_um=told.pixel_pitch_um) if exposure else (lambda plane: None)
+        partial(diffraction_limit, exposure, pixel_pitch_um=told.pixel_pitch_um, f_number=told.typed_f_number)
+        if exposure
+        else (lambda plane: None)
     )
     try:
         found = conclude(measured, limit=limit)

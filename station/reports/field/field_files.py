@@ -22,6 +22,7 @@ from station.reports.field.field_page import field_page, mm_per_pixel
 from station.reports.field.height_curves import FREQUENCIES, heights_table
 from station.reports.otf_figures import FrequencyAxis
 from station.reports.pattern_report import Report, report_of_files
+from station.results.overlay import HeightOverlay
 from station.results.plane_result import PlaneResult
 from station.results.record_head import InputFile, RecordHead
 from station.results.result_files import ResultFolder, json_text, write_psf_result
@@ -43,17 +44,18 @@ def write_field_result(
     report: bool = True,
     certificate: bool = False,
     lights: Mapping[str, LightSurface] | None = None,
+    overlays: Sequence[HeightOverlay] = (),
 ) -> str:
     """Write all files, page and certificate where they are wanted; returns the record's text.
 
     `planes` are the answers at the frame's centre, in the terms that were asked for; `lights` is the lens's vignetting,
-    where it was measured.
+    where it was measured; `overlays` are other fields, drawn over the page's curves.
     """
     files = tuple(InputFile(str(path), sha256) for path, sha256 in found.measured.frames)
     head = RecordHead("field", files, {**parameters, **terms.parameters()}, terms.specified(planes))
     if certificate:
         write_certificate(folder, field_report(found, planes, head.parameters, terms))
-    return write_field(folder, found, planes, head, start, report=report, lights=lights)
+    return write_field(folder, found, planes, head, start, report=report, lights=lights, overlays=overlays)
 
 
 def field_report(
@@ -88,8 +90,9 @@ def write_field(
     *,
     report: bool = True,
     lights: Mapping[str, LightSurface] | None = None,
+    overlays: Sequence[HeightOverlay] = (),
 ) -> str:
-    """All files; `start` tells when it began, where that is to be told."""
+    """All files; `start` tells when it began, where that is to be told; `overlays` are drawn over the page's curves."""
     measured = found.measured
     fitted = {name: one.value for name, one in found.planes.items() if one.value is not None}
     entry = {
@@ -120,7 +123,7 @@ def write_field(
             axis, mm = FrequencyAxis(str(one.unit), one.factor), mm_per_pixel(found, one.name, head.parameters)
             folder.write(f"heights_{one.name}.csv", heights_table(heights[one.name], axis, mm))
     if report:
-        folder.write(PAGE, field_page(found, planes, head, software(), heights).encode())
+        folder.write(PAGE, field_page(found, planes, head, software(), heights, overlays).encode())
     return write_psf_result(folder, planes, head)
 
 

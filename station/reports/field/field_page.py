@@ -16,6 +16,7 @@ from station.reports.field import field_figures
 from station.reports.field.height_curves import heights_figure
 from station.reports.otf_figures import FrequencyAxis
 from station.reports.page import render
+from station.results.overlay import HeightOverlay
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
 from station.results.terms import specification_verdict
@@ -41,10 +42,12 @@ def field_page(
     head: RecordHead,
     software: Mapping[str, Any],
     heights: Mapping[str, Sequence[HeightCurve]],
+    overlays: Sequence[HeightOverlay] = (),
 ) -> str:
     """The page; `results` are the planes' answers at the frame's centre, in the terms that were asked for.
 
     heights : by plane, its MTF over image height
+    overlays : other fields, whose MTF is drawn over these where they tell it in the same units
     """
     judged = specification_verdict(results)
     verdicts = [one.verdict for one in results]
@@ -58,7 +61,7 @@ def field_page(
         head=head,
         worst=worst,
         planes=[
-            _plane(*one, heights.get(one[0].name, ()), mm_per_pixel(found, one[0].name, head.parameters))
+            _plane(*one, heights.get(one[0].name, ()), mm_per_pixel(found, one[0].name, head.parameters), overlays)
             for one in fitted
         ],
         shown=next((i for i, (one, _) in enumerate(fitted) if one.name == found.reference), 0),
@@ -84,7 +87,13 @@ def mm_per_pixel(found: FieldResult, plane: str, parameters: Mapping[str, Any]) 
     return None if not known else found.measured.planes[plane].pitch * float(known) / 1000
 
 
-def _plane(record: PlaneResult, one: PlaneField, curves: Sequence[HeightCurve], mm: float | None) -> dict[str, Any]:
+def _plane(
+    record: PlaneResult,
+    one: PlaneField,
+    curves: Sequence[HeightCurve],
+    mm: float | None,
+    overlays: Sequence[HeightOverlay],
+) -> dict[str, Any]:
     """What the template shows of a plane; mm : of its pixels."""
     found, name = one.interpolation, record.name
     field = found.field
@@ -95,6 +104,8 @@ def _plane(record: PlaneResult, one: PlaneField, curves: Sequence[HeightCurve], 
         (m, field_figures.share_of(m), field_figures.field_map_figure(m, *frame, f"{name}-{m.name}", mm)) for m in drawn
     ]
     axis = FrequencyAxis(str(record.unit), record.factor)
+    others = {other.name: other.of(name, "mm" if mm else "pixel") for other in overlays}
+    drawn_over = {other: columns for other, columns in others.items() if columns}
     return {
         "record": record,
         "found": found,
@@ -102,7 +113,9 @@ def _plane(record: PlaneResult, one: PlaneField, curves: Sequence[HeightCurve], 
         "error": _medians(one),
         "maps": pictures,
         "errors": field_figures.errors_figure(errors, *frame, f"{name}-errors", mm),
-        "heights": heights_figure(curves, f"{name}-heights", axis, mm) if curves else None,
+        "heights": heights_figure(curves, f"{name}-heights", axis, mm, drawn_over) if curves else None,
+        "others": list(drawn_over),
+        "not_drawn": [other for other in others if other not in drawn_over],
         "directions": max((int(one.directions.max()) for one in curves), default=0),
         "mosaic": field_figures.mosaic_figure(field, f"{name}-mosaic"),
         "places": field_figures.places_figure(field, found.axis, f"{name}-places"),

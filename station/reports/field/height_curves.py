@@ -2,27 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Mapping, Sequence
 
 import matplotlib
+import numpy as np
+import numpy.typing as npt
 from markupsafe import Markup
+from matplotlib.axes import Axes
 
 from procedures.field.image_height import HeightCurve
 from station.drawing.hover import tell_along
 from station.drawing.style import CONFIDENT, STYLE, axes_grid, svg
-from station.reports.otf_figures import FrequencyAxis
+from station.reports.otf_figures import LONGEST_NAME, FrequencyAxis
 from station.results.exports import csv_bytes
 
 FREQUENCIES = (0.125, 0.25)
 """Cycles per pixel of the plane: a quarter and half of the Nyquist frequency."""
 COLOURS = ("#1f5fa8", "#c4541a", "#1e8449", "#6b4c9a")
 KINDS = (("sagittal", "-"), ("meridional", (0, (4, 2))))
+MARKERS = "os^vD"
+"""Of other fields, one after the other."""
+SAME = 0.01
+"""Difference of two frequencies, over one of them, that is none."""
+HeightColumns = Mapping[str, npt.NDArray[np.float64]]
 
 
-def heights_figure(curves: Sequence[HeightCurve], name: str, axis: FrequencyAxis, mm_per_pixel: float | None) -> Markup:
+def heights_figure(
+    curves: Sequence[HeightCurve],
+    name: str,
+    axis: FrequencyAxis,
+    mm_per_pixel: float | None,
+    others: Mapping[str, HeightColumns] | None = None,
+) -> Markup:
     """The MTF at each frequency over image height with its 95 % band: sagittal solid, meridional dashed.
 
-    Without mm_per_pixel heights are told in pixels.
+    Without mm_per_pixel heights are told in pixels. `others` are columns of other fields by their names, in the same
+    units, drawn thin, with a mark at each height.
     """
     figure, ((axes,),) = axes_grid(4.4, 3.0, rim_in=(0.55, 0.14, 0.42, 0.1))
     scale, words = mm_per_pixel or 1.0, f"image height, {'mm' if mm_per_pixel else 'pixels of the plane'}"
@@ -38,10 +54,29 @@ def heights_figure(curves: Sequence[HeightCurve], name: str, axis: FrequencyAxis
     heights = curves[0].heights * scale
     if len(heights) > 1:
         tell_along(axes, heights, [f"{h:.3g}: {'; '.join(one)}" for h, one in zip(heights, told, strict=True)])
+    own = [curve.frequency * axis.factor for curve in curves]
+    for (other, columns), marker in zip((others or {}).items(), itertools.cycle(MARKERS), strict=False):
+        _draw_other(axes, other, columns, marker, own, str(axis.unit))
     axes.set(ylim=(0, 1.04), xlim=(0, max(float(heights[-1]), 1e-9)), xlabel=words, ylabel="MTF")
     with matplotlib.rc_context(STYLE):
         axes.legend(loc="lower left", handlelength=2.4, fontsize=7.5)
     return svg(figure, name, "sagittal and meridional MTF over image height with their 95 % bands")
+
+
+def _draw_other(axes: Axes, name: str, columns: HeightColumns, marker: str, own: Sequence[float], unit: str) -> None:
+    """Another field's curves in the colours of this one's, named once, with their frequencies where they are others."""
+    frequencies = np.unique(columns["frequency"])
+    same = len(frequencies) == len(own) and np.allclose(frequencies, own, rtol=SAME)
+    at = "" if same else f", at {', '.join(f'{one:.3g}' for one in frequencies)} {unit}"
+    label = f"{name[:LONGEST_NAME]}{at}"
+    for frequency, colour in zip(frequencies, COLOURS, strict=False):
+        rows = columns["frequency"] == frequency
+        for kind, dashes in KINDS:
+            axes.plot(
+                columns["image_height"][rows], columns[kind][rows], color=colour, ls=dashes, lw=0.7, marker=marker,
+                ms=2.5, mfc="none", mew=0.7, label=label,
+            )  # fmt: skip
+            label = "_"  # named once
 
 
 def heights_table(curves: Sequence[HeightCurve], axis: FrequencyAxis, mm_per_pixel: float | None) -> bytes:

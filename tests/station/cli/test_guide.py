@@ -14,6 +14,7 @@ from procedures.outcome import Verdict
 from station.__main__ import main
 from station.cli.guide import exit_code
 from station.guide.frontend import Result, RunEnded
+from station.sessions.reader import read_session
 
 
 def result(verdict):
@@ -80,3 +81,14 @@ def test_ctrl_c_at_a_question_stops_at_once(tmp_path):
     rest, _ = program.communicate(timeout=60)
     assert program.returncode == 130
     assert "Stopped. Nothing was answered" in rest
+
+
+@pytest.mark.slow
+def test_a_session_that_began_with_a_shaker_goes_on_with_one(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    begin = ["--plain", "--simulate", "--shaker", "--plan", "restoration"]
+    CliRunner().invoke(main, begin, input="D90\n50/1.8\nmotions\n", prog_name="station")
+    (folder,) = (tmp_path / "sessions").iterdir()
+    CliRunner().invoke(main, ["session", "resume", str(folder)], input="", prog_name="station")
+    lines = read_session(folder).contents.lines
+    assert ["shaker" in line.data["devices"] for line in lines if line.event == "devices"] == [True, True]

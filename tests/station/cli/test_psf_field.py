@@ -19,6 +19,13 @@ CHART = Chart.from_seed()
 WHITE_E = 4e5
 SENSOR = Sensor(280, 310, None, bits=16, full_well_e=1.3 * WHITE_E, gain_e_per_dn=1.3 * WHITE_E / 65000)
 CAMERA = SimulatedCamera(sensor=SENSOR, pitch_um=7.5, white_e_per_s=WHITE_E / 0.02, oversampling=5)
+HEIGHTS = b"""image_height [pixel],frequency [cycles/pixel],sagittal,meridional
+0,0.125,0.9,0.9
+60,0.125,0.8,0.7
+0,0.25,0.5,0.5
+60,0.25,0.4,0.3
+"""
+"""Of another field: as much of its table as is drawn."""
 PLACES = [(x, y) for y in (0.25, 0.75) for x in (0.18, 0.5, 0.82)]
 
 
@@ -45,8 +52,12 @@ def done(folder, tmp_path_factory):
 
     from station.__main__ import main
 
-    out = tmp_path_factory.mktemp("out")
+    out, older = tmp_path_factory.mktemp("out"), tmp_path_factory.mktemp("older")
+    with ResultFolder(older, force=True) as other:
+        other.write("heights_Y.csv", HEIGHTS)
+        write_record(other, {"schema": "station/psf/1"})
     words = ["psf", "field", str(folder[0]), "--out", str(out), "-k", "13", "--certificate", "--json"]
+    words += ["--overlay", str(older)]
     return CliRunner().invoke(main, words, prog_name="station"), out
 
 
@@ -89,6 +100,7 @@ def test_page_and_table_tell_the_mtf_over_image_height(done):
     assert {"image_height [pixel]", "frequency [cycles/pixel]", "sagittal", "meridional_uncertainty"} <= rows[0].keys()
     assert {row["frequency [cycles/pixel]"] for row in rows} == {"0.125", "0.25"}
     assert "Sagittal (solid) and meridional MTF (dashed) over image height" in page
+    assert "Thin, with marks: older" in page
     assert "of the frame, which the nodes enclose" in page
     html5lib.HTMLParser(strict=True).parse(page)
 

@@ -1,14 +1,18 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from procedures.field.image_height import HeightCurve
 from procedures.outcome import BadParameter, Verdict
 from procedures.psf import Psf
 from procedures.quality import assess
-from station.results.overlay import read_overlay
+from station.reports.field.height_curves import heights_figure, heights_table
+from station.reports.otf_figures import FrequencyAxis
+from station.results.overlay import read_height_overlay, read_overlay
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
 from station.results.result_files import ResultFolder, file_names, write_psf_result
@@ -54,3 +58,48 @@ def test_what_is_no_result_is_named(tmp_path, plane):
 def test_files_that_a_page_links_are_those_that_are_written(tmp_path, plane):
     text = write(tmp_path / "a", plane)
     assert sorted(file_names([plane])) == sorted([*json.loads(text)["files"], "result.json"])
+
+
+HEIGHTS = np.array([0.0, 60.0, 120.0])
+CURVE = HeightCurve(
+    0.125, HEIGHTS, np.array([0.9, 0.8, 0.7]), np.full(3, 0.01), np.zeros(3),
+    np.array([0.9, 0.7, 0.5]), np.full(3, 0.01), np.zeros(3), np.array([1, 8, 8]),
+)  # fmt: skip
+CURVES = [CURVE, replace(CURVE, frequency=0.25, sagittal=CURVE.sagittal / 2, meridional=CURVE.meridional / 2)]
+
+
+def write_field(folder, plane, axis, mm_per_pixel):
+    with ResultFolder(folder) as results:
+        results.write("heights_G1.csv", heights_table(CURVES, axis, mm_per_pixel))
+        return write_psf_result(results, [plane], RecordHead("field"))
+
+
+def test_curves_over_image_height_are_read_as_they_were_written(tmp_path, plane):
+    write_field(tmp_path / "a", plane, FrequencyAxis("lp/mm", 125.0), 0.008)
+    found = read_height_overlay(tmp_path / "a")
+    assert (found.name, found.unit, found.length) == ("a", Unit.LINE_PAIRS, "mm")
+    columns = found.of("G1", "mm")
+    np.testing.assert_allclose(columns["image_height"], np.tile(0.008 * HEIGHTS, 2), rtol=1e-5)
+    np.testing.assert_allclose(columns["frequency"], np.repeat([15.625, 31.25], 3), rtol=1e-5)
+    np.testing.assert_allclose(columns["meridional"][:3], CURVE.meridional, rtol=1e-5)
+    assert found.of("G1", "pixel") == found.of("B", "mm") == {}
+    with pytest.raises(BadParameter, match=r"in lp/mm, and this result in cycles/pixel; add --unit lp/mm"):
+        found.check(Unit.CYCLES)
+
+
+def test_a_result_of_one_place_is_no_field(tmp_path, plane):
+    write(tmp_path / "a", plane)
+    with pytest.raises(BadParameter, match="has no result with an MTF over image height"):
+        read_height_overlay(tmp_path / "a")
+
+
+@pytest.mark.parametrize(("factor", "words"), [(1.0, "older"), (0.5, "older, at 0.0625, 0.125 cycles/pixel")])
+def test_another_field_is_drawn_and_named_with_its_frequencies_where_they_are_others(tmp_path, plane, factor, words):
+    write_field(tmp_path / "older", plane, FrequencyAxis("cycles/pixel", factor), None)
+    columns = read_height_overlay(tmp_path / "older").of("G1", "pixel")
+    alone, over = (
+        str(heights_figure(CURVES, "x", FrequencyAxis("cycles/pixel", 1.0), None, others))
+        for others in ({}, {"older": columns})
+    )
+    assert f">{words}</text>" in over
+    assert over.count("<path") > alone.count("<path")
