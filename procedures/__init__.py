@@ -97,8 +97,8 @@ __all__ = [
     "assess", "blur_of", "calibrate_geometry", "characterise", "correct", "estimate_edge", "estimate_edges",
     "estimate_field", "estimate_physics", "estimate_psf", "estimate_psf_of_pair", "estimate_vignetting",
     "filter_film", "filter_sequence", "find_chart", "gaussian", "measure_level", "measure_stack", "measured_field",
-    "measured_shape", "otf", "pillbox", "poses_at", "poses_of", "read_field", "read_film", "read_frame", "restore", "sensor_model_of",
-    "stacks_of", "view_of",
+    "measured_shape", "otf", "pillbox", "poses_at", "poses_of", "read_field", "read_film", "read_frame", "restore",
+    "sensor_model_of", "stacks_of", "view_of",
 ]  # fmt: skip
 
 # name -> the module under `procedures` that has it, and its name there where it is another: the same imports as above,
