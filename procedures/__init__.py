@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from procedures.ray_histogram.film_files import read_film
     from procedures.ray_histogram.filter import FilterParameters
     from procedures.ray_histogram.multiscale import FilteredFilm, filter_film
+    from procedures.ray_histogram.sequence import filter_sequence
     from procedures.reading.sensor_dump import DumpLayout
     from procedures.restoration.first_depth.initial_depth import MatchingSettings
     from procedures.restoration.first_depth.registration import RegistrationSettings
@@ -95,9 +96,9 @@ __all__ = [
     "Source", "Splitting", "TwoPhotoParameters", "TwoPhotoPsf", "UnknownMotion", "Verdict", "WeightSettings",
     "assess", "blur_of", "calibrate_geometry", "characterise", "correct", "estimate_edge", "estimate_edges",
     "estimate_field", "estimate_physics", "estimate_psf", "estimate_psf_of_pair", "estimate_vignetting",
-    "filter_film", "find_chart", "gaussian", "measure_level", "measure_stack", "measured_field", "measured_shape",
-    "otf", "pillbox", "poses_at", "poses_of", "read_field", "read_film", "read_frame", "restore", "sensor_model_of",
-    "stacks_of", "view_of",
+    "filter_film", "filter_sequence", "find_chart", "gaussian", "measure_level", "measure_stack", "measured_field",
+    "measured_shape", "otf", "pillbox", "poses_at", "poses_of", "read_field", "read_film", "read_frame", "restore",
+    "sensor_model_of", "stacks_of", "view_of",
 ]  # fmt: skip
 
 # name -> the module under `procedures` that has it, and its name there where it is another: the same imports as above,
@@ -195,6 +196,7 @@ _PLACES = {
     "estimate_psf_of_pair": "two_photo.estimate:estimate_psf",
     "estimate_vignetting": "vignetting.estimate",
     "filter_film": "ray_histogram.multiscale",
+    "filter_sequence": "ray_histogram.sequence",
     "find_chart": "pattern_psf.chart_finding.detection",
     "gaussian": "restoration.masks.blur_models",
     "measure_level": "sensor.levels",

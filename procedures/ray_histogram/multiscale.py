@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from procedures.outcome import BadInput
 from procedures.ray_histogram.film import Film
-from procedures.ray_histogram.filter import FilterParameters, Samples, fuse_scale
+from procedures.ray_histogram.filter import FilterParameters, Fused, Samples, fuse_scale
 from procedures.ray_histogram.kernels import blend
 
 Floats = npt.NDArray[np.float32]
@@ -36,11 +36,14 @@ class FilteredFilm:
         Similar patches per pixel at the finest scale (see `filter.Fused`).
     median_similar : tuple of float
         Their median at each scale, the finest first.
+    uncertainty : (rows, columns, 3) float32 or None
+        Standard uncertainty of the picture (see `uncertainty`), where it was asked for.
     """
 
     picture: Floats
     similar: Floats
     median_similar: tuple[float, ...]
+    uncertainty: Floats | None = None
 
 
 def filter_film(
@@ -66,6 +69,18 @@ def filter_film(
     """
     parameters = parameters or FilterParameters()
     frames = [samples_of(f.checked()) for f in (film, *neighbours)]
+    results = fuse_scales(frames, parameters, threads=threads)
+    picture = results[0].picture
+    if parameters.scales > 1:
+        picture = within_range(recombine([r.picture for r in results], parameters.coarse), frames[0].picture)
+    return FilteredFilm(picture, results[0].similar, tuple(float(np.median(r.similar)) for r in results))
+
+
+def fuse_scales(frames: Sequence[Samples], parameters: FilterParameters, *, threads: int = 1) -> list[Fused]:
+    """The first frame filtered by Algorithm 1 at every scale, the finest first; the other frames are its neighbours.
+
+    Histograms and counts choose the weights; pictures of any number of channels are averaged with them.
+    """
     check_scales(frames[0].count.shape, parameters)
     results = []
     for s in range(parameters.scales):
@@ -73,10 +88,7 @@ def filter_film(
         level = frames if s == 0 else [downsample(frame, s) for frame in frames]
         rules = parameters if s == 0 else replace(parameters, at_least=0, ease=0.0)
         results.append(fuse_scale(level[0], rules, neighbours=level[1:], threads=threads))
-    picture = results[0].picture
-    if parameters.scales > 1:
-        picture = within_range(recombine([r.picture for r in results], parameters.coarse), frames[0].picture)
-    return FilteredFilm(picture, results[0].similar, tuple(float(np.median(r.similar)) for r in results))
+    return results
 
 
 def samples_of(film: Film) -> Samples:

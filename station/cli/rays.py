@@ -5,12 +5,15 @@ from __future__ import annotations
 import hashlib
 import os
 import time
-from dataclasses import replace
+from collections import Counter, deque
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from procedures.outcome import BadParameter
 from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import Number
 from station.common.log import log, log_json_option
@@ -20,14 +23,17 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from procedures.ray_histogram.film import Film
+    from procedures.ray_histogram.filter import FilterParameters
     from procedures.ray_histogram.multiscale import FilteredFilm
     from station.results.result_files import ResultFolder
 
     Picture = npt.NDArray[np.float64]
+    Picture32 = npt.NDArray[np.float32]
 
 SCHEMA = "station/rays/1"
 DESCRIPTION = "filtered render, linear, 1 = white, first row uppermost; calibration-station"
 """Of the picture."""
+UNCERTAINTY = "standard uncertainty of the filtered render, linear, 1 = white; calibration-station"
 FEW_SIMILAR = 4.0
 """Similar patches in the median below which a picture keeps most of its noise."""
 
@@ -35,8 +41,8 @@ _PATH = click.Path(path_type=Path)
 
 
 @click.command("rays")
-@click.argument("samples", type=_PATH)
-@click.option("--picture", type=_PATH, help="The picture's own file, where SAMPLES is an OpenEXR of histograms only.")
+@click.argument("films", metavar="FILM...", nargs=-1, required=True, type=_PATH)
+@click.option("--picture", type=_PATH, help="The picture's own file, where FILM is an OpenEXR of histograms only.")
 @click.option("--kappa", type=Number(), default=1.0, show_default=True, help="Chi-square per bin that is half similar.")
 @click.option(
     "--scales",
@@ -52,12 +58,19 @@ _PATH = click.Path(path_type=Path)
     "--patch", type=click.IntRange(max=16), default=1, show_default=True, help="Half size of the patches, pixels."
 )
 @click.option(
-    "--neighbour", "neighbours", type=_PATH, multiple=True, help="The frame before or after; may be repeated."
+    "--reach", type=click.IntRange(0, 64), default=1, show_default=True, help="Frames of a sequence before and after."
+)
+@click.option(
+    "--neighbour", "neighbours", type=_PATH, multiple=True, help="A frame beside the only FILM; may be repeated."
+)
+@click.option(
+    "--add", "added", type=_PATH, multiple=True, help="A film of more samples of the only FILM; may be repeated."
 )
 @click.option(
     "--reference", type=_PATH, help="A converged render (npz with `reference` or `image`) to measure against."
 )
 @click.option("--published", is_flag=True, help="Filter as Algorithms 1 and 2 state it, without what was added since.")
+@click.option("--uncertainty", "uncertain", is_flag=True, help="Tell how far each pixel may be off, too.")
 @click.option(
     "--budget", type=click.IntRange(0), help="Samples to cast next: writes how many each pixel needs to more.npy."
 )
@@ -66,53 +79,145 @@ _PATH = click.Path(path_type=Path)
 @click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout too.")
 @force_option
 @log_json_option
-def rays(
-    samples: Path,
-    picture: Path | None,
-    neighbours: tuple[Path, ...],
-    reference: Path | None,
-    published: bool,
-    budget: int | None,
-    threads: int | None,
-    out: Path,
-    as_json: bool,
-    **options: Any,
-) -> None:
-    """Filter the render whose film is SAMPLES, an npz of `image`, `hist` and `nsamples`, or of `samples`."""
-    start = time.perf_counter()
-    from procedures.ray_histogram.film_files import read_film
-    from procedures.ray_histogram.filter import PAPER, FilterParameters
-    from procedures.ray_histogram.multiscale import filter_film
-    from station.common.versions import software
-    from station.results.result_files import ResultFolder, write_record
+def rays(films: tuple[Path, ...], out: Path, as_json: bool, published: bool, **options: Any) -> None:
+    """Filter renders: each FILM is an npz of `image`, `hist` and `nsamples`, or of `samples`.
 
-    parameters = replace(PAPER, **options) if published else FilterParameters(**options)
-    with ResultFolder(out, force=forced()) as folder:
-        film = read_film(samples, picture).checked()
+    Several are the frames of a sequence, in order: each is filtered with those before and after it, and has a folder
+    of its own in --out.
+    """
+    from procedures.ray_histogram.filter import PAPER, FilterParameters
+    from station.results.result_files import ResultFolder
+
+    chosen = {name: options.pop(name) for name in ("kappa", "scales", "search", "patch")}
+    parameters = replace(PAPER, **chosen) if published else FilterParameters(**chosen)
+    told = {**chosen, **({"published": True} if published else {})}
+    request = _Request(films, parameters, told, threads=options.pop("threads") or os.cpu_count() or 1, **options)
+    request.check()
+    results = request.filtered()
+    for i, place in enumerate(_places(films, out)):
+        start = time.perf_counter()
+        with ResultFolder(place, force=forced()) as folder:
+            film, found = next(results)
+            text = _write_result(folder, request, i, film, found, start)
+        log("written", f"wrote {place / 'result.json'}", path=str(place / "result.json"))
+        if as_json:
+            click.echo(text, nl=False)
+
+
+@dataclass(frozen=True)
+class _Request:
+    """What was asked for; `told` is how the record tells the parameters."""
+
+    films: tuple[Path, ...]
+    parameters: FilterParameters
+    told: dict[str, Any]
+    picture: Path | None
+    neighbours: tuple[Path, ...]
+    added: tuple[Path, ...]
+    reference: Path | None
+    reach: int
+    uncertain: bool
+    budget: int | None
+    threads: int
+
+    def check(self) -> None:
+        """Refuse options that do not go together."""
+        alone = {"--picture": self.picture, "--neighbour": self.neighbours, "--add": self.added}
+        for option, given in {**alone, "--reference": self.reference}.items():
+            if given and len(self.films) > 1:
+                raise BadParameter(f"{option} with {len(self.films)} films", "give one film, or leave the option out")
+        if self.neighbours and self.uncertain:
+            raise BadParameter("--uncertainty with --neighbour", "give all frames in order as a sequence instead")
+
+    def filtered(self) -> Iterator[tuple[Film, FilteredFilm]]:
+        """Every film and what the filter answers for it; films are read as they are needed."""
+        from procedures.ray_histogram.film_files import read_film
+        from procedures.ray_histogram.multiscale import filter_film
+        from procedures.ray_histogram.sequence import filter_sequence
+
+        if self.neighbours:
+            film = self.read(self.films[0])
+            others = [read_film(path) for path in self.neighbours]
+            yield film, filter_film(film, self.parameters, neighbours=others, threads=self.threads)
+            return
+        kept: deque[Film] = deque()
+
+        def films() -> Iterator[Film]:
+            for path in self.films:
+                kept.append(self.read(path))
+                yield kept[-1]
+
+        sequence = filter_sequence(
+            films(), self.parameters, reach=self.reach, uncertain=self.uncertain, threads=self.threads
+        )
+        for found in sequence:
+            yield kept.popleft(), found
+
+    def read(self, path: Path) -> Film:
+        """A film with what is to be added to it, checked."""
+        from procedures.ray_histogram.film_files import read_film
+
+        film = read_film(path, self.picture)
+        for more in self.added:
+            film = film.merge(read_film(more))
+        film = film.checked()
         rows, columns = film.count.shape
-        log("read", f"read {samples}: {columns} x {rows} pixels, {film.count.sum()} samples", path=str(samples))
-        others = [read_film(path) for path in neighbours]
-        found = filter_film(film, parameters, neighbours=others, threads=threads or os.cpu_count() or 1)
-        judged = _judged(film, found)
-        log("filtered", _sentence(found, judged), level=_LEVELS[judged["verdict"]], remedy=judged["remedy"])
-        truth = None if reference is None else _reference(reference, film.mean.shape)
-        _write_pictures(folder, film, found, truth)
-        more = None if budget is None else _write_more(folder, film, found, budget)
-        record = {
-            "schema": SCHEMA,
-            "input": [_source(path) for path in (samples, picture, *neighbours, reference) if path is not None],
-            "parameters": {**options, **({"published": True} if published else {})},
-            **judged,
-            **_numbers(film, found),
-            **({} if more is None else {"more_samples": more}),
-            **({} if truth is None else {"psnr_db": _decibels(film, found, truth)}),
-            "software": software(),
-            "duration_s": round(time.perf_counter() - start, 3),
-        }
-        text = write_record(folder, record)
-    log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))
-    if as_json:
-        click.echo(text, nl=False)
+        log("read", f"read {path}: {columns} x {rows} pixels, {film.count.sum()} samples", path=str(path))
+        return film
+
+    def sources(self, i: int) -> list[Path]:
+        """The files that the result of frame i comes from, its own first."""
+        beside = self.films[max(0, i - self.reach) : i] + self.films[i + 1 : i + 1 + self.reach]
+        others = (self.picture, *self.added, *self.neighbours, self.reference)
+        return [self.films[i], *beside, *(path for path in others if path is not None)]
+
+
+def _places(films: tuple[Path, ...], out: Path) -> list[Path]:
+    """The folder of each film's result: --out for one, one in it for each of several."""
+    if len(films) == 1:
+        return [out]
+    twice = [stem for stem, n in Counter(path.stem for path in films).items() if n > 1]
+    if twice:
+        raise BadParameter(f"several films are called {twice[0]}", "results are named after films: give each its name")
+    return [out / path.stem for path in films]
+
+
+def _write_result(
+    folder: ResultFolder, request: _Request, i: int, film: Film, found: FilteredFilm, start: float
+) -> str:
+    """Everything about one film; returns the record's text."""
+    from station.common.versions import software
+    from station.results.result_files import write_record
+
+    judged = _judged(film, found)
+    log("filtered", _sentence(found, judged), level=_LEVELS[judged["verdict"]], remedy=judged["remedy"])
+    truth = None if request.reference is None else _reference(request.reference, film.mean.shape)
+    _write_pictures(folder, film, found, truth)
+    more = None if request.budget is None else _write_more(folder, film, found, request.budget)
+    reach = {"reach": request.reach} if len(request.films) > 1 else {}
+    record = {
+        "schema": SCHEMA,
+        "input": [_source(path) for path in request.sources(i)],
+        "parameters": {**request.told, **reach},
+        **judged,
+        **_numbers(film, found),
+        **({} if more is None else {"more_samples": more}),
+        **({} if found.uncertainty is None else {"uncertainty": _uncertainty(found.picture, found.uncertainty, truth)}),
+        **({} if truth is None else {"psnr_db": _decibels(film, found, truth)}),
+        "software": software(),
+        "duration_s": round(time.perf_counter() - start, 3),
+    }
+    return write_record(folder, record)
+
+
+def _uncertainty(picture: Picture32, uncertainty: Picture32, truth: Picture | None) -> dict[str, float]:
+    """What the record says of the uncertainty; with a truth, the share of values within two of it."""
+    import numpy as np
+
+    from procedures.ray_histogram.uncertainty import coverage
+
+    covered = {} if truth is None else {"coverage_2_sigma": coverage(picture, uncertainty, truth)}
+    return {"median": float(np.median(uncertainty)), "most": float(uncertainty.max()), **covered}
 
 
 _LEVELS = {"pass": "info", "doubtful": "warning"}
@@ -147,6 +252,8 @@ def _write_pictures(folder: ResultFolder, film: Film, found: FilteredFilm, truth
     folder.write("filtered.tiff", described_tiff(float_tiff(found.picture), DESCRIPTION))
     folder.write("filtered.png", display_png(found.picture))
     folder.write("similar.npy", npy(found.similar, found.similar.dtype))
+    if found.uncertainty is not None:
+        folder.write("uncertainty.tiff", described_tiff(float_tiff(found.uncertainty), UNCERTAINTY))
     shown: list[tuple[str, npt.NDArray[np.floating]]] = [("as rendered", film.mean), ("filtered", found.picture)]
     facts = [f"{film.count.mean():.0f} samples per pixel."]
     if truth is not None:

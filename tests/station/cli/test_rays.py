@@ -83,6 +83,77 @@ def test_neighbours_lend_samples(run, small, tmp_path):
     assert (two > one).all()
 
 
+@pytest.fixture
+def sequence(rng, tmp_path):
+    """Three frames of a grey wall."""
+    paths = [tmp_path / f"frame{i}.npz" for i in range(3)]
+    for path in paths:
+        np.savez(path, samples=0.4 * rng.gamma(1.0, 1.0, (16, 16, 16, 3)))
+    return paths
+
+
+def test_a_sequence_leaves_a_result_of_each_frame(run, sequence, tmp_path):
+    done = run("rays", *sequence, "--scales", "1", "--out", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    run("rays", sequence[1], "--scales", "1", "--out", tmp_path / "alone")
+    run("rays", sequence[1], "--neighbour", sequence[0], "--neighbour", sequence[2], "--scales", "1",
+        "--out", tmp_path / "beside")  # fmt: skip
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["frame0", "frame1", "frame2"]
+    similar = np.load(tmp_path / "out" / "frame1" / "similar.npy")
+    np.testing.assert_array_equal(similar, np.load(tmp_path / "beside" / "similar.npy"))
+    assert (similar > np.load(tmp_path / "alone" / "similar.npy")).all()
+    used = {i: [source["path"] for source in record_of(tmp_path / "out" / f"frame{i}")["input"]] for i in (0, 1)}
+    assert used == {0: [str(sequence[0]), str(sequence[1])], 1: [str(sequence[i]) for i in (1, 0, 2)]}
+
+
+def test_frames_before_one_that_cannot_be_read_are_kept(run, sequence, tmp_path):
+    sequence[2].write_bytes(b"no film")
+    done = run("rays", *sequence, "--reach", "0", "--scales", "1", "--out", tmp_path / "out")
+    assert done.exit_code == 4
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["frame0", "frame1"]
+
+
+def test_the_uncertainty_is_a_picture_and_its_coverage_is_told(run, small, tmp_path):
+    import cv2
+
+    truth = np.where(np.arange(26) < 13, 0.3, 1.2)[None, :, None]
+    np.savez(tmp_path / "truth.npz", reference=np.broadcast_to(truth, (24, 26, 3)))
+    done = run("rays", small, "--uncertainty", "--scales", "1", "--reference", tmp_path / "truth.npz",
+               "--out", tmp_path / "out")  # fmt: skip
+    assert done.exit_code == 0, done.output
+    told = cv2.imread(str(tmp_path / "out" / "uncertainty.tiff"), cv2.IMREAD_UNCHANGED)[..., ::-1]
+    filtered = cv2.imread(str(tmp_path / "out" / "filtered.tiff"), cv2.IMREAD_UNCHANGED)[..., ::-1]
+    record = record_of(tmp_path / "out")["uncertainty"]
+    assert record["coverage_2_sigma"] == pytest.approx((abs(filtered - truth) <= 2 * told).mean(), abs=1e-3)
+    assert record["coverage_2_sigma"] > 0.8  # 95 %, but two flat walls have few independent errors
+    # the bright wall's light varies four times as much
+    assert np.median(told[:, 16:]) > 2 * np.median(told[:, :10])
+
+
+def test_samples_that_were_cast_since_are_added(run, sequence, tmp_path):
+    done = run(
+        "rays", sequence[0], "--add", sequence[1], "--add", sequence[2], "--scales", "1", "--out", tmp_path / "o"
+    )
+    assert done.exit_code == 0, done.output
+    assert record_of(tmp_path / "o")["samples_per_pixel"]["mean"] == 48
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["1", "--neighbour", "x.npz"], "--neighbour with 2 films"),
+        (["1", "--add", "x.npz"], "--add with 2 films"),
+        (["0"], "several films are called frame0"),
+    ],
+)
+def test_options_of_one_film_are_refused_with_several(run, sequence, tmp_path, options, says):
+    second, *others = options
+    done = run("rays", sequence[0], sequence[int(second)], *others, "--out", tmp_path / "out")
+    assert done.exit_code == 2
+    assert says in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
 def test_dropped_samples_are_said(run, tmp_path, rng):
     samples = rng.random((24, 24, 16, 3))
     samples[3, 4, 5] = np.nan

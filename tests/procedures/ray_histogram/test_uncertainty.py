@@ -1,0 +1,70 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from procedures.outcome import BadInput
+from procedures.ray_histogram.film import film_of_samples
+from procedures.ray_histogram.filter import FilterParameters
+from procedures.ray_histogram.multiscale import filter_film
+from procedures.ray_histogram.uncertainty import coverage, mean_variance, standard_uncertainty
+
+
+def test_variance_of_the_mean_is_that_of_all_samples(rng):
+    samples = rng.gamma(0.5, 1.0, (3, 4, 50, 3))
+    np.testing.assert_allclose(mean_variance(film_of_samples(samples)), samples.var(2, ddof=1) / 50, rtol=1e-12)
+
+
+def test_variance_is_read_off_histograms_where_the_film_kept_none(light):
+    film = film_of_samples(light(np.linspace(0.05, 1.0, 30)[None].repeat(30, 0), 256))
+    read_off = mean_variance(replace(film, moment2=None))
+    ratio = read_off.mean((0, 2)) / mean_variance(film).mean((0, 2))
+    # triangular votes add the share of a bin's width squared: some per cent of these wide distributions
+    assert (ratio > 1.0).all()
+    assert (ratio < 1.25).all()
+
+
+def test_light_beyond_the_bins_counts_as_it_was(rng):
+    # one sample in ten is a spike of 1000: variance 1000^2 x 0.1 x 0.9
+    samples = np.where(rng.random((20, 20, 100, 1)) < 0.1, 1000.0, 0.0).repeat(3, -1)
+    film = film_of_samples(samples)
+    np.testing.assert_allclose(mean_variance(replace(film, moment2=None)), mean_variance(film), rtol=1e-3, atol=1e-9)
+
+
+@pytest.mark.parametrize("scales", [1, 3])
+def test_on_a_flat_wall_the_error_is_what_is_told(light, scales):
+    film = film_of_samples(light(np.full((32, 32), 0.4), 32))
+    parameters = FilterParameters(scales=scales)
+    found = filter_film(film, parameters)
+    told = standard_uncertainty(film, found.picture, parameters)
+    assert told.shape == (32, 32, 3)
+    # a flat wall's error has few independent parts, some 6 per colour at 13 x 13: its mean square is known to a third
+    rms = np.sqrt(np.mean((found.picture - 0.4) ** 2))
+    assert 0.5 < rms / np.sqrt(np.mean(told**2)) < 1.5
+    # and the filter takes most of the noise away
+    assert np.median(told) < 0.3 * np.sqrt(np.median(mean_variance(film)))
+
+
+def test_detail_that_the_filter_may_take_widens_the_error_bar(light):
+    x = np.arange(32)
+    levels = np.where(x < 16, 0.4, 0.4 + 0.12 * np.sin(x * 1.3))[None].repeat(32, 0)
+    film = film_of_samples(light(levels, 64))
+    told = standard_uncertainty(film, filter_film(film).picture)
+    assert np.median(told[:, 18:30]) > 1.3 * np.median(told[:, 2:14])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("samples", [64, 256])
+def test_nineteen_of_twenty_values_are_within_two_sigma(cornell, reference, samples):
+    film = cornell[samples].checked()
+    found = filter_film(film, threads=2)
+    told = standard_uncertainty(film, found.picture, threads=2)
+    assert 0.90 <= coverage(found.picture, told, reference) <= 0.98
+
+
+def test_a_single_sample_tells_no_noise(light):
+    film = film_of_samples(light(np.full((24, 24), 0.4), 1))
+    with pytest.raises(BadInput, match="576 pixels have a single sample"):
+        standard_uncertainty(film, film.mean.astype(np.float32))
