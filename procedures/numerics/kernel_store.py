@@ -22,7 +22,7 @@ import llvmlite
 import llvmlite.binding as llvm
 
 from procedures.numerics.kernel_cache import tell_not_kept
-from procedures.numerics.native_call import RETURNED_NONE, Shape, flattened, layout, taken
+from procedures.numerics.native_call import RETURNED_NONE, Shape, flattened, layout, taken, types_of
 
 SUFFIX = ".kernel"
 HIDDEN = ("define linkonce_odr ", "define internal ")
@@ -152,9 +152,9 @@ def loaded(code: Code) -> Callable[..., Any]:
     def call(*arguments: Any) -> Any:
         nonlocal native
         numbers: list[Any] = []
-        types: list[Any] = []
-        flattened(arguments, numbers, types)
+        flattened(arguments, numbers)
         if native is None:  # all calls have arguments of one kind
+            types = types_of(arguments)
             native = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p, *types)(address)
         answer, exception = kind(), ctypes.c_void_p()
         status = native(ctypes.addressof(answer), ctypes.addressof(exception), *numbers)

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from procedures.numerics import transforms
 from procedures.numerics.bessel import integral_of_j0, j0, j1
+from procedures.numerics.compiled import vectorised
 
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
@@ -76,10 +77,10 @@ def tail_columns(
     """
     # only every s-th sample is wanted: along y by folding the spectrum, which is exact
     shape = (s * transforms.next_fast_len(-(-u.shape[0] // s)), transforms.next_fast_len(u.shape[1]))
-    seen = transforms.rfft2(u, shape)
+    seen = transforms.rfft2(u, shape) * _shift(k, shape[0])
     found, places = np.empty((len(rows), shapes)), rows * shape[1] + tail_border(k) + s * columns
     for j, spectrum in enumerate(_spectra(k, *shape)[:shapes]):
-        folded = (seen * spectrum).reshape(s, shape[0] // s, -1).sum(axis=0)
+        folded = _folded(seen, spectrum, s)
         found[:, j] = transforms.irfft2(folded, (shape[0] // s, shape[1])).ravel()[places]
     return found / s
 
@@ -127,22 +128,39 @@ def _far_spectrum(rows: int, columns: int, s: int, k: int) -> npt.NDArray[np.com
     return np.asarray(transforms.rfft2(density.astype(np.float32)), dtype=np.complex64)
 
 
+@vectorised
+def _folded(seen: npt.NDArray[np.complex64], spectrum: Array32, s: int) -> npt.NDArray[np.complex64]:
+    """The product (rows, c) of two half planes, its s bands of rows / s added: (rows / s, c)."""
+    rows = len(seen) // s
+    out = np.zeros((rows, seen.shape[1]), np.complex64)
+    for i in range(len(seen)):
+        total, values, factors = out[i % rows], seen[i], spectrum[i]
+        for j in range(len(values)):
+            total[j] += values[j] * factors[j]
+    return out
+
+
 @lru_cache(maxsize=4)
-def _spectra(k: int, rows: int, columns: int) -> npt.NDArray[np.complex64]:
-    """Spectra of the shapes on a grid, shifted so that the first row that all of them reach comes first.
+def _shift(k: int, rows: int) -> npt.NDArray[np.complex64]:
+    """What moves the first row that all shapes reach to the first place, in Fourier, (rows, 1)."""
+    return np.exp(2j * np.pi * tail_border(k) * transforms.fftfreq(rows)[:, None]).astype(np.complex64)
+
+
+@lru_cache(maxsize=4)
+def _spectra(k: int, rows: int, columns: int) -> Array32:
+    """Spectra of the shapes about their centres on a grid, (q, rows, columns // 2 + 1).
 
     Each shape is its own mirror image in its centre: its spectrum about that is real, and one transform gives those of
     two, of one as its real part, of the other as the imaginary.
     """
     half, kernels = tail_border(k), tail_kernels(k).astype(np.float32)
-    spectra = np.empty((len(kernels), rows, columns // 2 + 1), np.complex64)
+    spectra = np.empty((len(kernels), rows, columns // 2 + 1), np.float32)
     pair = np.zeros((rows, columns), np.complex64)
     centred = np.ix_(np.arange(-half, half + 1) % rows, np.arange(-half, half + 1) % columns)
-    shift = np.exp(2j * np.pi * half * transforms.fftfreq(rows)[:, None]).astype(np.complex64)
     for j in range(0, len(kernels), 2):
         pair[centred] = kernels[j] + 1j * kernels[j + 1]
         both = transforms.fft2(pair)[:, : columns // 2 + 1]
-        spectra[j], spectra[j + 1] = both.real * shift, both.imag * shift
+        spectra[j], spectra[j + 1] = both.real, both.imag
     return spectra
 
 

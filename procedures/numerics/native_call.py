@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 Shape = Any
 """What a value is, in JSON: a number's code ("<f8"), "none", ["array", code, dimensions] or ["tuple", shapes...]."""
@@ -21,6 +23,7 @@ NUMBERS: dict[str, Any] = {
     "|u1": ctypes.c_uint8, "<u2": ctypes.c_uint16, "<u4": ctypes.c_uint32, "<u8": ctypes.c_uint64,
     "<f4": ctypes.c_float, "<f8": ctypes.c_double,
 }  # fmt: skip
+SCALARS: dict[type, str] = {bool: "|b1", int: "<i8", float: "<f8", complex: "<c16"}
 COMPLEX = {"<c8": ctypes.c_float, "<c16": ctypes.c_double}
 RETURNED_NONE = -2
 """Status of a function without an answer; 0 is that of one with."""
@@ -28,13 +31,10 @@ RETURNED_NONE = -2
 
 def described(value: object) -> str:
     """What Numba's compiler would see in an argument, as text; "" where this module cannot hand it over."""
+    if (code := SCALARS.get(type(value))) is not None:
+        return code
     if isinstance(value, np.ndarray):
-        flags = value.flags
-        order = "C" if flags.c_contiguous else "F" if flags.f_contiguous else "A"
-        known = value.dtype.str in NUMBERS or value.dtype.str in COMPLEX
-        return (
-            f"{value.dtype.str}{value.ndim}{order}{'' if flags.writeable else 'r'}" if known and flags.aligned else ""
-        )
+        return _array(value.dtype, value.ndim, value.flags.num)
     if isinstance(value, tuple):
         parts = [described(one) for one in value]
         kind = type(value)
@@ -43,31 +43,49 @@ def described(value: object) -> str:
     return _scalar(value)
 
 
+@lru_cache(maxsize=256)
+def _array(dtype: np.dtype[Any], dimensions: int, flags: int) -> str:
+    """An array in words, by NumPy's flags: 1 contiguous as in C, 2 as in Fortran, 256 aligned, 1024 writeable."""
+    order = "C" if flags & 1 else "F" if flags & 2 else "A"
+    known = dtype.str in NUMBERS or dtype.str in COMPLEX
+    return f"{dtype.str}{dimensions}{order}{'' if flags & 1024 else 'r'}" if known and flags & 256 else ""
+
+
 def _scalar(value: object) -> str:
     if isinstance(value, np.generic):
         return value.dtype.str if value.dtype.str in NUMBERS or value.dtype.str in COMPLEX else ""
-    codes = {bool: "|b1", int: "<i8", float: "<f8", complex: "<c16"}
-    return codes.get(type(value), "")
+    return SCALARS.get(type(value), "")
 
 
-def flattened(value: Any, out: list[Any], types: list[Any]) -> None:
-    """Append an argument's numbers and pointers, and their C types. Arrays have no memory of Numba's own."""
+def flattened(value: Any, out: list[Any]) -> None:
+    """Append an argument's numbers and pointers. Arrays have no memory of Numba's own."""
     if isinstance(value, np.ndarray):
-        out += [None, None, value.size, value.itemsize, value.__array_interface__["data"][0]]
-        out += [*value.shape, *value.strides]
-        types += [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p]
-        types += [ctypes.c_int64] * (2 * value.ndim)
+        out += (None, None, value.size, value.itemsize, _address(value), *value.shape, *value.strides)
     elif isinstance(value, tuple):
         for one in value:
-            flattened(one, out, types)
+            flattened(one, out)
     else:
-        code = _scalar(value)
-        if code in COMPLEX:
-            out += [float(value.real), float(value.imag)]
-            types += [COMPLEX[code]] * 2
-        else:
-            out.append(float(value) if "f" in code else int(value))
-            types.append(NUMBERS[code])
+        number = value.item() if isinstance(value, np.generic) else value
+        out += (number.real, number.imag) if type(number) is complex else (number,)
+
+
+def _address(array: npt.NDArray[Any]) -> int:
+    """Of an array's first element."""
+    flags = array.flags
+    if flags.c_contiguous and flags.writeable and array.size:
+        return ctypes.addressof(ctypes.c_char.from_buffer(array))  # half as long as NumPy's own ways take
+    return int(array.ctypes.data)
+
+
+def types_of(value: Any) -> list[Any]:
+    """The C types of what `flattened` appends."""
+    if isinstance(value, np.ndarray):
+        sizes = [ctypes.c_int64] * (2 * value.ndim)
+        return [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p, *sizes]
+    if isinstance(value, tuple):
+        return [one for part in value for one in types_of(part)]
+    code = _scalar(value)
+    return [COMPLEX[code]] * 2 if code in COMPLEX else [NUMBERS[code]]
 
 
 def shape_of(kind: Any) -> Shape:

@@ -73,7 +73,7 @@ class Band:
             filter_y, filter_x = footprint_y(fy) * along_y, footprint_x(fx) * along_x
             _add_band(cut, spectrum, filter_y.astype(np.complex64), filter_x.astype(np.complex64), self.J, self.limit)
         # columns beyond the band are zero and stay out of the first transform
-        return np.asarray(transforms.irfft(transforms.ifft(cut, axis=0), size, axis=1))
+        return transforms.irfft_rows(transforms.ifft(cut, axis=0), size)
 
 
 @vectorised

@@ -13,9 +13,9 @@ from typing import Any
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numpy.fft import fftfreq, ifft, irfft, irfft2
+from numpy.fft import fftfreq, ifft, irfft2
 
-__all__ = ["fft2", "fftfreq", "ifft", "irfft", "irfft2", "next_fast_len", "rfft2"]
+__all__ = ["fft2", "fftfreq", "ifft", "irfft2", "irfft_rows", "next_fast_len", "rfft2"]
 
 
 def fft2(picture: npt.NDArray[np.inexact[Any]]) -> npt.NDArray[np.complexfloating]:
@@ -44,7 +44,33 @@ def rfft2(picture: npt.NDArray[np.floating], shape: Sequence[int] | None = None)
         filled = np.zeros((rows, columns), dtype=np.float32)
         filled[: picture.shape[0], : picture.shape[1]] = picture[:rows, :columns]
         picture = filled
-    return np.ascontiguousarray(fft2(picture)[:, : columns // 2 + 1])
+    return _unpacked(np.asarray(cv2.dft(np.ascontiguousarray(picture))))
+
+
+def _unpacked(packed: npt.NDArray[np.float32]) -> npt.NDArray[np.complex64]:
+    """The half plane (rows, columns // 2 + 1) of a real picture's transform as OpenCV packs it: real and imaginary
+    parts side by side, and one below the other in the columns whose rows are transforms of real numbers."""
+    rows, columns = packed.shape
+    half = np.empty((rows, columns // 2 + 1), dtype=np.complex64)
+    half.view(np.float32)[:, 2 : columns + columns % 2] = packed[:, 1 : columns - 1 + columns % 2]
+    for last in {0, columns - 1} if columns % 2 == 0 else {0}:
+        own, into = packed[:, last], half[:, (last + 1) // 2]
+        middle = (rows + 1) // 2
+        into[0] = own[0]
+        into[1:middle] = own[1 : 2 * middle - 1 : 2] + 1j * own[2 : 2 * middle - 1 : 2]
+        into[rows - middle + 1 :] = into[1:middle][::-1].conj()
+        if rows % 2 == 0:
+            into[middle] = own[-1]
+    return half
+
+
+def irfft_rows(spectra: npt.NDArray[np.complex64], columns: int) -> npt.NDArray[np.float32]:
+    """Real rows (rows, columns) whose half transforms are `spectra`, and zero beyond these."""
+    packed = np.zeros((len(spectra), columns), dtype=np.float32)  # real and imaginary parts in turn, those of 0 in one
+    parts = np.ascontiguousarray(spectra).view(np.float32)[:, : columns + 1]
+    packed[:, 0], packed[:, 1 : parts.shape[1] - 1] = parts[:, 0], parts[:, 2:]
+    flags = cv2.DFT_INVERSE | cv2.DFT_ROWS | cv2.DFT_SCALE | cv2.DFT_REAL_OUTPUT
+    return np.asarray(cv2.dft(packed, flags=flags), dtype=np.float32)
 
 
 @lru_cache(maxsize=256)

@@ -51,6 +51,7 @@ COARSE_STEPS, FINE_STEPS, SWEEPS = 4, 4, 2
 TILES = 6  # along each side of the noise region: large beside the PSF, small beside what curls, shades or defocuses
 COARSE_SAMPLES = 9  # samples per PSF value that the coarse steps make do with
 NEAR_PX = 0.15  # below this a step's system is that of the answer, to the noise
+AT_ONCE = 256  # rows of a system that stay in the processor's cache
 STILL_PX = 0.015  # the step itself is accounted for to first order: what is left of it is a hundredth
 
 
@@ -238,7 +239,7 @@ def refine(
         moved = map_distance(start.registration, fit.registration, coarse.points[::29])
         if moved < STILL_PX:
             break
-    slopes = _slopes(whole[:, : k * k], fit.h, s, k)
+    slopes = _seen(whole[:, : k * k], fit.h, s, k)[1]
     return replace(fit, still=bool(moved < 10 * STILL_PX), scores=_scores(fit, whole), slopes=slopes)
 
 
@@ -349,22 +350,22 @@ def _advanced(start: ChartFit, A: Array32, Z: Array, equations: NormalEquations)
 def _linearised(fit: ChartFit, A: Array32, model: _Model, far: Array) -> tuple[ChartFit, Array]:
     """The fit with its prediction by the system A, and the columns of geometry, light, response and `far`."""
     o, k = fit.observation, model.k
-    seen = (A @ fit.h.astype(np.float32)).astype(np.float64) / o.weight
+    seen, slopes = _seen(A, fit.h, model.raster.s, k)
+    seen, slopes = seen / o.weight, slopes / o.weight[:, None]
     tail = fit.light[TAIL:] if far.shape[1] else np.zeros(0)
     m = (seen + far[:, 1:] @ tail + (fit.h.sum() + tail_sums(k)[: len(tail)] @ tail) / 2)[:, None]
-    geometry = _geometry_columns(A, fit.h, o, model.raster.s, k)
+    geometry = displacement_columns(slopes, o.cubics)
     Z = np.hstack([geometry, o.quadratics, o.quadratics[:, 1:] * m, m * m - m, far])
     return replace(fit, prediction=seen + Z[:, GEOMETRY:] @ fit.light[: Z.shape[1] - GEOMETRY]), Z
 
 
-def _geometry_columns(A: Array32, h: Array, o: Observation, s: int, k: int) -> Array:
-    """Change of the prediction with the displacement's coefficients, (m, 18)."""
-    return displacement_columns(_slopes(A, h, s, k) / o.weight[:, None], o.cubics)
-
-
-def _slopes(A: Array32, h: Array, s: int, k: int) -> Array:
-    """Change of the weighted prediction per pixel of displacement along x and y, (m, 2)."""
+def _seen(A: Array32, h: Array, s: int, k: int) -> tuple[Array, Array]:
+    """The weighted prediction (m,) of a PSF, and its change per pixel of displacement along x and y, (m, 2)."""
     slope_y, slope_x = np.gradient(h.reshape(k, k))
-    # one product each: those of a matrix and two columns take longer
-    slopes = np.column_stack([A @ slope.ravel().astype(np.float32) for slope in (slope_x, slope_y)])
-    return slopes.astype(np.float64) * s
+    columns = [one.ravel().astype(np.float32) for one in (h, slope_x, slope_y)]
+    found = np.empty((len(A), 3))
+    for first in range(0, len(A), AT_ONCE):
+        part = A[first : first + AT_ONCE]
+        for j, column in enumerate(columns):  # a product each: one of a matrix and three columns takes longer
+            found[first : first + AT_ONCE, j] = part @ column
+    return found[:, 0], found[:, 1:] * s
