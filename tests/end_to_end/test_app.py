@@ -46,7 +46,7 @@ async def from_start_to_result(app: StationApp) -> GuideScreen:
         await pilot.press("enter")
         guide = None
         while time.monotonic() < end:
-            await pilot.pause(0.02)
+            await pilot.pause(0.1)
             guide = next((one for one in app.screen_stack if isinstance(one, GuideScreen)), None)
             if guide is not None and guide.finished and app.running("run") is None:
                 break

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -26,7 +27,9 @@ def done(tmp_path_factory):
     root = tmp_path_factory.mktemp("sensor")
     (root / "incoming").mkdir()
     bench = simulated_bench(root / "incoming", seed=3, virtual_time=True)
-    sensor = bench.simulated.view.camera.sensor
+    view = bench.simulated.view
+    sensor = replace(view.camera.sensor, cfa=None)  # what is done to each of a mosaic's planes is done here to one
+    view.camera = replace(view.camera, sensor=sensor)
     with Session.create(root, plan="sensor", camera="C", lens="L", config={}, clock=bench.clock, seed=3) as session:
         operator = Scripted()
         end = Run(plan(estimate, LEVELS, PICTURES), bench, session, operator).go()
@@ -47,9 +50,8 @@ def test_dark_ladder_and_flats_are_taken_once_each_in_under_ten_minutes(done):
     assert done.minutes < 10
 
 
-@pytest.mark.parametrize("plane", ["R", "G1", "G2", "B"])
-def test_gain_and_noise_are_the_sensor_s(done, plane):
-    told = json.loads((done.result.folder / "result.json").read_text())["planes"][plane]
+def test_gain_and_noise_are_the_sensor_s(done):
+    told = json.loads((done.result.folder / "result.json").read_text())["planes"]["Y"]
     assert told["verdict"] != "refused", told["reason"]
     truths = {
         "system_gain": 1 / done.sensor.gain_e_per_dn,
@@ -62,6 +64,6 @@ def test_gain_and_noise_are_the_sensor_s(done, plane):
 
 def test_it_has_the_files_of_the_command_and_can_be_computed_again(done):
     names = {path.name for path in done.result.folder.iterdir()}
-    assert {"emva1288.xml", "report.html", "transfer_G1.csv", "numbers.csv"} <= names
+    assert {"emva1288.xml", "report.html", "transfer_Y.csv", "numbers.csv"} <= names
     (again,) = recompute(done.folder)
     assert again.identical, again
