@@ -169,7 +169,7 @@ PLANS = {
     "two-photo": GuidedProcedure("the PSF from two photographs of a textured wall", _two_photo),
     "field": GuidedProcedure("the PSF over the whole frame, place by place", _field, _field_results, _write_field),
     "geometry": GuidedProcedure(
-        "intrinsics and distortion, from the chart in many poses", _geometry, _found_results, _write_geometry
+        "intrinsics and distortion, from many chart poses", _geometry, _found_results, _write_geometry
     ),
     "sensor": GuidedProcedure("gain, noise and non-uniformity of a sensor", _sensor, _sensor_results, _write_sensor),
     "restoration": GuidedProcedure(

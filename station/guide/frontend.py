@@ -110,11 +110,13 @@ class Result:
 class RunEnded:
     """The plan is through ("finished"), or ended by the operator ("stopped") or the emergency stop ("emergency").
 
-    `empty`: nothing was answered or photographed, and the session is not kept.
+    `certificate`: its page, where the session holds its lens to a specification. `empty`: nothing was answered or
+    photographed, and the session is not kept.
     """
 
     how: str
     report: Path | None = None
+    certificate: Path | None = None
     empty: bool = False
 
 

@@ -146,6 +146,8 @@ class Plain:
         self._line(NOTHING if event.empty else ENDS[event.how])
         if event.report is not None:
             self._line(f"Report: {event.report}")
+        if event.certificate is not None:
+            self._line(f"Certificate: {event.certificate}")
 
     def say_stopped(self) -> None:
         """Every device was told to stop: said at once, whatever the run is at; from any thread."""

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drivers.clock import SystemClock
-from procedures.outcome import ProcedureError
+from procedures.outcome import ProcedureError, Refused
 from procedures.plan import (
     Advice,
     Ask,
@@ -123,7 +123,7 @@ class Run:
                 self._prepare(resumed=bool(done))
             while (step := self._next()) is not None:
                 self._carry_out(step)
-            ended = RunEnded("finished", self._report())
+            ended = RunEnded("finished", self._report(), self._certificate())
         except ProcedureError as error:
             self._talk.hear(Trouble(error.reason, error.remedy))
             ended = RunEnded("stopped")
@@ -160,6 +160,26 @@ class Run:
         except Skipped:
             return None
         return path
+
+    def _certificate(self) -> Path | None:
+        """The certificate of a session with a specification; None where there is nothing that it could tell."""
+        if not self._session.state.results:
+            return None
+        from station.guide.session_report import certificate_files  # here: it draws, and that import is slow
+        from station.reports.certificate import PAGE as CERTIFICATE
+        from station.sessions.session_terms import terms_of_session
+
+        folder = self._session.folder
+        if not terms_of_session(folder).specification.limits:
+            return None
+        if self._result is None and (folder / CERTIFICATE).is_file():  # an earlier run's, of the same result
+            return folder / CERTIFICATE
+        try:
+            for name, data in certificate_files(folder, self._result).items():
+                self._talk.attempt(lambda n=name, d=data: write_whole(folder / n, d), always=True)  # type: ignore[misc]
+        except (Refused, Skipped):  # of a plan whose result is no PSF, or a full disk
+            return None
+        return folder / CERTIFICATE
 
     def _ended(self, ended: RunEnded) -> RunEnded:
         with suppress(ProcedureError):  # a full disk: the run ends all the same

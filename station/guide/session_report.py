@@ -79,6 +79,15 @@ def session_report(folder: Path, found: SessionResult | None = None) -> Report:
     return _report(record, state, found or compute(folder, state, plan_named(state.plan)))
 
 
+def certificate_files(folder: Path, found: SessionResult | None = None) -> dict[str, bytes]:
+    """By name the certificate of a session's last result, as a page and for the printer. Raises as `session_report`."""
+    from station.reports import certificate
+    from station.reports.certificate_print import certificate_pdf
+
+    told = session_report(folder, found)
+    return {certificate.PAGE: certificate.certificate_page(told).encode(), certificate.PRINT: certificate_pdf(told)}
+
+
 def _kept_page(folder: Path, record: SessionRecord) -> str | None:
     """The page that was drawn with the last result; None where there is none, or it is not what was written."""
     told = [line for line in record.contents.lines if line.event in ("derived", REPORTED)]

@@ -131,7 +131,7 @@ class BenchScreen(StationScreen):
         self.query_one("#rows", Part).update(lines_of(*(rows or ["" if self.bench else NO_BENCH])))
         lines = [f"Move by hand, in steps of {STEPS[self._step]:g}"]
         for i, axis in enumerate(self._axes):
-            at = f"{self._positions[axis.name]:.3f}" if axis.name in self._positions else "?"
+            at = f"{self._positions[axis.name]:z.3f}" if axis.name in self._positions else "?"
             mark = glyphs.now if i == self._axis else " " * len(glyphs.now)
             lines.append(f"{mark} {axis.name:10} {at:>10}  ({axis.low:.4g} to {axis.high:.4g})")
         self.query_one("#axes", Part).update(lines_of(*lines))
@@ -285,7 +285,7 @@ def _jog(bench: Bench, axis: Axis, by: float) -> Said:
     stage: Any = bench.devices[axis.device]
     target = stage.position()[axis.name] + by
     bench.motions.move(axis.device, {axis.name: target})
-    return Said(f"{axis.name} is at {stage.position()[axis.name]:.3f} {axis.unit}.", _positions(bench))
+    return Said(f"{axis.name} is at {stage.position()[axis.name]:z.3f} {axis.unit}.", _positions(bench))
 
 
 def _light(bench: Bench, by: float) -> Said:

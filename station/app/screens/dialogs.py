@@ -19,8 +19,9 @@ GLOSSARY = "glossary"
 """The manual's page that help ends with."""
 HEAD = "Help: Escape closes this, the arrows scroll it"
 INTRODUCTION = """\
-The guide (F2) leads from the printed chart to the report, one step at a time. At the bottom it always says what to do \
-next; Enter says that it is done. The rail on the left shows which steps are done, which one is now, which are to do.
+The guide (F2) leads from the printed chart to the report, one step at a time. The box always says what to do next; \
+Enter says that it is done. The rail on the left shows which steps are done and what they gave, which one is now, \
+which are to do.
 F12 stops everything, on every screen. It is a convenience, not a safety device: fit a switch that cuts the motors' \
 power.
 Everything that was photographed is kept at once; the program may be ended at any moment and go on later."""

@@ -198,6 +198,7 @@ class GuideScreen(StationScreen):
     @show.register
     def _(self, ended: RunEnded) -> None:
         report = f" The report is {ended.report}." if ended.report else ""
+        report += f" The certificate is {ended.certificate}." if ended.certificate else ""
         finished = ended.how == "finished"
         self.rest(ENDINGS.get(ended.how, "The run has ended.") + report, AFTER_THE_END if finished else AFTER_A_STOP)
         if finished:

@@ -24,6 +24,7 @@ from station.results.plane_result import PlaneResult
 from station.results.reader import ReadResult, changes, find_results, read_result
 from station.results.restored import Restored
 
+EMPTY = "-empty"
 NONE_YET = "There is no result yet: the guide (F2) leads to one."
 
 
@@ -82,6 +83,7 @@ class ResultsScreen(StationScreen):
     def on_mount(self) -> None:
         """Read the results."""
         super().on_mount()
+        self.set_class(True, EMPTY)
         self.query_one(Choices).focus()
 
     def on_screen_resume(self) -> None:
@@ -97,6 +99,7 @@ class ResultsScreen(StationScreen):
     def show_entries(self, entries: Sequence[ResultEntry]) -> None:
         """What was read; the one that was chosen stays chosen."""
         self._entries = entries
+        self.set_class(not entries, EMPTY)
         at = next((i for i, one in enumerate(entries) if self._chosen and one.folder == self._chosen.folder), 0)
         self.query_one(Choices).set_lines([self._line(one) for one in entries], at)
         if entries:

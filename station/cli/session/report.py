@@ -35,11 +35,8 @@ def session_report(name: str, root: Path, out: Path | None, certificate: bool, o
 def _certify(folder: Path, into: Path) -> None:
     """Write the certificate of a session's last result into a folder."""
     from station.common.atomic_files import write_whole
-    from station.guide import session_report as reports
-    from station.reports.certificate import PAGE, PRINT, certificate_page
-    from station.reports.certificate_print import certificate_pdf
+    from station.guide.session_report import certificate_files
 
-    told = reports.session_report(folder)
-    for name, data in ((PAGE, certificate_page(told).encode()), (PRINT, certificate_pdf(told))):
+    for name, data in certificate_files(folder).items():
         write_whole(into / name, data)
         log("written", f"wrote {into / name}", path=str(into / name))
