@@ -28,14 +28,17 @@ from drivers.light import DmxLight, DmxParser, GrblLight
 from drivers.protocols.grbl import GrblParser
 from drivers.protocols.grbl_link import GrblLink
 from drivers.protocols.imu import FastParser, WitParser
+from drivers.protocols.tmcl import TmclParser
 from drivers.protocols.zaber import ZaberParser
 from drivers.rangefinder import BoschParser, BoschRangefinder, JrtParser, JrtRangefinder
 from drivers.shutter import DeafParser, RelayShutter, RtsShutter, StrigParser, StrigShutter
+from drivers.tmcl.stage import TmclAxis, TmclStage
 from drivers.transport import SerialTransport, register_scheme
 from drivers.zaber import ZaberAxis, ZaberStage
 from simulators.bench.bench import Setup, SimulatedBench
 from simulators.devices.grbl import GrblController
 from simulators.devices.serial_device import Cable, plug, unplug
+from simulators.devices.tmcl import TmclModule
 from simulators.world.clock import VirtualClock
 
 GRBL_AXES = [GrblAxis("z_mm", "X", 3000.0, travel=1500.0), GrblAxis("x_mm", "Y", 1500.0, travel=300.0)]
@@ -43,6 +46,11 @@ ZABER_AXES = [
     ZaberAxis("pan_deg", 1, 0.000234375, zero=-30.0, speed_per_s=10.0),
     ZaberAxis("tilt_deg", 2, 0.000234375, zero=-20.0, speed_per_s=10.0),
 ]
+TMCL_AXES = [
+    TmclAxis("z_mm", 0, (0.0, 300.0), 1 / 320),
+    TmclAxis("x_mm", 1, (0.0, 300.0), 1 / 320),
+]
+"""Belts of 40 mm around, 200 steps of 64 microsteps."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -189,6 +197,17 @@ def _stage(wire: Wire, clock: Clock, bench: SimulatedBench | None, _: Path) -> G
     return GrblStage(wire("stage", GrblParser), GRBL_AXES, clock=clock)
 
 
+def _tmcl(wire: Wire, clock: Clock, bench: SimulatedBench | None, _: Path) -> TmclStage:
+    """In the place of the bench's own stage."""
+    pytest.importorskip("pytrinamic", reason="pytrinamic is not installed (extra `tmcl`)")
+    if bench is not None:
+        motors = [(bench.world.axes[axis.name], axis.unit_per_step) for axis in TMCL_AXES]
+        cable = Cable(TmclModule(motors), bench.clock)
+        bench.cables["stage"] = cable
+        plug(f"{bench.name}/stage", cable)
+    return TmclStage(wire("stage", TmclParser, baud=9600), TMCL_AXES, clock=clock)
+
+
 def _variant(variant: str) -> Callable[..., GrblStage]:
     def make(wire: Wire, clock: Clock, bench: SimulatedBench | None, folder: Path) -> GrblStage:
         if bench is not None:
@@ -225,6 +244,7 @@ STAGES: dict[str, Callable[..., Any]] = {
     "grblHAL": _variant("grblHAL"),
     "FluidNC": _variant("FluidNC"),
     "zaber": lambda wire, clock, *_: ZaberStage(wire("head", ZaberParser), ZABER_AXES, clock=clock),
+    "tmcl": _tmcl,
 }
 SHUTTERS: dict[str, Callable[..., Any]] = {
     "strig": lambda wire, clock, *_: StrigShutter(wire("shutter", StrigParser), clock=clock),
