@@ -66,7 +66,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 class Rig:
     """A device under test, its clock, the simulated bench behind it (None at a real port).
 
-    `carried` tells where a shaker has the camera; `places` are where a stage is sent, as parts of its travel.
+    `carried` tells where a shaker has the camera; `places` are where a stage is sent, as parts of its travel;
+    `pulse_error_s` is what a shutter is held to: across a network its server's answers are part of it.
     """
 
     device: Any
@@ -74,6 +75,7 @@ class Rig:
     bench: SimulatedBench | None
     carried: Callable[[], tuple[float, float]] | None = None
     places: tuple[float, ...] = (0.5, 0.25, 1.0, 0.0, 0.75)
+    pulse_error_s: float = 0.005
 
     def together(self, *works: Callable[[], object]) -> list[object]:
         """Do these at the same time; outcomes."""
@@ -305,7 +307,7 @@ def _make_rig(request: pytest.FixtureRequest, folder: Path) -> Iterator[Rig]:
     if request.param in ALPACA:
         address, number, home = (*str(port).split("/"), "0", "")[:3]
         device = ALPACA[request.param](address, int(number), home, folder)
-        yield Rig(device, SystemClock(), None)
+        yield Rig(device, SystemClock(), None, pulse_error_s=0.3)
         device.close()
         return
     if request.param in LABS:
