@@ -77,6 +77,28 @@ class Panel:
         return self.pwm_hz > 0 and exposure_s * self.pwm_hz * allowed < 1
 
 
+class LastLevel:
+    """What a lamp was last set to, and whether it has warmed up since."""
+
+    def __init__(self, panel: Panel, clock: Clock) -> None:
+        self.level = 0.0
+        self._panel, self._clock, self._since_s = panel, clock, -float("inf")
+
+    def set(self, level: float) -> None:
+        """Note that it is set; the same level again is no change."""
+        if level != self.level:
+            self.level, self._since_s = level, self._clock.now_s()
+
+    def steady(self) -> bool:
+        """Whether it has warmed up since the level was changed."""
+        return self._clock.now_s() - self._since_s >= self._panel.warm_up_s
+
+    @property
+    def word(self) -> str:
+        """The level, and whether it has warmed up."""
+        return f"{100 * self.level:.0f} %" + ("" if self.steady() else ", warming up")
+
+
 class DmxLight:
     """A Light on some channels of a DMX line."""
 
@@ -92,8 +114,7 @@ class DmxLight:
         self.panel = panel or Panel()
         self._transport = transport
         self._channels = tuple(channels)
-        self._level = 0.0
-        self._since_s = -float("inf")
+        self._last = LastLevel(self.panel, self.clock)
 
     @property
     def address(self) -> str:
@@ -119,9 +140,7 @@ class DmxLight:
 
     def condition(self) -> Condition:
         """Level, and whether it has warmed up."""
-        return line_condition(
-            self._transport.is_open, f"{100 * self._level:.0f} %" + ("" if self.steady() else ", warming up")
-        )
+        return line_condition(self._transport.is_open, self._last.word)
 
     def set_level(self, level: float) -> None:
         """Set all its channels, and check that the widget still answers. Raises DeviceError."""
@@ -131,16 +150,15 @@ class DmxLight:
             slots[channel - 1] = value
         self._transport.write(frame(SEND, b"\0" + bytes(slots)))
         self._ask(PARAMETERS, b"\0\0")  # DMX itself is one-way: at least know that the widget lives
-        if level != self._level:
-            self._level, self._since_s = level, self.clock.now_s()
+        self._last.set(level)
 
     def level(self) -> float:
         """What it was last set to."""
-        return self._level
+        return self._last.level
 
     def steady(self) -> bool:
         """Whether it has warmed up since the level was changed."""
-        return self.clock.now_s() - self._since_s >= self.panel.warm_up_s
+        return self._last.steady()
 
     def emergency_stop(self) -> None:
         """Light is harmless, and people need it: it stays; waits end."""

@@ -8,7 +8,8 @@ from drivers.alpaca.link import AlpacaLink, AlpacaServer
 from drivers.clock import Clock, SystemClock
 from drivers.errors import BadConfiguration, EmergencyStopped, LineLost, MoveFailed, Rejected
 from drivers.interfaces import Condition, Identity, ShutterTimes
-from drivers.light import Panel, check_level
+from drivers.light import LastLevel, Panel, check_level
+from drivers.wire.connection import line_condition
 
 SET = "setswitch"
 
@@ -63,8 +64,7 @@ class AlpacaLight:
         self.clock = clock or SystemClock()
         self.panel = panel or Panel()
         self._switch = switch
-        self._level = 0.0
-        self._since_s = -float("inf")
+        self._last = LastLevel(self.panel, self.clock)
 
     @property
     def address(self) -> str:
@@ -81,9 +81,7 @@ class AlpacaLight:
 
     def condition(self) -> Condition:
         """Level, and whether it has warmed up."""
-        if not self._switch.link.is_open:
-            return Condition("not connected", False, "connect it")
-        return Condition(f"{100 * self._level:.0f} %" + ("" if self.steady() else ", warming up"))
+        return line_condition(self._switch.link.is_open, self._last.word)
 
     def set_level(self, level: float) -> None:
         """Set a part of its range. Raises DeviceError."""
@@ -91,16 +89,15 @@ class AlpacaLight:
         value = switch.low + check_level(level) * (switch.high - switch.low)
         with switch.link.asked():
             switch.link.device.SetSwitchValue(switch.switch, value)
-        if level != self._level:
-            self._level, self._since_s = level, self.clock.now_s()
+        self._last.set(level)
 
     def level(self) -> float:
         """What it was last set to."""
-        return self._level
+        return self._last.level
 
     def steady(self) -> bool:
         """Whether it has warmed up since the level was changed."""
-        return self.clock.now_s() - self._since_s >= self.panel.warm_up_s
+        return self._last.steady()
 
     def emergency_stop(self) -> None:
         """Light is harmless, and people need it: it stays."""
@@ -137,7 +134,7 @@ class AlpacaShutter:
 
     def condition(self) -> Condition:
         """Whether it is there."""
-        return Condition("ready") if self._switch.link.is_open else Condition("not connected", False, "connect it")
+        return line_condition(self._switch.link.is_open)
 
     def focus(self, pressed: bool) -> None:
         """Refused: it has no such contact. Raises Rejected."""

@@ -57,10 +57,12 @@ class MicroManagerShutter:
         """Open for `pulse_s`. Raises DeviceError."""
         if (core := self._core) is None:
             raise LineLost(f"{self.address} is not connected", "connect first")
+        aborts = self._aborts
         self.clock.sleep(focus_s)
-        aborts, begun_s = self._aborts, self.clock.now_s()
+        begun_s = self.clock.now_s()
         try:
-            self._set(core, True)
+            if self._aborts == aborts:
+                self._set(core, True)
             with self._end:
                 self.clock.wait(self._end, lambda: self._aborts != aborts, self.clock.now_s() + pulse_s)
         finally:

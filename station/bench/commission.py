@@ -13,6 +13,7 @@ from drivers.clock import Clock
 from drivers.grbl import GrblStage
 from drivers.grbl_envelope import Envelope
 from drivers.interfaces import Stage, Travel
+from drivers.tmcl.stage import TmclStage
 from station.common.toml_text import toml_value
 
 LATE = 0.1
@@ -58,8 +59,12 @@ class Drive:
     ruler: float | None = None
 
 
-def settings_told(stage: GrblStage) -> list[str]:
-    """What the controller is set to, a line for each axis and one for the whole."""
+def settings_told(stage: Stage) -> list[str]:
+    """What the controller is set to, a line for each axis and one for the whole; nothing where it does not tell."""
+    if isinstance(stage, TmclStage):
+        return [f"{name}: {words}" for name, words in stage.settings().items()]
+    if not isinstance(stage, GrblStage):
+        return []
     controls = stage.link.controls
     switches = "hard limits on" if controls.flag(21) else "hard limits off"
     lines = [f"homing on, soft limits on, {switches}, pull-off {controls.setting(27) or 0.0:g} mm"]
@@ -71,8 +76,13 @@ def settings_told(stage: GrblStage) -> list[str]:
     return lines
 
 
-def settings_findings(stage: GrblStage) -> list[Finding]:
+def settings_findings(stage: Stage) -> list[Finding]:
     """What to change before anything moves."""
+    if isinstance(stage, TmclStage):
+        doubts = [one.doubt(name) for name, one in stage.envelopes.items()]
+        return [Finding(doubt.reason, doubt.remedy) for doubt in doubts if doubt is not None]
+    if not isinstance(stage, GrblStage):
+        return []
     found = [_too_fast(name, one) for name, one in stage.envelopes.items()]
     doubt = stage.condition().doubt
     found.append(None if doubt is None else Finding(doubt.reason, doubt.remedy))
@@ -105,13 +115,20 @@ def drive_through(stage: Stage, person: Person, clock: Clock) -> list[Drive] | N
 def _drive(stage: Stage, name: str, travel: Travel, person: Person, clock: Clock) -> Drive:
     stage.move_to(**{name: travel.low})
     way = travel.high - travel.low
-    expected_s = stage.pace({name: way})[1] if isinstance(stage, GrblStage) else None
+    expected_s = _expected_s(stage, name, way)
     begin_s = clock.now_s()
     stage.move_to(**{name: travel.high})
     seconds = clock.now_s() - begin_s
     person.tell(f"{name} went {way:g} in {seconds:.1f} s, {60 * way / seconds:.0f} per min on average")
     ruler = person.measures(f"How far did {name} move by a ruler? (nothing: not measured)")
     return Drive(name, way, seconds, expected_s, ruler)
+
+
+def _expected_s(stage: Stage, name: str, way: float) -> float | None:
+    """How long its controller's settings make that way last; None where it does not tell."""
+    if isinstance(stage, TmclStage):
+        return stage.travel_s(name, way)
+    return stage.pace({name: way})[1] if isinstance(stage, GrblStage) else None
 
 
 def drive_findings(stage: Stage, drives: Sequence[Drive]) -> list[Finding]:
@@ -156,11 +173,9 @@ def _told(axis: Mapping[str, Any], one: Envelope) -> dict[str, Any]:
 def commission(name: str, stage: Stage, table: Mapping[str, Any], person: Person, clock: Clock) -> str:
     """Read, drive and judge a connected stage, telling all of it; its table for station.toml. Raises DeviceError."""
     person.tell(f"{name} at {stage.address}")
-    findings = []
-    if isinstance(stage, GrblStage):
-        for line in settings_told(stage):
-            person.tell(f"  {line}")
-        findings = settings_findings(stage)
+    for line in settings_told(stage):
+        person.tell(f"  {line}")
+    findings = settings_findings(stage)
     drives = drive_through(stage, person, clock)
     if drives is None:
         person.tell(f"{name} was not moved: travel and speed are as its controller tells them")

@@ -29,10 +29,12 @@ from drivers.micromanager.stage import MicroManagerAxis, MicroManagerStage
 from drivers.protocols.grbl import GrblParser
 from drivers.protocols.grbl_link import GrblLink
 from drivers.protocols.imu import FastParser, WitParser
+from drivers.protocols.tmcl import TmclParser
 from drivers.protocols.zaber import ZaberParser
 from drivers.rangefinder import BoschParser, BoschRangefinder, JrtParser, JrtRangefinder
 from drivers.shaker import ShakerAxis, StrigShaker
 from drivers.shutter import DeafParser, RelayShutter, RtsShutter, StrigParser, StrigShutter
+from drivers.tmcl.stage import TmclAxis, TmclStage
 from drivers.transport import SerialTransport
 from drivers.wire.transcript import Transcript
 from drivers.zaber import ZaberAxis, ZaberStage
@@ -90,6 +92,13 @@ def _zaber(
 ) -> ZaberStage:
     made = [ZaberAxis(**axis) for axis in axes]
     return ZaberStage(parts.wire(name, port, ZaberParser, baud=baud), made, clock=parts.clock, poll_s=poll_s)
+
+
+def _tmcl_stage(
+    name: str, parts: Parts, *, port: str, axes: Sequence[Mapping[str, Any]], baud: int = 9600, **limits: Any
+) -> TmclStage:
+    made = [TmclAxis(**{**axis, "travel": tuple(axis["travel"])}) for axis in axes]
+    return TmclStage(parts.wire(name, port, TmclParser, baud=baud), made, clock=parts.clock, **limits)
 
 
 def _strig(name: str, parts: Parts, *, port: str, baud: int = 115200) -> StrigShutter:
@@ -214,6 +223,7 @@ def _grbl_light(
 MAKERS: dict[str, Callable[..., Device]] = {
     "grbl": _grbl,
     "zaber": _zaber,
+    "tmcl_stage": _tmcl_stage,
     "strig": _strig,
     "strig_shaker": _strig_shaker,
     "rts": _rts,

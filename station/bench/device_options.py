@@ -217,6 +217,24 @@ OPTIONS: dict[str, Options] = {
         },
         (("name",), ("device", "axis")),
     ),
+    "tmcl_stage": Options(
+        {
+            **LINE,
+            "poll_s": POLL,
+            "patience_s": Option(Number("60", 0.0, above=True)),
+            "variable": Option(Whole("55", 0, 255)),
+        },
+        {
+            "name": NAME,
+            "motor": Option(Whole("0", 0, 15), required=True),
+            "travel": Option(Ends("[0.0, 300.0]"), required=True),
+            "unit_per_step": Option(Number("0.003125", 0.0, above=True), required=True),
+            "module": Option(Whole("1", 1, 255)),
+            "zero": Option(Number("0.0")),
+            "direction": Option(OneOf((1, -1))),
+        },
+        (("name",), ("module", "motor")),
+    ),
     "strig": Options(LINE),
     "strig_shaker": Options(
         {"box": Option(DEVICE, required=True)},

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
+import ctypes
 import shutil
 import subprocess
 import threading
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
-from drivers.alpaca.camera import AlpacaCamera, AlpacaCameraSettings
-from drivers.alpaca.link import AlpacaServer
-from drivers.alpaca.stage import AlpacaAxis, AlpacaStage
-from drivers.alpaca.switch import AlpacaLight, AlpacaShutter, AlpacaSwitch
 from drivers.clock import Clock, SystemClock
 from drivers.folder_camera import FolderCamera
-from drivers.frame_files.dng_folder import DngFolder
 from drivers.frames import Facts
 from drivers.gphoto import GphotoCamera
 from drivers.grbl import GrblStage
@@ -28,21 +25,34 @@ from drivers.light import DmxLight, DmxParser, GrblLight
 from drivers.protocols.grbl import GrblParser
 from drivers.protocols.grbl_link import GrblLink
 from drivers.protocols.imu import FastParser, WitParser
+from drivers.protocols.tmcl import TmclParser
 from drivers.protocols.zaber import ZaberParser
 from drivers.rangefinder import BoschParser, BoschRangefinder, JrtParser, JrtRangefinder
+from drivers.shaker import ShakerAxis, StrigShaker
 from drivers.shutter import DeafParser, RelayShutter, RtsShutter, StrigParser, StrigShutter
+from drivers.tmcl.stage import TmclAxis, TmclStage
 from drivers.transport import SerialTransport, register_scheme
 from drivers.zaber import ZaberAxis, ZaberStage
 from simulators.bench.bench import Setup, SimulatedBench
 from simulators.devices.grbl import GrblController
 from simulators.devices.serial_device import Cable, plug, unplug
+from simulators.devices.tmcl import TmclModule
 from simulators.world.clock import VirtualClock
+
+from .box_firmware import BoxFirmware, compiled_box
+from .grbl_firmware import FirmwareInSimavr
+from .lab_devices import ALPACA, LABS
 
 GRBL_AXES = [GrblAxis("z_mm", "X", 3000.0, travel=1500.0), GrblAxis("x_mm", "Y", 1500.0, travel=300.0)]
 ZABER_AXES = [
     ZaberAxis("pan_deg", 1, 0.000234375, zero=-30.0, speed_per_s=10.0),
     ZaberAxis("tilt_deg", 2, 0.000234375, zero=-20.0, speed_per_s=10.0),
 ]
+TMCL_AXES = [
+    TmclAxis("z_mm", 0, (0.0, 300.0), 1 / 320),
+    TmclAxis("x_mm", 1, (0.0, 300.0), 1 / 320),
+]
+"""Belts of 40 mm around, 200 steps of 64 microsteps."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -54,11 +64,18 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 @dataclass
 class Rig:
-    """A device under test, its clock, and the simulated bench behind it (None at a real port)."""
+    """A device under test, its clock, the simulated bench behind it (None at a real port).
+
+    `carried` tells where a shaker has the camera; `places` are where a stage is sent, as parts of its travel;
+    `pulse_error_s` is what a shutter is held to: across a network its server's answers are part of it.
+    """
 
     device: Any
     clock: Any
     bench: SimulatedBench | None
+    carried: Callable[[], tuple[float, float]] | None = None
+    places: tuple[float, ...] = (0.5, 0.25, 1.0, 0.0, 0.75)
+    pulse_error_s: float = 0.005
 
     def together(self, *works: Callable[[], object]) -> list[object]:
         """Do these at the same time; outcomes."""
@@ -125,68 +142,22 @@ def simavr_port(simavr_box: tuple[Path, Path]) -> Iterator[str]:
         process.wait()
 
 
-class FirmwareInSimavr:
-    """A real GRBL at the end of a cable, in the time of the tests: its processor runs as far as their clock."""
-
-    baud = 115200
-    STEP_S = 0.02
-    SETTINGS = (
-        *(f"${110 + i}=1000" for i in range(3)), *(f"${120 + i}=100" for i in range(3)),
-        *(f"${130 + i}=40" for i in range(3)), "$25=1000", "$24=300", "$26=20", "$22=1", "$20=1", "$21=1", "$1=255",
-    )  # fmt: skip
-    """A small quick machine with hard limits; its switches are 10 mm from where it begins."""
-
-    def __init__(self, firmware: str, box: str) -> None:
-        command = [box, firmware, str(10 * 250), "lockstep"]
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-        self._ran_s, self._said = 0.0, bytearray()
-        self._run("", 3.0)
-        for line in self.SETTINGS:
-            self._run(f"send {(line + chr(10)).encode().hex()}", 0.3)
-        self._ran_s, self._said = 0.0, bytearray()
-
-    def _run(self, order: str, duration_s: float) -> None:
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        self._process.stdin.write(f"{order}\nrun {1000 * duration_s}\n")
-        self._process.stdin.flush()
-        told = next(line for line in self._process.stdout if line.startswith("said "))
-        self._said += bytes.fromhex(told.split(" ")[1])
-        self._ran_s += duration_s + (len(order) - 5) // 2 * 10 / 115200 * bool(order)
-
-    def set_lines(self, rts: bool, dtr: bool, now_s: float) -> None:
-        """A board that is not wired to be reset by DTR."""
-
-    def receive(self, data: bytes, now_s: float) -> None:
-        """Bytes at their speed."""
-        self._catch_up(now_s)
-        self._run(f"send {data.hex()}", 0.0)
-
-    def _catch_up(self, now_s: float) -> None:
-        if now_s > self._ran_s:
-            self._run("", now_s - self._ran_s)
-
-    def advance(self, now_s: float) -> bytes:
-        """Run until now; what it said."""
-        self._catch_up(now_s)
-        said, self._said = bytes(self._said), bytearray()
-        return said
-
-    def next_event_s(self) -> float | None:
-        """Nobody knows: look every few milliseconds."""
-        return self._ran_s + self.STEP_S
-
-    def end(self) -> None:
-        """Switch it off."""
-        self._process.kill()
-        self._process.communicate()
-
-
 Wire = Callable[..., SerialTransport[Any]]
 
 
 def _stage(wire: Wire, clock: Clock, bench: SimulatedBench | None, _: Path) -> GrblStage:
     return GrblStage(wire("stage", GrblParser), GRBL_AXES, clock=clock)
+
+
+def _tmcl(wire: Wire, clock: Clock, bench: SimulatedBench | None, _: Path) -> TmclStage:
+    """In the place of the bench's own stage."""
+    pytest.importorskip("pytrinamic", reason="pytrinamic is not installed (extra `tmcl`)")
+    if bench is not None:
+        motors = [(bench.world.axes[axis.name], axis.unit_per_step) for axis in TMCL_AXES]
+        cable = Cable(TmclModule(motors), bench.clock)
+        bench.cables["stage"] = cable
+        plug(f"{bench.name}/stage", cable)
+    return TmclStage(wire("stage", TmclParser, baud=9600), TMCL_AXES, clock=clock, poll_s=0.2)
 
 
 def _variant(variant: str) -> Callable[..., GrblStage]:
@@ -207,6 +178,15 @@ def _folder_camera(wire: Wire, clock: Clock, bench: SimulatedBench | None, folde
     return FolderCamera(folder, shutter, lambda path: Facts(exposure_s=0.02), clock=clock)
 
 
+def _shaker(wire: Wire, clock: Clock, bench: SimulatedBench | None, _: Path) -> StrigShaker:
+    """On the shutter's box; at the simulated bench nothing else moves the camera."""
+    if bench is not None:
+        bench.world.room = replace(bench.world.room, modes=())
+    box = StrigShutter(wire("shutter", StrigParser), clock=clock)
+    box.connect()
+    return StrigShaker(box, [ShakerAxis("x_mm", 0, 2.0), ShakerAxis("y_mm", 1, 2.0)], clock=clock)
+
+
 def _gphoto_camera(wire: Wire, clock: Clock, bench: SimulatedBench | None, folder: Path) -> GphotoCamera:
     """The folder of the simulated body, seen through libgphoto2's own camera that browses folders."""
     pytest.importorskip("gphoto2", reason="gphoto2 is not installed (extra `tether`)")
@@ -225,10 +205,12 @@ STAGES: dict[str, Callable[..., Any]] = {
     "grblHAL": _variant("grblHAL"),
     "FluidNC": _variant("FluidNC"),
     "zaber": lambda wire, clock, *_: ZaberStage(wire("head", ZaberParser), ZABER_AXES, clock=clock),
+    "tmcl": _tmcl,
 }
 SHUTTERS: dict[str, Callable[..., Any]] = {
     "strig": lambda wire, clock, *_: StrigShutter(wire("shutter", StrigParser), clock=clock),
     "strig_simavr": lambda wire, clock, *_: StrigShutter(wire("shutter", StrigParser), clock=clock),
+    "strig_host": lambda wire, clock, *_: StrigShutter(wire("shutter", StrigParser), clock=clock),
     "rts": lambda wire, clock, *_: RtsShutter(wire("rts", DeafParser, rts=False), clock=clock),
     "relay": lambda wire, clock, *_: RelayShutter(GrblLink(wire("stage", GrblParser)), clock=clock),
 }
@@ -245,15 +227,7 @@ LIGHTS: dict[str, Callable[..., Any]] = {
     "grbl_light": lambda wire, clock, *_: GrblLight(GrblLink(wire("stage", GrblParser)), clock=clock),
 }
 CAMERAS: dict[str, Callable[..., Any]] = {"folder_camera": _folder_camera, "gphoto_camera": _gphoto_camera}
-ALPACA: dict[str, Callable[[AlpacaServer, int, str, Path], Any]] = {
-    "alpaca_stage": lambda server, number, home, _: AlpacaStage(server, [AlpacaAxis("z_mm", number, home=home)]),
-    "alpaca_camera": lambda server, number, _, folder: AlpacaCamera(
-        server, number, DngFolder(folder, lambda path: Facts(exposure_s=0.02)), AlpacaCameraSettings(exposure_s=0.02)
-    ),
-    "alpaca_light": lambda server, number, *_: AlpacaLight(AlpacaSwitch(server, 0, number)),
-    "alpaca_shutter": lambda server, number, *_: AlpacaShutter(AlpacaSwitch(server, 0, number)),
-}
-"""Only at a real server: `--driver alpaca_stage --port 192.168.1.20:11111/0/Home`, the focuser and its action."""
+SHAKERS: dict[str, Callable[..., Any]] = {"strig_shaker": _shaker, "strig_shaker_host": _shaker}
 KINDS = {
     "stage": STAGES,
     "shutter": SHUTTERS,
@@ -262,28 +236,58 @@ KINDS = {
     "light": LIGHTS,
     "camera": CAMERAS,
 }
+ALONE = {name: maker for kind in KINDS.values() for name, maker in kind.items()}
+"""All that have a line of their own; a shaker has its shutter's."""
+MAKERS = {**ALONE, **SHAKERS}
 
 
 def _frame(opening: object) -> bytes:
     return b"RAW" * 1000 + repr(opening).encode()
 
 
+def _names(kind: str, makers: Mapping[str, Any], config: pytest.Config) -> list[Any]:
+    """Which devices play a kind: all, or the one that was asked for."""
+    chosen = config.getoption("--driver", default=None)
+    if kind == "stage" and config.getoption("--grbl-firmware", default=None):
+        return ["grbl_firmware"]
+    there = {**makers, **{name: one for name, one in LABS.items() if kind in ("device", one.kind)}}
+    if chosen in ALPACA and kind in ("device", chosen.partition("_")[2]):
+        return [chosen]
+    names = [name for name in there if chosen in (None, name)]
+    return [pytest.param(name, marks=LABS[name].marks) if name in LABS else name for name in names]
+
+
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    for kind, makers in (*KINDS.items(), ("device", {k: v for one in KINDS.values() for k, v in one.items()})):
+    for kind, makers in (*KINDS.items(), ("shaker", SHAKERS), ("device", ALONE)):
         if f"{kind}_rig" in metafunc.fixturenames:
-            chosen = metafunc.config.getoption("--driver", default=None)
-            names = [name for name in makers if chosen in (None, name)]
-            if chosen in ALPACA and kind in ("device", chosen.partition("_")[2]):
-                names = [chosen]
-            if kind == "stage" and metafunc.config.getoption("--grbl-firmware", default=None):
-                names = ["grbl_firmware"]
-            metafunc.parametrize(f"{kind}_rig", names, indirect=True)
+            metafunc.parametrize(f"{kind}_rig", _names(kind, makers, metafunc.config), indirect=True)
+
+
+@pytest.fixture(scope="session")
+def strig_library(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
+    """The box's firmware, compiled for this machine."""
+    if shutil.which("gcc") is None:
+        pytest.skip("gcc not found")
+    return compiled_box(tmp_path_factory.mktemp("strig") / "strig.so")
+
+
+def _host_rig(request: pytest.FixtureRequest, folder: Path) -> Iterator[Rig]:
+    """The box's firmware at the end of a cable."""
+    box, clock = BoxFirmware(request.getfixturevalue("strig_library")), VirtualClock()
+    register_scheme("simulators.devices")
+    plug("firmware/shutter", Cable(box, clock))
+    wire = SerialTransport("sim://firmware/shutter", StrigParser, clock=clock)
+    try:
+        yield Rig(MAKERS[request.param](lambda name, parser: wire, clock, None, folder), clock, None, box.carried)
+    finally:
+        wire.close()
+        unplug("firmware/shutter")
 
 
 def _firmware_rig(request: pytest.FixtureRequest) -> Iterator[Rig]:
     options = request.config.getoption
     firmware, clock = FirmwareInSimavr(options("--grbl-firmware"), options("--grbl-box")), VirtualClock()
-    register_scheme("simulators")
+    register_scheme("simulators.devices")
     plug("firmware/stage", Cable(firmware, clock))
     wire = SerialTransport("sim://firmware/stage", GrblParser, clock=clock)
     stage = GrblStage(wire, GRBL_AXES, clock=clock)
@@ -302,13 +306,20 @@ def _make_rig(request: pytest.FixtureRequest, folder: Path) -> Iterator[Rig]:
         return
     if request.param in ALPACA:
         address, number, home = (*str(port).split("/"), "0", "")[:3]
-        device = ALPACA[request.param](AlpacaServer(address), int(number), home, folder)
-        yield Rig(device, SystemClock(), None)
+        device = ALPACA[request.param](address, int(number), home, folder)
+        yield Rig(device, SystemClock(), None, pulse_error_s=0.3)
         device.close()
+        return
+    if request.param in LABS:
+        with LABS[request.param].make(request, folder) as device:
+            yield Rig(device, SystemClock(), None, places=(0.2, 0.1, 0.0))
+        return
+    if request.param.endswith("_host") and port is None:
+        yield from _host_rig(request, folder)
         return
     if request.param == "strig_simavr" and port is None:
         port = request.getfixturevalue("simavr_port")
-    maker = {k: v for one in KINDS.values() for k, v in one.items()}[request.param]
+    maker = MAKERS[request.param]
     if port is not None:
         clock: Any = SystemClock()
         device = maker(
@@ -327,7 +338,11 @@ def _make_rig(request: pytest.FixtureRequest, folder: Path) -> Iterator[Rig]:
         opened.append(SerialTransport(bench.address(name), parser, clock=clock, **kwargs))
         return opened[-1]
 
-    rig = Rig(maker(wire, clock, bench, folder), clock, bench)
+    def carried() -> tuple[float, float]:
+        sway = bench.world.sway(np.atleast_1d(bench.clock.now_s()))
+        return float(sway["x_mm"][0][0]), float(sway["y_mm"][0][0])
+
+    rig = Rig(maker(wire, clock, bench, folder), clock, bench, carried)
     yield rig
     rig.device.close()
     for transport in opened:
@@ -350,4 +365,5 @@ imu_rig = _fixture("imu")
 rangefinder_rig = _fixture("rangefinder")
 light_rig = _fixture("light")
 camera_rig = _fixture("camera")
+shaker_rig = _fixture("shaker")
 device_rig = _fixture("device")

@@ -35,11 +35,20 @@ def test_it_says_who_it_is(stage_rig):
     assert identity.address == stage_rig.device.address
 
 
+def told(stage):
+    """Where it is, or that it tells no place before it is homed."""
+    try:
+        return stage.position()
+    except Rejected as refused:
+        return refused.reason
+
+
 def test_it_does_not_move_before_homing(stage):
-    before = stage.position()
+    before = told(stage)
     with pytest.raises(NotHomed, match="not homed"):
         stage.move_to(**middle(stage))
-    assert stage.position() == before
+    assert not stage.moving()
+    assert told(stage) == before
     assert not stage.condition().usable
 
 
@@ -50,7 +59,7 @@ def test_it_homes_inside_its_travel(homed):
 
 
 def test_it_goes_where_it_is_sent_and_the_world_agrees(homed, stage_rig):
-    for fraction in (0.5, 0.25, 1.0, 0.0, 0.75):
+    for fraction in stage_rig.places:
         goal = middle(homed, fraction)
         homed.move_to(**goal)
         assert near(homed.position(), goal)
@@ -109,11 +118,24 @@ def test_stop_ends_a_move_and_keeps_the_position(homed, stage_rig):
     assert near(homed.position(), middle(homed))
 
 
-def test_stop_ends_a_homing_and_leaves_it_unhomed(stage, stage_rig):
+@pytest.fixture
+def far(stage, stage_rig):
+    """Away from its switches, and not homed: its way there lasts longer than half a second."""
     stage.home()
-    stage.move_to(**middle(stage))  # away from the switches
+    stage.move_to(**middle(stage))
     stage.connect()
-    clock = stage_rig.clock
+    if stage_rig.bench is None:
+        begin_s = stage_rig.clock.now_s()
+        stage.home()
+        if stage_rig.clock.now_s() - begin_s < 0.6:
+            pytest.skip("its homing is over before it could be stopped")
+        stage.move_to(**middle(stage))
+        stage.connect()
+    return stage
+
+
+def test_stop_ends_a_homing_and_leaves_it_unhomed(far, stage_rig):
+    stage, clock = far, stage_rig.clock
     homed, _ = stage_rig.together(stage.home, lambda: (clock.sleep(0.5), stage.stop()))
     assert isinstance(homed, Exception)
     assert not stage.condition().usable
@@ -156,11 +178,8 @@ def test_an_emergency_stop_ends_a_move_and_holds_until_homed(homed, stage_rig):
     assert near(homed.position(), middle(homed))
 
 
-def test_an_emergency_stop_while_homing_is_not_forgotten(stage, stage_rig):
-    stage.home()
-    stage.move_to(**middle(stage))
-    stage.connect()
-    clock = stage_rig.clock
+def test_an_emergency_stop_while_homing_is_not_forgotten(far, stage_rig):
+    stage, clock = far, stage_rig.clock
     homed, _ = stage_rig.together(stage.home, lambda: (clock.sleep(0.5), stage.emergency_stop()))
     assert isinstance(homed, EmergencyStopped)
     with pytest.raises(EmergencyStopped):
@@ -174,10 +193,10 @@ def test_after_connecting_again_it_must_be_homed_again(homed):
 
 
 def test_nothing_ever_left_the_travel(homed, stage_rig):
-    homed.move_to(**middle(homed, 0.0))
-    homed.move_to(**middle(homed, 1.0))
     if stage_rig.bench is None:
         pytest.skip("the truth about a real stage is not known")
+    homed.move_to(**middle(homed, 0.0))
+    homed.move_to(**middle(homed, 1.0))
     for axis in stage_rig.bench.world.axes.values():
         low, high = axis.extremes()
         assert axis.low - 1e-6 <= low

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import ctypes
 import random
 import re
-import shutil
-import subprocess
-from pathlib import Path
 
 import pytest
 
@@ -17,24 +13,14 @@ from drivers.shutter import StrigParser, StrigShutter
 from drivers.transport import SerialTransport
 from simulators.devices.shutter import StrigBox
 
-HERE = Path(__file__).parent
-SKETCH = HERE.parent.parent / "drivers" / "firmware" / "strig"
 STEP_S = 0.0005
 TIME_US = 200
 """By which times may differ: the firmware looks every 50 us, the twin at once."""
 
 
-@pytest.fixture(scope="module")
-def library(tmp_path_factory):
-    if shutil.which("gcc") is None:
-        pytest.skip("gcc not found")
-    built = tmp_path_factory.mktemp("strig") / "strig.so"
-    command = ["gcc", "-shared", "-fPIC", "-O1", "-Wall", "-Wextra", "-Werror", f"-I{SKETCH}", SKETCH / "strig.c"]
-    subprocess.run([*map(str, command), str(HERE / "strig_host.c"), "-o", str(built)], check=True)
-    found = ctypes.CDLL(str(built))
-    found.host_said.restype = ctypes.c_char_p
-    found.host_run.argtypes = [ctypes.c_uint64]
-    return found
+@pytest.fixture
+def library(strig_library):
+    return strig_library
 
 
 class Firmware:

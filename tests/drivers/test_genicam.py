@@ -3,25 +3,15 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 import threading
 
 import exifread
 import numpy as np
 import pytest
 
-DISTRIBUTION = "/usr/lib/python3/dist-packages"
-"""Where Debian keeps PyGObject: a virtual environment does not see it by itself."""
-sys.path.append(DISTRIBUTION)
-try:
-    gi = pytest.importorskip("gi", reason="PyGObject is not installed (extra `genicam`)", exc_type=ImportError)
-finally:
-    sys.path.remove(DISTRIBUTION)
-try:
-    gi.require_version("Aravis", "0.8")
-except ValueError:
-    pytest.skip("Aravis 0.8 is not installed (Debian: gir1.2-aravis-0.8)", allow_module_level=True)
+from ..aravis_fake import IGNORED, fake_camera, require_aravis
+
+require_aravis(module=True)
 
 from drivers.errors import BadConfiguration, EmergencyStopped, FrameMissing, LineLost, Rejected  # noqa: E402
 from drivers.frame_files.dng_folder import DngFolder, Optics  # noqa: E402
@@ -30,29 +20,13 @@ from drivers.interfaces import CameraSettings  # noqa: E402
 from procedures.raw import read_frame  # noqa: E402
 from station.bench.opening import inspect_raw, make_bench, read_config  # noqa: E402
 
-# of PyGObject 3.42 with Python 3.11, which is silent about it outside of tests
-pytestmark = pytest.mark.filterwarnings("ignore:DynamicImporter:ImportWarning")
-
-FAKE = """
-import sys
-sys.path.append({distribution!r})
-import gi
-gi.require_version("Aravis", "0.8")
-from gi.repository import Aravis
-camera = Aravis.GvFakeCamera.new("127.0.0.1", None)
-print(camera.is_running(), flush=True)
-sys.stdin.read()
-"""
-"""What arv-fake-gv-camera-0.8 does: the same camera out of the same library."""
+pytestmark = pytest.mark.filterwarnings(IGNORED)
 
 
 @pytest.fixture(scope="module")
 def fake():
-    command = [sys.executable, "-c", FAKE.format(distribution=DISTRIBUTION)]
-    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-    assert process.stdout.readline() == "True\n"
-    yield "127.0.0.1"
-    process.communicate("", timeout=10)
+    with fake_camera() as address:
+        yield address
 
 
 @pytest.fixture

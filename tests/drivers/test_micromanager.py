@@ -290,6 +290,19 @@ def test_a_frame_that_an_emergency_stop_overtook_is_kept_and_told(camera, truth,
     assert read_frame(tmp_path / "in" / "IMG_0001.DNG").exposure.exposure_s == 0.2
 
 
+@pytest.mark.parametrize("ended", ["abort", "emergency_stop"])
+def test_a_shutter_that_is_stopped_before_it_opens_stays_shut(core, truth, monkeypatch, ended):
+    shutter, opened = MicroManagerShutter(core, "Door"), []
+    shutter.connect()
+    monkeypatch.setattr(shutter.clock, "sleep", lambda duration_s: getattr(shutter, ended)())  # while it focuses
+    set_open = shutter._set
+    monkeypatch.setattr(shutter, "_set", lambda core, on: (opened.append(on), set_open(core, on)))
+    with pytest.raises(MoveFailed, match="cut short"):
+        shutter.fire(5.0, focus_s=1.0)
+    assert not any(opened)
+    shutter.close()
+
+
 def test_a_shutter_is_open_as_long_as_asked_and_closed_by_a_stop(core, truth):
     shutter = MicroManagerShutter(core, "Door")
     with pytest.raises(LineLost):

@@ -6,6 +6,9 @@ import tomllib
 
 import pytest
 
+from simulators.devices.serial_device import Cable, plug, unplug
+from simulators.devices.tmcl import TmclModule
+from simulators.world.motion import Axis
 from station.bench.commission import commission
 from station.bench.opening import make_bench, simulated_bench, simulated_tables
 
@@ -112,3 +115,26 @@ def test_a_move_that_takes_too_long_is_named(take, bench):
 def test_a_machine_space_of_its_own_is_written(take):
     table = take(Scripted(), space=[0.0, 1500.0])
     assert table["axes"][0]["space"] == [0.0, 1500.0]
+
+
+def test_a_tmcl_stage_is_taken_too(bench, tmp_path):
+    pytest.importorskip("pytrinamic", reason="pytrinamic is not installed (extra `tmcl`)")
+    module = TmclModule([(Axis(0.0, 100.0, 10.0), 1 / 320)])
+    module.motors[0].settings[7] = 0
+    plug("commission/stage", Cable(module, bench.clock))
+    axis = {"name": "z_mm", "motor": 0, "travel": [0.0, 100.0], "unit_per_step": 1 / 320}
+    table = {"driver": "tmcl_stage", "port": "sim://commission/stage", "axes": [axis]}
+    own = make_bench({"stage": table}, folder=tmp_path, clock=bench.clock)
+    own.connect()
+    person = Scripted(("Homing", "z_mm"), {"z_mm": 99.0})
+    try:
+        told = tomllib.loads(commission("stage", own.stage, table, person, bench.clock))["devices"]["stage"]
+    finally:
+        own.close()
+        unplug("commission/stage")
+    assert told == table
+    # 16 MHz * 1500 / 2^19 and (16 MHz)^2 * 900 / 2^37 microsteps, 320 of them a millimetre
+    assert "z_mm: 143.051 per s, 5238.69 per s^2, end switches on" in person.text
+    assert "z_mm lets go of its motor between moves (parameter 7 is 0): give it a standby current" in person.text
+    assert "z_mm went 99 by the ruler where it was sent 100: multiply unit_per_step by 0.99000" in person.text
+    assert "z_mm took" not in person.text

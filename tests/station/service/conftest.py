@@ -4,10 +4,11 @@ from contextlib import contextmanager
 
 import pytest
 
+from drivers.alpaca.link import AlpacaServer
 from station.guide import catalogue
 
 from ..guide import benches
-from .serving import serving
+from .serving import TOKEN, serving
 
 
 @contextmanager
@@ -40,3 +41,18 @@ def client(server):
 @pytest.fixture
 def served(server):
     return server[1]
+
+
+@pytest.fixture
+def camera(client):
+    """The bench's camera, by the ASCOM Initiative's own client."""
+    device = pytest.importorskip("alpaca.camera").Camera(client.address, 0)
+    device.Connected = True
+    return device
+
+
+@pytest.fixture
+def at(client, monkeypatch):
+    """The server as a driver is told of it, with its password in the environment."""
+    monkeypatch.setenv("BENCH_TOKEN", TOKEN)
+    return AlpacaServer(f"127.0.0.1:{client.port}", "BENCH_TOKEN")

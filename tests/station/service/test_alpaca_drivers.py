@@ -4,49 +4,29 @@ from __future__ import annotations
 
 import socket
 import threading
-import time
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
-from drivers.alpaca.camera import AlpacaCamera, AlpacaCameraSettings
-from drivers.alpaca.link import HEADER, AlpacaLink, AlpacaServer, read_image
+from drivers.alpaca.link import AlpacaLink, AlpacaServer
 from drivers.alpaca.stage import AlpacaAxis, AlpacaStage
 from drivers.alpaca.switch import AlpacaLight, AlpacaShutter, AlpacaSwitch
 from drivers.errors import (
     BadConfiguration,
     DeviceError,
     EmergencyStopped,
-    FrameMissing,
-    FrameWrong,
     LineLost,
     MoveFailed,
     NotHomed,
     OutsideTravel,
     Rejected,
 )
-from drivers.frame_files.dng_folder import DngFolder, Optics
-from drivers.interfaces import CameraSettings
-from procedures.raw import read_frame
-from station.bench.opening import inspect_raw, make_bench
-from station.service.alpaca.image import image_bytes, sensor_image
+from station.bench.opening import make_bench
 
+from .alpaca_clients import beside
 from .serving import TOKEN
 
 AXES = [AlpacaAxis("z_mm", 0, zero=300.0, home="Home"), AlpacaAxis("x_mm", 1, direction=-1, home="Home")]
-
-
-@pytest.fixture
-def server(server, monkeypatch):
-    """The server with its password in the environment."""
-    monkeypatch.setenv("BENCH_TOKEN", TOKEN)
-    return server
-
-
-@pytest.fixture
-def at(client):
-    return AlpacaServer(f"127.0.0.1:{client.port}", "BENCH_TOKEN")
 
 
 @pytest.fixture
@@ -61,21 +41,6 @@ def stage(at):
 def homed(stage):
     stage.home()
     return stage
-
-
-def beside(work):
-    """Do this in a thread; what it raised stands in the list when it has ended."""
-    outcome = []
-
-    def run():
-        try:
-            outcome.append(work())
-        except Exception as error:
-            outcome.append(error)
-
-    thread = threading.Thread(target=run)
-    thread.start()
-    return thread, outcome
 
 
 @pytest.fixture
@@ -226,123 +191,6 @@ def test_a_device_that_is_not_there_is_said(at):
         AlpacaLink(at, "focuser", 7).open()
 
 
-# --- camera --------------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def saved(tmp_path):
-    folder = tmp_path / "saved"
-    folder.mkdir()
-    return DngFolder(folder, inspect_raw, Optics(f_number=5.6, pixel_pitch_um=3.45))
-
-
-@pytest.fixture
-def camera(at, saved):
-    camera = AlpacaCamera(at, 0, saved, AlpacaCameraSettings(exposure_s=0.02, patience_s=20.0))
-    camera.connect()
-    yield camera
-    camera.close()
-
-
-def test_an_exposure_is_a_file_with_the_sensors_numbers_and_its_record(camera, served):
-    exposure = camera.expose()
-    (source,) = served.bench.simulated.folder.iterdir()
-    theirs, ours = (sensor_image(list(read_frame(path).planes.values())) for path in (source, exposure.path))
-    np.testing.assert_array_equal(ours.levels, theirs.levels)
-    assert ours.red == theirs.red
-    assert ours.white == theirs.white
-    told = read_frame(exposure.path).exposure
-    assert told.exposure_s == pytest.approx(0.02)
-    assert told.f_number == 5.6
-    assert exposure.requested_s < exposure.received_s
-
-
-def test_an_exposure_that_fails_at_the_server_is_told(camera):
-    camera.configure(CameraSettings(exposure_s=0.5))
-    with pytest.raises(Rejected, match=r"taken at 0\.02 s instead of 0\.5 s; set the body, repeat"):
-        camera.expose()
-
-
-def test_an_exposure_whose_failure_the_server_does_not_tell_ends_soon(camera, monkeypatch):
-    from alpaca.camera import Camera, CameraStates
-
-    monkeypatch.setattr(Camera, "ImageReady", property(lambda self: False))
-    monkeypatch.setattr(Camera, "CameraState", property(lambda self: CameraStates.cameraError))
-    with pytest.raises(FrameMissing, match="says that its exposure failed"):
-        camera.expose()
-
-
-@pytest.fixture
-def slow_camera(served, monkeypatch):
-    begun, go_on = threading.Event(), threading.Event()
-    expose = served.bench.camera.expose
-
-    def slow():
-        begun.set()
-        go_on.wait()
-        return expose()
-
-    monkeypatch.setattr(served.bench.camera, "expose", slow)
-    yield begun
-    go_on.set()
-
-
-def test_an_emergency_stop_ends_an_exposure(camera, slow_camera):
-    thread, outcome = beside(camera.expose)
-    slow_camera.wait()
-    camera.emergency_stop()
-    thread.join()
-    assert isinstance(outcome[0], EmergencyStopped)
-
-
-def test_an_image_that_never_comes_is_an_error_within_the_deadline(at, saved, slow_camera):
-    camera = AlpacaCamera(at, 0, saved, AlpacaCameraSettings(exposure_s=0.02, patience_s=0.2))
-    camera.connect()
-    begin_s = time.monotonic()
-    with pytest.raises(FrameMissing, match=r"no image 0\.2 s after its exposure"):
-        camera.expose()
-    assert time.monotonic() - begin_s >= 0.2
-
-
-@pytest.mark.parametrize("kind", ["<i2", "<i4", "u1", "<u2", "<u4"])
-def test_images_come_in_every_type_of_whole_numbers(kind):
-    truth = np.arange(6).reshape(2, 3).astype(kind)
-    number = {"<i2": 1, "<i4": 2, "u1": 6, "<u2": 8, "<u4": 9}[kind]
-    data = HEADER.pack(1, 0, 0, 0, HEADER.size, 2, number, 2, 3, 2, 0) + truth.T.tobytes()
-    np.testing.assert_array_equal(read_image("application/imagebytes", data), truth)
-
-
-def test_an_image_in_json_is_read_too():
-    truth = np.array([[1, 2, 3], [4, 5, 70000]])
-    data = b'{"ErrorNumber": 0, "Type": 2, "Rank": 2, "Value": [[1, 4], [2, 5], [3, 70000]]}'
-    np.testing.assert_array_equal(read_image("application/json", data), truth)
-
-
-@pytest.mark.parametrize(
-    ("kind", "data"),
-    [
-        ("application/json", b'{"ErrorNumber": 1035, "ErrorMessage": "no image"}'),
-        ("application/json", b'{"ErrorNumber": 0, "Value": [[[1]]]}'),
-        ("application/json", b"{}"),
-        ("application/imagebytes", b"short"),
-        ("application/imagebytes", HEADER.pack(1, 1035, 0, 0, 44, 0, 0, 0, 0, 0, 0) + b"no image"),
-        ("application/imagebytes", HEADER.pack(1, 0, 0, 0, 44, 2, 3, 2, 1, 1, 0) + bytes(8)),
-        ("application/imagebytes", image_bytes(np.zeros((4, 4), np.uint16), 0, 0)[:-2]),
-    ],
-)
-def test_what_is_no_image_is_refused(client, at, monkeypatch, kind, data):
-    link = AlpacaLink(at, "camera", 0)
-    monkeypatch.setattr(link, "_ask", lambda *_: (kind, data))
-    with pytest.raises(Rejected, match="sent no image"):
-        link.image(1.0)
-
-
-def test_numbers_that_no_file_holds_are_refused(camera, monkeypatch):
-    monkeypatch.setattr(AlpacaLink, "image", lambda self, timeout_s: np.array([[0, 70000]]))
-    with pytest.raises(FrameWrong, match="sent 2 x 1 numbers from 0 to 70000"):
-        camera.expose()
-
-
 # --- light and shutter ---------------------------------------------------------------------------------------------
 
 
@@ -388,7 +236,7 @@ def test_a_switch_that_cannot_be_one_is_refused(at, switch, words):
 
 
 @pytest.mark.slow
-def test_a_bench_of_another_bench(client, tmp_path, server):
+def test_a_bench_of_another_bench(client, served, tmp_path, at):
     address = {"server": f"127.0.0.1:{client.port}", "password_variable": "BENCH_TOKEN"}
     (tmp_path / "here").mkdir()
     tables = {
@@ -405,7 +253,7 @@ def test_a_bench_of_another_bench(client, tmp_path, server):
         bench.light.set_level(0.5)
         assert bench.camera.expose().path.parent == tmp_path / "here"
         assert bench.shutter.fire(0.01)
-        assert server[1].bench.light.level() == 0.5
+        assert served.bench.light.level() == 0.5
         assert TOKEN not in str(tables)
     finally:
         bench.close()

@@ -1,0 +1,335 @@
+"""Axes of TMCL modules as one Stage: microsteps in, millimetres or degrees out.
+
+A module homes by its own reference search, and is told nothing that it would keep. It does not say that it was switched
+off and on, and then takes any place for 0: so homing writes a number into one of its variables, which it forgets when
+it is switched off, and no position is believed without that number.
+"""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+
+from drivers.clock import Clock, SystemClock
+from drivers.errors import (
+    DeviceError,
+    EmergencyStopped,
+    LineLost,
+    MoveFailed,
+    NoAnswer,
+    Rejected,
+    WasReset,
+)
+from drivers.homing_state import HOME, UNHOMED, Trust
+from drivers.interfaces import Condition, Doubt, Identity, Transport, Travel
+from drivers.move_checks import OneMover, check_arrival, check_target, in_turn
+from drivers.tmcl.envelope import POSITION, SPEED, Envelope, ask_parameters, read_envelope
+from drivers.tmcl.link import VERSION, VERSION_BINARY, TmclLink, stop_bytes
+from drivers.wire.connection import anything
+
+START, STOP, STATUS = 0, 1, 2
+"""Of a reference search."""
+VARIABLES = 2
+"""The bank of a module's own variables."""
+PRECISION_STEPS = 2
+TRIES = 3
+
+
+@dataclass(frozen=True)
+class TmclAxis:
+    """One axis: its name with the unit, its motor and module, its travel in the unit, units per microstep.
+
+    Attributes
+    ----------
+    zero : the value where the reference search sets 0
+    direction : -1 where microsteps count the other way
+    """
+
+    name: str
+    motor: int
+    travel: tuple[float, float]
+    unit_per_step: float
+    module: int = 1
+    zero: float = 0.0
+    direction: int = 1
+
+    def to_steps(self, value: float) -> int:
+        """The nearest microstep."""
+        return round((value - self.zero) / (self.direction * self.unit_per_step))
+
+    def to_unit(self, steps: float) -> float:
+        """Where that microstep is."""
+        return self.zero + steps * self.direction * self.unit_per_step
+
+
+class TmclStage:
+    """A Stage of TMCL modules on one line. `variable` is the number of the modules' variable that is written."""
+
+    def __init__(
+        self,
+        transport: Transport[bytes],
+        axes: Sequence[TmclAxis],
+        *,
+        clock: Clock | None = None,
+        poll_s: float = 0.1,
+        patience_s: float = 60.0,
+        variable: int = 55,
+    ) -> None:
+        self.clock = clock or SystemClock()
+        self.trust = Trust()
+        self.envelopes: dict[str, Envelope] = {}
+        self._link = TmclLink(transport)
+        self._axes = tuple(axes)
+        self._named = {axis.name: axis for axis in axes}
+        self._poll_s, self._patience_s, self._variable = poll_s, patience_s, variable
+        self._modules = tuple(dict.fromkeys(axis.module for axis in axes))
+        self._one_mover = OneMover()
+        self._seals: dict[int, int] = {}
+        self._stops = b""
+
+    @property
+    def address(self) -> str:
+        """The port or URL."""
+        return self._link.address
+
+    def connect(self) -> Identity:
+        """Open, ask every module, read what it is set to. Raises DeviceError naming all modules that are missing."""
+        self._link.close()
+        self.trust.lose(UNHOMED)
+        self._seals.clear()
+        self._link.open()
+        try:
+            self._stops = stop_bytes((axis.module, axis.motor) for axis in self._axes)
+            told = self._roll_call()
+            self.envelopes = {axis.name: self._envelope(axis) for axis in self._axes}
+        except DeviceError:
+            self._link.close()
+            raise
+        self.trust.why = UNHOMED
+        models, versions = ("; ".join(dict.fromkeys(column)) for column in zip(*told, strict=True))
+        return Identity(f"TMCL {models}", versions, "", self.address)
+
+    def _roll_call(self) -> list[tuple[str, str]]:
+        told, missing = [], []
+        for module in self._modules:
+            try:
+                version = int(self._link.host(tries=TRIES).send(VERSION, VERSION_BINARY, 0, 0, module).value)
+                told.append((f"TMCM-{version >> 16}", f"{version >> 8 & 0xFF}.{version & 0xFF:02}"))
+            except NoAnswer:
+                missing.append(str(module))
+        if missing:
+            raise NoAnswer(
+                f"{self.address}: no answer from modules {', '.join(missing)}",
+                "check power, cables, baud rate (9600 as delivered, 115200 over USB) and addresses",
+            )
+        return told
+
+    def _envelope(self, axis: TmclAxis) -> Envelope:
+        return read_envelope(axis.name, ask_parameters(self._link.host(tries=TRIES), axis.module, axis.motor))
+
+    def close(self) -> None:
+        """Give the line back; the position cannot be trusted afterwards."""
+        self.trust.lose(UNHOMED)
+        self._link.close()
+
+    def condition(self) -> Condition:
+        """Whether it may move."""
+        if not self._link.is_open:
+            return Condition("not connected", False, "connect it")
+        if (why := self.trust.why) is not None:
+            return Condition(why.reason, False, why.remedy)
+        return Condition("idle", doubt=self._doubt())
+
+    def _doubt(self) -> Doubt | None:
+        unsealed = [str(module) for module in self._modules if module not in self._seals]
+        if unsealed:
+            told = f"module {', '.join(unsealed)} does not tell when it was switched off"
+            return Doubt(told, "home after its power was cut")
+        return next((d for name, one in self.envelopes.items() if (d := one.doubt(name))), None)
+
+    def _require_line(self) -> None:
+        if not self._link.is_open:
+            raise LineLost(f"{self.address} is not connected", "connect first")
+
+    # --- where it is
+
+    def travel(self) -> Mapping[str, Travel]:
+        """The range of each axis, as it was told; known after `connect`."""
+        return {axis.name: Travel(*axis.travel) for axis in self._axes if axis.name in self.envelopes}
+
+    def travel_s(self, name: str, way: float) -> float:
+        """How long an axis takes for that way, in its unit; known after `connect`."""
+        return self.envelopes[name].travel_s(way / self._named[name].unit_per_step)
+
+    def settings(self) -> Mapping[str, str]:
+        """What the modules are set to, in words, by axis; known after `connect`."""
+        return {name: one.words(self._named[name].unit_per_step) for name, one in self.envelopes.items()}
+
+    def position(self) -> Mapping[str, float]:
+        """Where the axes are now. Raises DeviceError, WasReset where a homed module was switched off since."""
+        there = {axis.name: axis.to_unit(self._parameter(axis, POSITION)) for axis in self._axes}
+        if self.trust.why is None:
+            self._check_seals()
+        return there
+
+    def moving(self) -> bool:
+        """Whether any axis moves. Raises DeviceError."""
+        return any(self._parameter(axis, SPEED) or self._searching(axis) for axis in self._axes)
+
+    def _parameter(self, axis: TmclAxis, number: int) -> int:
+        return int(self._link.host(tries=TRIES).get_axis_parameter(number, axis.motor, axis.module, signed=True))
+
+    def _searching(self, axis: TmclAxis) -> bool:
+        return bool(self._search(axis, STATUS, tries=TRIES))
+
+    def _search(
+        self, axis: TmclAxis, what: int, allowed: Callable[[], None] = anything, tries: int = 1
+    ) -> int:  # fmt: skip
+        return int(self._link.host(allowed, tries).reference_search(what, axis.motor, axis.module))
+
+    # --- the seal
+
+    def _seal(self, allowed: Callable[[], None]) -> None:
+        """Write a number into every module that it forgets with its position."""
+        self._seals.clear()
+        for module in self._modules:
+            number = 1 + secrets.randbelow(2**31 - 1)
+            try:
+                self._link.host(allowed, TRIES).set_global_parameter(self._variable, VARIABLES, number, module)
+            except Rejected:  # it has no such variable
+                continue
+            self._seals[module] = number
+
+    def _check_seals(self) -> None:
+        """Raises WasReset where a module has forgotten its number: its position means nothing."""
+        for module, number in self._seals.items():
+            if self._link.host(tries=TRIES).get_global_parameter(self._variable, VARIABLES, module) != number:
+                error = WasReset(f"module {module} at {self.address} was switched off and on, or reset", HOME)
+                self.trust.lose(error)
+                raise error
+
+    # --- moving
+
+    def home(self, allowed: Callable[[], None] = anything) -> None:
+        """Let every module search its reference, as it is set to. Raises DeviceError."""
+        with self._one_mover as stops:
+            self._require_line()
+            epoch = self.trust.begin(self.trust.shouts)
+            undisturbed = in_turn(
+                allowed, partial(self.trust.undisturbed, epoch), partial(self._one_mover.require, stops)
+            )
+            with self._left_still(self._axes):
+                self._seal(undisturbed)
+                for axis in self._axes:
+                    self._search(axis, START, undisturbed)
+                self._wait_for_searches()
+            if self._one_mover.stopped(stops):
+                raise MoveFailed(f"homing at {self.address} was stopped", HOME)
+            self._check_inside()
+            self.trust.give(epoch)
+
+    def _wait_for_searches(self) -> None:
+        deadline_s, epoch = self.clock.now_s() + self._patience_s, self.trust.epoch
+        while any(self._searching(axis) for axis in self._axes):
+            self._require_in_time(deadline_s, f"{self.address} still searches after {self._patience_s:g} s")
+            self._pause(epoch)
+            self._check_seals()
+        self._check_seals()
+
+    def _require_in_time(self, deadline_s: float, told: str) -> None:
+        if self.clock.now_s() > deadline_s:
+            raise NoAnswer(told, "check its mechanics, switches and speeds, or raise patience_s")
+
+    def _check_inside(self) -> None:
+        for axis in self._axes:
+            here, (low, high), tolerance = self.position()[axis.name], axis.travel, _tolerance(axis)
+            if not low - tolerance <= here <= high + tolerance:
+                raise MoveFailed(
+                    f"{axis.name} stands at {here:.4f} after homing, and its travel is {low:g} .. {high:g}",
+                    "correct zero, direction or travel in station.toml",
+                )
+
+    def move_to(self, **target: float) -> None:
+        """Send the axes there, each on its own way, and return when all are still. Raises DeviceError."""
+        with self._one_mover as stops:
+            self._require_line()
+            self.trust.require()
+            check_target(target, self.travel())
+            goals = {axis: axis.to_steps(target[axis.name]) for axis in self._axes if axis.name in target}
+            longest_s = max((self._travel_s(axis, goal) for axis, goal in goals.items()), default=0.0)
+            may_go = in_turn(self.trust.require, partial(self._one_mover.require, stops))
+            with self._left_still(list(goals)):
+                for axis, goal in goals.items():
+                    self._check_seals()
+                    self._link.host(may_go).move_to(axis.motor, goal, axis.module)
+                self._wait_for_rest(goals, 2 * longest_s + 2)
+            there, stopped = self.position(), self._one_mover.stopped(stops)
+            for axis in goals:
+                check_arrival(axis.name, target[axis.name], there[axis.name], _tolerance(axis), stopped)
+
+    def _travel_s(self, axis: TmclAxis, goal: int) -> float:
+        return self.envelopes[axis.name].travel_s(abs(goal - self._parameter(axis, POSITION)))
+
+    def _wait_for_rest(self, goals: Mapping[TmclAxis, int], limit_s: float) -> None:
+        """Until every axis stands: at its goal, or at the same place twice. Raises NoAnswer past the limit."""
+        deadline_s, epoch = self.clock.now_s() + limit_s, self.trust.epoch
+        before: dict[TmclAxis, int] = {}
+        while True:
+            self._check_seals()
+            here = {axis: self._parameter(axis, POSITION) for axis in goals}
+            on_its_way = [
+                axis
+                for axis, goal in goals.items()
+                if self._parameter(axis, SPEED) or here[axis] not in (goal, before.get(axis))
+            ]
+            if not on_its_way:
+                return
+            self._require_in_time(deadline_s, f"{on_its_way[0].name} still moves after {limit_s:.1f} s")
+            before = here
+            self._pause(epoch)
+
+    def _pause(self, epoch: int) -> None:
+        """Until the next poll; an emergency stop ends it."""
+        self._link.wait(lambda: self.trust.epoch != epoch, self._poll_s)
+        self.trust.undisturbed(epoch)
+
+    @contextmanager
+    def _left_still(self, axes: Sequence[TmclAxis]) -> Iterator[None]:
+        """Whatever ends this before its end, nothing moves on."""
+        try:
+            yield
+        except DeviceError:
+            try:
+                self._halt(axes)
+            except DeviceError as error:
+                self.trust.lose(error)
+            raise
+        except BaseException:  # the program ends
+            self.emergency_stop()
+            raise
+
+    def _halt(self, axes: Sequence[TmclAxis]) -> None:
+        """End a search first: a motor that is only stopped is driven on by it."""
+        for axis in axes:
+            self._search(axis, STOP, tries=TRIES)
+            self._link.host(tries=TRIES).stop(axis.motor, axis.module)
+
+    def stop(self) -> None:
+        """Slow down and stay. Raises DeviceError."""
+        self._one_mover.stop()
+        self._require_line()
+        self._halt(self._axes)
+
+    def emergency_stop(self) -> None:
+        """Stop all motors, past whatever is being asked; unsafe until homed."""
+        self._one_mover.stop()
+        error = EmergencyStopped(f"emergency stop at {self.address}", f"make it safe, then {HOME}")
+        self.trust.shout(error)
+        self._link.shout(self._stops, error)
+
+
+def _tolerance(axis: TmclAxis) -> float:
+    return PRECISION_STEPS * axis.unit_per_step

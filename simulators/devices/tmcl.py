@@ -1,0 +1,218 @@
+"""A TMCL module at byte level; each of its motors moves one axis of the world.
+
+As modules with a TMC429 are (TMCM-3110): speeds in units of dividers, a reference search that runs by itself and that
+a stop of the motor does not end. It reads nine bytes at a time whatever they are, for ever: nothing but a byte more or
+less brings it into step again. Switched on, it takes where it stands for 0.
+Source: TMCM-3110 TMCL firmware manual.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from simulators.world.motion import Axis, brake_line, travel_line
+
+NEVER = float("inf")
+HOST = 2
+DATAGRAM = struct.Struct(">BBBBiB")
+OK, DAMAGED, NO_COMMAND, NO_TYPE, NO_VALUE = 100, 1, 2, 3, 4
+ROR, ROL, MST, MVP, SAP, GAP, SGP, GGP, RFS, VERSION = 1, 2, 3, 4, 5, 6, 9, 10, 13, 136
+CLOCK_HZ = 16e6
+SETTINGS = {
+    4: 1500, 5: 900, 6: 128, 7: 16, 12: 0, 13: 0, 140: 8, 153: 5, 154: 3, 193: 1, 194: 0, 195: 0,
+}  # fmt: skip
+"""Top speed and acceleration, currents, switches, microsteps, dividers, the reference search, by number."""
+VARIABLES = 56
+
+
+@dataclass
+class Motor:
+    """One motor: the axis of the world, units per microstep, its settings, and where its 0 is in the world."""
+
+    axis: Axis
+    unit_per_step: float
+    settings: dict[int, int] = field(default_factory=lambda: dict(SETTINGS))
+    zero: float = 0.0
+    goal: int = 0
+    searching: bool = False
+    busy_until_s: float = NEVER
+
+    def steps(self, now_s: float) -> int:
+        """Where it believes itself to be."""
+        return round((self.axis.position(now_s) - self.zero) / self.unit_per_step)
+
+    def speed(self) -> float:
+        """Its top speed, in the axis' unit per second."""
+        return self.settings[4] * self._speed_unit()
+
+    def acceleration(self) -> float:
+        """In the axis' unit per second squared."""
+        if 153 not in self.settings:
+            return self.settings[5] * self.unit_per_step
+        dividers = self.settings[153] + self.settings[154]
+        return self.settings[5] * CLOCK_HZ**2 / 2.0 ** (dividers + 29) * self.unit_per_step
+
+    def _speed_unit(self) -> float:
+        if 154 not in self.settings:  # newer modules count microsteps
+            return self.unit_per_step
+        return CLOCK_HZ / 2.0 ** (self.settings[154] + 16) * self.unit_per_step
+
+    def go(self, place: float, now_s: float) -> None:
+        """Drive to a place in the world; a switch at the end of the axis stops it dead."""
+        self.axis.halt(now_s)
+        end = min(max(place, self.axis.low), self.axis.high)
+        self.busy_until_s = travel_line([self.axis], [end], now_s, self.speed(), self.acceleration())
+
+    def brake(self, now_s: float) -> None:
+        """Slow down and stay."""
+        if self.busy_until_s != NEVER:
+            self.busy_until_s = brake_line([self.axis], now_s, self.acceleration())
+
+    def search(self, what: int, now_s: float) -> int:
+        """Begin, end, or tell of the search for its left switch."""
+        if what == 0:
+            self.searching = True
+            self.go(self.axis.low, now_s)
+        elif what == 1 and self.searching:
+            self.searching = False
+            self.brake(now_s)
+        return int(self.searching)
+
+    def ended(self) -> None:
+        """The drive is over; after a search, 0 is here."""
+        self.busy_until_s = NEVER
+        if self.searching:
+            self.searching, self.zero, self.goal = False, self.axis.low, 0
+
+    def told(self, number: int, now_s: float) -> int | None:
+        """A parameter of the axis."""
+        here = self.steps(now_s)
+        known = {
+            0: self.goal,
+            1: here,
+            2: self.settings[4] if self.busy_until_s != NEVER else 0,
+            3: round(self.axis.velocity(now_s) / self._speed_unit()),
+            8: int(here == self.goal),
+            10: int(self.axis.position(now_s) >= self.axis.high),
+            11: int(self.axis.position(now_s) <= self.axis.low),
+        }
+        return known.get(number, self.settings.get(number))
+
+
+class TmclModule:
+    """One module on a line, by its address."""
+
+    baud = 9600
+
+    def __init__(self, motors: Sequence[tuple[Axis, float]], *, address: int = 1, model: int = 3110) -> None:
+        self.motors = [Motor(axis, unit) for axis, unit in motors]
+        self.address, self.model = address, model
+        self.variables = [0] * VARIABLES
+        self.obeyed: list[tuple[int, int, int, int]] = []
+        self._heard, self._out = bytearray(), bytearray()
+        self.restart(0.0)
+
+    def set_lines(self, rts: bool, dtr: bool, now_s: float) -> None:
+        """It has no modem lines."""
+
+    def restart(self, now_s: float) -> None:
+        """Power off and on: all stand, and where they stand is 0."""
+        self._heard.clear()
+        self.variables = [0] * VARIABLES
+        for motor in self.motors:
+            motor.axis.halt(now_s)
+            motor.zero, motor.goal = motor.axis.position(now_s), 0
+            motor.searching, motor.busy_until_s = False, NEVER
+
+    def receive(self, data: bytes, now_s: float) -> None:
+        """Nine bytes are an order, whatever they are."""
+        for byte in data:
+            self._heard.append(byte)
+            if len(self._heard) == DATAGRAM.size:
+                order = bytes(self._heard)
+                self._heard.clear()
+                self._hear(order, now_s)
+
+    def advance(self, now_s: float) -> bytes:
+        """Drives that have ended; what was said."""
+        for motor in self.motors:
+            if motor.busy_until_s <= now_s:
+                motor.ended()
+        said = bytes(self._out)
+        self._out.clear()
+        return said
+
+    def next_event_s(self) -> float | None:
+        """The end of the next drive."""
+        moment_s = min((motor.busy_until_s for motor in self.motors), default=NEVER)
+        return None if moment_s == NEVER else moment_s
+
+    def _hear(self, order: bytes, now_s: float) -> None:
+        address, command, kind, number, value, told = DATAGRAM.unpack(order)
+        if address != self.address:
+            return
+        if sum(order[:-1]) & 0xFF != told:
+            self._say(DAMAGED, command, value)
+            return
+        self.obeyed.append((command, kind, number, value))
+        if command == VERSION and kind == 0:  # an answer of its own form, without checksum
+            self._out += bytes([HOST]) + b"%04dV115" % self.model
+            return
+        status, answer = self._obey(command, kind, number, value, now_s)
+        self._say(status, command, answer)
+
+    def _say(self, status: int, command: int, value: int) -> None:
+        body = DATAGRAM.pack(HOST, self.address, status, command, value, 0)[:-1]
+        self._out += body + bytes([sum(body) & 0xFF])
+
+    def _obey(self, command: int, kind: int, number: int, value: int, now_s: float) -> tuple[int, int]:
+        match command:
+            case 136:
+                return OK, self.model << 16 | 1 << 8 | 15
+            case 9 | 10:
+                return self._variable(command, kind, number, value)
+        if command not in (ROR, ROL, MST, MVP, SAP, GAP, RFS):
+            return NO_COMMAND, value
+        if number >= len(self.motors):
+            return NO_VALUE, value
+        motor = self.motors[number]
+        if command in (SAP, GAP):
+            return _parameter(motor, command, kind, value, now_s)
+        if command == RFS:
+            return (OK, motor.search(kind, now_s)) if kind in (0, 1, 2) else (NO_TYPE, value)
+        if command == MVP:
+            return _move(motor, kind, value, now_s)
+        if motor.searching:  # the search drives on by itself
+            return OK, value
+        if command == MST:
+            motor.brake(now_s)
+        else:
+            motor.go(motor.axis.high if command == ROR else motor.axis.low, now_s)
+        return OK, value
+
+    def _variable(self, command: int, kind: int, bank: int, value: int) -> tuple[int, int]:
+        if bank != 2 or kind >= len(self.variables):
+            return NO_TYPE, value
+        if command == SGP:
+            self.variables[kind] = value
+        return OK, self.variables[kind]
+
+
+def _parameter(motor: Motor, command: int, kind: int, value: int, now_s: float) -> tuple[int, int]:
+    if command == SAP and kind == 1:
+        motor.zero = motor.axis.position(now_s) - value * motor.unit_per_step
+    elif command == SAP and kind in motor.settings:
+        motor.settings[kind] = value
+    told = motor.told(kind, now_s)
+    return (NO_TYPE, value) if told is None else (OK, told)
+
+
+def _move(motor: Motor, kind: int, value: int, now_s: float) -> tuple[int, int]:
+    if kind not in (0, 1):
+        return NO_TYPE, value
+    motor.searching = False
+    motor.goal = value if kind == 0 else motor.steps(now_s) + value
+    motor.go(motor.zero + motor.goal * motor.unit_per_step, now_s)
+    return OK, motor.goal

@@ -1,0 +1,62 @@
+"""A real GRBL in simavr, in the time of the tests."""
+
+from __future__ import annotations
+
+import subprocess
+
+
+class FirmwareInSimavr:
+    """A real GRBL at the end of a cable, in the time of the tests: its processor runs as far as their clock."""
+
+    baud = 115200
+    STEP_S = 0.02
+    SETTINGS = (
+        *(f"${110 + i}=1000" for i in range(3)), *(f"${120 + i}=100" for i in range(3)),
+        *(f"${130 + i}=40" for i in range(3)), "$25=1000", "$24=300", "$26=20", "$22=1", "$20=1", "$21=1", "$1=255",
+    )  # fmt: skip
+    """A small quick machine with hard limits; its switches are 10 mm from where it begins."""
+
+    def __init__(self, firmware: str, box: str) -> None:
+        command = [box, firmware, str(10 * 250), "lockstep"]
+        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        self._ran_s, self._said = 0.0, bytearray()
+        self._run("", 3.0)
+        for line in self.SETTINGS:
+            self._run(f"send {(line + chr(10)).encode().hex()}", 0.3)
+        self._ran_s, self._said = 0.0, bytearray()
+
+    def _run(self, order: str, duration_s: float) -> None:
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._process.stdin.write(f"{order}\nrun {1000 * duration_s}\n")
+        self._process.stdin.flush()
+        told = next(line for line in self._process.stdout if line.startswith("said "))
+        self._said += bytes.fromhex(told.split(" ")[1])
+        self._ran_s += duration_s + (len(order) - 5) // 2 * 10 / 115200 * bool(order)
+
+    def set_lines(self, rts: bool, dtr: bool, now_s: float) -> None:
+        """A board that is not wired to be reset by DTR."""
+
+    def receive(self, data: bytes, now_s: float) -> None:
+        """Bytes at their speed."""
+        self._catch_up(now_s)
+        self._run(f"send {data.hex()}", 0.0)
+
+    def _catch_up(self, now_s: float) -> None:
+        if now_s > self._ran_s:
+            self._run("", now_s - self._ran_s)
+
+    def advance(self, now_s: float) -> bytes:
+        """Run until now; what it said."""
+        self._catch_up(now_s)
+        said, self._said = bytes(self._said), bytearray()
+        return said
+
+    def next_event_s(self) -> float | None:
+        """Nobody knows: look every few milliseconds."""
+        return self._ran_s + self.STEP_S
+
+    def end(self) -> None:
+        """Switch it off."""
+        self._process.kill()
+        self._process.communicate()

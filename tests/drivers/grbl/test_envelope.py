@@ -1,0 +1,132 @@
+"""Travel, rates and places as the controller is set to them."""
+
+from __future__ import annotations
+
+import pytest
+
+from drivers.errors import (
+    Alarm,
+    BadConfiguration,
+    OutsideTravel,
+    Rejected,
+)
+from drivers.grbl_envelope import GrblAxis
+from drivers.interfaces import Travel
+from drivers.light import GrblLight
+from simulators.devices.grbl import GrblController
+from simulators.devices.grbl_state import Outputs
+from simulators.devices.serial_device import Cable, plug
+
+
+def rebuilt(bench, **options):
+    """The bench's stage behind another controller."""
+    axes = {"X": bench.world.axes["z_mm"], "Y": bench.world.axes["x_mm"], "Z": bench.world.axes["y_mm"]}
+    outputs = Outputs(spindle=bench.world.set_lamp)
+    cable = Cable(GrblController(axes, outputs=outputs, **options), bench.clock)
+    bench.devices["stage"], bench.cables["stage"] = cable.device, cable
+    plug(f"{bench.name}/stage", cable)
+    return cable.device
+
+
+def goes_everywhere(stage, bench):
+    """Homes, goes to both ends of each axis, and the world agrees to a hundredth of a millimetre."""
+    stage.connect()
+    stage.home()
+    for end in ("low", "high"):
+        goal = {name: getattr(travel, end) for name, travel in stage.travel().items()}
+        stage.move_to(**goal)
+        assert stage.position() == pytest.approx(goal, abs=0.01)
+        there = {name: bench.world.axes[name].position(bench.clock.now_s()) for name in goal}
+        assert there == pytest.approx(goal, abs=0.01)
+
+
+def test_a_long_move_on_a_slow_controller_has_the_time_it_needs(make, twin, bench):
+    # GRBL's own $110 and $120, under the 3000 mm/min that are asked for
+    for i in range(3):
+        twin.settings[110 + i], twin.settings[120 + i] = 500.0, 10.0
+    stage = make()
+    stage.connect()
+    stage.home()
+    begin_s = bench.clock.now_s()
+    stage.move_to(z_mm=100.0)
+    # from 1499 mm at 500 mm/min, and the two ramps at 10 mm/s^2
+    assert bench.clock.now_s() - begin_s == pytest.approx(1399 / 500 * 60 + 500 / 60 / 10, abs=1.0)
+
+
+def test_with_hard_limits_the_travel_keeps_off_the_switches(make, twin, bench):
+    twin.settings[21] = 1
+    stage = make()
+    goes_everywhere(stage, bench)
+    assert stage.travel()["z_mm"] == Travel(1.0, 1499.0)
+    with pytest.raises(OutsideTravel):
+        stage.move_to(z_mm=1500.0)
+    stage.link.command("$J=G53 G90 X0 F3000", 5.0)
+    with pytest.raises(Alarm, match="hard limit"):  # what would have happened
+        stage.link.pause(5.0)
+    stage.home()
+    stage.move_to(z_mm=100.0)
+
+
+@pytest.mark.parametrize("bits", [1, 3, 5, 9, 17])
+def test_every_way_grblhal_has_to_switch_homing_on(make, bench, bits):
+    rebuilt(bench, variant="grblHAL", settings={22: bits, 27: 0})
+    goes_everywhere(make(), bench)
+
+
+def test_grblhal_moves_after_a_line_that_was_wrong(make, bench):
+    rebuilt(bench, variant="grblHAL")
+    stage = make()
+    stage.connect()
+    stage.home()
+    with pytest.raises(Rejected, match="unsupported"):
+        stage.link.command("G5 X1")
+    stage.move_to(z_mm=100.0)  # it would refuse this with the same error
+
+
+def test_a_machine_space_from_zero_upwards(make, bench):
+    # built to make its homing place the origin, homing to the low end
+    rebuilt(bench, options="Z", settings={23: 7, 27: 0})
+    stage = make()
+    goes_everywhere(stage, bench)
+    assert stage.link.report().machine[0] == pytest.approx(1500.0)
+
+
+def test_a_space_that_homing_contradicts_is_refused_and_can_be_configured(make, bench):
+    twin = rebuilt(bench, settings={23: 7, 27: 0})
+    twin.motion.forced_origin = True  # and does not tell
+    stage = make([GrblAxis("z_mm", "X", 3000.0, travel=1500.0, space=(-1500.0, -1.0))])
+    stage.connect()
+    with pytest.raises(BadConfiguration, match=r"z_mm stands at machine position 0 after homing.*set `space`"):
+        stage.home()
+    assert not stage.condition().usable
+    stage.close()
+    goes_everywhere(make([GrblAxis("z_mm", "X", 3000.0, space=(0.0, 1500.0))]), bench)
+
+
+def test_fluidnc_tells_its_ends_in_its_configuration(make, bench):
+    twin = rebuilt(bench, variant="FluidNC", options="Z", settings={23: 7, 27: 0, 1: 25})
+    twin.job = "SD:12.50,/jobs/a part.nc"
+    stage = make()
+    goes_everywhere(stage, bench)
+    assert stage.envelopes["z_mm"].low == 0.0
+    assert "let go 25 ms" in stage.condition().doubt.reason
+
+
+def test_a_lamp_that_a_reset_has_switched_off_says_so(make, bench):
+    rebuilt(bench)
+    stage = make()
+    stage.connect()
+    stage.home()
+    light = GrblLight(stage.link, clock=bench.clock, owns_link=False)
+    light.connect()
+    light.set_level(0.5)
+    assert light.level() == 0.5
+    stage.emergency_stop()
+    bench.clock.sleep(1.0)
+    assert light.level() == 0.0
+    assert "a reset of the controller ended its 50 %" in light.condition().word
+    assert light.condition().remedy == "set the level again"
+    stage.home()
+    light.set_level(0.5)
+    assert light.level() == 0.5
+    assert light.condition().usable

@@ -1,0 +1,136 @@
+"""The ASCOM Initiative's own client photographs with the bench's camera."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import pytest
+import requests
+from alpaca import camera as alpaca_camera
+from alpaca import exceptions
+
+from procedures.raw import read_frame
+from station.service.alpaca.image import nested, sensor_image
+
+from .alpaca_clients import once
+
+NOT_IMPLEMENTED = exceptions.NotImplementedException
+
+
+ABSENT_TO_READ = (
+    "CCDTemperature", "CoolerOn", "CoolerPower", "ElectronsPerADU", "FastReadout", "FullWellCapacity", "Gain",
+    "GainMax", "GainMin", "Gains", "HeatSinkTemperature", "Offset", "OffsetMax", "OffsetMin", "Offsets",
+    "SetCCDTemperature", "SubExposureDuration",
+)  # fmt: skip
+ABSENT_TO_WRITE = ("CoolerOn", "FastReadout", "Gain", "Offset", "SetCCDTemperature", "SubExposureDuration")
+BEFORE_A_FRAME = (
+    "BayerOffsetX", "BayerOffsetY", "CameraXSize", "CameraYSize", "MaxADU", "NumX", "NumY", "PixelSizeX", "PixelSizeY",
+    "SensorType",
+)  # fmt: skip
+KNOWN = {
+    "BinX": 1, "BinY": 1, "MaxBinX": 1, "MaxBinY": 1, "CanAbortExposure": True, "CanAsymmetricBin": False,
+    "CanFastReadout": False, "CanGetCoolerPower": False, "CanPulseGuide": False, "CanSetCCDTemperature": False,
+    "CanStopExposure": False, "ExposureMin": 0.0, "ExposureMax": 3600.0, "ExposureResolution": 0.0,
+    "HasShutter": False, "IsPulseGuiding": False, "ReadoutMode": 0, "ReadoutModes": ["RAW"], "SensorName": "",
+    "StartX": 0, "StartY": 0, "ImageReady": False,
+}  # fmt: skip
+
+
+def test_every_member_of_the_camera_before_a_photograph(camera):
+    assert {name: getattr(camera, name) for name in KNOWN} == KNOWN
+    assert camera.CameraState is alpaca_camera.CameraStates.cameraIdle
+    for name in ABSENT_TO_READ:
+        with pytest.raises(NOT_IMPLEMENTED):
+            getattr(camera, name)
+    for name in ABSENT_TO_WRITE:
+        with pytest.raises(NOT_IMPLEMENTED):
+            setattr(camera, name, 1)
+    for name in BEFORE_A_FRAME:
+        with pytest.raises(exceptions.ValueNotSetException, match="StartExposure"):
+            getattr(camera, name)
+    for name in ("LastExposureDuration", "LastExposureStartTime", "ImageArray", "PercentCompleted"):
+        with pytest.raises(exceptions.InvalidOperationException, match="StartExposure"):
+            getattr(camera, name)
+    for call in (camera.StopExposure, lambda: camera.PulseGuide(alpaca_camera.GuideDirections.guideNorth, 1)):
+        with pytest.raises(NOT_IMPLEMENTED):
+            call()
+    camera.BinX = camera.BinY = 1
+    camera.ReadoutMode = 0
+    for name in ("BinX", "BinY", "ReadoutMode"):
+        with pytest.raises(exceptions.InvalidValueException):
+            setattr(camera, name, 2)
+    for seconds in (-1.0, 3601.0):
+        with pytest.raises(exceptions.InvalidValueException, match="between 0 and 3600 s"):
+            camera.StartExposure(seconds, True)
+    camera.AbortExposure()
+    assert camera.ImageArrayInfo is None
+
+
+def test_a_photograph_is_the_sensors_numbers(camera, served):
+    camera.StartExposure(0.02, True)  # as the frames of this bench tell
+    once(lambda: camera.ImageReady)
+    (path,) = served.bench.simulated.folder.iterdir()
+    truth = sensor_image(list(read_frame(path).planes.values())).levels
+    assert (camera.CameraXSize, camera.CameraYSize) == (camera.NumX, camera.NumY) == (96, 64) == truth.shape[::-1]
+    assert camera.MaxADU == 16383
+    assert camera.SensorType is alpaca_camera.SensorType.RGGB
+    assert (camera.BayerOffsetX, camera.BayerOffsetY) == (0, 0)
+    assert camera.LastExposureDuration == pytest.approx(0.02)
+    assert camera.LastExposureStartTime.startswith("20")
+    with pytest.raises(exceptions.ValueNotSetException, match="do not tell the pixel pitch"):
+        _ = camera.PixelSizeX
+    np.testing.assert_array_equal(np.array(camera.ImageArray), truth.T)
+    info = camera.ImageArrayInfo
+    assert (info.Rank, info.Dimension1, info.Dimension2) == (2, 96, 64)
+    np.testing.assert_array_equal(np.array(camera.ImageArrayRaw).reshape(96, 64), truth.T)
+    told = requests.get(camera.base_url + "/imagearray", timeout=30).json()
+    assert (told["Type"], told["Rank"], told["Value"]) == (2, 2, nested(truth))
+    assert served.picture.number == 1
+    camera.StartX, camera.StartY, camera.NumX, camera.NumY = 10, 4, 20, 30
+    np.testing.assert_array_equal(np.array(camera.ImageArray), truth[4:34, 10:30].T)
+    camera.NumX = 87
+    with pytest.raises(exceptions.InvalidValueException, match=r"startx 10 and numx 87 must lie within 0 \.\. 96"):
+        camera.StartExposure(0.02, True)
+
+
+def test_the_numbers_are_those_of_the_file(camera, served):
+    camera.StartExposure(0.0, True)
+    once(lambda: camera.ImageReady)
+    from ..guide import benches
+
+    written = np.random.default_rng(1).integers(600, 9000, (64, 96)).astype(np.uint16)  # as `frame_bytes` draws them
+    assert benches.frame_bytes(1)
+    np.testing.assert_array_equal(np.array(camera.ImageArray).T, written)
+
+
+def test_a_frame_that_is_another_than_was_asked_for_is_an_error(camera):
+    camera.StartExposure(0.5, True)
+    with pytest.raises(exceptions.DriverException, match=r"taken at 0\.02 s instead of 0\.5 s; set the body, repeat"):
+        once(lambda: camera.ImageReady)
+    assert camera.CameraState is alpaca_camera.CameraStates.cameraError
+
+
+def test_an_exposure_is_aborted_and_the_next_one_comes(camera, served, monkeypatch):
+    begun, go_on = threading.Event(), threading.Event()
+    expose = served.bench.camera.expose
+
+    def slow():
+        begun.set()
+        go_on.wait()
+        return expose()
+
+    monkeypatch.setattr(served.bench.camera, "expose", slow)
+    camera.StartExposure(0.02, True)
+    begun.wait()
+    assert camera.CameraState is alpaca_camera.CameraStates.cameraExposing
+    assert camera.PercentCompleted == 0
+    with pytest.raises(exceptions.InvalidOperationException, match="taken by an exposure of"):
+        camera.StartExposure(0.02, True)
+    camera.AbortExposure()
+    go_on.set()
+    once(lambda: camera.CameraState is alpaca_camera.CameraStates.cameraIdle)
+    assert not camera.ImageReady
+    monkeypatch.undo()
+    camera.StartExposure(0.02, True)
+    once(lambda: camera.ImageReady)
