@@ -81,9 +81,10 @@ if TYPE_CHECKING:
     from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf
     from procedures.two_photo.estimate import estimate_psf as estimate_psf_of_pair
     from procedures.vignetting.estimate import PlaneVignetting, estimate_vignetting
+    from procedures.whole_camera.camera_file import CameraNumbers, read_camera_numbers
 
 __all__ = [
-    "BadInput", "BadParameter", "BendSettings", "BlurSpec", "Chart", "ChartSighting", "ChartView",
+    "BadInput", "BadParameter", "BendSettings", "BlurSpec", "CameraNumbers", "Chart", "ChartSighting", "ChartView",
     "CoefficientModel", "Correction", "CorrectionParameters", "DefocusBeside", "DepthUnit", "Diffraction",
     "DumpLayout", "EdgeMtf", "EdgeOutcome", "EdgeSettings", "Exposure", "Felt", "Film", "FilterParameters",
     "FilteredFilm", "FrameStack", "Geometry", "GeometryParameters", "JointRound", "JointSettings", "KnownShapes",
@@ -97,7 +98,8 @@ __all__ = [
     "assess", "blur_of", "calibrate_geometry", "characterise", "correct", "estimate_edge", "estimate_edges",
     "estimate_field", "estimate_physics", "estimate_psf", "estimate_psf_of_pair", "estimate_vignetting",
     "filter_film", "filter_sequence", "find_chart", "gaussian", "measure_level", "measure_stack", "measured_field",
-    "measured_shape", "otf", "pillbox", "poses_at", "poses_of", "read_field", "read_film", "read_frame", "restore",
+    "measured_shape", "otf", "pillbox", "poses_at", "poses_of", "read_camera_numbers", "read_field", "read_film",
+    "read_frame", "restore",
     "sensor_model_of", "stacks_of", "view_of",
 ]  # fmt: skip
 
@@ -108,6 +110,7 @@ _PLACES = {
     "BadParameter": "outcome",
     "BendSettings": "restoration.unknown_motion.basin_hopping",
     "BlurSpec": "restoration.photograph_blur",
+    "CameraNumbers": "whole_camera.camera_file",
     "Chart": "pattern",
     "ChartSighting": "pattern_psf.chart_finding.detection",
     "ChartView": "geometry.views",
@@ -207,6 +210,7 @@ _PLACES = {
     "pillbox": "restoration.masks.blur_models",
     "poses_at": "restoration.masks.camera_motion",
     "poses_of": "restoration.masks.camera_motion",
+    "read_camera_numbers": "whole_camera.camera_file",
     "read_field": "field.field_file",
     "read_film": "ray_histogram.film_files",
     "read_frame": "raw",

@@ -268,14 +268,28 @@ def held_by_priors(psf: Psf) -> Array:
 
     C is the covariance, the inverse of the samples' information F and the priors' L together: noise alone makes C F C.
     """
+    root, most = _root_of_priors(psf)
+    return np.asarray(root @ root.T) / most
+
+
+def moved_by_priors(psf: Psf) -> Array:
+    """How a PSF's parameters (p, q - 1) follow what its tail's shapes are off by, in standard deviations of the priors.
+
+    A lens is off by about the same at every place: the product of two places' is what their errors have in common.
+    """
+    root, most = _root_of_priors(psf)
+    return np.asarray(root / np.sqrt(most))
+
+
+def _root_of_priors(psf: Psf) -> tuple[Array, float]:
+    """A root (p, q - 1) of C L C, and the factor over which its square is taken."""
     C, n, q = psf.parameter_covariance, psf.k**2, len(psf.tail.amplitudes)
     if q < 2:
-        return np.zeros_like(C)
+        return np.zeros((len(C), 0)), 1.0
     expected = DIFFERS[: q - 1] * max(abs(float(psf.tail.amplitudes[0])), LEAST_TAIL)
     root = C[:, n + 1 :] / expected
     # as shares of what was expected the shapes' variances are 1 at the most, but for what residuals widen C by
-    most = float(np.linalg.eigvalsh(root[n + 1 :] / expected[:, None])[-1])
-    return np.asarray(root @ root.T) / max(most, 1.0)
+    return root, max(float(np.linalg.eigvalsh(root[n + 1 :] / expected[:, None])[-1]), 1.0)
 
 
 def in_half_diagonals(points: Array, shape: tuple[int, int]) -> Array:

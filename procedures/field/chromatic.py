@@ -39,6 +39,8 @@ class LateralColour:
         (x, y) as measured.
     surface : Surface
         Of the shift, over places in half diagonals.
+    charts : tuple of (str, int)
+        Which charts were compared: source and number of their nodes; empty where a file does not tell.
     """
 
     plane: str
@@ -48,6 +50,7 @@ class LateralColour:
     shift: Array
     covariance: Array
     surface: Surface
+    charts: tuple[tuple[str, int], ...] = ()
 
     def at(self, points: Array) -> tuple[Array, Array]:
         """Shift (n, 2) and its covariance (n, 2, 2) at points (n, 2) of the plane."""
@@ -106,4 +109,5 @@ def lateral_colour(
         surface = fit_surface(in_half_diagonals(positions, shape), shift, covariance, DEGREES)
     except ValueError as error:
         raise Refused(f"lateral colour of {plane}: {error}", "spread the places over the frame") from error
-    return LateralColour(plane, reference, shape, positions, shift, covariance, surface)
+    charts = tuple((a.source, a.number) for a, _ in pairs)
+    return LateralColour(plane, reference, shape, positions, shift, covariance, surface, charts)

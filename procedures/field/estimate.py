@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from procedures.field.interpolate import interpolate
+from procedures.field.seen_charts import SeenChart, seen_chart_of
 from procedures.outcome import BadInput, Outcome, Refused, Verdict
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.centre import mark_offset
@@ -47,12 +48,14 @@ class FrameNodes:
     shapes : mapping of plane to (rows, columns)
     misses : sequence of Miss
     doubts : number of nodes whose verdict is doubtful
+    charts : mapping of plane to what each node's chart tells beside it
     """
 
     nodes: Mapping[str, Sequence[Node]]
     shapes: Mapping[str, tuple[int, int]]
     misses: Sequence[Miss]
     doubts: int
+    charts: Mapping[str, Sequence[SeenChart]] = field(default_factory=dict)
 
 
 Job = tuple[Plane, int, ChartSighting]
@@ -95,7 +98,7 @@ def measure_frame(frame: RawFrame, chart: Chart, parameters: PatternParameters, 
         x, y = ((a - b) / plane.pitch for a, b in zip(guide.origin, plane.origin, strict=True))
         jobs += [(plane, number, sighting.moved(x, y)) for number, sighting in enumerate(sightings, 1)]
     outcomes = each(lambda job: estimate_psf(job[0], chart, parameters, sighting=job[2]), jobs)
-    nodes: dict[str, list[Node]] = {name: [] for name in frame.planes}
+    charts: dict[str, list[SeenChart]] = {name: [] for name in frame.planes}
     misses, doubts = [], 0
     for (plane, number, sighting), outcome in zip(jobs, outcomes, strict=True):
         doubts += outcome.verdict is Verdict.DOUBTFUL
@@ -103,9 +106,10 @@ def measure_frame(frame: RawFrame, chart: Chart, parameters: PatternParameters, 
             place = "({:.0f}, {:.0f})".format(*sighting.centre())
             misses.append(Miss(source, outcome.reason, outcome.remedy, plane.name, place))
         else:
-            nodes[plane.name].append(node_of(outcome.value, plane, source, number))
+            charts[plane.name].append(seen_chart_of(outcome.value, node_of(outcome.value, plane, source, number)))
     shapes = {name: (plane.samples.shape[0], plane.samples.shape[1]) for name, plane in frame.planes.items()}
-    return FrameNodes(nodes, shapes, misses, doubts)
+    nodes = {name: [one.node for one in seen] for name, seen in charts.items()}
+    return FrameNodes(nodes, shapes, misses, doubts, charts)
 
 
 def estimate_field(

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from procedures.field.estimate import FrameNodes, MapLike, Miss, measure_frame
+from procedures.field.seen_charts import SeenChart
 from procedures.outcome import ProcedureError, Refused
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternParameters
@@ -42,6 +43,7 @@ class MeasuredFrames:
     misses : what gave no node, and why
     failed : names of the photographs that gave none at all
     doubts : number of nodes whose verdict was doubtful
+    charts : mapping of plane to what each node's chart tells beside it
     """
 
     frames: list[tuple[Path, str]] = field(default_factory=list)
@@ -51,6 +53,7 @@ class MeasuredFrames:
     misses: list[Miss] = field(default_factory=list)
     failed: list[str] = field(default_factory=list)
     doubts: list[int] = field(default_factory=list)
+    charts: dict[str, list[SeenChart]] = field(default_factory=dict)
 
 
 def measure(
@@ -152,5 +155,7 @@ def _gather(found: MeasuredFrames, frame: RawFrame, measured: FrameNodes) -> Non
     found.doubts.append(measured.doubts)
     for name, nodes in measured.nodes.items():
         found.nodes.setdefault(name, []).extend(nodes)
+    for name, charts in measured.charts.items():
+        found.charts.setdefault(name, []).extend(charts)
     if not any(measured.nodes.values()):
         found.failed.append(frame.path.name)

@@ -46,11 +46,15 @@ class Surface:
         noise = np.einsum("ni,iab->nab", w**2, self.covariances)
         return np.asarray(noise + (1 + np.sum(w**2, axis=1))[:, None, None] * np.diag(self.lack))
 
-    def coefficients(self) -> tuple[Array, Array]:
-        """The polynomial's coefficients (c, m), as `monomials` orders them, and the covariance (m, c, c) of each."""
+    def solution(self) -> Array:
+        """What gives the polynomial's coefficients from the values, (c, N); coefficients as `monomials` orders them."""
         places, degree = self.smoother.places, self.degree
         # weights at the places are D S, S the solution's matrix: D has full rank
-        S = np.linalg.lstsq(monomials(places, degree), self.smoother.weights(places), rcond=None)[0]
+        return np.asarray(np.linalg.lstsq(monomials(places, degree), self.smoother.weights(places), rcond=None)[0])
+
+    def coefficients(self) -> tuple[Array, Array]:
+        """The polynomial's coefficients (c, m), as `monomials` orders them, and the covariance (m, c, c) of each."""
+        S = self.solution()
         variance = np.diagonal(self.covariances, axis1=1, axis2=2) + self.lack
         return S @ self.values, np.einsum("ci,im,di->mcd", S, variance, S)
 

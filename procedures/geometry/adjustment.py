@@ -271,7 +271,7 @@ def assemble(
     chi_square = 0.0
     for i, view in enumerate(views):
         whitening, r = view.whitening, residual(state, nodes, view, shape, i)
-        J, E = _jacobian(state, nodes, view, shape, i)
+        J, E = jacobian(state, nodes, view, shape, i)
         if extra:
             J = np.concatenate([J, extra[i]], axis=-1)
         J, E = whitening @ J, whitening @ E
@@ -312,7 +312,7 @@ def _with_prior(system: System, state: AdjustmentState, shape: ShapeModel) -> Sy
     return System(U, u, V, v, W, chi_square)
 
 
-def _jacobian(
+def jacobian(
     state: AdjustmentState, nodes: Array, view: ChartView, shape: ShapeModel, number: int
 ) -> tuple[Array, Array]:
     """Derivatives of a view's points: (n, 2, p + q + 6) of camera, shape's terms and pose; (n, 2, 3) of the nodes."""

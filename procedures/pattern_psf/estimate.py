@@ -34,7 +34,7 @@ from procedures.pattern_psf.registration import (
     refine_corners,
     register_marks,
 )
-from procedures.pattern_psf.solution import solution
+from procedures.pattern_psf.solution import SharedErrors, solution
 from procedures.pattern_psf.trust import Doubts, check_cells, check_light, judge, misfits
 from procedures.psf import Psf, Sampling
 from procedures.quality import Diffraction, Quality, assess, beyond_diffraction
@@ -116,6 +116,8 @@ class PatternPsf:
         Pixel (x, y) of the plane at which `residual` begins.
     correspondences : Correspondences
         Where parts of the chart are seen, each measured by its own cells: what geometry is made of.
+    shared : SharedErrors
+        What the errors of PSF, centre and these parts have in common.
     """
 
     psf: Psf
@@ -136,6 +138,7 @@ class PatternPsf:
     residual: Array
     residual_origin: tuple[int, int]
     correspondences: Correspondences
+    shared: SharedErrors
 
     @property
     def charts(self) -> tuple[PatternPsf, ...]:
@@ -238,7 +241,8 @@ def _estimate(
         check_cells(fit)
         if fit.still:
             best = fit.registration
-        return _Attempt(fit, outliers, *solution(fit, s, k, parameters.solver))
+        solved = solution(fit, s, k, parameters.solver)
+        return _Attempt(fit, outliers, solved.psf, solved.centre_covariance, solved.shared)
 
     cell_px = block_size_px(marks_map) / BLOCK
     count = count_inside(marks_map, noise_window(marks_map, samples.shape))
@@ -273,12 +277,14 @@ class _Known:
 
 @dataclass(frozen=True)
 class _Attempt:
-    """The joint fit at one s and k, the share of outliers left out, and its PSF with the centre's covariance."""
+    """The joint fit at one s and k, the share of outliers left out, its PSF with the centre's covariance, what errors
+    share."""
 
     fit: ChartFit
     outliers: float
     psf: Psf
     centre_covariance: Array
+    shared: SharedErrors
 
 
 def _register(samples: npt.NDArray[np.float32], sighting: ChartSighting | None) -> tuple[Array, Registration]:
@@ -370,6 +376,7 @@ def _result(
         residual=residual,
         residual_origin=origin,
         correspondences=correspondences(fit),
+        shared=found.shared,
     )
 
 

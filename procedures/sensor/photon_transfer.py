@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -120,7 +121,7 @@ def transfer_numbers(curves: Curves, found: Transfer, *, photons_known: bool) ->
     def told(values: Array, unit: str, method: str, *, share: float = 0.0) -> IntervalNumber:
         return from_draws(values, unit, method, n, beside=abs(float(values[0])) * share)
 
-    noise_e = np.sqrt(np.maximum(dark**2 - 1 / 12, 0)) / gain
+    noise_e = _dark_electrons(found)
     threshold_e = np.sqrt(dark**2 / gain**2 + 0.25) + 0.5
     numbers = {
         "system_gain": told(gain, "DN/e-", "line through 0 of the photon transfer curve, to 70 % of saturation",
@@ -184,3 +185,28 @@ def _decibels(number: IntervalNumber, factor: float) -> IntervalNumber:
     value, low, high = (factor * float(np.log10(max(part, 1e-300))) for part in (number.value, number.low, number.high))
     spread = factor / np.log(10) * number.uncertainty / number.value
     return IntervalNumber(value, "dB", float(spread), number.method, number.n, low, high)
+
+
+@dataclass(frozen=True, eq=False)
+class GainAndNoise:
+    """System gain K and temporal dark noise of a plane, `values` (2,), with their covariance (2, 2)."""
+
+    NAMES: ClassVar[tuple[str, str]] = ("system_gain", "temporal_dark_noise")
+    UNITS: ClassVar[tuple[str, str]] = ("DN/e-", "e-")
+    values: Array
+    covariance: Array
+
+
+def gain_and_noise(found: Transfer) -> GainAndNoise:
+    """Both with what they share, as the second is divided by the first: from the draws that their intervals come of.
+
+    What curvature may do to K is in both.
+    """
+    draws = np.stack([found.gain, _dark_electrons(found)])
+    bent = found.bent / found.gain[0] * np.array([draws[0, 0], -draws[1, 0]])  # dark noise falls as K grows
+    return GainAndNoise(draws[:, 0], np.cov(draws[:, 1:], ddof=0) + np.outer(bent, bent))
+
+
+def _dark_electrons(found: Transfer) -> Array:
+    """Temporal noise in the dark without that of rounding, (1 + draws,)."""
+    return np.asarray(np.sqrt(np.maximum(found.dark_deviation**2 - 1 / 12, 0)) / found.gain)

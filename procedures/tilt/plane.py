@@ -59,6 +59,12 @@ class SensorPlane:
         """(4, 2), from the upper left clockwise."""
         return np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * self.size_mm / 2
 
+    def height_at(self, places_mm: Array) -> Array:
+        """Height (n,) of the fitted quadratic at places (n, 2)."""
+        (x, y), (mean_xx, mean_yy) = places_mm.T, np.square(self.size_mm) / 12  # the plane has the quadratic's mean
+        flat = self.plane[0] + places_mm @ self.plane[1:]
+        return np.asarray(flat + np.stack([x * x - mean_xx, x * y, y * y - mean_yy], axis=1) @ self.curvature)
+
     def rms(self, planes: Array) -> Array:
         """Root mean square height over the frame of planes (n, 3), (n,)."""
         return np.sqrt(planes[:, 0] ** 2 + planes[:, 1:] ** 2 @ (np.square(self.size_mm) / 12))

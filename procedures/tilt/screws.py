@@ -13,6 +13,8 @@ from procedures.tilt.plane import SensorPlane
 Array = npt.NDArray[np.float64]
 
 DRAWS = 2000
+SURE = 0.9
+"""Probability of helping from which on a turn is advised."""
 SEED = 20260801
 """Of the draws that the probability is counted from: the same plane always gets the same one."""
 

@@ -75,6 +75,8 @@ class RadialFalloff:
     coefficients : (3,) float64
     covariance : (5, 5) float64
         Of centre and coefficients.
+    by_slope : (5, 2) float64
+        Derivative of the same by the mean slope of the flats' light.
     lost : float, most : float
         Root mean square and largest share of light by which it differs from the surface over the frame.
     """
@@ -82,6 +84,7 @@ class RadialFalloff:
     centre: Array
     coefficients: Array
     covariance: Array
+    by_slope: Array
     lost: float
     most: float
 
@@ -160,13 +163,15 @@ def fit_radial(found: Falloff, places: Array) -> RadialFalloff:
     carried = np.linalg.pinv(fit.jac)
     design = design_of(u, found.light.degree)
     covariance = carried @ design @ found.covariance @ (carried @ design).T
-    covariance += carried @ u @ np.nan_to_num(found.slope_covariance) @ (carried @ u).T
+    by_slope = carried @ u
+    covariance += by_slope @ np.nan_to_num(found.slope_covariance) @ by_slope.T
     to_pixels = np.diag([unit, unit, *np.ones(TERMS)])
     away = left(p)
     return RadialFalloff(
         p[1:3] * unit + [(columns - 1) / 2, (rows - 1) / 2],
         p[3:],
         to_pixels @ covariance[1:, 1:] @ to_pixels,
+        to_pixels @ by_slope[1:],
         float(np.sqrt(np.mean(away**2))),
         float(np.abs(away).max()),
     )

@@ -15,6 +15,7 @@ from procedures.sensor.estimate import Pattern, SensorResult, sensor_model
 from procedures.sensor.general import input_snr
 from procedures.sensor.measured import IntervalNumber
 from procedures.sensor.noise import linear_snr, total_snr
+from procedures.sensor.photon_transfer import gain_and_noise
 from station.calibration.sensor import SensorFiles, SensorPlane
 from station.common.versions import software
 from station.results.exports import csv_bytes
@@ -83,6 +84,10 @@ def _plane_entry(plane: SensorPlane) -> dict[str, Any]:
         return entry
     entry |= {name: interval_entry(number) for name, number in found.numbers.items()}
     entry["model"] = asdict(sensor_model(found, plane.step))
+    together = gain_and_noise(found.transfer)
+    entry["gain_and_noise"] = {
+        "names": list(together.NAMES), "values": together.values.tolist(), "covariance": together.covariance.tolist()
+    }  # fmt: skip
     entry["rows"], entry["columns"] = plane.shape
     if plane.noise is not None:
         # digital numbers of the result, squared, per (cycle/pixel)^2

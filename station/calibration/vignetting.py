@@ -12,16 +12,19 @@ import numpy as np
 
 from procedures.outcome import BadInput, BadParameter, Outcome
 from procedures.raw import Plane, read_frame
+from procedures.reading.arrays import read_npy
 from procedures.reading.guard import decoding
 from procedures.reading.text import read_json
 from procedures.vignetting.estimate import PlaneVignetting, estimate_vignetting
 from procedures.vignetting.formula import LightSurface
+from procedures.vignetting.joint import NAMES, JointFormula, joint_formula
 from station.common.progress import Progress, silent
 from station.common.versions import software
 from station.results.exports import csv_bytes, numbers_table
-from station.results.result_files import RECORD, ResultFolder, write_record
+from station.results.result_files import RECORD, ResultFolder, npy, write_record
 
 SCHEMA = "station/vignetting/1"
+COVARIANCE = "vignetting_covariance.npy"
 _GIVE = "name the folder that `station vignetting` wrote"
 
 
@@ -70,12 +73,20 @@ def write_vignetting_result(folder: ResultFolder, found: Flats, start: float) ->
         folder.write(f"vignetting_{name}.csv", csv_bytes(_map_rows(value)))
     numbers = ((name, what, number) for name, one in values.items() for what, number in one.numbers.items())
     folder.write("numbers.csv", numbers_table(numbers))
+    together = joint_formula(values)
+    folder.write(COVARIANCE, npy(together.covariance))
     record = {
         "schema": SCHEMA,
         "procedure": "vignetting",
         "input": [{"path": str(path), "sha256": sha256} for path, sha256 in found.inputs],
         "parameters": {},
         "planes": {name: _entry(one) for name, one in found.planes.items()},
+        "formula": {
+            "planes": list(together.planes),
+            "names": list(NAMES),
+            "values": together.values.tolist(),
+            "covariance": COVARIANCE,
+        },
         "software": software(),
         "duration_s": round(time.perf_counter() - start, 3),
     }
@@ -127,6 +138,29 @@ def read_vignetting(result: Path) -> dict[str, StoredVignetting]:
         if not found:
             raise BadInput(f"{record} holds the light of no plane", "see its reasons; photograph the flats again")
         return found
+
+
+def read_joint_formula(result: Path) -> JointFormula:
+    """The radial formulas of all planes of a result with their one covariance.
+
+    Raises
+    ------
+    BadInput
+        If there is no such result, or it is of an older version that does not tell it.
+    """
+    record = result / RECORD if result.is_dir() else result
+    read_vignetting(record)
+    told: dict[str, Any] = read_json(record, _GIVE)
+    if "formula" not in told:
+        raise BadInput(f"{record} does not tell what its numbers share", "measure the flats again with this version")
+    with decoding(str(record), "a vignetting's result", _GIVE):
+        planes = tuple(str(one) for one in told["formula"]["planes"])
+        values = np.array(told["formula"]["values"], dtype=np.float64)
+        covariance = read_npy(record.parent / COVARIANCE, "covariance", _GIVE).astype(np.float64)
+        count = len(NAMES) * len(planes)
+        if values.shape != (count,) or covariance.shape != (count, count) or not np.isfinite(covariance).all():
+            raise ValueError(f"{len(planes)} planes have {count} numbers and their covariance")
+        return JointFormula(planes, values, covariance)
 
 
 def _stored(name: str, entry: Mapping[str, Any]) -> StoredVignetting:

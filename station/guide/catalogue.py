@@ -89,9 +89,9 @@ def _field_results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms,
 def _write_field(
     folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead
 ) -> str:
-    from station.reports.field.field_files import write_planes
+    from station.guide.plans.field import write
 
-    return write_planes(folder, planes, head)
+    return write(folder, planes, head)
 
 
 def _restoration() -> Plan:

@@ -61,10 +61,6 @@ class HeightOverlay:
     length: str
     planes: Mapping[str, Mapping[str, Array]]
 
-    def check(self, unit: Unit) -> None:
-        """Raises BadParameter where frequencies are told in another unit: before the work that they are drawn over."""
-        _check_unit(self.name, self.unit, unit)
-
     def of(self, plane: str, length: str) -> Mapping[str, Array]:
         """The curves of a plane; none where it has not that plane, or tells heights in another unit."""
         return self.planes.get(plane, {}) if self.length == length else {}
@@ -103,6 +99,14 @@ def read_height_overlay(path: Path) -> HeightOverlay:
         raise BadParameter(f"{printable(path)} tells its planes in several units", REMEDY)
     columns = {name: columns for name, (_, columns) in read.items()}
     return HeightOverlay(printable(path.name or path), unit, lengths.pop(), columns)
+
+
+def read_height_overlays(paths: Iterable[Path], unit: Unit) -> list[HeightOverlay]:
+    """Several, before the work that they are drawn over. Raises BadParameter, also of frequencies in another unit."""
+    found = [read_height_overlay(path) for path in paths]
+    for one in found:
+        _check_unit(one.name, one.unit, unit)
+    return found
 
 
 def _tables(path: Path, stem: str, first: str, words: str) -> dict[str, tuple[list[str], dict[str, Array]]]:

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from procedures.tilt.estimate import Tilt, TiltParameters
 
 FAILED_ITEMS = 1
-SURE = 0.9
-"""Probability of helping from which on a turn is advised."""
 
 
 @click.command("tilt")
@@ -65,6 +63,7 @@ SURE = 0.9
 @click.option("--plane", help="R, G1, G2, B or Y.  [default: G1 of RAW files, Y of grey images]")
 @raw_option
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
+@click.option("--report/--no-report", default=True, show_default=True, help="Write report.html too, for people.")
 @click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout too.")
 @force_option
 @log_json_option
@@ -77,6 +76,7 @@ def tilt(
     layout: DumpLayout | None,
     out: Path,
     *,
+    report: bool,
     as_json: bool,
     **options: Any,
 ) -> None:
@@ -92,6 +92,7 @@ def tilt(
     from procedures.raw import default_plane
     from station.calibration.field_photographs import focus_positions, photographs
     from station.calibration.tilt import check_known, measure_tilt, write_tilt_result
+    from station.reports.tilt_page import tilt_page
     from station.results.result_files import ResultFolder
 
     paths = photographs(folder)
@@ -107,7 +108,8 @@ def tilt(
         found = measure_tilt(measured, name, positions, parameters)
         given = {**options, "chart": source.origin, "pixel_pitch_um": parameters.pixel_pitch_um,
                  "focal_length_mm": parameters.focal_length_mm, **told_layout(layout)}  # fmt: skip
-        text = write_tilt_result(results, measured, name, found, parameters=given, start=start)
+        page = tilt_page(name, len(measured.frames), found) if report else None
+        text = write_tilt_result(results, measured, name, found, parameters=given, start=start, page=page)
     _tell(name, found)
     log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))
     if as_json:
@@ -142,6 +144,8 @@ def _parameters(first: Path, options: dict[str, Any]) -> TiltParameters:
 
 def _tell(plane: str, outcome: Outcome[Tilt]) -> None:
     """Lines on stderr: the numbers, each screw, and whether to turn at all."""
+    from procedures.tilt.screws import SURE
+
     verdict, found = str(outcome.verdict), outcome.value
     parts = [f"{plane}: {verdict}"] + ([outcome.reason] if outcome.reason else [])
     if found is not None:

@@ -23,6 +23,7 @@ from station.cli.psf.planes import (
 )
 from station.cli.psf.terms import terms_of
 from station.cli.terminal.force import forced
+from station.cli.terminal.numbers import Number
 from station.cli.terminal.progress import progress
 from station.common.log import log
 
@@ -52,6 +53,16 @@ FAILED_ITEMS = 1
     metavar="RESULT",
     help="Draw the MTF over image height of this field or session over the page's too; as often as wanted.",
 )
+@click.option(
+    "--sensor", type=click.Path(path_type=Path), help="Of station sensor: gain and noise, to be told with the camera."
+)
+@click.option(
+    "--width-mm",
+    type=Number(min=1),
+    default=300.0,
+    show_default=True,
+    help="Width of the printed chart's ten blocks: the distances of the geometry hang on it.",
+)
 @certificate_option
 @psf_options(s=4, k=17, solver="ls", report=True)
 def psf_field(
@@ -61,6 +72,8 @@ def psf_field(
     focus: Path | None,
     vignetting: Path | None,
     overlays: tuple[Path, ...],
+    sensor: Path | None,
+    width_mm: float,
     plane: str | None,
     layout: DumpLayout | None,
     out: Path,
@@ -71,19 +84,23 @@ def psf_field(
 ) -> None:
     """Estimate the PSF over the frame from FOLDER: photographs of one or several charts each, or a session.
 
-    All planes are estimated unless --plane names one.
+    All planes are estimated unless --plane names one. What else the charts tell (geometry, lateral colour) is written
+    with the PSF's numbers, and with those of --vignetting and --sensor, as one file with one covariance, camera.h5.
     """
     start = time.perf_counter()
     source = chart_source(bits, seed)
     from procedures.field.conclusion import conclude
     from procedures.field.measuring import measure
+    from procedures.pattern import BLOCK, BLOCKS
     from procedures.pattern_psf.estimate import PatternParameters
+    from procedures.whole_camera.from_field import whole_camera
     from station.calibration.field import field_pixels, field_results
     from station.calibration.field_photographs import check_noted, focus_positions, photographs
     from station.calibration.planes import diffraction_limit
     from station.calibration.vignetting import read_vignetting
+    from station.calibration.whole_camera import other_parts
     from station.reports.field.field_files import write_field_result
-    from station.results.overlay import read_height_overlay
+    from station.results.overlay import read_height_overlays
     from station.results.result_files import ResultFolder
     from station.results.units import Pixels
 
@@ -95,9 +112,9 @@ def psf_field(
         check_noted(paths, optics, INSIST)
     positions = focus_positions(focus, paths) if focus else None
     lights = {name: one.light for name, one in read_vignetting(vignetting).items()} if vignetting else {}
-    others = [read_height_overlay(path) for path in overlays]
-    for other in others:
-        other.check(terms.unit)
+    # what cannot be read is told before the work, not after it
+    drawn_over = read_height_overlays(overlays, terms.unit)
+    others = other_parts(vignetting, sensor)
     names = None if plane in (None, "all") else [str(plane)]
     with ResultFolder(out, force=forced()) as results, progress(len(paths)) as told:
         measured = measure(paths, names, source.chart, parameters, told, layout)
@@ -108,26 +125,23 @@ def psf_field(
         at = terms.frequencies(next(iter(pixels.values()), Pixels()))
         found = conclude(measured, positions, limit, at=at)
         planes = field_results(found, terms, pixels, limit)
-        known = {name: value for name, value in optics.items() if value is not None}
-        given = {**options, "chart": source.origin, **known, **told_layout(layout), **told_trust(trusted)}
-        given |= {"vignetting": str(vignetting)} if vignetting else {}
+        beside = {name: str(path) for name, path in {"vignetting": vignetting, "sensor": sensor}.items() if path}
+        given = {**options, "chart": source.origin, **told_optics(optics), **beside}
+        camera = whole_camera(found, width_mm / (BLOCK * BLOCKS), others)
         text = write_field_result(
-            results,
-            found,
-            planes,
-            terms,
-            parameters=given,
-            report=report,
-            certificate=certificate,
-            start=start,
-            lights=lights,
-            overlays=others,
-        )
+            results, found, planes, terms, report=report, certificate=certificate, start=start, lights=lights,
+            overlays=drawn_over, camera=camera, parameters={**given, **told_layout(layout), **told_trust(trusted)},
+        )  # fmt: skip
     tell_each(planes)
     log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))
     finish(planes, text, as_json=as_json)
     if measured.failed:
         raise click.exceptions.Exit(FAILED_ITEMS)
+
+
+def told_optics(optics: dict[str, float | None]) -> dict[str, float]:
+    """What is known of lens and pixels."""
+    return {name: value for name, value in optics.items() if value is not None}
 
 
 def tell_misses(misses: Iterable[Miss]) -> None:

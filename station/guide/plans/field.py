@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 
 from procedures.facts import facts_as
@@ -14,10 +14,20 @@ from procedures.field.measuring import measure_frames
 from procedures.outcome import BadParameter, Outcome, Refused, Verdict
 from procedures.plan import Facts, Known, Outcomes, Plan
 from procedures.raw import RawFrame
+from procedures.whole_camera.from_field import WholeCamera, whole_camera
 from station.calibration.field import centre_result, field_pixels, field_results
 from station.calibration.planes import diffraction_limit
 from station.results.plane_result import PlaneResult
+from station.results.record_head import RecordHead
+from station.results.result_files import ResultFolder
 from station.results.terms import Terms
+
+
+@dataclass(frozen=True, eq=False)
+class SessionField(FieldResult):
+    """A field with all that its photographs tell of the camera beside it."""
+
+    camera: WholeCamera | None = None
 
 
 def plan() -> Plan:
@@ -36,11 +46,16 @@ def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes
         else (lambda plane: None)
     )
     try:
-        found = conclude(measured, limit=limit)
+        found = _with_camera(conclude(measured, limit=limit), told.cell_mm)
     except Refused as refusal:
         names = frames[0].planes if frames else ()
         return {name: Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy) for name in names}
     return {name: _of_whole(found, one) for name, one in found.planes.items()}
+
+
+def _with_camera(found: FieldResult, cell_mm: float) -> SessionField:
+    kept = {one.name: getattr(found, one.name) for one in fields(FieldResult)}
+    return SessionField(**kept, camera=whole_camera(found, cell_mm))
 
 
 def _of_whole(found: FieldResult, one: Outcome[PlaneField]) -> Outcome[FieldResult]:
@@ -63,3 +78,11 @@ def results(outcomes: Mapping[str, Outcome[FieldResult]], terms: Terms, facts: F
         centres = (centre_result(name, one) for name, one in whole.planes.items())
         told = [terms.undecided(one, error.reason) for one in centres]
     return [one if one.found is None else replace(one, found=whole) for one in told]
+
+
+def write(folder: ResultFolder, planes: Sequence[PlaneResult], head: RecordHead) -> str:
+    """The files of `station psf field`, of a session's pictures."""
+    from station.reports.field.field_files import write_planes  # it draws: that import is slow
+
+    found = next((one.found for one in planes if one.found is not None), None)
+    return write_planes(folder, planes, head, None if found is None else found.camera)

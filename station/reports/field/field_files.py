@@ -15,6 +15,8 @@ from procedures.field.conclusion import FieldResult, PlaneField
 from procedures.field.image_height import HeightCurve, over_height
 from procedures.field.maps import FieldMap
 from procedures.vignetting.formula import LightSurface
+from procedures.whole_camera.camera_file import write_camera_numbers
+from procedures.whole_camera.from_field import WholeCamera
 from station.calibration.camera_notes import exposure_of
 from station.common.versions import software
 from station.reports.certificate_print import write_certificate
@@ -29,7 +31,7 @@ from station.results.result_files import ResultFolder, json_text, write_psf_resu
 from station.results.terms import Terms
 from station.results.units import told_quantity
 
-FILE, PAGE = "field.h5", "report.html"
+FILE, CAMERA, PAGE = "field.h5", "camera.h5", "report.html"
 CANDIDATES_TOLD = 8
 
 
@@ -45,17 +47,21 @@ def write_field_result(
     certificate: bool = False,
     lights: Mapping[str, LightSurface] | None = None,
     overlays: Sequence[HeightOverlay] = (),
+    camera: WholeCamera | None = None,
 ) -> str:
     """Write all files, page and certificate where they are wanted; returns the record's text.
 
     `planes` are the answers at the frame's centre, in the terms that were asked for; `lights` is the lens's vignetting,
-    where it was measured; `overlays` are other fields, drawn over the page's curves.
+    where it was measured; `overlays` are other fields, drawn over the page's curves; `camera` is all that the
+    photographs tell beside the PSF.
     """
     files = tuple(InputFile(str(path), sha256) for path, sha256 in found.measured.frames)
     head = RecordHead("field", files, {**parameters, **terms.parameters()}, terms.specified(planes))
     if certificate:
         write_certificate(folder, field_report(found, planes, head.parameters, terms))
-    return write_field(folder, found, planes, head, start, report=report, lights=lights, overlays=overlays)
+    return write_field(
+        folder, found, planes, head, start, report=report, lights=lights, overlays=overlays, camera=camera
+    )
 
 
 def field_report(
@@ -75,10 +81,14 @@ def with_medians(one: PlaneResult, found: FieldResult) -> PlaneResult:
     return replace(one, numbers={**one.numbers, **medians})
 
 
-def write_planes(folder: ResultFolder, planes: Sequence[PlaneResult], head: RecordHead) -> str:
+def write_planes(
+    folder: ResultFolder, planes: Sequence[PlaneResult], head: RecordHead, camera: WholeCamera | None = None
+) -> str:
     """The same files of planes that have found a field, all the same one; the record of its refusal where none has."""
     found = next((one.found for one in planes if one.found is not None), None)
-    return write_psf_result(folder, planes, head) if found is None else write_field(folder, found, planes, head)
+    if found is None:
+        return write_psf_result(folder, planes, head)
+    return write_field(folder, found, planes, head, camera=camera)
 
 
 def write_field(
@@ -91,6 +101,7 @@ def write_field(
     report: bool = True,
     lights: Mapping[str, LightSurface] | None = None,
     overlays: Sequence[HeightOverlay] = (),
+    camera: WholeCamera | None = None,
 ) -> str:
     """All files; `start` tells when it began, where that is to be told; `overlays` are drawn over the page's curves."""
     measured = found.measured
@@ -107,14 +118,18 @@ def write_field(
     }
     if fitted and lights:
         entry["vignetting"] = {name: _light_told(one) for name, one in lights.items()}
+    if fitted and camera is not None:
+        entry["camera"] = _camera_told(camera)
     head = replace(head, field=entry)
     if fitted:
         fields = {name: one.interpolation for name, one in fitted.items()}
         maps = {name: _maps(found, name, one) for name, one in fitted.items()}
-        camera = exposure_of(measured.exposures)
-        field_file.write_field(folder.staging / FILE, fields, maps, found.colours, _provenance(head), camera)
+        noted = exposure_of(measured.exposures)
+        field_file.write_field(folder.staging / FILE, fields, maps, found.colours, _provenance(head), noted)
         if lights:
             field_file.add_lights(folder.staging / FILE, lights)
+        if camera is not None:
+            write_camera_numbers(folder.staging / CAMERA, camera, _provenance(head))
     if start is not None:
         head = replace(head, duration_s=round(time.perf_counter() - start, 3))
     heights = _heights(found)
@@ -123,7 +138,8 @@ def write_field(
             axis, mm = FrequencyAxis(str(one.unit), one.factor), mm_per_pixel(found, one.name, head.parameters)
             folder.write(f"heights_{one.name}.csv", heights_table(heights[one.name], axis, mm))
     if report:
-        folder.write(PAGE, field_page(found, planes, head, software(), heights, overlays).encode())
+        page = field_page(found, planes, head, software(), heights, overlays, lights, camera if fitted else None)
+        folder.write(PAGE, page.encode())
     return write_psf_result(folder, planes, head)
 
 
@@ -132,6 +148,17 @@ def _heights(found: FieldResult) -> dict[str, list[HeightCurve]]:
     fields = {name: one.value.interpolation.field for name, one in found.planes.items() if one.value is not None}
     curves = {name: over_height(field, FREQUENCIES) for name, field in fields.items()}
     return {name: one for name, one in curves.items() if one}
+
+
+def _camera_told(camera: WholeCamera) -> dict[str, Any]:
+    """What the record says of all that the charts tell: the file, and the geometry in figures."""
+    geometry, numbers = camera.geometry, camera.numbers
+    told: dict[str, Any] = {"verdict": str(geometry.verdict), "reason": geometry.reason, "remedy": geometry.remedy}
+    if geometry.value is not None:
+        found = {name: asdict(number) for name, number in geometry.value.numbers().items()}
+        told = {**told, "model": geometry.value.camera.model, **found}
+    return {"file": CAMERA, "numbers": len(numbers.values), "parts": [part.name for part in numbers.parts],
+            "geometry": told}  # fmt: skip
 
 
 def _light_told(light: LightSurface) -> dict[str, Any]:

@@ -12,7 +12,10 @@ from procedures.field.conclusion import FieldResult, PlaneField
 from procedures.field.image_height import HeightCurve
 from procedures.field.maps import FieldMap
 from procedures.outcome import Verdict
+from procedures.vignetting.formula import LightSurface
+from procedures.whole_camera.from_field import WholeCamera
 from station.reports.field import field_figures
+from station.reports.field.camera_section import camera_section, light_figures
 from station.reports.field.height_curves import heights_figure
 from station.reports.otf_figures import FrequencyAxis
 from station.reports.page import render
@@ -43,11 +46,15 @@ def field_page(
     software: Mapping[str, Any],
     heights: Mapping[str, Sequence[HeightCurve]],
     overlays: Sequence[HeightOverlay] = (),
+    lights: Mapping[str, LightSurface] | None = None,
+    camera: WholeCamera | None = None,
 ) -> str:
     """The page; `results` are the planes' answers at the frame's centre, in the terms that were asked for.
 
     heights : by plane, its MTF over image height
     overlays : other fields, whose MTF is drawn over these where they tell it in the same units
+    lights : by plane, its vignetting, where that was measured
+    camera : all else that the charts tell, where that was asked for
     """
     judged = specification_verdict(results)
     verdicts = [one.verdict for one in results]
@@ -69,6 +76,8 @@ def field_page(
         refused=[one for one in results if one.psf is None],
         colours=[_colour(colour, i) for i, colour in enumerate(found.colours)],
         focus=_focus(found),
+        lights=light_figures(lights or {}),
+        camera=camera and camera_section(camera),
         reader=_reader(*fitted[0]) if fitted else "",
         software=software,
     )

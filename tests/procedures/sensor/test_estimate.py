@@ -10,6 +10,7 @@ from scipy.stats import norm
 
 from procedures.outcome import Verdict
 from procedures.sensor.estimate import SensorResult, characterise, sensor_model
+from procedures.sensor.photon_transfer import gain_and_noise
 from procedures.sensor.uniformity import spatial_variances
 
 from .known_sensor import SHARES, KnownSensor
@@ -107,6 +108,16 @@ def test_curvature_is_told_from_gain(found):
 
 
 @pytest.mark.slow
+def test_gain_and_dark_noise_are_told_with_what_they_share(found):
+    together = gain_and_noise(found.transfer)
+    for i, name in enumerate(together.NAMES):
+        assert together.values[i] == found.numbers[name].value
+        assert together.covariance[i, i] ** 0.5 == pytest.approx(found.numbers[name].uncertainty, rel=1e-9)
+    # noise in electrons is noise in numbers over K: what K is too large by makes it too small
+    assert together.covariance[0, 1] < 0
+    assert np.linalg.det(together.covariance) > 0
+
+
 def test_every_outlier_is_named_and_no_other_pixel(found):
     named = [tuple(p) for one in (found.dark, found.light) for p in one.defects.places.tolist()]
     assert sorted(named) == sorted(map(tuple, SENSOR.patterns[2].tolist()))

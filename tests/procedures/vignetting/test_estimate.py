@@ -8,6 +8,7 @@ import pytest
 from procedures.outcome import Verdict
 from procedures.raw import Plane
 from procedures.vignetting.estimate import estimate_vignetting, frame_places
+from procedures.vignetting.joint import NAMES, joint_formula
 
 ROWS, COLUMNS = 320, 480
 UNIT = np.hypot(ROWS, COLUMNS) / 2
@@ -106,3 +107,24 @@ def test_a_flat_without_usable_light_is_refused(factor, words):
     outcome = estimate_vignetting([("bad", {"G1": bad})])["G1"]
     assert outcome.verdict is Verdict.REFUSED
     assert words in outcome.reason
+
+
+def test_planes_share_the_slope_of_the_flats_light(found):
+    values = {name: outcome.value for name, outcome in found.items()}
+    together = joint_formula(values)
+    assert together.planes == ("R", "G1")
+    for i, one in enumerate(values.values()):
+        np.testing.assert_array_equal(together.covariance[5 * i : 5 * i + 5, 5 * i : 5 * i + 5], one.radial.covariance)
+        stated = [one.numbers[f"vignetting_{name}"].value for name in NAMES]
+        np.testing.assert_allclose(together.values[5 * i : 5 * i + 5], stated)
+    spread = np.sqrt(np.diag(together.covariance))
+    between = (together.covariance / np.outer(spread, spread))[:5, 5:]
+    # the slope is nearly all that is not known of the centres: 1.2 % of light, and noise far below
+    assert np.diag(between)[:2].min() > 0.5
+    assert np.linalg.eigvalsh(together.covariance / np.outer(spread, spread)).min() > -1e-9
+
+
+def test_one_flat_shares_nothing_that_is_known():
+    (one,) = turned(np.random.default_rng(1), ("R", "G1"), count=1)
+    values = {name: outcome.value for name, outcome in estimate_vignetting([one]).items()}
+    assert not joint_formula(values).covariance[:5, 5:].any()

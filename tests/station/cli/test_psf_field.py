@@ -7,6 +7,7 @@ import html5lib
 import numpy as np
 import pytest
 
+from procedures import read_camera_numbers
 from procedures.field.field_file import read_field
 from procedures.pattern import CELLS, Chart
 from simulators.camera.camera import SimulatedCamera
@@ -80,6 +81,19 @@ def test_the_record_has_the_form_of_every_psf_result(done):
     assert record["planes"]["Y"]["verdict"] in ("pass", "doubtful")
     assert np.load(out / "psf_Y.npy", allow_pickle=False).shape == (13, 13)
     assert {"unit", "value", "uncertainty"} <= set(record["field"]["planes"]["Y"]["mtf50_sagittal_median"])
+
+
+@pytest.mark.slow
+def test_the_numbers_of_all_places_have_one_covariance(done):
+    found = read_camera_numbers(done[1] / "camera.h5")
+    assert found.names[0] == "psf.Y.1.mtf50_horizontal"
+    assert len(found.numbers("psf.Y.6.")) == 5
+    told = json.loads(done[0].stdout)["field"]["camera"]
+    assert told["file"] == "camera.h5"
+    assert told["parts"] == ["psf.Y"]
+    assert told["geometry"]["verdict"] == "refused"
+    assert "several charts" in told["geometry"]["reason"]
+    assert "several charts" in (done[1] / "report.html").read_text()
 
 
 @pytest.mark.slow

@@ -1,0 +1,60 @@
+"""What a photographed chart tells beside its node: headline numbers, its bins, and what all their errors share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.outcome import Quantity
+from procedures.pattern_psf.correspondences import Correspondences
+from procedures.pattern_psf.estimate import PatternPsf
+from procedures.pattern_psf.registration import Registration
+from procedures.pattern_psf.solution import SharedErrors
+from procedures.psf_field import Node
+
+Array = npt.NDArray[np.float64]
+
+HEADLINE = ("mtf50_horizontal", "mtf50_vertical", "mtf50_radial", "fwhm_horizontal", "fwhm_vertical")
+"""The numbers of every place that are told beside the whole PSF."""
+
+
+@dataclass(frozen=True, eq=False)
+class SeenChart:
+    """One chart in one plane of one photograph.
+
+    Attributes
+    ----------
+    node : Node
+    numbers : mapping of str to Quantity
+        Of `HEADLINE`, those that the PSF has.
+    gradients : mapping of str to (P,) float64
+        Of each number by the PSF's parameters.
+    registration : Registration
+    correspondences : Correspondences
+        In pixels of the plane.
+    shared : SharedErrors
+    """
+
+    node: Node
+    numbers: Mapping[str, Quantity]
+    gradients: Mapping[str, Array]
+    registration: Registration
+    correspondences: Correspondences
+    shared: SharedErrors
+
+    @property
+    def joint_covariance(self) -> Array:
+        """Covariance (P + 2, P + 2) of the PSF's parameters and of the place where the chart's centre is seen."""
+        shared = self.shared.centre
+        return np.block([[self.node.psf.parameter_covariance, shared], [shared.T, self.node.position_covariance]])
+
+
+def seen_chart_of(found: PatternPsf, node: Node) -> SeenChart:
+    """What is kept of an estimate."""
+    told = [name for name in HEADLINE if name in found.quality.numbers]
+    numbers = {name: found.quality.numbers[name] for name in told}
+    gradients = {name: found.quality.gradients[name] for name in told}
+    return SeenChart(node, numbers, gradients, found.registration, found.correspondences, found.shared)

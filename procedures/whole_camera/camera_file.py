@@ -1,0 +1,162 @@
+"""All numbers of a camera and their one covariance as an HDF5 file that explains itself, and back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.outcome import BadInput
+from procedures.reading.guard import Room, decoding, largest_bytes, open_file
+from procedures.reading.hdf5 import Stored, check_ends
+from procedures.whole_camera.from_field import WholeCamera
+from procedures.whole_camera.joint import Block
+
+if TYPE_CHECKING:
+    import h5py
+
+Array = npt.NDArray[np.float64]
+
+SCHEMA = "station/camera/1"
+CONVENTIONS = """\
+`values`, `names`, `units` and `covariance` go together, number by number; a name is that of its part, a dot, and the
+number's in it. Pixels have their centres at integers, x right, y down.
+geometry.NAME: parameters of COLMAP's camera `model` (an attribute of the group geometry), in pixels of the sensor;
+COLMAP's own cx and cy have 0.5 more.
+psf.PLANE.N.NAME: of the PSF at place N of that plane, see `places`; lengths and frequencies are in pixels of the plane.
+lateral_colour.PLANE.AXIS.TERM: the shift along an axis against the reference plane, in pixels of the sensor, is the sum
+of coefficient times term; x and y in the terms are the place in half diagonals from the frame's centre.
+vignetting.PLANE.NAME: light = 1 + k1 r^2 + k2 r^4 + k3 r^6, r from (centre_x, centre_y), which are pixels of the plane
+from the frame's centre, in half diagonals.
+sensor.PLANE.NAME: gain K in digital numbers per electron, dark noise in electrons.
+`blocks`: for each pair of parts whether what they share was computed, or is zero, and why. Covariances are of noise and
+of what is stated beside it; where an error is common to all photographs and is not known, as that of a print, no block
+has it."""
+GIVE = "give the camera.h5 of a field's result"
+
+
+@dataclass(frozen=True, eq=False)
+class CameraNumbers:
+    """A camera as its file tells it.
+
+    Attributes
+    ----------
+    names, units : tuple of str
+    values : (n,) float64
+    covariance : (n, n) float64
+    blocks : tuple of Block
+    model : str
+        Of the geometry; "" where there is none.
+    size : (columns, rows)
+        Of the frame in sensor pixels, (0, 0) without a geometry.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: Array
+    covariance: Array
+    blocks: tuple[Block, ...]
+    model: str = ""
+    size: tuple[int, int] = (0, 0)
+
+    def places(self, beginning: str) -> list[int]:
+        """Which numbers have names that begin so: "geometry.", "psf.G1."."""
+        return [i for i, name in enumerate(self.names) if name.startswith(beginning)]
+
+    def numbers(self, beginning: str = "") -> dict[str, tuple[float, float]]:
+        """Value and standard uncertainty by name."""
+        sigma = np.sqrt(np.diag(self.covariance))
+        return {self.names[i]: (float(self.values[i]), float(sigma[i])) for i in self.places(beginning)}
+
+    def block(self, first: str, second: str) -> Array:
+        """Covariance of the numbers whose names begin so with those that begin otherwise."""
+        return self.covariance[np.ix_(self.places(first), self.places(second))]
+
+
+def write_camera_numbers(path: Path, camera: WholeCamera, provenance: Mapping[str, str]) -> None:
+    """Write a camera; `provenance` are texts that say where all comes from."""
+    import h5py
+
+    numbers = camera.numbers
+    with h5py.File(path, "w") as file:
+        file.attrs.update({"schema": SCHEMA, "conventions": CONVENTIONS, **provenance})
+        _put_texts(file, "names", numbers.names)
+        _put_texts(file, "units", numbers.units)
+        file.create_dataset("values", data=numbers.values)
+        file.create_dataset("covariance", data=numbers.covariance)
+        blocks = file.create_group("blocks")
+        for name in ("first", "second", "how", "why"):
+            _put_texts(blocks, name, [getattr(one, name) for one in numbers.blocks])
+        _write_geometry(file.create_group("geometry"), camera)
+        _write_places(file.create_group("places"), camera)
+        for colour in camera.colours:
+            group = file.create_group(f"lateral_colour/{colour.plane}")
+            group.attrs.update({"reference": colour.reference, "degree": colour.surface.degree,
+                                "rows": colour.shape[0], "columns": colour.shape[1]})  # fmt: skip
+
+
+def _write_geometry(group: h5py.Group, camera: WholeCamera) -> None:
+    outcome = camera.geometry
+    group.attrs.update({"verdict": str(outcome.verdict), "reason": outcome.reason, "remedy": outcome.remedy})
+    if outcome.value is not None:
+        one = outcome.value.camera
+        group.attrs.update({"model": one.model, "columns": one.columns, "rows": one.rows})
+
+
+def _write_places(group: h5py.Group, camera: WholeCamera) -> None:
+    """Where the PSF's numbers are told, plane by plane, in the order of N."""
+    for plane in dict.fromkeys(name for name, _ in camera.places):
+        nodes = [one.node for name, one in camera.places if name == plane]
+        of = group.create_group(plane)
+        of.create_dataset("position", data=[one.position for one in nodes]).attrs["unit"] = "pixel of the plane"
+        _put_texts(of, "source", [one.source for one in nodes])
+        of.create_dataset("number", data=[one.number for one in nodes])
+
+
+def _put_texts(group: h5py.Group, name: str, texts: Any) -> None:
+    group.create_dataset(name, data=np.array([one.encode() for one in texts], dtype="S"))
+
+
+def read_camera_numbers(path: Path | str) -> CameraNumbers:
+    """A camera as it was written.
+
+    Raises
+    ------
+    BadInput
+        If it is no such file, or its parts do not belong together.
+    """
+    import h5py
+
+    open_file(Path(path), "camera").close()
+    with decoding(str(path), "HDF5", GIVE):
+        check_ends(Path(path), largest_bytes())
+        with h5py.File(path, "r") as file:
+            if file.attrs.get("schema") != SCHEMA:
+                raise BadInput(f"{path} is no camera of this version", f"give a file with schema {SCHEMA}")
+            room = Room(str(path))
+            stored, blocks = Stored(file, room), Stored(file["blocks"], room)
+            texts = [blocks.texts(name) for name in ("first", "second", "how", "why")]
+            told = file["geometry"].attrs
+            found = CameraNumbers(
+                tuple(stored.texts("names")), tuple(stored.texts("units")), stored.numbers("values"),
+                stored.numbers("covariance"), tuple(Block(*one) for one in zip(*texts, strict=True)),
+                str(told.get("model", "")), (int(told.get("columns", 0)), int(told.get("rows", 0))),
+            )  # fmt: skip
+        _check(found)
+        return found
+
+
+def _check(found: CameraNumbers) -> None:
+    """Raises ValueError where numbers and covariance do not belong together."""
+    count = len(found.names)
+    if len(found.units) != count or found.values.shape != (count,) or found.covariance.shape != (count, count):
+        raise ValueError("names, units, values and covariance are of as many numbers")
+    if (
+        not np.allclose(found.covariance, found.covariance.T, rtol=1e-9, atol=0)
+        or (np.diag(found.covariance) < 0).any()
+    ):
+        raise ValueError("a covariance is symmetric, its variances are not below 0")

@@ -1,0 +1,194 @@
+"""The parts of a camera that a field's charts tell: the PSF's numbers at every place, lateral colour, geometry."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.field.chromatic import LateralColour
+from procedures.field.conclusion import FieldResult
+from procedures.field.seen_charts import SeenChart
+from procedures.geometry.estimate import Geometry, GeometryParameters, calibrate_geometry
+from procedures.geometry.photographs import on_sensor
+from procedures.geometry.response import camera_response
+from procedures.geometry.shape import shape_model
+from procedures.geometry.views import chart_nodes
+from procedures.outcome import Outcome, Verdict
+from procedures.psf_field import moved_by_priors
+from procedures.whole_camera.joint import ChartKey, JointNumbers, Part, join
+
+Array = npt.NDArray[np.float64]
+
+CHARTS = "the charts"
+"""Where these parts come from."""
+
+
+@dataclass(frozen=True, eq=False)
+class WholeCamera:
+    """What one session tells of a camera.
+
+    Attributes
+    ----------
+    numbers : JointNumbers
+    places : tuple of (str, SeenChart)
+        Plane and chart of every place at which the PSF's numbers are told, in their order.
+    colours : tuple of LateralColour
+        Whose polynomials' coefficients are told.
+    geometry : Outcome[Geometry]
+        Refused where the charts do not tell it.
+    """
+
+    numbers: JointNumbers
+    places: tuple[tuple[str, SeenChart], ...]
+    colours: tuple[LateralColour, ...]
+    geometry: Outcome[Geometry]
+
+
+def whole_camera(found: FieldResult, cell_mm: float, others: Sequence[Part] = ()) -> WholeCamera:
+    """The camera of a field.
+
+    Parameters
+    ----------
+    found : FieldResult
+    cell_mm : float
+        Side of a printed cell: distances hang on it, the camera does not.
+    others : sequence of Part
+        What other photographs tell.
+    """
+    charts = charts_of(found)
+    geometry = field_geometry(found, charts[found.reference], cell_mm)
+    parts = []
+    if geometry.value is not None:
+        parts.append(geometry_part(found, geometry.value, charts[found.reference], chart_nodes(cell_mm)))
+    parts += [psf_part(name, seen) for name, seen in charts.items() if seen]
+    parts += [colour_part(colour, found.measured.planes[colour.plane].pitch, charts) for colour in found.colours]
+    known = {_key(name, one): one.joint_covariance for name, seen in charts.items() for one in seen}
+    places = tuple((name, one) for name, seen in charts.items() for one in seen)
+    return WholeCamera(join([*parts, *others], known), places, found.colours, geometry)
+
+
+def charts_of(found: FieldResult) -> dict[str, list[SeenChart]]:
+    """By plane the charts that its field is made of; none where it was refused."""
+    kept = {}
+    for name, outcome in found.planes.items():
+        nodes = () if outcome.value is None else outcome.value.interpolation.field.nodes
+        known = {id(one.node): one for one in found.measured.charts.get(name, ())}
+        kept[name] = [known[id(node)] for node in nodes if id(node) in known]
+    return kept
+
+
+def _key(plane: str, one: SeenChart) -> ChartKey:
+    return plane, one.node.source, one.node.number
+
+
+# --- PSF ---------------------------------------------------------------------------------------------------------
+
+
+def psf_part(plane: str, charts: Sequence[SeenChart]) -> Part:
+    """The headline numbers of a plane at all its places, with what noise and priors have in common among them."""
+    names, units, values, slopes, moves = [], [], [], [], []
+    for i, one in enumerate(charts, 1):
+        names += [f"{i}.{name}" for name in one.numbers]
+        units += [number.unit for number in one.numbers.values()]
+        values += [number.value for number in one.numbers.values()]
+        slope = _slopes(one)
+        slopes.append(slope)
+        moves.append(slope @ moved_by_priors(one.node.psf))
+    ends = np.cumsum([0, *(len(slope) for slope in slopes)])
+    covariance, by_charts = np.zeros((ends[-1], ends[-1])), {}
+    for i, one in enumerate(charts):
+        own = slice(ends[i], ends[i + 1])
+        for j in range(i):
+            common = moves[i] @ moves[j].T
+            covariance[own, ends[j] : ends[j + 1]], covariance[ends[j] : ends[j + 1], own] = common, common.T
+        covariance[own, own] = _own_covariance(one, slopes[i])
+        rows = np.zeros((ends[-1], slopes[i].shape[1] + 2))
+        rows[own, :-2] = slopes[i]
+        by_charts[_key(plane, one)] = rows
+    return Part(f"psf.{plane}", tuple(names), tuple(units), np.array(values), covariance, CHARTS, by_charts)
+
+
+def _slopes(one: SeenChart) -> Array:
+    """Derivatives (m, P) of a chart's numbers, shortened where a number is known better than its covariance says."""
+    slope = np.array([one.gradients[name] for name in one.numbers]).reshape(len(one.numbers), -1)
+    carried = np.sqrt(np.einsum("ij,jk,ik->i", slope, one.node.psf.parameter_covariance, slope))
+    stated = np.array([number.uncertainty for number in one.numbers.values()])
+    return np.asarray(slope * np.minimum(1.0, stated / np.maximum(carried, 1e-300))[:, None])
+
+
+def _own_covariance(one: SeenChart, slope: Array) -> Array:
+    """Covariance of one chart's numbers: what is stated of each beside the PSF's covariance is its own."""
+    covariance = slope @ one.node.psf.parameter_covariance @ slope.T
+    stated = np.array([number.uncertainty**2 for number in one.numbers.values()])
+    return np.asarray(covariance + np.diag(np.maximum(stated - np.diag(covariance), 0)))
+
+
+# --- lateral colour ----------------------------------------------------------------------------------------------
+
+
+def colour_part(colour: LateralColour, pitch: int, charts: dict[str, list[SeenChart]]) -> Part:
+    """The coefficients of a plane's lateral colour: first all of the shift along x, then along y.
+
+    The places of the reference plane are in the lateral colour of all others: so are their errors.
+    """
+    S, surface = colour.surface.solution(), colour.surface
+    count = len(S)
+    covariance = np.einsum("ci,iab,di->acbd", S, surface.covariances, S).reshape(2 * count, 2 * count)
+    covariance += np.kron(np.diag(surface.lack), S @ S.T)
+    by_charts: dict[ChartKey, Array] = {}
+    for plane, sign in ((colour.plane, pitch), (colour.reference, -pitch)):
+        known = {(one.node.source, one.node.number): one for one in charts[plane]}
+        for i, chart in enumerate(colour.charts):
+            if chart in known:
+                rows = np.zeros((2 * count, len(known[chart].node.psf.parameters) + 2))
+                rows[:, -2:] = sign * np.kron(np.eye(2), S[:, i : i + 1])
+                by_charts[plane, *chart] = rows
+    terms = monomial_names(surface.degree)
+    names = tuple(f"{axis}.{term}" for axis in "xy" for term in terms)
+    values = np.asarray((S @ surface.values).T.ravel())
+    return Part(f"lateral_colour.{colour.plane}", names, ("pixel of the sensor",) * len(names), values, covariance,
+                CHARTS, by_charts)  # fmt: skip
+
+
+def monomial_names(degree: int) -> list[str]:
+    """What the polynomial's terms are called, in the order of `numerics.scattered.monomials`: x2y is x^2 y."""
+    return [
+        (_power("x", d - b) + _power("y", b)) or "1" for d in range(degree + 1) for b in range(d + 1)
+    ]  # fmt: skip
+
+
+def _power(letter: str, exponent: int) -> str:
+    return "" if exponent == 0 else letter if exponent == 1 else f"{letter}{exponent}"
+
+
+# --- geometry ----------------------------------------------------------------------------------------------------
+
+
+def field_geometry(found: FieldResult, charts: Sequence[SeenChart], cell_mm: float) -> Outcome[Geometry]:
+    """The camera from the bins of the charts of the reference plane, each photograph a view."""
+    sources = [one.node.source for one in charts]
+    if len(set(sources)) < len(sources):
+        reason = "photographs with several charts tell no geometry: every print has a shape of its own"
+        return Outcome(None, Verdict.REFUSED, reason, "photograph one chart in many poses, see the plan geometry")
+    plane = found.measured.planes[found.reference]
+    rows, columns = plane.samples.shape
+    views = [on_sensor(one.correspondences, plane, one.node.source) for one in charts]
+    return calibrate_geometry(views, (columns * plane.pitch, rows * plane.pitch), GeometryParameters(cell_mm))
+
+
+def geometry_part(found: FieldResult, geometry: Geometry, charts: Sequence[SeenChart], nodes: Array) -> Part:
+    """Intrinsics and distortion, with what they share with PSF and centre of the charts whose bins they come of."""
+    plane = found.measured.planes[found.reference]
+    seen = {one.node.source: one for one in charts}
+    views, adjusted = [one.view for one in geometry.views], geometry.adjustment
+    shape = replace(shape_model(nodes), node_mm=np.array(geometry.shape.node_mm))
+    with_charts = {}
+    for view, response in zip(views, camera_response(adjusted, nodes, views, shape), strict=True):
+        one = seen[view.source]
+        points = plane.pitch * one.shared.of_points(one.registration, one.correspondences.points)
+        with_charts[_key(found.reference, one)] = geometry.residual_scale * np.einsum("pna,nac->pc", response, points)
+    camera = geometry.camera
+    return Part("geometry", camera.names, camera.units, camera.params, geometry.covariance, CHARTS, {}, with_charts)

@@ -1,0 +1,42 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from procedures.pattern import CELLS, Chart
+from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
+
+SLOW_FIXTURES = {"found"}
+
+
+@pytest.fixture(scope="module")
+def found(bench) -> PatternPsf:
+    outcome = estimate_psf(bench.plane(0.01, np.random.default_rng(4)), Chart.from_seed(), PatternParameters(4, 17))
+    assert outcome.value is not None, outcome.reason
+    return outcome.value
+
+
+def together(found: PatternPsf) -> np.ndarray:
+    """Covariance of the PSF's parameters and of the centre's place."""
+    shared = found.shared.centre
+    return np.block([[found.psf.parameter_covariance, shared], [shared.T, found.centre_covariance]])
+
+
+@pytest.mark.slow
+def test_a_bin_at_the_chart_s_centre_would_share_what_the_centre_does(found):
+    middle = found.registration.to_sensor(np.full((1, 2), CELLS / 2))
+    (there,) = found.shared.of_points(found.registration, middle)
+    whole = together(found)
+    np.testing.assert_allclose(there, whole[-2:], atol=1e-9 * np.abs(whole[-2:]).max())
+
+
+@pytest.mark.slow
+def test_psf_and_centre_have_one_covariance(found):
+    whole = together(found)
+    spread = np.sqrt(np.diag(whole))
+    assert np.linalg.eigvalsh(whole / np.outer(spread, spread)).min() > -1e-9
+    # where the PSF's mark is seen, and so its first moment against it, is a part of where the centre is
+    x = np.tile((np.arange(found.psf.k) - found.psf.k // 2) / found.psf.s, found.psf.k)
+    moment = np.concatenate([x, np.zeros(len(whole) - len(x))])
+    shared = moment @ whole[:, -2]
+    assert shared / np.sqrt((moment @ whole @ moment) * whole[-2, -2]) < -0.1

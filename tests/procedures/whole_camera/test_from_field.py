@@ -1,0 +1,152 @@
+"""Parts of a camera from charts whose errors are drawn: what is said to be shared is what the draws share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from procedures.field.chromatic import lateral_colour
+from procedures.field.seen_charts import SeenChart
+from procedures.outcome import Quantity
+from procedures.pattern_psf.correspondences import Correspondences
+from procedures.pattern_psf.registration import Registration
+from procedures.pattern_psf.solution import SharedErrors
+from procedures.psf import Psf
+from procedures.psf_field import Node
+from procedures.whole_camera.from_field import colour_part, monomial_names, psf_part
+from procedures.whole_camera.joint import COMPUTED, ZERO, Part, join
+
+K, S, SHAPE = 5, 2, (300, 450)
+SIZE = K * K
+PLACES = [(x, y) for y in (60.0, 150.0, 240.0) for x in (60.0, 220.0, 380.0)]
+NOTHING = Correspondences(np.zeros(0, dtype=np.int64), np.zeros((0, 2)), np.zeros((0, 2, 2)))
+PLAIN = Registration(np.eye(3), np.zeros(2), 1.0, np.zeros((2, 9)))
+
+
+@dataclass(frozen=True)
+class Charts:
+    """The charts of three planes, and one covariance (27, 27) of PSF and centre that all of them have."""
+
+    planes: dict[str, list[SeenChart]]
+    covariance: np.ndarray
+
+    def drawn(self, rng: np.random.Generator) -> dict[str, np.ndarray]:
+        """Errors (places, 27) of every plane's PSFs and centres."""
+        root = np.linalg.cholesky(self.covariance)
+        return {name: rng.standard_normal((len(seen), SIZE + 2)) @ root.T for name, seen in self.planes.items()}
+
+
+def colour_at(plane: str, x: float, y: float) -> np.ndarray:
+    return {"R": 2e-3, "G1": 0.0, "B": -1e-3}[plane] * (np.array([x, y]) - np.array(SHAPE[::-1]) / 2)
+
+
+@pytest.fixture(scope="module")
+def charts() -> Charts:
+    rng = np.random.default_rng(5)
+    root = 1e-3 * rng.standard_normal((SIZE + 2, 40)) / np.sqrt(40)
+    root[-2:] += 2 * root[3:5]  # the centre follows the PSF
+    covariance = root @ root.T
+    shared = SharedErrors(covariance[:-2, -2:], np.zeros((18, SIZE + 2)), np.zeros((2, SIZE + 2)), np.zeros(9))
+    h = np.full((K, K), 1 / SIZE)
+    gradients = {name: rng.standard_normal(SIZE) for name in ("mtf50_horizontal", "fwhm_vertical")}
+    gradients["fwhm_vertical"][3] = 20.0
+    spreads = {name: np.sqrt(g @ covariance[:-2, :-2] @ g) for name, g in gradients.items()}
+    planes = {}
+    for plane in ("R", "G1", "B"):
+        planes[plane] = []
+        for i, (x, y) in enumerate(PLACES):
+            at = np.array([x, y]) + colour_at(plane, x, y) + root[-2:] @ rng.standard_normal(40)
+            node = Node(at, covariance[-2:, -2:], 2 * at, Psf(h, S, covariance[:-2, :-2]), f"{i}.dng", 1)
+            # what is stated of the width holds more than noise
+            numbers = {
+                name: Quantity(0.5, "pixel", spreads[name] * (1.5 if name[0] == "f" else 1.0), "", 1)
+                for name in gradients
+            }
+            planes[plane].append(SeenChart(node, numbers, gradients, PLAIN, NOTHING, shared))
+    return Charts(planes, covariance)
+
+
+def colours(charts: Charts):
+    """Lateral colour of red and blue."""
+    nodes = {name: [one.node for one in seen] for name, seen in charts.planes.items()}
+    return [lateral_colour(name, nodes[name], "G1", nodes["G1"], SHAPE, 2) for name in ("R", "B")]
+
+
+@pytest.fixture(scope="module")
+def joint(charts):
+    parts = [psf_part(name, seen) for name, seen in charts.planes.items()]
+    parts += [colour_part(one, 2, charts.planes) for one in colours(charts)]
+    known = {(name, f"{i}.dng", 1): charts.covariance for name in charts.planes for i in range(len(PLACES))}
+    return join(parts, known)
+
+
+def test_the_blocks_of_one_part_are_those_of_the_single_results(charts, joint):
+    stated = [number.uncertainty for one in charts.planes["R"] for number in one.numbers.values()]
+    np.testing.assert_allclose(np.sqrt(np.diag(joint.block("psf.R", "psf.R"))), stated)
+    (red, _), own = colours(charts), joint.block("lateral_colour.R", "lateral_colour.R")
+    values, covariances = red.surface.coefficients()
+    count = len(values)
+    np.testing.assert_allclose(own[:count, :count], covariances[0], rtol=1e-9)
+    np.testing.assert_allclose(own[count:, count:], covariances[1], rtol=1e-9)
+    assert joint.parts[3].names[:3] == ("x.1", "x.x", "x.y")
+    np.testing.assert_allclose(joint.parts[3].values, values.T.ravel())
+
+
+def test_no_eigenvalue_is_below_zero(joint):
+    np.testing.assert_array_equal(joint.covariance, joint.covariance.T)
+    values = np.linalg.eigvalsh(joint.covariance)
+    assert values.min() > -1e-12 * values.max()
+
+
+def test_what_is_shared_is_what_draws_share(charts, joint):
+    rng, count = np.random.default_rng(9), 3000
+    x, y = ((np.array(PLACES) - (np.array(SHAPE[::-1]) - 1) / 2) / (np.hypot(*SHAPE) / 2)).T
+    to_terms = np.linalg.pinv(np.stack([np.ones_like(x), x, y], axis=1))
+    gradient, drawn = charts.planes["R"][0].gradients["fwhm_vertical"], []
+    for _ in range(count):
+        errors = charts.drawn(rng)
+        shifts = (2 * (errors[name][:, -2:] - errors["G1"][:, -2:]) for name in ("R", "B"))
+        coefficients = [(to_terms @ shift).T.ravel() for shift in shifts]
+        widths = [gradient @ errors[name][4, :-2] for name in ("R", "G1", "B")]
+        drawn.append(np.concatenate([*coefficients, widths]))
+    found = np.cov(np.array(drawn).T)
+    spread = np.sqrt(np.diag(found))
+    found = found / np.outer(spread, spread)
+    near = 5 / np.sqrt(count)  # a correlation is off by one over the root of the draws' number
+    of_colours = joint.block("lateral_colour.R", "lateral_colour.B") / np.outer(spread[:6], spread[6:12])
+    np.testing.assert_allclose(found[:6, 6:12], of_colours, atol=near)
+    assert np.diag(found[:6, 6:12]).min() > 0.4  # both have green's places in them
+    for i, name in enumerate(("R", "G1", "B"), 12):
+        shared = joint.block(f"psf.{name}", "lateral_colour.R")[9]  # the fifth place's second number
+        np.testing.assert_allclose(found[i, :6], shared / (spread[i] * spread[:6]), atol=near)
+    assert np.abs(found[12:14, :6]).max(axis=1).min() > 2 * near
+    assert not joint.block("psf.B", "lateral_colour.R").any()
+
+
+def test_every_pair_of_parts_says_what_it_shares_or_why_not(joint):
+    flats = Part("vignetting", ("k1",), ("1",), np.zeros(1), np.eye(1), "the flats")
+    blocks = {(one.first, one.second): one for one in join([*joint.parts, flats], {
+        key: np.eye(SIZE + 2) for part in joint.parts for key in part.charts}).blocks}  # fmt: skip
+    assert len(blocks) == 15
+    assert blocks["psf.R", "lateral_colour.R"].how == COMPUTED
+    assert blocks["psf.R", "psf.B"].how == ZERO
+    assert "photosites" in blocks["psf.R", "psf.B"].why
+    assert blocks["lateral_colour.B", "vignetting"].why == "other photographs: the charts, and the flats"
+
+
+def test_terms_are_named_in_the_order_of_the_monomials():
+    assert monomial_names(2) == ["1", "x", "y", "x2", "xy", "y2"]
+
+
+def test_a_covariance_that_is_none_is_lifted_and_keeps_its_variances():
+    apart = {("R", "a", 1): np.diag([1.0, 1.0, 1.0])}
+    row = np.array([[1.0, 0.0, 0.0]])
+    parts = [
+        Part(name, ("n",), ("1",), np.zeros(1), np.eye(1) * variance, "", {("R", "a", 1): row})
+        for name, variance in (("a", 0.5), ("b", 0.5))  # said to be known better than what they share
+    ]
+    found = join(parts, apart).covariance
+    np.testing.assert_allclose(np.diag(found), [0.5, 0.5])
+    assert np.linalg.eigvalsh(found).min() > -1e-12
