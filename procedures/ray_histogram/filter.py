@@ -1,8 +1,9 @@
 """Algorithm 1: at one scale, every patch becomes the average of the patches whose sample histograms resemble its own.
 
-Where the paper leaves room: similarity fades over a ramp instead of ending at a threshold; what is averaged is the
-plane fitted through the similar patches, taken at the patch itself, so that a slope of light is no bias; and patch
-estimates with more samples behind them weigh a little more. `PAPER` switches all of it off.
+Where the paper leaves room: pixels whose means differ beyond doubt, by a Welch test, are less alike; similarity fades
+over a ramp instead of ending at a threshold; what is averaged is the plane fitted through the similar patches, taken at
+the patch itself, so that a slope of light is no bias; and patch estimates with more samples behind them weigh a little
+more. `PAPER` switches all of it off.
 """
 
 from __future__ import annotations
@@ -42,6 +43,9 @@ class FilterParameters:
         Patches beside its own that every patch is averaged with at the finest scale, however different.
     least_count : float
         A bin speaks when the two pixels have more samples than this in it.
+    welch, doubt : float
+        Where two means differ by more than `doubt` standard deviations, the square of the difference in these, less
+        that of the doubt, is added to chi-square, `welch` times for each colour; 0 leaves means alone.
     softness : float
         Similarity fades from 1 to 0 between kappa (1 - softness) and kappa (1 + softness).
     trend : bool
@@ -61,6 +65,8 @@ class FilterParameters:
     patch: int = 1
     at_least: int = 2
     least_count: float = 2.0
+    welch: float = 3.0
+    doubt: float = 3.0
     softness: float = 0.3
     trend: bool = True
     trust: float = 0.25
@@ -74,6 +80,8 @@ class FilterParameters:
         _require(self.patch >= 0, f"a patch of half size {self.patch}", "choose 0 or more")
         _require(self.at_least >= 0, f"at least {self.at_least} similar patches", "choose 0 or more")
         _require(self.least_count >= 0, f"a least count of {self.least_count}", "choose 0 or more")
+        _require(self.welch >= 0, f"welch = {self.welch}", "choose 0 or more")
+        _require(self.doubt >= 0, f"doubt = {self.doubt}", "choose 0 or more")
         _require(self.ease >= 0, f"ease = {self.ease}", "choose 0 or more")
         _require(0 <= self.softness <= 1, f"softness = {self.softness}", "choose it between 0 and 1")
         _require(0 <= self.coarse <= 1, f"coarse = {self.coarse}", "choose it between 0 and 1")
@@ -84,7 +92,7 @@ def _require(holds: bool, came: str, remedy: str) -> None:
         raise BadParameter(came, remedy)
 
 
-PAPER = FilterParameters(least_count=1.0, softness=0.0, trend=False, trust=0.0, ease=0.0, coarse=1.0)
+PAPER = FilterParameters(least_count=1.0, welch=0.0, softness=0.0, trend=False, trust=0.0, ease=0.0, coarse=1.0)
 """The filter as Algorithms 1 and 2 state it."""
 
 
@@ -100,11 +108,14 @@ class Samples:
         Votes, the colours one after another.
     count : (rows, columns) float32
         Samples per pixel.
+    means : (rows, columns, 6) float32 or None
+        Means of the samples' three colours, and the variances of these means; None where they are not to be compared.
     """
 
     picture: Floats
     histogram: Floats
     count: Floats
+    means: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -153,10 +164,11 @@ def fuse_scale(
         np.ascontiguousarray(np.stack([np.moveaxis(f.picture, -1, 0) for f in frames]), np.float32),
         _stacked([f.histogram for f in frames]),
         _stacked([f.count for f in frames]),
+        _stacked([_compared(f, parameters) for f in frames]),
     )
     candidates, half = search_block(parameters.search, len(frames))
     p = parameters
-    rules = Rules(p.patch, p.kappa, p.softness, p.at_least, p.least_count, p.trend, p.trust, p.ease)
+    rules = Rules(p.patch, p.kappa, p.softness, p.at_least, p.least_count, p.welch, p.doubt, p.trend, p.trust, p.ease)
     rows, columns = frame.count.shape
     similar = np.empty((rows, columns), np.float32)
     fused = np.empty((rows, columns, stack.planes.shape[1]), np.float32)
@@ -173,6 +185,13 @@ def fuse_scale(
         for _ in pool.map(fuse_rows, rims[:-1], rims[1:]):
             pass
     return Fused(fused, similar)
+
+
+def _compared(frame: Samples, parameters: FilterParameters) -> Floats:
+    """Its means, or none if they do not count."""
+    if frame.means is None or parameters.welch == 0:
+        return np.empty((*frame.count.shape, 0), np.float32)
+    return frame.means
 
 
 def _stacked(arrays: list[Floats]) -> Floats:

@@ -33,11 +33,13 @@ LEAST_FOR_TREND = np.float32(5.0)
 
 class Stack(NamedTuple):
     """Frames of one size, the one to filter first: planes (frame, channel, row, column), histograms (frame, row,
-    column, bin) and counts (frame, row, column), all float32."""
+    column, bin), counts (frame, row, column) and means (frame, row, column, colour): the means of the samples' colours,
+    then the variances of these means; none are compared where there are no colours. All float32."""
 
     planes: Floats
     histograms: Floats
     counts: Floats
+    means: Floats
 
 
 class Rules(NamedTuple):
@@ -48,17 +50,31 @@ class Rules(NamedTuple):
     softness: float
     at_least: int
     least_count: float
+    welch: float
+    doubt: float
     trend: bool
     trust: float
     ease: float
 
 
 @vectorised
-def pixel_distances(stack: Stack, candidate: Ints, first: int, least: float, d: Floats, k: Floats) -> None:
+def means_apart(x: Floats, y: Floats, rules: Rules) -> np.float32:
+    """`welch` times what the squares of the colours' Welch statistics have beyond that of `doubt`."""
+    colours = x.size // 2
+    apart = np.float32(0.0)
+    allowed_square = np.float32(rules.doubt * rules.doubt)
+    for m in range(colours):
+        step = x[m] - y[m]
+        apart += max(np.float32(0.0), step * step / (x[colours + m] + y[colours + m]) - allowed_square)
+    return np.float32(rules.welch) * apart
+
+
+@vectorised
+def pixel_distances(stack: Stack, candidate: Ints, first: int, rules: Rules, d: Floats, k: Floats) -> None:
     """Chi-square `d` and number of bins `k` between the pixels of frame 0 and those that the candidate points at.
 
-    Rows `first` to `first + len(d)`. Bins that hold no more than `least` counts between them are left out.
-    Equation (4.3).
+    Rows `first` to `first + len(d)`. Bins that hold no more than `least_count` between them are left out.
+    Equation (4.3); where means differ by more than chance explains, that is added to the chi-square.
     """
     frame, dr, dc = candidate
     target, other = stack.histograms[0], stack.histograms[frame]
@@ -66,7 +82,7 @@ def pixel_distances(stack: Stack, candidate: Ints, first: int, least: float, d: 
     columns = target.shape[1]
     d[:] = 0.0
     k[:] = 0.0
-    floor = np.float32(least)
+    floor = np.float32(rules.least_count)
     for i in range(d.shape[0]):
         r = first + i
         for c in range(max(0, -dc), min(columns, columns - dc)):
@@ -82,7 +98,7 @@ def pixel_distances(stack: Stack, candidate: Ints, first: int, least: float, d: 
                 speaks = both > floor
                 distance += e * e / both if speaks else np.float32(0.0)
                 bins += np.float32(1.0) if speaks else np.float32(0.0)
-            d[i, c] = distance
+            d[i, c] = distance + means_apart(stack.means[0, r, c], stack.means[frame, r + dr, c + dc], rules)
             k[i, c] = bins
 
 
@@ -129,7 +145,7 @@ def band_ratios(stack: Stack, candidates: Ints, half: int, rules: Rules, first: 
             continue
         d = np.empty((stop - start, columns), np.float32)
         k = np.empty((stop - start, columns), np.float32)
-        pixel_distances(stack, candidates[j], start, rules.least_count, d, k)
+        pixel_distances(stack, candidates[j], start, rules, d, k)
         for r in range(low, high):
             for c in range(max(0, -dc), min(columns, columns - dc)):
                 ratio = patch_ratio(d, k, r - start, c, patch)

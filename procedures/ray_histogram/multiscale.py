@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.outcome import BadInput
-from procedures.ray_histogram.film import Film
+from procedures.ray_histogram.film import LARGEST, Film
+from procedures.ray_histogram.film_noise import mean_variance
 from procedures.ray_histogram.filter import FilterParameters, Fused, Samples, fuse_scale
 from procedures.ray_histogram.kernels import blend
 
@@ -19,6 +20,11 @@ Floats = npt.NDArray[np.float32]
 
 SIGMA = 0.55
 """Blur, in coarse pixels, that a picture should have: scale s is blurred by SIGMA sqrt(4^s - 1) fine pixels."""
+
+FAINT = 1e-3
+"""Least variance of a pixel's mean, as a share of that of all pixels on average."""
+LEAST_VARIANCE = 1e-12
+"""The same where no pixel is noisy."""
 
 RANGE_SIDE = 5
 """Side of the neighbourhood, in pixels, whose noisy values bound the filtered one."""
@@ -94,9 +100,17 @@ def fuse_scales(frames: Sequence[Samples], parameters: FilterParameters, *, thre
 def samples_of(film: Film) -> Samples:
     """The film as the filter takes it."""
     rows, columns = film.count.shape
-    return Samples(
-        film.mean.astype(np.float32), film.histogram.reshape(rows, columns, -1), film.count.astype(np.float32)
-    )
+    mean = film.mean.astype(np.float32)
+    histogram = film.histogram.reshape(rows, columns, -1)
+    return Samples(mean, histogram, film.count.astype(np.float32), np.concatenate([mean, _doubted(film)], axis=-1))
+
+
+def _doubted(film: Film) -> Floats:
+    """Variances of the pixels' means: none is as sure as its few samples may look."""
+    variance = mean_variance(film)
+    known = np.isfinite(variance)
+    faint = FAINT * variance[known].mean() if known.any() else 0.0
+    return np.asarray(np.clip(variance + faint, LEAST_VARIANCE, LARGEST), np.float32)
 
 
 def check_scales(size: tuple[int, ...], parameters: FilterParameters) -> None:
@@ -117,7 +131,11 @@ def downsample(frame: Samples, s: int) -> Samples:
     count = gaussian_downsample(frame.count[..., None], s)[..., 0]
     factor = np.float32(frame.count.sum(dtype=np.float64) / count.sum(dtype=np.float64))
     histogram *= factor
-    return Samples(gaussian_downsample(frame.picture, s), histogram, count * factor)
+    means = frame.means
+    if means is not None:
+        means = gaussian_downsample(means, s)
+        means[..., means.shape[-1] // 2 :] /= factor
+    return Samples(gaussian_downsample(frame.picture, s), histogram, count * factor, means)
 
 
 def recombine(pictures: Sequence[Floats], coarse: float) -> Floats:

@@ -20,12 +20,12 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from procedures.outcome import BadInput
-from procedures.ray_histogram.film import BINS, EXPONENT, RANGE, Film
+from procedures.ray_histogram.film import Film
+from procedures.ray_histogram.film_noise import mean_variance
 from procedures.ray_histogram.filter import FilterParameters, Samples
 from procedures.ray_histogram.multiscale import fuse_scales, recombine, samples_of
 
 Floats = npt.NDArray[np.float32]
-Doubles = npt.NDArray[np.float64]
 
 DRAWS = 8
 """Pictures of noise: their variance in a pixel is known to half of itself, and averaged over `NOISE_PX` then."""
@@ -82,37 +82,11 @@ def coverage(picture: npt.NDArray[np.floating], uncertainty: Floats, truth: npt.
     return float(np.mean(np.abs(picture - truth) <= 2 * uncertainty))
 
 
-def mean_variance(film: Film) -> Doubles:
-    """Variance of each pixel's mean, (rows, columns, 3): the film's, or read off its histograms where it kept none.
-
-    Votes between two nodes tell a little more variance than there was, the wider the bins the more.
-
-    Raises
-    ------
-    BadInput
-        If a pixel has a single sample.
-    """
-    count = film.count.astype(np.float64)[..., None]
-    if (count < 2).any():
-        raise BadInput(f"{int((count < 2).sum())} pixels have a single sample", "cast two or more: one tells no noise")
-    variance = film.variance
-    return (_read_off(film, count) if variance is None else variance) / count
-
-
-def _read_off(film: Film, count: Doubles) -> Doubles:
-    nodes = RANGE * np.append(np.linspace(0, 1, BINS - 1), 2.0) ** EXPONENT
-    votes = film.histogram.astype(np.float64)
-    most = votes[..., -1]
-    # the last bin is wide and without an end: the mean tells how bright what fell into it was
-    bright = (count * film.mean - votes[..., :-1] @ nodes[:-1]) / np.where(most > 0, most, 1.0)
-    last = np.maximum(bright, nodes[-2])
-    first, second = (votes[..., :-1] @ nodes[:-1] ** k + most * last**k for k in (1, 2))
-    variance: Doubles = np.maximum(second - first**2 / count, 0.0) / (count - 1.0)
-    return variance
-
-
 def _probe(film: Film, smooth: Floats, seed: int) -> Samples:
     """The film with the filtered picture, and pictures of noise alone, in the place of its own."""
+    single = film.count < 2
+    if single.any():
+        raise BadInput(f"{int(single.sum())} pixels have a single sample", "cast two or more: one tells no noise")
     frame = samples_of(film)
     draws = np.random.default_rng([SEED, seed]).standard_normal((*frame.count.shape, DRAWS, 3), np.float32)
     draws *= np.sqrt(mean_variance(film)).astype(np.float32)[..., None, :]

@@ -244,6 +244,8 @@ def _sentence(found: FilteredFilm, judged: dict[str, str]) -> str:
 
 
 def _write_pictures(folder: ResultFolder, film: Film, found: FilteredFilm, truth: Picture | None) -> None:
+    import numpy as np
+
     from procedures.ray_histogram.comparison import psnr_db
     from station.demo.ray_page import RenderRow, ray_page
     from station.drawing.linear_pictures import described_tiff, display_png, float_tiff
@@ -260,6 +262,8 @@ def _write_pictures(folder: ResultFolder, film: Film, found: FilteredFilm, truth
         shown.append(("converged", truth))
         before, after = (psnr_db(picture, truth)[0] for _, picture in shown[:2])
         facts.append(f"PSNR against the converged render: {before:.2f} dB as rendered, {after:.2f} dB filtered.")
+    if found.uncertainty is not None:
+        facts.append(f"Standard uncertainty of the filtered values: {np.median(found.uncertainty):.2g} in the median.")
     row = RenderRow(f"{film.count.shape[1]} x {film.count.shape[0]} pixels", tuple(shown), found.similar, tuple(facts))
     folder.write("rays.html", ray_page("A render, and the same without its noise", (row,)))
 

@@ -123,6 +123,31 @@ def test_a_slope_of_light_is_less_biased_with_the_trend(light):
     assert bias[True] < bias[False] / 3
 
 
+def test_means_that_differ_beyond_doubt_keep_pixels_apart(rng):
+    # a few samples in one wide bin: histograms cannot tell 1.0 from 1.15, the means can, by twelve deviations
+    levels = np.where(np.arange(24) < 12, 1.0, 1.15)[None].repeat(20, 0)
+    film = film_of_samples(levels[..., None, None] + rng.normal(0, 0.025, (20, 24, 8, 3)))
+    errors = {
+        welch: np.mean((fuse_scale(samples_of(film), FilterParameters(welch=welch)).picture - levels[..., None]) ** 2)
+        for welch in (0.0, 3.0)
+    }
+    assert errors[3.0] < errors[0.0] / 10
+
+
+def test_means_that_chance_explains_change_little(light):
+    frame = samples_of(film_of_samples(light(np.full((24, 24), 0.4), 64)))
+    without, found = (fuse_scale(frame, FilterParameters(welch=welch)).similar for welch in (0.0, 3.0))
+    # three deviations or more are one pair in 370; a patch has 27 values, and these samples a long tail
+    assert (found > 0.9 * without).mean() > 0.9
+
+
+def test_single_samples_are_compared_by_histograms_alone(light):
+    frame = samples_of(film_of_samples(light(np.full((24, 24), 0.4), 1)))
+    np.testing.assert_array_equal(
+        fuse_scale(frame, FilterParameters()).picture, fuse_scale(frame, FilterParameters(welch=0.0)).picture
+    )
+
+
 def test_at_least_k_similar_patches_are_used(light, rng):
     # strangers everywhere: only the rule of the nearest finds any
     film = film_of_samples(light(rng.permutation(np.geomspace(0.01, 7, 400)).reshape(20, 20), 256))
@@ -176,6 +201,8 @@ def test_frames_of_different_sizes_are_refused(flat_film):
         ({"patch": -1}, "patch of half size -1"),
         ({"at_least": -1}, "at least -1"),
         ({"least_count": -1.0}, "least count of -1"),
+        ({"welch": -1.0}, "welch = -1"),
+        ({"doubt": -1.0}, "doubt = -1"),
         ({"softness": 1.5}, "softness = 1.5"),
         ({"coarse": -0.1}, "coarse = -0.1"),
     ],

@@ -58,10 +58,15 @@ def test_error_falls_with_samples_as_if_nothing_were_wrongly_shared(light):
     y, x = np.indices((48, 48))
     truth = np.select([(y < 24) & (x < 24), y < 24, x < 24], [0.1, 0.8, 2.5], 0.3)
     samples = light(truth, 512)
-    few, many = (
-        psnr_db(filter_film(film_of_samples(samples[:, :, :n])).picture, truth[..., None])[1] for n in (64, 512)
+    films = [film_of_samples(samples[:, :, :n]) for n in (64, 512)]
+    (few, many), with_means = (
+        [psnr_db(filter_film(film, FilterParameters(welch=welch)).picture, truth[..., None])[1] for film in films]
+        for welch in (0.0, 3.0)
     )
     assert (many - few) / 3 >= 2.8
+    # means tell regions apart where samples are few; where they are many, histograms have done so
+    assert with_means[0] > few + 0.5
+    assert with_means[1] > many - 0.1
 
 
 @pytest.mark.parametrize("s", [1, 2, 3])

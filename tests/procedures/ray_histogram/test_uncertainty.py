@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 
 from procedures.outcome import BadInput
-from procedures.ray_histogram.film import film_of_samples
+from procedures.ray_histogram.film import Film, film_of_samples
+from procedures.ray_histogram.film_noise import mean_variance
 from procedures.ray_histogram.filter import FilterParameters
 from procedures.ray_histogram.multiscale import filter_film
-from procedures.ray_histogram.uncertainty import coverage, mean_variance, standard_uncertainty
+from procedures.ray_histogram.uncertainty import coverage, standard_uncertainty
+from simulators.rays.path_tracer import cast
+from simulators.rays.ray_scenes import room
 
 
 def test_variance_of_the_mean_is_that_of_all_samples(rng):
@@ -62,6 +65,19 @@ def test_nineteen_of_twenty_values_are_within_two_sigma(cornell, reference, samp
     found = filter_film(film, threads=2)
     told = standard_uncertainty(film, found.picture, threads=2)
     assert 0.90 <= coverage(found.picture, told, reference) <= 0.98
+
+
+@pytest.mark.slow
+def test_the_error_of_a_rendered_room_is_what_is_told():
+    scene, camera = room(24, 32)
+    film, reference = Film.blank(24, 32), Film.blank(24, 32)
+    cast(scene, camera, 24, film.add, seed=1)
+    cast(scene, camera, 192, reference.add, seed=2)
+    found = filter_film(film, FilterParameters(scales=2))
+    told = standard_uncertainty(film, found.picture, FilterParameters(scales=2))
+    both = np.sqrt(told**2 + mean_variance(reference))  # the converged render errs too, independently
+    # 95 %, and of 2304 values that are filtered together a few dozen are independent
+    assert 0.88 <= coverage(found.picture, both.astype(np.float32), reference.mean) <= 0.99
 
 
 def test_a_single_sample_tells_no_noise(light):
