@@ -17,6 +17,7 @@ from station.app.screens.result_view import mtf_plot
 from station.app.terminal_images import psf_thumbnail
 from station.app.widgets import CurveView, Part, Picture, ProgressLine, Rail, Readings, lines_of, literal, verdict_words
 from station.drawing.diagrams import drawn, trend
+from station.guide.consent import label
 from station.guide.frontend import (
     MOVE,
     CurveSeen,
@@ -156,7 +157,7 @@ class GuideScreen(StationScreen):
 
     @show.register
     def _(self, curve: CurveSeen) -> None:
-        self._show_curve(trend(curve.places, curve.scores, f"sharpness over {curve.axis}"))
+        self._show_curve(trend(curve.places, curve.scores, f"sharpness by {label(curve.axis)}"))
 
     @show.register
     def _(self, shown: Shown) -> None:
