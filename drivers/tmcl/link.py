@@ -10,6 +10,8 @@ order: with that answer all older ones are past.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from contextlib import suppress
+from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -35,12 +37,23 @@ class OutOfStep(Exception):
     """An answer is still owed: nothing else may be asked before the line is in step."""
 
 
-class TmclLink:
-    """The modules of one line; from any thread."""
+@dataclass(frozen=True, eq=False)
+class Debt:
+    """An answer that a module owes, or a state of its reading that nobody knows."""
 
-    def __init__(self, transport: Transport[bytes]) -> None:
-        self._transport = transport
-        self._owed, self._shouts = True, 0
+    module: int
+
+
+class TmclLink:
+    """The modules of one line; from any thread.
+
+    What each module owes stands in a set, as adding to it and taking from it wait for nobody. All modules read the same
+    bytes: those that a cut order left out of step together are brought into step together.
+    """
+
+    def __init__(self, transport: Transport[bytes], modules: Iterable[int]) -> None:
+        self._transport, self._modules = transport, tuple(modules)
+        self._debts: set[Debt] = set()
 
     @property
     def address(self) -> str:
@@ -55,7 +68,7 @@ class TmclLink:
     def open(self) -> None:
         """Own the port. Raises BadConfiguration without the library, LineLost."""
         library()
-        self._owed = True
+        self._owe_all()
         self._transport.open(lambda event, host_s: None)
 
     def close(self) -> None:
@@ -79,55 +92,65 @@ class TmclLink:
         """The answer to one datagram, sent when the line is in step."""
         while True:
             try:
-                return self._exchange(data, data, REPLY_S, allowed, strict=True)
+                return self._ask(data, allowed)
             except OutOfStep:
                 self._step(data[0])
             except NoAnswer:
                 if (tries := tries - 1) < 1:
                     raise
 
+    def _ask(self, data: bytes, allowed: Callable[[], None]) -> bytes:
+        debt = Debt(data[0])
+
+        def may_go() -> None:
+            if self._owed_by(data[0]):
+                raise OutOfStep
+            allowed()
+            self._debts.add(debt)
+
+        def answer(frame: bytes) -> bytes | None:
+            # an order that was damaged on its way was not obeyed, and counts as unanswered
+            if (frame[MODULE], frame[COMMAND]) != (data[0], data[1]) or frame[STATUS] == DAMAGED:
+                return None
+            self._debts.discard(debt)
+            return frame
+
+        return self._transport.request(data, answer, REPLY_S, 1, may_go)
+
+    def _owed_by(self, module: int) -> list[Debt]:
+        return [debt for debt in tuple(self._debts) if debt.module == module]
+
+    def _owe_all(self) -> None:
+        self._debts.update(map(Debt, self._modules))
+
     def _step(self, module: int) -> None:
         """Bring module and line into step. Raises NoAnswer."""
-        question = library().datagram(module, VERSION, VERSION_BINARY, 0, 0)
         for attempt in range(LENGTH):
-            try:
-                self._exchange(PAD * bool(attempt) + question, question, STEP_S, anything, strict=False)
-            except NoAnswer:
-                continue
-            return
+            with suppress(NoAnswer):
+                self._ask_version(module, PAD * bool(attempt))
+                return
         raise NoAnswer(
             f"{self.address}: no answer from module {module}", "check its power, cable, baud rate and address"
         )
 
-    def _exchange(
-        self, sent: bytes, order: bytes, timeout_s: float, allowed: Callable[[], None], *, strict: bool
-    ) -> bytes:
-        """Send, and take what answers the order; from then on that answer is owed until it comes."""
-        shouts = [self._shouts]
-
-        def may_go() -> None:
-            if strict and self._owed:
-                raise OutOfStep
-            allowed()
-            shouts[0], self._owed = self._shouts, True
+    def _ask_version(self, module: int, before: bytes) -> None:
+        """With its answer, all that was owed when it was asked is past."""
+        paid: set[Debt] = set()
 
         def answer(frame: bytes) -> bytes | None:
-            if (frame[MODULE], frame[COMMAND]) != (order[0], order[1]) or frame[STATUS] == DAMAGED:
+            if (frame[MODULE], frame[STATUS], frame[COMMAND]) != (module, OK, VERSION):
                 return None
-            if not strict and frame[STATUS] != OK:
-                return None
-            if self._shouts == shouts[0]:
-                self._owed = False
+            self._debts.difference_update(paid)
             return frame
 
-        return self._transport.request(sent, answer, timeout_s, 1, may_go)
+        question = before + library().datagram(module, VERSION, VERSION_BINARY, 0, 0)
+        self._transport.request(question, answer, STEP_S, 1, lambda: paid.update(self._owed_by(module)))
 
     # --- the stop
 
     def shout(self, stops: bytes, error: Exception) -> None:
         """Send these datagrams past everything; what it cut off is put right before the next question. Never raises."""
-        self._shouts += 1
-        self._owed = True
+        self._owe_all()
         self._transport.shout(stops, error)
 
 

@@ -81,11 +81,11 @@ class TmclStage:
         self.clock = clock or SystemClock()
         self.trust = Trust()
         self.envelopes: dict[str, Envelope] = {}
-        self._link = TmclLink(transport)
         self._axes = tuple(axes)
         self._named = {axis.name: axis for axis in axes}
         self._poll_s, self._patience_s, self._variable = poll_s, patience_s, variable
         self._modules = tuple(dict.fromkeys(axis.module for axis in axes))
+        self._link = TmclLink(transport, self._modules)
         self._one_mover = OneMover()
         self._seals: dict[int, int] = {}
         self._stops = b""
@@ -100,9 +100,9 @@ class TmclStage:
         self._link.close()
         self.trust.lose(UNHOMED)
         self._seals.clear()
+        self._stops = stop_bytes((axis.module, axis.motor) for axis in self._axes)
         self._link.open()
         try:
-            self._stops = stop_bytes((axis.module, axis.motor) for axis in self._axes)
             told = self._roll_call()
             self.envelopes = {axis.name: self._envelope(axis) for axis in self._axes}
         except DeviceError:
@@ -266,9 +266,9 @@ class TmclStage:
                     self._check_seals()
                     self._link.host(may_go).move_to(axis.motor, goal, axis.module)
                 self._wait_for_rest(goals, 2 * longest_s + 2)
-            there, stopped = self.position(), self._one_mover.stopped(stops)
-            for axis in goals:
-                check_arrival(axis.name, target[axis.name], there[axis.name], _tolerance(axis), stopped)
+                there, stopped = self.position(), self._one_mover.stopped(stops)
+                for axis in goals:
+                    check_arrival(axis.name, target[axis.name], there[axis.name], _tolerance(axis), stopped)
 
     def _travel_s(self, axis: TmclAxis, goal: int) -> float:
         return self.envelopes[axis.name].travel_s(abs(goal - self._parameter(axis, POSITION)))

@@ -89,7 +89,8 @@ def _transfer(responses: Spectrum, parameters: Array) -> tuple[Spectrum, Spectru
 
 def _added(H: Spectrum, each: Spectrum, covariance: Array, density: float, stiff: Array, power: Array) -> float:
     """Mean square of what a filter's error of that covariance (p, p) makes of a picture of that power (F,)."""
-    spread = covariance.astype(np.float32) @ each
+    # a real matrix times complex numbers: their parts, as numpy would make the matrix complex too
+    spread = (covariance.astype(np.float32) @ each.view(np.float32)).view(np.complex64)
     variance, pseudo = np.sum(each.conj() * spread, axis=0).real, np.sum(each * spread, axis=0)
     N = np.maximum(density * np.abs(H) ** 2 + stiff, 1e-12)
     of_conjugate = density / N - (density * np.abs(H) / N) ** 2

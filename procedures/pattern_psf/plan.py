@@ -268,7 +268,7 @@ UNNOTED = Ask(
 FOCUS = (
     UNNOTED,
     Ask("refocused", "Focus on the chart again: the distance has changed. Leave autofocus off."),
-    Ask("focus_by", "How will you bracket the focus?", "choice", default="ring", choices=("ring", "rail", "skip")),
+    Ask("focus_by", "How will you search the focus?", "choice", default="ring", choices=("ring", "rail", "skip")),
     Scan("focus", "focus_steps", ring_places, sharpness, choose_focus("focus_steps", " steps"), say_ring),
     Scan(
         "focus", "z_mm", rail_places, sharpness, choose_focus("z_mm", " mm"),

@@ -302,7 +302,7 @@ def focus(place: str) -> tuple[Any, ...]:
     return (
         Ask(f"focused_{place}", "Focus on the wall, then switch autofocus off."),
         Look("light", CHECKS[place]),
-        Ask("focus_by", "How will you bracket the focus?", "choice", default="ring", choices=("ring", "skip")),
+        Ask("focus_by", "How will you search the focus?", "choice", default="ring", choices=("ring", "skip")),
         Scan("focus", "focus_steps", ring_places, sharpness, choose_focus, say_ring),
     )
 

@@ -20,6 +20,7 @@ from textual.widgets import Static
 from station.drawing.big_letters import big_lines
 from station.drawing.colours import MARK_GROUND, MARK_TEXT
 from station.drawing.glyphs import Glyphs, visible
+from station.results.verdict_words import measurement_words
 
 if TYPE_CHECKING:
     from procedures.plan import Plan, Reading
@@ -364,6 +365,6 @@ class KeyLine(Part):
 
 
 def verdict_words(verdict: str, glyphs: Glyphs) -> str:
-    """A verdict as mark and word."""
+    """A measurement's verdict as mark and word."""
     marks: Mapping[str, str] = {"pass": glyphs.good, "refused": glyphs.bad}
-    return f"{marks.get(verdict, '?')} {verdict.upper()}"
+    return f"{marks.get(verdict, '?')} {measurement_words(verdict)}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from textwrap import shorten
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +18,8 @@ BRAILLE = 0x2800
 DOTS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
 """Bits of a braille character, [row][column]."""
 DASH = 4
+CUT = "..."
+"""Where a label has no room."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +49,7 @@ class TerminalFrame:
 def plot(
     curves: Sequence[TerminalCurve], frame: TerminalFrame, width: int, height: int, ascii: bool = False
 ) -> list[str]:
-    """`height` lines of at most `width` characters: the curves, the ends of both axes, and the label."""
+    """`height` lines of at most `width` characters: the curves, the ends of both axes, the label, whole words of it."""
     canvas = _Canvas(max(1, width - GUTTER), max(1, height - 1), 1 if ascii else 2, 1 if ascii else 4)
     for curve in curves:
         _draw(canvas, curve, frame)
@@ -56,7 +59,8 @@ def plot(
     body = [f"{ends.get(i, ''):>{GUTTER - 1}.{GUTTER - 1}}{side}{line}" for i, line in enumerate(lines)]
     low, high = f"{frame.x[0]:.3g}", f"{frame.x[1]:.3g}"
     room = max(0, width - GUTTER - len(low) - len(high))
-    return [*body, f"{'':{GUTTER}}{low}{frame.label[:room]:^{room}}{high}"[:width]]
+    label = shorten(frame.label, room - 2, placeholder=CUT) if room - 2 > len(CUT) else ""
+    return [*body, f"{'':{GUTTER}}{low}{label:^{room}}{high}"[:width]]
 
 
 class _Canvas:

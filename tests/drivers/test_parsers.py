@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from drivers import shutter as strig
 from drivers.light import DmxFrame, DmxParser, frame
 from drivers.protocols import grbl as grbl
+from drivers.protocols import tmcl as tmcl
 from drivers.protocols import zaber as zaber
 from drivers.protocols.imu import FastParser, Samples, Text, WitFrame, WitParser, cobs_decode, crc16
 from drivers.rangefinder import BoschFrame, BoschParser, JrtFrame, JrtParser, JrtRangefinder, crc8
@@ -82,6 +83,12 @@ STREAMS: dict[str, tuple[Callable[[], Any], list[bytes], list[Any]]] = {
             zaber.Alert(1, 1, False, "--"),
             zaber.Info(1, 0, "text"),
         ],
+    ),
+    "tmcl": (
+        tmcl.TmclParser,
+        # answers to SIO, as a module gave them, and to a position of -1000
+        [bytes.fromhex(one) for one in ("0201640e0000000075", "0201640e0000000176", "02016406fffffc187f")],
+        [bytes.fromhex(one) for one in ("0201640e0000000075", "0201640e0000000176", "02016406fffffc187f")],
     ),
     "strig": (
         strig.StrigParser,

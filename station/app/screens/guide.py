@@ -13,10 +13,11 @@ from textual.containers import Horizontal, Vertical, VerticalScroll
 from station.app.commands import GUIDE, Command, EndRun, GoOn, NewSession, ShowResults, StepBack, bindings
 from station.app.mailbox import Glimpse, News, Question
 from station.app.screens.parts import AnswerBox, StationScreen
-from station.app.screens.result_view import mtf_plot
+from station.app.screens.result_view import mtf_plot, specified
 from station.app.terminal_images import psf_thumbnail
 from station.app.widgets import CurveView, Part, Picture, ProgressLine, Rail, Readings, lines_of, literal, verdict_words
 from station.drawing.diagrams import drawn, trend
+from station.guide.consent import label
 from station.guide.frontend import (
     MOVE,
     CurveSeen,
@@ -156,7 +157,7 @@ class GuideScreen(StationScreen):
 
     @show.register
     def _(self, curve: CurveSeen) -> None:
-        self._show_curve(trend(curve.places, curve.scores, f"sharpness over {curve.axis}"))
+        self._show_curve(trend(curve.places, curve.scores, f"sharpness by {label(curve.axis)}"))
 
     @show.register
     def _(self, shown: Shown) -> None:
@@ -174,7 +175,8 @@ class GuideScreen(StationScreen):
     def _(self, result: Result) -> None:
         self._doing_last = False
         planes = [f"{name}: {verdict_words(one.verdict, self.glyphs)}" for name, one in result.planes.items()]
-        words = [f"{verdict_words(result.verdict, self.glyphs)}   {'   '.join(planes)}", result.reason, result.remedy]
+        words = [f"Measurement: {verdict_words(result.verdict, self.glyphs)}   {'   '.join(planes)}"]
+        words += [result.reason, result.remedy, *specified(list(result.planes.values()))]
         self._verdict = tuple(text for text in words if text)
         self.query_one("#instruction", Part).update(lines_of(literal("Result", "bold"), *self._verdict))
         self._show_readings(())

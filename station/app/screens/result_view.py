@@ -15,6 +15,7 @@ from station.results.number_names import short
 from station.results.plane_result import PlaneResult
 from station.results.reader import Change
 from station.results.restored import Restored
+from station.results.terms import specification_verdict
 from station.results.verdict_words import specification_words
 
 Plotted = Callable[[int, int, bool], list[str]]
@@ -46,6 +47,13 @@ def mtf_plot(planes: Sequence[PlaneResult]) -> Plotted | None:
     last = max(float(np.max(curve.x)) for curve in curves)
     frame = TerminalFrame((0.0, last), (0.0, 1.05), f"MTF, {planes[0].unit}")
     return lambda width, height, ascii: plot(curves, frame, width, height, ascii=ascii)
+
+
+def specified(planes: Sequence[PlaneResult]) -> list[str]:
+    """How the planes stand to their specification together, and what is not met of which; nothing without one."""
+    judged = specification_verdict(planes)
+    against = [f"{one.name}: {words}" for one in planes if one.specification for words in one.specification.against]
+    return [f"Lens: {specification_words(judged)}", *against] if judged else []
 
 
 def plane_in_words(plane: PlaneResult, glyphs: Glyphs) -> list[str]:

@@ -13,12 +13,13 @@ from procedures.outcome import Verdict
 from procedures.psf import Psf
 from procedures.quality import assess
 from station.app.app import StationApp
-from station.app.screens.result_view import mtf_plot, plane_in_words
+from station.app.screens.result_view import mtf_plot, plane_in_words, specified
 from station.app.screens.results import read_all
 from station.app.terminal_images import psf_thumbnail
 from station.drawing.depth_pictures import encoded
 from station.drawing.glyphs import ASCII
 from station.guide.frontend import RunEnded
+from station.results.comparison import Comparison, Judged, Judgement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
 from station.results.restored import RESTORATION
@@ -134,12 +135,12 @@ def test_a_result_shows_verdict_numbers_picture_and_curve(tmp_path, size):
     async def use(driver: Driver) -> None:
         await driver.until("press Enter to begin")
         await driver.press("f4")
-        await driver.until("Plane G1: ✓ PASS")
+        await driver.until("Plane G1: ✓ trusted")
         assert "MTF50, rows" in driver.text
         assert "cycles/pixel" in driver.text
         await driver.looks_like(f"results-{size[0]}")
         await driver.press("p")
-        await driver.until("Plane R: ✗ REFUSED")
+        await driver.until("Plane R: ✗ refused")
         assert "too dark" in driver.text
         assert "light the chart" in driver.text
 
@@ -160,7 +161,7 @@ def test_a_restoration_is_shown(tmp_path, refused):
     async def use(driver: Driver) -> None:
         await driver.until("press Enter to begin")
         await driver.press("f4")
-        await driver.until("Restoration: ✗ REFUSED" if refused else "Restoration: ? DOUBTFUL")
+        await driver.until("Restoration: ✗ refused" if refused else "Restoration: ? doubtful")
         assert "the light differs" in driver.text
         assert ("w of the depth map: 1.5 to 7.25 pixel" in driver.text) != refused
         assert ("the sharp" in driver.text) != refused
@@ -179,7 +180,7 @@ def test_two_results_are_compared(tmp_path):
         await driver.press("c", "down")
         await driver.until("apart by")
         await driver.press("c")
-        await driver.until("Plane G1: ✓ PASS")
+        await driver.until("Plane G1: ✓ trusted")
 
     drive(StationApp(FakeLab(tmp_path, nothing)), use)
 
@@ -246,3 +247,14 @@ def test_a_damaged_result_hides_no_other_and_whatever_is_shown_of_it_can_be_draw
         assert plane_in_words(plane, ASCII)
         psf_thumbnail(plane.samples, "")
         mtf_plot([plane])(60, 20, True)
+
+
+def test_the_lens_is_judged_by_its_worst_plane_and_what_is_not_met_is_said():
+    miss = Judgement("mtf50", Judged.MISSES, 0.2, 0.01, 0.3, None, "cycles/pixel", "", "MTF50 must be 0.3 at least")
+    good, bad = (
+        PlaneResult(name, Verdict.PASS, specification=comparison)
+        for name, comparison in (("G1", Comparison(Judged.MEETS)), ("R", Comparison(Judged.MISSES, (miss,))))
+    )
+    assert specified([good]) == ["Lens: meets the specification"]
+    assert specified([good, bad]) == ["Lens: does not meet the specification", "R: MTF50 must be 0.3 at least"]
+    assert specified([PlaneResult("G1", Verdict.PASS)]) == []

@@ -2,91 +2,15 @@
 
 from __future__ import annotations
 
-import struct
 import sys
 
 import pytest
 
-from drivers.errors import BadConfiguration, EmergencyStopped, MoveFailed, NoAnswer, NotHomed, Rejected, WasReset
-from drivers.protocols.tmcl import TmclParser, checksum
-from drivers.transport import SerialTransport
-from simulators.devices.serial_device import Cable, plug
-from simulators.devices.tmcl import TmclModule
-from simulators.world.motion import Axis
+from drivers.errors import BadConfiguration, EmergencyStopped, MoveFailed, NoAnswer, WasReset
+from drivers.tmcl.link import library
+from drivers.tmcl.stage import TmclAxis
 
-pytest.importorskip("pytrinamic", reason="pytrinamic is not installed (extra `tmcl`)")
-from drivers.tmcl.link import library, stop_bytes
-from drivers.tmcl.stage import TmclAxis, TmclStage
-
-STEP = 1 / 320
-AXES = [TmclAxis("z_mm", 0, (0.0, 200.0), STEP), TmclAxis("x_mm", 1, (0.0, 200.0), STEP)]
-MVP, MST, RFS = 4, 3, 13
-
-
-@pytest.fixture
-def module(bench):
-    module = TmclModule([(Axis(0.0, 200.0, 20.0), STEP) for _ in AXES])
-    bench.cables["stage"] = cable = Cable(module, bench.clock)
-    plug(f"{bench.name}/stage", cable)
-    return module
-
-
-@pytest.fixture
-def make(bench, module):
-    made = []
-
-    def make(axes=AXES, **told):
-        wire = SerialTransport(bench.address("stage"), TmclParser, baud=9600, clock=bench.clock)
-        made.append(TmclStage(wire, axes, clock=bench.clock, **told))
-        return made[-1]
-
-    yield make
-    for stage in made:
-        stage.close()
-
-
-@pytest.fixture
-def stage(make):
-    stage = make()
-    stage.connect()
-    return stage
-
-
-@pytest.fixture
-def homed(stage):
-    stage.home()
-    stage.move_to(z_mm=100.0, x_mm=100.0)
-    return stage
-
-
-@pytest.fixture
-def after_an_order(module, monkeypatch):
-    """Let something happen as soon as the module has obeyed its first order of a kind."""
-
-    def when(command, kind, happen):
-        obey = module._obey
-
-        def meddled(*order):
-            done = obey(*order)
-            if order[:2] == (command, kind):
-                monkeypatch.setattr(module, "_obey", obey)
-                happen()
-            return done
-
-        monkeypatch.setattr(module, "_obey", meddled)
-
-    return when
-
-
-def orders(module, command, kind=None):
-    """The motors that were given such an order."""
-    return [number for said, type_, number, _ in module.obeyed if said == command and kind in (None, type_)]
-
-
-def datagram(module, command, kind=0, motor=0, value=0):
-    body = struct.pack(">BBBBi", module, command, kind, motor, value)
-    return body + bytes([checksum(body)])
-
+from .orders import AXES, MST, MVP, RFS, STEP, datagram, orders, restart
 
 # --- who is there
 
@@ -122,8 +46,8 @@ def test_a_move_is_awaited_at_the_modules_own_pace(homed, module, bench):
     homed.connect()
     homed.home()
     begin_s = bench.clock.now_s()
-    homed.move_to(z_mm=5.0)
-    assert bench.clock.now_s() - begin_s == pytest.approx(5.0 / 1.4305, abs=0.2)
+    homed.move_to(z_mm=3.0)
+    assert bench.clock.now_s() - begin_s == pytest.approx(3.0 / 1.4305, abs=0.2)
 
 
 def test_a_module_without_dividers_tells_microsteps_a_second(make, module):
@@ -209,11 +133,17 @@ def test_a_move_that_was_not_answered_is_stopped(homed, bench, module, monkeypat
     assert 10.0 < homed.position()["z_mm"] <= 100.0
 
 
+def test_an_axis_that_stands_still_on_its_way_is_stopped_before_that_is_told(homed, module, monkeypatch):
+    told = module.motors[0].told
+    frozen = {1: 32_000, 3: 0}  # where it was, and no speed
+    monkeypatch.setattr(module.motors[0], "told", lambda number, now_s: frozen.get(number, told(number, now_s)))
+    with pytest.raises(MoveFailed, match="came to rest at 100"):
+        homed.move_to(z_mm=0.0)
+    assert orders(module, MST) == [0]
+    assert orders(module, RFS, 1) == [0]
+
+
 # --- power cut and back
-
-
-def restart(bench, module):
-    bench.cables["stage"].happen(module.restart)
 
 
 def test_a_power_cycle_in_mid_move_stops_the_other_axes_and_takes_the_trust(homed, bench, module):
@@ -277,78 +207,3 @@ def test_a_module_that_keeps_no_variables_is_doubted(make, module):
     stage.home()
     assert "does not tell when it was switched off" in stage.condition().doubt.reason
     stage.move_to(z_mm=10.0)
-
-
-# --- in step
-
-
-def test_the_numbers_of_the_library_are_the_manuals():
-    assert library().datagram(1, MVP, 0, 2, -1000) == datagram(1, MVP, 0, 2, -1000)
-    with pytest.raises(Rejected, match=r"module 1 at here refused MVP 9, 0, 5: status 3 \(wrong type\)"):
-        library().host(lambda sent: _answer(3, sent[1], 0), "here").move(9, 0, 5, 1)
-
-
-def _answer(status, command, value):
-    body = struct.pack(">BBBBi", 2, 1, status, command, value)
-    return body + bytes([checksum(body)])
-
-
-@pytest.mark.parametrize("stray", range(1, 9))
-def test_a_module_that_has_stray_bytes_is_brought_into_step(homed, bench, module, stray):
-    bench.cables["stage"].happen(lambda now_s: module.receive(bytes(stray), now_s))
-    assert homed.position()["z_mm"] == pytest.approx(100.0)
-    homed.move_to(z_mm=20.0)
-
-
-def test_an_answer_that_comes_late_is_not_taken_for_the_next_ones(homed, bench):
-    bench.cables["stage"].faults.delay_s = 0.32  # past the deadline of a question, before that of the next
-    with pytest.raises(NoAnswer):
-        homed._link.host().get_axis_parameter(1, 0, 1, signed=True)
-    bench.cables["stage"].faults.delay_s = 0.0
-    assert homed._parameter(AXES[0], 3) == 0  # its speed, and not its position
-
-
-def rest(cut, module_number=1):
-    """Two motors on their way; one gets `cut` bytes of an order, then the stop."""
-    axes = [Axis(0.0, 1e9, 5e8), Axis(0.0, 1e9, 5e8)]
-    module = TmclModule([(axis, 1.0) for axis in axes], address=module_number)
-    module.receive(datagram(module_number, 1, 0, 0, 500) + datagram(module_number, 2, 0, 1, 500), 0.0)
-    assert all(axis.velocity(1.0) for axis in axes)
-    module.obeyed.clear()
-    module.receive(datagram(module_number, MVP, 0, 0, 123456)[:cut], 1.0)
-    module.receive(stop_bytes([(module_number, 0), (module_number, 1)]), 1.0)
-    return module, axes
-
-
-@pytest.mark.parametrize("cut", range(9))
-def test_the_stop_reaches_a_module_wherever_it_is_in_a_datagram(cut):
-    module, axes = rest(cut)
-    assert {order[0] for order in module.obeyed} == {MST, RFS}
-    module.advance(1000.0)
-    assert [axis.velocity(1000.0) for axis in axes] == [0.0, 0.0]
-
-
-@pytest.mark.slow
-def test_nothing_of_the_stop_is_another_order_however_it_is_read():
-    for address in range(1, 256):
-        stops = stop_bytes([(address, motor) for motor in range(6)])
-        for shift in range(9):
-            for at in range(shift, len(stops) - 8, 9):
-                read = stops[at : at + 9]
-                if read[0] == address and checksum(read[:-1]) == read[-1]:
-                    assert read[1:3] in (bytes([MST, 0]), bytes([RFS, 1]))
-
-
-def test_a_stop_leaves_a_module_in_step_where_it_was():
-    module, _ = rest(0)
-    module.advance(1.0)
-    module.receive(datagram(1, 136, 1), 1.0)
-    assert module.advance(1.0) == _answer(100, 136, 3110 << 16 | 1 << 8 | 15)
-
-
-def test_a_stage_that_was_not_connected_takes_a_stop(make):
-    stage = make()
-    stage.emergency_stop()
-    stage.connect()
-    with pytest.raises(NotHomed):
-        stage.move_to(z_mm=1.0)
