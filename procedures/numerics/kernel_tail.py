@@ -143,24 +143,20 @@ def _folded(seen: npt.NDArray[np.complex64], spectrum: Array32, s: int) -> npt.N
 @lru_cache(maxsize=4)
 def _shift(k: int, rows: int) -> npt.NDArray[np.complex64]:
     """What moves the first row that all shapes reach to the first place, in Fourier, (rows, 1)."""
-    return np.exp(2j * np.pi * tail_border(k) * transforms.fftfreq(rows)[:, None]).astype(np.complex64)
+    return np.asarray(np.exp(2j * np.pi * tail_border(k) * transforms.fftfreq(rows)[:, None]), dtype=np.complex64)
 
 
 @lru_cache(maxsize=4)
 def _spectra(k: int, rows: int, columns: int) -> Array32:
-    """Spectra of the shapes about their centres on a grid, (q, rows, columns // 2 + 1).
-
-    Each shape is its own mirror image in its centre: its spectrum about that is real, and one transform gives those of
-    two, of one as its real part, of the other as the imaginary.
-    """
+    """Spectra of the shapes about their centres on a grid, (q, rows, columns // 2 + 1): real, as each shape is its own
+    mirror image in its centre."""
     half, kernels = tail_border(k), tail_kernels(k).astype(np.float32)
     spectra = np.empty((len(kernels), rows, columns // 2 + 1), np.float32)
-    pair = np.zeros((rows, columns), np.complex64)
+    picture = np.zeros((rows, columns), np.float32)
     centred = np.ix_(np.arange(-half, half + 1) % rows, np.arange(-half, half + 1) % columns)
-    for j in range(0, len(kernels), 2):
-        pair[centred] = kernels[j] + 1j * kernels[j + 1]
-        both = transforms.fft2(pair)[:, : columns // 2 + 1]
-        spectra[j], spectra[j + 1] = both.real, both.imag
+    for spectrum, kernel in zip(spectra, kernels, strict=True):
+        picture[centred] = kernel
+        spectrum[:] = transforms.rfft2(picture).real
     return spectra
 
 

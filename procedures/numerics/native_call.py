@@ -73,7 +73,7 @@ def _address(array: npt.NDArray[Any]) -> int:
     """Of an array's first element."""
     flags = array.flags
     if flags.c_contiguous and flags.writeable and array.size:
-        return ctypes.addressof(ctypes.c_char.from_buffer(array))  # half as long as NumPy's own ways take
+        return ctypes.addressof(ctypes.c_char.from_buffer(array.data))  # half as long as NumPy's own ways take
     return int(array.ctypes.data)
 
 

@@ -64,10 +64,10 @@ def _unpacked(packed: npt.NDArray[np.float32]) -> npt.NDArray[np.complex64]:
     return half
 
 
-def irfft_rows(spectra: npt.NDArray[np.complex64], columns: int) -> npt.NDArray[np.float32]:
+def irfft_rows(spectra: npt.NDArray[np.complexfloating], columns: int) -> npt.NDArray[np.float32]:
     """Real rows (rows, columns) whose half transforms are `spectra`, and zero beyond these."""
     packed = np.zeros((len(spectra), columns), dtype=np.float32)  # real and imaginary parts in turn, those of 0 in one
-    parts = np.ascontiguousarray(spectra).view(np.float32)[:, : columns + 1]
+    parts = np.ascontiguousarray(spectra, dtype=np.complex64).view(np.float32)[:, : columns + 1]
     packed[:, 0], packed[:, 1 : parts.shape[1] - 1] = parts[:, 0], parts[:, 2:]
     flags = cv2.DFT_INVERSE | cv2.DFT_ROWS | cv2.DFT_SCALE | cv2.DFT_REAL_OUTPUT
     return np.asarray(cv2.dft(packed, flags=flags), dtype=np.float32)

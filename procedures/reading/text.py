@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import tomllib
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -55,6 +54,8 @@ def read_toml(path: Path, remedy: str = "correct it, or name another file") -> d
 
 def parse_toml(text: str, name: str, remedy: str) -> dict[str, Any]:
     """The tables of a text of TOML. Raises BadInput."""
+    import tomllib  # it builds its grammar, which few commands need
+
     with decoding(name, "TOML", remedy):
         try:
             return tomllib.loads(text)

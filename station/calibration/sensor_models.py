@@ -14,14 +14,13 @@ import numpy as np
 from procedures.outcome import BadInput
 from procedures.psf import Psf
 from procedures.raw import RawFrame
-from procedures.reading.arrays import read_npy
 from procedures.reading.guard import decoding, read_file
 from procedures.reading.text import parse_json
-from procedures.sensor.noise_power import NoisePower
 from procedures.sensor_model import SensorModel
 
 if TYPE_CHECKING:
     from procedures.sensor.information import Information
+    from procedures.sensor.noise_power import NoisePower
 
 SCHEMA = "station/sensor/1"
 SEED = 1288
@@ -87,6 +86,9 @@ def read_sensor(path: Path, frame: RawFrame) -> KnownSensor:
 
 def _noise(path: Path, plane: Mapping[str, Any]) -> NoisePower | None:
     """The noise spectrum that lies beside the record; None where it was not measured, or is not there."""
+    from procedures.reading.arrays import read_npy
+    from procedures.sensor.noise_power import NoisePower
+
     told = plane.get("noise_power")
     if told is None or not (file := path.parent / Path(str(told["file"])).name).is_file():
         return None

@@ -259,8 +259,9 @@ def write_record(folder: ResultFolder, record: Mapping[str, Any]) -> str:
 
 def sealed_text(record: Mapping[str, Any], files: Mapping[str, str]) -> str:
     """The record with the SHA-256 of the files beside it, and of itself without that line."""
-    whole = {**record, "files": files}
-    return json_text({**whole, SEAL: hashlib.sha256(json_text(whole).encode()).hexdigest()})
+    whole = json_text({**record, "files": files})
+    seal = hashlib.sha256(whole.encode()).hexdigest()
+    return whole.removesuffix("\n}\n") + f',\n "{SEAL}": "{seal}"\n}}\n'
 
 
 def json_text(record: Mapping[str, Any]) -> str:
