@@ -19,6 +19,7 @@ COMMANDS = {
     "psf": ("psf.group", "psf", "Estimate a point spread function."),
     "sensor": ("camera.sensor", "sensor", "Measure gain, noise and non-uniformity of a sensor (EMVA 1288)."),
     "geometry": ("camera.geometry", "geometry", "Calibrate a camera's geometry: intrinsics, distortion, poses."),
+    "rig": ("camera.rig", "rig", "Tell how two cameras on one rig stand to each other."),
     "vignetting": ("camera.vignetting", "vignetting", "Measure the light lost towards the corners, from flats."),
     "tilt": ("camera.tilt", "tilt", "Find the sensor's tilt, and the turns of its screws that mend it."),
     "export": ("export", "export", "Write a result as a file of another program."),

@@ -1,0 +1,94 @@
+"""Two cameras on one rig, from the results of their geometries: read, put together, written."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from procedures.geometry.adjustment import POSE
+from procedures.geometry.rig import PosedCharts, RigPose
+from procedures.geometry.views import Pose
+from procedures.outcome import BadInput, Outcome
+from procedures.reading.arrays import read_npy
+from procedures.reading.guard import decoding, read_file
+from procedures.reading.text import parse_json
+from station.common.versions import software
+from station.results.exports import numbers_table
+from station.results.record_head import InputFile, RecordHead
+from station.results.result_files import RECORD, ResultFolder, npy, write_record
+
+SCHEMA = "station/rig/1"
+JOINT = "geometry_joint_covariance.npy"
+_GIVE = "name the folder that station geometry wrote"
+
+
+@dataclass(frozen=True, eq=False)
+class RigCamera:
+    """One camera's charts, as its geometry's result tells them; of the print's scale what was known there."""
+
+    file: InputFile
+    charts: PosedCharts
+    scale_uncertainty: float
+
+
+def read_rig_camera(result: Path) -> RigCamera:
+    """The charts of a geometry's result, a folder or its record.
+
+    Raises
+    ------
+    BadInput
+        If there is no such result, or it has no poses.
+    """
+    record = result / RECORD if result.is_dir() else result
+    data = read_file(record, "geometry's result")
+    told = parse_json(data, str(record), _GIVE)
+    with decoding(str(record), "a geometry's result", _GIVE):
+        if told.get("procedure") != "geometry":
+            kind = told.get("procedure", "nothing known")
+            raise BadInput(f"a rig is made of geometries; {record} is of {kind}", _GIVE)
+        entry = next(iter(told["planes"].values()))
+        if "views" not in entry:
+            raise BadInput(f"{record} holds no poses: {entry['reason']}", entry["remedy"])
+        views = entry["views"]
+        joint = read_npy(record.parent / JOINT, "covariance", _GIVE).astype(np.float64)
+        size = POSE * len(views)
+        if joint.ndim != 2 or joint.shape[0] != joint.shape[1] or len(joint) < size or not np.isfinite(joint).all():
+            raise ValueError(f"the covariance of {len(views)} poses is a square of {size} numbers and more")
+        charts = PosedCharts(
+            tuple(str(one["source"]) for one in views), tuple(_pose(one) for one in views), joint[-size:, -size:]
+        )
+        share = float(told.get("parameters", {}).get("scale_uncertainty", 0.0))
+        return RigCamera(InputFile(str(record), hashlib.sha256(data).hexdigest()), charts, share)
+
+
+def _pose(told: Mapping[str, Any]) -> Pose:
+    R, t = (np.array(told[name], dtype=np.float64) for name in ("R", "t_mm"))
+    whole = R.shape == (3, 3) and t.shape == (3,) and np.isfinite([*R.ravel(), *t]).all()
+    if not whole or not np.allclose(R @ R.T, np.eye(3), atol=1e-6):
+        raise ValueError("a pose is a rotation and three numbers")
+    return Pose(R, t)
+
+
+def write_rig_result(
+    folder: ResultFolder, cameras: tuple[RigCamera, RigCamera], outcome: Outcome[RigPose], start: float
+) -> str:
+    """Write the pose's covariance, the numbers and the record; returns the record's text."""
+    entry: dict[str, Any] = {"verdict": str(outcome.verdict), "reason": outcome.reason, "remedy": outcome.remedy}
+    if (found := outcome.value) is not None:
+        numbers = found.numbers()
+        folder.write("rig_covariance.npy", npy(found.covariance))
+        folder.write("numbers.csv", numbers_table(("rig", name, one) for name, one in numbers.items()))
+        entry |= {
+            **{name: asdict(one) for name, one in numbers.items()},
+            "R": found.pose.R.tolist(), "t_mm": found.pose.t.tolist(), "charts": list(found.charts),
+            "diagnostics": {"misfit": found.misfit, "chance": found.chance},
+        }  # fmt: skip
+    files = tuple(one.file for one in cameras)
+    head = RecordHead("rig", files, {}, duration_s=round(time.perf_counter() - start, 3))
+    return write_record(folder, {"schema": SCHEMA, **head.told(), "rig": entry, "software": software()})
