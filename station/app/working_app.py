@@ -263,7 +263,7 @@ class WorkingApp(App[int]):
 
     @on(StationScreen.Ready)
     def _screen_is_ready(self, message: StationScreen.Ready) -> None:
-        if message.screen is self._guide and self.is_running:  # not where the application was left meanwhile
+        if message.screen is self._guide:
             self._start_run()
 
     def _start_run(self) -> None:
