@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from procedures.restoration.joint.gauss_newton import PriorWeights
     from procedures.restoration.joint.joint_descent import JointRound, JointSettings
     from procedures.restoration.joint.kernel_sizes import stacks_of
+    from procedures.restoration.joint.moved_objects import MovedSettings
     from procedures.restoration.joint.restart_regions import RestartSettings
     from procedures.restoration.joint.schedule import Scheme, WeightSettings
     from procedures.restoration.masks.blur_models import DepthUnit, gaussian, pillbox
@@ -88,19 +89,19 @@ __all__ = [
     "CoefficientModel", "Correction", "CorrectionParameters", "DefocusBeside", "DepthUnit", "Diffraction",
     "DumpLayout", "EdgeMtf", "EdgeOutcome", "EdgeSettings", "Exposure", "Felt", "Film", "FilterParameters",
     "FilteredFilm", "FrameStack", "Geometry", "GeometryParameters", "JointRound", "JointSettings", "KnownShapes",
-    "LightLevel", "MapLike", "MaskField", "MaskStack", "MatchingSettings", "MeasuredShape", "MotionShapes", "Node",
-    "Outcome", "PairSettings", "PathSettings", "PatternParameters", "PatternPsf", "Physics", "PlaceSettings",
-    "Plane", "PlaneVignetting", "Poses", "Prior", "PriorWeights", "ProcedureError", "Prototypes", "Psf", "PsfField",
-    "PsfTail", "Quality", "Quantity", "RawFrame", "RecordedMotion", "Refused", "RegistrationSettings",
-    "RestartSettings", "Restoration", "RestorationLimits", "RestorationParameters", "RigSettings", "Roi",
-    "SceneBlur", "Scheme", "SegmentSettings", "SensorModel", "SensorRecording", "SensorResult", "ShapeField",
-    "Source", "Splitting", "TwoPhotoParameters", "TwoPhotoPsf", "UnknownMotion", "Verdict", "WeightSettings",
-    "assess", "blur_of", "calibrate_geometry", "characterise", "correct", "estimate_edge", "estimate_edges",
-    "estimate_field", "estimate_physics", "estimate_psf", "estimate_psf_of_pair", "estimate_vignetting",
-    "filter_film", "filter_sequence", "find_chart", "gaussian", "measure_level", "measure_stack", "measured_field",
-    "measured_shape", "otf", "pillbox", "poses_at", "poses_of", "read_camera_numbers", "read_field", "read_film",
-    "read_frame", "restore",
-    "sensor_model_of", "stacks_of", "view_of",
+    "LightLevel", "MapLike", "MaskField", "MaskStack", "MatchingSettings", "MeasuredShape", "MotionShapes",
+    "MovedSettings", "Node", "Outcome", "PairSettings", "PathSettings", "PatternParameters", "PatternPsf", "Physics",
+    "PlaceSettings", "Plane", "PlaneVignetting", "Poses", "Prior", "PriorWeights", "ProcedureError", "Prototypes",
+    "Psf", "PsfField", "PsfTail", "Quality", "Quantity", "RawFrame", "RecordedMotion", "Refused",
+    "RegistrationSettings", "RestartSettings", "Restoration", "RestorationLimits", "RestorationParameters",
+    "RigSettings", "Roi", "SceneBlur", "Scheme", "SegmentSettings", "SensorModel", "SensorRecording", "SensorResult",
+    "ShapeField", "Source", "Splitting", "TwoPhotoParameters", "TwoPhotoPsf", "UnknownMotion", "Verdict",
+    "WeightSettings", "assess", "blur_of", "calibrate_geometry", "characterise", "correct", "estimate_edge",
+    "estimate_edges", "estimate_field", "estimate_physics", "estimate_psf", "estimate_psf_of_pair",
+    "estimate_vignetting", "filter_film", "filter_sequence", "find_chart", "gaussian", "measure_level",
+    "measure_stack", "measured_field", "measured_shape", "otf", "pillbox", "poses_at", "poses_of",
+    "read_camera_numbers", "read_field", "read_film", "read_frame", "restore", "sensor_model_of", "stacks_of",
+    "view_of",
 ]  # fmt: skip
 
 # name -> the module under `procedures` that has it, and its name there where it is another: the same imports as above,
@@ -142,6 +143,7 @@ _PLACES = {
     "MatchingSettings": "restoration.first_depth.initial_depth",
     "MeasuredShape": "restoration.masks.psf_shapes",
     "MotionShapes": "restoration.unknown_motion.path_refinement",
+    "MovedSettings": "restoration.joint.moved_objects",
     "Node": "psf_field",
     "Outcome": "outcome",
     "PairSettings": "restoration.unknown_motion.path_pairs",

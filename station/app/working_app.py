@@ -22,6 +22,7 @@ from textual.message import Message
 from station.app.background import BackgroundJob, Finished, Problem, Watcher, at_once, problem_of
 from station.app.commands import EndRun, GoOn, StepBack
 from station.app.messages import Devices, Ended, News, Terminated
+from station.app.screens.dialogs import Choose
 from station.app.screens.parts import AnswerBox, StationScreen
 from station.app.screens.start import StartScreen
 from station.app.stopping_driver import stopping_first
@@ -267,7 +268,8 @@ class WorkingApp(App[int]):
             self._start_run()
 
     def _start_run(self) -> None:
-        if self._sitting is not None and self._guide is not None:
+        left = self.return_code is not None  # a screen that comes up then has no parts any more
+        if self._sitting is not None and self._guide is not None and not left:
             self._guide.begin("Opening the session and the bench.")
             self._start("run", self._sitting.work, ask=self._sitting.ask, halt=self._sitting.halt)
             self.refresh_frame()
@@ -339,6 +341,8 @@ class WorkingApp(App[int]):
     def stop_everything(self) -> None:
         """Stop the bench at once, in a thread of its own, and whatever runs."""
         self._halt()
+        if isinstance(self.screen, Choose) and self.screen.moves:
+            self.screen.close(None)  # the next key must not begin what was just stopped
         self._alarm = ALARM
         self.bell()
         self.refresh_frame()

@@ -181,7 +181,7 @@ class BenchScreen(StationScreen):
             self._do("", _home)
             return
         question = f"Homing: {', '.join(axis.name for axis in self._axes)} each go to a switch. Clear? F12 stops."
-        self.app.push_screen(Choose(question, ("home now", "not now")), self._home_or_not)
+        self.app.push_screen(Choose(question, ("home now", "not now"), moves=True), self._home_or_not)
 
     def _home_or_not(self, answer: int | None) -> None:
         if answer == 0:

@@ -72,11 +72,14 @@ class Help(Dialog):
 
 
 class Choose(Dialog):
-    """A question with a few answers; gives the place of the one that was taken."""
+    """A question with a few answers; gives the place of the one that was taken.
 
-    def __init__(self, question: str, answers: Sequence[str]) -> None:
+    moves : whether an answer begins a movement; an emergency stop takes such a question back
+    """
+
+    def __init__(self, question: str, answers: Sequence[str], *, moves: bool = False) -> None:
         super().__init__()
-        self._question, self._answers = question, answers
+        self._question, self._answers, self.moves = question, answers, moves
 
     def compose(self) -> ComposeResult:
         """Question and answers."""

@@ -26,7 +26,7 @@ KEYS = (
 )  # fmt: skip
 WIDTH = Ask("width", "How wide?", "number", unit="mm", low=1, high=9, default=3.0)
 VERDICT = Ask("verdict", "Accept?", "choice", default="accept", choices=("accept", "retake"))
-CONFIRMING = ("enter", "space", "1")
+CONFIRMING = ("enter", "space", " ", "1")
 JOGGING = ("left", "right", "minus", "plus", "-", "+")
 
 

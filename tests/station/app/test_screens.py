@@ -13,6 +13,7 @@ from procedures.outcome import Verdict
 from procedures.psf import Psf
 from procedures.quality import assess
 from station.app.app import StationApp
+from station.app.screens.dialogs import Choose
 from station.app.screens.result_view import mtf_plot, plane_in_words, specified
 from station.app.screens.results import read_all
 from station.app.terminal_images import psf_thumbnail
@@ -83,6 +84,23 @@ def test_a_stage_is_homed_and_moved_by_hand(tmp_path):
 
     drive(app, use)
     assert lab.stage.place == {"z_mm": 9.0}
+
+
+def test_an_emergency_stop_takes_a_question_back_that_would_begin_a_movement(tmp_path):
+    lab, app = bench_app(tmp_path)
+
+    async def use(driver: Driver) -> None:
+        await driver.until("press Enter to begin")
+        await driver.press("f3")
+        await driver.until("not homed. home it")
+        await driver.press("h")
+        await driver.until("Clear?")
+        await driver.press("f12", "enter")
+        await driver.until(lambda: not isinstance(driver.app.screen, Choose))
+        await driver.press("enter")
+
+    drive(app, use)
+    assert not lab.stage.homed
 
 
 def test_a_device_that_refuses_is_a_sentence(tmp_path):
