@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 
@@ -42,7 +44,15 @@ def require_aravis(*, module: bool = False) -> None:
 
 @contextmanager
 def fake_camera() -> Iterator[str]:
-    """Its address, while it runs."""
+    """Its address, while it runs: one at a time on this machine, as all of them would answer at one port."""
+    import fcntl  # here: conformance imports this module on every system, Aravis or not
+
+    with Path(tempfile.gettempdir(), "aravis-fake.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield from _running()
+
+
+def _running() -> Iterator[str]:
     command = [sys.executable, "-c", FAKE.format(distribution=DISTRIBUTION, address=ADDRESS)]
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None

@@ -7,8 +7,14 @@ from pathlib import Path
 # as the program does for itself, before numpy is loaded: see station.__main__
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import hypothesis
 import numpy as np
 import pytest
+
+# the same examples every time: a rare one that fails is to be found by whoever looks for it (HYPOTHESIS=search), not by
+# whoever changes something else
+hypothesis.settings.register_profile("fixed", derandomize=True)
+hypothesis.settings.load_profile("default" if os.environ.get("HYPOTHESIS") == "search" else "fixed")
 
 # a process that has imported everything keeps a large heap: looking through it for garbage after every 700 containers,
 # as is Python's habit, takes a good part of the time
