@@ -9,6 +9,7 @@ SIGUSR1 raises an exception in what the front end is doing.
 
 from __future__ import annotations
 
+import asyncio
 import io
 import os
 import select
@@ -110,7 +111,11 @@ class BegunApp(StationApp):
 def application() -> None:
     lab = new_lab()
     app = BegunApp(lab)
-    signal.signal(signal.SIGUSR1, lambda *_: app.call_next(boom))
+
+    def fault(*_: object) -> None:  # a loop that sleeps must be woken: a fault of the program comes while it works
+        asyncio.get_running_loop().call_soon_threadsafe(app.call_next, boom)
+
+    signal.signal(signal.SIGUSR1, fault)
     app_command._end_with_the_terminal(app, lab)
     try:
         app.run()
