@@ -59,7 +59,7 @@ class Driver:
         wanted, end = stored.read_text(encoding="utf-8"), time.monotonic() + PATIENCE_S
         while self.text + "\n" != wanted and time.monotonic() < end:
             await self.pilot.pause(0.02)
-        assert self.text + "\n" == wanted
+        assert self.text + "\n" == wanted, f"wanted\n{wanted}\nthe screen is\n{self.text}"
 
 
 def drive(app: StationApp, use: Callable[[Driver], Awaitable[None]], size: tuple[int, int] = (80, 24)) -> None:
