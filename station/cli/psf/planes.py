@@ -1,8 +1,7 @@
-"""What the commands share that turn photographs into PSFs: their options, reading, telling, writing."""
+"""What the commands share that turn photographs into PSFs: their options, reading, telling."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +12,6 @@ from station.cli.psf.terms import plane_option, tell_specification, terms_option
 from station.cli.terminal.numbers import SEED, Number
 from station.common.errors import REFUSED
 from station.common.log import log, log_json_option
-from station.results.record_head import RecordHead, files_read
 
 if TYPE_CHECKING:
     from procedures.pattern_print.source import Source
@@ -21,8 +19,6 @@ if TYPE_CHECKING:
     from procedures.reading.sensor_dump import DumpLayout
     from station.results.overlay import Overlay
     from station.results.plane_result import PlaneResult
-    from station.results.result_files import ResultFolder
-    from station.results.terms import Terms
 
 LEVELS = {"pass": "info", "doubtful": "warning", "refused": "error"}
 """Of a log line, by verdict."""
@@ -182,52 +178,6 @@ def tell_each(calibrated: Iterable[PlaneResult]) -> list[PlaneResult]:
         tell_result(one)
         found.append(one)
     return found
-
-
-def write_result(
-    folder: ResultFolder,
-    found: Sequence[PlaneResult],
-    procedure: str,
-    frames: Sequence[RawFrame],
-    *,
-    parameters: Mapping[str, object],
-    terms: Terms,
-    report: bool,
-    certificate: bool,
-    start: float,
-    overlays: Sequence[Overlay] = (),
-) -> str:
-    """Write the result of photographs, its report and certificate where wanted; returns the record's text."""
-    from station.results.result_files import write_psf_result
-
-    if report or certificate:
-        from station.reports.pattern_report import (  # it draws: that import is slow
-            PAGE,
-            calibration_page,
-            report_of_files,
-        )
-
-        told = report_of_files(procedure, frames, found, parameters, terms.specification, overlays)
-        if report:
-            folder.write(PAGE, calibration_page(told).encode())
-        if certificate:
-            from station.reports.certificate_print import write_certificate
-
-            write_certificate(folder, told)
-    text = write_psf_result(
-        folder,
-        found,
-        RecordHead(
-            procedure,
-            files_read(frames),
-            {**parameters, **terms.parameters()},
-            terms.specified(found),
-            duration_s=round(time.perf_counter() - start, 3),
-        ),
-    )
-    record = str(folder.path / "result.json")
-    log("written", f"wrote {record}", path=record)
-    return text
 
 
 def finish(records: Sequence[PlaneResult], text: str, *, as_json: bool) -> None:
