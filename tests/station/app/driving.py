@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import threading
 import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -35,6 +36,13 @@ class Driver:
         """The screen's words, as if its lines had not been broken."""
         return " ".join(self.text.split())
 
+    @property
+    def behind(self) -> str:
+        """What the application is at, for who reads of a failure: a screen alone does not tell why it is as it is."""
+        threads = ", ".join(thread.name for thread in threading.enumerate())
+        app = vars(self.app)
+        return f"jobs {app['_jobs']}, devices {app['_bench_words']!r} {app['_states']}, threads {threads}"
+
     async def press(self, *keys: str) -> None:
         await self.pilot.press(*keys)
 
@@ -42,7 +50,7 @@ class Driver:
         """Wait until a text is on the screen, or something holds."""
         end = time.monotonic() + PATIENCE_S
         while not (what in self.text or what in self.words if isinstance(what, str) else what()):
-            assert time.monotonic() < end, f"waited in vain for {what}; the screen is\n{self.text}"
+            assert time.monotonic() < end, f"waited in vain for {what}; {self.behind}; the screen is\n{self.text}"
             await self.pilot.pause(0.01)
 
     async def begin(self) -> None:
@@ -59,7 +67,7 @@ class Driver:
         wanted, end = stored.read_text(encoding="utf-8"), time.monotonic() + PATIENCE_S
         while self.text + "\n" != wanted and time.monotonic() < end:
             await self.pilot.pause(0.02)
-        assert self.text + "\n" == wanted, f"wanted\n{wanted}\nthe screen is\n{self.text}"
+        assert self.text + "\n" == wanted, f"{self.behind}\nwanted\n{wanted}\nthe screen is\n{self.text}"
 
 
 def drive(app: StationApp, use: Callable[[Driver], Awaitable[None]], size: tuple[int, int] = (80, 24)) -> None:
