@@ -197,9 +197,7 @@ def one_round(problem: Problem, state: DescentState) -> DescentState:
         state.n, f"{opening.said} + joint" if opening else "joint", value, residual,
         float(np.abs(w - state.w).mean()), time.perf_counter() - start, weights,
     )  # fmt: skip
-    return DescentState(
-        state.n + 1, u, w, _statistics(problem, u, w, weights, residual), (*state.history, done), labels
-    )
+    return DescentState(state.n + 1, u, w, _statistics(problem, u, w, weights), (*state.history, done), labels)
 
 
 def _joint(
@@ -245,7 +243,7 @@ def _placed(
     return place_steps(problem.data, problem.other, state.u, w, labels, layers, soft, step.decided, s.edges)
 
 
-def _statistics(problem: Problem, u: Array, w: Array, weights: PriorWeights, residual: float) -> Statistics:
+def _statistics(problem: Problem, u: Array, w: Array, weights: PriorWeights) -> Statistics:
     """What residual and picture of a round suggest; the noise at most half above the first.
 
     The data term is focused on w.
@@ -254,9 +252,7 @@ def _statistics(problem: Problem, u: Array, w: Array, weights: PriorWeights, res
     inside, e = u[:, R:-R, R:-R].astype(np.float64), problem.data.residual(u).astype(np.float64)
     depths, fitted = np.quantile(w[R:-R, R:-R], DECILES), fitted_by_depth(problem.data, u, weights)
     told = moments(stacks, depths, weights.picture, band_powers(e), gradient_powers(inside), fitted)
-    # depth yields to noise, not to what is left over at its own steps
-    robust = min(residual**2 / max(float(np.mean(e**2)), 1e-20), 1.0)
-    sigma = min(float(np.sqrt(robust * told.noise)), 1.5 * problem.sigma)
+    sigma = min(float(np.sqrt(told.noise)), 1.5 * problem.sigma)
     return Statistics(sigma, float(np.sqrt(told.deciding)), told.contrast)
 
 
