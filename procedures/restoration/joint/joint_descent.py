@@ -23,6 +23,7 @@ from procedures.restoration.joint.noise_and_contrast import (
     fitted_by_depth,
     gradient_powers,
     moments,
+    standing_weights,
 )
 from procedures.restoration.joint.priors import depth_variation, roughness, steps_allowed, total_variation
 from procedures.restoration.joint.restart_regions import RegionAttempt, RestartSettings, left_over, repaired
@@ -249,9 +250,11 @@ def _statistics(problem: Problem, u: Array, w: Array, weights: PriorWeights) -> 
     The data term is focused on w.
     """
     R, stacks = problem.data.R, [blur.stack for blur in problem.data.blurs]
-    inside, e = u[:, R:-R, R:-R].astype(np.float64), problem.data.residual(u).astype(np.float64)
+    e = problem.data.residual(u)
+    inside, downhill = (one[:, R:-R, R:-R].astype(np.float64) for one in (u, problem.data.blur_adjoint(e)))
     depths, fitted = np.quantile(w[R:-R, R:-R], DECILES), fitted_by_depth(problem.data, u, weights)
-    told = moments(stacks, depths, weights.picture, band_powers(e), gradient_powers(inside), fitted)
+    powers = band_powers(e.astype(np.float64)), gradient_powers(inside)
+    told = moments(stacks, depths, standing_weights(inside, downhill), *powers, fitted)
     sigma = min(float(np.sqrt(told.noise)), 1.5 * problem.sigma)
     return Statistics(sigma, float(np.sqrt(told.deciding)), told.contrast)
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from procedures.restoration.joint.data_term import DataTerm
 from procedures.restoration.joint.gauss_newton import PriorWeights
+from procedures.restoration.joint.priors import diffuse
 from procedures.restoration.masks.blur_operator import Array, MaskStack
 
 SIZE = 64
@@ -38,7 +39,7 @@ class Moments:
 def moments(
     stacks: list[MaskStack],
     depths: Array,
-    weight: float,
+    weights: Array,
     left: Array,
     gradient: Array,
     fitted: float = 0.0,
@@ -46,9 +47,10 @@ def moments(
 ) -> Moments:
     """Noise and contrast that a restoration tells of.
 
-    depths : w of equal parts of the frame; weight : of its quadratic prior; left, gradient : powers of one photograph's
-    residual, and of the restored picture's gradient, in every band, see `band_powers`; fitted : noise fitted by the
-    depth, see `fitted_by_depth`; least_noise : standard deviation under which no photograph of 16 bits is.
+    depths : w of equal parts of the frame; weights : of the quadratic prior that the picture stands with in every band,
+    see `standing_weights`; left, gradient : powers of one photograph's residual, and of the restored picture's gradient,
+    in every band, see `band_powers`; fitted : noise fitted by the depth, see `fitted_by_depth`; least_noise : standard
+    deviation under which no photograph of 16 bits is.
 
     Where masks pass S = sum |H|^2 and the prior is L, the residual holds noise and what the prior took from the
     picture, the gradient the rest of it and noise amplified; both are linear in the band's noise N and squared gradient
@@ -63,10 +65,10 @@ def moments(
     for band in range(BANDS):
         noise[band], slopes[band] = _told_apart(
             [(S[rings == band], L[rings == band]) for S, _ in parts],
-            weight, len(stacks), fitted, len(stacks) * left[band], gradient[band],
+            weights[band], len(stacks), fitted, len(stacks) * left[band], gradient[band],
         )  # fmt: skip
     noise = np.maximum(noise, least_noise**2)
-    found = weight
+    found = float(np.median(weights))
     for _ in range(20):
         deciding = np.mean([S * L / (S + found * L + 1e-12) ** 3 for S, _ in parts], axis=0)
         share = np.array([deciding[rings == band].sum() for band in range(BANDS)])
@@ -97,16 +99,32 @@ def _told_apart(
     return max(float(noise), 0.1 * left / free), max(float(slopes), 0.0)
 
 
-def band_powers(images: Array) -> Array:
-    """Mean power of images (..., H, W) in every band of frequencies, (BANDS,)."""
+def band_powers(images: Array, others: Array | None = None) -> Array:
+    """Mean power of images (..., H, W) in every band of frequencies, (BANDS,); or what they and others share of it."""
     shape = (images.shape[-2], images.shape[-1])
-    window = np.outer(np.hanning(shape[0] + 2)[1:-1], np.hanning(shape[1] + 2)[1:-1])
+    one = _spectra(images)
+    other = one if others is None else _spectra(others)
+    rings, mean = _rings(shape), (one * other.conj()).real.reshape(-1, *shape).mean(axis=0)
+    return np.array([mean[rings == band].mean() for band in range(BANDS)])
+
+
+def _spectra(images: Array) -> NDArray[np.complex128]:
+    """Of images (..., H, W) under a window of mean square 1 / (H W), their level taken away."""
+    window = np.outer(*(np.hanning(n + 2)[1:-1] for n in images.shape[-2:]))
     window /= np.sqrt(np.sum(window**2))
     level = np.sum(images * window, axis=(-2, -1), keepdims=True) / window.sum()
-    power = np.abs(np.fft.fft2((images - level) * window)) ** 2
-    rings = _rings(shape)
-    mean = power.reshape(-1, *shape).mean(axis=0)
-    return np.array([mean[rings == band].mean() for band in range(BANDS)])
+    return np.asarray(np.fft.fft2((images - level) * window))
+
+
+def standing_weights(u: Array, downhill: Array) -> Array:
+    """Weight of the quadratic prior that a picture (C, H, W) stands with in every band of frequencies, (BANDS,).
+
+    downhill : the data term's gradient, blur's adjoint of the residual, (C, H, W). Where the cost is least it is
+    weight times the prior's; iterations that have not come so far leave what a larger weight would, high frequencies
+    first.
+    """
+    steep = diffuse(u)
+    return np.maximum(band_powers(steep, downhill) / np.maximum(band_powers(steep), 1e-30), 1e-9)
 
 
 def gradient_powers(u: Array) -> Array:
