@@ -245,9 +245,10 @@ def _placed(
 
 
 def _statistics(problem: Problem, u: Array, w: Array, weights: PriorWeights) -> Statistics:
-    """What residual and picture of a round suggest; the noise at most half above the first.
+    """What residual and picture of a round suggest. The data term is focused on w.
 
-    The data term is focused on w.
+    The noise is at most half above the first, which no picture at any depth explains: masks that err are in it, a depth
+    not found yet is not.
     """
     R, stacks = problem.data.R, [blur.stack for blur in problem.data.blurs]
     e = problem.data.residual(u)
@@ -255,8 +256,8 @@ def _statistics(problem: Problem, u: Array, w: Array, weights: PriorWeights) -> 
     depths, fitted = np.quantile(w[R:-R, R:-R], DECILES), fitted_by_depth(problem.data, u, weights)
     powers = band_powers(e.astype(np.float64)), gradient_powers(inside)
     told = moments(stacks, depths, standing_weights(inside, downhill), *powers, fitted)
-    sigma = min(float(np.sqrt(told.noise)), 1.5 * problem.sigma)
-    return Statistics(sigma, float(np.sqrt(told.deciding)), told.contrast)
+    sigma, deciding = (min(float(np.sqrt(one)), 1.5 * problem.sigma) for one in (told.noise, told.deciding))
+    return Statistics(sigma, deciding, told.contrast)
 
 
 def finish(problem: Problem, state: DescentState) -> DescentState:
