@@ -47,10 +47,10 @@ def moments(
 ) -> Moments:
     """Noise and contrast that a restoration tells of.
 
-    depths : w of equal parts of the frame; weights : of the quadratic prior that the picture stands with in every band,
-    see `standing_weights`; left, gradient : powers of one photograph's residual, and of the restored picture's gradient,
-    in every band, see `band_powers`; fitted : noise fitted by the depth, see `fitted_by_depth`; least_noise : standard
-    deviation under which no photograph of 16 bits is.
+    depths : w of equal parts of the frame; weights : of the quadratic prior that the picture stands with in every
+    band, see `standing_weights`; left, gradient : powers of one photograph's residual, and of the restored picture's
+    gradient, in every band, see `band_powers`; fitted : noise fitted by the depth, see `fitted_by_depth`; least_noise :
+    standard deviation under which no photograph of 16 bits is.
 
     Where masks pass S = sum |H|^2 and the prior is L, the residual holds noise and what the prior took from the
     picture, the gradient the rest of it and noise amplified; both are linear in the band's noise N and squared gradient
