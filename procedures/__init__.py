@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from procedures.restoration.joint.gauss_newton import PriorWeights
     from procedures.restoration.joint.joint_descent import JointRound, JointSettings
     from procedures.restoration.joint.kernel_sizes import stacks_of
+    from procedures.restoration.joint.moved_objects import MovedSettings
     from procedures.restoration.joint.restart_regions import RestartSettings
     from procedures.restoration.joint.schedule import Scheme, WeightSettings
     from procedures.restoration.masks.blur_models import DepthUnit, gaussian, pillbox
@@ -89,7 +90,7 @@ __all__ = [
     "DumpLayout", "EdgeMtf", "EdgeOutcome", "EdgeSettings", "Exposure", "Felt", "Film", "FilterParameters",
     "FilteredFilm", "FrameStack", "Geometry", "GeometryParameters", "JointRound", "JointSettings", "KnownShapes",
     "LightLevel", "MapLike", "MaskField", "MaskStack", "MatchingSettings", "MeasuredShape", "MotionShapes",
-    "Node", "Outcome", "PairSettings", "PathSettings", "PatternParameters", "PatternPsf", "Physics",
+    "MovedSettings", "Node", "Outcome", "PairSettings", "PathSettings", "PatternParameters", "PatternPsf", "Physics",
     "PlaceSettings", "Plane", "PlaneVignetting", "Poses", "Prior", "PriorWeights", "ProcedureError", "Prototypes",
     "Psf", "PsfField", "PsfTail", "Quality", "Quantity", "RawFrame", "RecordedMotion", "Refused",
     "RegistrationSettings", "RestartSettings", "Restoration", "RestorationLimits", "RestorationParameters",
@@ -142,6 +143,7 @@ _PLACES = {
     "MatchingSettings": "restoration.first_depth.initial_depth",
     "MeasuredShape": "restoration.masks.psf_shapes",
     "MotionShapes": "restoration.unknown_motion.path_refinement",
+    "MovedSettings": "restoration.joint.moved_objects",
     "Node": "psf_field",
     "Outcome": "outcome",
     "PairSettings": "restoration.unknown_motion.path_pairs",

@@ -72,6 +72,8 @@ def write_restoration(folder: ResultFolder, restored: Restored, head: RecordHead
     unit = found.unit
     folder.write("w.npy", npy(found.w * unit.per_pixel, np.float32))
     folder.write("w_std.npy", npy(found.w_std * unit.per_pixel, np.float32))
+    if found.moved.any():
+        folder.write("moved.npy", npy(found.moved, np.uint8))
     folder.write("depth.png", encoded(".png", coloured(found.w)))
     if page is not None:
         folder.write("report.html", page)

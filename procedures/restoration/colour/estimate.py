@@ -53,8 +53,9 @@ def in_colour(
         known, w, first, shifted(masks, 2 * found.shifts), found.diagnostics.noise, steps or Steps()
     )
     spread_w = np.repeat(np.repeat(2 * found.w_std, 2, axis=0), 2, axis=1)
+    moved = np.repeat(np.repeat(found.moved, 2, axis=0), 2, axis=1)
     unit = DepthUnit(found.unit.name, found.unit.per_pixel / 2)
-    return replace(found, sharp=sharp, w=w, w_std=spread_w, residual=residual, unit=unit)
+    return replace(found, sharp=sharp, w=w, w_std=spread_w, residual=residual, moved=moved, unit=unit)
 
 
 def pair_at(

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import irfft2, next_fast_len, rfft2
 from scipy.ndimage import gaussian_filter, minimum_filter
 from scipy.ndimage import shift as moved
@@ -99,10 +98,9 @@ def _common(costs: Sequence[Array]) -> Displacement:
     size = np.array(cost.shape)
     middle = size // 2
     place = np.array(np.unravel_index(cost.argmin(), cost.shape)).clip(1, size - 2)
-    lines = [cost[:, place[1]], cost[place[0]]]
-    (dy, deeper), (dx, yet) = (_valley(line, k) for line, k in zip(lines, place, strict=True))
+    (dy, dx), deeper = _valley(cost[place[0] - 1 : place[0] + 2, place[1] - 1 : place[1] + 2])
     y, x = place + np.array([dy, dx]) - middle
-    least = cost[tuple(place)] - deeper - yet
+    least = cost[tuple(place)] - deeper
     return Displacement(float(x), float(y), float(1 - least / max(cost[tuple(middle)], 1e-30)))
 
 
@@ -142,14 +140,19 @@ def _tile_cost(tile: Array, stacks: list[MaskStack], s: RegistrationSettings) ->
     return np.asarray(np.fft.fftshift(least))
 
 
-def _valley(line: NDArray[np.floating], k: np.intp) -> tuple[float, float]:
-    """How far from k the parabola through line[k] and its neighbours is least, and how much deeper than there."""
-    a, b, c = line[k - 1 : k + 2]
-    bend = a - 2 * b + c
-    if bend <= 0:
-        return 0.0, 0.0
-    at = float(np.clip((a - c) / (2 * bend), -0.5, 0.5))
-    return at, at**2 * float(bend) / 2
+def _valley(cost: Array) -> tuple[Array, float]:
+    """Where (y, x) the paraboloid through costs (3, 3) about their middle is least, and how much deeper than there.
+
+    Its mixed term counts: where both masks pass little across one direction, the valley is long and lies aslant.
+    """
+    slope = np.array([cost[2, 1] - cost[0, 1], cost[1, 2] - cost[1, 0]]) / 2
+    mixed = (cost[2, 2] - cost[2, 0] - cost[0, 2] + cost[0, 0]) / 4
+    down, across = cost[2, 1] + cost[0, 1] - 2 * cost[1, 1], cost[1, 2] + cost[1, 0] - 2 * cost[1, 1]
+    bend = np.array([[down, mixed], [mixed, across]])
+    if down <= 0 or across <= 0 or np.linalg.det(bend) <= 0:
+        return np.zeros(2), 0.0
+    at = np.clip(-np.linalg.solve(bend, slope), -0.75, 0.75)
+    return at, -float(slope @ at + at @ bend @ at / 2)
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from procedures.outcome import BadParameter, Outcome, Verdict
 from procedures.restoration.first_depth import initial_depth, registration
 from procedures.restoration.joint import joint_descent
 from procedures.restoration.joint.data_term import DataTerm
+from procedures.restoration.joint.moved_objects import Mask, MovedSettings, largest, moved_objects
 from procedures.restoration.joint.noise_and_contrast import noise_gain, picture_uncertainty
 from procedures.restoration.joint.schedule import Schedule, Scheme, WeightSettings
 from procedures.restoration.masks import checks
@@ -42,6 +43,8 @@ class RestorationLimits:
         Noise of the restored picture beyond which ringing hides its detail, white = 1.
     most_at_limit, most_undetermined, most_saturated : float
         Parts of the frame: with w at the end of its range, with w uncertain by more than half a pixel, saturated.
+    most_moved : float
+        Part of the frame in which something moved, beyond which the photographs do not belong together.
     """
 
     explained: float = 1.2
@@ -51,6 +54,7 @@ class RestorationLimits:
     most_at_limit: float = 0.05
     most_undetermined: float = 0.5
     most_saturated: float = 0.02
+    most_moved: float = 0.3
 
 
 @dataclass(frozen=True)
@@ -62,7 +66,7 @@ class RestorationParameters:
     Algorithm III over the whole frame), "blur" (Algorithm III), "symmetric" (Algorithm II). symmetric_axis : "both" for
     masks symmetric about axes and diagonals (Proposition 2), "x" or "y" for even ones along one axis (Proposition 3).
     total_variation, depth_total_variation : of picture and w, instead of quadratic priors.
-    registration, matching, weights, joint, limits : what each stage goes by, with the reasons of its numbers.
+    registration, matching, weights, joint, moved, limits : what each stage goes by, with the reasons of its numbers.
     """
 
     scheme: Scheme = field(default_factory=Scheme)
@@ -77,6 +81,7 @@ class RestorationParameters:
     matching: initial_depth.MatchingSettings = field(default_factory=initial_depth.MatchingSettings)
     weights: WeightSettings = field(default_factory=WeightSettings)
     joint: joint_descent.JointSettings = field(default_factory=joint_descent.JointSettings)
+    moved: MovedSettings = field(default_factory=MovedSettings)
     limits: RestorationLimits = field(default_factory=RestorationLimits)
 
     def __post_init__(self) -> None:
@@ -97,8 +102,9 @@ class RestorationDiagnostics:
     photographs' own noise; unexplained : what is left over beyond that noise, over the photographs' contrast, the
     measure of how far masks and photographs disagree; picture_std : of the sharp picture, white = 1, see
     `picture_uncertainty`; undetermined : part of the frame whose w is uncertain by more than half a pixel at best;
-    noise_gain : of the restoration at the median w; saturated, at_limit : parts of the frame saturated, and at the end
-    of the range of w.
+    noise_gain : of the restoration at the median w; saturated, at_limit, moved : parts of the frame saturated, at the
+    end of the range of w, and in which something moved; elsewhere_over_noise : as residual_over_noise, without what
+    moved.
     """
 
     noise: float
@@ -109,6 +115,8 @@ class RestorationDiagnostics:
     noise_gain: float
     saturated: float
     at_limit: float
+    moved: float
+    elsewhere_over_noise: float
 
 
 @dataclass(frozen=True)
@@ -116,7 +124,8 @@ class Restoration:
     """Sharp picture (C, H, W), w (H, W) pixels and its least standard deviation, residuals (P, C, H, W), history.
 
     shifts : (P, 2) x, y of each photograph against the first beyond what its masks contain, pixels; light : (P,) over
-    the first's; turns, zooms : (P,) against the first, radians and over its size; all taken up.
+    the first's; turns, zooms : (P,) against the first, radians and over its size; all taken up. moved : (H, W), where
+    something moved between the photographs: neither picture nor w is to be believed there.
     unit : what w is told in to people and files.
     """
 
@@ -131,6 +140,7 @@ class Restoration:
     light: Array
     turns: Array
     zooms: Array
+    moved: Mask
     unit: DepthUnit = field(default_factory=DepthUnit)
 
 
@@ -222,7 +232,7 @@ def restoration_of(
         p.joint,
     )
     state = joint_descent.run(problem, joint_descent.begin(problem, start.w), progress)
-    return _restoration(data, state, start, brought, saturated, p.limits.least_noise)
+    return _restoration(data, state, start, brought, saturated, p)
 
 
 def reach_of(w: Array, stacks: Sequence[Masks]) -> int:
@@ -243,7 +253,7 @@ def _restoration(
     start: initial_depth.DepthStart,
     brought: registration.Registered,
     saturated: float,
-    least_noise: float,
+    p: RestorationParameters,
 ) -> Restoration:
     R, inside = data.R, (slice(data.R, -data.R), slice(data.R, -data.R))
     data.focus(state.w)
@@ -252,25 +262,30 @@ def _restoration(
     w = state.w[inside]
     limit = min(b.stack.max_w for b in data.blurs)
     masks, middle, weight = [b.stack for b in data.blurs], float(np.median(w)), state.history[-1].weights.picture
-    rms, own = _left_over(residual, data), max(own_noise(data.z), least_noise)
+    rms, own = _left_over(residual, data.trust), max(own_noise(data.z), p.limits.least_noise)
+    moved = moved_objects(residual, data.z, own, p.moved)
+    # w of what moved may be any
+    spread = np.where(moved, np.maximum(spread, limit), spread)
     diagnostics = RestorationDiagnostics(
         noise=state.known.sigma,
         residual_over_noise=rms / own,
         unexplained=float(np.sqrt(max(rms**2 - own**2, 0.0)) / max(float(data.z.std(axis=(-2, -1)).mean()), 1e-9)),
-        picture_std=picture_uncertainty(masks, middle, weight, state.known.sigma),
+        picture_std=picture_uncertainty(masks, middle, weight, state.known.deciding),
         undetermined=float((spread > 0.5).mean()),
         noise_gain=noise_gain(masks, middle, weight),
         saturated=saturated,
         at_limit=float((w > limit - 0.2).mean()),
+        moved=float(moved.mean()),
+        elsewhere_over_noise=_left_over(residual * ~moved, data.trust * ~moved) / own,
     )
     sharp = state.u[:, R:-R, R:-R]
-    moved = (brought.shifts, brought.light, brought.turns, brought.zooms)
-    return Restoration(sharp, w, spread, residual, start, state.history, diagnostics, *moved)
+    taken_up = (brought.shifts, brought.light, brought.turns, brought.zooms)
+    return Restoration(sharp, w, spread, residual, start, state.history, diagnostics, *taken_up, moved)
 
 
-def _left_over(residual: Array, data: DataTerm) -> float:
+def _left_over(residual: Array, trust: Array) -> float:
     """Root mean square residual where the photographs are trusted."""
-    trusted = data.trust.mean() * residual.size
+    trusted = trust.mean() * residual.size
     return float(np.sqrt(np.sum(residual.astype(np.float64) ** 2) / max(trusted, 1.0)))
 
 
@@ -292,7 +307,12 @@ def w_uncertainty(data: DataTerm, u: Array, w: Array, sigma: float, window: int 
 def judge(result: Restoration, limits: RestorationLimits | None = None) -> Outcome[Restoration]:
     """The verdict on a restoration: passed, doubtful with the first thing wrong, or refused without a value."""
     d, s = result.diagnostics, limits or RestorationLimits()
-    if d.residual_over_noise > s.most_residual:
+    if d.moved > s.most_moved:
+        reason = (
+            f"something moved in {d.moved:.0%} of the frame between the photographs; at most {s.most_moved:.0%} may"
+        )
+        return Outcome(None, Verdict.REFUSED, reason, "take them again while nothing moves")
+    if d.elsewhere_over_noise > s.most_residual:
         reason = (
             f"no picture explains the photographs: what is left over is {d.residual_over_noise:.0f} times their noise "
             f"and {d.unexplained:.0%} of their contrast; at most {s.most_residual:.0f} times may be"
@@ -300,6 +320,12 @@ def judge(result: Restoration, limits: RestorationLimits | None = None) -> Outco
         remedy = "check that the photographs show one scene in which nothing moved, and which shape blurred which"
         return Outcome(None, Verdict.REFUSED, reason, remedy)
     doubts = [
+        (
+            d.moved > 0,
+            f"something moved between the photographs: {_where(result.moved)}; there neither picture nor depth is to "
+            "be believed",
+            "take them again while nothing moves, or leave that part out",
+        ),
         (
             d.at_limit > s.most_at_limit,
             f"w reaches the end of its range in {d.at_limit:.0%} of the frame",
@@ -328,6 +354,15 @@ def judge(result: Restoration, limits: RestorationLimits | None = None) -> Outco
         if wrong:
             return Outcome(result, Verdict.DOUBTFUL, reason, remedy)
     return Outcome(result)
+
+
+def _where(moved: Mask) -> str:
+    """What moved, in words; empty where nothing did."""
+    if not moved.any():
+        return ""
+    rows, columns = largest(moved)
+    place = f"at x {columns.start} to {columns.stop - 1}, y {rows.start} to {rows.stop - 1}"
+    return f"{moved.mean():.1%} of the frame, the most of it {place}"
 
 
 def told_in(unit: DepthUnit, outcome: Outcome[Restoration]) -> Outcome[Restoration]:

@@ -18,7 +18,13 @@ from procedures.restoration.first_depth.segments import Labels, SegmentSettings,
 from procedures.restoration.joint.data_term import DataTerm, restore_picture
 from procedures.restoration.joint.depth_edges import EdgeSettings, layers_of, place_steps
 from procedures.restoration.joint.gauss_newton import PriorWeights, joint_step
-from procedures.restoration.joint.noise_and_contrast import fitted_by_depth, moments
+from procedures.restoration.joint.noise_and_contrast import (
+    band_powers,
+    fitted_by_depth,
+    gradient_powers,
+    moments,
+    standing_weights,
+)
 from procedures.restoration.joint.priors import depth_variation, roughness, steps_allowed, total_variation
 from procedures.restoration.joint.restart_regions import RegionAttempt, RestartSettings, left_over, repaired
 from procedures.restoration.joint.schedule import (
@@ -33,6 +39,8 @@ from procedures.restoration.masks.blur_operator import Array, Blur
 
 CONTRAST = 0.013
 """Mean squared gradient of textured scenes, white = 1: what is believed until one is restored."""
+DECILES = (0.1, 0.3, 0.5, 0.7, 0.9)
+"""Where w of five equal parts of the frame lies."""
 
 
 @dataclass(frozen=True)
@@ -124,7 +132,7 @@ def begin(problem: Problem, w: Array) -> DescentState:
     mean = (data.z * data.trust).sum(axis=0) / np.maximum(data.trust.sum(axis=0), 1e-6)
     u = np.pad(mean, ((0, 0), (R, R), (R, R)), mode="edge").astype(dtype)
     data.focus(wide)
-    known = Statistics(problem.sigma, problem.settings.contrast)
+    known = Statistics(problem.sigma, problem.sigma, problem.settings.contrast)
     weight = max(1e-3, problem.schedule.final(known).picture)
     return DescentState(0, restore_picture(data, u, weight, 15), wide, known)
 
@@ -190,9 +198,7 @@ def one_round(problem: Problem, state: DescentState) -> DescentState:
         state.n, f"{opening.said} + joint" if opening else "joint", value, residual,
         float(np.abs(w - state.w).mean()), time.perf_counter() - start, weights,
     )  # fmt: skip
-    return DescentState(
-        state.n + 1, u, w, _statistics(problem, u, w, weights, residual), (*state.history, done), labels
-    )
+    return DescentState(state.n + 1, u, w, _statistics(problem, u, w, weights), (*state.history, done), labels)
 
 
 def _joint(
@@ -238,13 +244,20 @@ def _placed(
     return place_steps(problem.data, problem.other, state.u, w, labels, layers, soft, step.decided, s.edges)
 
 
-def _statistics(problem: Problem, u: Array, w: Array, weights: PriorWeights, residual: float) -> Statistics:
-    """Noise and contrast that residual and picture of a round suggest; the noise at most half above the first."""
+def _statistics(problem: Problem, u: Array, w: Array, weights: PriorWeights) -> Statistics:
+    """What residual and picture of a round suggest. The data term is focused on w.
+
+    The noise is at most half above the first, which no picture at any depth explains: masks that err are in it, a depth
+    not found yet is not.
+    """
     R, stacks = problem.data.R, [blur.stack for blur in problem.data.blurs]
-    gradient = 2 * roughness(u[:, R:-R, R:-R]) / u[:, R:-R, R:-R].size
-    fitted = fitted_by_depth(problem.data, u, weights)
-    noise, contrast = moments(stacks, float(np.median(w)), weights.picture, residual**2, gradient, fitted)
-    return Statistics(min(float(np.sqrt(noise)), 1.5 * problem.sigma), contrast)
+    e = problem.data.residual(u)
+    inside, downhill = (one[:, R:-R, R:-R].astype(np.float64) for one in (u, problem.data.blur_adjoint(e)))
+    depths, fitted = np.quantile(w[R:-R, R:-R], DECILES), fitted_by_depth(problem.data, u, weights)
+    powers = band_powers(e.astype(np.float64)), gradient_powers(inside)
+    told = moments(stacks, depths, standing_weights(inside, downhill), *powers, fitted)
+    sigma, deciding = (min(float(np.sqrt(one)), 1.5 * problem.sigma) for one in (told.noise, told.deciding))
+    return Statistics(sigma, deciding, told.contrast)
 
 
 def finish(problem: Problem, state: DescentState) -> DescentState:

@@ -114,8 +114,8 @@ class WeightSettings:
     held : float
         Part of the rounds that hold the first.
     caution : float
-        The picture's weight over sigma^2 / G: at the true depth 1 to 3 restore alike within some per cent; where w is
-        found, too little is worse than too much.
+        The picture's weight over sigma^2 / G: masks that all err alike leave nothing over, and where w is found too
+        little is worse than too much. 1 suits simulated noise of 20 dB, 2 real photographs.
     slope : float
         Of w between neighbouring pixels, usually.
     """
@@ -125,15 +125,20 @@ class WeightSettings:
     last_picture: float = 1e-7
     last_depth: float = 1e-5
     held: float = 0.25
-    caution: float = 2.0
+    caution: float = 1.5
     slope: float = DEPTH_SLOPE
 
 
 @dataclass(frozen=True)
 class Statistics:
-    """What the weights are made of: noise sigma, and the mean squared gradient G of the sharp picture, white = 1."""
+    """What the weights are made of, white = 1.
+
+    sigma : of the noise over all frequencies; deciding, contrast : sigma and mean squared gradient G of the sharp
+    picture at the frequencies where the picture's weight decides (`moments`).
+    """
 
     sigma: float
+    deciding: float
     contrast: float
 
 
@@ -153,7 +158,9 @@ class Schedule:
 
     def final(self, known: Statistics) -> PriorWeights:
         """Weights of the last rounds."""
-        picture = self.picture if self.picture is not None else self.weights.caution * known.sigma**2 / known.contrast
+        picture = (
+            self.picture if self.picture is not None else self.weights.caution * known.deciding**2 / known.contrast
+        )
         depth = self.depth if self.depth is not None else known.sigma**2 / self.weights.slope**2
         return PriorWeights(picture, depth) if self.bent else PriorWeights(picture, depth, tilt=1, bend=0)
 

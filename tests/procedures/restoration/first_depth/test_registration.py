@@ -31,8 +31,9 @@ def displaced(z, x, y):
 def test_a_shift_is_found_through_unlike_masks_and_a_step_in_depth(vibrating, x, y):
     found = displacement(displaced(vibrating.z, x, y), vibrating.stacks)
     assert found.believed()
-    # tiles of 96 pixels see slightly different parts of the scene in both photographs: 3 % of the shift; noise the rest
-    assert np.hypot(found.x - x, found.y - y) < 0.06 + 0.03 * np.hypot(x, y)
+    # tiles of 96 pixels see slightly different parts of the scene in both photographs: 3 % of the shift; noise and the
+    # step in depth shift the photographs as they are by 0.05 already
+    assert np.hypot(found.x - x, found.y - y) < 0.07 + 0.03 * np.hypot(x, y)
 
 
 def test_photographs_in_their_places_stay_as_they_are(vibrating):

@@ -95,7 +95,7 @@ def test_bent_paths_are_doubted_with_what_they_cost(vibrating, vibration_shapes,
 
 def test_residual_decides_between_pass_doubt_and_refusal(outcome):
     for times, verdict in ((1.0, "pass"), (1.3, "doubtful"), (4.9, "doubtful"), (5.1, "refused"), (68.0, "refused")):
-        told = replace(outcome.value.diagnostics, residual_over_noise=times)
+        told = replace(outcome.value.diagnostics, residual_over_noise=times, elsewhere_over_noise=times)
         assert judge(replace(outcome.value, diagnostics=told)).verdict == verdict
 
 

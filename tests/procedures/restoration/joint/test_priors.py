@@ -79,16 +79,17 @@ def test_other_schemes_are_refused(text):
 
 
 def test_weights_fall_to_what_the_noise_asks_and_no_further():
-    schedule, quiet = Schedule(20), Statistics(1e-4, 0.02)
+    schedule, quiet = Schedule(20), Statistics(1e-4, 1e-4, 0.02)
     weights = [schedule.at(n, quiet) for n in range(20)]
     pictures = [w.picture for w in weights]
     assert pictures == sorted(pictures, reverse=True)
     assert weights[-1].picture == pytest.approx(max(1e-7, schedule.final(quiet).picture))
-    assert schedule.at(19, Statistics(0.01, 0.02)).picture == schedule.final(Statistics(0.01, 0.02)).picture
+    noisy = Statistics(0.01, 0.01, 0.02)
+    assert schedule.at(19, noisy).picture == schedule.final(noisy).picture
 
 
 def test_weights_given_are_the_last_ones():
-    last = Schedule(20, picture=2e-3, depth=0.5).at(19, Statistics(1e-4, 0.02))
+    last = Schedule(20, picture=2e-3, depth=0.5).at(19, Statistics(1e-4, 1e-4, 0.02))
     assert (last.picture, last.depth) == (2e-3, 0.5)
 
 
