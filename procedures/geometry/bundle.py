@@ -69,7 +69,49 @@ def first_bundle(nodes: Array, views: Sequence[ChartView], size: tuple[int, int]
             "no focal length puts the charts where the photographs show them",
             "give photographs of one camera at one focus, the chart flat and tilted differently in each",
         )
-    return min(found, key=lambda one: one.cost_px)
+    return _turned_over(min(found, key=lambda one: one.cost_px), nodes, few)
+
+
+def _turned_over(bundle: Bundle, nodes: Array, views: Sequence[ChartView]) -> Bundle:
+    """The bundle with those charts turned over that fit better so, adjusted again as long as that helps.
+
+    Through a long lens a chart that is tilted a little looks the same tilted the other way. One that began the wrong
+    way does not turn by itself: camera and the other poses give way to it.
+    """
+    for _ in views:
+        poses = [_better(bundle.camera, pose, nodes, view) for pose, view in zip(bundle.poses, views, strict=True)]
+        if all(new is old for new, old in zip(poses, bundle.poses, strict=True)):
+            break
+        again = adjust_flat(bundle.camera, poses, nodes, views)
+        if not again.cost_px < bundle.cost_px:
+            break
+        bundle = again
+    return bundle
+
+
+def _better(camera: Camera, pose: Pose, nodes: Array, view: ChartView) -> Pose:
+    """A pose, or the chart's other tilt where that puts the nodes nearer to where they are seen."""
+    poses = _flat_poses(camera, nodes, view)
+    other = max(poses, key=lambda one: float(np.linalg.norm(one.R - pose.R)), default=pose)
+    return other if _misses(camera, other, nodes, view) < _misses(camera, pose, nodes, view) else pose
+
+
+def _misses(camera: Camera, pose: Pose, nodes: Array, view: ChartView) -> float:
+    """Sum of the squared distances of nodes from where they are seen."""
+    return float(np.sum((camera.project(pose.apply(nodes[view.index])) - view.points) ** 2))
+
+
+def _flat_poses(camera: Camera, nodes: Array, view: ChartView) -> list[Pose]:
+    """The two poses in which a flat chart looks alike to first order: Collins, Bartoli, IJCV 2014."""
+    flat = camera.rays(view.points)[:, :2]
+    known = np.isfinite(flat).all(axis=1)
+    board, seen = nodes[view.index[known]], flat[known][:, None]
+    _, turns, places, _ = cv2.solvePnPGeneric(board, seen, np.eye(3), np.zeros(4), flags=cv2.SOLVEPNP_IPPE)
+    poses = [
+        Pose(np.asarray(cv2.Rodrigues(turn)[0], dtype=np.float64), np.asarray(t, dtype=np.float64).ravel())
+        for turn, t in zip(turns, places, strict=True)
+    ]
+    return [one for one in poses if np.isfinite(one.R).all() and np.isfinite(one.t).all()]
 
 
 def _some(view: ChartView, chosen: npt.NDArray[np.bool_]) -> ChartView:

@@ -19,7 +19,7 @@ from procedures.pattern_psf.chart_finding.detection import ChartSighting, find_c
 from procedures.pattern_psf.distance.consistency import cautious_mm, probe_mm, seed_contradiction, size_contradiction
 from procedures.pattern_psf.distance.ranging import look_now, range_facts, range_readings, without_offset
 from procedures.pattern_psf.estimate import estimate_psf
-from procedures.pattern_psf.facts import RATIO, RATIO_HIGH, RATIO_LOW, PatternFacts, RangeLook
+from procedures.pattern_psf.facts import MONOCHROME, MOSAIC, RATIO, RATIO_HIGH, RATIO_LOW, PatternFacts, RangeLook
 from procedures.pattern_psf.pose import ChartPose, Optics, chart_pose
 from procedures.pattern_psf.radiometry import Light, measure_light
 from procedures.pattern_psf.registration import Registration, block_size_px, refine_corners, register_marks
@@ -89,7 +89,16 @@ def registered(plane: Plane, sighting: ChartSighting) -> Registration:
 
 
 def check_light(frame: RawFrame, facts: Facts) -> Advice:
-    """White at 80 % of the scale in the brightest plane, evenly lit, nothing clipped, the chart in sight."""
+    """White at 80 % of the scale in the brightest plane, evenly lit, nothing clipped, the chart in sight.
+
+    The first photograph is looked at for this: it tells what kind of sensor took it, too.
+    """
+    advice = _light(frame, facts)
+    kind = MONOCHROME if shown(frame).pitch == 1 else MOSAIC
+    return replace(advice, facts={**advice.facts, "sensor_kind": kind})
+
+
+def _light(frame: RawFrame, facts: Facts) -> Advice:
     plane, known = shown(frame), facts_as(PatternFacts, facts)
     sighting = seen_chart(plane, known)
     if isinstance(sighting, Advice):

@@ -8,6 +8,7 @@ from functools import lru_cache
 from procedures.choice import START_K, START_S
 from procedures.facts import CameraFacts, derived_from, gathered, number, required
 from procedures.pattern import AIM_S_OVER_T, BEST_S_OVER_T, DEFAULT_SEED, Chart
+from procedures.pattern_print.distance import PHOTOSITES_PER_PIXEL
 from procedures.pattern_print.rulers import LENGTH_MM
 from procedures.pattern_print.sheet import DEFAULT_WIDTH_MM, Size
 from procedures.pattern_psf.estimate import PatternParameters
@@ -22,6 +23,7 @@ pixels, the same number of shots has half the error at 1.3 (simulated: 24 mm at 
 SIZES = ("focal_length_mm", "pixel_pitch_um", "chart_width_mm", "ruler_mm")
 """The numbers by which a chart's size tells its distance."""
 LOOKS = "range_"
+MOSAIC, MONOCHROME = SENSORS = ("mosaic", "monochrome")
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,7 @@ class PatternFacts(CameraFacts):
     chart_seed : of its cells; the station's own where none was given
     seed_agreement : correlation of the cells seen with the seed's; None before they were looked at
     ruler_mm : what the printed ruler measured; None is a print that is taken for true
+    sensor_kind : one of `SENSORS`, as a photograph told it, else as it was typed; not known, it is taken for a mosaic
     s, k : how the PSF shall be sampled; None lets the photograph choose
     laser_offset_mm : of the rangefinder's zero behind the lens
     looks : at the chart from its distances
@@ -77,6 +80,7 @@ class PatternFacts(CameraFacts):
     chart_seed: int = DEFAULT_SEED
     seed_agreement: float | None = derived_from("chart_seed")
     ruler_mm: float | None = None
+    sensor_kind: str = MOSAIC
     s: int | None = None
     k: int | None = None
     laser_offset_mm: float | None = derived_from(*SIZES)
@@ -133,16 +137,24 @@ class PatternFacts(CameraFacts):
         return asked if asked.s is not None else PatternParameters(START_S, START_K, chosen=True)
 
     @property
+    def plane_pitch(self) -> int:
+        """Photosites from one pixel of a plane to the next, by the kind of sensor."""
+        return 1 if self.sensor_kind == MONOCHROME else PHOTOSITES_PER_PIXEL
+
+    @property
     def lens_known(self) -> bool:
         """Whether sizes tell distances."""
         return None not in (self.focal_length_mm, self.pixel_pitch_um, self.chart_width_mm)
 
-    def optics(self, pitch: int = 2) -> Optics:
-        """What tells distances from sizes, for planes of so many photosites a pixel. Raises BadParameter."""
+    def optics(self, pitch: int | None = None) -> Optics:
+        """What tells distances from sizes, for planes of so many photosites a pixel; None: as the kind of sensor has.
+
+        Raises BadParameter.
+        """
         remedy = "answer the step `distance`"
         focal_length_mm = required(self.focal_length_mm, "the lens's focal length", remedy)
         pitch_um = required(self.pixel_pitch_um, "the distance of the sensor's pixels", remedy)
-        return Optics(focal_length_mm, pitch_um * pitch, self.cell_mm)
+        return Optics(focal_length_mm, pitch_um * (pitch or self.plane_pitch), self.cell_mm)
 
     @property
     def wanted_px_per_cell(self) -> float:
@@ -154,6 +166,6 @@ class PatternFacts(CameraFacts):
         """Samples per pixel, as given or as the choice begins."""
         return self.parameters.s or START_S
 
-    def wanted_distance_mm(self, pitch: int = 2) -> float:
-        """From how far to photograph, by the lens and the print. Raises BadParameter."""
-        return self.optics(pitch).distance_mm(self.wanted_px_per_cell)
+    def wanted_distance_mm(self) -> float:
+        """From how far to photograph, by the lens, the sensor and the print. Raises BadParameter."""
+        return self.optics().distance_mm(self.wanted_px_per_cell)

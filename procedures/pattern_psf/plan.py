@@ -29,7 +29,7 @@ from procedures.pattern_psf.checks import (
 )
 from procedures.pattern_psf.combine import combine
 from procedures.pattern_psf.estimate import estimate_psf
-from procedures.pattern_psf.facts import RATIO, SIZES, PatternFacts
+from procedures.pattern_psf.facts import MOSAIC, RATIO, SENSORS, SIZES, PatternFacts
 from procedures.pattern_psf.focus.aperture import check_aperture
 from procedures.pattern_psf.gamma.words import gamma_diagram
 from procedures.plan import (
@@ -196,9 +196,15 @@ TAPE = Ask(
     "tape_mm", "How far is the chart from the lens now, by a tape measure?", "number", "mm", low=50.0, high=1e5,
     when=lambda facts: "distance_mm" not in facts and "at_z_mm" not in facts,
 )  # fmt: skip
+SENSOR = Ask(
+    "sensor_kind", "Has the sensor a colour mosaic, or is it monochrome?", "choice", "", MOSAIC, choices=SENSORS,
+    when=lambda facts: "sensor_kind" not in facts,
+)  # fmt: skip
+"""Asked where no photograph has told it yet: a monochrome sensor has its pixels half as far apart as a plane's."""
 DISTANCE = (
     Ask("focal_length_mm", "What is the lens's focal length?", "number", "mm", low=1.0, high=5000.0),
     Ask("pixel_pitch_um", "How far apart are the sensor's pixels?", "number", "µm", low=0.5, high=50.0),
+    SENSOR,
     Show(explain_distance),
     Measure(),
     TAPE,

@@ -107,6 +107,7 @@ class Hands:
             "ruler_mm": ruler,
             "focal_length_mm": camera.lens.focal_length_mm,
             "pixel_pitch_um": camera.pitch_um,
+            "sensor_kind": "monochrome" if camera.sensor.cfa is None else "mosaic",
             "typed_f_number": camera.lens.f_number,
             "near_mm": round(self._at.world.distance_mm(self._at.clock.now_s()) / TAPE_MM) * TAPE_MM,
             "ratio": self._person.ratio,

@@ -25,7 +25,7 @@ SAME_STRENGTH = 2.5
 COLLINEAR = 0.15
 """Greatest distance of a third x-corner from where two put it, in steps: perspective, distortion."""
 BETWEEN = 0.2
-"""No like saddle lies this close to the middle of two neighbouring x-corners, in steps: it would in a finer lattice."""
+"""A finer lattice has a like saddle this close to the middle of every step, in steps; clutter may have one in one."""
 BOTH_WAYS = 0.3
 """Slope under which a line is looked at from both of its ends: more than COLLINEAR can turn a step."""
 MOST_TRIPLES = 20_000
@@ -140,7 +140,7 @@ def _triples(field: Field) -> Indices:
                     continue
                 step = field.points[j] - place
                 k = nearest(field, field.points[j] + step, COLLINEAR * abs(step), j, SAME_AXIS, SAME_STRENGTH)
-                if k >= 0 and _is_step(field, j, k) and _is_free(field, i, j) and _is_free(field, j, k):
+                if k >= 0 and _is_step(field, j, k) and (_is_free(field, i, j) or _is_free(field, j, k)):
                     if count == len(out):
                         out = _longer(out)
                     out[count, 0], out[count, 1], out[count, 2] = i, j, k

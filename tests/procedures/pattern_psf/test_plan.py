@@ -1,0 +1,57 @@
+"""Where the plan sends the camera before the chart's size tells: by the lens, the print and the sensor's planes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from procedures.facts import facts_as
+from procedures.pattern import Chart
+from procedures.pattern_psf.checks import check_light
+from procedures.pattern_psf.facts import RATIO, PatternFacts
+from procedures.pattern_psf.plan import DISTANCE, plan, say_distance, towards_distance
+from procedures.plan import Ask
+from procedures.raw import read_frame
+from simulators.camera.camera import Lens, SimulatedCamera, pixels_at
+from simulators.camera.sensor import Sensor
+from simulators.world.scene import Scene
+
+COLOUR = SimulatedCamera(Lens(focal_length_mm=24.0), Sensor(rows=160, columns=200), pitch_um=5.94, oversampling=4)
+GREY = replace(COLOUR, sensor=Sensor(rows=160, columns=200, cfa=None))
+CHART, CELL_MM = Chart.from_seed(), 0.3
+FACTS = {"chart_width_mm": 320 * CELL_MM, "focal_length_mm": 24.0, "pixel_pitch_um": 5.94}
+
+
+def right_mm(camera):
+    """The simulator's own answer: from where the chart has the pixels of its planes that the ratio wants."""
+    return camera.place(CHART, pixels=pixels_at(RATIO), cell_mm=CELL_MM).pose.centre_mm[2]
+
+
+@pytest.mark.slow
+def test_a_monochrome_camera_is_sent_to_its_own_distance_by_the_photograph_of_the_light(rng, tmp_path):
+    path = tmp_path / "frame.dng"
+    scene = Scene((GREY.place(CHART, pixels=pixels_at(RATIO), cell_mm=CELL_MM),))
+    GREY.photograph(scene, rng, path, exposure_s=0.02)
+    facts = {**FACTS, **check_light(read_frame(path), FACTS).facts}
+    assert say_distance(facts) == f"Put the camera {right_mm(GREY) / 1000:.2f} m from the chart, by a tape measure."
+    rail = {"at_z_mm": 100.0, "distance_mm": 900.0, "laser_offset_mm": 0.0}
+    assert towards_distance({**facts, **rail})["z_mm"] == pytest.approx(100.0 + right_mm(GREY) - 900.0)
+
+
+def test_the_kind_of_sensor_is_told_though_there_is_no_chart_in_sight(rng, tmp_path):
+    path = tmp_path / "frame.dng"
+    GREY.photograph(Scene(), rng, path)
+    assert check_light(read_frame(path), FACTS).facts["sensor_kind"] == "monochrome"
+
+
+@pytest.mark.parametrize(("answer", "camera"), [("mosaic", COLOUR), ("monochrome", GREY)])
+def test_where_no_photograph_told_it_is_asked_before_the_distance_is(answer, camera):
+    (ask,) = (one for one in DISTANCE if isinstance(one, Ask) and one.key == "sensor_kind")
+    assert DISTANCE.index(ask) < len([one for one in DISTANCE if isinstance(one, Ask)])
+    assert ask.when(FACTS)
+    assert answer in ask.choices
+    facts = {**FACTS, "sensor_kind": answer}
+    assert not ask.when(facts)
+    assert facts_as(plan().facts, facts).wanted_distance_mm() == pytest.approx(right_mm(camera))
+    assert facts_as(PatternFacts, facts).optics().plane_pitch_um == 5.94 * camera.plane_pitch_px
