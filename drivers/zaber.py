@@ -6,15 +6,14 @@ over when the axis says IDLE, asked by polling and hastened by alerts, and right
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import partial
 
 from drivers.clock import Clock, SystemClock
 from drivers.errors import (
     Alarm,
-    DeviceError,
     EmergencyStopped,
     LineLost,
     MoveFailed,
@@ -23,7 +22,7 @@ from drivers.errors import (
 )
 from drivers.homing_state import HOME, UNHOMED, Trust
 from drivers.interfaces import Condition, Identity, Transport, Travel
-from drivers.move_checks import OneMover, check_arrival, check_target, in_turn
+from drivers.move_checks import OneMover, check_arrival, check_target, in_turn, left_still
 from drivers.protocols.zaber import FLAGS, REJECTIONS, UNREFERENCED, Alert, Event, Reply, checksum
 from drivers.wire.connection import anything, opened
 
@@ -212,8 +211,8 @@ class ZaberStage:
                     self._send(axis.device, axis.axis, "home", allowed=undisturbed)
                 longest_s = max((travel.high - travel.low) / self._speed[name] for name, travel in self._travel.items())
                 self._finish(list(self._axes), 4 * longest_s + 10)
-            if self._one_mover.stopped(stops) or any(self._status(axis).flag == "NI" for axis in self._axes):
-                raise MoveFailed(f"homing at {self.address} was interrupted", HOME)
+                if self._one_mover.stopped(stops) or any(self._status(axis).flag == "NI" for axis in self._axes):
+                    raise MoveFailed(f"homing at {self.address} was interrupted", HOME)
             self.trust.give(epoch)
 
     def _require_line(self) -> None:
@@ -229,14 +228,14 @@ class ZaberStage:
             goals = {axis: target[axis.name] for axis in self._axes if axis.name in target}
             start, may_go = self.position(), in_turn(self.trust.require, partial(self._one_mover.require, stops))
             longest_s = max((abs(goals[a] - start[a.name]) / self._speed[a.name] for a in goals), default=0.0)
-            with self._left_still(list(goals)):
+            with self._left_still(goals):
                 for axis, value in goals.items():
                     self._send(axis.device, axis.axis, f"move abs {axis.to_steps(value)}", allowed=may_go)
                 self._finish(list(goals), 2 * longest_s + 2)
-            stopped = self._one_mover.stopped(stops)
-            for axis, value in goals.items():
-                tolerance = PRECISION_STEPS * abs(axis.unit_per_step)
-                check_arrival(axis.name, value, axis.to_unit(self._steps(axis)), tolerance, stopped)
+                stopped = self._one_mover.stopped(stops)
+                for axis, value in goals.items():
+                    tolerance = PRECISION_STEPS * abs(axis.unit_per_step)
+                    check_arrival(axis.name, value, axis.to_unit(self._steps(axis)), tolerance, stopped)
 
     def _finish(self, axes: list[ZaberAxis], limit_s: float) -> None:
         """Wait until the axes are idle, and look at their flags. Raises NoAnswer past the limit."""
@@ -258,27 +257,17 @@ class ZaberStage:
         if self.trust.epoch != epoch:
             self.trust.require()
 
-    @contextmanager
-    def _left_still(self, axes: Sequence[ZaberAxis]) -> Iterator[None]:
-        """Whatever ends this before its end, nothing moves on."""
-        try:
-            yield
-        except DeviceError:
-            try:
-                for axis in axes:
-                    self._send(axis.device, axis.axis, "stop", tries=3)
-            except DeviceError as error:
-                self.trust.lose(error)
-            raise
-        except BaseException:  # the program ends
-            self.emergency_stop()
-            raise
+    def _left_still(self, axes: Iterable[ZaberAxis]) -> AbstractContextManager[None]:
+        return left_still(partial(self._halt, tuple(axes)), self.emergency_stop, self.trust)
+
+    def _halt(self, axes: Iterable[ZaberAxis]) -> None:
+        for axis in axes:
+            self._send(axis.device, axis.axis, "stop", tries=3)
 
     def stop(self) -> None:
         """Slow down and stay. Raises DeviceError."""
         self._one_mover.stop()
-        for axis in self._axes:
-            self._send(axis.device, axis.axis, "stop", tries=3)
+        self._halt(self._axes)
 
     def emergency_stop(self) -> None:
         """Stop all devices of the chain without slowing down, past every lock; unsafe until homed."""

@@ -8,8 +8,8 @@ it is switched off, and no position is believed without that number.
 from __future__ import annotations
 
 import secrets
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import partial
 
@@ -25,7 +25,7 @@ from drivers.errors import (
 )
 from drivers.homing_state import HOME, UNHOMED, Trust
 from drivers.interfaces import Condition, Doubt, Identity, Transport, Travel
-from drivers.move_checks import OneMover, check_arrival, check_target, in_turn
+from drivers.move_checks import OneMover, check_arrival, check_target, in_turn, left_still
 from drivers.tmcl.envelope import POSITION, SPEED, Envelope, ask_parameters, read_envelope
 from drivers.tmcl.link import VERSION, VERSION_BINARY, TmclLink, stop_bytes
 from drivers.wire.connection import anything
@@ -226,9 +226,9 @@ class TmclStage:
                 for axis in self._axes:
                     self._search(axis, START, undisturbed)
                 self._wait_for_searches()
-            if self._one_mover.stopped(stops):
-                raise MoveFailed(f"homing at {self.address} was stopped", HOME)
-            self._check_inside()
+                if self._one_mover.stopped(stops):
+                    raise MoveFailed(f"homing at {self.address} was stopped", HOME)
+                self._check_inside()
             self.trust.give(epoch)
 
     def _wait_for_searches(self) -> None:
@@ -261,7 +261,7 @@ class TmclStage:
             goals = {axis: axis.to_steps(target[axis.name]) for axis in self._axes if axis.name in target}
             longest_s = max((self._travel_s(axis, goal) for axis, goal in goals.items()), default=0.0)
             may_go = in_turn(self.trust.require, partial(self._one_mover.require, stops))
-            with self._left_still(list(goals)):
+            with self._left_still(goals):
                 for axis, goal in goals.items():
                     self._check_seals()
                     self._link.host(may_go).move_to(axis.motor, goal, axis.module)
@@ -296,22 +296,10 @@ class TmclStage:
         self._link.wait(lambda: self.trust.epoch != epoch, self._poll_s)
         self.trust.undisturbed(epoch)
 
-    @contextmanager
-    def _left_still(self, axes: Sequence[TmclAxis]) -> Iterator[None]:
-        """Whatever ends this before its end, nothing moves on."""
-        try:
-            yield
-        except DeviceError:
-            try:
-                self._halt(axes)
-            except DeviceError as error:
-                self.trust.lose(error)
-            raise
-        except BaseException:  # the program ends
-            self.emergency_stop()
-            raise
+    def _left_still(self, axes: Iterable[TmclAxis]) -> AbstractContextManager[None]:
+        return left_still(partial(self._halt, tuple(axes)), self.emergency_stop, self.trust)
 
-    def _halt(self, axes: Sequence[TmclAxis]) -> None:
+    def _halt(self, axes: Iterable[TmclAxis]) -> None:
         """End a search first: a motor that is only stopped is driven on by it."""
         for axis in axes:
             self._search(axis, STOP, tries=TRIES)
