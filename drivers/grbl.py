@@ -209,7 +209,7 @@ class GrblStage:
                 return
             ways = [(self._envelopes[name], value) for name, value in goal.items()]
             words = " ".join(f"{one.axis.letter}{one.to_machine(value):.3f}" for one, value in ways)
-            may_begin = in_turn(self.link.trust.require, partial(self._one_mover.require, stops))
+            may_begin = self._one_mover.unless_stopped(stops, self.link.trust.require)
             with left_still(self._give_up_moving, self.emergency_stop, self.link.trust):
                 self.link.command(f"$J=G53 G90 G21 {words} F{feed:.1f}", allowed=may_begin)
                 report = self._until_still(duration_s, stops)

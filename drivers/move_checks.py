@@ -1,4 +1,4 @@
-"""What all stages hold to: one mover at a time, targets inside the travel, arrival where one was sent, rest after errors."""
+"""What all stages hold to: one mover at a time, targets inside the travel, arrival there, and rest after an error."""
 
 from __future__ import annotations
 
@@ -34,10 +34,14 @@ class OneMover:
         """Whether it was stopped since it had been so often."""
         return self._stops != since
 
-    def require(self, since: int) -> None:
-        """Raises MoveFailed where it was: an axis that was still to be sent stays where it is."""
-        if self.stopped(since):
-            raise MoveFailed("the stage was stopped before all axes were on their way", "begin again")
+    def unless_stopped(self, since: int, *checks: Callable[[], None]) -> Callable[[], None]:
+        """These checks, and then MoveFailed where it was stopped: an axis that was still to be sent stays."""
+
+        def check() -> None:
+            if self.stopped(since):
+                raise MoveFailed("the stage was stopped before all axes were on their way", "begin again")
+
+        return in_turn(*checks, check)
 
 
 @contextmanager

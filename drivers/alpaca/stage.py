@@ -13,11 +13,11 @@ from functools import partial
 
 from drivers.alpaca.link import NOT_NOW, AlpacaLink, AlpacaServer
 from drivers.clock import Clock, SystemClock
-from drivers.errors import BadConfiguration, DeviceError, EmergencyStopped, LineLost, NoAnswer, Rejected
+from drivers.errors import BadConfiguration, DeviceError, EmergencyStopped, NoAnswer, Rejected
 from drivers.homing_state import HOME, UNHOMED, Trust
 from drivers.interfaces import Condition, Identity, Travel
-from drivers.move_checks import OneMover, check_arrival, check_target, in_turn, left_still
-from drivers.wire.connection import anything
+from drivers.move_checks import OneMover, check_arrival, check_target, left_still
+from drivers.wire.connection import anything, not_connected
 
 POLL_S = 0.05
 MM_PER_UM = 1e-3
@@ -131,15 +131,11 @@ class AlpacaStage:
 
     def condition(self) -> Condition:
         """Whether it may move."""
-        if not self._open:
-            return Condition("not connected", False, "connect it")
-        if (why := self.trust.why) is not None:
-            return Condition(why.reason, False, why.remedy)
-        return Condition("idle")
+        return self.trust.refusal(self._open) or Condition("idle")
 
     def _require_open(self) -> None:
         if not self._open:
-            raise LineLost(f"{self.address} is not connected", "connect first")
+            raise not_connected(self.address)
 
     def travel(self) -> Mapping[str, Travel]:
         """The range of each axis; known once connected."""
@@ -162,9 +158,7 @@ class AlpacaStage:
         with self._one_mover as stops:
             self._require_open()
             epoch = self.trust.begin(self.trust.shouts)
-            undisturbed = in_turn(
-                allowed, partial(self.trust.undisturbed, epoch), partial(self._one_mover.require, stops)
-            )
+            undisturbed = self._one_mover.unless_stopped(stops, allowed, partial(self.trust.undisturbed, epoch))
             with self._left_still(epoch):
                 for part in self._parts.values():
                     if part.axis.home:
@@ -180,7 +174,7 @@ class AlpacaStage:
             self._require_open()
             self.trust.require()
             check_target(target, self.travel())
-            epoch, may_go = self.trust.epoch, in_turn(self.trust.require, partial(self._one_mover.require, stops))
+            epoch, may_go = self.trust.epoch, self._one_mover.unless_stopped(stops, self.trust.require)
             parts = [self._parts[name] for name in target]
             with self._left_still(epoch):
                 for number, part in enumerate(parts):

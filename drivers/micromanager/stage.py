@@ -15,12 +15,12 @@ from operator import methodcaller
 from typing import Any
 
 from drivers.clock import Clock, SystemClock
-from drivers.errors import EmergencyStopped, LineLost, MoveFailed, NoAnswer
+from drivers.errors import EmergencyStopped, MoveFailed, NoAnswer
 from drivers.homing_state import HOME, UNHOMED, Trust
 from drivers.interfaces import Condition, Doubt, Identity, Travel
 from drivers.micromanager.core import STAGE, XY_STAGE, Core, asked, check_device, identity_words
-from drivers.move_checks import OneMover, check_arrival, check_target, in_turn, left_still
-from drivers.wire.connection import anything
+from drivers.move_checks import OneMover, check_arrival, check_target, left_still
+from drivers.wire.connection import anything, not_connected
 
 POLL_S = 0.02
 REMEDY = "check its power and cable, then connect it again"
@@ -107,10 +107,8 @@ class MicroManagerStage:
 
     def condition(self) -> Condition:
         """Whether it may move, and whether it can be stopped."""
-        if self._core is None:
-            return Condition("not connected", False, "connect it")
-        if (why := self.trust.why) is not None:
-            return Condition(why.reason, False, why.remedy)
+        if (refusal := self.trust.refusal(self._core is not None)) is not None:
+            return refusal
         if self._unstoppable:
             names = ", ".join(self._unstoppable)
             return Condition(
@@ -120,7 +118,7 @@ class MicroManagerStage:
 
     def _open(self) -> Any:
         if (core := self._core) is None:
-            raise LineLost(f"{self.address} is not connected", "connect first")
+            raise not_connected(self.address)
         return core
 
     def travel(self) -> Mapping[str, Travel]:
@@ -149,9 +147,7 @@ class MicroManagerStage:
         with self._one_mover as stops:
             self._open()
             epoch = self.trust.begin(self.trust.shouts)
-            undisturbed = in_turn(
-                allowed, partial(self.trust.undisturbed, epoch), partial(self._one_mover.require, stops)
-            )
+            undisturbed = self._one_mover.unless_stopped(stops, allowed, partial(self.trust.undisturbed, epoch))
             with self._left_still():
                 for label in dict.fromkeys(axis.device for axis in self._axes if axis.homes):
                     self._order(methodcaller("home", label), undisturbed, UNHOMABLE)
@@ -175,7 +171,7 @@ class MicroManagerStage:
             self._open()
             self.trust.require()
             check_target(target, self.travel())
-            epoch, may_go = self.trust.epoch, in_turn(self.trust.require, partial(self._one_mover.require, stops))
+            epoch, may_go = self.trust.epoch, self._one_mover.unless_stopped(stops, self.trust.require)
             labels = [label for label in self._labels if any(axis.name in target for axis in self._of(label))]
             with self._left_still():
                 for label in labels:
