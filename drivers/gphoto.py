@@ -20,6 +20,7 @@ from drivers.clock import Clock, SystemClock
 from drivers.errors import BadConfiguration, DeviceError, FrameMissing, LineLost, NoAnswer, Rejected
 from drivers.frames import Inspect, check_settings, is_raw, sha256_of
 from drivers.interfaces import CameraSettings, Condition, ExposedFile, Identity, Shutter
+from drivers.wire.connection import line_condition, not_connected
 
 T = TypeVar("T")
 CALL_S = 15.0
@@ -163,7 +164,7 @@ class GphotoCamera:
     def _do(self, work: Callable[[], T], timeout_s: float = CALL_S) -> T:
         """What `work` gives, done in the owner's thread. Raises DeviceError."""
         if self._owner is None:
-            raise LineLost(f"the camera ({self.address}) is not connected", "connect first")
+            raise not_connected(f"the camera ({self.address})")
         try:
             return self._owner.call(work, timeout_s)
         except self._gp.GPhoto2Error as error:
@@ -173,7 +174,7 @@ class GphotoCamera:
 
     def condition(self) -> Condition:
         """Whether the body is open."""
-        return Condition("ready") if self._camera is not None else Condition("not connected", False, "connect it")
+        return line_condition(self._camera is not None)
 
     def configure(self, settings: CameraSettings) -> None:
         """Set what the body lets be set, by the nearest choice it offers. Raises DeviceError."""

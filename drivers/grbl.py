@@ -25,7 +25,7 @@ from drivers.errors import (
 from drivers.grbl_envelope import Envelope, GrblAxis, envelope
 from drivers.homing_state import HOME
 from drivers.interfaces import Condition, Doubt, Identity, Transport, Travel
-from drivers.move_checks import OneMover, check_arrival, check_target, in_turn
+from drivers.move_checks import OneMover, check_arrival, check_target, in_turn, left_still
 from drivers.protocols.grbl import HOLD, JOG_CANCEL, MOTORS_HELD, PAUSES, RESET, RESUMABLE, RESUME, Event
 from drivers.protocols.grbl_link import GrblLink, StatusReport
 from drivers.wire.connection import anything
@@ -209,17 +209,11 @@ class GrblStage:
                 return
             ways = [(self._envelopes[name], value) for name, value in goal.items()]
             words = " ".join(f"{one.axis.letter}{one.to_machine(value):.3f}" for one, value in ways)
-            may_begin = in_turn(self.link.trust.require, partial(self._one_mover.require, stops))
-            try:
+            may_begin = self._one_mover.unless_stopped(stops, self.link.trust.require)
+            with left_still(self._give_up_moving, self.emergency_stop, self.link.trust):
                 self.link.command(f"$J=G53 G90 G21 {words} F{feed:.1f}", allowed=may_begin)
                 report = self._until_still(duration_s, stops)
-            except DeviceError:
-                self._give_up_moving()
-                raise
-            except BaseException:  # the program ends
-                self.emergency_stop()
-                raise
-            self._arrived(goal, self._user(report), stops)
+                self._arrived(goal, self._user(report), stops)
 
     def pace(self, way: Mapping[str, float]) -> tuple[float, float]:
         """Feed along the line so that no axis exceeds its own or the controller's, and the seconds it takes."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from drivers.errors import DeviceError, NotHomed
+from drivers.interfaces import Condition
 
 HOME = "home the stage"
 UNHOMED = NotHomed("the stage is not homed", HOME)
@@ -48,6 +49,12 @@ class Trust:
         """Raises what has happened since `epoch`."""
         if self.epoch != epoch:
             raise self.why or UNHOMED
+
+    def refusal(self, is_open: bool) -> Condition | None:
+        """The condition of a stage that may not move, None of one that may; `is_open`: whether it is connected."""
+        if not is_open:
+            return Condition("not connected", False, "connect it")
+        return None if self.why is None else Condition(self.why.reason, False, self.why.remedy)
 
     def require(self) -> None:
         """Raises the reason not to move."""

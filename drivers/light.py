@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from drivers.clock import Clock, SystemClock
-from drivers.errors import BadConfiguration, EmergencyStopped, LineLost
+from drivers.errors import BadConfiguration, EmergencyStopped
 from drivers.interfaces import Condition, Identity, Transport
 from drivers.protocols.framing import BAD, MORE, FrameSplitter
 from drivers.protocols.grbl_link import GrblLink
@@ -185,13 +185,7 @@ class GrblLight:
 
     def connect(self) -> Identity:
         """Open the line, unless a stage owns it. Raises DeviceError."""
-        if self._owns_link:
-            identity = self.link.connect(reset=True)
-            self.link.command("$X")  # a lone lamp has nothing to home
-            return identity
-        if not self.link.is_open:
-            raise LineLost(f"the stage at {self.address} is not connected", "connect the stage first")
-        return Identity("GRBL spindle output", "", "", self.address)
+        return self.link.connect_output("GRBL spindle output", self._owns_link)
 
     def close(self) -> None:
         """Give the line back, unless a stage owns it."""

@@ -1,11 +1,13 @@
-"""What all stages hold to: one mover at a time, targets inside the travel, arrival where one was sent."""
+"""What all stages hold to: one mover at a time, targets inside the travel, arrival there, and rest after an error."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 
-from drivers.errors import BadConfiguration, MoveFailed, OutsideTravel, Rejected
+from drivers.errors import BadConfiguration, DeviceError, MoveFailed, OutsideTravel, Rejected
+from drivers.homing_state import Trust
 from drivers.interfaces import Travel
 
 
@@ -32,10 +34,34 @@ class OneMover:
         """Whether it was stopped since it had been so often."""
         return self._stops != since
 
-    def require(self, since: int) -> None:
-        """Raises MoveFailed where it was: an axis that was still to be sent stays where it is."""
-        if self.stopped(since):
-            raise MoveFailed("the stage was stopped before all axes were on their way", "begin again")
+    def unless_stopped(self, since: int, *checks: Callable[[], None]) -> Callable[[], None]:
+        """These checks, and then MoveFailed where it was stopped: an axis that was still to be sent stays."""
+
+        def check() -> None:
+            if self.stopped(since):
+                raise MoveFailed("the stage was stopped before all axes were on their way", "begin again")
+
+        return in_turn(*checks, check)
+
+
+@contextmanager
+def left_still(halt: Callable[[], None], emergency_stop: Callable[[], None], trust: Trust) -> Iterator[None]:
+    """Whatever ends what is in here before its end, nothing moves on.
+
+    An error calls `halt`; a stage that cannot be halted is not trusted any more. The end of the program stops
+    everything.
+    """
+    try:
+        yield
+    except DeviceError:
+        try:
+            halt()
+        except DeviceError as error:
+            trust.lose(error)
+        raise
+    except BaseException:
+        emergency_stop()
+        raise
 
 
 def in_turn(*checks: Callable[[], None]) -> Callable[[], None]:

@@ -334,13 +334,7 @@ class RelayShutter:
 
     def connect(self) -> Identity:
         """Open the line, unless a stage owns it. Raises DeviceError."""
-        if self._owns_link:
-            identity = self.link.connect(reset=True)
-            self.link.command("$X")  # a lone relay has nothing to home
-            return identity
-        if not self.link.is_open:
-            raise LineLost(f"the stage at {self.address} is not connected", "connect the stage first")
-        return Identity("GRBL relay", "", "", self.address)
+        return self.link.connect_output("GRBL relay", self._owns_link)
 
     def close(self) -> None:
         """Give the line back, unless a stage owns it."""

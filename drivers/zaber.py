@@ -6,26 +6,24 @@ over when the axis says IDLE, asked by polling and hastened by alerts, and right
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import partial
 
 from drivers.clock import Clock, SystemClock
 from drivers.errors import (
     Alarm,
-    DeviceError,
     EmergencyStopped,
-    LineLost,
     MoveFailed,
     NoAnswer,
     Rejected,
 )
 from drivers.homing_state import HOME, UNHOMED, Trust
 from drivers.interfaces import Condition, Identity, Transport, Travel
-from drivers.move_checks import OneMover, check_arrival, check_target, in_turn
+from drivers.move_checks import OneMover, check_arrival, check_target, left_still
 from drivers.protocols.zaber import FLAGS, REJECTIONS, UNREFERENCED, Alert, Event, Reply, checksum
-from drivers.wire.connection import anything, opened
+from drivers.wire.connection import anything, not_connected, opened, roll_call
 
 REPLY_S = 0.5
 SPEED_UNIT = 1.6384  # of the setting per microstep per second, firmware 6 and 7
@@ -97,20 +95,15 @@ class ZaberStage:
         return Identity(f"Zaber {models}", versions, serials, self.address)
 
     def _roll_call(self) -> list[tuple[str, str, str]]:
-        told, missing = [], []
-        for device in dict.fromkeys(axis.device for axis in self._axes):
-            try:
-                self._query(device, 0, "set comm.checksum 1")
-                self._checking.add(device)
-                answers = [self._query(device, 0, f"get {s}") for s in ("deviceid", "version", "system.serial")]
-                told.append((answers[0], answers[1], answers[2]))
-            except NoAnswer:
-                missing.append(str(device))
-        if missing:
-            raise NoAnswer(
-                f"{self.address}: no answer from devices {', '.join(missing)}", "check power, cables, addresses"
-            )
-        return told
+        told, remedy = f"{self.address}: no answer from devices", "check power, cables, addresses"
+        return roll_call((axis.device for axis in self._axes), self._introduce, told, remedy)
+
+    def _introduce(self, device: int) -> tuple[str, str, str]:
+        """Model, version and serial number; checksums from here on."""
+        self._query(device, 0, "set comm.checksum 1")
+        self._checking.add(device)
+        model, version, serial = (self._query(device, 0, f"get {s}") for s in ("deviceid", "version", "system.serial"))
+        return model, version, serial
 
     def _prepare(self, axis: ZaberAxis) -> None:
         self._query(axis.device, 0, "set comm.alert 1")
@@ -129,11 +122,7 @@ class ZaberStage:
 
     def condition(self) -> Condition:
         """Whether it may move."""
-        if not self._transport.is_open:
-            return Condition("not connected", False, "connect it")
-        if (why := self.trust.why) is not None:
-            return Condition(why.reason, False, why.remedy)
-        return Condition("idle")
+        return self.trust.refusal(self._transport.is_open) or Condition("idle")
 
     def _send(
         self, device: int, axis: int, command: str, tries: int = 1, allowed: Callable[[], None] = anything
@@ -203,22 +192,20 @@ class ZaberStage:
         with self._one_mover as stops:
             self._require_line()
             epoch = self.trust.begin(self.trust.shouts)
-            undisturbed = in_turn(
-                allowed, partial(self.trust.undisturbed, epoch), partial(self._one_mover.require, stops)
-            )
+            undisturbed = self._one_mover.unless_stopped(stops, allowed, partial(self.trust.undisturbed, epoch))
             with self._left_still(self._axes):
                 for axis in self._axes:
                     self._send(axis.device, axis.axis, "warnings clear", tries=3)
                     self._send(axis.device, axis.axis, "home", allowed=undisturbed)
                 longest_s = max((travel.high - travel.low) / self._speed[name] for name, travel in self._travel.items())
                 self._finish(list(self._axes), 4 * longest_s + 10)
-            if self._one_mover.stopped(stops) or any(self._status(axis).flag == "NI" for axis in self._axes):
-                raise MoveFailed(f"homing at {self.address} was interrupted", HOME)
+                if self._one_mover.stopped(stops) or any(self._status(axis).flag == "NI" for axis in self._axes):
+                    raise MoveFailed(f"homing at {self.address} was interrupted", HOME)
             self.trust.give(epoch)
 
     def _require_line(self) -> None:
         if not self._transport.is_open:
-            raise LineLost(f"{self.address} is not connected", "connect first")
+            raise not_connected(self.address)
 
     def move_to(self, **target: float) -> None:
         """Send the axes there, each on its own way, and return when all are still. Raises DeviceError."""
@@ -227,16 +214,16 @@ class ZaberStage:
             self.trust.require()
             check_target(target, self._travel)
             goals = {axis: target[axis.name] for axis in self._axes if axis.name in target}
-            start, may_go = self.position(), in_turn(self.trust.require, partial(self._one_mover.require, stops))
+            start, may_go = self.position(), self._one_mover.unless_stopped(stops, self.trust.require)
             longest_s = max((abs(goals[a] - start[a.name]) / self._speed[a.name] for a in goals), default=0.0)
-            with self._left_still(list(goals)):
+            with self._left_still(goals):
                 for axis, value in goals.items():
                     self._send(axis.device, axis.axis, f"move abs {axis.to_steps(value)}", allowed=may_go)
                 self._finish(list(goals), 2 * longest_s + 2)
-            stopped = self._one_mover.stopped(stops)
-            for axis, value in goals.items():
-                tolerance = PRECISION_STEPS * abs(axis.unit_per_step)
-                check_arrival(axis.name, value, axis.to_unit(self._steps(axis)), tolerance, stopped)
+                stopped = self._one_mover.stopped(stops)
+                for axis, value in goals.items():
+                    tolerance = PRECISION_STEPS * abs(axis.unit_per_step)
+                    check_arrival(axis.name, value, axis.to_unit(self._steps(axis)), tolerance, stopped)
 
     def _finish(self, axes: list[ZaberAxis], limit_s: float) -> None:
         """Wait until the axes are idle, and look at their flags. Raises NoAnswer past the limit."""
@@ -258,27 +245,17 @@ class ZaberStage:
         if self.trust.epoch != epoch:
             self.trust.require()
 
-    @contextmanager
-    def _left_still(self, axes: Sequence[ZaberAxis]) -> Iterator[None]:
-        """Whatever ends this before its end, nothing moves on."""
-        try:
-            yield
-        except DeviceError:
-            try:
-                for axis in axes:
-                    self._send(axis.device, axis.axis, "stop", tries=3)
-            except DeviceError as error:
-                self.trust.lose(error)
-            raise
-        except BaseException:  # the program ends
-            self.emergency_stop()
-            raise
+    def _left_still(self, axes: Iterable[ZaberAxis]) -> AbstractContextManager[None]:
+        return left_still(partial(self._halt, tuple(axes)), self.emergency_stop, self.trust)
+
+    def _halt(self, axes: Iterable[ZaberAxis]) -> None:
+        for axis in axes:
+            self._send(axis.device, axis.axis, "stop", tries=3)
 
     def stop(self) -> None:
         """Slow down and stay. Raises DeviceError."""
         self._one_mover.stop()
-        for axis in self._axes:
-            self._send(axis.device, axis.axis, "stop", tries=3)
+        self._halt(self._axes)
 
     def emergency_stop(self) -> None:
         """Stop all devices of the chain without slowing down, past every lock; unsafe until homed."""

@@ -9,9 +9,10 @@ import numpy as np
 
 from drivers.alpaca.link import AlpacaLink, AlpacaServer, Levels
 from drivers.clock import Clock, SystemClock
-from drivers.errors import BadConfiguration, EmergencyStopped, FrameMissing, FrameWrong, LineLost, Rejected
+from drivers.errors import BadConfiguration, EmergencyStopped, FrameMissing, FrameWrong, Rejected
 from drivers.frame_files.dng_folder import Body, DngFolder, Frame
 from drivers.interfaces import CameraSettings, Condition, ExposedFile, Identity
+from drivers.wire.connection import line_condition, not_connected
 
 POLL_S = 0.05
 MONOCHROME, RGGB = 0, 2
@@ -75,7 +76,7 @@ class AlpacaCamera:
 
     def condition(self) -> Condition:
         """Whether it is there."""
-        return Condition("ready") if self._link.is_open else Condition("not connected", False, "connect it")
+        return line_condition(self._link.is_open)
 
     def configure(self, settings: CameraSettings) -> None:
         """Take the exposure time from now on; the rest is the lens's, and what the file tells is checked against it."""
@@ -93,7 +94,7 @@ class AlpacaCamera:
 
     def _expose(self) -> ExposedFile:
         if not self._link.is_open:
-            raise LineLost(f"{self.address} is not connected", "connect first")
+            raise not_connected(self.address)
         stops, requested_s = self._stops, self.clock.now_s()
         asked_s = float(self.settings.exposure_s or 0.0)
         with self._link.asked():

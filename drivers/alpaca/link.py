@@ -22,6 +22,7 @@ import numpy.typing as npt
 
 from drivers.errors import BadConfiguration, LineLost, NoAnswer, Rejected
 from drivers.interfaces import Identity
+from drivers.wire.connection import not_connected
 
 SHOUT_S, SHOUTS = 10.0, 3
 """How long a stop waits for its server's answer, and how often it is sent; whoever stops does not wait for it. A server
@@ -79,7 +80,7 @@ class AlpacaLink:
     def device(self) -> Any:
         """The client's device. Raises LineLost."""
         if self._device is None:
-            raise LineLost(f"{self.address} is not connected", "connect first")
+            raise not_connected(self.address)
         return self._device
 
     def open(self) -> Identity:

@@ -6,17 +6,18 @@ A focuser has no homing in the standard: what it tells is believed, unless stati
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 
 from drivers.alpaca.link import NOT_NOW, AlpacaLink, AlpacaServer
 from drivers.clock import Clock, SystemClock
-from drivers.errors import BadConfiguration, EmergencyStopped, LineLost, NoAnswer, Rejected
+from drivers.errors import BadConfiguration, DeviceError, EmergencyStopped, NoAnswer, Rejected
 from drivers.homing_state import HOME, UNHOMED, Trust
 from drivers.interfaces import Condition, Identity, Travel
-from drivers.move_checks import OneMover, check_arrival, check_target, in_turn
-from drivers.wire.connection import anything
+from drivers.move_checks import OneMover, check_arrival, check_target, left_still
+from drivers.wire.connection import anything, not_connected
 
 POLL_S = 0.05
 MM_PER_UM = 1e-3
@@ -130,15 +131,11 @@ class AlpacaStage:
 
     def condition(self) -> Condition:
         """Whether it may move."""
-        if not self._open:
-            return Condition("not connected", False, "connect it")
-        if (why := self.trust.why) is not None:
-            return Condition(why.reason, False, why.remedy)
-        return Condition("idle")
+        return self.trust.refusal(self._open) or Condition("idle")
 
     def _require_open(self) -> None:
         if not self._open:
-            raise LineLost(f"{self.address} is not connected", "connect first")
+            raise not_connected(self.address)
 
     def travel(self) -> Mapping[str, Travel]:
         """The range of each axis; known once connected."""
@@ -161,15 +158,14 @@ class AlpacaStage:
         with self._one_mover as stops:
             self._require_open()
             epoch = self.trust.begin(self.trust.shouts)
-            undisturbed = in_turn(
-                allowed, partial(self.trust.undisturbed, epoch), partial(self._one_mover.require, stops)
-            )
-            for part in self._parts.values():
-                if part.axis.home:
-                    self._order(part, lambda part=part: part.link.device.Action(part.axis.home, ""), undisturbed)  # type: ignore[misc]
-                    self._finish([part], epoch)
-            undisturbed()
-            self.position()  # a focuser that knows no place says so here
+            undisturbed = self._one_mover.unless_stopped(stops, allowed, partial(self.trust.undisturbed, epoch))
+            with self._left_still(epoch):
+                for part in self._parts.values():
+                    if part.axis.home:
+                        self._order(part, lambda part=part: part.link.device.Action(part.axis.home, ""), undisturbed)  # type: ignore[misc]
+                        self._finish([part], epoch)
+                undisturbed()
+                self.position()  # a focuser that knows no place says so here
             self.trust.give(epoch)
 
     def move_to(self, **target: float) -> None:
@@ -178,19 +174,16 @@ class AlpacaStage:
             self._require_open()
             self.trust.require()
             check_target(target, self.travel())
-            epoch, may_go = self.trust.epoch, in_turn(self.trust.require, partial(self._one_mover.require, stops))
+            epoch, may_go = self.trust.epoch, self._one_mover.unless_stopped(stops, self.trust.require)
             parts = [self._parts[name] for name in target]
-            try:
+            with self._left_still(epoch):
                 for number, part in enumerate(parts):
                     self._send(part, target[part.axis.name], parts[:number], epoch, may_go)
-            except BaseException:
-                self._halt_all()
-                raise
-            self._finish(parts, epoch)
-            there, stopped = self.position(), self._one_mover.stopped(stops)
-            for part in parts:
-                name, tolerance = part.axis.name, PRECISION_STEPS * part.scale.unit_per_step
-                check_arrival(name, target[name], there[name], tolerance, stopped)
+                self._finish(parts, epoch)
+                there, stopped = self.position(), self._one_mover.stopped(stops)
+                for part in parts:
+                    name, tolerance = part.axis.name, PRECISION_STEPS * part.scale.unit_per_step
+                    check_arrival(name, target[name], there[name], tolerance, stopped)
 
     def _send(
         self, part: Part, value: float, begun: Sequence[Part], epoch: int, allowed: Callable[[], None]
@@ -216,20 +209,24 @@ class AlpacaStage:
             self.trust.require()
 
     def _finish(self, parts: Sequence[Part], epoch: int) -> None:
-        """Wait until these are still. Whatever ends this before its end, nothing moves on."""
+        """Wait until these are still. Raises NoAnswer past the patience."""
         deadline_s = self.clock.now_s() + self._patience_s
-        try:
-            while any(_moving(part) for part in parts):
-                self.trust.undisturbed(epoch)
-                if self.clock.now_s() > deadline_s:
-                    told = f"{self.address} still moves after {self._patience_s:g} s"
-                    raise NoAnswer(told, "check its mechanics, or raise patience_s")
-                self.clock.sleep(POLL_S)
+        while any(_moving(part) for part in parts):
             self.trust.undisturbed(epoch)
-        except BaseException:
-            self._halt_all()
-            self.trust.undisturbed(epoch)  # what failed because everything was stopped is told as that
-            raise
+            if self.clock.now_s() > deadline_s:
+                told = f"{self.address} still moves after {self._patience_s:g} s"
+                raise NoAnswer(told, "check its mechanics, or raise patience_s")
+            self.clock.sleep(POLL_S)
+        self.trust.undisturbed(epoch)
+
+    @contextmanager
+    def _left_still(self, epoch: int) -> Iterator[None]:
+        with left_still(self._halt_all, self.emergency_stop, self.trust):
+            try:
+                yield
+            except DeviceError:
+                self.trust.undisturbed(epoch)  # what failed because everything was stopped is told as that
+                raise
 
     def stop(self) -> None:
         """Stay where it is. Raises DeviceError."""

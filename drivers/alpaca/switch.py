@@ -6,10 +6,10 @@ import threading
 
 from drivers.alpaca.link import AlpacaLink, AlpacaServer
 from drivers.clock import Clock, SystemClock
-from drivers.errors import BadConfiguration, EmergencyStopped, LineLost, MoveFailed, Rejected
+from drivers.errors import BadConfiguration, EmergencyStopped, MoveFailed, Rejected
 from drivers.interfaces import Condition, Identity, ShutterTimes
 from drivers.light import LastLevel, Panel, check_level
-from drivers.wire.connection import line_condition
+from drivers.wire.connection import line_condition, not_connected
 
 SET = "setswitch"
 
@@ -143,7 +143,7 @@ class AlpacaShutter:
     def fire(self, pulse_s: float, focus_s: float = 0.0) -> ShutterTimes:
         """Close the contact for `pulse_s`. Raises DeviceError."""
         if not self._switch.link.is_open:
-            raise LineLost(f"{self.address} is not connected", "connect first")
+            raise not_connected(self.address)
         self._stopped = None
         aborts = self._aborts
         self.clock.sleep(focus_s)

@@ -14,6 +14,7 @@ from drivers.frame_files.dng_folder import Body, DngFolder, Frame
 from drivers.genicam.aravis import asked, load
 from drivers.genicam.pixel_formats import PixelFormat, deepest, pixel_format, unpack
 from drivers.interfaces import CameraSettings, Condition, ExposedFile, Identity, ShutterTimes
+from drivers.wire.connection import not_connected
 
 BUFFERS = 4
 SLICE_S = 0.05
@@ -200,7 +201,7 @@ class GenicamCamera:
 
     def _require(self) -> None:
         if self._camera is None or self._lost:
-            raise LineLost(f"{self.address} is not connected", "connect first")
+            raise not_connected(self.address)
 
     def expose(self) -> ExposedFile:
         """One photograph of one trigger. Raises DeviceError."""

@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 
 from drivers.clock import Clock, SystemClock
-from drivers.errors import EmergencyStopped, FrameWrong, LineLost, Rejected
+from drivers.errors import EmergencyStopped, FrameWrong, Rejected
 from drivers.frame_files.dng_folder import Body, DngFolder, Frame
 from drivers.interfaces import CameraSettings, Condition, ExposedFile, Identity, ShutterTimes
 from drivers.micromanager.core import CAMERA, Core, asked, check_device, identity_words
+from drivers.wire.connection import line_condition, not_connected
 
 REMEDY = "check its power and cable, then connect it again"
 
@@ -53,11 +54,11 @@ class MicroManagerCamera:
 
     def condition(self) -> Condition:
         """Whether it is there."""
-        return Condition("ready") if self._core is not None else Condition("not connected", False, "connect it")
+        return line_condition(self._core is not None)
 
     def _open(self) -> Any:
         if (core := self._core) is None:
-            raise LineLost(f"{self.address} is not connected", "connect first")
+            raise not_connected(self.address)
         return core
 
     def configure(self, settings: CameraSettings) -> None:

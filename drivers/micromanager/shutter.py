@@ -7,9 +7,10 @@ from contextlib import suppress
 from typing import Any
 
 from drivers.clock import Clock, SystemClock
-from drivers.errors import LineLost, MoveFailed, Rejected
+from drivers.errors import MoveFailed, Rejected
 from drivers.interfaces import Condition, Identity, ShutterTimes
 from drivers.micromanager.core import SHUTTER, Core, asked, check_device, identity_words
+from drivers.wire.connection import line_condition, not_connected
 
 
 class MicroManagerShutter:
@@ -47,7 +48,7 @@ class MicroManagerShutter:
 
     def condition(self) -> Condition:
         """Whether it is there."""
-        return Condition("ready") if self._core is not None else Condition("not connected", False, "connect it")
+        return line_condition(self._core is not None)
 
     def focus(self, pressed: bool) -> None:
         """Refused: it has no such contact. Raises Rejected."""
@@ -56,7 +57,7 @@ class MicroManagerShutter:
     def fire(self, pulse_s: float, focus_s: float = 0.0) -> ShutterTimes:
         """Open for `pulse_s`. Raises DeviceError."""
         if (core := self._core) is None:
-            raise LineLost(f"{self.address} is not connected", "connect first")
+            raise not_connected(self.address)
         aborts = self._aborts
         self.clock.sleep(focus_s)
         begun_s = self.clock.now_s()

@@ -15,12 +15,12 @@ from operator import methodcaller
 from typing import Any
 
 from drivers.clock import Clock, SystemClock
-from drivers.errors import DeviceError, EmergencyStopped, LineLost, MoveFailed, NoAnswer
+from drivers.errors import EmergencyStopped, MoveFailed, NoAnswer
 from drivers.homing_state import HOME, UNHOMED, Trust
 from drivers.interfaces import Condition, Doubt, Identity, Travel
 from drivers.micromanager.core import STAGE, XY_STAGE, Core, asked, check_device, identity_words
-from drivers.move_checks import OneMover, check_arrival, check_target, in_turn
-from drivers.wire.connection import anything
+from drivers.move_checks import OneMover, check_arrival, check_target, left_still
+from drivers.wire.connection import anything, not_connected
 
 POLL_S = 0.02
 REMEDY = "check its power and cable, then connect it again"
@@ -107,10 +107,8 @@ class MicroManagerStage:
 
     def condition(self) -> Condition:
         """Whether it may move, and whether it can be stopped."""
-        if self._core is None:
-            return Condition("not connected", False, "connect it")
-        if (why := self.trust.why) is not None:
-            return Condition(why.reason, False, why.remedy)
+        if (refusal := self.trust.refusal(self._core is not None)) is not None:
+            return refusal
         if self._unstoppable:
             names = ", ".join(self._unstoppable)
             return Condition(
@@ -120,7 +118,7 @@ class MicroManagerStage:
 
     def _open(self) -> Any:
         if (core := self._core) is None:
-            raise LineLost(f"{self.address} is not connected", "connect first")
+            raise not_connected(self.address)
         return core
 
     def travel(self) -> Mapping[str, Travel]:
@@ -149,14 +147,13 @@ class MicroManagerStage:
         with self._one_mover as stops:
             self._open()
             epoch = self.trust.begin(self.trust.shouts)
-            undisturbed = in_turn(
-                allowed, partial(self.trust.undisturbed, epoch), partial(self._one_mover.require, stops)
-            )
-            for label in dict.fromkeys(axis.device for axis in self._axes if axis.homes):
-                self._order(methodcaller("home", label), undisturbed, UNHOMABLE)
-                self._finish([label], epoch)
-            undisturbed()
-            self._check_inside()
+            undisturbed = self._one_mover.unless_stopped(stops, allowed, partial(self.trust.undisturbed, epoch))
+            with self._left_still():
+                for label in dict.fromkeys(axis.device for axis in self._axes if axis.homes):
+                    self._order(methodcaller("home", label), undisturbed, UNHOMABLE)
+                    self._finish([label], epoch)
+                undisturbed()
+                self._check_inside()
             self.trust.give(epoch)
 
     def _check_inside(self) -> None:
@@ -174,15 +171,16 @@ class MicroManagerStage:
             self._open()
             self.trust.require()
             check_target(target, self.travel())
-            epoch, may_go = self.trust.epoch, in_turn(self.trust.require, partial(self._one_mover.require, stops))
+            epoch, may_go = self.trust.epoch, self._one_mover.unless_stopped(stops, self.trust.require)
             labels = [label for label in self._labels if any(axis.name in target for axis in self._of(label))]
-            for label in labels:
-                self._send(label, target, may_go)
-            self._finish(labels, epoch)
-            there, stopped = self.position(), self._one_mover.stopped(stops)
-            for axis in self._axes:
-                if axis.name in target:
-                    check_arrival(axis.name, target[axis.name], there[axis.name], axis.tolerance, stopped)
+            with self._left_still():
+                for label in labels:
+                    self._send(label, target, may_go)
+                self._finish(labels, epoch)
+                there, stopped = self.position(), self._one_mover.stopped(stops)
+                for axis in self._axes:
+                    if axis.name in target:
+                        check_arrival(axis.name, target[axis.name], there[axis.name], axis.tolerance, stopped)
 
     def _of(self, label: str) -> list[MicroManagerAxis]:
         return [axis for axis in self._axes if axis.device == label]
@@ -213,23 +211,19 @@ class MicroManagerStage:
             self.trust.require()
 
     def _finish(self, labels: Sequence[str], epoch: int) -> None:
-        """Wait until these devices are still. Whatever ends this before its end, nothing moves on."""
+        """Wait until these devices are still. Raises NoAnswer past the patience."""
         core, deadline_s = self._open(), self.clock.now_s() + self._patience_s
-        try:
-            with self._asked():
-                while any(core.deviceBusy(label) for label in labels):
-                    self.trust.undisturbed(epoch)
-                    if self.clock.now_s() > deadline_s:
-                        told = f"{self.address} still moves after {self._patience_s:g} s"
-                        raise NoAnswer(told, "check its mechanics, or raise patience_s")
-                    self.clock.sleep(POLL_S)
-            self.trust.undisturbed(epoch)
-        except DeviceError:
-            self._halt_all(core)
-            raise
-        except BaseException:  # the program ends
-            self.emergency_stop()
-            raise
+        with self._asked():
+            while any(core.deviceBusy(label) for label in labels):
+                self.trust.undisturbed(epoch)
+                if self.clock.now_s() > deadline_s:
+                    told = f"{self.address} still moves after {self._patience_s:g} s"
+                    raise NoAnswer(told, "check its mechanics, or raise patience_s")
+                self.clock.sleep(POLL_S)
+        self.trust.undisturbed(epoch)
+
+    def _left_still(self) -> AbstractContextManager[None]:
+        return left_still(partial(self._halt_all, self._open()), self.emergency_stop, self.trust)
 
     def stop(self) -> None:
         """Stay where it is. Raises Rejected where an adapter cannot."""

@@ -31,7 +31,7 @@ from drivers.protocols.grbl import (
     alarm_text,
     error_text,
 )
-from drivers.wire.connection import anything, opened
+from drivers.wire.connection import anything, not_connected, opened
 
 T = TypeVar("T")
 REPLY_S = 1.0
@@ -117,6 +117,16 @@ class GrblLink:
                 self._read_configuration()
         self._ready, self.trust.why = True, UNHOMED
         return identity
+
+    def connect_output(self, name: str, alone: bool) -> Identity:
+        """For a lamp or a relay: open the line, unless a stage does that. Raises DeviceError."""
+        if alone:
+            identity = self.connect(reset=True)
+            self.command("$X")  # there is nothing to home
+            return identity
+        if not self.is_open:
+            raise LineLost(f"the stage at {self.address} is not connected", "connect the stage first")
+        return Identity(name, "", "", self.address)
 
     def close(self) -> None:
         """Give the line back; the position cannot be trusted afterwards."""
@@ -285,7 +295,7 @@ class GrblLink:
     def recover(self) -> int:
         """Bring a locked or silent controller to where it can home; the epoch for `trust`. Raises DeviceError."""
         if not self.is_open:
-            raise LineLost(f"{self.address} is not connected", "connect first")
+            raise not_connected(self.address)
         shouts = self.trust.shouts
         locked, self._locked = self._locked, None
         if (locked in (1, 2, 10) or self._unanswering()) and not self._reset():
@@ -301,7 +311,7 @@ class GrblLink:
     def require_trust(self) -> None:
         """Raises why the stage may not move now."""
         if not self.is_open:
-            raise LineLost(f"{self.address} is not connected", "connect first")
+            raise not_connected(self.address)
         self.trust.require()
 
     def _restarted(self) -> WasReset:

@@ -8,8 +8,8 @@ it is switched off, and no position is believed without that number.
 from __future__ import annotations
 
 import secrets
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import partial
 
@@ -17,7 +17,6 @@ from drivers.clock import Clock, SystemClock
 from drivers.errors import (
     DeviceError,
     EmergencyStopped,
-    LineLost,
     MoveFailed,
     NoAnswer,
     Rejected,
@@ -25,10 +24,10 @@ from drivers.errors import (
 )
 from drivers.homing_state import HOME, UNHOMED, Trust
 from drivers.interfaces import Condition, Doubt, Identity, Transport, Travel
-from drivers.move_checks import OneMover, check_arrival, check_target, in_turn
+from drivers.move_checks import OneMover, check_arrival, check_target, left_still
 from drivers.tmcl.envelope import POSITION, SPEED, Envelope, ask_parameters, read_envelope
 from drivers.tmcl.link import VERSION, VERSION_BINARY, TmclLink, stop_bytes
-from drivers.wire.connection import anything
+from drivers.wire.connection import anything, not_connected, roll_call
 
 START, STOP, STATUS = 0, 1, 2
 """Of a reference search."""
@@ -113,19 +112,14 @@ class TmclStage:
         return Identity(f"TMCL {models}", versions, "", self.address)
 
     def _roll_call(self) -> list[tuple[str, str]]:
-        told, missing = [], []
-        for module in self._modules:
-            try:
-                version = int(self._link.host(tries=TRIES).send(VERSION, VERSION_BINARY, 0, 0, module).value)
-                told.append((f"TMCM-{version >> 16}", f"{version >> 8 & 0xFF}.{version & 0xFF:02}"))
-            except NoAnswer:
-                missing.append(str(module))
-        if missing:
-            raise NoAnswer(
-                f"{self.address}: no answer from modules {', '.join(missing)}",
-                "check power, cables, baud rate (9600 as delivered, 115200 over USB) and addresses",
-            )
-        return told
+        told = f"{self.address}: no answer from modules"
+        remedy = "check power, cables, baud rate (9600 as delivered, 115200 over USB) and addresses"
+        return roll_call(self._modules, self._introduce, told, remedy)
+
+    def _introduce(self, module: int) -> tuple[str, str]:
+        """Model and version."""
+        version = int(self._link.host(tries=TRIES).send(VERSION, VERSION_BINARY, 0, 0, module).value)
+        return f"TMCM-{version >> 16}", f"{version >> 8 & 0xFF}.{version & 0xFF:02}"
 
     def _envelope(self, axis: TmclAxis) -> Envelope:
         return read_envelope(axis.name, ask_parameters(self._link.host(tries=TRIES), axis.module, axis.motor))
@@ -137,11 +131,7 @@ class TmclStage:
 
     def condition(self) -> Condition:
         """Whether it may move."""
-        if not self._link.is_open:
-            return Condition("not connected", False, "connect it")
-        if (why := self.trust.why) is not None:
-            return Condition(why.reason, False, why.remedy)
-        return Condition("idle", doubt=self._doubt())
+        return self.trust.refusal(self._link.is_open) or Condition("idle", doubt=self._doubt())
 
     def _doubt(self) -> Doubt | None:
         unsealed = [str(module) for module in self._modules if module not in self._seals]
@@ -152,7 +142,7 @@ class TmclStage:
 
     def _require_line(self) -> None:
         if not self._link.is_open:
-            raise LineLost(f"{self.address} is not connected", "connect first")
+            raise not_connected(self.address)
 
     # --- where it is
 
@@ -218,17 +208,15 @@ class TmclStage:
         with self._one_mover as stops:
             self._require_line()
             epoch = self.trust.begin(self.trust.shouts)
-            undisturbed = in_turn(
-                allowed, partial(self.trust.undisturbed, epoch), partial(self._one_mover.require, stops)
-            )
+            undisturbed = self._one_mover.unless_stopped(stops, allowed, partial(self.trust.undisturbed, epoch))
             with self._left_still(self._axes):
                 self._seal(undisturbed)
                 for axis in self._axes:
                     self._search(axis, START, undisturbed)
                 self._wait_for_searches()
-            if self._one_mover.stopped(stops):
-                raise MoveFailed(f"homing at {self.address} was stopped", HOME)
-            self._check_inside()
+                if self._one_mover.stopped(stops):
+                    raise MoveFailed(f"homing at {self.address} was stopped", HOME)
+                self._check_inside()
             self.trust.give(epoch)
 
     def _wait_for_searches(self) -> None:
@@ -260,8 +248,8 @@ class TmclStage:
             check_target(target, self.travel())
             goals = {axis: axis.to_steps(target[axis.name]) for axis in self._axes if axis.name in target}
             longest_s = max((self._travel_s(axis, goal) for axis, goal in goals.items()), default=0.0)
-            may_go = in_turn(self.trust.require, partial(self._one_mover.require, stops))
-            with self._left_still(list(goals)):
+            may_go = self._one_mover.unless_stopped(stops, self.trust.require)
+            with self._left_still(goals):
                 for axis, goal in goals.items():
                     self._check_seals()
                     self._link.host(may_go).move_to(axis.motor, goal, axis.module)
@@ -296,22 +284,10 @@ class TmclStage:
         self._link.wait(lambda: self.trust.epoch != epoch, self._poll_s)
         self.trust.undisturbed(epoch)
 
-    @contextmanager
-    def _left_still(self, axes: Sequence[TmclAxis]) -> Iterator[None]:
-        """Whatever ends this before its end, nothing moves on."""
-        try:
-            yield
-        except DeviceError:
-            try:
-                self._halt(axes)
-            except DeviceError as error:
-                self.trust.lose(error)
-            raise
-        except BaseException:  # the program ends
-            self.emergency_stop()
-            raise
+    def _left_still(self, axes: Iterable[TmclAxis]) -> AbstractContextManager[None]:
+        return left_still(partial(self._halt, tuple(axes)), self.emergency_stop, self.trust)
 
-    def _halt(self, axes: Sequence[TmclAxis]) -> None:
+    def _halt(self, axes: Iterable[TmclAxis]) -> None:
         """End a search first: a motor that is only stopped is driven on by it."""
         for axis in axes:
             self._search(axis, STOP, tries=TRIES)

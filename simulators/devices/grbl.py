@@ -15,6 +15,7 @@ from simulators.devices.grbl_program import BLOCKS, Answer, Program
 from simulators.devices.grbl_reports import Counters, State, status
 from simulators.devices.grbl_settings import BANNERS
 from simulators.devices.grbl_state import Outputs, Run
+from simulators.devices.serial_device import taken
 from simulators.world.motion import Axis
 
 BOOT_S = 0.4
@@ -127,9 +128,7 @@ class GrblController:
         """Everything that has happened by now, in order; what was said."""
         while (moment_s := self.next_event_s()) is not None and moment_s <= now_s:
             self._event(moment_s)
-        said = bytes(self._out)
-        self._out.clear()
-        return said
+        return taken(self._out)
 
     def next_event_s(self) -> float | None:
         """End of boot, of deafness, of a motion, of a dwell or of homing; a switch that is hit."""

@@ -11,6 +11,7 @@ import struct
 import numpy as np
 from numpy.typing import NDArray
 
+from simulators.devices.serial_device import taken
 from simulators.world.world import World
 
 Array = NDArray[np.float64]
@@ -105,9 +106,7 @@ class WitModule:
         times = self._sampler.take(now_s)
         if times.size:
             self._sample(times)
-        said = bytes(self._out)
-        self._out.clear()
-        return said
+        return taken(self._out)
 
     def _sample(self, times: Array) -> None:
         force, rate = self._world.feel(times)
@@ -205,9 +204,7 @@ class FastModule:
         times = self._sampler.take(now_s)
         for i in range(0, times.size, 32):
             self._batch(times[i : i + 32])
-        said = bytes(self._out)
-        self._out.clear()
-        return said
+        return taken(self._out)
 
     def _batch(self, times: Array) -> None:
         force, rate = self._world.feel(times)

@@ -6,6 +6,7 @@ import struct
 
 import numpy as np
 
+from simulators.devices.serial_device import taken
 from simulators.world.world import World
 
 NEVER = float("inf")
@@ -81,9 +82,7 @@ class JrtModule:
         if self._ready_s <= now_s:
             at_s, self._ready_s, self.laser = self._ready_s, NEVER, False
             self._out += self._reading(at_s)
-        said = bytes(self._out)
-        self._out.clear()
-        return said
+        return taken(self._out)
 
     def _reading(self, at_s: float) -> bytes:
         if self.status and not (self.status == 8 and self._mode == 1):  # a weak echo is enough for the slow mode
@@ -157,9 +156,7 @@ class BoschModule:
             measured = self._world.distance_mm(at_s) + HOUSING_MM + self._rng.normal(0, self._noise_mm)
             good = b"\x00\x04" + struct.pack("<I", round(measured / 0.05))
             self._out += bosch(bytes((self.status, 0)) if self.status else good)
-        said = bytes(self._out)
-        self._out.clear()
-        return said
+        return taken(self._out)
 
     def next_event_s(self) -> float | None:
         """The end of a measurement."""
@@ -208,9 +205,7 @@ class DmxWidget:
 
     def advance(self, now_s: float) -> bytes:
         """What it answered."""
-        said = bytes(self._out)
-        self._out.clear()
-        return said
+        return taken(self._out)
 
     def next_event_s(self) -> float | None:
         """It never speaks by itself."""

@@ -38,6 +38,13 @@ class SerialDevice(Protocol):
         ...
 
 
+def taken(out: bytearray) -> bytes:
+    """What has been said, which is said once."""
+    said = bytes(out)
+    out.clear()
+    return said
+
+
 class PortInUse(OSError):
     """A second program opens the port."""
 

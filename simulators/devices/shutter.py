@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
+from simulators.devices.serial_device import taken
+
 NEVER = float("inf")
 LONGEST_MS = 3_600_000
 LONGEST_LINE = 63
@@ -132,9 +134,7 @@ class StrigBox:
         """Contacts and events, in order."""
         while (moment_s := self.next_event_s()) is not None and moment_s <= now_s:
             self._event(moment_s)
-        said = bytes(self._out)
-        self._out.clear()
-        return said
+        return taken(self._out)
 
     def next_event_s(self) -> float | None:
         """The earliest of boot, contacts, watchdog and flash."""

@@ -12,6 +12,7 @@ import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from simulators.devices.serial_device import taken
 from simulators.world.motion import Axis, brake_line, travel_line
 
 NEVER = float("inf")
@@ -140,9 +141,7 @@ class TmclModule:
         for motor in self.motors:
             if motor.busy_until_s <= now_s:
                 motor.ended()
-        said = bytes(self._out)
-        self._out.clear()
-        return said
+        return taken(self._out)
 
     def next_event_s(self) -> float | None:
         """The end of the next drive."""

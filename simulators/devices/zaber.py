@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from simulators.devices.serial_device import taken
 from simulators.world.motion import Axis, brake_line, travel_line
 
 NEVER = float("inf")
@@ -177,9 +178,7 @@ class ZaberChain:
                         motor.ended(moment_s)
                         if device.alert:
                             self._say(device, f"!{device.address:02d} {number} IDLE {motor.flag()}")
-        said = bytes(self._out)
-        self._out.clear()
-        return said
+        return taken(self._out)
 
     def next_event_s(self) -> float | None:
         """The end of the next movement."""

@@ -6,7 +6,9 @@ The simulated bench stands in this process behind pseudo-terminals. The program 
 plain guide and the application, with their own signal handling, run, drivers and session) is another process that knows
 them from a station.toml. A try: the program homes, moves, or waits for a photograph; at a random moment it gets a
 signal, a key or a fault; the time at which the stop of each controller was read from its pseudo-terminal's master
-counts. Then nothing may move, no order may come, and the journal must have the stop.
+counts. Then nothing may move, no order may come, and the journal must have the stop. Of a late try is told where its
+time went (`stops_lateness.py`): "handled" is when the program knew, "wire" when its bytes were written, "read" when the
+bench had them.
 
 - `clogged`: the port of the head takes no bytes any more while the rail moves. Its stop must be there within the bound.
 - `gone`: the terminal of the head is closed while the rail moves.
@@ -34,6 +36,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
+
+from stops_lateness import Control, halves, keep_its_priority, spent, threads_ms
 
 from simulators.bench.bench import Setup, SimulatedBench
 from simulators.devices.ports import PtyPort
@@ -99,6 +104,7 @@ class Count:
 
     ms: list[float] = field(default_factory=list)
     wrong: list[str] = field(default_factory=list)
+    late: list[str] = field(default_factory=list)
 
 
 def _in_its_terminal() -> None:
@@ -123,6 +129,7 @@ class Program:
             start_new_session=True, env={**os.environ, "PYTHONPATH": str(root), "TERM": "xterm-256color"},
             preexec_fn=_in_its_terminal,
         )  # fmt: skip
+        keep_its_priority(self.process.pid)
         for descriptor in (control, status, slave):
             os.close(descriptor)
         self.said = b""
@@ -173,6 +180,7 @@ class Tries:
         self.front = "app" if way in APP else "plain"
         where = "move" if place in ("clogged", "gone") else place
         self.program: Program | None = None
+        self.control = Control(folder)
         self._where = where
 
     def _write_config(self) -> None:
@@ -191,6 +199,8 @@ class Tries:
         self.program.go()
         self._until_there(self.program)
         time.sleep(self.chance.uniform(0.005, 0.1))
+        pids = (self.program.process.pid, os.getpid())
+        before = [threads_ms(pid) for pid in pids]
         sent_s = self.program.end_by(self.way)
         time.sleep(BOUND_MS / 1000)
         if self.place == "clogged":  # what is there now has come in time
@@ -199,13 +209,20 @@ class Tries:
                 count.wrong.append("the clogged head had no stop within the bound")
             self.ports["head"].frozen.clear()
         stops = self._stops(sent_s)
+        times = [spent(one, threads_ms(pid)) for one, pid in zip(before, pids, strict=True)]
         self._look(count, sent_s, stops)
         if self.front == "app" and self.way != "app exception" and "TERM" in self.way:
             self.program.close()  # it leaves for good
             self.program = None
         else:
             self.program.wait_for(b"e")
-        self._look_at_journal(count)
+        halted = self._look_at_journal(count)
+        if count.ms[-1] > BOUND_MS:
+            controls = self.control.late_ms(sent_s, max(stops.values(), default=sent_s + 1))
+            count.late.append(
+                f"{count.ms[-1]:.1f} ms: {halves(sent_s, stops, halted) if halted else 'no journal'}; program"
+                f" {times[0]}, bench {times[1]}, control late {controls[0]:.1f} {controls[-1]:.1f}"
+            )
         if self.place == "gone":
             self.ports["head"] = WatchedPort(self.bench.cables["head"])
 
@@ -258,17 +275,19 @@ class Tries:
             if after := self.ports[name].orders_after(at_s):
                 count.wrong.append(f"{name} got {after[:60]!r} after its stop")
 
-    def _look_at_journal(self, count: Count) -> None:
+    def _look_at_journal(self, count: Count) -> dict[str, Any] | None:
         """The newest session tells when each wire had its stop; one whose program was killed by us has no last line."""
         if self.program is None:
-            return
+            return None
         newest = max((self.folder / "sessions").glob("*/journal.jsonl"), key=lambda path: path.stat().st_mtime_ns)
         entries = [json.loads(line) for line in newest.read_text().splitlines()]
         halted = [entry for entry in entries if entry["event"] == "halted"]
         if not halted or halted[0]["on_the_wire_s"].get("stage") is None:
             count.wrong.append(f"the journal has no stop of the stage: {[entry['event'] for entry in entries][-4:]}")
+        return halted[0] if halted else None
 
     def close(self) -> None:
+        self.control.close()
         if self.program is not None:
             self.program.close()
         for port in self.ports.values():
@@ -319,6 +338,8 @@ def main() -> int:
                 f"{times[-1]:7.2f} ms, {over} over {BOUND_MS:.0f} ms {'; '.join(sorted(set(count.wrong)))}",
                 flush=True,
             )
+            for line in count.late:
+                print(f"    {line}", flush=True)
     return int(missed > 0)
 
 

@@ -189,6 +189,23 @@ def test_after_a_stop_no_further_device_is_sent_or_homed(homed, truth, monkeypat
     assert not homed.condition().usable
 
 
+def refuse(*_):
+    raise Rejected("it does not take the order", "look at it")
+
+
+def test_a_device_that_refuses_its_order_stops_those_that_are_on_their_way(homed, truth, monkeypatch):
+    send = homed._send
+
+    def one_refuses(label, *order):
+        (send if label == "Table" else refuse)(label, *order)
+
+    monkeypatch.setattr(homed, "_send", one_refuses)
+    with pytest.raises(Rejected):
+        homed.move_to(x_mm=0.15, z_mm=0.1)
+    assert not truth.deviceBusy("Table")
+    assert homed.position()["x_mm"] < 0.14
+
+
 def test_an_emergency_stop_ends_a_move_and_holds_until_homed(homed, truth):
     ended = in_mid_move(homed, homed.emergency_stop)
     assert isinstance(ended, EmergencyStopped)

@@ -64,6 +64,31 @@ def test_after_a_stop_the_other_axis_is_not_sent(homed, monkeypatch):
     assert homed.position()[second] == before[second]
 
 
+def test_an_axis_that_is_not_where_it_was_sent_is_stopped_before_that_is_told(homed, bench, monkeypatch):
+    monkeypatch.setattr(homed, "_finish", lambda axes, limit_s: None)  # as if it had said IDLE too early
+    with pytest.raises(MoveFailed, match="pan_deg came to rest"):
+        homed.move_to(pan_deg=20.0)
+    bench.clock.sleep(0.1)  # it slows down
+    assert not homed.moving()
+
+
+def test_homing_whose_end_cannot_be_asked_is_stopped(homed, bench, monkeypatch):
+    homed.move_to(pan_deg=20.0)
+    status, unanswered = homed._status, [NoAnswer("no answer", "check its power")]
+
+    def ask(axis):
+        if unanswered:
+            raise unanswered.pop()
+        return status(axis)
+
+    monkeypatch.setattr(homed, "_finish", lambda axes, limit_s: None)
+    monkeypatch.setattr(homed, "_status", ask)
+    with pytest.raises(NoAnswer):
+        homed.home()
+    bench.clock.sleep(0.1)
+    assert not homed.moving()
+
+
 def test_every_command_carries_its_checksum_and_an_id_of_its_own(homed):
     homed.position()
     lines = sent(homed)

@@ -133,6 +133,16 @@ def test_a_move_that_was_not_answered_is_stopped(homed, bench, module, monkeypat
     assert 10.0 < homed.position()["z_mm"] <= 100.0
 
 
+def test_an_axis_that_homed_to_a_place_outside_its_travel_is_stopped_before_that_is_told(make, bench, monkeypatch):
+    stage = make([TmclAxis("z_mm", 0, (-200.0, -100.0), STEP)])
+    stage.connect()
+    monkeypatch.setattr(stage, "_wait_for_searches", lambda: None)  # as if it had said too early that it is done
+    with pytest.raises(MoveFailed, match=r"after homing, and its travel is -200 \.\. -100"):
+        stage.home()
+    bench.clock.sleep(0.1)
+    assert not stage.moving()
+
+
 def test_an_axis_that_stands_still_on_its_way_is_stopped_before_that_is_told(homed, module, monkeypatch):
     told = module.motors[0].told
     frozen = {1: 32_000, 3: 0}  # where it was, and no speed

@@ -17,6 +17,7 @@ from drivers.errors import (
     EmergencyStopped,
     LineLost,
     MoveFailed,
+    NoAnswer,
     NotHomed,
     OutsideTravel,
     Rejected,
@@ -124,6 +125,25 @@ def test_an_emergency_stop_ends_a_move_and_holds_until_homed(homed, held_up):
         homed.move_to(z_mm=400.0)
     homed.home()
     assert homed.condition().usable
+
+
+def test_an_axis_that_is_not_where_it_was_sent_is_halted_before_that_is_told(homed, held_up, monkeypatch):
+    # as if it said too early that it stands
+    monkeypatch.setattr(homed, "_finish", lambda parts, epoch: held_up.moving.wait())
+    with pytest.raises(MoveFailed, match="z_mm came to rest"):
+        homed.move_to(z_mm=400.0)
+    assert held_up.halted.is_set()
+
+
+def test_homing_that_is_not_answered_is_halted(homed, held_up, monkeypatch):
+    monkeypatch.setattr(homed, "_order", no_answer)
+    with pytest.raises(NoAnswer):
+        homed.home()
+    assert held_up.halted.is_set()
+
+
+def no_answer(*_):
+    raise NoAnswer("focuser 0 did not answer in time", "look at its server")
 
 
 def test_the_stop_passes_a_request_that_is_not_answered(homed, held_up):
