@@ -154,7 +154,8 @@ def sweep(f_number: float, rng: np.random.Generator) -> tuple[float, float]:
     placed = camera.place(chart, pixels=pixels_at(1.3))
     sharp, reach = 1000 / placed.pose.centre_mm[2], REACH_DIOPTRES * f_number / 4
     # nobody turns a ring by equal steps, nor begins at the same distance from the focus
-    places = sharp + rng.uniform(-0.3, 0.3) * reach + reach * (np.linspace(-1, 1, PLACES) + rng.uniform(-0.1, 0.1, PLACES))
+    steps = np.linspace(-1, 1, PLACES) + rng.uniform(-0.1, 0.1, PLACES) + rng.uniform(-0.3, 0.3)
+    places = sharp + reach * steps
     seen, near = [], None
     for place in places:
         shot = render_plane(Scene((placed,)), replace(camera, focus_mm=1000 / place), rng, exposure_s=0.002 * f_number)
