@@ -13,6 +13,7 @@ from procedures.field.focus import FocusSurface, focus_surface, sharpest
 from procedures.field.interpolate import Interpolation, interpolate
 from procedures.field.maps import FieldMap, derive
 from procedures.field.measuring import MeasuredFrames, Told, silent
+from procedures.field.photosite import Photosite, WithoutPhotosite
 from procedures.outcome import Outcome, Quantity, Refused, Rule, Verdict, verdict_of
 from procedures.psf import Psf
 from procedures.psf_field import Node
@@ -50,7 +51,10 @@ class PlaneField:
 
 @dataclass(frozen=True, eq=False)
 class FieldResult:
-    """The whole answer, by plane; `reference` is the plane that lateral colour and focus are told of."""
+    """The whole answer, by plane; `reference` is the plane that lateral colour and focus are told of.
+
+    `photosite` is the one that maps are told without, beside the camera's.
+    """
 
     measured: MeasuredFrames
     planes: Mapping[str, Outcome[PlaneField]]
@@ -58,11 +62,12 @@ class FieldResult:
     reference: str
     focus: FocusSurface | None
     focus_refusal: str = ""
+    photosite: Photosite | None = None
 
 
 def conclude(
     measured: MeasuredFrames, focus: Mapping[str, float] | None = None, limit: Limit = lambda plane: None,
-    told: Told = silent, at: Sequence[float] = (),
+    told: Told = silent, at: Sequence[float] = (), photosite: Photosite | None = None,
 ) -> FieldResult:  # fmt: skip
     """Field, maps and numbers of every plane, lateral colour between them, best focus where positions are known.
 
@@ -72,6 +77,8 @@ def conclude(
         The field is then that of the sharpest position.
     at : sequence of float
         Frequencies in cycles per pixel of the plane at which the MTF of the frame's centre is told.
+    photosite : Photosite, optional
+        Maps of sagittal and meridional MTF50 are told without it too.
 
     Raises
     ------
@@ -90,7 +97,7 @@ def conclude(
     kept = {name: bracket.get(best, []) for name, bracket in brackets.items()}
     planes = {}
     for name, nodes in kept.items():
-        planes[name] = _plane_field(measured.planes[name], nodes, limit, at)
+        planes[name] = _plane_field(measured.planes[name], nodes, limit, at, photosite)
         told(f"field of {name}")
     surface, refusal = None, ""
     if focus:
@@ -99,7 +106,7 @@ def conclude(
         except Refused as error:
             refusal = f"{error.reason}; {error.remedy}"
     colours = _colours(measured, kept, reference)
-    return FieldResult(measured, planes, colours, reference, surface, refusal)
+    return FieldResult(measured, planes, colours, reference, surface, refusal, photosite)
 
 
 def _bracket(nodes: Sequence[Node], focus: Mapping[str, float]) -> dict[float, list[Node]]:
@@ -129,13 +136,16 @@ def _shape(plane: Plane) -> tuple[int, int]:
     return int(rows), int(columns)
 
 
-def _plane_field(plane: Plane, nodes: Sequence[Node], limit: Limit, at: Sequence[float]) -> Outcome[PlaneField]:
+def _plane_field(
+    plane: Plane, nodes: Sequence[Node], limit: Limit, at: Sequence[float], photosite: Photosite | None
+) -> Outcome[PlaneField]:
     shape = _shape(plane)
     try:
         found = interpolate(plane.name, shape, nodes)
     except Refused as refusal:
         return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
-    maps = derive(found.field)
+    without = WithoutPhotosite(photosite, plane.pitch) if photosite else None
+    maps = derive(found.field, without=without)
     centre = found.field.at((shape[1] - 1) / 2, (shape[0] - 1) / 2)
     diffraction = limit(plane)
     quality = assess(centre, n=len(nodes), diffraction=diffraction, at=at)

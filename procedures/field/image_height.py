@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.field.maps import radius_direction
+from procedures.field.photosite import WithoutPhotosite
 from procedures.psf_field import PsfField
 from procedures.quality import mtf_along, truncation
 
@@ -54,8 +55,13 @@ class HeightCurve:
     directions: npt.NDArray[np.int64]
 
 
-def over_height(field: PsfField, frequencies: Sequence[float]) -> list[HeightCurve]:
-    """The MTF at each frequency over image height; empty where the nodes do not enclose the frame's centre."""
+def over_height(
+    field: PsfField, frequencies: Sequence[float], without: WithoutPhotosite | None = None
+) -> list[HeightCurve]:
+    """The MTF at each frequency over image height; empty where the nodes do not enclose the frame's centre.
+
+    Of the camera, or of what comes `without` the photosites: before them.
+    """
     centre = np.array([field.shape[1] - 1, field.shape[0] - 1]) / 2
     farthest = float(np.hypot(*centre))
     turns = (np.arange(DIRECTIONS) + 0.5) * 2 * np.pi / DIRECTIONS
@@ -66,18 +72,19 @@ def over_height(field: PsfField, frequencies: Sequence[float]) -> list[HeightCur
         enclosed = places[field.inside(places)]
         if len(enclosed):
             heights.append(height)
-            found.append(np.array([_at(field, x, y, np.array(frequencies)) for x, y in enclosed]))
+            found.append(np.array([_at(field, x, y, np.array(frequencies), without) for x, y in enclosed]))
     return [_curve(f, np.array(heights), [one[..., i] for one in found]) for i, f in enumerate(frequencies) if found]
 
 
-def _at(field: PsfField, x: float, y: float, f: Array) -> Array:
+def _at(field: PsfField, x: float, y: float, f: Array, without: WithoutPhotosite | None) -> Array:
     """Sagittal and meridional MTF at a place and their standard uncertainties, (4, frequencies)."""
     psf, radius = field.at(x, y), radius_direction(field.shape, x, y)
-    rows = []
+    n, rows = len(psf.parameters), []
     for angle in (radius + np.pi / 2, radius):
-        value, slope = mtf_along(psf, f, angle)
-        variance = np.einsum("ij,ij->i", slope @ psf.parameter_covariance, slope)
-        rows += [value, np.hypot(np.sqrt(np.maximum(variance, 0)), truncation(psf))]
+        value, slope = (without.curve if without else mtf_along)(psf, f, angle)
+        of_psf, stray = slope[:, :n], truncation(psf) / (without.passed(f, angle) if without else 1.0)
+        variance = np.einsum("ij,ij->i", of_psf @ psf.parameter_covariance, of_psf) + np.sum(slope[:, n:] ** 2, axis=1)
+        rows += [value, np.hypot(np.sqrt(np.maximum(variance, 0)), stray)]
     return np.array(rows)
 
 

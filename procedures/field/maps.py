@@ -11,10 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from procedures.field.photosite import WithoutPhotosite
 from procedures.psf import Psf
 from procedures.psf_field import PsfField
-from procedures.quality import mtf50_along, mtf_along, stray_energy, truncation
+from procedures.quality import frequencies, mtf_along, stray_energy, truncation
 from procedures.spatial_numbers import energy_above_nyquist
+from procedures.transfer_function import crossing
 
 Array = npt.NDArray[np.float64]
 
@@ -57,6 +59,10 @@ MAPS = (
     ("energy_outside_support", "Energy outside the support of the samples", "1"),
 )
 """Maps of numbers drawn from the PSF: name, title, unit."""
+WITHOUT_PHOTOSITE = tuple(
+    (f"{name}_without_photosite", f"{title}, without the photosite", unit) for name, title, unit in MAPS[:3]
+)
+"""The same of what comes before the photosites, where that is asked for: lens, filters, and charge that wanders."""
 
 
 def grid(shape: tuple[int, int], columns: int = COLUMNS) -> tuple[Array, Array]:
@@ -79,10 +85,11 @@ ERRORS = (
 """Maps of the field's own error: its norm over that of the PSF."""
 
 
-def derive(field: PsfField, columns: int = COLUMNS) -> tuple[FieldMap, ...]:
-    """Every map of one plane, and those of the predicted error last."""
+def derive(field: PsfField, columns: int = COLUMNS, without: WithoutPhotosite | None = None) -> tuple[FieldMap, ...]:
+    """Every map of one plane, those without the photosite where these are asked for, and the predicted error's last."""
     x, y = grid(field.shape, columns)
-    value, uncertainty = np.full((2, len(MAPS), len(y), len(x)), np.nan)
+    names = (*MAPS, *WITHOUT_PHOTOSITE) if without else MAPS
+    value, uncertainty = np.full((2, len(names), len(y), len(x)), np.nan)
     errors = np.full((len(ERRORS), len(y), len(x)), np.nan)
     for row, at_y in enumerate(y):
         for column in np.flatnonzero(field.inside(np.column_stack([x, np.full_like(x, at_y)]))):
@@ -91,9 +98,10 @@ def derive(field: PsfField, columns: int = COLUMNS) -> tuple[FieldMap, ...]:
             psf = Psf.of(p, parts[0] + parts[1], field.k, field.s)
             norm = float(np.linalg.norm(psf.extended()))
             errors[:, row, column] = [field.norm_of_error(C) / norm for C in parts]
-            numbers = numbers_of(psf, radius_direction(field.shape, x[column], at_y))
-            value[:, row, column], uncertainty[:, row, column] = numbers
-    numbered = zip(MAPS, value, uncertainty, strict=True)
+            radius = radius_direction(field.shape, x[column], at_y)
+            numbers = [numbers_of(psf, radius)] + ([mtf50_about(psf, radius, without)] if without else [])
+            value[:, row, column], uncertainty[:, row, column] = np.hstack(numbers)
+    numbered = zip(names, value, uncertainty, strict=True)
     maps = [FieldMap(name, title, unit, x, y, v, u) for (name, title, unit), v, u in numbered]
     told = zip(ERRORS, errors, strict=True)
     return (*maps, *(FieldMap(name, title, "of the PSF's norm", x, y, v, None) for (name, title), v in told))
@@ -105,26 +113,36 @@ def numbers_of(psf: Psf, radius: float) -> tuple[Array, Array]:
     What the tail's few shapes leave out is in the uncertainties: it is the same at all nodes.
     `radius` is the direction from the frame's centre, in radians.
     """
-    angles = (radius + np.pi / 2, radius)
-    sagittal, meridional = (mtf50_along(psf, angle) or _none(psf) for angle in angles)
-    astigmatism = sagittal[0] - meridional[0], sagittal[1] - meridional[1]
-    numbers = (sagittal, meridional, astigmatism, energy_above_nyquist(psf))
-    slopes = np.array([slope for _, slope in numbers])
-    variance = np.einsum("ij,ij->i", slopes @ psf.parameter_covariance, slopes)
-    left_out = [_left_out(psf, one[0], angle) for one, angle in zip((sagittal, meridional), angles, strict=True)]
-    uncertainty = np.hypot(np.sqrt(np.maximum(variance, 0)), np.array([*left_out, np.linalg.norm(left_out), 0.0]))
+    values, uncertainties = mtf50_about(psf, radius)
+    above, slope = energy_above_nyquist(psf)
+    of_above = np.sqrt(max(float(slope @ psf.parameter_covariance @ slope), 0.0))
     outside, noise = psf.energy_outside if len(psf.tail.amplitudes) else (np.nan, np.nan)
-    values = np.array([*(value for value, _ in numbers), outside])
-    return values, np.append(uncertainty, np.hypot(noise, stray_energy(psf)))
+    return np.append(values, [above, outside]), np.append(uncertainties, [of_above, np.hypot(noise, stray_energy(psf))])
 
 
-def _left_out(psf: Psf, mtf50: float, angle: float) -> float:
-    """Standard uncertainty of an MTF50 by what the tail's shapes leave out of the OTF; NaN where there is none."""
-    if not np.isfinite(mtf50):
-        return np.nan
-    before, after = mtf_along(psf, mtf50 + np.array([-STEP, STEP]), angle)[0]
-    return truncation(psf) * 2 * STEP / max(float(before - after), 1e-9)
+def mtf50_about(psf: Psf, radius: float, without: WithoutPhotosite | None = None) -> tuple[Array, Array]:
+    """MTF50 of sagittal detail, of meridional detail, and their difference (3,), and standard uncertainties (3,).
+
+    Of the camera, or of what comes before the photosites; NaN where the MTF stays above 1/2.
+    """
+    two = [_mtf50(psf, angle, without) for angle in (radius + np.pi / 2, radius)]
+    (sagittal, by_sagittal, left_s), (meridional, by_meridional, left_m) = two
+    slopes, n = np.array([by_sagittal, by_meridional, by_sagittal - by_meridional]), len(psf.parameters)
+    of_psf = slopes[:, :n]
+    # what follows the PSF's parameters is counted in its standard uncertainties
+    variance = np.einsum("ij,ij->i", of_psf @ psf.parameter_covariance, of_psf) + np.sum(slopes[:, n:] ** 2, axis=1)
+    left_out = np.array([left_s, left_m, np.hypot(left_s, left_m)])
+    return np.array([sagittal, meridional, sagittal - meridional]), np.hypot(np.sqrt(np.maximum(variance, 0)), left_out)
 
 
-def _none(psf: Psf) -> tuple[float, Array]:
-    return np.nan, np.full(len(psf.parameters), np.nan)
+def _mtf50(psf: Psf, angle: float, without: WithoutPhotosite | None) -> tuple[float, Array, float]:
+    """MTF50 along a direction, its derivative, and its standard uncertainty by what the tail's shapes leave out."""
+    f = without.frequencies(psf, angle) if without else frequencies(psf)
+    curve = without.curve if without else mtf_along
+    mtf, slope = curve(psf, f, angle)
+    found = crossing(f, mtf, slope)
+    if found is None:
+        return np.nan, np.full(slope.shape[1], np.nan), np.nan
+    before, after = curve(psf, found[0] + np.array([-STEP, STEP]), angle)[0]
+    stray = truncation(psf) / (float(without.passed(found[0], angle)) if without else 1.0)
+    return *found, stray * 2 * STEP / max(float(before - after), 1e-9)

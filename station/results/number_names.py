@@ -83,6 +83,10 @@ OF_PLACES: Mapping[str, Words] = {
     "astigmatism": Words("MTF50, sagittal less meridional", "astigmatism"),
 }
 """Numbers that a place of a field has beside those of its PSF."""
+BEFORE_PHOTOSITES: Mapping[str, Words] = {
+    f"{name}_without_photosite": Words(f"{one.words}, without the photosite") for name, one in OF_PLACES.items()
+}
+"""Numbers of maps that are not the camera's."""
 OF_RESTORATIONS: Mapping[str, Words] = {
     "w_median": Words("Blur w, median over the frame", "w, median"),
     "w_least": Words("Blur w, least of the frame", "w, least"),
@@ -93,7 +97,7 @@ OF_RESTORATIONS: Mapping[str, Words] = {
 """Numbers of a restored scene."""
 MEDIAN = "_median"
 """Ends the name of a number of a field's map."""
-_ALL = {**QUANTITIES, **VALUES, **OF_EDGES, **OF_PLACES, **OF_RESTORATIONS}
+_ALL = {**QUANTITIES, **VALUES, **OF_EDGES, **OF_PLACES, **BEFORE_PHOTOSITES, **OF_RESTORATIONS}
 
 
 def words_of(name: str, unit: str = "cycles/pixel") -> Words:

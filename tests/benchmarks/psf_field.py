@@ -31,6 +31,7 @@ import numpy as np
 from procedures.field.conclusion import FieldResult, PlaneField, conclude
 from procedures.field.maps import MAPS, FieldMap, derive, numbers_of, radius_direction
 from procedures.field.measuring import MeasuredFrames, measure, measure_frames
+from procedures.field.photosite import Photosite
 from procedures.field.plan import SHEET, locations
 from procedures.pattern import Chart
 from procedures.pattern_psf.centre import mark_offset
@@ -63,6 +64,9 @@ MAP_COLUMNS = 5  # the truth takes a second a place
 COMPARED = ("G1", "R")
 F_NUMBERS = (2.8, 5.6, 11.0)
 DRAWS = 3
+FILLED = 0.475
+"""Side of a photosite in pixels of the sensor without a mosaic, which stands for a plane: about half of it."""
+PHOTOSITE = Photosite(FILLED**2)
 
 
 def camera(lens: Lens) -> SimulatedCamera:
@@ -143,7 +147,14 @@ def place_in_mono(x: float, y: float, lens: Lens) -> Place:
 
 def mono_parts(lens: Lens) -> tuple[object, ...]:
     """The optics of the demonstration in pixels twice as large: photosites fill a quarter of them, as of a plane."""
-    return CircularPupil(lens.f_number), PixelAperture(0.475, 0.475), FourSpots(0.4), GaussianBlur(0.15)
+    return CircularPupil(lens.f_number), PixelAperture(FILLED, FILLED), FourSpots(0.4), GaussianBlur(0.15)
+
+
+@cache
+def before_photosites(place: Place) -> Place:
+    """The same optics without the photosites."""
+    blurs = tuple(one for one in place.optics.blurs if not isinstance(one, PixelAperture))
+    return replace(place, optics=Optics(blurs, place.optics.pitch_um))
 
 
 @cache
@@ -178,21 +189,23 @@ def compare_maps(found: FieldResult, plane: str, place_at: Callable[[float, floa
     """Add every place's errors of every map."""
     one = found.planes[plane].result()
     shape = one.interpolation.field.shape
-    for i, (name, *_) in enumerate(MAPS):
-        m: FieldMap = one.maps[i]
+    told: list[FieldMap] = [m for m in one.maps if m.uncertainty is not None]
+    for i, m in enumerate(told):
+        without = i >= len(MAPS)
         for j, k in np.argwhere(np.isfinite(m.value)):
             x, y = float(m.x[k]), float(m.y[j])
-            true = true_numbers(place_at(x, y), radius_direction(shape, x, y))[i]
-            off.setdefault(name, []).append(np.array([m.value[j, k] - true, m.uncertainty[j, k], true]))
+            place = before_photosites(place_at(x, y)) if without else place_at(x, y)
+            true = true_numbers(place, radius_direction(shape, x, y))[i - len(MAPS) if without else i]
+            off.setdefault(m.name, []).append(np.array([m.value[j, k] - true, m.uncertainty[j, k], true]))
 
 
 def tell(off: Off) -> None:
     """Of each map: mean difference, and how often it holds the truth."""
     for name, rows in off.items():
         error, sigma, true = np.array(rows).T
-        mean = f"{error.mean():+.4f}" if name == "astigmatism" else f"{error.mean() / true.mean():+.2%}"
+        mean = f"{error.mean():+.4f}" if name.startswith("astigmatism") else f"{error.mean() / true.mean():+.2%}"
         z = np.abs(error / sigma)
-        print(f"  {name:22} mean difference {mean:>8}, within 2 sigma at {np.mean(z < 2):6.1%} of {len(z)} places, "
+        print(f"  {name:34} mean difference {mean:>8}, within 2 sigma at {np.mean(z < 2):6.1%} of {len(z)} places, "
               f"root mean square {np.sqrt(np.mean(z**2)):.2f} sigma, worst {z.max():.1f}")  # fmt: skip
 
 
@@ -238,12 +251,12 @@ def accuracy(folder: Path) -> None:
     colour_coverage(found)
 
 
-def concluded(measured: MeasuredFrames) -> FieldResult:
+def concluded(measured: MeasuredFrames, photosite: Photosite | None = None) -> FieldResult:
     """The fields, with maps of few places: the truth takes a second each."""
     import procedures.field.conclusion as module
 
-    module.derive = lambda field: derive(field, MAP_COLUMNS)
-    return conclude(measured)
+    module.derive = lambda field, without=None: derive(field, MAP_COLUMNS, without)
+    return conclude(measured, photosite=photosite)
 
 
 def draws(count: int) -> None:
@@ -261,8 +274,8 @@ def draws(count: int) -> None:
                 RawFrame(Path(f"{i}"), "", {"Y": Plane("Y", shot.plane("Y").astype(np.float32), 2**-14)}, Exposure())
                 for i, shot in enumerate(shots)
             ]
-            found = concluded(measure_frames(frames, Chart.from_seed(), PatternParameters(S, K)))
-            compare_maps(found, "Y", partial(place_in_mono, lens=lens), off)
+            measured = measure_frames(frames, Chart.from_seed(), PatternParameters(S, K))
+            compare_maps(concluded(measured, PHOTOSITE), "Y", partial(place_in_mono, lens=lens), off)
         print(f"f/{f_number:g}, {count} fields of {len(lights)} photographs")
         tell(off)
         for name, rows in off.items():

@@ -10,7 +10,7 @@ import pytest
 import rawpy
 
 from procedures.outcome import BadInput, BadParameter
-from procedures.raw import default_plane, read_frame
+from procedures.raw import default_plane, read_frame, read_planes
 from procedures.reading.sensor_dump import DumpLayout
 
 WHITE = 16383
@@ -107,6 +107,14 @@ def test_saturated_areas_are_no_stuck_pixels(write_dng):
 
 def test_only_the_named_planes_are_read(write_dng):
     assert list(read_frame(write_dng(mosaic_of("RGGB")), ["B", "R"]).planes) == ["R", "B"]
+
+
+def test_planes_alone_are_those_of_the_frame(write_dng):
+    path = write_dng(mosaic_of("RGGB"))
+    frame = read_frame(path, ["G1"])
+    (plane,) = read_planes(path, ["G1"]).values()
+    assert np.array_equal(plane.samples, frame.planes["G1"].samples)
+    assert plane.origin == frame.planes["G1"].origin
 
 
 def test_unknown_plane_is_a_bad_parameter(write_dng, shared_data):

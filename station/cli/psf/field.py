@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from station.cli.psf.photosite_option import photosite_option, told_photosite
 from station.cli.psf.planes import (
     INSIST,
     OPTICS,
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from procedures.field.estimate import Miss
+    from procedures.field.photosite import Photosite
     from procedures.reading.sensor_dump import DumpLayout
 
 FAILED_ITEMS = 1
@@ -45,6 +47,7 @@ FAILED_ITEMS = 1
 @click.option(
     "--vignetting", type=click.Path(path_type=Path), help="A result of station vignetting, to be kept with the field."
 )
+@photosite_option
 @click.option(
     "--overlay",
     "overlays",
@@ -71,6 +74,7 @@ def psf_field(
     seed: int | None,
     focus: Path | None,
     vignetting: Path | None,
+    photosite: Photosite | None,
     overlays: tuple[Path, ...],
     sensor: Path | None,
     width_mm: float,
@@ -123,10 +127,10 @@ def psf_field(
         limit = partial(diffraction_limit, exposure, **optics) if exposure else (lambda plane: None)
         pixels = field_pixels(measured, optics["pixel_pitch_um"])
         at = terms.frequencies(next(iter(pixels.values()), Pixels()))
-        found = conclude(measured, positions, limit, at=at)
+        found = conclude(measured, positions, limit, at=at, photosite=photosite)
         planes = field_results(found, terms, pixels, limit)
         beside = {name: str(path) for name, path in {"vignetting": vignetting, "sensor": sensor}.items() if path}
-        given = {**options, "chart": source.origin, **told_optics(optics), **beside}
+        given = {**options, "chart": source.origin, **told_optics(optics), **beside, **told_photosite(photosite)}
         camera = whole_camera(found, width_mm / (BLOCK * BLOCKS), others)
         text = write_field_result(
             results, found, planes, terms, report=report, certificate=certificate, start=start, lights=lights,

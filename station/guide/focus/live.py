@@ -15,15 +15,15 @@ from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.pattern_psf.focus.sharpness import QUICK, Sharpness, measure_sharpness
 from procedures.pattern_psf.focus.sweep import Peak, Way, best_focus, which_way
-from procedures.raw import Plane, default_plane, read_frame
+from procedures.raw import Plane, default_plane, read_planes
 
 if TYPE_CHECKING:
     from procedures.plan import Fact
     from station.bench.opening import Bench
 
 SUFFIXES = RAW_SUFFIXES | {".tif", ".tiff", ".png", ".pgm"}
-POLL_S = 0.05
-"""How often a folder is looked at."""
+POLL_S, SETTLE_S = 0.05, 0.02
+"""How often a folder is looked at, and how soon again where something has come: what still grows is not read yet."""
 GROWN_S = 3.0
 """A file that cannot be read is tried again until its size has rested so long."""
 SWEEP = (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0)
@@ -156,7 +156,7 @@ class PhotographSource:
         """A photograph's plane, or why there is none."""
         try:
             name = self.plane or default_plane(path)
-            plane = Outcome(read_frame(path, [name]).planes[name])
+            plane = Outcome(read_planes(path, [name])[name])
         except (BadInput, BadParameter) as error:
             return LiveFrame(path, Outcome(None, Verdict.REFUSED, error.reason, error.remedy), arrived_s, place)
         return LiveFrame(path, plane, arrived_s, place)
@@ -165,16 +165,17 @@ class PhotographSource:
         """The photographs that arrive in a folder from now on, each as soon as it can be read. Raises BadInput."""
         known, arrived = _photographs(folder), dict[Path, tuple[int, float]]()
         while not self.ended():
+            pause_s = POLL_S
             for path in sorted(_photographs(folder) - known, key=lambda one: one.stat().st_mtime_ns):
                 size, now_s = path.stat().st_size, self.clock()
                 if arrived.get(path, (-1, 0.0))[0] != size:
-                    arrived[path] = size, now_s  # it still grows
+                    arrived[path], pause_s = (size, now_s), SETTLE_S
                     continue
                 frame = self.read(path, arrived[path][1])
                 if frame.plane.value is not None or now_s - arrived[path][1] > GROWN_S:
                     known.add(path)
                     yield frame
-            pause(POLL_S)
+            pause(pause_s)
 
     def tethered(self, bench: Bench) -> Iterator[LiveFrame]:
         """One exposure of the bench's camera after the other; nothing is moved. Raises DeviceError."""

@@ -27,8 +27,8 @@ NINETY_FIVE = 2.448
 """Radius of the ellipse that holds 95 % of a Gaussian in the plane, in standard deviations."""
 ERRORS = "YlOrBr"
 """Colours of uncertainties."""
-SIGNED = ("astigmatism", "focus_astigmatism", "lateral_colour_radial", "lateral_colour_tangential",
-          "colour_shading")  # fmt: skip
+SIGNED = ("astigmatism", "astigmatism_without_photosite", "focus_astigmatism", "lateral_colour_radial",
+          "lateral_colour_tangential", "colour_shading")  # fmt: skip
 """Maps whose zero is the middle of the colours."""
 
 

@@ -14,6 +14,7 @@ from procedures.field.chromatic import LateralColour
 from procedures.field.conclusion import FieldResult, PlaneField
 from procedures.field.image_height import HeightCurve, over_height
 from procedures.field.maps import FieldMap
+from procedures.field.photosite import Photosite, WithoutPhotosite
 from procedures.vignetting.formula import LightSurface
 from procedures.whole_camera.camera_file import write_camera_numbers
 from procedures.whole_camera.from_field import WholeCamera
@@ -21,7 +22,7 @@ from station.calibration.camera_notes import exposure_of
 from station.common.versions import software
 from station.reports.certificate_print import write_certificate
 from station.reports.field.field_page import field_page, mm_per_pixel
-from station.reports.field.height_curves import FREQUENCIES, heights_table
+from station.reports.field.height_curves import FREQUENCIES, HEIGHTS, WITHOUT_PHOTOSITE, heights_table
 from station.reports.otf_figures import FrequencyAxis
 from station.reports.pattern_report import Report, report_of_files
 from station.results.overlay import HeightOverlay
@@ -132,21 +133,30 @@ def write_field(
             write_camera_numbers(folder.staging / CAMERA, camera, _provenance(head))
     if start is not None:
         head = replace(head, duration_s=round(time.perf_counter() - start, 3))
-    heights = _heights(found)
+    heights = {stem: _heights(found, without) for stem, without in tables_of(found.photosite).items()}
     for one in planes:
-        if one.name in heights:
-            axis, mm = FrequencyAxis(str(one.unit), one.factor), mm_per_pixel(found, one.name, head.parameters)
-            folder.write(f"heights_{one.name}.csv", heights_table(heights[one.name], axis, mm))
+        axis, mm = FrequencyAxis(str(one.unit), one.factor), mm_per_pixel(found, one.name, head.parameters)
+        for stem, curves in heights.items():
+            if one.name in curves:
+                folder.write(f"{stem}_{one.name}.csv", heights_table(curves[one.name], axis, mm))
     if report:
         page = field_page(found, planes, head, software(), heights, overlays, lights, camera if fitted else None)
         folder.write(PAGE, page.encode())
     return write_psf_result(folder, planes, head)
 
 
-def _heights(found: FieldResult) -> dict[str, list[HeightCurve]]:
+def tables_of(photosite: Photosite | None) -> dict[str, Photosite | None]:
+    """The tables of the MTF over image height by the stems of their names, and what each is told without."""
+    return {HEIGHTS: None} | ({WITHOUT_PHOTOSITE: photosite} if photosite else {})
+
+
+def _heights(found: FieldResult, photosite: Photosite | None) -> dict[str, list[HeightCurve]]:
     """Every plane's MTF over image height, of those that have a field around the frame's centre."""
-    fields = {name: one.value.interpolation.field for name, one in found.planes.items() if one.value is not None}
-    curves = {name: over_height(field, FREQUENCIES) for name, field in fields.items()}
+    curves = {}
+    for name, one in found.planes.items():
+        if one.value is not None:
+            without = WithoutPhotosite(photosite, one.value.pitch) if photosite else None
+            curves[name] = over_height(one.value.interpolation.field, FREQUENCIES, without)
     return {name: one for name, one in curves.items() if one}
 
 

@@ -16,7 +16,7 @@ from procedures.vignetting.formula import LightSurface
 from procedures.whole_camera.from_field import WholeCamera
 from station.reports.field import field_figures
 from station.reports.field.camera_section import camera_section, light_figures
-from station.reports.field.height_curves import heights_figure
+from station.reports.field.height_curves import HEIGHTS, WITHOUT_PHOTOSITE, heights_figure
 from station.reports.otf_figures import FrequencyAxis
 from station.reports.page import render
 from station.results.overlay import HeightOverlay
@@ -44,14 +44,14 @@ def field_page(
     results: Sequence[PlaneResult],
     head: RecordHead,
     software: Mapping[str, Any],
-    heights: Mapping[str, Sequence[HeightCurve]],
+    heights: Mapping[str, Mapping[str, Sequence[HeightCurve]]],
     overlays: Sequence[HeightOverlay] = (),
     lights: Mapping[str, LightSurface] | None = None,
     camera: WholeCamera | None = None,
 ) -> str:
     """The page; `results` are the planes' answers at the frame's centre, in the terms that were asked for.
 
-    heights : by plane, its MTF over image height
+    heights : by the stem of its table's name and by plane, the MTF over image height
     overlays : other fields, whose MTF is drawn over these where they tell it in the same units
     lights : by plane, its vignetting, where that was measured
     camera : all else that the charts tell, where that was asked for
@@ -68,7 +68,12 @@ def field_page(
         head=head,
         worst=worst,
         planes=[
-            _plane(*one, heights.get(one[0].name, ()), mm_per_pixel(found, one[0].name, head.parameters), overlays)
+            _plane(
+                *one,
+                {stem: curves[one[0].name] for stem, curves in heights.items() if one[0].name in curves},
+                mm_per_pixel(found, one[0].name, head.parameters),
+                overlays,
+            )
             for one in fitted
         ],
         shown=next((i for i, (one, _) in enumerate(fitted) if one.name == found.reference), 0),
@@ -99,11 +104,12 @@ def mm_per_pixel(found: FieldResult, plane: str, parameters: Mapping[str, Any]) 
 def _plane(
     record: PlaneResult,
     one: PlaneField,
-    curves: Sequence[HeightCurve],
+    heights: Mapping[str, Sequence[HeightCurve]],
     mm: float | None,
     overlays: Sequence[HeightOverlay],
 ) -> dict[str, Any]:
     """What the template shows of a plane; mm : of its pixels."""
+    curves, before = heights.get(HEIGHTS, ()), heights.get(WITHOUT_PHOTOSITE, ())
     found, name = one.interpolation, record.name
     field = found.field
     frame = field.positions, field.shape
@@ -123,6 +129,7 @@ def _plane(
         "maps": pictures,
         "errors": field_figures.errors_figure(errors, *frame, f"{name}-errors", mm),
         "heights": heights_figure(curves, f"{name}-heights", axis, mm, drawn_over) if curves else None,
+        "heights_before": heights_figure(before, f"{name}-heights-before", axis, mm) if before else None,
         "others": list(drawn_over),
         "not_drawn": [other for other in others if other not in drawn_over],
         "directions": max((int(one.directions.max()) for one in curves), default=0),

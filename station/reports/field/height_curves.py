@@ -19,6 +19,8 @@ from station.results.exports import csv_bytes
 
 FREQUENCIES = (0.125, 0.25)
 """Cycles per pixel of the plane: a quarter and half of the Nyquist frequency."""
+HEIGHTS, WITHOUT_PHOTOSITE = "heights", "without_photosite"
+"""Stems of the tables' names: of the camera, and of what comes before its photosites."""
 COLOURS = ("#1f5fa8", "#c4541a", "#1e8449", "#6b4c9a")
 KINDS = (("sagittal", "-"), ("meridional", (0, (4, 2))))
 MARKERS = "os^vD"

@@ -46,11 +46,11 @@ def measured(monkeypatch, tmp_path):
         return Outcome(sharpness(float(plane.samples.flat[0])))
 
     def read(path, names):
-        return SimpleNamespace(planes={names[0]: Plane(names[0], np.full((60, 90), SCORES[path.name]), 1 / 1023)})
+        return {names[0]: Plane(names[0], np.full((60, 90), SCORES[path.name]), 1 / 1023)}
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(live, "measure_sharpness", measure)
-    monkeypatch.setattr(live, "read_frame", read)
+    monkeypatch.setattr(live, "read_planes", read)
     monkeypatch.setattr(live, "default_plane", lambda path: "G1")
     monkeypatch.setattr(screen, "marks_of", lambda sighting: ((10.0, 10.0), (50.0, 30.0)))
 

@@ -58,7 +58,7 @@ def done(folder, tmp_path_factory):
         other.write("heights_Y.csv", HEIGHTS)
         write_record(other, {"schema": "station/psf/1"})
     words = ["psf", "field", str(folder[0]), "--out", str(out), "-k", "13", "--certificate", "--json"]
-    words += ["--overlay", str(older)]
+    words += ["--overlay", str(older), "--without-photosite", "0.9,0.02"]
     return CliRunner().invoke(main, words, prog_name="station"), out
 
 
@@ -81,6 +81,28 @@ def test_the_record_has_the_form_of_every_psf_result(done):
     assert record["planes"]["Y"]["verdict"] in ("pass", "doubtful")
     assert np.load(out / "psf_Y.npy", allow_pickle=False).shape == (13, 13)
     assert {"unit", "value", "uncertainty"} <= set(record["field"]["planes"]["Y"]["mtf50_sagittal_median"])
+
+
+@pytest.mark.slow
+def test_what_is_told_without_the_photosite_is_no_number_of_the_camera(done):
+    record = json.loads(done[0].stdout)
+    given, plane = record["parameters"], record["field"]["planes"]["Y"]
+    assert given["photosite_fill"] == 0.9
+    assert given["photosite_fill_uncertainty"] == 0.02
+    assert given["photosite_fill_origin"] == "given"
+    # what is divided by a photosite passes more
+    assert plane["mtf50_sagittal_without_photosite_median"]["value"] > plane["mtf50_sagittal_median"]["value"]
+    tables = (done[1] / f"{stem}_Y.csv" for stem in ("heights", "without_photosite"))
+    camera, before = (np.genfromtxt(table, delimiter=",", names=True) for table in tables)
+    assert np.all(before["sagittal"] > camera["sagittal"])
+    assert "of fill factor 0.9 ± 0.02 (as given)" in (done[1] / "report.html").read_text()
+
+
+@pytest.mark.parametrize(("words", "said"), [("frames", "is no fill factor"), ("1.2", "fills a part of its pixel")])
+def test_a_fill_factor_that_cannot_be_meant_is_named(tmp_path, run, words, said):
+    result = run("psf", "field", tmp_path, "--out", tmp_path / "out", "--without-photosite", words)
+    assert result.exit_code == 2
+    assert said in result.stderr
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ import pytest
 
 from procedures.outcome import BadInput
 from procedures.pattern import Chart
-from station.guide.focus.live import GROWN_S, LiveFocus, PhotographSource
+from station.guide.focus.live import GROWN_S, POLL_S, SETTLE_S, LiveFocus, PhotographSource
 
 PICTURE = np.full((40, 60), 20000, np.uint16)
 
@@ -36,6 +36,17 @@ def test_only_what_arrives_is_told_and_once(tmp_path):
     frames = list(source_of(20).watched(tmp_path, arrives))
     assert [frame.path.name for frame in frames] == ["new.png"]
     assert frames[0].plane.value is not None
+
+
+def test_what_has_come_is_looked_at_again_sooner(tmp_path):
+    pauses = []
+
+    def arrives(seconds: float) -> None:
+        cv2.imwrite(str(tmp_path / "new.png"), PICTURE)
+        pauses.append(seconds)
+
+    assert len(list(source_of(5).watched(tmp_path, arrives))) == 1
+    assert pauses[:3] == [POLL_S, SETTLE_S, POLL_S]
 
 
 def test_a_file_that_stays_half_is_told_with_its_reason(tmp_path):

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from procedures.field.focus import _COMBINATIONS
-from procedures.field.maps import ERRORS, MAPS
+from procedures.field.maps import ERRORS, MAPS, WITHOUT_PHOTOSITE
 from procedures.outcome import BadParameter
 from procedures.pattern_psf.diagnostics import Diagnostics
 from procedures.physics.pupil import TERMS as ABERRATIONS
@@ -99,7 +99,8 @@ def test_every_number_that_is_told_is_defined():
     h = np.exp(-(x[:, None] ** 2 + x**2))
     psf = Psf(h / h.sum(), 4, np.eye(289) * 1e-8)
     told = {*assess(psf, n=1, diffraction=Diffraction(8.0, 5.0, 550.0)).numbers, *NUMBERS, *ABERRATIONS}
-    told |= {name for name, *_ in (*MAPS, *ERRORS, *_COMBINATIONS)} | {one.name for one in fields(OfRestoration)}
+    told |= {name for name, *_ in (*MAPS, *WITHOUT_PHOTOSITE, *ERRORS, *_COMBINATIONS)}
+    told |= {one.name for one in fields(OfRestoration)}
     defined = set(re.findall(r"`(\w+)`", text_of("numbers")))
     assert told <= defined, told - defined
 

@@ -1,0 +1,101 @@
+"""What a square photosite takes of the MTF along a direction: the sensor's share of a cross in the maps of a field."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.outcome import BadParameter
+from procedures.psf import Psf
+from procedures.quality import frequencies, mtf_along
+
+Array = npt.NDArray[np.float64]
+
+LEAST_LEFT = 0.1
+"""Of the photosite's MTF: where it passes less, dividing by it tells more of noise and of its side than of the lens."""
+
+
+@dataclass(frozen=True)
+class Photosite:
+    """A square photosite about the middle of its pixel.
+
+    Attributes
+    ----------
+    fill : float
+        Its area over the pixel's, as far as it takes light: with the microlens over it.
+    uncertainty : float
+        Standard uncertainty of that.
+    assumed : bool
+        Whether nobody measured it.
+
+    Raises
+    ------
+    BadParameter
+        If there is no such square.
+    """
+
+    fill: float
+    uncertainty: float = 0.0
+    assumed: bool = False
+
+    def __post_init__(self) -> None:
+        if not (0 < self.fill <= 1 and 0 <= self.uncertainty < self.fill):
+            raise BadParameter(
+                f"a photosite fills a part of its pixel, more than 0 and at most 1, known to less than that part; got "
+                f"{self.fill:g} with an uncertainty of {self.uncertainty:g}",
+                "give area over area, as `fill_factor` of station psf pattern --physics",
+            )
+
+    def mtf(self, f: Array, angle: float, pitch: int) -> tuple[Array, Array]:
+        """Its MTF, and the change of that where the fill factor grows by its standard uncertainty, both (n,).
+
+        |sinc(a fx) sinc(a fy)|, a the root of the fill factor, sinc(x) = sin(pi x) / (pi x).
+
+        Parameters
+        ----------
+        f : (n,) float64
+            Cycles per pixel of a plane.
+        angle : float
+            Direction in which the detail repeats, radians from x towards y.
+        pitch : int
+            Sensor pixels per pixel of the plane.
+        """
+        side = float(np.sqrt(self.fill))
+        u, v = (f / pitch * turn for turn in (np.cos(angle), np.sin(angle)))
+        along, across = np.sinc(side * u), np.sinc(side * v)
+        # d sinc(a u) / da = (cos(pi a u) - sinc(a u)) / a
+        slope = (np.cos(np.pi * side * u) - along) * across + (np.cos(np.pi * side * v) - across) * along
+        both = along * across
+        return np.abs(both), np.sign(both) * slope / (2 * self.fill) * self.uncertainty
+
+
+ASSUMED = Photosite(0.9, 0.06, assumed=True)
+"""Of a sensor with microlenses of which nothing is known: anything from 0.8 to 1, as an even distribution's spread."""
+
+
+@dataclass(frozen=True)
+class WithoutPhotosite:
+    """The MTF of a plane, divided by that of the photosite; `pitch` is of the plane, in sensor pixels."""
+
+    photosite: Photosite
+    pitch: int = 1
+
+    def passed(self, f: npt.ArrayLike, angle: float) -> Array:
+        """The photosite's MTF at frequencies of any shape along a direction."""
+        return self.photosite.mtf(np.asarray(f, dtype=np.float64), angle, self.pitch)[0]
+
+    def curve(self, psf: Psf, f: Array, angle: float) -> tuple[Array, Array]:
+        """It at frequencies (n,) along a direction, and its derivative (n, p + 1): by the PSF's parameters, and last by
+        the fill factor in its standard uncertainties."""
+        value, slope = mtf_along(psf, f, angle)
+        own, own_slope = self.photosite.mtf(f, angle, self.pitch)
+        own = np.maximum(own, 1e-9)
+        return value / own, np.column_stack([slope, -value * own_slope / own]) / own[:, None]
+
+    def frequencies(self, psf: Psf, angle: float) -> Array:
+        """Those of a curve, as far as enough passes the photosite."""
+        f = frequencies(psf)
+        little = self.passed(f, angle) < LEAST_LEFT
+        return f[: int(np.argmax(little))] if little.any() else f
