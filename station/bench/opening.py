@@ -260,7 +260,7 @@ SHAKER: dict[str, Any] = {
 
 
 def fit_shaker(bench: Bench, *, wanted: bool) -> None:
-    """Give a simulated bench its shaker, or take it off. Threads may be going through the devices: they are replaced."""
+    """Give a simulated bench its shaker, or take it off. Threads may be going through the devices: they are new."""
     devices, drivers = dict(bench.devices), dict(bench.drivers)
     if wanted and "shaker" not in devices:
         options = {key: value for key, value in SHAKER.items() if key != "driver"}
