@@ -131,7 +131,8 @@ SEED = Ask(
 """Asked where another than the station's own was given, or the chart shows others."""
 PRINT = (
     Ask(
-        "chart_width_mm", "How wide shall it be printed?", "number", "mm", DEFAULT_WIDTH_MM, low=32.0, high=3600.0
+        "chart_width_mm", "How wide shall the chart be printed?", "number", "mm", DEFAULT_WIDTH_MM,
+        low=32.0, high=3600.0,
     ),
     Give(CHART, chart_page, lambda path: f"the chart to print: {path}"),
     SEED,
@@ -274,7 +275,10 @@ UNNOTED = Ask(
 FOCUS = (
     UNNOTED,
     Ask("refocused", "Focus on the chart again: the distance has changed. Leave autofocus off."),
-    Ask("focus_by", "How will you search the focus?", "choice", default="ring", choices=("ring", "rail", "skip")),
+    Ask(
+        "focus_by", "How will you search the focus: turn its ring, move the rail, or skip it?", "choice",
+        default="ring", choices=("ring", "rail", "skip"),
+    ),
     Scan("focus", "focus_steps", ring_places, sharpness, choose_focus("focus_steps", " steps"), say_ring),
     Scan(
         "focus", "z_mm", rail_places, sharpness, choose_focus("z_mm", " mm"),

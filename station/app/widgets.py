@@ -298,7 +298,7 @@ def progress_in_words(doing: Doing, elapsed_s: float, left_s: float | None, glyp
     if left_s is not None:
         words.append(f"about {seconds_in_words(max(0.0, left_s - elapsed_s))} left")
     elif elapsed_s >= 2:
-        words.append(f"for {seconds_in_words(elapsed_s)}")
+        words.append(f"({seconds_in_words(elapsed_s)} so far)")
     return "  ".join(words)
 
 

@@ -251,12 +251,29 @@ def simulated_bench(
     return bench
 
 
-SHAKER = {
+SHAKER: dict[str, Any] = {
     "driver": "strig_shaker",
     "box": "shutter",
     "axes": [{"name": "x_mm", "channel": 0, "stroke": 2.0}, {"name": "y_mm", "channel": 1, "stroke": 2.0}],
 }
 """The table of the simulated bench's shaker."""
+
+
+def fit_shaker(bench: Bench, *, wanted: bool) -> None:
+    """Give a simulated bench its shaker, or take it off. Threads may be going through the devices: they are new."""
+    devices, drivers = dict(bench.devices), dict(bench.drivers)
+    if wanted and "shaker" not in devices:
+        options = {key: value for key, value in SHAKER.items() if key != "driver"}
+        parts = Parts(devices, Path(), bench.clock, inspect_raw)
+        devices["shaker"] = MAKERS[SHAKER["driver"]]("shaker", parts, **options)
+        drivers["shaker"] = SHAKER["driver"]
+    elif not wanted and "shaker" in devices:
+        del devices["shaker"], drivers["shaker"]
+        bench.identities.pop("shaker", None)
+    else:
+        return
+    bench.devices, bench.drivers = devices, drivers
+    bench.rows()
 
 
 def simulated_tables(address: Callable[[str], str], folder: Path, *, shaker: bool = False) -> dict[str, dict[str, Any]]:

@@ -40,11 +40,10 @@ class StageWatch:
 
     def look(self) -> Sequence[DeviceState]:
         """Every device's condition; of a stage that moves where it is, else where it was told to be last."""
-        return [self._state(name) for name in self.bench.devices]
+        return [self._state(name, device.condition()) for name, device in self.bench.devices.items()]
 
-    def _state(self, name: str) -> DeviceState:
+    def _state(self, name: str, condition: Condition) -> DeviceState:
         motion = self.bench.motions.of(name)
-        condition = self.bench.devices[name].condition()
         if motion is None:
             self._after(name, self.bench.motions.take_ended(name), condition)
             return DeviceState(name, condition, places=self._heard.get(name, {}))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from decimal import Decimal
 
 from procedures.plan import Ask, Fact
 
@@ -48,7 +49,7 @@ def _number(ask: Ask, text: str) -> float:
         raise ValueError(f"Type a number{f' in {ask.unit}' if ask.unit else ''}.") from error
     low, high = -math.inf if ask.low is None else ask.low, math.inf if ask.high is None else ask.high
     if not low <= value <= high:
-        raise ValueError(f"It must lie between {low:g} and {high:g} {ask.unit}.".replace(" .", "."))
+        raise ValueError(f"It must lie between {plain(low)} and {plain(high)} {ask.unit}.".replace(" .", "."))
     return value
 
 
@@ -68,4 +69,10 @@ def words(fact: Fact | None, unit: str = "") -> str:
         return ""
     if isinstance(fact, bool):
         return "yes" if fact else "no"
-    return f"{fact:g} {unit}".strip() if isinstance(fact, float | int) else fact
+    return f"{plain(fact)} {unit}".strip() if isinstance(fact, float | int) else fact
+
+
+def plain(value: float) -> str:
+    """A number in six digits, a whole one in all of them, without powers of ten: 0.00001, 5.94, 9007199254740992."""
+    digits = f"{value:.6g}" if value != round(value) else f"{value:.17g}"
+    return f"{Decimal(digits).normalize():f}" if math.isfinite(value) else digits

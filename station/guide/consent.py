@@ -59,12 +59,12 @@ class Consent:
 
     def _homing(self, names: Sequence[str]) -> str:
         travels = self._rig.travels(names)
-        ends = [f"{label(axis)} within {one.low:.0f} to {in_words(axis, one.high)}" for axis, one in travels.items()]
+        ends = [f"{label(axis)} within {one.low:.0f} to {in_words(axis, one.high, 0)}" for axis, one in travels.items()]
         return f"Homing, each axis to its switch: {', '.join(ends) or ', '.join(names)}"
 
     def _ways(self, places: Mapping[str, float], *, known: bool = True) -> str:
         here = self._rig.places if known else {}
-        begin = {axis: f" from {in_words(axis, here[axis])}" for axis in places if axis in here}
+        begin = {axis: f" from {in_words(axis, here[axis]).partition(' ')[0]}" for axis in places if axis in here}
         return ", ".join(f"{label(axis)}{begin.get(axis, '')} to {in_words(axis, at)}" for axis, at in places.items())
 
 
@@ -73,7 +73,7 @@ def label(axis: str) -> str:
     return axis.rpartition("_")[0] or axis
 
 
-def in_words(axis: str, place: float) -> str:
-    """A place on an axis: "620.0 mm", "1.25°"."""
+def in_words(axis: str, place: float, digits: int = 1) -> str:
+    """A place on an axis: "620.0 mm", "1.25°": an angle has one digit more where it has any."""
     unit = axis.rpartition("_")[2]
-    return f"{place:z.2f}°" if unit == "deg" else f"{place:z.1f} {unit}"
+    return f"{place:z.{digits + bool(digits)}f}°" if unit == "deg" else f"{place:z.{digits}f} {unit}"

@@ -44,10 +44,10 @@ class Conversation:
         """Tell the operator."""
         self._operator.hear(event)
 
-    def doing(self, say: str, done: int = 0, total: int = 0, left_s: float | None = None) -> None:
+    def doing(self, say: str, done: int = 0, total: int = 0, *, lasts: bool = False) -> None:
         """Tell what happens now; the moment to stop if that was asked for."""
         self.check()
-        self.hear(Doing(say, done, total, left_s))
+        self.hear(Doing(say, done, total, lasts=lasts))
 
     def check(self) -> None:
         """Raises Stopped if the operator has asked to stop."""

@@ -55,12 +55,14 @@ class Doing:
     """What happens now, as a sentence ("homing the rail", "waiting until the rig is still", "exposing").
 
     `done` of `total` where the work has countable parts, and the seconds it will still take where that is known.
+    What `lasts` is no work but a note, that holds beside the question that follows: where the file to print lies.
     """
 
     say: str
     done: int = 0
     total: int = 0
     left_s: float | None = None
+    lasts: bool = False
 
 
 @dataclass(frozen=True, eq=False)

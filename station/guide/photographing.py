@@ -156,7 +156,7 @@ class Watching:
         if places:
             advice = scan.choose(places, scores)
             self._talk.learn_noted(advice.facts)
-            self._talk.doing(advice.say)
+            self._talk.doing(advice.say, lasts=True)
             self._set(scan, here + advice.moves.get(scan.axis, 0.0), here)
 
     def _here(self, axis: str) -> float:
@@ -185,7 +185,7 @@ class Watching:
             taken = self._exposer.take(shoot.purpose, self.step, moving=shoot.record_motion, shake=shake)
             self._judge(shoot, taken, results)
         if not (results and self._enough(shoot, results)):
-            self._talk.doing(f"{shoot.most} shots were taken: going on with those that count")
+            self._talk.doing(f"{shoot.most} shots were taken: going on with those that count", lasts=True)
 
     def _earlier(self, purpose: str) -> list[SessionShot]:
         """The shots of this step and purpose that count, or were not judged before the interruption."""
@@ -200,7 +200,7 @@ class Watching:
     def _enough(self, shoot: Shoot, results: list[Outcomes]) -> bool:
         advice = shoot.enough(results, self._talk.facts)
         self._talk.learn_noted(advice.facts)
-        self._talk.doing(advice.say, len(results), shoot.most)
+        self._talk.doing(advice.say, len(results), shoot.most, lasts=True)
         return advice.good
 
     def _judge(self, shoot: Shoot, taken: Taken, results: list[Outcomes]) -> None:
@@ -242,7 +242,7 @@ class Watching:
             reason = self._visit(stop, tour.tries, go)
             if reason:
                 self._session.note("left_out", step=self.step, place=stop.name, reason=reason)
-                self._talk.hear(Doing(f"{stop.name} is left out: {reason}"))
+                self._talk.hear(Doing(f"{stop.name} is left out: {reason}", lasts=True))
 
     def _visited(self, stop: TourStop) -> bool:
         """Whether a shot of this place counts; one that was not judged before an interruption is judged now."""

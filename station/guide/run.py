@@ -139,7 +139,7 @@ class Run:
     def _tell_notices(self) -> None:
         """What the session has mended, and what will have to be repeated."""
         for notice in self._session.state.notices:
-            self._talk.hear(Doing(notice))
+            self._talk.hear(Doing(notice, lasts=True))
         self._session.told()
 
     def _report(self) -> Path | None:
@@ -257,7 +257,7 @@ class Run:
             work()
         except Skipped:
             self._rig.leave_out_lost()
-            self._talk.hear(Doing("skipped; the run goes on with what is known"))
+            self._talk.hear(Doing("skipped; the run goes on with what is known", lasts=True))
 
     # --- requests
 
@@ -284,7 +284,7 @@ class Run:
         path = self._session.folder / give.name
         data = give.make(self._talk.facts)
         self._talk.attempt(lambda: write_whole(path, data))
-        self._talk.doing(give.say(str(path)))
+        self._talk.doing(give.say(str(path)), lasts=True)
 
     @_carry.register
     def _(self, show: Show) -> None:

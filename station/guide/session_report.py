@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from procedures.outcome import Refused
+from procedures.quality import OPERATOR
 from procedures.raw import Exposure
 from station.common.sanitise import printable
 from station.guide.catalogue import plan_named
@@ -107,7 +108,7 @@ def _report(record: SessionRecord, state: SessionState, found: SessionResult) ->
         planes=[PlaneSheet(_of_frame(one), found.frames[0].planes[name]) for name, one in found.planes.items()],
         shots=list(_shots(record.state, {frame.sha256: frame.exposure for frame in found.frames})),
         parameters={name: printable(value) for name, value in state.facts.items()},
-        conditions=list(_conditions(state)),
+        conditions=[*_words(state, found), *_conditions(state)],
         devices=[ReportLine(name, words) for name, words in _devices(record)],
         specification=terms_of_session(record.folder).specification,
         made=last.at[:16].replace("T", " ") + " UTC",
@@ -132,6 +133,15 @@ def _shots(state: SessionState, noted: Mapping[str, Exposure]) -> Iterator[Repor
         taken = printable(exposure.captured_at or "") if exposure else ""
         note = "" if shot.counts else printable(f"{shot.purpose}: does not count, {shot.reason or 'it was not judged'}")
         yield ReportShot(shot.path, shot.sha256, words, taken, note)
+
+
+def _words(state: SessionState, found: SessionResult) -> Iterator[ReportLine]:
+    """The numbers that are nobody's word but the operator's."""
+    from station.guide.whose_word import NAMES, words_of  # here: what it stands on is slow to import
+
+    for key, word in words_of(plan_named(state.plan), state.facts, found.frames).items():
+        if word.told_by == OPERATOR:
+            yield ReportLine(NAMES[key], str(word))
 
 
 def _conditions(state: SessionState) -> Iterator[ReportLine]:

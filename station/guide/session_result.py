@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -173,14 +173,19 @@ def compute(
         results = entry.results(frames, outcomes, terms, state.facts)
         if into is not None:
             with ResultFolder(into, sealed=sealed, force=True) as place:
-                entry.write(place, results, frames, _head(plan, state, terms.specified(results)))
+                entry.write(place, results, frames, _head(plan, state, frames, terms.specified(results)))
     return SessionResult(frames, {one.name: one for one in results}, *verdict_of_planes(results))
 
 
-def _head(plan: Plan, state: SessionState, specification: Mapping[str, Any] | None) -> RecordHead:
+def _head(
+    plan: Plan, state: SessionState, frames: Sequence[RawFrame], specification: Mapping[str, Any] | None
+) -> RecordHead:
     """How a record begins; when it was drawn and how long that took is in the journal."""
+    from station.guide.whose_word import words_of  # here: what it stands on is slow to import
+
     files = tuple(InputFile(shot.path, shot.sha256) for shot in state.counting())
-    return RecordHead(plan.name, files, dict(state.facts), specification)
+    words = {key: asdict(word) for key, word in words_of(plan, state.facts, frames).items()}
+    return RecordHead(plan.name, files, {**state.facts, **({"whose_word": words} if words else {})}, specification)
 
 
 def verdict_of_planes(planes: Sequence[PlaneResult]) -> tuple[Verdict, str, str]:

@@ -165,6 +165,7 @@ class StationLab:
         bench = self.open().bench
         clock = bench.clock if bench is not None else SystemClock()
         self._one_run()
+        self._fit_shaker(self._shaker)
         settings = self._settings(bench)
         session = Session.create(
             self.sessions, plan=plan, camera=camera, lens=lens, config=settings, clock=clock, seed=self._seed
@@ -184,7 +185,15 @@ class StationLab:
         session = Session.open(folder, bench.clock if bench is not None else SystemClock(), without=without)
         if back_to is not None:
             session.reopen(back_to)
+        self._fit_shaker("shaker" in session.config.get("config", {}).get("drivers", {}))
         return self._run(session, operator)
+
+    def _fit_shaker(self, wanted: bool) -> None:
+        """Have the simulated bench shaken as the session began; another's shaker stands in its station.toml."""
+        if self._simulate and self._bench is not None:
+            from station.bench.opening import fit_shaker
+
+            fit_shaker(self._bench, wanted=wanted)
 
     def _settings(self, bench: Bench | None) -> dict[str, Any]:
         """What a session freezes: how its bench was configured, and what its results are told in and held to."""

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from station.app.screens.result_view import Plotted
     from station.drawing.glyphs import Glyphs
 
+AT_WORK = "Nothing to do now: the station is at work."
 ENDINGS = {
     "finished": "Done.",
     "stopped": "The run was ended. What was taken is kept.",
@@ -143,9 +144,9 @@ class GuideScreen(StationScreen):
     @show.register
     def _(self, doing: Doing) -> None:
         self.query_one(ProgressLine).show(doing)
-        self._doing_last = True
+        self._doing_last = doing.lasts
         if not self.answers.open:
-            self.answers.tell("Nothing to do now: the station is at work.")
+            self.answers.tell(AT_WORK)
 
     @show.register
     def _(self, seen: Glimpse) -> None:
@@ -153,7 +154,7 @@ class GuideScreen(StationScreen):
         self.query_one(Picture).show(seen.picture)
         self._show_readings(seen.advice.readings)
         if not self.answers.open:
-            self.answers.tell(seen.advice.say)
+            self.answers.tell(seen.advice.say or AT_WORK)
 
     @show.register
     def _(self, curve: CurveSeen) -> None:
@@ -200,7 +201,7 @@ class GuideScreen(StationScreen):
     @show.register
     def _(self, ended: RunEnded) -> None:
         report = f" The report is {ended.report}." if ended.report else ""
-        report += f" The certificate is {ended.certificate}." if ended.certificate else ""
+        report += f" Beside it lies {ended.certificate.name}." if ended.certificate else ""
         finished = ended.how == "finished"
         self.rest(ENDINGS.get(ended.how, "The run has ended.") + report, AFTER_THE_END if finished else AFTER_A_STOP)
         if finished:

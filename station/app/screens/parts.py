@@ -284,7 +284,9 @@ def _wanted(ask: Ask) -> str:
     """Unit and limits of a number: " (50 to 2000 mm)"."""
     if ask.kind != "number":
         return ""
-    ends = [f"{end:g}" for end in (ask.low, ask.high) if end is not None]
+    from station.guide.answers import plain
+
+    ends = [plain(end) for end in (ask.low, ask.high) if end is not None]
     if len(ends) == 1:
         ends.insert(0, "at most" if ask.low is None else "at least")
         told = " ".join(ends)

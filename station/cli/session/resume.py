@@ -39,7 +39,6 @@ def session_resume(
         config=config or usual_config(),
         simulate=simulate or began_with.get("simulate") is True,
         seed=record.state.seed,
-        shaker="shaker" in began_with.get("drivers", {}),  # of a simulated bench: another's stands in its station.toml
     )
     lab.virtual_time = True  # a simulated bench's time may jump: nobody watches it move
     operator = Watched(sys.stdin, sys.stdout)

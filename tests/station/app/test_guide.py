@@ -15,7 +15,9 @@ from procedures.plan import Ask
 from station.app.app import StationApp
 from station.drawing.glyphs import ASCII, UNICODE
 from station.guide.frontend import CurveSeen, Doing, RunEnded, Shown, Stopped, Trouble
-from station.guide.workspace import Kept, Opened
+from station.guide.scripted import Scripted
+from station.guide.workspace import Kept, Opened, StationLab
+from station.sessions.reader import read_session
 
 from .driving import Driver, drive
 from .fakes import STEPS, FakeLab, FakeRun, chosen_step, doing, seen
@@ -364,3 +366,29 @@ def test_a_curve_that_explains_stands_beside_its_sentence_and_leaves_room_for_th
         await driver.until("(12.39")
 
     drive(StationApp(FakeLab(tmp_path, explained)), use, size)
+
+
+@pytest.mark.slow
+def test_a_session_that_began_with_a_shaker_goes_on_with_one_and_others_do_not(tmp_path):
+    began = StationLab(sessions=tmp_path / "sessions", config=None, simulate=True, shaker=True)
+    began.begin("restoration", "D90", "50 mm", Scripted({"scene": stopping})).go()
+    began.close()
+    lab = StationLab(sessions=began.sessions, config=None, simulate=True)
+
+    async def use(driver: Driver) -> None:
+        await driver.until("Or go on with a session")
+        await driver.press("tab", "enter")
+        await driver.until("Set up a scene that stands still")
+        await driver.press("ctrl+c")
+        await driver.until("go on where it stopped")
+
+    drive(StationApp(lab), use)
+    lines = read_session(lab.kept()[0].folder).contents.lines
+    assert ["shaker" in line.data["devices"] for line in lines if line.event == "devices"] == [True, True]
+    lab.begin("restoration", "D90", "50 mm", Scripted({"blur_by": stopping})).go()
+    assert "shaker" not in lab.open().bench.devices
+    lab.close()
+
+
+def stopping(ask: Ask) -> bool:
+    raise Stopped

@@ -57,10 +57,10 @@ def test_each_request_that_moves_is_asked_about_once_with_axis_from_and_to(bench
     assert Run(benches.short_plan(), bench, session, operator).go().how == "finished"
     home, go, scan = operator.questions
     assert home.startswith("Homing")
-    assert "z within 0 to 1500.0 mm" in home
+    assert "z within 0 to 1500 mm" in home
     assert "pan" in home
-    assert go == "Moving z from 1499.0 mm to 700.0 mm."  # 1 mm before the switch
-    assert scan == "Moving z from 700.0 mm to 600.0 mm, then to 3 places between 600.0 mm and 640.0 mm."
+    assert go == "Moving z from 1499.0 to 700.0 mm."  # 1 mm before the switch
+    assert scan == "Moving z from 700.0 to 600.0 mm, then to 3 places between 600.0 mm and 640.0 mm."
     # both stages home after the first question, the rail goes after the second; after the third, places and the best
     assert operator.moved == [("home", 1)] * 2 + [("move_to", 2)] + [("move_to", 3)] * 4
 
@@ -81,7 +81,7 @@ def test_small_corrections_of_one_look_are_begun_once_and_the_bench_s_moves_are_
     operator = Watchful(bench)
     Run(benches.short_plan(look=Look("trial", nearer)), bench, session, operator).go()
     (asked,) = [question for question in operator.questions if "moves on as this step needs" in question]
-    assert "z from 700.0 mm to 800.0 mm" in asked
+    assert "z from 700.0 to 800.0 mm" in asked
     told = [event.advice.say for event in operator.heard if isinstance(event, Seen) and not event.advice.good]
     assert len(told) >= 3  # 200, 100, 50 mm
     assert all(say.startswith("The bench corrects this by itself: z to ") for say in told)

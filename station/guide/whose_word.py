@@ -1,0 +1,105 @@
+"""Whose word a number is that a result rests on, and what it was held against.
+
+The camera's notes vouch for what they agree with. The rest is the operator's word: what laser, rail, tape, cells or the
+PSF's far tail say of it stands beside it, for they cannot always decide.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from procedures.facts import INSISTED, facts_as
+from procedures.pattern_psf.distance.consistency import measured_scale
+from procedures.pattern_psf.estimate import PUPIL_SPREAD
+from procedures.pattern_psf.facts import SIZES, PatternFacts
+from procedures.plan import Facts, Plan
+from procedures.quality import CAMERA, OPERATOR
+from procedures.raw import Exposure, RawFrame
+from procedures.reading.exposure import TYPED
+
+NAMES = {
+    "focal_length_mm": "focal length", "pixel_pitch_um": "pixel pitch", "chart_width_mm": "width of the chart",
+    "ruler_mm": "printed ruler", "chart_seed": "number of the chart", "typed_f_number": "f-number",
+    "near_mm": "near distance", "first_f_number": "first f-number", "second_f_number": "second f-number",
+}  # fmt: skip
+"""Of the questions' keys whose answers results rest on."""
+NOTED = {"first_f_number": ("f_number", 0), "second_f_number": ("f_number", -1)}
+"""Where the camera's note stands: its field, and of which photograph; else the first's field of the same name."""
+
+
+@dataclass(frozen=True)
+class Word:
+    """Of one number: its value, whose word it is (`CAMERA`, `OPERATOR`), what it was held against, "" for nothing."""
+
+    value: float
+    unit: str
+    told_by: str
+    held_against: str
+
+    def __str__(self) -> str:
+        given = f"{self.value:g} {self.unit}".rstrip()
+        if self.told_by == CAMERA:
+            return f"{given}, as the camera noted it"
+        return f"{given}, the operator's word; {self.held_against or 'nothing vouches for it'}"
+
+
+def words_of(plan: Plan, facts: Facts, frames: Sequence[RawFrame]) -> dict[str, Word]:
+    """Every number of the plan that is known, by its question's key; the frames have what the camera noted."""
+    asks = plan.asks()
+    told = {key: facts[key] for key in NAMES if key in asks and key in facts}
+    if not told or not frames:
+        return {}
+    noted = (frames[0].exposure, frames[len(frames) - 1].exposure)
+    return {
+        key: Word(float(value), asks[key].unit, *_source(key, float(value), facts, noted))
+        for key, value in told.items()
+        if isinstance(value, float | int) and value
+    }
+
+
+def _source(key: str, value: float, facts: Facts, noted: Sequence[Exposure]) -> tuple[str, str]:
+    field, which = NOTED.get(key, (key, 0))
+    by_camera = asdict(noted[which]).get(field)
+    if by_camera and abs(value / by_camera - 1) <= TYPED[field][2]:
+        return CAMERA, ""
+    if facts.get(INSISTED + key):
+        return OPERATOR, "insisted on against what contradicts it"
+    return OPERATOR, EVIDENCE[key](facts) if key in EVIDENCE else ""
+
+
+def _by_size(facts: Facts) -> str:
+    """Of lens, sensor and print: what tells their product."""
+    known = facts_as(PatternFacts, facts)
+    measured = measured_scale(known.looks)
+    if measured is not None:
+        return f"the {measured[1]} agrees with it and the other sizes together"
+    if known.laser_offset_mm is not None:
+        return "the laser agrees with it and the other sizes together"
+    return "" if known.tape_mm is None else "the tape measure agrees with it and the other sizes together"
+
+
+def _by_cells(facts: Facts) -> str:
+    return "" if facts_as(PatternFacts, facts).seed_agreement is None else "the chart's cells agree with it"
+
+
+def _by_tail(facts: Facts) -> str:
+    told, u = facts.get("tail_f_number"), facts.get("tail_f_number_uncertainty")
+    if not isinstance(told, float | int) or not isinstance(u, float | int):
+        return ""
+    return f"the far tail of the PSF tells {told:.1f} ± {np.hypot(u, PUPIL_SPREAD * told):.1f}"
+
+
+def _by_laser(facts: Facts) -> str:
+    laser_mm = facts.get("near_laser_mm")
+    return f"the laser read {laser_mm / 1000:.2f} m" if isinstance(laser_mm, float | int) else ""
+
+
+EVIDENCE: Mapping[str, Callable[[Facts], str]] = {
+    **dict.fromkeys(SIZES, _by_size),
+    "chart_seed": _by_cells,
+    "typed_f_number": _by_tail,
+    "near_mm": _by_laser,
+}
