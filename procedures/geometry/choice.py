@@ -22,8 +22,9 @@ from procedures.geometry.adjustment import (
     moved_pose,
 )
 from procedures.geometry.bundle import adjust_flat, first_bundle
-from procedures.geometry.cameras import Camera, parameter_names, simple_camera
+from procedures.geometry.cameras import Camera, parameter_names, simple_camera, split_model
 from procedures.geometry.shape import ShapeModel
+from procedures.geometry.spline_camera import SplineCamera, spline_models
 from procedures.geometry.views import ChartView, Pose
 from procedures.outcome import Refused
 
@@ -72,8 +73,13 @@ def fit_model(
 ) -> Adjustment:
     """A model fitted to views: by pycolmap with the chart's shape of a state, then with the shape free.
 
-    The state's distortion is not handed on, as other models have other numbers; pycolmap finds it again at once.
+    The state's distortion is not handed on, as other models have other numbers; pycolmap finds it again at once. A
+    spline begins where its formula alone has come to rest.
     """
+    base, grid = split_model(model)
+    if any(grid):
+        formula = fit_model(base, start, nodes, views, shape).state
+        return adjust(replace(formula, camera=SplineCamera.over(formula.camera, model)), nodes, views, shape)
     camera = start.camera
     plain = simple_camera(model, camera.focal_px, camera.centre, (camera.columns, camera.rows))
     bundle = adjust_flat(plain, start.poses, nodes + start.deviations_mm(shape), views)
@@ -104,6 +110,17 @@ def choose_model(
     best = min(trials, key=lambda trial: trial.left_over)
     chosen = next(one for one in trials if one is best or _as_good(left[one.model], left[best.model], freedom))
     return (chosen, *sorted((trial for trial in trials if trial is not chosen), key=lambda trial: trial.left_over))
+
+
+def with_splines(
+    trials: tuple[ModelTrial, ...], size: tuple[int, int], start: AdjustmentState, nodes: Array,
+    views: Sequence[ChartView], shape: ShapeModel,
+) -> tuple[ModelTrial, ...]:  # fmt: skip
+    """The trials once more with splines over the formula that was chosen, the chosen of all first."""
+    best = trials[0].model
+    first, *others = choose_model((best, *spline_models(best, *size)), start, nodes, views, shape)
+    rest = [*others, *trials[1:]]
+    return (first, *sorted(rest, key=lambda trial: trial.left_over))
 
 
 def _as_good(one: Array, best: Array, freedom: Array) -> bool:
