@@ -37,6 +37,8 @@ AS_GOOD = 0.005
 no more than one standard error of the difference, over the views."""
 FIRST, POOREST = "OPENCV", "SIMPLE_RADIAL"
 """The model of `first_state`; of a long lens, whose narrow frame does not tell the first from a turn."""
+BASES = ("OPENCV", "THIN_PRISM_FISHEYE")
+"""Formulas that splines are laid over, for narrow and for wide lenses: rich enough to leave them pixels, no more."""
 POSE_STEPS, POSE_STILL = 20, 1e-3
 
 
@@ -116,11 +118,19 @@ def with_splines(
     trials: tuple[ModelTrial, ...], size: tuple[int, int], start: AdjustmentState, nodes: Array,
     views: Sequence[ChartView], shape: ShapeModel,
 ) -> tuple[ModelTrial, ...]:  # fmt: skip
-    """The trials once more with splines over the formula that was chosen, the chosen of all first."""
+    """The trials once more with splines, over the formula that lies nearest to the lens, the chosen of all first."""
+    base = min(BASES, key=lambda model: _residual(model, start, nodes, views, shape))
     best = trials[0].model
-    first, *others = choose_model((best, *spline_models(best, *size)), start, nodes, views, shape)
-    rest = [*others, *trials[1:]]
-    return (first, *sorted(rest, key=lambda trial: trial.left_over))
+    first, *others = choose_model((best, *spline_models(base, *size)), start, nodes, views, shape)
+    return (first, *sorted([*others, *trials[1:]], key=lambda trial: trial.left_over))
+
+
+def _residual(model: str, start: AdjustmentState, nodes: Array, views: Sequence[ChartView], shape: ShapeModel) -> float:
+    """Of a model fitted to all views, in units of the points' covariances; inf where it cannot be."""
+    try:
+        return fit_model(model, start, nodes, views, shape).scale
+    except Refused:
+        return float("inf")
 
 
 def _as_good(one: Array, best: Array, freedom: Array) -> bool:
