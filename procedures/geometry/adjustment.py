@@ -3,9 +3,9 @@
 pycolmap knows neither the points' covariances nor what is known beforehand of a chart's shape, so this last adjustment
 is our own: Gauss-Newton steps on
 
-    sum |W (project(R (X + B c + e) + t) - x)|^2 + sum (c / prior)^2 + sum (e / node)^2 + sum (k / PLAIN)^2
+    sum |W (project(R (X + B c + e) + t) - x)|^2 + sum (c / prior)^2 + sum (e / node)^2 + sum (k / beforehand)^2
 
-in the camera's parameters (k: those of its distortion), the poses, the shape's terms c and every node's own error e.
+in the camera's parameters k, the poses, the shape's terms c and every node's own error e.
 The errors e, three for each of hundreds of nodes, meet in the system only each with itself: they are eliminated node by
 node (the Schur complement of bundle adjustment), and what is left is small and dense. All nodes moved as one body, or
 grown, would be a pose or another scale: Lagrange's multipliers, seven more unknowns, keep their errors from doing that.
@@ -37,9 +37,6 @@ STILL = 1e-3
 """A step that promises to lower the sum of squares by less is the last: a thirtieth of an uncertainty is left."""
 OPEN = 1e-15
 """Least share of the scaled system's eigenvalues that rounding leaves meaningful."""
-PLAIN = 1.0
-"""Standard deviation beforehand of a distortion's numbers. Views tell them far better, but for a quotient of two
-polynomials that are nearly the same (FULL_OPENCV), where only this keeps both from running away together."""
 POSE = 6
 """Numbers of a pose's change: rotation (3) about the camera's axes in radians, then translation (3) in mm."""
 
@@ -207,10 +204,11 @@ def _concluded(
     covariance = inverse[:known, :known]
     residuals = [residual(state, nodes, view, shape, i) for i, view in enumerate(views)]
     chi_square = sum(float(np.sum(one**2)) for one in residuals)
-    held = float(np.sum(np.diag(covariance)[p : p + q] / shape.prior_mm**2)) if q else 0.0
+    prior = np.concatenate([state.camera.beforehand, shape.prior_mm])
+    held = float(np.sum(np.diag(covariance)[: p + q] / prior**2))
     variance = _errors_variance(system, inverse) if shape.node_mm.all() else np.zeros_like(nodes)
     free = float(np.sum(1 - variance / shape.node_mm**2)) - shape.similarity.shape[-1] if variance.any() else 0.0
-    freedom = count - p - POSE * len(views) - (q - held) - free
+    freedom = count - POSE * len(views) - (p + q - held) - free
     return Adjustment(state, covariance, variance, chi_square, freedom)
 
 
@@ -293,8 +291,7 @@ def assemble(
 def _with_prior(system: System, state: AdjustmentState, shape: ShapeModel) -> System:
     """The system with what is known beforehand of the distortion and the chart's shape."""
     U, u, V, v, W = system.U, system.u, system.V, system.v, system.W
-    plain = np.array([unit != "pixel" for unit in state.camera.units]) / PLAIN**2
-    precision = np.concatenate([plain, shape.prior_mm**-2.0])
+    precision = np.concatenate([state.camera.beforehand, shape.prior_mm]) ** -2.0
     values, where = np.concatenate([state.camera.params, state.terms_mm]), np.arange(len(precision))
     U[where, where] += precision
     u[where] -= precision * values

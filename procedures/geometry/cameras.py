@@ -6,6 +6,7 @@ pixel is added at the one place where they are handed to pycolmap.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -24,6 +25,12 @@ OTHER_MODELS = ("PINHOLE", "OPENCV_FISHEYE")
 COLMAP_CENTRE = 0.5
 PIXELS = ("f", "fx", "fy", "cx", "cy")
 """Parameters in pixels; the others are plain numbers."""
+PLAIN = 1.0
+"""Standard deviation beforehand of a distortion's numbers. Views tell them far better, but for a quotient of two
+polynomials that are nearly the same (FULL_OPENCV), where only this keeps both from running away together."""
+SPLINE = "+SPLINE_"
+FEWEST = 4
+"""Control points of a cubic B-spline along a side."""
 STEP_PX, STEP, STEP_SHARE = 1e-2, 1e-6, 1e-5
 """Of central differences: parameters in pixels, plain ones, and a point over its distance. The formulas are smooth and
 computed in double precision: both errors stay below 1e-6 of the derivative."""
@@ -56,7 +63,12 @@ class Camera:
     @property
     def units(self) -> tuple[str, ...]:
         """Of the parameters: "pixel" or "1"."""
-        return tuple("pixel" if name in PIXELS else "1" for name in self.names)
+        return tuple("pixel" if name in PIXELS or name.startswith("spline") else "1" for name in self.names)
+
+    @property
+    def beforehand(self) -> Array:
+        """Standard deviations (p,) of the parameters before anything is seen; they are then expected at 0."""
+        return np.array([np.inf if unit == "pixel" else PLAIN for unit in self.units])
 
     @property
     def focal_px(self) -> tuple[float, float]:
@@ -154,10 +166,29 @@ def _projected(theirs: pycolmap.Camera, points: Array) -> Array:
 @cache
 def parameter_names(model: str) -> tuple[str, ...]:
     """The parameters of a model; raises BadParameter where there is no such model."""
-    if model not in (*MODELS, *OTHER_MODELS):
+    base, (nx, ny) = split_model(model)
+    names = tuple(pycolmap.Camera.create_from_model_name(0, base, 1.0, 1, 1).params_info.split(", "))
+    return names + tuple(f"spline_{axis}_{i}_{j}" for j in range(ny) for i in range(nx) for axis in "xy")
+
+
+@cache
+def split_model(model: str) -> tuple[str, tuple[int, int]]:
+    """The formula of a model, and how many control points a spline over it has along x and y: (0, 0) without.
+
+    Raises
+    ------
+    BadParameter
+        If there is no such model.
+    """
+    base, spline, grid = model.partition(SPLINE)
+    told = re.fullmatch("([0-9]{1,2})X([0-9]{1,2})", grid)
+    nx, ny = (int(told[1]), int(told[2])) if told else (0, 0)
+    if base not in (*MODELS, *OTHER_MODELS) or (spline and min(nx, ny) < FEWEST):
         known = ", ".join((*MODELS, *OTHER_MODELS))
-        raise BadParameter(f"there is no camera model {model!r}", f"name one of {known}")
-    return tuple(pycolmap.Camera.create_from_model_name(0, model, 1.0, 1, 1).params_info.split(", "))
+        raise BadParameter(
+            f"there is no camera model {model!r}", f"name one of {known}, or one with {SPLINE}12X9 behind it"
+        )
+    return base, (nx, ny)
 
 
 @cache

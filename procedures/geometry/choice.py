@@ -22,8 +22,9 @@ from procedures.geometry.adjustment import (
     moved_pose,
 )
 from procedures.geometry.bundle import adjust_flat, first_bundle
-from procedures.geometry.cameras import Camera, parameter_names, simple_camera
+from procedures.geometry.cameras import Camera, parameter_names, simple_camera, split_model
 from procedures.geometry.shape import ShapeModel
+from procedures.geometry.spline_camera import SplineCamera, spline_models
 from procedures.geometry.views import ChartView, Pose
 from procedures.outcome import Refused
 
@@ -36,6 +37,8 @@ AS_GOOD = 0.005
 no more than one standard error of the difference, over the views."""
 FIRST, POOREST = "OPENCV", "SIMPLE_RADIAL"
 """The model of `first_state`; of a long lens, whose narrow frame does not tell the first from a turn."""
+BASES = ("OPENCV", "THIN_PRISM_FISHEYE")
+"""Formulas that splines are laid over, for narrow and for wide lenses: rich enough to leave them pixels, no more."""
 POSE_STEPS, POSE_STILL = 20, 1e-3
 
 
@@ -72,8 +75,13 @@ def fit_model(
 ) -> Adjustment:
     """A model fitted to views: by pycolmap with the chart's shape of a state, then with the shape free.
 
-    The state's distortion is not handed on, as other models have other numbers; pycolmap finds it again at once.
+    The state's distortion is not handed on, as other models have other numbers; pycolmap finds it again at once. A
+    spline begins where its formula alone has come to rest.
     """
+    base, grid = split_model(model)
+    if any(grid):
+        formula = fit_model(base, start, nodes, views, shape).state
+        return adjust(replace(formula, camera=SplineCamera.over(formula.camera, model)), nodes, views, shape)
     camera = start.camera
     plain = simple_camera(model, camera.focal_px, camera.centre, (camera.columns, camera.rows))
     bundle = adjust_flat(plain, start.poses, nodes + start.deviations_mm(shape), views)
@@ -104,6 +112,25 @@ def choose_model(
     best = min(trials, key=lambda trial: trial.left_over)
     chosen = next(one for one in trials if one is best or _as_good(left[one.model], left[best.model], freedom))
     return (chosen, *sorted((trial for trial in trials if trial is not chosen), key=lambda trial: trial.left_over))
+
+
+def with_splines(
+    trials: tuple[ModelTrial, ...], size: tuple[int, int], start: AdjustmentState, nodes: Array,
+    views: Sequence[ChartView], shape: ShapeModel,
+) -> tuple[ModelTrial, ...]:  # fmt: skip
+    """The trials once more with splines, over the formula that lies nearest to the lens, the chosen of all first."""
+    base = min(BASES, key=lambda model: _residual(model, start, nodes, views, shape))
+    best = trials[0].model
+    first, *others = choose_model((best, *spline_models(base, *size)), start, nodes, views, shape)
+    return (first, *sorted([*others, *trials[1:]], key=lambda trial: trial.left_over))
+
+
+def _residual(model: str, start: AdjustmentState, nodes: Array, views: Sequence[ChartView], shape: ShapeModel) -> float:
+    """Of a model fitted to all views, in units of the points' covariances; inf where it cannot be."""
+    try:
+        return fit_model(model, start, nodes, views, shape).scale
+    except Refused:
+        return float("inf")
 
 
 def _as_good(one: Array, best: Array, freedom: Array) -> bool:

@@ -101,11 +101,17 @@ def as_opencv(camera: Camera, region: Array, count: int) -> OpenCvCamera:
     return OpenCvCamera((params[0], params[1]), (params[2], params[3]), params[4:], difference)
 
 
-def as_fisheye(camera: Camera, region: Array) -> tuple[Camera, Difference]:
-    """The camera by the equidistant formula with four coefficients (OPENCV_FISHEYE), and what that loses."""
+def as_model(camera: Camera, region: Array, model: str) -> tuple[Camera, Difference]:
+    """The camera by the formula of another of COLMAP's models, and what that loses.
+
+    Raises
+    ------
+    BadParameter
+        If there is no such model.
+    """
     pixels, rays = covered(camera, region)
-    start = simple_camera("OPENCV_FISHEYE", camera.focal_px, camera.centre, (camera.columns, camera.rows))
-    scale = np.concatenate([np.full(4, camera.focal_px[0]), np.full(4, 0.1)])
+    start = simple_camera(model, camera.focal_px, camera.centre, (camera.columns, camera.rows))
+    scale = np.array([camera.focal_px[0] if unit == "pixel" else 0.1 for unit in start.units])
     fit = least_squares(
         lambda p: (start.with_params(p).project(rays) - pixels).ravel(), start.params, x_scale=scale, xtol=1e-14,
         ftol=1e-14,

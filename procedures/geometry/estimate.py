@@ -10,10 +10,10 @@ import numpy.typing as npt
 
 from procedures.geometry.adjustment import POSE, Adjustment, AdjustmentState, adjust, residual
 from procedures.geometry.cameras import MODELS, Camera, parameter_names
-from procedures.geometry.choice import LEAST_VIEWS, ModelTrial, choose_model, first_state, fit_model
+from procedures.geometry.choice import LEAST_VIEWS, ModelTrial, choose_model, first_state, fit_model, with_splines
 from procedures.geometry.misfit import Misfit, find_misfit
 from procedures.geometry.next_view import NextView, next_views
-from procedures.geometry.shape import NAMES, ShapeModel, own_errors, shape_model
+from procedures.geometry.shape import NAMES, ShapeModel, own_errors, scale_spread, shape_model
 from procedures.geometry.uncertainty import enclosed, projection_uncertainty, seen_region
 from procedures.geometry.views import ChartView, Pose, chart_nodes
 from procedures.outcome import Outcome, Quantity, Refused, Rule, Verdict, verdict_of
@@ -47,7 +47,7 @@ class GeometryParameters:
     scale_uncertainty : float
         Standard uncertainty of that over it: all distances share it.
     model : str or None
-        One of COLMAP's camera models; None: chosen from the views.
+        One of COLMAP's camera models, or a spline over it, OPENCV+SPLINE_12X9; None: chosen from the views.
     distances_mm : tuple of float
         At which the projection's uncertainty is told, besides the charts' own and infinity.
     """
@@ -114,11 +114,15 @@ class ChartShape:
         How far every node lies from its plan: right, down, away from the camera.
     node_mm : (x, y, z)
         Standard deviation of the nodes' own errors, beside the terms, as found.
+    scale_uncertainty : float
+        Standard uncertainty of the whole chart's scale over it, which all distances share: what is known of a cell, and
+        what the nodes' own errors make of it.
     """
 
     terms: dict[str, Quantity]
     deviations_mm: Array
     node_mm: tuple[float, float, float]
+    scale_uncertainty: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,6 +181,7 @@ class Geometry:
             for name, value, unit, spread in zip(
                 self.camera.names, self.camera.params, self.camera.units, sigma, strict=True
             )
+            if not name.startswith("spline")  # control points are in the record, and mean nothing one by one
         }
         return found | {_map_name(one): self._of_map(one) for one in self.maps}
 
@@ -227,22 +232,32 @@ def calibrate_geometry(
         shape = shape_model(nodes)
         start = first_state(nodes, views, size, shape)
         trials = choose_model(models, start, nodes, views, shape)
-        found, shape = _settled(trials[0].model, start, nodes, views, shape)
-        geometry = _geometry(found, nodes, views, shape, trials, parameters)
+        geometry = _settled(trials, start, nodes, views, shape, parameters)
+        if parameters.model is None and _too_poor(geometry) and len(views) >= LEAST_VIEWS:
+            trials = with_splines(trials, size, start, nodes, views, shape)
+            if trials[0].model != geometry.camera.model:
+                geometry = _settled(trials, start, nodes, views, shape, parameters)
     except Refused as refusal:
         return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
     return Outcome(geometry, *verdict_of(_rules(geometry, parameters)))
 
 
 def _settled(
-    model: str, start: AdjustmentState, nodes: Array, views: Sequence[ChartView], shape: ShapeModel
-) -> tuple[Adjustment, ShapeModel]:
-    """The model fitted, with the nodes' own errors as large beforehand as they are found."""
-    found = fit_model(model, start, nodes, views, shape)
+    trials: tuple[ModelTrial, ...], start: AdjustmentState, nodes: Array, views: Sequence[ChartView], shape: ShapeModel,
+    parameters: GeometryParameters,
+) -> Geometry:  # fmt: skip
+    """The first model fitted, with the nodes' own errors as large beforehand as they are found."""
+    found = fit_model(trials[0].model, start, nodes, views, shape)
     for _ in range(ROUNDS):
         shape = replace(shape, node_mm=own_errors(found.state.errors_mm, found.errors_variance))
         found = adjust(found.state, nodes, views, shape)
-    return found, shape
+    return _geometry(found, nodes, views, shape, trials, parameters)
+
+
+def _too_poor(found: Geometry) -> bool:
+    """Whether the model leaves more undrawn than what is stated anyway."""
+    stated = found.numbers()[_map_name(found.maps[0])].value
+    return found.misfit.significant and found.misfit.rms_px > max(stated, NEGLIGIBLE_PX)
 
 
 def _geometry(
@@ -251,7 +266,8 @@ def _geometry(
 ) -> Geometry:  # fmt: skip
     camera = found.state.camera
     p = len(camera.params)
-    posed = tuple(_posed(found, nodes, view, shape, i, parameters) for i, view in enumerate(views))
+    share = float(np.hypot(parameters.scale_uncertainty, scale_spread(nodes, shape.node_mm)))
+    posed = tuple(_posed(found, nodes, view, shape, i, share) for i, view in enumerate(views))
     region = seen_region(np.concatenate([view.points for view in views]))
     grid = camera.frame_grid(*MAP)
     usual = float(np.median([one.distance.value for one in posed]))
@@ -260,7 +276,7 @@ def _geometry(
         camera=camera,
         covariance=found.covariance[:p, :p] * found.scale**2,
         views=posed,
-        shape=_chart_shape(found, shape, len(views)),
+        shape=_chart_shape(found, shape, len(views), share),
         trials=trials,
         misfit=find_misfit(found, nodes, views, shape),
         residual_scale=found.scale,
@@ -272,15 +288,13 @@ def _geometry(
     )
 
 
-def _posed(
-    found: Adjustment, nodes: Array, view: ChartView, shape: ShapeModel, number: int, parameters: GeometryParameters
-) -> PosedView:
+def _posed(found: Adjustment, nodes: Array, view: ChartView, shape: ShapeModel, number: int, share: float) -> PosedView:
     pose = found.state.poses[number]
     first = len(found.state.camera.params) + len(found.state.terms_mm) + POSE * number
     covariance = found.covariance[first : first + POSE, first : first + POSE] * found.scale**2
     distance = float(np.linalg.norm(pose.t))
     sight = pose.t / distance  # a turn about the camera leaves the distance
-    spread = np.hypot(np.sqrt(sight @ covariance[3:, 3:] @ sight), parameters.scale_uncertainty * distance)
+    spread = np.hypot(np.sqrt(sight @ covariance[3:, 3:] @ sight), share * distance)
     method = "pose of the chart; the print's scale is in the uncertainty"
     whitened = residual(found.state, nodes, view, shape, number)
     left = np.einsum("nab,nb->na", np.linalg.inv(view.whitening), whitened)
@@ -288,7 +302,7 @@ def _posed(
     return PosedView(view, pose, covariance, Quantity(distance, "mm", float(spread), method, len(view)), tilt, left)
 
 
-def _chart_shape(found: Adjustment, shape: ShapeModel, views: int) -> ChartShape:
+def _chart_shape(found: Adjustment, shape: ShapeModel, views: int, share: float) -> ChartShape:
     p = len(found.state.camera.params)
     sigma = np.sqrt(np.diag(found.covariance)[p : p + len(shape.prior_mm)]) * found.scale
     method = f"common to {views} views, at the chart's rim"
@@ -297,7 +311,7 @@ def _chart_shape(found: Adjustment, shape: ShapeModel, views: int) -> ChartShape
         for name, value, spread in zip(NAMES, found.state.terms_mm, sigma, strict=True)
     }
     x, y, z = (float(one) for one in shape.node_mm)
-    return ChartShape(terms, found.state.deviations_mm(shape), (x, y, z))
+    return ChartShape(terms, found.state.deviations_mm(shape), (x, y, z), share)
 
 
 def _map(found: Adjustment, grid: Array, distance_mm: float) -> UncertaintyMap:
@@ -315,7 +329,7 @@ def _rules(found: Geometry, parameters: GeometryParameters) -> list[Rule]:
     return [
         Rule(
             Verdict.DOUBTFUL,
-            misfit.significant and misfit.rms_px > max(stated, NEGLIGIBLE_PX),
+            _too_poor(found),
             f"{model} is too poor a model for this lens: it leaves a field of {misfit.rms_px:.3f} pixel rms undrawn, "
             f"where {stated:.3f} are stated at the charts",
             f"take a richer model{better}, or use the camera only as far as that matters",

@@ -86,6 +86,8 @@ def find_misfit(found: Adjustment, nodes: Array, views: Sequence[ChartView], sha
     scale = 1 / np.sqrt(np.diag(total))
     values, vectors = np.linalg.eigh(left * np.outer(scale, scale))
     new = values > NEW
+    if not new.any():  # the model draws all of it
+        return Misfit(1.0, 0.0, np.zeros(k), camera.columns, camera.rows)
     directions = vectors[:, new] * scale[:, None]
     amplitudes = (directions.T @ right) / values[new]
     taken, count = float(np.sum(amplitudes**2 * values[new])), int(new.sum())

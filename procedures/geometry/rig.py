@@ -8,7 +8,8 @@ the rig is the one nearest to all, by generalised least squares in the changes (
     -(R w, R d + t x R w).
 
 What both cameras' views have in common, errors of the print that neither tells, is counted twice and not as common: it
-cancels in part, and the uncertainty is then too large rather than too small. The print's scale does not cancel.
+cancels in part, and the uncertainty is then too large rather than too small. The print's scale does not cancel, neither
+what is not known of a cell nor what the nodes' own errors make of the whole.
 """
 
 from __future__ import annotations
@@ -46,18 +47,21 @@ class PosedCharts:
     poses : tuple of Pose
     covariance : (6 n, 6 n) float64
         Of the poses' changes in the camera's frame, one after the other.
+    scale_uncertainty : float
+        Standard uncertainty of the print's scale, over it.
     """
 
     sources: tuple[str, ...]
     poses: tuple[Pose, ...]
     covariance: Array
+    scale_uncertainty: float = 0.0
 
     def chosen(self, places: Sequence[int]) -> PosedCharts:
         """Some of the charts, in this order."""
         rows = np.concatenate([np.arange(POSE * i, POSE * (i + 1)) for i in places])
         return PosedCharts(
             tuple(self.sources[i] for i in places), tuple(self.poses[i] for i in places),
-            self.covariance[np.ix_(rows, rows)],
+            self.covariance[np.ix_(rows, rows)], self.scale_uncertainty,
         )  # fmt: skip
 
 
@@ -105,8 +109,9 @@ def posed_charts(found: Geometry) -> PosedCharts:
     first = len(found.camera.params) + len(found.adjustment.state.terms_mm)
     covariance = found.adjustment.covariance[first:, first:] * found.residual_scale**2
     return PosedCharts(
-        tuple(one.view.source for one in found.views), tuple(one.pose for one in found.views), covariance
-    )
+        tuple(one.view.source for one in found.views), tuple(one.pose for one in found.views), covariance,
+        found.shape.scale_uncertainty,
+    )  # fmt: skip
 
 
 def matched(first: PosedCharts, second: PosedCharts) -> tuple[PosedCharts, PosedCharts]:
@@ -137,15 +142,13 @@ def matched(first: PosedCharts, second: PosedCharts) -> tuple[PosedCharts, Posed
     return first.chosen(left), second.chosen(right)
 
 
-def estimate_rig(first: PosedCharts, second: PosedCharts, scale_uncertainty: float = 0.0) -> Outcome[RigPose]:
+def estimate_rig(first: PosedCharts, second: PosedCharts) -> Outcome[RigPose]:
     """How the second camera stands to the first, or the reason why they do not tell it.
 
     Parameters
     ----------
     first, second : PosedCharts
         Of one chart, in photographs taken at the same times.
-    scale_uncertainty : float
-        Standard uncertainty of the print's scale, over it.
     """
     try:
         a, b = matched(first, second)
@@ -166,7 +169,8 @@ def estimate_rig(first: PosedCharts, second: PosedCharts, scale_uncertainty: flo
     chi_square, freedom = float(left @ precision @ left), POSE * (count - 1)
     misfit = float(np.sqrt(chi_square / freedom))
     known = known * max(misfit, 1.0) ** 2
-    known[3:, 3:] += scale_uncertainty**2 * np.outer(pose.t, pose.t)
+    share = max(a.scale_uncertainty, b.scale_uncertainty)  # of one print: both saw the same error
+    known[3:, 3:] += share**2 * np.outer(pose.t, pose.t)
     found = RigPose(pose, known, a.sources, misfit, float(stats.chi2.sf(chi_square, freedom)))
     return Outcome(found, *verdict_of([_rigid(found)]))
 

@@ -85,6 +85,16 @@ def own_errors(errors_mm: Array, variance: Array) -> Array:
     return np.maximum(np.sqrt([plane, plane, out]), LEAST_MM)
 
 
+def scale_spread(nodes: Array, node_mm: Array) -> float:
+    """Standard deviation of a print's scale as a whole, over it, that the nodes' own errors make.
+
+    Errors e of nodes X are a scale of sum(e X) / sum(X^2). The gauge keeps it out of the errors that are found, as no
+    photograph tells it; a distance has it all the same.
+    """
+    squares = np.sum(nodes**2, axis=0)
+    return float(np.sqrt(squares @ node_mm**2) / squares.sum())
+
+
 def _similarity(nodes: Array) -> Array:
     """Translations, rotations and scale of nodes (N, 3), orthonormal, (N, 3, 7)."""
     moves = [np.broadcast_to(axis, nodes.shape) for axis in np.eye(3)]

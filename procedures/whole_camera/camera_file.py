@@ -26,7 +26,8 @@ CONVENTIONS = """\
 `values`, `names`, `units` and `covariance` go together, number by number; a name is that of its part, a dot, and the
 number's in it. Pixels have their centres at integers, x right, y down.
 geometry.NAME: parameters of COLMAP's camera `model` (an attribute of the group geometry), in pixels of the sensor;
-COLMAP's own cx and cy have 0.5 more.
+COLMAP's own cx and cy have 0.5 more. Of a model BASE+SPLINE_NXxNY those of BASE, then spline_AXIS_COLUMN_ROW: control
+points of a cubic B-spline over the frame, in pixels, which is added to where BASE puts a point.
 psf.PLANE.N.NAME: of the PSF at place N of that plane, see `places`; lengths and frequencies are in pixels of the plane.
 lateral_colour.PLANE.AXIS.TERM: the shift along an axis against the reference plane, in pixels of the sensor, is the sum
 of coefficient times term; x and y in the terms are the place in half diagonals from the frame's centre.

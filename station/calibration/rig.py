@@ -30,11 +30,10 @@ _GIVE = "name the folder that station geometry wrote"
 
 @dataclass(frozen=True, eq=False)
 class RigCamera:
-    """One camera's charts, as its geometry's result tells them; of the print's scale what was known there."""
+    """One camera's charts, as its geometry's result tells them."""
 
     file: InputFile
     charts: PosedCharts
-    scale_uncertainty: float
 
 
 def read_rig_camera(result: Path) -> RigCamera:
@@ -60,11 +59,12 @@ def read_rig_camera(result: Path) -> RigCamera:
         size = POSE * len(views)
         if joint.ndim != 2 or joint.shape[0] != joint.shape[1] or len(joint) < size or not np.isfinite(joint).all():
             raise ValueError(f"the covariance of {len(views)} poses is a square of {size} numbers and more")
+        known = {**told.get("parameters", {}), **entry.get("chart", {})}  # earlier results tell it of a cell alone
         charts = PosedCharts(
-            tuple(str(one["source"]) for one in views), tuple(_pose(one) for one in views), joint[-size:, -size:]
-        )
-        share = float(told.get("parameters", {}).get("scale_uncertainty", 0.0))
-        return RigCamera(InputFile(str(record), hashlib.sha256(data).hexdigest()), charts, share)
+            tuple(str(one["source"]) for one in views), tuple(_pose(one) for one in views), joint[-size:, -size:],
+            float(known.get("scale_uncertainty", 0.0)),
+        )  # fmt: skip
+        return RigCamera(InputFile(str(record), hashlib.sha256(data).hexdigest()), charts)
 
 
 def _pose(told: Mapping[str, Any]) -> Pose:

@@ -108,6 +108,7 @@ def geometry_entry(shoot: GeometryPhotographs, outcome: Outcome[Geometry]) -> di
         "chart": {
             **{name: asdict(number) for name, number in found.shape.terms.items()},
             "node_mm": list(found.shape.node_mm),
+            "scale_uncertainty": found.shape.scale_uncertainty,
         },
     }
 

@@ -1,6 +1,6 @@
 """How well the geometry is found and how honest its uncertainty is, on simulated views; against OpenCV's calibration.
 
-python tests/benchmarks/geometry.py [spread | doubts | opencv | speed]... [--draws N]
+python tests/benchmarks/geometry.py [spread | spline | rig | doubts | opencv | speed | photographs]... [--draws N]
 
 A camera of 24 megapixels with radial, tangential and thin-prism distortion, 12 views, a print that errs by 0.05 mm at
 every node and a sheet that bends by 0.5 mm; points with noise of 0.01 pixel.
@@ -12,6 +12,7 @@ import argparse
 import os
 import platform
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -20,54 +21,129 @@ from typing import Any
 
 import cv2
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "procedures" / "geometry")]
 
-from simulated_views import CELL_MM, Shoot, TrueCamera, apart, fixed_to_charts, take, true_poses  # noqa: E402
+from simulated_views import (  # noqa: E402
+    CELL_MM,
+    Shoot,
+    TrueCamera,
+    apart,
+    fixed_to_charts,
+    plan,
+    printed,
+    seen,
+    take,
+    true_poses,
+)
 
 from procedures.geometry.adjustment import adjust  # noqa: E402
 from procedures.geometry.cameras import MODELS  # noqa: E402
 from procedures.geometry.choice import choose_model, first_state, fit_model  # noqa: E402
 from procedures.geometry.estimate import GeometryParameters, calibrate_geometry  # noqa: E402
+from procedures.geometry.photographs import view_of  # noqa: E402
+from procedures.geometry.rig import estimate_rig, posed_charts  # noqa: E402
 from procedures.geometry.shape import own_errors, shape_model  # noqa: E402
 from procedures.geometry.uncertainty import projection_uncertainty  # noqa: E402
+from procedures.geometry.views import Pose  # noqa: E402
+from procedures.pattern import Chart  # noqa: E402
+from procedures.raw import read_frame  # noqa: E402
+from simulators.camera.camera import SimulatedCamera  # noqa: E402
+from simulators.camera.sensor import Sensor  # noqa: E402
+from simulators.world.scene import Scene  # noqa: E402
 
 SHOOT = Shoot(print_mm=0.05, bend_mm=0.5)
 RICH, POOR = "RAD_TAN_THIN_PRISM_FISHEYE", "OPENCV"
+WAVY = replace(SHOOT, camera=TrueCamera(wave_px=0.3), every=2)
 PLAIN = TrueCamera(radial=(-0.12, 0.06, 0.0), thin_prism=(0.0, 0.0, 0.0, 0.0))
+SECOND = TrueCamera((5180.0, 5186.0), (2990.0, 2004.0), radial=(-0.1, 0.05, 0.0), thin_prism=(0.0, 0.0, 0.0, 0.0))
+STANDS = Pose(Rotation.from_rotvec([0.02, 0.2, 0.01]).as_matrix(), np.array([-120.0, 3.0, 8.0]))
+"""How a rig's second camera stands to the first."""
 DISTANCES = (500.0, float("inf"))
 
 
 def spread(draws: int) -> None:
+    """Predicted over empirical spread of the projection by a rich formula."""
+    _spread(draws, RICH, SHOOT)
+
+
+def spline(draws: int) -> None:
+    """The same of a spline, for a lens with waves that no formula draws; and what is made of that lens by itself."""
+    taken = take(WAVY, np.random.default_rng(1))
+    found = calibrate_geometry(taken.views, WAVY.camera.size, GeometryParameters(CELL_MM), nodes=taken.nodes)
+    assert found.value is not None
+    for model in MODELS:
+        poor = calibrate_geometry(taken.views, WAVY.camera.size, GeometryParameters(CELL_MM, model=model), taken.nodes)
+        told = poor.reason if poor.value is None else f"residual {poor.value.residual_scale:.1f} times the noise"
+        print(f"{model}: {poor.verdict}, {told}, {'' if 'too poor' in poor.reason else 'not '}told to be too poor")
+    chosen, scale = found.value.camera.model, found.value.residual_scale
+    print(f"chosen: {chosen}, {found.verdict}, residual {scale:.2f} times the noise", flush=True)
+    _spread(draws, chosen, WAVY)
+
+
+def _spread(draws: int, model: str, shoot: Shoot) -> None:
     """Predicted over empirical spread of the projection over the frame, and its error against the truth."""
-    truth = SHOOT.camera
+    truth = shoot.camera
     pixels = np.array([(x, y) for x in np.linspace(0.06, 0.94, 9) for y in np.linspace(0.06, 0.94, 6)]) * truth.size
-    seen: dict[float, list[np.ndarray]] = {d: [] for d in DISTANCES}
+    moved: dict[float, list[np.ndarray]] = {d: [] for d in DISTANCES}
     predicted: dict[float, list[np.ndarray]] = {d: [] for d in DISTANCES}
     errors, start = [], None
     for draw in range(draws):
-        taken = take(SHOOT, np.random.default_rng(1000 + draw))
+        taken = take(shoot, np.random.default_rng(1000 + draw))
         shape = shape_model(taken.nodes)
         if start is None:
             first = first_state(taken.nodes, taken.views, truth.size, shape)
-            start = fit_model(RICH, first, taken.nodes, taken.views, shape).state
+            start = fit_model(model, first, taken.nodes, taken.views, shape).state
         found = adjust(start, taken.nodes, taken.views, shape)
         shape = replace(shape, node_mm=own_errors(found.state.errors_mm, found.errors_variance))
         found = adjust(found.state, taken.nodes, taken.views, shape)
         for d in DISTANCES:
-            seen[d].append(fixed_to_charts(found.state.camera, found.state.poses, taken, truth, pixels, d))
+            moved[d].append(fixed_to_charts(found.state.camera, found.state.poses, taken, truth, pixels, d))
             predicted[d].append(projection_uncertainty(found, pixels, d))
         errors.append(float(np.sqrt(np.mean(np.sum(apart(found.state.camera, truth) ** 2, axis=1)))))
-    print(f"{RICH}, {draws} draws")
+    print(f"{model}, {draws} draws")
     total = np.sqrt(np.mean(np.square(errors)))
     print(f"  projection error over 95 % of the frame: rms {total:.4f} pixel, worst draw {max(errors):.4f}")
     for d in DISTANCES:
-        empirical = np.sqrt(np.sum(np.var(seen[d], axis=0, ddof=1), axis=-1))
+        empirical = np.sqrt(np.sum(np.var(moved[d], axis=0, ddof=1), axis=-1))
         stated = np.sqrt(np.mean(np.square(predicted[d]), axis=0))
         mean, wide = (float(np.sqrt(np.mean(one**2))) for one in (stated, empirical))
         places = f"over places {np.min(stated / empirical):.2f} to {np.max(stated / empirical):.2f}"
+        off = float(np.sqrt(np.mean(np.sum((np.array(moved[d]) - pixels) ** 2, axis=-1))))
+        places += f"; error over stated {off / mean:.2f}"
         print(f"  at {d:g} mm: stated {mean:.5f} pixel, spread {wide:.5f}, ratio {mean / wide:.3f}; {places}")
+
+
+def rig(draws: int) -> None:
+    """Error over stated uncertainty of a second camera's pose, both calibrated from the same charts.
+
+    A print whose cells are said to be sure to nothing: what its own errors make of its scale is left.
+    """
+    shoot = replace(SHOOT, camera=PLAIN, every=3)
+    nodes, poses = plan(shoot), true_poses(shoot)
+    cameras = ((PLAIN, poses), (SECOND, [Pose(STANDS.R @ one.R, STANDS.R @ one.t + STANDS.t) for one in poses]))
+    along = STANDS.t / np.linalg.norm(STANDS.t)
+    axes = np.linalg.qr(np.column_stack([along, np.eye(3)[1:].T]))[0].T
+    pulls = []
+    for draw in range(draws):
+        rng = np.random.default_rng(100 + draw)
+        true_nodes, charts = printed(shoot, rng), []
+        for camera, stood in cameras:
+            views = seen(replace(shoot, camera=camera), stood, true_nodes, rng)
+            one = calibrate_geometry(views, camera.size, GeometryParameters(CELL_MM, 0.0, POOR), nodes).value
+            assert one is not None
+            charts.append(posed_charts(one))
+        found = estimate_rig(*charts).value
+        assert found is not None
+        turn = found.pose.R @ STANDS.R.T
+        error = np.stack([Rotation.from_matrix(turn).as_rotvec(), found.pose.t - turn @ STANDS.t])
+        stated = np.sqrt([np.diag(axes @ found.covariance[i : i + 3, i : i + 3] @ axes.T) for i in (0, 3)])
+        pulls.append(error @ axes.T / stated)
+    turn, shift = np.sqrt(np.mean(np.square(pulls), axis=0))
+    print(f"rig, {draws} draws, error over stated along the baseline and across: "
+          f"turn {turn.round(2)}, shift {shift.round(2)}", flush=True)  # fmt: skip
 
 
 def doubts(draws: int) -> None:
@@ -127,15 +203,30 @@ class Peer:
         return cv2.projectPoints(points[:, None], np.zeros(3), np.zeros(3), self.K, self.distortion)[0][:, 0]
 
 
-def speed(draws: int) -> None:
-    """Time of bundle adjustment and of the whole, with its choice of the model."""
-    taken = take(SHOOT, np.random.default_rng(1))
-    shape = shape_model(taken.nodes)
-    size = SHOOT.camera.size
+def speed(_: int) -> None:
+    """Time of bundle adjustment of 30 views and of the whole, with its choice of the model."""
+    shoot = replace(SHOOT, count=30)
+    taken = take(shoot, np.random.default_rng(1))
+    shape, size = shape_model(taken.nodes), shoot.camera.size
+    print("30 views of 24 x 24 points")
     start = timed("first state", lambda: first_state(taken.nodes, taken.views, size, shape))
-    timed("choice of the model", lambda: choose_model(MODELS, start, taken.nodes, taken.views, shape))
     timed("one model", lambda: fit_model(RICH, start, taken.nodes, taken.views, shape))
+    timed("choice of the model", lambda: choose_model(MODELS, start, taken.nodes, taken.views, shape))
     timed("everything", lambda: calibrate_geometry(taken.views, size, GeometryParameters(CELL_MM)))
+
+
+def photographs(_: int) -> None:
+    """Time from a photograph of 24 megapixels to its points in each of its four planes: 30 take 30 times as long."""
+    chart, camera = Chart.from_seed(), SimulatedCamera(sensor=Sensor(rows=4000, columns=6000))
+    for pixels in (250, 1000):
+        placed = camera.place(chart, pixels=pixels, at=(0.45, 0.55), yaw_deg=20, pitch_deg=10, roll_deg=7)
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "view.dng"
+            camera.photograph(Scene((placed,)), np.random.default_rng(2), path)
+            print(f"24 megapixels, the chart {pixels} pixels of a plane wide")
+            frame = timed("reading", lambda path=path: read_frame(path))
+        for name, plane in frame.planes.items():
+            timed(f"points in {name}", lambda plane=plane: view_of(plane, chart, "view").result())
 
 
 def timed(words: str, work: Callable[[], Any]) -> Any:
@@ -148,7 +239,15 @@ def timed(words: str, work: Callable[[], Any]) -> Any:
 
 def main() -> None:
     """Run what is asked for, or all."""
-    parts = {"spread": spread, "doubts": doubts, "opencv": opencv, "speed": speed}
+    parts = {
+        "spread": spread,
+        "spline": spline,
+        "rig": rig,
+        "doubts": doubts,
+        "opencv": opencv,
+        "speed": speed,
+        "photographs": photographs,
+    }
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("parts", nargs="*", choices=[*parts, []])
     parser.add_argument("--draws", type=int, default=100)

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from procedures.geometry.cameras import COLMAP_CENTRE, MODELS, OTHER_MODELS, Camera
-from procedures.geometry.conversion import Difference, OpenCvCamera, as_fisheye, as_opencv
+from procedures.geometry.cameras import COLMAP_CENTRE, MODELS, Camera, split_model
+from procedures.geometry.conversion import Difference, OpenCvCamera, as_model, as_opencv
+from procedures.geometry.spline_camera import SplineCamera
 from procedures.outcome import BadInput, BadParameter
 from procedures.reading.guard import decoding
 from procedures.reading.text import read_json
@@ -68,8 +69,12 @@ def read_camera(result: Path) -> StoredCamera:
 
 def _camera(model: str, params: list[float], columns: int, rows: int, **_: object) -> Camera:
     """Raises ValueError where it is none."""
-    camera = Camera(model, np.array(params, dtype=np.float64), columns, rows)
-    if model not in (*MODELS, *OTHER_MODELS) or len(camera.params) != len(camera.names):
+    try:
+        kind = SplineCamera if any(split_model(model)[1]) else Camera
+    except BadParameter as error:
+        raise ValueError(f"{model!r} is no camera") from error
+    camera = kind(model, np.array(params, dtype=np.float64), columns, rows)
+    if camera.params.shape != (len(camera.names),):
         raise ValueError(f"{model} with {len(camera.params)} parameters is no camera")
     if not np.isfinite(camera.params).all() or min(camera.focal_px) <= 0:
         raise ValueError("a camera's parameters are finite, and its focal length is above 0")
@@ -132,7 +137,7 @@ def _ros_matrix(name: str, rows: int, columns: int, data: Sequence[float]) -> li
 def _kalibr(stored: StoredCamera) -> Export:
     """Kalibr's camera chain: pinhole with the distortion, of its two, that loses less."""
     plain = as_opencv(stored.camera, stored.region, 4)
-    fisheye, lost = as_fisheye(stored.camera, stored.region)
+    fisheye, lost = as_model(stored.camera, stored.region, "OPENCV_FISHEYE")
     if lost.rms_px < plain.difference.rms_px:
         intrinsics, coefficients, model = fisheye.params[:4], fisheye.params[4:], "equidistant"
     else:
@@ -151,8 +156,11 @@ def _kalibr(stored: StoredCamera) -> Export:
 
 
 def _colmap(stored: StoredCamera) -> Export:
-    """COLMAP's cameras.txt, its pixel centres at 0.5; every model that is fitted here is one of COLMAP's own."""
-    camera = stored.camera
+    """COLMAP's cameras.txt, its pixel centres at 0.5; a spline is put into that of COLMAP's models that loses least."""
+    camera, lost = stored.camera, None
+    if any(split_model(camera.model)[1]):
+        fits = [as_model(camera, stored.region, model) for model in MODELS]
+        camera, lost = min(fits, key=lambda one: one[1].rms_px)
     centre = np.array([name in ("cx", "cy") for name in camera.names])
     numbers = " ".join(repr(float(value)) for value in camera.params + COLMAP_CENTRE * centre)
     lines = [
@@ -161,7 +169,7 @@ def _colmap(stored: StoredCamera) -> Export:
         "# Number of cameras: 1",
         f"1 {camera.model} {camera.columns} {camera.rows} {numbers}",
     ]
-    return Export("\n".join(lines) + "\n", None)
+    return Export("\n".join(lines) + "\n", lost)
 
 
 def _mrcal(stored: StoredCamera) -> Export:

@@ -39,7 +39,9 @@ FAILED_ITEMS = 1
     type=Number(min=0),
     help="Its standard uncertainty; all distances share it.  [default: 0.3 %]",
 )
-@click.option("--model", help="One of COLMAP's camera models.  [default: chosen by views left out]")
+@click.option(
+    "--model", help="One of COLMAP's camera models, or OPENCV+SPLINE_12X9.  [default: chosen by views left out]"
+)
 @click.option(
     "--at-mm", "distances", type=Number(min=1), multiple=True, help="Also tell the uncertainty at a distance."
 )

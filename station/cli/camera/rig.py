@@ -36,8 +36,7 @@ def rig(first: Path, second: Path, out: Path, *, as_json: bool) -> None:
     from station.results.result_files import ResultFolder
 
     cameras = read_rig_camera(first), read_rig_camera(second)
-    share = max(one.scale_uncertainty for one in cameras)
-    found = estimate_rig(cameras[0].charts, cameras[1].charts, share)
+    found = estimate_rig(cameras[0].charts, cameras[1].charts)
     with ResultFolder(out, force=forced()) as folder:
         text = write_rig_result(folder, cameras, found, start)
     _tell(found)

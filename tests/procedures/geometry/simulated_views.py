@@ -14,9 +14,15 @@ CELL_MM = 300 / 320
 RADIAL, TANGENTIAL, THIN_PRISM = (-0.12, 0.06, -0.01), (4e-4, -3e-4), (6e-4, 0.0, -4e-4, 0.0)
 
 
+WAVES = 1.5
+
+
 @dataclass(frozen=True)
 class TrueCamera:
-    """A lens with radial, tangential and thin-prism distortion, as OpenCV defines them, pixel centres at integers."""
+    """A lens with radial, tangential and thin-prism distortion, as OpenCV defines them, pixel centres at integers.
+
+    `wave_px` is the height of waves over the frame that no such formula draws, WAVES of them along either side.
+    """
 
     focal_px: tuple[float, float] = (5200.0, 5204.0)
     centre: tuple[float, float] = (3012.0, 1989.0)
@@ -24,6 +30,7 @@ class TrueCamera:
     radial: tuple[float, float, float] = RADIAL
     tangential: tuple[float, float] = TANGENTIAL
     thin_prism: tuple[float, float, float, float] = THIN_PRISM
+    wave_px: float = 0.0
 
     def project(self, points: np.ndarray) -> np.ndarray:
         """Pixels (n, 2) of points (n, 3) of the camera's frame."""
@@ -31,7 +38,9 @@ class TrueCamera:
         K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
         distortion = np.array([k1, k2, *self.tangential, k3, 0, 0, 0, *self.thin_prism])
         seen, _ = cv2.projectPoints(np.ascontiguousarray(points)[:, None], np.zeros(3), np.zeros(3), K, distortion)
-        return seen[:, 0]
+        along, down = (2 * np.pi * WAVES * seen[:, 0] / self.size).T
+        waves = np.column_stack([np.sin(down) * np.cos(along), np.cos(1.2 * along + 0.5 * down)])
+        return seen[:, 0] + self.wave_px * waves
 
     def rays(self, pixels: np.ndarray) -> np.ndarray:
         """Directions (n, 3) of pixels (n, 2), by Newton's steps on `project`."""
@@ -96,16 +105,21 @@ def take(shoot: Shoot, rng: np.random.Generator, true_nodes: np.ndarray | None =
     nodes = plan(shoot)
     if true_nodes is None:
         true_nodes = printed(shoot, rng)
-    views, poses = [], true_poses(shoot)
+    poses = true_poses(shoot)
+    return Taken(seen(shoot, poses, true_nodes, rng), poses, nodes, true_nodes)
+
+
+def seen(shoot: Shoot, poses: list[Pose], true_nodes: np.ndarray, rng: np.random.Generator) -> list[ChartView]:
+    """The views of charts that stand so, with noise."""
+    views = []
     for i, pose in enumerate(poses):
-        seen = shoot.camera.project(pose.apply(true_nodes))
-        inside = ((seen >= 0) & (seen <= np.array(shoot.camera.size) - 1)).all(axis=1)
+        places = shoot.camera.project(pose.apply(true_nodes))
+        inside = ((places >= 0) & (places <= np.array(shoot.camera.size) - 1)).all(axis=1)
         index = np.flatnonzero(inside)
-        points = seen[index] + shoot.noise_px * rng.standard_normal((len(index), 2))
-        views.append(
-            ChartView(f"view{i:02d}", index, points, np.tile(shoot.noise_px**2 * np.eye(2), (len(index), 1, 1)))
-        )
-    return Taken(views, poses, nodes, true_nodes)
+        points = places[index] + shoot.noise_px * rng.standard_normal((len(index), 2))
+        covariance = np.tile(shoot.noise_px**2 * np.eye(2), (len(index), 1, 1))
+        views.append(ChartView(f"view{i:02d}", index, points, covariance))
+    return views
 
 
 def plan(shoot: Shoot) -> np.ndarray:

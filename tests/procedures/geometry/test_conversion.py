@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from procedures.geometry.cameras import Camera
-from procedures.geometry.conversion import as_fisheye, as_opencv, opencv_projection
+from procedures.geometry.conversion import as_model, as_opencv, opencv_projection
 from procedures.outcome import BadParameter
 
 from .simulated_views import TrueCamera
@@ -38,7 +38,7 @@ def test_what_fewer_coefficients_lose_is_told():
 
 def test_an_equidistant_lens_is_held_by_its_own_formula():
     lens = Camera("OPENCV_FISHEYE", np.array([1500.0, 1500, 960, 540, 0.02, -0.01, 0.003, 0]), 1920, 1080)
-    found, difference = as_fisheye(lens, np.array([[0.0, 0], [1919, 0], [1919, 1079], [0, 1079]]))
+    found, difference = as_model(lens, np.array([[0.0, 0], [1919, 0], [1919, 1079], [0, 1079]]), "OPENCV_FISHEYE")
     assert difference.max_px < 1e-4
     np.testing.assert_allclose(found.params[:4], lens.params[:4], atol=1e-3)
 

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from procedures.geometry.adjustment import moved_pose
 from procedures.geometry.rig import PosedCharts, estimate_rig, posed_charts
+from procedures.geometry.shape import scale_spread
 from procedures.geometry.views import Pose
 from procedures.outcome import Verdict
 
-from .simulated_views import Shoot, true_poses
+from .simulated_views import Shoot, plan, printed, similarity, true_poses
 
 TRUE = Pose(Rotation.from_rotvec([0.02, -0.15, 0.01]).as_matrix(), np.array([-120.0, 3.0, 8.0]))
 FIRST = true_poses(Shoot(count=8))
@@ -61,7 +64,8 @@ def test_the_rig_is_found_as_well_as_it_is_said_to_be(covariance):
 
 
 def test_the_print_s_scale_is_in_the_baseline(covariance):
-    found = estimate_rig(*both(1e-6 * covariance, np.random.default_rng(3)), 0.003).value
+    first, second = both(1e-6 * covariance, np.random.default_rng(3))
+    found = estimate_rig(first, replace(second, scale_uncertainty=0.003)).value
     length = np.linalg.norm(TRUE.t)
     assert found.numbers()["baseline"].value == pytest.approx(length, abs=0.01)
     assert found.numbers()["baseline"].uncertainty == pytest.approx(0.003 * length, rel=0.01)
@@ -88,9 +92,18 @@ def test_charts_are_matched_by_their_names_and_else_by_their_order(covariance):
     assert "3 charts" in estimate_rig(first, some.chosen([0, 1])).reason
 
 
+def test_the_scale_that_a_print_s_own_errors_make_is_known_to_differ_as_much():
+    taken = Shoot(print_mm=0.05, every=3)
+    nodes, rng = plan(taken), np.random.default_rng(6)
+    scales = [similarity(nodes, printed(taken, rng))[2] - 1 for _ in range(400)]
+    # of 400 prints: a standard deviation is known to 3.5 %
+    assert scale_spread(nodes, np.array([0.05, 0.05, 0.0])) == pytest.approx(np.std(scales), rel=0.12)
+
+
 def test_a_calibrated_camera_knows_the_poses_of_its_charts(geometry):
     charts = posed_charts(geometry)
     for i, one in enumerate(geometry.views):
         block = charts.covariance[6 * i : 6 * i + 6, 6 * i : 6 * i + 6]
         np.testing.assert_allclose(block, one.pose_covariance)
     assert charts.sources[0] == geometry.views[0].view.source
+    assert charts.scale_uncertainty == geometry.shape.scale_uncertainty > 0.003

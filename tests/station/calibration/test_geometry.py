@@ -15,6 +15,7 @@ from click.testing import CliRunner
 
 from procedures.geometry.cameras import Camera
 from procedures.geometry.estimate import GeometryParameters
+from procedures.geometry.spline_camera import SplineCamera
 from procedures.geometry.views import ChartView
 from procedures.outcome import BadInput, BadParameter, Outcome, Verdict
 from station.__main__ import main
@@ -169,6 +170,23 @@ def test_what_a_format_cannot_hold_is_told_in_pixels(result):
     assert 0.1 < made.difference.rms_px < made.difference.max_px
 
 
+@pytest.mark.slow
+def test_a_spline_is_read_back_and_what_no_format_holds_of_it_is_told(result, tmp_path):
+    stored, rng = read_camera(result), np.random.default_rng(4)
+    lens = SplineCamera.over(stored.camera, f"{stored.camera.model}+SPLINE_8X6")
+    lens = lens.with_params(np.concatenate([stored.camera.params, 0.3 * rng.standard_normal(96)]))
+    kept = {"model": lens.model, "params": lens.params.tolist(), "columns": lens.columns, "rows": lens.rows}
+    planes = {"Y": {"camera": kept, "region": stored.region.tolist()}}
+    (tmp_path / "result.json").write_text(json.dumps({"procedure": "geometry", "planes": planes}))
+    again = read_camera(tmp_path)
+    directions = rays(stored.camera)[1]
+    np.testing.assert_array_equal(again.camera.project(directions), lens.project(directions))
+    for form in ("opencv", "colmap"):
+        lost = export_camera(again, form).difference
+        assert lost is not None
+        assert 0.02 < lost.rms_px < 0.3  # the control points' own, less what a formula draws
+
+
 def test_what_is_no_camera_is_refused_by_name(tmp_path, result):
     with pytest.raises(BadInput, match="there is no file"):
         read_camera(tmp_path)
@@ -188,6 +206,7 @@ def test_what_is_no_camera_is_refused_by_name(tmp_path, result):
         ({"params": [-1.0, 1, 1, 1, 0, 0, 0, 0]}, "focal length is above 0"),
         ({"params": [900.0, 900, 320]}, "with 3 parameters is no camera"),
         ({"model": "OPENCV_2"}, "is no camera|not whole|not exist"),
+        ({"model": "OPENCV+SPLINE_3X9"}, "is no camera"),
         ({"params": "many"}, "could not convert"),
     ],
     ids=str,

@@ -1,0 +1,106 @@
+"""A formula and a spline over it, against differences, polynomials and a lens with waves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from procedures.geometry.cameras import Camera, parameter_names
+from procedures.geometry.choice import choose_model, first_state
+from procedures.geometry.estimate import GeometryParameters, calibrate_geometry
+from procedures.geometry.shape import shape_model
+from procedures.geometry.spline_camera import SplineCamera, spline_models
+from procedures.outcome import BadParameter
+
+from .simulated_views import CELL_MM, Shoot, TrueCamera, apart, take
+
+BASE = Camera("OPENCV", np.array([900.0, 910, 322, 238, -0.1, 0.02, 1e-3, -5e-4]), 640, 480)
+PLAIN = SplineCamera.over(BASE, "OPENCV+SPLINE_7X5")
+WAVY = TrueCamera(wave_px=0.3)
+
+
+@pytest.fixture
+def bent(rng) -> SplineCamera:
+    return PLAIN.with_params(np.concatenate([BASE.params, rng.standard_normal(70)]))
+
+
+@pytest.fixture
+def points(rng) -> np.ndarray:
+    return rng.uniform([-0.3, -0.2, 0.9], [0.3, 0.2, 1.1], (40, 3))
+
+
+def test_without_control_points_it_is_its_formula(points):
+    np.testing.assert_array_equal(PLAIN.project(points), BASE.project(points))
+    assert PLAIN.names[:8] == BASE.names
+    assert (PLAIN.names[8], PLAIN.names[-1], len(PLAIN.names)) == ("spline_x_0_0", "spline_y_6_4", 78)
+
+
+def test_control_points_on_a_plane_draw_a_plane():
+    # a cubic B-spline keeps polynomials of the first degree: its control points lie a piece apart, from -1
+    i, j = np.meshgrid(np.arange(7) - 1, np.arange(5) - 1)
+    field = np.stack([1 + 2 * i - j, 0.5 * i + 3 * j], axis=-1)
+    camera = PLAIN.with_params(np.concatenate([BASE.params, field.ravel()]))
+    places = BASE.frame_grid(9, 7)
+    u, v = (places / [639, 479] * [4, 2]).T
+    np.testing.assert_allclose(camera.correction(places), np.column_stack([1 + 2 * u - v, 0.5 * u + 3 * v]), atol=1e-12)
+
+
+def test_derivatives_are_those_of_differences(bent, points):
+    steps = np.where(np.array(bent.units) == "pixel", 1e-3, 1e-7)
+    for i in (0, 2, 4, 7, 8, 30, 77):
+        step = steps[i] * np.eye(len(bent.params))[i]
+        more, less = (bent.with_params(bent.params + sign * step).project(points) for sign in (1, -1))
+        change = more - less
+        np.testing.assert_allclose(bent.by_params(points)[..., i], change / (2 * steps[i]), rtol=1e-5, atol=1e-5)
+    for i, axis in enumerate(1e-6 * np.eye(3)):
+        change = bent.project(points + axis) - bent.project(points - axis)
+        np.testing.assert_allclose(bent.by_points(points)[..., i], change / 2e-6, rtol=1e-5, atol=1e-3)
+
+
+def test_rays_are_seen_where_they_come_from(bent):
+    pixels = BASE.frame_grid(8, 6)
+    np.testing.assert_allclose(bent.project(bent.rays(pixels)), pixels, atol=1e-6)
+    assert np.isnan(bent.project(np.array([[0.1, 0.1, -1.0]]))).all()
+
+
+def test_control_points_are_as_far_apart_along_both_sides():
+    assert spline_models("OPENCV", 6000, 4000) == ("OPENCV+SPLINE_8X7", "OPENCV+SPLINE_12X9", "OPENCV+SPLINE_18X13")
+    assert spline_models("OPENCV", 400, 4000)[0] == "OPENCV+SPLINE_4X8"
+
+
+@pytest.mark.parametrize(
+    "model", ["OPENCV+SPLINE_3X9", "BROWN+SPLINE_8X8", "OPENCV+SPLINE_8", "OPENCV+SPLINE_", "OPENCV+"]
+)
+def test_a_grid_that_is_none_is_refused(model):
+    with pytest.raises(BadParameter, match="no camera model"):
+        parameter_names(model)
+
+
+@pytest.mark.slow
+def test_waves_that_no_formula_draws_are_drawn_by_a_spline():
+    shoot = Shoot(camera=WAVY, every=3, print_mm=0.03, bend_mm=0.3)
+    taken = take(shoot, np.random.default_rng(5))
+    found = {
+        model: calibrate_geometry(taken.views, WAVY.size, GeometryParameters(CELL_MM, model=model), taken.nodes)
+        for model in ("OPENCV", "OPENCV+SPLINE_8X7")
+    }
+    poor, spline = found["OPENCV"], found["OPENCV+SPLINE_8X7"].value
+    assert "too poor" in poor.reason
+    assert poor.value.residual_scale > 5
+    # waves of 4000 pixels' length and pieces of 1200: a cubic errs by some thousandths of the waves' 0.3 pixel
+    assert spline.residual_scale < 1.5
+    inner = {name: np.sqrt(np.mean(apart(one.value.camera, WAVY, 0.1) ** 2)) for name, one in found.items()}
+    assert inner["OPENCV+SPLINE_8X7"] < inner["OPENCV"] / 5
+    assert [name for name in spline.numbers() if name.startswith("spline")] == []
+
+
+@pytest.mark.slow
+def test_views_left_out_tell_a_spline_from_a_formula():
+    for camera, best in ((WAVY, "OPENCV+SPLINE_8X7"), (replace(WAVY, wave_px=0.0, thin_prism=(0.0,) * 4), "OPENCV")):
+        taken = take(Shoot(camera=camera, every=4), np.random.default_rng(6))
+        shape = shape_model(taken.nodes)
+        start = first_state(taken.nodes, taken.views, camera.size, shape)
+        trials = choose_model(("OPENCV", "OPENCV+SPLINE_8X7"), start, taken.nodes, taken.views, shape)
+        assert trials[0].model == best
