@@ -268,7 +268,8 @@ class Step:
     """One entry of the guide's rail: a word for it, what it is about in a sentence or two, and its requests.
 
     `drawing` shows what to do, in lines of ASCII (`procedures.drawings`), until the step has a photograph; `gave` is
-    what the step gave, in at most twelve characters ("s/t 1.28"), of what is known; "" where it gave no number.
+    what the step gave, in at most twelve characters ("s/t 1.28"), of what is known; "" where it gave no number. Nothing
+    of it is asked or done where `when`, of what is known, says no.
     """
 
     name: str
@@ -277,6 +278,7 @@ class Step:
     requests: tuple[Request, ...]
     drawing: str = ""
     gave: Callable[[Facts], str] = lambda facts: ""
+    when: Callable[[Facts], bool] = lambda facts: True
 
 
 @dataclass(frozen=True)

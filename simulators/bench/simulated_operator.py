@@ -15,6 +15,7 @@ import numpy as np
 
 from simulators.bench.body import CameraBody
 from simulators.bench.view import Mount, View
+from simulators.camera.subjects import panel
 from simulators.devices.serial_device import SimClock
 from simulators.world.world import Drive, World
 
@@ -37,10 +38,10 @@ SLOPPY = 0.04
 """Hands do what they are asked to this share of it."""
 SET_UP = (
     "printed",
+    "panel",
     "mounted",
     "wall",
     "scene",
-    "panel",
     "focused",
     "refocused",
     "focused_near",
@@ -136,8 +137,12 @@ class Hands:
             case "printed":
                 view.cell_mm = float(facts.get("chart_width_mm", self._person.width_mm)) / 320 * self._person.printer
             case "mounted":
+                view.sheets = ()  # a panel that was before the lens is put away
                 view.mount = self._mount()
-            case "wall" | "scene" | "panel":
+            case "panel":
+                view.sheets = view.sheets or panel().sheets
+                view.mount = self._before_wall()
+            case "wall" | "scene":
                 view.mount = self._before_wall()
             case "first":
                 self._shake(())

@@ -164,12 +164,35 @@ def _write_sensor(
     return write(folder, planes, head)
 
 
+def _camera() -> Plan:
+    from station.guide.plans.camera import plan
+
+    return plan()
+
+
+def _camera_results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
+    from station.guide.plans.camera import results
+
+    return results(outcomes, terms, facts)
+
+
+def _write_camera(
+    folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead
+) -> str:
+    from station.guide.plans.camera import write
+
+    return write(folder, planes, frames, head)
+
+
 PLANS = {
     "pattern": GuidedProcedure("the PSF from a printed noise chart", _pattern),
     "two-photo": GuidedProcedure("the PSF from two photographs of a textured wall", _two_photo),
     "field": GuidedProcedure("the PSF over the whole frame, place by place", _field, _field_results, _write_field),
     "geometry": GuidedProcedure(
         "intrinsics and distortion, from many chart poses", _geometry, _found_results, _write_geometry
+    ),
+    "camera": GuidedProcedure(
+        "all of a camera: PSF, geometry, colour, vignetting, sensor", _camera, _camera_results, _write_camera
     ),
     "sensor": GuidedProcedure("gain, noise and non-uniformity of a sensor", _sensor, _sensor_results, _write_sensor),
     "restoration": GuidedProcedure(

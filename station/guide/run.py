@@ -239,7 +239,7 @@ class Run:
         self._session.begin_step(step.name)
         self._talk.hear(StepBegan(step))
         try:
-            for request in step.requests:
+            for request in step.requests if step.when(self._talk.facts) else ():
                 self._do(request)
         except Reopened:
             return
