@@ -6,7 +6,7 @@ head brings the chart to its place in the frame, hands turn it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 
@@ -184,7 +184,7 @@ def check_view(number: int, frame: RawFrame, facts: Facts) -> Advice:
     )
     marks = marks_of(sighting)
     if not (readings[1].good and readings[2].good):
-        return turn_chart(pose, wanted, readings, marks, known.where())
+        return turn_chart(pose, wanted, readings, marks)
     if not readings[0].good:
         say = f"The chart is off its place: it shall be seen in {next_view_words(wanted)}."
         return Advice(False, say, readings, moves=correction(location, sighting, plane, known), marks=marks)
@@ -201,10 +201,9 @@ REMEDIES = {
 
 
 def turn_chart(
-    pose: ChartPose, wanted: NextView, readings: tuple[Reading, ...], marks: tuple[tuple[float, float], ...],
-    at: Mapping[str, float],
-) -> Advice:  # fmt: skip
-    """Both turns at once: by hand, or by the rig, where the chart hangs on axes of these names, now `at`."""
+    pose: ChartPose, wanted: NextView, readings: tuple[Reading, ...], marks: tuple[tuple[float, float], ...]
+) -> Advice:
+    """Both turns at once: by the rig, where the chart hangs on axes of these names, else by hand."""
     yaw, pitch = turn_by(pose.yaw_deg, wanted.yaw_deg), turn_by(pose.pitch_deg, wanted.pitch_deg)
     parts = []
     if not readings[1].good:
@@ -213,9 +212,7 @@ def turn_chart(
         parts.append(f"its {'upper' if pitch > 0 else 'lower'} edge nearer, by {abs(pitch):.0f}°")
     say = f"Turn the chart {' and '.join(parts)}."
     turns = {"chart_yaw_deg": yaw, "chart_pitch_deg": pitch}
-    if set(turns) <= set(at):
-        return Advice(False, say, readings, moves=turns, marks=marks)
-    return Advice(False, say, readings, by_hand=turns, marks=marks)
+    return Advice(False, say, readings, moves=turns, by_hand=turns, marks=marks)
 
 
 def turn_by(seen_deg: float, wanted_deg: float) -> float:

@@ -85,6 +85,7 @@ class Hands:
         self._seed = seed
         self._person = person or Person()
         self._asked: dict[str, float] = {}
+        self._held = at.view.held
         self._dioptres = 1 / 5.0
         self.empty_the_room()
 
@@ -111,6 +112,10 @@ class Hands:
             "typed_f_number": camera.lens.f_number,
             "near_mm": round(self._at.world.distance_mm(self._at.clock.now_s()) / TAPE_MM) * TAPE_MM,
             "ratio": self._person.ratio,
+            "screw_count": float(self._held.count),
+            "screw_radius_mm": self._held.radius_mm,
+            "screw_pitch_mm": self._held.pitch_mm,
+            "first_screw_deg": self._held.first_deg,
             **(self._of_depth() if self._at.motions else {}),
         }
         return known.get(key)
@@ -199,6 +204,8 @@ class Hands:
             view.mount = self._mount()
         body.settings.exposure_s = _nearest_third(self._person.exposure_s * 2 ** self._asked.get("exposure_ev", 0.0))
         view.slope = (0.0, 0.0) if self._asked.get("even_light") else self._person.slope
+        turns = [self._asked.get(f"screw_{i}_turns", 0.0) for i in range(1, self._held.count + 1)]
+        view.held = self._held.turned(turns) if any(turns) else self._held
         self._focus()
 
     def _focus(self) -> None:

@@ -184,6 +184,20 @@ def _write_camera(
     return write(folder, planes, frames, head)
 
 
+def _tilt() -> Plan:
+    from station.guide.plans.tilt import plan
+
+    return plan()
+
+
+def _write_tilt(
+    folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead
+) -> str:
+    from station.guide.plans.tilt import write
+
+    return write(folder, planes, frames, head)
+
+
 PLANS = {
     "pattern": GuidedProcedure("the PSF from a printed noise chart", _pattern),
     "two-photo": GuidedProcedure("the PSF from two photographs of a textured wall", _two_photo),
@@ -194,6 +208,7 @@ PLANS = {
     "camera": GuidedProcedure(
         "all of a camera: PSF, geometry, colour, vignetting, sensor", _camera, _camera_results, _write_camera
     ),
+    "tilt": GuidedProcedure("the sensor squared to the lens by its screws", _tilt, _found_results, _write_tilt),
     "sensor": GuidedProcedure("gain, noise and non-uniformity of a sensor", _sensor, _sensor_results, _write_sensor),
     "restoration": GuidedProcedure(
         "picture and depth from two blurred photographs", _restoration, _restoration_results, _write_restoration

@@ -22,6 +22,7 @@ from procedures.whole_camera.plan import QUARTERS, plan
 from simulators.bench.simulated_operator import Person
 from simulators.camera.sensor import Sensor
 from station.bench.opening import simulated_bench
+from station.calibration.field_photographs import photographs
 from station.guide.frontend import Doing, Result, Seen, Shown, StepBegan
 from station.guide.plans.camera import estimate
 from station.guide.recompute import recompute
