@@ -17,8 +17,8 @@ The tutorials go through a first calibration step by step. The how-to pages do o
 command, number, file and option. The explanations say what the numbers mean and how far they can be trusted."""
 FIRST = (
     "without-a-camera", "with-a-camera",
-    "chart", "focus", "two-photographs", "edge", "field", "camera", "batch", "sessions", "devices", "serve", "correct", "restore",
-    "geometry", "vignetting", "tilt", "export", "sensor", "sensor-dumps", "rays", "library", "reproduce",
+    "chart", "focus", "two-photographs", "edge", "field", "batch", "sessions", "devices", "serve", "correct", "restore",
+    "camera", "geometry", "vignetting", "tilt", "export", "sensor", "sensor-dumps", "rays", "library", "reproduce",
     "commands", "numbers", "files", "station-toml", "exit-codes", "environment", "evidence", "dependencies",
     "glossary",
     "psf", "sampling-and-gamma", "whole-psf", "uncertainty", "verdicts", "limits", "reproducibility",

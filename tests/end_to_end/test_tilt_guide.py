@@ -1,4 +1,4 @@
-"""The loop of a sensor's tilt: measured, screws turned by hands that slip, measured again, until it is left as it is."""
+"""The loop of a sensor's tilt: measured, screws turned by hands that slip, measured again, until it is left."""
 
 from __future__ import annotations
 

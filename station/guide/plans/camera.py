@@ -73,14 +73,16 @@ def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes
         found = field.field_of(places, told)
     except Refused as refusal:
         return field.refused(frames, refusal)
+    flats = upright_or_turned(told, facts)
+    of_sensor, of_lens, turned = (picked(frames, marks.__contains__) for marks in (told.lit, flats, told.turned))
     parts: dict[str, Outcome[Any]] = {}
-    if told.lit:
-        parts[SENSOR] = sensor_of(picked(frames, told.lit.__contains__), facts, found)
-    if told.flats:
-        parts[VIGNETTING] = vignetting_of(picked(frames, upright_or_turned(told, facts).__contains__), found)
-    views, reasons = seen_views(picked(frames, told.turned.__contains__), told)
+    if of_sensor:
+        parts[SENSOR] = sensor_of(of_sensor, facts, found)
+    if of_lens:
+        parts[VIGNETTING] = vignetting_of(of_lens, found)
+    views, reasons = seen_views(turned, told)
     camera = whole_camera(found, told.cell_mm, joint_parts(parts), views)
-    if told.turned:
+    if turned:
         lost = "; ".join(reasons)
         parts[GEOMETRY] = replace(camera.geometry, reason="; ".join(filter(None, (camera.geometry.reason, lost))))
     return field.by_plane(field.session_field(found, camera, parts))
