@@ -207,7 +207,8 @@ def foreseen_px(known: WholeCameraFacts, places: int, most: int) -> Sequence[flo
     rows, columns = start.shape
     camera = simple_camera("OPENCV", (start.principal_px,) * 2, ((columns - 1) / 2, (rows - 1) / 2), (columns, rows))
     poses = [as_pose(one) for one in known.before(1 + places)]
-    rim, nodes, errors = geometry_plan.rim_of(start), chart_nodes(known.cell_mm), []
+    rim, nodes = geometry_plan.rim_of(start), chart_nodes(known.cell_mm)
+    errors: list[float] = []
     while len(errors) <= most:
         view = planned_view(camera, poses, nodes, start.distance_mm, geometry_plan.SCATTER_PX, rim)
         if view is None:

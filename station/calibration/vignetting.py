@@ -53,7 +53,7 @@ def measure_flats(paths: Sequence[Path], told: Progress = silent) -> Flats:
 def flats_of(frames: Iterable[RawFrame], told: Progress = silent) -> Flats:
     """The same of photographs that are read one after the other."""
     flats: list[tuple[str, Mapping[str, Plane]]] = []
-    inputs = []
+    inputs: list[tuple[Path, str]] = []
     for frame in frames:
         path = frame.path
         if flats and _kind(frame.planes) != _kind(flats[0][1]):
@@ -83,7 +83,7 @@ def write_vignetting_result(folder: ResultFolder, found: Flats, start: float | N
     folder.write("numbers.csv", numbers_table(numbers))
     together = joint_formula(values)
     folder.write(COVARIANCE, npy(together.covariance))
-    record = {
+    record: dict[str, Any] = {
         "schema": SCHEMA,
         "procedure": "vignetting",
         "input": [{"path": str(path), "sha256": sha256} for path, sha256 in found.inputs],

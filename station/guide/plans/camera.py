@@ -206,7 +206,7 @@ def _write_sensor(
 ) -> str:
     from station.reports.sensor_page import sensor_page  # it draws: that import is slow
 
-    files: SensorFiles = one.value
+    files: SensorFiles = one.result()
     write_sensor_record(folder, files, _of_inputs(head, {told["sha256"] for told in files.inputs}), sensor_page(files))
     return "report.html"
 
@@ -214,7 +214,7 @@ def _write_sensor(
 def _write_vignetting(
     folder: ResultFolder, one: Outcome[Any], plane: str, frames: Sequence[RawFrame], head: RecordHead
 ) -> str:
-    flats: Flats = one.value
+    flats: Flats = one.result()
     inputs = _of_inputs(head, {sha256 for _, sha256 in flats.inputs}).input
     write_vignetting_result(folder, replace(flats, inputs=tuple((Path(told.path), told.sha256) for told in inputs)))
     return "numbers.csv"
@@ -225,7 +225,7 @@ def _write_geometry(
 ) -> str:
     from station.reports.geometry_files import write_plane  # it draws: that import is slow
 
-    geometry: Geometry = one.value
+    geometry: Geometry = one.result()
     sources = {view.view.source for view in geometry.views}
     seen = Picked(frames, [i for i, frame in enumerate(frames) if frame.path.name in sources])
     told = PlaneResult(plane, one.verdict, one.reason, one.remedy, found=geometry, numbers=geometry.numbers())
