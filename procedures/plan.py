@@ -153,11 +153,12 @@ class Home:
 @dataclass(frozen=True)
 class Go:
     """Move to the places that the facts tell, by axis. Where the bench cannot, the operator does what `say` says; "" is
-    nothing to do.
+    nothing to do. `by_hand` is what `say` asks of the operator's hands, in numbers.
     """
 
     to: Callable[[Facts], Mapping[str, float]]
     say: Callable[[Facts], str]
+    by_hand: Callable[[Facts], Mapping[str, float]] = lambda facts: {}
 
 
 @dataclass(frozen=True)
@@ -248,16 +249,24 @@ class Tour:
 
 @dataclass(frozen=True)
 class Estimate:
-    """Draw the result from all shots that count, by plane, and judge it; `known` is what their judging gave."""
+    """Draw the result from all shots that count, by plane, and judge it; `known` is what their judging gave.
+
+    `tells` is what later requests shall know, of what was found by plane.
+    """
 
     estimate: Callable[[Sequence[RawFrame], Facts, Known], Outcomes]
+    tells: Callable[[Mapping[str, Any]], Facts] = lambda found: {}
 
 
 @dataclass(frozen=True)
 class Decide:
-    """Show the verdict and ask the operator: accept, or retake, which goes back to the step named."""
+    """Show the verdict and ask the operator: accept, or retake, which goes back to the step named.
+
+    `again` tells, of what is known, whether to retake is what is usually meant.
+    """
 
     retake: str
+    again: Callable[[Facts], bool] = lambda facts: False
 
 
 Request = Ask | Give | Show | Home | Go | SetLight | Measure | Look | Scan | Shoot | Tour | Estimate | Decide
@@ -268,7 +277,8 @@ class Step:
     """One entry of the guide's rail: a word for it, what it is about in a sentence or two, and its requests.
 
     `drawing` shows what to do, in lines of ASCII (`procedures.drawings`), until the step has a photograph; `gave` is
-    what the step gave, in at most twelve characters ("s/t 1.28"), of what is known; "" where it gave no number.
+    what the step gave, in at most twelve characters ("s/t 1.28"), of what is known; "" where it gave no number. Nothing
+    of it is asked or done where `when`, of what is known, says no.
     """
 
     name: str
@@ -277,6 +287,7 @@ class Step:
     requests: tuple[Request, ...]
     drawing: str = ""
     gave: Callable[[Facts], str] = lambda facts: ""
+    when: Callable[[Facts], bool] = lambda facts: True
 
 
 @dataclass(frozen=True)

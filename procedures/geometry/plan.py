@@ -13,6 +13,7 @@ from functools import lru_cache, partial
 from procedures.advice import changed_settings
 from procedures.drawings import steps as drawings
 from procedures.facts import facts_as
+from procedures.field.facts import TourStart
 from procedures.field.locations import Location
 from procedures.field.plan import MOST_CLIPPED, check_start, correction, light_readings, off_place, to_place
 from procedures.geometry.cameras import simple_camera
@@ -42,7 +43,7 @@ from procedures.plan import (
     Tour,
     TourStop,
 )
-from procedures.raw import RawFrame
+from procedures.raw import Plane, RawFrame
 
 BEFORE = ("print", "mount", "distance", "focus")
 """Steps that are the pattern PSF's."""
@@ -54,6 +55,9 @@ LEAST_RIM = 0.2
 """How near to the frame's sides the chart's centre comes, where the chart is small."""
 TURN_DEG = 7.0
 """How far its turn may be from the one wanted."""
+SURE_DEG, STEP_DEG = 20.0, 25.0
+"""A turn below the first is told by perspective alone, which distortion looks like: from there the chart is turned by
+the second at most before it is looked at again, so that it is not turned out of sight."""
 LEAST_WHITE = 0.15
 """Of the scale: a chart that is turned away is darker."""
 SCATTER_PX = 0.02
@@ -107,11 +111,16 @@ START = (
 def pose_wanted(number: int, known: GeometryFacts) -> NextView:
     """The pose that the projection gains most by, after the views before. Raises Refused where none fits."""
     start = known.begun()
-    rim = (max(start.half[0] + NEAR, LEAST_RIM), max(start.half[1] + NEAR, LEAST_RIM))
-    found = _planned(known.before(number), start.shape, start.principal_px, start.distance_mm, known.cell_mm, rim)
+    before, rim = known.before(number), rim_of(start)
+    found = _planned(before, start.shape, start.principal_px, start.distance_mm, known.cell_mm, rim)
     if found is None:
         raise Refused("the chart fits into the frame in no pose", "go farther away, or print a smaller chart")
     return found
+
+
+def rim_of(start: TourStart) -> tuple[float, float]:
+    """How near to the frame's sides the chart's centre may come, in parts of the frame."""
+    return max(start.half[0] + NEAR, LEAST_RIM), max(start.half[1] + NEAR, LEAST_RIM)
 
 
 @lru_cache(maxsize=64)
@@ -129,10 +138,12 @@ def stops(facts: Facts) -> list[TourStop]:
     """As many as are wanted; where each is, is told by the views before it."""
     wanted = facts_as(GeometryFacts, facts).views
     count = USUAL if wanted is None else int(wanted)
-    return [
-        TourStop(f"view {i} of {count}", Go(partial(to_view, i), partial(say_view, i)), partial(check_view, i))
-        for i in range(1, count + 1)
-    ]
+    return [TourStop(f"view {i} of {count}", way_to(i), partial(check_view, i)) for i in range(1, count + 1)]
+
+
+def way_to(number: int) -> Go:
+    """The way to a view."""
+    return Go(partial(to_view, number), partial(say_view, number))
 
 
 def to_view(number: int, facts: Facts) -> dict[str, float]:
@@ -192,16 +203,22 @@ REMEDIES = {
 def turn_chart(
     pose: ChartPose, wanted: NextView, readings: tuple[Reading, ...], marks: tuple[tuple[float, float], ...]
 ) -> Advice:
-    """Both turns at once, by hand."""
-    yaw, pitch = wanted.yaw_deg - pose.yaw_deg, wanted.pitch_deg - pose.pitch_deg
+    """Both turns at once: by the rig, where the chart hangs on axes of these names, else by hand."""
+    yaw, pitch = turn_by(pose.yaw_deg, wanted.yaw_deg), turn_by(pose.pitch_deg, wanted.pitch_deg)
     parts = []
     if not readings[1].good:
         parts.append(f"about its upright axis by {abs(yaw):.0f}°, its {'right' if yaw > 0 else 'left'} edge nearer")
     if not readings[2].good:
         parts.append(f"its {'upper' if pitch > 0 else 'lower'} edge nearer, by {abs(pitch):.0f}°")
     say = f"Turn the chart {' and '.join(parts)}."
-    by_hand = {"chart_yaw_deg": yaw, "chart_pitch_deg": pitch}
-    return Advice(False, say, readings, by_hand=by_hand, marks=marks)
+    turns = {"chart_yaw_deg": yaw, "chart_pitch_deg": pitch}
+    return Advice(False, say, readings, moves=turns, by_hand=turns, marks=marks)
+
+
+def turn_by(seen_deg: float, wanted_deg: float) -> float:
+    """By how much to turn the chart next."""
+    turn = wanted_deg - seen_deg
+    return turn if abs(seen_deg) >= SURE_DEG else min(max(turn, -STEP_DEG), STEP_DEG)
 
 
 # --- estimate ----------------------------------------------------------------------------------------------------
@@ -210,20 +227,31 @@ def turn_chart(
 def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes:
     """The camera from all views, by the plane that they were measured in."""
     told = facts_as(GeometryFacts, facts)
+    name, size = _measured(shown(frames[0])) if frames else ("", (0, 0))
+    views, reasons = seen_views(frames, told)
+    found = calibrate_geometry(views, size, GeometryParameters(told.cell_mm))
+    if found.value is None and reasons:
+        return {name: replace(found, reason=f"{found.reason}; {reasons[0]}")}
+    return {name: found}
+
+
+def _measured(plane: Plane) -> tuple[str, tuple[int, int]]:
+    """The plane's name, and columns and rows of the sensor."""
+    rows, columns = plane.samples.shape
+    return plane.name, (columns * plane.pitch, rows * plane.pitch)
+
+
+def seen_views(frames: Sequence[RawFrame], told: GeometryFacts) -> tuple[list[ChartView], list[str]]:
+    """The views of those photographs that tell one, and why the others tell none."""
     views: list[ChartView] = []
-    name, size, reasons = "", (0, 0), []
+    reasons = []
     for frame in frames:
-        plane = shown(frame)
-        name, size = plane.name, (plane.samples.shape[1] * plane.pitch, plane.samples.shape[0] * plane.pitch)
         try:
-            seen = view_of(plane, told.chart, frame.path.name)
+            seen = view_of(shown(frame), told.chart, frame.path.name)
         except Refused as refusal:
             seen = Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
         if seen.value is None:
             reasons.append(f"{frame.path.name}: {seen.reason}")
         else:
             views.append(seen.value)
-    found = calibrate_geometry(views, size, GeometryParameters(told.cell_mm))
-    if found.value is None and reasons:
-        return {name: replace(found, reason=f"{found.reason}; {reasons[0]}")}
-    return {name: found}
+    return views, reasons

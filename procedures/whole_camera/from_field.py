@@ -15,7 +15,7 @@ from procedures.geometry.estimate import Geometry, GeometryParameters, calibrate
 from procedures.geometry.photographs import on_sensor
 from procedures.geometry.response import camera_response
 from procedures.geometry.shape import shape_model
-from procedures.geometry.views import chart_nodes
+from procedures.geometry.views import ChartView, chart_nodes
 from procedures.outcome import Outcome, Verdict
 from procedures.psf_field import moved_by_priors
 from procedures.whole_camera.joint import ChartKey, JointNumbers, Part, join
@@ -47,7 +47,9 @@ class WholeCamera:
     geometry: Outcome[Geometry]
 
 
-def whole_camera(found: FieldResult, cell_mm: float, others: Sequence[Part] = ()) -> WholeCamera:
+def whole_camera(
+    found: FieldResult, cell_mm: float, others: Sequence[Part] = (), views: Sequence[ChartView] = ()
+) -> WholeCamera:
     """The camera of a field.
 
     Parameters
@@ -57,9 +59,11 @@ def whole_camera(found: FieldResult, cell_mm: float, others: Sequence[Part] = ()
         Side of a printed cell: distances hang on it, the camera does not.
     others : sequence of Part
         What other photographs tell.
+    views : sequence of ChartView
+        The same chart in photographs for the geometry alone, turned away or elsewhere.
     """
     charts = charts_of(found)
-    geometry = field_geometry(found, charts[found.reference], cell_mm)
+    geometry = field_geometry(found, charts[found.reference], cell_mm, views)
     parts = []
     if geometry.value is not None:
         parts.append(geometry_part(found, geometry.value, charts[found.reference], chart_nodes(cell_mm)))
@@ -167,15 +171,17 @@ def _power(letter: str, exponent: int) -> str:
 # --- geometry ----------------------------------------------------------------------------------------------------
 
 
-def field_geometry(found: FieldResult, charts: Sequence[SeenChart], cell_mm: float) -> Outcome[Geometry]:
-    """The camera from the bins of the charts of the reference plane, each photograph a view."""
+def field_geometry(
+    found: FieldResult, charts: Sequence[SeenChart], cell_mm: float, more: Sequence[ChartView] = ()
+) -> Outcome[Geometry]:
+    """The camera from the bins of the charts of the reference plane, each photograph a view, and from more views."""
     sources = [one.node.source for one in charts]
     if len(set(sources)) < len(sources):
         reason = "photographs with several charts tell no geometry: every print has a shape of its own"
         return Outcome(None, Verdict.REFUSED, reason, "photograph one chart in many poses, see the plan geometry")
     plane = found.measured.planes[found.reference]
     rows, columns = plane.samples.shape
-    views = [on_sensor(one.correspondences, plane, one.node.source) for one in charts]
+    views = [*(on_sensor(one.correspondences, plane, one.node.source) for one in charts), *more]
     return calibrate_geometry(views, (columns * plane.pitch, rows * plane.pitch), GeometryParameters(cell_mm))
 
 
@@ -187,7 +193,8 @@ def geometry_part(found: FieldResult, geometry: Geometry, charts: Sequence[SeenC
     shape = replace(shape_model(nodes), node_mm=np.array(geometry.shape.node_mm))
     with_charts = {}
     for view, response in zip(views, camera_response(adjusted, nodes, views, shape), strict=True):
-        one = seen[view.source]
+        if (one := seen.get(view.source)) is None:
+            continue
         points = plane.pitch * one.shared.of_points(one.registration, one.correspondences.points)
         with_charts[_key(found.reference, one)] = geometry.residual_scale * np.einsum("pna,nac->pc", response, points)
     camera = geometry.camera

@@ -112,6 +112,7 @@ class SimulatedBench:
         self.__dict__.pop("hands", None)
         shown = SUBJECTS[subject](np.random.default_rng(self._seed))
         self.subject, self.view.sheets, self.motions = subject, shown.sheets, shown.motions
+        self.view.held = replace(self.view.held, slopes=shown.slopes)
         lens = replace(self.view.camera.lens, f_number=shown.f_number)
         self.view.camera = replace(self.view.camera, lens=lens)
         self.world.room = replace(self._room, arm_mm=float("inf")) if shown.motions else self._room

@@ -15,6 +15,7 @@ import numpy as np
 
 from simulators.bench.body import CameraBody
 from simulators.bench.view import Mount, View
+from simulators.camera.subjects import panel
 from simulators.devices.serial_device import SimClock
 from simulators.world.world import Drive, World
 
@@ -37,10 +38,10 @@ SLOPPY = 0.04
 """Hands do what they are asked to this share of it."""
 SET_UP = (
     "printed",
+    "panel",
     "mounted",
     "wall",
     "scene",
-    "panel",
     "focused",
     "refocused",
     "focused_near",
@@ -84,6 +85,7 @@ class Hands:
         self._seed = seed
         self._person = person or Person()
         self._asked: dict[str, float] = {}
+        self._held = at.view.held
         self._dioptres = 1 / 5.0
         self.empty_the_room()
 
@@ -111,6 +113,10 @@ class Hands:
             "typed_f_number": camera.lens.f_number,
             "near_mm": round(self._at.world.distance_mm(self._at.clock.now_s()) / TAPE_MM) * TAPE_MM,
             "ratio": self._person.ratio,
+            "screw_count": float(self._held.count),
+            "screw_radius_mm": self._held.radius_mm,
+            "screw_pitch_mm": self._held.pitch_mm,
+            "first_screw_deg": self._held.first_deg,
             **(self._of_depth() if self._at.motions else {}),
         }
         return known.get(key)
@@ -137,8 +143,12 @@ class Hands:
             case "printed":
                 view.cell_mm = float(facts.get("chart_width_mm", self._person.width_mm)) / 320 * self._person.printer
             case "mounted":
+                view.sheets = ()  # a panel that was before the lens is put away
                 view.mount = self._mount()
-            case "wall" | "scene" | "panel":
+            case "panel":
+                view.sheets = view.sheets or panel().sheets
+                view.mount = self._before_wall()
+            case "wall" | "scene":
                 view.mount = self._before_wall()
             case "first":
                 self._shake(())
@@ -195,6 +205,8 @@ class Hands:
             view.mount = self._mount()
         body.settings.exposure_s = _nearest_third(self._person.exposure_s * 2 ** self._asked.get("exposure_ev", 0.0))
         view.slope = (0.0, 0.0) if self._asked.get("even_light") else self._person.slope
+        turns = [self._asked.get(f"screw_{i}_turns", 0.0) for i in range(1, self._held.count + 1)]
+        view.held = self._held.turned(turns) if any(turns) else self._held
         self._focus()
 
     def _focus(self) -> None:

@@ -14,6 +14,7 @@ from procedures.pattern import Chart
 from simulators.bench.body import Opening
 from simulators.camera.camera import Lens, Photograph, SimulatedCamera
 from simulators.camera.optics import Optics, Path
+from simulators.camera.pupil import defocus_um
 from simulators.camera.sensor import Sensor
 from simulators.camera.sheets import Frame, PlacedSheet, Sheet, draw, draw_moving
 from simulators.camera.truth import ChartTruth
@@ -54,6 +55,43 @@ class Mount:
         return Rotation.from_euler("ZYX", [self.roll_deg, self.yaw_deg, self.pitch_deg], degrees=True)
 
 
+@dataclass(frozen=True)
+class SensorMount:
+    """Screws that hold the sensor, equally spaced about its centre, and how they stand.
+
+    Attributes
+    ----------
+    slopes : (x, y)
+        The sensor behind the image of a chart that is square to the lens, in um/mm, right and down as the photograph
+        counts.
+    count, radius_mm, pitch_mm, first_deg
+        Of the screws; the first is so far clockwise from the top for who stands behind the camera.
+    """
+
+    slopes: tuple[float, float] = (0.0, 0.0)
+    count: int = 3
+    radius_mm: float = 12.0
+    pitch_mm: float = 0.35
+    first_deg: float = 30.0
+
+    def turned(self, turns: Sequence[float]) -> SensorMount:
+        """The same after turns of the screws, each of which moves its place away from the lens by its pitch.
+
+        Seen from behind the camera a screw at the right is where the photograph's left falls, one at the top where its
+        lower edge does.
+        """
+        angles = np.radians(self.first_deg + 360 * np.arange(self.count) / self.count)
+        at = self.radius_mm * np.column_stack([-np.sin(angles), np.cos(angles)])
+        moved = np.linalg.lstsq(np.column_stack([np.ones(self.count), at]), 1000 * self.pitch_mm * np.array(turns))[0]
+        return replace(self, slopes=(self.slopes[0] + float(moved[1]), self.slopes[1] + float(moved[2])))
+
+    def tilt_um(self, camera: SimulatedCamera) -> tuple[float, float]:
+        """What the slopes are as the lens counts them: defocus per half diagonal."""
+        half_mm = np.hypot(camera.sensor.rows, camera.sensor.columns) * camera.pitch_um / 2000
+        x, y = (defocus_um(slope * half_mm / 1000, camera.lens.f_number) for slope in self.slopes)
+        return x, y
+
+
 def mean_pose(centres: Array, turns: Rotation) -> ChartPose:
     """Of a flat thing, from its centre and turn at each instant of an exposure."""
     x, y, z = (float(value) for value in centres.mean(axis=0))
@@ -73,8 +111,8 @@ class View:
     `focus_mm` None focuses on the chart before each exposure; a fixed focus drifts by `focus_drift_mm_per_c`.
     `mount` None: nothing hangs there. `sheets`: what hangs there in place of the chart, from the back to the front, in
     light that does not change over them; a photograph's truths are theirs, in texels. `slope`: how the light changes
-    over the chart, from its centre to its sides. The noise of a frame follows from the seed of `rng` and the opening's
-    number, however many were taken before it.
+    over the chart, from its centre to its sides. `held`: how the sensor stands in the camera. The noise of a frame
+    follows from the seed of `rng` and the opening's number, however many were taken before it.
     """
 
     world: World
@@ -87,6 +125,7 @@ class View:
     mount: Mount | None = field(default_factory=Mount)
     slope: tuple[float, float] = (0.0, 0.0)
     sheets: tuple[Sheet, ...] = ()
+    held: SensorMount = field(default_factory=SensorMount)
     taken: list[Photograph] = field(default_factory=list)
 
     def chart_seen(self, pose: CameraPoses, behind_mm: float = 0.0) -> tuple[Array, Rotation]:
@@ -112,7 +151,8 @@ class View:
         light = Light(self.world.lamp(middle_s)) if self.mount is None else self._light(placed, middle_s)
         scene = Scene((placed,) if self.mount else (), Wall(centre[2] + 500.0), light)
         focus_mm = self._focus_mm(middle_s, float(centre[2]))
-        camera = replace(self.camera, focus_mm=focus_mm, optics=self._optics(centres, focus_mm))
+        lens = replace(self.camera.lens, tilt_um=self.held.tilt_um(self.camera))
+        camera = replace(self.camera, lens=lens, focus_mm=focus_mm, optics=self._optics(centres, focus_mm))
         return camera.photograph(scene, self._noise(opening.number), path, exposure_s=opening.exposure_s)
 
     def _of_sheets(self, opening: Opening, path: FilePath | None) -> Photograph:

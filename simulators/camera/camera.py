@@ -44,6 +44,8 @@ class Lens:
         A tilted sensor: defocus, as root mean square path difference, per half diagonal along x and y.
     lateral_colour : float
         Relative growth of the image per micrometre of wavelength, 1 in green.
+    vignetting : (float, float, float)
+        Light about the lens's axis is 1 + k1 q^2 + k2 q^4 + k3 q^6, q in half diagonals.
     noted : bool
         Whether the camera knows the lens, and notes aperture and focal length.
     """
@@ -59,6 +61,7 @@ class Lens:
     axis: tuple[float, float] = (0.0, 0.0)
     tilt_um: tuple[float, float] = (0.0, 0.0)
     lateral_colour: float = 0.0
+    vignetting: tuple[float, float, float] = (0.0, 0.0, 0.0)
     noted: bool = True
 
     def wavefront(self, x: float, y: float) -> Wavefront:
@@ -74,6 +77,14 @@ class Lens:
             coma_x_um=coma * x,
             spherical_um=self.spherical_um,
         )
+
+    def falloff(self, shape: tuple[int, int]) -> npt.NDArray[np.float32]:
+        """The light of an evenly lit frame (rows, columns), 1 on the lens's axis."""
+        (rows, columns), (k1, k2, k3) = shape, self.vignetting
+        radius = math.hypot(rows, columns) / 2
+        x, y = ((np.arange(size) - (size - 1) / 2) / radius for size in (columns, rows))
+        q2 = (x - self.axis[0]) ** 2 + (y[:, None] - self.axis[1]) ** 2
+        return (1 + q2 * (k1 + q2 * (k2 + q2 * k3))).astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,6 +225,8 @@ class SimulatedCamera:
         aperture = (NOMINAL_F_NUMBER / self.lens.f_number) ** 2
         sensor = self.sensor.at_iso(iso)
         seen = self.light(scene) if light is None else light
+        if any(self.lens.vignetting):
+            seen = seen * self.lens.falloff((sensor.rows, sensor.columns))
         mosaic = sensor.expose(seen, self.white_e_per_s * exposure_s * aperture, rng)
         truths = tuple(
             ChartTruth(

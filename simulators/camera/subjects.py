@@ -39,13 +39,14 @@ MOTIONS = (
 class Subject:
     """Sheets from the back to the front; none: the chart.
 
-    `f_number`: the lens is stopped down to it. `motions`: what the rig's shaker can do; only that turns the camera of
-    such a rig, along which it otherwise shifts.
+    `f_number`: the lens is stopped down to it. `slopes`: of the sensor behind the image, in um/mm. `motions`: what the
+    rig's shaker can do; only that turns the camera of such a rig, along which it otherwise shifts.
     """
 
     sheets: tuple[Sheet, ...] = ()
     f_number: float = NOMINAL_F_NUMBER
     motions: tuple[tuple[Drive, ...], ...] = ()
+    slopes: tuple[float, float] = (0.0, 0.0)
 
 
 def wall(rng: np.random.Generator) -> Subject:
@@ -75,9 +76,13 @@ PANEL_MM = 4000.0
 """Side of the light panel: it fills the frame from anywhere on the rail."""
 
 
-def panel(rng: np.random.Generator) -> Subject:
+def panel() -> Subject:
     """A panel that shines evenly."""
     return Subject((Sheet(np.ones((8, 8), dtype=np.float32), PANEL_MM / 8),))
+
+
+TILT_F_NUMBER, TILT_SLOPES = 2.8, (9.0, -6.0)
+"""Of a camera, before the chart, whose sensor is to be squared to its lens: 34 um from side to side of a small one."""
 
 
 def _cover(inside: npt.NDArray[np.bool_]) -> Frame:
@@ -86,8 +91,9 @@ def _cover(inside: npt.NDArray[np.bool_]) -> Frame:
 
 SUBJECTS: Mapping[str, Callable[[np.random.Generator], Subject]] = {
     "chart": lambda rng: Subject(),
+    "tilt": lambda rng: Subject(f_number=TILT_F_NUMBER, slopes=TILT_SLOPES),
     "wall": wall,
     "depth": depth,
-    "panel": panel,
+    "panel": lambda rng: panel(),
 }
 """By the name that plans call them."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from procedures.tilt.estimate import Tilt, TiltParameters, chart_slope, estimate
 from procedures.tilt.positions import behind_lens_um
 from station.common.versions import software
 from station.results.exports import csv_bytes, numbers_table
+from station.results.record_head import InputFile, RecordHead
 from station.results.result_files import ResultFolder, write_record
 
 SCHEMA = "station/tilt/1"
@@ -78,6 +79,19 @@ def write_tilt_result(
     page: str | None = None,
 ) -> str:
     """Write the places' table, the numbers and the record; returns the record's text."""
+    files = tuple(InputFile(str(path), sha256) for path, sha256 in measured.frames)
+    return write_tilt_record(folder, RecordHead("tilt", files, dict(parameters)), plane, outcome, page, start)
+
+
+def write_tilt_record(
+    folder: ResultFolder,
+    head: RecordHead,
+    plane: str,
+    outcome: Outcome[Tilt],
+    page: str | None = None,
+    start: float | None = None,
+) -> str:
+    """The same; `start` tells when it began where that is to be told."""
     entry: dict[str, Any] = {"verdict": str(outcome.verdict), "reason": outcome.reason, "remedy": outcome.remedy}
     if (found := outcome.value) is not None:
         folder.write("tilt.csv", csv_bytes(_places(found)))
@@ -85,16 +99,9 @@ def write_tilt_result(
         entry |= {**{name: asdict(one) for name, one in found.numbers().items()}, **_told(found)}
     if page is not None:
         folder.write(PAGE, page.encode())
-    record = {
-        "schema": SCHEMA,
-        "procedure": "tilt",
-        "input": [{"path": str(path), "sha256": sha256} for path, sha256 in measured.frames],
-        "parameters": dict(parameters),
-        "planes": {plane: entry},
-        "software": software(),
-        "duration_s": round(time.perf_counter() - start, 3),
-    }
-    return write_record(folder, record)
+    if start is not None:
+        head = replace(head, duration_s=round(time.perf_counter() - start, 3))
+    return write_record(folder, {"schema": SCHEMA, **head.told(), "planes": {plane: entry}, "software": software()})
 
 
 def _told(found: Tilt) -> dict[str, Any]:

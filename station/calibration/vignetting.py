@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from procedures.outcome import BadInput, BadParameter, Outcome
-from procedures.raw import Plane, read_frame
+from procedures.raw import Plane, RawFrame, read_frame
 from procedures.reading.arrays import read_npy
 from procedures.reading.guard import decoding
 from procedures.reading.text import read_json
@@ -47,13 +47,18 @@ class StoredVignetting:
 
 def measure_flats(paths: Sequence[Path], told: Progress = silent) -> Flats:
     """Vignetting from photographs of even light; raises BadInput where they are not of one camera."""
+    return flats_of(map(read_frame, paths), told)
+
+
+def flats_of(frames: Iterable[RawFrame], told: Progress = silent) -> Flats:
+    """The same of photographs that are read one after the other."""
     flats: list[tuple[str, Mapping[str, Plane]]] = []
-    inputs = []
-    for path in paths:
-        frame = read_frame(path)
+    inputs: list[tuple[Path, str]] = []
+    for frame in frames:
+        path = frame.path
         if flats and _kind(frame.planes) != _kind(flats[0][1]):
             raise BadInput(
-                f"flats have the same planes and sizes; {path.name} has others than {paths[0].name}",
+                f"flats have the same planes and sizes; {path.name} has others than {inputs[0][0].name}",
                 "give photographs of one camera, in one format",
             )
         flats.append((path.name, frame.planes))
@@ -66,8 +71,11 @@ def _kind(planes: Mapping[str, Plane]) -> dict[str, tuple[int, ...]]:
     return {name: plane.samples.shape for name, plane in planes.items()}
 
 
-def write_vignetting_result(folder: ResultFolder, found: Flats, start: float) -> str:
-    """Write each plane's map, the table of all numbers, and the record; returns the record's text."""
+def write_vignetting_result(folder: ResultFolder, found: Flats, start: float | None = None) -> str:
+    """Write each plane's map, the table of all numbers, and the record; returns the record's text.
+
+    `start` tells when it began, where that is to be told.
+    """
     values = {name: one.value for name, one in found.planes.items() if one.value is not None}
     for name, value in values.items():
         folder.write(f"vignetting_{name}.csv", csv_bytes(_map_rows(value)))
@@ -75,7 +83,7 @@ def write_vignetting_result(folder: ResultFolder, found: Flats, start: float) ->
     folder.write("numbers.csv", numbers_table(numbers))
     together = joint_formula(values)
     folder.write(COVARIANCE, npy(together.covariance))
-    record = {
+    record: dict[str, Any] = {
         "schema": SCHEMA,
         "procedure": "vignetting",
         "input": [{"path": str(path), "sha256": sha256} for path, sha256 in found.inputs],
@@ -88,8 +96,9 @@ def write_vignetting_result(folder: ResultFolder, found: Flats, start: float) ->
             "covariance": COVARIANCE,
         },
         "software": software(),
-        "duration_s": round(time.perf_counter() - start, 3),
     }
+    if start is not None:
+        record["duration_s"] = round(time.perf_counter() - start, 3)
     return write_record(folder, record)
 
 

@@ -164,6 +164,40 @@ def _write_sensor(
     return write(folder, planes, head)
 
 
+def _camera() -> Plan:
+    from station.guide.plans.camera import plan
+
+    return plan()
+
+
+def _camera_results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
+    from station.guide.plans.camera import results
+
+    return results(outcomes, terms, facts)
+
+
+def _write_camera(
+    folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead
+) -> str:
+    from station.guide.plans.camera import write
+
+    return write(folder, planes, frames, head)
+
+
+def _tilt() -> Plan:
+    from station.guide.plans.tilt import plan
+
+    return plan()
+
+
+def _write_tilt(
+    folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead
+) -> str:
+    from station.guide.plans.tilt import write
+
+    return write(folder, planes, frames, head)
+
+
 PLANS = {
     "pattern": GuidedProcedure("the PSF from a printed noise chart", _pattern),
     "two-photo": GuidedProcedure("the PSF from two photographs of a textured wall", _two_photo),
@@ -171,6 +205,10 @@ PLANS = {
     "geometry": GuidedProcedure(
         "intrinsics and distortion, from many chart poses", _geometry, _found_results, _write_geometry
     ),
+    "camera": GuidedProcedure(
+        "all of a camera: PSF, geometry, colour, vignetting, sensor", _camera, _camera_results, _write_camera
+    ),
+    "tilt": GuidedProcedure("the sensor squared to the lens by its screws", _tilt, _found_results, _write_tilt),
     "sensor": GuidedProcedure("gain, noise and non-uniformity of a sensor", _sensor, _sensor_results, _write_sensor),
     "restoration": GuidedProcedure(
         "picture and depth from two blurred photographs", _restoration, _restoration_results, _write_restoration

@@ -239,7 +239,7 @@ class Run:
         self._session.begin_step(step.name)
         self._talk.hear(StepBegan(step))
         try:
-            for request in step.requests:
+            for request in step.requests if step.when(self._talk.facts) else ():
                 self._do(request)
         except Reopened:
             return
@@ -317,7 +317,7 @@ class Run:
             self._talk.attempt(lambda: self._rig.go_to(places), self._rig.mend)
             self._moved()
         else:
-            self._talk.by_hand(Advice(False, say), obstacle)
+            self._talk.by_hand(Advice(False, say, by_hand=go.by_hand(facts)), obstacle)
             self._consent.withdraw()
 
     @_carry.register
@@ -363,11 +363,13 @@ class Run:
 
         folder, found = self._talk.attempt(lambda: derive(self._session, self.plan, self._step.name, told, self._known))
         self._result = found
+        self._talk.learn(estimate.tells({name: one.found for name, one in found.planes.items()}))
         self._talk.hear(Result(folder, found.planes, found.verdict, found.reason, found.remedy))
 
     @_carry.register
     def _(self, decide: Decide) -> None:
-        if self._talk.choose("verdict", "Accept it, or take the shots again?", (ACCEPT, RETAKE)) == RETAKE:
+        choices = (RETAKE, ACCEPT) if decide.again(self._talk.facts) else (ACCEPT, RETAKE)
+        if self._talk.choose("verdict", "Accept it, or take the shots again?", choices) == RETAKE:
             self._session.reopen(decide.retake)
             raise Reopened
 

@@ -18,7 +18,7 @@ command, number, file and option. The explanations say what the numbers mean and
 FIRST = (
     "without-a-camera", "with-a-camera",
     "chart", "focus", "two-photographs", "edge", "field", "batch", "sessions", "devices", "serve", "correct", "restore",
-    "geometry", "vignetting", "tilt", "export", "sensor", "sensor-dumps", "rays", "library", "reproduce",
+    "camera", "geometry", "vignetting", "tilt", "export", "sensor", "sensor-dumps", "rays", "library", "reproduce",
     "commands", "numbers", "files", "station-toml", "exit-codes", "environment", "evidence", "dependencies",
     "glossary",
     "psf", "sampling-and-gamma", "whole-psf", "uncertainty", "verdicts", "limits", "reproducibility",

@@ -8,6 +8,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
+from procedures.outcome import Verdict
+
 
 class ReadFile(Protocol):
     """A file that was read: a photograph, a frame of a session."""
@@ -65,6 +67,16 @@ class RecordHead:
             "duration_s": self.duration_s,
         }
         return {name: value for name, value in told.items() if value is not None}
+
+
+@dataclass(frozen=True)
+class PartBeside:
+    """A result in a folder beside a record: the verdict on it, and the file of it to look into first, "" for none."""
+
+    verdict: Verdict
+    reason: str
+    remedy: str
+    look: str
 
 
 def files_read(files: Sequence[ReadFile]) -> tuple[InputFile, ...]:

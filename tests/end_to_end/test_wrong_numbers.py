@@ -12,7 +12,7 @@ from station.guide.frontend import StepEnded, Trouble
 from station.guide.run import Run
 from station.guide.scripted import Scripted
 from station.sessions.session import Session
-from tests.end_to_end.test_field_guide import as_left
+from tests.end_to_end.test_camera_guide import as_left
 
 pytestmark = pytest.mark.slow
 CASES = {

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
+from typing import Any
 
 from procedures.facts import facts_as
 from procedures.field import plan as guide
@@ -25,9 +26,13 @@ from station.results.terms import Terms
 
 @dataclass(frozen=True, eq=False)
 class SessionField(FieldResult):
-    """A field with all that its photographs tell of the camera beside it."""
+    """A field with all that its session tells of the camera beside it.
+
+    `parts`: by its name what each other procedure answered, of the same mounting.
+    """
 
     camera: WholeCamera | None = None
+    parts: Mapping[str, Outcome[Any]] = field(default_factory=dict)
 
 
 def plan() -> Plan:
@@ -38,6 +43,15 @@ def plan() -> Plan:
 def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes:
     """By plane the whole field, with the plane's verdict; a refusal in its place where the photographs give none."""
     told = facts_as(FieldFacts, facts)
+    try:
+        found = field_of(frames, told)
+    except Refused as refusal:
+        return refused(frames, refusal)
+    return by_plane(session_field(found, whole_camera(found, told.cell_mm)))
+
+
+def field_of(frames: Sequence[RawFrame], told: FieldFacts) -> FieldResult:
+    """The field of its photographs. Raises Refused where none gives a PSF."""
     measured = measure_frames(frames, told.chart, told.parameters)
     exposure = measured.exposures[0].exposure if measured.exposures else None
     limit = (
@@ -45,17 +59,26 @@ def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes
         if exposure
         else (lambda plane: None)
     )
-    try:
-        found = _with_camera(conclude(measured, limit=limit), told.cell_mm)
-    except Refused as refusal:
-        names = frames[0].planes if frames else ()
-        return {name: Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy) for name in names}
-    return {name: _of_whole(found, one) for name, one in found.planes.items()}
+    return conclude(measured, limit=limit)
 
 
-def _with_camera(found: FieldResult, cell_mm: float) -> SessionField:
+def refused(frames: Sequence[RawFrame], refusal: Refused) -> Outcomes:
+    """The refusal, of every plane."""
+    names = frames[0].planes if frames else ()
+    return {name: Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy) for name in names}
+
+
+def session_field(
+    found: FieldResult, camera: WholeCamera, parts: Mapping[str, Outcome[Any]] | None = None
+) -> SessionField:
+    """The field with what else its session tells."""
     kept = {one.name: getattr(found, one.name) for one in fields(FieldResult)}
-    return SessionField(**kept, camera=whole_camera(found, cell_mm))
+    return SessionField(**kept, camera=camera, parts=parts or {})
+
+
+def by_plane(found: SessionField) -> Outcomes:
+    """By plane the whole of it, with the plane's verdict."""
+    return {name: _of_whole(found, one) for name, one in found.planes.items()}
 
 
 def _of_whole(found: FieldResult, one: Outcome[PlaneField]) -> Outcome[FieldResult]:

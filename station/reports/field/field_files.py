@@ -27,7 +27,7 @@ from station.reports.otf_figures import FrequencyAxis
 from station.reports.pattern_report import Report, report_of_files
 from station.results.overlay import HeightOverlay
 from station.results.plane_result import PlaneResult
-from station.results.record_head import InputFile, RecordHead
+from station.results.record_head import InputFile, PartBeside, RecordHead
 from station.results.result_files import ResultFolder, json_text, write_psf_result
 from station.results.terms import Terms
 from station.results.units import told_quantity
@@ -83,13 +83,22 @@ def with_medians(one: PlaneResult, found: FieldResult) -> PlaneResult:
 
 
 def write_planes(
-    folder: ResultFolder, planes: Sequence[PlaneResult], head: RecordHead, camera: WholeCamera | None = None
+    folder: ResultFolder,
+    planes: Sequence[PlaneResult],
+    head: RecordHead,
+    camera: WholeCamera | None = None,
+    *,
+    lights: Mapping[str, LightSurface] | None = None,
+    beside: Mapping[str, PartBeside] | None = None,
 ) -> str:
-    """The same files of planes that have found a field, all the same one; the record of its refusal where none has."""
+    """The same files of planes that have found a field, all the same one; the record of its refusal where none has.
+
+    `beside` are the results of other parts of the same session, which record and page tell of.
+    """
     found = next((one.found for one in planes if one.found is not None), None)
     if found is None:
         return write_psf_result(folder, planes, head)
-    return write_field(folder, found, planes, head, camera=camera)
+    return write_field(folder, found, planes, head, camera=camera, lights=lights, beside=beside)
 
 
 def write_field(
@@ -103,6 +112,7 @@ def write_field(
     lights: Mapping[str, LightSurface] | None = None,
     overlays: Sequence[HeightOverlay] = (),
     camera: WholeCamera | None = None,
+    beside: Mapping[str, PartBeside] | None = None,
 ) -> str:
     """All files; `start` tells when it began, where that is to be told; `overlays` are drawn over the page's curves."""
     measured = found.measured
@@ -121,6 +131,8 @@ def write_field(
         entry["vignetting"] = {name: _light_told(one) for name, one in lights.items()}
     if fitted and camera is not None:
         entry["camera"] = _camera_told(camera)
+    if beside:
+        entry["parts"] = {name: asdict(one) for name, one in beside.items()}
     head = replace(head, field=entry)
     if fitted:
         fields = {name: one.interpolation for name, one in fitted.items()}
@@ -140,7 +152,9 @@ def write_field(
             if one.name in curves:
                 folder.write(f"{stem}_{one.name}.csv", heights_table(curves[one.name], axis, mm))
     if report:
-        page = field_page(found, planes, head, software(), heights, overlays, lights, camera if fitted else None)
+        page = field_page(
+            found, planes, head, software(), heights, overlays, lights, camera if fitted else None, beside
+        )
         folder.write(PAGE, page.encode())
     return write_psf_result(folder, planes, head)
 

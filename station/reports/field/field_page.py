@@ -21,7 +21,7 @@ from station.reports.otf_figures import FrequencyAxis
 from station.reports.page import render
 from station.results.overlay import HeightOverlay
 from station.results.plane_result import PlaneResult
-from station.results.record_head import RecordHead
+from station.results.record_head import PartBeside, RecordHead
 from station.results.terms import specification_verdict
 from station.results.units import Unit, told_quantity
 
@@ -48,6 +48,7 @@ def field_page(
     overlays: Sequence[HeightOverlay] = (),
     lights: Mapping[str, LightSurface] | None = None,
     camera: WholeCamera | None = None,
+    beside: Mapping[str, PartBeside] | None = None,
 ) -> str:
     """The page; `results` are the planes' answers at the frame's centre, in the terms that were asked for.
 
@@ -55,6 +56,7 @@ def field_page(
     overlays : other fields, whose MTF is drawn over these where they tell it in the same units
     lights : by plane, its vignetting, where that was measured
     camera : all else that the charts tell, where that was asked for
+    beside : by name, the results of other parts of the same session
     """
     judged = specification_verdict(results)
     verdicts = [one.verdict for one in results]
@@ -83,6 +85,7 @@ def field_page(
         focus=_focus(found),
         lights=light_figures(lights or {}),
         camera=camera and camera_section(camera),
+        beside=beside or {},
         reader=_reader(*fitted[0]) if fitted else "",
         software=software,
     )

@@ -204,6 +204,12 @@ def test_a_decentred_lens_is_free_of_field_aberrations_on_its_own_axis():
     assert not lens.wavefront(0.0, 0.0).flat
 
 
+def test_a_lens_darkens_about_its_own_axis():
+    light = Lens(vignetting=(-0.3, 0.1, -0.05), axis=(0.6, 0.0)).falloff((301, 401))  # 250 to a corner but for the rim
+    assert light[150, 350] == pytest.approx(1.0, abs=1e-4)
+    assert light[0, 350] == pytest.approx(1 - 0.3 * 0.36 + 0.1 * 0.36**2 - 0.05 * 0.36**3, abs=1e-3)
+
+
 def test_a_tilted_sensor_defocuses_along_its_slope():
     lens = Lens(tilt_um=(0.1, -0.3))
     assert lens.wavefront(0.5, 0.2) == Wavefront(defocus_um=0.5 * 0.1 - 0.2 * 0.3)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -52,6 +53,15 @@ def test_a_plan_is_carried_out_step_by_step_and_all_photographs_are_kept(bench, 
     ]  # fmt: skip
     assert len(events(operator, Seen)) == 6
     assert len(list(Path(bench.simulated.folder).iterdir())) == 6
+
+
+def test_of_a_step_that_is_left_out_nothing_is_asked(bench, session):
+    plan = benches.short_plan()
+    first, *others = plan.steps
+    operator = Scripted({"width": 5.0})
+    Run(replace(plan, steps=(replace(first, when=lambda facts: False), *others)), bench, session, operator).go()
+    assert "width" not in session.state.facts
+    assert session.state.done == ("rig", "trials", "shots")
 
 
 def test_the_bench_goes_where_the_plan_and_the_scan_say(bench, session):

@@ -1,0 +1,276 @@
+"""The plan of a sensor's tilt: a focus bracket at places of the frame, the turns of the screws, and again.
+
+The rail makes the bracket: the focus ring is not touched, and the chart's image moves through the sensor. Where the
+chart then stands along the optical axis follows from rail and head, not from its size, which distortion changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.advice import changed_settings
+from procedures.drawings import steps as drawings
+from procedures.facts import AxisTravel, facts_as, required
+from procedures.field import plan as field_plan
+from procedures.field.facts import TourStart
+from procedures.field.locations import AHEAD, Location, direction, pan_tilt_deg, ray
+from procedures.field.plan import BEFORE, correction, light_readings, off_place
+from procedures.outcome import BadParameter
+from procedures.pattern_psf.checks import check_light, marks_of, seen_chart, shown
+from procedures.pattern_psf.facts import SIZES
+from procedures.pattern_psf.plan import UNNOTED
+from procedures.pattern_psf.plan import plan as pattern_plan
+from procedures.plan import (
+    Advice,
+    Ask,
+    Decide,
+    Estimate,
+    Fact,
+    Facts,
+    Go,
+    Known,
+    Look,
+    Outcomes,
+    Plan,
+    Reading,
+    Step,
+    Tour,
+    TourStop,
+)
+from procedures.raw import RawFrame
+from procedures.tilt.estimate import Tilt
+from procedures.tilt.facts import DEPTH, TURN, TiltFacts
+from procedures.tilt.positions import Positions, behind_lens_um
+from procedures.tilt.screws import SURE
+
+Array = npt.NDArray[np.float64]
+Estimator = Callable[[Sequence[RawFrame], Facts, Known], Outcomes]
+USUAL, FEWEST, MOST = 9, 7, 25
+"""Places: fewer than seven do not tell a tilt from the lens's own curvature."""
+STEPS = (-3, -2, -1, 0, 1, 2, 3)
+"""Of the bracket, in depths of focus behind the lens: f-number times a pixel of the plane."""
+NEAR = 0.05
+"""How far from its place the chart may appear, in parts of the frame's width."""
+ROUNDS = 6
+"""Of head and rail in turn: each is nearer by a factor of ten or so."""
+MARK = 16
+"""Letters of a file's hash that tell it from the others."""
+BY_HAND = "take the bracket as your camera can, and give it to `station tilt` with a table of its positions"
+
+
+def plan(estimate: Estimator) -> Plan:
+    """The guided squaring of a sensor to its lens."""
+    begin = pattern_plan()
+    return Plan(
+        "tilt",
+        "The sensor's tilt, and the screws that mend it",
+        (
+            *(begin.step(name) for name in BEFORE),
+            Step("screws", "Screws", "Tell what holds the sensor, the chart in the middle.", SCREWS, drawings.TOUR),
+            Step("turn", "Turn", "Turn the screws as they were found to need it.", (TURN_THEM,)),
+            Step(
+                "bracket", "Bracket", "The chart at places of the frame, at each of them through the focus.",
+                (Tour(stops),), drawings.TOUR,
+            ),
+            Step("estimate", "Estimate", "Find the sensor's plane, and the turns.", (Estimate(estimate, tells),)),
+            Step(
+                "verdict", "Verdict", "Accept it, or turn the screws and measure again.",
+                (Decide("turn", worth_turning),),
+            ),
+        ),
+        subject="tilt",
+        facts=TiltFacts,
+    )  # fmt: skip
+
+
+# --- screws ------------------------------------------------------------------------------------------------------
+
+
+def check_start(frame: RawFrame, facts: Facts) -> Advice:
+    """As the field's, before a rail that reaches all positions of the bracket."""
+    advice = field_plan.check_start(frame, facts)
+    if not advice.good:
+        return advice
+    known = facts_as(TiltFacts, {**facts, **advice.facts})
+    rail = known.axes.get("z_mm")
+    if rail is None or rail.at is None:
+        raise BadParameter("the bracket is made by a rail, the axis z_mm, which the bench has not", BY_HAND)
+    depths = bracket_mm(known, shown(frame).pitch)
+    nearest, farthest = (rail.at + depth - known.begun().distance_mm for depth in (min(depths), max(depths)))
+    if rail.holds(nearest) and rail.holds(farthest):
+        return advice
+    say = (
+        f"The bracket goes from {min(depths):.0f} to {max(depths):.0f} mm before the chart, where the rail does not "
+        "reach: print a smaller chart, and begin again."
+    )
+    return replace(advice, good=False, say=say, by_hand={"smaller_chart": 1.0})
+
+
+SCREWS = (
+    UNNOTED,
+    Ask("places", "At how many places?", "number", "", USUAL, low=FEWEST, high=MOST),
+    Ask("screw_count", "How many screws hold the sensor?", "number", "", 3, low=3, high=12),
+    Ask("screw_radius_mm", "How far are they from the frame's centre?", "number", "mm", low=1.0, high=500.0),
+    Ask("screw_pitch_mm", "By how much does a turn move the sensor?", "number", "mm", low=0.01, high=5.0),
+    Ask(
+        "first_screw_deg", "Where is the first, clockwise from the top, seen from behind the camera?", "number", "°",
+        0.0, low=-360.0, high=360.0,
+    ),
+    Look("light", check_light),
+    Look("start", check_start, tries=10, rests_on=SIZES),
+)  # fmt: skip
+
+
+def worth_turning(facts: Facts) -> bool:
+    """Whether the turns that were found help with a probability that they are advised from."""
+    helps = facts_as(TiltFacts, facts).helps
+    return helps is not None and helps >= SURE
+
+
+def tells(found: Mapping[str, Any]) -> Facts:
+    """The turns, and the probability that they help, of the one plane that was measured."""
+    tilts: list[Tilt] = [one for one in found.values() if one is not None]
+    if not tilts:
+        return {"helps": 0.0}
+    (tilt,) = tilts
+    told: dict[str, Fact] = {f"{TURN}{i}": one.value for i, one in enumerate(tilt.turns.turns, 1)}
+    return {**told, "helps": tilt.turns.helps, "corner_um": tilt.numbers()["tilt_corner"].value}
+
+
+def say_turns(facts: Facts) -> str:
+    """Which screw to turn by how much; nothing where it was not measured yet, or would not help."""
+    if not worth_turning(facts):
+        return ""
+    known = facts_as(TiltFacts, facts)
+    screws = zip(known.screws.angles_deg, known.turns, strict=False)
+    words = [
+        f"screw {i} at {angle:.0f}° by {abs(turn):.3f} of a turn, {'away from' if turn > 0 else 'towards'} the lens"
+        for i, (angle, turn) in enumerate(screws, 1)
+    ]
+    return f"Turn {'; '.join(words)}. That helps with a probability of {known.helps:.2f}."
+
+
+def turns_by_hand(facts: Facts) -> dict[str, float]:
+    """The same in numbers."""
+    return {f"screw_{i}_turns": turn for i, turn in enumerate(facts_as(TiltFacts, facts).turns, 1)}
+
+
+TURN_THEM = Go(lambda facts: {}, say_turns, turns_by_hand)
+
+# --- bracket -----------------------------------------------------------------------------------------------------
+
+
+def bracket_mm(known: TiltFacts, pitch: int) -> list[float]:
+    """Distances of the chart at which its image steps through the sensor, the nearest first.
+
+    Thin lens: 1 / image + 1 / object = 1 / focal length.
+    """
+    optics, start = known.optics(pitch), known.begun()
+    f_number = required(known.aperture, "the f-number", "tell it in the step `screws`")
+    f, depth_um = optics.focal_length_mm, f_number * optics.plane_pitch_um
+    image_um = behind_lens_um(start.distance_mm, Positions.SET, f)
+    images_mm = [(image_um - step * depth_um) / 1000 for step in STEPS]
+    return sorted(f * image / (image - f) for image in images_mm)
+
+
+def stops(facts: Facts) -> list[TourStop]:
+    """Every place with every distance of the bracket."""
+    known = facts_as(TiltFacts, facts)
+    start = known.begun()
+    pitch = round(known.optics(1).principal_px(start.distance_mm) / start.principal_px)
+    depths = bracket_mm(known, pitch)
+    nearer = start.distance_mm / depths[0]
+    as_nearest = {name: half * nearer for name, half in zip(("tour_half_x", "tour_half_y"), start.half, strict=True)}
+    found = field_plan.locations({**facts, **as_nearest})  # so that the chart is not cut where it is largest
+    return [
+        TourStop(
+            f"place {i} of {len(found)}, {depth:.0f} mm",
+            Go(partial(to_depth, location, depth), partial(say_depth, location, depth)),
+            partial(check_bracket, location),
+        )
+        for i, location in enumerate(found, 1)
+        for depth in (depths if i % 2 else depths[::-1])
+    ]
+
+
+def chart_mm(start: TourStart, at: Mapping[str, float]) -> Array:
+    """The chart's centre from the lens, in the axes of a head at rest (x right, y down, z ahead), the axes `at` places.
+
+    Straight along the rail, whose places are known better than a chart's size tells its distance.
+    """
+    seen, base = ray(start.seen_at, start.shape, start.principal_px), start.base
+    chart = direction(seen, base.get("pan_deg", 0.0), base.get("tilt_deg", 0.0)) * start.distance_mm / seen[2]
+    x, y, z = (at.get(name, base.get(name, 0.0)) - base.get(name, 0.0) for name in ("x_mm", "y_mm", "z_mm"))
+    return np.asarray(chart + np.array([-x, y, z]))
+
+
+def depth_mm(start: TourStart, at: Mapping[str, float]) -> float:
+    """How far the chart's centre is from the lens, along the optical axis."""
+    return float(chart_mm(start, at) @ direction(AHEAD, at.get("pan_deg", 0.0), at.get("tilt_deg", 0.0)))
+
+
+def to_depth(location: Location, depth: float, facts: Facts) -> dict[str, float]:
+    """Where head or stage, and the rail go: the chart at its place of the frame, and so far away.
+
+    It stays there through the bracket: a tilted sensor has another height beside it.
+    """
+    known = facts_as(TiltFacts, facts)
+    start = known.begun()
+    places = headed(location, depth, start) if "pan_deg" in start.base else shifted(location, depth, start)
+    return {**places, "z_mm": known.axes.get("z_mm", AxisTravel()).nearest(places["z_mm"])}
+
+
+def headed(location: Location, depth: float, start: TourStart) -> dict[str, float]:
+    """Of head and rail, each of which changes what the other has to do."""
+    at = dict(start.base)
+    for _ in range(ROUNDS):
+        towards = chart_mm(start, at)
+        at["pan_deg"], at["tilt_deg"] = pan_tilt_deg(location, start.shape, start.principal_px, towards)
+        axis = direction(AHEAD, at["pan_deg"], at["tilt_deg"])
+        at["z_mm"] += (depth - depth_mm(start, at)) / float(axis[2])
+    return {name: at[name] for name in ("pan_deg", "tilt_deg", "z_mm")}
+
+
+def shifted(location: Location, depth: float, start: TourStart) -> dict[str, float]:
+    """Of a stage across the rail, and the rail; of the rail alone where there is no such stage."""
+    seen, base = ray(location, start.shape, start.principal_px), start.base
+    x, y, z = depth * seen / seen[2] - chart_mm(start, base)
+    moves = {"x_mm": -x, "y_mm": y, "z_mm": z}
+    return {name: base[name] + float(move) for name, move in moves.items() if name in base}
+
+
+def say_depth(location: Location, depth: float, facts: Facts) -> str:
+    """Where the chart shall appear, and how far away, for the operator."""
+    where = f"{100 * location.x:.0f} % from the left and {100 * location.y:.0f} % from the top of the frame"
+    return f"going where the chart appears {where}, {depth:.0f} mm away"
+
+
+def check_bracket(location: Location, frame: RawFrame, facts: Facts) -> Advice:
+    """The chart at its place with the settings of the trial; how far it was becomes known."""
+    plane, known = shown(frame), facts_as(TiltFacts, facts)
+    changed = changed_settings(frame.exposure, known)
+    if changed:
+        return Advice(False, f"This shot does not count: {changed}. Set it back.")
+    sighting = seen_chart(plane, known)
+    if isinstance(sighting, Advice):
+        return replace(sighting, by_hand={}, moves={})
+    off, marks = off_place(location, sighting, plane), marks_of(sighting)
+    readings = (
+        Reading("off its place", 100 * off, "% of the width", None, 100 * NEAR),
+        *light_readings(frame, sighting),
+    )
+    if not readings[0].good:
+        say = f"The chart is {100 * off:.0f} % of the frame's width off its place."
+        return Advice(False, say, readings, moves=correction(location, sighting, plane, known), marks=marks)
+    bad = next((reading for reading in readings if not reading.good), None)
+    if bad is not None:
+        say = f"{field_plan.REMEDIES[bad.name]} ({bad.name} {bad.value:.3g} {bad.unit})"
+        return Advice(False, say, readings, marks=marks)
+    told = {DEPTH + frame.sha256[:MARK]: depth_mm(known.begun(), known.where())}
+    return Advice(True, "The chart is in its place.", readings, facts=told, marks=marks)

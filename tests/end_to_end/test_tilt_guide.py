@@ -1,0 +1,83 @@
+"""The loop of a sensor's tilt: measured, screws turned by hands that slip, measured again, until it is left."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from procedures.outcome import Outcome
+from procedures.plan import Ask
+from procedures.tilt.estimate import Tilt
+from procedures.tilt.plan import plan
+from procedures.tilt.plane import fit_plane
+from procedures.tilt.screws import SURE, Screws, turns_for
+from simulators.bench.view import SensorMount
+from station.bench.opening import simulated_bench
+from station.guide.frontend import Result
+from station.guide.run import Run
+from station.guide.scripted import Scripted
+from station.sessions.session import Session
+
+pytestmark = pytest.mark.slow
+
+SIZE_MM = (7.6, 5.7)
+NINE = np.array([(x, y) for y in (-2.0, 0.0, 2.0) for x in (-2.7, 0.0, 2.7)])
+PLACE_UM = 0.7
+"""Of a place's height: what a bracket of rendered photographs tells it to."""
+MOUNT = SensorMount(slopes=(9.0, -6.0))
+SCREWS = Screws(MOUNT.count, MOUNT.radius_mm, MOUNT.pitch_mm, MOUNT.first_deg, turn_uncertainty=0.004)
+
+
+def corner_um(slopes: tuple[float, float]) -> float:
+    return float(np.abs(slopes) @ np.array(SIZE_MM)) / 2
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    root = tmp_path_factory.mktemp("tilt")
+    (root / "incoming").mkdir()
+    bench = simulated_bench(root / "incoming", seed=3, virtual_time=True)
+    told = SimpleNamespace(true=[])
+
+    def estimate(frames, facts, known):
+        """The simulated sensor, as nine places of a bracket would tell it."""
+        slopes, rng = bench.simulated.view.held.slopes, np.random.default_rng(len(told.true))
+        told.true.append(slopes)
+        heights = NINE @ np.array(slopes) + PLACE_UM * rng.standard_normal(9)
+        found = fit_plane(NINE, heights, PLACE_UM**2 * np.eye(9), SIZE_MM)
+        turns = turns_for(found, SCREWS, with_focus=False)
+        return {"Y": Outcome(Tilt(found, np.zeros(9), SCREWS, turns, with_focus=False))}
+
+    loop = plan(estimate)
+    loop = replace(loop, steps=tuple(loop.step(name) for name in ("turn", "estimate", "verdict")))
+    with Session.create(root, plan="tilt", camera="C", lens="L", config={}, clock=bench.clock, seed=3) as session:
+        operator = Scripted()
+        told.end, told.state = Run(loop, bench, session, operator).go(), session.state
+        told.asked = [ask for ask in operator.asked if isinstance(ask, Ask)]
+        told.results = [event for event in operator.heard if isinstance(event, Result)]
+        told.left = bench.simulated.view.held.slopes
+    bench.close()
+    return told
+
+
+def test_two_turns_of_the_screws_leave_less_than_five_micrometres(done):
+    assert done.end.how == "finished"
+    corners = [corner_um(slopes) for slopes in done.true]
+    assert corners[0] == pytest.approx(corner_um(MOUNT.slopes))
+    assert len(corners) >= 2
+    assert corners[min(2, len(corners) - 1)] < 5.0
+
+
+def test_it_asks_for_turns_until_they_would_not_help(done):
+    turns = [ask.question for ask in done.asked if ask.key == "by_hand"]
+    assert len(turns) == len(done.results) - 1
+    assert all("of a turn" in question for question in turns)
+    assert done.state.facts["helps"] < SURE
+    assert done.left == done.true[-1]
+
+
+def test_each_round_has_its_result_with_a_page(done):
+    assert all((one.folder / "report.html").is_file() and (one.folder / "tilt.csv").is_file() for one in done.results)

@@ -1,0 +1,81 @@
+"""The guided tilt's own reckoning: how far the chart is, through which distances it goes, and what is turned."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from procedures.facts import facts_as
+from procedures.field.facts import TourStart
+from procedures.field.locations import Location
+from procedures.tilt.facts import TiltFacts
+from procedures.tilt.plan import bracket_mm, depth_mm, plan, say_turns, to_depth, turns_by_hand, worth_turning
+
+SHAPE, PRINCIPAL_PX = (480, 640), 2071.0
+BASE = {"pan_deg": 2.0, "tilt_deg": -1.0, "z_mm": 150.0, "x_mm": 150.0, "y_mm": 100.0}
+FOUND = {"turn_1": 0.05, "turn_2": -0.1, "turn_3": 0.05, "helps": 0.99, "screw_count": 3.0, "first_screw_deg": 30.0}
+
+
+def seen_from(at: dict, chart_mm: np.ndarray) -> np.ndarray:
+    """The chart before a camera that was turned and moved: x to the right, y up, z away from it."""
+    x, y, z = (at[name] - BASE[name] for name in ("x_mm", "y_mm", "z_mm"))
+    turn = Rotation.from_euler("YX", [at.get("pan_deg", 0.0), at.get("tilt_deg", 0.0)], degrees=True)
+    return turn.inv().apply(chart_mm + np.array([-x, y, z]))
+
+
+def begun(chart_mm: np.ndarray) -> TourStart:
+    """Where a tour began that saw a chart at this place of the camera's room, (x, y, z) from the rail at its base."""
+    x, y, z = seen_from(BASE, chart_mm)
+    rows, columns = SHAPE
+    at = Location(0.5 + PRINCIPAL_PX * x / z / columns, 0.5 + PRINCIPAL_PX * y / z / rows)
+    return TourStart(SHAPE, PRINCIPAL_PX, float(z), at, (0.1, 0.13), BASE)
+
+
+def test_the_chart_s_distance_follows_from_rail_and_head():
+    chart_mm = np.array([12.0, -7.0, 950.0])
+    at = {"pan_deg": -6.0, "tilt_deg": 4.0, "z_mm": 260.0, "x_mm": 163.0, "y_mm": 90.0}
+    assert depth_mm(begun(chart_mm), at) == pytest.approx(seen_from(at, chart_mm)[2], abs=1e-9)
+
+
+def facts_of(start: TourStart) -> dict:
+    told = {"rows": 480.0, "columns": 640.0, "principal_px": PRINCIPAL_PX, "distance_mm": start.distance_mm,
+            "x": start.seen_at.x, "y": start.seen_at.y, "half_x": 0.1, "half_y": 0.13}  # fmt: skip
+    lens = {"focal_length_mm": 24.0, "pixel_pitch_um": 11.88, "f_number": 2.8, "chart_width_mm": 48.0}
+    at = {f"at_{name}": place for name, place in BASE.items()}
+    begun = {f"tour_from_{name}": place for name, place in BASE.items()}
+    return {f"tour_{name}": one for name, one in told.items()} | lens | at | begun
+
+
+def test_a_bracket_steps_the_image_by_depths_of_focus():
+    known = facts_as(TiltFacts, facts_of(begun(np.array([0.0, 0.0, 950.0]))))
+    images = [24.0 * z / (z - 24.0) for z in bracket_mm(known, 1)]
+    np.testing.assert_allclose(np.diff(images), -2.8 * 11.88e-3, rtol=1e-6)  # f-number times a pixel
+
+
+@pytest.mark.parametrize("axes", [("pan_deg", "tilt_deg", "z_mm"), ("x_mm", "y_mm", "z_mm")])
+def test_the_rig_brings_the_chart_to_that_distance_at_its_place(axes):
+    chart_mm = np.array([11.0, -8.0, 950.0])
+    facts = {key: one for key, one in facts_of(begun(chart_mm)).items() if not key.startswith("tour_from_")}
+    facts |= {f"tour_from_{name}": BASE[name] for name in axes}
+    if "pan_deg" not in axes:  # the camera looks along the rail
+        facts |= {"tour_x": 0.5 + PRINCIPAL_PX * 11 / 950 / 640, "tour_y": 0.5 - PRINCIPAL_PX * 8 / 950 / 480}
+        facts["tour_distance_mm"] = 950.0
+    straight = {name: 0.0 if name.endswith("_deg") else place for name, place in BASE.items()}
+    places = (BASE if "pan_deg" in axes else straight) | to_depth(Location(0.2, 0.7), 1040.0, facts)
+    x, y, z = seen_from(places, chart_mm)
+    assert z == pytest.approx(1040.0, abs=1e-6)
+    assert (x / z * PRINCIPAL_PX / 640, y / z * PRINCIPAL_PX / 480) == pytest.approx((-0.3, 0.2), abs=1e-6)
+
+
+def test_screws_are_turned_where_it_was_measured_and_helps():
+    assert say_turns({}) == ""
+    assert not worth_turning({**FOUND, "helps": 0.5})
+    assert say_turns({**FOUND, "helps": 0.5}) == ""
+    assert "screw 2 at 150° by 0.100 of a turn, towards the lens" in say_turns(FOUND)
+    assert turns_by_hand(FOUND) == {"screw_1_turns": 0.05, "screw_2_turns": -0.1, "screw_3_turns": 0.05}
+
+
+def test_another_round_begins_with_the_screws():
+    steps = [step.name for step in plan(lambda frames, facts, known: {}).steps]
+    assert steps.index("turn") == steps.index("bracket") - 1
