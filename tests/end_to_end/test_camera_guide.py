@@ -40,15 +40,14 @@ VIGNETTING = (-0.12, -0.02, 0.0)
 def as_left(bench) -> dict:
     """What is known when the chart hangs straight, in focus, at its distance: the steps that other tests go through."""
     hands, hung = bench.simulated.hands, Person().mount
-    keys = ("chart_width_mm", "ruler_mm", "focal_length_mm", "pixel_pitch_um")
+    keys = ("chart_width_mm", "ruler_mm", "focal_length_mm", "pixel_pitch_um", "sensor_kind")
     facts = {key: hands.knows(key) for key in keys}
     facts |= {"printed": True, "mounted": True, "focused": True, "light_level": 1.0, "f_number": 5.6}
     facts |= {f"hand_chart_{name}_deg": -getattr(hung, f"{name}_deg") for name in ("yaw", "pitch", "roll")}
     facts |= {"hand_aim": 1.0, "hand_even_light": 1.0, "hand_exposure_ev": math.log2(160 / 50)}
     room = bench.simulated.world.room
     places = {name: (low + high) / 2 for name, (low, high) in room.travel.items()}
-    pitch = bench.simulated.view.camera.plane_pitch_px
-    places["z_mm"] = facts_as(PatternFacts, facts).wanted_distance_mm(pitch) - room.near_mm
+    places["z_mm"] = facts_as(PatternFacts, facts).wanted_distance_mm() - room.near_mm
     return facts | {f"at_{name}": place for name, place in places.items()}
 
 
