@@ -24,6 +24,8 @@ NAMES = {
     "focal_length_mm": "focal length", "pixel_pitch_um": "pixel pitch", "chart_width_mm": "width of the chart",
     "ruler_mm": "printed ruler", "chart_seed": "number of the chart", "typed_f_number": "f-number",
     "near_mm": "near distance", "first_f_number": "first f-number", "second_f_number": "second f-number",
+    "screw_count": "number of screws", "screw_radius_mm": "screws' radius", "screw_pitch_mm": "screws' pitch",
+    "first_screw_deg": "place of the first screw",
 }  # fmt: skip
 """Of the questions' keys whose answers results rest on."""
 NOTED = {"first_f_number": ("f_number", 0), "second_f_number": ("f_number", -1)}
