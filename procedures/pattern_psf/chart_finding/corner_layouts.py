@@ -26,6 +26,9 @@ COLLINEAR = 0.15
 """Greatest distance of a third x-corner from where two put it, in steps: perspective, distortion."""
 BETWEEN = 0.2
 """A finer lattice has a like saddle this close to the middle of every step, in steps; clutter may have one in one."""
+FEWEST_NEAR, FEWEST_NEAR_CROWDED = 2, 4
+"""Of the five x-corners nearest to a triple, at least; and where something lies in the middle of one of its steps, as
+mostly in textures."""
 BOTH_WAYS = 0.3
 """Slope under which a line is looked at from both of its ends: more than COLLINEAR can turn a step."""
 MOST_TRIPLES = 20_000
@@ -160,7 +163,7 @@ def _strongest(field: Field, triples: Indices) -> Indices:
 def _sides(field: Field, triples: Indices) -> Indices:
     """Hypotheses that triples start at s = 0 or 1 of the side t = 0, the chart lying to one side of it or the other.
 
-    Gives the hits (n, 12) in the order of RIM, -1 where none, for those that find two of the five nearest others,
+    Gives the hits (n, 12) in the order of RIM, -1 where none, for those that find enough of the five nearest others,
     one of them off the side, and not both of the inner neighbours, which only a lattice of saddles has.
     """
     out = np.empty((4 * len(triples), 12), np.int64)
@@ -169,6 +172,7 @@ def _sides(field: Field, triples: Indices) -> Indices:
         i, j, k = triples[n, 0], triples[n, 1], triples[n, 2]
         u = (field.points[k] - field.points[i]) / 2
         reach, near = COLLINEAR * abs(u), SQUARE * abs(u)
+        least = FEWEST_NEAR if _is_free(field, i, j) and _is_free(field, j, k) else FEWEST_NEAR_CROWDED
         for which in range(4):
             first, v = which % 2, u * (1j if which < 2 else -1j)
             origin = field.points[i] - first * u
@@ -191,7 +195,7 @@ def _sides(field: Field, triples: Indices) -> Indices:
             hits[3 - 3 * first] = nearest(field, origin + (3 - 3 * first) * u, near, j, SAME_AXIS, SAME_STRENGTH)
             found += hits[3 - 3 * first] >= 0
             hits[first], hits[first + 1], hits[first + 2] = i, j, k
-            count += found >= 2
+            count += found >= least
     return out[:count]
 
 
@@ -286,10 +290,13 @@ def find_layouts(saddles: Saddles) -> Layouts:
     saddles : Saddles
         Of one level of the pyramid, where the lattice step is MIN_STEP to MAX_STEP pixels.
     """
+    none = Layouts(np.zeros((0, 3, 3)), np.zeros((0, len(RIM)), dtype=np.bool_))
     if len(saddles.points) < MIN_HITS:
-        return Layouts(np.zeros((0, 3, 3)), np.zeros((0, len(RIM)), dtype=np.bool_))
+        return none
     field, _ = field_of(saddles.points, saddles.axes, saddles.strengths, BIN)
     hits = _sides(field, _strongest(field, _triples(field)))
+    if not len(hits):
+        return none
     hits = _distinct(field, _gather(field, hits, _affine(field, hits), AFFINE))
     hits = _distinct(field, _gather(field, hits, _projective(field, hits), PROJECTIVE))
     return Layouts(_projective(field, hits) @ H_LATTICE_CELLS, hits >= 0)
