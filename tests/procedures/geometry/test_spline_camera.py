@@ -92,14 +92,14 @@ def test_waves_that_no_formula_draws_are_drawn_by_a_spline():
     # waves of 4000 pixels' length and pieces of 1200: a cubic errs by some thousandths of the waves' 0.3 pixel
     assert spline.residual_scale < 1.5
     inner = {name: np.sqrt(np.mean(apart(one.value.camera, WAVY, 0.1) ** 2)) for name, one in found.items()}
-    assert inner["OPENCV+SPLINE_8X7"] < inner["OPENCV"] / 5
+    assert inner["OPENCV+SPLINE_8X7"] < inner["OPENCV"] / 4
     assert [name for name in spline.numbers() if name.startswith("spline")] == []
 
 
 @pytest.mark.slow
 def test_views_left_out_tell_a_spline_from_a_formula():
     for camera, best in ((WAVY, "OPENCV+SPLINE_8X7"), (replace(WAVY, wave_px=0.0, thin_prism=(0.0,) * 4), "OPENCV")):
-        taken = take(Shoot(camera=camera, every=4), np.random.default_rng(6))
+        taken = take(Shoot(camera=camera, every=4, count=10), np.random.default_rng(6))
         shape = shape_model(taken.nodes)
         start = first_state(taken.nodes, taken.views, camera.size, shape)
         trials = choose_model(("OPENCV", "OPENCV+SPLINE_8X7"), start, taken.nodes, taken.views, shape)
