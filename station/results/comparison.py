@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
+UNMEASURED = "it was not measured there"
+"""Why a limit cannot be judged at a place: how such a judgement's sentence ends."""
+
 
 class Judged(StrEnum):
     """How a number stands to its limit, or a plane to its specification; the best first."""
@@ -46,8 +49,14 @@ class Comparison:
 
     @property
     def against(self) -> tuple[str, ...]:
-        """What is not met, in sentences."""
-        return tuple(one.words for one in self.judgements if one.judged is not Judged.MEETS)
+        """What is not met, in sentences; all that was not measured in one, as limits at every place are many."""
+        not_met = [one for one in self.judgements if one.judged is not Judged.MEETS]
+        unseen = [one for one in not_met if one.words.endswith(UNMEASURED)]
+        if len(unseen) < 2:
+            return tuple(one.words for one in not_met)
+        places = ", ".join(dict.fromkeys(one.place for one in unseen))
+        together = f"{len(unseen)} limits cannot be judged, for nothing was measured at {places}"
+        return (*(one.words for one in not_met if one not in unseen), together)
 
     def told(self) -> dict[str, Any]:
         """As a record tells it."""
