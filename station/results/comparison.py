@@ -48,15 +48,20 @@ class Comparison:
     judgements: tuple[Judgement, ...] = ()
 
     @property
-    def against(self) -> tuple[str, ...]:
-        """What is not met, in sentences; all that was not measured in one, as limits at every place are many."""
-        not_met = [one for one in self.judgements if one.judged is not Judged.MEETS]
-        unseen = [one for one in not_met if one.words.endswith(UNMEASURED)]
+    def in_short(self) -> tuple[Judgement, ...]:
+        """The judgements, all of what was not measured as one: limits at every place are many."""
+        unseen = [one for one in self.judgements if one.words.endswith(UNMEASURED)]
         if len(unseen) < 2:
-            return tuple(one.words for one in not_met)
+            return self.judgements
         places = ", ".join(dict.fromkeys(one.place for one in unseen))
-        together = f"{len(unseen)} limits cannot be judged, for nothing was measured at {places}"
-        return (*(one.words for one in not_met if one not in unseen), together)
+        words = f"{len(unseen)} limits cannot be judged, for nothing was measured at {places}"
+        together = Judgement("", Judged.UNDECIDED, None, 0.0, None, None, "", "", words)
+        return (*(one for one in self.judgements if one not in unseen), together)
+
+    @property
+    def against(self) -> tuple[str, ...]:
+        """What is not met, in sentences."""
+        return tuple(one.words for one in self.in_short if one.judged is not Judged.MEETS)
 
     def told(self) -> dict[str, Any]:
         """As a record tells it."""
