@@ -98,7 +98,7 @@ def _verdicts(sheet: PlaneSheet) -> str:
 
 def _limits(planes: Sequence[PlaneSheet]) -> tuple[str, ...]:
     """Limits with what they are judged by, those that are not met first; what has no room is counted."""
-    told = [(sheet.record.name, one) for sheet in planes for one in sheet.specification.judgements]
+    told = [(sheet.record.name, one) for sheet in planes for one in sheet.specification.in_short]
     told.sort(key=lambda one: list(SPECIFICATION).index(str(one[1].judged)), reverse=True)
     words = [f"{name}: {one.words}" for name, one in told[:MOST_LIMITS]]
     rest = len(told) - MOST_LIMITS

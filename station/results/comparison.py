@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
+UNMEASURED = "it was not measured there"
+"""Why a limit cannot be judged at a place: how such a judgement's sentence ends."""
+
 
 class Judged(StrEnum):
     """How a number stands to its limit, or a plane to its specification; the best first."""
@@ -45,9 +48,20 @@ class Comparison:
     judgements: tuple[Judgement, ...] = ()
 
     @property
+    def in_short(self) -> tuple[Judgement, ...]:
+        """The judgements, all of what was not measured as one: limits at every place are many."""
+        unseen = [one for one in self.judgements if one.words.endswith(UNMEASURED)]
+        if len(unseen) < 2:
+            return self.judgements
+        places = ", ".join(dict.fromkeys(one.place for one in unseen))
+        words = f"{len(unseen)} limits cannot be judged, for nothing was measured at {places}"
+        together = Judgement("", Judged.UNDECIDED, None, 0.0, None, None, "", "", words)
+        return (*(one for one in self.judgements if one not in unseen), together)
+
+    @property
     def against(self) -> tuple[str, ...]:
         """What is not met, in sentences."""
-        return tuple(one.words for one in self.judgements if one.judged is not Judged.MEETS)
+        return tuple(one.words for one in self.in_short if one.judged is not Judged.MEETS)
 
     def told(self) -> dict[str, Any]:
         """As a record tells it."""

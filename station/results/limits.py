@@ -15,7 +15,7 @@ from typing import Any
 
 from procedures.outcome import Quantity
 from procedures.transfer_function import LEVELS, name_at
-from station.results.comparison import Comparison, Judged, Judgement, worst
+from station.results.comparison import UNMEASURED, Comparison, Judged, Judgement, worst
 from station.results.number_names import OF_PLACES, QUANTITIES, VALUES, words_of
 from station.results.plane_result import PlaneResult
 from station.results.units import Frequency, Pixels, Unit, told_name, told_quantity
@@ -245,7 +245,7 @@ def _words(
     title = title.removesuffix(" across the edge") if value is None else title
     wanted = f"{title}{where} {' and '.join(bounds)}{unit}"
     if value is None:
-        reason = "it was not measured there" if spot.name and not spot.numbers else "there is no such number"
+        reason = UNMEASURED if spot.name and not spot.numbers else "there is no such number"
         return f"the limit {wanted} cannot be judged: {reason}"
     got = f"{value:.4g} ± {uncertainty:.2g}" if uncertainty else f"{value:.4g}"
     if judged is Judged.MEETS:

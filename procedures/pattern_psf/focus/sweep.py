@@ -12,7 +12,8 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 NEAR_TOP = 0.75
-"""The parabola is laid through the scores that are at least this share of the best: further off they fall otherwise."""
+"""The parabola is laid through the widths of scores that are at least this share of the best: no lens keeps to it
+further off."""
 FEWEST = 3
 SURE = 2.0
 """Standard uncertainties of a difference from which on it is one."""
@@ -41,11 +42,13 @@ class Peak:
 
 
 def best_focus(places: Sequence[float], scores: Sequence[float], uncertainties: Sequence[float]) -> Peak | None:
-    """The top of the parabola through the scores near the best; None where they have no top yet.
+    """The top of a sweep by the scores near the best; None where they have no top yet.
 
-    Weighted least squares of a + b u + c u^2; where the scores stray from it by more than their uncertainties, these
-    are enlarged to what is seen. The top is at u = -b / 2 c, its height a - b^2 / 4 c; their variances are those of
-    the coefficients, propagated linearly.
+    What is as a parabola about the focus is 1 / MTF50, a width: the MTF50 itself bends away from one on both sides,
+    and the top of one through it lies up to 2 % too low (`tests/benchmarks/live_focus.py`). Weighted least squares of
+    a + b u + c u^2; where the widths stray from it by more than their uncertainties, these are enlarged to what is
+    seen. The least is at u = -b / 2 c, and is a - b^2 / 4 c; their variances are those of the coefficients, propagated
+    linearly.
 
     Parameters
     ----------
@@ -54,7 +57,7 @@ def best_focus(places: Sequence[float], scores: Sequence[float], uncertainties: 
     uncertainties : (n,) standard ones, above 0
     """
     x, y, u = (np.asarray(values, dtype=np.float64) for values in (places, scores, uncertainties))
-    known = np.isfinite(x) & np.isfinite(y) & np.isfinite(u)
+    known = np.isfinite(x) & np.isfinite(u) & (y > 0)
     x, y, u = x[known], y[known], u[known]
     if len(np.unique(x)) < FEWEST:
         return None
@@ -62,18 +65,19 @@ def best_focus(places: Sequence[float], scores: Sequence[float], uncertainties: 
     near = y >= NEAR_TOP * y[top]
     if len(np.unique(x[near])) < FEWEST:
         near = _neighbours(x, top)
-    c, C = _parabola(x[near] - x[top], y[near], u[near])
-    if c[2] >= 0:
+    c, C = _parabola(x[near] - x[top], 1 / y[near], u[near] / y[near] ** 2)
+    if c[2] <= 0 or c[0] <= c[1] ** 2 / (4 * c[2]):
         return None
     at = -c[1] / (2 * c[2])
+    width = float(c[0] + c[1] * at / 2)
     of_place = np.array([0.0, -1 / (2 * c[2]), c[1] / (2 * c[2] ** 2)])
-    of_score = np.array([1.0, at, at * at])
+    of_width = np.array([1.0, at, at * at])
     place = float(x[top] + at)
     return Peak(
         place,
         float(np.sqrt(of_place @ C @ of_place)),
-        float(c[0] + c[1] * at / 2),
-        float(np.sqrt(of_score @ C @ of_score)),
+        1 / width,
+        float(np.sqrt(of_width @ C @ of_width)) / width**2,
         bool(x.min() <= place <= x.max()),
         int(np.count_nonzero(near)),
     )

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from markupsafe import Markup
+from matplotlib.ticker import MaxNLocator
 
 from station.drawing.colours import FAINT, INK, PLANE_COLOURS
 from station.drawing.style import axes_grid, svg
@@ -15,6 +16,8 @@ from station.results.number_names import words_of
 
 MOST_LINES = 500
 """Photographs in the page's table; summary.csv has all."""
+ROOM = 18
+"""Characters of a camera's name beside a figure."""
 
 
 @dataclass(frozen=True)
@@ -106,18 +109,26 @@ def _spreads(samples: Sequence[Sample]) -> list[_Spread]:
 def _distribution(samples: Sequence[Sample], name: str, report: BatchReport) -> Markup:
     """Every item's number as a point, a row for each camera and plane, with the medians and the limits."""
     groups = _grouped(samples)
-    figure, ((axes,),) = axes_grid(4.6, 0.9 + 0.28 * len(groups), rim_in=(1.6, 0.15, 0.42, 0.08))
+    left_in = 1.6 if len({camera for camera, *_ in groups}) > 1 else 0.4
+    figure, ((axes,),) = axes_grid(4.6, 0.9 + 0.28 * len(groups), rim_in=(left_in, 0.25, 0.42, 0.08))
     for row, ((_, plane, _), group) in enumerate(groups.items()):
         values = np.array([one.value for one in group])
         axes.plot(values, np.full(len(values), row), "|", ms=9, mew=1, color=PLANE_COLOURS.get(plane, INK), alpha=0.7)
         axes.plot(np.median(values), row, "o", ms=4, color=INK)
     for bound in report.bounds.get(name, ()):
         axes.axvline(bound, color=FAINT, lw=1, ls=(0, (3, 2)))
-    labels = [f"{camera[:18]} {plane}".strip() for camera, plane, _ in groups]
+    several = len({camera for camera, *_ in groups}) > 1
+    labels = [f"{_cut(camera)} {plane}".strip() if several else plane for camera, plane, _ in groups]
     axes.set_yticks(range(len(groups)), labels)
+    axes.xaxis.set_major_locator(MaxNLocator(4))
     axes.set_ylim(len(groups) - 0.5, -0.5)
     unit = samples[0].unit
     axes.set_xlabel(unit if unit != "1" else "")
     return svg(
         figure, f"batch-{name.replace('.', '-')}", f"{words_of(name).words} of every photograph, by camera and plane"
     )
+
+
+def _cut(camera: str) -> str:
+    """A camera's name as far as there is room beside a figure."""
+    return camera if len(camera) <= ROOM else f"{camera[: ROOM - 1].rstrip()}…"

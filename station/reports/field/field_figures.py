@@ -76,9 +76,10 @@ def _panels(
     mm_per_pixel: float | None,
 ) -> Markup:
     (rows, columns), width = shape, 3.2
+    top_in = 0.3 if not any("\n" in _title(one) for one in panels) else 0.45
     figure, axes_of = axes_grid(
-        width * len(panels), width * 0.72 * min(rows / columns, 1.5) + 0.72, 1, len(panels),
-        rim_in=(0.42, 0.72, 0.44, 0.3), wspace=0.5,
+        width * len(panels), width * 0.72 * min(rows / columns, 1.5) + 0.42 + top_in, 1, len(panels),
+        rim_in=(0.42, 0.72, 0.44, top_in), wspace=0.5,
     )  # fmt: skip
     x, y = places.x, places.y
     extent = (x[0] - _step(x), x[-1] + _step(x), y[-1] + _step(y), y[0] - _step(y))
@@ -95,11 +96,17 @@ def _panels(
         else:
             axes.set(xticks=[], yticks=[])
         axes.spines[:].set_visible(False)
-        axes.set_title(f"{panel.title}{f', {panel.unit}' if panel.unit else ''}", fontsize=9)
+        axes.set_title(_title(panel), fontsize=9)
         ticks = few_ticks(low, high)
         bar = colour_bar(figure, axes, image, (1.03, 0.05, 0.04, 0.9), ticks=ticks)
         bar.ax.set_yticklabels([f"{one:.3g}".replace("-", "−") for one in ticks])
     return svg(figure, name, "; ".join(f"{panel.title} {panel.unit}" for panel in panels) + ", over the frame")
+
+
+def _title(panel: _Panel) -> str:
+    """Title and unit, in two lines where one is wider than the panel."""
+    words = f"{panel.title}, {panel.unit}" if panel.unit else panel.title
+    return words.replace(", without", ",\nwithout")
 
 
 def _heights(axes: Axes, shape: tuple[int, int], mm_per_pixel: float | None) -> None:

@@ -138,6 +138,17 @@ def test_every_place_of_a_frame_is_held_to_its_own_limit():
     ]
 
 
+def test_all_that_was_not_measured_is_told_in_one_sentence():
+    corners = [Spot(name, (Place.CORNERS,)) for name in ("upper left corner", "lower right corner")]
+    spots = [Spot("centre", (Place.CENTRE,), {"mtf50_radial": LOW}), *corners]
+    limits = (Limit("mtf50_radial", least=0.3), Limit("fwhm_horizontal", most=1.0, place=Place.CORNERS))
+    found = compare(record(), Specification(limits), spots=spots)
+    missed, together = found.against
+    assert missed.startswith("the limit MTF50, mean over directions, centre")
+    assert together == ("4 limits cannot be judged, for nothing was measured at upper left corner, lower right corner")
+    assert len(found.judgements) == 5  # the record has every one
+
+
 @pytest.mark.parametrize(
     ("at", "place"), [((100, 80), "centre"), ((195, 80), "sides"), ((100, 2), "sides"), ((5, 155), "corners")]
 )
