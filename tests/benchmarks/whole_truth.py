@@ -10,14 +10,15 @@ see the lens as it is in the middle of the frame and at the tour's first corner.
 Of each method, f-number and place: mean error of what passes, shares within two stated uncertainties.
 
 Usage: whole_truth.py [fields of each f-number, default 4] [pairs and edges of each f-number and place, default 17]
+[k of the fields, default as the charts ask]
 """
 
 from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 
@@ -26,23 +27,23 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "benchmarks")]
 
 import numpy as np  # noqa: E402  (one thread must be asked for before numpy loads)
-from psf_field import F_NUMBERS, LENS, PIXELS, K, Place, S, ideal_field, true_numbers  # noqa: E402
+from psf_field import F_NUMBERS, LENS, PIXELS, Place, S, ideal_field, true_numbers  # noqa: E402
 
-from procedures.field.conclusion import conclude  # noqa: E402
+from procedures.field.estimate import FIELD  # noqa: E402
+from procedures.field.interpolate import interpolate  # noqa: E402
 from procedures.field.maps import MAPS, numbers_of, radius_direction  # noqa: E402
 from procedures.field.measuring import measure_frames  # noqa: E402
 from procedures.field.plan import SHEET, locations  # noqa: E402
 from procedures.outcome import Quantity, Verdict  # noqa: E402
 from procedures.pattern import Chart  # noqa: E402
-from procedures.pattern_psf.estimate import PatternParameters  # noqa: E402
-from procedures.psf_field import PsfField  # noqa: E402
+from procedures.psf import Psf  # noqa: E402
 from procedures.raw import Plane, RawFrame  # noqa: E402
 from procedures.reading.exposure import Exposure  # noqa: E402
 from procedures.slanted_edge.estimate import estimate_edge  # noqa: E402
 from procedures.slanted_edge.strip import Roi  # noqa: E402
 from procedures.two_photo.estimate import estimate_psf as by_wall  # noqa: E402
 from simulators.camera.optics import CircularPupil, GaussianBlur, Optics, PixelAperture  # noqa: E402
-from simulators.camera.truth import true_mtf  # noqa: E402
+from simulators.camera.truth import true_mtf, true_psf  # noqa: E402
 from tests.procedures.pattern_psf import analytic_camera as of_chart  # noqa: E402
 from tests.procedures.slanted_edge import analytic as of_edge  # noqa: E402
 from tests.procedures.two_photo import endless as of_wall  # noqa: E402
@@ -55,6 +56,9 @@ TILE = 150
 """Side of the square about a chart that is rendered; the wall is as white as the paper."""
 FINE, POINTS = 10, 5
 BITS = 14
+SAME_LIGHT = 4
+"""Fields whose charts stand alike, with noise of their own: the others have other rolls and tilts."""
+CENTRAL_PX = 150
 CHART = Chart.from_seed()
 
 
@@ -118,44 +122,30 @@ def places() -> dict[str, list[tuple[float, float]]]:
     return {"centre": [MIDDLE, *between], "sides": sides, "corners": inner, "beyond": rim}
 
 
-def field_rows(f_number: float, count: int) -> Iterator[Row]:
+def field_rows(f_number: float, count: int, k: int | None = None) -> Iterator[Row]:
     """Fields of one f-number: the maps' numbers, and those of their charts by themselves."""
     for draw in range(count):
-        rng = np.random.default_rng([round(10 * f_number), draw // 4])
-        if draw % 4 == 0:
-            seen = lights(f_number, rng)  # other rolls and tilts in every fourth field
+        if draw % SAME_LIGHT == 0:
+            seen = lights(f_number, np.random.default_rng([round(10 * f_number), draw // SAME_LIGHT]))
         noise = np.random.default_rng([round(10 * f_number), draw, 1])
-        frames = [
-            RawFrame(Path(f"{i}"), "", {"Y": of_chart.exposed(one, noise, bits=BITS)}, Exposure())
-            for i, one in enumerate(seen)
-        ]
-        found = conclude(measure_frames(frames, CHART, PatternParameters(S, K))).planes["Y"]
-        field = found.result().interpolation.field
+        planes = [of_chart.exposed(one, noise, bits=BITS) for one in seen]
+        frames = [RawFrame(Path(f"{i}"), "", {"Y": plane}, Exposure()) for i, plane in enumerate(planes)]
+        nodes = measure_frames(frames, CHART, replace(FIELD, k=k)).nodes["Y"]
+        field = interpolate("Y", SHAPE, nodes).field
         for where, some in places().items():
             for x, y in some:
-                yield from numbers_at(field, x, y, f_number, where, place_at(x, y, f_number))
-        for node, (x, y) in zip(field.nodes, tour(), strict=True):
-            place, where = (
-                place_at(x, y, f_number),
-                "centre" if np.hypot(x - MIDDLE[0], y - MIDDLE[1]) < 100 else "outside",
-            )
-            yield from compared(
-                numbers_of(node.psf, radius_direction(SHAPE, x, y)), x, y, f_number, ("chart", where), place
-            )
+                yield from numbers_at(field.at(x, y), (x, y), f_number, ("field", where))
+        for node in nodes:
+            at = min(tour(), key=lambda one: float(np.hypot(*(one - node.position))))
+            where = "centre" if np.hypot(*(np.array(at) - MIDDLE)) < CENTRAL_PX else "outside"
+            yield from numbers_at(node.psf, at, f_number, ("one chart", where))
 
 
-def numbers_at(field: PsfField, x: float, y: float, f_number: float, where: str, place: Place) -> Iterator[Row]:
-    """The maps' numbers at a place of a field."""
-    told = numbers_of(field.at(x, y), radius_direction(SHAPE, x, y))
-    yield from compared(told, x, y, f_number, ("field", where), place)
-
-
-def compared(
-    told: tuple[Array, Array], x: float, y: float, f_number: float, of: tuple[str, str], place: Place
-) -> Iterator[Row]:
-    """Numbers of the maps beside the truth."""
-    true = true_numbers(place, radius_direction(SHAPE, x, y))
-    for (name, *_), value, uncertainty, truth in zip(MAPS, *told, true, strict=True):
+def numbers_at(psf: Psf, at: tuple[float, float], f_number: float, of: tuple[str, str]) -> Iterator[Row]:
+    """The maps' numbers of a PSF beside the truth of its place."""
+    place, radius = place_at(*at, f_number), radius_direction(SHAPE, *at)
+    true = [*true_numbers(place, radius)[:-1], true_psf(place.optics, S, psf.k).energy_outside]
+    for (name, *_), value, uncertainty, truth in zip(MAPS, *numbers_of(psf, radius), true, strict=True):
         yield Row(of[0], f_number, of[1], name, float(value), float(uncertainty), float(truth))
 
 
@@ -247,13 +237,14 @@ def tell(rows: list[Row]) -> None:
 
 def main() -> None:
     """Print the table."""
-    counts = [int(n) for n in sys.argv[1:]]
-    fields, others = (counts + [4, 17][len(counts) :])[:2]
-    for rows_of in (
-        partial(field_rows, count=fields),
+    given = [int(n) for n in sys.argv[1:]]
+    fields, others, k = (*given, *(4, 17, 0)[len(given) :])
+    series: list[Callable[[float], Iterator[Row]]] = [
+        partial(field_rows, count=fields, k=k or None),
         partial(pair_rows, count=others),
         partial(edge_rows, count=others),
-    ):
+    ]
+    for rows_of in series:
         for f_number in F_NUMBERS:
             groups: dict[tuple[str, str, str], list[Row]] = {}
             for row in rows_of(f_number):

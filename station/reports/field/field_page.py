@@ -107,9 +107,7 @@ def _plane(
     frame = field.positions, field.shape
     drawn = [in_unit(m, record) for m in one.maps if m.uncertainty is not None]
     errors = [m for m in one.maps if m.uncertainty is None]
-    pictures = [
-        (m, m.share, field_figures.field_map_figure(m, *frame, f"{name}-{m.name}", mm)) for m in drawn
-    ]
+    pictures = [(m, m.share, field_figures.field_map_figure(m, *frame, f"{name}-{m.name}", mm)) for m in drawn]
     axis = FrequencyAxis(str(record.unit), record.factor)
     others = {other.name: other.of(name, "mm" if mm else "pixel") for other in overlays}
     drawn_over = {other: columns for other, columns in others.items() if columns}

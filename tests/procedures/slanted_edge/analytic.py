@@ -1,7 +1,8 @@
 """Edges rendered from transfer functions that have no end: no PSF is cut to a box, no Fourier transform wraps around.
 
 The edge spread function of an OTF H along the edge's normal is 1/2 + the integral of the imaginary part of
-H(f) exp(2 pi i f d) / (pi f) over all f > 0; pixels take it where they lie. Shares nothing with the estimator, nor with the simulated camera.
+H(f) exp(2 pi i f d) / (pi f) over all f > 0; pixels take it where they lie. Shares nothing with the estimator, nor with
+the simulated camera.
 """
 
 from __future__ import annotations
