@@ -106,6 +106,9 @@ class Psf:
         Covariance of `h.ravel()`, nuisance parameters included.
     tail : PsfTail
         What lies outside the support; by default nothing.
+    lacking : (k^2, k^2) float64 or None
+        The part of `covariance` that is no noise in the samples but what they lack of the truth, as between the nodes
+        of a field: noise adds energy to the samples, this does not. None: all of it is noise.
 
     Notes
     -----
@@ -117,6 +120,7 @@ class Psf:
     s: int
     covariance: Array
     tail: PsfTail = field(default_factory=lambda: PsfTail.none(0))
+    lacking: Array | None = None
 
     def __post_init__(self) -> None:
         k = self.h.shape[0]
@@ -129,11 +133,15 @@ class Psf:
             raise ValueError(f"the tail's covariances must fit {k * k} samples and {q} of {len(SHAPES)} shapes")
 
     @classmethod
-    def of(cls, parameters: Array, covariance: Array, k: int, s: int) -> Psf:
-        """The PSF of k x k samples with these `parameters` (k^2 + q,) and their covariance."""
+    def of(cls, parameters: Array, covariance: Array, k: int, s: int, lacking: Array | None = None) -> Psf:
+        """The PSF of k x k samples with these `parameters` (k^2 + q,) and their covariance.
+
+        `lacking` (k^2 + q, k^2 + q) is the part of that which is no noise.
+        """
         n = k * k
         tail = PsfTail(parameters[n:], covariance[n:, n:], covariance[:n, n:])
-        return cls(parameters[:n].reshape(k, k), s, covariance[:n, :n], tail)
+        of_samples = None if lacking is None else lacking[:n, :n]
+        return cls(parameters[:n].reshape(k, k), s, covariance[:n, :n], tail, of_samples)
 
     @property
     def k(self) -> int:

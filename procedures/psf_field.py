@@ -68,6 +68,11 @@ class CoefficientModel(Protocol):
         """The same as weights (n, r, N, r)."""
         ...
 
+    @property
+    def reach(self) -> float:
+        """How far beyond that the PSF may be told to go on changing as it did on the way there, in half diagonals."""
+        ...
+
     def carried(self, held: Array, points: Array) -> Array:
         """How far the model holds on the way from `held`, where the nodes end, to points (n, 2) beyond; (n, 2)."""
         ...
@@ -152,7 +157,12 @@ class PsfField:
     def coefficients(self, points: Array) -> Array:
         """What the components are multiplied by at points (n, 2) of the plane, (n, r)."""
         values = self.coefficients_at_nodes - self.origin
-        return np.asarray(self.model.predict(self._placed(points), values) + self.origin)
+        placed, before = self._placed(points)
+        found = self.model.predict(placed, values)
+        beyond = np.flatnonzero(np.any(placed != before, axis=1))
+        if len(beyond):
+            found[beyond] += found[beyond] - self.model.predict(before[beyond], values)
+        return np.asarray(found + self.origin)
 
     def parameters(self, points: Array) -> Array:
         """The PSFs' parameters at points (n, 2) of the plane, (n, p)."""
@@ -170,10 +180,12 @@ class PsfField:
     def at(self, x: float, y: float) -> Psf:
         """The whole PSF at a place of the plane, with the covariance of its error: noise and interpolation.
 
-        Beyond the nodes (`inside`) it is that of the nearest place that they tell of, with a larger error.
+        Beyond the nodes (`inside`) it is that of the nearest place that they tell of, with a larger error; where a lens
+        is known to be symmetric it changes on from there as much as on as short a way before.
         """
         p = self.parameters(np.array([[x, y]], dtype=np.float64))[0]
-        return Psf.of(p, self.noise(x, y) + self.interpolation(x, y), self.k, self.s)
+        lacking = self.interpolation(x, y)
+        return Psf.of(p, self.noise(x, y) + lacking, self.k, self.s, lacking)
 
     def noise(self, x: float, y: float) -> Array:
         """Covariance (p, p) of h(x, y) that comes from the nodes' own.
@@ -201,7 +213,7 @@ class PsfField:
     def _beyond(self, x: float, y: float) -> Array:
         """Change of the coefficients (r,) on the way to the farthest place that the nodes tell of, as long as from
         there to this one."""
-        placed = self._placed(np.array([[x, y]], dtype=np.float64))
+        placed, _ = self._placed(np.array([[x, y]], dtype=np.float64))
         before = 2 * placed - in_half_diagonals(np.array([[x, y]]), self.shape)
         values = self.coefficients_at_nodes - self.origin
         return np.asarray(self.model.predict(placed, values)[0] - self.model.predict(before, values)[0])
@@ -254,13 +266,21 @@ class PsfField:
     def _transfer(self, x: float, y: float) -> Array:
         """T at one place, (r, N, r)."""
         point = np.array([[x, y]], dtype=np.float64)
-        return np.asarray(self.model.transfer(self._placed(point), len(self.components))[0])
+        placed, before = self._placed(point)
+        T = self.model.transfer(placed, len(self.components))[0]
+        if np.any(placed != before):
+            T = 2 * T - self.model.transfer(before, len(self.components))[0]
+        return np.asarray(T)
 
-    def _placed(self, points: Array) -> Array:
-        """Points of the plane as the model takes them; for those beyond the nodes, as far out as it holds."""
+    def _placed(self, points: Array) -> tuple[Array, Array]:
+        """Points of the plane as the model takes them, for those beyond the nodes as far out as it holds; and as far
+        before these as it goes on beyond them; (n, 2) each."""
         points = np.asarray(points, dtype=np.float64)
-        held = in_half_diagonals(self.hull.nearest(points), self.shape)
-        return self.model.carried(held, in_half_diagonals(points, self.shape))
+        wanted, held = (in_half_diagonals(some, self.shape) for some in (points, self.hull.nearest(points)))
+        placed = self.model.carried(held, wanted)
+        way = wanted - placed
+        length = np.linalg.norm(way, axis=1, keepdims=True)
+        return placed, placed - way * np.minimum(self.model.reach / np.maximum(length, 1e-12), 1.0)
 
 
 def held_by_priors(psf: Psf) -> Array:

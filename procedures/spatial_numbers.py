@@ -141,9 +141,10 @@ def _nyquist_kernel(size: int, s: int) -> Array:
 def _noise_of_energy(psf: Psf) -> tuple[float, float]:
     """What noise of the samples adds, on average, to the energy inside the Nyquist square and to the whole."""
     S = _nyquist_kernel(psf.k, psf.s)
-    C = psf.covariance.reshape(psf.k, psf.k, psf.k, psf.k)
+    noise = psf.covariance if psf.lacking is None else psf.covariance - psf.lacking
+    C = noise.reshape(psf.k, psf.k, psf.k, psf.k)
     inside = np.sum(S * np.tensordot(S, C, axes=((0, 1), (0, 2))))
-    return float(inside), float(np.trace(psf.covariance))
+    return float(inside), float(np.trace(noise))
 
 
 @dataclass(frozen=True)

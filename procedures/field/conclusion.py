@@ -157,8 +157,8 @@ def _plane_field(
 def _rules(found: Interpolation, maps: Sequence[FieldMap]) -> list[Rule]:
     """What makes a field doubtful."""
     by_name = {one.name: one for one in maps}
-    error = float(np.nanmedian(by_name["error_interpolation"].value))
-    enclosed = float(np.isfinite(by_name["error_noise"].value).mean())
+    error = by_name["error_interpolation"].median(by_name["error_interpolation"].value)
+    enclosed = by_name["error_noise"].share
     rows, columns = found.field.shape
     centred = bool(found.field.inside(np.array([[(columns - 1) / 2, (rows - 1) / 2]]))[0])
     return [
@@ -198,9 +198,7 @@ def _numbers(found: Interpolation, maps: Sequence[FieldMap]) -> dict[str, Quanti
                 n,
             )
     for one in maps:
-        if one.uncertainty is not None and np.isfinite(one.value).any():
-            spread = float(np.nanmedian(one.uncertainty))
-            numbers[f"{one.name}_median"] = Quantity(
-                float(np.nanmedian(one.value)), one.unit, spread, "median over the field, and of the uncertainty", n
-            )
+        if one.uncertainty is not None and np.isfinite(one.median(one.value)):
+            spread, method = one.median(one.uncertainty), "median over the field, and of the uncertainty"
+            numbers[f"{one.name}_median"] = Quantity(one.median(one.value), one.unit, spread, method, n)
     return numbers

@@ -21,8 +21,11 @@ from procedures.raw import Plane, RawFrame
 
 Array = npt.NDArray[np.float64]
 
-FIELD = PatternParameters(s=4, k=17)
-"""How the nodes of a field are sampled where nothing else is asked for: they must all have the same s."""
+FIELD = PatternParameters(s=4)
+"""How the nodes of a field are sampled where nothing else is asked for: they must all have the same s. A small aperture
+and a corner's aberrations need wider supports than the frame's centre."""
+BRACKET = PatternParameters(s=4, k=17)
+"""The same through focus, where sharpness alone is asked, of many charts."""
 MIDDLE: Array = np.full((1, 2), CELLS / 2)
 """The chart's centre, in cells: the node's place."""
 
@@ -122,7 +125,7 @@ def estimate_field(
     frames : iterable of RawFrame
         Of one camera, lens, aperture and focus. They may be read while they are gone through: none is kept.
     parameters : PatternParameters, optional
-        By default s = 4 and k = 17. All nodes need the same s.
+        By default s = 4 and k as wide as each chart asks. All nodes need the same s.
     each : MapLike
         How the charts of a photograph are gone through; `map` takes one after the other.
 

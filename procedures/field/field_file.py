@@ -44,7 +44,7 @@ those (tail_cross), of the noise of the photographs.
 PLANE/nodes: what was measured.
 PLANE/anywhere: base + sum over c of coefficients[i, j, c] components[c] is the PSF's support at (x[j], y[i]); the same
 of base_tail and components_tail is the tail's amplitudes.
-PLANE/maps: numbers of the whole PSF and their standard uncertainties, NaN beyond the nodes.
+PLANE/maps: numbers of the whole PSF and their standard uncertainties; beyond the nodes they grow.
 lateral_colour/PLANE: shift against the reference plane, in pixels of the sensor.
 vignetting/PLANE: log of the light over that at the frame's centre, a polynomial of the place in half diagonals."""
 CAMERA = "camera"

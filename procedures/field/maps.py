@@ -37,9 +37,11 @@ class FieldMap:
     x : (nx,), y : (ny,) float64
         Places in pixels of the plane.
     value : (ny, nx) float64
-        NaN beyond the nodes, and where there is no such number.
+        NaN where there is no such number.
     uncertainty : (ny, nx) float64 or None
         None where the value is itself an uncertainty.
+    enclosed : (ny, nx) bool or None
+        Which places the nodes enclose, where the others have a value too; None: those that have one.
     """
 
     name: str
@@ -49,6 +51,17 @@ class FieldMap:
     y: Array
     value: Array
     uncertainty: Array | None
+    enclosed: npt.NDArray[np.bool_] | None = None
+
+    @property
+    def share(self) -> float:
+        """The share of the frame that the nodes enclose."""
+        return float((np.isfinite(self.value) if self.enclosed is None else self.enclosed).mean())
+
+    def median(self, values: Array) -> float:
+        """Of values (ny, nx) at the map's places, those that the nodes enclose; NaN where there are none."""
+        some = values if self.enclosed is None else values[self.enclosed]
+        return float(np.nanmedian(some)) if np.isfinite(some).any() else np.nan
 
 
 MAPS = (
@@ -86,25 +99,29 @@ ERRORS = (
 
 
 def derive(field: PsfField, columns: int = COLUMNS, without: WithoutPhotosite | None = None) -> tuple[FieldMap, ...]:
-    """Every map of one plane, those without the photosite where these are asked for, and the predicted error's last."""
+    """Every map of one plane, those without the photosite where these are asked for, and the predicted error's last.
+
+    Beyond the nodes they are what `PsfField.at` tells.
+    """
     x, y = grid(field.shape, columns)
     names = (*MAPS, *WITHOUT_PHOTOSITE) if without else MAPS
     value, uncertainty = np.full((2, len(names), len(y), len(x)), np.nan)
     errors = np.full((len(ERRORS), len(y), len(x)), np.nan)
+    enclosed = field.inside(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)).reshape(len(y), len(x))
     for row, at_y in enumerate(y):
-        for column in np.flatnonzero(field.inside(np.column_stack([x, np.full_like(x, at_y)]))):
+        for column in range(len(x)):
             p = field.parameters(np.array([[x[column], at_y]]))[0]
             parts = field.noise(x[column], at_y), field.interpolation(x[column], at_y)
-            psf = Psf.of(p, parts[0] + parts[1], field.k, field.s)
+            psf = Psf.of(p, parts[0] + parts[1], field.k, field.s, parts[1])
             norm = float(np.linalg.norm(psf.extended()))
             errors[:, row, column] = [field.norm_of_error(C) / norm for C in parts]
             radius = radius_direction(field.shape, x[column], at_y)
             numbers = [numbers_of(psf, radius)] + ([mtf50_about(psf, radius, without)] if without else [])
             value[:, row, column], uncertainty[:, row, column] = np.hstack(numbers)
     numbered = zip(names, value, uncertainty, strict=True)
-    maps = [FieldMap(name, title, unit, x, y, v, u) for (name, title, unit), v, u in numbered]
+    maps = [FieldMap(name, title, unit, x, y, v, u, enclosed) for (name, title, unit), v, u in numbered]
     told = zip(ERRORS, errors, strict=True)
-    return (*maps, *(FieldMap(name, title, "of the PSF's norm", x, y, v, None) for (name, title), v in told))
+    return (*maps, *(FieldMap(name, title, "of the PSF's norm", x, y, v, None, enclosed) for (name, title), v in told))
 
 
 def numbers_of(psf: Psf, radius: float) -> tuple[Array, Array]:

@@ -23,6 +23,9 @@ RIDGE = 1e-5
 show of a ring is not blown up."""
 FARTHEST_CENTRE = 0.7
 """A lens's axis is looked for this far from the frame's centre, in half diagonals."""
+FURTHER = 0.25
+"""Half diagonals beyond its nodes over which a symmetric lens is told to change on as on as long a way before: from the
+usual tour's charts to the frame's corners."""
 OUTERMOST = 4
 """Nodes that must lie as far from the axis as a place beyond all of them for which a symmetric lens is believed."""
 
@@ -41,6 +44,11 @@ class Separate:
     def transfer(self, points: Array, r: int) -> Array:
         """(n, r, N, r)."""
         return np.asarray(np.einsum("ni,ab->naib", self.smoother.weights(points), np.eye(r)))
+
+    @property
+    def reach(self) -> float:
+        """None."""
+        return 0.0
 
     def carried(self, held: Array, points: Array) -> Array:
         """(n, 2): a surface tells nothing beyond its nodes."""
@@ -158,6 +166,11 @@ class AxialSymmetry:
         design = self.design(points)
         solved = cho_solve(factor, design.reshape(-1, design.shape[2]).T).T
         return np.asarray((solved @ (D.T * weight)).reshape(len(points), r, -1, r))
+
+    @property
+    def reach(self) -> float:
+        """Some of the frame's rim."""
+        return FURTHER
 
     def carried(self, held: Array, points: Array) -> Array:
         """(n, 2): to all sides as far from the axis as nodes lie to some."""

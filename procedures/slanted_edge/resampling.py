@@ -12,7 +12,7 @@ import numpy.typing as npt
 from procedures.slanted_edge.edge_line import tukey
 from procedures.slanted_edge.profile import BINS, Profile, filled, solve_light
 from procedures.slanted_edge.tail import with_tail
-from procedures.slanted_edge.transfer import mtf_of
+from procedures.slanted_edge.transfer import mtf_of, noise_gain
 
 Array = npt.NDArray[np.float64]
 
@@ -26,7 +26,8 @@ def resampled_mtf(profile: Profile, draws: int = DRAWS) -> Array:
     References
     ----------
     Rubin, The Bayesian bootstrap, Annals of Statistics 9, 1981. A mean of m rows with weights of unit exponentials
-    varies by (m - 1) / (m + 1) of what it should: the spread is enlarged by that.
+    varies by (m - 1) / (m + 1) of what it should: the spread is enlarged by that. The values are not moved to their
+    bins' centres anew with every draw, where noise moves them too: by `noise_gain`.
     """
     n = len(profile.sums)
     rng = np.random.default_rng(SEED)
@@ -42,7 +43,7 @@ def resampled_mtf(profile: Profile, draws: int = DRAWS) -> Array:
     drawn = mtf_of(esf, tail, profile.flat_px, profile.end_px)
     own = mtf_of(profile.esf, np.asarray(profile.tail), profile.flat_px, profile.end_px)
     m = max(float(np.mean(profile.counts.sum(axis=0)[profile.counts.sum(axis=0) > 0])), 2.0)
-    return np.asarray(own + (drawn - own) * np.sqrt((m + 1) / (m - 1)))
+    return np.asarray(own + (drawn - own) * noise_gain() * np.sqrt((m + 1) / (m - 1)))
 
 
 def expected_noise(profile: Profile, mtf50: float) -> float:

@@ -50,6 +50,11 @@ def _spline_gain() -> Array:
     return np.asarray(np.sinc(FREQUENCIES / BINS) / np.sum(spline * np.sinc(u), axis=1))
 
 
+def noise_gain() -> Array:
+    """By how much the spline through the bins' values has more of a noise than the bins' means, at `FREQUENCIES`."""
+    return np.asarray(_spline_gain() / np.sinc(FREQUENCIES / BINS))
+
+
 @lru_cache(maxsize=8)
 def _tail_spectrum(flat_px: float, end_px: float) -> Array:
     """Spectrum of 1/d^2 less what the window keeps of it, on both sides, at `FREQUENCIES`."""

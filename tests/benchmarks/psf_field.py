@@ -36,7 +36,6 @@ from procedures.field.plan import SHEET, locations
 from procedures.pattern import Chart
 from procedures.pattern_psf.centre import mark_offset
 from procedures.pattern_psf.estimate import PatternParameters
-from procedures.psf import Psf
 from procedures.raw import Plane, RawFrame
 from procedures.reading.exposure import Exposure
 from simulators.bench.demonstration import OPTICS, PITCH_UM
@@ -192,7 +191,7 @@ def compare_maps(found: FieldResult, plane: str, place_at: Callable[[float, floa
     told: list[FieldMap] = [m for m in one.maps if m.uncertainty is not None]
     for i, m in enumerate(told):
         without = i >= len(MAPS)
-        for j, k in np.argwhere(np.isfinite(m.value)):
+        for j, k in np.argwhere(m.enclosed & np.isfinite(m.value)):
             x, y = float(m.x[k]), float(m.y[j])
             place = before_photosites(place_at(x, y)) if without else place_at(x, y)
             true = true_numbers(place, radius_direction(shape, x, y))[i - len(MAPS) if without else i]
@@ -304,8 +303,7 @@ def corners(count: int) -> None:
         (left, top), (right, bottom) = field.positions.min(axis=0), field.positions.max(axis=0)
         for x, y in ((x, y) for x in (left, right) for y in (top, bottom)):
             x, y = (float(value) for value in field.hull.nearest(np.array([[x, y]]))[0])
-            C = field.noise(x, y) + field.interpolation(x, y)
-            psf = Psf.of(field.parameters(np.array([[x, y]]))[0], C, field.k, field.s)
+            psf = field.at(x, y)
             radius = radius_direction(field.shape, x, y)
             true = true_numbers(place_in_mono(x, y, lens), radius)
             for (name, *_), value, sigma, truth in zip(MAPS, *numbers_of(psf, radius), true, strict=True):
@@ -324,7 +322,7 @@ def tell_field(name: str, one: PlaneField) -> None:
         return
     at_nodes = [error(node.psf.h, place_in_colour(*map(float, node.position), name).psf().h) for node in field.nodes]
     m: FieldMap = one.maps[0]
-    places = [(float(m.x[k]), float(m.y[j])) for j, k in np.argwhere(np.isfinite(m.value))]
+    places = [(float(m.x[k]), float(m.y[j])) for j, k in np.argwhere(m.enclosed & np.isfinite(m.value))]
     between = [error(field.at(*place).h, place_in_colour(*place, name).psf().h) for place in places]
     print(f"  error at the nodes {np.mean(at_nodes):.2%}, between them {np.mean(between):.2%} "
           f"(most {np.max(between):.2%}): {np.mean(between) / np.mean(at_nodes):.2f} times, bound 1.5")  # fmt: skip

@@ -87,7 +87,7 @@ def tilt(
     """
     start = time.perf_counter()
     source = chart_source(bits, seed)
-    from procedures.field.estimate import FIELD
+    from procedures.field.estimate import BRACKET
     from procedures.field.measuring import measure
     from procedures.raw import default_plane
     from station.calibration.field_photographs import focus_positions, photographs
@@ -102,7 +102,7 @@ def tilt(
     check_known(parameters, positions)  # what is missing is told before the work, not after it
     name = plane or default_plane(paths[0], layout)
     with ResultFolder(out, force=forced()) as results, progress(len(paths)) as told:
-        measured = measure(paths, [name], source.chart, FIELD, told, layout)
+        measured = measure(paths, [name], source.chart, BRACKET, told, layout)
         for miss in measured.misses:
             log("missed", f"{miss.source} {miss.place}: {miss.reason}", level="warning", remedy=miss.remedy)
         found = measure_tilt(measured, name, positions, parameters)

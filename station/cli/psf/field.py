@@ -67,7 +67,7 @@ FAILED_ITEMS = 1
     help="Width of the printed chart's ten blocks: the distances of the geometry hang on it.",
 )
 @certificate_option
-@psf_options(s=4, k=17, solver="ls", report=True)
+@psf_options(s=4, k="auto", solver="ls", report=True)
 def psf_field(
     folder: Path,
     bits: Path | None,

@@ -10,11 +10,12 @@ import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup
 from matplotlib.axes import Axes
-from matplotlib.patches import Ellipse, Rectangle
+from matplotlib.patches import Ellipse, Polygon, Rectangle
 
 from procedures.field.chromatic import LateralColour
 from procedures.field.maps import FieldMap
 from procedures.field.models import SymmetryAxis
+from procedures.numerics.scattered import Hull
 from procedures.psf_field import PsfField
 from station.drawing.colours import FAINT, INK, MARK, PLANE_COLOURS
 from station.drawing.style import STYLE, axes_grid, colour_bar, few_ticks, svg
@@ -41,11 +42,6 @@ class _Panel:
     limits: tuple[float, float]
     colours: str
     unit: str
-
-
-def share_of(one: FieldMap) -> float:
-    """The share of the frame that a map covers."""
-    return float(np.isfinite(one.value).mean())
 
 
 def field_map_figure(
@@ -89,6 +85,8 @@ def _panels(
             panel.values, cmap=panel.colours, vmin=low, vmax=high, interpolation="none", extent=extent
         )  # fmt: skip
         axes.plot(*nodes.T, ".", color=INK, ms=2)
+        if places.enclosed is not None:
+            axes.add_patch(Polygon(Hull(nodes).rim, fill=False, ec=INK, lw=0.5, ls=":"))
         axes.add_patch(Rectangle((-0.5, -0.5), columns, rows, fill=False, ec=FAINT, lw=0.8))
         axes.set(xlim=(-1, columns), ylim=(rows, -1))
         if panel is panels[0]:  # the others are as wide and high, and every tick takes time to draw

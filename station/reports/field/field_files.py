@@ -210,11 +210,11 @@ def _told(one: PlaneField) -> dict[str, Any]:
     """What the record says about a plane's field."""
     found = one.interpolation
     by_name = {name.name: name for name in one.maps}
-    errors = {name: float(np.nanmedian(by_name[name].value)) for name in ("error_noise", "error_interpolation")}
+    errors = {name: by_name[name].median(by_name[name].value) for name in ("error_noise", "error_interpolation")}
     return {
         "model": found.field.model.name,
         "components": len(found.field.components),
-        "enclosed_share": float(np.isfinite(by_name["error_noise"].value).mean()),
+        "enclosed_share": by_name["error_noise"].share,
         **errors,
         "candidates": [asdict(candidate) for candidate in found.candidates[:CANDIDATES_TOLD]],
         **{name: asdict(quantity) for name, quantity in one.numbers.items()},

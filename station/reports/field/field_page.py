@@ -6,8 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from procedures.field.conclusion import FieldResult, PlaneField
 from procedures.field.image_height import HeightCurve
 from procedures.field.maps import FieldMap
@@ -118,9 +116,7 @@ def _plane(
     frame = field.positions, field.shape
     drawn = [in_unit(m, record) for m in one.maps if m.uncertainty is not None]
     errors = [m for m in one.maps if m.uncertainty is None]
-    pictures = [
-        (m, field_figures.share_of(m), field_figures.field_map_figure(m, *frame, f"{name}-{m.name}", mm)) for m in drawn
-    ]
+    pictures = [(m, m.share, field_figures.field_map_figure(m, *frame, f"{name}-{m.name}", mm)) for m in drawn]
     axis = FrequencyAxis(str(record.unit), record.factor)
     others = {other.name: other.of(name, "mm" if mm else "pixel") for other in overlays}
     drawn_over = {other: columns for other, columns in others.items() if columns}
@@ -150,7 +146,7 @@ def in_unit(one: FieldMap, record: PlaneResult) -> FieldMap:
 
 
 def _medians(one: PlaneField) -> dict[str, float]:
-    return {m.name: float(np.nanmedian(m.value)) for m in one.maps if m.uncertainty is None}
+    return {m.name: m.median(m.value) for m in one.maps if m.uncertainty is None}
 
 
 def _colour(colour: Any, number: int) -> dict[str, Any]:

@@ -1,7 +1,8 @@
 """Edges rendered from transfer functions that have no end: no PSF is cut to a box, no Fourier transform wraps around.
 
-The edge spread function of an OTF H along the edge's normal is 1/2 + the integral of H(f) sin(2 pi f d) / (pi f) over
-all f > 0; pixels take it where they lie. Shares nothing with the estimator, nor with the simulated camera.
+The edge spread function of an OTF H along the edge's normal is 1/2 + the integral of the imaginary part of
+H(f) exp(2 pi i f d) / (pi f) over all f > 0; pixels take it where they lie. Shares nothing with the estimator, nor with
+the simulated camera.
 """
 
 from __future__ import annotations
@@ -73,9 +74,12 @@ def spread(otf: Callable[[Array], Array], reach_px: float) -> tuple[Array, Array
     step = 1 / (count * APART_PX)
     f = (np.arange(int(HIGHEST / step)) + 0.5) * step
     d = np.arange(int(np.ceil(reach_px / APART_PX)) + 1) * APART_PX
-    waves = np.fft.ifft(otf(f) / (np.pi * f) * step, count)[: len(d)] * count
-    rise = np.imag(np.exp(1j * np.pi * step * d) * waves)
-    return np.concatenate([-d[:0:-1], d]), 0.5 + np.concatenate([-rise[:0:-1], rise])
+    H = otf(f)
+    half = np.exp(1j * np.pi * step * d)
+    rise, fall = (
+        np.imag(half * np.fft.ifft(one / (np.pi * f) * step, count)[: len(d)] * count) for one in (H, np.conj(H))
+    )
+    return np.concatenate([-d[:0:-1], d]), 0.5 + np.concatenate([-fall[:0:-1], rise])
 
 
 def edge(camera: Camera, *, rows: int = 100, columns: int = 60, angle_deg: float = 5.0, shift_px: float = 0.0) -> Array:

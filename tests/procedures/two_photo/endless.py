@@ -68,7 +68,8 @@ def _seen(spectrum: Array, otf: Otf, per_texel: float) -> Array:
     """The wall through optics, `per_texel` pixels a texel."""
     size = len(spectrum)
     fx, fy = scipy.fft.rfftfreq(size) / per_texel, scipy.fft.fftfreq(size)[:, None] / per_texel
-    return scipy.fft.irfft2(spectrum * otf(fx, fy).astype(np.float32), (size, size))
+    H = otf(fx, fy)
+    return scipy.fft.irfft2(spectrum * H.astype(np.complex64 if np.iscomplexobj(H) else np.float32), (size, size))
 
 
 def _splines(size: int) -> Array:
