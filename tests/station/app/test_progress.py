@@ -8,7 +8,7 @@ from dataclasses import replace
 from procedures.plan import Advice, Ask
 from station.app.app import StationApp
 from station.app.screens.guide import AT_WORK
-from station.app.widgets import progress_in_words
+from station.app.widgets import ProgressLine, progress_in_words
 from station.drawing.glyphs import UNICODE
 from station.guide.frontend import Doing, RunEnded, Seen
 
@@ -49,6 +49,25 @@ def test_a_trial_that_says_nothing_leaves_the_box_saying_that_there_is_nothing_t
         assert AT_WORK in driver.words
         go.set()
         await driver.until(MOUNT.question)
+
+    drive(StationApp(FakeLab(tmp_path, script)), use)
+
+
+def test_a_run_that_ends_while_its_screen_is_taken_down_is_no_fault(tmp_path):
+    go = threading.Event()
+
+    def script(run: FakeRun) -> RunEnded:
+        run.step("print", doing("exposing"))
+        go.wait(20)
+        return RunEnded("emergency")
+
+    async def use(driver: Driver) -> None:
+        await driver.begin()
+        await driver.until("exposing")
+        await driver.app.screen.query(ProgressLine).remove()
+        go.set()
+        await driver.until(lambda: driver.app.running("run") is None)
+        await driver.pilot.pause()
 
     drive(StationApp(FakeLab(tmp_path, script)), use)
 
