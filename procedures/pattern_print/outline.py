@@ -16,7 +16,8 @@ import numpy.typing as npt
 from procedures.pattern import BLACK_BLOCKS, BLOCK, BLOCKS, Cells, Chart, edge_areas, triangles
 
 Vertex = tuple[int, int]
-Edge = tuple[Vertex, Vertex]
+Edge = tuple[int, int, int, int]
+"""From (x, y) to (x, y)."""
 Loop = list[Vertex]
 
 
@@ -26,12 +27,12 @@ def outline(chart: Chart) -> list[Loop]:
     Each is a list of (x, y) in cells, whole numbers, without its first point again; black lies to the right of every
     edge, y down, so that the non-zero and the even-odd rule fill the same. Outlines meet in corners, never in edges.
     """
-    edges = set(_square_edges(_black_squares(chart.cells)))
+    edges = _square_edges(_black_squares(chart.cells))
     for start, end in _triangle_edges():
-        if (end, start) in edges:
-            edges.remove((end, start))
+        if (*end, *start) in edges:
+            edges.remove((*end, *start))
         else:
-            edges.add((start, end))
+            edges.add((*start, *end))
     return [_without_straight_points(loop) for loop in _chained(edges)] + _edge_loops(chart)
 
 
@@ -49,23 +50,22 @@ def _black_squares(cells: Cells) -> npt.NDArray[np.bool_]:
     return black
 
 
-def _square_edges(black: npt.NDArray[np.bool_]) -> list[Edge]:
+def _square_edges(black: npt.NDArray[np.bool_]) -> set[Edge]:
     """Unit edges between black and white squares."""
     step_down = np.diff(np.pad(black, 1).astype(np.int8), axis=0)[:, 1:-1]
     step_right = np.diff(np.pad(black, 1).astype(np.int8), axis=1)[1:-1, :]
-    edges: list[Edge] = []
-    for y, x in (np.argwhere(step_down) - BLOCK).tolist():
-        left, right = (x, y), (x + 1, y)
-        edges.append((left, right) if step_down[y + BLOCK, x + BLOCK] > 0 else (right, left))
-    for y, x in (np.argwhere(step_right) - BLOCK).tolist():
-        top, bottom = (x, y), (x, y + 1)
-        edges.append((bottom, top) if step_right[y + BLOCK, x + BLOCK] > 0 else (top, bottom))
-    return edges
+    y, x = np.nonzero(step_down)
+    left = step_down[y, x] < 0  # that way round
+    across = np.stack([x + left, y, x + ~left, y], axis=1)
+    y, x = np.nonzero(step_right)
+    up = step_right[y, x] > 0
+    along = np.stack([x, y + up, x, y + ~up], axis=1)
+    return set(map(tuple, (np.concatenate([across, along]) - BLOCK).tolist()))
 
 
-def _triangle_edges() -> list[Edge]:
+def _triangle_edges() -> list[tuple[Vertex, Vertex]]:
     """Edges of the x-corners' triangles; bases in unit steps, because cells may lie on their other side."""
-    edges: list[Edge] = []
+    edges: list[tuple[Vertex, Vertex]] = []
     for corners in triangles():
         (x, base), (right, _), (apex_x, apex_y) = corners.astype(int).tolist()
         points = [(step, base) for step in range(x, right + 1)] + [(apex_x, apex_y), (x, base)]
@@ -77,8 +77,8 @@ def _triangle_edges() -> list[Edge]:
 
 def _chained(edges: set[Edge]) -> list[Loop]:
     ends = defaultdict(list)
-    for start, end in sorted(edges):
-        ends[start].append(end)
+    for x, y, to_x, to_y in sorted(edges):
+        ends[x, y].append((to_x, to_y))
     loops = []
     for first in list(ends):
         while ends[first]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from procedures.outcome import Outcome, Verdict
 from procedures.pattern import DEFAULT_SEED
 from procedures.pattern_print.formats import encode
 from procedures.pattern_print.rulers import LENGTH_MM
-from procedures.pattern_print.sheet import DEFAULT_WIDTH_MM
+from procedures.pattern_print.sheet import DEFAULT_WIDTH_MM, Size
 from procedures.pattern_print.source import Source
 from procedures.pattern_psf.checks import (
     best_place,
@@ -121,7 +122,13 @@ def gave(number: Callable[[PatternFacts], float | None], words: str) -> Callable
 def chart_page(facts: Facts) -> bytes:
     """The PDF to print."""
     known = facts_as(PatternFacts, facts)
-    return encode(Path(CHART), Source.from_seed(known.chart_seed), known.size).data
+    return _page(known.chart_seed, known.size)
+
+
+@lru_cache(maxsize=2)
+def _page(seed: int, size: Size) -> bytes:
+    """The same at every call: most sessions are about one chart, and drawing it takes half a second."""
+    return encode(Path(CHART), Source.from_seed(seed), size).data
 
 
 SEED = Ask(
@@ -130,10 +137,7 @@ SEED = Ask(
 )  # fmt: skip
 """Asked where another than the station's own was given, or the chart shows others."""
 PRINT = (
-    Ask(
-        "chart_width_mm", "How wide shall the chart be printed?", "number", "mm", DEFAULT_WIDTH_MM,
-        low=32.0, high=3600.0,
-    ),
+    Ask("chart_width_mm", "How wide shall the chart be?", "number", "mm", DEFAULT_WIDTH_MM, low=32.0, high=3600.0),
     Give(CHART, chart_page, lambda path: f"the chart to print: {path}"),
     SEED,
     Ask("printed", f"Print {CHART} on matt paper at 100 % (actual size)."),

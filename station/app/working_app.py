@@ -291,7 +291,7 @@ class WorkingApp(App[int]):
         if not self.is_running:
             return
         self._drain_is_due, self._shown_s = False, time.monotonic()
-        guide, sitting = self._guide, self._sitting
+        guide, sitting = self._guide if self._guide is not None and self._guide.whole else None, self._sitting
         for news in sitting.desk.take() if sitting is not None and guide is not None else ():
             assert guide is not None  # a run begins when its screen is there
             if isinstance(news, RunBegan):
@@ -310,10 +310,11 @@ class WorkingApp(App[int]):
     def _run_ended(self, finished: Finished) -> None:
         self._drain()
         self._run_is_due = False
-        if finished.problem is not None and self._guide is not None:
-            self._guide.fail(finished.problem)
-        elif self._guide is not None:
-            self._guide.show(finished.value)
+        guide = self._guide if self._guide is not None and self._guide.whole else None
+        if finished.problem is not None and guide is not None:
+            guide.fail(finished.problem)
+        elif guide is not None:
+            guide.show(finished.value)
         if self._afterwards is not None:
             then, self._afterwards = self._afterwards, None
             then()

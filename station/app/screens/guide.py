@@ -78,6 +78,11 @@ class GuideScreen(StationScreen):
         yield ProgressLine(id="progress")
 
     @property
+    def whole(self) -> bool:
+        """Whether its parts are there: not any more while the screens are taken down."""
+        return bool(self.query(ProgressLine))
+
+    @property
     def answers(self) -> AnswerBox:
         """The box below the instruction."""
         return self.query_one(AnswerBox)

@@ -1,0 +1,76 @@
+"""What the guide says of the work, while there is nothing to do and beside a question."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import replace
+
+from procedures.plan import Advice, Ask
+from station.app.app import StationApp
+from station.app.screens.guide import AT_WORK
+from station.app.widgets import ProgressLine, progress_in_words
+from station.drawing.glyphs import UNICODE
+from station.guide.frontend import Doing, RunEnded, Seen
+
+from .driving import Driver, drive
+from .fakes import FakeLab, FakeRun, chosen_step, doing, plane
+
+WIDTH = Ask("width", "How wide is the chart?", "number", unit="mm", low=1e-5, high=2.0**53, default=300.0)
+MOUNT = Ask("mount", "Mount the chart.")
+
+
+def test_work_that_is_over_is_not_shown_beside_a_question_and_a_note_is(tmp_path):
+    note = replace(doing("the chart to print: chart.pdf"), lasts=True)
+    lab = FakeLab(tmp_path, lambda run: chosen_step(run, Doing("going to the middle"), MOUNT, note, WIDTH))
+
+    async def use(driver: Driver) -> None:
+        await driver.begin()
+        await driver.until(MOUNT.question)
+        assert "going to the middle" not in driver.text
+        await driver.press("enter")
+        await driver.until("(0.00001 to")
+        assert "9007199254740992 mm)" in driver.text
+        assert "the chart to print: chart.pdf" in driver.text
+
+    drive(StationApp(lab), use)
+
+
+def test_a_trial_that_says_nothing_leaves_the_box_saying_that_there_is_nothing_to_do(tmp_path):
+    go = threading.Event()
+
+    def script(run: FakeRun) -> RunEnded:
+        run.step("print", Seen(plane(), Advice(True, "")))
+        go.wait(20)
+        return chosen_step(run, MOUNT)
+
+    async def use(driver: Driver) -> None:
+        await driver.begin()
+        await driver.until("plane G1, 90 x 60 pixels")
+        assert AT_WORK in driver.words
+        go.set()
+        await driver.until(MOUNT.question)
+
+    drive(StationApp(FakeLab(tmp_path, script)), use)
+
+
+def test_a_run_that_ends_while_its_screen_is_taken_down_is_no_fault(tmp_path):
+    go = threading.Event()
+
+    def script(run: FakeRun) -> RunEnded:
+        run.step("print", doing("exposing"))
+        go.wait(20)
+        return RunEnded("emergency")
+
+    async def use(driver: Driver) -> None:
+        await driver.begin()
+        await driver.until("exposing")
+        await driver.app.screen.query(ProgressLine).remove()
+        go.set()
+        await driver.until(lambda: driver.app.running("run") is None)
+        await driver.pilot.pause()
+
+    drive(StationApp(FakeLab(tmp_path, script)), use)
+
+
+def test_time_that_passed_is_not_told_as_a_time_to_wait():
+    assert progress_in_words(Doing("homing: keep clear"), 5.0, None, UNICODE) == "homing: keep clear  (5 s so far)"
