@@ -120,11 +120,14 @@ class AlpacaCamera:
             raise
 
     def _ready(self) -> bool:
-        with self._link.asked():
-            if self._link.device.ImageReady:
-                return True
-            failed = int(self._link.device.CameraState) == FAILED
-        if failed:  # what went wrong some servers tell at ImageReady, others nowhere
+        try:
+            with self._link.asked():
+                if self._link.device.ImageReady:
+                    return True
+                failed = int(self._link.device.CameraState) == FAILED
+        except Rejected as error:  # what went wrong some servers tell here, others nowhere
+            raise FrameMissing(error.reason, error.remedy) from error
+        if failed:
             raise FrameMissing(f"{self.address} says that its exposure failed", "look at its server, then repeat")
         return False
 

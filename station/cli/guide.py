@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -55,7 +56,9 @@ def conduct(lab: StationLab, operator: Watched, begin: Callable[[], Running]) ->
     stop = StopBefore(lab, operator)
     try:
         with guarded(stop.now, stop.interrupted):
-            return exit_code(begin().go(), operator.result)
+            running = begin()
+            gc.freeze()  # what was loaded for the bench and the plan, too: see `guarded`
+            return exit_code(running.go(), operator.result)
     except Stopped:  # before there was a run
         return INTERRUPTED
     finally:

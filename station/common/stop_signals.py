@@ -6,6 +6,7 @@ So a thread makes it that the system's own handler wakes through a socket, whate
 
 from __future__ import annotations
 
+import gc
 import signal
 import socket
 import sys
@@ -34,7 +35,8 @@ def guarded(
     """Within, INT, TERM, HUP, QUIT and any exception stop the bench, at once; and TSTP, before it suspends the program.
 
     `ask_to_stop` is called in the main thread after the first Ctrl-C, to end what runs there; a second one raises
-    KeyboardInterrupt. The others end the program with `terminated`. Must be entered in the main thread;
+    KeyboardInterrupt. The others end the program with `terminated`. What is loaded is no longer looked through for
+    garbage: no thread can interrupt that. Must be entered in the main thread;
     `emergency_stop` is called from another one, waits for no lock and never raises.
     """
     asked = False
@@ -117,6 +119,7 @@ def _woken(emergency_stop: Callable[[], None]) -> Iterator[None]:
 
 @contextmanager
 def _short_turns() -> Iterator[None]:
+    gc.freeze()  # looking for garbage among all that is loaded would hold the lock for a tenth of a second
     before = sys.getswitchinterval()
     sys.setswitchinterval(TURN_S)
     try:

@@ -41,7 +41,7 @@ def test_settings_are_kept_and_checked(camera):
     camera.configure(CameraSettings(exposure_s=0.02))
     assert camera.expose().settings.exposure_s == 0.02
     camera.configure(CameraSettings(exposure_s=0.5))
-    # a server that looks for itself says no more than that it failed
+    # a server that looks for itself has no image to give
     with pytest.raises((FrameWrong, FrameMissing), match=r"0.02 s instead of 0.5 s; set the body|its exposure failed"):
         camera.expose()
 

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import gc
 import hashlib
 import os
 import signal
@@ -172,6 +173,14 @@ def test_what_is_suspended_stops_first(monkeypatch):
         os.kill(os.getpid(), signal.SIGTSTP)  # and again after it goes on
         assert told.count(signal.SIG_DFL) == 2
     assert signal.getsignal(signal.SIGTSTP) == before
+
+
+def test_a_stop_waits_for_no_search_for_garbage_among_all_that_is_loaded():
+    # a search holds Python's lock: 29 ms of processor time for the 58 thousand objects of a guide
+    loaded = [[] for _ in range(20_000)]
+    gc.collect()
+    with guarded(lambda: None, lambda: None):
+        assert len(gc.get_objects()) < len(loaded)
 
 
 @pytest.mark.slow

@@ -55,7 +55,7 @@ def test_an_exposure_is_a_file_with_the_sensors_numbers_and_its_record(camera, s
 
 def test_an_exposure_that_fails_at_the_server_is_told(camera):
     camera.configure(CameraSettings(exposure_s=0.5))
-    with pytest.raises(Rejected, match=r"taken at 0\.02 s instead of 0\.5 s; set the body, repeat"):
+    with pytest.raises(FrameMissing, match=r"taken at 0\.02 s instead of 0\.5 s; set the body, repeat"):
         camera.expose()
 
 
