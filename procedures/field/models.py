@@ -84,6 +84,7 @@ class Optic:
         if m not in kept:
             cos, sin = _waves(m, self.k, self.analysis.shape[1] - self.k**2)
             size = np.linalg.norm(self.whiten @ cos, axis=0)
+            size[size == 0] = 1.0  # a ring of few samples holds no wave of many periods
             kept[m] = self.analysis @ (cos / size), self.analysis @ (sin / size)
         return kept[m]
 

@@ -131,7 +131,7 @@ class StationApp(WorkingApp):
         self._show_mode(RESULTS)
 
     def _show_mode(self, mode: str) -> None:
-        if self.running("load"):
+        if not self._is_loaded:
             self._wanted_mode = mode
             self.notify("One moment: the program is still loading.", markup=False)
         else:

@@ -65,7 +65,7 @@ class WorkingApp(App[int]):
         self._subject = self._alarm = ""
         self._wanted: Callable[[Desk], Running] | None = None
         self._wanted_mode = ""
-        self._run_is_due = self._focus_on_bench = False
+        self._is_loaded = self._run_is_due = self._focus_on_bench = False
         self._afterwards: Callable[[], object] | None = None
         self._shown_s = 0.0
         self._drain_is_due = False
@@ -74,10 +74,7 @@ class WorkingApp(App[int]):
 
     def on_mount(self) -> None:
         """Paint first; numpy, bench and sessions come after."""
-        self.call_after_refresh(self._load)
-
-    def _load(self) -> None:
-        self._start("load", lambda: _load(self.lab))
+        self.call_after_refresh(self._start, "load", lambda: _load(self.lab))
 
     @on(Terminated)
     def _terminated(self) -> None:
@@ -165,6 +162,7 @@ class WorkingApp(App[int]):
     def _loaded(self, finished: Finished) -> None:
         # what is loaded stays: looking through it for garbage would hold the loop for a tenth of a second, now and then
         gc.freeze()
+        self._is_loaded = True
         if finished.problem is not None:
             self._complain(finished.problem)
             return
@@ -245,7 +243,7 @@ class WorkingApp(App[int]):
 
     def _begin(self, begin: Callable[[Desk], Running]) -> None:
         """Carry out a run, once all that it needs has been loaded; one at a time, and not beside a move by hand."""
-        if self.running("load"):
+        if not self._is_loaded:  # nor, perhaps, even begun to: that waits until the first screen is painted
             self._wanted = begin
             return
         if taken := self.bench_taken:

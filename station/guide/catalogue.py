@@ -205,9 +205,7 @@ PLANS = {
     "geometry": GuidedProcedure(
         "intrinsics and distortion, from many chart poses", _geometry, _found_results, _write_geometry
     ),
-    "camera": GuidedProcedure(
-        "all of a camera: PSF, geometry, colour, vignetting, sensor", _camera, _camera_results, _write_camera
-    ),
+    "camera": GuidedProcedure("all of a camera: PSF, geometry, light, sensor", _camera, _camera_results, _write_camera),
     "tilt": GuidedProcedure("the sensor squared to the lens by its screws", _tilt, _found_results, _write_tilt),
     "sensor": GuidedProcedure("gain, noise and non-uniformity of a sensor", _sensor, _sensor_results, _write_sensor),
     "restoration": GuidedProcedure(

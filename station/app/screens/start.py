@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.containers import Vertical, VerticalScroll
+from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.message import Message
 from textual.widgets import Input
 
@@ -60,11 +60,11 @@ class StartScreen(StationScreen):
         """The form."""
         camera, lens = self._names
         with VerticalScroll(id="form", can_focus=False):
-            yield Part("Calibrate a camera: choose what to measure. The arrows lead to camera and lens.")
-            yield Part("Camera (the body, as you call it)", classes="label")
-            yield Input(camera, id="camera", compact=True, max_length=80)
-            yield Part("Lens", classes="label")
-            yield Input(lens, id="lens", compact=True, max_length=80)
+            yield Part("Calibrate a camera: choose what to measure. Arrows lead to camera and lens.")
+            for what, name in (("camera", camera), ("lens", lens)):
+                with Horizontal(classes="row"):
+                    yield Part(f"{what.capitalize()}, as you call it", classes="beside")
+                    yield Input(name, id=what, compact=True, max_length=80)
             yield Part("What to measure", classes="label")
             yield Choices(self._plan_lines(), id="plans")
             yield Part(id="to-do", classes="label")

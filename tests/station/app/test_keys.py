@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from functools import partial
 
 import pytest
 from textual.events import Key
@@ -92,13 +93,33 @@ def test_a_key_pressed_while_the_program_loads_is_not_lost(tmp_path):
 
     async def use(driver: Driver) -> None:
         await driver.until("press Enter to begin")
-        await driver.until(lambda: driver.app.running("load"))
         await driver.press("f3")
         await driver.until(lambda: driver.app._wanted_mode)
         may_load.set()
         await driver.until("Move by hand")
 
     drive(StationApp(lab), use)
+
+
+def test_a_run_waits_for_the_bench_where_enter_came_before_anything_was_loaded(tmp_path):
+    lab, held = FakeLab(tmp_path, whole), []
+
+    class Late(StationApp):
+        def call_after_refresh(self, callback, *args, **options):
+            if args[:1] == ("load",):
+                held.append(partial(callback, *args))
+                return True
+            return super().call_after_refresh(callback, *args, **options)
+
+    async def use(driver: Driver) -> None:
+        await driver.begin()
+        await driver.pilot.pause(0.1)
+        assert not lab.begun
+        held[0]()
+        await driver.until(WIDTH.question)
+        await driver.until("not homed")
+
+    drive(Late(lab), use)
 
 
 @pytest.mark.slow
