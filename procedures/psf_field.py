@@ -42,6 +42,8 @@ class Node:
         The photograph it comes from.
     number : int
         Of the chart in that photograph: the planes' nodes of one chart have the same source and number.
+    doubt, remedy : str
+        Why its PSF is doubtful, and what to do; empty where it is not, and of a field that was read from a file.
     """
 
     position: Array
@@ -50,6 +52,8 @@ class Node:
     psf: Psf
     source: str = ""
     number: int = 0
+    doubt: str = ""
+    remedy: str = ""
 
 
 class CoefficientModel(Protocol):

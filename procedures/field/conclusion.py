@@ -28,6 +28,8 @@ LARGE_ERROR = 0.1
 """Of the PSF's norm: an interpolation that errs by more is doubted."""
 SMALL_SHARE = 0.3
 """Of the frame: nodes that enclose less are doubted."""
+MANY_DOUBTS = 0.25
+"""Share of the charts that may be doubtful under a field that is trusted: the others outvote so many."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +151,9 @@ def _plane_field(
     centre = found.field.at((shape[1] - 1) / 2, (shape[0] - 1) / 2)
     diffraction = limit(plane)
     quality = assess(centre, n=len(nodes), diffraction=diffraction, at=at)
-    verdict, reason, remedy = verdict_of([*_rules(found, maps), *beyond_diffraction(quality, diffraction)])
+    verdict, reason, remedy = verdict_of(
+        [*_rules(found, maps), _doubted(nodes), *beyond_diffraction(quality, diffraction)]
+    )
     field = PlaneField(centre, quality, found, maps, _numbers(found, maps), plane.pitch)
     return Outcome(field, verdict, reason, remedy)
 
@@ -181,6 +185,14 @@ def _rules(found: Interpolation, maps: Sequence[FieldMap]) -> list[Rule]:
             "photograph the chart nearer to the frame's corners too",
         ),
     ]
+
+
+def _doubted(nodes: Sequence[Node]) -> Rule:
+    """A field rests on its nodes: where many are doubted, so is the field."""
+    doubted = [node for node in nodes if node.doubt]
+    first = doubted[0] if doubted else None
+    found = f"{len(doubted)} of the {len(nodes)} charts are doubtful; the first: {first.doubt if first else ''}"
+    return Rule(Verdict.DOUBTFUL, len(doubted) > MANY_DOUBTS * len(nodes), found, first.remedy if first else "")
 
 
 def _numbers(found: Interpolation, maps: Sequence[FieldMap]) -> dict[str, Quantity]:

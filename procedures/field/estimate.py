@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -50,14 +50,12 @@ class FrameNodes:
     nodes : mapping of plane to nodes
     shapes : mapping of plane to (rows, columns)
     misses : sequence of Miss
-    doubts : number of nodes whose verdict is doubtful
     charts : mapping of plane to what each node's chart tells beside it
     """
 
     nodes: Mapping[str, Sequence[Node]]
     shapes: Mapping[str, tuple[int, int]]
     misses: Sequence[Miss]
-    doubts: int
     charts: Mapping[str, Sequence[SeenChart]] = field(default_factory=dict)
 
 
@@ -102,17 +100,19 @@ def measure_frame(frame: RawFrame, chart: Chart, parameters: PatternParameters, 
         jobs += [(plane, number, sighting.moved(x, y)) for number, sighting in enumerate(sightings, 1)]
     outcomes = each(lambda job: estimate_psf(job[0], chart, parameters, sighting=job[2]), jobs)
     charts: dict[str, list[SeenChart]] = {name: [] for name in frame.planes}
-    misses, doubts = [], 0
+    misses = []
     for (plane, number, sighting), outcome in zip(jobs, outcomes, strict=True):
-        doubts += outcome.verdict is Verdict.DOUBTFUL
         if outcome.value is None:
             place = "({:.0f}, {:.0f})".format(*sighting.centre())
             misses.append(Miss(source, outcome.reason, outcome.remedy, plane.name, place))
         else:
-            charts[plane.name].append(seen_chart_of(outcome.value, node_of(outcome.value, plane, source, number)))
+            node = node_of(outcome.value, plane, source, number)
+            if outcome.verdict is Verdict.DOUBTFUL:
+                node = replace(node, doubt=outcome.reason, remedy=outcome.remedy)
+            charts[plane.name].append(seen_chart_of(outcome.value, node))
     shapes = {name: (plane.samples.shape[0], plane.samples.shape[1]) for name, plane in frame.planes.items()}
     nodes = {name: [one.node for one in seen] for name, seen in charts.items()}
-    return FrameNodes(nodes, shapes, misses, doubts, charts)
+    return FrameNodes(nodes, shapes, misses, charts)
 
 
 def estimate_field(

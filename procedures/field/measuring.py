@@ -42,7 +42,6 @@ class MeasuredFrames:
     nodes : mapping of plane to nodes
     misses : what gave no node, and why
     failed : names of the photographs that gave none at all
-    doubts : number of nodes whose verdict was doubtful
     charts : mapping of plane to what each node's chart tells beside it
     """
 
@@ -52,7 +51,6 @@ class MeasuredFrames:
     nodes: dict[str, list[Node]] = field(default_factory=dict)
     misses: list[Miss] = field(default_factory=list)
     failed: list[str] = field(default_factory=list)
-    doubts: list[int] = field(default_factory=list)
     charts: dict[str, list[SeenChart]] = field(default_factory=dict)
 
 
@@ -152,7 +150,6 @@ def _gather(found: MeasuredFrames, frame: RawFrame, measured: FrameNodes) -> Non
     found.frames.append((frame.path, frame.sha256))
     found.exposures.append(frame)
     found.misses.extend(measured.misses)
-    found.doubts.append(measured.doubts)
     for name, nodes in measured.nodes.items():
         found.nodes.setdefault(name, []).extend(nodes)
     for name, charts in measured.charts.items():

@@ -122,7 +122,7 @@ def write_field(
         "frames": len(measured.frames),
         "failed": measured.failed,
         "misses": [asdict(miss) for miss in measured.misses],
-        "doubtful_nodes": sum(measured.doubts),
+        "doubtful_nodes": sum(bool(node.doubt) for nodes in measured.nodes.values() for node in nodes),
         "planes": {name: _told(one) for name, one in fitted.items()},
         "lateral_colour": {colour.plane: _colour_told(colour) for colour in found.colours},
         **_focus_told(found),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -93,6 +94,17 @@ def test_planes_with_too_few_nodes_are_refused_by_name():
     assert found.colours == ()
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("doubted", "counts"), [(2, False), (3, True)])
+def test_a_field_is_as_doubtful_as_many_of_its_charts(doubted, counts):
+    found = measured(np.random.default_rng(1), {"one.dng": 0.0}, places=3, planes=("Y",))
+    nodes = found.nodes["Y"]
+    nodes[:doubted] = [replace(node, doubt="its light flickers", remedy="light it evenly") for node in nodes[:doubted]]
+    outcome = conclude(found).planes["Y"]
+    assert ("3 of the 9 charts are doubtful; the first: its light flickers" in outcome.reason) == counts
+    assert ("light it evenly" in outcome.remedy) == counts
+
+
 def test_nothing_at_all_is_refused_with_the_first_reason():
     empty = MeasuredFrames(misses=[Miss("a.dng", "a.dng is empty", "copy it again")], failed=["a.dng"])
     with pytest.raises(Refused, match="none of 1 photographs gives a PSF"):
@@ -109,7 +121,7 @@ def test_a_photograph_of_another_size_is_named(monkeypatch, tmp_path):
 
     def nodes(frame, chart, parameters, each):
         node = Node(np.zeros(2), np.eye(2), np.zeros(2), psf, frame.path.name, 1)
-        return FrameNodes({"Y": [node]}, {"Y": sizes[frame.path.name]}, [], 0)
+        return FrameNodes({"Y": [node]}, {"Y": sizes[frame.path.name]}, [])
 
     monkeypatch.setattr(measuring, "read_frame", read)
     monkeypatch.setattr(measuring, "measure_frame", nodes)

@@ -111,7 +111,7 @@ def test_a_plane_with_too_few_charts_is_refused_with_the_reason(shot):
 @pytest.mark.slow
 def test_photographs_of_a_field_are_of_one_size(six, monkeypatch):
     sizes = iter([(280, 310), (280, 312)])
-    monkeypatch.setattr(estimate, "measure_frame", lambda *_: FrameNodes({"Y": []}, {"Y": next(sizes)}, [], 0))
+    monkeypatch.setattr(estimate, "measure_frame", lambda *_: FrameNodes({"Y": []}, {"Y": next(sizes)}, []))
     with pytest.raises(BadInput, match=r"same planes and sizes; six\.pgm has others"):
         estimate_field([six[0], six[0]], CHART)
 
