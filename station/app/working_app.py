@@ -173,6 +173,7 @@ class WorkingApp(App[int]):
         if self._wanted is not None:
             self._begin(self._wanted)
         if self._wanted_mode:  # its key was pressed while the program was still loading
+            self.clear_notifications()  # that it was still loading
             self.switch_mode(self._wanted_mode)
 
     def _opened(self, finished: Finished) -> None:
