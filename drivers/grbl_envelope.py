@@ -54,10 +54,15 @@ class Controls:
         told = self.settings.get(number)
         return told if told else default
 
-    @property
-    def margin(self) -> float:
-        """How far to keep from the ends: with hard limits, a switch at an end would be an alarm."""
-        return (self.setting(27) or 0.0) if self.flag(21) else 0.0
+    def margins(self, index: int) -> tuple[float, float]:
+        """How far to keep from both ends of `space`: with hard limits, a switch at an end would be an alarm.
+
+        Where homing sets the origin, zero lies that far from the switch already, and the other end as much nearer.
+        """
+        off = (self.setting(27) or 0.0) if self.flag(21) else 0.0
+        if not self.sets_origin(index):
+            return off, off
+        return (0.0, 2 * off) if self.homes_down(index) else (2 * off, 0.0)
 
     def homes_down(self, index: int) -> bool:
         """Whether that axis looks for its switch at the low end."""
@@ -67,8 +72,12 @@ class Controls:
         """Both ends of an axis in machine coordinates."""
         if self.spaces is not None and index in self.spaces:
             return self.spaces[index]
-        forced = "Z" in self.options or bool(int(self.setting(22) or 0) & FORCE_ORIGIN)
-        return (0.0, length) if forced and self.homes_down(index) else (-length, 0.0)
+        return (0.0, length) if self.sets_origin(index) and self.homes_down(index) else (-length, 0.0)
+
+    def sets_origin(self, index: int) -> bool:
+        """Whether the place where homing ends becomes zero; FluidNC's ends tell it themselves."""
+        told = self.spaces is not None and index in self.spaces
+        return not told and ("Z" in self.options or bool(int(self.setting(22) or 0) & FORCE_ORIGIN))
 
 
 @dataclass(frozen=True)
@@ -79,7 +88,7 @@ class Envelope:
     index: int
     low: float
     high: float
-    margin: float
+    margins: tuple[float, float]
     rate_per_min: float
     acceleration_per_s2: float
     resolution: float
@@ -94,7 +103,7 @@ class Envelope:
     @property
     def travel(self) -> Travel:
         """Where it may be sent."""
-        ends = (self.to_user(self.low + self.margin), self.to_user(self.high - self.margin))
+        ends = (self.to_user(self.low + self.margins[0]), self.to_user(self.high - self.margins[1]))
         return Travel(*sorted(ends))
 
     def to_user(self, machine: float) -> float:
@@ -120,4 +129,4 @@ def envelope(axis: GrblAxis, index: int, controls: Controls) -> Envelope | None:
     acceleration = controls.positive(120 + index, 10.0) or 10.0
     steps = controls.positive(100 + index, 250.0) or 250.0
     low, high = sorted(space)
-    return Envelope(axis, index, low, high, controls.margin, rate, acceleration, max(1 / steps, 0.001))
+    return Envelope(axis, index, low, high, controls.margins(index), rate, acceleration, max(1 / steps, 0.001))
