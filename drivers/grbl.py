@@ -26,7 +26,7 @@ from drivers.grbl_envelope import Envelope, GrblAxis, envelope
 from drivers.homing_state import HOME
 from drivers.interfaces import Condition, Doubt, Identity, Transport, Travel
 from drivers.move_checks import OneMover, check_arrival, check_target, in_turn, left_still
-from drivers.protocols.grbl import HOLD, JOG_CANCEL, MOTORS_HELD, PAUSES, RESET, RESUMABLE, RESUME, Event
+from drivers.protocols.grbl import DOOR_SAID, HOLD, JOG_CANCEL, MOTORS_HELD, PAUSES, RESET, RESUMABLE, RESUME, Event
 from drivers.protocols.grbl_link import GrblLink, StatusReport
 from drivers.wire.connection import anything
 
@@ -210,6 +210,7 @@ class GrblStage:
             ways = [(self._envelopes[name], value) for name, value in goal.items()]
             words = " ".join(f"{one.axis.letter}{one.to_machine(value):.3f}" for one, value in ways)
             may_begin = self._one_mover.unless_stopped(stops, self.link.trust.require)
+            self.link.said = ""
             with left_still(self._give_up_moving, self.emergency_stop, self.link.trust):
                 self.link.command(f"$J=G53 G90 G21 {words} F{feed:.1f}", allowed=may_begin)
                 report = self._until_still(duration_s, stops)
@@ -238,12 +239,14 @@ class GrblStage:
         self.link.pause(duration_s, partial(self._one_mover.stopped, stops))
         while True:
             report = self.link.report()
-            if report.state == "Idle" and report == before:
+            stands, before = report == before, report
+            if report.state == "Idle" and stands:
                 return report
-            before = report
             self._check_pause(report)
             if report.state in ("Alarm", "Sleep"):
                 raise MoveFailed(f"{self.address} stopped in state {report.state}", f"clear it, then {HOME}")
+            if stands and self.link.said == DOOR_SAID:
+                raise self._at_the_door()
             if self.clock.now_s() > deadline_s:
                 raise self._too_slow(limit_s)
             self.link.pause(0.0 if report.state == "Idle" else self._poll_s)
@@ -253,6 +256,10 @@ class GrblStage:
         if report.pause is not None:
             reason, remedy = report.pause
             raise Held(f"{self.address} {reason}", remedy)
+
+    def _at_the_door(self) -> Held:
+        """Where the reports tell nothing of the door: such a jog goes on as a program, or is ended by a reset."""
+        return Held(f"{self.address} stood at the door in mid-move and was reset", f"close it, then {HOME}")
 
     def _too_slow(self, limit_s: float) -> NoAnswer:
         late = f"{self.address} still moves after {limit_s:.1f} s"
@@ -279,6 +286,8 @@ class GrblStage:
             if self.link.report().still:
                 return
             self.link.pause(self._poll_s)
+        if self.link.said == DOOR_SAID:
+            raise self._at_the_door()
         raise NoAnswer(f"{self.address} does not stop", "press the emergency stop at the bench")
 
     def stop(self) -> None:
@@ -289,7 +298,7 @@ class GrblStage:
             return
         try:
             self._cancel_jog()
-        except NoAnswer as error:
+        except (NoAnswer, Held) as error:
             self.link.halt(error)
             raise
 

@@ -90,6 +90,8 @@ PAUSES: dict[tuple[str, int], tuple[str, str]] = {
 }
 """What a person at the machine has brought about, by state and sub-state."""
 RESUMABLE = (("Door", 0), ("Hold", 0))
+DOOR_SAID = "Check Door"
+"""The message of an opened door; grblHAL's reports tell of a jog that stands at it as of one that goes on."""
 MOTORS_HELD = 255.0
 """`$1`: milliseconds after which motors at rest are let go; this value keeps them on."""
 

@@ -70,6 +70,8 @@ class GrblLink:
         self.rx_bytes = 128
         self.last_state, self.last_sub = "unknown", 0
         self.feed_override = 100.0
+        self.said = ""
+        """The last message, since a move began."""
         self.trust = Trust()
         self._ready = False
         self._settings: dict[int, float] = {}
@@ -326,6 +328,8 @@ class GrblLink:
             self.last_state, self.last_sub = event.state, event.sub
             self.feed_override = event.override or self.feed_override
             self._offset = event.numbers("WCO") or self._offset
+        elif isinstance(event, Feedback):
+            self.said = event.text if event.tag == "MSG" else self.said
         elif isinstance(event, AlarmRaised):
             self._locked = event.code
             self.trust.lose(self._alarm(event.code))

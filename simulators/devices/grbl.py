@@ -287,6 +287,7 @@ class GrblController:
             return
         if not jogging or byte == DOOR:
             run.state, run.braking = ("Door" if byte == DOOR else "Hold"), motion.end_s != NEVER
+            run.told = "Jog" if jogging and self.variant == "grblHAL" else ""  # as its simulator has it
         motion.brake(now_s, keep=not jogging)
 
     def _motion_ended(self, now_s: float) -> None:
@@ -380,7 +381,7 @@ class GrblController:
         run, program, motion = self.program.run, self.program, self.motion
         modes = program.modes
         state = State(
-            f"{run.state}:{self._sub}" if run.state in ("Hold", "Door") else run.state,
+            run.told or (f"{run.state}:{self._sub}" if run.state in ("Hold", "Door") else run.state),
             motion.machine(now_s),
             program.work_zero(),
             motion.feed(now_s),

@@ -22,7 +22,8 @@ class Run:
     """What is going on, and what the main loop waits for.
 
     `waiting` is a line that waits until nothing moves; `owed` a response that comes when a pause is over; `limit` tells
-    that a target outside was seen and the machine slows down for its alarm.
+    that a target outside was seen and the machine slows down for its alarm; `told` is what reports call the state, if
+    it is not that.
     """
 
     state: str = "Alarm"
@@ -33,6 +34,7 @@ class Run:
     busy_until_s: float = NEVER
     owed: str = ""
     limit: bool = False
+    told: str = ""
 
 
 @dataclass

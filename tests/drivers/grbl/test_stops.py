@@ -155,6 +155,24 @@ def test_a_door_is_named_and_the_move_goes_on_from_where_it_stood(homed, bench, 
     assert homed.position()["z_mm"] == pytest.approx(100.0)
 
 
+def test_a_door_is_named_where_reports_tell_of_a_jog_that_goes_on(homed, bench, twin):
+    # grblHAL's simulator, 2026: neither hold nor cancelling ends it, and resuming makes it a program
+    twin.variant = "grblHAL"
+
+    def open_the_door():
+        bench.clock.sleep(1.0)
+        bench.cables["stage"].happen(lambda now_s: twin.door(True, now_s))
+
+    moved, _ = bench.clock.together(lambda: homed.move_to(z_mm=100.0), open_the_door)
+    assert isinstance(moved, Held)
+    assert "at the door" in str(moved)
+    assert not homed.condition().usable
+    assert homed.condition().remedy == "close it, then home the stage"
+    bench.cables["stage"].happen(lambda now_s: twin.door(False, now_s))
+    homed.home()
+    homed.move_to(z_mm=100.0)
+
+
 def test_a_feed_hold_is_named(homed, bench):
     homed.link.write(b"!")
     with pytest.raises(Held, match="feed hold was pressed; resume"):
