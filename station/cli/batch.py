@@ -269,9 +269,8 @@ def _wrong(done: Batch) -> Table:
     from station.results.verdict_words import measurement_words
 
     photograph = Column("photograph", overflow="fold")  # its end tells it from the others
-    table = Table(
-        photograph, "measurement", "specification", "why", box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False
-    )
+    heads = (photograph, "measurement", "specification", "why")
+    table = Table(*heads, box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
     for row in done.failed[:MOST_NAMED]:
         why = "; ".join(words for words in (row.reason, row.against) if words)
         words = printable(" + ".join(row.files)), printable(why)

@@ -219,8 +219,8 @@ def test_support_larger_than_the_samples_is_refused() -> None:
     [
         (1, 17, "ls", "s of 2 or more; got s = 1"),
         (4, 16, "ls", "odd number k"),
-        (4, 17, "qr", "solver is one of"),
         (4, 3, "ls", "k at least s"),
+        (4, 17, "qr", "solver is one of"),
     ],
 )
 def test_parameters_that_cannot_be_meant(s: int, k: int, solver: str, match: str) -> None:
