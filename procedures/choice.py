@@ -153,7 +153,7 @@ def choose(
     s, k : int or None
         What is given; None: chosen.
     """
-    at = s or min(start_s, most_s)
+    at = s or min(start_s, most_s, k or start_s)  # a support narrower than a pixel explains no photograph
     now = (at, k or _fitting(START_K / START_S, at, samples))
     tried: list[Trial] = []
     while True:

@@ -62,7 +62,8 @@ def verdict_of(rules: Sequence[Rule]) -> tuple[Verdict, str, str]:
         return Verdict.REFUSED, refused[0].reason, refused[0].remedy
     doubts = [rule for rule in rules if rule.applies]
     if doubts:
-        return Verdict.DOUBTFUL, "; ".join(r.reason for r in doubts), "; ".join(r.remedy for r in doubts)
+        remedies = dict.fromkeys(r.remedy for r in doubts)
+        return Verdict.DOUBTFUL, "; ".join(r.reason for r in doubts), "; ".join(remedies)
     return Verdict.PASS, "", ""
 
 

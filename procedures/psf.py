@@ -56,7 +56,12 @@ class Sampling:
         if self.k is not None and (self.k < 3 or self.k % 2 == 0):
             raise BadParameter(
                 f"the support needs an odd number k of samples, so that it has a centre; got k = {self.k}",
-                f"choose k = {max(self.k + 1, 3)}",
+                f"choose k = {self.k + 1 if self.k > 3 else 17}",
+            )
+        if self.s is not None and self.k is not None and self.k < self.s:
+            raise BadParameter(
+                f"the support must be a pixel wide or more, k at least s; got s = {self.s}, k = {self.k}",
+                f"choose k = {4 * self.s + 1}",
             )
         if self.solver not in SOLVERS:
             raise BadParameter(f"the solver is one of {', '.join(SOLVERS)}; got {self.solver!r}", "choose one of them")

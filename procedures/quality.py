@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from procedures.numerics.bessel import j1
 from procedures.numerics.kernel_tail import DIFFERS, EXCHANGED, LEAST_TAIL, MIRRORED, SHAPES, tail_spectra
-from procedures.outcome import Quantity, Rule, Verdict
+from procedures.outcome import BadParameter, Quantity, Rule, Verdict
 from procedures.psf import Psf
 from procedures.spatial_numbers import CIRCLES, DrawnNumber, circle, name_of_circle, section_widths, spatial_numbers
 from procedures.transfer_function import LEVELS, crossing, curve_numbers
@@ -83,6 +83,8 @@ class Quality:
 
 CAMERA, OPERATOR = "camera", "operator"
 """Who told an f-number."""
+CUTOFFS = (1e-3, 1e3)
+"""Of diffraction, in cycles/pixel: from the smallest pixels behind a pinhole to far above what any camera has."""
 
 
 @dataclass(frozen=True)
@@ -103,6 +105,12 @@ class Diffraction:
     pixel_pitch_um: float
     wavelength_nm: float
     told_by: str = CAMERA
+
+    def __post_init__(self) -> None:
+        f, pitch, wave = self.f_number, self.pixel_pitch_um, self.wavelength_nm
+        if not (min(f, pitch, wave) > 0 and CUTOFFS[0] <= self.cutoff <= CUTOFFS[1]):
+            came = f"no camera has f/{f:g}, {pitch:g} um from pixel to pixel of a plane and light of {wave:g} nm"
+            raise BadParameter(came, "check f-number, pixel pitch and wavelength")
 
     @property
     def typed(self) -> bool:
@@ -362,6 +370,8 @@ def _strehl(psf: Psf, diffraction: Diffraction) -> DrawnNumber:
     """
     f = (np.arange(256) + 0.5) / 256 * psf.s - psf.s / 2
     ideal = float(diffraction.otf(np.hypot(f, f[:, None])).mean())
+    if diffraction.cutoff < psf.s / 20:  # too few of these frequencies are inside the cutoff, which all is in the band
+        ideal = float(diffraction.psf(np.zeros(1))[0]) / psf.s**2
     centre = psf.k**2 // 2
     value = float(psf.h.ravel()[centre]) / psf.light / ideal
     gradient = -value * psf.weights / psf.light

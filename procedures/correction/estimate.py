@@ -21,7 +21,7 @@ from procedures.correction.optics import Optics, Shift
 from procedures.correction.prediction import Prediction, predict
 from procedures.correction.priors import Prior
 from procedures.correction.tiles import Grid
-from procedures.outcome import Outcome, verdict_of
+from procedures.outcome import Outcome, Rule, Verdict, verdict_of
 from procedures.psf_field import PsfField
 from procedures.raw import RawFrame
 
@@ -125,7 +125,19 @@ def correct(
     tau = work.tau(difference)
     prediction = predict(optics, mosaic, p.prior, tau, difference)
     found = Correction(picture, noise, tau, difference, side, mosaic.clipped, prediction, optics, mosaic, p.prior)
-    return Outcome(found, verdict, reason, remedy)
+    return Outcome(found, *verdict_of([*rules, _smoothed(prediction)]))
+
+
+def _smoothed(prediction: Prediction) -> Rule:
+    """Doubt where noise asks for so strong a prior that more detail is lost than is won back."""
+    before, after = float(np.median(prediction.before)), float(np.median(prediction.after))
+    return Rule(
+        Verdict.DOUBTFUL,
+        after < before,
+        f"the scene has so little detail beside its noise that it is smoothed: MTF50 at edges goes from {before:.2f} "
+        f"to {after:.2f} cycles/pixel of the sensor",
+        "lower --strength, or expose longer",
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,6 +40,10 @@ class Miss:
     plane: str = ""
     place: str = ""
 
+    def __str__(self) -> str:
+        where = " ".join(part for part in (self.source, self.plane, self.place) if part)
+        return self.reason if self.reason.startswith(f"{where}: ") else f"{where}: {self.reason}"
+
 
 @dataclass(frozen=True, eq=False)
 class FrameNodes:

@@ -196,7 +196,7 @@ def _tail_sigmas(fit: ChartFit, s: int, prior: TailPrior | None) -> float:
     equations, place = fit.equations, GEOMETRY + TAIL
     through = equations.E[place]
     c = float(np.linalg.inv(equations.ZZ)[place, place] + through @ equations.inverse @ through)
-    alone = c / max(1 - c / known, 1e-6)
+    alone = c / max(1 - c / known, 1e-9)
     away = found + alone * (found - expected) / known - expected
     return float(away / np.sqrt(alone * fit.residual_std**2 + known))
 

@@ -15,7 +15,7 @@ ABERRATIONS: tuple[tuple[int, ...], ...] = ((), (0,), (7,), (0, 7), tuple(range(
 def choose(data: WhitenedPsf) -> tuple[ModelFit, list[ModelFit]]:
     """The best model, and all that were tried, the best first.
 
-    One part after the other is exchanged: the low-pass filter, then diffusion, the aperture, and again the filter
+    One part after the other is exchanged: the low-pass filter and diffusion, then the aperture, and again the filter
     under the new aperture, with all aberrations free; then those that tell nothing are left out.
     """
     tried: dict[Parts, ModelFit] = {}
@@ -28,8 +28,11 @@ def choose(data: WhitenedPsf) -> tuple[ModelFit, list[ModelFit]]:
         scale = scale_of(tried.values())
         return min(candidates, key=lambda parts: tried[parts].criterion(scale))
 
-    parts = best_of(Parts(low_pass=filter_) for filter_ in LowPass)
-    parts = best_of((parts, replace(parts, diffusion=True)), near=parts)
+    still = [Parts(low_pass=filter_) for filter_ in LowPass]
+    best_of(still)
+    # spots can stand for charge that wanders, and two boxes half as wide for one: neither is settled before the other
+    wandering = [best_of([replace(parts, diffusion=True)], near=parts) for parts in still]
+    parts = best_of([*still, *wandering])
     square = parts
     parts = best_of([square, *(replace(square, aperture=shape) for shape in Aperture)], near=square)
     if parts.aperture is not Aperture.SQUARE:

@@ -168,7 +168,7 @@ def _doubts(course: Course, profile: Profile, mtf50: float, uncertainty: float) 
             doubtful,
             profile.overshoot > MOST_OVERSHOOT,
             f"the edge overshoots its plains by {profile.overshoot:.1%} or more: the photograph was sharpened",
-            "take the RAW file: sharpening is no property of the lens",
+            "take the RAW file, for sharpening is no property of the lens; of a RAW file, take another edge",
         ),
         Rule(
             doubtful,

@@ -17,7 +17,7 @@ from procedures.geometry.response import camera_response
 from procedures.geometry.shape import shape_model
 from procedures.geometry.views import ChartView, chart_nodes
 from procedures.outcome import Outcome, Verdict
-from procedures.psf_field import moved_by_priors
+from procedures.psf_field import Node, moved_by_priors
 from procedures.whole_camera.joint import ChartKey, JointNumbers, Part, join
 
 Array = npt.NDArray[np.float64]
@@ -69,23 +69,26 @@ def whole_camera(
         parts.append(geometry_part(found, geometry.value, charts[found.reference], chart_nodes(cell_mm)))
     parts += [psf_part(name, seen) for name, seen in charts.items() if seen]
     parts += [colour_part(colour, found.measured.planes[colour.plane].pitch, charts) for colour in found.colours]
-    known = {_key(name, one): one.joint_covariance for name, seen in charts.items() for one in seen}
+    known = {_key(name, one.node): one.joint_covariance for name, seen in charts.items() for one in seen}
     places = tuple((name, one) for name, seen in charts.items() for one in seen)
     return WholeCamera(join([*parts, *others], known), places, found.colours, geometry)
 
 
 def charts_of(found: FieldResult) -> dict[str, list[SeenChart]]:
-    """By plane the charts that its field is made of; none where it was refused."""
+    """By plane the charts that its field is made of; none where it was refused.
+
+    They are known by photograph and number: the field's nodes are others where supports were widened to one size.
+    """
     kept = {}
     for name, outcome in found.planes.items():
         nodes = () if outcome.value is None else outcome.value.interpolation.field.nodes
-        known = {id(one.node): one for one in found.measured.charts.get(name, ())}
-        kept[name] = [known[id(node)] for node in nodes if id(node) in known]
+        known = {_key(name, one.node): one for one in found.measured.charts.get(name, ())}
+        kept[name] = [known[key] for node in nodes if (key := _key(name, node)) in known]
     return kept
 
 
-def _key(plane: str, one: SeenChart) -> ChartKey:
-    return plane, one.node.source, one.node.number
+def _key(plane: str, node: Node) -> ChartKey:
+    return plane, node.source, node.number
 
 
 # --- PSF ---------------------------------------------------------------------------------------------------------
@@ -111,7 +114,7 @@ def psf_part(plane: str, charts: Sequence[SeenChart]) -> Part:
         covariance[own, own] = _own_covariance(one, slopes[i])
         rows = np.zeros((ends[-1], slopes[i].shape[1] + 2))
         rows[own, :-2] = slopes[i]
-        by_charts[_key(plane, one)] = rows
+        by_charts[_key(plane, one.node)] = rows
     return Part(f"psf.{plane}", tuple(names), tuple(units), np.array(values), covariance, CHARTS, by_charts)
 
 
@@ -196,6 +199,7 @@ def geometry_part(found: FieldResult, geometry: Geometry, charts: Sequence[SeenC
         if (one := seen.get(view.source)) is None:
             continue
         points = plane.pitch * one.shared.of_points(one.registration, one.correspondences.points)
-        with_charts[_key(found.reference, one)] = geometry.residual_scale * np.einsum("pna,nac->pc", response, points)
+        shared = geometry.residual_scale * np.einsum("pna,nac->pc", response, points)
+        with_charts[_key(found.reference, one.node)] = shared
     camera = geometry.camera
     return Part("geometry", camera.names, camera.units, camera.params, geometry.covariance, CHARTS, {}, with_charts)

@@ -263,12 +263,13 @@ def _planes(done: Batch) -> Table:
 def _wrong(done: Batch) -> Table:
     from rich import box
     from rich.markup import escape
-    from rich.table import Table
+    from rich.table import Column, Table
 
     from station.common.sanitise import printable
     from station.results.verdict_words import measurement_words
 
-    heads = ("photograph", "measurement", "specification", "why")
+    photograph = Column("photograph", overflow="fold")  # its end tells it from the others
+    heads = (photograph, "measurement", "specification", "why")
     table = Table(*heads, box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
     for row in done.failed[:MOST_NAMED]:
         why = "; ".join(words for words in (row.reason, row.against) if words)

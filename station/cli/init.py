@@ -29,6 +29,10 @@ def init(folder: Path) -> None:
     there = [name for name in EXAMPLES if (folder / name).exists()]
     if there:
         raise BadParameter(f"{folder} has {' and '.join(there)} already", "name another folder, or move them away")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadParameter(f"{folder} cannot be made: {error.strerror}", "name another folder") from error
     for name, package in EXAMPLES.items():
         write_whole(folder / name, files(package).joinpath("example.toml").read_bytes())
         click.echo(folder / name)

@@ -50,6 +50,11 @@ def test_what_is_given_is_tried_once() -> None:
     assert tried[0].better is not None
 
 
+def test_a_given_support_is_not_narrower_than_a_pixel() -> None:
+    _, tried = choose(lambda s, k: gaussian(s, k), lambda psf: psf, samples=200_000, most_s=5, s=None, k=3)
+    assert tried[0].s == 3
+
+
 def test_samples_limit_the_support() -> None:
     _, tried = choose(lambda s, k: gaussian(s, k, tail=0.3), lambda psf: psf, samples=3000, most_s=4, s=None, k=None)
     assert max(trial.k for trial in tried) <= (3000 / 8) ** 0.5

@@ -9,6 +9,7 @@ import pytest
 from scipy.special import j0
 
 from procedures.numerics.kernel_tail import DIFFERS, tail_sums
+from procedures.outcome import BadParameter
 from procedures.psf import Psf, PsfTail
 from procedures.quality import Diffraction, assess, beyond_diffraction, otf, stray_energy
 
@@ -105,6 +106,19 @@ def test_airy_pattern_and_its_transfer_function_are_a_pair() -> None:
 def test_strehl_of_diffraction_alone_is_one() -> None:
     limit = Diffraction(f_number=8, pixel_pitch_um=5.0, wavelength_nm=550)
     assert assess(airy(limit), n=1, diffraction=limit).numbers["strehl"].value == pytest.approx(1, rel=1e-3)
+
+
+def test_strehl_has_its_peak_where_the_cutoff_is_far_inside_the_band() -> None:
+    limit = Diffraction(f_number=8000, pixel_pitch_um=5.0, wavelength_nm=550)
+    assert assess(airy(limit), n=1, diffraction=limit).numbers["strehl"].value == pytest.approx(1, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    "told", [(8, 1e6, 550), (1e9, 5, 550), (8, 5, 1e9), (0, 5, 550), (-8, -5, 550), (8, np.nan, 5)]
+)
+def test_no_camera_has_them(told: tuple[float, float, float]) -> None:
+    with pytest.raises(BadParameter, match="no camera has"):
+        Diffraction(*told)
 
 
 @pytest.mark.parametrize(

@@ -314,7 +314,7 @@ def judge(result: Restoration, limits: RestorationLimits | None = None) -> Outco
         return Outcome(None, Verdict.REFUSED, reason, "take them again while nothing moves")
     if d.elsewhere_over_noise > s.most_residual:
         reason = (
-            f"no picture explains the photographs: what is left over is {d.residual_over_noise:.0f} times their noise "
+            f"no picture explains the photographs: what is left over is {d.elsewhere_over_noise:.1f} times their noise "
             f"and {d.unexplained:.0%} of their contrast; at most {s.most_residual:.0f} times may be"
         )
         remedy = "check that the photographs show one scene in which nothing moved, and which shape blurred which"

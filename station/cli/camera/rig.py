@@ -32,10 +32,13 @@ def rig(first: Path, second: Path, out: Path, *, as_json: bool) -> None:
     """
     start = time.perf_counter()
     from procedures.geometry.rig import estimate_rig
+    from procedures.outcome import BadInput
     from station.calibration.rig import read_rig_camera, write_rig_result
     from station.results.result_files import ResultFolder
 
     cameras = read_rig_camera(first), read_rig_camera(second)
+    if cameras[0].file.sha256 == cameras[1].file.sha256:
+        raise BadInput(f"{first} and {second} are one geometry", "name the results of the rig's two cameras")
     found = estimate_rig(cameras[0].charts, cameras[1].charts)
     with ResultFolder(out, force=forced()) as folder:
         text = write_rig_result(folder, cameras, found, start)

@@ -104,7 +104,7 @@ def tilt(
     with ResultFolder(out, force=forced()) as results, progress(len(paths)) as told:
         measured = measure(paths, [name], source.chart, BRACKET, told, layout)
         for miss in measured.misses:
-            log("missed", f"{miss.source} {miss.place}: {miss.reason}", level="warning", remedy=miss.remedy)
+            log("missed", str(miss), level="warning", remedy=miss.remedy)
         found = measure_tilt(measured, name, positions, parameters)
         given = {**options, "chart": source.origin, "pixel_pitch_um": parameters.pixel_pitch_um,
                  "focal_length_mm": parameters.focal_length_mm, **told_layout(layout)}  # fmt: skip

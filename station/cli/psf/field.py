@@ -151,4 +151,4 @@ def told_optics(optics: dict[str, float | None]) -> dict[str, float]:
 def tell_misses(misses: Iterable[Miss]) -> None:
     """Which places of which photographs gave nothing, each with its reason."""
     for miss in misses:
-        log("missed", f"{miss.source} {miss.plane} {miss.place}: {miss.reason}", level="warning", remedy=miss.remedy)
+        log("missed", str(miss), level="warning", remedy=miss.remedy)

@@ -20,6 +20,10 @@ class Number(click.FloatRange):
             self.fail(f"{value!r} is not a finite number.", param, ctx)
         return number
 
+    def _describe_range(self) -> str:
+        """Its bounds as the help tells them; click's own words for none of them are x<=None."""
+        return "" if self.min is None and self.max is None else super()._describe_range()
+
 
 SEED = click.IntRange(0, 2**63 - 1)
 """Of a generator of random numbers."""

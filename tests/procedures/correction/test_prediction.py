@@ -3,10 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from procedures.correction.estimate import _smoothed
 from procedures.correction.mosaic import Mosaic
 from procedures.correction.noise import Noise
 from procedures.correction.optics import Optics
-from procedures.correction.prediction import predict
+from procedures.correction.prediction import Prediction, predict
 from procedures.correction.priors import Prior
 from procedures.raw import Plane
 
@@ -22,6 +23,14 @@ def told():
     mosaic = Mosaic.of(planes, {"Y": Noise(1e-6, 1e-5, 1.0, 2.0)})
     optics = Optics.of(planes, {"Y": lens.field("Y").field}, {})
     return {tau: predict(optics, mosaic, Prior(), tau, 0.03) for tau in (1e-5, 3e-4, 1.0)}
+
+
+def test_a_picture_that_comes_out_smoother_is_doubted():
+    maps = {"x": np.zeros(1), "y": np.zeros(1), "noise_gain": np.ones((1, 1))}
+    softer = _smoothed(Prediction(before=np.array([[0.31]]), after=np.array([[0.15]]), **maps))
+    assert softer.applies
+    assert "from 0.31 to 0.15" in softer.reason
+    assert not _smoothed(Prediction(before=np.array([[0.31]]), after=np.array([[0.4]]), **maps)).applies
 
 
 @pytest.mark.slow

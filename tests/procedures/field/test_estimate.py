@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from procedures.field import estimate
-from procedures.field.estimate import FrameNodes, estimate_field, measure_frame
+from procedures.field.estimate import FrameNodes, Miss, estimate_field, measure_frame
 from procedures.outcome import BadInput, Refused, Verdict
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.estimate import PatternParameters
@@ -72,6 +72,8 @@ def test_a_chart_that_gives_nothing_is_named_with_its_place(found):
 
 def test_a_frame_without_charts_is_refused():
     plane = Plane("Y", np.full((120, 160), 0.5, dtype=np.float32), 1 / 65535)
+    assert str(Miss("flat.pgm", "flat.pgm: no chart", "")) == "flat.pgm: no chart"
+    assert str(Miss("three.dng", "hidden", "", "R", "(1, 2)")) == "three.dng R (1, 2): hidden"
     with pytest.raises(Refused, match=r"flat\.pgm: no chart"):
         measure_frame(RawFrame(Path("flat.pgm"), "", {"Y": plane}, None), CHART, PARAMETERS)
 

@@ -216,7 +216,12 @@ def test_support_larger_than_the_samples_is_refused() -> None:
 
 @pytest.mark.parametrize(
     ("s", "k", "solver", "match"),
-    [(1, 17, "ls", "s of 2 or more; got s = 1"), (4, 16, "ls", "odd number k"), (4, 17, "qr", "solver is one of")],
+    [
+        (1, 17, "ls", "s of 2 or more; got s = 1"),
+        (4, 16, "ls", "odd number k"),
+        (4, 3, "ls", "k at least s"),
+        (4, 17, "qr", "solver is one of"),
+    ],
 )
 def test_parameters_that_cannot_be_meant(s: int, k: int, solver: str, match: str) -> None:
     with pytest.raises(BadParameter, match=match):

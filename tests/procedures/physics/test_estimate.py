@@ -51,14 +51,16 @@ def camera(*sensor: PixelAperture | FourSpots | LShapedAperture | GaussianBlur, 
     return Optics((CircularPupil(F_NUMBER, wavefront), *sensor), PITCH_UM)
 
 
-def measured(optics: Optics, colour: str, relative: float, rng: np.random.Generator) -> tuple[Psf, Diffraction]:
-    """A Bayer plane's PSF with noise of a relative L2 size, white but for its sum of 1."""
-    true = true_psf(optics, S, K, colour=colour, pitch=2).h
+def measured(
+    optics: Optics, colour: str, relative: float, rng: np.random.Generator, pitch: int = 2
+) -> tuple[Psf, Diffraction]:
+    """A plane's PSF with noise of a relative L2 size, white but for its sum of 1."""
+    true = true_psf(optics, S, K, colour=colour, pitch=pitch).h
     sigma = relative * float(np.linalg.norm(true)) / K
     covariance = sigma**2 * (np.eye(K * K) - 1 / K**2)
     noise = sigma * rng.standard_normal(K * K)
     h = true + (noise - noise.mean()).reshape(K, K)
-    return Psf(h, S, covariance), Diffraction(F_NUMBER, 2 * PITCH_UM, 1000 * WAVELENGTHS_UM[colour])
+    return Psf(h, S, covariance), Diffraction(F_NUMBER, pitch * PITCH_UM, 1000 * WAVELENGTHS_UM[colour])
 
 
 def value(outcome: Outcome[Physics]) -> Physics:
@@ -127,6 +129,16 @@ def test_a_camera_of_many_parts_is_taken_apart(rng: np.random.Generator) -> None
     # nothing is left but noise, of variance 2 / freedom
     assert found.chi_square / found.freedom == pytest.approx(1, abs=0.3)
     assert found.remaining < 0.001
+
+
+@pytest.mark.slow
+def test_wandering_charge_is_no_low_pass_filter(rng: np.random.Generator) -> None:
+    optics = camera(PixelAperture(0.95, 0.95), GaussianBlur(0.2), wavefront=Wavefront(defocus_um=0.05))
+    found = value(estimate_physics(*measured(optics, "Y", 0.03, rng, pitch=1), 1))
+    assert found.low_pass == "none"
+    for name, expected in {"side": 0.95, "diffusion": 0.2, "defocus": 0.05 / WAVELENGTHS_UM["Y"]}.items():
+        number = found.numbers[name]
+        assert abs(number.value - expected) < 4 * number.uncertainty, name
 
 
 @pytest.mark.slow

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from procedures.field.chromatic import lateral_colour
 from procedures.field.seen_charts import SeenChart
-from procedures.outcome import Quantity
+from procedures.outcome import Outcome, Quantity, Verdict
 from procedures.pattern_psf.correspondences import Correspondences
 from procedures.pattern_psf.registration import Registration
 from procedures.pattern_psf.solution import SharedErrors
 from procedures.psf import Psf
 from procedures.psf_field import Node
-from procedures.whole_camera.from_field import colour_part, monomial_names, psf_part
+from procedures.whole_camera.from_field import charts_of, colour_part, monomial_names, psf_part
 from procedures.whole_camera.joint import COMPUTED, ZERO, Part, join
 
 K, S, SHAPE = 5, 2, (300, 450)
@@ -92,6 +93,16 @@ def test_the_blocks_of_one_part_are_those_of_the_single_results(charts, joint):
     np.testing.assert_allclose(own[count:, count:], covariances[1], rtol=1e-9)
     assert joint.parts[3].names[:3] == ("x.1", "x.x", "x.y")
     np.testing.assert_allclose(joint.parts[3].values, values.T.ravel())
+
+
+def test_charts_whose_support_was_widened_are_places_too(charts):
+    seen = charts.planes["G1"]
+    field = SimpleNamespace(nodes=[replace(one.node) for one in seen[1:]])
+    kept = Outcome(SimpleNamespace(interpolation=SimpleNamespace(field=field)))
+    found = SimpleNamespace(
+        planes={"G1": kept, "B": Outcome(None, Verdict.REFUSED)}, measured=SimpleNamespace(charts=charts.planes)
+    )
+    assert charts_of(found) == {"G1": seen[1:], "B": []}
 
 
 def test_no_eigenvalue_is_below_zero(joint):

@@ -28,6 +28,12 @@ def written(run, tmp_path):
     return tmp_path
 
 
+def test_folder_is_made(run, tmp_path):
+    assert run("init", tmp_path / "lab" / "bench").exit_code == 0
+    assert (tmp_path / "lab" / "bench" / "station.toml").exists()
+    assert run("init", tmp_path / "lab" / "bench" / "station.toml").exit_code == 2
+
+
 def without_comment_marks(path):
     path.write_text(SETTING.sub("", path.read_text(encoding="utf-8")), encoding="utf-8")
     return path

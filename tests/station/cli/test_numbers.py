@@ -40,6 +40,11 @@ def test_every_option_that_takes_a_real_number_is_looked_at():
             assert not isinstance(option.type, click.FloatRange) or isinstance(option.type, Number)
 
 
+def test_help_tells_no_bounds_where_there_are_none():
+    option = click.Option(["--ratio"], type=Number(), help="A number.")
+    assert option.get_help_record(click.Context(click.Command("any"))) == ("--ratio NUMBER", "A number.")
+
+
 @pytest.mark.parametrize("value", ["nan", "inf", "-inf", "1e999"])
 @pytest.mark.parametrize(("words", "option"), FLOATS, ids=lambda one: "-".join(one) if isinstance(one, tuple) else one)
 def test_no_real_option_takes_what_is_no_finite_number(words, option, value):

@@ -48,6 +48,12 @@ def test_the_second_camera_stands_where_it_does(run, results, tmp_path):
     assert [one["path"] for one in told["input"]] == [str(one / "result.json") for one in results]
 
 
+def test_one_camera_is_no_rig(run, results, tmp_path):
+    done = run("rig", results[0], results[0], "--out", tmp_path / "out")
+    assert done.exit_code == 4
+    assert "are one geometry" in done.output
+
+
 def test_what_is_no_geometry_is_refused(run, results, tmp_path):
     other = write(tmp_path / "other", FIRST, procedure="tilt")
     done = run("rig", results[0], other, "--out", tmp_path / "out")
