@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -93,6 +93,11 @@ class Camera:
         params = self.params + COLMAP_CENTRE * _is_centre(self.model)
         return pycolmap.Camera(model=self.model, width=self.columns, height=self.rows, params=params)
 
+    @cached_property
+    def _theirs(self) -> pycolmap.Camera:
+        """The same, kept: to be read alone."""
+        return self.colmap()
+
     @classmethod
     def from_colmap(cls, camera: pycolmap.Camera) -> Camera:
         """The camera of one of pycolmap's."""
@@ -102,11 +107,11 @@ class Camera:
 
     def project(self, points: Array) -> Array:
         """Where points (n, 3) of the camera's frame (x right, y down, z away) are seen, (n, 2); NaN behind it."""
-        return _projected(self.colmap(), np.ascontiguousarray(points))
+        return _projected(self._theirs, np.ascontiguousarray(points))
 
     def rays(self, pixels: Array) -> Array:
         """Directions (x, y, 1) in which pixels (n, 2) look, (n, 3); NaN where the model has none."""
-        flat = self.colmap().cam_from_img(np.ascontiguousarray(pixels + COLMAP_CENTRE))
+        flat = self._theirs.cam_from_img(np.ascontiguousarray(pixels + COLMAP_CENTRE))
         return np.column_stack([np.asarray(flat, dtype=np.float64)[:, :2], np.ones(len(pixels))])
 
     def by_params(self, points: Array) -> Array:
@@ -125,7 +130,7 @@ class Camera:
     def by_points(self, points: Array) -> Array:
         """Derivative (n, 2, 3) of where points (n, 3) are seen with respect to their place."""
         step = STEP_SHARE * np.linalg.norm(points, axis=1)
-        theirs, columns = self.colmap(), []
+        theirs, columns = self._theirs, []
         for axis in np.eye(3):
             move = step[:, None] * axis
             change = _projected(theirs, points + move) - _projected(theirs, points - move)
