@@ -136,7 +136,8 @@ def first_crossing(f: Array, curve: Callable[[Array], tuple[Array, Array]]) -> t
     for first in range(0, len(f), AT_ONCE):
         drawn.append(curve(f[first : first + AT_ONCE]))
         if (drawn[-1][0] < 0.5).any():
-            return crossing(f, *(np.concatenate(parts) for parts in zip(*drawn, strict=True)))
+            value, slope = (np.concatenate(parts) for parts in zip(*drawn, strict=True))
+            return crossing(f, value, slope)
     return None
 
 

@@ -72,7 +72,7 @@ class _Scene:
         """The same, drawn with a blur of that standard deviation."""
         sigma = self.look.n * blur_px
         weights = cv2.getGaussianKernel(round(8 * sigma + 1) | 1, sigma, cv2.CV_64F).ravel()
-        return replace(self, look=self.look._replace(blur=weights))
+        return replace(self, look=self.look._replace(blur=np.asarray(weights, dtype=np.float64)))
 
 
 def refine_bins(
@@ -110,9 +110,7 @@ def refine_bins(
     return Correspondences(start.index[good], points[good], covariance[good])
 
 
-def _scene(
-    samples: Array32, chart: Chart, registration: Registration, start: Correspondences, factor: int
-) -> _Scene:
+def _scene(samples: Array32, chart: Chart, registration: Registration, start: Correspondences, factor: int) -> _Scene:
     """The bins of a photograph, without their blur."""
     integral = np.pad(whole_chart(chart), ((1, 0), (1, 0))).cumsum(0, dtype=np.float64).cumsum(1)
     per_pixel = float(np.sqrt(abs(np.linalg.det(registration.jacobian())))) / factor
