@@ -23,7 +23,8 @@ MODELS = ("SIMPLE_RADIAL", "OPENCV", "FULL_OPENCV", "THIN_PRISM_FISHEYE", "RAD_T
 OTHER_MODELS = ("PINHOLE", "OPENCV_FISHEYE")
 """Models that are taken where they are asked for, and written into files."""
 COLMAP_CENTRE = 0.5
-PIXELS = ("f", "fx", "fy", "cx", "cy")
+CENTRE = ("cx", "cy")
+PIXELS = ("f", "fx", "fy", *CENTRE)
 """Parameters in pixels; the others are plain numbers."""
 PLAIN = 1.0
 """Standard deviation beforehand of a distortion's numbers. Views tell them far better, but for a quotient of two
@@ -118,7 +119,10 @@ class Camera:
         """Derivative (n, 2, p) of where points (n, 3) are seen with respect to the parameters."""
         theirs, points, columns = self.colmap(), np.ascontiguousarray(points), []
         params = np.array(theirs.params)
-        for i, unit in enumerate(self.units):
+        for i, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
+            if name in CENTRE:  # it moves every point as far as it is moved
+                columns.append(np.tile([float(name == one) for one in CENTRE], (len(points), 1)))
+                continue
             step = np.zeros(len(params))
             step[i] = STEP_PX if unit == "pixel" else STEP
             theirs.params = (params + step).tolist()
@@ -199,7 +203,7 @@ def split_model(model: str) -> tuple[str, tuple[int, int]]:
 @cache
 def _is_centre(model: str) -> Array:
     """1 where a parameter is a coordinate of the principal point, (p,)."""
-    return np.array([float(name in ("cx", "cy")) for name in parameter_names(model)])
+    return np.array([float(name in CENTRE) for name in parameter_names(model)])
 
 
 def distortion(camera: Camera, pixels: Array) -> Array:
